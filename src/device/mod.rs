@@ -1,0 +1,112 @@
+//! Devices: what can carry out the steps of an algorithm.
+//!
+//! [`crate::cluster`] holds the drivers of the algorithms and knows only the traits here. Two devices implement them,
+//! `cpu` and `gpu`, and a given sequence of calls gives the same labels and energies, bit for bit, on both.
+
+pub mod cpu;
+pub mod gpu;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::error::{Error, Result};
+use crate::report::DeviceInfo;
+use crate::surface::Surface;
+
+/// The label of a face that belongs to no cluster (the paper's "null" cluster, P§5.2).
+pub const FREE: u32 = u32::MAX;
+
+/// Something that can cluster.
+pub trait Device: Send {
+    /// What it is.
+    fn info(&self) -> &DeviceInfo;
+
+    /// Brings a surface to the device, with all faces free.
+    ///
+    /// `component_of_cluster[c]` is the component of the surface that cluster `c` lies in: clusters never leave it.
+    fn open<'a>(
+        &'a mut self,
+        surface: &'a Surface,
+        component_of_cluster: &'a [u32],
+    ) -> Result<Box<dyn Steps + 'a>>;
+}
+
+/// The steps of boundary-based clustering on one surface. Faces are in the surface's internal order.
+pub trait Steps {
+    /// Replaces all labels: one a face, a cluster or [`FREE`].
+    fn set_labels(&mut self, labels: &[u32]) -> Result<()>;
+
+    /// Grows the clusters over the free faces, breadth first (P§5.3): in each pass every free face with labelled
+    /// neighbours takes the smallest of their labels, all faces at once, until no free face has a labelled neighbour.
+    fn grow(&mut self, cancel: &Cancel) -> Result<()>;
+
+    /// Energy of the current labels with respect to the lattice proxies.
+    fn energy(&mut self) -> Result<LatticeEnergy>;
+
+    /// Boundary-based optimisation (P§3.2, see [`crate::cluster`] for the synchronous definition) until nothing moves or
+    /// `max_iterations` iterations with moves were made. All faces must be labelled.
+    ///
+    /// `on_iteration` is told of every iteration in which something moved, in order, though maybe in batches.
+    fn optimise_boundary(
+        &mut self,
+        max_iterations: u32,
+        cancel: &Cancel,
+        on_iteration: &mut dyn FnMut(Step),
+    ) -> Result<Ending>;
+
+    /// The current labels.
+    fn labels(&mut self) -> Result<Vec<u32>>;
+}
+
+/// What one iteration did.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Step {
+    /// Energy after it.
+    pub energy: LatticeEnergy,
+    /// Faces that changed their cluster.
+    pub moves: u64,
+}
+
+/// Why an optimisation ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ending {
+    /// No admissible move is left.
+    Converged,
+    /// The allowed number of iterations was made; there may be moves left.
+    IterationLimit,
+}
+
+/// Σ over clusters of `(2·P·S − M·|P|²) << energy_shift`, exactly: what the proxies explain of Q.
+///
+/// The energy is `F = Q − explained` with the constant Q of the surface ([`Surface::energy`] converts to source units);
+/// devices leave the constant out, because it needs no device. |explained| < 2¹²³.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct LatticeEnergy {
+    /// The explained part, in units of the lattice with the finest weights.
+    pub explained: i128,
+}
+
+/// A flag that asks a running job to stop; clones share it.
+#[derive(Debug, Clone, Default)]
+pub struct Cancel(Arc<AtomicBool>);
+
+impl Cancel {
+    /// Asks to stop.
+    pub fn cancel(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether it was asked to stop.
+    pub fn is_cancelled(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+
+    /// An error when it was asked to stop.
+    pub fn check(&self) -> Result<()> {
+        if self.is_cancelled() {
+            Err(Error::cancelled())
+        } else {
+            Ok(())
+        }
+    }
+}

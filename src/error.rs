@@ -1,0 +1,186 @@
+//! The one error type of the crate.
+//!
+//! An error is a kind, which decides everything a program does with it (HTTP status, problem type, whether a retry can
+//! help), and a message for the person who reads it: lower case, no full stop, the offending value last.
+
+use std::fmt::Display;
+
+/// What went wrong, for programs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Kind {
+    /// The request itself cannot be read: a body that ends early, a malformed header or part.
+    BadRequest,
+    /// A parameter is unknown, malformed or impossible for this mesh.
+    InvalidParameter,
+    /// The mesh contradicts its format or cannot be clustered.
+    InvalidMesh,
+    /// The mesh is sound but uses a feature that is not supported.
+    UnsupportedMesh,
+    /// The type of the body is not one that is read here.
+    UnsupportedMediaType,
+    /// More bytes or faces than the limits allow.
+    TooLarge,
+    /// There is no such thing.
+    NotFound,
+    /// The resource exists, but does not answer this method.
+    MethodNotAllowed,
+    /// None of the representations the client accepts exists.
+    NotAcceptable,
+    /// The state of the job does not allow this.
+    Conflict,
+    /// The queue holds as many jobs as it may.
+    QueueFull,
+    /// The job was cancelled before it ended.
+    Cancelled,
+    /// The service is starting, stopping or lacks a resource.
+    Unavailable,
+    /// The asked-for device does not exist or cannot take this mesh.
+    DeviceUnsuitable,
+    /// The device was lost or ran out of memory.
+    DeviceLost,
+    /// A file could not be read or written.
+    Io,
+    /// A defect of this program.
+    Internal,
+}
+
+impl Kind {
+    /// HTTP status of a problem of this kind.
+    pub fn status(self) -> u16 {
+        match self {
+            Kind::BadRequest => 400,
+            Kind::NotFound => 404,
+            Kind::MethodNotAllowed => 405,
+            Kind::NotAcceptable => 406,
+            Kind::Conflict | Kind::Cancelled => 409,
+            Kind::TooLarge => 413,
+            Kind::UnsupportedMediaType => 415,
+            Kind::InvalidParameter
+            | Kind::InvalidMesh
+            | Kind::UnsupportedMesh
+            | Kind::DeviceUnsuitable => 422,
+            Kind::QueueFull => 429,
+            Kind::Io | Kind::Internal => 500,
+            Kind::Unavailable | Kind::DeviceLost => 503,
+        }
+    }
+
+    /// Last segment of the problem's `type` URI (RFC 9457), `/problems/…`.
+    pub fn slug(self) -> &'static str {
+        match self {
+            Kind::BadRequest => "bad-request",
+            Kind::InvalidParameter => "invalid-parameter",
+            Kind::InvalidMesh => "invalid-mesh",
+            Kind::UnsupportedMesh => "unsupported-mesh",
+            Kind::UnsupportedMediaType => "unsupported-media-type",
+            Kind::TooLarge => "too-large",
+            Kind::NotFound => "not-found",
+            Kind::MethodNotAllowed => "method-not-allowed",
+            Kind::NotAcceptable => "not-acceptable",
+            Kind::Conflict => "conflict",
+            Kind::QueueFull => "queue-full",
+            Kind::Cancelled => "cancelled",
+            Kind::Unavailable => "unavailable",
+            Kind::DeviceUnsuitable => "device-unsuitable",
+            Kind::DeviceLost => "device-lost",
+            Kind::Io => "io",
+            Kind::Internal => "internal",
+        }
+    }
+
+    /// Short human-readable summary, the same for every problem of this kind (RFC 9457 `title`).
+    pub fn title(self) -> &'static str {
+        match self {
+            Kind::BadRequest => "The request cannot be read",
+            Kind::InvalidParameter => "A parameter is not valid",
+            Kind::InvalidMesh => "The mesh is not valid",
+            Kind::UnsupportedMesh => "The mesh uses an unsupported feature",
+            Kind::UnsupportedMediaType => "The media type is not supported",
+            Kind::TooLarge => "The upload is larger than allowed",
+            Kind::NotFound => "Not found",
+            Kind::MethodNotAllowed => "The method is not allowed here",
+            Kind::NotAcceptable => "No acceptable representation",
+            Kind::Conflict => "The state of the job does not allow this",
+            Kind::QueueFull => "The queue is full",
+            Kind::Cancelled => "The job was cancelled",
+            Kind::Unavailable => "The service is not available",
+            Kind::DeviceUnsuitable => "The device cannot do this",
+            Kind::DeviceLost => "The device was lost",
+            Kind::Io => "A file could not be read or written",
+            Kind::Internal => "Internal error",
+        }
+    }
+
+    /// Whether the same request may succeed later.
+    pub fn is_retryable(self) -> bool {
+        match self {
+            Kind::QueueFull | Kind::Unavailable | Kind::DeviceLost | Kind::Io => true,
+            Kind::BadRequest
+            | Kind::InvalidParameter
+            | Kind::InvalidMesh
+            | Kind::UnsupportedMesh
+            | Kind::UnsupportedMediaType
+            | Kind::TooLarge
+            | Kind::NotFound
+            | Kind::MethodNotAllowed
+            | Kind::NotAcceptable
+            | Kind::Conflict
+            | Kind::Cancelled
+            | Kind::DeviceUnsuitable
+            | Kind::Internal => false,
+        }
+    }
+}
+
+/// An error with its kind and its message.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{message}")]
+pub struct Error {
+    /// What went wrong, for programs.
+    pub kind: Kind,
+    /// What went wrong, for people: what, where in the input, what to do.
+    pub message: String,
+}
+
+impl Error {
+    /// An error of the given kind.
+    pub fn new(kind: Kind, message: impl Display) -> Self {
+        Self {
+            kind,
+            message: message.to_string(),
+        }
+    }
+
+    /// A parameter that is unknown, malformed or impossible.
+    pub fn parameter(message: impl Display) -> Self {
+        Self::new(Kind::InvalidParameter, message)
+    }
+
+    /// A mesh that contradicts its format or cannot be clustered.
+    pub fn mesh(message: impl Display) -> Self {
+        Self::new(Kind::InvalidMesh, message)
+    }
+
+    /// A mesh with a feature that is not supported.
+    pub fn unsupported(message: impl Display) -> Self {
+        Self::new(Kind::UnsupportedMesh, message)
+    }
+
+    /// More bytes or faces than allowed.
+    pub fn too_large(message: impl Display) -> Self {
+        Self::new(Kind::TooLarge, message)
+    }
+
+    /// A file that could not be read or written.
+    pub fn io(what: impl Display, error: std::io::Error) -> Self {
+        Self::new(Kind::Io, format_args!("{what}: {error}"))
+    }
+
+    /// The job was cancelled.
+    pub fn cancelled() -> Self {
+        Self::new(Kind::Cancelled, "the job was cancelled")
+    }
+}
+
+/// Result with the crate's error.
+pub type Result<T, E = Error> = std::result::Result<T, E>;

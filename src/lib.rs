@@ -1,0 +1,47 @@
+//! Tesserae clusters the faces of polygon meshes, fast and reproducibly.
+//!
+//! # Bird's-eye view
+//!
+//! ```text
+//! bytes ─ mesh ─→ PolygonMesh ─ surface ─→ Surface ─ cluster (on a device) ─→ labels, Report ─ output ─→ bytes
+//! ```
+//!
+//! | to change | look in |
+//! |---|---|
+//! | a mesh format | [`mesh`] |
+//! | welding, adjacency, components, the integer lattice, face order | [`surface`] |
+//! | an algorithm: its definition, its proof, its driver | [`cluster`] |
+//! | how a step is carried out | [`device`]`::cpu`, [`device`]`::gpu` with `shaders/` |
+//! | what a job may ask for | [`parameters`] |
+//! | what is said about a job | [`report`] |
+//! | encodings of results | [`output`] |
+//! | one job from bytes to results | [`job`] |
+//! | the HTTP service | [`service`] |
+//! | the command line | [`cli`] |
+//! | meshes made from nothing | [`sample`] |
+//!
+//! # Invariants
+//!
+//! 1. Labels are a function of the mesh and the parameters only. Everything that decides a label is integer arithmetic
+//!    ([`surface`] says how positions become integers); no floating-point sum, hash-map order, thread count or arrival
+//!    order takes part.
+//! 2. The energy F never rises within a phase, and a phase ends because no admissible move is left.
+//! 3. Exactly k clusters, none empty, each connected across shared edges unless the caller allows otherwise.
+//! 4. Label i belongs to face i of the upload, whatever happens inside.
+//! 5. [`cluster`] knows no wgpu type, [`device`] knows no file format, and nothing below [`service`] knows of HTTP.
+//! 6. Nothing that input reaches panics.
+
+pub mod cli;
+pub mod cluster;
+pub mod device;
+pub mod error;
+pub mod job;
+pub mod mesh;
+pub mod output;
+pub mod parameters;
+pub mod report;
+pub mod sample;
+pub mod service;
+pub mod surface;
+
+pub use error::{Error, Kind, Result};

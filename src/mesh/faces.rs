@@ -1,0 +1,109 @@
+//! Polygons as flat arrays: the corners of all faces one after the other.
+//!
+//! A mesh of triangles only, the common case, stores no offsets.
+
+/// The faces of a mesh: each is a loop of at least one corner, a corner is a vertex index.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Faces {
+    corners: Vec<u32>,
+    /// First corner of each face and one past the last; empty while every face is a triangle.
+    offsets: Vec<u32>,
+}
+
+impl Faces {
+    /// No faces, with room for `faces` triangles.
+    pub fn with_capacity(faces: usize) -> Self {
+        Self {
+            corners: Vec::with_capacity(3 * faces),
+            offsets: Vec::new(),
+        }
+    }
+
+    /// Triangles from their corners, three a face.
+    ///
+    /// # Panics
+    /// When the number of corners is not a multiple of three.
+    pub fn from_triangles(corners: Vec<u32>) -> Self {
+        assert!(corners.len().is_multiple_of(3), "three corners a triangle");
+        Self {
+            corners,
+            offsets: Vec::new(),
+        }
+    }
+
+    /// Appends one face.
+    pub fn push(&mut self, corners: &[u32]) {
+        if self.offsets.is_empty() && corners.len() != 3 {
+            self.offsets = (0..=self.corners.len() as u32 / 3)
+                .map(|face| 3 * face)
+                .collect();
+        }
+        self.corners.extend_from_slice(corners);
+        if !self.offsets.is_empty() {
+            self.offsets.push(self.corners.len() as u32);
+        }
+    }
+
+    /// Number of faces.
+    pub fn len(&self) -> usize {
+        if self.offsets.is_empty() {
+            self.corners.len() / 3
+        } else {
+            self.offsets.len() - 1
+        }
+    }
+
+    /// Whether there is no face.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The corners of face `face`, as vertex indices.
+    pub fn corners(&self, face: usize) -> &[u32] {
+        &self.corners[self.first_corner(face)..self.first_corner(face + 1)]
+    }
+
+    /// Where the corners of face `face` begin in [`all_corners`](Self::all_corners); `len()` gives the end of the last.
+    pub fn first_corner(&self, face: usize) -> usize {
+        if self.offsets.is_empty() {
+            3 * face
+        } else {
+            self.offsets[face] as usize
+        }
+    }
+
+    /// All corners, face after face.
+    pub fn all_corners(&self) -> &[u32] {
+        &self.corners
+    }
+
+    /// Number of triangles of the fans that the faces are cut into: corners − 2 each, none for fewer than three corners.
+    pub fn triangles(&self) -> u64 {
+        if self.offsets.is_empty() {
+            self.len() as u64
+        } else {
+            self.offsets
+                .windows(2)
+                .map(|w| u64::from(w[1] - w[0]).saturating_sub(2))
+                .sum()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn polygons_after_triangles_keep_their_corners() {
+        let mut faces = Faces::default();
+        for corners in [&[0, 1, 2][..], &[2, 1, 3], &[4, 5, 6, 7], &[0, 1, 2]] {
+            faces.push(corners);
+        }
+        assert_eq!(faces.len(), 4);
+        assert_eq!(faces.corners(1), [2, 1, 3]);
+        assert_eq!(faces.corners(2), [4, 5, 6, 7]);
+        assert_eq!(faces.corners(3), [0, 1, 2]);
+        assert_eq!(faces.triangles(), 5);
+    }
+}

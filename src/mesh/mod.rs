@@ -1,0 +1,118 @@
+//! Polygon meshes and how they are read.
+//!
+//! Every format ends in the same [`PolygonMesh`]; nothing after this module knows where a mesh came from. A new format
+//! is a file (or folder) here, a variant of [`Format`] and an arm in [`read`].
+//!
+//! Readers trust nothing: sizes are checked against the bytes that are there before anything is allocated, and an error
+//! names the line, accessor, vertex or face. They open no file themselves: what a mesh refers to comes through
+//! [`Resources`].
+
+mod faces;
+mod format;
+mod gltf;
+mod obj;
+mod resources;
+
+pub use faces::Faces;
+pub use format::Format;
+pub use resources::{Beside, NoResources, Resources};
+
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use crate::error::{Error, Result};
+
+/// A mesh as it was uploaded: its faces in upload order, positions not yet welded.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PolygonMesh {
+    /// The format it was read from.
+    pub format: Format,
+    /// Vertex positions in source units, all finite.
+    pub positions: Vec<[f64; 3]>,
+    /// The faces in upload order; every corner is a valid index into `positions`.
+    pub faces: Faces,
+    /// Where runs of faces come from; in face order, covering every face once.
+    pub parts: Vec<Part>,
+    /// What was skipped or is unusual, for people.
+    pub warnings: Vec<String>,
+}
+
+/// A run of consecutive faces with a common origin (`input.parts` of the report).
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, ToSchema)]
+pub struct Part {
+    /// glTF: index of the node.
+    pub node: Option<u32>,
+    /// glTF: index of the mesh.
+    pub mesh: Option<u32>,
+    /// glTF: index of the primitive in its mesh.
+    pub primitive: Option<u32>,
+    /// glTF: index of the GPU instance.
+    pub instance: Option<u32>,
+    /// OBJ: object and group names, joined by a slash; glTF: the node's name.
+    pub group: Option<String>,
+    /// First face of the run, in upload order.
+    pub first_face: u64,
+    /// Number of faces in the run.
+    pub faces: u64,
+}
+
+/// What a mesh may cost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// Largest number of bytes, the main file and its buffers together.
+    pub max_bytes: u64,
+    /// Largest number of faces.
+    pub max_faces: u64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            max_bytes: 4 << 30,
+            max_faces: 50_000_000,
+        }
+    }
+}
+
+impl Limits {
+    /// Refuses a mesh file of `bytes` bytes that is over the limit.
+    pub fn check_bytes(&self, bytes: u64) -> Result<()> {
+        if bytes > self.max_bytes {
+            return Err(Error::too_large(format_args!(
+                "the mesh has more bytes than the limit of {} (raise it with --max-upload-bytes): {bytes}",
+                self.max_bytes
+            )));
+        }
+        Ok(())
+    }
+
+    /// Refuses a mesh of `faces` faces that is over the limit.
+    pub fn check_faces(&self, faces: u64) -> Result<()> {
+        if faces > self.max_faces {
+            return Err(Error::too_large(format_args!(
+                "the mesh has more faces than the limit of {} (raise it with --max-faces): {faces}",
+                self.max_faces
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// Reads a mesh from its bytes.
+pub fn read(
+    bytes: &[u8],
+    format: Format,
+    resources: &dyn Resources,
+    limits: &Limits,
+) -> Result<PolygonMesh> {
+    limits.check_bytes(bytes.len() as u64)?;
+    let mesh = match format {
+        Format::Obj => obj::read(bytes, limits)?,
+        Format::Glb => gltf::read_binary(bytes, resources, limits)?,
+        Format::Gltf => gltf::read_json(bytes, resources, limits)?,
+    };
+    if mesh.faces.is_empty() {
+        return Err(Error::mesh("the mesh has no faces"));
+    }
+    Ok(mesh)
+}

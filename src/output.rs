@@ -1,0 +1,113 @@
+//! Encodings of results.
+
+use std::io::{self, Write};
+
+/// How labels are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LabelFormat {
+    /// `{"clusters": K, "labels": […]}`.
+    Json,
+    /// NumPy's `.npy`, format version 1.0, one-dimensional uint32, little-endian.
+    Npy,
+    /// One u32 a face, little-endian, nothing else.
+    Raw,
+}
+
+impl LabelFormat {
+    /// Every format, the default one first.
+    pub const ALL: [LabelFormat; 3] = [LabelFormat::Json, LabelFormat::Npy, LabelFormat::Raw];
+
+    /// IANA media type (`application/x-npy` is not registered, but usual).
+    pub fn media_type(self) -> &'static str {
+        match self {
+            LabelFormat::Json => "application/json",
+            LabelFormat::Npy => "application/x-npy",
+            LabelFormat::Raw => "application/octet-stream",
+        }
+    }
+
+    /// File extension, without the dot.
+    pub fn extension(self) -> &'static str {
+        match self {
+            LabelFormat::Json => "json",
+            LabelFormat::Npy => "npy",
+            LabelFormat::Raw => "bin",
+        }
+    }
+}
+
+/// Writes labels, one a face in upload order, of `clusters` clusters.
+pub fn write_labels(
+    out: &mut dyn Write,
+    format: LabelFormat,
+    clusters: u64,
+    labels: &[u32],
+) -> io::Result<()> {
+    match format {
+        LabelFormat::Json => {
+            write!(out, "{{\"clusters\":{clusters},\"labels\":")?;
+            serde_json::to_writer(&mut *out, labels).map_err(io::Error::from)?;
+            out.write_all(b"}\n")
+        }
+        LabelFormat::Npy => {
+            out.write_all(&npy_header(labels.len()))?;
+            write_u32(out, labels)
+        }
+        LabelFormat::Raw => write_u32(out, labels),
+    }
+}
+
+/// Header of a one-dimensional little-endian uint32 array, padded to a multiple of 64 bytes as NumPy's format asks.
+fn npy_header(length: usize) -> Vec<u8> {
+    const PREFIX: usize = 10;
+    let mut dictionary =
+        format!("{{'descr': '<u4', 'fortran_order': False, 'shape': ({length},), }}");
+    while !(PREFIX + dictionary.len() + 1).is_multiple_of(64) {
+        dictionary.push(' ');
+    }
+    dictionary.push('\n');
+    let mut header = b"\x93NUMPY\x01\x00".to_vec();
+    header.extend_from_slice(&(dictionary.len() as u16).to_le_bytes());
+    header.extend_from_slice(dictionary.as_bytes());
+    header
+}
+
+/// Writes numbers as u32 little-endian, on any host.
+fn write_u32(out: &mut dyn Write, numbers: &[u32]) -> io::Result<()> {
+    let mut bytes = Vec::with_capacity(4 * 16_384);
+    for chunk in numbers.chunks(16_384) {
+        bytes.clear();
+        bytes.extend(chunk.iter().flat_map(|number| number.to_le_bytes()));
+        out.write_all(&bytes)?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn written(format: LabelFormat, labels: &[u32]) -> Vec<u8> {
+        let mut out = Vec::new();
+        write_labels(&mut out, format, 3, labels).expect("a vector takes everything");
+        out
+    }
+
+    #[test]
+    fn npy_data_begins_at_a_multiple_of_64() {
+        let bytes = written(LabelFormat::Npy, &[7, 1 << 31]);
+        assert_eq!(bytes.len() % 64, 8);
+        assert_eq!(&bytes[bytes.len() - 8..], [7, 0, 0, 0, 0, 0, 0, 128]);
+        assert_eq!(&bytes[..8], b"\x93NUMPY\x01\x00");
+    }
+
+    #[test]
+    fn json_names_the_clusters_and_lists_the_labels() {
+        let value: serde_json::Value =
+            serde_json::from_slice(&written(LabelFormat::Json, &[0, 2, 1])).expect("JSON");
+        assert_eq!(
+            value,
+            serde_json::json!({"clusters": 3, "labels": [0, 2, 1]})
+        );
+    }
+}

@@ -1,0 +1,148 @@
+//! The report of a job: the JSON of `--report` and `GET /v1/jobs/{id}/report`, and the rows of the event stream.
+
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use crate::mesh::{Format, Part};
+use crate::parameters::{Algorithm, Parameters};
+
+/// Everything that is said about an ended clustering.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Report {
+    /// What was read.
+    pub input: Input,
+    /// The algorithm that ran.
+    pub algorithm: Algorithm,
+    /// The parameters it ran with, defaults filled in.
+    pub parameters: Parameters,
+    /// Where it ran.
+    pub device: DeviceInfo,
+    /// Number of clusters, none of them empty.
+    pub clusters: u64,
+    /// Clusters that are in several pieces across shared edges; counted on the final labels.
+    pub disconnected_clusters: u64,
+    /// The energy before and after.
+    pub energy: Energy,
+    /// One row an iteration.
+    pub iterations: Vec<Iteration>,
+    /// Where the time went.
+    pub timings_ms: Timings,
+    /// SHA-256 of the labels as u32 little-endian, in upload order; lower-case hexadecimal.
+    pub labels_sha256: String,
+    /// What is unusual about the mesh or the run, for people.
+    pub warnings: Vec<String>,
+}
+
+/// What was read.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Input {
+    /// The format of the upload.
+    pub format: Format,
+    /// Vertices stored in the upload (glTF: every placement counts).
+    pub vertices: u64,
+    /// Faces, the items that get clustered.
+    pub faces: u64,
+    /// Triangles of the fans that the faces are cut into.
+    pub triangles: u64,
+    /// Distinct positions among the vertices that faces use.
+    pub welded_vertices: u64,
+    /// Sets of faces connected across shared edges.
+    pub components: u64,
+    /// Edges of exactly one face.
+    pub boundary_edges: u64,
+    /// Edges of more than two faces.
+    pub non_manifold_edges: u64,
+    /// Faces with fewer than three distinct corners, a corner position twice, or no area.
+    pub degenerate_faces: u64,
+    /// Faces whose set of corner positions an earlier face has; extra copies only.
+    pub duplicate_faces: u64,
+    /// Where runs of faces come from.
+    pub parts: Vec<Part>,
+}
+
+/// The device that ran a job.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct DeviceInfo {
+    /// `cpu` or `gpu`.
+    pub kind: DeviceKind,
+    /// Name of the adapter, or of the processor.
+    pub name: String,
+    /// `rayon`, `vulkan`, `metal` or `dx12`.
+    pub backend: String,
+    /// Driver and its version; number of threads on the cpu.
+    pub driver: String,
+}
+
+/// The two kinds of devices.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum DeviceKind {
+    /// Threads of this machine.
+    Cpu,
+    /// A graphics processor.
+    Gpu,
+}
+
+/// Energies, in source units: area × length².
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Energy {
+    /// Name of the energy functional: `cvd` (P§6, Eq. 4).
+    pub functional: String,
+    /// After the initial growth; f64 from the source positions. Null when it overflows.
+    pub initial: Option<f64>,
+    /// Of the final labels; f64 from the source positions. Null when it overflows.
+    #[serde(rename = "final")]
+    #[schema(rename = "final")]
+    pub final_: Option<f64>,
+    /// `final` over the energy of a flat tiling by regular hexagons with as many clusters, less what lies inside the
+    /// faces; null where that difference leaves less than half of the tiling's energy.
+    pub hexagon_ratio: Option<f64>,
+}
+
+/// One iteration of an optimisation.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Iteration {
+    /// 0 is the state after the initial growth; then counted through all phases.
+    pub iteration: u32,
+    /// What kind of step it was.
+    pub phase: Phase,
+    /// Hierarchies: the round of merges it belongs to; null for flat clusterings.
+    pub round: Option<u32>,
+    /// F with respect to the lattice proxies (DESIGN: never rises within a phase), source units. Null when it overflows.
+    pub energy: Option<f64>,
+    /// Faces that changed their cluster.
+    pub moves: u64,
+    /// Time since the clustering began, in microseconds. On a gpu, when the batch it was in came back.
+    pub elapsed_us: u64,
+}
+
+/// Kinds of optimisation steps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Phase {
+    /// Boundary-based optimisation (P§3.2).
+    Boundary,
+    /// Pieces cut off from their cluster are given to their neighbours.
+    Repair,
+}
+
+/// Durations of the stages, in milliseconds.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, ToSchema)]
+pub struct Timings {
+    /// Getting the bytes.
+    pub read: f64,
+    /// From bytes to faces and positions.
+    pub parse: f64,
+    /// Welding, adjacency, components, lattice, order.
+    pub topology: f64,
+    /// Bringing the mesh to the device.
+    pub upload: f64,
+    /// Growth, optimisation and repair.
+    pub cluster: f64,
+    /// Bringing the labels back and into upload order, energies from source positions.
+    pub download: f64,
+    /// Writing results.
+    pub write: f64,
+    /// From the first byte to the last.
+    pub total: f64,
+}
