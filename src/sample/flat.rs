@@ -18,7 +18,7 @@ pub fn plane(faces: u64) -> Piece {
 
 /// Row of exactly `faces` triangles of edge 1, along the x axis.
 pub fn strip(faces: u64) -> Piece {
-    // From the middle, x = i/2 stays exact in f32 up to 2²⁶ faces.
+    // From the middle, x = i/2 stays exact in f32 up to 2²⁵ faces.
     let middle = (faces / 2) as f64;
     let height = 3.0_f64.sqrt() / 2.0;
     let positions = (0..faces + 2)

@@ -24,7 +24,7 @@ pub fn knot(faces: u64) -> Piece {
             3.0 * cos3,
         ]);
         let normal = [cos3 * cos2, cos3 * sin2, sin3];
-        let binormal = cross(tangent, normal);
+        let binormal = cross(normal, tangent);
         for j in 0..v {
             let around = j as f64 / v as f64;
             let (sin, cos) = sin_cos(around);

@@ -1,8 +1,8 @@
 //! Meshes made from nothing, for trying out and for tests.
 //!
-//! One file a shape; [`Sample`] is the table of names. A sample is the same on every machine: positions come from
-//! + − × ÷ √ and the sines of the pinned `libm`, noise from integer hashes. Positions are rounded to f32, so that the
-//! OBJ and the GLB of a sample hold the same numbers.
+//! One file a shape; [`Sample`] is the table of names. A sample is the same on every machine: positions come from sums,
+//! products, quotients, square roots and the sines of the pinned `libm`, noise from integer hashes. Positions are
+//! rounded to f32, so that the OBJ and the GLB of a sample hold the same numbers.
 
 mod boxes;
 mod flat;

@@ -74,13 +74,19 @@ fn ring_sizes(vertices: u64) -> Vec<u64> {
         .map(|number| sin_cos(latitude(number, rings)).0)
         .collect();
     let girth: f64 = girths.iter().sum();
-    let spare = (vertices - 3 * rings as u64) as f64;
+    // In proportion to the girths; where that would leave a ring with fewer than three, three for each come first.
+    let floor = if girths[0] / girth * (vertices as f64) < 4.0 {
+        3
+    } else {
+        0
+    };
+    let spare = (vertices - floor * rings as u64) as f64;
     let mut sizes = Vec::with_capacity(rings);
     let (mut passed, mut given) = (0.0, 0);
     for own in girths {
         passed += own;
         let until = (spare * (passed / girth)).round() as u64;
-        sizes.push(3 + until - given);
+        sizes.push(floor + until - given);
         given = until;
     }
     sizes
