@@ -37,7 +37,6 @@ fn run(surface: &Surface, seeds: &SeedFaces, options: Options) -> (cluster::Clus
 
 const PLAIN: Options = Options { max_iterations: None, refine: false, allow_disconnected: true };
 const REFINED: Options = Options { max_iterations: None, refine: true, allow_disconnected: false };
-const REFINED: Options = Options { max_iterations: None, refine: true, allow_disconnected: false };
 const CONNECTED: Options = Options { max_iterations: None, refine: false, allow_disconnected: false };
 
 #[test]
