@@ -7,8 +7,8 @@ use std::borrow::Cow;
 use std::cell::{Cell, OnceCell};
 
 use base64::Engine;
-use base64::engine::general_purpose::{GeneralPurpose, GeneralPurposeConfig};
 use base64::engine::DecodePaddingMode;
+use base64::engine::general_purpose::{GeneralPurpose, GeneralPurposeConfig};
 
 use super::document::{Document, lookup};
 use super::meshopt;
@@ -52,7 +52,11 @@ impl<'a> Buffers<'a> {
             max_bytes: limits.max_bytes,
             left: Cell::new(limits.max_bytes.saturating_sub(file_bytes)),
             buffers: document.buffers.iter().map(|_| OnceCell::new()).collect(),
-            decompressed: document.buffer_views.iter().map(|_| OnceCell::new()).collect(),
+            decompressed: document
+                .buffer_views
+                .iter()
+                .map(|_| OnceCell::new())
+                .collect(),
         }
     }
 
@@ -93,13 +97,18 @@ impl<'a> Buffers<'a> {
         let offset = view.byte_offset.map_or(0, |offset| offset.0);
         Ok(View {
             bytes: self.range(view.buffer.value(), offset, view.byte_length.0, &me)?,
-            stride: view.byte_stride.map(|stride| stride.0).filter(|&stride| stride > 0),
+            stride: view
+                .byte_stride
+                .map(|stride| stride.0)
+                .filter(|&stride| stride > 0),
         })
     }
 
     /// `length` bytes at `offset` of buffer `index`.
     fn range(&self, index: usize, offset: u64, length: u64, whence: &str) -> Result<&[u8]> {
-        let declared = lookup(&self.document.buffers, index, "buffer", whence)?.byte_length.0;
+        let declared = lookup(&self.document.buffers, index, "buffer", whence)?
+            .byte_length
+            .0;
         // what the document contradicts by itself needs no loading
         let end = offset.checked_add(length).filter(|&end| end <= declared);
         let Some(end) = end else {

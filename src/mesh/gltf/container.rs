@@ -44,7 +44,8 @@ pub fn open(bytes: &[u8]) -> Result<Container<'_>> {
         rest = behind;
         number += 1;
     }
-    let json = json.ok_or_else(|| Error::mesh("GLB chunk 0 is missing: the file ends after its header"))?;
+    let json =
+        json.ok_or_else(|| Error::mesh("GLB chunk 0 is missing: the file ends after its header"))?;
     Ok(Container { json, binary })
 }
 

@@ -65,8 +65,9 @@ impl Compressed {
         let Some((name, value)) = compression else {
             return Ok(None);
         };
-        let compressed = Self::deserialize(value)
-            .map_err(|error| Error::mesh(format_args!("{name} of {whence} cannot be read: {error}")))?;
+        let compressed = Self::deserialize(value).map_err(|error| {
+            Error::mesh(format_args!("{name} of {whence} cannot be read: {error}"))
+        })?;
         Ok(Some(compressed))
     }
 
@@ -111,14 +112,38 @@ impl Compressed {
         let count = self.count as usize;
         let decoded = match (self.mode, self.byte_stride) {
             (Mode::Attributes, stride) => decode_attributes(encoded, count, stride),
-            (Mode::Triangles, 2) => ::meshopt::decode_index_buffer::<u16>(encoded, count)
-                .map(|indices| indices.iter().flat_map(|index| index.to_le_bytes()).collect()),
-            (Mode::Triangles, _) => ::meshopt::decode_index_buffer::<u32>(encoded, count)
-                .map(|indices| indices.iter().flat_map(|index| index.to_le_bytes()).collect()),
-            (Mode::Indices, 2) => ::meshopt::decode_index_sequence::<u16>(encoded, count)
-                .map(|indices| indices.iter().flat_map(|index| index.to_le_bytes()).collect()),
-            (Mode::Indices, _) => ::meshopt::decode_index_sequence::<u32>(encoded, count)
-                .map(|indices| indices.iter().flat_map(|index| index.to_le_bytes()).collect()),
+            (Mode::Triangles, 2) => {
+                ::meshopt::decode_index_buffer::<u16>(encoded, count).map(|indices| {
+                    indices
+                        .iter()
+                        .flat_map(|index| index.to_le_bytes())
+                        .collect()
+                })
+            }
+            (Mode::Triangles, _) => {
+                ::meshopt::decode_index_buffer::<u32>(encoded, count).map(|indices| {
+                    indices
+                        .iter()
+                        .flat_map(|index| index.to_le_bytes())
+                        .collect()
+                })
+            }
+            (Mode::Indices, 2) => {
+                ::meshopt::decode_index_sequence::<u16>(encoded, count).map(|indices| {
+                    indices
+                        .iter()
+                        .flat_map(|index| index.to_le_bytes())
+                        .collect()
+                })
+            }
+            (Mode::Indices, _) => {
+                ::meshopt::decode_index_sequence::<u32>(encoded, count).map(|indices| {
+                    indices
+                        .iter()
+                        .flat_map(|index| index.to_le_bytes())
+                        .collect()
+                })
+            }
         };
         let mut bytes: Vec<u8> = decoded.map_err(|_| {
             Error::mesh(format_args!(

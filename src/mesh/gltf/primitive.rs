@@ -4,8 +4,7 @@ use gltf::json::accessor::ComponentType;
 use gltf::json::mesh::{Mode, Semantic};
 use gltf::json::validation::Checked;
 
-use super::accessor::Elements;
-use super::buffers::Buffers;
+use super::accessor::{Accessors, Elements};
 use super::document::lookup;
 use crate::error::{Error, Result};
 
@@ -17,10 +16,10 @@ pub struct Primitive<'b> {
     /// Its index in its mesh.
     pub index: usize,
     /// Positions of its vertices.
-    pub positions: Elements<'b>,
+    pub positions: &'b Elements<'b>,
     /// Number of triangles.
     pub triangles: usize,
-    indices: Option<Elements<'b>>,
+    indices: Option<&'b Elements<'b>>,
     shape: Shape,
 }
 
@@ -51,11 +50,26 @@ impl Skipped {
     /// In words.
     pub fn warnings(&self) -> Vec<String> {
         [
-            (self.points_and_lines, "primitives of points or lines were skipped"),
-            (self.without_positions, "primitives without POSITION were skipped"),
-            (self.incomplete, "primitives end with an incomplete triangle, which was skipped"),
-            (self.morphed, "primitives have morph targets, which were ignored"),
-            (self.skinned, "nodes have a skin, which was ignored: the mesh is in its rest pose"),
+            (
+                self.points_and_lines,
+                "primitives of points or lines were skipped",
+            ),
+            (
+                self.without_positions,
+                "primitives without POSITION were skipped",
+            ),
+            (
+                self.incomplete,
+                "primitives end with an incomplete triangle, which was skipped",
+            ),
+            (
+                self.morphed,
+                "primitives have morph targets, which were ignored",
+            ),
+            (
+                self.skinned,
+                "nodes have a skin, which was ignored: the mesh is in its rest pose",
+            ),
         ]
         .into_iter()
         .filter(|(count, _)| *count > 0)
@@ -66,13 +80,13 @@ impl Skipped {
 
 /// Opens the primitives of a mesh that have triangles.
 pub fn open<'b>(
-    buffers: &'b Buffers<'_>,
+    accessors: &'b Accessors<'b>,
     mesh: usize,
     whence: &str,
     skipped: &mut Skipped,
 ) -> Result<Vec<Primitive<'b>>> {
     let mut primitives = Vec::new();
-    let found = lookup(&buffers.document().meshes, mesh, "mesh", whence)?;
+    let found = lookup(&accessors.buffers().document().meshes, mesh, "mesh", whence)?;
     for (index, primitive) in found.primitives.iter().enumerate() {
         let me = format!("primitive {index} of mesh {mesh}");
         let shape = match primitive.mode {
@@ -87,7 +101,9 @@ pub fn open<'b>(
                 return Err(Error::mesh(format_args!("{me} has an unknown mode")));
             }
         };
-        let positions = primitive.attributes.get(&Checked::Valid(Semantic::Positions));
+        let positions = primitive
+            .attributes
+            .get(&Checked::Valid(Semantic::Positions));
         let Some(positions) = positions.map(|accessor| accessor.value()) else {
             skipped.without_positions += 1;
             continue;
@@ -98,14 +114,16 @@ pub fn open<'b>(
             .as_ref()
             .is_some_and(|extensions| extensions.others.contains_key(DRACO));
         if is_draco {
-            refuse_without_fallback(buffers, positions, &me)?;
-            indices.map_or(Ok(()), |indices| refuse_without_fallback(buffers, indices, &me))?;
+            refuse_without_fallback(accessors, positions, &me)?;
+            indices.map_or(Ok(()), |indices| {
+                refuse_without_fallback(accessors, indices, &me)
+            })?;
         }
-        let positions = open_positions(buffers, positions, &me)?;
+        let positions = open_positions(accessors, positions, &me)?;
         let indices = indices
-            .map(|indices| open_indices(buffers, indices, &me))
+            .map(|indices| open_indices(accessors, indices, &me))
             .transpose()?;
-        let corners = indices.as_ref().map_or(positions.count, |indices| indices.count);
+        let corners = indices.map_or(positions.count, |indices| indices.count);
         let triangles = match shape {
             Shape::List => corners / 3,
             Shape::Strip | Shape::Fan => corners.saturating_sub(2),
@@ -131,8 +149,8 @@ pub fn open<'b>(
 }
 
 /// Refuses an accessor that has its elements only in compressed form.
-fn refuse_without_fallback(buffers: &Buffers<'_>, accessor: usize, whence: &str) -> Result<()> {
-    let accessor = buffers.document().accessor(accessor, whence)?;
+fn refuse_without_fallback(accessors: &Accessors<'_>, accessor: usize, whence: &str) -> Result<()> {
+    let accessor = accessors.describe(accessor, whence)?;
     if accessor.buffer_view.is_none() && accessor.sparse.is_none() {
         return Err(Error::unsupported(format_args!(
             "{whence} is compressed by an extension that is not supported: {DRACO}"
@@ -141,9 +159,13 @@ fn refuse_without_fallback(buffers: &Buffers<'_>, accessor: usize, whence: &str)
     Ok(())
 }
 
-fn open_positions<'b>(buffers: &'b Buffers<'_>, accessor: usize, whence: &str) -> Result<Elements<'b>> {
+fn open_positions<'b>(
+    accessors: &'b Accessors<'b>,
+    accessor: usize,
+    whence: &str,
+) -> Result<&'b Elements<'b>> {
     let whence = format!("POSITION of {whence}");
-    let positions = Elements::open(buffers, accessor, &whence)?;
+    let positions = accessors.open(accessor, &whence)?;
     if positions.components != 3 || positions.component == ComponentType::U32 {
         return Err(Error::mesh(format_args!(
             "accessor {accessor} cannot be {whence}: it must be VEC3 of floats, or of bytes or shorts by \
@@ -153,9 +175,13 @@ fn open_positions<'b>(buffers: &'b Buffers<'_>, accessor: usize, whence: &str) -
     Ok(positions)
 }
 
-fn open_indices<'b>(buffers: &'b Buffers<'_>, accessor: usize, whence: &str) -> Result<Elements<'b>> {
+fn open_indices<'b>(
+    accessors: &'b Accessors<'b>,
+    accessor: usize,
+    whence: &str,
+) -> Result<&'b Elements<'b>> {
     let whence = format!("indices of {whence}");
-    let indices = Elements::open(buffers, accessor, &whence)?;
+    let indices = accessors.open(accessor, &whence)?;
     if !indices.is_index() {
         return Err(Error::mesh(format_args!(
             "accessor {accessor} cannot be {whence}: it must be SCALAR of unsigned integers"
@@ -169,11 +195,17 @@ impl Primitive<'_> {
     pub fn corners(&self) -> Result<Vec<u32>> {
         let corners = match &self.indices {
             Some(indices) => {
-                let corners = indices.indices();
+                let corners = indices.integers();
                 let vertices = self.positions.count;
                 // one look at the largest, since nearly all are sound
-                if corners.iter().max().is_some_and(|&most| most as usize >= vertices) {
-                    let at = corners.iter().position(|&corner| corner as usize >= vertices);
+                if corners
+                    .iter()
+                    .max()
+                    .is_some_and(|&most| most as usize >= vertices)
+                {
+                    let at = corners
+                        .iter()
+                        .position(|&corner| corner as usize >= vertices);
                     let at = at.unwrap_or_default();
                     return Err(Error::mesh(format_args!(
                         "element {at} of accessor {} is no index of the {vertices} vertices of accessor {}: {}",
@@ -227,10 +259,7 @@ mod tests {
             Shape::Strip.triangles(corners.clone()),
             [4, 5, 6, 5, 7, 6, 6, 7, 8]
         );
-        assert_eq!(
-            Shape::Fan.triangles(corners),
-            [5, 6, 4, 6, 7, 4, 7, 8, 4]
-        );
+        assert_eq!(Shape::Fan.triangles(corners), [5, 6, 4, 6, 7, 4, 7, 8, 4]);
         for shape in [Shape::List, Shape::Strip, Shape::Fan] {
             for few in 0..3 {
                 assert!(shape.triangles(vec![0; few]).is_empty());

@@ -64,9 +64,21 @@ impl Affine {
         }
         let s = 2.0 / square;
         let rotated = [
-            [1.0 - s * (y * y + z * z), s * (x * y + z * w), s * (x * z - y * w)],
-            [s * (x * y - z * w), 1.0 - s * (x * x + z * z), s * (y * z + x * w)],
-            [s * (x * z + y * w), s * (y * z - x * w), 1.0 - s * (x * x + y * y)],
+            [
+                1.0 - s * (y * y + z * z),
+                s * (x * y + z * w),
+                s * (x * z - y * w),
+            ],
+            [
+                s * (x * y - z * w),
+                1.0 - s * (x * x + z * z),
+                s * (y * z + x * w),
+            ],
+            [
+                s * (x * z + y * w),
+                s * (y * z - x * w),
+                1.0 - s * (x * x + y * y),
+            ],
         ];
         let [a, b, c]: [[f64; 3]; 3] =
             std::array::from_fn(|axis| rotated[axis].map(|value| value * scale[axis]));
