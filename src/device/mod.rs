@@ -27,6 +27,13 @@ pub trait Device: Send {
     ///
     /// `component_of_cluster[c]` is the component of the surface that cluster `c` lies in: clusters never leave it.
     fn open<'a>(&'a mut self, surface: &'a Surface, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>>;
+
+    /// The same for a hierarchical clustering.
+    fn open_merging<'a>(
+        &'a mut self,
+        surface: &'a Surface,
+        component_of_cluster: &'a [u32],
+    ) -> Result<Box<dyn MergeSteps + 'a>>;
 }
 
 /// The steps that algorithms are made of, on one surface. Faces are in the surface's internal order.
@@ -66,6 +73,12 @@ pub trait Steps {
     /// faces.
     fn regrow(&mut self, faces: &[u32], cancel: &Cancel) -> Result<()>;
 
+    /// The current labels.
+    fn labels(&mut self) -> Result<Vec<u32>>;
+}
+
+/// The further steps of hierarchical clustering.
+pub trait MergeSteps: Steps {
     /// The best dual edge (P§5.4) of each cluster that has faces and neighbours, in the order of the clusters.
     fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>>;
 
@@ -80,9 +93,6 @@ pub trait Steps {
 
     /// The faces that belong to another cluster than after the last [`merge`](Self::merge), sorted, with that cluster.
     fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32)>>;
-
-    /// The current labels.
-    fn labels(&mut self) -> Result<Vec<u32>>;
 }
 
 /// The best dual edge of a cluster.

@@ -15,7 +15,7 @@ mod refine;
 
 use rayon::current_num_threads;
 
-use super::{Cancel, Device, DualEdge, Ending, FREE, LatticeEnergy, Step, Steps};
+use super::{Cancel, Device, DualEdge, Ending, FREE, LatticeEnergy, MergeSteps, Step, Steps};
 use crate::cluster::dual_edge::{Rank, Ties};
 use crate::cluster::sums::ClusterSums;
 use crate::error::Result;
@@ -60,21 +60,15 @@ impl Device for CpuDevice {
     }
 
     fn open<'a>(&'a mut self, surface: &'a Surface, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
-        let clusters = component_of_cluster.len();
-        Ok(Box::new(CpuSteps {
-            surface,
-            labels: Labels::new(surface.faces()),
-            clusters: Clusters::new(surface, component_of_cluster),
-            frontier: None,
-            growth: Growth::new(surface.faces()),
-            leaving: Leaving::new(clusters),
-            bids: Bids::new(clusters),
-            walked: Vec::new(),
-            walk: 0,
-            living: (0..clusters as u32).collect(),
-            queue: None,
-            left: None,
-        }))
+        Ok(Box::new(CpuSteps::new(surface, component_of_cluster)))
+    }
+
+    fn open_merging<'a>(
+        &'a mut self,
+        surface: &'a Surface,
+        component_of_cluster: &'a [u32],
+    ) -> Result<Box<dyn MergeSteps + 'a>> {
+        Ok(Box::new(CpuSteps::new(surface, component_of_cluster)))
     }
 }
 
@@ -111,7 +105,26 @@ struct CpuSteps<'a> {
     left: Option<Vec<(u32, u32)>>,
 }
 
-impl CpuSteps<'_> {
+impl<'a> CpuSteps<'a> {
+    /// All faces free.
+    fn new(surface: &'a Surface, component_of_cluster: &[u32]) -> Self {
+        let clusters = component_of_cluster.len();
+        Self {
+            surface,
+            labels: Labels::new(surface.faces()),
+            clusters: Clusters::new(surface, component_of_cluster),
+            frontier: None,
+            growth: Growth::new(surface.faces()),
+            leaving: Leaving::new(clusters),
+            bids: Bids::new(clusters),
+            walked: Vec::new(),
+            walk: 0,
+            living: (0..clusters as u32).collect(),
+            queue: None,
+            left: None,
+        }
+    }
+
     /// Brings sums and frontier in step with labels that were changed from outside.
     fn gather(&mut self) {
         if self.frontier.is_none() {
@@ -250,6 +263,12 @@ impl Steps for CpuSteps<'_> {
         Ok(())
     }
 
+    fn labels(&mut self) -> Result<Vec<u32>> {
+        Ok(self.labels.all().to_vec())
+    }
+}
+
+impl MergeSteps for CpuSteps<'_> {
     fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
         self.gather();
         let Some(frontier) = &self.frontier else { return Ok(Vec::new()) };
@@ -298,9 +317,5 @@ impl Steps for CpuSteps<'_> {
         left.dedup_by_key(|&mut (face, _)| face);
         let moved = left.into_iter().map(|(face, from)| (face, from, self.labels.of(face)));
         Ok(moved.filter(|&(_, from, to)| from != to).map(|(face, _, to)| (face, to)).collect())
-    }
-
-    fn labels(&mut self) -> Result<Vec<u32>> {
-        Ok(self.labels.all().to_vec())
     }
 }
