@@ -200,5 +200,5 @@ fn decode_data_uri(uri: &str) -> Result<Vec<u8>, String> {
     }
     BASE64
         .decode(data.as_ref())
-        .map_err(|error| format!("is not base64: {error}"))
+        .map_err(|error| format!("is not base64: {}", error.to_string().trim_end_matches('.')))
 }
