@@ -2,8 +2,11 @@
 
 mod broken;
 mod files;
+mod gltf_compressed;
+mod gltf_costs;
 mod gltf_forms;
 mod gltf_refused;
+mod gltf_scene;
 mod make;
 mod obj_forms;
 mod shared;

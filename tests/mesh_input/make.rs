@@ -1,9 +1,11 @@
 //! Small meshes made on the spot, and short ways to read them.
 
+use std::time::{Duration, Instant};
+
 use base64::Engine;
 use serde_json::{Value, json};
 use tesserae::mesh::{self, Format, Limits, NoResources, PolygonMesh};
-use tesserae::{Error, Result};
+use tesserae::{Error, Kind, Result};
 
 /// Reads an OBJ file.
 pub fn obj(text: impl AsRef<[u8]>) -> Result<PolygonMesh> {
@@ -148,4 +150,53 @@ pub fn check(mesh: &PolygonMesh) {
         next += part.faces;
     }
     assert_eq!(next, mesh.faces.len() as u64);
+}
+
+/// Expects a document to be refused, quickly, with an error that contains some words.
+#[track_caller]
+pub fn expect_document(document: &Value, binary: &[u8], words: &[&str]) {
+    let start = Instant::now();
+    let error = refused(document, binary);
+    assert!(
+        start.elapsed() < Duration::from_secs(2),
+        "{:?}",
+        start.elapsed()
+    );
+    assert!(
+        matches!(
+            error.kind,
+            Kind::InvalidMesh | Kind::UnsupportedMesh | Kind::TooLarge
+        ),
+        "{error:?}"
+    );
+    for word in words {
+        assert!(error.message.contains(word), "{word:?} is not in: {error}");
+    }
+}
+
+/// A document with one mesh of one primitive, whose positions are f32 and whose indices are u16, in that order.
+pub fn document(vertices: usize, indices: usize, mode: u32) -> Value {
+    let (mut document, _) = square();
+    let (positions, bytes) = (12 * vertices, 2 * indices);
+    document["accessors"][0]["count"] = json!(vertices);
+    document["accessors"][1]["count"] = json!(indices);
+    document["bufferViews"][0]["byteLength"] = json!(positions);
+    document["bufferViews"][1]["byteOffset"] = json!(positions);
+    document["bufferViews"][1]["byteLength"] = json!(bytes);
+    document["buffers"][0]["byteLength"] = json!(positions + bytes);
+    document["meshes"][0]["primitives"][0]["mode"] = json!(mode);
+    document
+}
+
+/// Changes the value at a JSON pointer of the square and expects an error that contains some words.
+#[track_caller]
+pub fn expect(pointer: &str, value: Value, words: &[&str]) {
+    let (mut document, binary) = square();
+    set(&mut document, pointer, value);
+    expect_document(&document, &binary, words);
+}
+
+fn set(document: &mut Value, pointer: &str, value: Value) {
+    let (parent, key) = pointer.rsplit_once('/').expect("a pointer");
+    document.pointer_mut(parent).expect("a parent")[key] = value;
 }
