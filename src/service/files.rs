@@ -122,7 +122,7 @@ impl Incoming {
         };
         blocking(move || {
             std::fs::rename(folder.path(), target)?;
-            folder.keep();
+            let _ = folder.keep();
             Ok(())
         })
         .await?

@@ -84,32 +84,32 @@ impl Wanted {
         Ok(())
     }
 
+    /// Checks what can be checked before the body is here: a form may still bring parameters and a list of seeds.
+    pub fn check_early(&self, form: bool) -> Result<()> {
+        self.parameters.check(form)
+    }
+
     /// The parameters, checked as far as they can be without the mesh. `listed` says whether a list of seeds came.
-    pub fn finish(self, listed: bool) -> Result<Parameters> {
-        if listed && self.given.iter().any(|name| name == "seeds") {
-            return Err(Error::parameter(format_args!(
-                "a list of seeds came as a part, so the parameter seeds must be left out: {}",
-                self.parameters.seeds
-            )));
+    pub fn finish(mut self, listed: bool) -> Result<Parameters> {
+        if listed {
+            let given = self.given.iter().any(|name| name == "seeds");
+            if given && self.parameters.seeds != Seeds::Listed {
+                return Err(Error::parameter(format_args!(
+                    "a list of seeds came as a part, so the parameter seeds must be left out or listed, not {}",
+                    self.parameters.seeds
+                )));
+            }
+            self.parameters.seeds = Seeds::Listed;
         }
         self.parameters.check(listed)?;
         Ok(self.parameters)
-    }
-
-    /// Checks what can be checked before anything but the head of the request is here: `form` says whether more
-    /// parameters may come.
-    pub fn check_early(&self, form: bool) -> Result<()> {
-        if form && self.parameters.clusters.is_none() {
-            return Ok(());
-        }
-        self.parameters.check(false)
     }
 }
 
 /// Refuses seeds from a file of the server.
 fn refuse_path(parameters: &Parameters) -> Result<()> {
     match &parameters.seeds {
-        Seeds::Morton | Seeds::Random => Ok(()),
+        Seeds::Morton | Seeds::Random | Seeds::Listed => Ok(()),
         Seeds::File(path) => Err(Error::parameter(format_args!(
             "seeds cannot be a path here: send the list as a part named seeds of multipart/form-data, not {:?}",
             path.display().to_string()
@@ -203,6 +203,8 @@ mod tests {
 
     #[test]
     fn a_list_of_seeds_stands_for_clusters_and_excludes_seeds() {
+        let parameters = wanted("seeds=listed").and_then(|wanted| wanted.finish(true));
+        assert_eq!(parameters.map(|found| found.seeds), Ok(Seeds::Listed));
         assert!(wanted("").and_then(|wanted| wanted.finish(true)).is_ok());
         assert!(wanted("").and_then(|wanted| wanted.finish(false)).is_err());
         assert!(

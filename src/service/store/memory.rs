@@ -58,6 +58,20 @@ impl MemoryStore {
     fn lock(&self) -> MutexGuard<'_, Inner> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
+
+    /// Whether one more job may wait.
+    fn room(&self, inner: &Inner) -> Result<()> {
+        if inner.queue.len() >= self.max_queued {
+            return Err(Error::new(
+                Kind::QueueFull,
+                format_args!(
+                    "as many jobs wait as may; try again later: {}",
+                    self.max_queued
+                ),
+            ));
+        }
+        Ok(())
+    }
 }
 
 impl Inner {
@@ -121,17 +135,13 @@ impl Entry {
 
 #[async_trait]
 impl JobStore for MemoryStore {
+    async fn check_room(&self) -> Result<()> {
+        self.room(&self.lock())
+    }
+
     async fn create(&self, id: JobId, spec: Spec) -> Result<Job> {
         let mut inner = self.lock();
-        if inner.queue.len() >= self.max_queued {
-            return Err(Error::new(
-                Kind::QueueFull,
-                format_args!(
-                    "as many jobs wait as may; try again later: {}",
-                    self.max_queued
-                ),
-            ));
-        }
+        self.room(&inner)?;
         inner.created += 1;
         let number = inner.created;
         let mut entry = Entry {

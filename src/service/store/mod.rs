@@ -34,9 +34,8 @@ use crate::parameters::Parameters;
 use crate::report::Phase;
 
 /// Name of a job: 122 random bits, so that nobody guesses another's.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, ToSchema)]
-#[serde(transparent)]
-#[schema(value_type = String, format = Uuid)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, ToSchema)]
+#[schema(value_type = String, format = "uuid")]
 pub(super) struct JobId(Uuid);
 
 impl JobId {
@@ -49,6 +48,12 @@ impl JobId {
 impl fmt::Display for JobId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.0.as_hyphenated().fmt(f)
+    }
+}
+
+impl Serialize for JobId {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
     }
 }
 
@@ -265,6 +270,9 @@ pub(super) enum Deletion {
 /// Keeps jobs and their events. See the [module](self) for the life of a job.
 #[async_trait]
 pub(super) trait JobStore: fmt::Debug + Send + Sync {
+    /// [`Kind::QueueFull`] when [`create`](Self::create) would be refused now, so that an upload need not come first.
+    async fn check_room(&self) -> Result<()>;
+
     /// Adds a job at the end of the queue. [`Kind::QueueFull`] when as many wait as may.
     async fn create(&self, id: JobId, spec: Spec) -> Result<Job>;
 
