@@ -13,10 +13,7 @@ pub struct Faces {
 impl Faces {
     /// No faces, with room for `faces` triangles.
     pub fn with_capacity(faces: usize) -> Self {
-        Self {
-            corners: Vec::with_capacity(3 * faces),
-            offsets: Vec::new(),
-        }
+        Self { corners: Vec::with_capacity(3 * faces), offsets: Vec::new() }
     }
 
     /// Triangles from their corners, three a face.
@@ -25,18 +22,13 @@ impl Faces {
     /// When the number of corners is not a multiple of three.
     pub fn from_triangles(corners: Vec<u32>) -> Self {
         assert!(corners.len().is_multiple_of(3), "three corners a triangle");
-        Self {
-            corners,
-            offsets: Vec::new(),
-        }
+        Self { corners, offsets: Vec::new() }
     }
 
     /// Appends one face.
     pub fn push(&mut self, corners: &[u32]) {
         if self.offsets.is_empty() && corners.len() != 3 {
-            self.offsets = (0..=self.corners.len() as u32 / 3)
-                .map(|face| 3 * face)
-                .collect();
+            self.offsets = (0..=self.corners.len() as u32 / 3).map(|face| 3 * face).collect();
         }
         self.corners.extend_from_slice(corners);
         if !self.offsets.is_empty() {
@@ -46,11 +38,7 @@ impl Faces {
 
     /// Number of faces.
     pub fn len(&self) -> usize {
-        if self.offsets.is_empty() {
-            self.corners.len() / 3
-        } else {
-            self.offsets.len() - 1
-        }
+        if self.offsets.is_empty() { self.corners.len() / 3 } else { self.offsets.len() - 1 }
     }
 
     /// Whether there is no face.
@@ -65,11 +53,7 @@ impl Faces {
 
     /// Where the corners of face `face` begin in [`all_corners`](Self::all_corners); `len()` gives the end of the last.
     pub fn first_corner(&self, face: usize) -> usize {
-        if self.offsets.is_empty() {
-            3 * face
-        } else {
-            self.offsets[face] as usize
-        }
+        if self.offsets.is_empty() { 3 * face } else { self.offsets[face] as usize }
     }
 
     /// All corners, face after face.
@@ -82,10 +66,7 @@ impl Faces {
         if self.offsets.is_empty() {
             self.len() as u64
         } else {
-            self.offsets
-                .windows(2)
-                .map(|w| u64::from(w[1] - w[0]).saturating_sub(2))
-                .sum()
+            self.offsets.windows(2).map(|w| u64::from(w[1] - w[0]).saturating_sub(2)).sum()
         }
     }
 }
