@@ -66,18 +66,10 @@ pub(super) struct EndEvent {
         (status = 500, response = super::openapi::Problematic),
     ),
 )]
-pub(super) async fn stream(
-    Extract(shared): App,
-    Path(id): Path<String>,
-    headers: HeaderMap,
-) -> Answer {
+pub(super) async fn stream(Extract(shared): App, Path(id): Path<String>, headers: HeaderMap) -> Answer {
     let id: JobId = id.parse()?;
     let after = last_event_id(&headers)?;
-    let mut pulses = shared
-        .store
-        .watch(id)
-        .await?
-        .ok_or_else(|| no_such_job(id))?;
+    let mut pulses = shared.store.watch(id).await?.ok_or_else(|| no_such_job(id))?;
     let pulse = *pulses.borrow_and_update();
     if pulse.ended && after >= pulse.last_seq {
         return Ok(StatusCode::NO_CONTENT.into_response());

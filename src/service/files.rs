@@ -37,19 +37,10 @@ impl Files {
     pub fn create(data_dir: Option<&Path>) -> Result<Self> {
         let parent = data_dir.map_or_else(std::env::temp_dir, Path::to_owned);
         let cannot = |error| {
-            Error::io(
-                format_args!(
-                    "the folder for uploads and results cannot be made in {}",
-                    parent.display()
-                ),
-                error,
-            )
+            Error::io(format_args!("the folder for uploads and results cannot be made in {}", parent.display()), error)
         };
         std::fs::create_dir_all(&parent).map_err(cannot)?;
-        let root = tempfile::Builder::new()
-            .prefix("tesserae-jobs-")
-            .tempdir_in(&parent)
-            .map_err(cannot)?;
+        let root = tempfile::Builder::new().prefix("tesserae-jobs-").tempdir_in(&parent).map_err(cannot)?;
         for folder in ["incoming", "uploads", "results"] {
             std::fs::create_dir(root.path().join(folder)).map_err(cannot)?;
         }
@@ -141,13 +132,8 @@ impl Drop for Incoming {
 }
 
 /// Runs file work where blocking is allowed.
-pub(super) async fn blocking<T: Send + 'static>(
-    work: impl FnOnce() -> T + Send + 'static,
-) -> Result<T> {
-    tokio::task::spawn_blocking(work).await.map_err(|error| {
-        Error::new(
-            crate::Kind::Internal,
-            format_args!("work on a file did not end: {error}"),
-        )
-    })
+pub(super) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T> {
+    tokio::task::spawn_blocking(work)
+        .await
+        .map_err(|error| Error::new(crate::Kind::Internal, format_args!("work on a file did not end: {error}")))
 }

@@ -86,18 +86,9 @@ pub(super) async fn device(Extract(shared): App) -> Json<DeviceDescription> {
     responses((status = 200, description = "The formats", body = Formats)),
 )]
 pub(super) async fn formats() -> Json<Formats> {
-    let mesh = |format: Format| FormatView {
-        name: format.name(),
-        media_type: format.media_type(),
-    };
-    let label = |format: LabelFormat| FormatView {
-        name: format.extension(),
-        media_type: format.media_type(),
-    };
-    Json(Formats {
-        meshes: Format::ALL.map(mesh).into(),
-        labels: LabelFormat::ALL.map(label).into(),
-    })
+    let mesh = |format: Format| FormatView { name: format.name(), media_type: format.media_type() };
+    let label = |format: LabelFormat| FormatView { name: format.extension(), media_type: format.media_type() };
+    Json(Formats { meshes: Format::ALL.map(mesh).into(), labels: LabelFormat::ALL.map(label).into() })
 }
 
 /// Version
@@ -108,10 +99,7 @@ pub(super) async fn formats() -> Json<Formats> {
     responses((status = 200, description = "The version", body = Version)),
 )]
 pub(super) async fn version() -> Json<Version> {
-    Json(Version {
-        name: env!("CARGO_PKG_NAME"),
-        version: env!("CARGO_PKG_VERSION"),
-    })
+    Json(Version { name: env!("CARGO_PKG_NAME"), version: env!("CARGO_PKG_VERSION") })
 }
 
 /// Liveness
@@ -153,9 +141,8 @@ pub(super) async fn readyz(Extract(shared): App) -> Answer<Json<Health>> {
     ),
 )]
 pub(super) async fn metrics(Extract(shared): App) -> Answer {
-    let mut text = String::from(
-        "# HELP tesserae_jobs Jobs that the service knows, by state.\n# TYPE tesserae_jobs gauge\n",
-    );
+    let mut text =
+        String::from("# HELP tesserae_jobs Jobs that the service knows, by state.\n# TYPE tesserae_jobs gauge\n");
     for (state, count) in State::ALL.into_iter().zip(shared.store.counts().await?) {
         let _ = writeln!(text, "tesserae_jobs{{state=\"{}\"}} {count}", state.name());
     }
@@ -167,7 +154,6 @@ pub(super) async fn metrics(Extract(shared): App) -> Answer {
         let count = count.load(Ordering::Relaxed);
         let _ = writeln!(text, "tesserae_http_responses_total{{class=\"{class}xx\"}} {count}");
     }
-    let response: Response =
-        ([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text).into_response();
+    let response: Response = ([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text).into_response();
     Ok(response)
 }

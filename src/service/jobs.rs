@@ -175,10 +175,7 @@ impl From<Job> for JobView {
             },
             cancel_requested: job.cancel_requested,
             problem: job.problem.map(|error| Problem::new(&error, &path)),
-            result: job.summary.map(|summary| ResultView {
-                faces: summary.faces,
-                clusters: summary.clusters,
-            }),
+            result: job.summary.map(|summary| ResultView { faces: summary.faces, clusters: summary.clusters }),
             parameters: job.spec.parameters,
             mesh: MeshView {
                 file_name: job.spec.file_name,
@@ -310,29 +307,14 @@ pub(super) fn stopping() -> Error {
     ),
 )]
 pub(super) async fn list(Extract(shared): App, uri: Uri) -> Answer {
-    let ListParameters {
-        state,
-        cursor,
-        limit,
-    } = query::read(&uri)?;
+    let ListParameters { state, cursor, limit } = query::read(&uri)?;
     let limit = limit.unwrap_or(PAGE);
     if !(1..=MAX_PAGE).contains(&limit) {
-        return Err(Error::parameter(format_args!(
-            "limit must be 1 to {MAX_PAGE}, not {limit}"
-        ))
-        .into());
+        return Err(Error::parameter(format_args!("limit must be 1 to {MAX_PAGE}, not {limit}")).into());
     }
-    let query = ListQuery {
-        state,
-        cursor,
-        limit,
-    };
+    let query = ListQuery { state, cursor, limit };
     let page = shared.store.list(&query).await?;
-    Ok(Json(JobList {
-        jobs: page.jobs.into_iter().map(JobView::from).collect(),
-        next: page.next,
-    })
-    .into_response())
+    Ok(Json(JobList { jobs: page.jobs.into_iter().map(JobView::from).collect(), next: page.next }).into_response())
 }
 
 /// Look at a job

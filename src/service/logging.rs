@@ -22,7 +22,12 @@ pub struct LogSettings {
     pub log_format: LogFormat,
 
     /// What is logged: a level, or a list such as `info,tesserae=debug`
-    #[arg(long, env = "TESSERAE_LOG", value_name = "FILTER", default_value = "info,wgpu_core=warn,wgpu_hal=warn,naga=warn")]
+    #[arg(
+        long,
+        env = "TESSERAE_LOG",
+        value_name = "FILTER",
+        default_value = "info,wgpu_core=warn,wgpu_hal=warn,naga=warn"
+    )]
     pub log: String,
 }
 
@@ -30,23 +35,13 @@ impl LogSettings {
     /// Starts logging for the whole process. A second call is an error.
     pub fn start(&self) -> Result<()> {
         let filter = EnvFilter::try_new(&self.log).map_err(|error| {
-            Error::parameter(format_args!(
-                "the log filter cannot be read ({error}): {:?}",
-                self.log
-            ))
+            Error::parameter(format_args!("the log filter cannot be read ({error}): {:?}", self.log))
         })?;
-        let builder = tracing_subscriber::fmt()
-            .with_env_filter(filter)
-            .with_writer(std::io::stderr);
+        let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
         match self.log_format {
             LogFormat::Text => builder.try_init(),
             LogFormat::Json => builder.json().try_init(),
         }
-        .map_err(|error| {
-            Error::new(
-                crate::Kind::Internal,
-                format_args!("logging cannot be started: {error}"),
-            )
-        })
+        .map_err(|error| Error::new(crate::Kind::Internal, format_args!("logging cannot be started: {error}")))
     }
 }

@@ -7,11 +7,7 @@ use crate::output::LabelFormat;
 
 /// The format of labels that the client likes best; the earlier one in [`LabelFormat::ALL`] when it likes several alike.
 pub(super) fn label_format(headers: &HeaderMap) -> Result<LabelFormat> {
-    let accepted: Vec<&str> = headers
-        .get_all(header::ACCEPT)
-        .iter()
-        .filter_map(|value| value.to_str().ok())
-        .collect();
+    let accepted: Vec<&str> = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
     let accepted = accepted.join(",");
     if accepted.trim().is_empty() {
         return Ok(LabelFormat::ALL[0]);
@@ -46,10 +42,7 @@ fn quality(accepted: &str, media_type: &str) -> u32 {
                 2
             } else if range == "*/*" {
                 0
-            } else if range
-                .strip_suffix("/*")
-                .is_some_and(|main| main.eq_ignore_ascii_case(main_type))
-            {
+            } else if range.strip_suffix("/*").is_some_and(|main| main.eq_ignore_ascii_case(main_type)) {
                 1
             } else {
                 return None;
@@ -78,10 +71,7 @@ mod tests {
             ("application/*", Some(Json)),
             ("application/x-npy", Some(Npy)),
             ("APPLICATION/Octet-Stream", Some(Raw)),
-            (
-                "application/json;q=0.5, application/x-npy;q=0.9",
-                Some(Npy),
-            ),
+            ("application/json;q=0.5, application/x-npy;q=0.9", Some(Npy)),
             ("application/x-npy, */*;q=0.1", Some(Npy)),
             ("application/json;q=0, */*", Some(Npy)),
             ("text/html, application/*;q=0.2", Some(Json)),

@@ -67,27 +67,15 @@ struct ParametersInQuery;
 
 impl Modify for ParametersInQuery {
     fn modify(&self, document: &mut openapi::OpenApi) {
-        let members = document
-            .components
-            .as_ref()
-            .and_then(|components| components.schemas.get("Parameters"));
+        let members = document.components.as_ref().and_then(|components| components.schemas.get("Parameters"));
         let Some(RefOr::T(Schema::Object(parameters))) = members else {
             return;
         };
-        let parameters: Vec<Parameter> = parameters
-            .properties
-            .iter()
-            .map(|(name, schema)| in_query(name, schema))
-            .collect();
-        let post = document
-            .paths
-            .paths
-            .get_mut("/v1/jobs")
-            .and_then(|path| path.post.as_mut());
+        let parameters: Vec<Parameter> =
+            parameters.properties.iter().map(|(name, schema)| in_query(name, schema)).collect();
+        let post = document.paths.paths.get_mut("/v1/jobs").and_then(|path| path.post.as_mut());
         if let Some(post) = post {
-            post.parameters
-                .get_or_insert_default()
-                .extend(parameters.into_iter().map(RefOr::from));
+            post.parameters.get_or_insert_default().extend(parameters.into_iter().map(RefOr::from));
         }
     }
 }
@@ -117,12 +105,9 @@ fn in_query(name: &str, schema: &RefOr<Schema>) -> Parameter {
 
 /// The description as YAML, as it stands in `openapi.yaml`.
 pub fn openapi_yaml() -> Result<String> {
-    Document::openapi().to_yaml().map_err(|error| {
-        Error::new(
-            Kind::Internal,
-            format_args!("the description cannot be written: {error}"),
-        )
-    })
+    Document::openapi()
+        .to_yaml()
+        .map_err(|error| Error::new(Kind::Internal, format_args!("the description cannot be written: {error}")))
 }
 
 /// This description

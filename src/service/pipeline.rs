@@ -41,13 +41,7 @@ impl Pipeline {
         slots: usize,
         device: DeviceThread,
     ) -> Self {
-        Self {
-            store,
-            files,
-            limits,
-            slots: Arc::new(Semaphore::new(slots)),
-            device,
-        }
+        Self { store, files, limits, slots: Arc::new(Semaphore::new(slots)), device }
     }
 
     /// Works on jobs until `stop`; jobs claimed by then end, at the latest when `abort` asks them to.
@@ -98,13 +92,7 @@ impl Pipeline {
     }
 
     /// Works on one job until it ends.
-    async fn work(
-        self: Arc<Self>,
-        slot: OwnedSemaphorePermit,
-        ticket: Ticket,
-        job: Job,
-        abort: CancellationToken,
-    ) {
+    async fn work(self: Arc<Self>, slot: OwnedSemaphorePermit, ticket: Ticket, job: Job, abort: CancellationToken) {
         let started = Instant::now();
         tracing::info!(format = job.spec.format.name(), bytes = job.spec.bytes, "started");
         let cancel = Cancel::default();
@@ -148,10 +136,7 @@ impl Pipeline {
     /// Ends when someone asks for the job's end.
     async fn cancel_requested(&self, job: &Job) {
         let asked = match self.store.watch(job.id).await {
-            Ok(Some(mut pulses)) => pulses
-                .wait_for(|pulse| pulse.cancel_requested)
-                .await
-                .is_ok(),
+            Ok(Some(mut pulses)) => pulses.wait_for(|pulse| pulse.cancel_requested).await.is_ok(),
             Ok(None) | Err(_) => false,
         };
         if !asked {
@@ -163,9 +148,6 @@ impl Pipeline {
 /// Runs `work`; a panic becomes an error.
 fn caught<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(work)).unwrap_or_else(|_| {
-        Err(Error::new(
-            Kind::Internal,
-            "the job ran into a defect of the service; its log says more",
-        ))
+        Err(Error::new(Kind::Internal, "the job ran into a defect of the service; its log says more"))
     })
 }

@@ -14,9 +14,7 @@ pub(super) fn wait(headers: &HeaderMap, longest: Duration) -> Option<Duration> {
         .filter_map(|preference| {
             let (name, rest) = preference.split_once('=')?;
             let value = rest.split(';').next()?.trim().trim_matches('"');
-            name.trim()
-                .eq_ignore_ascii_case("wait")
-                .then(|| value.parse().ok())?
+            name.trim().eq_ignore_ascii_case("wait").then(|| value.parse().ok())?
         })
         // the first one counts
         .next()
@@ -42,11 +40,7 @@ mod tests {
         ] {
             let mut headers = HeaderMap::new();
             headers.insert("prefer", HeaderValue::from_static(header));
-            assert_eq!(
-                wait(&headers, Duration::from_secs(60)),
-                expected.map(Duration::from_secs),
-                "{header}"
-            );
+            assert_eq!(wait(&headers, Duration::from_secs(60)), expected.map(Duration::from_secs), "{header}");
         }
         assert_eq!(wait(&HeaderMap::new(), Duration::from_secs(60)), None);
     }

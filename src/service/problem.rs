@@ -64,10 +64,7 @@ pub(super) struct Failure {
 
 impl From<Error> for Failure {
     fn from(error: Error) -> Self {
-        Self {
-            error,
-            instance: None,
-        }
+        Self { error, instance: None }
     }
 }
 
@@ -75,10 +72,7 @@ impl IntoResponse for Failure {
     fn into_response(self) -> Response {
         let mut response = status(self.error.kind).into_response();
         if self.error.kind == Kind::UnsupportedMediaType {
-            response.headers_mut().insert(
-                "accept-post",
-                HeaderValue::from_static(super::upload::ACCEPTED),
-            );
+            response.headers_mut().insert("accept-post", HeaderValue::from_static(super::upload::ACCEPTED));
         }
         response.extensions_mut().insert(self);
         response
@@ -142,19 +136,13 @@ fn refused_by_framework(
             Kind::MethodNotAllowed,
             format_args!(
                 "this resource answers {}, not {method}",
-                allowed
-                    .and_then(|value| value.to_str().ok())
-                    .unwrap_or("no method")
+                allowed.and_then(|value| value.to_str().ok()).unwrap_or("no method")
             ),
         ),
-        status if status.is_server_error() => Error::new(
-            Kind::Internal,
-            "the service ran into a defect while it answered; its log says more",
-        ),
-        status => Error::new(
-            Kind::BadRequest,
-            format_args!("the request cannot be read: {status}"),
-        ),
+        status if status.is_server_error() => {
+            Error::new(Kind::Internal, "the service ran into a defect while it answered; its log says more")
+        }
+        status => Error::new(Kind::BadRequest, format_args!("the request cannot be read: {status}")),
     }
 }
 

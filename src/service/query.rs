@@ -10,15 +10,11 @@ use crate::error::{Error, Result};
 /// Reads the query into `T`, which denies unknown fields. What is wrong is named.
 pub(super) fn read<T: DeserializeOwned>(uri: &Uri) -> Result<T> {
     names(uri.query().unwrap_or_default())?;
-    Query::<T>::try_from_uri(uri)
-        .map(|Query(value)| value)
-        .map_err(|rejection| {
-            let text = rejection.body_text();
-            let text = text
-                .strip_prefix("Failed to deserialize query string: ")
-                .unwrap_or(&text);
-            Error::parameter(format_args!("the query string is not valid: {text}"))
-        })
+    Query::<T>::try_from_uri(uri).map(|Query(value)| value).map_err(|rejection| {
+        let text = rejection.body_text();
+        let text = text.strip_prefix("Failed to deserialize query string: ").unwrap_or(&text);
+        Error::parameter(format_args!("the query string is not valid: {text}"))
+    })
 }
 
 /// The names in a query string, in order. One that is there twice is refused.
@@ -27,9 +23,7 @@ pub(super) fn names(query: &str) -> Result<Vec<String>> {
     for pair in query.split('&').filter(|pair| !pair.is_empty()) {
         let name = decoded(pair.split('=').next().unwrap_or_default());
         if names.contains(&name) {
-            return Err(Error::parameter(format_args!(
-                "a parameter is given twice in the query string: {name:?}"
-            )));
+            return Err(Error::parameter(format_args!("a parameter is given twice in the query string: {name:?}")));
         }
         names.push(name);
     }
@@ -53,9 +47,7 @@ pub(super) fn take(query: &str, name: &str) -> (Option<String>, String) {
 
 /// A name or value as it was meant.
 fn decoded(text: &str) -> String {
-    percent_decode_str(&text.replace('+', " "))
-        .decode_utf8_lossy()
-        .into_owned()
+    percent_decode_str(&text.replace('+', " ")).decode_utf8_lossy().into_owned()
 }
 
 #[cfg(test)]
@@ -71,10 +63,7 @@ mod tests {
 
     #[test]
     fn taking_one_leaves_the_others_as_they_were() {
-        assert_eq!(
-            take("a=%20&form%61t=ob+j&b", "format"),
-            (Some("ob j".into()), "a=%20&b".into())
-        );
+        assert_eq!(take("a=%20&form%61t=ob+j&b", "format"), (Some("ob j".into()), "a=%20&b".into()));
         assert_eq!(take("", "format"), (None, String::new()));
     }
 }

@@ -32,19 +32,12 @@ impl Wanted {
         let (format, rest) = query::take(whole, "format");
         let format = format.as_deref().map(Format::from_name).transpose()?;
         let given = query::names(&rest)?;
-        let rest: Uri = format!("/?{rest}").parse().map_err(|error| {
-            Error::new(
-                Kind::BadRequest,
-                format_args!("the query string cannot be read: {error}"),
-            )
-        })?;
+        let rest: Uri = format!("/?{rest}")
+            .parse()
+            .map_err(|error| Error::new(Kind::BadRequest, format_args!("the query string cannot be read: {error}")))?;
         let parameters: Parameters = query::read(&rest)?;
         refuse_path(&parameters)?;
-        Ok(Self {
-            format,
-            parameters,
-            given,
-        })
+        Ok(Self { format, parameters, given })
     }
 
     /// Adds what the JSON part says.
@@ -55,16 +48,11 @@ impl Wanted {
                 serde_json::error::Category::Data => Kind::InvalidParameter,
                 _ => Kind::BadRequest,
             };
-            Error::new(
-                kind,
-                format_args!("the part \"parameters\" is not valid: {error}"),
-            )
+            Error::new(kind, format_args!("the part \"parameters\" is not valid: {error}"))
         })?;
         refuse_path(&parameters)?;
         let object: Map<String, Value> = serde_json::from_slice(json).map_err(|error| {
-            Error::parameter(format_args!(
-                "the part \"parameters\" must be a JSON object: {error}"
-            ))
+            Error::parameter(format_args!("the part \"parameters\" must be a JSON object: {error}"))
         })?;
         let mut merged = as_object(&self.parameters)?;
         for (name, value) in as_object(&parameters)? {
@@ -126,10 +114,7 @@ fn as_object(parameters: &Parameters) -> Result<Map<String, Value>> {
 }
 
 fn internal(error: impl std::fmt::Display) -> Error {
-    Error::new(
-        Kind::Internal,
-        format_args!("parameters do not survive being written as JSON: {error}"),
-    )
+    Error::new(Kind::Internal, format_args!("parameters do not survive being written as JSON: {error}"))
 }
 
 #[cfg(test)]
@@ -191,10 +176,7 @@ mod tests {
             (r#"{"clusters": 3, "clusters": 4}"#, Kind::InvalidParameter),
             (r#"{"clusters": 0}"#, Kind::InvalidParameter),
             (r#"{}"#, Kind::InvalidParameter),
-            (
-                r#"{"clusters": 3, "seeds": "file:x"}"#,
-                Kind::InvalidParameter,
-            ),
+            (r#"{"clusters": 3, "seeds": "file:x"}"#, Kind::InvalidParameter),
         ] {
             let error = with_json("", json).expect_err(json);
             assert_eq!(error.kind, kind, "{json}: {error}");
@@ -207,10 +189,6 @@ mod tests {
         assert_eq!(parameters.map(|found| found.seeds), Ok(Seeds::Listed));
         assert!(wanted("").and_then(|wanted| wanted.finish(true)).is_ok());
         assert!(wanted("").and_then(|wanted| wanted.finish(false)).is_err());
-        assert!(
-            wanted("seeds=random")
-                .and_then(|wanted| wanted.finish(true))
-                .is_err()
-        );
+        assert!(wanted("seeds=random").and_then(|wanted| wanted.finish(true)).is_err());
     }
 }

@@ -65,12 +65,7 @@ pub(super) struct LabelsQuery {
         (status = 500, response = Problematic),
     ),
 )]
-pub(super) async fn labels(
-    Extract(shared): App,
-    Path(id): Path<String>,
-    uri: Uri,
-    headers: HeaderMap,
-) -> Answer {
+pub(super) async fn labels(Extract(shared): App, Path(id): Path<String>, uri: Uri, headers: HeaderMap) -> Answer {
     let job = find(&shared, &id).await?;
     let LabelsQuery { clusters } = query::read(&uri)?;
     let summary = succeeded(&job)?;
@@ -95,11 +90,7 @@ pub(super) async fn labels(
     };
     let mut response = stored(folder.join(name), tail, format.media_type()).await?;
     let headers = response.headers_mut();
-    let name = format!(
-        "attachment; filename=\"{}-labels.{}\"",
-        stem(&job),
-        format.extension()
-    );
+    let name = format!("attachment; filename=\"{}-labels.{}\"", stem(&job), format.extension());
     if let Ok(value) = name.parse() {
         headers.insert(header::CONTENT_DISPOSITION, value);
     }
@@ -165,10 +156,7 @@ fn succeeded(job: &Job) -> Result<Summary> {
             "the job failed and has no result: {}",
             job.problem.as_ref().map_or("", |problem| &problem.message)
         )),
-        (State::Cancelled, _) => Err(Error::new(
-            Kind::Cancelled,
-            "the job was cancelled and has no result",
-        )),
+        (State::Cancelled, _) => Err(Error::new(Kind::Cancelled, "the job was cancelled and has no result")),
         (State::Queued | State::Running | State::Succeeded, _) => conflict(format!(
             "the job has no result yet; follow its events, or ask again later: it is {}",
             job.state.name()
@@ -187,18 +175,10 @@ async fn stored(path: PathBuf, tail: Option<u64>, media_type: &'static str) -> R
     let bytes = file.metadata().await.map_err(cannot)?.len();
     let length = tail.map_or(bytes, |tail| tail.min(bytes));
     if length < bytes {
-        file.seek(SeekFrom::Start(bytes - length))
-            .await
-            .map_err(cannot)?;
+        file.seek(SeekFrom::Start(bytes - length)).await.map_err(cannot)?;
     }
     let body = Body::from_stream(ReaderStream::with_capacity(file.take(length), CHUNK));
-    Ok((
-        [
-            (header::CONTENT_TYPE, media_type.to_owned()),
-            (header::CONTENT_LENGTH, length.to_string()),
-        ],
-        body,
-    )
+    Ok(([(header::CONTENT_TYPE, media_type.to_owned()), (header::CONTENT_LENGTH, length.to_string())], body)
         .into_response())
 }
 
@@ -207,15 +187,8 @@ fn stem(job: &Job) -> String {
     let name = job.spec.file_name.as_deref().unwrap_or_default();
     let name = name.rsplit(['/', '\\']).next().unwrap_or_default();
     let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
-    let stem: String = stem
-        .chars()
-        .filter(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.'))
-        .take(100)
-        .collect();
+    let stem: String =
+        stem.chars().filter(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.')).take(100).collect();
     let stem = stem.trim_start_matches('.');
-    if stem.is_empty() {
-        job.id.to_string()
-    } else {
-        stem.to_owned()
-    }
+    if stem.is_empty() { job.id.to_string() } else { stem.to_owned() }
 }

@@ -76,21 +76,13 @@ pub async fn serve(
     description: DeviceDescription,
     shutdown: impl Future<Output = ()>,
 ) -> Result<()> {
-    Server::bind(settings, device, description)
-        .await?
-        .run(shutdown)
-        .await
+    Server::bind(settings, device, description).await?.run(shutdown).await
 }
 
 impl Server {
     /// Takes the address and makes the folder for uploads and results.
-    pub async fn bind(
-        settings: Settings,
-        device: Box<dyn Device>,
-        description: DeviceDescription,
-    ) -> Result<Self> {
-        let cannot =
-            |error| Error::io(format_args!("cannot listen on {}", settings.listen), error);
+    pub async fn bind(settings: Settings, device: Box<dyn Device>, description: DeviceDescription) -> Result<Self> {
+        let cannot = |error| Error::io(format_args!("cannot listen on {}", settings.listen), error);
         let listener = TcpListener::bind(settings.listen).await.map_err(cannot)?;
         let address = listener.local_addr().map_err(cannot)?;
         let files = Arc::new(Files::create(settings.data_dir.as_deref())?);
@@ -110,12 +102,7 @@ impl Server {
             stop: CancellationToken::new(),
             answers: Default::default(),
         });
-        Ok(Self {
-            listener,
-            address,
-            shared,
-            pipeline,
-        })
+        Ok(Self { listener, address, shared, pipeline })
     }
 
     /// The address it listens on.
@@ -126,17 +113,12 @@ impl Server {
     /// Answers until `shutdown` completes; then no more jobs are taken or begun, streams end, running jobs get the
     /// grace period to finish, and the last answers are sent.
     pub async fn run(self, shutdown: impl Future<Output = ()>) -> Result<()> {
-        let Self {
-            listener,
-            address,
-            shared,
-            pipeline,
-        } = self;
+        let Self { listener, address, shared, pipeline } = self;
         let stop = shared.stop.clone();
         let (abort, close) = (CancellationToken::new(), CancellationToken::new());
         let mut work = tokio::spawn(pipeline.run(stop.clone(), abort.clone()));
-        let serving = axum::serve(listener, router(Arc::clone(&shared)))
-            .with_graceful_shutdown(close.clone().cancelled_owned());
+        let serving =
+            axum::serve(listener, router(Arc::clone(&shared))).with_graceful_shutdown(close.clone().cancelled_owned());
         let mut serving = tokio::spawn(serving.into_future());
         tracing::info!(%address, device = shared.device.info.name, "listening on http://{address}");
 
@@ -200,11 +182,7 @@ fn router(shared: Arc<Shared>) -> Router {
 
 /// The span of a request. The query string stays out of the log.
 fn span(request: &Request<Body>) -> tracing::Span {
-    let id = request
-        .headers()
-        .get(REQUEST_ID)
-        .and_then(|id| id.to_str().ok())
-        .unwrap_or_default();
+    let id = request.headers().get(REQUEST_ID).and_then(|id| id.to_str().ok()).unwrap_or_default();
     tracing::info_span!("request", method = %request.method(), path = request.uri().path(), id)
 }
 
@@ -213,9 +191,6 @@ async fn every_answer(State(shared): App, request: Request, next: Next) -> Respo
     let mut response = next.run(request).await;
     let class = usize::from(response.status().as_u16() / 100).clamp(1, 5);
     shared.answers[class - 1].fetch_add(1, Ordering::Relaxed);
-    response.headers_mut().insert(
-        header::X_CONTENT_TYPE_OPTIONS,
-        HeaderValue::from_static("nosniff"),
-    );
+    response.headers_mut().insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
     response
 }

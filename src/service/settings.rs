@@ -70,10 +70,7 @@ impl Default for Settings {
 impl Settings {
     /// What a mesh may cost.
     pub(super) fn limits(&self) -> Limits {
-        Limits {
-            max_bytes: self.max_upload_bytes,
-            max_faces: self.max_faces,
-        }
+        Limits { max_bytes: self.max_upload_bytes, max_faces: self.max_faces }
     }
 
     /// [`max_wait`](Self::max_wait) as a duration.
@@ -106,10 +103,7 @@ mod tests {
             let flag = argument.get_long().expect("a flag");
             assert_eq!(flag, name.replace('_', "-"));
             let variable = argument.get_env().expect("a variable");
-            assert_eq!(
-                variable.to_str(),
-                Some(format!("TESSERAE_{}", name.to_uppercase()).as_str())
-            );
+            assert_eq!(variable.to_str(), Some(format!("TESSERAE_{}", name.to_uppercase()).as_str()));
             assert!(argument.get_help().is_some(), "{name} is not explained");
         }
     }

@@ -120,34 +120,25 @@ fn body_kind(headers: &HeaderMap) -> Result<BodyKind> {
             "a mesh is no application/x-www-form-urlencoded (which curl says when it is not told otherwise): \
              say what it is, as with -H 'Content-Type: model/obj'; one of {ACCEPTED}"
         )),
-        _ => unsupported(format!(
-            "the body must be one of {ACCEPTED}, not {essence:?}"
-        )),
+        _ => unsupported(format!("the body must be one of {ACCEPTED}, not {essence:?}")),
     }
 }
 
 /// The format that a media type and `?format=` agree on.
 fn agreed(by_type: Option<Format>, by_query: Option<Format>) -> Result<Option<Format>> {
     match (by_type, by_query) {
-        (Some(by_type), Some(by_query)) if by_type != by_query => Err(Error::parameter(
-            format_args!(
-                "media type and parameter format contradict each other: {} and {}",
-                by_type.media_type(),
-                by_query.name()
-            ),
-        )),
+        (Some(by_type), Some(by_query)) if by_type != by_query => Err(Error::parameter(format_args!(
+            "media type and parameter format contradict each other: {} and {}",
+            by_type.media_type(),
+            by_query.name()
+        ))),
         _ => Ok(by_type.or(by_query)),
     }
 }
 
 /// The declared length of the body.
 fn content_length(headers: &HeaderMap) -> Option<u64> {
-    headers
-        .get(header::CONTENT_LENGTH)?
-        .to_str()
-        .ok()?
-        .parse()
-        .ok()
+    headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
 }
 
 /// A file that was received.
@@ -175,28 +166,19 @@ impl Saved {
 }
 
 /// Writes a stream to a new file. `early` sees the first bytes as soon as they are there and may refuse them.
-async fn save<S>(
-    mut stream: S,
-    path: PathBuf,
-    early: impl Fn(&[u8]) -> Result<()>,
-) -> Result<Saved>
+async fn save<S>(mut stream: S, path: PathBuf, early: impl Fn(&[u8]) -> Result<()>) -> Result<Saved>
 where
     S: Stream<Item = Result<Bytes>> + Unpin,
 {
     let cannot = |error| Error::io("an upload cannot be stored", error);
     let mut file = tokio::fs::File::create_new(path).await.map_err(cannot)?;
-    let mut saved = Saved {
-        bytes: 0,
-        head: Vec::new(),
-    };
+    let mut saved = Saved { bytes: 0, head: Vec::new() };
     while let Some(chunk) = stream.next().await {
         let chunk = chunk?;
         saved.bytes += chunk.len() as u64;
         let missing = HEAD_BYTES - saved.head.len();
         if missing > 0 {
-            saved
-                .head
-                .extend_from_slice(&chunk[..missing.min(chunk.len())]);
+            saved.head.extend_from_slice(&chunk[..missing.min(chunk.len())]);
             if saved.head.len() == HEAD_BYTES {
                 early(&saved.head)?;
             }
@@ -213,10 +195,7 @@ mod tests {
 
     fn kind(content_type: &'static str) -> Result<BodyKind> {
         let mut headers = HeaderMap::new();
-        headers.insert(
-            header::CONTENT_TYPE,
-            axum::http::HeaderValue::from_static(content_type),
-        );
+        headers.insert(header::CONTENT_TYPE, axum::http::HeaderValue::from_static(content_type));
         body_kind(&headers)
     }
 
@@ -224,10 +203,7 @@ mod tests {
     fn media_types_are_read_as_the_standard_says() {
         for (content_type, expected) in [
             ("model/obj", BodyKind::Mesh(Some(Format::Obj))),
-            (
-                "Model/glTF-Binary; charset=x",
-                BodyKind::Mesh(Some(Format::Glb)),
-            ),
+            ("Model/glTF-Binary; charset=x", BodyKind::Mesh(Some(Format::Glb))),
             ("model/gltf+json", BodyKind::Mesh(Some(Format::Gltf))),
             ("application/octet-stream", BodyKind::Mesh(None)),
             ("multipart/form-data; boundary=x", BodyKind::Form),

@@ -54,22 +54,13 @@ impl DeviceThread {
 
     /// Hands over a mesh, as soon as the thread has room for it.
     pub(super) async fn submit(&self, task: Task) -> Result<()> {
-        self.tasks.send(task).await.map_err(|_| {
-            Error::new(Kind::Internal, "the thread of the device is gone")
-        })
+        self.tasks.send(task).await.map_err(|_| Error::new(Kind::Internal, "the thread of the device is gone"))
     }
 }
 
 impl Task {
     fn run(self, device: &mut dyn Device) {
-        let Task {
-            prepared,
-            cancel,
-            mut on_iteration,
-            span,
-            reply,
-            slot,
-        } = self;
+        let Task { prepared, cancel, mut on_iteration, span, reply, slot } = self;
         let outcome = {
             let _entered = span.enter();
             caught(|| job::run(&prepared, device, &cancel, &mut *on_iteration))

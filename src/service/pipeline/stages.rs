@@ -29,13 +29,7 @@ const ROWS_AT_ONCE: usize = 1024;
 
 impl Pipeline {
     /// From the upload to labels, in memory. May be dropped in the middle.
-    pub(super) async fn cluster(
-        &self,
-        slot: &Slot,
-        ticket: Ticket,
-        job: &Job,
-        cancel: &Cancel,
-    ) -> Result<Outcome> {
+    pub(super) async fn cluster(&self, slot: &Slot, ticket: Ticket, job: &Job, cancel: &Cancel) -> Result<Outcome> {
         let prepared = self.prepare(job, Arc::clone(slot)).await?;
         Span::current().record("faces", prepared.input.faces);
         Span::current().record("clusters", prepared.parameters.clusters);
@@ -56,25 +50,15 @@ impl Pipeline {
         self.device.submit(task).await?;
         let outcome = outcome.await;
         let told = log.await;
-        let outcome =
-            outcome.map_err(|_| Error::new(Kind::Internal, "the thread of the device is gone"))??;
+        let outcome = outcome.map_err(|_| Error::new(Kind::Internal, "the thread of the device is gone"))??;
         told.map_err(|error| {
-            Error::new(
-                Kind::Internal,
-                format_args!("the events of the job were not written: {error}"),
-            )
+            Error::new(Kind::Internal, format_args!("the events of the job were not written: {error}"))
         })??;
         Ok(outcome)
     }
 
     /// From labels to files. Must not be dropped in the middle: it would go on, and leave files that nobody knows of.
-    pub(super) async fn write(
-        &self,
-        slot: Slot,
-        job: &Job,
-        outcome: Outcome,
-        started: Instant,
-    ) -> Result<Summary> {
+    pub(super) async fn write(&self, slot: Slot, job: &Job, outcome: Outcome, started: Instant) -> Result<Summary> {
         let folder = self.files.result(job.id);
         blocking(move || {
             let _slot = slot;
@@ -117,11 +101,7 @@ impl Pipeline {
 }
 
 /// Appends rows to the events of a job as they come, many at once when they come fast.
-async fn tell(
-    store: Arc<dyn JobStore>,
-    ticket: Ticket,
-    mut inbox: mpsc::UnboundedReceiver<Iteration>,
-) -> Result<()> {
+async fn tell(store: Arc<dyn JobStore>, ticket: Ticket, mut inbox: mpsc::UnboundedReceiver<Iteration>) -> Result<()> {
     let mut rows = Vec::new();
     while inbox.recv_many(&mut rows, ROWS_AT_ONCE).await > 0 {
         let progress = rows.last().map_or_else(Progress::default, |row| Progress {
@@ -145,32 +125,19 @@ fn write(outcome: Outcome, folder: &Path, started: Instant) -> Result<Summary> {
     let cannot = |error| Error::io("the result cannot be stored", error);
     let writing = Instant::now();
     let parent = folder.parent().unwrap_or(folder);
-    let unfinished = tempfile::Builder::new()
-        .prefix("unfinished-")
-        .tempdir_in(parent)
-        .map_err(cannot)?;
-    for (format, name) in [
-        (LabelFormat::Npy, files::LABELS_NPY),
-        (LabelFormat::Json, files::LABELS_JSON),
-    ] {
+    let unfinished = tempfile::Builder::new().prefix("unfinished-").tempdir_in(parent).map_err(cannot)?;
+    for (format, name) in [(LabelFormat::Npy, files::LABELS_NPY), (LabelFormat::Json, files::LABELS_JSON)] {
         let mut out = create(&unfinished.path().join(name)).map_err(cannot)?;
-        write_labels(&mut out, format, report.clusters, &labels)
-            .and_then(|()| out.flush())
-            .map_err(cannot)?;
+        write_labels(&mut out, format, report.clusters, &labels).and_then(|()| out.flush()).map_err(cannot)?;
     }
     report.timings_ms.write = milliseconds(writing.elapsed());
     report.timings_ms.total = milliseconds(started.elapsed());
     let mut out = create(&unfinished.path().join(files::REPORT)).map_err(cannot)?;
     serde_json::to_writer(&mut out, &report).map_err(not_json)?;
-    out.write_all(b"\n")
-        .and_then(|()| out.flush())
-        .map_err(cannot)?;
+    out.write_all(b"\n").and_then(|()| out.flush()).map_err(cannot)?;
     std::fs::rename(unfinished.path(), folder).map_err(cannot)?;
     drop(unfinished.keep());
-    Ok(Summary {
-        faces: labels.len() as u64,
-        clusters: report.clusters,
-    })
+    Ok(Summary { faces: labels.len() as u64, clusters: report.clusters })
 }
 
 fn create(path: &Path) -> std::io::Result<BufWriter<File>> {
@@ -182,10 +149,7 @@ fn read(path: &Path) -> Result<Vec<u8>> {
 }
 
 fn not_json(error: serde_json::Error) -> Error {
-    Error::new(
-        Kind::Internal,
-        format_args!("a report cannot be written as JSON: {error}"),
-    )
+    Error::new(Kind::Internal, format_args!("a report cannot be written as JSON: {error}"))
 }
 
 fn milliseconds(duration: std::time::Duration) -> f64 {
@@ -199,11 +163,8 @@ struct Parts {
 
 impl Parts {
     fn new(folder: &Path, names: &[String]) -> Self {
-        let paths = names
-            .iter()
-            .enumerate()
-            .map(|(index, name)| (name.clone(), folder.join(files::buffer(index))))
-            .collect();
+        let paths =
+            names.iter().enumerate().map(|(index, name)| (name.clone(), folder.join(files::buffer(index)))).collect();
         Self { paths }
     }
 }
@@ -240,10 +201,7 @@ mod tests {
         assert_eq!(parts.load("a/b c.bin", 5).as_deref(), Ok(&b"first"[..]));
         // a name is a name, whatever it looks like
         assert_eq!(parts.load("../x", 9).as_deref(), Ok(&b"second"[..]));
-        assert_eq!(
-            parts.load("a/b c.bin", 4).map_err(|error| error.kind),
-            Err(Kind::TooLarge)
-        );
+        assert_eq!(parts.load("a/b c.bin", 4).map_err(|error| error.kind), Err(Kind::TooLarge));
         for uri in ["buffer-0", "mesh", "/etc/passwd", "../buffer-0", "b c.bin", ""] {
             let error = parts.load(uri, 100).expect_err(uri);
             assert_eq!(error.kind, Kind::InvalidMesh);

@@ -12,8 +12,8 @@ use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use tokio::sync::watch;
 
 use super::{
-    Deletion, End, Event, Job, JobId, JobStore, ListQuery, Page, Progress, Pulse, Spec,
-    State, Ticket, What, no_such_job,
+    Deletion, End, Event, Job, JobId, JobStore, ListQuery, Page, Progress, Pulse, Spec, State, Ticket, What,
+    no_such_job,
 };
 use crate::error::{Error, Kind, Result};
 
@@ -47,11 +47,7 @@ struct Entry {
 impl MemoryStore {
     /// An empty store in which at most `max_queued` jobs wait.
     pub fn new(max_queued: usize) -> Self {
-        Self {
-            max_queued,
-            inner: Mutex::default(),
-            arrivals: watch::Sender::default(),
-        }
+        Self { max_queued, inner: Mutex::default(), arrivals: watch::Sender::default() }
     }
 
     /// The state; it is whole at every moment in which a holder of the lock could panic.
@@ -64,10 +60,7 @@ impl MemoryStore {
         if inner.queue.len() >= self.max_queued {
             return Err(Error::new(
                 Kind::QueueFull,
-                format_args!(
-                    "as many jobs wait as may; try again later: {}",
-                    self.max_queued
-                ),
+                format_args!("as many jobs wait as may; try again later: {}", self.max_queued),
             ));
         }
         Ok(())
@@ -87,15 +80,9 @@ impl Inner {
 
     /// The running job that a ticket is valid for.
     fn claimed(&mut self, ticket: Ticket) -> Result<&mut Entry> {
-        let entry = self
-            .jobs
-            .get_mut(&ticket.job)
-            .ok_or_else(|| no_such_job(ticket.job))?;
+        let entry = self.jobs.get_mut(&ticket.job).ok_or_else(|| no_such_job(ticket.job))?;
         if entry.job.state != State::Running || entry.attempt != ticket.attempt {
-            return Err(Error::new(
-                Kind::Conflict,
-                format_args!("the job is no longer this worker's: {}", ticket.job),
-            ));
+            return Err(Error::new(Kind::Conflict, format_args!("the job is no longer this worker's: {}", ticket.job)));
         }
         Ok(entry)
     }
@@ -205,29 +192,18 @@ impl JobStore for MemoryStore {
             return Ok(None);
         };
         let inner = &mut *inner;
-        let entry = inner
-            .numbers
-            .get(&number)
-            .and_then(|id| inner.jobs.get_mut(id));
+        let entry = inner.numbers.get(&number).and_then(|id| inner.jobs.get_mut(id));
         Ok(entry.map(|entry| {
             entry.attempt += 1;
             entry.job.state = State::Running;
             entry.job.started_at = Some(SystemTime::now());
             entry.append([What::State(State::Running)]);
-            let ticket = Ticket {
-                job: entry.job.id,
-                attempt: entry.attempt,
-            };
+            let ticket = Ticket { job: entry.job.id, attempt: entry.attempt };
             (ticket, entry.job.clone())
         }))
     }
 
-    async fn append(
-        &self,
-        ticket: Ticket,
-        events: Vec<What>,
-        progress: Progress,
-    ) -> Result<()> {
+    async fn append(&self, ticket: Ticket, events: Vec<What>, progress: Progress) -> Result<()> {
         let mut inner = self.lock();
         let entry = inner.claimed(ticket)?;
         entry.job.progress = progress;
@@ -280,9 +256,7 @@ impl JobStore for MemoryStore {
     async fn events(&self, id: JobId, after: u64, limit: usize) -> Result<Option<Vec<Event>>> {
         let inner = self.lock();
         Ok(inner.jobs.get(&id).map(|entry| {
-            let first = usize::try_from(after)
-                .unwrap_or(usize::MAX)
-                .min(entry.events.len());
+            let first = usize::try_from(after).unwrap_or(usize::MAX).min(entry.events.len());
             let end = first.saturating_add(limit).min(entry.events.len());
             entry.events[first..end].to_vec()
         }))
@@ -301,13 +275,7 @@ impl JobStore for MemoryStore {
 
     async fn counts(&self) -> Result<[u64; State::ALL.len()]> {
         let inner = self.lock();
-        Ok(State::ALL.map(|state| {
-            inner
-                .jobs
-                .values()
-                .filter(|entry| entry.job.state == state)
-                .count() as u64
-        }))
+        Ok(State::ALL.map(|state| inner.jobs.values().filter(|entry| entry.job.state == state).count() as u64))
     }
 }
 
@@ -321,18 +289,8 @@ fn number_of(cursor: &str) -> Result<u64> {
     URL_SAFE_NO_PAD
         .decode(cursor)
         .ok()
-        .and_then(|bytes| {
-            std::str::from_utf8(&bytes)
-                .ok()?
-                .strip_prefix("before ")?
-                .parse()
-                .ok()
-        })
-        .ok_or_else(|| {
-            Error::parameter(format_args!(
-                "cursor is not one that a list of jobs gave: {cursor:?}"
-            ))
-        })
+        .and_then(|bytes| std::str::from_utf8(&bytes).ok()?.strip_prefix("before ")?.parse().ok())
+        .ok_or_else(|| Error::parameter(format_args!("cursor is not one that a list of jobs gave: {cursor:?}")))
 }
 
 #[cfg(test)]

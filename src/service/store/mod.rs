@@ -62,11 +62,7 @@ impl FromStr for JobId {
 
     /// Takes the hyphenated form only, so that a job has one address.
     fn from_str(text: &str) -> Result<Self> {
-        Uuid::try_parse(text)
-            .ok()
-            .map(Self)
-            .filter(|id| id.to_string() == text)
-            .ok_or_else(|| no_such_job(text))
+        Uuid::try_parse(text).ok().map(Self).filter(|id| id.to_string() == text).ok_or_else(|| no_such_job(text))
     }
 }
 
@@ -93,13 +89,7 @@ pub(super) enum State {
 
 impl State {
     /// Every state.
-    pub const ALL: [State; 5] = [
-        State::Queued,
-        State::Running,
-        State::Succeeded,
-        State::Failed,
-        State::Cancelled,
-    ];
+    pub const ALL: [State; 5] = [State::Queued, State::Running, State::Succeeded, State::Failed, State::Cancelled];
 
     /// As it is written in JSON and in queries.
     pub fn name(self) -> &'static str {
@@ -286,12 +276,7 @@ pub(super) trait JobStore: fmt::Debug + Send + Sync {
     async fn claim(&self) -> Result<Option<(Ticket, Job)>>;
 
     /// Appends events and replaces the progress.
-    async fn append(
-        &self,
-        ticket: Ticket,
-        events: Vec<What>,
-        progress: Progress,
-    ) -> Result<()>;
+    async fn append(&self, ticket: Ticket, events: Vec<What>, progress: Progress) -> Result<()>;
 
     /// Ends a running job.
     async fn finish(&self, ticket: Ticket, end: End) -> Result<()>;

@@ -21,12 +21,7 @@ use crate::service::store::Spec;
 const MAX_BUFFERS: usize = 1024;
 
 /// Receives a form.
-pub(super) async fn receive(
-    parts: Parts,
-    intake: Intake,
-    wanted: Wanted,
-    files: &Files,
-) -> Result<Upload> {
+pub(super) async fn receive(parts: Parts, intake: Intake, wanted: Wanted, files: &Files) -> Result<Upload> {
     let allowance = intake.allowance();
     allowance.between_parts();
     let request = Request::from_parts(parts, Body::from_stream(intake));
@@ -83,9 +78,7 @@ impl Form {
                 let path = self.folder.file(files::SEEDS);
                 save(content(field), path, |_| Ok(())).await.map(drop)
             }
-            "weights" => Err(Error::parameter(
-                "weights for faces are not supported yet: leave out the part weights",
-            )),
+            "weights" => Err(Error::parameter("weights for faces are not supported yet: leave out the part weights")),
             "" => Err(Error::new(
                 Kind::BadRequest,
                 "a part of the form has no name (Content-Disposition: form-data; name=\"…\")",
@@ -106,25 +99,17 @@ impl Form {
             None => Format::recognise(file_name.as_deref(), head)?.check_head(head, None),
         };
         let saved = save(content(field), self.folder.file(files::MESH), early).await?;
-        self.mesh = Some(Mesh {
-            saved,
-            file_name,
-            format,
-        });
+        self.mesh = Some(Mesh { saved, file_name, format });
         Ok(())
     }
 
     async fn add_buffer(&mut self, field: Field<'_>) -> Result<()> {
         let name = field.file_name().unwrap_or_default().to_owned();
         if name.is_empty() {
-            return Err(Error::parameter(
-                "a part buffer needs a file name: the URI that the mesh refers to it by",
-            ));
+            return Err(Error::parameter("a part buffer needs a file name: the URI that the mesh refers to it by"));
         }
         if self.buffers.contains(&name) {
-            return Err(Error::parameter(format_args!(
-                "two parts buffer have the same file name: {name:?}"
-            )));
+            return Err(Error::parameter(format_args!("two parts buffer have the same file name: {name:?}")));
         }
         if self.buffers.len() == MAX_BUFFERS {
             return Err(Error::too_large(format_args!(
@@ -139,9 +124,8 @@ impl Form {
 
     /// Checks the whole.
     fn finish(self) -> Result<Upload> {
-        let mesh = self.mesh.ok_or_else(|| {
-            Error::parameter("the form has no part named mesh: send the mesh as one")
-        })?;
+        let mesh =
+            self.mesh.ok_or_else(|| Error::parameter("the form has no part named mesh: send the mesh as one"))?;
         let format = mesh.saved.format(mesh.format, mesh.file_name.as_deref())?;
         if !self.buffers.is_empty() && format == Format::Obj {
             return Err(Error::parameter(format_args!(
@@ -157,19 +141,14 @@ impl Form {
             buffers: self.buffers,
             listed_seeds: self.listed_seeds,
         };
-        Ok(Upload {
-            folder: self.folder,
-            spec,
-        })
+        Ok(Upload { folder: self.folder, spec })
     }
 }
 
 /// Refuses a part that was there before.
 fn once(name: &str, there: bool) -> Result<()> {
     if there {
-        return Err(Error::parameter(format_args!(
-            "there is more than one part of that name: {name}"
-        )));
+        return Err(Error::parameter(format_args!("there is more than one part of that name: {name}")));
     }
     Ok(())
 }
@@ -208,8 +187,5 @@ fn unreadable(error: MultipartError) -> Error {
         }
         source = cause.source();
     }
-    Error::new(
-        Kind::BadRequest,
-        format_args!("the form cannot be read: {}", error.body_text()),
-    )
+    Error::new(Kind::BadRequest, format_args!("the form cannot be read: {}", error.body_text()))
 }
