@@ -56,6 +56,15 @@ pub struct Part {
     pub faces: u64,
 }
 
+/// A name for a part, cut short where it is longer than any sensible one: it may be repeated for every part.
+fn part_name(name: &str) -> String {
+    const LONGEST: usize = 255;
+    match name.char_indices().nth(LONGEST) {
+        Some((end, _)) => format!("{}…", &name[..end]),
+        None => name.to_owned(),
+    }
+}
+
 /// What a mesh may cost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
@@ -95,9 +104,14 @@ impl Limits {
     }
 }
 
+/// Bytes that [`Format::check_head`] is shown.
+const HEAD: usize = 4096;
+
 /// Reads a mesh from its bytes.
 pub fn read(bytes: &[u8], format: Format, resources: &dyn Resources, limits: &Limits) -> Result<PolygonMesh> {
     limits.check_bytes(bytes.len() as u64)?;
+    let head = &bytes[..bytes.len().min(HEAD)];
+    format.check_head(head, Some(bytes.len() as u64))?;
     let mesh = match format {
         Format::Obj => obj::read(bytes, limits)?,
         Format::Glb => gltf::read_binary(bytes, resources, limits)?,
