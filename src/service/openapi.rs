@@ -1,0 +1,150 @@
+//! The description of the interface, generated from the code: `openapi.yaml` in the repository and `/openapi.yaml` on
+//! the service.
+
+#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
+
+use axum::http::header;
+use axum::response::IntoResponse;
+use serde_json::{Value, json};
+use utoipa::openapi::path::{Parameter, ParameterBuilder, ParameterIn};
+use utoipa::openapi::{self, RefOr, Required, Schema};
+use utoipa::{Modify, OpenApi, ToResponse, ToSchema};
+
+use super::problem::{Answer, Problem};
+use super::{events, info, jobs, results};
+use crate::error::{Error, Kind, Result};
+use crate::parameters::Seeds;
+
+/// Bytes.
+#[derive(ToSchema)]
+#[schema(value_type = String, format = Binary)]
+#[expect(dead_code, reason = "describes bodies for openapi.yaml")]
+pub(super) struct Binary(String);
+
+/// What went wrong.
+#[derive(ToResponse)]
+#[response(description = "What went wrong (RFC 9457)", content_type = "application/problem+json")]
+#[expect(dead_code, reason = "describes answers for openapi.yaml")]
+pub(super) struct Problematic(Problem);
+
+#[derive(OpenApi)]
+#[openapi(
+    info(
+        title = "Tesserae",
+        description = "Clusters the faces of polygon meshes: a mesh in, one label a face and live energies out."
+    ),
+    paths(
+        jobs::create,
+        jobs::list,
+        jobs::show,
+        jobs::remove,
+        events::stream,
+        results::labels,
+        results::hierarchy,
+        results::report,
+        info::device,
+        info::formats,
+        info::version,
+        info::healthz,
+        info::readyz,
+        info::metrics,
+        show,
+    ),
+    components(
+        schemas(events::StateEvent, events::EndEvent),
+        responses(Problematic)
+    ),
+    tags(
+        (name = "jobs", description = "Submit, follow, cancel"),
+        (name = "results", description = "What a job gave"),
+        (name = "service", description = "The service itself"),
+    ),
+    modifiers(&Adjustments),
+)]
+struct Document;
+
+/// What the derives cannot say: the members of `Parameters` are query parameters of `POST /v1/jobs` too, no request
+/// carries a null, and seeds are no path here.
+struct Adjustments;
+
+impl Modify for Adjustments {
+    fn modify(&self, document: &mut openapi::OpenApi) {
+        let schemas = document.components.as_mut().map(|components| &mut components.schemas);
+        let Some(RefOr::T(Schema::Object(parameters))) = schemas.and_then(|schemas| schemas.get_mut("Parameters"))
+        else {
+            return;
+        };
+        if let Some(RefOr::T(Schema::Object(seeds))) = parameters.properties.get_mut("seeds") {
+            seeds.description = Some(
+                "Where clusters start: morton (stratified by area along a Morton curve), random, or listed, which is \
+                 implied by a part `seeds`"
+                    .to_owned(),
+            );
+            seeds.enum_values = Some([Seeds::Morton, Seeds::Random, Seeds::Listed].map(|seeds| json!(seeds)).into());
+        }
+        let members: Vec<_> = parameters.properties.iter().map(|(name, schema)| in_query(name, schema)).collect();
+        for (path, item) in &mut document.paths.paths {
+            for operation in [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten() {
+                for parameter in operation.parameters.iter_mut().flatten() {
+                    if let RefOr::T(parameter) = parameter {
+                        parameter.schema = parameter.schema.as_ref().and_then(without_null);
+                    }
+                }
+            }
+            if let Some(post) = item.post.as_mut().filter(|_| path == "/v1/jobs") {
+                post.parameters.get_or_insert_default().extend(members.iter().cloned().map(RefOr::from));
+            }
+        }
+    }
+}
+
+/// A member of a schema as a query parameter; its description moves up.
+fn in_query(name: &str, schema: &RefOr<Schema>) -> Parameter {
+    let mut schema = schema.clone();
+    let description = match &mut schema {
+        RefOr::T(Schema::Object(schema)) => schema.description.take(),
+        RefOr::Ref(reference) => Some(std::mem::take(&mut reference.description)),
+        RefOr::T(_) => None,
+    };
+    ParameterBuilder::new()
+        .name(name)
+        .parameter_in(ParameterIn::Query)
+        .required(Required::False)
+        .description(description)
+        .schema(without_null(&schema))
+        .build()
+}
+
+/// A schema less the null of its type.
+fn without_null(schema: &RefOr<Schema>) -> Option<RefOr<Schema>> {
+    let mut schema = serde_json::to_value(schema).ok()?;
+    if let Some(Value::Array(types)) = schema.get_mut("type") {
+        types.retain(|name| name != "null");
+        if let [only] = types.as_slice() {
+            schema["type"] = only.clone();
+        }
+    }
+    serde_json::from_value(schema).ok()
+}
+
+/// The description as YAML, as it stands in `openapi.yaml`.
+pub fn openapi_yaml() -> Result<String> {
+    Document::openapi()
+        .to_yaml()
+        .map_err(|error| Error::new(Kind::Internal, format_args!("the description cannot be written: {error}")))
+}
+
+/// This description
+///
+/// OpenAPI, as YAML.
+#[utoipa::path(
+    get, path = "/openapi.yaml", tag = "service", operation_id = "getOpenapi",
+    responses(
+        (status = 200, description = "The description", body = String, content_type = "application/yaml"),
+        (status = 500, response = Problematic),
+    ),
+)]
+pub(super) async fn show() -> Answer {
+    let yaml = openapi_yaml()?;
+    Ok(([(header::CONTENT_TYPE, "application/yaml")], yaml).into_response())
+}
