@@ -10,8 +10,13 @@ use tesserae::device::gpu::kernels::{Access, Binding, KERNELS, Kernel};
 use tesserae::device::gpu::layout::{GATHER_RUN, STRUCTS, Struct, WORKGROUP};
 
 fn module(kernel: &Kernel) -> Module {
-    naga::front::wgsl::parse_str(&kernel.source())
-        .unwrap_or_else(|error| panic!("{}.wgsl: {}", kernel.name, error.emit_to_string(&kernel.source())))
+    naga::front::wgsl::parse_str(&kernel.source()).unwrap_or_else(|error| {
+        panic!(
+            "{}.wgsl: {}",
+            kernel.name,
+            error.emit_to_string(&kernel.source())
+        )
+    })
 }
 
 /// The bindings that a module declares, or what is wrong with them.
@@ -77,15 +82,12 @@ fn check_struct(module: &Module, expected: &Struct) -> Result<bool, String> {
         };
         let found: Vec<_> = members
             .iter()
-            .map(|member| {
-                (
-                    member.name.as_deref().unwrap_or(""),
-                    member.offset as usize,
-                )
-            })
+            .map(|member| (member.name.as_deref().unwrap_or(""), member.offset as usize))
             .collect();
         if *span as usize != expected.size || found != expected.members {
-            return Err(format!("WGSL has {span} bytes, {found:?}; Rust has {expected:?}"));
+            return Err(format!(
+                "WGSL has {span} bytes, {found:?}; Rust has {expected:?}"
+            ));
         }
         return Ok(true);
     }
@@ -99,7 +101,11 @@ fn every_shader_is_valid() {
         Validator::new(ValidationFlags::all(), Capabilities::SHADER_INT64)
             .validate(&module)
             .unwrap_or_else(|error| {
-                panic!("{}.wgsl: {}", kernel.name, error.emit_to_string(&kernel.source()))
+                panic!(
+                    "{}.wgsl: {}",
+                    kernel.name,
+                    error.emit_to_string(&kernel.source())
+                )
             });
     }
 }
@@ -114,7 +120,11 @@ fn every_shader_declares_the_bindings_of_the_table() {
             .iter()
             .filter(|binding| binding.access != Access::Turn)
             .count();
-        assert!(storage <= 8, "{}: portable devices bind 8 storage buffers", kernel.name);
+        assert!(
+            storage <= 8,
+            "{}: portable devices bind 8 storage buffers",
+            kernel.name
+        );
     }
 }
 
@@ -126,7 +136,12 @@ fn every_shader_has_one_entry_point_of_its_name_and_workgroup_size() {
             panic!("{}.wgsl: not one entry point", kernel.name);
         };
         assert_eq!(entry.name, kernel.name);
-        assert_eq!(entry.workgroup_size, [kernel.workgroup_size, 1, 1], "{}", kernel.name);
+        assert_eq!(
+            entry.workgroup_size,
+            [kernel.workgroup_size, 1, 1],
+            "{}",
+            kernel.name
+        );
     }
 }
 
@@ -166,17 +181,27 @@ fn the_table_lists_every_shader_file() {
     let files: BTreeSet<String> = std::fs::read_dir(folder)
         .expect("shaders/")
         .filter_map(|entry| {
-            let name = entry.expect("an entry").file_name().into_string().expect("UTF-8");
+            let name = entry
+                .expect("an entry")
+                .file_name()
+                .into_string()
+                .expect("UTF-8");
             name.strip_suffix(".wgsl").map(str::to_owned)
         })
         .collect();
-    let table: BTreeSet<String> = KERNELS.iter().map(|kernel| kernel.name.to_owned()).collect();
+    let table: BTreeSet<String> = KERNELS
+        .iter()
+        .map(|kernel| kernel.name.to_owned())
+        .collect();
     assert_eq!(files, table);
 }
 
 #[test]
 fn the_comparison_notices_differences() {
-    let kernel = KERNELS.iter().find(|kernel| kernel.name == "apply").expect("apply");
+    let kernel = KERNELS
+        .iter()
+        .find(|kernel| kernel.name == "apply")
+        .expect("apply");
     let swapped = kernel.source().replace("@binding(2)", "@binding(7)");
     let module_with = |source: &str| naga::front::wgsl::parse_str(source).expect("WGSL");
     assert!(check_bindings(&module_with(&swapped), kernel.bindings).is_err());
@@ -185,7 +210,9 @@ fn the_comparison_notices_differences() {
         "var<storage, read_write> wishes: array<u32>",
     );
     assert!(check_bindings(&module_with(&read_only), kernel.bindings).is_err());
-    let grown = kernel.source().replace("moves: atomic<u32>,", "moves: atomic<u32>, more: u32,");
+    let grown = kernel
+        .source()
+        .replace("moves: atomic<u32>,", "moves: atomic<u32>, more: u32,");
     assert_ne!(grown, kernel.source());
     assert!(
         STRUCTS

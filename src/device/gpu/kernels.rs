@@ -108,12 +108,7 @@ pub const GATHER: Kernel = Kernel {
         ADD_WGSL,
         include_str!("../../../shaders/gather.wgsl"),
     ],
-    bindings: &[
-        TURN,
-        FACES,
-        binding("labels", Access::Read, 4),
-        CLUSTERS,
-    ],
+    bindings: &[TURN, FACES, binding("labels", Access::Read, 4), CLUSTERS],
     workgroup_size: WORKGROUP,
 };
 
