@@ -1,0 +1,55 @@
+//! A trefoil knot with bumps: closed, curved everywhere, triangles of different sizes.
+
+use super::Piece;
+use super::patch::{cells, closed_faces, sin_cos};
+
+/// Trefoil knot with close to `faces` triangles, some 6 units wide.
+///
+/// The centre line winds twice around the z axis and three times around a torus; the normal of that torus is always
+/// perpendicular to it and closes with it, so it serves as the frame of the tube.
+pub fn knot(faces: u64) -> Piece {
+    const TUBE: f64 = 0.6;
+    const LENGTH_OVER_GIRTH: f64 = 8.5;
+    let [u, v] = cells(faces, LENGTH_OVER_GIRTH, [12, 3]);
+    let mut positions = Vec::with_capacity((u * v) as usize);
+    for i in 0..u {
+        let turns = i as f64 / u as f64;
+        let (sin2, cos2) = sin_cos(2.0 * turns);
+        let (sin3, cos3) = sin_cos(3.0 * turns);
+        let radius = 2.0 + cos3;
+        let centre = [radius * cos2, radius * sin2, sin3];
+        let tangent = unit([
+            -3.0 * sin3 * cos2 - 2.0 * radius * sin2,
+            -3.0 * sin3 * sin2 + 2.0 * radius * cos2,
+            3.0 * cos3,
+        ]);
+        let normal = [cos3 * cos2, cos3 * sin2, sin3];
+        let binormal = cross(normal, tangent);
+        for j in 0..v {
+            let around = j as f64 / v as f64;
+            let (sin, cos) = sin_cos(around);
+            let bump = sin_cos(36.0 * turns).0 * sin_cos(4.0 * around).0;
+            let tube = TUBE * (1.0 + 0.12 * bump);
+            positions.push(std::array::from_fn(|axis| {
+                centre[axis] + tube * (cos * normal[axis] + sin * binormal[axis])
+            }));
+        }
+    }
+    Piece {
+        positions,
+        faces: closed_faces([u, v]),
+    }
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+fn unit(a: [f64; 3]) -> [f64; 3] {
+    let length = (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]).sqrt();
+    a.map(|x| x / length)
+}
