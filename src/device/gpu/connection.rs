@@ -193,7 +193,7 @@ impl Connection {
             Some(Fault::Lose(_)) => self.device.destroy(),
             Some(Fault::Misuse(_)) => {
                 // more than any device allows
-                self.device.create_buffer(&wgpu::BufferDescriptor {
+                let _ = self.device.create_buffer(&wgpu::BufferDescriptor {
                     label: Some("misuse"),
                     size: u64::MAX - 3,
                     usage: wgpu::BufferUsages::STORAGE,
