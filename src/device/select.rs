@@ -246,5 +246,8 @@ mod tests {
             old.to_string(),
             "1: Old Card (discrete, vulkan, unusable: it is old)"
         );
+        let json = serde_json::to_value(&old).expect("JSON");
+        assert_eq!(json["kind"], "discrete");
+        assert_eq!(json["reason"], "it is old");
     }
 }
