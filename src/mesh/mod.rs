@@ -56,6 +56,15 @@ pub struct Part {
     pub faces: u64,
 }
 
+/// A name for a part, cut short where it is longer than any sensible one: it may be repeated for every part.
+fn part_name(name: &str) -> String {
+    const LONGEST: usize = 255;
+    match name.char_indices().nth(LONGEST) {
+        Some((end, _)) => format!("{}…", &name[..end]),
+        None => name.to_owned(),
+    }
+}
+
 /// What a mesh may cost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
@@ -67,10 +76,7 @@ pub struct Limits {
 
 impl Default for Limits {
     fn default() -> Self {
-        Self {
-            max_bytes: 4 << 30,
-            max_faces: 50_000_000,
-        }
+        Self { max_bytes: 4 << 30, max_faces: 50_000_000 }
     }
 }
 
@@ -99,12 +105,7 @@ impl Limits {
 }
 
 /// Reads a mesh from its bytes.
-pub fn read(
-    bytes: &[u8],
-    format: Format,
-    resources: &dyn Resources,
-    limits: &Limits,
-) -> Result<PolygonMesh> {
+pub fn read(bytes: &[u8], format: Format, resources: &dyn Resources, limits: &Limits) -> Result<PolygonMesh> {
     limits.check_bytes(bytes.len() as u64)?;
     let mesh = match format {
         Format::Obj => obj::read(bytes, limits)?,

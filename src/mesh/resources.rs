@@ -16,9 +16,7 @@ pub struct NoResources;
 
 impl Resources for NoResources {
     fn load(&self, uri: &str, _max_bytes: u64) -> Result<Vec<u8>> {
-        Err(Error::mesh(format_args!(
-            "the mesh refers to an external buffer, which was not sent with it: {uri:?}"
-        )))
+        Err(Error::mesh(format_args!("the mesh refers to an external buffer, which was not sent with it: {uri:?}")))
     }
 }
 

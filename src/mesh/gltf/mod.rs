@@ -2,19 +2,11 @@
 use super::{Limits, PolygonMesh, Resources};
 use crate::error::{Error, Result};
 /// Reads a `.glb` file.
-pub fn read_binary(
-    _bytes: &[u8],
-    _resources: &dyn Resources,
-    _limits: &Limits,
-) -> Result<PolygonMesh> {
+pub fn read_binary(_bytes: &[u8], _resources: &dyn Resources, _limits: &Limits) -> Result<PolygonMesh> {
     Err(Error::mesh("under construction"))
 }
 /// Reads a `.gltf` file.
-pub fn read_json(
-    _bytes: &[u8],
-    _resources: &dyn Resources,
-    _limits: &Limits,
-) -> Result<PolygonMesh> {
+pub fn read_json(_bytes: &[u8], _resources: &dyn Resources, _limits: &Limits) -> Result<PolygonMesh> {
     Err(Error::mesh("under construction"))
 }
 /// Refuses what is plainly no GLB.
