@@ -76,8 +76,10 @@ pub enum FaultPoint {
     Upload,
     /// Before a batch of the growth is queued.
     Grow,
-    /// Before a batch of iterations is queued.
-    Optimise,
+    /// Before a batch of the boundary phase is queued.
+    Boundary,
+    /// Before a batch of the refinement is queued.
+    Refine,
     /// Before the labels are read.
     Labels,
 }
@@ -128,8 +130,7 @@ impl GpuDevice {
 
     /// Whether an adapter that was found anew is this one, though others came or went.
     fn is_same(&self, report: &AdapterReport) -> bool {
-        (&report.name, &report.backend, report.usable)
-            == (&self.report.name, &self.report.backend, true)
+        (&report.name, &report.backend, report.usable) == (&self.report.name, &self.report.backend, true)
     }
 
     /// The connection, another one if the last broke. The adapter may have gone with the device, so it is looked for anew.
@@ -146,10 +147,7 @@ impl GpuDevice {
                     .find(|found| found.report == self.report)
                     .or_else(|| adapters.iter().find(|found| self.is_same(&found.report)))
                     .ok_or_else(|| {
-                        Error::new(
-                            Kind::DeviceLost,
-                            format_args!("the gpu is gone: {}", self.report.name),
-                        )
+                        Error::new(Kind::DeviceLost, format_args!("the gpu is gone: {}", self.report.name))
                     })?;
                 tracing::warn!(adapter = self.report.name, "opening the lost gpu again");
                 Connection::open(found, self.overrides)?
@@ -164,11 +162,7 @@ impl Device for GpuDevice {
         &self.info
     }
 
-    fn open<'a>(
-        &'a mut self,
-        surface: &'a Surface,
-        component_of_cluster: &'a [u32],
-    ) -> Result<Box<dyn Steps + 'a>> {
+    fn open<'a>(&'a mut self, surface: &'a Surface, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
         let energy_shifts = energy_shifts(surface, component_of_cluster)?;
         let fault = self.fault.take();
         let connection = self.connection()?;
@@ -197,12 +191,10 @@ fn energy_shifts(surface: &Surface, component_of_cluster: &[u32]) -> Result<Vec<
     }
     component_of_cluster
         .iter()
-        .map(
-            |&component| match surface.components.get(component as usize) {
-                Some(component) if component.energy_shift <= 30 => Ok(component.energy_shift),
-                Some(_) => Err(defect("a component's energy shift is above 30")),
-                None => Err(defect("a cluster lies in a component that does not exist")),
-            },
-        )
+        .map(|&component| match surface.components.get(component as usize) {
+            Some(component) if component.energy_shift <= 30 => Ok(component.energy_shift),
+            Some(_) => Err(defect("a component's energy shift is above 30")),
+            None => Err(defect("a cluster lies in a component that does not exist")),
+        })
         .collect()
 }
