@@ -137,7 +137,8 @@ fn settle(chunk: &mut Chunk<'_>, before: usize, total: usize) -> Result<(), (usi
     }
     let mut message = None;
     if let Some((at, vertex)) = outside {
-        message = Some((at, format!("a negative index reaches {} before the first vertex", vertex.unsigned_abs())));
+        message =
+            Some((at, format!("a negative index goes back beyond the first vertex by: {}", vertex.unsigned_abs())));
     }
     if chunk.largest as usize > total {
         // relative corners that are not settled yet are behind the one noted above
