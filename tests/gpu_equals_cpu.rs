@@ -3,11 +3,12 @@
 mod common;
 mod gpu_support;
 
+use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
 use common::zoo;
 use gpu_support::{ALL, PLAIN, cluster_counts, device, run, seeds};
-use tesserae::cluster::Options;
+use tesserae::cluster::{Options, Row};
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::gpu::GpuDevice;
 use tesserae::mesh::{self, Format, Limits, NoResources};
@@ -22,7 +23,7 @@ fn compare(
     surface: &Surface,
     (clusters, kind, seed): (u64, &Seeds, u64),
     options: Options,
-) {
+) -> Vec<Row> {
     let context = format!("{context} k={clusters} seeds={kind} seed={seed} {options:?}");
     let seeds = seeds(surface, clusters, kind, seed);
     let cpu_run = run(&mut CpuDevice::new(), surface, &seeds, options).expect("the cpu runs");
@@ -35,6 +36,7 @@ fn compare(
         assert_eq!(difference, None, "{context}: {name} labels");
     }
     assert_eq!(gpu_run.2, cpu_run.2, "{context}: ending");
+    gpu_run.3
 }
 
 #[test]
@@ -54,6 +56,7 @@ fn the_zoo_is_clustered_alike() {
 #[test]
 fn larger_meshes_are_clustered_alike() {
     let mut gpu = device();
+    let mut phases = BTreeSet::new();
     for (sample, faces, clusters) in [
         (Sample::Knot, 20_000, 300),
         (Sample::Parts, 20_000, 100),
@@ -62,11 +65,21 @@ fn larger_meshes_are_clustered_alike() {
         (Sample::Strip, 3_000, 4),
     ] {
         let surface = Surface::build(&generate(sample, faces).expect("a sample")).expect("a surface");
-        for options in [ALL, PLAIN, Options { max_iterations: Some(13), ..ALL }] {
+        for options in [
+            ALL,
+            PLAIN,
+            Options { refine: false, ..ALL },
+            Options { max_iterations: Some(13), ..ALL },
+            Options { max_iterations: Some(60), ..ALL },
+        ] {
             let what = (clusters, &Seeds::Random, 7);
-            compare(&mut gpu, sample.name(), &surface, what, options);
+            for row in compare(&mut gpu, sample.name(), &surface, what, options) {
+                phases.insert(format!("{:?}", row.phase));
+            }
         }
     }
+    // otherwise the comparison says little
+    assert_eq!(Vec::from_iter(phases), ["Boundary", "Refine", "Repair"]);
 }
 
 /// All meshes of the folder that TESSERAE_TEST_MESHES names, the smallest first, until the time is up (90 seconds, or
@@ -97,7 +110,9 @@ fn real_meshes_are_clustered_alike() {
     assert!(!files.is_empty(), "the folder has meshes");
     let mut gpu = device();
     // the bunny in any case
-    if let Some((_, path, mesh)) = files.iter().find(|file| file.1.ends_with("stanford-bunny.glb")) {
+    if let Some((_, path, mesh)) =
+        files.iter().find(|file| file.1.file_stem().is_some_and(|name| name == "stanford-bunny"))
+    {
         let surface = Surface::build(mesh).expect("a surface");
         let what = (1000, &Seeds::Morton, 0);
         compare(&mut gpu, &path.display().to_string(), &surface, what, ALL);

@@ -3,9 +3,11 @@
 //! # Why the labels equal the cpu's
 //!
 //! Every number that decides a label is an integer, and WGSL specifies integers exactly. Threads influence each other only
-//! through sums, minima and counts, which do not depend on an order; a kernel reads none of those that it writes itself, with
-//! the exception of the carry, which `shaders/shared/add.wgsl` explains. Ties go to the smaller cluster. So an iteration is a
-//! function of the labels before it, the one that [`crate::cluster`] defines, on every device.
+//! through sums, extremes and counts, which do not depend on an order; a kernel reads none of those that it writes itself,
+//! with the exception of the carry, which `shaders/shared/add.wgsl` explains. Ties go to the smaller cluster or face. So an
+//! iteration is a function of the labels before it, the one that [`crate::cluster`] defines, on every device. (A refusal in
+//! the refinement is remembered as the turn in which it happened, and stands until a cluster around the face has changed in
+//! that turn or later; the cpu keeps a list instead, which says the same.)
 //!
 //! # What runs
 //!
@@ -13,18 +15,20 @@
 //! |---|---|
 //! | a pass of the growth | 2: `grow` (a thread a face, between two arrays of labels), `settle` (one thread) |
 //! | sums from labels | 1: `gather` (a thread for 8 faces) |
-//! | an iteration | 3: `propose`, `apply` (a thread a face), `fit` (a thread a cluster) |
+//! | an iteration of the boundary phase | 3: `propose`, `apply` (a thread a face), `fit` (a thread a cluster) |
+//! | an iteration of the refinement | 5: `bid`, `choose`, `join` (a thread a face), `judge` (a thread a cluster), `deal` (a thread a face) |
 //!
-//! `grow`, `propose` and `apply` are dispatched indirectly: when a turn moved nothing, `settle` or `fit` sets the number of
-//! workgroups of all that is still queued to zero; what is left then is `settle`'s one thread, or `fit` looking at one number.
-//! Between the first upload and the labels, only the ring comes back: 32 bytes a turn, while the next batch runs.
+//! Those with a thread a face are dispatched indirectly, all but `gather`: when there is nothing left to do, `settle`, `fit`
+//! or `judge` sets the number of workgroups of all that is still queued to zero; what is left then is `settle`'s one thread,
+//! or `fit` and `judge` looking at one number. Between the first upload and the labels, only the ring comes back: 32 bytes a
+//! turn, while the next batch runs.
 //!
 //! # Memory on the device
 //!
 //! | for each | bytes |
 //! |---|---|
-//! | face | 28 and 4 for each neighbour, so 40 in a closed triangle mesh: centroid and weight 16, neighbours 4 + 12, label 4, wish 4 |
-//! | cluster | 68: sums 48, proxy 16, energy shift 4 |
+//! | face | 40 and 4 for each neighbour, so 52 in a closed triangle mesh: centroid and weight 16, neighbours 4 + 12, label 4, wish 4, offer 12 |
+//! | cluster | 144: sums 48, sums of those that join 48, proxy and energy shift 16, bidding 32 |
 //! | surface | 23 KiB: the ring, its two copies for the host, 65 turns |
 //!
 //! The largest buffers are the faces with 16 bytes and the neighbours with 12 bytes a face: the smallest binding that a
