@@ -55,6 +55,11 @@ impl Default for Parameters {
 impl Parameters {
     /// Checks what can be checked without the mesh. `listed` says whether seeds come as a list.
     pub fn check(&self, listed: bool) -> Result<()> {
+        if self.seeds == Seeds::Listed && !listed {
+            return Err(Error::parameter(
+                "seeds are said to be listed, but no list came with the request",
+            ));
+        }
         match self.clusters {
             Some(0) => Err(Error::parameter("clusters must be at least 1, not 0")),
             None if !listed => Err(Error::parameter(
@@ -86,6 +91,8 @@ pub enum Seeds {
     Random,
     /// A file with a list of face numbers; on the command line only.
     File(PathBuf),
+    /// Face numbers that came with the request.
+    Listed,
 }
 
 impl fmt::Display for Seeds {
@@ -94,6 +101,7 @@ impl fmt::Display for Seeds {
             Seeds::Morton => f.write_str("morton"),
             Seeds::Random => f.write_str("random"),
             Seeds::File(path) => write!(f, "file:{}", path.display()),
+            Seeds::Listed => f.write_str("listed"),
         }
     }
 }
@@ -105,6 +113,7 @@ impl FromStr for Seeds {
         match text {
             "morton" => Ok(Seeds::Morton),
             "random" => Ok(Seeds::Random),
+            "listed" => Ok(Seeds::Listed),
             _ => match text.strip_prefix("file:") {
                 Some(path) if !path.is_empty() => Ok(Seeds::File(path.into())),
                 _ => Err(Error::parameter(format_args!(

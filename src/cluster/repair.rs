@@ -1,0 +1,85 @@
+//! Pieces of clusters: counting them, and freeing all but the largest.
+
+use crate::device::FREE;
+use crate::surface::Surface;
+
+/// The connected pieces of equally labelled faces.
+struct Pieces {
+    /// The piece of each face, numbered in the order of their smallest faces.
+    piece_of_face: Vec<u32>,
+    /// Label and number of faces of each piece.
+    pieces: Vec<(u32, u32)>,
+}
+
+impl Pieces {
+    /// Walks the pieces of all labelled faces, each from its smallest face.
+    fn find(surface: &Surface, labels: &[u32]) -> Self {
+        let mut piece_of_face = vec![FREE; labels.len()];
+        let mut pieces: Vec<(u32, u32)> = Vec::new();
+        let mut stack = Vec::new();
+        for start in 0..labels.len() {
+            let label = labels[start];
+            if piece_of_face[start] != FREE || label == FREE {
+                continue;
+            }
+            let piece = pieces.len() as u32;
+            piece_of_face[start] = piece;
+            stack.push(start as u32);
+            let mut faces = 0;
+            while let Some(face) = stack.pop() {
+                faces += 1;
+                for &neighbour in surface.neighbours_of(face) {
+                    let neighbour = neighbour as usize;
+                    if piece_of_face[neighbour] == FREE && labels[neighbour] == label {
+                        piece_of_face[neighbour] = piece;
+                        stack.push(neighbour as u32);
+                    }
+                }
+            }
+            pieces.push((label, faces));
+        }
+        Self {
+            piece_of_face,
+            pieces,
+        }
+    }
+}
+
+/// Frees every face outside its cluster's piece with the most faces (of equally large ones, that with the smallest
+/// face), and says how many.
+pub fn free_cut_off_pieces(surface: &Surface, clusters: usize, labels: &mut [u32]) -> u64 {
+    let Pieces {
+        piece_of_face,
+        pieces,
+    } = Pieces::find(surface, labels);
+    if pieces.len() == clusters {
+        return 0;
+    }
+    let mut largest: Vec<Option<u32>> = vec![None; clusters];
+    for (piece, &(label, faces)) in pieces.iter().enumerate() {
+        let best = &mut largest[label as usize];
+        if best.is_none_or(|best| pieces[best as usize].1 < faces) {
+            *best = Some(piece as u32);
+        }
+    }
+    let mut freed = 0;
+    for (face, label) in labels.iter_mut().enumerate() {
+        if *label != FREE && largest[*label as usize] != Some(piece_of_face[face]) {
+            *label = FREE;
+            freed += 1;
+        }
+    }
+    freed
+}
+
+/// How many clusters are in several pieces.
+pub fn disconnected_clusters(surface: &Surface, clusters: usize, labels: &[u32]) -> u64 {
+    let mut pieces_of_cluster = vec![0u32; clusters];
+    for (label, _) in Pieces::find(surface, labels).pieces {
+        pieces_of_cluster[label as usize] += 1;
+    }
+    pieces_of_cluster
+        .into_iter()
+        .filter(|&pieces| pieces > 1)
+        .count() as u64
+}

@@ -1,0 +1,240 @@
+//! Where clusters start (P§5.3): random faces, area-stratified random faces along the internal order, or a list.
+//!
+//! Clusters are shared among the components by area first, so that each gets at least one and none more than it has
+//! faces (apportionment by Sainte-Laguë, the rounding that favours neither large nor small components).
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use crate::error::{Error, Result};
+use crate::parameters::Seeds;
+use crate::surface::Surface;
+
+/// One face for each cluster, internal order, and the component it lies in.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SeedFaces {
+    /// The face that each cluster starts from; all different.
+    pub face_of_cluster: Vec<u32>,
+    /// The component of that face.
+    pub component_of_cluster: Vec<u32>,
+}
+
+/// Chooses seeds for `clusters` clusters. `listed` are faces of the upload, and then decide alone.
+pub fn choose(
+    surface: &Surface,
+    clusters: u64,
+    seeds: &Seeds,
+    seed: u64,
+    listed: Option<&[u32]>,
+) -> Result<SeedFaces> {
+    check_clusters(surface, clusters)?;
+    if let Some(listed) = listed {
+        return from_list(surface, listed);
+    }
+    let shares = apportion(surface, clusters as usize);
+    let mut face_of_cluster = Vec::with_capacity(clusters as usize);
+    let mut component_of_cluster = Vec::with_capacity(clusters as usize);
+    for (component, &share) in shares.iter().enumerate() {
+        let chosen = match seeds {
+            Seeds::Random => random(surface, component, share, seed),
+            Seeds::Morton | Seeds::File(_) | Seeds::Listed => {
+                stratified(surface, component, share, seed, face_of_cluster.len())
+            }
+        };
+        face_of_cluster.extend(chosen);
+        component_of_cluster.extend(std::iter::repeat_n(component as u32, share));
+    }
+    Ok(SeedFaces {
+        face_of_cluster,
+        component_of_cluster,
+    })
+}
+
+/// Refuses numbers of clusters that this surface cannot have.
+fn check_clusters(surface: &Surface, clusters: u64) -> Result<()> {
+    let (faces, components) = (surface.faces() as u64, surface.components.len() as u64);
+    if clusters == 0 {
+        return Err(Error::parameter("clusters must be at least 1, not 0"));
+    }
+    if clusters > faces {
+        return Err(Error::parameter(format_args!(
+            "clusters must not be more than the mesh has faces, {faces}: {clusters}"
+        )));
+    }
+    if clusters < components {
+        return Err(Error::parameter(format_args!(
+            "clusters must be at least the number of connected components, {components}, because a cluster cannot \
+             reach across a gap: {clusters}"
+        )));
+    }
+    Ok(())
+}
+
+/// How many clusters each component gets: at least 1, at most its faces, by area.
+fn apportion(surface: &Surface, clusters: usize) -> Vec<usize> {
+    let components = &surface.components;
+    let mut shares = vec![1usize; components.len()];
+    if let [_] = components[..] {
+        return vec![clusters];
+    }
+    // weights in the finest unit: below 2^(34 + 30)
+    let area = |component: usize| {
+        u128::from(components[component].weight) << components[component].energy_shift
+    };
+    let mut queue: BinaryHeap<Claim> = (0..components.len())
+        .filter(|&component| components[component].faces > 1)
+        .map(|component| Claim {
+            area: area(component),
+            divisor: 3,
+            component: Reverse(component),
+        })
+        .collect();
+    for _ in components.len()..clusters {
+        let Some(Claim {
+            area,
+            divisor,
+            component,
+        }) = queue.pop()
+        else {
+            break;
+        };
+        let share = &mut shares[component.0];
+        *share += 1;
+        if *share < components[component.0].faces as usize {
+            queue.push(Claim {
+                area,
+                divisor: divisor + 2,
+                component,
+            });
+        }
+    }
+    shares
+}
+
+/// A component's claim to one more cluster: area over 2·share + 1, ties to the component with the smallest face.
+#[derive(PartialEq, Eq)]
+struct Claim {
+    area: u128,
+    divisor: u128,
+    component: Reverse<usize>,
+}
+
+impl Ord for Claim {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        // area < 2⁶⁴ and divisor < 2³³: the products are exact
+        (self.area * other.divisor)
+            .cmp(&(other.area * self.divisor))
+            .then_with(|| self.component.cmp(&other.component))
+    }
+}
+
+impl PartialOrd for Claim {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+/// `share` faces of a component, all sets equally likely: those with the smallest hashes of their upload number.
+fn random(surface: &Surface, component: usize, share: usize, seed: u64) -> Vec<u32> {
+    let range = surface.components[component].range();
+    let mut hashed: Vec<(u64, u32)> = range
+        .map(|face| {
+            (
+                hash(seed, u64::from(surface.upload_face[face])),
+                face as u32,
+            )
+        })
+        .collect();
+    if share < hashed.len() {
+        hashed.select_nth_unstable(share);
+        hashed.truncate(share);
+    }
+    let mut faces: Vec<u32> = hashed.into_iter().map(|(_, face)| face).collect();
+    faces.sort_unstable();
+    faces
+}
+
+/// `share` faces of a component: its weight, in internal order, is cut into as many equal strata, and each gives the
+/// face at a random point of it. Where faces weigh more than strata, the next face that is still free is taken.
+fn stratified(
+    surface: &Surface,
+    component: usize,
+    share: usize,
+    seed: u64,
+    first_cluster: usize,
+) -> Vec<u32> {
+    let run = surface.components[component];
+    let range = run.range();
+    let mut faces = Vec::with_capacity(share);
+    let mut face = range.start;
+    let mut passed = u128::from(surface.weights[face]);
+    for stratum in 0..share {
+        let offset = hash(seed, (first_cluster + stratum) as u64) % run.weight;
+        let point = (u128::from(run.weight) * stratum as u128 + u128::from(offset)) / share as u128;
+        let last = range.end - (share - stratum);
+        while passed <= point && face < last {
+            face += 1;
+            passed += u128::from(surface.weights[face]);
+        }
+        faces.push(face as u32);
+        if stratum + 1 < share {
+            face += 1;
+            passed += u128::from(surface.weights[face]);
+        }
+    }
+    faces
+}
+
+/// Listed faces of the upload; cluster i starts from the i-th.
+fn from_list(surface: &Surface, listed: &[u32]) -> Result<SeedFaces> {
+    let internal = surface.internal_faces();
+    let mut component_of_face = vec![0u32; surface.faces()];
+    for (component, run) in surface.components.iter().enumerate() {
+        component_of_face[run.range()].fill(component as u32);
+    }
+    let mut seed_of_face = vec![None; surface.faces()];
+    let mut has_seed = vec![false; surface.components.len()];
+    let mut chosen = SeedFaces {
+        face_of_cluster: Vec::new(),
+        component_of_cluster: Vec::new(),
+    };
+    for (seed, &upload) in listed.iter().enumerate() {
+        let Some(&face) = internal.get(upload as usize) else {
+            return Err(Error::parameter(format_args!(
+                "seed {seed} is not a face of the mesh, which has faces 0 to {}: {upload}",
+                internal.len() - 1
+            )));
+        };
+        if let Some(earlier) = seed_of_face[face as usize].replace(seed) {
+            return Err(Error::parameter(format_args!(
+                "seeds {earlier} and {seed} are the same face: {upload}"
+            )));
+        }
+        let component = component_of_face[face as usize];
+        has_seed[component as usize] = true;
+        chosen.face_of_cluster.push(face);
+        chosen.component_of_cluster.push(component);
+    }
+    if let Some(component) = has_seed.iter().position(|&has| !has) {
+        let upload = surface.components[component]
+            .range()
+            .map(|face| surface.upload_face[face])
+            .min();
+        return Err(Error::parameter(format_args!(
+            "no seed lies in the connected component of face {}; every component needs one",
+            upload.unwrap_or_default()
+        )));
+    }
+    Ok(chosen)
+}
+
+/// Two rounds of the SplitMix64 finaliser: every bit of the result depends on every bit of both numbers.
+fn hash(seed: u64, number: u64) -> u64 {
+    let mix = |mut x: u64| {
+        x = (x ^ x >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        x = (x ^ x >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        x ^ x >> 31
+    };
+    const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+    mix(mix(seed.wrapping_add(GOLDEN)) ^ number.wrapping_add(1).wrapping_mul(GOLDEN))
+}
