@@ -1,1 +1,266 @@
 use super::*;
+use crate::mesh::{Faces, Format, Part};
+
+fn mesh(positions: &[[f64; 3]], faces: &[&[u32]]) -> PolygonMesh {
+    let mut all = Faces::default();
+    for corners in faces {
+        all.push(corners);
+    }
+    let parts = vec![Part {
+        first_face: 0,
+        faces: all.len() as u64,
+        ..Part::default()
+    }];
+    PolygonMesh {
+        format: Format::Obj,
+        positions: positions.to_vec(),
+        faces: all,
+        parts,
+        warnings: Vec::new(),
+    }
+}
+
+const SQUARE: [[f64; 3]; 4] = [
+    [0.0, 0.0, 0.0],
+    [1.0, 0.0, 0.0],
+    [1.0, 1.0, 0.0],
+    [0.0, 1.0, 0.0],
+];
+
+/// Neighbours of an upload face, as upload faces, sorted.
+fn neighbours(surface: &Surface, upload: u32) -> Vec<u32> {
+    let face = surface.internal_faces()[upload as usize];
+    let mut near: Vec<u32> = surface
+        .neighbours_of(face)
+        .iter()
+        .map(|&near| surface.upload_face[near as usize])
+        .collect();
+    near.sort_unstable();
+    near
+}
+
+#[test]
+fn seams_are_welded_and_minus_zero_is_zero() {
+    let mut positions = SQUARE.to_vec();
+    positions.extend([[-0.0, 0.0, -0.0], [1.0, 1.0, -0.0], [9.0, 9.0, 9.0]]);
+    let surface = Surface::build(&mesh(&positions, &[&[0, 1, 2], &[4, 5, 3]])).expect("a surface");
+    assert_eq!(surface.components.len(), 1);
+    assert_eq!(
+        surface.counts.welded_vertices, 4,
+        "the vertex at (9, 9, 9) is not used"
+    );
+    assert_eq!(surface.counts.boundary_edges, 4);
+    assert_eq!(neighbours(&surface, 0), [1]);
+}
+
+#[test]
+fn positions_that_differ_in_the_last_bit_stay_apart() {
+    let mut positions = SQUARE.to_vec();
+    positions.extend([[f64::MIN_POSITIVE, 0.0, 0.0], [1.0, 1.0_f64.next_up(), 0.0]]);
+    let surface = Surface::build(&mesh(&positions, &[&[0, 1, 2], &[4, 5, 3]])).expect("a surface");
+    assert_eq!(surface.components.len(), 2);
+}
+
+#[test]
+fn an_edge_of_many_faces_is_a_chain_by_face_number() {
+    let mut positions = vec![[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
+    let mut faces = Vec::new();
+    for fin in 0..5u32 {
+        positions.push([f64::from(fin), 1.0 + f64::from(fin * fin), 0.5]);
+        faces.push(if fin % 2 == 0 {
+            [0, 1, fin + 2]
+        } else {
+            [fin + 2, 1, 0]
+        });
+    }
+    let faces: Vec<&[u32]> = faces.iter().map(|face| &face[..]).collect();
+    let surface = Surface::build(&mesh(&positions, &faces)).expect("a surface");
+    assert_eq!(surface.counts.non_manifold_edges, 1);
+    assert_eq!(surface.counts.boundary_edges, 10);
+    let rows: Vec<Vec<u32>> = (0..5).map(|face| neighbours(&surface, face)).collect();
+    assert_eq!(rows, [vec![1], vec![0, 2], vec![1, 3], vec![2, 4], vec![3]]);
+}
+
+#[test]
+fn degenerate_and_duplicate_faces_are_counted() {
+    let faces: [&[u32]; 7] = [
+        &[0, 1, 2],
+        &[0, 2, 3],
+        &[2, 0, 1],
+        &[0, 0, 1],
+        &[3, 3, 3],
+        &[0, 1, 2, 3],
+        &[1, 3, 2, 0],
+    ];
+    let surface = Surface::build(&mesh(&SQUARE, &faces)).expect("a surface");
+    assert_eq!(surface.counts.degenerate_faces, 2);
+    assert_eq!(
+        surface.counts.duplicate_faces, 2,
+        "one triangle and one quadrilateral"
+    );
+    assert_eq!(surface.counts.zero_area_faces, 2);
+    assert_eq!(surface.components.len(), 2, "the point face shares no edge");
+}
+
+#[test]
+fn copies_in_a_crowded_edge_are_found_though_nothing_links_them() {
+    // between the two copies of face 0 lies another face on each of their edges
+    let mut positions = SQUARE[..3].to_vec();
+    positions.extend([[0.5, -1.0, 1.0], [2.0, 0.5, 1.0], [-1.0, 0.5, 1.0]]);
+    let faces: [&[u32]; 5] = [&[0, 1, 2], &[0, 1, 3], &[1, 2, 4], &[2, 0, 5], &[0, 1, 2]];
+    let surface = Surface::build(&mesh(&positions, &faces)).expect("a surface");
+    assert_eq!(surface.counts.duplicate_faces, 1);
+    assert_eq!(surface.counts.non_manifold_edges, 3);
+}
+
+#[test]
+fn polygons_have_the_centroid_and_area_of_their_fans() {
+    // an L: the fan from its first corner covers it exactly
+    let positions = [
+        [0.0, 0.0, 0.0],
+        [2.0, 0.0, 0.0],
+        [2.0, 1.0, 0.0],
+        [1.0, 1.0, 0.0],
+        [1.0, 2.0, 0.0],
+        [0.0, 2.0, 0.0],
+    ];
+    let surface = Surface::build(&mesh(&positions, &[&[0, 1, 2, 3, 4, 5]])).expect("a surface");
+    let scale = libm::ldexp(1.0, surface.frame.exponent);
+    let face = surface.geometry[0];
+    assert_eq!(face.area / (scale * scale), 3.0);
+    for axis in 0..2 {
+        let expected = (2.5 - 1.5 * 1.0) / 3.0 + 0.5 - 1.0; // (0.5·2 + 1.5·1)/3 about the centre (1, 1)
+        assert!(
+            (face.centroid[axis] / scale - expected).abs() < 1e-12,
+            "{face:?}"
+        );
+    }
+}
+
+#[test]
+fn small_components_keep_their_resolution() {
+    let mut positions = SQUARE.map(|p| p.map(|x| x * 1e4)).to_vec();
+    positions.extend(SQUARE.map(|p| p.map(|x| x * 1e-2 + 3.0)));
+    let faces: [&[u32]; 4] = [&[0, 1, 2], &[0, 2, 3], &[4, 5, 6], &[4, 6, 7]];
+    let surface = Surface::build(&mesh(&positions, &faces)).expect("a surface");
+    let [large, small] = surface.components[..] else {
+        panic!("two components")
+    };
+    assert_eq!(small.energy_shift, 0);
+    assert_eq!(
+        large.energy_shift, 30,
+        "a ratio of 10^12 in area is more than the spread allows"
+    );
+    for component in [large, small] {
+        assert!(
+            component.weight > 1 << 20 && component.weight < 1 << 34,
+            "{component:?}"
+        );
+    }
+    let only_small = mesh(&positions, &faces[2..]);
+    assert_eq!(
+        Surface::build(&only_small).expect("a surface").components[0].energy_shift,
+        0
+    );
+}
+
+#[test]
+fn the_lattice_energy_is_the_energy_from_the_source() {
+    let mesh = crate::sample::generate(crate::sample::Sample::Knot, 2000).expect("a sample");
+    for (scale, power) in [
+        (1.0, 0),
+        (libm::ldexp(1.0, -300), -300),
+        (libm::ldexp(1.0, 270), 270),
+    ] {
+        let mut mesh = mesh.clone();
+        mesh.positions
+            .iter_mut()
+            .for_each(|p| *p = p.map(|x| x * scale));
+        let surface = Surface::build(&mesh).expect("a surface");
+        // everything in one cluster, with the proxy at the nearest lattice point
+        let (mut s, mut m) = ([0i128; 3], 0i128);
+        for (g, &w) in surface.centroids.iter().zip(&surface.weights) {
+            (0..3).for_each(|axis| s[axis] += i128::from(w) * i128::from(g[axis]));
+            m += i128::from(w);
+        }
+        let p = s.map(|s| (2 * s + m).div_euclid(2 * m));
+        let explained = (0..3).map(|axis| 2 * p[axis] * s[axis]).sum::<i128>()
+            - m * p.iter().map(|p| p * p).sum::<i128>();
+        let lattice = surface.energy(LatticeEnergy { explained });
+        let source = surface.source_energy(&vec![0; surface.faces()], 1);
+        if power == 0 {
+            assert!(
+                ((lattice - source) / source).abs() < 1e-8,
+                "{lattice} {source}"
+            );
+        } else {
+            // length⁴ leaves the range of f64 here
+            assert_eq!(lattice == 0.0, power < 0);
+            assert_eq!(lattice.is_finite(), power < 0);
+        }
+        assert!(power != 0 || surface.hexagon_ratio(source, 1).is_some());
+    }
+}
+
+#[test]
+fn a_planar_tiling_by_hexagons_has_ratio_one() {
+    // a strip of regular hexagons, each cut into many thin rings of equal triangles, clustered by hexagon
+    let (mut positions, mut faces, mut labels) = (Vec::new(), Faces::default(), Vec::new());
+    let rings = 24u32;
+    for hexagon in 0..3u32 {
+        for side in 0..6 {
+            let corner = |k: u32| {
+                let angle = f64::from(k) * std::f64::consts::FRAC_PI_3;
+                [libm::cos(angle), libm::sin(angle)]
+            };
+            let (a, b) = (corner(side), corner(side + 1));
+            let point = |i: u32, j: u32| {
+                let (u, v) = (
+                    f64::from(i) / f64::from(rings),
+                    f64::from(j) / f64::from(rings),
+                );
+                [
+                    a[0] * u + b[0] * v + 3.0 * f64::from(hexagon),
+                    a[1] * u + b[1] * v,
+                    0.0,
+                ]
+            };
+            for i in 0..rings {
+                for j in 0..rings - i {
+                    let mut triangle = |points: [[f64; 3]; 3]| {
+                        let first = positions.len() as u32;
+                        positions.extend(points);
+                        faces.push(&[first, first + 1, first + 2]);
+                        labels.push(hexagon);
+                    };
+                    triangle([point(i, j), point(i + 1, j), point(i, j + 1)]);
+                    if i + j + 1 < rings {
+                        triangle([point(i + 1, j), point(i + 1, j + 1), point(i, j + 1)]);
+                    }
+                }
+            }
+        }
+    }
+    let mesh = PolygonMesh {
+        format: Format::Obj,
+        positions,
+        faces,
+        parts: Vec::new(),
+        warnings: Vec::new(),
+    };
+    let surface = Surface::build(&mesh).expect("a surface");
+    let internal: Vec<u32> = surface
+        .upload_face
+        .iter()
+        .map(|&face| labels[face as usize])
+        .collect();
+    let ratio = surface
+        .hexagon_ratio(surface.source_energy(&internal, 3), 3)
+        .expect("most of the energy is visible");
+    assert!((ratio - 1.0).abs() < 1e-9, "{ratio}");
+    assert_eq!(
+        surface.hexagon_ratio(1.0, surface.faces()),
+        None,
+        "nothing is left of the tiling's energy"
+    );
+}

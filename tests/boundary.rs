@@ -1,0 +1,225 @@
+//! Boundary-based clustering against its definition, and the promises that every clustering keeps.
+
+mod common;
+
+use common::{oracle, zoo};
+use tesserae::cluster::{self, Options, Row, seeds::SeedFaces};
+use tesserae::device::cpu::CpuDevice;
+use tesserae::device::{Cancel, Device, FREE};
+use tesserae::parameters::Seeds;
+use tesserae::report::Phase;
+use tesserae::surface::Surface;
+
+/// Numbers of clusters worth trying on a surface.
+fn cluster_counts(surface: &Surface) -> Vec<u64> {
+    let (fewest, most) = (surface.components.len() as u64, surface.faces() as u64);
+    let mut counts: Vec<u64> = [fewest, fewest + 1, most / 50, most / 7, most - 1, most]
+        .map(|k| k.clamp(fewest, most))
+        .to_vec();
+    counts.sort_unstable();
+    counts.dedup();
+    counts
+}
+
+fn seeds(surface: &Surface, clusters: u64, kind: &Seeds, seed: u64) -> SeedFaces {
+    cluster::seeds::choose(surface, clusters, kind, seed, None).expect("the number is possible")
+}
+
+/// Runs a clustering on the cpu device.
+fn run(surface: &Surface, seeds: &SeedFaces, options: Options) -> (cluster::Clustering, Vec<Row>) {
+    let mut device = CpuDevice::new();
+    let mut steps = device
+        .open(surface, &seeds.component_of_cluster)
+        .expect("the cpu takes everything");
+    let mut rows = Vec::new();
+    let clustering = cluster::boundary_based(
+        surface,
+        seeds,
+        options,
+        steps.as_mut(),
+        &Cancel::default(),
+        &mut |row| rows.push(row),
+    )
+    .expect("nobody cancels");
+    (clustering, rows)
+}
+
+const PLAIN: Options = Options {
+    max_iterations: None,
+    allow_disconnected: true,
+};
+const CONNECTED: Options = Options {
+    max_iterations: None,
+    allow_disconnected: false,
+};
+
+#[test]
+fn every_iteration_is_the_one_that_the_definition_says() {
+    for (name, mesh) in zoo::all() {
+        let surface = Surface::build(&mesh).expect("the zoo can be put on the lattice");
+        for clusters in cluster_counts(&surface) {
+            for kind in [Seeds::Morton, Seeds::Random] {
+                let seeds = seeds(&surface, clusters, &kind, 7);
+                let mut free = vec![FREE; surface.faces()];
+                for (cluster, &face) in seeds.face_of_cluster.iter().enumerate() {
+                    free[face as usize] = cluster as u32;
+                }
+                let mut labels = oracle::grow(&surface, &free);
+                let (clustering, rows) = run(&surface, &seeds, PLAIN);
+                assert_eq!(clustering.initial, labels, "{name} k={clusters}: growth");
+                let explained = oracle::explained(&surface, &seeds.component_of_cluster, &labels);
+                assert_eq!(
+                    rows[0].energy.explained, explained,
+                    "{name} k={clusters}: energy of the growth"
+                );
+                for row in &rows[1..] {
+                    let state = oracle::iterate(&surface, &seeds.component_of_cluster, &labels)
+                        .unwrap_or_else(|| panic!("{name} k={clusters}: the plain version has converged before {row:?}"));
+                    assert_eq!(
+                        (row.moves, row.energy.explained),
+                        (state.moves, state.explained),
+                        "{name} k={clusters} iteration {}",
+                        row.iteration
+                    );
+                    labels = state.labels;
+                }
+                assert_eq!(
+                    clustering.labels, labels,
+                    "{name} k={clusters}: final labels"
+                );
+                assert_eq!(
+                    oracle::iterate(&surface, &seeds.component_of_cluster, &labels),
+                    None,
+                    "{name} k={clusters}: the plain version goes on"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn a_changed_weight_shows_in_the_comparison_with_the_definition() {
+    let mesh = tesserae::sample::generate(tesserae::sample::Sample::Knot, 2500).expect("a sample");
+    let surface = Surface::build(&mesh).expect("a surface");
+    let seeds = seeds(&surface, 40, &Seeds::Morton, 1);
+    let (clustering, rows) = run(&surface, &seeds, PLAIN);
+    let mut other = Surface::build(&mesh).expect("a surface");
+    other.weights[100] += 1;
+    let explained = oracle::explained(&other, &seeds.component_of_cluster, &clustering.labels);
+    assert_ne!(rows.last().map(|row| row.energy.explained), Some(explained));
+}
+
+#[test]
+fn energy_never_rises_within_a_phase_and_clusters_are_whole() {
+    for (name, mesh) in zoo::all() {
+        let surface = Surface::build(&mesh).expect("the zoo can be put on the lattice");
+        for clusters in cluster_counts(&surface) {
+            for seed in 0..3 {
+                let seeds = seeds(&surface, clusters, &Seeds::Random, seed);
+                let (clustering, rows) = run(&surface, &seeds, CONNECTED);
+                let context = format!("{name} k={clusters} seed={seed}");
+                for pair in rows.windows(2) {
+                    if pair[1].phase == Phase::Boundary {
+                        assert!(
+                            pair[1].energy > pair[0].energy,
+                            "{context}: F falls in {pair:?}"
+                        );
+                        assert!(
+                            surface.energy(pair[1].energy) <= surface.energy(pair[0].energy),
+                            "{context}: {pair:?}"
+                        );
+                    }
+                }
+                let clusters = clusters as usize;
+                let mut faces = vec![0; clusters];
+                clustering
+                    .labels
+                    .iter()
+                    .for_each(|&label| faces[label as usize] += 1);
+                assert!(
+                    faces.iter().all(|&faces| faces > 0),
+                    "{context}: an empty cluster"
+                );
+                assert_eq!(
+                    cluster::repair::disconnected_clusters(&surface, clusters, &clustering.labels),
+                    0,
+                    "{context}: a cluster in pieces"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn repair_is_needed_somewhere() {
+    // otherwise the test above would pass without any repair
+    let mesh =
+        tesserae::sample::generate(tesserae::sample::Sample::Knot, 20_000).expect("a sample");
+    let surface = Surface::build(&mesh).expect("a surface");
+    let (_, rows) = run(
+        &surface,
+        &seeds(&surface, 300, &Seeds::Random, 0),
+        CONNECTED,
+    );
+    assert!(
+        rows.iter().any(|row| row.phase == Phase::Repair),
+        "{}",
+        rows.len()
+    );
+}
+
+#[test]
+fn a_limit_on_iterations_ends_with_whole_clusters_too() {
+    let mesh = tesserae::sample::generate(tesserae::sample::Sample::Knot, 2500).expect("a sample");
+    let surface = Surface::build(&mesh).expect("a surface");
+    let seeds = seeds(&surface, 100, &Seeds::Random, 3);
+    for limit in [0, 1, 2, 5] {
+        let options = Options {
+            max_iterations: Some(limit),
+            allow_disconnected: false,
+        };
+        let (clustering, rows) = run(&surface, &seeds, options);
+        assert_eq!(
+            rows.iter()
+                .skip(1)
+                .filter(|row| row.phase == Phase::Boundary)
+                .count(),
+            limit as usize
+        );
+        assert_eq!(
+            cluster::repair::disconnected_clusters(&surface, 100, &clustering.labels),
+            0
+        );
+    }
+}
+
+#[test]
+fn a_cancelled_run_stops() {
+    let mesh = tesserae::sample::generate(tesserae::sample::Sample::Knot, 2500).expect("a sample");
+    let surface = Surface::build(&mesh).expect("a surface");
+    let seeds = seeds(&surface, 100, &Seeds::Random, 3);
+    let mut device = CpuDevice::new();
+    let mut steps = device
+        .open(&surface, &seeds.component_of_cluster)
+        .expect("the cpu takes everything");
+    let cancel = Cancel::default();
+    let mut rows = 0;
+    let ended = cluster::boundary_based(
+        &surface,
+        &seeds,
+        CONNECTED,
+        steps.as_mut(),
+        &cancel,
+        &mut |_| {
+            rows += 1;
+            if rows == 3 {
+                cancel.cancel();
+            }
+        },
+    );
+    assert_eq!(
+        ended.map(|_| ()).map_err(|error| error.kind),
+        Err(tesserae::Kind::Cancelled)
+    );
+    assert_eq!(rows, 3);
+}
