@@ -162,7 +162,7 @@ fn cluster(
     limits.check_bytes(bytes.len() as u64)?;
     let seeds = match &arguments.parameters.seeds {
         Seeds::File(path) => Some(Source::from(path.clone()).read(limits.max_bytes)?),
-        Seeds::Morton | Seeds::Random => None,
+        Seeds::Morton | Seeds::Random | Seeds::Listed => None,
     };
     let read = milliseconds(reading);
 
