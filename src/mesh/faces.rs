@@ -33,14 +33,46 @@ impl Faces {
 
     /// Appends one face.
     pub fn push(&mut self, corners: &[u32]) {
-        if self.offsets.is_empty() && corners.len() != 3 {
-            self.offsets = (0..=self.corners.len() as u32 / 3)
-                .map(|face| 3 * face)
-                .collect();
-        }
+        let first = self.corners.len();
         self.corners.extend_from_slice(corners);
+        self.close(first);
+    }
+
+    /// Appends a corner of a face that [`close`](Self::close) will end.
+    #[inline]
+    pub(super) fn push_corner(&mut self, corner: u32) {
+        self.corners.push(corner);
+    }
+
+    /// Ends a face whose corners begin at `first`, the end of the face before it.
+    #[inline]
+    pub(super) fn close(&mut self, first: usize) {
+        if self.offsets.is_empty() {
+            if self.corners.len() - first == 3 {
+                return;
+            }
+            self.spell_offsets(first);
+        }
+        self.offsets.push(self.corners.len() as u32);
+    }
+
+    /// Writes down the offsets of what has been triangles only, up to corner `end`.
+    fn spell_offsets(&mut self, end: usize) {
+        self.offsets = (0..=end as u32 / 3).map(|face| 3 * face).collect();
+    }
+
+    /// Appends the faces of `other`.
+    pub(super) fn append(&mut self, other: &Faces) {
+        let first = self.corners.len();
+        if self.offsets.is_empty() && !other.offsets.is_empty() {
+            self.spell_offsets(first);
+        }
+        self.corners.extend_from_slice(&other.corners);
         if !self.offsets.is_empty() {
-            self.offsets.push(self.corners.len() as u32);
+            let first = first as u32;
+            let ends = 1..=other.len();
+            self.offsets
+                .extend(ends.map(|face| first + other.first_corner(face) as u32));
         }
     }
 
@@ -77,6 +109,22 @@ impl Faces {
         &self.corners
     }
 
+    /// All corners, to change them.
+    pub(super) fn all_corners_mut(&mut self) -> &mut [u32] {
+        &mut self.corners
+    }
+
+    /// The face that corner `corner` of [`all_corners`](Self::all_corners) belongs to.
+    pub(super) fn face_of_corner(&self, corner: usize) -> usize {
+        if self.offsets.is_empty() {
+            corner / 3
+        } else {
+            self.offsets
+                .partition_point(|&first| first as usize <= corner)
+                - 1
+        }
+    }
+
     /// Number of triangles of the fans that the faces are cut into: corners − 2 each, none for fewer than three corners.
     pub fn triangles(&self) -> u64 {
         if self.offsets.is_empty() {
@@ -105,5 +153,22 @@ mod tests {
         assert_eq!(faces.corners(2), [4, 5, 6, 7]);
         assert_eq!(faces.corners(3), [0, 1, 2]);
         assert_eq!(faces.triangles(), 5);
+        let owners: Vec<usize> = (0..13).map(|corner| faces.face_of_corner(corner)).collect();
+        assert_eq!(owners, [0, 0, 0, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3]);
+    }
+
+    #[test]
+    fn joined_faces_are_those_pushed_one_by_one() {
+        let lists: [&[&[u32]]; 4] = [&[], &[&[0, 1, 2], &[2, 1, 3]], &[&[4, 5, 6, 7]], &[&[1, 2, 3, 4, 5], &[0, 1, 2]]];
+        for first in lists {
+            for second in lists {
+                let (mut one, mut two, mut both) = (Faces::default(), Faces::default(), Faces::default());
+                first.iter().for_each(|corners| one.push(corners));
+                second.iter().for_each(|corners| two.push(corners));
+                first.iter().chain(second).for_each(|corners| both.push(corners));
+                one.append(&two);
+                assert_eq!(one, both);
+            }
+        }
     }
 }

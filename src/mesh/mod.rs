@@ -56,6 +56,15 @@ pub struct Part {
     pub faces: u64,
 }
 
+/// A name for a part, cut short where it is longer than any sensible one: it may be repeated for every part.
+fn part_name(name: &str) -> String {
+    const LONGEST: usize = 255;
+    match name.char_indices().nth(LONGEST) {
+        Some((end, _)) => format!("{}…", &name[..end]),
+        None => name.to_owned(),
+    }
+}
+
 /// What a mesh may cost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {

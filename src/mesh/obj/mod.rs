@@ -1,7 +1,239 @@
 //! Wavefront OBJ.
-use super::{Limits, PolygonMesh};
+//!
+//! The file is cut where statements end, the pieces are read in parallel, and what one piece cannot know (how many
+//! vertices came before it, whether a vertex exists) is settled when they are joined. The pieces have a fixed size, so
+//! the result, errors included, does not depend on the number of threads.
+//!
+//! Read are vertices (`v`), faces (`f`) and names (`g`, `o`). An index may refer to a vertex that comes later in the
+//! file. Material libraries, texture coordinates and normals are not looked at; what else there is, is skipped.
+
+mod chunk;
+mod number;
+mod text;
+
+use std::borrow::Cow;
+
+use rayon::prelude::*;
+
+use self::chunk::{Chunk, Fault, What};
+use super::{Faces, Format, Limits, Part, PolygonMesh, part_name};
 use crate::error::{Error, Result};
+
+/// Bytes of a piece.
+const PIECE: usize = 256 << 10;
+
+/// Corners are counted in 32 bits, and a corner takes two bytes at least.
+const MAX_BYTES: u64 = 2 * u32::MAX as u64;
+
 /// Reads an OBJ file.
-pub fn read(_bytes: &[u8], _limits: &Limits) -> Result<PolygonMesh> {
-    Err(Error::mesh("under construction"))
+pub fn read(bytes: &[u8], limits: &Limits) -> Result<PolygonMesh> {
+    read_in_pieces(bytes, limits, PIECE)
+}
+
+fn read_in_pieces(bytes: &[u8], limits: &Limits, piece: usize) -> Result<PolygonMesh> {
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(Error::too_large(format_args!(
+            "an OBJ file may have {MAX_BYTES} bytes: {}",
+            bytes.len()
+        )));
+    }
+    let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let text = with_line_feeds(text);
+    let pieces = text::split(&text, piece);
+    let parsed: Vec<Result<Chunk<'_>, Fault>> =
+        pieces.par_iter().map(|piece| chunk::parse(piece)).collect();
+    join(&text, &pieces, parsed, limits)
+}
+
+/// The text with line feeds as line ends where it has only carriage returns.
+fn with_line_feeds(text: &[u8]) -> Cow<'_, [u8]> {
+    if text::line_end(text, 0) < text.len() || !text.contains(&b'\r') {
+        return Cow::Borrowed(text);
+    }
+    let feed = |&byte: &u8| if byte == b'\r' { b'\n' } else { byte };
+    Cow::Owned(text.iter().map(feed).collect())
+}
+
+/// Joins the pieces in their order.
+fn join(
+    text: &[u8],
+    pieces: &[&[u8]],
+    parsed: Vec<Result<Chunk<'_>, Fault>>,
+    limits: &Limits,
+) -> Result<PolygonMesh> {
+    let mut chunks = Vec::with_capacity(parsed.len());
+    let mut starts = vec![Start::default()];
+    for (chunk, piece) in parsed.into_iter().zip(pieces) {
+        let start = starts[chunks.len()];
+        let chunk = chunk.map_err(|fault| start.error(text, &fault))?;
+        starts.push(Start {
+            byte: start.byte + piece.len(),
+            vertices: start.vertices + chunk.positions.len(),
+            faces: start.faces + chunk.faces.len(),
+            corners: start.corners + chunk.faces.all_corners().len(),
+        });
+        chunks.push(chunk);
+    }
+    let total = starts[chunks.len()];
+    limits.check_faces(total.faces as u64)?;
+
+    let mut positions = Vec::with_capacity(total.vertices);
+    let mut faces = Faces::with_capacity(total.corners / 3);
+    let mut parts = Parts::default();
+    let (mut elements, mut free_form) = (0, 0);
+    for (index, mut chunk) in chunks.into_iter().enumerate() {
+        let start = starts[index];
+        settle(&mut chunk, start.vertices, total.vertices).map_err(|(face, message)| {
+            let fault = Fault {
+                at: chunk::face_offset(pieces[index], face),
+                what: What::Face(face),
+                message,
+            };
+            start.error(text, &fault)
+        })?;
+        for name in &chunk.names {
+            parts.rename(start.faces as u64 + u64::from(name.face), name);
+        }
+        positions.append(&mut chunk.positions);
+        faces.append(&chunk.faces);
+        elements += chunk.elements;
+        free_form += chunk.free_form;
+    }
+    let mut warnings = Vec::new();
+    if elements > 0 {
+        warnings.push(format!("point and line elements were skipped: {elements}"));
+    }
+    if free_form > 0 {
+        warnings.push(format!("free-form curves and surfaces were skipped: {free_form}"));
+    }
+    Ok(PolygonMesh {
+        format: Format::Obj,
+        positions,
+        faces,
+        parts: parts.finish(total.faces as u64),
+        warnings,
+    })
+}
+
+/// What came before a piece.
+#[derive(Debug, Clone, Copy, Default)]
+struct Start {
+    byte: usize,
+    vertices: usize,
+    faces: usize,
+    corners: usize,
+}
+
+impl Start {
+    /// What is wrong with a statement of this piece, with its line and number.
+    fn error(&self, text: &[u8], fault: &Fault) -> Error {
+        let line = text::line_number(text, self.byte + fault.at);
+        let message = &fault.message;
+        match fault.what {
+            What::Vertex(vertex) => Error::mesh(format_args!(
+                "line {line}: vertex {}: {message}",
+                self.vertices + vertex + 1
+            )),
+            What::Face(face) => Error::mesh(format_args!(
+                "line {line}: face {}: {message}",
+                self.faces + face + 1
+            )),
+        }
+    }
+}
+
+/// Makes the relative corners of a chunk absolute and checks that all vertices exist, of which there are `total`, `before`
+/// of them before this chunk; otherwise the face and what is wrong with it.
+fn settle(chunk: &mut Chunk<'_>, before: usize, total: usize) -> Result<(), (usize, String)> {
+    let corners = chunk.faces.all_corners_mut();
+    let mut outside = None;
+    for &at in &chunk.relative {
+        let corner = &mut corners[at as usize];
+        let vertex = before as i64 + i64::from(*corner as i32);
+        match u32::try_from(vertex) {
+            Ok(vertex) => *corner = vertex,
+            Err(_) => {
+                outside = Some((at as usize, vertex));
+                break;
+            }
+        }
+    }
+    let mut message = None;
+    if let Some((at, vertex)) = outside {
+        message = Some((
+            at,
+            format!(
+                "a negative index reaches {} before the first vertex",
+                vertex.unsigned_abs()
+            ),
+        ));
+    }
+    if chunk.largest as usize > total {
+        // relative corners that are not settled yet are behind the one noted above
+        let end = outside.map_or(corners.len(), |(at, _)| at);
+        let beyond = corners[..end].iter().position(|&corner| corner as usize >= total);
+        if let Some(at) = beyond {
+            message = Some((
+                at,
+                format!(
+                    "there is no such vertex, the file has {total}: {}",
+                    u64::from(corners[at]) + 1
+                ),
+            ));
+        }
+    }
+    message.map_or(Ok(()), |(at, message)| Err((chunk.faces.face_of_corner(at), message)))
+}
+
+/// Runs of faces under one object and group name.
+#[derive(Debug, Default)]
+struct Parts {
+    parts: Vec<Part>,
+    object: Option<String>,
+    group: Option<String>,
+    first_face: u64,
+}
+
+impl Parts {
+    /// From face `face` on, faces are called otherwise.
+    fn rename(&mut self, face: u64, name: &chunk::Name<'_>) {
+        self.close(face);
+        let text = String::from_utf8_lossy(name.text)
+            .replace("\\\r\n", " ")
+            .replace("\\\n", " ");
+        let text = text.trim();
+        let name_of = (!text.is_empty()).then(|| part_name(text));
+        if name.is_object {
+            self.object = name_of;
+        } else {
+            self.group = name_of;
+        }
+    }
+
+    /// Ends the run before face `end`.
+    fn close(&mut self, end: u64) {
+        let faces = end - self.first_face;
+        if faces == 0 {
+            return;
+        }
+        let group = match (&self.object, &self.group) {
+            (Some(object), Some(group)) => Some(format!("{object}/{group}")),
+            (object, group) => object.as_ref().or(group.as_ref()).cloned(),
+        };
+        match self.parts.last_mut() {
+            Some(last) if last.group == group => last.faces += faces,
+            _ => self.parts.push(Part {
+                group,
+                first_face: self.first_face,
+                faces,
+                ..Part::default()
+            }),
+        }
+        self.first_face = end;
+    }
+
+    fn finish(mut self, faces: u64) -> Vec<Part> {
+        self.close(faces);
+        self.parts
+    }
 }
