@@ -92,10 +92,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let report_target = arguments.report.clone().map(Target::from);
     check(arguments, report_target.as_ref())?;
 
-    let cancel = Cancel::default();
-    signals::cancel_when_asked(cancel.clone());
     let mut progress = Progress::new(arguments.parameters.max_iterations);
-    let mut outcome = cluster(arguments, &cancel, &mut progress)?;
+    let mut outcome = cluster(arguments, &mut progress)?;
 
     progress.stage("writing");
     let writing = Instant::now();
@@ -134,6 +132,9 @@ fn check(arguments: &Arguments, report: Option<&Target>) -> Result<(), Failure> 
         .parameters
         .check(listed)
         .map_err(|error| Failure::Usage("cluster", error.message))?;
+    if let Some(message) = arguments.device.contradiction() {
+        return Err(Failure::Usage("cluster", message));
+    }
     let labels = arguments.labels.as_ref().map(|labels| &labels.target);
     if labels.is_some() && labels == report {
         let message = "labels and report cannot both go to the same place";
@@ -146,11 +147,7 @@ fn check(arguments: &Arguments, report: Option<&Target>) -> Result<(), Failure> 
 }
 
 /// From the input to labels and report.
-fn cluster(
-    arguments: &Arguments,
-    cancel: &Cancel,
-    progress: &mut Progress,
-) -> Result<Outcome, Failure> {
+fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Failure> {
     let limits = Limits {
         max_bytes: arguments.max_upload_bytes,
         max_faces: arguments.max_faces,
@@ -182,6 +179,9 @@ fn cluster(
         }),
     };
 
+    // Until here there is nothing to end in order, and a read that waits for input could not be told to stop.
+    let cancel = Cancel::default();
+    signals::cancel_when_asked(cancel.clone());
     progress.stage("preparing");
     let mut prepared = job::prepare(&Request {
         bytes: &bytes,
@@ -194,9 +194,9 @@ fn cluster(
     prepared.timings.read = read;
     drop(bytes);
     cancel.check()?;
-    let mut device = arguments.device.open(prepared.input.faces)?;
+    let mut device = arguments.device.open(Some(prepared.input.faces))?;
     progress.stage("clustering");
-    Ok(job::run(&prepared, device.as_mut(), cancel, &mut |row| {
+    Ok(job::run(&prepared, device.as_mut(), &cancel, &mut |row| {
         progress.iteration(row);
     })?)
 }

@@ -9,5 +9,5 @@ pub struct Arguments {
 }
 /// Serves.
 pub fn run(arguments: Arguments) -> Result<(), Failure> {
-    Err(crate::Error::parameter(format!("{:?}", arguments.device)).into())
+    Err(crate::Error::parameter(format!("{:?}", arguments.device.contradiction())).into())
 }
