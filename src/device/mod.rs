@@ -5,6 +5,7 @@
 
 pub mod cpu;
 pub mod gpu;
+pub mod select;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
