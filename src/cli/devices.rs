@@ -52,7 +52,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         auto,
     };
     let text = if arguments.json {
-        serde_json::to_string_pretty(&devices).map_err(|error| Failure::stdout(error.into()))? + "\n"
+        serde_json::to_string_pretty(&devices).map_err(|error| Failure::stdout(error.into()))?
+            + "\n"
     } else {
         table(&devices)
     };
@@ -77,14 +78,27 @@ fn table(devices: &Devices<'_>) -> String {
             Some(reason) => format!("no: {reason}"),
             None => "yes".to_owned(),
         };
-        rows.push(row([&index, &kind, &report.name, &report.backend, &report.driver, &usable]));
+        rows.push(row([
+            &index,
+            &kind,
+            &report.name,
+            &report.backend,
+            &report.driver,
+            &usable,
+        ]));
     }
     let widths: [usize; 6] = std::array::from_fn(|column| {
-        rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0)
+        rows.iter()
+            .map(|row| row[column].chars().count())
+            .max()
+            .unwrap_or(0)
     });
     let mut text = String::new();
     for row in rows {
-        let cells = row.iter().zip(widths).map(|(cell, width)| format!("{cell:width$}"));
+        let cells = row
+            .iter()
+            .zip(widths)
+            .map(|(cell, width)| format!("{cell:width$}"));
         text += cells.collect::<Vec<_>>().join("  ").trim_end();
         text += "\n";
     }

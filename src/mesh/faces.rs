@@ -159,13 +159,22 @@ mod tests {
 
     #[test]
     fn joined_faces_are_those_pushed_one_by_one() {
-        let lists: [&[&[u32]]; 4] = [&[], &[&[0, 1, 2], &[2, 1, 3]], &[&[4, 5, 6, 7]], &[&[1, 2, 3, 4, 5], &[0, 1, 2]]];
+        let lists: [&[&[u32]]; 4] = [
+            &[],
+            &[&[0, 1, 2], &[2, 1, 3]],
+            &[&[4, 5, 6, 7]],
+            &[&[1, 2, 3, 4, 5], &[0, 1, 2]],
+        ];
         for first in lists {
             for second in lists {
-                let (mut one, mut two, mut both) = (Faces::default(), Faces::default(), Faces::default());
+                let (mut one, mut two, mut both) =
+                    (Faces::default(), Faces::default(), Faces::default());
                 first.iter().for_each(|corners| one.push(corners));
                 second.iter().for_each(|corners| two.push(corners));
-                first.iter().chain(second).for_each(|corners| both.push(corners));
+                first
+                    .iter()
+                    .chain(second)
+                    .for_each(|corners| both.push(corners));
                 one.append(&two);
                 assert_eq!(one, both);
             }

@@ -168,9 +168,7 @@ fn vertex(cursor: &mut Cursor<'_>) -> Result<[f64; 3], String> {
 #[cold]
 fn bad_coordinate(cursor: &Cursor<'_>) -> String {
     let token = cursor.token();
-    let word = token
-        .trim_matches(['"', '+', '-'])
-        .to_ascii_lowercase();
+    let word = token.trim_matches(['"', '+', '-']).to_ascii_lowercase();
     let is_number = number::float(word.as_bytes()).is_some_and(|(_, length)| length == word.len());
     if is_number || word.starts_with("nan") || word.starts_with("inf") {
         format!("a coordinate is not finite: {token}")
@@ -220,7 +218,9 @@ fn face(cursor: &mut Cursor<'_>, chunk: &mut Chunk<'_>) -> Result<(), String> {
     }
     let corners = chunk.faces.all_corners().len() - first;
     if corners < 3 {
-        return Err(format!("at least 3 corners are needed, there are {corners}"));
+        return Err(format!(
+            "at least 3 corners are needed, there are {corners}"
+        ));
     }
     chunk.faces.close(first);
     cursor.skip_line();

@@ -104,7 +104,9 @@ fn join(
         warnings.push(format!("point and line elements were skipped: {elements}"));
     }
     if free_form > 0 {
-        warnings.push(format!("free-form curves and surfaces were skipped: {free_form}"));
+        warnings.push(format!(
+            "free-form curves and surfaces were skipped: {free_form}"
+        ));
     }
     Ok(PolygonMesh {
         format: Format::Obj,
@@ -171,7 +173,9 @@ fn settle(chunk: &mut Chunk<'_>, before: usize, total: usize) -> Result<(), (usi
     if chunk.largest as usize > total {
         // relative corners that are not settled yet are behind the one noted above
         let end = outside.map_or(corners.len(), |(at, _)| at);
-        let beyond = corners[..end].iter().position(|&corner| corner as usize >= total);
+        let beyond = corners[..end]
+            .iter()
+            .position(|&corner| corner as usize >= total);
         if let Some(at) = beyond {
             message = Some((
                 at,
@@ -182,7 +186,9 @@ fn settle(chunk: &mut Chunk<'_>, before: usize, total: usize) -> Result<(), (usi
             ));
         }
     }
-    message.map_or(Ok(()), |(at, message)| Err((chunk.faces.face_of_corner(at), message)))
+    message.map_or(Ok(()), |(at, message)| {
+        Err((chunk.faces.face_of_corner(at), message))
+    })
 }
 
 /// Runs of faces under one object and group name.

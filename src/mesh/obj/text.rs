@@ -152,9 +152,8 @@ impl<'a> Cursor<'a> {
 
 /// Where a comment begins in the line: at a `#` that follows a blank or begins the statement's rest.
 fn comment(text: &[u8], first: usize, line: std::ops::Range<usize>) -> Option<usize> {
-    line.into_iter().find(|&at| {
-        text[at] == b'#' && (at == first || text[at - 1].is_ascii_whitespace())
-    })
+    line.into_iter()
+        .find(|&at| text[at] == b'#' && (at == first || text[at - 1].is_ascii_whitespace()))
 }
 
 /// Length of the joined line end that `text` begins with, 0 when it does not.
