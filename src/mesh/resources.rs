@@ -1,6 +1,10 @@
 //! Where the files that a mesh refers to may come from.
+//!
+//! A mesh names its buffers by relative URI. Whatever it names, it gets nothing but files that were given with it.
 
-use std::path::PathBuf;
+use std::fs::{File, Metadata};
+use std::io::{ErrorKind, Read};
+use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 
@@ -31,7 +35,81 @@ pub struct Beside {
 
 impl Resources for Beside {
     fn load(&self, uri: &str, max_bytes: u64) -> Result<Vec<u8>> {
-        let _ = (uri, max_bytes, &self.folder);
-        Err(Error::mesh("not yet"))
+        check_relative(uri)?;
+        let folder = match self.folder.as_os_str().is_empty() {
+            true => Path::new("."),
+            false => &self.folder,
+        };
+        let failed = |error: std::io::Error| match error.kind() {
+            ErrorKind::NotFound | ErrorKind::NotADirectory => Error::mesh(format_args!(
+                "the mesh refers to a buffer file that is not beside it: {uri:?}"
+            )),
+            _ => Error::io(format_args!("cannot read the buffer {uri:?}"), error),
+        };
+        let folder = folder.canonicalize().map_err(failed)?;
+        let path = folder.join(uri).canonicalize().map_err(failed)?;
+        if !path.starts_with(&folder) {
+            return Err(Error::mesh(format_args!(
+                "the mesh refers to a buffer by a link that leads out of its folder: {uri:?}"
+            )));
+        }
+        // looked at before it is opened: opening a pipe would wait for whoever writes to it
+        check_regular(&path.metadata().map_err(failed)?, uri)?;
+        let file = File::open(&path).map_err(failed)?;
+        let metadata = file.metadata().map_err(failed)?;
+        check_regular(&metadata, uri)?;
+        let mut bytes = Vec::new();
+        if metadata.len() <= max_bytes {
+            bytes.reserve_exact(metadata.len() as usize);
+            file.take(max_bytes.saturating_add(1))
+                .read_to_end(&mut bytes)
+                .map_err(failed)?;
+        }
+        if metadata.len().max(bytes.len() as u64) > max_bytes {
+            return Err(Error::too_large(format_args!(
+                "the mesh and its buffers have more bytes than the limit (raise it with --max-upload-bytes); \
+                 the buffer {uri:?} may have {max_bytes} and has {}",
+                metadata.len()
+            )));
+        }
+        Ok(bytes)
     }
+}
+
+fn check_regular(metadata: &Metadata, uri: &str) -> Result<()> {
+    if metadata.is_file() {
+        return Ok(());
+    }
+    Err(Error::mesh(format_args!(
+        "the mesh refers to a buffer that is not a regular file: {uri:?}"
+    )))
+}
+
+/// Refuses a URI that is anything but a path downwards: absolute, upwards, with a scheme or drive, or in another system's way.
+pub(super) fn check_relative(uri: &str) -> Result<()> {
+    let refuse = |what: &str| {
+        Err(Error::mesh(format_args!(
+            "a buffer must be named by a relative path below the folder of the mesh, without {what}: {uri:?}"
+        )))
+    };
+    if uri.is_empty() {
+        return refuse("being empty");
+    }
+    if uri.starts_with('/') {
+        return refuse("a leading slash");
+    }
+    if uri.contains('\\') {
+        return refuse("backslashes");
+    }
+    if uri.contains(char::is_control) {
+        return refuse("control characters");
+    }
+    let mut segments = uri.split('/');
+    if segments.clone().any(|segment| segment == "..") {
+        return refuse("..");
+    }
+    if segments.next().is_some_and(|first| first.contains(':')) {
+        return refuse("a scheme or a drive");
+    }
+    Ok(())
 }

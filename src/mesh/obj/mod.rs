@@ -165,7 +165,7 @@ fn settle(chunk: &mut Chunk<'_>, before: usize, total: usize) -> Result<(), (usi
         message = Some((
             at,
             format!(
-                "a negative index reaches {} before the first vertex",
+                "a negative index goes back beyond the first vertex by: {}",
                 vertex.unsigned_abs()
             ),
         ));

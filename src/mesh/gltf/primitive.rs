@@ -1,0 +1,240 @@
+//! Primitives: positions, indices and what they mean as triangles.
+
+use gltf::json::accessor::ComponentType;
+use gltf::json::mesh::{Mode, Semantic};
+use gltf::json::validation::Checked;
+
+use super::accessor::Elements;
+use super::buffers::Buffers;
+use super::document::lookup;
+use crate::error::{Error, Result};
+
+const DRACO: &str = "KHR_draco_mesh_compression";
+
+/// A primitive made of triangles whose bytes are there.
+#[derive(Debug)]
+pub struct Primitive<'b> {
+    /// Its index in its mesh.
+    pub index: usize,
+    /// Positions of its vertices.
+    pub positions: Elements<'b>,
+    /// Number of triangles.
+    pub triangles: usize,
+    indices: Option<Elements<'b>>,
+    shape: Shape,
+}
+
+/// How corners make triangles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Shape {
+    List,
+    Strip,
+    Fan,
+}
+
+/// What was passed over.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Skipped {
+    /// Primitives of points or lines.
+    pub points_and_lines: u64,
+    /// Primitives without positions.
+    pub without_positions: u64,
+    /// Primitives with a last triangle that lacks corners.
+    pub incomplete: u64,
+    /// Primitives with morph targets.
+    pub morphed: u64,
+    /// Placements with a skin.
+    pub skinned: u64,
+}
+
+impl Skipped {
+    /// In words.
+    pub fn warnings(&self) -> Vec<String> {
+        [
+            (self.points_and_lines, "primitives of points or lines were skipped"),
+            (self.without_positions, "primitives without POSITION were skipped"),
+            (self.incomplete, "primitives end with an incomplete triangle, which was skipped"),
+            (self.morphed, "primitives have morph targets, which were ignored"),
+            (self.skinned, "nodes have a skin, which was ignored: the mesh is in its rest pose"),
+        ]
+        .into_iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| format!("{what}: {count}"))
+        .collect()
+    }
+}
+
+/// Opens the primitives of a mesh that have triangles.
+pub fn open<'b>(
+    buffers: &'b Buffers<'_>,
+    mesh: usize,
+    whence: &str,
+    skipped: &mut Skipped,
+) -> Result<Vec<Primitive<'b>>> {
+    let mut primitives = Vec::new();
+    let found = lookup(&buffers.document().meshes, mesh, "mesh", whence)?;
+    for (index, primitive) in found.primitives.iter().enumerate() {
+        let me = format!("primitive {index} of mesh {mesh}");
+        let shape = match primitive.mode {
+            Checked::Valid(Mode::Triangles) => Shape::List,
+            Checked::Valid(Mode::TriangleStrip) => Shape::Strip,
+            Checked::Valid(Mode::TriangleFan) => Shape::Fan,
+            Checked::Valid(Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) => {
+                skipped.points_and_lines += 1;
+                continue;
+            }
+            Checked::Invalid => {
+                return Err(Error::mesh(format_args!("{me} has an unknown mode")));
+            }
+        };
+        let positions = primitive.attributes.get(&Checked::Valid(Semantic::Positions));
+        let Some(positions) = positions.map(|accessor| accessor.value()) else {
+            skipped.without_positions += 1;
+            continue;
+        };
+        let indices = primitive.indices.map(|accessor| accessor.value());
+        let is_draco = primitive
+            .extensions
+            .as_ref()
+            .is_some_and(|extensions| extensions.others.contains_key(DRACO));
+        if is_draco {
+            refuse_without_fallback(buffers, positions, &me)?;
+            indices.map_or(Ok(()), |indices| refuse_without_fallback(buffers, indices, &me))?;
+        }
+        let positions = open_positions(buffers, positions, &me)?;
+        let indices = indices
+            .map(|indices| open_indices(buffers, indices, &me))
+            .transpose()?;
+        let corners = indices.as_ref().map_or(positions.count, |indices| indices.count);
+        let triangles = match shape {
+            Shape::List => corners / 3,
+            Shape::Strip | Shape::Fan => corners.saturating_sub(2),
+        };
+        let incomplete = match shape {
+            Shape::List => !corners.is_multiple_of(3),
+            Shape::Strip | Shape::Fan => matches!(corners, 1 | 2),
+        };
+        skipped.incomplete += u64::from(incomplete);
+        let targets = primitive.targets.as_ref();
+        skipped.morphed += u64::from(targets.is_some_and(|targets| !targets.is_empty()));
+        if triangles > 0 {
+            primitives.push(Primitive {
+                index,
+                positions,
+                triangles,
+                indices,
+                shape,
+            });
+        }
+    }
+    Ok(primitives)
+}
+
+/// Refuses an accessor that has its elements only in compressed form.
+fn refuse_without_fallback(buffers: &Buffers<'_>, accessor: usize, whence: &str) -> Result<()> {
+    let accessor = buffers.document().accessor(accessor, whence)?;
+    if accessor.buffer_view.is_none() && accessor.sparse.is_none() {
+        return Err(Error::unsupported(format_args!(
+            "{whence} is compressed by an extension that is not supported: {DRACO}"
+        )));
+    }
+    Ok(())
+}
+
+fn open_positions<'b>(buffers: &'b Buffers<'_>, accessor: usize, whence: &str) -> Result<Elements<'b>> {
+    let whence = format!("POSITION of {whence}");
+    let positions = Elements::open(buffers, accessor, &whence)?;
+    if positions.components != 3 || positions.component == ComponentType::U32 {
+        return Err(Error::mesh(format_args!(
+            "accessor {accessor} cannot be {whence}: it must be VEC3 of floats, or of bytes or shorts by \
+             KHR_mesh_quantization"
+        )));
+    }
+    Ok(positions)
+}
+
+fn open_indices<'b>(buffers: &'b Buffers<'_>, accessor: usize, whence: &str) -> Result<Elements<'b>> {
+    let whence = format!("indices of {whence}");
+    let indices = Elements::open(buffers, accessor, &whence)?;
+    if !indices.is_index() {
+        return Err(Error::mesh(format_args!(
+            "accessor {accessor} cannot be {whence}: it must be SCALAR of unsigned integers"
+        )));
+    }
+    Ok(indices)
+}
+
+impl Primitive<'_> {
+    /// The corners of the triangles, three each, as indices of the primitive's vertices.
+    pub fn corners(&self) -> Result<Vec<u32>> {
+        let corners = match &self.indices {
+            Some(indices) => {
+                let corners = indices.indices();
+                let vertices = self.positions.count;
+                // one look at the largest, since nearly all are sound
+                if corners.iter().max().is_some_and(|&most| most as usize >= vertices) {
+                    let at = corners.iter().position(|&corner| corner as usize >= vertices);
+                    let at = at.unwrap_or_default();
+                    return Err(Error::mesh(format_args!(
+                        "element {at} of accessor {} is no index of the {vertices} vertices of accessor {}: {}",
+                        indices.index, self.positions.index, corners[at]
+                    )));
+                }
+                corners
+            }
+            None => (0..self.positions.count as u32).collect(),
+        };
+        Ok(self.shape.triangles(corners))
+    }
+}
+
+impl Shape {
+    /// Spells out the triangles, each wound as the specification says.
+    fn triangles(self, mut corners: Vec<u32>) -> Vec<u32> {
+        match self {
+            Shape::List => {
+                corners.truncate(corners.len() / 3 * 3);
+                corners
+            }
+            Shape::Strip => corners
+                .windows(3)
+                .enumerate()
+                .flat_map(|(index, corner)| match index % 2 {
+                    0 => [corner[0], corner[1], corner[2]],
+                    _ => [corner[0], corner[2], corner[1]],
+                })
+                .collect(),
+            Shape::Fan => match corners.split_first() {
+                Some((&hub, rim)) => rim
+                    .windows(2)
+                    .flat_map(|corner| [corner[0], corner[1], hub])
+                    .collect(),
+                None => Vec::new(),
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Shape;
+
+    #[test]
+    fn strips_alternate_and_fans_share_their_first_corner() {
+        let corners = vec![4, 5, 6, 7, 8];
+        assert_eq!(Shape::List.triangles(corners.clone()), [4, 5, 6]);
+        assert_eq!(
+            Shape::Strip.triangles(corners.clone()),
+            [4, 5, 6, 5, 7, 6, 6, 7, 8]
+        );
+        assert_eq!(
+            Shape::Fan.triangles(corners),
+            [5, 6, 4, 6, 7, 4, 7, 8, 4]
+        );
+        for shape in [Shape::List, Shape::Strip, Shape::Fan] {
+            for few in 0..3 {
+                assert!(shape.triangles(vec![0; few]).is_empty());
+            }
+        }
+    }
+}

@@ -1,0 +1,171 @@
+//! The scene graph: which meshes are placed where, in which order.
+
+use super::accessor::Elements;
+use super::buffers::Buffers;
+use super::document::{Document, Instancing, lookup};
+use super::transform::Affine;
+use crate::error::{Error, Result};
+
+/// A node that places a mesh.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Placement {
+    /// The node.
+    pub node: usize,
+    /// The mesh.
+    pub mesh: usize,
+    /// From the mesh to the scene.
+    pub world: Affine,
+}
+
+/// The placements of the default scene, else of the first, else of all nodes: depth first, children in their order.
+pub fn placements(document: &Document) -> Result<Vec<Placement>> {
+    let parents = parents(document)?;
+    let scene = match document.scene {
+        Some(scene) => Some(lookup(&document.scenes, scene as usize, "scene", "the file")?),
+        None => document.scenes.first(),
+    };
+    let mut open: Vec<(usize, Affine)> = match scene {
+        Some(scene) => scene
+            .nodes
+            .iter()
+            .map(|&node| (node as usize, Affine::IDENTITY))
+            .collect(),
+        None => (0..document.nodes.len())
+            .filter(|&node| parents[node].is_none())
+            .map(|node| (node, Affine::IDENTITY))
+            .collect(),
+    };
+    open.reverse();
+    let mut placements = Vec::new();
+    let mut reached = vec![false; document.nodes.len()];
+    while let Some((index, outer)) = open.pop() {
+        let node = lookup(&document.nodes, index, "node", "the scene")?;
+        if std::mem::replace(&mut reached[index], true) {
+            return Err(Error::mesh(format_args!(
+                "the nodes are no tree: a node is its own ancestor or twice in the scene: {index}"
+            )));
+        }
+        let world = outer.after(&Affine::of_node(node, &format!("node {index}"))?);
+        if let Some(mesh) = node.mesh {
+            placements.push(Placement {
+                node: index,
+                mesh: mesh as usize,
+                world,
+            });
+        }
+        let children = node.children.iter().rev();
+        open.extend(children.map(|&child| (child as usize, world)));
+    }
+    if let (None, Some(lost)) = (scene, reached.iter().position(|&reached| !reached)) {
+        return Err(Error::mesh(format_args!(
+            "the nodes are no tree: a node is its own ancestor: {lost}"
+        )));
+    }
+    Ok(placements)
+}
+
+/// The parent of each node, of which it may have only one.
+fn parents(document: &Document) -> Result<Vec<Option<usize>>> {
+    let mut parents = vec![None; document.nodes.len()];
+    for (index, node) in document.nodes.iter().enumerate() {
+        for &child in &node.children {
+            let child = child as usize;
+            if child >= parents.len() {
+                lookup(&document.nodes, child, "node", &format!("node {index}"))?;
+            } else if let Some(first) = parents[child].replace(index) {
+                return Err(Error::mesh(format_args!(
+                    "the nodes are no tree: node {child} is a child of nodes {first} and {index}"
+                )));
+            }
+        }
+    }
+    Ok(parents)
+}
+
+/// The places that `EXT_mesh_gpu_instancing` adds below a node; one without the extension.
+#[derive(Debug)]
+pub struct Instances<'b> {
+    /// Number of instances.
+    pub count: usize,
+    node: usize,
+    translations: Option<Elements<'b>>,
+    rotations: Option<Elements<'b>>,
+    scales: Option<Elements<'b>>,
+}
+
+impl<'b> Instances<'b> {
+    /// The one place of a node without instances.
+    pub fn single(node: usize) -> Self {
+        Self {
+            count: 1,
+            node,
+            translations: None,
+            rotations: None,
+            scales: None,
+        }
+    }
+
+    /// Opens the accessors of a node's instances.
+    pub fn open(buffers: &'b Buffers<'_>, node: usize, instancing: &Instancing) -> Result<Self> {
+        let mut instances = Self::single(node);
+        let mut counted: Option<(&str, usize)> = None;
+        for (name, &accessor) in &instancing.attributes {
+            let whence = format!("{name} of the instances of node {node}");
+            let elements = Elements::open(buffers, accessor as usize, &whence)?;
+            let components = match name.as_str() {
+                "TRANSLATION" | "SCALE" => 3,
+                "ROTATION" => 4,
+                _ => elements.components,
+            };
+            if elements.components != components {
+                return Err(Error::mesh(format_args!(
+                    "accessor {accessor} must have {components} components as {whence}: {}",
+                    elements.components
+                )));
+            }
+            match counted {
+                Some((first, count)) if count != elements.count => {
+                    return Err(Error::mesh(format_args!(
+                        "the instances of node {node} have {count} of {first}, but {} of {name}",
+                        elements.count
+                    )));
+                }
+                _ => counted = Some((name, elements.count)),
+            }
+            match name.as_str() {
+                "TRANSLATION" => instances.translations = Some(elements),
+                "ROTATION" => instances.rotations = Some(elements),
+                "SCALE" => instances.scales = Some(elements),
+                _ => {}
+            }
+        }
+        let Some((_, count)) = counted else {
+            return Err(Error::mesh(format_args!(
+                "the instances of node {node} have no attributes"
+            )));
+        };
+        instances.count = count;
+        Ok(instances)
+    }
+
+    /// Where the instances are, from the node on; the count must have been found affordable.
+    pub fn transforms(&self) -> impl Iterator<Item = Result<Affine>> {
+        let translations = self.translations.as_ref().map(vectors::<3>);
+        let rotations = self.rotations.as_ref().map(vectors::<4>);
+        let scales = self.scales.as_ref().map(vectors::<3>);
+        (0..self.count).map(move |index| {
+            Affine::compose(
+                translations.as_ref().map_or([0.0; 3], |all| all[index]),
+                rotations.as_ref().map_or([0.0, 0.0, 0.0, 1.0], |all| all[index]),
+                scales.as_ref().map_or([1.0; 3], |all| all[index]),
+                &format!("instance {index} of node {}", self.node),
+            )
+        })
+    }
+}
+
+fn vectors<const N: usize>(elements: &Elements<'_>) -> Vec<[f64; N]> {
+    let mut vectors = vec![[0.0; N]; elements.count];
+    elements.each_vector(|index, vector| vectors[index] = vector);
+    vectors
+}

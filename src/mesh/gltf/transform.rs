@@ -1,0 +1,152 @@
+//! Where nodes and instances put things: affine maps in f64.
+//!
+//! Only + − × ÷ in a fixed order, so that positions are the same bytes on every machine.
+
+use super::document::Node;
+use crate::error::{Error, Result};
+
+/// A linear map followed by a translation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Affine {
+    /// Images of the three axes, then the translation.
+    columns: [[f64; 3]; 4],
+}
+
+impl Affine {
+    /// Changes nothing.
+    pub const IDENTITY: Self = Self {
+        columns: [
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.0, 0.0, 1.0],
+            [0.0, 0.0, 0.0],
+        ],
+    };
+
+    /// The transform of a node relative to its parent.
+    pub fn of_node(node: &Node, whence: &str) -> Result<Self> {
+        let Some(m) = &node.matrix else {
+            return Self::compose(
+                node.translation.unwrap_or([0.0; 3]),
+                node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]),
+                node.scale.unwrap_or([1.0; 3]),
+                whence,
+            );
+        };
+        if [m[3], m[7], m[11], m[15]] != [0.0, 0.0, 0.0, 1.0] {
+            return Err(Error::mesh(format_args!(
+                "the matrix of {whence} is not affine, its last row must be 0 0 0 1: {} {} {} {}",
+                m[3], m[7], m[11], m[15]
+            )));
+        }
+        Ok(Self {
+            columns: [
+                [m[0], m[1], m[2]],
+                [m[4], m[5], m[6]],
+                [m[8], m[9], m[10]],
+                [m[12], m[13], m[14]],
+            ],
+        })
+    }
+
+    /// Scales, then rotates by a quaternion x, y, z, w of any length but 0, then translates.
+    pub fn compose(
+        translation: [f64; 3],
+        [x, y, z, w]: [f64; 4],
+        scale: [f64; 3],
+        whence: &str,
+    ) -> Result<Self> {
+        let square = x * x + y * y + z * z + w * w;
+        if !(square.is_normal()) {
+            return Err(Error::mesh(format_args!(
+                "the rotation of {whence} is no unit quaternion: {x} {y} {z} {w}"
+            )));
+        }
+        let s = 2.0 / square;
+        let rotated = [
+            [1.0 - s * (y * y + z * z), s * (x * y + z * w), s * (x * z - y * w)],
+            [s * (x * y - z * w), 1.0 - s * (x * x + z * z), s * (y * z + x * w)],
+            [s * (x * z + y * w), s * (y * z - x * w), 1.0 - s * (x * x + y * y)],
+        ];
+        let [a, b, c]: [[f64; 3]; 3] =
+            std::array::from_fn(|axis| rotated[axis].map(|value| value * scale[axis]));
+        Ok(Self {
+            columns: [a, b, c, translation],
+        })
+    }
+
+    /// This map after `inner`.
+    pub fn after(&self, inner: &Self) -> Self {
+        let [x, y, z, origin] = inner.columns;
+        Self {
+            columns: [self.turn(x), self.turn(y), self.turn(z), self.apply(origin)],
+        }
+    }
+
+    /// Where a point goes.
+    #[inline]
+    pub fn apply(&self, point: [f64; 3]) -> [f64; 3] {
+        let turned = self.turn(point);
+        std::array::from_fn(|axis| turned[axis] + self.columns[3][axis])
+    }
+
+    /// Where a direction goes.
+    #[inline]
+    fn turn(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
+        let [a, b, c, _] = &self.columns;
+        std::array::from_fn(|axis| a[axis] * x + b[axis] * y + c[axis] * z)
+    }
+
+    /// Whether it turns left into right, and so the winding of faces around.
+    pub fn mirrors(&self) -> bool {
+        let [[a, b, c], [d, e, f], [g, h, i], _] = self.columns;
+        a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_quarter_turn_about_z_takes_x_to_y() {
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        for length in [1.0, 3.0] {
+            let turn = Affine::compose(
+                [10.0, 0.0, 0.0],
+                [0.0, 0.0, half * length, half * length],
+                [2.0, 3.0, -4.0],
+                "node 0",
+            )
+            .expect("a rotation");
+            let close = |point, expected: [f64; 3]| {
+                let image = turn.apply(point);
+                assert!(
+                    (0..3).all(|axis| (image[axis] - expected[axis]).abs() < 1e-12),
+                    "{image:?} {expected:?}"
+                );
+            };
+            close([1.0, 0.0, 0.0], [10.0, 2.0, 0.0]);
+            close([0.0, 1.0, 0.0], [7.0, 0.0, 0.0]);
+            close([0.0, 0.0, 1.0], [10.0, 0.0, -4.0]);
+            assert!(turn.mirrors());
+        }
+    }
+
+    #[test]
+    fn the_inner_map_comes_first() {
+        let scale = Affine::compose([0.0; 3], [0.0, 0.0, 0.0, 1.0], [2.0; 3], "").expect("a scale");
+        let shift =
+            Affine::compose([1.0, 2.0, 3.0], [0.0, 0.0, 0.0, 1.0], [1.0; 3], "").expect("a shift");
+        assert_eq!(scale.after(&shift).apply([1.0; 3]), [4.0, 6.0, 8.0]);
+        assert_eq!(shift.after(&scale).apply([1.0; 3]), [3.0, 4.0, 5.0]);
+        assert!(!scale.mirrors());
+    }
+
+    #[test]
+    fn rotations_without_direction_are_refused() {
+        for rotation in [[0.0; 4], [1e-200; 4], [1e200; 4]] {
+            assert!(Affine::compose([0.0; 3], rotation, [1.0; 3], "node 7").is_err());
+        }
+    }
+}
