@@ -101,6 +101,7 @@ impl<'a> GpuSteps<'a> {
                     if let Some(idle) = next {
                         self.collect(idle)?;
                     }
+                    cancel.check()?;
                     return Ok(true);
                 }
                 let took = started.elapsed();
