@@ -55,10 +55,7 @@ impl Kind {
             Kind::Conflict | Kind::Cancelled => 409,
             Kind::TooLarge => 413,
             Kind::UnsupportedMediaType => 415,
-            Kind::InvalidParameter
-            | Kind::InvalidMesh
-            | Kind::UnsupportedMesh
-            | Kind::DeviceUnsuitable => 422,
+            Kind::InvalidParameter | Kind::InvalidMesh | Kind::UnsupportedMesh | Kind::DeviceUnsuitable => 422,
             Kind::QueueFull => 429,
             Kind::Io | Kind::Internal => 500,
             Kind::Unavailable | Kind::DeviceLost => 503,
@@ -145,10 +142,7 @@ pub struct Error {
 impl Error {
     /// An error of the given kind.
     pub fn new(kind: Kind, message: impl Display) -> Self {
-        Self {
-            kind,
-            message: message.to_string(),
-        }
+        Self { kind, message: message.to_string() }
     }
 
     /// A parameter that is unknown, malformed or impossible.

@@ -37,12 +37,7 @@ impl LabelFormat {
 }
 
 /// Writes labels, one a face in upload order, of `clusters` clusters.
-pub fn write_labels(
-    out: &mut dyn Write,
-    format: LabelFormat,
-    clusters: u64,
-    labels: &[u32],
-) -> io::Result<()> {
+pub fn write_labels(out: &mut dyn Write, format: LabelFormat, clusters: u64, labels: &[u32]) -> io::Result<()> {
     match format {
         LabelFormat::Json => {
             write!(out, "{{\"clusters\":{clusters},\"labels\":")?;
@@ -60,8 +55,7 @@ pub fn write_labels(
 /// Header of a one-dimensional little-endian uint32 array, padded to a multiple of 64 bytes as NumPy's format asks.
 fn npy_header(length: usize) -> Vec<u8> {
     const PREFIX: usize = 10;
-    let mut dictionary =
-        format!("{{'descr': '<u4', 'fortran_order': False, 'shape': ({length},), }}");
+    let mut dictionary = format!("{{'descr': '<u4', 'fortran_order': False, 'shape': ({length},), }}");
     while !(PREFIX + dictionary.len() + 1).is_multiple_of(64) {
         dictionary.push(' ');
     }
@@ -103,11 +97,7 @@ mod tests {
 
     #[test]
     fn json_names_the_clusters_and_lists_the_labels() {
-        let value: serde_json::Value =
-            serde_json::from_slice(&written(LabelFormat::Json, &[0, 2, 1])).expect("JSON");
-        assert_eq!(
-            value,
-            serde_json::json!({"clusters": 3, "labels": [0, 2, 1]})
-        );
+        let value: serde_json::Value = serde_json::from_slice(&written(LabelFormat::Json, &[0, 2, 1])).expect("JSON");
+        assert_eq!(value, serde_json::json!({"clusters": 3, "labels": [0, 2, 1]}));
     }
 }

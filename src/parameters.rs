@@ -10,7 +10,7 @@ use utoipa::ToSchema;
 use crate::error::{Error, Result};
 
 /// The parameters of a job. Flags, query parameters and JSON members have the same names and meanings.
-#[derive(Debug, Clone, PartialEq, clap::Args, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, clap::Args, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Parameters {
     /// How to cluster: bb, boundary-based clustering (P§3)
@@ -34,51 +34,47 @@ pub struct Parameters {
     #[arg(long, value_name = "N")]
     pub max_iterations: Option<u32>,
 
+    /// Refine what boundary-based clustering ends with by exact gains (lower energy), or leave it as the paper does
+    #[arg(long, value_enum, default_value_t)]
+    pub refine: Refine,
+
     /// Accept clusters in several pieces, as the optimisation left them
     #[arg(long)]
     pub allow_disconnected: bool,
-}
-
-impl Default for Parameters {
-    fn default() -> Self {
-        Self {
-            algorithm: Algorithm::default(),
-            clusters: None,
-            seeds: Seeds::default(),
-            seed: 0,
-            max_iterations: None,
-            allow_disconnected: false,
-        }
-    }
 }
 
 impl Parameters {
     /// Checks what can be checked without the mesh. `listed` says whether seeds come as a list.
     pub fn check(&self, listed: bool) -> Result<()> {
         if self.seeds == Seeds::Listed && !listed {
-            return Err(Error::parameter(
-                "seeds are said to be listed, but no list came with the request",
-            ));
+            return Err(Error::parameter("seeds are said to be listed, but no list came with the request"));
         }
         match self.clusters {
             Some(0) => Err(Error::parameter("clusters must be at least 1, not 0")),
-            None if !listed => Err(Error::parameter(
-                "clusters is missing: say how many clusters you want",
-            )),
+            None if !listed => Err(Error::parameter("clusters is missing: say how many clusters you want")),
             _ => Ok(()),
         }
     }
 }
 
 /// A clustering algorithm.
-#[derive(
-    Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema,
-)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Algorithm {
     /// Boundary-based clustering (P§3)
     #[default]
     Bb,
+}
+
+/// Whether to refine after boundary-based clustering.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Refine {
+    /// Refine
+    #[default]
+    On,
+    /// The paper's boundary-based clustering alone
+    None,
 }
 
 /// Where clusters start.
@@ -116,9 +112,7 @@ impl FromStr for Seeds {
             "listed" => Ok(Seeds::Listed),
             _ => match text.strip_prefix("file:") {
                 Some(path) if !path.is_empty() => Ok(Seeds::File(path.into())),
-                _ => Err(Error::parameter(format_args!(
-                    "seeds must be morton, random or file:PATH, not {text:?}"
-                ))),
+                _ => Err(Error::parameter(format_args!("seeds must be morton, random or file:PATH, not {text:?}"))),
             },
         }
     }
@@ -132,8 +126,6 @@ impl Serialize for Seeds {
 
 impl<'de> Deserialize<'de> for Seeds {
     fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        String::deserialize(deserializer)?
-            .parse()
-            .map_err(serde::de::Error::custom)
+        String::deserialize(deserializer)?.parse().map_err(serde::de::Error::custom)
     }
 }

@@ -122,6 +122,8 @@ pub struct Iteration {
 pub enum Phase {
     /// Boundary-based optimisation (P§3.2).
     Boundary,
+    /// Refinement by exact gains.
+    Refine,
     /// Pieces cut off from their cluster are given to their neighbours.
     Repair,
 }

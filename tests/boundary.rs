@@ -13,9 +13,8 @@ use tesserae::surface::Surface;
 /// Numbers of clusters worth trying on a surface.
 fn cluster_counts(surface: &Surface) -> Vec<u64> {
     let (fewest, most) = (surface.components.len() as u64, surface.faces() as u64);
-    let mut counts: Vec<u64> = [fewest, fewest + 1, most / 50, most / 7, most - 1, most]
-        .map(|k| k.clamp(fewest, most))
-        .to_vec();
+    let mut counts: Vec<u64> =
+        [fewest, fewest + 1, most / 50, most / 7, most - 1, most].map(|k| k.clamp(fewest, most)).to_vec();
     counts.sort_unstable();
     counts.dedup();
     counts
@@ -28,30 +27,18 @@ fn seeds(surface: &Surface, clusters: u64, kind: &Seeds, seed: u64) -> SeedFaces
 /// Runs a clustering on the cpu device.
 fn run(surface: &Surface, seeds: &SeedFaces, options: Options) -> (cluster::Clustering, Vec<Row>) {
     let mut device = CpuDevice::new();
-    let mut steps = device
-        .open(surface, &seeds.component_of_cluster)
-        .expect("the cpu takes everything");
+    let mut steps = device.open(surface, &seeds.component_of_cluster).expect("the cpu takes everything");
     let mut rows = Vec::new();
-    let clustering = cluster::boundary_based(
-        surface,
-        seeds,
-        options,
-        steps.as_mut(),
-        &Cancel::default(),
-        &mut |row| rows.push(row),
-    )
-    .expect("nobody cancels");
+    let clustering =
+        cluster::boundary_based(surface, seeds, options, steps.as_mut(), &Cancel::default(), &mut |row| rows.push(row))
+            .expect("nobody cancels");
     (clustering, rows)
 }
 
-const PLAIN: Options = Options {
-    max_iterations: None,
-    allow_disconnected: true,
-};
-const CONNECTED: Options = Options {
-    max_iterations: None,
-    allow_disconnected: false,
-};
+const PLAIN: Options = Options { max_iterations: None, refine: false, allow_disconnected: true };
+const REFINED: Options = Options { max_iterations: None, refine: true, allow_disconnected: false };
+const REFINED: Options = Options { max_iterations: None, refine: true, allow_disconnected: false };
+const CONNECTED: Options = Options { max_iterations: None, refine: false, allow_disconnected: false };
 
 #[test]
 fn every_iteration_is_the_one_that_the_definition_says() {
@@ -68,13 +55,11 @@ fn every_iteration_is_the_one_that_the_definition_says() {
                 let (clustering, rows) = run(&surface, &seeds, PLAIN);
                 assert_eq!(clustering.initial, labels, "{name} k={clusters}: growth");
                 let explained = oracle::explained(&surface, &seeds.component_of_cluster, &labels);
-                assert_eq!(
-                    rows[0].energy.explained, explained,
-                    "{name} k={clusters}: energy of the growth"
-                );
+                assert_eq!(rows[0].energy.explained, explained, "{name} k={clusters}: energy of the growth");
                 for row in &rows[1..] {
-                    let state = oracle::iterate(&surface, &seeds.component_of_cluster, &labels)
-                        .unwrap_or_else(|| panic!("{name} k={clusters}: the plain version has converged before {row:?}"));
+                    let state = oracle::iterate(&surface, &seeds.component_of_cluster, &labels).unwrap_or_else(|| {
+                        panic!("{name} k={clusters}: the plain version has converged before {row:?}")
+                    });
                     assert_eq!(
                         (row.moves, row.energy.explained),
                         (state.moves, state.explained),
@@ -83,10 +68,7 @@ fn every_iteration_is_the_one_that_the_definition_says() {
                     );
                     labels = state.labels;
                 }
-                assert_eq!(
-                    clustering.labels, labels,
-                    "{name} k={clusters}: final labels"
-                );
+                assert_eq!(clustering.labels, labels, "{name} k={clusters}: final labels");
                 assert_eq!(
                     oracle::iterate(&surface, &seeds.component_of_cluster, &labels),
                     None,
@@ -120,10 +102,7 @@ fn energy_never_rises_within_a_phase_and_clusters_are_whole() {
                 let context = format!("{name} k={clusters} seed={seed}");
                 for pair in rows.windows(2) {
                     if pair[1].phase == Phase::Boundary {
-                        assert!(
-                            pair[1].energy > pair[0].energy,
-                            "{context}: F falls in {pair:?}"
-                        );
+                        assert!(pair[1].energy > pair[0].energy, "{context}: F falls in {pair:?}");
                         assert!(
                             surface.energy(pair[1].energy) <= surface.energy(pair[0].energy),
                             "{context}: {pair:?}"
@@ -132,14 +111,8 @@ fn energy_never_rises_within_a_phase_and_clusters_are_whole() {
                 }
                 let clusters = clusters as usize;
                 let mut faces = vec![0; clusters];
-                clustering
-                    .labels
-                    .iter()
-                    .for_each(|&label| faces[label as usize] += 1);
-                assert!(
-                    faces.iter().all(|&faces| faces > 0),
-                    "{context}: an empty cluster"
-                );
+                clustering.labels.iter().for_each(|&label| faces[label as usize] += 1);
+                assert!(faces.iter().all(|&faces| faces > 0), "{context}: an empty cluster");
                 assert_eq!(
                     cluster::repair::disconnected_clusters(&surface, clusters, &clustering.labels),
                     0,
@@ -153,19 +126,10 @@ fn energy_never_rises_within_a_phase_and_clusters_are_whole() {
 #[test]
 fn repair_is_needed_somewhere() {
     // otherwise the test above would pass without any repair
-    let mesh =
-        tesserae::sample::generate(tesserae::sample::Sample::Knot, 20_000).expect("a sample");
+    let mesh = tesserae::sample::generate(tesserae::sample::Sample::Knot, 20_000).expect("a sample");
     let surface = Surface::build(&mesh).expect("a surface");
-    let (_, rows) = run(
-        &surface,
-        &seeds(&surface, 300, &Seeds::Random, 0),
-        CONNECTED,
-    );
-    assert!(
-        rows.iter().any(|row| row.phase == Phase::Repair),
-        "{}",
-        rows.len()
-    );
+    let (_, rows) = run(&surface, &seeds(&surface, 300, &Seeds::Random, 0), CONNECTED);
+    assert!(rows.iter().any(|row| row.phase == Phase::Repair), "{}", rows.len());
 }
 
 #[test]
@@ -174,22 +138,10 @@ fn a_limit_on_iterations_ends_with_whole_clusters_too() {
     let surface = Surface::build(&mesh).expect("a surface");
     let seeds = seeds(&surface, 100, &Seeds::Random, 3);
     for limit in [0, 1, 2, 5] {
-        let options = Options {
-            max_iterations: Some(limit),
-            allow_disconnected: false,
-        };
+        let options = Options { max_iterations: Some(limit), refine: true, allow_disconnected: false };
         let (clustering, rows) = run(&surface, &seeds, options);
-        assert_eq!(
-            rows.iter()
-                .skip(1)
-                .filter(|row| row.phase == Phase::Boundary)
-                .count(),
-            limit as usize
-        );
-        assert_eq!(
-            cluster::repair::disconnected_clusters(&surface, 100, &clustering.labels),
-            0
-        );
+        assert_eq!(rows.iter().skip(1).filter(|row| row.phase == Phase::Boundary).count(), limit as usize);
+        assert_eq!(cluster::repair::disconnected_clusters(&surface, 100, &clustering.labels), 0);
     }
 }
 
@@ -199,27 +151,15 @@ fn a_cancelled_run_stops() {
     let surface = Surface::build(&mesh).expect("a surface");
     let seeds = seeds(&surface, 100, &Seeds::Random, 3);
     let mut device = CpuDevice::new();
-    let mut steps = device
-        .open(&surface, &seeds.component_of_cluster)
-        .expect("the cpu takes everything");
+    let mut steps = device.open(&surface, &seeds.component_of_cluster).expect("the cpu takes everything");
     let cancel = Cancel::default();
     let mut rows = 0;
-    let ended = cluster::boundary_based(
-        &surface,
-        &seeds,
-        CONNECTED,
-        steps.as_mut(),
-        &cancel,
-        &mut |_| {
-            rows += 1;
-            if rows == 3 {
-                cancel.cancel();
-            }
-        },
-    );
-    assert_eq!(
-        ended.map(|_| ()).map_err(|error| error.kind),
-        Err(tesserae::Kind::Cancelled)
-    );
+    let ended = cluster::boundary_based(&surface, &seeds, CONNECTED, steps.as_mut(), &cancel, &mut |_| {
+        rows += 1;
+        if rows == 3 {
+            cancel.cancel();
+        }
+    });
+    assert_eq!(ended.map(|_| ()).map_err(|error| error.kind), Err(tesserae::Kind::Cancelled));
     assert_eq!(rows, 3);
 }

@@ -29,10 +29,7 @@ fn compare(
     let gpu_run = run(gpu, surface, &seeds, options).expect("the gpu runs");
     assert_eq!(gpu_run.3, cpu_run.3, "{context}: rows");
     // labels are long: a failure prints the first difference
-    for (name, gpu, cpu) in [
-        ("initial", &gpu_run.0, &cpu_run.0),
-        ("final", &gpu_run.1, &cpu_run.1),
-    ] {
+    for (name, gpu, cpu) in [("initial", &gpu_run.0, &cpu_run.0), ("final", &gpu_run.1, &cpu_run.1)] {
         assert_eq!(gpu.len(), cpu.len(), "{context}");
         let difference = (0..gpu.len()).find(|&face| gpu[face] != cpu[face]);
         assert_eq!(difference, None, "{context}: {name} labels");
@@ -64,16 +61,8 @@ fn larger_meshes_are_clustered_alike() {
         (Sample::Quads, 10_000, 5_000),
         (Sample::Strip, 3_000, 4),
     ] {
-        let surface =
-            Surface::build(&generate(sample, faces).expect("a sample")).expect("a surface");
-        for options in [
-            CONNECTED,
-            PLAIN,
-            Options {
-                max_iterations: Some(13),
-                ..CONNECTED
-            },
-        ] {
+        let surface = Surface::build(&generate(sample, faces).expect("a sample")).expect("a surface");
+        for options in [CONNECTED, PLAIN, Options { max_iterations: Some(13), ..CONNECTED }] {
             let what = (clusters, &Seeds::Random, 7);
             compare(&mut gpu, sample.name(), &surface, what, options);
         }
@@ -87,10 +76,7 @@ fn real_meshes_are_clustered_alike() {
     let Some(folder) = zoo::shared_meshes() else {
         return;
     };
-    let seconds = std::env::var("TESSERAE_TEST_SECONDS")
-        .ok()
-        .and_then(|text| text.parse().ok())
-        .unwrap_or(90);
+    let seconds = std::env::var("TESSERAE_TEST_SECONDS").ok().and_then(|text| text.parse().ok()).unwrap_or(90);
     let end = Instant::now() + Duration::from_secs(seconds);
     let mut files: Vec<_> = std::fs::read_dir(folder)
         .expect("a folder")
@@ -111,19 +97,10 @@ fn real_meshes_are_clustered_alike() {
     assert!(!files.is_empty(), "the folder has meshes");
     let mut gpu = device();
     // the bunny in any case
-    if let Some((_, path, mesh)) = files
-        .iter()
-        .find(|file| file.1.ends_with("stanford-bunny.glb"))
-    {
+    if let Some((_, path, mesh)) = files.iter().find(|file| file.1.ends_with("stanford-bunny.glb")) {
         let surface = Surface::build(mesh).expect("a surface");
         let what = (1000, &Seeds::Morton, 0);
-        compare(
-            &mut gpu,
-            &path.display().to_string(),
-            &surface,
-            what,
-            CONNECTED,
-        );
+        compare(&mut gpu, &path.display().to_string(), &surface, what, CONNECTED);
     }
     for (at, (_, path, mesh)) in files.iter().enumerate() {
         let surface = Surface::build(mesh).expect("a surface");
@@ -133,19 +110,11 @@ fn real_meshes_are_clustered_alike() {
             for (kind, seed) in [(Seeds::Morton, 0), (Seeds::Random, 1)] {
                 if Instant::now() > end {
                     let left = files.len() - at;
-                    eprintln!(
-                        "notice: {left} meshes left when the time was up (set TESSERAE_TEST_SECONDS)"
-                    );
+                    eprintln!("notice: {left} meshes left when the time was up (set TESSERAE_TEST_SECONDS)");
                     return;
                 }
                 let what = (clusters, &kind, seed);
-                compare(
-                    &mut gpu,
-                    &path.display().to_string(),
-                    &surface,
-                    what,
-                    CONNECTED,
-                );
+                compare(&mut gpu, &path.display().to_string(), &surface, what, CONNECTED);
             }
         }
     }

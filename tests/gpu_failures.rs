@@ -28,17 +28,11 @@ fn dispatches_of_two_dimensions_give_the_same() {
     let expected = run(&mut device(), &surface, &seeds, CONNECTED).expect("a run");
     // 20 workgroups of faces and 6 of clusters: full and partial last rows, and the least that holds them
     for row in [19, 7, 5] {
-        let mut narrow = device_with(Overrides {
-            workgroups_per_dimension: Some(row),
-            ..Overrides::default()
-        });
+        let mut narrow = device_with(Overrides { workgroups_per_dimension: Some(row), ..Overrides::default() });
         let found = run(&mut narrow, &surface, &seeds, CONNECTED).expect("a run");
         assert_eq!(found, expected, "{row} workgroups a row");
     }
-    let mut too_narrow = device_with(Overrides {
-        workgroups_per_dimension: Some(4),
-        ..Overrides::default()
-    });
+    let mut too_narrow = device_with(Overrides { workgroups_per_dimension: Some(4), ..Overrides::default() });
     let error = run(&mut too_narrow, &surface, &seeds, CONNECTED).expect_err("4·4·256 threads");
     assert_eq!(error.kind, Kind::DeviceUnsuitable);
     assert!(error.message.contains("4096"), "{error}");
@@ -49,10 +43,7 @@ fn a_mesh_over_the_limit_of_a_binding_is_refused_with_both_sizes() {
     let (surface, seeds) = example();
     let needed = 16 * surface.faces() as u64;
     let with_limit = |bytes| {
-        let mut device = device_with(Overrides {
-            binding_size: Some(bytes),
-            ..Overrides::default()
-        });
+        let mut device = device_with(Overrides { binding_size: Some(bytes), ..Overrides::default() });
         run(&mut device, &surface, &seeds, CONNECTED)
     };
     let error = with_limit(needed - 1).expect_err("one byte too many");
@@ -68,12 +59,7 @@ fn a_lost_device_is_an_error_and_the_next_job_works() {
     let (surface, seeds) = example();
     let mut gpu = device();
     let expected = run(&mut gpu, &surface, &seeds, CONNECTED).expect("a run");
-    for point in [
-        FaultPoint::Upload,
-        FaultPoint::Grow,
-        FaultPoint::Optimise,
-        FaultPoint::Labels,
-    ] {
+    for point in [FaultPoint::Upload, FaultPoint::Grow, FaultPoint::Optimise, FaultPoint::Labels] {
         gpu.inject(Fault::Lose(point));
         let error = run(&mut gpu, &surface, &seeds, CONNECTED).expect_err("lost");
         assert_eq!(error.kind, Kind::DeviceLost, "{point:?}: {error}");
@@ -104,9 +90,7 @@ fn a_cancelled_job_ends_and_leaves_the_device_usable() {
     let seeds = seeds(&surface, 10, &Seeds::Random, 2);
     let mut gpu = device();
     {
-        let mut steps = gpu
-            .open(&surface, &seeds.component_of_cluster)
-            .expect("it fits");
+        let mut steps = gpu.open(&surface, &seeds.component_of_cluster).expect("it fits");
         let mut labels = vec![FREE; surface.faces()];
         for (cluster, &face) in (0..).zip(&seeds.face_of_cluster) {
             labels[face as usize] = cluster;
@@ -142,20 +126,14 @@ fn the_gpu_can_be_chosen_and_says_what_it_is() {
     let report = adapter().report;
     let reports = select::adapters();
     assert!(reports.contains(&report), "{reports:?}");
-    for wanted in [
-        None,
-        Some(report.index.to_string()),
-        Some(report.name.to_uppercase()),
-    ] {
+    for wanted in [None, Some(report.index.to_string()), Some(report.name.to_uppercase())] {
         let gpu = select::open(DeviceChoice::Gpu, wanted.as_deref(), None).expect("it opens");
         let info = gpu.info();
         assert_eq!(info.kind, DeviceKind::Gpu);
         assert_eq!((&info.name, &info.backend), (&report.name, &report.backend));
         assert!(!info.driver.is_empty());
     }
-    let error = select::open(DeviceChoice::Gpu, Some("no such card"), None)
-        .map(|_| ())
-        .expect_err("no such card");
+    let error = select::open(DeviceChoice::Gpu, Some("no such card"), None).map(|_| ()).expect_err("no such card");
     assert_eq!(error.kind, Kind::InvalidParameter);
     assert!(error.message.contains(&report.name), "{error}");
     let expected = select::auto_adapter(&reports).map_or(DeviceKind::Cpu, |_| DeviceKind::Gpu);

@@ -17,9 +17,7 @@ fn surface(sample: Sample, faces: u64) -> Surface {
 /// Numbers at random, the same in every run.
 fn numbers(mut state: u64) -> impl FnMut(u64) -> u64 {
     move |bound| {
-        state = state
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) % bound
     }
 }
@@ -43,16 +41,11 @@ fn every_step_is_the_one_that_the_definition_says() {
             let mut labels = oracle::grow(&surface, &labels);
             assert_eq!(steps.labels().expect("labels"), labels, "{context}: growth");
             let energy = steps.energy().expect("energy").explained;
-            assert_eq!(
-                energy,
-                oracle::explained(&surface, components, &labels),
-                "{context}"
-            );
+            assert_eq!(energy, oracle::explained(&surface, components, &labels), "{context}");
 
             let mut found: Vec<Step> = Vec::new();
-            let ending = steps
-                .optimise_boundary(u32::MAX, &Cancel::default(), &mut |step| found.push(step))
-                .expect("optimise");
+            let ending =
+                steps.optimise_boundary(u32::MAX, &Cancel::default(), &mut |step| found.push(step)).expect("optimise");
             assert_eq!(ending, Ending::Converged, "{context}");
             for (at, step) in found.iter().enumerate() {
                 let state = oracle::iterate(&surface, components, &labels)
@@ -64,18 +57,10 @@ fn every_step_is_the_one_that_the_definition_says() {
                 );
                 labels = state.labels;
             }
-            assert_eq!(
-                oracle::iterate(&surface, components, &labels),
-                None,
-                "{context}"
-            );
+            assert_eq!(oracle::iterate(&surface, components, &labels), None, "{context}");
             assert_eq!(steps.labels().expect("labels"), labels, "{context}");
             let energy = steps.energy().expect("energy").explained;
-            assert_eq!(
-                energy,
-                oracle::explained(&surface, components, &labels),
-                "{context}"
-            );
+            assert_eq!(energy, oracle::explained(&surface, components, &labels), "{context}");
         }
     }
 }
@@ -85,9 +70,7 @@ fn the_limit_of_iterations_is_exact_and_work_can_go_on_after_it() {
     let surface = surface(Sample::Knot, 2500);
     let seeds = seeds(&surface, 40, &Seeds::Random, 1);
     let mut gpu = device();
-    let mut steps = gpu
-        .open(&surface, &seeds.component_of_cluster)
-        .expect("it fits");
+    let mut steps = gpu.open(&surface, &seeds.component_of_cluster).expect("it fits");
     let mut labels = vec![FREE; surface.faces()];
     for (cluster, &face) in (0..).zip(&seeds.face_of_cluster) {
         labels[face as usize] = cluster;
@@ -97,20 +80,14 @@ fn the_limit_of_iterations_is_exact_and_work_can_go_on_after_it() {
     let mut labels = steps.labels().expect("labels");
     for limit in [0, 1, 8, 2, 9] {
         let mut count = 0;
-        let ending = steps
-            .optimise_boundary(limit, &Cancel::default(), &mut |_| count += 1)
-            .expect("optimise");
+        let ending = steps.optimise_boundary(limit, &Cancel::default(), &mut |_| count += 1).expect("optimise");
         assert_eq!((ending, count), (Ending::IterationLimit, limit));
         for _ in 0..limit {
             labels = oracle::iterate(&surface, &seeds.component_of_cluster, &labels)
                 .expect("it takes more iterations than that")
                 .labels;
         }
-        assert_eq!(
-            steps.labels().expect("labels"),
-            labels,
-            "after {limit} more"
-        );
+        assert_eq!(steps.labels().expect("labels"), labels, "after {limit} more");
     }
 }
 
@@ -130,9 +107,7 @@ fn energies_are_exact_at_the_ends_of_the_lattice() {
     for clusters in [1, 2, 255, 256, 257, 600] {
         let components = vec![0; clusters];
         let mut steps = gpu.open(&surface, &components).expect("it fits");
-        let labels: Vec<u32> = (0..surface.faces())
-            .map(|_| next(clusters as u64) as u32)
-            .collect();
+        let labels: Vec<u32> = (0..surface.faces()).map(|_| next(clusters as u64) as u32).collect();
         steps.set_labels(&labels).expect("set");
         let energy = steps.energy().expect("energy").explained;
         assert_eq!(energy, oracle::explained(&surface, &components, &labels));

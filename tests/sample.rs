@@ -63,11 +63,7 @@ fn areas(mesh: &PolygonMesh) -> Vec<f64> {
         let corners = mesh.faces.corners(face);
         let [a, b, c]: [_; 3] = std::array::from_fn(|i| mesh.positions[corners[i] as usize]);
         let [u, v]: [[f64; 3]; 2] = [b, c].map(|p| std::array::from_fn(|x| p[x] - a[x]));
-        let normal = [
-            u[1] * v[2] - u[2] * v[1],
-            u[2] * v[0] - u[0] * v[2],
-            u[0] * v[1] - u[1] * v[0],
-        ];
+        let normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
         normal.map(|x| x * x).iter().sum::<f64>().sqrt()
     };
     (0..mesh.faces.len()).map(area).collect()
@@ -91,11 +87,7 @@ fn closed_shapes_are_manifolds_of_the_right_genus_wound_outwards() {
                 uses.values().all(|uses| *uses == [1, 1]),
                 "{sample:?} of {faces}: an edge is not shared by two faces"
             );
-            assert_eq!(
-                euler(&mesh, uses.len()),
-                characteristic,
-                "{sample:?} of {faces}"
-            );
+            assert_eq!(euler(&mesh, uses.len()), characteristic, "{sample:?} of {faces}");
             assert!(volume(&mesh) > 0.0, "{sample:?} of {faces} is inside out");
         }
     }
@@ -126,10 +118,7 @@ fn the_number_of_faces_is_close_to_the_request() {
         for faces in [200, 333, 1500, 1750, 10_007, 69_451] {
             if faces >= first {
                 let made = made(sample, faces).faces.len() as u64;
-                assert!(
-                    made.abs_diff(faces) * 10 <= faces,
-                    "{sample:?}: {made} instead of {faces}"
-                );
+                assert!(made.abs_diff(faces) * 10 <= faces, "{sample:?}: {made} instead of {faces}");
             }
         }
     }
@@ -140,19 +129,13 @@ fn the_number_of_faces_is_close_to_the_request() {
 
 #[test]
 fn flat_shapes_and_the_cube_have_equal_triangles_and_the_sphere_nearly_so() {
-    for (sample, spread) in [
-        (Sample::Plane, 1.0),
-        (Sample::Strip, 1.0),
-        (Sample::Cube, 1.000_01),
-        (Sample::Sphere, 1.6),
-    ] {
+    for (sample, spread) in
+        [(Sample::Plane, 1.0), (Sample::Strip, 1.0), (Sample::Cube, 1.000_01), (Sample::Sphere, 1.6)]
+    {
         let areas = areas(&made(sample, 12_288));
         let least = areas.iter().copied().fold(f64::INFINITY, f64::min);
         let most = areas.iter().copied().fold(0.0, f64::max);
-        assert!(
-            least > 0.0 && most / least <= spread,
-            "{sample:?}: areas from {least} to {most}"
-        );
+        assert!(least > 0.0 && most / least <= spread, "{sample:?}: areas from {least} to {most}");
     }
 }
 
@@ -164,8 +147,7 @@ fn every_part_has_vertices_of_its_own() {
     for part in &mesh.parts {
         assert_eq!(part.first_face, next_face);
         next_face += part.faces;
-        let corners =
-            || (part.first_face..next_face).flat_map(|face| mesh.faces.corners(face as usize));
+        let corners = || (part.first_face..next_face).flat_map(|face| mesh.faces.corners(face as usize));
         assert_eq!(corners().min(), Some(&next_vertex), "{part:?}");
         next_vertex = corners().max().map_or(0, |last| last + 1);
     }
@@ -175,11 +157,7 @@ fn every_part_has_vertices_of_its_own() {
 
 #[test]
 fn requests_out_of_range_are_refused_with_the_range() {
-    for (faces, named) in [
-        (17, "between 18 and 50000000"),
-        (0, "not 0"),
-        (MAX_FACES + 1, "not 50000001"),
-    ] {
+    for (faces, named) in [(17, "between 18 and 50000000"), (0, "not 0"), (MAX_FACES + 1, "not 50000001")] {
         let error = generate(Sample::Torus, faces).expect_err("out of range");
         assert!(error.message.contains(named), "{error}");
     }
@@ -213,17 +191,12 @@ fn glb_says_what_it_holds() {
     for (sample, triangles_a_face) in [(Sample::Parts, 1), (Sample::Knot, 1), (Sample::Quads, 2)] {
         let mesh = made(sample, 2000);
         let bytes = glb(&mesh);
-        let word = |at: usize| {
-            u32::from_le_bytes(bytes[at..at + 4].try_into().expect("four bytes")) as usize
-        };
+        let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().expect("four bytes")) as usize;
         assert_eq!(&bytes[..4], b"glTF");
         assert_eq!((word(4), word(8)), (2, bytes.len()));
         let json_end = 20 + word(12);
         assert_eq!(&bytes[16..20], b"JSON");
-        assert_eq!(
-            (json_end % 4, word(json_end)),
-            (0, bytes.len() - json_end - 8)
-        );
+        assert_eq!((json_end % 4, word(json_end)), (0, bytes.len() - json_end - 8));
         assert_eq!(&bytes[json_end + 4..json_end + 8], b"BIN\0");
 
         let file = gltf::Gltf::from_slice(&bytes).expect("valid glTF");
@@ -240,22 +213,11 @@ fn glb_says_what_it_holds() {
                 let start = view.offset() + accessor.offset();
                 assert!(accessor.offset() + 4 * width * accessor.count() <= view.length());
                 let bytes = &binary[start..start + 4 * width * accessor.count()];
-                bytes
-                    .chunks(4)
-                    .map(|w| w.try_into().expect("four bytes"))
-                    .collect()
+                bytes.chunks(4).map(|w| w.try_into().expect("four bytes")).collect()
             };
-            let accessor = primitive
-                .get(&gltf::Semantic::Positions)
-                .expect("positions");
-            let floats: Vec<f32> = words(&accessor, 3)
-                .into_iter()
-                .map(f32::from_le_bytes)
-                .collect();
-            let positions: Vec<[f32; 3]> = floats
-                .chunks(3)
-                .map(|p| p.try_into().expect("three numbers"))
-                .collect();
+            let accessor = primitive.get(&gltf::Semantic::Positions).expect("positions");
+            let floats: Vec<f32> = words(&accessor, 3).into_iter().map(f32::from_le_bytes).collect();
+            let positions: Vec<[f32; 3]> = floats.chunks(3).map(|p| p.try_into().expect("three numbers")).collect();
             let bounds = primitive.bounding_box();
             for axis in 0..3 {
                 let values = || positions.iter().map(|p| p[axis]);
@@ -263,10 +225,7 @@ fn glb_says_what_it_holds() {
                 assert_eq!(values().fold(f32::NEG_INFINITY, f32::max), bounds.max[axis]);
             }
             let accessor = primitive.indices().expect("indices");
-            let corners: Vec<u32> = words(&accessor, 1)
-                .into_iter()
-                .map(u32::from_le_bytes)
-                .collect();
+            let corners: Vec<u32> = words(&accessor, 1).into_iter().map(u32::from_le_bytes).collect();
             assert_eq!(corners.len() as u64, 3 * triangles_a_face * part.faces);
             for triangles in corners.chunks(3 * triangles_a_face as usize) {
                 let expected: Vec<u32> = fan(mesh.faces.corners(face));
@@ -283,9 +242,7 @@ fn glb_says_what_it_holds() {
 
 /// Corners of the triangles of a polygon.
 fn fan(corners: &[u32]) -> Vec<u32> {
-    (1..corners.len() - 1)
-        .flat_map(|i| [corners[0], corners[i], corners[i + 1]])
-        .collect()
+    (1..corners.len() - 1).flat_map(|i| [corners[0], corners[i], corners[i + 1]]).collect()
 }
 
 #[test]
@@ -308,40 +265,13 @@ fn samples_are_the_same_on_every_machine() {
 
 /// SHA-256 of the OBJ followed by the GLB of every sample at 2,000 faces.
 const PINNED: [(&str, &str); 9] = [
-    (
-        "sphere",
-        "e1fdf902aa1eb2b1e15930db5c970d0456d3362035a9e3305f41c0c5e5f3e915",
-    ),
-    (
-        "torus",
-        "038bd55f0c348052dcc763012a6f04801faf4fbdf26bac3feed3e8695367aac7",
-    ),
-    (
-        "knot",
-        "1cf57eea5fb8c5f9d1d1eb07aa8e46291bc8c8278c866147fc70b49ebdf59247",
-    ),
-    (
-        "terrain",
-        "66481e457051df50d6a0ad822d0a8a85150a8c18abf760e992856fe4c026b5bc",
-    ),
-    (
-        "parts",
-        "8c25a6420ff1b5fe37d4f772c848cdd6f79425bc1439da9a260e9cc8ef4e360d",
-    ),
-    (
-        "quads",
-        "56f0874ef484941cf5e9958121f0749f890e05b23c493b78cd4aee89128d9732",
-    ),
-    (
-        "plane",
-        "f456259eb9b16688a0682d8ef3344703599d4d4eaf7e243934dec712bbd5583e",
-    ),
-    (
-        "strip",
-        "e8e25d6a87ebf03a3f46b89caa11b38a8d2a4f1bdedc037eb51570ccd63c4a7a",
-    ),
-    (
-        "cube",
-        "ea28ab8e90a093253831a031d5236b4c1a6d0c1892d2652930aac289373a7b44",
-    ),
+    ("sphere", "e1fdf902aa1eb2b1e15930db5c970d0456d3362035a9e3305f41c0c5e5f3e915"),
+    ("torus", "038bd55f0c348052dcc763012a6f04801faf4fbdf26bac3feed3e8695367aac7"),
+    ("knot", "1cf57eea5fb8c5f9d1d1eb07aa8e46291bc8c8278c866147fc70b49ebdf59247"),
+    ("terrain", "66481e457051df50d6a0ad822d0a8a85150a8c18abf760e992856fe4c026b5bc"),
+    ("parts", "8c25a6420ff1b5fe37d4f772c848cdd6f79425bc1439da9a260e9cc8ef4e360d"),
+    ("quads", "56f0874ef484941cf5e9958121f0749f890e05b23c493b78cd4aee89128d9732"),
+    ("plane", "f456259eb9b16688a0682d8ef3344703599d4d4eaf7e243934dec712bbd5583e"),
+    ("strip", "e8e25d6a87ebf03a3f46b89caa11b38a8d2a4f1bdedc037eb51570ccd63c4a7a"),
+    ("cube", "ea28ab8e90a093253831a031d5236b4c1a6d0c1892d2652930aac289373a7b44"),
 ];

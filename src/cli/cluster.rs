@@ -69,18 +69,14 @@ impl LabelFile {
         let format = match &target {
             Target::Stdout => Some(LabelFormat::Json),
             Target::File(path) => path.extension().and_then(|extension| {
-                LabelFormat::ALL
-                    .into_iter()
-                    .find(|format| extension.eq_ignore_ascii_case(format.extension()))
+                LabelFormat::ALL.into_iter().find(|format| extension.eq_ignore_ascii_case(format.extension()))
             }),
         };
         match format {
             Some(format) => Ok(Self { target, format }),
             None => Err(format!(
                 "the name must end in {}",
-                LabelFormat::ALL
-                    .map(|format| format!(".{}", format.extension()))
-                    .join(", ")
+                LabelFormat::ALL.map(|format| format!(".{}", format.extension())).join(", ")
             )),
         }
     }
@@ -99,9 +95,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let writing = Instant::now();
     if let Some(labels) = &arguments.labels {
         let clusters = outcome.report.clusters;
-        labels
-            .target
-            .write(|out| write_labels(out, labels.format, clusters, &outcome.labels))?;
+        labels.target.write(|out| write_labels(out, labels.format, clusters, &outcome.labels))?;
     }
     outcome.report.timings_ms.write = milliseconds(writing);
     outcome.report.timings_ms.total = milliseconds(begin);
@@ -128,10 +122,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 /// Refuses what needs no mesh to be refused.
 fn check(arguments: &Arguments, report: Option<&Target>) -> Result<(), Failure> {
     let listed = matches!(arguments.parameters.seeds, Seeds::File(_));
-    arguments
-        .parameters
-        .check(listed)
-        .map_err(|error| Failure::Usage("cluster", error.message))?;
+    arguments.parameters.check(listed).map_err(|error| Failure::Usage("cluster", error.message))?;
     if let Some(message) = arguments.device.contradiction() {
         return Err(Failure::Usage("cluster", message));
     }
@@ -148,10 +139,7 @@ fn check(arguments: &Arguments, report: Option<&Target>) -> Result<(), Failure> 
 
 /// From the input to labels and report.
 fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Failure> {
-    let limits = Limits {
-        max_bytes: arguments.max_upload_bytes,
-        max_faces: arguments.max_faces,
-    };
+    let limits = Limits { max_bytes: arguments.max_upload_bytes, max_faces: arguments.max_faces };
     progress.stage("reading");
     let reading = Instant::now();
     let input = Source::from(arguments.input.clone());
@@ -174,9 +162,7 @@ fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Fa
     format.check_head(&bytes[..bytes.len().min(4096)], Some(bytes.len() as u64))?;
     let resources: Box<dyn Resources> = match &input {
         Source::Stdin => Box::new(NoResources),
-        Source::File(path) => Box::new(Beside {
-            folder: files::folder(path).to_owned(),
-        }),
+        Source::File(path) => Box::new(Beside { folder: files::folder(path).to_owned() }),
     };
 
     // Until here there is nothing to end in order, and a read that waits for input could not be told to stop.
@@ -209,14 +195,8 @@ fn writes_to_stdout(arguments: &Arguments, report: Option<&Target>) -> bool {
 
 /// What came out, in one line.
 fn summary(report: &Report) -> String {
-    let energy = report
-        .energy
-        .final_
-        .map_or("unknown".into(), |energy| format!("{energy:.9e}"));
-    let ratio = report
-        .energy
-        .hexagon_ratio
-        .map_or("none".into(), |ratio| format!("{ratio:.4}"));
+    let energy = report.energy.final_.map_or("unknown".into(), |energy| format!("{energy:.9e}"));
+    let ratio = report.energy.hexagon_ratio.map_or("none".into(), |ratio| format!("{ratio:.4}"));
     format!(
         "{} faces, {} clusters, energy {energy}, hexagon ratio {ratio}, {} iterations, {:.3} s on {}",
         report.input.faces,

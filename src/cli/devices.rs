@@ -42,25 +42,16 @@ struct Auto {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let cpu = CpuDevice::new();
     let adapters = select::adapters();
-    let auto = Auto {
-        adapter: select::auto_adapter(&adapters).map(|report| report.index),
-        faces_for_gpu: FACES_FOR_GPU,
-    };
-    let devices = Devices {
-        cpu: cpu.info(),
-        adapters: &adapters,
-        auto,
-    };
+    let auto =
+        Auto { adapter: select::auto_adapter(&adapters).map(|report| report.index), faces_for_gpu: FACES_FOR_GPU };
+    let devices = Devices { cpu: cpu.info(), adapters: &adapters, auto };
     let text = if arguments.json {
-        serde_json::to_string_pretty(&devices).map_err(|error| Failure::stdout(error.into()))?
-            + "\n"
+        serde_json::to_string_pretty(&devices).map_err(|error| Failure::stdout(error.into()))? + "\n"
     } else {
         table(&devices)
     };
     let mut out = std::io::stdout().lock();
-    out.write_all(text.as_bytes())
-        .and_then(|()| out.flush())
-        .map_err(Failure::stdout)
+    out.write_all(text.as_bytes()).and_then(|()| out.flush()).map_err(Failure::stdout)
 }
 
 /// The devices in columns, then what auto takes.
@@ -78,27 +69,13 @@ fn table(devices: &Devices<'_>) -> String {
             Some(reason) => format!("no: {reason}"),
             None => "yes".to_owned(),
         };
-        rows.push(row([
-            &index,
-            &kind,
-            &report.name,
-            &report.backend,
-            &report.driver,
-            &usable,
-        ]));
+        rows.push(row([&index, &kind, &report.name, &report.backend, &report.driver, &usable]));
     }
-    let widths: [usize; 6] = std::array::from_fn(|column| {
-        rows.iter()
-            .map(|row| row[column].chars().count())
-            .max()
-            .unwrap_or(0)
-    });
+    let widths: [usize; 6] =
+        std::array::from_fn(|column| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0));
     let mut text = String::new();
     for row in rows {
-        let cells = row
-            .iter()
-            .zip(widths)
-            .map(|(cell, width)| format!("{cell:width$}"));
+        let cells = row.iter().zip(widths).map(|(cell, width)| format!("{cell:width$}"));
         text += cells.collect::<Vec<_>>().join("  ").trim_end();
         text += "\n";
     }

@@ -18,11 +18,7 @@ pub enum Source {
 
 impl From<PathBuf> for Source {
     fn from(path: PathBuf) -> Self {
-        if path.as_os_str() == "-" {
-            Source::Stdin
-        } else {
-            Source::File(path)
-        }
+        if path.as_os_str() == "-" { Source::Stdin } else { Source::File(path) }
     }
 }
 
@@ -64,11 +60,7 @@ pub enum Target {
 
 impl From<PathBuf> for Target {
     fn from(path: PathBuf) -> Self {
-        if path.as_os_str() == "-" {
-            Target::Stdout
-        } else {
-            Target::File(path)
-        }
+        if path.as_os_str() == "-" { Target::Stdout } else { Target::File(path) }
     }
 }
 
@@ -89,20 +81,13 @@ impl Target {
     }
 
     /// Writes a file whole or not at all: beside its place first, then into it. Devices and pipes are written in place.
-    pub fn write(
-        &self,
-        content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
-    ) -> std::result::Result<(), Failure> {
+    pub fn write(&self, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> std::result::Result<(), Failure> {
         match self {
             Target::Stdout => {
                 let mut out = BufWriter::with_capacity(1 << 16, io::stdout().lock());
-                content(&mut out)
-                    .and_then(|()| out.flush())
-                    .map_err(Failure::stdout)
+                content(&mut out).and_then(|()| out.flush()).map_err(Failure::stdout)
             }
-            Target::File(path) => {
-                write_file(path, content).map_err(|error| cannot_write(path, error).into())
-            }
+            Target::File(path) => write_file(path, content).map_err(|error| cannot_write(path, error).into()),
         }
     }
 }
@@ -125,9 +110,7 @@ impl Place {
             Ok(old) if old.is_dir() => Err(io::ErrorKind::IsADirectory.into()),
             Ok(old) if old.is_file() => Ok(Place::Beside(fs::canonicalize(path)?)),
             Ok(_) => Ok(Place::Inside(path.to_owned())),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {
-                Ok(Place::Beside(path.to_owned()))
-            }
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Place::Beside(path.to_owned())),
             Err(error) => Err(error),
         }
     }
@@ -141,14 +124,10 @@ pub fn folder(path: &Path) -> &Path {
     }
 }
 
-fn write_file(
-    path: &Path,
-    content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
-) -> io::Result<()> {
+fn write_file(path: &Path, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
     match Place::of(path)? {
         Place::Inside(path) => {
-            let mut out =
-                BufWriter::with_capacity(1 << 16, File::options().append(true).open(path)?);
+            let mut out = BufWriter::with_capacity(1 << 16, File::options().append(true).open(path)?);
             content(&mut out)?;
             out.flush()
         }

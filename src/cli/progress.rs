@@ -24,11 +24,7 @@ impl Progress {
             bar.set_style(style.progress_chars("=> "));
         }
         bar.enable_steady_tick(Duration::from_millis(100));
-        Self {
-            bar,
-            max_iterations,
-            most_moves: 0,
-        }
+        Self { bar, max_iterations, most_moves: 0 }
     }
 
     /// Says what is being done.
@@ -42,13 +38,8 @@ impl Progress {
             Phase::Boundary => "boundary",
             Phase::Repair => "repair",
         };
-        let energy = row
-            .energy
-            .map_or_else(String::new, |energy| format!(", energy {energy:.6e}"));
-        self.bar.set_message(format!(
-            "{phase}, iteration {}{energy}, {} moves",
-            row.iteration, row.moves
-        ));
+        let energy = row.energy.map_or_else(String::new, |energy| format!(", energy {energy:.6e}"));
+        self.bar.set_message(format!("{phase}, iteration {}{energy}, {} moves", row.iteration, row.moves));
         let position = (STEPS as f64 * self.fraction(row)) as u64;
         self.bar.set_position(position.max(self.bar.position()));
     }
@@ -61,9 +52,7 @@ impl Progress {
         }
         let logarithm = |moves: u64| ((moves + 1) as f64).ln();
         let settled = 1.0 - logarithm(row.moves) / logarithm(self.most_moves);
-        let counted = self.max_iterations.map_or(0.0, |most| {
-            f64::from(row.iteration) / f64::from(most.max(1))
-        });
+        let counted = self.max_iterations.map_or(0.0, |most| f64::from(row.iteration) / f64::from(most.max(1)));
         settled.max(counted).clamp(0.0, 1.0)
     }
 

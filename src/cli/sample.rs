@@ -44,8 +44,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         },
     };
     target.check()?;
-    let mesh = generate(arguments.name, arguments.faces)
-        .map_err(|error| Failure::Usage("sample", error.message))?;
+    let mesh = generate(arguments.name, arguments.faces).map_err(|error| Failure::Usage("sample", error.message))?;
     target.write(|out| match format {
         Format::Obj | Format::Gltf => write_obj(out, &mesh),
         Format::Glb => write_glb(out, &mesh),

@@ -24,9 +24,7 @@ pub async fn asked_to_stop() -> io::Result<()> {
 /// Cancels the work at the first request to stop, and ends the process at the second.
 pub fn cancel_when_asked(cancel: Cancel) {
     std::thread::spawn(move || {
-        let runtime = tokio::runtime::Builder::new_current_thread()
-            .enable_all()
-            .build();
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
         // Without a runtime or handlers the system's own way of stopping stays in force.
         if let Ok(runtime) = runtime
             && runtime.block_on(asked_to_stop()).is_ok()

@@ -1,4 +1,4 @@
-//! Boundary-based clustering (P§3): its definition, why it ends, and its driver.
+//! Boundary-based clustering (P§3): its definition, why it ends, and its driver. [`refinement`] goes on where it ends.
 //!
 //! # Definition
 //!
@@ -37,10 +37,11 @@
 //! may raise F, and is its own row in the report. After [`MAX_REPAIRS`] rounds the last word is a repair: what grows
 //! from connected pieces is connected.
 
+pub mod refinement;
 pub mod repair;
 pub mod seeds;
 
-use crate::device::{Cancel, Ending, FREE, LatticeEnergy, Steps};
+use crate::device::{Cancel, Ending, FREE, LatticeEnergy, Step, Steps};
 use crate::error::Result;
 use crate::report::Phase;
 use crate::surface::Surface;
@@ -54,6 +55,8 @@ pub const MAX_REPAIRS: u32 = 32;
 pub struct Options {
     /// Iterations with moves after which to stop, converged or not; growth and repairs do not count.
     pub max_iterations: Option<u32>,
+    /// Refine what the boundary phase has converged to.
+    pub refine: bool,
     /// Leave clusters in the pieces that the optimisation left.
     pub allow_disconnected: bool,
 }
@@ -93,66 +96,71 @@ pub fn boundary_based(
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
 ) -> Result<Clustering> {
+    let clusters = seeds.face_of_cluster.len();
     let mut labels = vec![FREE; surface.faces()];
     for (cluster, &face) in seeds.face_of_cluster.iter().enumerate() {
         labels[face as usize] = cluster as u32;
     }
-    steps.set_labels(&labels)?;
-    steps.grow(cancel)?;
-    let initial = steps.labels()?;
-    let mut iteration = 0;
-    on_row(Row {
-        iteration,
-        phase: Phase::Boundary,
-        energy: steps.energy()?,
-        moves: 0,
-    });
+    let left = options.max_iterations.unwrap_or(u32::MAX);
+    let mut run = Run { steps, cancel, on_row, iteration: 0, left };
+    run.grow(&labels, Phase::Boundary, 0)?;
+    let initial = run.steps.labels()?;
 
-    let mut left = options.max_iterations.unwrap_or(u32::MAX);
     let mut repairs = 0;
     loop {
-        let ending = steps.optimise_boundary(left, cancel, &mut |step| {
-            iteration += 1;
-            left -= 1;
-            on_row(Row {
-                iteration,
-                phase: Phase::Boundary,
-                energy: step.energy,
-                moves: step.moves,
-            });
-        })?;
-        labels = steps.labels()?;
+        let mut ending = run.phase(Phase::Boundary)?;
+        if options.refine && ending == Ending::Converged {
+            ending = run.phase(Phase::Refine)?;
+        }
+        labels = run.steps.labels()?;
         if options.allow_disconnected {
-            return Ok(Clustering {
-                initial,
-                labels,
-                ending,
-            });
+            return Ok(Clustering { initial, labels, ending });
         }
-        let freed = repair::free_cut_off_pieces(surface, seeds.face_of_cluster.len(), &mut labels);
+        let freed = repair::free_cut_off_pieces(surface, clusters, &mut labels);
         if freed == 0 {
-            return Ok(Clustering {
-                initial,
-                labels,
-                ending,
-            });
+            return Ok(Clustering { initial, labels, ending });
         }
-        steps.set_labels(&labels)?;
-        steps.grow(cancel)?;
+        run.iteration += 1;
+        run.grow(&labels, Phase::Repair, freed)?;
         repairs += 1;
-        iteration += 1;
-        on_row(Row {
-            iteration,
-            phase: Phase::Repair,
-            energy: steps.energy()?,
-            moves: freed,
-        });
         if repairs == MAX_REPAIRS || ending == Ending::IterationLimit {
-            return Ok(Clustering {
-                initial,
-                labels: steps.labels()?,
-                ending: Ending::IterationLimit,
-            });
+            return Ok(Clustering { initial, labels: run.steps.labels()?, ending: Ending::IterationLimit });
+        }
+    }
+}
+
+/// A run under way: counts iterations and tells of them.
+struct Run<'a> {
+    steps: &'a mut dyn Steps,
+    cancel: &'a Cancel,
+    on_row: &'a mut dyn FnMut(Row),
+    iteration: u32,
+    /// Iterations with moves that may still be made.
+    left: u32,
+}
+
+impl Run<'_> {
+    /// Grows the clusters over the free faces among `labels`, and reports the state under the current number.
+    fn grow(&mut self, labels: &[u32], phase: Phase, moves: u64) -> Result<()> {
+        self.steps.set_labels(labels)?;
+        self.steps.grow(self.cancel)?;
+        let energy = self.steps.energy()?;
+        (self.on_row)(Row { iteration: self.iteration, phase, energy, moves });
+        Ok(())
+    }
+
+    /// Runs a phase to its end.
+    fn phase(&mut self, phase: Phase) -> Result<Ending> {
+        let Self { steps, cancel, on_row, iteration, left } = self;
+        let allowed = *left;
+        let mut on_step = |Step { energy, moves }| {
+            *iteration += 1;
+            *left -= 1;
+            on_row(Row { iteration: *iteration, phase, energy, moves });
+        };
+        match phase {
+            Phase::Boundary | Phase::Repair => steps.optimise_boundary(allowed, cancel, &mut on_step),
+            Phase::Refine => steps.refine(allowed, cancel, &mut on_step),
         }
     }
 }

@@ -38,20 +38,14 @@ impl Pieces {
             }
             pieces.push((label, faces));
         }
-        Self {
-            piece_of_face,
-            pieces,
-        }
+        Self { piece_of_face, pieces }
     }
 }
 
 /// Frees every face outside its cluster's piece with the most faces (of equally large ones, that with the smallest
 /// face), and says how many.
 pub fn free_cut_off_pieces(surface: &Surface, clusters: usize, labels: &mut [u32]) -> u64 {
-    let Pieces {
-        piece_of_face,
-        pieces,
-    } = Pieces::find(surface, labels);
+    let Pieces { piece_of_face, pieces } = Pieces::find(surface, labels);
     if pieces.len() == clusters {
         return 0;
     }
@@ -78,8 +72,5 @@ pub fn disconnected_clusters(surface: &Surface, clusters: usize, labels: &[u32])
     for (label, _) in Pieces::find(surface, labels).pieces {
         pieces_of_cluster[label as usize] += 1;
     }
-    pieces_of_cluster
-        .into_iter()
-        .filter(|&pieces| pieces > 1)
-        .count() as u64
+    pieces_of_cluster.into_iter().filter(|&pieces| pieces > 1).count() as u64
 }

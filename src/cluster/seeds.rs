@@ -20,13 +20,7 @@ pub struct SeedFaces {
 }
 
 /// Chooses seeds for `clusters` clusters. `listed` are faces of the upload, and then decide alone.
-pub fn choose(
-    surface: &Surface,
-    clusters: u64,
-    seeds: &Seeds,
-    seed: u64,
-    listed: Option<&[u32]>,
-) -> Result<SeedFaces> {
+pub fn choose(surface: &Surface, clusters: u64, seeds: &Seeds, seed: u64, listed: Option<&[u32]>) -> Result<SeedFaces> {
     check_clusters(surface, clusters)?;
     if let Some(listed) = listed {
         return from_list(surface, listed);
@@ -44,10 +38,7 @@ pub fn choose(
         face_of_cluster.extend(chosen);
         component_of_cluster.extend(std::iter::repeat_n(component as u32, share));
     }
-    Ok(SeedFaces {
-        face_of_cluster,
-        component_of_cluster,
-    })
+    Ok(SeedFaces { face_of_cluster, component_of_cluster })
 }
 
 /// Refuses numbers of clusters that this surface cannot have.
@@ -78,34 +69,19 @@ fn apportion(surface: &Surface, clusters: usize) -> Vec<usize> {
         return vec![clusters];
     }
     // weights in the finest unit: below 2^(34 + 30)
-    let area = |component: usize| {
-        u128::from(components[component].weight) << components[component].energy_shift
-    };
+    let area = |component: usize| u128::from(components[component].weight) << components[component].energy_shift;
     let mut queue: BinaryHeap<Claim> = (0..components.len())
         .filter(|&component| components[component].faces > 1)
-        .map(|component| Claim {
-            area: area(component),
-            divisor: 3,
-            component: Reverse(component),
-        })
+        .map(|component| Claim { area: area(component), divisor: 3, component: Reverse(component) })
         .collect();
     for _ in components.len()..clusters {
-        let Some(Claim {
-            area,
-            divisor,
-            component,
-        }) = queue.pop()
-        else {
+        let Some(Claim { area, divisor, component }) = queue.pop() else {
             break;
         };
         let share = &mut shares[component.0];
         *share += 1;
         if *share < components[component.0].faces as usize {
-            queue.push(Claim {
-                area,
-                divisor: divisor + 2,
-                component,
-            });
+            queue.push(Claim { area, divisor: divisor + 2, component });
         }
     }
     shares
@@ -122,9 +98,7 @@ struct Claim {
 impl Ord for Claim {
     fn cmp(&self, other: &Self) -> std::cmp::Ordering {
         // area < 2⁶⁴ and divisor < 2³³: the products are exact
-        (self.area * other.divisor)
-            .cmp(&(other.area * self.divisor))
-            .then_with(|| self.component.cmp(&other.component))
+        (self.area * other.divisor).cmp(&(other.area * self.divisor)).then_with(|| self.component.cmp(&other.component))
     }
 }
 
@@ -137,14 +111,8 @@ impl PartialOrd for Claim {
 /// `share` faces of a component, all sets equally likely: those with the smallest hashes of their upload number.
 fn random(surface: &Surface, component: usize, share: usize, seed: u64) -> Vec<u32> {
     let range = surface.components[component].range();
-    let mut hashed: Vec<(u64, u32)> = range
-        .map(|face| {
-            (
-                hash(seed, u64::from(surface.upload_face[face])),
-                face as u32,
-            )
-        })
-        .collect();
+    let mut hashed: Vec<(u64, u32)> =
+        range.map(|face| (hash(seed, u64::from(surface.upload_face[face])), face as u32)).collect();
     if share < hashed.len() {
         hashed.select_nth_unstable(share);
         hashed.truncate(share);
@@ -156,13 +124,7 @@ fn random(surface: &Surface, component: usize, share: usize, seed: u64) -> Vec<u
 
 /// `share` faces of a component: its weight, in internal order, is cut into as many equal strata, and each gives the
 /// face at a random point of it. Where faces weigh more than strata, the next face that is still free is taken.
-fn stratified(
-    surface: &Surface,
-    component: usize,
-    share: usize,
-    seed: u64,
-    first_cluster: usize,
-) -> Vec<u32> {
+fn stratified(surface: &Surface, component: usize, share: usize, seed: u64, first_cluster: usize) -> Vec<u32> {
     let run = surface.components[component];
     let range = run.range();
     let mut faces = Vec::with_capacity(share);
@@ -194,10 +156,7 @@ fn from_list(surface: &Surface, listed: &[u32]) -> Result<SeedFaces> {
     }
     let mut seed_of_face = vec![None; surface.faces()];
     let mut has_seed = vec![false; surface.components.len()];
-    let mut chosen = SeedFaces {
-        face_of_cluster: Vec::new(),
-        component_of_cluster: Vec::new(),
-    };
+    let mut chosen = SeedFaces { face_of_cluster: Vec::new(), component_of_cluster: Vec::new() };
     for (seed, &upload) in listed.iter().enumerate() {
         let Some(&face) = internal.get(upload as usize) else {
             return Err(Error::parameter(format_args!(
@@ -206,9 +165,7 @@ fn from_list(surface: &Surface, listed: &[u32]) -> Result<SeedFaces> {
             )));
         };
         if let Some(earlier) = seed_of_face[face as usize].replace(seed) {
-            return Err(Error::parameter(format_args!(
-                "seeds {earlier} and {seed} are the same face: {upload}"
-            )));
+            return Err(Error::parameter(format_args!("seeds {earlier} and {seed} are the same face: {upload}")));
         }
         let component = component_of_face[face as usize];
         has_seed[component as usize] = true;
@@ -216,10 +173,7 @@ fn from_list(surface: &Surface, listed: &[u32]) -> Result<SeedFaces> {
         chosen.component_of_cluster.push(component);
     }
     if let Some(component) = has_seed.iter().position(|&has| !has) {
-        let upload = surface.components[component]
-            .range()
-            .map(|face| surface.upload_face[face])
-            .min();
+        let upload = surface.components[component].range().map(|face| surface.upload_face[face]).min();
         return Err(Error::parameter(format_args!(
             "no seed lies in the connected component of face {}; every component needs one",
             upload.unwrap_or_default()

@@ -25,11 +25,7 @@ pub trait Device: Send {
     /// Brings a surface to the device, with all faces free.
     ///
     /// `component_of_cluster[c]` is the component of the surface that cluster `c` lies in: clusters never leave it.
-    fn open<'a>(
-        &'a mut self,
-        surface: &'a Surface,
-        component_of_cluster: &'a [u32],
-    ) -> Result<Box<dyn Steps + 'a>>;
+    fn open<'a>(&'a mut self, surface: &'a Surface, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>>;
 }
 
 /// The steps of boundary-based clustering on one surface. Faces are in the surface's internal order.
@@ -54,6 +50,10 @@ pub trait Steps {
         cancel: &Cancel,
         on_iteration: &mut dyn FnMut(Step),
     ) -> Result<Ending>;
+
+    /// Refinement (see [`crate::cluster::refinement`] for the definition) until there are no bids or `max_iterations`
+    /// iterations with moves were made; otherwise like [`optimise_boundary`](Self::optimise_boundary).
+    fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending>;
 
     /// The current labels.
     fn labels(&mut self) -> Result<Vec<u32>>;
@@ -104,10 +104,6 @@ impl Cancel {
 
     /// An error when it was asked to stop.
     pub fn check(&self) -> Result<()> {
-        if self.is_cancelled() {
-            Err(Error::cancelled())
-        } else {
-            Ok(())
-        }
+        if self.is_cancelled() { Err(Error::cancelled()) } else { Ok(()) }
     }
 }

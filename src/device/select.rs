@@ -19,9 +19,7 @@ use crate::error::{Error, Kind, Result};
 pub const FACES_FOR_GPU: u64 = 200_000;
 
 /// A choice of device.
-#[derive(
-    Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema,
-)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum DeviceChoice {
     /// A gpu where there is one and the mesh is large enough, else the cpu
@@ -51,19 +49,14 @@ impl FromStr for DeviceChoice {
             "auto" => Ok(Self::Auto),
             "cpu" => Ok(Self::Cpu),
             "gpu" => Ok(Self::Gpu),
-            _ => Err(Error::parameter(format_args!(
-                "device must be auto, cpu or gpu, not {text:?}"
-            ))),
+            _ => Err(Error::parameter(format_args!("device must be auto, cpu or gpu, not {text:?}"))),
         }
     }
 }
 
 /// Every adapter of this machine, usable or not. Loads the graphics drivers.
 pub fn adapters() -> Vec<AdapterReport> {
-    adapter::enumerate()
-        .into_iter()
-        .map(|found| found.report)
-        .collect()
+    adapter::enumerate().into_iter().map(|found| found.report).collect()
 }
 
 /// The adapter that `auto` takes for large meshes, if any: the fastest kind that is usable and no software.
@@ -75,23 +68,17 @@ pub fn auto_adapter(adapters: &[AdapterReport]) -> Option<&AdapterReport> {
 ///
 /// `adapter` narrows the gpus to one, by its number in [`adapters`] or by a part of its name. `faces` is the size of the
 /// mesh, where one mesh is all that the device will be used for.
-pub fn open(
-    choice: DeviceChoice,
-    adapter: Option<&str>,
-    faces: Option<u64>,
-) -> Result<Box<dyn Device>> {
+pub fn open(choice: DeviceChoice, adapter: Option<&str>, faces: Option<u64>) -> Result<Box<dyn Device>> {
     match choice {
-        DeviceChoice::Cpu if adapter.is_some() => Err(Error::parameter(
-            "an adapter goes with the device gpu or auto, not with cpu",
-        )),
+        DeviceChoice::Cpu if adapter.is_some() => {
+            Err(Error::parameter("an adapter goes with the device gpu or auto, not with cpu"))
+        }
         DeviceChoice::Cpu => Ok(Box::new(CpuDevice::new())),
         DeviceChoice::Gpu => {
             let found = adapter::enumerate();
             Ok(Box::new(GpuDevice::new(choose(&found, adapter)?)?))
         }
-        DeviceChoice::Auto if faces.is_some_and(|faces| faces < FACES_FOR_GPU) => {
-            Ok(Box::new(CpuDevice::new()))
-        }
+        DeviceChoice::Auto if faces.is_some_and(|faces| faces < FACES_FOR_GPU) => Ok(Box::new(CpuDevice::new())),
         DeviceChoice::Auto => open_auto(&adapter::enumerate(), adapter),
     }
 }
@@ -116,24 +103,17 @@ fn open_auto(found: &[Found], adapter: Option<&str>) -> Result<Box<dyn Device>> 
 /// The adapter for the device gpu.
 fn choose<'a>(found: &'a [Found], adapter: Option<&str>) -> Result<&'a Found> {
     let candidates = matching(found, adapter)?;
-    best(candidates.iter().map(|found| &found.report))
-        .and_then(|report| found.get(report.index))
-        .ok_or_else(|| {
-            Error::new(
-                Kind::DeviceUnsuitable,
-                format_args!(
-                    "no gpu can be used, see `tesserae devices` or take the device cpu; found {}",
-                    list(found)
-                ),
-            )
-        })
+    best(candidates.iter().map(|found| &found.report)).and_then(|report| found.get(report.index)).ok_or_else(|| {
+        Error::new(
+            Kind::DeviceUnsuitable,
+            format_args!("no gpu can be used, see `tesserae devices` or take the device cpu; found {}", list(found)),
+        )
+    })
 }
 
 /// The usable adapter of the fastest kind, the first of several.
 fn best<'a>(reports: impl Iterator<Item = &'a AdapterReport>) -> Option<&'a AdapterReport> {
-    reports
-        .filter(|report| report.usable)
-        .min_by_key(|report| (report.kind, report.index))
+    reports.filter(|report| report.usable).min_by_key(|report| (report.kind, report.index))
 }
 
 /// The adapters that `--adapter` means: all without it, never none with it.
@@ -141,10 +121,7 @@ fn matching<'a>(found: &'a [Found], adapter: Option<&str>) -> Result<Vec<&'a Fou
     let Some(wanted) = adapter else {
         return Ok(found.iter().collect());
     };
-    let matches: Vec<&Found> = found
-        .iter()
-        .filter(|found| is_meant(&found.report, wanted))
-        .collect();
+    let matches: Vec<&Found> = found.iter().filter(|found| is_meant(&found.report, wanted)).collect();
     if matches.is_empty() {
         return Err(Error::parameter(format_args!(
             "no adapter has this number or name (found {}): {wanted:?}",
@@ -158,10 +135,7 @@ fn matching<'a>(found: &'a [Found], adapter: Option<&str>) -> Result<Vec<&'a Fou
 fn is_meant(report: &AdapterReport, wanted: &str) -> bool {
     match wanted.parse::<usize>() {
         Ok(index) => report.index == index,
-        Err(_) => report
-            .name
-            .to_lowercase()
-            .contains(&wanted.trim().to_lowercase()),
+        Err(_) => report.name.to_lowercase().contains(&wanted.trim().to_lowercase()),
     }
 }
 
@@ -242,9 +216,6 @@ mod tests {
     #[test]
     fn a_report_is_one_line() {
         let old = report(1, "Old Card", AdapterKind::Discrete, false);
-        assert_eq!(
-            old.to_string(),
-            "1: Old Card (discrete, vulkan, unusable: it is old)"
-        );
+        assert_eq!(old.to_string(), "1: Old Card (discrete, vulkan, unusable: it is old)");
     }
 }

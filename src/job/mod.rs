@@ -13,7 +13,7 @@ use crate::cluster::{self, Clustering, Options, repair, seeds, seeds::SeedFaces}
 use crate::device::{Cancel, Device, Ending};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::{self, Format, Limits, PolygonMesh, Resources};
-use crate::parameters::{Algorithm, Parameters, Seeds};
+use crate::parameters::{Algorithm, Parameters, Refine, Seeds};
 use crate::report::{Energy, Input, Iteration, Report, Timings};
 use crate::surface::Surface;
 
@@ -82,21 +82,10 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
         parameters.seeds = Seeds::Listed;
     }
 
-    let mesh = mesh::read(
-        request.bytes,
-        request.format,
-        request.resources,
-        &request.limits,
-    )?;
+    let mesh = mesh::read(request.bytes, request.format, request.resources, &request.limits)?;
     let parsed = Instant::now();
     let surface = Surface::build(&mesh)?;
-    let seeds = seeds::choose(
-        &surface,
-        clusters,
-        &parameters.seeds,
-        parameters.seed,
-        listed.as_deref(),
-    )?;
+    let seeds = seeds::choose(&surface, clusters, &parameters.seeds, parameters.seed, listed.as_deref())?;
     let input = describe(&mesh, &surface);
     let mut warnings = mesh.warnings;
     if surface.counts.zero_area_faces > 0 {
@@ -110,14 +99,7 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
         topology: milliseconds(parsed.elapsed()),
         ..Timings::default()
     };
-    Ok(Prepared {
-        surface,
-        seeds,
-        input,
-        parameters,
-        warnings,
-        timings,
-    })
+    Ok(Prepared { surface, seeds, input, parameters, warnings, timings })
 }
 
 /// Clusters a prepared mesh. `on_iteration` is told of every row of the report as it comes.
@@ -128,12 +110,7 @@ pub fn run(
     on_iteration: &mut dyn FnMut(&Iteration),
 ) -> Result<Outcome> {
     cancel.check()?;
-    let Prepared {
-        surface,
-        seeds,
-        parameters,
-        ..
-    } = prepared;
+    let Prepared { surface, seeds, parameters, .. } = prepared;
     let info = device.info().clone();
     let opened = Instant::now();
     let mut steps = device.open(surface, &seeds.component_of_cluster)?;
@@ -143,6 +120,7 @@ pub fn run(
     let mut iterations = Vec::new();
     let options = Options {
         max_iterations: parameters.max_iterations,
+        refine: parameters.refine == Refine::On,
         allow_disconnected: parameters.allow_disconnected,
     };
     let mut on_row = |row: cluster::Row| {
@@ -158,9 +136,7 @@ pub fn run(
         iterations.push(row);
     };
     let clustering = match parameters.algorithm {
-        Algorithm::Bb => {
-            cluster::boundary_based(surface, seeds, options, steps.as_mut(), cancel, &mut on_row)?
-        }
+        Algorithm::Bb => cluster::boundary_based(surface, seeds, options, steps.as_mut(), cancel, &mut on_row)?,
     };
     drop(steps);
     let clustered = Instant::now();
@@ -174,14 +150,8 @@ pub fn run(
         final_: finite(final_),
         hexagon_ratio: surface.hexagon_ratio(final_, clusters),
     };
-    let disconnected_clusters =
-        repair::disconnected_clusters(surface, clusters, &clustering.labels);
-    let labels = labels_of_upload(
-        surface,
-        &clustering.labels,
-        clusters,
-        parameters.seeds == Seeds::Listed,
-    )?;
+    let disconnected_clusters = repair::disconnected_clusters(surface, clusters, &clustering.labels);
+    let labels = labels_of_upload(surface, &clustering.labels, clusters, parameters.seeds == Seeds::Listed)?;
     let timings_ms = Timings {
         upload: milliseconds(upload),
         cluster: milliseconds(clustered - started),
@@ -224,12 +194,7 @@ fn describe(mesh: &PolygonMesh, surface: &Surface) -> Input {
 
 /// Labels in upload order: those of listed seeds keep their numbers, others are numbered by the first face that
 /// carries them. Checks that every cluster has a face.
-fn labels_of_upload(
-    surface: &Surface,
-    internal: &[u32],
-    clusters: usize,
-    keep_numbers: bool,
-) -> Result<Vec<u32>> {
+fn labels_of_upload(surface: &Surface, internal: &[u32], clusters: usize, keep_numbers: bool) -> Result<Vec<u32>> {
     let mut labels = vec![0; internal.len()];
     for (&face, &label) in surface.upload_face.iter().zip(internal) {
         labels[face as usize] = label;
@@ -245,10 +210,7 @@ fn labels_of_upload(
         *label = *number;
     }
     if seen as usize != clusters {
-        return Err(Error::new(
-            Kind::Internal,
-            format_args!("{seen} of {clusters} clusters have faces"),
-        ));
+        return Err(Error::new(Kind::Internal, format_args!("{seen} of {clusters} clusters have faces")));
     }
     Ok(labels)
 }
@@ -262,10 +224,7 @@ fn sha256(labels: &[u32]) -> String {
         bytes.extend(chunk.iter().flat_map(|label| label.to_le_bytes()));
         hash.update(&bytes);
     }
-    hash.finalize()
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect()
+    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// What is unusual about mesh and run.
@@ -274,10 +233,9 @@ fn warnings(prepared: &Prepared, clustering: &Clustering) -> Vec<String> {
     if clustering.ending == Ending::IterationLimit {
         warnings.push(match prepared.parameters.max_iterations {
             Some(limit) => format!("stopped by max_iterations before it converged: {limit}"),
-            None => format!(
-                "stopped after the allowed number of repairs before it converged: {}",
-                cluster::MAX_REPAIRS
-            ),
+            None => {
+                format!("stopped after the allowed number of repairs before it converged: {}", cluster::MAX_REPAIRS)
+            }
         });
     }
     warnings

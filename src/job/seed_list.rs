@@ -12,9 +12,7 @@ pub fn parse(bytes: &[u8]) -> Result<Vec<u32>> {
             .map_err(|_| Error::parameter("the list of seeds is neither .npy, JSON nor text"))?;
         match text.trim_start().starts_with('[') {
             true => serde_json::from_str(text).map_err(|error| {
-                Error::parameter(format_args!(
-                    "the list of seeds is no JSON array of numbers: {error}"
-                ))
+                Error::parameter(format_args!("the list of seeds is no JSON array of numbers: {error}"))
             })?,
             false => parse_text(text)?,
         }
@@ -30,9 +28,7 @@ fn parse_text(text: &str) -> Result<Vec<u32>> {
         .filter(|word| !word.is_empty())
         .enumerate()
         .map(|(seed, word)| {
-            word.parse().map_err(|_| {
-                Error::parameter(format_args!("seed {seed} is no face number: {word:?}"))
-            })
+            word.parse().map_err(|_| Error::parameter(format_args!("seed {seed} is no face number: {word:?}")))
         })
         .collect()
 }
@@ -44,29 +40,17 @@ fn parse_npy(bytes: &[u8]) -> Result<Vec<u32>> {
         1 => (2, 10),
         2 | 3 => (4, 12),
         version => {
-            return Err(Error::parameter(format_args!(
-                "the .npy list of seeds is of an unknown version: {version}"
-            )));
+            return Err(Error::parameter(format_args!("the .npy list of seeds is of an unknown version: {version}")));
         }
     };
     let mut length = 0usize;
-    for &byte in bytes
-        .get(8..8 + length_bytes)
-        .ok_or_else(malformed)?
-        .iter()
-        .rev()
-    {
+    for &byte in bytes.get(8..8 + length_bytes).ok_or_else(malformed)?.iter().rev() {
         length = length << 8 | usize::from(byte);
     }
-    let header = bytes
-        .get(start..)
-        .and_then(|rest| rest.get(..length))
-        .ok_or_else(malformed)?;
+    let header = bytes.get(start..).and_then(|rest| rest.get(..length)).ok_or_else(malformed)?;
     let header = String::from_utf8_lossy(header);
     let data = &bytes[start + length..];
-    let kind = ["<i4", "<u4", "<i8", "<u8"]
-        .into_iter()
-        .find(|kind| header.contains(&format!("'{kind}'")));
+    let kind = ["<i4", "<u4", "<i8", "<u8"].into_iter().find(|kind| header.contains(&format!("'{kind}'")));
     let Some(kind) = kind else {
         return Err(Error::parameter(format_args!(
             "the .npy list of seeds must hold little-endian integers of 4 or 8 bytes: {}",
@@ -77,8 +61,7 @@ fn parse_npy(bytes: &[u8]) -> Result<Vec<u32>> {
         .split_once("'shape':")
         .and_then(|(_, rest)| rest.split_once('('))
         .and_then(|(_, rest)| rest.split_once(')'));
-    let count: Option<usize> =
-        shape.and_then(|(inside, _)| inside.trim().trim_end_matches(',').trim().parse().ok());
+    let count: Option<usize> = shape.and_then(|(inside, _)| inside.trim().trim_end_matches(',').trim().parse().ok());
     let Some(count) = count else {
         return Err(Error::parameter(format_args!(
             "the .npy list of seeds must have one dimension: {}",
@@ -97,15 +80,10 @@ fn parse_npy(bytes: &[u8]) -> Result<Vec<u32>> {
         .map(|(seed, bytes)| {
             let signed = kind.starts_with("<i");
             let negative = signed && bytes[width - 1] & 0x80 != 0;
-            let value = bytes
-                .iter()
-                .rev()
-                .fold(0u64, |value, &byte| value << 8 | u64::from(byte));
+            let value = bytes.iter().rev().fold(0u64, |value, &byte| value << 8 | u64::from(byte));
             match u32::try_from(value) {
                 Ok(value) if !negative => Ok(value),
-                _ => Err(Error::parameter(format_args!(
-                    "seed {seed} is no face number, in the .npy list"
-                ))),
+                _ => Err(Error::parameter(format_args!("seed {seed} is no face number, in the .npy list"))),
             }
         })
         .collect()
@@ -128,14 +106,8 @@ mod tests {
     fn the_three_forms_say_the_same() {
         assert_eq!(parse(b"5, 7\n9\n"), Ok(vec![5, 7, 9]));
         assert_eq!(parse(b" [5,7,9]"), Ok(vec![5, 7, 9]));
-        assert_eq!(
-            parse(&npy("<u4", "(3,)", &[5, 0, 0, 0, 7, 0, 0, 0, 9, 0, 0, 0])),
-            Ok(vec![5, 7, 9])
-        );
-        assert_eq!(
-            parse(&npy("<i8", "(1,)", &[5, 1, 0, 0, 0, 0, 0, 0])),
-            Ok(vec![261])
-        );
+        assert_eq!(parse(&npy("<u4", "(3,)", &[5, 0, 0, 0, 7, 0, 0, 0, 9, 0, 0, 0])), Ok(vec![5, 7, 9]));
+        assert_eq!(parse(&npy("<i8", "(1,)", &[5, 1, 0, 0, 0, 0, 0, 0])), Ok(vec![261]));
     }
 
     #[test]

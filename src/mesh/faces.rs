@@ -13,10 +13,7 @@ pub struct Faces {
 impl Faces {
     /// No faces, with room for `faces` triangles.
     pub fn with_capacity(faces: usize) -> Self {
-        Self {
-            corners: Vec::with_capacity(3 * faces),
-            offsets: Vec::new(),
-        }
+        Self { corners: Vec::with_capacity(3 * faces), offsets: Vec::new() }
     }
 
     /// Triangles from their corners, three a face.
@@ -25,10 +22,7 @@ impl Faces {
     /// When the number of corners is not a multiple of three.
     pub fn from_triangles(corners: Vec<u32>) -> Self {
         assert!(corners.len().is_multiple_of(3), "three corners a triangle");
-        Self {
-            corners,
-            offsets: Vec::new(),
-        }
+        Self { corners, offsets: Vec::new() }
     }
 
     /// Appends one face.
@@ -71,18 +65,13 @@ impl Faces {
         if !self.offsets.is_empty() {
             let first = first as u32;
             let ends = 1..=other.len();
-            self.offsets
-                .extend(ends.map(|face| first + other.first_corner(face) as u32));
+            self.offsets.extend(ends.map(|face| first + other.first_corner(face) as u32));
         }
     }
 
     /// Number of faces.
     pub fn len(&self) -> usize {
-        if self.offsets.is_empty() {
-            self.corners.len() / 3
-        } else {
-            self.offsets.len() - 1
-        }
+        if self.offsets.is_empty() { self.corners.len() / 3 } else { self.offsets.len() - 1 }
     }
 
     /// Whether there is no face.
@@ -97,11 +86,7 @@ impl Faces {
 
     /// Where the corners of face `face` begin in [`all_corners`](Self::all_corners); `len()` gives the end of the last.
     pub fn first_corner(&self, face: usize) -> usize {
-        if self.offsets.is_empty() {
-            3 * face
-        } else {
-            self.offsets[face] as usize
-        }
+        if self.offsets.is_empty() { 3 * face } else { self.offsets[face] as usize }
     }
 
     /// All corners, face after face.
@@ -119,9 +104,7 @@ impl Faces {
         if self.offsets.is_empty() {
             corner / 3
         } else {
-            self.offsets
-                .partition_point(|&first| first as usize <= corner)
-                - 1
+            self.offsets.partition_point(|&first| first as usize <= corner) - 1
         }
     }
 
@@ -130,10 +113,7 @@ impl Faces {
         if self.offsets.is_empty() {
             self.len() as u64
         } else {
-            self.offsets
-                .windows(2)
-                .map(|w| u64::from(w[1] - w[0]).saturating_sub(2))
-                .sum()
+            self.offsets.windows(2).map(|w| u64::from(w[1] - w[0]).saturating_sub(2)).sum()
         }
     }
 }
@@ -159,22 +139,13 @@ mod tests {
 
     #[test]
     fn joined_faces_are_those_pushed_one_by_one() {
-        let lists: [&[&[u32]]; 4] = [
-            &[],
-            &[&[0, 1, 2], &[2, 1, 3]],
-            &[&[4, 5, 6, 7]],
-            &[&[1, 2, 3, 4, 5], &[0, 1, 2]],
-        ];
+        let lists: [&[&[u32]]; 4] = [&[], &[&[0, 1, 2], &[2, 1, 3]], &[&[4, 5, 6, 7]], &[&[1, 2, 3, 4, 5], &[0, 1, 2]]];
         for first in lists {
             for second in lists {
-                let (mut one, mut two, mut both) =
-                    (Faces::default(), Faces::default(), Faces::default());
+                let (mut one, mut two, mut both) = (Faces::default(), Faces::default(), Faces::default());
                 first.iter().for_each(|corners| one.push(corners));
                 second.iter().for_each(|corners| two.push(corners));
-                first
-                    .iter()
-                    .chain(second)
-                    .for_each(|corners| both.push(corners));
+                first.iter().chain(second).for_each(|corners| both.push(corners));
                 one.append(&two);
                 assert_eq!(one, both);
             }

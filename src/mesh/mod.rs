@@ -76,10 +76,7 @@ pub struct Limits {
 
 impl Default for Limits {
     fn default() -> Self {
-        Self {
-            max_bytes: 4 << 30,
-            max_faces: 50_000_000,
-        }
+        Self { max_bytes: 4 << 30, max_faces: 50_000_000 }
     }
 }
 
@@ -108,12 +105,7 @@ impl Limits {
 }
 
 /// Reads a mesh from its bytes.
-pub fn read(
-    bytes: &[u8],
-    format: Format,
-    resources: &dyn Resources,
-    limits: &Limits,
-) -> Result<PolygonMesh> {
+pub fn read(bytes: &[u8], format: Format, resources: &dyn Resources, limits: &Limits) -> Result<PolygonMesh> {
     limits.check_bytes(bytes.len() as u64)?;
     let mesh = match format {
         Format::Obj => obj::read(bytes, limits)?,

@@ -20,9 +20,7 @@ pub struct NoResources;
 
 impl Resources for NoResources {
     fn load(&self, uri: &str, _max_bytes: u64) -> Result<Vec<u8>> {
-        Err(Error::mesh(format_args!(
-            "the mesh refers to an external buffer, which was not sent with it: {uri:?}"
-        )))
+        Err(Error::mesh(format_args!("the mesh refers to an external buffer, which was not sent with it: {uri:?}")))
     }
 }
 
@@ -41,9 +39,9 @@ impl Resources for Beside {
             false => &self.folder,
         };
         let failed = |error: std::io::Error| match error.kind() {
-            ErrorKind::NotFound | ErrorKind::NotADirectory => Error::mesh(format_args!(
-                "the mesh refers to a buffer file that is not beside it: {uri:?}"
-            )),
+            ErrorKind::NotFound | ErrorKind::NotADirectory => {
+                Error::mesh(format_args!("the mesh refers to a buffer file that is not beside it: {uri:?}"))
+            }
             _ => Error::io(format_args!("cannot read the buffer {uri:?}"), error),
         };
         let folder = folder.canonicalize().map_err(failed)?;
@@ -61,9 +59,7 @@ impl Resources for Beside {
         let mut bytes = Vec::new();
         if metadata.len() <= max_bytes {
             bytes.reserve_exact(metadata.len() as usize);
-            file.take(max_bytes.saturating_add(1))
-                .read_to_end(&mut bytes)
-                .map_err(failed)?;
+            file.take(max_bytes.saturating_add(1)).read_to_end(&mut bytes).map_err(failed)?;
         }
         if metadata.len().max(bytes.len() as u64) > max_bytes {
             return Err(Error::too_large(format_args!(
@@ -80,9 +76,7 @@ fn check_regular(metadata: &Metadata, uri: &str) -> Result<()> {
     if metadata.is_file() {
         return Ok(());
     }
-    Err(Error::mesh(format_args!(
-        "the mesh refers to a buffer that is not a regular file: {uri:?}"
-    )))
+    Err(Error::mesh(format_args!("the mesh refers to a buffer that is not a regular file: {uri:?}")))
 }
 
 /// Refuses a URI that is anything but a path downwards: absolute, upwards, with a scheme or drive, or in another system's way.

@@ -9,10 +9,7 @@ pub fn cube(faces: u64) -> Piece {
     let grid = Grid { cells: [m, m, m] };
     let mut corners = Vec::with_capacity((36 * m * m) as usize);
     grid.for_each_quad(|[a, b, c, d]| corners.extend([a, b, c, a, c, d]));
-    Piece {
-        positions: grid.positions(),
-        faces: Faces::from_triangles(corners),
-    }
+    Piece { positions: grid.positions(), faces: Faces::from_triangles(corners) }
 }
 
 /// Box of side 2 about the origin with rounded edges and close to `faces` quads, those of the edges not quite flat.
@@ -70,16 +67,11 @@ impl Grid {
         let mut positions = vec![[0.0; 3]; (2 * (a * b + b * c + c * a) + 2) as usize];
         for z in 0..=c {
             for y in 0..=b {
-                let step = if z == 0 || z == c || y == 0 || y == b {
-                    1
-                } else {
-                    a
-                };
+                let step = if z == 0 || z == c || y == 0 || y == b { 1 } else { a };
                 for x in (0..=a).step_by(step as usize) {
                     let at = [x, y, z];
-                    positions[self.vertex(at) as usize] = std::array::from_fn(|axis| {
-                        2.0 * at[axis] as f64 / self.cells[axis] as f64 - 1.0
-                    });
+                    positions[self.vertex(at) as usize] =
+                        std::array::from_fn(|axis| 2.0 * at[axis] as f64 / self.cells[axis] as f64 - 1.0);
                 }
             }
         }
@@ -100,17 +92,8 @@ impl Grid {
                             at[up] = j + dj;
                             self.vertex(at)
                         };
-                        let [p, q] = if outwards {
-                            [(1, 0), (0, 1)]
-                        } else {
-                            [(0, 1), (1, 0)]
-                        };
-                        tell([
-                            corner(0, 0),
-                            corner(p.0, p.1),
-                            corner(1, 1),
-                            corner(q.0, q.1),
-                        ]);
+                        let [p, q] = if outwards { [(1, 0), (0, 1)] } else { [(0, 1), (1, 0)] };
+                        tell([corner(0, 0), corner(p.0, p.1), corner(1, 1), corner(q.0, q.1)]);
                     }
                 }
             }

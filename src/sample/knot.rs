@@ -18,11 +18,8 @@ pub fn knot(faces: u64) -> Piece {
         let (sin3, cos3) = sin_cos(3.0 * turns);
         let radius = 2.0 + cos3;
         let centre = [radius * cos2, radius * sin2, sin3];
-        let tangent = unit([
-            -3.0 * sin3 * cos2 - 2.0 * radius * sin2,
-            -3.0 * sin3 * sin2 + 2.0 * radius * cos2,
-            3.0 * cos3,
-        ]);
+        let tangent =
+            unit([-3.0 * sin3 * cos2 - 2.0 * radius * sin2, -3.0 * sin3 * sin2 + 2.0 * radius * cos2, 3.0 * cos3]);
         let normal = [cos3 * cos2, cos3 * sin2, sin3];
         let binormal = cross(normal, tangent);
         for j in 0..v {
@@ -30,23 +27,15 @@ pub fn knot(faces: u64) -> Piece {
             let (sin, cos) = sin_cos(around);
             let bump = sin_cos(36.0 * turns).0 * sin_cos(4.0 * around).0;
             let tube = TUBE * (1.0 + 0.12 * bump);
-            positions.push(std::array::from_fn(|axis| {
-                centre[axis] + tube * (cos * normal[axis] + sin * binormal[axis])
-            }));
+            positions
+                .push(std::array::from_fn(|axis| centre[axis] + tube * (cos * normal[axis] + sin * binormal[axis])));
         }
     }
-    Piece {
-        positions,
-        faces: closed_faces([u, v]),
-    }
+    Piece { positions, faces: closed_faces([u, v]) }
 }
 
 fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 fn unit(a: [f64; 3]) -> [f64; 3] {

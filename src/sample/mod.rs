@@ -155,12 +155,7 @@ fn join(pieces: Vec<(String, Piece)>) -> PolygonMesh {
                 mesh.faces.push(&corners);
             }
         }
-        mesh.positions.extend(
-            piece
-                .positions
-                .iter()
-                .map(|p| p.map(|x| f64::from(x as f32))),
-        );
+        mesh.positions.extend(piece.positions.iter().map(|p| p.map(|x| f64::from(x as f32))));
     }
     mesh
 }

@@ -37,14 +37,7 @@ const fn component(
     share: u64,
     fewest: u64,
 ) -> Component {
-    Component {
-        name,
-        shape,
-        scale,
-        place,
-        share,
-        fewest,
-    }
+    Component { name, shape, scale, place, share, fewest }
 }
 
 /// Twelve closed shapes with their names, close to `faces` triangles in all.

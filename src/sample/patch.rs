@@ -16,12 +16,7 @@ pub fn closed_faces([u, v]: [u64; 2]) -> Faces {
     let mut corners = Vec::with_capacity((6 * u * v) as usize);
     for i in 0..u {
         for j in 0..v {
-            let [a, b, c, d] = [
-                vertex(i, j),
-                vertex(i + 1, j),
-                vertex(i + 1, j + 1),
-                vertex(i, j + 1),
-            ];
+            let [a, b, c, d] = [vertex(i, j), vertex(i + 1, j), vertex(i + 1, j + 1), vertex(i, j + 1)];
             corners.extend([a, b, c, a, c, d]);
         }
     }
@@ -35,12 +30,7 @@ pub fn open_faces([u, v]: [u64; 2], flip: impl Fn(u64, u64) -> bool) -> Faces {
     let mut corners = Vec::with_capacity((6 * u * v) as usize);
     for i in 0..u {
         for j in 0..v {
-            let [a, b, c, d] = [
-                vertex(i, j),
-                vertex(i + 1, j),
-                vertex(i + 1, j + 1),
-                vertex(i, j + 1),
-            ];
+            let [a, b, c, d] = [vertex(i, j), vertex(i + 1, j), vertex(i + 1, j + 1), vertex(i, j + 1)];
             if flip(i, j) {
                 corners.extend([a, b, d, b, c, d]);
             } else {

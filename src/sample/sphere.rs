@@ -16,11 +16,7 @@ pub fn sphere(faces: u64) -> Piece {
     let mut corners = Vec::with_capacity(3 * faces as usize + 3);
     let mut above: Option<Ring> = None;
     for (number, &size) in rings.iter().enumerate() {
-        let ring = Ring {
-            first: positions.len() as u32,
-            size,
-            shift: number as u64 % 2,
-        };
+        let ring = Ring { first: positions.len() as u32, size, shift: number as u64 % 2 };
         let (radius, height) = sin_cos(latitude(number, rings.len()));
         positions.extend((0..size).map(|i| {
             let (y, x) = sin_cos((2 * i + ring.shift) as f64 / (2 * size) as f64);
@@ -37,10 +33,7 @@ pub fn sphere(faces: u64) -> Piece {
         positions.push([0.0, 0.0, -1.0]);
         corners.extend((0..last.size).flat_map(|i| [pole, last.vertex(i + 1), last.vertex(i)]));
     }
-    Piece {
-        positions,
-        faces: Faces::from_triangles(corners),
-    }
+    Piece { positions, faces: Faces::from_triangles(corners) }
 }
 
 /// One ring of vertices.
@@ -70,16 +63,10 @@ fn ring_sizes(vertices: u64) -> Vec<u64> {
     let distance = edge * 3.0_f64.sqrt() / 2.0;
     let rings = ((std::f64::consts::PI / distance).round() as u64).saturating_sub(1);
     let rings = rings.clamp(1, vertices / 3) as usize;
-    let girths: Vec<f64> = (0..rings)
-        .map(|number| sin_cos(latitude(number, rings)).0)
-        .collect();
+    let girths: Vec<f64> = (0..rings).map(|number| sin_cos(latitude(number, rings)).0).collect();
     let girth: f64 = girths.iter().sum();
     // In proportion to the girths; where that would leave a ring with fewer than three, three for each come first.
-    let floor = if girths[0] / girth * (vertices as f64) < 4.0 {
-        3
-    } else {
-        0
-    };
+    let floor = if girths[0] / girth * (vertices as f64) < 4.0 { 3 } else { 0 };
     let spare = (vertices - floor * rings as u64) as f64;
     let mut sizes = Vec::with_capacity(rings);
     let (mut passed, mut given) = (0.0, 0);

@@ -13,10 +13,7 @@ pub fn terrain(faces: u64) -> Piece {
             positions.push([x, y, height(x, y)]);
         }
     }
-    Piece {
-        positions,
-        faces: open_faces([u, v], |i, j| (i + j) % 2 == 1),
-    }
+    Piece { positions, faces: open_faces([u, v], |i, j| (i + j) % 2 == 1) }
 }
 
 /// Value noise in six octaves, each twice as fine and less than half as high as the one before.

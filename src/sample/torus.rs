@@ -16,8 +16,5 @@ pub fn torus(faces: u64) -> Piece {
             positions.push([radius * x, radius * y, TUBE * height]);
         }
     }
-    Piece {
-        positions,
-        faces: closed_faces([u, v]),
-    }
+    Piece { positions, faces: closed_faces([u, v]) }
 }

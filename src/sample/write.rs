@@ -31,18 +31,11 @@ pub fn write_obj(out: &mut dyn Write, mesh: &PolygonMesh) -> io::Result<()> {
 /// # Errors
 /// Besides those of `out`: when the file would not fit in the 4 GiB of the format.
 pub fn write_glb(out: &mut dyn Write, mesh: &PolygonMesh) -> io::Result<()> {
-    let sections: Vec<Section> = mesh
-        .parts
-        .iter()
-        .filter_map(|part| Section::of(mesh, part))
-        .collect();
+    let sections: Vec<Section> = mesh.parts.iter().filter_map(|part| Section::of(mesh, part)).collect();
     let json = document(mesh, &sections).to_string();
     let padding = json.len().next_multiple_of(4) - json.len();
     let json_length = (json.len() + padding) as u64;
-    let binary_length: u64 = sections
-        .iter()
-        .map(|s| s.position_bytes() + s.index_bytes())
-        .sum();
+    let binary_length: u64 = sections.iter().map(|s| s.position_bytes() + s.index_bytes()).sum();
     let total = u32::try_from(12 + 8 + json_length + 8 + binary_length)
         .map_err(|_| io::Error::other("the mesh does not fit in the 4 GiB of a GLB file"))?;
 
@@ -95,10 +88,7 @@ impl Section {
     }
 
     fn positions<'m>(&self, mesh: &'m PolygonMesh) -> impl Iterator<Item = &'m [f64; 3]> {
-        mesh.positions
-            .iter()
-            .skip(self.first_vertex as usize)
-            .take(self.vertices as usize)
+        mesh.positions.iter().skip(self.first_vertex as usize).take(self.vertices as usize)
     }
 
     fn position_bytes(&self) -> u64 {
@@ -168,10 +158,7 @@ fn face_range(part: &Part) -> std::ops::Range<usize> {
 /// The triangles of a polygon, as a fan from its first corner.
 fn fan(corners: &[u32]) -> impl Iterator<Item = [u32; 3]> {
     let first = corners.first().copied().unwrap_or_default();
-    corners
-        .windows(2)
-        .skip(1)
-        .map(move |pair| [first, pair[0], pair[1]])
+    corners.windows(2).skip(1).map(move |pair| [first, pair[0], pair[1]])
 }
 
 fn write_u32s(out: &mut dyn Write, numbers: &[u32]) -> io::Result<()> {

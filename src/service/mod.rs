@@ -1,1 +1,47 @@
-//! service
+//! The HTTP service: jobs in, labels and live energies out.
+//!
+//! ```text
+//! POST ─ upload ─→ folder + Spec ─ store ─→ queue ─ pipeline ─→ result folder ─ results ─→ GET
+//!                                   └── events, pulses ─→ events (SSE), Prefer: wait
+//! ```
+//!
+//! | to change | look in |
+//! |---|---|
+//! | a setting | [`settings`](Settings) |
+//! | what a request may ask for | `request`, `query` |
+//! | how bodies come in | `upload`, `intake` |
+//! | what happens to a job | `pipeline` |
+//! | how jobs are kept | `store`, and their files in `files` |
+//! | a resource | `jobs`, `events`, `results`, `info` |
+//! | what errors look like | `problem` |
+//! | routes, layers, start and stop | `server` |
+//!
+//! Handlers return errors of the crate; one layer makes problem documents of them. Nothing here blocks the runtime:
+//! meshes are read and results written on blocking threads, clustering has a thread of its own. Names that clients give
+//! are for people; no path is made of them.
+
+mod events;
+mod files;
+mod info;
+mod intake;
+mod jobs;
+mod logging;
+mod negotiate;
+mod openapi;
+mod pipeline;
+mod prefer;
+mod problem;
+mod query;
+mod request;
+mod results;
+mod server;
+mod settings;
+mod store;
+mod timestamp;
+mod upload;
+
+pub use info::DeviceDescription;
+pub use logging::{LogFormat, LogSettings};
+pub use openapi::openapi_yaml;
+pub use server::{Server, serve};
+pub use settings::Settings;

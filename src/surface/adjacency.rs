@@ -28,9 +28,7 @@ pub fn links(faces: &Faces, weld: &Weld) -> Links {
     let position = |corner: u32| weld.position_of_vertex[corner as usize];
     let mut first = vec![0u32; weld.vertices as usize + 1];
     for face in 0..faces.len() {
-        for_each_edge(faces.corners(face), position, |low, _| {
-            first[low as usize + 1] += 1
-        });
+        for_each_edge(faces.corners(face), position, |low, _| first[low as usize + 1] += 1);
     }
     for vertex in 1..first.len() {
         first[vertex] += first[vertex - 1];
@@ -44,8 +42,7 @@ pub fn links(faces: &Faces, weld: &Weld) -> Links {
             half_edges[next[low as usize] as usize] = (high, face as u32);
             next[low as usize] += 1;
         });
-        counts.degenerate_faces +=
-            u64::from(has_repeated_position(corners, position, &mut distinct));
+        counts.degenerate_faces += u64::from(has_repeated_position(corners, position, &mut distinct));
     }
     drop(next);
 
@@ -73,11 +70,7 @@ pub fn links(faces: &Faces, weld: &Weld) -> Links {
             counts.non_manifold_edges += u64::from(solid_faces > 2);
         }
     }
-    Links {
-        pairs,
-        crowded,
-        counts,
-    }
+    Links { pairs, crowded, counts }
 }
 
 /// Calls `edge(low, high)` for each edge of a corner loop that has two different ends.
@@ -94,11 +87,7 @@ fn for_each_edge(corners: &[u32], position: impl Fn(u32) -> u32, mut edge: impl 
 }
 
 /// Whether two corners of a face lie at one position. `scratch` saves an allocation a face.
-fn has_repeated_position(
-    corners: &[u32],
-    position: impl Fn(u32) -> u32,
-    scratch: &mut Vec<u32>,
-) -> bool {
+fn has_repeated_position(corners: &[u32], position: impl Fn(u32) -> u32, scratch: &mut Vec<u32>) -> bool {
     if let &[a, b, c] = corners {
         let [a, b, c] = [position(a), position(b), position(c)];
         return a == b || b == c || c == a;
@@ -164,10 +153,7 @@ pub fn duplicates(
         .iter()
         .filter_map(|&face| {
             let corners = mesh.faces.corners(face as usize);
-            let mut set: Vec<u32> = corners
-                .iter()
-                .map(|&corner| weld.position_of_vertex[corner as usize])
-                .collect();
+            let mut set: Vec<u32> = corners.iter().map(|&corner| weld.position_of_vertex[corner as usize]).collect();
             set.sort_unstable();
             set.dedup();
             (set.len() == corners.len()).then_some(set)

@@ -62,9 +62,7 @@ fn root(parent: &mut [u32], mut face: u32) -> u32 {
 pub fn runs(component_of_face: &[u32], upload_face: &[u32], count: usize) -> Vec<Range<usize>> {
     let mut runs = Vec::with_capacity(count);
     let mut start = 0;
-    for run in upload_face
-        .chunk_by(|&a, &b| component_of_face[a as usize] == component_of_face[b as usize])
-    {
+    for run in upload_face.chunk_by(|&a, &b| component_of_face[a as usize] == component_of_face[b as usize]) {
         runs.push(start..start + run.len());
         start += run.len();
     }

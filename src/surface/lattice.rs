@@ -51,27 +51,15 @@ impl Frame {
         }
         // halves first: the sum and the difference of two finite numbers may not be finite
         let centre = std::array::from_fn(|axis| low[axis] / 2.0 + high[axis] / 2.0);
-        let reach = (0..3)
-            .map(|axis| high[axis] / 2.0 - low[axis] / 2.0)
-            .fold(0.0, f64::max);
-        let exponent = if reach > 0.0 {
-            COORDINATE_BITS - libm::frexp(reach).1
-        } else {
-            0
-        };
+        let reach = (0..3).map(|axis| high[axis] / 2.0 - low[axis] / 2.0).fold(0.0, f64::max);
+        let exponent = if reach > 0.0 { COORDINATE_BITS - libm::frexp(reach).1 } else { 0 };
         let half = exponent / 2;
-        Self {
-            centre,
-            exponent,
-            factors: [libm::ldexp(1.0, half), libm::ldexp(1.0, exponent - half)],
-        }
+        Self { centre, exponent, factors: [libm::ldexp(1.0, half), libm::ldexp(1.0, exponent - half)] }
     }
 
     /// A position in lattice units.
     fn position(&self, source: [f64; 3]) -> [f64; 3] {
-        std::array::from_fn(|axis| {
-            (source[axis] - self.centre[axis]) * self.factors[0] * self.factors[1]
-        })
+        std::array::from_fn(|axis| (source[axis] - self.centre[axis]) * self.factors[0] * self.factors[1])
     }
 
     /// Centroid and area of a face, and the second moment inside it: Σ over the fan's triangles of
@@ -81,14 +69,10 @@ impl Frame {
         let position = |corner: usize| self.position(mesh.positions[corners[corner] as usize]);
         if let [_, _, _] = corners {
             let triangle = Triangle::new(position(0), position(1), position(2));
-            let geometry = FaceGeometry {
-                centroid: triangle.centroid(),
-                area: triangle.area,
-            };
+            let geometry = FaceGeometry { centroid: triangle.centroid(), area: triangle.area };
             return (geometry, triangle.moment());
         }
-        let fan =
-            |corner: usize| Triangle::new(position(0), position(corner), position(corner + 1));
+        let fan = |corner: usize| Triangle::new(position(0), position(corner), position(corner + 1));
         let mut area = 0.0;
         let mut weighted = [0.0; 3];
         for corner in 1..corners.len().saturating_sub(1) {
@@ -130,15 +114,8 @@ struct Triangle {
 impl Triangle {
     fn new(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> Self {
         let (u, v) = (sub(b, a), sub(c, a));
-        let normal = [
-            u[1] * v[2] - u[2] * v[1],
-            u[2] * v[0] - u[0] * v[2],
-            u[0] * v[1] - u[1] * v[0],
-        ];
-        Self {
-            corners: [a, b, c],
-            area: square(normal).sqrt() / 2.0,
-        }
+        let normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        Self { corners: [a, b, c], area: square(normal).sqrt() / 2.0 }
     }
 
     fn centroid(&self) -> [f64; 3] {
@@ -185,24 +162,14 @@ pub fn scales(geometry: &[FaceGeometry], runs: &[Range<usize>]) -> Scales {
             let sum: f64 = faces.iter().map(|face| face.area).sum();
             let largest = faces.iter().map(|face| face.area).fold(0.0, f64::max);
             // x < 2^frexp(x).1
-            (sum > 0.0).then(|| {
-                (WEIGHT_SUM_BITS - libm::frexp(sum).1).min(WEIGHT_BITS - libm::frexp(largest).1)
-            })
+            (sum > 0.0).then(|| (WEIGHT_SUM_BITS - libm::frexp(sum).1).min(WEIGHT_BITS - libm::frexp(largest).1))
         })
         .collect();
     let coarsest = wanted.iter().flatten().copied().min().unwrap_or(0);
     let allowed = coarsest + MAX_EXPONENT_SPREAD;
-    let finest = wanted
-        .iter()
-        .flatten()
-        .map(|&exponent| exponent.min(allowed))
-        .max()
-        .unwrap_or(0);
+    let finest = wanted.iter().flatten().map(|&exponent| exponent.min(allowed)).max().unwrap_or(0);
     // a component without area gets the smallest unit: its faces weigh 1, as little as can be
-    let exponents = wanted
-        .into_iter()
-        .map(|exponent| exponent.unwrap_or(finest).min(allowed))
-        .collect();
+    let exponents = wanted.into_iter().map(|exponent| exponent.unwrap_or(finest).min(allowed)).collect();
     Scales { exponents, finest }
 }
 

@@ -83,45 +83,27 @@ impl Surface {
             )));
         }
         let weld = weld::weld(mesh);
-        let adjacency::Links {
-            pairs,
-            crowded,
-            mut counts,
-        } = adjacency::links(&mesh.faces, &weld);
+        let adjacency::Links { pairs, crowded, mut counts } = adjacency::links(&mesh.faces, &weld);
         counts.welded_vertices = u64::from(weld.vertices);
 
         let frame = Frame::of(mesh);
-        let geometry: Vec<(FaceGeometry, f64)> = (0..faces)
-            .into_par_iter()
-            .map(|face| frame.face(mesh, face))
-            .collect();
+        let geometry: Vec<(FaceGeometry, f64)> =
+            (0..faces).into_par_iter().map(|face| frame.face(mesh, face)).collect();
         let moment_inside_faces = geometry.iter().map(|(_, inside)| inside).sum();
         let geometry: Vec<FaceGeometry> = geometry.into_iter().map(|(face, _)| face).collect();
         counts.zero_area_faces = geometry.iter().filter(|face| face.area <= 0.0).count() as u64;
 
         let (component_of_face, component_count) = components::label(faces, &pairs);
         let upload_face = order::internal_order(&geometry, &component_of_face, component_count);
-        let geometry: Vec<FaceGeometry> = upload_face
-            .par_iter()
-            .map(|&face| geometry[face as usize])
-            .collect();
+        let geometry: Vec<FaceGeometry> = upload_face.par_iter().map(|&face| geometry[face as usize]).collect();
         let (neighbour_offsets, neighbours) = adjacency::compressed(&pairs, &upload_face);
         drop(pairs);
-        counts.duplicate_faces = adjacency::duplicates(
-            mesh,
-            &weld,
-            &crowded,
-            &upload_face,
-            &neighbour_offsets,
-            &neighbours,
-        );
+        counts.duplicate_faces =
+            adjacency::duplicates(mesh, &weld, &crowded, &upload_face, &neighbour_offsets, &neighbours);
 
         let runs = components::runs(&component_of_face, &upload_face, component_count);
         let scales = lattice::scales(&geometry, &runs);
-        let centroids: Vec<[i32; 3]> = geometry
-            .par_iter()
-            .map(|face| lattice::round_centroid(face.centroid))
-            .collect();
+        let centroids: Vec<[i32; 3]> = geometry.par_iter().map(|face| lattice::round_centroid(face.centroid)).collect();
         let mut weights = Vec::with_capacity(faces);
         let mut components = Vec::with_capacity(runs.len());
         let mut moment = 0i128;
@@ -130,20 +112,12 @@ impl Surface {
             let mut weight = 0u64;
             for face in run.clone() {
                 let w = lattice::round_weight(geometry[face].area, exponent);
-                let square: i64 = centroids[face]
-                    .iter()
-                    .map(|&g| i64::from(g) * i64::from(g))
-                    .sum();
+                let square: i64 = centroids[face].iter().map(|&g| i64::from(g) * i64::from(g)).sum();
                 moment += (i128::from(w) * i128::from(square)) << energy_shift;
                 weight += u64::from(w);
                 weights.push(w);
             }
-            components.push(Component {
-                first_face: run.start as u32,
-                faces: run.len() as u32,
-                weight,
-                energy_shift,
-            });
+            components.push(Component { first_face: run.start as u32, faces: run.len() as u32, weight, energy_shift });
         }
         Ok(Self {
             centroids,
@@ -169,8 +143,7 @@ impl Surface {
     /// The faces that share an edge with `face`.
     pub fn neighbours_of(&self, face: u32) -> &[u32] {
         let face = face as usize;
-        &self.neighbours
-            [self.neighbour_offsets[face] as usize..self.neighbour_offsets[face + 1] as usize]
+        &self.neighbours[self.neighbour_offsets[face] as usize..self.neighbour_offsets[face + 1] as usize]
     }
 
     /// The internal face that each face of the upload is: the inverse of `upload_face`.

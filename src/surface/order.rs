@@ -9,16 +9,9 @@ use super::lattice::FaceGeometry;
 const BITS: u32 = 16;
 
 /// The upload face that each internal face is: sorted by component, Morton key, upload face.
-pub fn internal_order(
-    geometry: &[FaceGeometry],
-    component_of_face: &[u32],
-    components: usize,
-) -> Vec<u32> {
-    let mut keyed: Vec<(u64, u32)> = geometry
-        .par_iter()
-        .enumerate()
-        .map(|(face, geometry)| (morton_key(geometry.centroid), face as u32))
-        .collect();
+pub fn internal_order(geometry: &[FaceGeometry], component_of_face: &[u32], components: usize) -> Vec<u32> {
+    let mut keyed: Vec<(u64, u32)> =
+        geometry.par_iter().enumerate().map(|(face, geometry)| (morton_key(geometry.centroid), face as u32)).collect();
     sort_by_key(&mut keyed);
     let sorted = keyed.into_iter().map(|(_, face)| face);
     if components <= 1 {
@@ -42,8 +35,7 @@ pub fn internal_order(
 
 /// Interleaved upper bits of the lattice coordinates, x lowest.
 fn morton_key(centroid: [f64; 3]) -> u64 {
-    let cell =
-        super::lattice::round_centroid(centroid).map(|g| ((g + (1 << 27)) >> (28 - BITS)) as u64);
+    let cell = super::lattice::round_centroid(centroid).map(|g| ((g + (1 << 27)) >> (28 - BITS)) as u64);
     spread(cell[0]) | spread(cell[1]) << 1 | spread(cell[2]) << 2
 }
 
@@ -103,9 +95,7 @@ mod tests {
         let mut state = 1u64;
         let mut items: Vec<(u64, u32)> = (0..5000)
             .map(|i| {
-                state = state
-                    .wrapping_mul(6_364_136_223_846_793_005)
-                    .wrapping_add(1_442_695_040_888_963_407);
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
                 (state >> (16 + 20 * (i % 3)), i)
             })
             .collect();

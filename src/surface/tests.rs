@@ -6,35 +6,17 @@ fn mesh(positions: &[[f64; 3]], faces: &[&[u32]]) -> PolygonMesh {
     for corners in faces {
         all.push(corners);
     }
-    let parts = vec![Part {
-        first_face: 0,
-        faces: all.len() as u64,
-        ..Part::default()
-    }];
-    PolygonMesh {
-        format: Format::Obj,
-        positions: positions.to_vec(),
-        faces: all,
-        parts,
-        warnings: Vec::new(),
-    }
+    let parts = vec![Part { first_face: 0, faces: all.len() as u64, ..Part::default() }];
+    PolygonMesh { format: Format::Obj, positions: positions.to_vec(), faces: all, parts, warnings: Vec::new() }
 }
 
-const SQUARE: [[f64; 3]; 4] = [
-    [0.0, 0.0, 0.0],
-    [1.0, 0.0, 0.0],
-    [1.0, 1.0, 0.0],
-    [0.0, 1.0, 0.0],
-];
+const SQUARE: [[f64; 3]; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
 
 /// Neighbours of an upload face, as upload faces, sorted.
 fn neighbours(surface: &Surface, upload: u32) -> Vec<u32> {
     let face = surface.internal_faces()[upload as usize];
-    let mut near: Vec<u32> = surface
-        .neighbours_of(face)
-        .iter()
-        .map(|&near| surface.upload_face[near as usize])
-        .collect();
+    let mut near: Vec<u32> =
+        surface.neighbours_of(face).iter().map(|&near| surface.upload_face[near as usize]).collect();
     near.sort_unstable();
     near
 }
@@ -45,10 +27,7 @@ fn seams_are_welded_and_minus_zero_is_zero() {
     positions.extend([[-0.0, 0.0, -0.0], [1.0, 1.0, -0.0], [9.0, 9.0, 9.0]]);
     let surface = Surface::build(&mesh(&positions, &[&[0, 1, 2], &[4, 5, 3]])).expect("a surface");
     assert_eq!(surface.components.len(), 1);
-    assert_eq!(
-        surface.counts.welded_vertices, 4,
-        "the vertex at (9, 9, 9) is not used"
-    );
+    assert_eq!(surface.counts.welded_vertices, 4, "the vertex at (9, 9, 9) is not used");
     assert_eq!(surface.counts.boundary_edges, 4);
     assert_eq!(neighbours(&surface, 0), [1]);
 }
@@ -67,11 +46,7 @@ fn an_edge_of_many_faces_is_a_chain_by_face_number() {
     let mut faces = Vec::new();
     for fin in 0..5u32 {
         positions.push([f64::from(fin), 1.0 + f64::from(fin * fin), 0.5]);
-        faces.push(if fin % 2 == 0 {
-            [0, 1, fin + 2]
-        } else {
-            [fin + 2, 1, 0]
-        });
+        faces.push(if fin % 2 == 0 { [0, 1, fin + 2] } else { [fin + 2, 1, 0] });
     }
     let faces: Vec<&[u32]> = faces.iter().map(|face| &face[..]).collect();
     let surface = Surface::build(&mesh(&positions, &faces)).expect("a surface");
@@ -83,21 +58,10 @@ fn an_edge_of_many_faces_is_a_chain_by_face_number() {
 
 #[test]
 fn degenerate_and_duplicate_faces_are_counted() {
-    let faces: [&[u32]; 7] = [
-        &[0, 1, 2],
-        &[0, 2, 3],
-        &[2, 0, 1],
-        &[0, 0, 1],
-        &[3, 3, 3],
-        &[0, 1, 2, 3],
-        &[1, 3, 2, 0],
-    ];
+    let faces: [&[u32]; 7] = [&[0, 1, 2], &[0, 2, 3], &[2, 0, 1], &[0, 0, 1], &[3, 3, 3], &[0, 1, 2, 3], &[1, 3, 2, 0]];
     let surface = Surface::build(&mesh(&SQUARE, &faces)).expect("a surface");
     assert_eq!(surface.counts.degenerate_faces, 2);
-    assert_eq!(
-        surface.counts.duplicate_faces, 2,
-        "one triangle and one quadrilateral"
-    );
+    assert_eq!(surface.counts.duplicate_faces, 2, "one triangle and one quadrilateral");
     assert_eq!(surface.counts.zero_area_faces, 2);
     assert_eq!(surface.components.len(), 2, "the point face shares no edge");
 }
@@ -116,24 +80,15 @@ fn copies_in_a_crowded_edge_are_found_though_nothing_links_them() {
 #[test]
 fn polygons_have_the_centroid_and_area_of_their_fans() {
     // an L: the fan from its first corner covers it exactly
-    let positions = [
-        [0.0, 0.0, 0.0],
-        [2.0, 0.0, 0.0],
-        [2.0, 1.0, 0.0],
-        [1.0, 1.0, 0.0],
-        [1.0, 2.0, 0.0],
-        [0.0, 2.0, 0.0],
-    ];
+    let positions =
+        [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, 2.0, 0.0], [0.0, 2.0, 0.0]];
     let surface = Surface::build(&mesh(&positions, &[&[0, 1, 2, 3, 4, 5]])).expect("a surface");
     let scale = libm::ldexp(1.0, surface.frame.exponent);
     let face = surface.geometry[0];
     assert_eq!(face.area / (scale * scale), 3.0);
     for axis in 0..2 {
         let expected = (2.5 - 1.5 * 1.0) / 3.0 + 0.5 - 1.0; // (0.5·2 + 1.5·1)/3 about the centre (1, 1)
-        assert!(
-            (face.centroid[axis] / scale - expected).abs() < 1e-12,
-            "{face:?}"
-        );
+        assert!((face.centroid[axis] / scale - expected).abs() < 1e-12, "{face:?}");
     }
 }
 
@@ -143,39 +98,22 @@ fn small_components_keep_their_resolution() {
     positions.extend(SQUARE.map(|p| p.map(|x| x * 1e-2 + 3.0)));
     let faces: [&[u32]; 4] = [&[0, 1, 2], &[0, 2, 3], &[4, 5, 6], &[4, 6, 7]];
     let surface = Surface::build(&mesh(&positions, &faces)).expect("a surface");
-    let [large, small] = surface.components[..] else {
-        panic!("two components")
-    };
+    let [large, small] = surface.components[..] else { panic!("two components") };
     assert_eq!(small.energy_shift, 0);
-    assert_eq!(
-        large.energy_shift, 30,
-        "a ratio of 10^12 in area is more than the spread allows"
-    );
+    assert_eq!(large.energy_shift, 30, "a ratio of 10^12 in area is more than the spread allows");
     for component in [large, small] {
-        assert!(
-            component.weight > 1 << 20 && component.weight < 1 << 34,
-            "{component:?}"
-        );
+        assert!(component.weight > 1 << 20 && component.weight < 1 << 34, "{component:?}");
     }
     let only_small = mesh(&positions, &faces[2..]);
-    assert_eq!(
-        Surface::build(&only_small).expect("a surface").components[0].energy_shift,
-        0
-    );
+    assert_eq!(Surface::build(&only_small).expect("a surface").components[0].energy_shift, 0);
 }
 
 #[test]
 fn the_lattice_energy_is_the_energy_from_the_source() {
     let mesh = crate::sample::generate(crate::sample::Sample::Knot, 2000).expect("a sample");
-    for (scale, power) in [
-        (1.0, 0),
-        (libm::ldexp(1.0, -300), -300),
-        (libm::ldexp(1.0, 270), 270),
-    ] {
+    for (scale, power) in [(1.0, 0), (libm::ldexp(1.0, -300), -300), (libm::ldexp(1.0, 270), 270)] {
         let mut mesh = mesh.clone();
-        mesh.positions
-            .iter_mut()
-            .for_each(|p| *p = p.map(|x| x * scale));
+        mesh.positions.iter_mut().for_each(|p| *p = p.map(|x| x * scale));
         let surface = Surface::build(&mesh).expect("a surface");
         // everything in one cluster, with the proxy at the nearest lattice point
         let (mut s, mut m) = ([0i128; 3], 0i128);
@@ -184,15 +122,12 @@ fn the_lattice_energy_is_the_energy_from_the_source() {
             m += i128::from(w);
         }
         let p = s.map(|s| (2 * s + m).div_euclid(2 * m));
-        let explained = (0..3).map(|axis| 2 * p[axis] * s[axis]).sum::<i128>()
-            - m * p.iter().map(|p| p * p).sum::<i128>();
+        let explained =
+            (0..3).map(|axis| 2 * p[axis] * s[axis]).sum::<i128>() - m * p.iter().map(|p| p * p).sum::<i128>();
         let lattice = surface.energy(LatticeEnergy { explained });
         let source = surface.source_energy(&vec![0; surface.faces()], 1);
         if power == 0 {
-            assert!(
-                ((lattice - source) / source).abs() < 1e-8,
-                "{lattice} {source}"
-            );
+            assert!(((lattice - source) / source).abs() < 1e-8, "{lattice} {source}");
         } else {
             // length⁴ leaves the range of f64 here
             assert_eq!(lattice == 0.0, power < 0);
@@ -215,15 +150,8 @@ fn a_planar_tiling_by_hexagons_has_ratio_one() {
             };
             let (a, b) = (corner(side), corner(side + 1));
             let point = |i: u32, j: u32| {
-                let (u, v) = (
-                    f64::from(i) / f64::from(rings),
-                    f64::from(j) / f64::from(rings),
-                );
-                [
-                    a[0] * u + b[0] * v + 3.0 * f64::from(hexagon),
-                    a[1] * u + b[1] * v,
-                    0.0,
-                ]
+                let (u, v) = (f64::from(i) / f64::from(rings), f64::from(j) / f64::from(rings));
+                [a[0] * u + b[0] * v + 3.0 * f64::from(hexagon), a[1] * u + b[1] * v, 0.0]
             };
             for i in 0..rings {
                 for j in 0..rings - i {
@@ -241,26 +169,10 @@ fn a_planar_tiling_by_hexagons_has_ratio_one() {
             }
         }
     }
-    let mesh = PolygonMesh {
-        format: Format::Obj,
-        positions,
-        faces,
-        parts: Vec::new(),
-        warnings: Vec::new(),
-    };
+    let mesh = PolygonMesh { format: Format::Obj, positions, faces, parts: Vec::new(), warnings: Vec::new() };
     let surface = Surface::build(&mesh).expect("a surface");
-    let internal: Vec<u32> = surface
-        .upload_face
-        .iter()
-        .map(|&face| labels[face as usize])
-        .collect();
-    let ratio = surface
-        .hexagon_ratio(surface.source_energy(&internal, 3), 3)
-        .expect("most of the energy is visible");
+    let internal: Vec<u32> = surface.upload_face.iter().map(|&face| labels[face as usize]).collect();
+    let ratio = surface.hexagon_ratio(surface.source_energy(&internal, 3), 3).expect("most of the energy is visible");
     assert!((ratio - 1.0).abs() < 1e-9, "{ratio}");
-    assert_eq!(
-        surface.hexagon_ratio(1.0, surface.faces()),
-        None,
-        "nothing is left of the tiling's energy"
-    );
+    assert_eq!(surface.hexagon_ratio(1.0, surface.faces()), None, "nothing is left of the tiling's energy");
 }

@@ -23,11 +23,7 @@ pub const UNUSED: u32 = u32::MAX;
 /// key decides only where a position is kept, never its number.
 pub fn weld(mesh: &PolygonMesh) -> Weld {
     let random = RandomState::new();
-    let keys = [
-        random.hash_one(1u8),
-        random.hash_one(2u8),
-        random.hash_one(3u8) | 1,
-    ];
+    let keys = [random.hash_one(1u8), random.hash_one(2u8), random.hash_one(3u8) | 1];
     let mut position_of_vertex = vec![UNUSED; mesh.positions.len()];
     let mask = (2 * mesh.positions.len()).next_power_of_two() - 1;
     let mut table: Vec<u32> = vec![UNUSED; mask + 1];
@@ -51,10 +47,7 @@ pub fn weld(mesh: &PolygonMesh) -> Weld {
             slot = (slot + 1) & mask;
         };
     }
-    Weld {
-        position_of_vertex,
-        vertices,
-    }
+    Weld { position_of_vertex, vertices }
 }
 
 /// The bits of a position; adding zero turns −0 into 0.
@@ -68,8 +61,5 @@ fn hash(position: [u64; 3], keys: [u64; 3]) -> u64 {
         let product = u128::from(a) * u128::from(b);
         product as u64 ^ (product >> 64) as u64
     };
-    fold(
-        fold(position[0] ^ keys[0], position[1] ^ keys[1]) ^ position[2],
-        keys[2],
-    )
+    fold(fold(position[0] ^ keys[0], position[1] ^ keys[1]) ^ position[2], keys[2])
 }

@@ -22,10 +22,7 @@ impl Folder {
     /// The command, without any setting of the surroundings.
     pub fn tesserae(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_tesserae"));
-        command
-            .args(arguments)
-            .current_dir(self.0.path())
-            .stdin(Stdio::null());
+        command.args(arguments).current_dir(self.0.path()).stdin(Stdio::null());
         for (name, _) in std::env::vars_os() {
             if name.to_string_lossy().starts_with("TESSERAE_") {
                 command.env_remove(name);
@@ -58,8 +55,7 @@ impl Folder {
 
     /// A sample of that name, made by the command itself.
     pub fn sample(&self, name: &str, faces: u64, out: &str) {
-        self.run(&["sample", name, "--faces", &faces.to_string(), out])
-            .expect_success();
+        self.run(&["sample", name, "--faces", &faces.to_string(), out]).expect_success();
     }
 
     pub fn read(&self, name: &str) -> Vec<u8> {
@@ -78,13 +74,7 @@ impl Folder {
     pub fn files(&self) -> Vec<String> {
         let mut names: Vec<String> = std::fs::read_dir(self.0.path())
             .expect("a folder")
-            .map(|entry| {
-                entry
-                    .expect("an entry")
-                    .file_name()
-                    .to_string_lossy()
-                    .into_owned()
-            })
+            .map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned())
             .collect();
         names.sort();
         names
@@ -107,9 +97,7 @@ impl Done {
     fn of(output: Output) -> Self {
         // Wayland's client library, which Mesa asks for displays, complains here where there is none.
         let stderr = String::from_utf8(output.stderr).expect("text");
-        let stderr = stderr
-            .lines()
-            .filter(|line| !line.contains("XDG_RUNTIME_DIR"));
+        let stderr = stderr.lines().filter(|line| !line.contains("XDG_RUNTIME_DIR"));
         Self {
             status: output.status.code(),
             stdout: output.stdout,
@@ -124,11 +112,7 @@ impl Done {
     /// Exit status 0 and nothing on standard error; gives standard output.
     #[track_caller]
     pub fn expect_success(self) -> Vec<u8> {
-        assert_eq!(
-            (self.status, self.stderr.as_str()),
-            (Some(0), ""),
-            "{self:?}"
-        );
+        assert_eq!((self.status, self.stderr.as_str()), (Some(0), ""), "{self:?}");
         self.stdout
     }
 
@@ -138,10 +122,7 @@ impl Done {
         assert_eq!(self.status, Some(1), "{self:?}");
         assert_eq!(self.stderr.lines().count(), 1, "{self:?}");
         assert!(self.stderr.starts_with("error: "), "{self:?}");
-        assert!(
-            words.iter().all(|word| self.stderr.contains(word)),
-            "{words:?}: {self:?}"
-        );
+        assert!(words.iter().all(|word| self.stderr.contains(word)), "{words:?}: {self:?}");
         assert!(self.stdout.is_empty(), "{self:?}");
     }
 
@@ -149,10 +130,7 @@ impl Done {
     #[track_caller]
     pub fn expect_usage_error(self, words: &[&str]) {
         assert_eq!(self.status, Some(2), "{self:?}");
-        assert!(
-            words.iter().all(|word| self.stderr.contains(word)),
-            "{words:?}: {self:?}"
-        );
+        assert!(words.iter().all(|word| self.stderr.contains(word)), "{words:?}: {self:?}");
         assert!(self.stdout.is_empty(), "{self:?}");
     }
 }

@@ -20,10 +20,7 @@ pub fn grow(surface: &Surface, labels: &[u32]) -> Vec<u32> {
         let before = labels.clone();
         for face in 0..labels.len() as u32 {
             if before[face as usize] == FREE {
-                let reach = surface
-                    .neighbours_of(face)
-                    .iter()
-                    .map(|&near| before[near as usize]);
+                let reach = surface.neighbours_of(face).iter().map(|&near| before[near as usize]);
                 labels[face as usize] = reach.min().unwrap_or(FREE);
             }
         }
@@ -76,27 +73,16 @@ pub fn explained(surface: &Surface, component_of_cluster: &[u32], labels: &[u32]
 /// One iteration; None when nothing moves.
 pub fn iterate(surface: &Surface, component_of_cluster: &[u32], labels: &[u32]) -> Option<State> {
     let sums = sums(surface, component_of_cluster.len(), labels);
-    let proxies: Vec<Option<[i128; 3]>> = sums
-        .iter()
-        .map(|sums| (sums.faces > 0).then(|| proxy(sums)))
-        .collect();
+    let proxies: Vec<Option<[i128; 3]>> = sums.iter().map(|sums| (sums.faces > 0).then(|| proxy(sums))).collect();
     let distance = |face: usize, cluster: u32| {
         let proxy = proxies[cluster as usize].expect("a cluster that a face carries has faces");
-        (0..3)
-            .map(|axis| (i128::from(surface.centroids[face][axis]) - proxy[axis]).pow(2))
-            .sum::<i128>()
+        (0..3).map(|axis| (i128::from(surface.centroids[face][axis]) - proxy[axis]).pow(2)).sum::<i128>()
     };
     let wishes: Vec<Option<u32>> = (0..labels.len())
         .map(|face| {
             let own = labels[face];
-            let near = surface
-                .neighbours_of(face as u32)
-                .iter()
-                .map(|&near| labels[near as usize]);
-            let (best, to) = near
-                .filter(|&label| label != own)
-                .map(|label| (distance(face, label), label))
-                .min()?;
+            let near = surface.neighbours_of(face as u32).iter().map(|&near| labels[near as usize]);
+            let (best, to) = near.filter(|&label| label != own).map(|label| (distance(face, label), label)).min()?;
             (best < distance(face, own)).then_some(to)
         })
         .collect();
@@ -105,9 +91,7 @@ pub fn iterate(surface: &Surface, component_of_cluster: &[u32], labels: &[u32]) 
     for face in 0..labels.len() {
         let Some(to) = wishes[face] else { continue };
         let own = labels[face];
-        let leavers: Vec<usize> = (0..labels.len())
-            .filter(|&f| labels[f] == own && wishes[f].is_some())
-            .collect();
+        let leavers: Vec<usize> = (0..labels.len()).filter(|&f| labels[f] == own && wishes[f].is_some()).collect();
         if leavers.len() == sums[own as usize].faces && leavers[0] == face {
             continue;
         }
@@ -115,9 +99,5 @@ pub fn iterate(surface: &Surface, component_of_cluster: &[u32], labels: &[u32]) 
         moves += 1;
     }
     let explained = explained(surface, component_of_cluster, &after);
-    (moves > 0).then_some(State {
-        labels: after,
-        explained,
-        moves,
-    })
+    (moves > 0).then_some(State { labels: after, explained, moves })
 }

@@ -11,35 +11,20 @@ pub fn mesh(positions: &[[f64; 3]], faces: &[&[u32]]) -> PolygonMesh {
     for corners in faces {
         all.push(corners);
     }
-    let parts = vec![Part {
-        first_face: 0,
-        faces: all.len() as u64,
-        ..Part::default()
-    }];
-    PolygonMesh {
-        format: Format::Obj,
-        positions: positions.to_vec(),
-        faces: all,
-        parts,
-        warnings: Vec::new(),
-    }
+    let parts = vec![Part { first_face: 0, faces: all.len() as u64, ..Part::default() }];
+    PolygonMesh { format: Format::Obj, positions: positions.to_vec(), faces: all, parts, warnings: Vec::new() }
 }
 
 /// A mesh of triangles between points at random: non-manifold edges, duplicates and slivers galore.
 pub fn tangle(vertices: u32, faces: usize, seed: u64) -> PolygonMesh {
     let mut state = seed;
     let mut next = |bound: u32| {
-        state = state
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         ((state >> 33) % u64::from(bound)) as u32
     };
-    let positions: Vec<[f64; 3]> = (0..vertices)
-        .map(|_| std::array::from_fn(|_| f64::from(next(1 << 20)) / 1024.0))
-        .collect();
-    let corners: Vec<[u32; 3]> = (0..faces)
-        .map(|_| std::array::from_fn(|_| next(vertices)))
-        .collect();
+    let positions: Vec<[f64; 3]> =
+        (0..vertices).map(|_| std::array::from_fn(|_| f64::from(next(1 << 20)) / 1024.0)).collect();
+    let corners: Vec<[u32; 3]> = (0..faces).map(|_| std::array::from_fn(|_| next(vertices))).collect();
     let corners: Vec<&[u32]> = corners.iter().map(|corners| &corners[..]).collect();
     mesh(&positions, &corners)
 }
@@ -49,15 +34,9 @@ pub fn flea_and_elephant() -> PolygonMesh {
     let mut all = generate(Sample::Sphere, 400).expect("a sample");
     let flea = generate(Sample::Sphere, 300).expect("a sample");
     let first = all.positions.len() as u32;
-    all.positions
-        .extend(flea.positions.iter().map(|p| p.map(|x| 2.0 + x * 1e-6)));
+    all.positions.extend(flea.positions.iter().map(|p| p.map(|x| 2.0 + x * 1e-6)));
     for face in 0..flea.faces.len() {
-        let corners: Vec<u32> = flea
-            .faces
-            .corners(face)
-            .iter()
-            .map(|&corner| corner + first)
-            .collect();
+        let corners: Vec<u32> = flea.faces.corners(face).iter().map(|&corner| corner + first).collect();
         all.faces.push(&corners);
     }
     all
@@ -72,70 +51,29 @@ pub fn all() -> Vec<(String, PolygonMesh)> {
             zoo.push((format!("{}-{faces}", sample.name()), mesh));
         }
     }
-    let corner = [
-        [0.0, 0.0, 0.0],
-        [1.0, 0.0, 0.0],
-        [0.0, 1.0, 0.0],
-        [1.0, 1.0, 0.0],
-        [0.5, 0.5, 1.0],
-    ];
+    let corner = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.5, 0.5, 1.0]];
     zoo.push(("one-face".into(), mesh(&corner, &[&[0, 1, 2]])));
     zoo.push(("one-pentagon".into(), mesh(&corner, &[&[0, 1, 3, 4, 2]])));
-    zoo.push((
-        "two-sides".into(),
-        mesh(&corner, &[&[0, 1, 2], &[2, 1, 0], &[0, 1, 2]]),
-    ));
-    zoo.push((
-        "point-faces".into(),
-        mesh(&corner, &[&[0, 0, 0], &[1, 1, 1], &[0, 1, 2]]),
-    ));
-    zoo.push((
-        "all-in-one-point".into(),
-        mesh(&[[3.0; 3]; 4], &[&[0, 1, 2], &[1, 2, 3]]),
-    ));
-    zoo.push((
-        "fin".into(),
-        mesh(
-            &corner,
-            &[&[0, 1, 2], &[0, 1, 3], &[0, 1, 4], &[1, 0, 2], &[0, 3, 4]],
-        ),
-    ));
+    zoo.push(("two-sides".into(), mesh(&corner, &[&[0, 1, 2], &[2, 1, 0], &[0, 1, 2]])));
+    zoo.push(("point-faces".into(), mesh(&corner, &[&[0, 0, 0], &[1, 1, 1], &[0, 1, 2]])));
+    zoo.push(("all-in-one-point".into(), mesh(&[[3.0; 3]; 4], &[&[0, 1, 2], &[1, 2, 3]])));
+    zoo.push(("fin".into(), mesh(&corner, &[&[0, 1, 2], &[0, 1, 3], &[0, 1, 4], &[1, 0, 2], &[0, 3, 4]])));
     zoo.push(("tangle-dense".into(), tangle(12, 300, 1)));
     zoo.push(("tangle-sparse".into(), tangle(200, 300, 2)));
     zoo.push(("flea-and-elephant".into(), flea_and_elephant()));
-    let huge: Vec<[f64; 3]> = corner
-        .iter()
-        .map(|p| p.map(|x| (x - 0.5) * 1.7e308))
-        .collect();
-    zoo.push((
-        "huge".into(),
-        mesh(
-            &huge,
-            &[&[0, 1, 2], &[1, 3, 2], &[0, 1, 4], &[1, 3, 4], &[3, 2, 4]],
-        ),
-    ));
+    let huge: Vec<[f64; 3]> = corner.iter().map(|p| p.map(|x| (x - 0.5) * 1.7e308)).collect();
+    zoo.push(("huge".into(), mesh(&huge, &[&[0, 1, 2], &[1, 3, 2], &[0, 1, 4], &[1, 3, 4], &[3, 2, 4]])));
     let tiny: Vec<[f64; 3]> = corner.iter().map(|p| p.map(|x| x * 5e-324)).collect();
-    zoo.push((
-        "tiny".into(),
-        mesh(
-            &tiny,
-            &[&[0, 1, 2], &[1, 3, 2], &[0, 1, 4], &[1, 3, 4], &[3, 2, 4]],
-        ),
-    ));
+    zoo.push(("tiny".into(), mesh(&tiny, &[&[0, 1, 2], &[1, 3, 2], &[0, 1, 4], &[1, 3, 4], &[3, 2, 4]])));
     zoo
 }
 
 /// The folder with the real meshes, if there is one; says so otherwise.
 pub fn shared_meshes() -> Option<PathBuf> {
-    let folder = std::env::var_os("TESSERAE_TEST_MESHES").map_or_else(
-        || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/meshes"),
-        PathBuf::from,
-    );
+    let folder = std::env::var_os("TESSERAE_TEST_MESHES")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/meshes"), PathBuf::from);
     if !folder.is_dir() {
-        eprintln!(
-            "notice: no real meshes at {}: skipped (set TESSERAE_TEST_MESHES)",
-            folder.display()
-        );
+        eprintln!("notice: no real meshes at {}: skipped (set TESSERAE_TEST_MESHES)", folder.display());
         return None;
     }
     Some(folder)

@@ -10,30 +10,18 @@ use tesserae::parameters::Seeds;
 use tesserae::surface::Surface;
 
 /// Optimises until nothing moves, whatever pieces that leaves.
-pub const PLAIN: Options = Options {
-    max_iterations: None,
-    allow_disconnected: true,
-};
+pub const PLAIN: Options = Options { max_iterations: None, allow_disconnected: true };
 
 /// Optimises and repairs.
-pub const CONNECTED: Options = Options {
-    max_iterations: None,
-    allow_disconnected: false,
-};
+pub const CONNECTED: Options = Options { max_iterations: None, allow_disconnected: false };
 
 /// The first usable adapter, software or not.
 pub fn adapter() -> Found {
     let found = enumerate();
     let all: Vec<String> = found.iter().map(|found| found.report.to_string()).collect();
-    found
-        .into_iter()
-        .filter(|found| found.report.usable)
-        .min_by_key(|found| found.report.kind)
-        .unwrap_or_else(|| {
-            panic!(
-                "these tests need a Vulkan driver, and found {all:?}: install mesa-vulkan-drivers, as `make test` does"
-            )
-        })
+    found.into_iter().filter(|found| found.report.usable).min_by_key(|found| found.report.kind).unwrap_or_else(|| {
+        panic!("these tests need a Vulkan driver, and found {all:?}: install mesa-vulkan-drivers, as `make test` does")
+    })
 }
 
 pub fn device() -> GpuDevice {
@@ -52,36 +40,20 @@ pub fn seeds(surface: &Surface, clusters: u64, kind: &Seeds, seed: u64) -> SeedF
 pub type Run = (Vec<u32>, Vec<u32>, String, Vec<Row>);
 
 /// Runs boundary-based clustering.
-pub fn run(
-    device: &mut dyn Device,
-    surface: &Surface,
-    seeds: &SeedFaces,
-    options: Options,
-) -> Result<Run> {
+pub fn run(device: &mut dyn Device, surface: &Surface, seeds: &SeedFaces, options: Options) -> Result<Run> {
     let mut steps = device.open(surface, &seeds.component_of_cluster)?;
     let mut rows = Vec::new();
-    let Clustering {
-        initial,
-        labels,
-        ending,
-        ..
-    } = cluster::boundary_based(
-        surface,
-        seeds,
-        options,
-        steps.as_mut(),
-        &Cancel::default(),
-        &mut |row| rows.push(row),
-    )?;
+    let Clustering { initial, labels, ending, .. } =
+        cluster::boundary_based(surface, seeds, options, steps.as_mut(), &Cancel::default(), &mut |row| {
+            rows.push(row)
+        })?;
     Ok((initial, labels, format!("{ending:?}"), rows))
 }
 
 /// Numbers of clusters worth trying on a surface.
 pub fn cluster_counts(surface: &Surface) -> Vec<u64> {
     let (fewest, most) = (surface.components.len() as u64, surface.faces() as u64);
-    let mut counts: Vec<u64> = [fewest, most / 50, most / 7, most]
-        .map(|k| k.clamp(fewest, most))
-        .to_vec();
+    let mut counts: Vec<u64> = [fewest, most / 50, most / 7, most].map(|k| k.clamp(fewest, most)).to_vec();
     counts.sort_unstable();
     counts.dedup();
     counts

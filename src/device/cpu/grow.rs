@@ -12,10 +12,7 @@ pub fn grow(surface: &Surface, labels: &mut [u32], cancel: &Cancel) -> Result<()
     let mut frontier: Vec<u32> = (0..labels.len() as u32)
         .filter(|&face| {
             labels[face as usize] != FREE
-                && surface
-                    .neighbours_of(face)
-                    .iter()
-                    .any(|&neighbour| labels[neighbour as usize] == FREE)
+                && surface.neighbours_of(face).iter().any(|&neighbour| labels[neighbour as usize] == FREE)
         })
         .collect();
     let mut offered = vec![FREE; labels.len()];

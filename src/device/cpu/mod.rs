@@ -1,13 +1,13 @@
 //! The cpu device: the steps of an algorithm on the threads of this machine.
 //!
-//! It looks only at faces whose decision can have changed. A face decides by its own and its neighbours' clusters, so
-//! it needs another look only when one of those gained or lost a face in the last iteration; everything else would
-//! decide as before, which was to stay. That makes the labels of every iteration equal to those of a plain sweep.
-//! The faces that can ever move lie on boundaries, and those are kept in a list that only grows where faces move.
+//! It looks only at faces whose decision can have changed ([`frontier`]), which makes the labels of every iteration equal
+//! to those of a plain sweep. Faces decide in parallel; what they decided is applied in one thread, because it is little.
 
 mod boundary;
 mod clusters;
+mod frontier;
 mod grow;
+mod refine;
 
 use rayon::current_num_threads;
 
@@ -15,8 +15,10 @@ use super::{Cancel, Device, Ending, LatticeEnergy, Step, Steps};
 use crate::error::Result;
 use crate::report::{DeviceInfo, DeviceKind};
 use crate::surface::Surface;
-use boundary::Boundary;
+use boundary::Leaving;
 use clusters::Clusters;
+use frontier::Frontier;
+use refine::Bids;
 
 /// The threads of this machine, through rayon's global pool.
 #[derive(Debug)]
@@ -48,18 +50,26 @@ impl Device for CpuDevice {
         &self.info
     }
 
-    fn open<'a>(
-        &'a mut self,
-        surface: &'a Surface,
-        component_of_cluster: &'a [u32],
-    ) -> Result<Box<dyn Steps + 'a>> {
+    fn open<'a>(&'a mut self, surface: &'a Surface, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
         Ok(Box::new(CpuSteps {
             surface,
             labels: vec![super::FREE; surface.faces()],
             clusters: Clusters::new(surface, component_of_cluster),
-            boundary: Boundary::default(),
+            is_gathered: false,
+            frontier: None,
         }))
     }
+}
+
+/// Faces a thread takes at a time.
+const CHUNK: usize = 1024;
+
+/// A face that wants to leave its cluster.
+#[derive(Debug, Clone, Copy)]
+struct Move {
+    face: u32,
+    from: u32,
+    to: u32,
 }
 
 /// State of one clustering.
@@ -67,26 +77,72 @@ struct CpuSteps<'a> {
     surface: &'a Surface,
     /// One a face, internal order.
     labels: Vec<u32>,
-    /// Sums and proxies that fit `labels`, or are marked as stale.
     clusters: Clusters,
-    boundary: Boundary,
+    /// Whether the sums of `clusters` are those of `labels`.
+    is_gathered: bool,
+    /// The frontier of `labels`, once an optimisation has needed it.
+    frontier: Option<Frontier>,
+}
+
+impl CpuSteps<'_> {
+    /// Labels were changed from outside.
+    fn forget(&mut self) {
+        self.is_gathered = false;
+        self.frontier = None;
+    }
+
+    fn gather(&mut self) {
+        if !std::mem::replace(&mut self.is_gathered, true) {
+            self.clusters.gather(self.surface, &self.labels);
+        }
+    }
+
+    /// Carries out iterations until one says that there is nothing left to do (None).
+    fn optimise(
+        &mut self,
+        max_iterations: u32,
+        cancel: &Cancel,
+        on_iteration: &mut dyn FnMut(Step),
+        mut iterate: impl FnMut(&Surface, &mut [u32], &mut Clusters, &mut Frontier) -> Option<u64>,
+    ) -> Result<Ending> {
+        self.gather();
+        self.clusters.mark_all_changed();
+        let mut frontier =
+            self.frontier.take().unwrap_or_else(|| Frontier::collect(self.surface, &self.labels, self.clusters.len()));
+        let mut left = max_iterations;
+        let ending = loop {
+            cancel.check()?;
+            if left == 0 {
+                break Ending::IterationLimit;
+            }
+            match iterate(self.surface, &mut self.labels, &mut self.clusters, &mut frontier) {
+                None => break Ending::Converged,
+                Some(0) => {}
+                Some(moves) => {
+                    left -= 1;
+                    on_iteration(Step { energy: self.clusters.energy(), moves });
+                }
+            }
+        };
+        self.frontier = Some(frontier);
+        Ok(ending)
+    }
 }
 
 impl Steps for CpuSteps<'_> {
     fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
         self.labels.copy_from_slice(labels);
-        self.clusters.forget();
+        self.forget();
         Ok(())
     }
 
     fn grow(&mut self, cancel: &Cancel) -> Result<()> {
-        grow::grow(self.surface, &mut self.labels, cancel)?;
-        self.clusters.forget();
-        Ok(())
+        self.forget();
+        grow::grow(self.surface, &mut self.labels, cancel)
     }
 
     fn energy(&mut self) -> Result<LatticeEnergy> {
-        self.clusters.gather(self.surface, &self.labels);
+        self.gather();
         Ok(self.clusters.energy())
     }
 
@@ -96,22 +152,18 @@ impl Steps for CpuSteps<'_> {
         cancel: &Cancel,
         on_iteration: &mut dyn FnMut(Step),
     ) -> Result<Ending> {
-        self.clusters.gather(self.surface, &self.labels);
-        self.boundary.collect(self.surface, &self.labels);
-        for _ in 0..max_iterations {
-            cancel.check()?;
-            let moves = self
-                .boundary
-                .iterate(self.surface, &mut self.labels, &mut self.clusters);
-            if moves == 0 {
-                return Ok(Ending::Converged);
-            }
-            on_iteration(Step {
-                energy: self.clusters.energy(),
-                moves,
-            });
-        }
-        Ok(Ending::IterationLimit)
+        let mut leaving = Leaving::new(self.clusters.len());
+        self.optimise(max_iterations, cancel, on_iteration, |surface, labels, clusters, frontier| {
+            // what nothing moves in is the end: a face that was kept back comes with others that moved
+            Some(boundary::iterate(surface, labels, clusters, frontier, &mut leaving)).filter(|&moves| moves > 0)
+        })
+    }
+
+    fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending> {
+        let mut bids = Bids::new(self.clusters.len());
+        self.optimise(max_iterations, cancel, on_iteration, |surface, labels, clusters, frontier| {
+            bids.iterate(surface, labels, clusters, frontier)
+        })
     }
 
     fn labels(&mut self) -> Result<Vec<u32>> {

@@ -29,13 +29,7 @@ pub struct AdapterReport {
 
 impl fmt::Display for AdapterReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            index,
-            name,
-            kind,
-            backend,
-            ..
-        } = self;
+        let Self { index, name, kind, backend, .. } = self;
         write!(f, "{index}: {name} ({kind}, {backend}")?;
         match &self.reason {
             Some(reason) => write!(f, ", unusable: {reason})"),
@@ -98,81 +92,50 @@ pub fn enumerate() -> Vec<Found> {
     descriptor.backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
     // With it, wgpu puts a dispatch of its own before each indirect one to check its arguments. Ours are written by our own
     // kernels, from the adapter's limits.
-    descriptor.flags =
-        wgpu::InstanceFlags::from_build_config() - wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL;
+    descriptor.flags = wgpu::InstanceFlags::from_build_config() - wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL;
     let instance = wgpu::Instance::new(descriptor);
     pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()))
         .into_iter()
         .enumerate()
-        .map(|(index, adapter)| Found {
-            report: report(index, &adapter),
-            adapter,
-        })
+        .map(|(index, adapter)| Found { report: report(index, &adapter), adapter })
         .collect()
 }
 
 fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
     let info = adapter.get_info();
-    let reason = unusable(
-        adapter.features(),
-        adapter.get_downlevel_capabilities().flags,
-        &adapter.limits(),
-    );
+    let reason = unusable(adapter.features(), adapter.get_downlevel_capabilities().flags, &adapter.limits());
     AdapterReport {
         index,
         name: info.name,
         kind: info.device_type.into(),
         backend: info.backend.to_str().to_owned(),
-        driver: format!("{} {}", info.driver, info.driver_info)
-            .trim()
-            .to_owned(),
+        driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
         usable: reason.is_none(),
         reason,
     }
 }
 
 /// Why an adapter with these properties cannot cluster.
-fn unusable(
-    features: wgpu::Features,
-    flags: wgpu::DownlevelFlags,
-    limits: &wgpu::Limits,
-) -> Option<String> {
+fn unusable(features: wgpu::Features, flags: wgpu::DownlevelFlags, limits: &wgpu::Limits) -> Option<String> {
     let storage_buffers = KERNELS
         .iter()
         .map(|kernel| {
-            let storage = |binding: &&_| {
-                !matches!(
-                    binding,
-                    super::kernels::Binding {
-                        access: Access::Turn,
-                        ..
-                    }
-                )
-            };
+            let storage = |binding: &&_| !matches!(binding, super::kernels::Binding { access: Access::Turn, .. });
             kernel.bindings.iter().filter(storage).count() as u32
         })
         .max()
         .unwrap_or(0);
     if !features.contains(wgpu::Features::SHADER_INT64) {
         Some("it has no 64-bit integers in shaders".to_owned())
-    } else if !flags
-        .contains(wgpu::DownlevelFlags::COMPUTE_SHADERS | wgpu::DownlevelFlags::INDIRECT_EXECUTION)
-    {
+    } else if !flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS | wgpu::DownlevelFlags::INDIRECT_EXECUTION) {
         Some("it has no compute shaders with indirect dispatch".to_owned())
     } else if limits.max_storage_buffers_per_shader_stage < storage_buffers {
         Some(format!(
             "a shader needs {storage_buffers} storage buffers, it has {}",
             limits.max_storage_buffers_per_shader_stage
         ))
-    } else if limits
-        .max_compute_invocations_per_workgroup
-        .min(limits.max_compute_workgroup_size_x)
-        < WORKGROUP
-    {
-        Some(format!(
-            "a workgroup needs {WORKGROUP} threads, it has {}",
-            limits.max_compute_invocations_per_workgroup
-        ))
+    } else if limits.max_compute_invocations_per_workgroup.min(limits.max_compute_workgroup_size_x) < WORKGROUP {
+        Some(format!("a workgroup needs {WORKGROUP} threads, it has {}", limits.max_compute_invocations_per_workgroup))
     } else {
         None
     }
@@ -188,20 +151,12 @@ mod tests {
         let flags = wgpu::DownlevelFlags::all();
         let limits = wgpu::Limits::default();
         assert_eq!(unusable(features, flags, &limits), None);
-        let reason = |features, flags, limits: &wgpu::Limits| {
-            unusable(features, flags, limits).expect("unusable")
-        };
+        let reason = |features, flags, limits: &wgpu::Limits| unusable(features, flags, limits).expect("unusable");
         assert!(reason(wgpu::Features::empty(), flags, &limits).contains("64-bit"));
         assert!(reason(features, wgpu::DownlevelFlags::empty(), &limits).contains("indirect"));
-        let few_buffers = wgpu::Limits {
-            max_storage_buffers_per_shader_stage: 4,
-            ..limits.clone()
-        };
+        let few_buffers = wgpu::Limits { max_storage_buffers_per_shader_stage: 4, ..limits.clone() };
         assert!(reason(features, flags, &few_buffers).ends_with("it has 4"));
-        let few_threads = wgpu::Limits {
-            max_compute_invocations_per_workgroup: 128,
-            ..limits
-        };
+        let few_threads = wgpu::Limits { max_compute_invocations_per_workgroup: 128, ..limits };
         assert!(reason(features, flags, &few_threads).ends_with("it has 128"));
     }
 }

@@ -53,18 +53,12 @@ pub(super) struct Bindings {
 
 impl Buffers {
     /// Brings a surface to the device, all faces free.
-    pub(super) fn new(
-        connection: &Connection,
-        surface: &Surface,
-        energy_shifts: &[u32],
-    ) -> Result<Self> {
+    pub(super) fn new(connection: &Connection, surface: &Surface, energy_shifts: &[u32]) -> Result<Self> {
         let faces = surface.centroids.len() as u64;
         let clusters = energy_shifts.len() as u64;
         let storage = wgpu::BufferUsages::STORAGE;
         let (into, out) = (wgpu::BufferUsages::COPY_DST, wgpu::BufferUsages::COPY_SRC);
-        let create = |what, items: u64, size: usize, usage| {
-            create(connection, what, items.max(1) * size as u64, usage)
-        };
+        let create = |what, items: u64, size: usize, usage| create(connection, what, items.max(1) * size as u64, usage);
         check_groups(connection, faces)?;
 
         let packed = create("faces", faces, size_of::<Face>(), storage | into)?;
@@ -78,22 +72,10 @@ impl Buffers {
         let shifts = create("energy shifts", clusters, 4, storage | into)?;
         let slots = u64::from(RING) + 1;
         let ring = create("ring", slots, size_of::<Slot>(), storage | into | out)?;
-        let next_dispatch = create(
-            "next dispatch",
-            1,
-            size_of::<Dispatch>(),
-            storage | into | wgpu::BufferUsages::INDIRECT,
-        )?;
-        let turn_stride = connection
-            .limits
-            .min_uniform_buffer_offset_alignment
-            .max(size_of::<Turn>() as u32);
-        let turns = create(
-            "turns",
-            slots,
-            turn_stride as usize,
-            wgpu::BufferUsages::UNIFORM | into,
-        )?;
+        let next_dispatch =
+            create("next dispatch", 1, size_of::<Dispatch>(), storage | into | wgpu::BufferUsages::INDIRECT)?;
+        let turn_stride = connection.limits.min_uniform_buffer_offset_alignment.max(size_of::<Turn>() as u32);
+        let turns = create("turns", slots, turn_stride as usize, wgpu::BufferUsages::UNIFORM | into)?;
         let mapped = wgpu::BufferUsages::MAP_READ | into;
         let staging = [
             create("staging", slots, size_of::<Slot>(), mapped)?,
@@ -134,40 +116,18 @@ impl Buffers {
         }
         queue.write_buffer(&turns, 0, &entries);
 
-        let bind = |compiled: &Compiled, storage: &[&wgpu::Buffer]| {
-            bind(connection, compiled, &turns, storage)
-        };
+        let bind = |compiled: &Compiled, storage: &[&wgpu::Buffer]| bind(connection, compiled, &turns, storage);
         let kernels = &connection.kernels;
         let bindings = Bindings {
             grow: [
-                bind(
-                    &kernels.grow,
-                    &[&offsets, &neighbours, &labels, &wishes, &ring],
-                ),
-                bind(
-                    &kernels.grow,
-                    &[&offsets, &neighbours, &wishes, &labels, &ring],
-                ),
+                bind(&kernels.grow, &[&offsets, &neighbours, &labels, &wishes, &ring]),
+                bind(&kernels.grow, &[&offsets, &neighbours, &wishes, &labels, &ring]),
             ],
             settle: bind(&kernels.settle, &[&ring, &next_dispatch]),
             gather: bind(&kernels.gather, &[&packed, &labels, &sums]),
-            propose: bind(
-                &kernels.propose,
-                &[
-                    &packed,
-                    &offsets,
-                    &neighbours,
-                    &labels,
-                    &proxies,
-                    &wishes,
-                    &sums,
-                ],
-            ),
+            propose: bind(&kernels.propose, &[&packed, &offsets, &neighbours, &labels, &proxies, &wishes, &sums]),
             apply: bind(&kernels.apply, &[&packed, &wishes, &labels, &sums, &ring]),
-            fit: bind(
-                &kernels.fit,
-                &[&shifts, &sums, &proxies, &ring, &next_dispatch],
-            ),
+            fit: bind(&kernels.fit, &[&shifts, &sums, &proxies, &ring, &next_dispatch]),
         };
         connection.check()?;
 
@@ -211,26 +171,16 @@ fn check_groups(connection: &Connection, faces: u64) -> Result<()> {
     if faces > limit {
         return Err(Error::new(
             Kind::DeviceUnsuitable,
-            format_args!(
-                "the gpu {} takes at most {limit} faces, use the cpu device: {faces}",
-                connection.name()
-            ),
+            format_args!("the gpu {} takes at most {limit} faces, use the cpu device: {faces}", connection.name()),
         ));
     }
     Ok(())
 }
 
-fn create(
-    connection: &Connection,
-    what: &str,
-    bytes: u64,
-    usage: wgpu::BufferUsages,
-) -> Result<wgpu::Buffer> {
+fn create(connection: &Connection, what: &str, bytes: u64, usage: wgpu::BufferUsages) -> Result<wgpu::Buffer> {
     let limits = &connection.limits;
     let limit = if usage.contains(wgpu::BufferUsages::STORAGE) {
-        limits
-            .max_storage_buffer_binding_size
-            .min(limits.max_buffer_size)
+        limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
     } else {
         limits.max_buffer_size
     };
@@ -271,19 +221,14 @@ fn bind(
                 }),
                 Access::Read | Access::Write => storage.next()?.as_entire_binding(),
             };
-            Some(wgpu::BindGroupEntry {
-                binding: at,
-                resource,
-            })
+            Some(wgpu::BindGroupEntry { binding: at, resource })
         })
         .collect();
-    connection
-        .device
-        .create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some(compiled.kernel.name),
-            layout: &compiled.layout,
-            entries: &entries,
-        })
+    connection.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some(compiled.kernel.name),
+        layout: &compiled.layout,
+        entries: &entries,
+    })
 }
 
 #[cfg(test)]

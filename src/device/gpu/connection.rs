@@ -70,24 +70,15 @@ impl Connection {
             ..Default::default()
         });
         let (device, queue) = pollster::block_on(request).map_err(|error| {
-            Error::new(
-                Kind::DeviceLost,
-                format_args!(
-                    "cannot open the gpu {name}: {}",
-                    one_line(&error.to_string())
-                ),
-            )
+            Error::new(Kind::DeviceLost, format_args!("cannot open the gpu {name}: {}", one_line(&error.to_string())))
         })?;
 
         let health = Arc::new(Health::default());
         let callback = Arc::clone(&health);
         device.set_device_lost_callback(move |reason, message| {
             let message = one_line(&message);
-            *lock(&callback.lost) = Some(if message.is_empty() {
-                format!("{reason:?}").to_lowercase()
-            } else {
-                message
-            });
+            *lock(&callback.lost) =
+                Some(if message.is_empty() { format!("{reason:?}").to_lowercase() } else { message });
         });
         let callback = Arc::clone(&health);
         let error_name = name.clone();
@@ -109,15 +100,7 @@ impl Connection {
             apply: compile(&device, &kernels::APPLY),
             fit: compile(&device, &kernels::FIT),
         };
-        let connection = Self {
-            device,
-            queue,
-            limits,
-            kernels,
-            name,
-            health,
-            fault: Mutex::new(None),
-        };
+        let connection = Self { device, queue, limits, kernels, name, health, fault: Mutex::new(None) };
         connection.check()?;
         Ok(connection)
     }
@@ -149,10 +132,7 @@ impl Connection {
 
     /// Waits until a submission has been carried out and the callbacks of its buffers were called.
     pub(super) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<()> {
-        let outcome = self.poll(wgpu::PollType::Wait {
-            submission_index: Some(submission),
-            timeout: Some(PATIENCE),
-        });
+        let outcome = self.poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(PATIENCE) });
         self.check()?;
         outcome
     }
@@ -173,10 +153,7 @@ impl Connection {
     }
 
     fn lost(&self, message: &str) -> Error {
-        Error::new(
-            Kind::DeviceLost,
-            format_args!("the gpu {} was lost: {message}", self.name),
-        )
+        Error::new(Kind::DeviceLost, format_args!("the gpu {} was lost: {message}", self.name))
     }
 
     /// Arms a fault.
@@ -213,10 +190,7 @@ fn failure(name: &str, error: &wgpu::Error) -> Error {
             format_args!("the gpu ran out of memory, try a smaller mesh or the cpu device: {name}"),
         ),
         wgpu::Error::Validation { description, .. } | wgpu::Error::Internal { description, .. } => {
-            Error::new(
-                Kind::Internal,
-                format_args!("the gpu {name} refused its work: {}", one_line(description)),
-            )
+            Error::new(Kind::Internal, format_args!("the gpu {name} refused its work: {}", one_line(description)))
         }
     }
 }
@@ -244,33 +218,25 @@ fn compile(device: &wgpu::Device, kernel: &'static Kernel) -> Compiled {
             count: None,
         })
         .collect();
-    let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some(kernel.name),
-        entries: &entries,
-    });
+    let layout = device
+        .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(kernel.name), entries: &entries });
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some(kernel.name),
         source: wgpu::ShaderSource::Wgsl(kernel.source().into()),
     });
     let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
         label: Some(kernel.name),
-        layout: Some(
-            &device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                label: Some(kernel.name),
-                bind_group_layouts: &[Some(&layout)],
-                immediate_size: 0,
-            }),
-        ),
+        layout: Some(&device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some(kernel.name),
+            bind_group_layouts: &[Some(&layout)],
+            immediate_size: 0,
+        })),
         module: &module,
         entry_point: Some(kernel.name),
         compilation_options: wgpu::PipelineCompilationOptions::default(),
         cache: None,
     });
-    Compiled {
-        kernel,
-        layout,
-        pipeline,
-    }
+    Compiled { kernel, layout, pipeline }
 }
 
 #[cfg(test)]
@@ -279,9 +245,7 @@ mod tests {
 
     #[test]
     fn errors_of_wgpu_become_errors_of_the_right_kind() {
-        let memory = wgpu::Error::OutOfMemory {
-            source: "none left".into(),
-        };
+        let memory = wgpu::Error::OutOfMemory { source: "none left".into() };
         assert_eq!(failure("x", &memory).kind, Kind::DeviceLost);
         let misuse = wgpu::Error::Validation {
             source: "no".into(),

@@ -48,11 +48,7 @@ pub enum Access {
 }
 
 const fn binding(name: &'static str, access: Access, stride: usize) -> Binding {
-    Binding {
-        name,
-        access,
-        stride,
-    }
+    Binding { name, access, stride }
 }
 
 const TURN: Binding = binding("turn", Access::Turn, size_of::<Turn>());
@@ -71,11 +67,7 @@ const ADD_WGSL: &str = include_str!("../../../shaders/shared/add.wgsl");
 /// Grows the clusters by one ring of faces.
 pub const GROW: Kernel = Kernel {
     name: "grow",
-    sources: &[
-        TURN_WGSL,
-        SLOT_WGSL,
-        include_str!("../../../shaders/grow.wgsl"),
-    ],
+    sources: &[TURN_WGSL, SLOT_WGSL, include_str!("../../../shaders/grow.wgsl")],
     bindings: &[
         TURN,
         OFFSETS,
@@ -90,11 +82,7 @@ pub const GROW: Kernel = Kernel {
 /// Ends the growth when a pass changed nothing.
 pub const SETTLE: Kernel = Kernel {
     name: "settle",
-    sources: &[
-        TURN_WGSL,
-        SLOT_WGSL,
-        include_str!("../../../shaders/settle.wgsl"),
-    ],
+    sources: &[TURN_WGSL, SLOT_WGSL, include_str!("../../../shaders/settle.wgsl")],
     bindings: &[TURN, RING, NEXT_DISPATCH],
     workgroup_size: 1,
 };
@@ -102,12 +90,7 @@ pub const SETTLE: Kernel = Kernel {
 /// Sums up the clusters.
 pub const GATHER: Kernel = Kernel {
     name: "gather",
-    sources: &[
-        TURN_WGSL,
-        CLUSTER_WGSL,
-        ADD_WGSL,
-        include_str!("../../../shaders/gather.wgsl"),
-    ],
+    sources: &[TURN_WGSL, CLUSTER_WGSL, ADD_WGSL, include_str!("../../../shaders/gather.wgsl")],
     bindings: &[TURN, FACES, binding("labels", Access::Read, 4), CLUSTERS],
     workgroup_size: WORKGROUP,
 };
@@ -115,11 +98,7 @@ pub const GATHER: Kernel = Kernel {
 /// Finds the faces that want to move.
 pub const PROPOSE: Kernel = Kernel {
     name: "propose",
-    sources: &[
-        TURN_WGSL,
-        CLUSTER_WGSL,
-        include_str!("../../../shaders/propose.wgsl"),
-    ],
+    sources: &[TURN_WGSL, CLUSTER_WGSL, include_str!("../../../shaders/propose.wgsl")],
     bindings: &[
         TURN,
         FACES,
@@ -136,33 +115,15 @@ pub const PROPOSE: Kernel = Kernel {
 /// Moves them.
 pub const APPLY: Kernel = Kernel {
     name: "apply",
-    sources: &[
-        TURN_WGSL,
-        SLOT_WGSL,
-        CLUSTER_WGSL,
-        ADD_WGSL,
-        include_str!("../../../shaders/apply.wgsl"),
-    ],
-    bindings: &[
-        TURN,
-        FACES,
-        binding("wishes", Access::Read, 4),
-        binding("labels", Access::Write, 4),
-        CLUSTERS,
-        RING,
-    ],
+    sources: &[TURN_WGSL, SLOT_WGSL, CLUSTER_WGSL, ADD_WGSL, include_str!("../../../shaders/apply.wgsl")],
+    bindings: &[TURN, FACES, binding("wishes", Access::Read, 4), binding("labels", Access::Write, 4), CLUSTERS, RING],
     workgroup_size: WORKGROUP,
 };
 
 /// Fits the proxies and measures the energy.
 pub const FIT: Kernel = Kernel {
     name: "fit",
-    sources: &[
-        TURN_WGSL,
-        SLOT_WGSL,
-        CLUSTER_WGSL,
-        include_str!("../../../shaders/fit.wgsl"),
-    ],
+    sources: &[TURN_WGSL, SLOT_WGSL, CLUSTER_WGSL, include_str!("../../../shaders/fit.wgsl")],
     bindings: &[
         TURN,
         binding("energy_shifts", Access::Read, 4),

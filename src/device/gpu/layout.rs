@@ -44,12 +44,8 @@ pub struct Slot {
 impl Slot {
     /// The explained energy. The device adds modulo 2¹²⁸ in two's complement, and the true value fits.
     pub fn explained(&self) -> i128 {
-        let limb = |at: usize| {
-            u128::from(self.explained[2 * at]) | u128::from(self.explained[2 * at + 1]) << 32
-        };
-        let sum = limb(0)
-            .wrapping_add(limb(1) << 32)
-            .wrapping_add(limb(2) << 64);
+        let limb = |at: usize| u128::from(self.explained[2 * at]) | u128::from(self.explained[2 * at + 1]) << 32;
+        let sum = limb(0).wrapping_add(limb(1) << 32).wrapping_add(limb(2) << 64);
         sum.cast_signed()
     }
 }
@@ -149,11 +145,7 @@ mod tests {
             explained[2 * at] = limb as u32;
             explained[2 * at + 1] = (limb >> 32) as u32;
         }
-        Slot {
-            explained,
-            moves: 0,
-            unused: 0,
-        }
+        Slot { explained, moves: 0, unused: 0 }
     }
 
     #[test]

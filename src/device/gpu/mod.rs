@@ -129,15 +129,9 @@ impl GpuDevice {
             Some(connection) => connection,
             None => {
                 let adapters = adapter::enumerate();
-                let found = adapters
-                    .iter()
-                    .find(|found| found.report == self.report)
-                    .ok_or_else(|| {
-                        Error::new(
-                            Kind::DeviceLost,
-                            format_args!("the gpu is gone: {}", self.report.name),
-                        )
-                    })?;
+                let found = adapters.iter().find(|found| found.report == self.report).ok_or_else(|| {
+                    Error::new(Kind::DeviceLost, format_args!("the gpu is gone: {}", self.report.name))
+                })?;
                 tracing::warn!(adapter = self.report.name, "opening the lost gpu again");
                 Connection::open(found, self.overrides)?
             }
@@ -151,11 +145,7 @@ impl Device for GpuDevice {
         &self.info
     }
 
-    fn open<'a>(
-        &'a mut self,
-        surface: &'a Surface,
-        component_of_cluster: &'a [u32],
-    ) -> Result<Box<dyn Steps + 'a>> {
+    fn open<'a>(&'a mut self, surface: &'a Surface, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
         let energy_shifts = energy_shifts(surface, component_of_cluster)?;
         let fault = self.fault.take();
         let connection = self.connection()?;
@@ -184,12 +174,10 @@ fn energy_shifts(surface: &Surface, component_of_cluster: &[u32]) -> Result<Vec<
     }
     component_of_cluster
         .iter()
-        .map(
-            |&component| match surface.components.get(component as usize) {
-                Some(component) if component.energy_shift <= 30 => Ok(component.energy_shift),
-                Some(_) => Err(defect("a component's energy shift is above 30")),
-                None => Err(defect("a cluster lies in a component that does not exist")),
-            },
-        )
+        .map(|&component| match surface.components.get(component as usize) {
+            Some(component) if component.energy_shift <= 30 => Ok(component.energy_shift),
+            Some(_) => Err(defect("a component's energy shift is above 30")),
+            None => Err(defect("a cluster lies in a component that does not exist")),
+        })
         .collect()
 }

@@ -51,25 +51,13 @@ pub(super) struct GpuSteps<'a> {
 
 impl<'a> GpuSteps<'a> {
     pub(super) fn new(connection: &'a Connection, buffers: Buffers, clusters: u32) -> Self {
-        Self {
-            connection,
-            buffers,
-            clusters,
-            gathered: false,
-            energy: None,
-        }
+        Self { connection, buffers, clusters, gathered: false, energy: None }
     }
 
     /// Runs turns until one changes nothing (true) or `limit` of them were made (false). `on_turn` is told of each turn that
     /// changed something, in order. Batches of the growth have an even number of turns, so that the labels end where they
     /// began.
-    fn run(
-        &mut self,
-        work: Work,
-        limit: u32,
-        cancel: &Cancel,
-        mut on_turn: impl FnMut(&Slot),
-    ) -> Result<bool> {
+    fn run(&mut self, work: Work, limit: u32, cancel: &Cancel, mut on_turn: impl FnMut(&Slot)) -> Result<bool> {
         self.connection.queue.write_buffer(
             &self.buffers.next_dispatch,
             0,
@@ -169,22 +157,14 @@ impl<'a> GpuSteps<'a> {
                 self.dispatch(&mut pass, &kernels.gather, bindings, BETWEEN, groups);
             }
             let groups = Some(buffers.cluster_groups);
-            self.dispatch(
-                &mut pass,
-                &kernels.fit,
-                &buffers.bindings.fit,
-                BETWEEN,
-                groups,
-            );
+            self.dispatch(&mut pass, &kernels.fit, &buffers.bindings.fit, BETWEEN, groups);
         }
         self.gathered = true;
         Ok(encoder)
     }
 
     fn encoder(&self) -> wgpu::CommandEncoder {
-        self.connection
-            .device
-            .create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
+        self.connection.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
     }
 
     /// Encodes one kernel, with so many workgroups or with as many as the device decides.
@@ -205,22 +185,12 @@ impl<'a> GpuSteps<'a> {
     }
 
     /// Submits what is encoded, and then a copy of the ring that the host can read.
-    fn queue_reading(
-        &self,
-        mut encoder: wgpu::CommandEncoder,
-        turns: u32,
-        staging: usize,
-    ) -> Result<Batch> {
+    fn queue_reading(&self, mut encoder: wgpu::CommandEncoder, turns: u32, staging: usize) -> Result<Batch> {
         let target = &self.buffers.staging[staging];
         encoder.copy_buffer_to_buffer(&self.buffers.ring, 0, target, 0, None);
         let submission = self.connection.queue.submit([encoder.finish()]);
         self.connection.check()?;
-        Ok(Batch {
-            turns,
-            staging,
-            submission,
-            mapped: map(target),
-        })
+        Ok(Batch { turns, staging, submission, mapped: map(target) })
     }
 
     /// Waits for a batch and reads its slots; the last one is the state between batches.
@@ -243,10 +213,7 @@ impl<'a> GpuSteps<'a> {
         match mapped.try_recv() {
             Ok(Ok(())) => {}
             Ok(Err(_)) | Err(_) => {
-                return self
-                    .connection
-                    .break_down("its memory could not be read")
-                    .and(Err(lost()));
+                return self.connection.break_down("its memory could not be read").and(Err(lost()));
             }
         }
         let items = {
@@ -261,12 +228,10 @@ impl<'a> GpuSteps<'a> {
 /// Asks for a buffer to be mapped as soon as what was submitted so far is done.
 fn map(buffer: &wgpu::Buffer) -> Receiver<Result<(), wgpu::BufferAsyncError>> {
     let (sender, receiver) = channel();
-    buffer
-        .slice(..)
-        .map_async(wgpu::MapMode::Read, move |outcome| {
-            // nobody listens any more when another error came first
-            let _ = sender.send(outcome);
-        });
+    buffer.slice(..).map_async(wgpu::MapMode::Read, move |outcome| {
+        // nobody listens any more when another error came first
+        let _ = sender.send(outcome);
+    });
     receiver
 }
 
@@ -275,25 +240,17 @@ impl Steps for GpuSteps<'_> {
         if labels.len() != self.buffers.faces as usize {
             return Err(Error::new(
                 Kind::Internal,
-                format_args!(
-                    "{} faces need as many labels, not {}",
-                    self.buffers.faces,
-                    labels.len()
-                ),
+                format_args!("{} faces need as many labels, not {}", self.buffers.faces, labels.len()),
             ));
         }
-        let foreign = labels
-            .iter()
-            .find(|&&label| label >= self.clusters && label != FREE);
+        let foreign = labels.iter().find(|&&label| label >= self.clusters && label != FREE);
         if let Some(label) = foreign {
             return Err(Error::new(
                 Kind::Internal,
                 format_args!("labels must be below {}, not {label}", self.clusters),
             ));
         }
-        self.connection
-            .queue
-            .write_buffer(&self.buffers.labels, 0, bytemuck::cast_slice(labels));
+        self.connection.queue.write_buffer(&self.buffers.labels, 0, bytemuck::cast_slice(labels));
         self.gathered = false;
         self.energy = None;
         self.connection.check()
@@ -329,35 +286,23 @@ impl Steps for GpuSteps<'_> {
         self.connection.queue.submit([encoder.finish()]);
         let mut last = None;
         let converged = self.run(Work::Optimise, max_iterations, cancel, |slot| {
-            let energy = LatticeEnergy {
-                explained: slot.explained(),
-            };
+            let energy = LatticeEnergy { explained: slot.explained() };
             last = Some(energy);
-            on_iteration(Step {
-                energy,
-                moves: u64::from(slot.moves),
-            });
+            on_iteration(Step { energy, moves: u64::from(slot.moves) });
         });
         self.energy = last.or(self.energy);
-        Ok(if converged? {
-            Ending::Converged
-        } else {
-            Ending::IterationLimit
-        })
+        Ok(if converged? { Ending::Converged } else { Ending::IterationLimit })
     }
 
     fn labels(&mut self) -> Result<Vec<u32>> {
         self.connection.reach(FaultPoint::Labels);
         let size = self.buffers.labels.size();
-        let staging = self
-            .connection
-            .device
-            .create_buffer(&wgpu::BufferDescriptor {
-                label: Some("labels for the host"),
-                size,
-                usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
-                mapped_at_creation: false,
-            });
+        let staging = self.connection.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("labels for the host"),
+            size,
+            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
         let mut encoder = self.encoder();
         encoder.copy_buffer_to_buffer(&self.buffers.labels, 0, &staging, 0, None);
         let submission = self.connection.queue.submit([encoder.finish()]);

@@ -69,12 +69,7 @@ impl<'b> Slots<'b> {
                  byteOffset {offset}, byteStride {stride}, count {count}"
             )));
         }
-        Ok(Self {
-            bytes: &view.bytes[offset as usize..],
-            stride,
-            size,
-            count: count as usize,
-        })
+        Ok(Self { bytes: &view.bytes[offset as usize..], stride, size, count: count as usize })
     }
 
     /// Calls `visit` for each element.
@@ -100,12 +95,8 @@ impl<'b> Elements<'b> {
     pub fn open(buffers: &'b Buffers<'_>, index: usize, whence: &str) -> Result<Self> {
         let accessor = buffers.document().accessor(index, whence)?;
         let me = format!("accessor {index}");
-        let (Checked::Valid(component), Checked::Valid(shape)) =
-            (accessor.component_type, accessor.type_)
-        else {
-            return Err(Error::mesh(format_args!(
-                "{me} has an unknown componentType or type"
-            )));
+        let (Checked::Valid(component), Checked::Valid(shape)) = (accessor.component_type, accessor.type_) else {
+            return Err(Error::mesh(format_args!("{me} has an unknown componentType or type")));
         };
         let component = component.0;
         let components = match shape {
@@ -127,9 +118,7 @@ impl<'b> Elements<'b> {
             }
             None => {
                 if accessor.sparse.is_none() {
-                    return Err(Error::mesh(format_args!(
-                        "{me} has neither a bufferView nor sparse values"
-                    )));
+                    return Err(Error::mesh(format_args!("{me} has neither a bufferView nor sparse values")));
                 }
                 let most = buffers.bytes().max(FREE_ZEROS);
                 if count > most {
@@ -144,21 +133,14 @@ impl<'b> Elements<'b> {
             Some(sparse) => {
                 let replaced = sparse.count.0;
                 if replaced > count {
-                    return Err(Error::mesh(format_args!(
-                        "{me} has {count} elements, but replaces more: {replaced}"
-                    )));
+                    return Err(Error::mesh(format_args!("{me} has {count} elements, but replaces more: {replaced}")));
                 }
                 let Checked::Valid(kind) = sparse.indices.component_type else {
-                    return Err(Error::mesh(format_args!(
-                        "the sparse indices of {me} have an unknown componentType"
-                    )));
+                    return Err(Error::mesh(format_args!("the sparse indices of {me} have an unknown componentType")));
                 };
                 let open = |view: usize, offset: u64, size: usize, what: &str| {
                     let me = format!("sparse {what} of {me}");
-                    let view = View {
-                        stride: None,
-                        ..buffers.view(view, &me)?
-                    };
+                    let view = View { stride: None, ..buffers.view(view, &me)? };
                     Slots::new(view, offset, size, replaced, &me)
                 };
                 let (indices, values) = (&sparse.indices, &sparse.values);
@@ -170,15 +152,7 @@ impl<'b> Elements<'b> {
             }
             None => None,
         };
-        Ok(Self {
-            index,
-            count: count as usize,
-            component,
-            components,
-            normalized: accessor.normalized,
-            base,
-            sparse,
-        })
+        Ok(Self { index, count: count as usize, component, components, normalized: accessor.normalized, base, sparse })
     }
 
     /// Calls `visit` for every element as numbers, those that are replaced twice, the second time with what counts.
@@ -220,18 +194,12 @@ impl<'b> Elements<'b> {
         }
         match self.component {
             ComponentType::F32 if N == 3 => slots.each(|index, element: &[u8; 12]| {
-                visit(
-                    index,
-                    std::array::from_fn(|axis| f64::from(f32::from_le_bytes(part(element, axis)))),
-                );
+                visit(index, std::array::from_fn(|axis| f64::from(f32::from_le_bytes(part(element, axis)))));
             }),
             ComponentType::F32 => {
                 for index in 0..slots.count {
                     let element = &slots.bytes[index * slots.stride..];
-                    visit(
-                        index,
-                        std::array::from_fn(|axis| f64::from(f32::from_le_bytes(part(element, axis)))),
-                    );
+                    visit(index, std::array::from_fn(|axis| f64::from(f32::from_le_bytes(part(element, axis)))));
                 }
             }
             ComponentType::I8 => each!(i8, 127.0),
@@ -259,10 +227,7 @@ impl<'b> Elements<'b> {
 
     /// Whether the elements can be indices.
     pub fn is_index(&self) -> bool {
-        let unsigned = matches!(
-            self.component,
-            ComponentType::U8 | ComponentType::U16 | ComponentType::U32
-        );
+        let unsigned = matches!(self.component, ComponentType::U8 | ComponentType::U16 | ComponentType::U32);
         unsigned && self.components == 1
     }
 }
@@ -278,9 +243,9 @@ fn check_sparse(indices: &[u32], count: u64, whence: &str) -> Result<()> {
         )));
     }
     match indices.last() {
-        Some(&last) if u64::from(last) >= count => Err(Error::mesh(format_args!(
-            "{whence} has {count} elements, but replaces that of index {last}"
-        ))),
+        Some(&last) if u64::from(last) >= count => {
+            Err(Error::mesh(format_args!("{whence} has {count} elements, but replaces that of index {last}")))
+        }
         _ => Ok(()),
     }
 }

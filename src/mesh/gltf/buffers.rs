@@ -7,8 +7,8 @@ use std::borrow::Cow;
 use std::cell::{Cell, OnceCell};
 
 use base64::Engine;
-use base64::engine::general_purpose::{GeneralPurpose, GeneralPurposeConfig};
 use base64::engine::DecodePaddingMode;
+use base64::engine::general_purpose::{GeneralPurpose, GeneralPurposeConfig};
 
 use super::document::{Document, lookup};
 use super::meshopt;
@@ -74,21 +74,14 @@ impl<'a> Buffers<'a> {
             let bytes = match self.decompressed[index].get() {
                 Some(bytes) => bytes,
                 None => {
-                    let encoded = self.range(
-                        compressed.buffer as usize,
-                        compressed.byte_offset,
-                        compressed.byte_length,
-                        &me,
-                    )?;
+                    let encoded =
+                        self.range(compressed.buffer as usize, compressed.byte_offset, compressed.byte_length, &me)?;
                     self.take(compressed.check(encoded, &me)?, &me)?;
                     let bytes = compressed.decode(encoded, &me)?;
                     self.decompressed[index].get_or_init(|| bytes)
                 }
             };
-            return Ok(View {
-                bytes,
-                stride: Some(compressed.byte_stride),
-            });
+            return Ok(View { bytes, stride: Some(compressed.byte_stride) });
         }
         let offset = view.byte_offset.map_or(0, |offset| offset.0);
         Ok(View {
@@ -132,15 +125,13 @@ impl<'a> Buffers<'a> {
         let Some(uri) = self.document.buffers[index].uri.as_deref() else {
             return match self.binary {
                 Some(binary) if index == 0 => Ok(Cow::Borrowed(binary)),
-                _ => Err(Error::mesh(format_args!(
-                    "{me} has no uri and is not the binary chunk of a GLB file"
-                ))),
+                _ => Err(Error::mesh(format_args!("{me} has no uri and is not the binary chunk of a GLB file"))),
             };
         };
         let scheme = uri.get(..5).unwrap_or_default();
         let bytes = if scheme.eq_ignore_ascii_case("data:") {
-            let bytes = decode_data_uri(&uri[5..])
-                .map_err(|what| Error::mesh(format_args!("the data URI of {me} {what}")))?;
+            let bytes =
+                decode_data_uri(&uri[5..]).map_err(|what| Error::mesh(format_args!("the data URI of {me} {what}")))?;
             self.take(bytes.len() as u64, &me)?;
             bytes
         } else {
@@ -182,14 +173,9 @@ fn decode_data_uri(uri: &str) -> Result<Vec<u8>, String> {
     );
     let (media_type, data) = uri.split_once(',').ok_or("has no comma before its data")?;
     let data: Cow<'_, [u8]> = percent_encoding::percent_decode_str(data).into();
-    let is_base64 = media_type
-        .rsplit(';')
-        .next()
-        .is_some_and(|last| last.trim().eq_ignore_ascii_case("base64"));
+    let is_base64 = media_type.rsplit(';').next().is_some_and(|last| last.trim().eq_ignore_ascii_case("base64"));
     if !is_base64 {
         return Ok(data.into_owned());
     }
-    BASE64
-        .decode(data.as_ref())
-        .map_err(|error| format!("is not base64: {error}"))
+    BASE64.decode(data.as_ref()).map_err(|error| format!("is not base64: {error}"))
 }

@@ -53,9 +53,7 @@ pub fn open(bytes: &[u8]) -> Result<Container<'_>> {
 /// `length` is the length of the whole file, where it is known.
 pub fn check_head(head: &[u8], length: Option<u64>) -> Result<()> {
     if !head.starts_with(MAGIC) {
-        return Err(Error::mesh(
-            "this is not a GLB file: it does not begin with the magic \"glTF\"",
-        ));
+        return Err(Error::mesh("this is not a GLB file: it does not begin with the magic \"glTF\""));
     }
     let (Some(version), Some(declared)) = (word(head, 4), word(head, 8)) else {
         return Err(Error::mesh(format_args!(
@@ -64,16 +62,10 @@ pub fn check_head(head: &[u8], length: Option<u64>) -> Result<()> {
         )));
     };
     if version != 2 {
-        return Err(Error::unsupported(format_args!(
-            "only version 2 of GLB is read, this is version {version}"
-        )));
+        return Err(Error::unsupported(format_args!("only version 2 of GLB is read, this is version {version}")));
     }
     if let Some(length) = length.filter(|&length| length != u64::from(declared)) {
-        let how = if length < u64::from(declared) {
-            "truncated"
-        } else {
-            "longer than its header says"
-        };
+        let how = if length < u64::from(declared) { "truncated" } else { "longer than its header says" };
         return Err(Error::mesh(format_args!(
             "the GLB file is {how}: its header declares {declared} bytes, it has {length}"
         )));
@@ -107,8 +99,5 @@ fn chunk_header(bytes: &[u8]) -> Option<(u32, [u8; 4])> {
 }
 
 fn word(bytes: &[u8], at: usize) -> Option<u32> {
-    bytes
-        .get(at..)?
-        .first_chunk()
-        .map(|word| u32::from_le_bytes(*word))
+    bytes.get(at..)?.first_chunk().map(|word| u32::from_le_bytes(*word))
 }

@@ -15,12 +15,8 @@ use crate::error::{Error, Result};
 const MAX_VALUES: usize = 8 << 20;
 
 /// Extensions that change geometry and are read here.
-const READ: [&str; 4] = [
-    "EXT_mesh_gpu_instancing",
-    "EXT_meshopt_compression",
-    "KHR_mesh_quantization",
-    "KHR_meshopt_compression",
-];
+const READ: [&str; 4] =
+    ["EXT_mesh_gpu_instancing", "EXT_meshopt_compression", "KHR_mesh_quantization", "KHR_meshopt_compression"];
 
 /// Extensions that do not change geometry: they may be required and are not looked at.
 const IRRELEVANT: [&str; 46] = [
@@ -207,28 +203,19 @@ impl Asset {
         if known {
             return Ok(());
         }
-        Err(Error::unsupported(format_args!(
-            "only version 2.0 of glTF is read, this file needs {wanted:?}"
-        )))
+        Err(Error::unsupported(format_args!("only version 2.0 of glTF is read, this file needs {wanted:?}")))
     }
 }
 
 /// The element that a reference in the document means; `kind` and `whence` say what refers to what.
 pub fn lookup<'a, T>(elements: &'a [T], index: usize, kind: &str, whence: &str) -> Result<&'a T> {
     elements.get(index).ok_or_else(|| {
-        Error::mesh(format_args!(
-            "{whence} refers to {kind} {index}, but the file has {}",
-            elements.len()
-        ))
+        Error::mesh(format_args!("{whence} refers to {kind} {index}, but the file has {}", elements.len()))
     })
 }
 
 fn unreadable(error: serde_json::Error) -> Error {
-    let what = if error.is_eof() {
-        "the glTF JSON is truncated"
-    } else {
-        "the glTF JSON cannot be read"
-    };
+    let what = if error.is_eof() { "the glTF JSON is truncated" } else { "the glTF JSON cannot be read" };
     Error::mesh(format_args!("{what}: {error}"))
 }
 

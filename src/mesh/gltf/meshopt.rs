@@ -80,9 +80,7 @@ impl Compressed {
         };
         let filtered = match self.filter {
             Filter::None => true,
-            Filter::Octahedral | Filter::Color => {
-                self.mode == Mode::Attributes && matches!(stride, 4 | 8)
-            }
+            Filter::Octahedral | Filter::Color => self.mode == Mode::Attributes && matches!(stride, 4 | 8),
             Filter::Quaternion => self.mode == Mode::Attributes && stride == 8,
             Filter::Exponential => self.mode == Mode::Attributes,
         };
@@ -120,11 +118,8 @@ impl Compressed {
             (Mode::Indices, _) => ::meshopt::decode_index_sequence::<u32>(encoded, count)
                 .map(|indices| indices.iter().flat_map(|index| index.to_le_bytes()).collect()),
         };
-        let mut bytes: Vec<u8> = decoded.map_err(|_| {
-            Error::mesh(format_args!(
-                "the compressed bytes of {whence} are truncated or damaged"
-            ))
-        })?;
+        let mut bytes: Vec<u8> = decoded
+            .map_err(|_| Error::mesh(format_args!("the compressed bytes of {whence} are truncated or damaged")))?;
         match self.filter {
             Filter::None => {}
             Filter::Exponential => exponential(&mut bytes),
@@ -132,9 +127,7 @@ impl Compressed {
             Filter::Octahedral if self.byte_stride == 4 => octahedral_8(&mut bytes),
             Filter::Octahedral => octahedral_16(&mut bytes),
             Filter::Color => {
-                return Err(Error::unsupported(format_args!(
-                    "{whence} is filtered as a colour, but used as geometry"
-                )));
+                return Err(Error::unsupported(format_args!("{whence} is filtered as a colour, but used as geometry")));
             }
         }
         Ok(bytes)

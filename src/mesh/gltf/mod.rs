@@ -30,11 +30,7 @@ use super::{Faces, Format, Limits, Part, PolygonMesh, Resources, part_name};
 use crate::error::{Error, Result};
 
 /// Reads a `.glb` file.
-pub fn read_binary(
-    bytes: &[u8],
-    resources: &dyn Resources,
-    limits: &Limits,
-) -> Result<PolygonMesh> {
+pub fn read_binary(bytes: &[u8], resources: &dyn Resources, limits: &Limits) -> Result<PolygonMesh> {
     let container = container::open(bytes)?;
     let document = Document::parse(container.json)?;
     let size = bytes.len() as u64;
@@ -101,12 +97,7 @@ fn read(buffers: &Buffers<'_>, format: Format, limits: &Limits) -> Result<Polygo
     })
 }
 
-fn open_mesh<'b>(
-    buffers: &'b Buffers<'_>,
-    mesh: usize,
-    whence: &str,
-    skipped: &mut Skipped,
-) -> Result<Mesh<'b>> {
+fn open_mesh<'b>(buffers: &'b Buffers<'_>, mesh: usize, whence: &str, skipped: &mut Skipped) -> Result<Mesh<'b>> {
     let primitives = primitive::open(buffers, mesh, whence, skipped)?;
     Ok(Mesh {
         triangles: primitives.iter().map(|p| p.triangles as u64).sum(),
@@ -173,11 +164,7 @@ impl Builder {
         name: Option<String>,
         is_instanced: bool,
     ) -> Result<()> {
-        let corners: Vec<Vec<u32>> = mesh
-            .primitives
-            .iter()
-            .map(Primitive::corners)
-            .collect::<Result<_>>()?;
+        let corners: Vec<Vec<u32>> = mesh.primitives.iter().map(Primitive::corners).collect::<Result<_>>()?;
         for (instance, transform) in instances.transforms().enumerate() {
             let world = placement.world.after(&transform?);
             for (primitive, corners) in mesh.primitives.iter().zip(&corners) {
@@ -198,19 +185,11 @@ impl Builder {
     }
 
     /// Adds a primitive at one place.
-    fn add(
-        &mut self,
-        primitive: &Primitive<'_>,
-        corners: &[u32],
-        world: &Affine,
-        part: &Part,
-    ) -> Result<()> {
+    fn add(&mut self, primitive: &Primitive<'_>, corners: &[u32], world: &Affine, part: &Part) -> Result<()> {
         let first = self.positions.len();
         self.positions.resize(first + primitive.positions.count, [0.0; 3]);
         let positions = &mut self.positions[first..];
-        primitive
-            .positions
-            .each_vector(|vertex, position| positions[vertex] = world.apply(position));
+        primitive.positions.each_vector(|vertex, position| positions[vertex] = world.apply(position));
         let is_finite = |position: &[f64; 3]| position.iter().all(|c| c.is_finite());
         if let Some(vertex) = positions.iter().position(|position| !is_finite(position)) {
             return Err(Error::mesh(format_args!(

@@ -93,18 +93,13 @@ pub fn open<'b>(
             continue;
         };
         let indices = primitive.indices.map(|accessor| accessor.value());
-        let is_draco = primitive
-            .extensions
-            .as_ref()
-            .is_some_and(|extensions| extensions.others.contains_key(DRACO));
+        let is_draco = primitive.extensions.as_ref().is_some_and(|extensions| extensions.others.contains_key(DRACO));
         if is_draco {
             refuse_without_fallback(buffers, positions, &me)?;
             indices.map_or(Ok(()), |indices| refuse_without_fallback(buffers, indices, &me))?;
         }
         let positions = open_positions(buffers, positions, &me)?;
-        let indices = indices
-            .map(|indices| open_indices(buffers, indices, &me))
-            .transpose()?;
+        let indices = indices.map(|indices| open_indices(buffers, indices, &me)).transpose()?;
         let corners = indices.as_ref().map_or(positions.count, |indices| indices.count);
         let triangles = match shape {
             Shape::List => corners / 3,
@@ -118,13 +113,7 @@ pub fn open<'b>(
         let targets = primitive.targets.as_ref();
         skipped.morphed += u64::from(targets.is_some_and(|targets| !targets.is_empty()));
         if triangles > 0 {
-            primitives.push(Primitive {
-                index,
-                positions,
-                triangles,
-                indices,
-                shape,
-            });
+            primitives.push(Primitive { index, positions, triangles, indices, shape });
         }
     }
     Ok(primitives)
@@ -205,10 +194,7 @@ impl Shape {
                 })
                 .collect(),
             Shape::Fan => match corners.split_first() {
-                Some((&hub, rim)) => rim
-                    .windows(2)
-                    .flat_map(|corner| [corner[0], corner[1], hub])
-                    .collect(),
+                Some((&hub, rim)) => rim.windows(2).flat_map(|corner| [corner[0], corner[1], hub]).collect(),
                 None => Vec::new(),
             },
         }
@@ -223,14 +209,8 @@ mod tests {
     fn strips_alternate_and_fans_share_their_first_corner() {
         let corners = vec![4, 5, 6, 7, 8];
         assert_eq!(Shape::List.triangles(corners.clone()), [4, 5, 6]);
-        assert_eq!(
-            Shape::Strip.triangles(corners.clone()),
-            [4, 5, 6, 5, 7, 6, 6, 7, 8]
-        );
-        assert_eq!(
-            Shape::Fan.triangles(corners),
-            [5, 6, 4, 6, 7, 4, 7, 8, 4]
-        );
+        assert_eq!(Shape::Strip.triangles(corners.clone()), [4, 5, 6, 5, 7, 6, 6, 7, 8]);
+        assert_eq!(Shape::Fan.triangles(corners), [5, 6, 4, 6, 7, 4, 7, 8, 4]);
         for shape in [Shape::List, Shape::Strip, Shape::Fan] {
             for few in 0..3 {
                 assert!(shape.triangles(vec![0; few]).is_empty());

@@ -25,11 +25,7 @@ pub fn placements(document: &Document) -> Result<Vec<Placement>> {
         None => document.scenes.first(),
     };
     let mut open: Vec<(usize, Affine)> = match scene {
-        Some(scene) => scene
-            .nodes
-            .iter()
-            .map(|&node| (node as usize, Affine::IDENTITY))
-            .collect(),
+        Some(scene) => scene.nodes.iter().map(|&node| (node as usize, Affine::IDENTITY)).collect(),
         None => (0..document.nodes.len())
             .filter(|&node| parents[node].is_none())
             .map(|node| (node, Affine::IDENTITY))
@@ -47,19 +43,13 @@ pub fn placements(document: &Document) -> Result<Vec<Placement>> {
         }
         let world = outer.after(&Affine::of_node(node, &format!("node {index}"))?);
         if let Some(mesh) = node.mesh {
-            placements.push(Placement {
-                node: index,
-                mesh: mesh as usize,
-                world,
-            });
+            placements.push(Placement { node: index, mesh: mesh as usize, world });
         }
         let children = node.children.iter().rev();
         open.extend(children.map(|&child| (child as usize, world)));
     }
     if let (None, Some(lost)) = (scene, reached.iter().position(|&reached| !reached)) {
-        return Err(Error::mesh(format_args!(
-            "the nodes are no tree: a node is its own ancestor: {lost}"
-        )));
+        return Err(Error::mesh(format_args!("the nodes are no tree: a node is its own ancestor: {lost}")));
     }
     Ok(placements)
 }
@@ -96,13 +86,7 @@ pub struct Instances<'b> {
 impl<'b> Instances<'b> {
     /// The one place of a node without instances.
     pub fn single(node: usize) -> Self {
-        Self {
-            count: 1,
-            node,
-            translations: None,
-            rotations: None,
-            scales: None,
-        }
+        Self { count: 1, node, translations: None, rotations: None, scales: None }
     }
 
     /// Opens the accessors of a node's instances.
@@ -140,9 +124,7 @@ impl<'b> Instances<'b> {
             }
         }
         let Some((_, count)) = counted else {
-            return Err(Error::mesh(format_args!(
-                "the instances of node {node} have no attributes"
-            )));
+            return Err(Error::mesh(format_args!("the instances of node {node} have no attributes")));
         };
         instances.count = count;
         Ok(instances)

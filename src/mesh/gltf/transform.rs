@@ -14,14 +14,7 @@ pub struct Affine {
 
 impl Affine {
     /// Changes nothing.
-    pub const IDENTITY: Self = Self {
-        columns: [
-            [1.0, 0.0, 0.0],
-            [0.0, 1.0, 0.0],
-            [0.0, 0.0, 1.0],
-            [0.0, 0.0, 0.0],
-        ],
-    };
+    pub const IDENTITY: Self = Self { columns: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]] };
 
     /// The transform of a node relative to its parent.
     pub fn of_node(node: &Node, whence: &str) -> Result<Self> {
@@ -39,28 +32,14 @@ impl Affine {
                 m[3], m[7], m[11], m[15]
             )));
         }
-        Ok(Self {
-            columns: [
-                [m[0], m[1], m[2]],
-                [m[4], m[5], m[6]],
-                [m[8], m[9], m[10]],
-                [m[12], m[13], m[14]],
-            ],
-        })
+        Ok(Self { columns: [[m[0], m[1], m[2]], [m[4], m[5], m[6]], [m[8], m[9], m[10]], [m[12], m[13], m[14]]] })
     }
 
     /// Scales, then rotates by a quaternion x, y, z, w of any length but 0, then translates.
-    pub fn compose(
-        translation: [f64; 3],
-        [x, y, z, w]: [f64; 4],
-        scale: [f64; 3],
-        whence: &str,
-    ) -> Result<Self> {
+    pub fn compose(translation: [f64; 3], [x, y, z, w]: [f64; 4], scale: [f64; 3], whence: &str) -> Result<Self> {
         let square = x * x + y * y + z * z + w * w;
         if !(square.is_normal()) {
-            return Err(Error::mesh(format_args!(
-                "the rotation of {whence} is no unit quaternion: {x} {y} {z} {w}"
-            )));
+            return Err(Error::mesh(format_args!("the rotation of {whence} is no unit quaternion: {x} {y} {z} {w}")));
         }
         let s = 2.0 / square;
         let rotated = [
@@ -68,19 +47,14 @@ impl Affine {
             [s * (x * y - z * w), 1.0 - s * (x * x + z * z), s * (y * z + x * w)],
             [s * (x * z + y * w), s * (y * z - x * w), 1.0 - s * (x * x + y * y)],
         ];
-        let [a, b, c]: [[f64; 3]; 3] =
-            std::array::from_fn(|axis| rotated[axis].map(|value| value * scale[axis]));
-        Ok(Self {
-            columns: [a, b, c, translation],
-        })
+        let [a, b, c]: [[f64; 3]; 3] = std::array::from_fn(|axis| rotated[axis].map(|value| value * scale[axis]));
+        Ok(Self { columns: [a, b, c, translation] })
     }
 
     /// This map after `inner`.
     pub fn after(&self, inner: &Self) -> Self {
         let [x, y, z, origin] = inner.columns;
-        Self {
-            columns: [self.turn(x), self.turn(y), self.turn(z), self.apply(origin)],
-        }
+        Self { columns: [self.turn(x), self.turn(y), self.turn(z), self.apply(origin)] }
     }
 
     /// Where a point goes.
@@ -112,19 +86,12 @@ mod tests {
     fn a_quarter_turn_about_z_takes_x_to_y() {
         let half = std::f64::consts::FRAC_1_SQRT_2;
         for length in [1.0, 3.0] {
-            let turn = Affine::compose(
-                [10.0, 0.0, 0.0],
-                [0.0, 0.0, half * length, half * length],
-                [2.0, 3.0, -4.0],
-                "node 0",
-            )
-            .expect("a rotation");
+            let turn =
+                Affine::compose([10.0, 0.0, 0.0], [0.0, 0.0, half * length, half * length], [2.0, 3.0, -4.0], "node 0")
+                    .expect("a rotation");
             let close = |point, expected: [f64; 3]| {
                 let image = turn.apply(point);
-                assert!(
-                    (0..3).all(|axis| (image[axis] - expected[axis]).abs() < 1e-12),
-                    "{image:?} {expected:?}"
-                );
+                assert!((0..3).all(|axis| (image[axis] - expected[axis]).abs() < 1e-12), "{image:?} {expected:?}");
             };
             close([1.0, 0.0, 0.0], [10.0, 2.0, 0.0]);
             close([0.0, 1.0, 0.0], [7.0, 0.0, 0.0]);
@@ -136,8 +103,7 @@ mod tests {
     #[test]
     fn the_inner_map_comes_first() {
         let scale = Affine::compose([0.0; 3], [0.0, 0.0, 0.0, 1.0], [2.0; 3], "").expect("a scale");
-        let shift =
-            Affine::compose([1.0, 2.0, 3.0], [0.0, 0.0, 0.0, 1.0], [1.0; 3], "").expect("a shift");
+        let shift = Affine::compose([1.0, 2.0, 3.0], [0.0, 0.0, 0.0, 1.0], [1.0; 3], "").expect("a shift");
         assert_eq!(scale.after(&shift).apply([1.0; 3]), [4.0, 6.0, 8.0]);
         assert_eq!(shift.after(&scale).apply([1.0; 3]), [3.0, 4.0, 5.0]);
         assert!(!scale.mirrors());

@@ -124,9 +124,8 @@ impl<'a> Chunk<'a> {
     /// Notes a name. One that no face carries is forgotten, so that names cannot outgrow the faces.
     fn rename(&mut self, name: Name<'a>) {
         let tail = self.names.len().saturating_sub(2);
-        let unused = self.names[tail..]
-            .iter_mut()
-            .find(|last| last.face == name.face && last.is_object == name.is_object);
+        let unused =
+            self.names[tail..].iter_mut().find(|last| last.face == name.face && last.is_object == name.is_object);
         match unused {
             Some(last) => *last = name,
             None => self.names.push(name),
@@ -146,10 +145,7 @@ fn vertex(cursor: &mut Cursor<'_>) -> Result<[f64; 3], String> {
         let Some((value, length)) = number::float(cursor.rest()) else {
             return Err(bad_coordinate(cursor));
         };
-        let end = Cursor {
-            at: cursor.at + length,
-            ..*cursor
-        };
+        let end = Cursor { at: cursor.at + length, ..*cursor };
         if !end.at_boundary() || !value.is_finite() {
             return Err(bad_coordinate(cursor));
         }
@@ -187,15 +183,10 @@ fn face(cursor: &mut Cursor<'_>, chunk: &mut Chunk<'_>) -> Result<(), String> {
             break;
         }
         let (index, length) = match number::integer(cursor.rest()) {
-            Some((index, length)) if index != 0 && index.abs() <= i64::from(i32::MAX) => {
-                (index, length)
-            }
+            Some((index, length)) if index != 0 && index.abs() <= i64::from(i32::MAX) => (index, length),
             _ => return Err(bad_corner(cursor)),
         };
-        let mut end = Cursor {
-            at: cursor.at + length,
-            ..*cursor
-        };
+        let mut end = Cursor { at: cursor.at + length, ..*cursor };
         for _ in 0..2 {
             if end.peek() == b'/' {
                 end.at += 1;
@@ -218,9 +209,7 @@ fn face(cursor: &mut Cursor<'_>, chunk: &mut Chunk<'_>) -> Result<(), String> {
     }
     let corners = chunk.faces.all_corners().len() - first;
     if corners < 3 {
-        return Err(format!(
-            "at least 3 corners are needed, there are {corners}"
-        ));
+        return Err(format!("at least 3 corners are needed, there are {corners}"));
     }
     chunk.faces.close(first);
     cursor.skip_line();

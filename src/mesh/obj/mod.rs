@@ -32,16 +32,12 @@ pub fn read(bytes: &[u8], limits: &Limits) -> Result<PolygonMesh> {
 
 fn read_in_pieces(bytes: &[u8], limits: &Limits, piece: usize) -> Result<PolygonMesh> {
     if bytes.len() as u64 > MAX_BYTES {
-        return Err(Error::too_large(format_args!(
-            "an OBJ file may have {MAX_BYTES} bytes: {}",
-            bytes.len()
-        )));
+        return Err(Error::too_large(format_args!("an OBJ file may have {MAX_BYTES} bytes: {}", bytes.len())));
     }
     let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let text = with_line_feeds(text);
     let pieces = text::split(&text, piece);
-    let parsed: Vec<Result<Chunk<'_>, Fault>> =
-        pieces.par_iter().map(|piece| chunk::parse(piece)).collect();
+    let parsed: Vec<Result<Chunk<'_>, Fault>> = pieces.par_iter().map(|piece| chunk::parse(piece)).collect();
     join(&text, &pieces, parsed, limits)
 }
 
@@ -55,12 +51,7 @@ fn with_line_feeds(text: &[u8]) -> Cow<'_, [u8]> {
 }
 
 /// Joins the pieces in their order.
-fn join(
-    text: &[u8],
-    pieces: &[&[u8]],
-    parsed: Vec<Result<Chunk<'_>, Fault>>,
-    limits: &Limits,
-) -> Result<PolygonMesh> {
+fn join(text: &[u8], pieces: &[&[u8]], parsed: Vec<Result<Chunk<'_>, Fault>>, limits: &Limits) -> Result<PolygonMesh> {
     let mut chunks = Vec::with_capacity(parsed.len());
     let mut starts = vec![Start::default()];
     for (chunk, piece) in parsed.into_iter().zip(pieces) {
@@ -84,11 +75,7 @@ fn join(
     for (index, mut chunk) in chunks.into_iter().enumerate() {
         let start = starts[index];
         settle(&mut chunk, start.vertices, total.vertices).map_err(|(face, message)| {
-            let fault = Fault {
-                at: chunk::face_offset(pieces[index], face),
-                what: What::Face(face),
-                message,
-            };
+            let fault = Fault { at: chunk::face_offset(pieces[index], face), what: What::Face(face), message };
             start.error(text, &fault)
         })?;
         for name in &chunk.names {
@@ -104,17 +91,9 @@ fn join(
         warnings.push(format!("point and line elements were skipped: {elements}"));
     }
     if free_form > 0 {
-        warnings.push(format!(
-            "free-form curves and surfaces were skipped: {free_form}"
-        ));
+        warnings.push(format!("free-form curves and surfaces were skipped: {free_form}"));
     }
-    Ok(PolygonMesh {
-        format: Format::Obj,
-        positions,
-        faces,
-        parts: parts.finish(total.faces as u64),
-        warnings,
-    })
+    Ok(PolygonMesh { format: Format::Obj, positions, faces, parts: parts.finish(total.faces as u64), warnings })
 }
 
 /// What came before a piece.
@@ -132,14 +111,10 @@ impl Start {
         let line = text::line_number(text, self.byte + fault.at);
         let message = &fault.message;
         match fault.what {
-            What::Vertex(vertex) => Error::mesh(format_args!(
-                "line {line}: vertex {}: {message}",
-                self.vertices + vertex + 1
-            )),
-            What::Face(face) => Error::mesh(format_args!(
-                "line {line}: face {}: {message}",
-                self.faces + face + 1
-            )),
+            What::Vertex(vertex) => {
+                Error::mesh(format_args!("line {line}: vertex {}: {message}", self.vertices + vertex + 1))
+            }
+            What::Face(face) => Error::mesh(format_args!("line {line}: face {}: {message}", self.faces + face + 1)),
         }
     }
 }
@@ -162,33 +137,19 @@ fn settle(chunk: &mut Chunk<'_>, before: usize, total: usize) -> Result<(), (usi
     }
     let mut message = None;
     if let Some((at, vertex)) = outside {
-        message = Some((
-            at,
-            format!(
-                "a negative index goes back beyond the first vertex by: {}",
-                vertex.unsigned_abs()
-            ),
-        ));
+        message =
+            Some((at, format!("a negative index goes back beyond the first vertex by: {}", vertex.unsigned_abs())));
     }
     if chunk.largest as usize > total {
         // relative corners that are not settled yet are behind the one noted above
         let end = outside.map_or(corners.len(), |(at, _)| at);
-        let beyond = corners[..end]
-            .iter()
-            .position(|&corner| corner as usize >= total);
+        let beyond = corners[..end].iter().position(|&corner| corner as usize >= total);
         if let Some(at) = beyond {
-            message = Some((
-                at,
-                format!(
-                    "there is no such vertex, the file has {total}: {}",
-                    u64::from(corners[at]) + 1
-                ),
-            ));
+            message =
+                Some((at, format!("there is no such vertex, the file has {total}: {}", u64::from(corners[at]) + 1)));
         }
     }
-    message.map_or(Ok(()), |(at, message)| {
-        Err((chunk.faces.face_of_corner(at), message))
-    })
+    message.map_or(Ok(()), |(at, message)| Err((chunk.faces.face_of_corner(at), message)))
 }
 
 /// Runs of faces under one object and group name.
@@ -204,9 +165,7 @@ impl Parts {
     /// From face `face` on, faces are called otherwise.
     fn rename(&mut self, face: u64, name: &chunk::Name<'_>) {
         self.close(face);
-        let text = String::from_utf8_lossy(name.text)
-            .replace("\\\r\n", " ")
-            .replace("\\\n", " ");
+        let text = String::from_utf8_lossy(name.text).replace("\\\r\n", " ").replace("\\\n", " ");
         let text = text.trim();
         let name_of = (!text.is_empty()).then(|| part_name(text));
         if name.is_object {
@@ -228,12 +187,7 @@ impl Parts {
         };
         match self.parts.last_mut() {
             Some(last) if last.group == group => last.faces += faces,
-            _ => self.parts.push(Part {
-                group,
-                first_face: self.first_face,
-                faces,
-                ..Part::default()
-            }),
+            _ => self.parts.push(Part { group, first_face: self.first_face, faces, ..Part::default() }),
         }
         self.first_face = end;
     }

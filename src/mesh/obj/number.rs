@@ -5,8 +5,8 @@
 
 /// 10⁰ … 10²², the powers of ten that are exact f64.
 const POWERS: [f64; 23] = [
-    1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16,
-    1e17, 1e18, 1e19, 1e20, 1e21, 1e22,
+    1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20,
+    1e21, 1e22,
 ];
 
 /// Decimal digits that always fit a u64.
@@ -40,11 +40,7 @@ pub fn float(text: &[u8]) -> Option<(f64, usize)> {
     }
     let value = if count <= DIGITS && mantissa <= 1 << 53 && exponent.abs() < POWERS.len() as i64 {
         let power = POWERS[exponent.unsigned_abs() as usize];
-        let magnitude = if exponent < 0 {
-            mantissa as f64 / power
-        } else {
-            mantissa as f64 * power
-        };
+        let magnitude = if exponent < 0 { mantissa as f64 / power } else { mantissa as f64 * power };
         if negative { -magnitude } else { magnitude }
     } else {
         std::str::from_utf8(&text[..at]).ok()?.parse().ok()?
@@ -107,8 +103,7 @@ mod tests {
 
     /// What the standard library, which rounds correctly, makes of the same text.
     fn check(text: &str) {
-        let (value, length) =
-            float(text.as_bytes()).unwrap_or_else(|| panic!("{text:?} is a number"));
+        let (value, length) = float(text.as_bytes()).unwrap_or_else(|| panic!("{text:?} is a number"));
         let expected: f64 = text.parse().expect("a number");
         assert_eq!(value.to_bits(), expected.to_bits(), "{text}");
         assert_eq!(length, text.len(), "{text}");
@@ -169,9 +164,7 @@ mod tests {
 
     #[test]
     fn what_is_no_number_is_refused() {
-        for text in [
-            "", "-", "+", ".", "-.", "e5", "1e", "1e+", "nan", "inf", "x", "--1", "/",
-        ] {
+        for text in ["", "-", "+", ".", "-.", "e5", "1e", "1e+", "nan", "inf", "x", "--1", "/"] {
             assert_eq!(float(text.as_bytes()), None, "{text:?}");
         }
         for text in ["", "-", "+", "x", ".", "/1"] {

@@ -104,10 +104,7 @@ impl<'a> Cursor<'a> {
             (b"surf", Keyword::FreeForm),
         ];
         for (word, keyword) in known {
-            let after = Cursor {
-                at: self.at + word.len(),
-                ..*self
-            };
+            let after = Cursor { at: self.at + word.len(), ..*self };
             if rest.starts_with(word) && after.at_boundary() {
                 return (keyword, word.len());
             }
@@ -152,8 +149,7 @@ impl<'a> Cursor<'a> {
 
 /// Where a comment begins in the line: at a `#` that follows a blank or begins the statement's rest.
 fn comment(text: &[u8], first: usize, line: std::ops::Range<usize>) -> Option<usize> {
-    line.into_iter()
-        .find(|&at| text[at] == b'#' && (at == first || text[at - 1].is_ascii_whitespace()))
+    line.into_iter().find(|&at| text[at] == b'#' && (at == first || text[at - 1].is_ascii_whitespace()))
 }
 
 /// Length of the joined line end that `text` begins with, 0 when it does not.
@@ -188,9 +184,7 @@ pub fn line_end(text: &[u8], from: usize) -> usize {
         }
     }
     let skipped = text.len() - tail.len();
-    tail.iter()
-        .position(|&byte| byte == b'\n')
-        .map_or(text.len(), |at| skipped + at)
+    tail.iter().position(|&byte| byte == b'\n').map_or(text.len(), |at| skipped + at)
 }
 
 /// Cuts the text into pieces of at least `size` bytes (the last may be shorter) that end where a statement ends.
@@ -252,10 +246,7 @@ mod tests {
 
     #[test]
     fn statements_end_at_comments_and_unjoined_lines() {
-        let mut cursor = Cursor {
-            text: b" a b # c \\\nnext \\\nmore\nlast\\",
-            at: 0,
-        };
+        let mut cursor = Cursor { text: b" a b # c \\\nnext \\\nmore\nlast\\", at: 0 };
         assert_eq!(cursor.skip_statement(), b" a b ");
         assert_eq!(cursor.skip_statement(), b"next \\\nmore");
         assert_eq!(cursor.skip_statement(), b"last\\");

@@ -1,0 +1,193 @@
+//! Refinement: the iteration of bids and exact acceptance that [`crate::cluster::refinement`] defines.
+
+use rayon::prelude::*;
+
+use super::clusters::{Change, Clusters};
+use super::frontier::Frontier;
+use super::{CHUNK, Move};
+use crate::cluster::refinement::{Side, bid, gain};
+use crate::surface::Surface;
+
+/// No bid, no exchange.
+const NONE: u32 = u32::MAX;
+
+/// A face that would lower the energy by moving.
+#[derive(Debug, Clone, Copy)]
+struct Bid {
+    /// Packed gain: larger is better.
+    gain: u32,
+    wish: Move,
+}
+
+/// A winning bid and the faces that make the same move.
+#[derive(Debug)]
+struct Exchange {
+    winner: Move,
+    together: Change,
+    verdict: Verdict,
+}
+
+/// What comes of an exchange.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Verdict {
+    AllMove,
+    WinnerMoves,
+    Refused,
+}
+
+/// The bids of a phase.
+#[derive(Debug)]
+pub struct Bids {
+    /// Every face that would improve and was not refused since it last had to look.
+    open: Vec<Bid>,
+    /// Of each cluster the index of its best bid, then of the exchange it takes part in; [`NONE`] between iterations.
+    chosen: Vec<u32>,
+    exchanges: Vec<Exchange>,
+}
+
+impl Bids {
+    /// No bids yet.
+    pub fn new(clusters: usize) -> Self {
+        Self { open: Vec::new(), chosen: vec![NONE; clusters], exchanges: Vec::new() }
+    }
+
+    /// One iteration. Returns how many faces moved, 0 when all winners were refused; None when there was no bid.
+    pub fn iterate(
+        &mut self,
+        surface: &Surface,
+        labels: &mut [u32],
+        clusters: &mut Clusters,
+        frontier: &mut Frontier,
+    ) -> Option<u64> {
+        self.renew(surface, labels, clusters, frontier);
+        clusters.begin_iteration();
+        if self.open.is_empty() {
+            return None;
+        }
+        self.pair_up();
+        self.judge(surface, clusters);
+
+        let mut moves = 0;
+        let (chosen, exchanges) = (&self.chosen, &self.exchanges);
+        self.open.retain(|&Bid { wish, .. }| {
+            let Some(exchange) = joined(chosen, exchanges, wish) else { return true };
+            let exchange = &exchanges[exchange];
+            let is_winner = exchange.winner.face == wish.face;
+            let moves_now = match exchange.verdict {
+                Verdict::AllMove => true,
+                Verdict::WinnerMoves => is_winner,
+                Verdict::Refused => false,
+            };
+            if moves_now {
+                labels[wish.face as usize] = wish.to;
+                clusters.transfer(surface, wish.face, wish.from, wish.to);
+                frontier.moved(surface, labels, wish.face);
+                moves += 1;
+            }
+            !is_winner && !moves_now
+        });
+        clusters.refit();
+        for exchange in self.exchanges.drain(..) {
+            self.chosen[exchange.winner.from as usize] = NONE;
+            self.chosen[exchange.winner.to as usize] = NONE;
+        }
+        Some(moves)
+    }
+
+    /// Lets the faces that are due bid anew.
+    fn renew(&mut self, surface: &Surface, labels: &[u32], clusters: &Clusters, frontier: &mut Frontier) {
+        let due = frontier.due(surface, labels, clusters.changed());
+        let bids: Vec<Vec<Bid>> = due
+            .par_chunks(CHUNK)
+            .map(|faces| faces.iter().filter_map(|&face| best_move(surface, labels, clusters, face)).collect())
+            .collect();
+        self.open.retain(|bid| !frontier.was_due(bid.wish.face));
+        self.open.extend(bids.into_iter().flatten());
+    }
+
+    /// Opens an exchange for each bid that is the best at both its clusters.
+    fn pair_up(&mut self) {
+        let Self { open, chosen, exchanges } = self;
+        let rank = |index: u32| {
+            let bid = &open[index as usize];
+            (bid.gain, std::cmp::Reverse(bid.wish.face))
+        };
+        for index in 0..open.len() as u32 {
+            let Move { from, to, .. } = open[index as usize].wish;
+            for cluster in [from, to] {
+                let best = &mut chosen[cluster as usize];
+                if *best == NONE || rank(index) > rank(*best) {
+                    *best = index;
+                }
+            }
+        }
+        for (index, bid) in open.iter().enumerate() {
+            let Move { from, to, .. } = bid.wish;
+            if [from, to].iter().all(|&cluster| chosen[cluster as usize] as usize == index) {
+                exchanges.push(Exchange { winner: bid.wish, together: Change::default(), verdict: Verdict::Refused });
+            }
+        }
+        for bid in open.iter() {
+            chosen[bid.wish.from as usize] = NONE;
+            chosen[bid.wish.to as usize] = NONE;
+        }
+        for (index, exchange) in exchanges.iter().enumerate() {
+            chosen[exchange.winner.from as usize] = index as u32;
+            chosen[exchange.winner.to as usize] = index as u32;
+        }
+    }
+
+    /// Tests each exchange with all who make the move, then with the winner alone.
+    fn judge(&mut self, surface: &Surface, clusters: &Clusters) {
+        for bid in &self.open {
+            if let Some(exchange) = joined(&self.chosen, &self.exchanges, bid.wish) {
+                self.exchanges[exchange].together.add(surface, bid.wish.face);
+            }
+        }
+        for Exchange { winner, together, verdict } in &mut self.exchanges {
+            let mut alone = Change::default();
+            alone.add(surface, winner.face);
+            *verdict = if clusters.improves(winner.from, winner.to, together) {
+                Verdict::AllMove
+            } else if clusters.improves(winner.from, winner.to, &alone) {
+                Verdict::WinnerMoves
+            } else {
+                Verdict::Refused
+            };
+        }
+    }
+}
+
+/// The exchange that makes the move a face wishes for.
+fn joined(chosen: &[u32], exchanges: &[Exchange], wish: Move) -> Option<usize> {
+    let exchange = chosen[wish.from as usize] as usize;
+    let winner = exchanges.get(exchange)?.winner;
+    ((winner.from, winner.to) == (wish.from, wish.to)).then_some(exchange)
+}
+
+/// The bid of a face: for the neighbouring cluster with the largest positive gain, the smaller number of equal ones.
+fn best_move(surface: &Surface, labels: &[u32], clusters: &Clusters, face: u32) -> Option<Bid> {
+    let from = labels[face as usize];
+    if clusters.faces(from) == 1 {
+        return None;
+    }
+    let centroid = surface.centroids[face as usize];
+    let weight = surface.weights[face as usize];
+    let side = |cluster| Side {
+        squared_distance: clusters.squared_distance(centroid, cluster) as u64,
+        weight: clusters.weight(cluster),
+    };
+    let own = side(from);
+    let mut best: Option<(i64, std::cmp::Reverse<u32>)> = None;
+    let mut last = from;
+    for &neighbour in surface.neighbours_of(face) {
+        let to = labels[neighbour as usize];
+        if to != from && to != last {
+            let offer = Some((gain(weight, own, side(to)), std::cmp::Reverse(to)));
+            best = best.max(offer);
+            last = to;
+        }
+    }
+    let (gain, std::cmp::Reverse(to)) = best?;
+    (gain > 0).then(|| Bid { gain: bid(gain, weight), wish: Move { face, from, to } })
+}

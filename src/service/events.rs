@@ -1,0 +1,182 @@
+//! The events of a job as a stream (`text/event-stream`): what happened so far, then what happens.
+//!
+//! A stream holds no events of its own but reads the job's log by number, a page at a time, and waits for the job's
+//! pulse when it has read all. So nothing is lost between the past and the present, a reader that drops can go on
+//! anywhere, and a slow one costs a page of memory.
+
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::{Path, State as Extract};
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::sse::{Event as Sent, KeepAlive, Sse};
+use axum::response::{IntoResponse, Response};
+use futures_util::stream;
+use serde::Serialize;
+use tokio::sync::watch;
+use utoipa::ToSchema;
+
+use super::jobs;
+use super::problem::{Answer, Problem};
+use super::server::{App, Shared};
+use super::store::{Event, JobId, Pulse, State, What, no_such_job};
+use crate::error::{Error, Kind, Result};
+
+/// Events that are read from the log at once.
+const PAGE: usize = 256;
+
+/// When a client of a stream that the service ended may come back.
+const RETRY: Duration = Duration::from_secs(2);
+
+/// Data of the event `state`.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct StateEvent {
+    /// The state that the job entered.
+    state: State,
+}
+
+/// Data of the event `end`.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct EndEvent {
+    /// The state that the job ended in.
+    state: State,
+    /// Why it failed.
+    problem: Option<Problem>,
+}
+
+/// Follow a job
+///
+/// Events `state` ({state}), `iteration` (a row of the report's `iterations`) and `end` ({state, problem}), after which
+/// the stream closes; comments keep a quiet stream open. The id of an event is its number, from 1 without gaps. With
+/// `Last-Event-ID` the stream begins after that event; when there is nothing after it and the job has ended, the answer
+/// is 204, which tells an EventSource not to come back.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/events", tag = "jobs", operation_id = "streamEvents",
+    params(
+        ("id" = String, Path, format = "uuid", description = "Id of the job"),
+        ("Last-Event-ID" = Option<u64>, Header, description = "Number of the last event that is known; 0 or absent for none"),
+    ),
+    responses(
+        (status = 200, description = "The events", body = String, content_type = "text/event-stream"),
+        (status = 204, description = "The job has ended and there is no event after that one"),
+        (status = 400, response = super::openapi::Problematic),
+        (status = 404, response = super::openapi::Problematic),
+        (status = 500, response = super::openapi::Problematic),
+    ),
+)]
+pub(super) async fn stream(Extract(shared): App, Path(id): Path<String>, headers: HeaderMap) -> Answer {
+    let id: JobId = id.parse()?;
+    let after = last_event_id(&headers)?;
+    let mut pulses = shared.store.watch(id).await?.ok_or_else(|| no_such_job(id))?;
+    let pulse = *pulses.borrow_and_update();
+    if pulse.ended && after >= pulse.last_seq {
+        return Ok(StatusCode::NO_CONTENT.into_response());
+    }
+    let reader = Reader {
+        keep_alive: shared.settings.keep_alive(),
+        shared,
+        id,
+        after,
+        page: VecDeque::new(),
+        pulses,
+        closing: false,
+    };
+    Ok(reader.into_response())
+}
+
+/// One reader of a job's log.
+struct Reader {
+    shared: Arc<Shared>,
+    id: JobId,
+    /// Number of the last event that was read.
+    after: u64,
+    page: VecDeque<Event>,
+    pulses: watch::Receiver<Pulse>,
+    keep_alive: Duration,
+    /// Whether the last event was the last one.
+    closing: bool,
+}
+
+impl Reader {
+    /// The next event, once there is one; none at the end.
+    async fn next(&mut self) -> Option<Sent> {
+        loop {
+            if self.closing {
+                return None;
+            }
+            if let Some(event) = self.page.pop_front() {
+                self.after = event.seq;
+                self.closing = matches!(event.what, What::End(..));
+                return self.sent(event);
+            }
+            // seen before reading, so that what happens while reading is noticed
+            self.pulses.borrow_and_update();
+            match self.shared.store.events(self.id, self.after, PAGE).await {
+                Ok(Some(page)) if !page.is_empty() => self.page = page.into(),
+                Ok(Some(_)) => {
+                    let stop = self.shared.stop.clone();
+                    tokio::select! {
+                        biased;
+                        changed = self.pulses.changed() => changed.ok()?,
+                        () = stop.cancelled() => {
+                            self.closing = true;
+                            return Some(Sent::default().retry(RETRY).comment("the service is stopping"));
+                        }
+                    }
+                }
+                Ok(None) => return None,
+                Err(error) => {
+                    tracing::error!(%error, job = %self.id, "events cannot be read");
+                    return None;
+                }
+            }
+        }
+    }
+
+    /// An event as it is sent.
+    fn sent(&self, event: Event) -> Option<Sent> {
+        let (name, data) = match event.what {
+            What::State(state) => ("state", serde_json::to_string(&StateEvent { state })),
+            What::Iteration(row) => ("iteration", Ok(row)),
+            What::End(state, error) => {
+                let problem = error.map(|error| Problem::new(&error, jobs::path(self.id)));
+                ("end", serde_json::to_string(&EndEvent { state, problem }))
+            }
+        };
+        let sent = Sent::default().id(event.seq.to_string()).event(name);
+        match data {
+            Ok(data) => Some(sent.data(data)),
+            Err(error) => {
+                tracing::error!(%error, job = %self.id, "an event cannot be written");
+                None
+            }
+        }
+    }
+}
+
+impl IntoResponse for Reader {
+    fn into_response(self) -> Response {
+        let keep_alive = KeepAlive::new().interval(self.keep_alive);
+        let events = stream::unfold(self, |mut reader| async move {
+            let event = reader.next().await?;
+            Some((Ok::<_, Infallible>(event), reader))
+        });
+        Sse::new(events).keep_alive(keep_alive).into_response()
+    }
+}
+
+/// The number of the last event that the client knows.
+fn last_event_id(headers: &HeaderMap) -> Result<u64> {
+    let Some(value) = headers.get("last-event-id") else {
+        return Ok(0);
+    };
+    let text = value.to_str().unwrap_or("?").trim();
+    text.parse().map_err(|_| {
+        Error::new(
+            Kind::BadRequest,
+            format_args!("Last-Event-ID must be the id of an event of this job, a number, not {text:?}"),
+        )
+    })
+}

@@ -1,0 +1,159 @@
+//! What the service says about itself.
+
+use std::fmt::Write as _;
+use std::sync::atomic::Ordering;
+
+use axum::Json;
+use axum::extract::State as Extract;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::jobs::stopping;
+use super::openapi::Problematic;
+use super::problem::Answer;
+use super::server::App;
+use super::store::State;
+use crate::mesh::Format;
+use crate::output::LabelFormat;
+use crate::report::DeviceInfo;
+
+/// The device of this process and why it is that one.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct DeviceDescription {
+    /// What it is.
+    #[serde(flatten)]
+    pub info: DeviceInfo,
+    /// How it was chosen, for people.
+    #[schema(example = "auto: there is no GPU")]
+    pub chosen: String,
+}
+
+/// Formats that are read and written.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct Formats {
+    /// Formats of meshes.
+    meshes: Vec<FormatView>,
+    /// Formats of labels; the first is what a request gets that accepts anything.
+    labels: Vec<FormatView>,
+}
+
+/// A format.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = FormatInfo)]
+pub(super) struct FormatView {
+    /// Usual file extension; of meshes, also the value of `format`.
+    #[schema(example = "glb")]
+    name: &'static str,
+    /// Media type.
+    #[schema(example = "model/gltf-binary")]
+    media_type: &'static str,
+}
+
+/// The version of the service.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct Version {
+    /// `tesserae`.
+    name: &'static str,
+    /// Semantic version.
+    version: &'static str,
+}
+
+/// Whether the service is well.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct Health {
+    /// `ok`.
+    status: &'static str,
+}
+
+/// The device
+///
+/// What clusters here, and how it was chosen.
+#[utoipa::path(
+    get, path = "/v1/device", tag = "service", operation_id = "getDevice",
+    responses((status = 200, description = "The device", body = DeviceDescription)),
+)]
+pub(super) async fn device(Extract(shared): App) -> Json<DeviceDescription> {
+    Json(shared.device.clone())
+}
+
+/// Formats
+///
+/// What meshes can be, and what labels can be asked for as.
+#[utoipa::path(
+    get, path = "/v1/formats", tag = "service", operation_id = "getFormats",
+    responses((status = 200, description = "The formats", body = Formats)),
+)]
+pub(super) async fn formats() -> Json<Formats> {
+    let mesh = |format: Format| FormatView { name: format.name(), media_type: format.media_type() };
+    let label = |format: LabelFormat| FormatView { name: format.extension(), media_type: format.media_type() };
+    Json(Formats { meshes: Format::ALL.map(mesh).into(), labels: LabelFormat::ALL.map(label).into() })
+}
+
+/// Version
+///
+/// Which release answers.
+#[utoipa::path(
+    get, path = "/v1/version", tag = "service", operation_id = "getVersion",
+    responses((status = 200, description = "The version", body = Version)),
+)]
+pub(super) async fn version() -> Json<Version> {
+    Json(Version { name: env!("CARGO_PKG_NAME"), version: env!("CARGO_PKG_VERSION") })
+}
+
+/// Liveness
+///
+/// Answers as long as the process can.
+#[utoipa::path(
+    get, path = "/healthz", tag = "service", operation_id = "getHealth",
+    responses((status = 200, description = "The process answers", body = Health)),
+)]
+pub(super) async fn healthz() -> Json<Health> {
+    Json(Health { status: "ok" })
+}
+
+/// Readiness
+///
+/// Whether jobs are taken; if not, why.
+#[utoipa::path(
+    get, path = "/readyz", tag = "service", operation_id = "getReadiness",
+    responses(
+        (status = 200, description = "Jobs are taken", body = Health),
+        (status = 503, response = Problematic),
+    ),
+)]
+pub(super) async fn readyz(Extract(shared): App) -> Answer<Json<Health>> {
+    if shared.stop.is_cancelled() {
+        return Err(stopping().into());
+    }
+    Ok(Json(Health { status: "ok" }))
+}
+
+/// Metrics
+///
+/// Counters in the text format of Prometheus.
+#[utoipa::path(
+    get, path = "/metrics", tag = "service", operation_id = "getMetrics",
+    responses(
+        (status = 200, description = "The metrics", body = String, content_type = "text/plain; version=0.0.4"),
+        (status = 500, response = Problematic),
+    ),
+)]
+pub(super) async fn metrics(Extract(shared): App) -> Answer {
+    let mut text =
+        String::from("# HELP tesserae_jobs Jobs that the service knows, by state.\n# TYPE tesserae_jobs gauge\n");
+    for (state, count) in State::ALL.into_iter().zip(shared.store.counts().await?) {
+        let _ = writeln!(text, "tesserae_jobs{{state=\"{}\"}} {count}", state.name());
+    }
+    text.push_str(
+        "# HELP tesserae_http_responses_total Answers given, by class of status.\n\
+         # TYPE tesserae_http_responses_total counter\n",
+    );
+    for (class, count) in (1..).zip(&shared.answers) {
+        let count = count.load(Ordering::Relaxed);
+        let _ = writeln!(text, "tesserae_http_responses_total{{class=\"{class}xx\"}} {count}");
+    }
+    let response: Response = ([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text).into_response();
+    Ok(response)
+}

@@ -1,0 +1,369 @@
+//! The jobs: submit, list, look at, cancel and delete.
+
+#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::{Path, Request, State as Extract};
+use axum::http::{HeaderValue, StatusCode, Uri, header};
+use axum::response::{IntoResponse, Response};
+use axum::{Json, http::HeaderMap};
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
+
+use super::openapi::{Binary, Problematic};
+use super::problem::{Answer, Failure, Problem};
+use super::server::{App, Shared};
+use super::store::{Deletion, Job, JobId, ListQuery, State, no_such_job};
+use super::timestamp::rfc3339;
+use super::upload::{self, Upload};
+use super::{prefer, query};
+use crate::error::{Error, Kind, Result};
+use crate::mesh::Format;
+use crate::parameters::Parameters;
+use crate::report::Phase;
+
+/// Jobs on a page when the request does not say.
+const PAGE: usize = 50;
+/// Largest number of jobs on a page.
+const MAX_PAGE: usize = 1000;
+
+/// A job.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Job)]
+pub(super) struct JobView {
+    /// Its name.
+    id: JobId,
+    /// Where it is in its life.
+    state: State,
+    /// 1 for the job that starts next; null when it does not wait.
+    #[schema(minimum = 1)]
+    queue_position: Option<u64>,
+    /// How far it is.
+    progress: ProgressView,
+    /// Whether someone asked for its end.
+    cancel_requested: bool,
+    /// Why it failed.
+    problem: Option<Problem>,
+    /// What it gave; null before it has succeeded.
+    result: Option<ResultView>,
+    /// What is asked for.
+    parameters: Parameters,
+    /// What was uploaded.
+    mesh: MeshView,
+    /// When it was accepted.
+    #[schema(format = DateTime)]
+    created_at: String,
+    /// When it was taken from the queue.
+    #[schema(format = DateTime)]
+    started_at: Option<String>,
+    /// When it ended.
+    #[schema(format = DateTime)]
+    ended_at: Option<String>,
+    /// Where everything about it is.
+    urls: Urls,
+}
+
+/// How far a job is.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Progress)]
+pub(super) struct ProgressView {
+    /// Iterations made.
+    iterations: u32,
+    /// Phase of the last of them.
+    phase: Option<Phase>,
+    /// Energy after the last of them.
+    energy: Option<f64>,
+}
+
+/// What a job gave.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = ResultSummary)]
+pub(super) struct ResultView {
+    /// Faces of the mesh, each with a label.
+    faces: u64,
+    /// Clusters, none of them empty.
+    clusters: u64,
+}
+
+/// What was uploaded.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = UploadedMesh)]
+pub(super) struct MeshView {
+    /// Name that the client gave the file.
+    file_name: Option<String>,
+    /// Its format.
+    format: Format,
+    /// Its length.
+    bytes: u64,
+    /// Names of the buffers that came with it.
+    buffers: Vec<String>,
+}
+
+/// Where everything about a job is: paths on this service.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct Urls {
+    /// The job itself.
+    #[serde(rename = "self")]
+    #[schema(rename = "self")]
+    job: String,
+    /// Its events.
+    events: String,
+    /// Its labels, once it has succeeded.
+    labels: String,
+    /// Its report, once it has succeeded.
+    report: String,
+}
+
+/// A page of jobs.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct JobList {
+    /// The jobs, newest first.
+    jobs: Vec<JobView>,
+    /// Give this as `cursor` to get the next page; null on the last.
+    next: Option<String>,
+}
+
+/// The query of the list of jobs.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct ListParameters {
+    /// Only jobs in this state
+    state: Option<State>,
+    /// Go on where an earlier page ended: its `next`
+    cursor: Option<String>,
+    /// At most so many jobs; 50 when left out
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<usize>,
+}
+
+/// The form of an upload.
+#[derive(ToSchema)]
+#[expect(dead_code, reason = "describes the form for openapi.yaml; the parts are read one by one")]
+pub(super) struct UploadForm {
+    /// The mesh: OBJ, GLB or glTF, recognised by media type, file name or content.
+    #[schema(value_type = Binary)]
+    mesh: Binary,
+    /// What to do; the same names as in the query. A parameter may stand in both with the same value only.
+    parameters: Option<Parameters>,
+    /// Buffers that a `.gltf` refers to: the file name of each part is the URI, percent-decoded.
+    #[schema(value_type = Option<Vec<Binary>>)]
+    buffer: Option<Vec<Binary>>,
+    /// Listed seeds, one face number a cluster: `.npy`, a JSON array, or numbers in text.
+    #[schema(value_type = Option<Binary>)]
+    seeds: Option<Binary>,
+}
+
+/// Path of a job.
+pub(super) fn path(id: JobId) -> String {
+    format!("/v1/jobs/{id}")
+}
+
+impl From<Job> for JobView {
+    fn from(job: Job) -> Self {
+        let path = path(job.id);
+        Self {
+            id: job.id,
+            state: job.state,
+            queue_position: job.queue_position,
+            progress: ProgressView {
+                iterations: job.progress.iterations,
+                phase: job.progress.phase,
+                energy: job.progress.energy,
+            },
+            cancel_requested: job.cancel_requested,
+            problem: job.problem.map(|error| Problem::new(&error, &path)),
+            result: job.summary.map(|summary| ResultView { faces: summary.faces, clusters: summary.clusters }),
+            parameters: job.spec.parameters,
+            mesh: MeshView {
+                file_name: job.spec.file_name,
+                format: job.spec.format,
+                bytes: job.spec.bytes,
+                buffers: job.spec.buffers,
+            },
+            created_at: rfc3339(job.created_at),
+            started_at: job.started_at.map(rfc3339),
+            ended_at: job.ended_at.map(rfc3339),
+            urls: Urls {
+                events: format!("{path}/events"),
+                labels: format!("{path}/labels"),
+                report: format!("{path}/report"),
+                job: path,
+            },
+        }
+    }
+}
+
+/// Submit a mesh
+///
+/// The body is the mesh, or a form with the mesh and more. `Prefer: wait=N` waits up to N seconds for the job's end: 200
+/// with the ended job, the problem of a failed one, or 202 when it takes longer.
+#[utoipa::path(
+    post, path = "/v1/jobs", tag = "jobs", operation_id = "createJob",
+    params(
+        ("format" = Option<Format>, Query, description = "Format of the mesh, where its media type does not say it"),
+        ("Prefer" = Option<String>, Header, description = "`wait=N`: answer when the job has ended, or after N seconds"),
+    ),
+    request_body(description = "The mesh, or a form", content(
+        (inline(Binary) = "model/obj"),
+        (inline(Binary) = "model/gltf-binary"),
+        (inline(Binary) = "model/gltf+json"),
+        (inline(Binary) = "application/octet-stream"),
+        (UploadForm = "multipart/form-data"),
+    )),
+    responses(
+        (status = 200, description = "The job has succeeded, or was cancelled, while the request waited for it", body = JobView,
+         headers(("Location" = String, description = "Path of the job"), ("Preference-Applied" = String, description = "`wait`"))),
+        (status = 202, description = "The job was accepted", body = JobView,
+         headers(("Location" = String, description = "Path of the job"))),
+        (status = 400, response = Problematic),
+        (status = 409, response = Problematic),
+        (status = 413, response = Problematic),
+        (status = 415, response = Problematic),
+        (status = 422, response = Problematic),
+        (status = 429, response = Problematic),
+        (status = 500, response = Problematic),
+        (status = 503, response = Problematic),
+    ),
+)]
+pub(super) async fn create(Extract(shared): App, request: Request) -> Answer {
+    if shared.stop.is_cancelled() {
+        return Err(stopping().into());
+    }
+    shared.store.check_room().await?;
+    let wait = prefer::wait(request.headers(), shared.settings.max_wait());
+    let limit = shared.settings.max_upload_bytes;
+    let upload = upload::receive(request, &shared.files, limit).await?;
+    // On a task of its own, so that a client who hangs up now leaves no half of it.
+    let job = tokio::spawn(accept(Arc::clone(&shared), upload))
+        .await
+        .map_err(|error| Error::new(Kind::Internal, format_args!("the job was not accepted: {error}")))??;
+    let location = path(job.id);
+    let job = match wait {
+        Some(wait) => wait_for_end(&shared, job, wait).await?,
+        None => job,
+    };
+    let mut headers = HeaderMap::new();
+    if let Ok(value) = HeaderValue::from_str(&location) {
+        headers.insert(header::LOCATION, value);
+    }
+    if !job.state.is_ended() {
+        return Ok((StatusCode::ACCEPTED, headers, Json(JobView::from(job))).into_response());
+    }
+    if wait.is_some() {
+        headers.insert("preference-applied", HeaderValue::from_static("wait"));
+    }
+    Ok(match job.problem {
+        Some(error) => {
+            let instance = Some(location);
+            (headers, Failure { error, instance }).into_response()
+        }
+        None => (StatusCode::OK, headers, Json(JobView::from(job))).into_response(),
+    })
+}
+
+/// Makes a job of an upload.
+async fn accept(shared: Arc<Shared>, upload: Upload) -> Result<Job> {
+    let id = JobId::random();
+    upload.folder.keep_as(shared.files.upload(id)).await?;
+    let created = shared.store.create(id, upload.spec).await;
+    match &created {
+        Ok(job) => tracing::info!(job = %id, bytes = job.spec.bytes, "accepted"),
+        Err(_) => shared.files.remove_upload(id).await,
+    }
+    created
+}
+
+/// The job after it ended, or after a while.
+async fn wait_for_end(shared: &Shared, job: Job, wait: Duration) -> Result<Job> {
+    let Some(mut pulses) = shared.store.watch(job.id).await? else {
+        return Ok(job);
+    };
+    tokio::select! {
+        _ = pulses.wait_for(|pulse| pulse.ended) => {}
+        () = tokio::time::sleep(wait) => {}
+        () = shared.stop.cancelled() => {}
+    }
+    Ok(shared.store.get(job.id).await?.unwrap_or(job))
+}
+
+/// The error of a service that is about to end.
+pub(super) fn stopping() -> Error {
+    Error::new(Kind::Unavailable, "the service is stopping")
+}
+
+/// List jobs
+///
+/// Newest first, a page at a time.
+#[utoipa::path(
+    get, path = "/v1/jobs", tag = "jobs", operation_id = "listJobs",
+    params(ListParameters),
+    responses(
+        (status = 200, description = "A page of jobs", body = JobList),
+        (status = 422, response = Problematic),
+        (status = 500, response = Problematic),
+    ),
+)]
+pub(super) async fn list(Extract(shared): App, uri: Uri) -> Answer {
+    let ListParameters { state, cursor, limit } = query::read(&uri)?;
+    let limit = limit.unwrap_or(PAGE);
+    if !(1..=MAX_PAGE).contains(&limit) {
+        return Err(Error::parameter(format_args!("limit must be 1 to {MAX_PAGE}, not {limit}")).into());
+    }
+    let query = ListQuery { state, cursor, limit };
+    let page = shared.store.list(&query).await?;
+    Ok(Json(JobList { jobs: page.jobs.into_iter().map(JobView::from).collect(), next: page.next }).into_response())
+}
+
+/// Look at a job
+///
+/// Where it is in its life and how far.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "getJob",
+    params(("id" = String, Path, format = "uuid", description = "Id of the job")),
+    responses(
+        (status = 200, description = "The job", body = JobView),
+        (status = 404, response = Problematic),
+        (status = 500, response = Problematic),
+    ),
+)]
+pub(super) async fn show(Extract(shared): App, Path(id): Path<String>) -> Answer {
+    let id: JobId = id.parse()?;
+    let job = shared.store.get(id).await?.ok_or_else(|| no_such_job(id))?;
+    Ok(Json(JobView::from(job)).into_response())
+}
+
+/// Cancel or delete a job
+///
+/// A job that has not ended is cancelled: it ends soon and stays in the list. One that has ended is deleted with its
+/// results.
+#[utoipa::path(
+    delete, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "deleteJob",
+    params(("id" = String, Path, format = "uuid", description = "Id of the job")),
+    responses(
+        (status = 202, description = "The job will be cancelled", body = JobView),
+        (status = 204, description = "The job was deleted"),
+        (status = 404, response = Problematic),
+        (status = 500, response = Problematic),
+    ),
+)]
+pub(super) async fn remove(Extract(shared): App, Path(id): Path<String>) -> Answer<Response> {
+    let id: JobId = id.parse()?;
+    match shared.store.delete(id).await? {
+        Deletion::Unknown => Err(no_such_job(id).into()),
+        Deletion::Deleted => {
+            shared.files.remove(id).await;
+            Ok(StatusCode::NO_CONTENT.into_response())
+        }
+        Deletion::Live => {
+            let job = shared.store.cancel(id).await?.ok_or_else(|| no_such_job(id))?;
+            if job.started_at.is_none() {
+                // never claimed: nobody else removes it
+                shared.files.remove_upload(id).await;
+            }
+            Ok((StatusCode::ACCEPTED, Json(JobView::from(job))).into_response())
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! Errors as problem documents (RFC 9457).
+//!
+//! Handlers return [`Failure`]; it carries the error in the response's extensions. [`render`], a layer around the whole
+//! router, writes the document: there the path (`instance`) is known, and what the framework refuses by itself (unknown
+//! paths, methods, panics) passes through too.
+
+use axum::extract::Request;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use crate::error::{Error, Kind};
+
+/// Media type of problem documents.
+pub(super) const MEDIA_TYPE: &str = "application/problem+json";
+
+/// Seconds after which a client may try again what failed for now.
+const RETRY_AFTER: u32 = 5;
+
+/// What went wrong (RFC 9457).
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub(super) struct Problem {
+    /// Which kind of problem: `/problems/…`, the same for every problem of the kind.
+    #[serde(rename = "type")]
+    #[schema(example = "/problems/invalid-parameter")]
+    pub kind: String,
+    /// The kind in words.
+    #[schema(example = "A parameter is not valid")]
+    pub title: String,
+    /// HTTP status.
+    #[schema(minimum = 400, maximum = 599, example = 422)]
+    pub status: u16,
+    /// What is wrong, where, and what to do.
+    #[schema(example = "clusters must be at least 1, not 0")]
+    pub detail: String,
+    /// Path of the request, or of the job, that it happened to.
+    #[schema(example = "/v1/jobs")]
+    pub instance: String,
+}
+
+impl Problem {
+    /// The document of `error`, which happened to the resource at path `instance`.
+    pub fn new(error: &Error, instance: impl Into<String>) -> Self {
+        Self {
+            kind: format!("/problems/{}", error.kind.slug()),
+            title: error.kind.title().to_owned(),
+            status: error.kind.status(),
+            detail: error.message.clone(),
+            instance: instance.into(),
+        }
+    }
+}
+
+/// An error on its way to the client. `instance` is the path of the request unless it is set.
+#[derive(Debug, Clone)]
+pub(super) struct Failure {
+    /// What went wrong.
+    pub error: Error,
+    /// Path of the resource it happened to, when that is not the request's.
+    pub instance: Option<String>,
+}
+
+impl From<Error> for Failure {
+    fn from(error: Error) -> Self {
+        Self { error, instance: None }
+    }
+}
+
+impl IntoResponse for Failure {
+    fn into_response(self) -> Response {
+        let mut response = status(self.error.kind).into_response();
+        if self.error.kind == Kind::UnsupportedMediaType {
+            response.headers_mut().insert("accept-post", HeaderValue::from_static(super::upload::ACCEPTED));
+        }
+        response.extensions_mut().insert(self);
+        response
+    }
+}
+
+/// What handlers return.
+pub(super) type Answer<T = Response> = Result<T, Failure>;
+
+/// Turns every error response that is no problem document yet into one.
+pub(super) async fn render(request: Request, next: Next) -> Response {
+    let path = request.uri().path().to_owned();
+    let method = request.method().clone();
+    let mut response = next.run(request).await;
+    if !response.status().is_client_error() && !response.status().is_server_error() {
+        return response;
+    }
+    let failure = match response.extensions_mut().remove::<Failure>() {
+        Some(failure) => failure,
+        None => {
+            let allowed = response.headers().get(header::ALLOW);
+            refused_by_framework(response.status(), &method, &path, allowed).into()
+        }
+    };
+    if failure.error.kind.status() >= 500 {
+        tracing::error!(kind = failure.error.kind.slug(), "{}", failure.error);
+    }
+    let instance = failure.instance.unwrap_or(path);
+    let problem = Problem::new(&failure.error, instance);
+    let mut rendered = (
+        status(failure.error.kind),
+        [(header::CONTENT_TYPE, MEDIA_TYPE)],
+        axum::Json(problem).into_response().into_body(),
+    )
+        .into_response();
+    let headers = rendered.headers_mut();
+    for (name, value) in response.headers() {
+        if name != header::CONTENT_TYPE && name != header::CONTENT_LENGTH {
+            headers.append(name, value.clone());
+        }
+    }
+    if failure.error.kind.is_retryable() {
+        headers.insert(header::RETRY_AFTER, RETRY_AFTER.into());
+    }
+    rendered
+}
+
+/// The error for a response that the router or a layer made by itself.
+fn refused_by_framework(
+    status: StatusCode,
+    method: &axum::http::Method,
+    path: &str,
+    allowed: Option<&HeaderValue>,
+) -> Error {
+    match status {
+        StatusCode::NOT_FOUND => Error::new(
+            Kind::NotFound,
+            format_args!("there is nothing at this path; /openapi.yaml lists what there is: {path}"),
+        ),
+        StatusCode::METHOD_NOT_ALLOWED => Error::new(
+            Kind::MethodNotAllowed,
+            format_args!(
+                "this resource answers {}, not {method}",
+                allowed.and_then(|value| value.to_str().ok()).unwrap_or("no method")
+            ),
+        ),
+        status if status.is_server_error() => {
+            Error::new(Kind::Internal, "the service ran into a defect while it answered; its log says more")
+        }
+        status => Error::new(Kind::BadRequest, format_args!("the request cannot be read: {status}")),
+    }
+}
+
+/// Answer to a handler that panicked; the panic itself was logged by the panic hook.
+pub(super) fn panicked(_: Box<dyn std::any::Any + Send + 'static>) -> Response {
+    StatusCode::INTERNAL_SERVER_ERROR.into_response()
+}
+
+/// The status of a kind of error.
+fn status(kind: Kind) -> StatusCode {
+    StatusCode::from_u16(kind.status()).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR)
+}

@@ -1,0 +1,69 @@
+//! Query strings: every name known, none given twice.
+
+use axum::extract::Query;
+use axum::http::Uri;
+use percent_encoding::percent_decode_str;
+use serde::de::DeserializeOwned;
+
+use crate::error::{Error, Result};
+
+/// Reads the query into `T`, which denies unknown fields. What is wrong is named.
+pub(super) fn read<T: DeserializeOwned>(uri: &Uri) -> Result<T> {
+    names(uri.query().unwrap_or_default())?;
+    Query::<T>::try_from_uri(uri).map(|Query(value)| value).map_err(|rejection| {
+        let text = rejection.body_text();
+        let text = text.strip_prefix("Failed to deserialize query string: ").unwrap_or(&text);
+        Error::parameter(format_args!("the query string is not valid: {text}"))
+    })
+}
+
+/// The names in a query string, in order. One that is there twice is refused.
+pub(super) fn names(query: &str) -> Result<Vec<String>> {
+    let mut names: Vec<String> = Vec::new();
+    for pair in query.split('&').filter(|pair| !pair.is_empty()) {
+        let name = decoded(pair.split('=').next().unwrap_or_default());
+        if names.contains(&name) {
+            return Err(Error::parameter(format_args!("a parameter is given twice in the query string: {name:?}")));
+        }
+        names.push(name);
+    }
+    Ok(names)
+}
+
+/// Takes the parameter `name` out of a query string: its value, and the rest.
+pub(super) fn take(query: &str, name: &str) -> (Option<String>, String) {
+    let mut value = None;
+    let mut rest = Vec::new();
+    for pair in query.split('&').filter(|pair| !pair.is_empty()) {
+        let (key, text) = pair.split_once('=').unwrap_or((pair, ""));
+        if decoded(key) == name {
+            value = Some(decoded(text));
+        } else {
+            rest.push(pair);
+        }
+    }
+    (value, rest.join("&"))
+}
+
+/// A name or value as it was meant.
+fn decoded(text: &str) -> String {
+    percent_decode_str(&text.replace('+', " ")).decode_utf8_lossy().into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_given_twice_is_refused_however_it_is_written() {
+        assert!(names("clusters=1&seed=2").is_ok());
+        let error = names("clusters=1&%63lusters=2").expect_err("twice");
+        assert!(error.message.contains("clusters"), "{error}");
+    }
+
+    #[test]
+    fn taking_one_leaves_the_others_as_they_were() {
+        assert_eq!(take("a=%20&form%61t=ob+j&b", "format"), (Some("ob j".into()), "a=%20&b".into()));
+        assert_eq!(take("", "format"), (None, String::new()));
+    }
+}

@@ -1,0 +1,194 @@
+//! What a job request asks for: parameters from the query string and from the JSON part, made one.
+//!
+//! A parameter may stand in either place, or in both with the same value; different values are refused. A path is never
+//! a parameter here: files arrive in the request.
+
+use axum::http::Uri;
+use serde_json::{Map, Value};
+
+use super::query;
+use crate::error::{Error, Kind, Result};
+use crate::mesh::Format;
+use crate::parameters::{Parameters, Seeds};
+
+/// Largest JSON part with parameters, in bytes.
+pub(super) const MAX_PARAMETERS_BYTES: u64 = 64 << 10;
+
+/// What was asked for so far.
+#[derive(Debug, Clone)]
+pub(super) struct Wanted {
+    /// Format of the mesh, when the query says it.
+    pub format: Option<Format>,
+    parameters: Parameters,
+    /// Names of the parameters that were given.
+    given: Vec<String>,
+}
+
+impl Wanted {
+    /// Reads the query string.
+    pub fn from_query(uri: &Uri) -> Result<Self> {
+        let whole = uri.query().unwrap_or_default();
+        query::names(whole)?;
+        let (format, rest) = query::take(whole, "format");
+        let format = format.as_deref().map(Format::from_name).transpose()?;
+        let given = query::names(&rest)?;
+        let rest: Uri = format!("/?{rest}")
+            .parse()
+            .map_err(|error| Error::new(Kind::BadRequest, format_args!("the query string cannot be read: {error}")))?;
+        let parameters: Parameters = query::read(&rest)?;
+        refuse_path(&parameters)?;
+        Ok(Self { format, parameters, given })
+    }
+
+    /// Adds what the JSON part says.
+    pub fn add_json(&mut self, json: &[u8]) -> Result<()> {
+        // Read twice: as parameters, which knows types, names and duplicates, and as a map, which knows what was given.
+        let parameters: Parameters = serde_json::from_slice(json).map_err(|error| {
+            let kind = match error.classify() {
+                serde_json::error::Category::Data => Kind::InvalidParameter,
+                _ => Kind::BadRequest,
+            };
+            Error::new(kind, format_args!("the part \"parameters\" is not valid: {error}"))
+        })?;
+        refuse_path(&parameters)?;
+        let object: Map<String, Value> = serde_json::from_slice(json).map_err(|error| {
+            Error::parameter(format_args!("the part \"parameters\" must be a JSON object: {error}"))
+        })?;
+        let mut merged = as_object(&self.parameters)?;
+        for (name, value) in as_object(&parameters)? {
+            if !object.contains_key(&name) {
+                continue;
+            }
+            if !self.given.contains(&name) {
+                self.given.push(name.clone());
+            } else if let Some(other) = merged.get(&name).filter(|other| **other != value) {
+                return Err(Error::parameter(format_args!(
+                    "query string and part \"parameters\" contradict each other about {name}: {other} and {value}"
+                )));
+            }
+            merged.insert(name, value);
+        }
+        self.parameters = serde_json::from_value(Value::Object(merged)).map_err(internal)?;
+        Ok(())
+    }
+
+    /// Checks what can be checked before the body is here: a form may still bring parameters and a list of seeds.
+    pub fn check_early(&self, form: bool) -> Result<()> {
+        self.parameters.check(form)
+    }
+
+    /// The parameters, checked as far as they can be without the mesh. `listed` says whether a list of seeds came.
+    pub fn finish(mut self, listed: bool) -> Result<Parameters> {
+        if listed {
+            let given = self.given.iter().any(|name| name == "seeds");
+            if given && self.parameters.seeds != Seeds::Listed {
+                return Err(Error::parameter(format_args!(
+                    "a list of seeds came as a part, so the parameter seeds must be left out or listed, not {}",
+                    self.parameters.seeds
+                )));
+            }
+            self.parameters.seeds = Seeds::Listed;
+        }
+        self.parameters.check(listed)?;
+        Ok(self.parameters)
+    }
+}
+
+/// Refuses seeds from a file of the server.
+fn refuse_path(parameters: &Parameters) -> Result<()> {
+    match &parameters.seeds {
+        Seeds::Morton | Seeds::Random | Seeds::Listed => Ok(()),
+        Seeds::File(path) => Err(Error::parameter(format_args!(
+            "seeds cannot be a path here: send the list as a part named seeds of multipart/form-data, not {:?}",
+            path.display().to_string()
+        ))),
+    }
+}
+
+/// Parameters as a JSON object.
+fn as_object(parameters: &Parameters) -> Result<Map<String, Value>> {
+    match serde_json::to_value(parameters).map_err(internal)? {
+        Value::Object(object) => Ok(object),
+        other => Err(internal(format_args!("not an object: {other}"))),
+    }
+}
+
+fn internal(error: impl std::fmt::Display) -> Error {
+    Error::new(Kind::Internal, format_args!("parameters do not survive being written as JSON: {error}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wanted(query: &str) -> Result<Wanted> {
+        Wanted::from_query(&format!("/v1/jobs?{query}").parse().expect("a URI"))
+    }
+
+    fn with_json(query: &str, json: &str) -> Result<Parameters> {
+        let mut wanted = wanted(query)?;
+        wanted.add_json(json.as_bytes())?;
+        wanted.finish(false)
+    }
+
+    #[test]
+    fn query_and_part_add_up() {
+        let parameters = with_json("seed=7&format=obj", r#"{"clusters": 9}"#).expect("both");
+        assert_eq!((parameters.seed, parameters.clusters), (7, Some(9)));
+    }
+
+    #[test]
+    fn the_same_value_in_both_is_no_contradiction_and_another_is() {
+        assert!(with_json("clusters=9", r#"{"clusters": 9}"#).is_ok());
+        let error = with_json("clusters=9", r#"{"clusters": 10}"#).expect_err("contradiction");
+        assert_eq!(error.kind, Kind::InvalidParameter);
+        assert!(error.message.ends_with("clusters: 9 and 10"), "{error}");
+        // a default in the query is as good as any other value
+        assert!(with_json("clusters=9&seed=0", r#"{"seed": 1}"#).is_err());
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        for (query, name) in [
+            ("clusters=2&cluster=3", "`cluster`"),
+            ("clusters=two", "clusters"),
+            ("clusters=-1", "clusters"),
+            ("clusters=2&format=stl", "stl"),
+            ("clusters=2&seeds=file:/etc/passwd", "/etc/passwd"),
+            ("clusters=2&clusters=2", "clusters"),
+            ("clusters=2&algorithm=magic", "magic"),
+        ] {
+            let error = wanted(query).expect_err(query);
+            assert_eq!(error.kind, Kind::InvalidParameter, "{query}: {error}");
+            assert!(error.message.contains(name), "{query}: {error}");
+        }
+    }
+
+    #[test]
+    fn malformed_json_is_a_bad_request_and_wrong_json_a_wrong_parameter() {
+        for (json, kind) in [
+            ("{", Kind::BadRequest),
+            ("", Kind::BadRequest),
+            ("[1]", Kind::InvalidParameter),
+            ("3", Kind::InvalidParameter),
+            (r#"{"clusters": "3"}"#, Kind::InvalidParameter),
+            (r#"{"clusters": 3, "x": 1}"#, Kind::InvalidParameter),
+            (r#"{"clusters": 3, "clusters": 4}"#, Kind::InvalidParameter),
+            (r#"{"clusters": 0}"#, Kind::InvalidParameter),
+            (r#"{}"#, Kind::InvalidParameter),
+            (r#"{"clusters": 3, "seeds": "file:x"}"#, Kind::InvalidParameter),
+        ] {
+            let error = with_json("", json).expect_err(json);
+            assert_eq!(error.kind, kind, "{json}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_list_of_seeds_stands_for_clusters_and_excludes_seeds() {
+        let parameters = wanted("seeds=listed").and_then(|wanted| wanted.finish(true));
+        assert_eq!(parameters.map(|found| found.seeds), Ok(Seeds::Listed));
+        assert!(wanted("").and_then(|wanted| wanted.finish(true)).is_ok());
+        assert!(wanted("").and_then(|wanted| wanted.finish(false)).is_err());
+        assert!(wanted("seeds=random").and_then(|wanted| wanted.finish(true)).is_err());
+    }
+}

@@ -1,0 +1,194 @@
+//! The results of a job: labels, report, hierarchy.
+
+#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
+
+use std::io::SeekFrom;
+use std::path::PathBuf;
+
+use axum::body::Body;
+use axum::extract::{Path, State as Extract};
+use axum::http::{HeaderMap, Uri, header};
+use axum::response::{IntoResponse, Response};
+use serde::{Deserialize, Serialize};
+use tokio::fs::File;
+use tokio::io::{AsyncReadExt, AsyncSeekExt};
+use tokio_util::io::ReaderStream;
+use utoipa::{IntoParams, ToSchema};
+
+use super::files;
+use super::negotiate;
+use super::problem::Answer;
+use super::server::{App, Shared};
+use super::store::{Job, JobId, State, Summary, no_such_job};
+use super::{openapi::Problematic, query};
+use crate::error::{Error, Kind, Result};
+use crate::output::LabelFormat;
+
+/// Bytes that are read from a file at once.
+const CHUNK: usize = 1 << 16;
+
+/// Labels as JSON; the two other formats hold the same numbers.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct Labels {
+    /// Number of clusters.
+    clusters: u64,
+    /// The cluster of each face, in upload order: 0 … clusters − 1.
+    labels: Vec<u32>,
+}
+
+/// The query of the labels.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct LabelsQuery {
+    /// Cut a hierarchy at this number of clusters; 409 for a flat clustering
+    #[param(minimum = 1)]
+    clusters: Option<u64>,
+}
+
+/// Get the labels
+///
+/// One cluster number a face, in upload order; the format is chosen by `Accept`. 409 before the job has succeeded.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/labels", tag = "results", operation_id = "getLabels",
+    params(("id" = String, Path, format = "uuid", description = "Id of the job"), LabelsQuery),
+    responses(
+        (status = 200, description = "The labels", content(
+            (Labels = "application/json"),
+            (inline(super::openapi::Binary) = "application/x-npy"),
+            (inline(super::openapi::Binary) = "application/octet-stream"),
+        )),
+        (status = 404, response = Problematic),
+        (status = 406, response = Problematic),
+        (status = 409, response = Problematic),
+        (status = 422, response = Problematic),
+        (status = 500, response = Problematic),
+    ),
+)]
+pub(super) async fn labels(Extract(shared): App, Path(id): Path<String>, uri: Uri, headers: HeaderMap) -> Answer {
+    let job = find(&shared, &id).await?;
+    let LabelsQuery { clusters } = query::read(&uri)?;
+    let summary = succeeded(&job)?;
+    if let Some(clusters) = clusters {
+        return Err(Error::new(
+            Kind::Conflict,
+            format_args!(
+                "this job made a flat clustering of {} clusters, which cannot be cut at another number; leave \
+                 clusters out, not {clusters}",
+                summary.clusters
+            ),
+        )
+        .into());
+    }
+    let format = negotiate::label_format(&headers)?;
+    let folder = shared.files.result(job.id);
+    // The raw numbers are what follows the header of the .npy file.
+    let (name, tail) = match format {
+        LabelFormat::Json => (files::LABELS_JSON, None),
+        LabelFormat::Npy => (files::LABELS_NPY, None),
+        LabelFormat::Raw => (files::LABELS_NPY, Some(4 * summary.faces)),
+    };
+    let mut response = stored(folder.join(name), tail, format.media_type()).await?;
+    let headers = response.headers_mut();
+    let name = format!("attachment; filename=\"{}-labels.{}\"", stem(&job), format.extension());
+    if let Ok(value) = name.parse() {
+        headers.insert(header::CONTENT_DISPOSITION, value);
+    }
+    headers.insert(header::VARY, header::HeaderValue::from_static("accept"));
+    Ok(response)
+}
+
+/// Get the report
+///
+/// What was read, the energies, every iteration, the timings. 409 before the job has succeeded.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/report", tag = "results", operation_id = "getReport",
+    params(("id" = String, Path, format = "uuid", description = "Id of the job")),
+    responses(
+        (status = 200, description = "The report", body = crate::report::Report),
+        (status = 404, response = Problematic),
+        (status = 409, response = Problematic),
+        (status = 500, response = Problematic),
+    ),
+)]
+pub(super) async fn report(Extract(shared): App, Path(id): Path<String>) -> Answer {
+    let job = find(&shared, &id).await?;
+    succeeded(&job)?;
+    let path = shared.files.result(job.id).join(files::REPORT);
+    Ok(stored(path, None, "application/json").await?)
+}
+
+/// Get the hierarchy
+///
+/// 404 for jobs of flat algorithms, which all algorithms are that there are.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/hierarchy", tag = "results", operation_id = "getHierarchy",
+    params(("id" = String, Path, format = "uuid", description = "Id of the job")),
+    responses(
+        (status = 404, response = Problematic),
+        (status = 500, response = Problematic),
+    ),
+)]
+pub(super) async fn hierarchy(Extract(shared): App, Path(id): Path<String>) -> Answer {
+    let job = find(&shared, &id).await?;
+    Err(Error::new(
+        Kind::NotFound,
+        format_args!(
+            "the job has no hierarchy, because its algorithm makes a flat clustering: {}",
+            serde_json::to_string(&job.spec.parameters.algorithm).unwrap_or_default()
+        ),
+    )
+    .into())
+}
+
+/// The job with that id.
+async fn find(shared: &Shared, id: &str) -> Result<Job> {
+    let id: JobId = id.parse()?;
+    shared.store.get(id).await?.ok_or_else(|| no_such_job(id))
+}
+
+/// What a job gave; an error that says why there is nothing yet, or never will be.
+fn succeeded(job: &Job) -> Result<Summary> {
+    let conflict = |message: String| Err(Error::new(Kind::Conflict, message));
+    match (job.state, &job.summary) {
+        (State::Succeeded, Some(summary)) => Ok(*summary),
+        (State::Failed, _) => conflict(format!(
+            "the job failed and has no result: {}",
+            job.problem.as_ref().map_or("", |problem| &problem.message)
+        )),
+        (State::Cancelled, _) => Err(Error::new(Kind::Cancelled, "the job was cancelled and has no result")),
+        (State::Queued | State::Running | State::Succeeded, _) => conflict(format!(
+            "the job has no result yet; follow its events, or ask again later: it is {}",
+            job.state.name()
+        )),
+    }
+}
+
+/// A file, or its last `tail` bytes, as a response that streams it.
+async fn stored(path: PathBuf, tail: Option<u64>, media_type: &'static str) -> Result<Response> {
+    let cannot = |error: std::io::Error| match error.kind() {
+        // deleted since we looked
+        std::io::ErrorKind::NotFound => Error::new(Kind::NotFound, "the job was deleted"),
+        _ => Error::io("a result cannot be read", error),
+    };
+    let mut file = File::open(path).await.map_err(cannot)?;
+    let bytes = file.metadata().await.map_err(cannot)?.len();
+    let length = tail.map_or(bytes, |tail| tail.min(bytes));
+    if length < bytes {
+        file.seek(SeekFrom::Start(bytes - length)).await.map_err(cannot)?;
+    }
+    let body = Body::from_stream(ReaderStream::with_capacity(file.take(length), CHUNK));
+    Ok(([(header::CONTENT_TYPE, media_type.to_owned()), (header::CONTENT_LENGTH, length.to_string())], body)
+        .into_response())
+}
+
+/// What results are called after: the mesh file's name as far as it is harmless in a header, else the job.
+fn stem(job: &Job) -> String {
+    let name = job.spec.file_name.as_deref().unwrap_or_default();
+    let name = name.rsplit(['/', '\\']).next().unwrap_or_default();
+    let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
+    let stem: String =
+        stem.chars().filter(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.')).take(100).collect();
+    let stem = stem.trim_start_matches('.');
+    if stem.is_empty() { job.id.to_string() } else { stem.to_owned() }
+}

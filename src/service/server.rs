@@ -1,0 +1,196 @@
+//! Routes, layers, start and stop.
+
+use std::future::Future;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use axum::extract::{DefaultBodyLimit, Request, State};
+use axum::http::{HeaderName, HeaderValue, header};
+use axum::middleware::{Next, from_fn, from_fn_with_state};
+use axum::response::Response;
+use axum::routing::{get, post};
+use axum::{Router, body::Body};
+use tokio::net::TcpListener;
+use tokio::time::timeout;
+use tokio_util::sync::CancellationToken;
+use tower::ServiceBuilder;
+use tower_http::catch_panic::CatchPanicLayer;
+use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer};
+use tower_http::trace::{DefaultOnResponse, TraceLayer};
+use tracing::Level;
+
+use super::files::Files;
+use super::info::DeviceDescription;
+use super::pipeline::Pipeline;
+use super::pipeline::device_thread::DeviceThread;
+use super::store::JobStore;
+use super::store::memory::MemoryStore;
+use super::{Settings, events, info, jobs, openapi, problem, results};
+use crate::device::Device;
+use crate::error::{Error, Result};
+
+/// Time for what is left to do after the grace period: ending jobs that were told to stop, sending last answers.
+const LAST_MOMENT: Duration = Duration::from_secs(2);
+
+/// Name of the header that carries the id of a request.
+const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+
+/// What all handlers share.
+#[derive(Debug)]
+pub(super) struct Shared {
+    /// The settings.
+    pub settings: Settings,
+    /// The jobs.
+    pub store: Arc<dyn JobStore>,
+    /// Their files.
+    pub files: Arc<Files>,
+    /// What clusters.
+    pub device: DeviceDescription,
+    /// Cancelled once the service is to stop.
+    pub stop: CancellationToken,
+    /// Answers given, by the first digit of their status less one.
+    pub answers: [AtomicU64; 5],
+}
+
+/// The state that handlers extract.
+pub(super) type App = State<Arc<Shared>>;
+
+/// A service that has its address, its folder and its device, and does not answer yet.
+#[derive(Debug)]
+pub struct Server {
+    listener: TcpListener,
+    address: SocketAddr,
+    shared: Arc<Shared>,
+    pipeline: Pipeline,
+}
+
+/// Runs the service until `shutdown` completes.
+///
+/// Needs a tokio runtime with its timers and network on. Work on a mesh that is not done when this returns stays behind
+/// on a blocking thread: leave the runtime with `shutdown_background` rather than waiting for it.
+pub async fn serve(
+    settings: Settings,
+    device: Box<dyn Device>,
+    description: DeviceDescription,
+    shutdown: impl Future<Output = ()>,
+) -> Result<()> {
+    Server::bind(settings, device, description).await?.run(shutdown).await
+}
+
+impl Server {
+    /// Takes the address and makes the folder for uploads and results.
+    pub async fn bind(settings: Settings, device: Box<dyn Device>, description: DeviceDescription) -> Result<Self> {
+        let cannot = |error| Error::io(format_args!("cannot listen on {}", settings.listen), error);
+        let listener = TcpListener::bind(settings.listen).await.map_err(cannot)?;
+        let address = listener.local_addr().map_err(cannot)?;
+        let files = Arc::new(Files::create(settings.data_dir.as_deref())?);
+        let store: Arc<dyn JobStore> = Arc::new(MemoryStore::new(settings.max_queued_jobs));
+        let pipeline = Pipeline::new(
+            Arc::clone(&store),
+            Arc::clone(&files),
+            settings.limits(),
+            settings.meshes_in_memory,
+            DeviceThread::start(device)?,
+        );
+        let shared = Arc::new(Shared {
+            settings,
+            store,
+            files,
+            device: description,
+            stop: CancellationToken::new(),
+            answers: Default::default(),
+        });
+        Ok(Self { listener, address, shared, pipeline })
+    }
+
+    /// The address it listens on.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Answers until `shutdown` completes; then no more jobs are taken or begun, streams end, running jobs get the
+    /// grace period to finish, and the last answers are sent.
+    pub async fn run(self, shutdown: impl Future<Output = ()>) -> Result<()> {
+        let Self { listener, address, shared, pipeline } = self;
+        let stop = shared.stop.clone();
+        let (abort, close) = (CancellationToken::new(), CancellationToken::new());
+        let mut work = tokio::spawn(pipeline.run(stop.clone(), abort.clone()));
+        let serving =
+            axum::serve(listener, router(Arc::clone(&shared))).with_graceful_shutdown(close.clone().cancelled_owned());
+        let mut serving = tokio::spawn(serving.into_future());
+        tracing::info!(%address, device = shared.device.info.name, "listening on http://{address}");
+
+        tokio::select! {
+            () = shutdown => {}
+            // without having been told to, it ends only when the network is gone
+            ended = &mut serving => tracing::error!(?ended, "the service does not listen any more"),
+        }
+        tracing::info!("stopping");
+        stop.cancel();
+        if timeout(shared.settings.grace_period(), &mut work).await.is_err() {
+            tracing::warn!("running jobs are stopped: the grace period is over");
+            abort.cancel();
+            let _ = timeout(LAST_MOMENT, work).await;
+        }
+        close.cancel();
+        if !serving.is_finished() {
+            let _ = timeout(LAST_MOMENT, serving).await;
+        }
+        // Whatever still holds on to the files, they go now.
+        let _ = tokio::fs::remove_dir_all(shared.files.root()).await;
+        tracing::info!("stopped");
+        Ok(())
+    }
+}
+
+/// All routes, and around them, from the outside in: an id and a span for the request, the headers of every answer,
+/// problem documents, and a net for panics.
+fn router(shared: Arc<Shared>) -> Router {
+    let layers = ServiceBuilder::new()
+        .layer(SetRequestIdLayer::new(REQUEST_ID, MakeRequestUuid))
+        .layer(
+            TraceLayer::new_for_http()
+                .make_span_with(span)
+                .on_response(DefaultOnResponse::new().level(Level::INFO))
+                .on_failure(()),
+        )
+        .layer(PropagateRequestIdLayer::new(REQUEST_ID))
+        .layer(from_fn_with_state(Arc::clone(&shared), every_answer))
+        .layer(from_fn(problem::render))
+        .layer(CatchPanicLayer::custom(problem::panicked))
+        // uploads have a limit of their own, counted as they come
+        .layer(DefaultBodyLimit::disable());
+    Router::new()
+        .route("/v1/jobs", post(jobs::create).get(jobs::list))
+        .route("/v1/jobs/{id}", get(jobs::show).delete(jobs::remove))
+        .route("/v1/jobs/{id}/events", get(events::stream))
+        .route("/v1/jobs/{id}/labels", get(results::labels))
+        .route("/v1/jobs/{id}/hierarchy", get(results::hierarchy))
+        .route("/v1/jobs/{id}/report", get(results::report))
+        .route("/v1/device", get(info::device))
+        .route("/v1/formats", get(info::formats))
+        .route("/v1/version", get(info::version))
+        .route("/healthz", get(info::healthz))
+        .route("/readyz", get(info::readyz))
+        .route("/metrics", get(info::metrics))
+        .route("/openapi.yaml", get(openapi::show))
+        .layer(layers)
+        .with_state(shared)
+}
+
+/// The span of a request. The query string stays out of the log.
+fn span(request: &Request<Body>) -> tracing::Span {
+    let id = request.headers().get(REQUEST_ID).and_then(|id| id.to_str().ok()).unwrap_or_default();
+    tracing::info_span!("request", method = %request.method(), path = request.uri().path(), id)
+}
+
+/// Counts answers, and keeps browsers from guessing types.
+async fn every_answer(State(shared): App, request: Request, next: Next) -> Response {
+    let mut response = next.run(request).await;
+    let class = usize::from(response.status().as_u16() / 100).clamp(1, 5);
+    shared.answers[class - 1].fetch_add(1, Ordering::Relaxed);
+    response.headers_mut().insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    response
+}

@@ -1,0 +1,110 @@
+//! The settings of the service: each defined once, here, with its flag, variable, meaning and default.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use crate::mesh::Limits;
+
+/// Settings of `tesserae serve`.
+#[derive(Debug, Clone, PartialEq, clap::Args)]
+pub struct Settings {
+    /// Address and port to listen on; port 0 takes any free one
+    #[arg(long, env = "TESSERAE_LISTEN", value_name = "ADDRESS:PORT", default_value_t = Settings::default().listen)]
+    pub listen: SocketAddr,
+
+    /// Folder for uploads and results; a temporary one when left out
+    #[arg(long, env = "TESSERAE_DATA_DIR", value_name = "DIR")]
+    pub data_dir: Option<PathBuf>,
+
+    /// Largest upload, in bytes, all its parts together
+    #[arg(long, env = "TESSERAE_MAX_UPLOAD_BYTES", value_name = "BYTES", default_value_t = Settings::default().max_upload_bytes)]
+    pub max_upload_bytes: u64,
+
+    /// Largest number of faces of a mesh
+    #[arg(long, env = "TESSERAE_MAX_FACES", value_name = "N", default_value_t = Settings::default().max_faces)]
+    pub max_faces: u64,
+
+    /// Jobs that may wait; more are answered with 429
+    #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS", value_name = "N", default_value_t = Settings::default().max_queued_jobs)]
+    pub max_queued_jobs: usize,
+
+    /// Meshes in memory at a time: one is read and one written while the device works on a third
+    #[arg(long, env = "TESSERAE_MESHES_IN_MEMORY", value_name = "N", default_value_t = Settings::default().meshes_in_memory,
+          value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1024))]
+    pub meshes_in_memory: usize,
+
+    /// Longest time that `Prefer: wait` can ask for, in seconds
+    #[arg(long, env = "TESSERAE_MAX_WAIT", value_name = "SECONDS", default_value_t = Settings::default().max_wait,
+          value_parser = clap::value_parser!(u64).range(0..=86_400))]
+    pub max_wait: u64,
+
+    /// Time between the comments that keep a quiet event stream open, in seconds
+    #[arg(long, env = "TESSERAE_KEEP_ALIVE", value_name = "SECONDS", default_value_t = Settings::default().keep_alive,
+          value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    pub keep_alive: u64,
+
+    /// Time that running jobs get to finish when the service is asked to stop, in seconds
+    #[arg(long, env = "TESSERAE_GRACE_PERIOD", value_name = "SECONDS", default_value_t = Settings::default().grace_period,
+          value_parser = clap::value_parser!(u64).range(0..=86_400))]
+    pub grace_period: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        let limits = Limits::default();
+        Self {
+            listen: SocketAddr::from(([127, 0, 0, 1], 8080)),
+            data_dir: None,
+            max_upload_bytes: limits.max_bytes,
+            max_faces: limits.max_faces,
+            max_queued_jobs: 1024,
+            meshes_in_memory: 3,
+            max_wait: 60,
+            keep_alive: 15,
+            grace_period: 10,
+        }
+    }
+}
+
+impl Settings {
+    /// What a mesh may cost.
+    pub(super) fn limits(&self) -> Limits {
+        Limits { max_bytes: self.max_upload_bytes, max_faces: self.max_faces }
+    }
+
+    /// [`max_wait`](Self::max_wait) as a duration.
+    pub(super) fn max_wait(&self) -> Duration {
+        Duration::from_secs(self.max_wait)
+    }
+
+    /// [`keep_alive`](Self::keep_alive) as a duration.
+    pub(super) fn keep_alive(&self) -> Duration {
+        Duration::from_secs(self.keep_alive)
+    }
+
+    /// [`grace_period`](Self::grace_period) as a duration.
+    pub(super) fn grace_period(&self) -> Duration {
+        Duration::from_secs(self.grace_period)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::{Args, Command};
+
+    use super::*;
+
+    #[test]
+    fn every_setting_is_a_flag_a_variable_and_explained() {
+        let command = Settings::augment_args(Command::new("test"));
+        for argument in command.get_arguments() {
+            let name = argument.get_id().as_str();
+            let flag = argument.get_long().expect("a flag");
+            assert_eq!(flag, name.replace('_', "-"));
+            let variable = argument.get_env().expect("a variable");
+            assert_eq!(variable.to_str(), Some(format!("TESSERAE_{}", name.to_uppercase()).as_str()));
+            assert!(argument.get_help().is_some(), "{name} is not explained");
+        }
+    }
+}

@@ -1,0 +1,309 @@
+//! What every store must do: one suite, run on each.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::{Deletion, End, Event, Job, JobId, JobStore, ListQuery, Progress, Spec, State, Summary, Ticket, What};
+use crate::error::{Error, Kind};
+use crate::mesh::Format;
+use crate::parameters::Parameters;
+use crate::report::Phase;
+
+/// Makes an empty store in which at most so many jobs wait.
+pub(in crate::service) type Make<'a> = &'a (dyn Fn(usize) -> Box<dyn JobStore> + Sync);
+
+/// Runs the whole suite.
+pub(in crate::service) async fn run(make: Make<'_>) {
+    a_new_job_is_as_it_was_created(make(9).as_ref()).await;
+    jobs_are_claimed_in_order_and_once(make(9).as_ref()).await;
+    a_full_queue_refuses_until_a_job_starts(make(2).as_ref()).await;
+    events_are_numbered_and_read_from_anywhere(make(9).as_ref()).await;
+    every_end_is_told(make(9).as_ref()).await;
+    a_ticket_that_is_over_writes_nothing(make(9).as_ref()).await;
+    a_queued_job_is_cancelled_at_once(make(9).as_ref()).await;
+    a_running_job_is_asked_to_end(make(9).as_ref()).await;
+    an_ended_job_cannot_be_cancelled_and_can_be_deleted(make(9).as_ref()).await;
+    unknown_jobs_are_unknown_everywhere(make(9).as_ref()).await;
+    pages_hold_every_job_once(make(99).as_ref()).await;
+    a_foreign_cursor_is_refused(make(9).as_ref()).await;
+    arrivals_wake_a_worker(Arc::from(make(9))).await;
+    many_at_once_lose_nothing(Arc::from(make(1000))).await;
+}
+
+fn spec(name: &str) -> Spec {
+    Spec {
+        parameters: Parameters { clusters: Some(7), seed: u64::MAX, ..Parameters::default() },
+        file_name: Some(name.to_owned()),
+        format: Format::Gltf,
+        bytes: 1 << 40,
+        buffers: vec!["a b.bin".to_owned(), "ü/β.bin".to_owned()],
+        listed_seeds: true,
+    }
+}
+
+async fn create(store: &dyn JobStore) -> Job {
+    store.create(JobId::random(), spec("mesh.gltf")).await.expect("created")
+}
+
+async fn claim(store: &dyn JobStore) -> (Ticket, Job) {
+    store.claim().await.expect("claimable").expect("a job")
+}
+
+async fn get(store: &dyn JobStore, id: JobId) -> Job {
+    store.get(id).await.expect("readable").expect("a job")
+}
+
+async fn events(store: &dyn JobStore, id: JobId, after: u64, limit: usize) -> Vec<Event> {
+    store.events(id, after, limit).await.expect("readable").expect("a job")
+}
+
+const SUMMARY: Summary = Summary { faces: 12, clusters: 7 };
+
+async fn a_new_job_is_as_it_was_created(store: &dyn JobStore) {
+    let id = JobId::random();
+    let job = store.create(id, spec("größe.gltf")).await.expect("created");
+    assert_eq!((job.id, job.state), (id, State::Queued));
+    assert_eq!(job.spec, spec("größe.gltf"));
+    assert_eq!(job.queue_position, Some(1));
+    assert_eq!(job.started_at, None);
+    assert_eq!(get(store, id).await, job);
+    assert_eq!(create(store).await.queue_position, Some(2));
+    assert_eq!(events(store, id, 0, 9).await, [Event { seq: 1, what: What::State(State::Queued) }]);
+}
+
+async fn jobs_are_claimed_in_order_and_once(store: &dyn JobStore) {
+    let first = create(store).await;
+    let second = create(store).await;
+    let (ticket, job) = claim(store).await;
+    assert_eq!((ticket.job, job.id), (first.id, first.id));
+    assert_eq!((job.state, job.queue_position), (State::Running, None));
+    assert!(job.started_at.is_some());
+    assert_eq!(get(store, second.id).await.queue_position, Some(1));
+    assert_eq!(claim(store).await.0.job, second.id);
+    assert!(store.claim().await.expect("claimable").is_none());
+    assert_eq!(store.counts().await.expect("counted"), [0, 2, 0, 0, 0]);
+}
+
+async fn a_full_queue_refuses_until_a_job_starts(store: &dyn JobStore) {
+    create(store).await;
+    store.check_room().await.expect("room for one more");
+    create(store).await;
+    assert_eq!(store.check_room().await.expect_err("full").kind, Kind::QueueFull);
+    let id = JobId::random();
+    let refused = store.create(id, spec("x")).await.expect_err("full");
+    assert_eq!(refused.kind, Kind::QueueFull);
+    assert_eq!(store.get(id).await.expect("readable"), None);
+    claim(store).await;
+    create(store).await;
+}
+
+async fn events_are_numbered_and_read_from_anywhere(store: &dyn JobStore) {
+    let id = create(store).await.id;
+    let (ticket, _) = claim(store).await;
+    let mut pulses = store.watch(id).await.expect("watchable").expect("a job");
+    let before = *pulses.borrow_and_update();
+    assert_eq!((before.last_seq, before.ended), (2, false));
+    let rows =
+        |range: std::ops::Range<u32>| range.map(|row| What::Iteration(format!("{{\"iteration\":{row}}}"))).collect();
+    let progress = Progress { iterations: 3, phase: Some(Phase::Boundary), energy: Some(0.1) };
+    store.append(ticket, rows(0..2), Progress::default()).await.expect("appended");
+    store.append(ticket, rows(2..4), progress).await.expect("appended");
+    assert!(pulses.has_changed().expect("still there"));
+    assert_eq!(pulses.borrow_and_update().last_seq, 6);
+    assert_eq!(get(store, id).await.progress, progress);
+
+    let all = events(store, id, 0, 99).await;
+    assert_eq!(all.iter().map(|event| event.seq).collect::<Vec<_>>(), [1, 2, 3, 4, 5, 6]);
+    assert_eq!(all[1].what, What::State(State::Running));
+    assert_eq!(all[5].what, What::Iteration("{\"iteration\":3}".to_owned()));
+    assert_eq!(events(store, id, 3, 2).await, all[3..5]);
+    assert_eq!(events(store, id, 6, 9).await, []);
+    assert_eq!(events(store, id, u64::MAX, usize::MAX).await, []);
+}
+
+async fn every_end_is_told(store: &dyn JobStore) {
+    let error = Error::new(Kind::InvalidMesh, "line 3: \"x\" is no number");
+    for (end, state, problem, summary) in [
+        (End::Succeeded(SUMMARY), State::Succeeded, None, Some(SUMMARY)),
+        (End::Failed(error.clone()), State::Failed, Some(error.clone()), None),
+        (End::Cancelled, State::Cancelled, None, None),
+    ] {
+        let id = create(store).await.id;
+        let pulses = store.watch(id).await.expect("watchable").expect("a job");
+        let (ticket, _) = claim(store).await;
+        store.finish(ticket, end).await.expect("finished");
+        let job = get(store, id).await;
+        assert_eq!((job.state, &job.problem, job.summary), (state, &problem, summary));
+        assert!(job.ended_at >= job.started_at && job.started_at >= Some(job.created_at));
+        assert!(pulses.borrow().ended);
+        let last = events(store, id, 2, 9).await;
+        assert_eq!(last.len(), 1);
+        assert_eq!(last[0].what, What::End(state, problem));
+    }
+}
+
+async fn a_ticket_that_is_over_writes_nothing(store: &dyn JobStore) {
+    let id = create(store).await.id;
+    let (ticket, _) = claim(store).await;
+    let other = Ticket { attempt: ticket.attempt + 1, ..ticket };
+    for stale in [other, ticket] {
+        if stale == ticket {
+            store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
+        }
+        let before = (get(store, id).await, events(store, id, 0, 99).await);
+        let row = vec![What::Iteration("{}".to_owned())];
+        let appended = store.append(stale, row, Progress::default()).await;
+        assert_eq!(appended.expect_err("stale").kind, Kind::Conflict);
+        let finished = store.finish(stale, End::Cancelled).await;
+        assert_eq!(finished.expect_err("stale").kind, Kind::Conflict);
+        assert_eq!((get(store, id).await, events(store, id, 0, 99).await), before);
+    }
+}
+
+async fn a_queued_job_is_cancelled_at_once(store: &dyn JobStore) {
+    let first = create(store).await.id;
+    let second = create(store).await.id;
+    let cancelled = store.cancel(first).await.expect("asked").expect("a job");
+    assert_eq!(cancelled.state, State::Cancelled);
+    assert_eq!(get(store, first).await, cancelled);
+    assert_eq!(get(store, second).await.queue_position, Some(1));
+    assert_eq!(claim(store).await.0.job, second);
+    assert_eq!(events(store, first, 1, 9).await[0].what, What::End(State::Cancelled, None));
+}
+
+async fn a_running_job_is_asked_to_end(store: &dyn JobStore) {
+    let id = create(store).await.id;
+    let (ticket, _) = claim(store).await;
+    let mut pulses = store.watch(id).await.expect("watchable").expect("a job");
+    let job = store.cancel(id).await.expect("asked").expect("a job");
+    assert_eq!((job.state, job.cancel_requested), (State::Running, true));
+    pulses.wait_for(|pulse| pulse.cancel_requested && !pulse.ended).await.expect("told");
+    assert_eq!(store.delete(id).await.expect("asked"), Deletion::Live);
+    store.finish(ticket, End::Cancelled).await.expect("finished");
+    assert_eq!(get(store, id).await.state, State::Cancelled);
+}
+
+async fn an_ended_job_cannot_be_cancelled_and_can_be_deleted(store: &dyn JobStore) {
+    let id = create(store).await.id;
+    assert_eq!(store.delete(id).await.expect("asked"), Deletion::Live);
+    let (ticket, _) = claim(store).await;
+    store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
+    let job = store.cancel(id).await.expect("asked").expect("a job");
+    assert_eq!((job.state, job.cancel_requested), (State::Succeeded, false));
+    let mut pulses = store.watch(id).await.expect("watchable").expect("a job");
+    pulses.borrow_and_update();
+    assert_eq!(store.delete(id).await.expect("asked"), Deletion::Deleted);
+    assert_eq!(store.get(id).await.expect("readable"), None);
+    assert!(pulses.changed().await.is_err(), "who waits is told");
+    assert_eq!(store.delete(id).await.expect("asked"), Deletion::Unknown);
+    assert_eq!(store.counts().await.expect("counted"), [0; 5]);
+}
+
+async fn unknown_jobs_are_unknown_everywhere(store: &dyn JobStore) {
+    let id = JobId::random();
+    assert_eq!(store.get(id).await.expect("readable"), None);
+    assert_eq!(store.cancel(id).await.expect("asked"), None);
+    assert_eq!(store.events(id, 0, 9).await.expect("readable"), None);
+    assert!(store.watch(id).await.expect("watchable").is_none());
+    let ticket = Ticket { job: id, attempt: 1 };
+    let finished = store.finish(ticket, End::Cancelled).await;
+    assert_eq!(finished.expect_err("unknown").kind, Kind::NotFound);
+}
+
+async fn pages_hold_every_job_once(store: &dyn JobStore) {
+    let mut newest_first = Vec::new();
+    for _ in 0..7 {
+        newest_first.insert(0, create(store).await.id);
+    }
+    let mut query = ListQuery { limit: 3, ..ListQuery::default() };
+    let mut seen = Vec::new();
+    loop {
+        let page = store.list(&query).await.expect("listed");
+        seen.extend(page.jobs.iter().map(|job| job.id));
+        // What is added or deleted between pages moves nothing.
+        create(store).await;
+        let Some(next) = page.next else { break };
+        assert_eq!(page.jobs.len(), 3);
+        query.cursor = Some(next);
+    }
+    assert_eq!(seen, newest_first);
+
+    let (_, running) = claim(store).await;
+    let only = store.list(&ListQuery { state: Some(State::Running), cursor: None, limit: 1 }).await.expect("listed");
+    assert_eq!(only.jobs, [running]);
+    assert_eq!(only.next, None);
+    let queued = store.list(&ListQuery { state: Some(State::Queued), cursor: None, limit: 100 }).await.expect("listed");
+    assert_eq!(queued.jobs.len(), 9);
+    assert_eq!(queued.jobs[8].queue_position, Some(1));
+    assert_eq!(queued.jobs[0].queue_position, Some(9));
+}
+
+async fn a_foreign_cursor_is_refused(store: &dyn JobStore) {
+    for cursor in ["", "7", "%%", "AAAA", "ü"] {
+        let query = ListQuery { cursor: Some(cursor.to_owned()), limit: 5, state: None };
+        let refused = store.list(&query).await.expect_err(cursor);
+        assert_eq!(refused.kind, Kind::InvalidParameter, "{cursor}");
+    }
+}
+
+async fn arrivals_wake_a_worker(store: Arc<dyn JobStore>) {
+    let mut arrivals = store.arrivals();
+    assert!(arrivals.has_changed().expect("still there"), "a worker looks before it waits");
+    arrivals.borrow_and_update();
+    let worker = tokio::spawn({
+        let store = Arc::clone(&store);
+        async move {
+            arrivals.changed().await.expect("still there");
+            claim(store.as_ref()).await.0.job
+        }
+    });
+    let id = create(store.as_ref()).await.id;
+    let claimed = tokio::time::timeout(Duration::from_secs(10), worker).await;
+    assert_eq!(claimed.expect("in time").expect("no panic"), id);
+}
+
+async fn many_at_once_lose_nothing(store: Arc<dyn JobStore>) {
+    let clients: Vec<_> = (0..50)
+        .map(|_| {
+            let store = Arc::clone(&store);
+            tokio::spawn(async move { create(store.as_ref()).await.id })
+        })
+        .collect();
+    let workers: Vec<_> = (0..8)
+        .map(|_| {
+            let store = Arc::clone(&store);
+            tokio::spawn(async move {
+                let mut arrivals = store.arrivals();
+                let mut claimed = Vec::new();
+                loop {
+                    arrivals.borrow_and_update();
+                    while let Some((ticket, _)) = store.claim().await.expect("claimable") {
+                        let row = vec![What::Iteration("{}".to_owned())];
+                        store.append(ticket, row, Progress::default()).await.expect("appended");
+                        store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
+                        claimed.push(ticket.job);
+                    }
+                    let patience = Duration::from_millis(200);
+                    if tokio::time::timeout(patience, arrivals.changed()).await.is_err() {
+                        return claimed;
+                    }
+                }
+            })
+        })
+        .collect();
+    let mut created = Vec::new();
+    for client in clients {
+        created.push(client.await.expect("no panic"));
+    }
+    let mut claimed = Vec::new();
+    for worker in workers {
+        claimed.extend(worker.await.expect("no panic"));
+    }
+    created.sort();
+    claimed.sort();
+    assert_eq!(created, claimed);
+    for id in created {
+        let events = events(store.as_ref(), id, 0, 99).await;
+        assert_eq!(events.len(), 4);
+    }
+}

@@ -1,0 +1,302 @@
+//! Where jobs and their events are kept.
+//!
+//! [`JobStore`] is what the service asks of a store; [`conformance`] is the suite that every store passes. A store knows
+//! nothing of HTTP, of files or of devices. [`memory`] forgets everything when the process ends.
+//!
+//! # The life of a job
+//!
+//! ```text
+//! create ─→ queued ─ claim ─→ running ─ finish ─→ succeeded | failed | cancelled ─ delete ─→ gone
+//!              └───────── cancel ─────────────────────────────────────┘
+//! ```
+//!
+//! Every change of state is an event of the job, appended in the same step: who has read all events knows the state.
+//! Events are numbered from 1 without gaps. What a worker writes carries the [`Ticket`] of its claim; a ticket that is
+//! no longer the job's (it ended, or was claimed again) writes nothing and gets [`Kind::Conflict`](crate::Kind).
+
+#[cfg(test)]
+pub(super) mod conformance;
+pub(super) mod memory;
+
+use std::fmt;
+use std::str::FromStr;
+use std::time::SystemTime;
+
+use async_trait::async_trait;
+use serde::{Deserialize, Serialize};
+use tokio::sync::watch;
+use utoipa::ToSchema;
+use uuid::Uuid;
+
+use crate::error::{Error, Kind, Result};
+use crate::mesh::Format;
+use crate::parameters::Parameters;
+use crate::report::Phase;
+
+/// Name of a job: 122 random bits, so that nobody guesses another's.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, ToSchema)]
+#[schema(value_type = String, format = "uuid")]
+pub(super) struct JobId(Uuid);
+
+impl JobId {
+    /// A new one.
+    pub fn random() -> Self {
+        Self(Uuid::new_v4())
+    }
+}
+
+impl fmt::Display for JobId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.as_hyphenated().fmt(f)
+    }
+}
+
+impl Serialize for JobId {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl FromStr for JobId {
+    type Err = Error;
+
+    /// Takes the hyphenated form only, so that a job has one address.
+    fn from_str(text: &str) -> Result<Self> {
+        Uuid::try_parse(text).ok().map(Self).filter(|id| id.to_string() == text).ok_or_else(|| no_such_job(text))
+    }
+}
+
+/// The error for a job that does not exist.
+pub(super) fn no_such_job(id: impl fmt::Display) -> Error {
+    Error::new(Kind::NotFound, format_args!("there is no such job: {id}"))
+}
+
+/// Where a job is in its life.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum State {
+    /// Accepted; waits for its turn.
+    Queued,
+    /// Being read, clustered or written.
+    Running,
+    /// Ended; labels and report are there.
+    Succeeded,
+    /// Ended; `problem` says why.
+    Failed,
+    /// Ended because someone asked for it.
+    Cancelled,
+}
+
+impl State {
+    /// Every state.
+    pub const ALL: [State; 5] = [State::Queued, State::Running, State::Succeeded, State::Failed, State::Cancelled];
+
+    /// As it is written in JSON and in queries.
+    pub fn name(self) -> &'static str {
+        match self {
+            State::Queued => "queued",
+            State::Running => "running",
+            State::Succeeded => "succeeded",
+            State::Failed => "failed",
+            State::Cancelled => "cancelled",
+        }
+    }
+
+    /// Whether nothing about the job will change any more.
+    pub fn is_ended(self) -> bool {
+        match self {
+            State::Queued | State::Running => false,
+            State::Succeeded | State::Failed | State::Cancelled => true,
+        }
+    }
+}
+
+/// What was uploaded and what is to be done with it.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Spec {
+    /// What to do.
+    pub parameters: Parameters,
+    /// Name that the client gave the mesh file. For people; never a path here.
+    pub file_name: Option<String>,
+    /// Format of the mesh.
+    pub format: Format,
+    /// Length of the mesh file.
+    pub bytes: u64,
+    /// Names of the buffers that came with the mesh, in the order of their parts.
+    pub buffers: Vec<String>,
+    /// Whether a list of seeds came with the mesh.
+    pub listed_seeds: bool,
+}
+
+/// How far a running job is.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Progress {
+    /// Iterations made.
+    pub iterations: u32,
+    /// Phase of the last of them.
+    pub phase: Option<Phase>,
+    /// Energy after the last of them.
+    pub energy: Option<f64>,
+}
+
+/// What is known about the result of a job without opening it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Summary {
+    /// Faces of the mesh, each with a label.
+    pub faces: u64,
+    /// Clusters.
+    pub clusters: u64,
+}
+
+/// How a job ends.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum End {
+    /// With a result.
+    Succeeded(Summary),
+    /// With an error.
+    Failed(Error),
+    /// Because someone asked for it.
+    Cancelled,
+}
+
+/// A job as it is now.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Job {
+    /// Its name.
+    pub id: JobId,
+    /// Where it is in its life.
+    pub state: State,
+    /// What it is.
+    pub spec: Spec,
+    /// 1 for the job that starts next; none when it does not wait.
+    pub queue_position: Option<u64>,
+    /// How far it is.
+    pub progress: Progress,
+    /// Whether someone asked for its end.
+    pub cancel_requested: bool,
+    /// Why it failed.
+    pub problem: Option<Error>,
+    /// What it gave.
+    pub summary: Option<Summary>,
+    /// When it was accepted.
+    pub created_at: SystemTime,
+    /// When it was claimed.
+    pub started_at: Option<SystemTime>,
+    /// When it ended.
+    pub ended_at: Option<SystemTime>,
+}
+
+/// The right to write about a running job.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Ticket {
+    /// The job.
+    pub job: JobId,
+    /// Counts the claims of the job; an older one writes nothing.
+    pub attempt: u32,
+}
+
+/// Something that happened to a job.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Event {
+    /// Its number: 1 for the job's first.
+    pub seq: u64,
+    /// What happened.
+    pub what: What,
+}
+
+/// What can happen to a job.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum What {
+    /// It entered a state that is no end.
+    State(State),
+    /// An iteration was made: the report's row, as JSON text in one line.
+    Iteration(String),
+    /// It ended; no event follows.
+    End(State, Option<Error>),
+}
+
+/// What wakes those who wait for a job: everything that can change about it, small enough to be compared.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Pulse {
+    /// Number of the last event.
+    pub last_seq: u64,
+    /// Whether someone asked for the job's end.
+    pub cancel_requested: bool,
+    /// Whether the job ended.
+    pub ended: bool,
+}
+
+/// A page of the list of jobs.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Page {
+    /// The jobs, newest first.
+    pub jobs: Vec<Job>,
+    /// Where the next page begins; none on the last.
+    pub next: Option<String>,
+}
+
+/// Which part of the list of jobs.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(super) struct ListQuery {
+    /// Only jobs in this state.
+    pub state: Option<State>,
+    /// Go on where an earlier page ended: its `next`.
+    pub cursor: Option<String>,
+    /// At most so many jobs.
+    pub limit: usize,
+}
+
+/// What came of asking to delete a job.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Deletion {
+    /// It is gone.
+    Deleted,
+    /// It has not ended; it was left as it is.
+    Live,
+    /// There is no such job.
+    Unknown,
+}
+
+/// Keeps jobs and their events. See the [module](self) for the life of a job.
+#[async_trait]
+pub(super) trait JobStore: fmt::Debug + Send + Sync {
+    /// [`Kind::QueueFull`] when [`create`](Self::create) would be refused now, so that an upload need not come first.
+    async fn check_room(&self) -> Result<()>;
+
+    /// Adds a job at the end of the queue. [`Kind::QueueFull`] when as many wait as may.
+    async fn create(&self, id: JobId, spec: Spec) -> Result<Job>;
+
+    /// The job as it is now.
+    async fn get(&self, id: JobId) -> Result<Option<Job>>;
+
+    /// A page of jobs, newest first. A cursor that this store did not give is [`Kind::InvalidParameter`].
+    async fn list(&self, query: &ListQuery) -> Result<Page>;
+
+    /// Takes the job that waits longest, which is running from then on.
+    async fn claim(&self) -> Result<Option<(Ticket, Job)>>;
+
+    /// Appends events and replaces the progress.
+    async fn append(&self, ticket: Ticket, events: Vec<What>, progress: Progress) -> Result<()>;
+
+    /// Ends a running job.
+    async fn finish(&self, ticket: Ticket, end: End) -> Result<()>;
+
+    /// Asks for the end of a job: a queued one is cancelled at once, a running one when its worker gives in, an ended
+    /// one stays as it is. The job after that; none when there is no such job.
+    async fn cancel(&self, id: JobId) -> Result<Option<Job>>;
+
+    /// Forgets an ended job and its events.
+    async fn delete(&self, id: JobId) -> Result<Deletion>;
+
+    /// At most `limit` events of a job from number `after + 1` on; none when there is no such job.
+    async fn events(&self, id: JobId, after: u64, limit: usize) -> Result<Option<Vec<Event>>>;
+
+    /// Tells of every change of a job until it is deleted; none when there is no such job.
+    async fn watch(&self, id: JobId) -> Result<Option<watch::Receiver<Pulse>>>;
+
+    /// Changes whenever a job was added: what a worker without work waits for. Marked as changed from the start.
+    fn arrivals(&self) -> watch::Receiver<u64>;
+
+    /// Number of jobs in each state, in the order of [`State::ALL`].
+    async fn counts(&self) -> Result<[u64; State::ALL.len()]>;
+}

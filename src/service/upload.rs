@@ -1,0 +1,229 @@
+//! Uploads: the body of a job request, from its first byte to a folder of files and a [`Spec`].
+//!
+//! What the head of the request says is checked before the body is read, every part as soon as it is there; the mesh
+//! goes to disk as it comes. When anything is refused, or the client hangs up, the folder is removed.
+
+mod form;
+
+use std::path::PathBuf;
+
+use axum::body::Bytes;
+use axum::extract::Request;
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, header};
+use futures_util::{Stream, StreamExt};
+use tokio::io::AsyncWriteExt;
+
+use super::files::{self, Files, Incoming};
+use super::intake::Intake;
+use super::request::Wanted;
+use super::store::Spec;
+use crate::error::{Error, Kind, Result};
+use crate::mesh::Format;
+
+/// The media types of bodies that are read, for `Accept-Post` and for messages.
+pub(super) const ACCEPTED: &str = "model/obj, model/gltf-binary, model/gltf+json, multipart/form-data, \
+     application/octet-stream";
+
+/// Bytes of a file that its format is recognised by.
+const HEAD_BYTES: usize = 4096;
+
+/// Longest file name that is kept, in characters.
+const MAX_NAME: usize = 255;
+
+/// An upload that is whole and was found in order.
+#[derive(Debug)]
+pub(super) struct Upload {
+    /// Where its files are.
+    pub folder: Incoming,
+    /// What it is.
+    pub spec: Spec,
+}
+
+/// What kind of body a request has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum BodyKind {
+    /// The mesh itself, of this format if the media type says so.
+    Mesh(Option<Format>),
+    /// `multipart/form-data`.
+    Form,
+}
+
+/// Receives an upload of at most `limit` bytes.
+pub(super) async fn receive(request: Request, files: &Files, limit: u64) -> Result<Upload> {
+    let (parts, body) = request.into_parts();
+    let intake = Intake::new(body, &parts.headers, limit);
+    let wanted = Wanted::from_query(&parts.uri)?;
+    let kind = body_kind(&parts.headers)?;
+    wanted.check_early(kind == BodyKind::Form)?;
+    let length = content_length(&parts.headers);
+    if let Some(length) = length.filter(|length| *length > limit) {
+        return Err(Intake::too_large(limit, length));
+    }
+    match kind {
+        BodyKind::Form => form::receive(parts, intake, wanted, files).await,
+        BodyKind::Mesh(format) => raw(&parts, intake, wanted, format, length, files).await,
+    }
+}
+
+/// Receives a body that is the mesh itself.
+async fn raw(
+    parts: &Parts,
+    intake: Intake,
+    wanted: Wanted,
+    format: Option<Format>,
+    length: Option<u64>,
+    files: &Files,
+) -> Result<Upload> {
+    let format = agreed(format, wanted.format)?;
+    let folder = files.incoming().await?;
+    let early = |head: &[u8]| match format {
+        Some(format) => format.check_head(head, length),
+        None => Format::recognise(None, head)?.check_head(head, length),
+    };
+    let mesh = save(intake, folder.file(files::MESH), early).await?;
+    let format = mesh.format(format, None)?;
+    tracing::debug!(bytes = mesh.bytes, path = parts.uri.path(), "received a mesh");
+    let spec = Spec {
+        parameters: wanted.finish(false)?,
+        file_name: None,
+        format,
+        bytes: mesh.bytes,
+        buffers: Vec::new(),
+        listed_seeds: false,
+    };
+    Ok(Upload { folder, spec })
+}
+
+/// What the headers say about the body.
+fn body_kind(headers: &HeaderMap) -> Result<BodyKind> {
+    let unsupported = |message: String| Err(Error::new(Kind::UnsupportedMediaType, message));
+    if let Some(encoding) = headers.get(header::CONTENT_ENCODING)
+        && !encoding.as_bytes().eq_ignore_ascii_case(b"identity")
+    {
+        return unsupported(format!(
+            "compressed bodies are not read; send it without Content-Encoding, not {encoding:?}"
+        ));
+    }
+    let Some(content_type) = headers.get(header::CONTENT_TYPE) else {
+        return Ok(BodyKind::Mesh(None));
+    };
+    let content_type = content_type.to_str().unwrap_or_default();
+    let essence = content_type.split(';').next().unwrap_or_default().trim();
+    if let Some(format) = Format::from_media_type(essence) {
+        return Ok(BodyKind::Mesh(Some(format)));
+    }
+    match essence.to_ascii_lowercase().as_str() {
+        "application/octet-stream" => Ok(BodyKind::Mesh(None)),
+        "multipart/form-data" => Ok(BodyKind::Form),
+        "application/x-www-form-urlencoded" => unsupported(format!(
+            "a mesh is no application/x-www-form-urlencoded (which curl says when it is not told otherwise): \
+             say what it is, as with -H 'Content-Type: model/obj'; one of {ACCEPTED}"
+        )),
+        _ => unsupported(format!("the body must be one of {ACCEPTED}, not {essence:?}")),
+    }
+}
+
+/// The format that a media type and `?format=` agree on.
+fn agreed(by_type: Option<Format>, by_query: Option<Format>) -> Result<Option<Format>> {
+    match (by_type, by_query) {
+        (Some(by_type), Some(by_query)) if by_type != by_query => Err(Error::parameter(format_args!(
+            "media type and parameter format contradict each other: {} and {}",
+            by_type.media_type(),
+            by_query.name()
+        ))),
+        _ => Ok(by_type.or(by_query)),
+    }
+}
+
+/// The declared length of the body.
+fn content_length(headers: &HeaderMap) -> Option<u64> {
+    headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
+}
+
+/// A file that was received.
+#[derive(Debug)]
+struct Saved {
+    /// Its length.
+    bytes: u64,
+    /// Its first bytes.
+    head: Vec<u8>,
+}
+
+impl Saved {
+    /// The format of a mesh file that said to be `declared` or nothing; checks that it can be.
+    fn format(&self, declared: Option<Format>, name: Option<&str>) -> Result<Format> {
+        if self.bytes == 0 {
+            return Err(Error::mesh("the mesh is empty: it has no bytes"));
+        }
+        let format = match declared {
+            Some(format) => format,
+            None => Format::recognise(name, &self.head)?,
+        };
+        format.check_head(&self.head, Some(self.bytes))?;
+        Ok(format)
+    }
+}
+
+/// Writes a stream to a new file. `early` sees the first bytes as soon as they are there and may refuse them.
+async fn save<S>(mut stream: S, path: PathBuf, early: impl Fn(&[u8]) -> Result<()>) -> Result<Saved>
+where
+    S: Stream<Item = Result<Bytes>> + Unpin,
+{
+    let cannot = |error| Error::io("an upload cannot be stored", error);
+    let mut file = tokio::fs::File::create_new(path).await.map_err(cannot)?;
+    let mut saved = Saved { bytes: 0, head: Vec::new() };
+    while let Some(chunk) = stream.next().await {
+        let chunk = chunk?;
+        saved.bytes += chunk.len() as u64;
+        let missing = HEAD_BYTES - saved.head.len();
+        if missing > 0 {
+            saved.head.extend_from_slice(&chunk[..missing.min(chunk.len())]);
+            if saved.head.len() == HEAD_BYTES {
+                early(&saved.head)?;
+            }
+        }
+        file.write_all(&chunk).await.map_err(cannot)?;
+    }
+    file.flush().await.map_err(cannot)?;
+    Ok(saved)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn kind(content_type: &'static str) -> Result<BodyKind> {
+        let mut headers = HeaderMap::new();
+        headers.insert(header::CONTENT_TYPE, axum::http::HeaderValue::from_static(content_type));
+        body_kind(&headers)
+    }
+
+    #[test]
+    fn media_types_are_read_as_the_standard_says() {
+        for (content_type, expected) in [
+            ("model/obj", BodyKind::Mesh(Some(Format::Obj))),
+            ("Model/glTF-Binary; charset=x", BodyKind::Mesh(Some(Format::Glb))),
+            ("model/gltf+json", BodyKind::Mesh(Some(Format::Gltf))),
+            ("application/octet-stream", BodyKind::Mesh(None)),
+            ("multipart/form-data; boundary=x", BodyKind::Form),
+        ] {
+            assert_eq!(kind(content_type), Ok(expected), "{content_type}");
+        }
+        assert_eq!(body_kind(&HeaderMap::new()), Ok(BodyKind::Mesh(None)));
+    }
+
+    #[test]
+    fn what_curl_says_by_default_is_explained() {
+        let error = kind("application/x-www-form-urlencoded").expect_err("no mesh");
+        assert_eq!(error.kind, Kind::UnsupportedMediaType);
+        assert!(error.message.contains("model/gltf-binary"), "{error}");
+    }
+
+    #[test]
+    fn a_format_that_contradicts_the_media_type_is_refused() {
+        assert!(agreed(Some(Format::Obj), Some(Format::Glb)).is_err());
+        assert_eq!(agreed(Some(Format::Obj), None), Ok(Some(Format::Obj)));
+        assert_eq!(agreed(None, Some(Format::Glb)), Ok(Some(Format::Glb)));
+    }
+}

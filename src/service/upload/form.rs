@@ -1,0 +1,191 @@
+//! Uploads as `multipart/form-data`: parts `mesh`, `parameters`, `buffer` (any number, told apart by file name) and
+//! `seeds`, in any order.
+
+use std::error::Error as StdError;
+
+use axum::body::Body;
+use axum::extract::multipart::{Field, Multipart, MultipartError};
+use axum::extract::{FromRequest, Request};
+use axum::http::request::Parts;
+use futures_util::{Stream, TryStreamExt};
+
+use super::{MAX_NAME, Saved, Upload, agreed, save};
+use crate::error::{Error, Kind, Result};
+use crate::mesh::Format;
+use crate::service::files::{self, Files, Incoming};
+use crate::service::intake::Intake;
+use crate::service::request::{MAX_PARAMETERS_BYTES, Wanted};
+use crate::service::store::Spec;
+
+/// Largest number of buffers of a mesh.
+const MAX_BUFFERS: usize = 1024;
+
+/// Receives a form.
+pub(super) async fn receive(parts: Parts, intake: Intake, wanted: Wanted, files: &Files) -> Result<Upload> {
+    let allowance = intake.allowance();
+    allowance.between_parts();
+    let request = Request::from_parts(parts, Body::from_stream(intake));
+    let mut multipart = Multipart::from_request(request, &())
+        .await
+        .map_err(|rejection| Error::new(Kind::BadRequest, rejection.body_text()))?;
+    let mut form = Form {
+        folder: files.incoming().await?,
+        wanted,
+        mesh: None,
+        buffers: Vec::new(),
+        listed_seeds: false,
+        has_parameters: false,
+    };
+    while let Some(field) = multipart.next_field().await.map_err(unreadable)? {
+        allowance.within_part();
+        form.add(field).await?;
+        allowance.between_parts();
+    }
+    form.finish()
+}
+
+/// What came so far.
+struct Form {
+    folder: Incoming,
+    wanted: Wanted,
+    mesh: Option<Mesh>,
+    buffers: Vec<String>,
+    listed_seeds: bool,
+    has_parameters: bool,
+}
+
+/// The part `mesh`.
+struct Mesh {
+    saved: Saved,
+    file_name: Option<String>,
+    format: Option<Format>,
+}
+
+impl Form {
+    /// Takes one part.
+    async fn add(&mut self, field: Field<'_>) -> Result<()> {
+        match field.name().unwrap_or_default() {
+            "mesh" => self.add_mesh(field).await,
+            "parameters" => {
+                once("parameters", self.has_parameters)?;
+                self.has_parameters = true;
+                self.wanted.add_json(&small(field).await?)
+            }
+            "buffer" => self.add_buffer(field).await,
+            "seeds" => {
+                once("seeds", self.listed_seeds)?;
+                self.listed_seeds = true;
+                let path = self.folder.file(files::SEEDS);
+                save(content(field), path, |_| Ok(())).await.map(drop)
+            }
+            "weights" => Err(Error::parameter("weights for faces are not supported yet: leave out the part weights")),
+            "" => Err(Error::new(
+                Kind::BadRequest,
+                "a part of the form has no name (Content-Disposition: form-data; name=\"…\")",
+            )),
+            other => Err(Error::parameter(format_args!(
+                "a part must be one of mesh, parameters, buffer, seeds, not {other:?}"
+            ))),
+        }
+    }
+
+    async fn add_mesh(&mut self, field: Field<'_>) -> Result<()> {
+        once("mesh", self.mesh.is_some())?;
+        let file_name = field.file_name().map(shortened);
+        let by_type = field.content_type().and_then(Format::from_media_type);
+        let format = agreed(by_type, self.wanted.format)?;
+        let early = |head: &[u8]| match format {
+            Some(format) => format.check_head(head, None),
+            None => Format::recognise(file_name.as_deref(), head)?.check_head(head, None),
+        };
+        let saved = save(content(field), self.folder.file(files::MESH), early).await?;
+        self.mesh = Some(Mesh { saved, file_name, format });
+        Ok(())
+    }
+
+    async fn add_buffer(&mut self, field: Field<'_>) -> Result<()> {
+        let name = field.file_name().unwrap_or_default().to_owned();
+        if name.is_empty() {
+            return Err(Error::parameter("a part buffer needs a file name: the URI that the mesh refers to it by"));
+        }
+        if self.buffers.contains(&name) {
+            return Err(Error::parameter(format_args!("two parts buffer have the same file name: {name:?}")));
+        }
+        if self.buffers.len() == MAX_BUFFERS {
+            return Err(Error::too_large(format_args!(
+                "there are more parts named buffer than the limit of {MAX_BUFFERS}"
+            )));
+        }
+        let path = self.folder.file(&files::buffer(self.buffers.len()));
+        save(content(field), path, |_| Ok(())).await?;
+        self.buffers.push(name);
+        Ok(())
+    }
+
+    /// Checks the whole.
+    fn finish(self) -> Result<Upload> {
+        let mesh =
+            self.mesh.ok_or_else(|| Error::parameter("the form has no part named mesh: send the mesh as one"))?;
+        let format = mesh.saved.format(mesh.format, mesh.file_name.as_deref())?;
+        if !self.buffers.is_empty() && format == Format::Obj {
+            return Err(Error::parameter(format_args!(
+                "an OBJ refers to no buffers: leave out the part buffer with file name {:?}",
+                self.buffers[0]
+            )));
+        }
+        let spec = Spec {
+            parameters: self.wanted.finish(self.listed_seeds)?,
+            file_name: mesh.file_name,
+            format,
+            bytes: mesh.saved.bytes,
+            buffers: self.buffers,
+            listed_seeds: self.listed_seeds,
+        };
+        Ok(Upload { folder: self.folder, spec })
+    }
+}
+
+/// Refuses a part that was there before.
+fn once(name: &str, there: bool) -> Result<()> {
+    if there {
+        return Err(Error::parameter(format_args!("there is more than one part of that name: {name}")));
+    }
+    Ok(())
+}
+
+/// The content of a part as a stream.
+fn content(field: Field<'_>) -> impl Stream<Item = Result<axum::body::Bytes>> + Unpin {
+    field.map_err(unreadable)
+}
+
+/// The content of a small part.
+async fn small(field: Field<'_>) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let mut content = content(field);
+    while let Some(chunk) = content.try_next().await? {
+        bytes.extend_from_slice(&chunk);
+        if bytes.len() as u64 > MAX_PARAMETERS_BYTES {
+            return Err(Error::too_large(format_args!(
+                "the part \"parameters\" has more bytes than the limit of {MAX_PARAMETERS_BYTES}"
+            )));
+        }
+    }
+    Ok(bytes)
+}
+
+/// A file name for people, not longer than it may be.
+fn shortened(name: &str) -> String {
+    name.chars().take(MAX_NAME).collect()
+}
+
+/// The error of a form that cannot be read on: what [`Intake`] refused, or what is wrong with the form.
+fn unreadable(error: MultipartError) -> Error {
+    let mut source: Option<&(dyn StdError + 'static)> = Some(&error);
+    while let Some(cause) = source {
+        if let Some(ours) = cause.downcast_ref::<Error>() {
+            return ours.clone();
+        }
+        source = cause.source();
+    }
+    Error::new(Kind::BadRequest, format_args!("the form cannot be read: {}", error.body_text()))
+}
