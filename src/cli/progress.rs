@@ -36,6 +36,7 @@ impl Progress {
     pub fn iteration(&mut self, row: &Iteration) {
         let phase = match row.phase {
             Phase::Boundary => "boundary",
+            Phase::Refine => "refine",
             Phase::Repair => "repair",
         };
         let energy = row.energy.map_or_else(String::new, |energy| format!(", energy {energy:.6e}"));

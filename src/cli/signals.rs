@@ -4,35 +4,43 @@ use std::io;
 
 use crate::device::Cancel;
 
-/// Waits for the first request to stop.
-pub async fn asked_to_stop() -> io::Result<()> {
-    #[cfg(unix)]
-    {
-        use tokio::signal::unix::{SignalKind, signal};
-        let mut terminate = signal(SignalKind::terminate())?;
-        let mut interrupt = signal(SignalKind::interrupt())?;
+/// Takes requests to stop from here on; the future completes with the first. Needs a tokio runtime around it.
+#[cfg(unix)]
+pub fn requests_to_stop() -> io::Result<impl Future<Output = ()>> {
+    use tokio::signal::unix::{SignalKind, signal};
+    let mut terminate = signal(SignalKind::terminate())?;
+    let mut interrupt = signal(SignalKind::interrupt())?;
+    Ok(async move {
         tokio::select! {
             _ = terminate.recv() => {}
             _ = interrupt.recv() => {}
         }
-        Ok(())
-    }
-    #[cfg(not(unix))]
-    tokio::signal::ctrl_c().await
+    })
+}
+
+/// Takes requests to stop from here on; the future completes with the first. Needs a tokio runtime around it.
+#[cfg(windows)]
+pub fn requests_to_stop() -> io::Result<impl Future<Output = ()>> {
+    let mut interrupt = tokio::signal::windows::ctrl_c()?;
+    Ok(async move {
+        interrupt.recv().await;
+    })
 }
 
 /// Cancels the work at the first request to stop, and ends the process at the second.
 pub fn cancel_when_asked(cancel: Cancel) {
     std::thread::spawn(move || {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
         // Without a runtime or handlers the system's own way of stopping stays in force.
-        if let Ok(runtime) = runtime
-            && runtime.block_on(asked_to_stop()).is_ok()
-        {
+        let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() else {
+            return;
+        };
+        runtime.block_on(async {
+            let Ok(first) = requests_to_stop() else { return };
+            first.await;
             cancel.cancel();
-            if runtime.block_on(asked_to_stop()).is_ok() {
-                std::process::exit(130);
-            }
-        }
+            let Ok(second) = requests_to_stop() else { return };
+            second.await;
+            std::process::exit(130);
+        });
     });
 }
