@@ -65,7 +65,9 @@ def check_result(what, mesh, labels_path, report, clusters):
     if clusters > 1:
         shifted = score.score(score.load(mesh), np.roll(np.load(labels_path), 1))
         assert not close(shifted["energy"], energy["final"]), f"{what}: the energy does not depend on the labels"
-    if SECOND_SCORER and SECOND_SCORER.exists():
+    # It reads the nodes of a scene in an order of its own.
+    one_part = mesh.suffix == ".obj" or len(report["input"]["parts"]) == 1
+    if SECOND_SCORER and SECOND_SCORER.exists() and one_part:
         second = json.loads(run(sys.executable, SECOND_SCORER, mesh, labels_path))
         assert close(second["energy_source"], energy["final"]), f"{what}: second scorer, {second}"
         assert second["k"] == clusters and second["disconnected"] == 0, f"{what}: second scorer, {second}"
