@@ -37,7 +37,6 @@ fn run(surface: &Surface, seeds: &SeedFaces, options: Options) -> (cluster::Clus
 
 const PLAIN: Options = Options { max_iterations: None, refine: false, allow_disconnected: true };
 const REFINED: Options = Options { max_iterations: None, refine: true, allow_disconnected: false };
-const REFINED: Options = Options { max_iterations: None, refine: true, allow_disconnected: false };
 const CONNECTED: Options = Options { max_iterations: None, refine: false, allow_disconnected: false };
 
 #[test]
@@ -80,6 +79,34 @@ fn every_iteration_is_the_one_that_the_definition_says() {
 }
 
 #[test]
+fn every_refinement_is_the_one_that_the_definition_says() {
+    let mut iterations = 0;
+    for (name, mesh) in zoo::all().into_iter().filter(|(_, mesh)| mesh.faces.len() < 1000) {
+        let surface = Surface::build(&mesh).expect("the zoo can be put on the lattice");
+        for clusters in cluster_counts(&surface) {
+            let seeds = seeds(&surface, clusters, &Seeds::Random, 5);
+            let options = Options { max_iterations: None, refine: true, allow_disconnected: true };
+            let boundary = run(&surface, &seeds, PLAIN).0.labels;
+            let (refined, rows) = run(&surface, &seeds, options);
+            let mut plain = oracle::Refinement::new(&surface, &seeds.component_of_cluster, boundary);
+            for row in rows.iter().filter(|row| row.phase == Phase::Refine) {
+                let state = plain.iterate().unwrap_or_else(|| panic!("{name} k={clusters}: no bids before {row:?}"));
+                assert_eq!(
+                    (row.moves, row.energy.explained),
+                    (state.moves, state.explained),
+                    "{name} k={clusters} iteration {}",
+                    row.iteration
+                );
+                iterations += 1;
+            }
+            assert_eq!(refined.labels, plain.labels, "{name} k={clusters}: final labels");
+            assert_eq!(plain.iterate(), None, "{name} k={clusters}: the plain version goes on");
+        }
+    }
+    assert!(iterations > 100, "hardly anything was compared: {iterations} iterations");
+}
+
+#[test]
 fn a_changed_weight_shows_in_the_comparison_with_the_definition() {
     let mesh = tesserae::sample::generate(tesserae::sample::Sample::Knot, 2500).expect("a sample");
     let surface = Surface::build(&mesh).expect("a surface");
@@ -96,12 +123,12 @@ fn energy_never_rises_within_a_phase_and_clusters_are_whole() {
     for (name, mesh) in zoo::all() {
         let surface = Surface::build(&mesh).expect("the zoo can be put on the lattice");
         for clusters in cluster_counts(&surface) {
-            for seed in 0..3 {
+            for (seed, options) in [(0, CONNECTED), (0, REFINED), (1, CONNECTED), (2, REFINED)] {
                 let seeds = seeds(&surface, clusters, &Seeds::Random, seed);
-                let (clustering, rows) = run(&surface, &seeds, CONNECTED);
-                let context = format!("{name} k={clusters} seed={seed}");
+                let (clustering, rows) = run(&surface, &seeds, options);
+                let context = format!("{name} k={clusters} seed={seed} {options:?}");
                 for pair in rows.windows(2) {
-                    if pair[1].phase == Phase::Boundary {
+                    if pair[1].phase != Phase::Repair {
                         assert!(pair[1].energy > pair[0].energy, "{context}: F falls in {pair:?}");
                         assert!(
                             surface.energy(pair[1].energy) <= surface.energy(pair[0].energy),

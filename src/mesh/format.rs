@@ -61,48 +61,165 @@ impl Format {
 
     /// The format that the first bytes suggest: the GLB magic, a JSON object, or text that begins like an OBJ.
     pub fn from_content(head: &[u8]) -> Option<Self> {
+        const STATEMENTS: [&[u8]; 16] = [
+            b"v", b"vn", b"vt", b"vp", b"f", b"fo", b"g", b"o", b"s", b"l", b"p", b"mg", b"mtllib", b"usemtl",
+            b"cstype", b"deg",
+        ];
         if head.starts_with(b"glTF") {
             return Some(Format::Glb);
         }
-        let text = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head).trim_ascii_start();
+        let text = without_mark(head).trim_ascii_start();
         if text.first() == Some(&b'{') {
             return Some(Format::Gltf);
         }
         let keyword = text.split(|byte| byte.is_ascii_whitespace()).next().unwrap_or_default();
-        let known: [&[u8]; 13] =
-            [b"v", b"vn", b"vt", b"vp", b"f", b"g", b"o", b"s", b"l", b"p", b"mtllib", b"usemtl", b"#"];
-        (known.contains(&keyword) || keyword.starts_with(b"#")).then_some(Format::Obj)
+        let is_obj = STATEMENTS.contains(&keyword) || keyword.starts_with(b"#");
+        (is_obj && !text.contains(&0)).then_some(Format::Obj)
     }
 
     /// The format of a file: by name, then by content.
     pub fn recognise(name: Option<&str>, head: &[u8]) -> Result<Self> {
-        name.and_then(Self::from_file_name).or_else(|| Self::from_content(head)).ok_or_else(|| {
-            Error::new(
-                Kind::UnsupportedMediaType,
-                format_args!("neither name nor content is that of a mesh format read here ({})", names()),
-            )
-        })
+        if let Some(format) = name.and_then(Self::from_file_name).or_else(|| Self::from_content(head)) {
+            return Ok(format);
+        }
+        let names = names();
+        let message = match foreign(head) {
+            Some(what) => format!("this is {what}, meshes are read as {names}"),
+            None => format!("neither name nor content is that of a mesh format read here: {names}"),
+        };
+        Err(Error::new(Kind::UnsupportedMediaType, message))
     }
 
     /// Refuses a file whose first bytes are plainly not of this format: the cheap check made before a job is accepted.
     ///
     /// `length` is the length of the whole file in bytes, where it is known.
     pub fn check_head(self, head: &[u8], length: Option<u64>) -> Result<()> {
+        let not = |wanted: &str, what: &str| Err(Error::mesh(format_args!("this is not {wanted}: {what}")));
+        let wanted = match self {
+            Format::Obj => "an OBJ file",
+            Format::Glb => "a GLB file",
+            Format::Gltf => "a glTF JSON file",
+        };
+        if length == Some(0) {
+            return not(wanted, "it is empty");
+        }
+        if let Some(what) = foreign(head) {
+            return not(wanted, &format!("it looks like {what}"));
+        }
         match self {
             Format::Glb => super::gltf::check_glb_head(head, length),
+            Format::Gltf | Format::Obj if head.starts_with(b"glTF") => not(wanted, "it begins like a GLB file"),
             Format::Gltf if Self::from_content(head) != Some(Format::Gltf) => {
-                Err(Error::mesh("this is not a glTF JSON file: it does not begin with an object"))
+                not(wanted, "it does not begin with an object")
             }
-            Format::Obj if head.starts_with(b"glTF") => {
-                Err(Error::mesh("this is not an OBJ file: it begins with the magic of a binary glTF"))
-            }
-            Format::Obj if head.contains(&0) => Err(Error::mesh("this is not an OBJ file: it holds zero bytes")),
+            Format::Obj if head.contains(&0) => not(wanted, "it holds zero bytes"),
+            Format::Obj if Self::from_content(head) == Some(Format::Gltf) => not(wanted, "it begins like JSON"),
             Format::Gltf | Format::Obj => Ok(()),
         }
     }
 }
 
+/// What the first bytes are of, if that is something else that people send.
+fn foreign(head: &[u8]) -> Option<&'static str> {
+    let known: [(&[u8], &str); 8] = [
+        (b"\x1f\x8b", "a gzip archive; decompress it first"),
+        (b"PK\x03\x04", "a ZIP archive; unpack it first"),
+        (b"ply\n", "a PLY file"),
+        (b"ply\r", "a PLY file"),
+        (b"solid ", "an STL file"),
+        (b"OFF", "an OFF file"),
+        (b"<", "XML or HTML"),
+        (b"Kaydara FBX", "an FBX file"),
+    ];
+    let head = without_mark(head);
+    known.iter().find(|(magic, _)| head.starts_with(magic)).map(|(_, what)| *what)
+}
+
+/// The text without its byte order mark.
+fn without_mark(text: &[u8]) -> &[u8] {
+    text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text)
+}
+
 /// The short names of all formats, for messages.
 fn names() -> String {
     Format::ALL.map(Format::name).join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_and_media_types_lead_to_formats() {
+        for format in Format::ALL {
+            assert_eq!(Format::from_name(format.name()), Ok(format));
+            assert_eq!(Format::from_media_type(format.media_type()), Some(format));
+            let file = format!("My Mesh.v2.{}", format.name().to_uppercase());
+            assert_eq!(Format::from_file_name(&file), Some(format));
+        }
+        let with_parameters = Format::from_media_type(" Model/OBJ ; charset=utf-8");
+        assert_eq!(with_parameters, Some(Format::Obj));
+        assert_eq!(Format::from_media_type("application/octet-stream"), None);
+        assert_eq!(Format::from_file_name("obj"), None);
+        assert_eq!(Format::from_file_name("mesh.obj.gz"), None);
+        let error = Format::from_name("ply").expect_err("not read");
+        assert_eq!(error.kind, Kind::InvalidParameter);
+    }
+
+    #[test]
+    fn content_decides_where_the_name_does_not() {
+        for (head, format) in [
+            (&b"glTF\x02"[..], Format::Glb),
+            (b"{}", Format::Gltf),
+            (b"\xef\xbb\xbf \r\n\t{", Format::Gltf),
+            (b"# comment", Format::Obj),
+            (b"#comment", Format::Obj),
+            (b"\n\n  v 1 2 3", Format::Obj),
+            (b"\xef\xbb\xbfmtllib a.mtl\r\n", Format::Obj),
+            (b"o thing\rv 1 2 3", Format::Obj),
+        ] {
+            assert_eq!(Format::recognise(None, head), Ok(format));
+            assert_eq!(Format::recognise(Some("mesh.bin"), head), Ok(format));
+            assert_eq!(format.check_head(b"", None).is_ok(), format == Format::Obj);
+        }
+        assert_eq!(Format::recognise(Some("a.obj"), b"{}"), Ok(Format::Obj));
+        for (head, word) in [
+            (&b"\x1f\x8b\x08"[..], "gzip"),
+            (b"ply\nformat", "PLY"),
+            (b"solid x", "STL"),
+            (b"<html>", "HTML"),
+            (b"PK\x03\x04", "ZIP"),
+            (b"", "neither name nor content"),
+            (b"voxel 1", "neither name nor content"),
+            (b"v 1 2 3\0", "neither name nor content"),
+        ] {
+            let error = Format::recognise(None, head).expect_err("not read");
+            assert_eq!(error.kind, Kind::UnsupportedMediaType);
+            assert!(error.message.contains(word), "{error}");
+        }
+    }
+
+    #[test]
+    fn files_that_are_not_what_they_are_called_are_refused() {
+        for (format, head, word) in [
+            (Format::Obj, &b"glTF\x02\0\0\0"[..], "GLB"),
+            (Format::Obj, b"{\"asset\":", "JSON"),
+            (Format::Obj, b"\x1f\x8b\x08\x00", "gzip"),
+            (Format::Obj, b"v 1 2 3\n\0", "zero bytes"),
+            (Format::Gltf, b"v 1 2 3", "object"),
+            (Format::Gltf, b"glTF\x02\0\0\0", "GLB"),
+            (Format::Gltf, b"\x1f\x8b", "gzip"),
+            (Format::Glb, b"{", "magic"),
+            (Format::Glb, b"\x1f\x8b", "gzip"),
+        ] {
+            let error = format.check_head(head, None).expect_err("refused");
+            assert_eq!(error.kind, Kind::InvalidMesh);
+            assert!(error.message.contains(word), "{error}");
+        }
+        for format in Format::ALL {
+            assert!(format.check_head(b"", Some(0)).is_err());
+        }
+        assert_eq!(Format::Obj.check_head(b"v 1 2 3\nf 1 1 1", Some(15)), Ok(()));
+        assert_eq!(Format::Gltf.check_head(b"\n{\"asset\"", None), Ok(()));
+    }
 }

@@ -104,9 +104,14 @@ impl Limits {
     }
 }
 
+/// Bytes that [`Format::check_head`] is shown.
+const HEAD: usize = 4096;
+
 /// Reads a mesh from its bytes.
 pub fn read(bytes: &[u8], format: Format, resources: &dyn Resources, limits: &Limits) -> Result<PolygonMesh> {
     limits.check_bytes(bytes.len() as u64)?;
+    let head = &bytes[..bytes.len().min(HEAD)];
+    format.check_head(head, Some(bytes.len() as u64))?;
     let mesh = match format {
         Format::Obj => obj::read(bytes, limits)?,
         Format::Glb => gltf::read_binary(bytes, resources, limits)?,

@@ -101,3 +101,112 @@ pub fn iterate(surface: &Surface, component_of_cluster: &[u32], labels: &[u32]) 
     let explained = explained(surface, component_of_cluster, &after);
     (moves > 0).then_some(State { labels: after, explained, moves })
 }
+
+/// A refinement as `tesserae::cluster::refinement` says it: its state between iterations is who was refused.
+pub struct Refinement<'a> {
+    pub surface: &'a Surface,
+    pub component_of_cluster: &'a [u32],
+    pub labels: Vec<u32>,
+    refused: Vec<bool>,
+}
+
+impl<'a> Refinement<'a> {
+    pub fn new(surface: &'a Surface, component_of_cluster: &'a [u32], labels: Vec<u32>) -> Self {
+        let refused = vec![false; labels.len()];
+        Self { surface, component_of_cluster, labels, refused }
+    }
+
+    /// The next iteration in which something moves; None when there are no bids.
+    pub fn iterate(&mut self) -> Option<State> {
+        loop {
+            let bids = self.bids();
+            let winners = self.winners(&bids);
+            if bids.iter().all(Option::is_none) {
+                return None;
+            }
+            let before = self.labels.clone();
+            for &face in &winners {
+                let (_, to) = bids[face].expect("winners bid");
+                let from = before[face];
+                let same: Vec<usize> =
+                    (0..before.len()).filter(|&f| before[f] == from && bids[f].is_some_and(|(_, t)| t == to)).collect();
+                if !self.try_moving(&same, to) && !self.try_moving(&[face], to) {
+                    self.refused[face] = true;
+                }
+            }
+            let moves = (0..before.len()).filter(|&face| self.labels[face] != before[face]).count() as u64;
+            if moves > 0 {
+                let changed: Vec<u32> = (0..before.len())
+                    .filter(|&face| self.labels[face] != before[face])
+                    .flat_map(|face| [self.labels[face], before[face]])
+                    .collect();
+                for face in 0..before.len() {
+                    let near = self.surface.neighbours_of(face as u32).iter().map(|&near| self.labels[near as usize]);
+                    if near.chain([self.labels[face]]).any(|label| changed.contains(&label)) {
+                        self.refused[face] = false;
+                    }
+                }
+                let explained = explained(self.surface, self.component_of_cluster, &self.labels);
+                return Some(State { labels: self.labels.clone(), explained, moves });
+            }
+        }
+    }
+
+    /// What each face bids, and for which cluster.
+    fn bids(&self) -> Vec<Option<(u32, u32)>> {
+        use tesserae::cluster::refinement::{Side, bid, gain};
+        let sums = sums(self.surface, self.component_of_cluster.len(), &self.labels);
+        let proxies: Vec<[i128; 3]> = sums.iter().map(proxy).collect();
+        (0..self.labels.len())
+            .map(|face| {
+                let from = self.labels[face];
+                if self.refused[face] || sums[from as usize].faces == 1 {
+                    return None;
+                }
+                let side = |cluster: u32| {
+                    let proxy = proxies[cluster as usize];
+                    let g = self.surface.centroids[face].map(i128::from);
+                    let square: i128 = (0..3).map(|axis| (g[axis] - proxy[axis]).pow(2)).sum();
+                    Side { squared_distance: square as u64, weight: sums[cluster as usize].m as u64 }
+                };
+                let weight = self.surface.weights[face];
+                let near = self.surface.neighbours_of(face as u32).iter().map(|&near| self.labels[near as usize]);
+                let (gain, to) = near
+                    .filter(|&to| to != from)
+                    .map(|to| (gain(weight, side(from), side(to)), to))
+                    .max_by_key(|&(gain, to)| (gain, std::cmp::Reverse(to)))?;
+                (gain > 0).then(|| (bid(gain, weight), to))
+            })
+            .collect()
+    }
+
+    /// Faces whose bid is the best at both its clusters.
+    fn winners(&self, bids: &[Option<(u32, u32)>]) -> Vec<usize> {
+        let best_at = |cluster: u32| {
+            (0..bids.len())
+                .filter(|&face| bids[face].is_some_and(|(_, to)| to == cluster || self.labels[face] == cluster))
+                .max_by_key(|&face| (bids[face].map(|(bid, _)| bid), std::cmp::Reverse(face)))
+        };
+        let best: Vec<Option<usize>> = (0..self.component_of_cluster.len() as u32).map(best_at).collect();
+        let wins = |face: usize| {
+            let clusters = bids[face].map(|(_, to)| [to, self.labels[face]]);
+            clusters.is_some_and(|both| both.iter().all(|&cluster| best[cluster as usize] == Some(face)))
+        };
+        (0..bids.len()).filter(|&face| wins(face)).collect()
+    }
+
+    /// Moves faces of one cluster to another if the energy falls by it and a face is left.
+    fn try_moving(&mut self, faces: &[usize], to: u32) -> bool {
+        let before = self.labels.clone();
+        for &face in faces {
+            self.labels[face] = to;
+        }
+        let from = before[faces[0]];
+        let energy = |labels: &[u32]| explained(self.surface, self.component_of_cluster, labels);
+        let falls = self.labels.contains(&from) && energy(&self.labels) > energy(&before);
+        if !falls {
+            self.labels = before;
+        }
+        falls
+    }
+}

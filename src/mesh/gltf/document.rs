@@ -186,11 +186,6 @@ impl Document {
             None => Ok(()),
         }
     }
-
-    /// The accessor of that index, which `whence` refers to.
-    pub fn accessor(&self, index: usize, whence: &str) -> Result<&json::Accessor> {
-        lookup(&self.accessors, index, "accessor", whence)
-    }
 }
 
 impl Asset {

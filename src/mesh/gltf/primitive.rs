@@ -4,8 +4,7 @@ use gltf::json::accessor::ComponentType;
 use gltf::json::mesh::{Mode, Semantic};
 use gltf::json::validation::Checked;
 
-use super::accessor::Elements;
-use super::buffers::Buffers;
+use super::accessor::{Accessors, Elements};
 use super::document::lookup;
 use crate::error::{Error, Result};
 
@@ -17,10 +16,10 @@ pub struct Primitive<'b> {
     /// Its index in its mesh.
     pub index: usize,
     /// Positions of its vertices.
-    pub positions: Elements<'b>,
+    pub positions: &'b Elements<'b>,
     /// Number of triangles.
     pub triangles: usize,
-    indices: Option<Elements<'b>>,
+    indices: Option<&'b Elements<'b>>,
     shape: Shape,
 }
 
@@ -66,13 +65,13 @@ impl Skipped {
 
 /// Opens the primitives of a mesh that have triangles.
 pub fn open<'b>(
-    buffers: &'b Buffers<'_>,
+    accessors: &'b Accessors<'b>,
     mesh: usize,
     whence: &str,
     skipped: &mut Skipped,
 ) -> Result<Vec<Primitive<'b>>> {
     let mut primitives = Vec::new();
-    let found = lookup(&buffers.document().meshes, mesh, "mesh", whence)?;
+    let found = lookup(&accessors.buffers().document().meshes, mesh, "mesh", whence)?;
     for (index, primitive) in found.primitives.iter().enumerate() {
         let me = format!("primitive {index} of mesh {mesh}");
         let shape = match primitive.mode {
@@ -95,12 +94,12 @@ pub fn open<'b>(
         let indices = primitive.indices.map(|accessor| accessor.value());
         let is_draco = primitive.extensions.as_ref().is_some_and(|extensions| extensions.others.contains_key(DRACO));
         if is_draco {
-            refuse_without_fallback(buffers, positions, &me)?;
-            indices.map_or(Ok(()), |indices| refuse_without_fallback(buffers, indices, &me))?;
+            refuse_without_fallback(accessors, positions, &me)?;
+            indices.map_or(Ok(()), |indices| refuse_without_fallback(accessors, indices, &me))?;
         }
-        let positions = open_positions(buffers, positions, &me)?;
-        let indices = indices.map(|indices| open_indices(buffers, indices, &me)).transpose()?;
-        let corners = indices.as_ref().map_or(positions.count, |indices| indices.count);
+        let positions = open_positions(accessors, positions, &me)?;
+        let indices = indices.map(|indices| open_indices(accessors, indices, &me)).transpose()?;
+        let corners = indices.map_or(positions.count, |indices| indices.count);
         let triangles = match shape {
             Shape::List => corners / 3,
             Shape::Strip | Shape::Fan => corners.saturating_sub(2),
@@ -120,8 +119,8 @@ pub fn open<'b>(
 }
 
 /// Refuses an accessor that has its elements only in compressed form.
-fn refuse_without_fallback(buffers: &Buffers<'_>, accessor: usize, whence: &str) -> Result<()> {
-    let accessor = buffers.document().accessor(accessor, whence)?;
+fn refuse_without_fallback(accessors: &Accessors<'_>, accessor: usize, whence: &str) -> Result<()> {
+    let accessor = accessors.describe(accessor, whence)?;
     if accessor.buffer_view.is_none() && accessor.sparse.is_none() {
         return Err(Error::unsupported(format_args!(
             "{whence} is compressed by an extension that is not supported: {DRACO}"
@@ -130,9 +129,9 @@ fn refuse_without_fallback(buffers: &Buffers<'_>, accessor: usize, whence: &str)
     Ok(())
 }
 
-fn open_positions<'b>(buffers: &'b Buffers<'_>, accessor: usize, whence: &str) -> Result<Elements<'b>> {
+fn open_positions<'b>(accessors: &'b Accessors<'b>, accessor: usize, whence: &str) -> Result<&'b Elements<'b>> {
     let whence = format!("POSITION of {whence}");
-    let positions = Elements::open(buffers, accessor, &whence)?;
+    let positions = accessors.open(accessor, &whence)?;
     if positions.components != 3 || positions.component == ComponentType::U32 {
         return Err(Error::mesh(format_args!(
             "accessor {accessor} cannot be {whence}: it must be VEC3 of floats, or of bytes or shorts by \
@@ -142,9 +141,9 @@ fn open_positions<'b>(buffers: &'b Buffers<'_>, accessor: usize, whence: &str) -
     Ok(positions)
 }
 
-fn open_indices<'b>(buffers: &'b Buffers<'_>, accessor: usize, whence: &str) -> Result<Elements<'b>> {
+fn open_indices<'b>(accessors: &'b Accessors<'b>, accessor: usize, whence: &str) -> Result<&'b Elements<'b>> {
     let whence = format!("indices of {whence}");
-    let indices = Elements::open(buffers, accessor, &whence)?;
+    let indices = accessors.open(accessor, &whence)?;
     if !indices.is_index() {
         return Err(Error::mesh(format_args!(
             "accessor {accessor} cannot be {whence}: it must be SCALAR of unsigned integers"
@@ -158,7 +157,7 @@ impl Primitive<'_> {
     pub fn corners(&self) -> Result<Vec<u32>> {
         let corners = match &self.indices {
             Some(indices) => {
-                let corners = indices.indices();
+                let corners = indices.integers();
                 let vertices = self.positions.count;
                 // one look at the largest, since nearly all are sound
                 if corners.iter().max().is_some_and(|&most| most as usize >= vertices) {

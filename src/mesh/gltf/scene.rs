@@ -1,7 +1,6 @@
 //! The scene graph: which meshes are placed where, in which order.
 
-use super::accessor::Elements;
-use super::buffers::Buffers;
+use super::accessor::{Accessors, Elements};
 use super::document::{Document, Instancing, lookup};
 use super::transform::Affine;
 use crate::error::{Error, Result};
@@ -78,9 +77,9 @@ pub struct Instances<'b> {
     /// Number of instances.
     pub count: usize,
     node: usize,
-    translations: Option<Elements<'b>>,
-    rotations: Option<Elements<'b>>,
-    scales: Option<Elements<'b>>,
+    translations: Option<&'b Elements<'b>>,
+    rotations: Option<&'b Elements<'b>>,
+    scales: Option<&'b Elements<'b>>,
 }
 
 impl<'b> Instances<'b> {
@@ -90,12 +89,12 @@ impl<'b> Instances<'b> {
     }
 
     /// Opens the accessors of a node's instances.
-    pub fn open(buffers: &'b Buffers<'_>, node: usize, instancing: &Instancing) -> Result<Self> {
+    pub fn open(accessors: &'b Accessors<'b>, node: usize, instancing: &Instancing) -> Result<Self> {
         let mut instances = Self::single(node);
         let mut counted: Option<(&str, usize)> = None;
         for (name, &accessor) in &instancing.attributes {
             let whence = format!("{name} of the instances of node {node}");
-            let elements = Elements::open(buffers, accessor as usize, &whence)?;
+            let elements = accessors.open(accessor as usize, &whence)?;
             let components = match name.as_str() {
                 "TRANSLATION" | "SCALE" => 3,
                 "ROTATION" => 4,
@@ -130,24 +129,13 @@ impl<'b> Instances<'b> {
         Ok(instances)
     }
 
-    /// Where the instances are, from the node on; the count must have been found affordable.
-    pub fn transforms(&self) -> impl Iterator<Item = Result<Affine>> {
-        let translations = self.translations.as_ref().map(vectors::<3>);
-        let rotations = self.rotations.as_ref().map(vectors::<4>);
-        let scales = self.scales.as_ref().map(vectors::<3>);
-        (0..self.count).map(move |index| {
-            Affine::compose(
-                translations.as_ref().map_or([0.0; 3], |all| all[index]),
-                rotations.as_ref().map_or([0.0, 0.0, 0.0, 1.0], |all| all[index]),
-                scales.as_ref().map_or([1.0; 3], |all| all[index]),
-                &format!("instance {index} of node {}", self.node),
-            )
-        })
+    /// Where instance `index` is, from the node on.
+    pub fn transform(&self, index: usize) -> Result<Affine> {
+        Affine::compose(
+            self.translations.map_or([0.0; 3], |all| all.vector(index)),
+            self.rotations.map_or([0.0, 0.0, 0.0, 1.0], |all| all.vector(index)),
+            self.scales.map_or([1.0; 3], |all| all.vector(index)),
+            &format!("instance {index} of node {}", self.node),
+        )
     }
-}
-
-fn vectors<const N: usize>(elements: &Elements<'_>) -> Vec<[f64; N]> {
-    let mut vectors = vec![[0.0; N]; elements.count];
-    elements.each_vector(|index, vector| vectors[index] = vector);
-    vectors
 }

@@ -1,0 +1,154 @@
+//! Building the mesh: every primitive of every placement, transformed.
+
+use std::collections::BTreeSet;
+
+use super::document::Document;
+use super::primitive::Primitive;
+use super::scene::{Instances, Placement};
+use super::transform::Affine;
+use crate::error::{Error, Result};
+use crate::mesh::{Part, part_name};
+
+/// The mesh as it grows.
+pub struct Builder<'a> {
+    /// Positions of the vertices in the scene.
+    pub positions: Vec<[f64; 3]>,
+    /// Corners of the triangles.
+    pub corners: Vec<u32>,
+    /// Where they come from.
+    pub parts: Vec<Part>,
+    document: &'a Document,
+    /// Accessors whose vertices are all there.
+    whole: BTreeSet<usize>,
+    /// Vertices without triangles that may still be added.
+    spare: u64,
+}
+
+/// The corners of a primitive and the vertices they use.
+struct Corners {
+    corners: Vec<u32>,
+    /// The vertices that are used, which `corners` then count; none when all are there.
+    used: Option<Vec<u32>>,
+}
+
+impl<'a> Builder<'a> {
+    /// An empty mesh with room for a number of triangles, from a file with a number of bytes, buffers included.
+    pub fn new(document: &'a Document, triangles: u64, bytes: u64) -> Self {
+        Self {
+            positions: Vec::new(),
+            corners: Vec::with_capacity(3 * triangles as usize),
+            parts: Vec::new(),
+            document,
+            whole: BTreeSet::new(),
+            // a position has at least three bytes, unless accessors share them over and over
+            spare: bytes / 3,
+        }
+    }
+
+    /// Adds the primitives of a mesh at every instance of a node.
+    pub fn place(
+        &mut self,
+        placement: &Placement,
+        instances: &Instances<'_>,
+        primitives: &[Primitive<'_>],
+    ) -> Result<()> {
+        let node = &self.document.nodes[placement.node];
+        let is_instanced = node.extensions.instancing.is_some();
+        let group = node.name.as_deref().map(part_name);
+        let mut all_corners = Vec::with_capacity(primitives.len());
+        for primitive in primitives {
+            all_corners.push(self.corners_of(primitive, instances.count)?);
+        }
+        for instance in 0..instances.count {
+            let world = placement.world.after(&instances.transform(instance)?);
+            for (primitive, corners) in primitives.iter().zip(&all_corners) {
+                self.parts.push(Part {
+                    node: Some(placement.node as u32),
+                    mesh: Some(placement.mesh as u32),
+                    primitive: Some(primitive.index as u32),
+                    instance: is_instanced.then_some(instance as u32),
+                    group: group.clone(),
+                    first_face: self.corners.len() as u64 / 3,
+                    faces: primitive.triangles as u64,
+                });
+                self.add(primitive, corners, &world, placement.node)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The corners of a primitive that is placed `times` times.
+    ///
+    /// Its vertices are kept as they are, unless there are more than its triangles can use and they are many times there:
+    /// then those without triangles are left out, so that vertices stay in proportion to triangles and bytes.
+    fn corners_of(&mut self, primitive: &Primitive<'_>, times: usize) -> Result<Corners> {
+        let mut corners = primitive.corners()?;
+        let count = primitive.positions.count;
+        if count <= corners.len() {
+            return Ok(Corners { corners, used: None });
+        }
+        let spare = self.spare.checked_sub(count as u64);
+        if let Some(spare) = spare
+            && times == 1
+            && self.whole.insert(primitive.positions.index)
+        {
+            self.spare = spare;
+            return Ok(Corners { corners, used: None });
+        }
+        let mut used = corners.clone();
+        used.sort_unstable();
+        used.dedup();
+        for corner in &mut corners {
+            *corner = used.partition_point(|vertex| vertex < corner) as u32;
+        }
+        Ok(Corners { corners, used: Some(used) })
+    }
+
+    /// Adds a primitive at one place.
+    fn add(
+        &mut self,
+        primitive: &Primitive<'_>,
+        Corners { corners, used }: &Corners,
+        world: &Affine,
+        node: usize,
+    ) -> Result<()> {
+        let source = primitive.positions;
+        let first = self.positions.len();
+        let count = used.as_ref().map_or(source.count, Vec::len);
+        if first + count > u32::MAX as usize {
+            return Err(Error::too_large(format_args!(
+                "the mesh has more vertices than can be numbered, each placement counted: {}",
+                first + count
+            )));
+        }
+        let placed = match used {
+            Some(used) => {
+                let vectors = used.iter().map(|&vertex| source.vector(vertex as usize));
+                self.positions.extend(vectors.map(|position| world.apply(position)));
+                &self.positions[first..]
+            }
+            None => {
+                self.positions.resize(first + count, [0.0; 3]);
+                let placed = &mut self.positions[first..];
+                source.each_vector(|vertex, position| placed[vertex] = world.apply(position));
+                &*placed
+            }
+        };
+        let is_finite = |position: &[f64; 3]| position.iter().all(|c| c.is_finite());
+        if let Some(at) = placed.iter().position(|position| !is_finite(position)) {
+            let vertex = used.as_ref().map_or(at, |used| used[at] as usize);
+            return Err(Error::mesh(format_args!(
+                "accessor {}, vertex {vertex}: the position is not finite where node {node} puts it: {:?}",
+                source.index, placed[at]
+            )));
+        }
+        let first = first as u32;
+        if world.mirrors() {
+            let turned = corners.chunks_exact(3).flat_map(|c| [c[0], c[2], c[1]]);
+            self.corners.extend(turned.map(|corner| first + corner));
+        } else {
+            self.corners.extend(corners.iter().map(|corner| first + corner));
+        }
+        Ok(())
+    }
+}
