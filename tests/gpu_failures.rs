@@ -24,18 +24,23 @@ fn example() -> (Surface, SeedFaces) {
 
 #[test]
 fn dispatches_of_two_dimensions_give_the_same() {
-    let (surface, seeds) = example();
+    let mesh = generate(Sample::Knot, 20_000).expect("a sample");
+    let surface = Surface::build(&mesh).expect("a surface");
+    let seeds = seeds(&surface, 3000, &Seeds::Random, 2);
     let expected = run(&mut device(), &surface, &seeds, CONNECTED).expect("a run");
-    // 20 workgroups of faces and 6 of clusters: full and partial last rows, and the least that holds them
-    for row in [19, 7, 5] {
+    let groups = (surface.faces() as u32).div_ceil(256);
+    // the least that is enough: then the dispatches with a thread for 8 faces and for a cluster have two rows, too
+    let least = (1u32..).find(|row| row * row * 256 >= surface.faces() as u32).expect("a number");
+    for row in [groups, groups - 1, 20, least] {
         let mut narrow = device_with(Overrides { workgroups_per_dimension: Some(row), ..Overrides::default() });
         let found = run(&mut narrow, &surface, &seeds, CONNECTED).expect("a run");
         assert_eq!(found, expected, "{row} workgroups a row");
     }
-    let mut too_narrow = device_with(Overrides { workgroups_per_dimension: Some(4), ..Overrides::default() });
-    let error = run(&mut too_narrow, &surface, &seeds, CONNECTED).expect_err("4·4·256 threads");
+    let mut too_narrow = device_with(Overrides { workgroups_per_dimension: Some(least - 1), ..Overrides::default() });
+    let error = run(&mut too_narrow, &surface, &seeds, CONNECTED).expect_err("too few threads");
     assert_eq!(error.kind, Kind::DeviceUnsuitable);
-    assert!(error.message.contains("4096"), "{error}");
+    let limit = (least - 1) * (least - 1) * 256;
+    assert!(error.message.contains(&limit.to_string()), "{error}");
 }
 
 #[test]

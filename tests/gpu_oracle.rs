@@ -170,3 +170,23 @@ fn a_changed_label_or_weight_shows_in_the_comparison() {
     surface.weights[100] += 1;
     assert_ne!(energy, oracle::explained(&surface, &components, &labels));
 }
+
+#[test]
+fn of_two_equally_near_clusters_the_smaller_number_wins() {
+    // a row of four faces; the second lies halfway between the first and the third, and far from its own cluster's proxy
+    let mut surface = surface(Sample::Strip, 4);
+    surface.centroids = vec![[-10, 0, 0], [0, 0, 0], [10, 0, 0], [0, 1000, 0]];
+    surface.weights = vec![5; 4];
+    surface.neighbour_offsets = vec![0, 1, 3, 5, 6];
+    surface.neighbours = vec![1, 0, 2, 1, 3, 2];
+    let components = [0, 0, 0];
+    let mut gpu = device();
+    for (labels, expected) in [([1, 0, 2, 0], [1, 1, 2, 0]), ([2, 0, 1, 0], [2, 1, 1, 0])] {
+        let mut steps = gpu.open(&surface, &components).expect("it fits");
+        steps.set_labels(&labels).expect("set");
+        steps.optimise_boundary(1, &Cancel::default(), &mut |_| {}).expect("optimise");
+        assert_eq!(steps.labels().expect("labels"), expected);
+        let state = oracle::iterate(&surface, &components, &labels).expect("it moves");
+        assert_eq!(state.labels, expected);
+    }
+}

@@ -217,5 +217,8 @@ mod tests {
     fn a_report_is_one_line() {
         let old = report(1, "Old Card", AdapterKind::Discrete, false);
         assert_eq!(old.to_string(), "1: Old Card (discrete, vulkan, unusable: it is old)");
+        let json = serde_json::to_value(&old).expect("JSON");
+        assert_eq!(json["kind"], "discrete");
+        assert_eq!(json["reason"], "it is old");
     }
 }

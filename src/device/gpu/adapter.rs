@@ -120,8 +120,8 @@ fn unusable(features: wgpu::Features, flags: wgpu::DownlevelFlags, limits: &wgpu
     let storage_buffers = KERNELS
         .iter()
         .map(|kernel| {
-            let storage = |binding: &&_| !matches!(binding, super::kernels::Binding { access: Access::Turn, .. });
-            kernel.bindings.iter().filter(storage).count() as u32
+            let bindings = kernel.bindings.iter();
+            bindings.filter(|it| it.access != Access::Turn).count() as u32
         })
         .max()
         .unwrap_or(0);

@@ -18,7 +18,7 @@ pub(super) const RING: u32 = 64;
 /// The turn, and the slot of the ring, of the state between batches.
 pub(super) const BETWEEN: u32 = RING;
 
-/// Faces that are brought to the device at once.
+/// Items that are brought to the device at once.
 const UPLOAD: usize = 1 << 20;
 
 /// A surface on the device.
@@ -87,20 +87,15 @@ impl Buffers {
         let queue = &connection.queue;
         let mut chunk: Vec<Face> = Vec::with_capacity(UPLOAD.min(surface.centroids.len()));
         for (at, centroids) in surface.centroids.chunks(UPLOAD).enumerate() {
+            let weights = &surface.weights[at * UPLOAD..];
             chunk.clear();
-            chunk.extend(
-                centroids
-                    .iter()
-                    .zip(&surface.weights[at * UPLOAD..])
-                    .map(|(&[x, y, z], weight)| [x, y, z, weight.cast_signed()]),
-            );
-            let offset = at * UPLOAD * size_of::<Face>();
-            queue.write_buffer(&packed, offset as u64, bytemuck::cast_slice(&chunk));
+            chunk.extend(centroids.iter().zip(weights).map(|(&[x, y, z], weight)| [x, y, z, weight.cast_signed()]));
+            upload(queue, &packed, at * UPLOAD, &chunk);
         }
-        upload(queue, &offsets, &surface.neighbour_offsets);
-        upload(queue, &neighbours, &surface.neighbours);
-        upload(queue, &shifts, energy_shifts);
-        upload(queue, &labels, &vec![FREE; surface.centroids.len()]);
+        upload(queue, &offsets, 0, &surface.neighbour_offsets);
+        upload(queue, &neighbours, 0, &surface.neighbours);
+        upload(queue, &shifts, 0, energy_shifts);
+        upload(queue, &labels, 0, &vec![FREE; surface.centroids.len()]);
 
         let mut entries = vec![0u8; turn_stride as usize * slots as usize];
         for (slot, entry) in (0..=RING).zip(entries.chunks_mut(turn_stride as usize)) {
@@ -153,8 +148,16 @@ impl Buffers {
     }
 }
 
-fn upload<T: Pod>(queue: &wgpu::Queue, buffer: &wgpu::Buffer, data: &[T]) {
-    queue.write_buffer(buffer, 0, bytemuck::cast_slice(data));
+/// Writes items to a buffer, so many at a time that wgpu's copies of them stay small.
+pub(super) fn upload<T: Pod>(queue: &wgpu::Queue, buffer: &wgpu::Buffer, first: usize, items: &[T]) {
+    let mut at = first * size_of::<T>();
+    for chunk in items.chunks(UPLOAD) {
+        let bytes: &[u8] = bytemuck::cast_slice(chunk);
+        queue.write_buffer(buffer, at as u64, bytes);
+        // wgpu keeps its copy until a submission takes it along
+        queue.submit([]);
+        at += bytes.len();
+    }
 }
 
 /// Workgroups for so many threads, in rows of `row`.

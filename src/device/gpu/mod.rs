@@ -21,13 +21,19 @@
 //!
 //! # Memory on the device
 //!
-//! | a face | 28 bytes and 4 for each neighbour: 40 in a closed triangle mesh (centroid and weight 16, neighbours 4 + 12, label 4, wish 4) |
+//! | for each | bytes |
 //! |---|---|
-//! | **a cluster** | 68 bytes (sums 48, proxy 16, energy shift 4) |
-//! | **else** | 23 KiB |
+//! | face | 28 and 4 for each neighbour, so 40 in a closed triangle mesh: centroid and weight 16, neighbours 4 + 12, label 4, wish 4 |
+//! | cluster | 68: sums 48, proxy 16, energy shift 4 |
+//! | surface | 23 KiB: the ring, its two copies for the host, 65 turns |
 //!
 //! The largest buffers are the faces with 16 bytes and the neighbours with 12 bytes a face: the smallest binding that a
 //! portable device offers, 128 MiB, holds 8 million faces. What does not fit is refused.
+//!
+//! # When something fails
+//!
+//! Everything that wgpu reports becomes an error of the call that notices ([`Kind::DeviceLost`] for a lost device and for
+//! memory that ran out), and the next surface gets a new connection. [`GpuDevice::inject`] makes it happen.
 
 pub mod adapter;
 mod buffers;
@@ -120,6 +126,11 @@ impl GpuDevice {
         self.fault = Some(fault);
     }
 
+    /// Whether an adapter that was found anew is this one, though others came or went.
+    fn is_same(&self, report: &AdapterReport) -> bool {
+        (&report.name, &report.backend, report.usable) == (&self.report.name, &self.report.backend, true)
+    }
+
     /// The connection, another one if the last broke. The adapter may have gone with the device, so it is looked for anew.
     fn connection(&mut self) -> Result<&Connection> {
         if self.connection.as_ref().is_some_and(Connection::is_broken) {
@@ -129,9 +140,13 @@ impl GpuDevice {
             Some(connection) => connection,
             None => {
                 let adapters = adapter::enumerate();
-                let found = adapters.iter().find(|found| found.report == self.report).ok_or_else(|| {
-                    Error::new(Kind::DeviceLost, format_args!("the gpu is gone: {}", self.report.name))
-                })?;
+                let found = adapters
+                    .iter()
+                    .find(|found| found.report == self.report)
+                    .or_else(|| adapters.iter().find(|found| self.is_same(&found.report)))
+                    .ok_or_else(|| {
+                        Error::new(Kind::DeviceLost, format_args!("the gpu is gone: {}", self.report.name))
+                    })?;
                 tracing::warn!(adapter = self.report.name, "opening the lost gpu again");
                 Connection::open(found, self.overrides)?
             }

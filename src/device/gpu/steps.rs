@@ -8,7 +8,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 use super::FaultPoint;
-use super::buffers::{BETWEEN, Buffers, RING};
+use super::buffers::{BETWEEN, Buffers, RING, upload};
 use super::connection::{Compiled, Connection};
 use super::layout::Slot;
 use crate::device::{Cancel, Ending, FREE, LatticeEnergy, Step, Steps};
@@ -250,7 +250,7 @@ impl Steps for GpuSteps<'_> {
                 format_args!("labels must be below {}, not {label}", self.clusters),
             ));
         }
-        self.connection.queue.write_buffer(&self.buffers.labels, 0, bytemuck::cast_slice(labels));
+        upload(&self.connection.queue, &self.buffers.labels, 0, labels);
         self.gathered = false;
         self.energy = None;
         self.connection.check()
