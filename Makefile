@@ -40,7 +40,7 @@ end-to-end: debug-binary $(VENV)/ready  ## service and command line from outside
 
 .PHONY: fuzz
 fuzz: debug-binary $(VENV)/ready  ## the service against its OpenAPI document
-	tests/scripts/fuzz_api.sh $(TARGET)/debug/tesserae $(VENV)
+	$(VENV)/bin/python tests/scripts/fuzz_api.py $(TARGET)/debug/tesserae
 
 .PHONY: picture
 picture: debug-binary $(VENV)/ready  ## docs/knot.png
