@@ -1,0 +1,77 @@
+//! Start and stop.
+
+use std::time::{Duration, Instant};
+
+use tesserae::device::Device;
+use tesserae::device::cpu::CpuDevice;
+use tesserae::service::{DeviceDescription, Server, Settings};
+
+use crate::support::*;
+
+#[tokio::test]
+async fn an_idle_service_stops_at_once_and_leaves_no_files() {
+    let mut service = Service::start().await;
+    let job = service.submit("clusters=5", sphere(300)).await;
+    service.ended(&job).await;
+    assert!(!service.files().is_empty());
+    let asked = Instant::now();
+    service.stopped().await;
+    assert!(asked.elapsed() < Duration::from_secs(3), "{:?}", asked.elapsed());
+    assert!(service.files().is_empty(), "{:?}", service.files());
+    assert!(service.get("/healthz").send().await.is_err(), "it does not listen any more");
+}
+
+#[tokio::test]
+async fn a_stopping_service_finishes_running_jobs_takes_none_and_says_so() {
+    let (device, gate) = Held::new();
+    let mut service = Service::with(|settings| settings.meshes_in_memory = 1, device).await;
+    let running = service.submit("clusters=5", sphere(300)).await;
+    service.reaches(&running, "running").await;
+    let queued = service.submit("clusters=5", sphere(300)).await;
+    service.ask_to_stop();
+    let started = Instant::now();
+    loop {
+        let response = service.get("/readyz").send().await.expect("answered");
+        if response.status() == 503 {
+            assert!(problem(response, 503, "unavailable").await.contains("stopping"));
+            break;
+        }
+        assert!(started.elapsed() < PATIENCE);
+    }
+    let request = service.post("/v1/jobs?clusters=5").header("content-type", "model/obj").body(sphere(300));
+    refused(request, 503, "unavailable").await;
+    assert_eq!(service.get("/healthz").send().await.expect("answered").status(), 200);
+    gate.open();
+    // the running job ends; the queued one is not begun
+    service.stopped().await;
+    let _ = queued;
+}
+
+#[tokio::test]
+async fn what_does_not_end_within_the_grace_period_is_cut_off() {
+    let (device, gate) = Held::new();
+    let mut service = Service::with(|settings| settings.grace_period = 1, device).await;
+    let job = service.submit("clusters=5", sphere(300)).await;
+    service.reaches(&job, "running").await;
+    let asked = Instant::now();
+    service.stopped().await;
+    assert!(asked.elapsed() < Duration::from_secs(10), "{:?}", asked.elapsed());
+    assert!(service.files().is_empty(), "{:?}", service.files());
+    gate.open();
+}
+
+#[tokio::test]
+async fn a_taken_address_and_a_bad_folder_are_errors() {
+    let service = Service::start().await;
+    let bind = async |change: &dyn Fn(&mut Settings)| {
+        let mut settings = Settings { listen: ([127, 0, 0, 1], 0).into(), ..Settings::default() };
+        change(&mut settings);
+        let device = CpuDevice::new();
+        let description = DeviceDescription { info: device.info().clone(), chosen: String::new() };
+        Server::bind(settings, Box::new(device), description).await
+    };
+    let error = bind(&|settings| settings.listen = service.address).await.expect_err("taken");
+    assert!(error.message.contains(&service.address.to_string()), "{error}");
+    let error = bind(&|settings| settings.data_dir = Some("/dev/null/x".into())).await.expect_err("no folder");
+    assert!(error.message.contains("/dev/null/x"), "{error}");
+}

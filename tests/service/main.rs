@@ -1,0 +1,10 @@
+//! The service as a client meets it: a real server on a free port of this machine, a real HTTP client, real meshes.
+
+mod events;
+mod hostile;
+mod jobs;
+mod lifecycle;
+mod openapi;
+mod results;
+mod support;
+mod upload;

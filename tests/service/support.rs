@@ -1,0 +1,260 @@
+//! A server in this process, a client for it, meshes, and a device that can be held.
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Condvar, Mutex};
+use std::time::{Duration, Instant};
+
+use reqwest::{Client, RequestBuilder, Response};
+use serde_json::Value;
+use tempfile::TempDir;
+use tesserae::device::cpu::CpuDevice;
+use tesserae::device::{Device, Steps};
+use tesserae::report::DeviceInfo;
+use tesserae::sample::{self, Sample};
+use tesserae::service::{DeviceDescription, Server, Settings};
+use tesserae::surface::Surface;
+use tokio::sync::oneshot;
+use tokio::task::JoinHandle;
+
+/// Longer than anything here should take on a slow machine.
+pub const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A running server; stopped when dropped.
+pub struct Service {
+    pub address: SocketAddr,
+    pub client: Client,
+    data: TempDir,
+    stop: Option<oneshot::Sender<()>>,
+    running: Option<JoinHandle<tesserae::Result<()>>>,
+}
+
+impl Service {
+    /// One with default settings on the cpu.
+    pub async fn start() -> Self {
+        Self::with(|_| {}, Box::new(CpuDevice::new())).await
+    }
+
+    /// One with changed settings and a device.
+    pub async fn with(change: impl FnOnce(&mut Settings), device: Box<dyn Device>) -> Self {
+        let data = tempfile::tempdir().expect("a folder");
+        let mut settings = Settings {
+            listen: SocketAddr::from(([127, 0, 0, 1], 0)),
+            data_dir: Some(data.path().to_owned()),
+            ..Settings::default()
+        };
+        change(&mut settings);
+        let description = DeviceDescription { info: device.info().clone(), chosen: "by the test".to_owned() };
+        let server = Server::bind(settings, device, description).await.expect("bound");
+        let address = server.address();
+        let (stop, stopped) = oneshot::channel();
+        let running = tokio::spawn(server.run(async {
+            let _ = stopped.await;
+        }));
+        let client = Client::builder().timeout(PATIENCE).build().expect("a client");
+        Self { address, client, data, stop: Some(stop), running: Some(running) }
+    }
+
+    pub fn url(&self, path: &str) -> String {
+        format!("http://{}{path}", self.address)
+    }
+
+    pub fn get(&self, path: &str) -> RequestBuilder {
+        self.client.get(self.url(path))
+    }
+
+    pub fn post(&self, path: &str) -> RequestBuilder {
+        self.client.post(self.url(path))
+    }
+
+    pub fn delete(&self, path: &str) -> RequestBuilder {
+        self.client.delete(self.url(path))
+    }
+
+    /// Submits an OBJ and gives the accepted job.
+    pub async fn submit(&self, query: &str, obj: Vec<u8>) -> Value {
+        let sent = self.post(&format!("/v1/jobs?{query}")).header("content-type", "model/obj").body(obj);
+        let response = sent.send().await.expect("answered");
+        let status = response.status();
+        let job: Value = response.json().await.expect("JSON");
+        assert_eq!(status, 202, "{job}");
+        job
+    }
+
+    /// The job as it is now.
+    pub async fn job(&self, job: &Value) -> Value {
+        json(self.get(path(job))).await
+    }
+
+    /// The job once it has ended.
+    pub async fn ended(&self, job: &Value) -> Value {
+        let started = Instant::now();
+        loop {
+            let job = self.job(job).await;
+            if !["queued", "running"].contains(&text(&job["state"])) {
+                return job;
+            }
+            assert!(started.elapsed() < PATIENCE, "the job does not end: {job}");
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    }
+
+    /// The job once it is in a state.
+    pub async fn reaches(&self, job: &Value, state: &str) -> Value {
+        let started = Instant::now();
+        loop {
+            let job = self.job(job).await;
+            if text(&job["state"]) == state {
+                return job;
+            }
+            assert!(started.elapsed() < PATIENCE, "the job is not {state}: {job}");
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    }
+
+    /// Asks the server to stop.
+    pub fn ask_to_stop(&mut self) {
+        self.stop.take();
+    }
+
+    /// Stops the server and waits until it has.
+    pub async fn stopped(&mut self) {
+        self.ask_to_stop();
+        let running = self.running.take().expect("not stopped before");
+        tokio::time::timeout(PATIENCE, running).await.expect("in time").expect("no panic").expect("no error");
+    }
+
+    /// Files that the service keeps, relative to its data folder.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let mut found = Vec::new();
+        collect(self.data.path(), &mut found);
+        found
+    }
+
+    /// Waits until the service keeps no file whose path holds `part`.
+    pub async fn keeps_no(&self, part: &str) {
+        let started = Instant::now();
+        while let Some(file) = self.files().into_iter().find(|file| file.to_string_lossy().contains(part)) {
+            assert!(started.elapsed() < PATIENCE, "still there: {}", file.display());
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    }
+}
+
+fn collect(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        if path.is_dir() {
+            collect(&path, found);
+        } else {
+            found.push(path);
+        }
+    }
+}
+
+/// The text of a JSON string.
+pub fn text(value: &Value) -> &str {
+    value.as_str().unwrap_or_else(|| panic!("no text: {value}"))
+}
+
+/// Path of a job.
+pub fn path(job: &Value) -> &str {
+    text(&job["urls"]["self"])
+}
+
+/// The body of a successful answer.
+pub async fn json(request: RequestBuilder) -> Value {
+    let response = request.send().await.expect("answered");
+    assert!(response.status().is_success(), "{}", response.status());
+    response.json().await.expect("JSON")
+}
+
+/// Checks that an answer is a problem document of that status and kind; gives its detail.
+pub async fn problem(response: Response, status: u16, kind: &str) -> String {
+    let media_type = response.headers().get("content-type").cloned();
+    let (answered, path) = (response.status().as_u16(), response.url().path().to_owned());
+    let body = response.text().await.expect("text");
+    assert_eq!(answered, status, "{body}");
+    assert_eq!(media_type.expect("a media type"), "application/problem+json", "{body}");
+    let problem: Value = serde_json::from_str(&body).expect("JSON");
+    assert_eq!(problem["type"], format!("/problems/{kind}"), "{body}");
+    assert_eq!(problem["status"], status, "{body}");
+    assert!(!text(&problem["title"]).is_empty());
+    assert!(path == text(&problem["instance"]) || text(&problem["instance"]).starts_with("/v1/jobs/"), "{body}");
+    text(&problem["detail"]).to_owned()
+}
+
+/// [`problem`] of the answer to a request.
+pub async fn refused(request: RequestBuilder, status: u16, kind: &str) -> String {
+    problem(request.send().await.expect("answered"), status, kind).await
+}
+
+/// A sphere of some `faces` triangles as OBJ.
+pub fn sphere(faces: u64) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    sample::write_obj(&mut bytes, &sample::generate(Sample::Sphere, faces).expect("a sphere")).expect("written");
+    bytes
+}
+
+/// A sphere of some `faces` triangles as GLB.
+pub fn sphere_glb(faces: u64) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    sample::write_glb(&mut bytes, &sample::generate(Sample::Sphere, faces).expect("a sphere")).expect("written");
+    bytes
+}
+
+/// A gate that is shut or open.
+#[derive(Clone, Default)]
+pub struct Gate(Arc<(Mutex<bool>, Condvar)>);
+
+impl Gate {
+    pub fn open(&self) {
+        *self.0.0.lock().expect("unpoisoned") = true;
+        self.0.1.notify_all();
+    }
+
+    fn pass(&self) {
+        let mut open = self.0.0.lock().expect("unpoisoned");
+        while !*open {
+            open = self.0.1.wait(open).expect("unpoisoned");
+        }
+    }
+}
+
+impl Drop for Service {
+    fn drop(&mut self) {
+        self.ask_to_stop();
+    }
+}
+
+/// A cpu device that lets nothing through before its gate opens, and that panics at meshes of exactly 66 faces.
+pub struct Held {
+    cpu: CpuDevice,
+    gate: Gate,
+}
+
+/// Faces of the mesh that [`Held`] panics at: a [`strip`](Sample::Strip), which has exactly as many as asked for.
+pub const PANIC_FACES: usize = 66;
+
+impl Held {
+    pub fn new() -> (Box<dyn Device>, Gate) {
+        let gate = Gate::default();
+        (Box::new(Self { cpu: CpuDevice::new(), gate: gate.clone() }), gate)
+    }
+}
+
+impl Device for Held {
+    fn info(&self) -> &DeviceInfo {
+        self.cpu.info()
+    }
+
+    fn open<'a>(
+        &'a mut self,
+        surface: &'a Surface,
+        component_of_cluster: &'a [u32],
+    ) -> tesserae::Result<Box<dyn Steps + 'a>> {
+        self.gate.pass();
+        assert!(surface.faces() != PANIC_FACES, "a defect on purpose");
+        self.cpu.open(surface, component_of_cluster)
+    }
+}
