@@ -1,5 +1,7 @@
 //! Structured logs: lines for people or JSON for machines, on standard error.
 
+use std::io::IsTerminal;
+
 use tracing_subscriber::EnvFilter;
 
 use crate::error::{Error, Result};
@@ -37,7 +39,10 @@ impl LogSettings {
         let filter = EnvFilter::try_new(&self.log).map_err(|error| {
             Error::parameter(format_args!("the log filter cannot be read ({error}): {:?}", self.log))
         })?;
-        let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+        let builder = tracing_subscriber::fmt()
+            .with_env_filter(filter)
+            .with_ansi(std::io::stderr().is_terminal())
+            .with_writer(std::io::stderr);
         match self.log_format {
             LogFormat::Text => builder.try_init(),
             LogFormat::Json => builder.json().try_init(),

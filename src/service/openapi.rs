@@ -5,7 +5,7 @@
 
 use axum::http::header;
 use axum::response::IntoResponse;
-use serde_json::Value;
+use serde_json::{Value, json};
 use utoipa::openapi::path::{Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::{self, RefOr, Required, Schema};
 use utoipa::{Modify, OpenApi, ToResponse, ToSchema};
@@ -13,6 +13,7 @@ use utoipa::{Modify, OpenApi, ToResponse, ToSchema};
 use super::problem::{Answer, Problem};
 use super::{events, info, jobs, results};
 use crate::error::{Error, Kind, Result};
+use crate::parameters::Seeds;
 
 /// Bytes.
 #[derive(ToSchema)]
@@ -58,49 +59,72 @@ pub(super) struct Problematic(Problem);
         (name = "results", description = "What a job gave"),
         (name = "service", description = "The service itself"),
     ),
-    modifiers(&ParametersInQuery),
+    modifiers(&Adjustments),
 )]
 struct Document;
 
-/// Makes query parameters of `POST /v1/jobs` out of the members of `Parameters`.
-struct ParametersInQuery;
+/// What the derives cannot say: the members of `Parameters` are query parameters of `POST /v1/jobs` too, no request
+/// carries a null, and seeds are no path here.
+struct Adjustments;
 
-impl Modify for ParametersInQuery {
+impl Modify for Adjustments {
     fn modify(&self, document: &mut openapi::OpenApi) {
-        let members = document.components.as_ref().and_then(|components| components.schemas.get("Parameters"));
-        let Some(RefOr::T(Schema::Object(parameters))) = members else {
+        let schemas = document.components.as_mut().map(|components| &mut components.schemas);
+        let Some(RefOr::T(Schema::Object(parameters))) = schemas.and_then(|schemas| schemas.get_mut("Parameters"))
+        else {
             return;
         };
-        let parameters: Vec<Parameter> =
-            parameters.properties.iter().map(|(name, schema)| in_query(name, schema)).collect();
-        let post = document.paths.paths.get_mut("/v1/jobs").and_then(|path| path.post.as_mut());
-        if let Some(post) = post {
-            post.parameters.get_or_insert_default().extend(parameters.into_iter().map(RefOr::from));
+        if let Some(RefOr::T(Schema::Object(seeds))) = parameters.properties.get_mut("seeds") {
+            seeds.description = Some(
+                "Where clusters start: morton (stratified by area along a Morton curve), random, or listed, which is \
+                 implied by a part `seeds`"
+                    .to_owned(),
+            );
+            seeds.enum_values = Some([Seeds::Morton, Seeds::Random, Seeds::Listed].map(|seeds| json!(seeds)).into());
+        }
+        let members: Vec<_> = parameters.properties.iter().map(|(name, schema)| in_query(name, schema)).collect();
+        for (path, item) in &mut document.paths.paths {
+            for operation in [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten() {
+                for parameter in operation.parameters.iter_mut().flatten() {
+                    if let RefOr::T(parameter) = parameter {
+                        parameter.schema = parameter.schema.as_ref().and_then(without_null);
+                    }
+                }
+            }
+            if let Some(post) = item.post.as_mut().filter(|_| path == "/v1/jobs") {
+                post.parameters.get_or_insert_default().extend(members.iter().cloned().map(RefOr::from));
+            }
         }
     }
 }
 
-/// A member of a schema as a query parameter: its description moves up, and it is absent where the member is null.
+/// A member of a schema as a query parameter; its description moves up.
 fn in_query(name: &str, schema: &RefOr<Schema>) -> Parameter {
-    let mut value = serde_json::to_value(schema).unwrap_or_default();
-    let description = value
-        .as_object_mut()
-        .and_then(|object| object.remove("description"))
-        .and_then(|text| text.as_str().map(str::to_owned));
-    if let Some(Value::Array(types)) = value.get_mut("type") {
-        types.retain(|name| name != "null");
-        if let [only] = types.as_slice() {
-            value["type"] = only.clone();
-        }
-    }
-    let schema: Option<RefOr<Schema>> = serde_json::from_value(value).ok();
+    let mut schema = schema.clone();
+    let description = match &mut schema {
+        RefOr::T(Schema::Object(schema)) => schema.description.take(),
+        RefOr::Ref(reference) => Some(std::mem::take(&mut reference.description)),
+        RefOr::T(_) => None,
+    };
     ParameterBuilder::new()
         .name(name)
         .parameter_in(ParameterIn::Query)
         .required(Required::False)
         .description(description)
-        .schema(schema)
+        .schema(without_null(&schema))
         .build()
+}
+
+/// A schema less the null of its type.
+fn without_null(schema: &RefOr<Schema>) -> Option<RefOr<Schema>> {
+    let mut schema = serde_json::to_value(schema).ok()?;
+    if let Some(Value::Array(types)) = schema.get_mut("type") {
+        types.retain(|name| name != "null");
+        if let [only] = types.as_slice() {
+            schema["type"] = only.clone();
+        }
+    }
+    serde_json::from_value(schema).ok()
 }
 
 /// The description as YAML, as it stands in `openapi.yaml`.

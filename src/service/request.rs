@@ -4,6 +4,7 @@
 //! a parameter here: files arrive in the request.
 
 use axum::http::Uri;
+use serde_json::error::Category;
 use serde_json::{Map, Value};
 
 use super::query;
@@ -42,18 +43,17 @@ impl Wanted {
 
     /// Adds what the JSON part says.
     pub fn add_json(&mut self, json: &[u8]) -> Result<()> {
-        // Read twice: as parameters, which knows types, names and duplicates, and as a map, which knows what was given.
-        let parameters: Parameters = serde_json::from_slice(json).map_err(|error| {
+        // Read twice: as a map, which knows what was given, and as parameters, which know types, names and duplicates.
+        let malformed = |error: serde_json::Error| {
             let kind = match error.classify() {
-                serde_json::error::Category::Data => Kind::InvalidParameter,
-                _ => Kind::BadRequest,
+                Category::Data => Kind::InvalidParameter,
+                Category::Io | Category::Syntax | Category::Eof => Kind::BadRequest,
             };
             Error::new(kind, format_args!("the part \"parameters\" is not valid: {error}"))
-        })?;
+        };
+        let object: Map<String, Value> = serde_json::from_slice(json).map_err(malformed)?;
+        let parameters: Parameters = serde_json::from_slice(json).map_err(malformed)?;
         refuse_path(&parameters)?;
-        let object: Map<String, Value> = serde_json::from_slice(json).map_err(|error| {
-            Error::parameter(format_args!("the part \"parameters\" must be a JSON object: {error}"))
-        })?;
         let mut merged = as_object(&self.parameters)?;
         for (name, value) in as_object(&parameters)? {
             if !object.contains_key(&name) {

@@ -162,7 +162,7 @@ fn router(shared: Arc<Shared>) -> Router {
         .layer(CatchPanicLayer::custom(problem::panicked))
         // uploads have a limit of their own, counted as they come
         .layer(DefaultBodyLimit::disable());
-    Router::new()
+    let routes = Router::new()
         .route("/v1/jobs", post(jobs::create).get(jobs::list))
         .route("/v1/jobs/{id}", get(jobs::show).delete(jobs::remove))
         .route("/v1/jobs/{id}/events", get(events::stream))
@@ -176,8 +176,9 @@ fn router(shared: Arc<Shared>) -> Router {
         .route("/readyz", get(info::readyz))
         .route("/metrics", get(info::metrics))
         .route("/openapi.yaml", get(openapi::show))
-        .layer(layers)
-        .with_state(shared)
+        .with_state(shared);
+    // Around the router rather than around each route, where the answers that the router makes itself pass through.
+    Router::new().fallback_service(routes).layer(layers)
 }
 
 /// The span of a request. The query string stays out of the log.

@@ -32,7 +32,9 @@ impl Pipeline {
     pub(super) async fn cluster(&self, slot: &Slot, ticket: Ticket, job: &Job, cancel: &Cancel) -> Result<Outcome> {
         let prepared = self.prepare(job, Arc::clone(slot)).await?;
         Span::current().record("faces", prepared.input.faces);
-        Span::current().record("clusters", prepared.parameters.clusters);
+        if job.spec.parameters.clusters.is_none() {
+            Span::current().record("clusters", prepared.parameters.clusters);
+        }
 
         let (rows, inbox) = mpsc::unbounded_channel();
         let (reply, outcome) = oneshot::channel();
