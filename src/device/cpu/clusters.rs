@@ -130,6 +130,8 @@ impl Clusters {
             self.proxies[cluster] = proxy;
             self.explained[cluster] = explained;
         }
+        // clusters with close numbers lie close together: whoever visits what has changed finds it in memory order
+        self.changed.sort_unstable();
     }
 
     /// Whether the energy falls, exactly, when `change` goes from one cluster to another, and leaves it a face.
