@@ -37,13 +37,14 @@ unit: install-test  ## the tests of the crate
 .PHONY: end-to-end
 end-to-end: debug-binary $(VENV)/ready  ## service and command line from outside, results scored independently
 	$(VENV)/bin/python tests/scripts/end_to_end.py $(TARGET)/debug/tesserae $(TESSERAE_TEST_MESHES)
+	$(VENV)/bin/python tests/scripts/readme.py $(TARGET)/debug/tesserae
 
 .PHONY: fuzz
 fuzz: debug-binary $(VENV)/ready  ## the service against its OpenAPI document
 	$(VENV)/bin/python tests/scripts/fuzz_api.py $(TARGET)/debug/tesserae
 
 .PHONY: picture
-picture: debug-binary $(VENV)/ready  ## docs/knot.png
+picture: debug-binary $(VENV)/ready  ## draw docs/knot.png anew
 	$(TARGET)/debug/tesserae sample knot --faces 200000 $(TARGET)/knot.obj
 	$(TARGET)/debug/tesserae cluster $(TARGET)/knot.obj --clusters 400 --labels $(TARGET)/knot.npy
 	$(VENV)/bin/python docs/render.py $(TARGET)/knot.obj $(TARGET)/knot.npy docs/knot.png
