@@ -1,0 +1,9 @@
+//! Mesh input from outside: every form that is read, every kind of file that is refused, and real meshes.
+
+mod broken;
+mod files;
+mod gltf_forms;
+mod gltf_refused;
+mod make;
+mod obj_forms;
+mod shared;
