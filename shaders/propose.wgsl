@@ -10,17 +10,6 @@
 @group(0) @binding(6) var<storage, read_write> wishes: array<u32>;
 @group(0) @binding(7) var<storage, read_write> clusters: array<Cluster>;
 
-fn square(number: i32) -> u64 {
-    let magnitude = u64(u32(abs(number)));
-    return magnitude * magnitude;
-}
-
-// Squared distance of a centroid from a proxy; both are below 2²⁷ an axis, so it is below 2⁵⁸.
-fn distance_squared(face: vec4<i32>, proxy: vec4<i32>) -> u64 {
-    let apart = face.xyz - proxy.xyz;
-    return square(apart.x) + square(apart.y) + square(apart.z);
-}
-
 @compute @workgroup_size(WORKGROUP)
 fn propose(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
     let face = thread_number(turn, group, local);

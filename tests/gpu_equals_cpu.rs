@@ -6,7 +6,7 @@ mod gpu_support;
 use std::time::{Duration, Instant};
 
 use common::zoo;
-use gpu_support::{CONNECTED, PLAIN, cluster_counts, device, run, seeds};
+use gpu_support::{ALL, PLAIN, cluster_counts, device, run, seeds};
 use tesserae::cluster::Options;
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::gpu::GpuDevice;
@@ -45,7 +45,7 @@ fn the_zoo_is_clustered_alike() {
         for clusters in cluster_counts(&surface) {
             for (kind, seed) in [(Seeds::Morton, 0), (Seeds::Random, 1)] {
                 let what = (clusters, &kind, seed);
-                compare(&mut gpu, &name, &surface, what, CONNECTED);
+                compare(&mut gpu, &name, &surface, what, ALL);
             }
         }
     }
@@ -62,7 +62,7 @@ fn larger_meshes_are_clustered_alike() {
         (Sample::Strip, 3_000, 4),
     ] {
         let surface = Surface::build(&generate(sample, faces).expect("a sample")).expect("a surface");
-        for options in [CONNECTED, PLAIN, Options { max_iterations: Some(13), ..CONNECTED }] {
+        for options in [ALL, PLAIN, Options { max_iterations: Some(13), ..ALL }] {
             let what = (clusters, &Seeds::Random, 7);
             compare(&mut gpu, sample.name(), &surface, what, options);
         }
@@ -100,7 +100,7 @@ fn real_meshes_are_clustered_alike() {
     if let Some((_, path, mesh)) = files.iter().find(|file| file.1.ends_with("stanford-bunny.glb")) {
         let surface = Surface::build(mesh).expect("a surface");
         let what = (1000, &Seeds::Morton, 0);
-        compare(&mut gpu, &path.display().to_string(), &surface, what, CONNECTED);
+        compare(&mut gpu, &path.display().to_string(), &surface, what, ALL);
     }
     for (at, (_, path, mesh)) in files.iter().enumerate() {
         let surface = Surface::build(mesh).expect("a surface");
@@ -114,7 +114,7 @@ fn real_meshes_are_clustered_alike() {
                     return;
                 }
                 let what = (clusters, &kind, seed);
-                compare(&mut gpu, &path.display().to_string(), &surface, what, CONNECTED);
+                compare(&mut gpu, &path.display().to_string(), &surface, what, ALL);
             }
         }
     }
@@ -125,23 +125,23 @@ fn the_comparison_fails_when_the_devices_see_different_meshes_or_seeds() {
     let mesh = generate(Sample::Knot, 2500).expect("a sample");
     let surface = Surface::build(&mesh).expect("a surface");
     let seeds_here = seeds(&surface, 40, &Seeds::Random, 7);
-    let cpu_run = run(&mut CpuDevice::new(), &surface, &seeds_here, CONNECTED).expect("a run");
+    let cpu_run = run(&mut CpuDevice::new(), &surface, &seeds_here, ALL).expect("a run");
     let mut gpu = device();
-    let same = run(&mut gpu, &surface, &seeds_here, CONNECTED).expect("a run");
+    let same = run(&mut gpu, &surface, &seeds_here, ALL).expect("a run");
     assert_eq!(same, cpu_run);
 
     let mut heavier = Surface::build(&mesh).expect("a surface");
     heavier.weights[100] += 1;
-    let other = run(&mut gpu, &heavier, &seeds_here, CONNECTED).expect("a run");
+    let other = run(&mut gpu, &heavier, &seeds_here, ALL).expect("a run");
     assert_ne!(other.3, cpu_run.3, "a weight");
 
     let mut moved = Surface::build(&mesh).expect("a surface");
     moved.centroids[100][1] += 1;
-    let other = run(&mut gpu, &moved, &seeds_here, CONNECTED).expect("a run");
+    let other = run(&mut gpu, &moved, &seeds_here, ALL).expect("a run");
     assert_ne!(other.3, cpu_run.3, "a centroid");
 
     let mut seeds_there = seeds(&surface, 40, &Seeds::Random, 7);
     seeds_there.face_of_cluster.swap(3, 4);
-    let other = run(&mut gpu, &surface, &seeds_there, CONNECTED).expect("a run");
+    let other = run(&mut gpu, &surface, &seeds_there, ALL).expect("a run");
     assert_ne!(other.1, cpu_run.1, "seeds");
 }

@@ -4,7 +4,7 @@
 mod common;
 mod gpu_support;
 
-use gpu_support::{CONNECTED, adapter, device, device_with, run, seeds};
+use gpu_support::{ALL, adapter, device, device_with, run, seeds};
 use tesserae::Kind;
 use tesserae::cluster::seeds::SeedFaces;
 use tesserae::device::gpu::{Fault, FaultPoint, GpuDevice, Overrides};
@@ -27,17 +27,17 @@ fn dispatches_of_two_dimensions_give_the_same() {
     let mesh = generate(Sample::Knot, 20_000).expect("a sample");
     let surface = Surface::build(&mesh).expect("a surface");
     let seeds = seeds(&surface, 3000, &Seeds::Random, 2);
-    let expected = run(&mut device(), &surface, &seeds, CONNECTED).expect("a run");
+    let expected = run(&mut device(), &surface, &seeds, ALL).expect("a run");
     let groups = (surface.faces() as u32).div_ceil(256);
     // the least that is enough: then the dispatches with a thread for 8 faces and for a cluster have two rows, too
     let least = (1u32..).find(|row| row * row * 256 >= surface.faces() as u32).expect("a number");
     for row in [groups, groups - 1, 20, least] {
         let mut narrow = device_with(Overrides { workgroups_per_dimension: Some(row), ..Overrides::default() });
-        let found = run(&mut narrow, &surface, &seeds, CONNECTED).expect("a run");
+        let found = run(&mut narrow, &surface, &seeds, ALL).expect("a run");
         assert_eq!(found, expected, "{row} workgroups a row");
     }
     let mut too_narrow = device_with(Overrides { workgroups_per_dimension: Some(least - 1), ..Overrides::default() });
-    let error = run(&mut too_narrow, &surface, &seeds, CONNECTED).expect_err("too few threads");
+    let error = run(&mut too_narrow, &surface, &seeds, ALL).expect_err("too few threads");
     assert_eq!(error.kind, Kind::DeviceUnsuitable);
     let limit = (least - 1) * (least - 1) * 256;
     assert!(error.message.contains(&limit.to_string()), "{error}");
@@ -49,7 +49,7 @@ fn a_mesh_over_the_limit_of_a_binding_is_refused_with_both_sizes() {
     let needed = 16 * surface.faces() as u64;
     let with_limit = |bytes| {
         let mut device = device_with(Overrides { binding_size: Some(bytes), ..Overrides::default() });
-        run(&mut device, &surface, &seeds, CONNECTED)
+        run(&mut device, &surface, &seeds, ALL)
     };
     let error = with_limit(needed - 1).expect_err("one byte too many");
     assert_eq!(error.kind, Kind::DeviceUnsuitable);
@@ -63,13 +63,13 @@ fn a_mesh_over_the_limit_of_a_binding_is_refused_with_both_sizes() {
 fn a_lost_device_is_an_error_and_the_next_job_works() {
     let (surface, seeds) = example();
     let mut gpu = device();
-    let expected = run(&mut gpu, &surface, &seeds, CONNECTED).expect("a run");
-    for point in [FaultPoint::Upload, FaultPoint::Grow, FaultPoint::Optimise, FaultPoint::Labels] {
+    let expected = run(&mut gpu, &surface, &seeds, ALL).expect("a run");
+    for point in [FaultPoint::Upload, FaultPoint::Grow, FaultPoint::Boundary, FaultPoint::Refine, FaultPoint::Labels] {
         gpu.inject(Fault::Lose(point));
-        let error = run(&mut gpu, &surface, &seeds, CONNECTED).expect_err("lost");
+        let error = run(&mut gpu, &surface, &seeds, ALL).expect_err("lost");
         assert_eq!(error.kind, Kind::DeviceLost, "{point:?}: {error}");
         assert!(!error.message.contains('\n'), "{point:?}: {error}");
-        let again = run(&mut gpu, &surface, &seeds, CONNECTED).expect("it works again");
+        let again = run(&mut gpu, &surface, &seeds, ALL).expect("it works again");
         assert_eq!(again, expected, "{point:?}");
     }
 }
@@ -78,13 +78,13 @@ fn a_lost_device_is_an_error_and_the_next_job_works() {
 fn a_refused_call_is_an_error_and_the_next_job_works() {
     let (surface, seeds) = example();
     let mut gpu = device();
-    let expected = run(&mut gpu, &surface, &seeds, CONNECTED).expect("a run");
-    for point in [FaultPoint::Upload, FaultPoint::Optimise, FaultPoint::Labels] {
+    let expected = run(&mut gpu, &surface, &seeds, ALL).expect("a run");
+    for point in [FaultPoint::Upload, FaultPoint::Boundary, FaultPoint::Refine, FaultPoint::Labels] {
         gpu.inject(Fault::Misuse(point));
-        let error = run(&mut gpu, &surface, &seeds, CONNECTED).expect_err("refused");
+        let error = run(&mut gpu, &surface, &seeds, ALL).expect_err("refused");
         assert_eq!(error.kind, Kind::Internal, "{point:?}: {error}");
         assert!(!error.message.contains('\n'), "{point:?}: {error}");
-        let again = run(&mut gpu, &surface, &seeds, CONNECTED).expect("it works again");
+        let again = run(&mut gpu, &surface, &seeds, ALL).expect("it works again");
         assert_eq!(again, expected, "{point:?}");
     }
 }
@@ -123,7 +123,7 @@ fn a_cancelled_job_ends_and_leaves_the_device_usable() {
         steps.set_labels(&after).expect("set");
         assert_eq!(steps.energy().expect("energy"), energy);
     }
-    run(&mut gpu, &surface, &seeds, CONNECTED).expect("a run");
+    run(&mut gpu, &surface, &seeds, ALL).expect("a run");
 }
 
 #[test]

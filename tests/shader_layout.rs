@@ -103,6 +103,7 @@ fn every_shader_has_one_entry_point_of_its_name_and_workgroup_size() {
 #[test]
 fn shared_structs_and_constants_are_the_same_on_both_sides() {
     let mut seen = BTreeSet::new();
+    let mut constants = BTreeSet::new();
     for kernel in KERNELS {
         let module = module(kernel);
         for expected in STRUCTS {
@@ -111,18 +112,20 @@ fn shared_structs_and_constants_are_the_same_on_both_sides() {
             }
         }
         for (_, constant) in module.constants.iter() {
+            let (name, expected) = match constant.name.as_deref() {
+                Some("WORKGROUP") => ("WORKGROUP", WORKGROUP),
+                Some("RUN") => ("RUN", GATHER_RUN),
+                Some("FREE") => ("FREE", tesserae::device::FREE),
+                _ => continue,
+            };
             let naga::Expression::Literal(naga::Literal::U32(value)) = module.global_expressions[constant.init] else {
-                panic!("{}.wgsl: a constant that is no u32", kernel.name);
+                panic!("{}.wgsl: {name} is no u32", kernel.name);
             };
-            let expected = match constant.name.as_deref() {
-                Some("WORKGROUP") => WORKGROUP,
-                Some("RUN") => GATHER_RUN,
-                Some("FREE") => tesserae::device::FREE,
-                other => panic!("{}.wgsl: unknown constant {other:?}", kernel.name),
-            };
-            assert_eq!(value, expected, "{}.wgsl: {:?}", kernel.name, constant.name);
+            assert_eq!(value, expected, "{}.wgsl: {name}", kernel.name);
+            constants.insert(name);
         }
     }
+    assert_eq!(constants.len(), 3, "only {constants:?} are used");
     assert_eq!(seen.len(), STRUCTS.len(), "only {seen:?} are used");
 }
 

@@ -30,14 +30,3 @@ fn add_to_cluster(cluster: u32, sum: vec3<i64>, weight: i64, count: i32) {
     add_to_weight(cluster, weight);
     atomicAdd(&clusters[cluster].count, u32(count));
 }
-
-// Weight of a face: the bits of the fourth number.
-fn weight_of(face: vec4<i32>) -> i64 {
-    return i64(u32(face.w));
-}
-
-// weight·centroid.
-fn moment_of(face: vec4<i32>) -> vec3<i64> {
-    let weight = weight_of(face);
-    return vec3<i64>(i64(face.x) * weight, i64(face.y) * weight, i64(face.z) * weight);
-}

@@ -18,10 +18,11 @@ struct Turn {
     clusters: u32,
     // Workgroups in a full row of a dispatch; a dispatch of fewer is one row.
     row: u32,
+    // Number of the turn in its phase, from 1.
+    number: u32,
     // Makes the size a multiple of 16, which uniform buffers want.
     unused_0: u32,
     unused_1: u32,
-    unused_2: u32,
 }
 
 // Number of the thread in a dispatch of one or two dimensions. The rows' length comes from the host, because the built-in

@@ -9,11 +9,11 @@ use tesserae::error::Result;
 use tesserae::parameters::Seeds;
 use tesserae::surface::Surface;
 
-/// Optimises until nothing moves, whatever pieces that leaves.
-pub const PLAIN: Options = Options { max_iterations: None, allow_disconnected: true };
+/// The paper's optimisation alone, whatever pieces that leaves.
+pub const PLAIN: Options = Options { max_iterations: None, refine: false, allow_disconnected: true };
 
-/// Optimises and repairs.
-pub const CONNECTED: Options = Options { max_iterations: None, allow_disconnected: false };
+/// Everything that there is.
+pub const ALL: Options = Options { max_iterations: None, refine: true, allow_disconnected: false };
 
 /// The first usable adapter, software or not.
 pub fn adapter() -> Found {

@@ -7,7 +7,7 @@ use bytemuck::{Pod, Zeroable};
 use super::FaultPoint;
 use super::connection::{Compiled, Connection};
 use super::kernels::Access;
-use super::layout::{Cluster, Dispatch, Face, GATHER_RUN, Proxy, Slot, Turn, WORKGROUP};
+use super::layout::{Cluster, Dispatch, Face, GATHER_RUN, Market, Offer, Proxy, Slot, Turn, WORKGROUP};
 use crate::device::FREE;
 use crate::error::{Error, Kind, Result};
 use crate::surface::Surface;
@@ -27,6 +27,8 @@ pub(super) struct Buffers {
     pub(super) faces: u32,
     pub(super) labels: wgpu::Buffer,
     pub(super) clusters: wgpu::Buffer,
+    pub(super) offers: wgpu::Buffer,
+    pub(super) turns: Turns,
     pub(super) ring: wgpu::Buffer,
     pub(super) next_dispatch: wgpu::Buffer,
     /// Where the ring is copied to, one for each of two batches in flight.
@@ -36,7 +38,6 @@ pub(super) struct Buffers {
     pub(super) face_groups: Dispatch,
     pub(super) gather_groups: Dispatch,
     pub(super) cluster_groups: Dispatch,
-    turn_stride: u32,
 }
 
 /// What each kernel sees.
@@ -49,6 +50,39 @@ pub(super) struct Bindings {
     pub(super) propose: wgpu::BindGroup,
     pub(super) apply: wgpu::BindGroup,
     pub(super) fit: wgpu::BindGroup,
+    pub(super) bid: wgpu::BindGroup,
+    pub(super) choose: wgpu::BindGroup,
+    pub(super) join: wgpu::BindGroup,
+    pub(super) judge: wgpu::BindGroup,
+    pub(super) deal: wgpu::BindGroup,
+}
+
+/// What the turns of a batch know, and those between batches; a uniform that dispatches see at different offsets.
+#[derive(Debug)]
+pub(super) struct Turns {
+    buffer: wgpu::Buffer,
+    stride: u32,
+    /// What all turns have in common.
+    common: Turn,
+}
+
+impl Turns {
+    /// Where a turn is in the buffer.
+    pub(super) fn offset(&self, slot: u32) -> u32 {
+        slot * self.stride
+    }
+
+    /// Numbers the turns of the next batch.
+    pub(super) fn number(&self, queue: &wgpu::Queue, first: u32) {
+        let stride = self.stride as usize;
+        let mut bytes = vec![0u8; stride * (RING as usize + 1)];
+        for (slot, entry) in (0..=RING).zip(bytes.chunks_mut(stride)) {
+            let number = first.wrapping_add(slot);
+            let turn = Turn { slot, number, forced: u32::from(slot == BETWEEN), ..self.common };
+            entry[..size_of::<Turn>()].copy_from_slice(bytemuck::bytes_of(&turn));
+        }
+        queue.write_buffer(&self.buffer, 0, &bytes);
+    }
 }
 
 impl Buffers {
@@ -68,14 +102,21 @@ impl Buffers {
         let labels = create("labels", faces, 4, storage | into | out)?;
         let wishes = create("wishes", faces, 4, storage)?;
         let sums = create("clusters", clusters, size_of::<Cluster>(), storage | into)?;
-        let proxies = create("proxies", clusters, size_of::<Proxy>(), storage)?;
-        let shifts = create("energy shifts", clusters, 4, storage | into)?;
+        let proxies = create("proxies", clusters, size_of::<Proxy>(), storage | into)?;
+        let offers = create("offers", faces, size_of::<Offer>(), storage | into)?;
+        let markets = create("markets", clusters, size_of::<Market>(), storage)?;
+        let joining = create("joining", clusters, size_of::<Cluster>(), storage)?;
         let slots = u64::from(RING) + 1;
         let ring = create("ring", slots, size_of::<Slot>(), storage | into | out)?;
         let next_dispatch =
             create("next dispatch", 1, size_of::<Dispatch>(), storage | into | wgpu::BufferUsages::INDIRECT)?;
-        let turn_stride = connection.limits.min_uniform_buffer_offset_alignment.max(size_of::<Turn>() as u32);
-        let turns = create("turns", slots, turn_stride as usize, wgpu::BufferUsages::UNIFORM | into)?;
+        let stride = connection.limits.min_uniform_buffer_offset_alignment.max(size_of::<Turn>() as u32);
+        let row = connection.limits.max_compute_workgroups_per_dimension;
+        let turns = Turns {
+            buffer: create("turns", slots, stride as usize, wgpu::BufferUsages::UNIFORM | into)?,
+            stride,
+            common: Turn { faces: faces as u32, clusters: clusters as u32, row, ..Turn::zeroed() },
+        };
         let mapped = wgpu::BufferUsages::MAP_READ | into;
         let staging = [
             create("staging", slots, size_of::<Slot>(), mapped)?,
@@ -94,24 +135,13 @@ impl Buffers {
         }
         upload(queue, &offsets, 0, &surface.neighbour_offsets);
         upload(queue, &neighbours, 0, &surface.neighbours);
-        upload(queue, &shifts, 0, energy_shifts);
+        let positions: Vec<Proxy> = energy_shifts.iter().map(|shift| [0, 0, 0, shift.cast_signed()]).collect();
+        upload(queue, &proxies, 0, &positions);
         upload(queue, &labels, 0, &vec![FREE; surface.centroids.len()]);
 
-        let mut entries = vec![0u8; turn_stride as usize * slots as usize];
-        for (slot, entry) in (0..=RING).zip(entries.chunks_mut(turn_stride as usize)) {
-            let turn = Turn {
-                slot,
-                forced: u32::from(slot == BETWEEN),
-                faces: faces as u32,
-                clusters: clusters as u32,
-                row: connection.limits.max_compute_workgroups_per_dimension,
-                ..Turn::zeroed()
-            };
-            entry[..size_of::<Turn>()].copy_from_slice(bytemuck::bytes_of(&turn));
-        }
-        queue.write_buffer(&turns, 0, &entries);
+        turns.number(queue, 1);
 
-        let bind = |compiled: &Compiled, storage: &[&wgpu::Buffer]| bind(connection, compiled, &turns, storage);
+        let bind = |compiled: &Compiled, storage: &[&wgpu::Buffer]| bind(connection, compiled, &turns.buffer, storage);
         let kernels = &connection.kernels;
         let bindings = Bindings {
             grow: [
@@ -122,15 +152,21 @@ impl Buffers {
             gather: bind(&kernels.gather, &[&packed, &labels, &sums]),
             propose: bind(&kernels.propose, &[&packed, &offsets, &neighbours, &labels, &proxies, &wishes, &sums]),
             apply: bind(&kernels.apply, &[&packed, &wishes, &labels, &sums, &ring]),
-            fit: bind(&kernels.fit, &[&shifts, &sums, &proxies, &ring, &next_dispatch]),
+            fit: bind(&kernels.fit, &[&sums, &proxies, &markets, &ring, &next_dispatch]),
+            bid: bind(&kernels.bid, &[&packed, &offsets, &neighbours, &labels, &proxies, &sums, &markets, &offers]),
+            choose: bind(&kernels.choose, &[&labels, &offers, &markets, &ring]),
+            join: bind(&kernels.join, &[&packed, &labels, &offers, &markets, &joining]),
+            judge: bind(&kernels.judge, &[&packed, &sums, &joining, &proxies, &markets, &ring, &next_dispatch]),
+            deal: bind(&kernels.deal, &[&labels, &offers, &markets]),
         };
         connection.check()?;
 
-        let row = connection.limits.max_compute_workgroups_per_dimension;
         Ok(Self {
             faces: faces as u32,
             labels,
             clusters: sums,
+            offers,
+            turns,
             ring,
             next_dispatch,
             staging,
@@ -138,13 +174,7 @@ impl Buffers {
             face_groups: groups(faces, row),
             gather_groups: groups(faces.div_ceil(u64::from(GATHER_RUN)), row),
             cluster_groups: groups(clusters, row),
-            turn_stride,
         })
-    }
-
-    /// Where a turn is in the uniform buffer.
-    pub(super) fn turn(&self, slot: u32) -> u32 {
-        slot * self.turn_stride
     }
 }
 

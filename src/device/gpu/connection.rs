@@ -37,6 +37,11 @@ pub(super) struct Kernels {
     pub(super) propose: Compiled,
     pub(super) apply: Compiled,
     pub(super) fit: Compiled,
+    pub(super) bid: Compiled,
+    pub(super) choose: Compiled,
+    pub(super) join: Compiled,
+    pub(super) judge: Compiled,
+    pub(super) deal: Compiled,
 }
 
 /// A compiled kernel.
@@ -99,6 +104,11 @@ impl Connection {
             propose: compile(&device, &kernels::PROPOSE),
             apply: compile(&device, &kernels::APPLY),
             fit: compile(&device, &kernels::FIT),
+            bid: compile(&device, &kernels::BID),
+            choose: compile(&device, &kernels::CHOOSE),
+            join: compile(&device, &kernels::JOIN),
+            judge: compile(&device, &kernels::JUDGE),
+            deal: compile(&device, &kernels::DEAL),
         };
         let connection = Self { device, queue, limits, kernels, name, health, fault: Mutex::new(None) };
         connection.check()?;

@@ -3,7 +3,7 @@
 
 use std::mem::size_of;
 
-use super::layout::{Cluster, Dispatch, Face, Proxy, Slot, Turn, WORKGROUP};
+use super::layout::{Cluster, Dispatch, Face, Market, Offer, Proxy, Slot, Turn, WORKGROUP};
 
 /// A compute shader with one entry point of the same name.
 #[derive(Debug)]
@@ -55,14 +55,20 @@ const TURN: Binding = binding("turn", Access::Turn, size_of::<Turn>());
 const FACES: Binding = binding("faces", Access::Read, size_of::<Face>());
 const OFFSETS: Binding = binding("neighbour_offsets", Access::Read, 4);
 const NEIGHBOURS: Binding = binding("neighbours", Access::Read, 4);
+const LABELS: Binding = binding("labels", Access::Read, 4);
 const CLUSTERS: Binding = binding("clusters", Access::Write, size_of::<Cluster>());
+const MARKETS: Binding = binding("markets", Access::Write, size_of::<Market>());
 const RING: Binding = binding("ring", Access::Write, size_of::<Slot>());
 const NEXT_DISPATCH: Binding = binding("next_dispatch", Access::Write, size_of::<Dispatch>());
 
 const TURN_WGSL: &str = include_str!("../../../shaders/shared/turn.wgsl");
 const SLOT_WGSL: &str = include_str!("../../../shaders/shared/slot.wgsl");
 const CLUSTER_WGSL: &str = include_str!("../../../shaders/shared/cluster.wgsl");
+const MARKET_WGSL: &str = include_str!("../../../shaders/shared/market.wgsl");
+const FACE_WGSL: &str = include_str!("../../../shaders/shared/face.wgsl");
 const ADD_WGSL: &str = include_str!("../../../shaders/shared/add.wgsl");
+const SUMS_WGSL: &str = include_str!("../../../shaders/shared/sums.wgsl");
+const ENERGY_WGSL: &str = include_str!("../../../shaders/shared/energy.wgsl");
 
 /// Grows the clusters by one ring of faces.
 pub const GROW: Kernel = Kernel {
@@ -90,21 +96,21 @@ pub const SETTLE: Kernel = Kernel {
 /// Sums up the clusters.
 pub const GATHER: Kernel = Kernel {
     name: "gather",
-    sources: &[TURN_WGSL, CLUSTER_WGSL, ADD_WGSL, include_str!("../../../shaders/gather.wgsl")],
-    bindings: &[TURN, FACES, binding("labels", Access::Read, 4), CLUSTERS],
+    sources: &[TURN_WGSL, CLUSTER_WGSL, FACE_WGSL, ADD_WGSL, include_str!("../../../shaders/gather.wgsl")],
+    bindings: &[TURN, FACES, LABELS, CLUSTERS],
     workgroup_size: WORKGROUP,
 };
 
-/// Finds the faces that want to move.
+/// Boundary phase: finds the faces that want to move.
 pub const PROPOSE: Kernel = Kernel {
     name: "propose",
-    sources: &[TURN_WGSL, CLUSTER_WGSL, include_str!("../../../shaders/propose.wgsl")],
+    sources: &[TURN_WGSL, CLUSTER_WGSL, FACE_WGSL, include_str!("../../../shaders/propose.wgsl")],
     bindings: &[
         TURN,
         FACES,
         OFFSETS,
         NEIGHBOURS,
-        binding("labels", Access::Read, 4),
+        LABELS,
         binding("proxies", Access::Read, size_of::<Proxy>()),
         binding("wishes", Access::Write, 4),
         CLUSTERS,
@@ -112,28 +118,102 @@ pub const PROPOSE: Kernel = Kernel {
     workgroup_size: WORKGROUP,
 };
 
-/// Moves them.
+/// Boundary phase: moves them.
 pub const APPLY: Kernel = Kernel {
     name: "apply",
-    sources: &[TURN_WGSL, SLOT_WGSL, CLUSTER_WGSL, ADD_WGSL, include_str!("../../../shaders/apply.wgsl")],
+    sources: &[TURN_WGSL, SLOT_WGSL, CLUSTER_WGSL, FACE_WGSL, ADD_WGSL, include_str!("../../../shaders/apply.wgsl")],
     bindings: &[TURN, FACES, binding("wishes", Access::Read, 4), binding("labels", Access::Write, 4), CLUSTERS, RING],
     workgroup_size: WORKGROUP,
 };
 
-/// Fits the proxies and measures the energy.
+/// Boundary phase: fits the proxies and measures the energy.
 pub const FIT: Kernel = Kernel {
     name: "fit",
-    sources: &[TURN_WGSL, SLOT_WGSL, CLUSTER_WGSL, include_str!("../../../shaders/fit.wgsl")],
+    sources: &[
+        TURN_WGSL,
+        SLOT_WGSL,
+        CLUSTER_WGSL,
+        MARKET_WGSL,
+        SUMS_WGSL,
+        ENERGY_WGSL,
+        include_str!("../../../shaders/fit.wgsl"),
+    ],
+    bindings: &[TURN, CLUSTERS, binding("proxies", Access::Write, size_of::<Proxy>()), MARKETS, RING, NEXT_DISPATCH],
+    workgroup_size: WORKGROUP,
+};
+
+/// Refinement: lets every face bid.
+pub const BID: Kernel = Kernel {
+    name: "bid",
+    sources: &[TURN_WGSL, CLUSTER_WGSL, MARKET_WGSL, FACE_WGSL, SUMS_WGSL, include_str!("../../../shaders/bid.wgsl")],
     bindings: &[
         TURN,
-        binding("energy_shifts", Access::Read, 4),
+        FACES,
+        OFFSETS,
+        NEIGHBOURS,
+        LABELS,
+        binding("proxies", Access::Read, size_of::<Proxy>()),
         CLUSTERS,
+        MARKETS,
+        binding("offers", Access::Write, size_of::<Offer>()),
+    ],
+    workgroup_size: WORKGROUP,
+};
+
+/// Refinement: finds the best bid at each cluster.
+pub const CHOOSE: Kernel = Kernel {
+    name: "choose",
+    sources: &[TURN_WGSL, SLOT_WGSL, MARKET_WGSL, include_str!("../../../shaders/choose.wgsl")],
+    bindings: &[TURN, LABELS, binding("offers", Access::Read, size_of::<Offer>()), MARKETS, RING],
+    workgroup_size: WORKGROUP,
+};
+
+/// Refinement: finds who wins and who joins.
+pub const JOIN: Kernel = Kernel {
+    name: "join",
+    sources: &[TURN_WGSL, CLUSTER_WGSL, MARKET_WGSL, FACE_WGSL, ADD_WGSL, include_str!("../../../shaders/join.wgsl")],
+    bindings: &[TURN, FACES, LABELS, binding("offers", Access::Read, size_of::<Offer>()), MARKETS, CLUSTERS],
+    workgroup_size: WORKGROUP,
+};
+
+/// Refinement: decides, and brings sums and proxies up to date.
+pub const JUDGE: Kernel = Kernel {
+    name: "judge",
+    sources: &[
+        TURN_WGSL,
+        SLOT_WGSL,
+        CLUSTER_WGSL,
+        MARKET_WGSL,
+        FACE_WGSL,
+        SUMS_WGSL,
+        ENERGY_WGSL,
+        include_str!("../../../shaders/judge.wgsl"),
+    ],
+    bindings: &[
+        TURN,
+        FACES,
+        CLUSTERS,
+        binding("joining", Access::Write, size_of::<Cluster>()),
         binding("proxies", Access::Write, size_of::<Proxy>()),
+        MARKETS,
         RING,
         NEXT_DISPATCH,
     ],
     workgroup_size: WORKGROUP,
 };
 
+/// Refinement: brings the labels up to date.
+pub const DEAL: Kernel = Kernel {
+    name: "deal",
+    sources: &[TURN_WGSL, MARKET_WGSL, include_str!("../../../shaders/deal.wgsl")],
+    bindings: &[
+        TURN,
+        binding("labels", Access::Write, 4),
+        binding("offers", Access::Write, size_of::<Offer>()),
+        MARKETS,
+    ],
+    workgroup_size: WORKGROUP,
+};
+
 /// All kernels.
-pub const KERNELS: &[&Kernel] = &[&GROW, &SETTLE, &GATHER, &PROPOSE, &APPLY, &FIT];
+pub const KERNELS: &[&Kernel] = &[&GROW, &SETTLE, &GATHER, &PROPOSE, &APPLY, &FIT, &BID, &CHOOSE, &JOIN, &JUDGE, &DEAL];

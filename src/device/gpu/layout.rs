@@ -25,8 +25,10 @@ pub struct Turn {
     pub clusters: u32,
     /// Workgroups in a full row of a dispatch.
     pub row: u32,
+    /// Number of the turn in its phase, from 1.
+    pub number: u32,
     /// Padding to a multiple of 16 bytes.
-    pub unused: [u32; 3],
+    pub unused: [u32; 2],
 }
 
 /// What a turn leaves in the ring.
@@ -37,12 +39,12 @@ pub struct Slot {
     pub explained: [u32; 6],
     /// Faces whose label changed.
     pub moves: u32,
-    /// Padding.
-    pub unused: u32,
+    /// Faces that bid, in refinement.
+    pub bids: u32,
 }
 
 impl Slot {
-    /// The explained energy. The device adds modulo 2¹²⁸ in two's complement, and the true value fits.
+    /// The explained energy; in refinement, what it rose by. The device adds modulo 2¹²⁸ in two's complement, and the true value fits.
     pub fn explained(&self) -> i128 {
         let limb = |at: usize| u128::from(self.explained[2 * at]) | u128::from(self.explained[2 * at + 1]) << 32;
         let sum = limb(0).wrapping_add(limb(1) << 32).wrapping_add(limb(2) << 64);
@@ -68,10 +70,44 @@ pub struct Cluster {
     pub unused: u32,
 }
 
+/// The bid of a face. The host clears it at the beginning of a refinement.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Offer {
+    /// Where it wants to go.
+    pub cluster: u32,
+    /// Its packed gain.
+    pub bid: u32,
+    /// The turn in which it was last refused.
+    pub refused_in: u32,
+}
+
+/// A cluster's place in the bidding. Only the device looks inside.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Market {
+    /// The largest packed gain.
+    pub best_bid: u32,
+    /// The smallest face with that gain.
+    pub best_face: u32,
+    /// The turn in which a face last won a move from here.
+    pub dealt_in: u32,
+    /// That face.
+    pub winner: u32,
+    /// Where it wants to go.
+    pub target_cluster: u32,
+    /// What was decided.
+    pub verdict: u32,
+    /// The turn in which the cluster last gained or lost a face.
+    pub changed_in: u32,
+    /// Padding.
+    pub unused: u32,
+}
+
 /// A face: its centroid, and its weight's bits.
 pub type Face = [i32; 4];
 
-/// A proxy: its position, and padding.
+/// A proxy: its position, and the energy shift of its cluster.
 pub type Proxy = [i32; 4];
 
 /// Workgroups of an indirect dispatch.
@@ -99,9 +135,9 @@ pub const STRUCTS: &[Struct] = &[
             ("faces", offset_of!(Turn, faces)),
             ("clusters", offset_of!(Turn, clusters)),
             ("row", offset_of!(Turn, row)),
+            ("number", offset_of!(Turn, number)),
             ("unused_0", offset_of!(Turn, unused)),
             ("unused_1", offset_of!(Turn, unused) + 4),
-            ("unused_2", offset_of!(Turn, unused) + 8),
         ],
     },
     Struct {
@@ -110,7 +146,7 @@ pub const STRUCTS: &[Struct] = &[
         members: &[
             ("explained", offset_of!(Slot, explained)),
             ("moves", offset_of!(Slot, moves)),
-            ("unused", offset_of!(Slot, unused)),
+            ("bids", offset_of!(Slot, bids)),
         ],
     },
     Struct {
@@ -123,6 +159,29 @@ pub const STRUCTS: &[Struct] = &[
             ("staying", offset_of!(Cluster, staying)),
             ("first_leaver", offset_of!(Cluster, first_leaver)),
             ("unused", offset_of!(Cluster, unused)),
+        ],
+    },
+    Struct {
+        name: "Offer",
+        size: size_of::<Offer>(),
+        members: &[
+            ("cluster", offset_of!(Offer, cluster)),
+            ("bid", offset_of!(Offer, bid)),
+            ("refused_in", offset_of!(Offer, refused_in)),
+        ],
+    },
+    Struct {
+        name: "Market",
+        size: size_of::<Market>(),
+        members: &[
+            ("best_bid", offset_of!(Market, best_bid)),
+            ("best_face", offset_of!(Market, best_face)),
+            ("dealt_in", offset_of!(Market, dealt_in)),
+            ("winner", offset_of!(Market, winner)),
+            ("target_cluster", offset_of!(Market, target_cluster)),
+            ("verdict", offset_of!(Market, verdict)),
+            ("changed_in", offset_of!(Market, changed_in)),
+            ("unused", offset_of!(Market, unused)),
         ],
     },
 ];
@@ -145,7 +204,7 @@ mod tests {
             explained[2 * at] = limb as u32;
             explained[2 * at + 1] = (limb >> 32) as u32;
         }
-        Slot { explained, moves: 0, unused: 0 }
+        Slot { explained, moves: 0, bids: 0 }
     }
 
     #[test]

@@ -76,8 +76,10 @@ pub enum FaultPoint {
     Upload,
     /// Before a batch of the growth is queued.
     Grow,
-    /// Before a batch of iterations is queued.
-    Optimise,
+    /// Before a batch of the boundary phase is queued.
+    Boundary,
+    /// Before a batch of the refinement is queued.
+    Refine,
     /// Before the labels are read.
     Labels,
 }

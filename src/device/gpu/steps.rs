@@ -27,7 +27,26 @@ const LONG_BATCH: Duration = Duration::from_millis(100);
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Work {
     Grow,
-    Optimise,
+    Boundary,
+    Refine,
+}
+
+impl Work {
+    /// Whether a turn found that there was nothing left to do.
+    fn is_over(self, slot: &Slot) -> bool {
+        match self {
+            Work::Grow | Work::Boundary => slot.moves == 0,
+            Work::Refine => slot.bids == 0,
+        }
+    }
+
+    fn fault_point(self) -> FaultPoint {
+        match self {
+            Work::Grow => FaultPoint::Grow,
+            Work::Boundary => FaultPoint::Boundary,
+            Work::Refine => FaultPoint::Refine,
+        }
+    }
 }
 
 /// A batch on its way.
@@ -54,16 +73,14 @@ impl<'a> GpuSteps<'a> {
         Self { connection, buffers, clusters, gathered: false, energy: None }
     }
 
-    /// Runs turns until one changes nothing (true) or `limit` of them were made (false). `on_turn` is told of each turn that
-    /// changed something, in order. Batches of the growth have an even number of turns, so that the labels end where they
-    /// began.
+    /// Runs turns until one has nothing left to do (true) or `limit` of them moved something (false). `on_turn` is told of
+    /// each that did, in order. Batches of the growth have an even number of turns, so that the labels end where they began.
     fn run(&mut self, work: Work, limit: u32, cancel: &Cancel, mut on_turn: impl FnMut(&Slot)) -> Result<bool> {
-        self.connection.queue.write_buffer(
-            &self.buffers.next_dispatch,
-            0,
-            bytemuck::bytes_of(&self.buffers.face_groups),
-        );
+        let queue = &self.connection.queue;
+        queue.write_buffer(&self.buffers.next_dispatch, 0, bytemuck::bytes_of(&self.buffers.face_groups));
+        // turns that may still move something, those on their way taken off
         let mut left = limit;
+        let mut number = 1u32;
         let mut size = FIRST_BATCH;
         let mut staging = 0;
         let mut before: Option<Batch> = None;
@@ -71,37 +88,41 @@ impl<'a> GpuSteps<'a> {
             let started = Instant::now();
             let turns = size.min(left);
             let next = if turns > 0 && !cancel.is_cancelled() {
+                let batch = self.submit(work, number, turns, staging)?;
                 left -= turns;
-                Some(self.submit(work, turns, staging)?)
+                number = number.wrapping_add(turns);
+                Some(batch)
             } else {
                 None
             };
-            if let Some(batch) = before.take() {
-                let mut ended = false;
-                for slot in self.collect(batch)? {
-                    if slot.moves == 0 {
-                        ended = true;
-                        break;
-                    }
-                    on_turn(&slot);
+            let Some(batch) = before.take() else {
+                if next.is_none() {
+                    cancel.check()?;
+                    return Ok(false);
                 }
-                if ended {
+                before = next;
+                staging = 1 - staging;
+                continue;
+            };
+            for slot in self.collect(batch)? {
+                if work.is_over(&slot) {
                     if let Some(idle) = next {
                         self.collect(idle)?;
                     }
                     cancel.check()?;
                     return Ok(true);
                 }
-                let took = started.elapsed();
-                if took < SHORT_BATCH {
-                    size = (size * 2).min(RING);
-                } else if took > LONG_BATCH {
-                    size = (size / 2).max(2);
+                if slot.moves == 0 {
+                    left += 1;
+                } else {
+                    on_turn(&slot);
                 }
             }
-            if next.is_none() {
-                cancel.check()?;
-                return Ok(false);
+            let took = started.elapsed();
+            if took < SHORT_BATCH {
+                size = (size * 2).min(RING);
+            } else if took > LONG_BATCH {
+                size = (size / 2).max(2);
             }
             before = next;
             staging = 1 - staging;
@@ -109,30 +130,38 @@ impl<'a> GpuSteps<'a> {
     }
 
     /// Queues a batch, and the reading of its slots.
-    fn submit(&self, work: Work, turns: u32, staging: usize) -> Result<Batch> {
+    fn submit(&self, work: Work, number: u32, turns: u32, staging: usize) -> Result<Batch> {
         let kernels = &self.connection.kernels;
         let bindings = &self.buffers.bindings;
-        self.connection.reach(match work {
-            Work::Grow => FaultPoint::Grow,
-            Work::Optimise => FaultPoint::Optimise,
-        });
+        self.connection.reach(work.fault_point());
+        self.buffers.turns.number(&self.connection.queue, number);
         let mut encoder = self.encoder();
         encoder.clear_buffer(&self.buffers.ring, 0, None);
+        if work == Work::Refine && number == 1 {
+            encoder.clear_buffer(&self.buffers.offers, 0, None);
+        }
         {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+            let clusters = Some(self.buffers.cluster_groups);
             for slot in 0..turns {
+                let mut dispatch =
+                    |compiled, bindings, groups| self.dispatch(&mut pass, compiled, bindings, slot, groups);
                 match work {
                     Work::Grow => {
-                        let way = &bindings.grow[slot as usize % 2];
-                        self.dispatch(&mut pass, &kernels.grow, way, slot, None);
-                        let once = Some([1, 1, 1]);
-                        self.dispatch(&mut pass, &kernels.settle, &bindings.settle, slot, once);
+                        dispatch(&kernels.grow, &bindings.grow[slot as usize % 2], None);
+                        dispatch(&kernels.settle, &bindings.settle, Some([1, 1, 1]));
                     }
-                    Work::Optimise => {
-                        self.dispatch(&mut pass, &kernels.propose, &bindings.propose, slot, None);
-                        self.dispatch(&mut pass, &kernels.apply, &bindings.apply, slot, None);
-                        let groups = Some(self.buffers.cluster_groups);
-                        self.dispatch(&mut pass, &kernels.fit, &bindings.fit, slot, groups);
+                    Work::Boundary => {
+                        dispatch(&kernels.propose, &bindings.propose, None);
+                        dispatch(&kernels.apply, &bindings.apply, None);
+                        dispatch(&kernels.fit, &bindings.fit, clusters);
+                    }
+                    Work::Refine => {
+                        dispatch(&kernels.bid, &bindings.bid, None);
+                        dispatch(&kernels.choose, &bindings.choose, None);
+                        dispatch(&kernels.join, &bindings.join, None);
+                        dispatch(&kernels.judge, &bindings.judge, clusters);
+                        dispatch(&kernels.deal, &bindings.deal, None);
                     }
                 }
             }
@@ -140,8 +169,8 @@ impl<'a> GpuSteps<'a> {
         self.queue_reading(encoder, turns, staging)
     }
 
-    /// Queues proxies and energy of the labels as they are, after summing them up if that was not done.
-    fn submit_fit(&mut self) -> Result<wgpu::CommandEncoder> {
+    /// Encodes proxies and energy of the labels as they are, after summing them up if that was not done.
+    fn encode_fit(&mut self) -> wgpu::CommandEncoder {
         let kernels = &self.connection.kernels;
         let buffers = &self.buffers;
         let mut encoder = self.encoder();
@@ -160,7 +189,7 @@ impl<'a> GpuSteps<'a> {
             self.dispatch(&mut pass, &kernels.fit, &buffers.bindings.fit, BETWEEN, groups);
         }
         self.gathered = true;
-        Ok(encoder)
+        encoder
     }
 
     fn encoder(&self) -> wgpu::CommandEncoder {
@@ -177,7 +206,7 @@ impl<'a> GpuSteps<'a> {
         groups: Option<[u32; 3]>,
     ) {
         pass.set_pipeline(&compiled.pipeline);
-        pass.set_bind_group(0, bindings, &[self.buffers.turn(slot)]);
+        pass.set_bind_group(0, bindings, &[self.buffers.turns.offset(slot)]);
         match groups {
             Some([x, y, z]) => pass.dispatch_workgroups(x, y, z),
             None => pass.dispatch_workgroups_indirect(&self.buffers.next_dispatch, 0),
@@ -225,6 +254,11 @@ impl<'a> GpuSteps<'a> {
     }
 }
 
+/// What the end of a run means.
+fn ending(is_over: bool) -> Ending {
+    if is_over { Ending::Converged } else { Ending::IterationLimit }
+}
+
 /// Asks for a buffer to be mapped as soon as what was submitted so far is done.
 fn map(buffer: &wgpu::Buffer) -> Receiver<Result<(), wgpu::BufferAsyncError>> {
     let (sender, receiver) = channel();
@@ -269,7 +303,7 @@ impl Steps for GpuSteps<'_> {
         if let Some(energy) = self.energy {
             return Ok(energy);
         }
-        let encoder = self.submit_fit()?;
+        let encoder = self.encode_fit();
         let batch = self.queue_reading(encoder, RING + 1, 0)?;
         let slots = self.collect(batch)?;
         let explained = slots[BETWEEN as usize].explained();
@@ -282,16 +316,29 @@ impl Steps for GpuSteps<'_> {
         cancel: &Cancel,
         on_iteration: &mut dyn FnMut(Step),
     ) -> Result<Ending> {
-        let encoder = self.submit_fit()?;
+        let encoder = self.encode_fit();
         self.connection.queue.submit([encoder.finish()]);
-        let mut last = None;
-        let converged = self.run(Work::Optimise, max_iterations, cancel, |slot| {
+        let mut last = self.energy;
+        let outcome = self.run(Work::Boundary, max_iterations, cancel, |slot| {
             let energy = LatticeEnergy { explained: slot.explained() };
             last = Some(energy);
             on_iteration(Step { energy, moves: u64::from(slot.moves) });
         });
-        self.energy = last.or(self.energy);
-        Ok(if converged? { Ending::Converged } else { Ending::IterationLimit })
+        self.energy = last;
+        outcome.map(ending)
+    }
+
+    fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending> {
+        // the turns only say what it rises by
+        let mut explained = self.energy()?.explained;
+        let encoder = self.encode_fit();
+        self.connection.queue.submit([encoder.finish()]);
+        let outcome = self.run(Work::Refine, max_iterations, cancel, |slot| {
+            explained += slot.explained();
+            on_iteration(Step { energy: LatticeEnergy { explained }, moves: u64::from(slot.moves) });
+        });
+        self.energy = Some(LatticeEnergy { explained });
+        outcome.map(ending)
     }
 
     fn labels(&mut self) -> Result<Vec<u32>> {
