@@ -3,7 +3,9 @@
 mod common;
 
 use common::{oracle, zoo};
-use tesserae::cluster::{self, Options, Row, seeds::SeedFaces};
+use tesserae::cluster::flat::Options;
+use tesserae::cluster::run::Row;
+use tesserae::cluster::{self, seeds::SeedFaces};
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::{Cancel, Device, FREE};
 use tesserae::parameters::Seeds;
@@ -25,13 +27,15 @@ fn seeds(surface: &Surface, clusters: u64, kind: &Seeds, seed: u64) -> SeedFaces
 }
 
 /// Runs a clustering on the cpu device.
-fn run(surface: &Surface, seeds: &SeedFaces, options: Options) -> (cluster::Clustering, Vec<Row>) {
+fn run(surface: &Surface, seeds: &SeedFaces, options: Options) -> (cluster::flat::Clustering, Vec<Row>) {
     let mut device = CpuDevice::new();
     let mut steps = device.open(surface, &seeds.component_of_cluster).expect("the cpu takes everything");
     let mut rows = Vec::new();
     let clustering =
-        cluster::boundary_based(surface, seeds, options, steps.as_mut(), &Cancel::default(), &mut |row| rows.push(row))
-            .expect("nobody cancels");
+        cluster::flat::boundary_based(surface, seeds, options, steps.as_mut(), &Cancel::default(), &mut |row| {
+            rows.push(row)
+        })
+        .expect("nobody cancels");
     (clustering, rows)
 }
 
@@ -181,7 +185,7 @@ fn a_cancelled_run_stops() {
     let mut steps = device.open(&surface, &seeds.component_of_cluster).expect("the cpu takes everything");
     let cancel = Cancel::default();
     let mut rows = 0;
-    let ended = cluster::boundary_based(&surface, &seeds, CONNECTED, steps.as_mut(), &cancel, &mut |_| {
+    let ended = cluster::flat::boundary_based(&surface, &seeds, CONNECTED, steps.as_mut(), &cancel, &mut |_| {
         rows += 1;
         if rows == 3 {
             cancel.cancel();

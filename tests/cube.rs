@@ -1,7 +1,7 @@
 //! P§7: "for some models and specific number, e.g. a cube model with 8 clusters, the results are identical" to those of
 //! approximated centroidal Voronoi diagrams (ACVD, Valette & Chassery 2004).
 
-use tesserae::cluster::{self, Options};
+use tesserae::cluster::{self, flat::Options};
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::{Cancel, Device};
 use tesserae::parameters::Seeds;
@@ -76,8 +76,9 @@ fn a_cube_in_8_clusters_has_the_energy_of_acvd() {
     let mut device = CpuDevice::new();
     let mut steps = device.open(&surface, &seeds.component_of_cluster).expect("the cpu takes everything");
     let options = Options { max_iterations: None, refine: false, allow_disconnected: false };
-    let ours = cluster::boundary_based(&surface, &seeds, options, steps.as_mut(), &Cancel::default(), &mut |_| {})
-        .expect("nobody cancels");
+    let ours =
+        cluster::flat::boundary_based(&surface, &seeds, options, steps.as_mut(), &Cancel::default(), &mut |_| {})
+            .expect("nobody cancels");
 
     let mut reference = ours.initial.clone();
     acvd(&surface, 8, &mut reference);

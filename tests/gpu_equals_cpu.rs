@@ -8,7 +8,8 @@ use std::time::{Duration, Instant};
 
 use common::zoo;
 use gpu_support::{ALL, PLAIN, cluster_counts, device, run, seeds};
-use tesserae::cluster::{Options, Row};
+use tesserae::cluster::flat::Options;
+use tesserae::cluster::run::Row;
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::gpu::GpuDevice;
 use tesserae::mesh::{self, Format, Limits, NoResources};

@@ -92,8 +92,9 @@ pub trait MergeSteps: Steps {
     /// The sums of some clusters.
     fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<ClusterSums>>;
 
-    /// The faces that belong to another cluster than after the last [`merge`](Self::merge), sorted, with that cluster.
-    fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32)>>;
+    /// The faces that belong to another cluster than after the last [`merge`](Self::merge), sorted: the face, the cluster
+    /// it belonged to and the one it belongs to.
+    fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32, u32)>>;
 }
 
 /// The best dual edge of a cluster.

@@ -9,7 +9,9 @@ use std::time::{Duration, Instant};
 
 use sha2::{Digest, Sha256};
 
-use crate::cluster::{self, Clustering, Options, repair, seeds, seeds::SeedFaces};
+use crate::cluster::flat::{Clustering, Options};
+use crate::cluster::seeds::{self, SeedFaces};
+use crate::cluster::{self, repair};
 use crate::device::{Cancel, Device, Ending};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::{self, Format, Limits, PolygonMesh, Resources};
@@ -123,7 +125,7 @@ pub fn run(
         refine: parameters.refine == Refine::On,
         allow_disconnected: parameters.allow_disconnected,
     };
-    let mut on_row = |row: cluster::Row| {
+    let mut on_row = |row: cluster::run::Row| {
         let row = Iteration {
             iteration: row.iteration,
             phase: row.phase,
@@ -136,7 +138,7 @@ pub fn run(
         iterations.push(row);
     };
     let clustering = match parameters.algorithm {
-        Algorithm::Bb => cluster::boundary_based(surface, seeds, options, steps.as_mut(), cancel, &mut on_row)?,
+        Algorithm::Bb => cluster::flat::boundary_based(surface, seeds, options, steps.as_mut(), cancel, &mut on_row)?,
     };
     drop(steps);
     let clustered = Instant::now();
@@ -234,7 +236,10 @@ fn warnings(prepared: &Prepared, clustering: &Clustering) -> Vec<String> {
         warnings.push(match prepared.parameters.max_iterations {
             Some(limit) => format!("stopped by max_iterations before it converged: {limit}"),
             None => {
-                format!("stopped after the allowed number of repairs before it converged: {}", cluster::MAX_REPAIRS)
+                format!(
+                    "stopped after the allowed number of repairs before it converged: {}",
+                    cluster::flat::MAX_REPAIRS
+                )
             }
         });
     }

@@ -62,6 +62,11 @@ impl Frame {
         std::array::from_fn(|axis| (source[axis] - self.centre[axis]) * self.factors[0] * self.factors[1])
     }
 
+    /// A position in source units.
+    pub fn source_position(&self, lattice: [f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|axis| libm::ldexp(lattice[axis], -self.exponent) + self.centre[axis])
+    }
+
     /// Centroid and area of a face, and the second moment inside it: Σ over the fan's triangles of
     /// `area·((|ab|²+|bc|²+|ca|²)/36 + |triangle centroid − face centroid|²)`.
     pub fn face(&self, mesh: &PolygonMesh, face: usize) -> (FaceGeometry, f64) {

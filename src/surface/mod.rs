@@ -18,9 +18,11 @@ pub use components::Component;
 
 use rayon::prelude::*;
 
+use crate::cluster::sums::ClusterSums;
 use crate::device::LatticeEnergy;
 use crate::error::{Error, Result};
 use crate::mesh::PolygonMesh;
+use crate::tree::Merge;
 use lattice::{FaceGeometry, Frame};
 
 /// A mesh on the integer lattice, faces in an internal order chosen for locality.
@@ -159,6 +161,37 @@ impl Surface {
     pub fn energy(&self, energy: LatticeEnergy) -> f64 {
         let lattice = (self.moment - energy.explained) as f64;
         libm::ldexp(lattice, -4 * self.frame.exponent - self.weight_exponent)
+    }
+
+    /// w·|g|² of a face, in units of its component: its share of the constant part of the energy.
+    pub fn moment_of(&self, face: u32) -> i128 {
+        let square: i64 = self.centroids[face as usize].iter().map(|&g| i64::from(g) * i64::from(g)).sum();
+        i128::from(self.weights[face as usize]) * i128::from(square)
+    }
+
+    /// What becomes of two clusters that merge, in source units: `cost`, `energy`, `faces`, `weight` and `proxy` of the
+    /// record are set. `moment` is Σ w·|g|² of both; `face` is any face of either.
+    pub fn merged(&self, a: &ClusterSums, b: &ClusterSums, moment: i128, face: u32) -> Merge {
+        let component = self.components.partition_point(|component| component.first_face <= face) - 1;
+        let energy_exponent =
+            -4 * self.frame.exponent - self.weight_exponent + self.components[component].energy_shift as i32;
+        let mean = |sums: &ClusterSums| sums.centroid.map(|s| s as f64 / sums.weight as f64);
+        let (weight_a, weight_b) = (a.weight as f64, b.weight as f64);
+        let (mean_a, mean_b) = (mean(a), mean(b));
+        let square: f64 = (0..3).map(|axis| (mean_a[axis] - mean_b[axis]) * (mean_a[axis] - mean_b[axis])).sum();
+        let cost = weight_a * weight_b / (weight_a + weight_b) * square;
+        let mut sums = *a;
+        sums.add(b, 1);
+        let explained = sums.fit().map_or(0, |(_, explained)| explained);
+        Merge {
+            into: 0,
+            from: 0,
+            cost: libm::ldexp(cost, energy_exponent),
+            energy: libm::ldexp((moment - explained) as f64, energy_exponent),
+            faces: sums.faces,
+            weight: libm::ldexp(sums.weight as f64, energy_exponent + 2 * self.frame.exponent),
+            proxy: self.frame.source_position(mean(&sums)),
+        }
     }
 
     /// Energy of labels (internal order, each below `clusters`) in source units, in f64 from the source positions:

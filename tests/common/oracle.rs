@@ -156,7 +156,8 @@ impl<'a> Refinement<'a> {
     fn bids(&self) -> Vec<Option<(u32, u32)>> {
         use tesserae::cluster::refinement::{Side, bid, gain};
         let sums = sums(self.surface, self.component_of_cluster.len(), &self.labels);
-        let proxies: Vec<[i128; 3]> = sums.iter().map(proxy).collect();
+        let proxies: Vec<[i128; 3]> =
+            sums.iter().map(|sums| if sums.faces > 0 { proxy(sums) } else { [0; 3] }).collect();
         (0..self.labels.len())
             .map(|face| {
                 let from = self.labels[face];

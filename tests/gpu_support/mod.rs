@@ -1,7 +1,9 @@
 //! What the tests of the gpu device share: an adapter, and runs of the driver.
 #![allow(dead_code, reason = "every test binary uses its own part")]
 
-use tesserae::cluster::{self, Clustering, Options, Row, seeds::SeedFaces};
+use tesserae::cluster::flat::{Clustering, Options};
+use tesserae::cluster::run::Row;
+use tesserae::cluster::{self, seeds::SeedFaces};
 use tesserae::device::gpu::adapter::{Found, enumerate};
 use tesserae::device::gpu::{GpuDevice, Overrides};
 use tesserae::device::{Cancel, Device};
@@ -44,7 +46,7 @@ pub fn run(device: &mut dyn Device, surface: &Surface, seeds: &SeedFaces, option
     let mut steps = device.open(surface, &seeds.component_of_cluster)?;
     let mut rows = Vec::new();
     let Clustering { initial, labels, ending, .. } =
-        cluster::boundary_based(surface, seeds, options, steps.as_mut(), &Cancel::default(), &mut |row| {
+        cluster::flat::boundary_based(surface, seeds, options, steps.as_mut(), &Cancel::default(), &mut |row| {
             rows.push(row)
         })?;
     Ok((initial, labels, format!("{ending:?}"), rows))

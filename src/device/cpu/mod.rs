@@ -318,12 +318,12 @@ impl MergeSteps for CpuSteps<'_> {
         Ok(clusters.iter().map(|&cluster| *self.clusters.sums(cluster)).collect())
     }
 
-    fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32)>> {
+    fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32, u32)>> {
         let mut left = self.left.take().unwrap_or_default();
         // the first move of each face tells where it was; the sort is stable
         left.sort_by_key(|&(face, _)| face);
         left.dedup_by_key(|&mut (face, _)| face);
         let moved = left.into_iter().map(|(face, from)| (face, from, self.labels.of(face)));
-        Ok(moved.filter(|&(_, from, to)| from != to).map(|(face, _, to)| (face, to)).collect())
+        Ok(moved.filter(|&(_, from, to)| from != to).collect())
     }
 }

@@ -1,0 +1,279 @@
+//! Hierarchical clustering: parallel multilevel (PML), multilevel (ML) and without optimisation (P§4, P§5.4).
+//!
+//! # Definition
+//!
+//! Every face starts as a cluster. A round merges clusters and then optimises:
+//!
+//! * *Parallel rounds* (PML): every cluster finds its best dual edge ([`super::dual_edge`]: packed cost, then the tie rule);
+//!   pairs that chose each other merge, all at once. The edges are totally ordered (or, with the paper's tie rule, the
+//!   cluster with the largest number among those of the cheapest edges has a partner that chose it back), so there is
+//!   always such a pair, and a round never does nothing while a dual edge is left.
+//! * *Sequential rounds* (ML): the dual edge with the smallest exact cost of all merges; with `collapse_fraction` P, one
+//!   after the other until P % of the clusters are gone (Chiosa & Kolb 2008).
+//! * *Optimisation*: the boundary phase and the refinement of [`super::flat`], on the merged clusters. They look only at what
+//!   has changed. Then pieces that were cut off are given to their neighbours.
+//!
+//! Of two clusters that merge, the one with more faces keeps its number, the smaller number of equal ones. Clusters start
+//! with the internal number of their face.
+//!
+//! A run stops at `clusters`, at each of `levels` and at one cluster a component, at exactly those numbers: a round that
+//! would pass one merges only its cheapest pairs. There the phases run until no cluster is in pieces, as in a flat run.
+//!
+//! Without optimisation no face ever moves, and the tree is nested: parallel hierarchical clustering, or with sequential
+//! rounds exact greedy Ward clustering on the lattice (Garland et al. 2001).
+
+use super::dual_edge::{Rank, Ties};
+use super::flat::MAX_REPAIRS;
+use super::run::{Row, Run};
+use super::sums::ClusterSums;
+use crate::device::{Cancel, Ending, LatticeEnergy, MergeSteps};
+use crate::error::{Error, Kind, Result};
+use crate::report::Phase;
+use crate::surface::Surface;
+use crate::tree::{FaceMove, Merge, Round, Tree};
+
+/// What a hierarchy is asked for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// Rounds are sequential from this number of clusters on: 0 for never, `u64::MAX` for always.
+    pub sequential_at: u64,
+    /// Percentage of the clusters that a sequential round merges; one merge a round when left out.
+    pub collapse_fraction: Option<f64>,
+    /// Optimise after the merges of a round.
+    pub optimise: bool,
+    /// Refine what the boundary phase has converged to.
+    pub refine: bool,
+    /// Iterations of optimisation a round, except at levels.
+    pub optimise_iterations: Option<u32>,
+    /// Which of equally cheap dual edges is the best.
+    pub ties: Ties,
+    /// Where to end; one cluster a component when left out.
+    pub clusters: Option<u64>,
+    /// Numbers of clusters to stop at on the way.
+    pub levels: Vec<u64>,
+    /// Leave clusters in the pieces that the optimisation left.
+    pub allow_disconnected: bool,
+}
+
+/// What a round did.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RoundRow {
+    /// Number of the round, from 1.
+    pub round: u32,
+    /// Clusters left after it.
+    pub clusters: u64,
+    /// Energy after it.
+    pub energy: LatticeEnergy,
+    /// Pairs that merged.
+    pub merges: u64,
+    /// Faces that belong elsewhere after the optimisation than after the merges.
+    pub moves: u64,
+    /// Whether it ended at a number that was asked for.
+    pub is_level: bool,
+}
+
+/// Builds a hierarchy. The device was opened for it with one cluster a face ([`components_of_faces`]).
+///
+/// `on_row` is told of every iteration of parallel rounds, `on_round` of every round. Labels are the last round's, internal
+/// order.
+pub fn hierarchical(
+    surface: &Surface,
+    options: &Options,
+    steps: &mut dyn MergeSteps,
+    cancel: &Cancel,
+    on_row: &mut dyn FnMut(Row),
+    on_round: &mut dyn FnMut(RoundRow),
+) -> Result<(Tree, Vec<u32>)> {
+    let faces = surface.faces() as u64;
+    let target = check(surface, options)?;
+    steps.set_labels(&(0..faces as u32).collect::<Vec<_>>())?;
+    let mut builder = Builder::new(surface);
+    let mut partners = vec![u32::MAX; faces as usize];
+    let mut iteration = 0;
+    let mut left = faces;
+    while left > target {
+        cancel.check()?;
+        let round = builder.tree.rounds.len() as u32 + 1;
+        let stop = options.levels.iter().copied().filter(|&level| level < left).fold(target, u64::max);
+        let is_sequential = left <= options.sequential_at;
+        let merges = if is_sequential {
+            let wanted = options.collapse_fraction.map_or(1, |percent| (left as f64 * percent / 100.0) as u64);
+            merge_cheapest(steps, options.ties, wanted.clamp(1, left - stop), &mut builder)?
+        } else {
+            merge_mutual(steps, options.ties, left - stop, &mut partners, &mut builder)?
+        };
+        left -= merges;
+        let is_level = left == stop && (options.levels.contains(&stop) || options.clusters == Some(stop));
+        let mut moves = 0;
+        if options.optimise {
+            let mut nothing = |_: Row| {};
+            let on_row: &mut dyn FnMut(Row) = if is_sequential && !is_level { &mut nothing } else { on_row };
+            let mut run = Run { steps, cancel, on_row, round: Some(round), iteration, left: u32::MAX };
+            optimise(&mut run, options, is_level)?;
+            iteration = run.iteration;
+            let moved = steps.moves_since_merge()?;
+            moves = moved.len() as u64;
+            builder.moves(&moved);
+        }
+        let energy = steps.energy()?;
+        builder.end_round(left, energy);
+        on_round(RoundRow { round, clusters: left, energy, merges, moves, is_level });
+    }
+    Ok((builder.tree, steps.labels()?))
+}
+
+/// The component of each face, which is that of the cluster it starts as.
+pub fn components_of_faces(surface: &Surface) -> Vec<u32> {
+    let component = |(number, component): (usize, &crate::surface::Component)| {
+        std::iter::repeat_n(number as u32, component.faces as usize)
+    };
+    surface.components.iter().enumerate().flat_map(component).collect()
+}
+
+/// Where to end. Refuses numbers that this surface cannot have.
+pub fn check(surface: &Surface, options: &Options) -> Result<u64> {
+    let (faces, components) = (surface.faces() as u64, surface.components.len() as u64);
+    for (name, number) in
+        options.clusters.iter().map(|k| ("clusters", *k)).chain(options.levels.iter().map(|k| ("levels", *k)))
+    {
+        if number > faces {
+            return Err(Error::parameter(format_args!(
+                "{name} must not be more than the mesh has faces, {faces}: {number}"
+            )));
+        }
+        if number < components {
+            return Err(Error::parameter(format_args!(
+                "{name} must be at least the number of connected components, {components}, because a cluster cannot \
+                 reach across a gap: {number}"
+            )));
+        }
+    }
+    let target = options.clusters.unwrap_or(components);
+    if let Some(level) = options.levels.iter().find(|&&level| level < target) {
+        return Err(Error::parameter(format_args!("levels must not be below clusters, {target}: {level}")));
+    }
+    Ok(target)
+}
+
+/// Merges pairs that chose each other, the cheapest first, at most so many; returns how many.
+fn merge_mutual(
+    steps: &mut dyn MergeSteps,
+    ties: Ties,
+    at_most: u64,
+    partners: &mut [u32],
+    builder: &mut Builder<'_>,
+) -> Result<u64> {
+    let edges = steps.optimal_dual_edges(ties)?;
+    for edge in &edges {
+        partners[edge.cluster as usize] = edge.other;
+    }
+    let is_mutual =
+        |edge: &&crate::device::DualEdge| edge.cluster < edge.other && partners[edge.other as usize] == edge.cluster;
+    let rank = |edge: &crate::device::DualEdge| Rank::new(edge.cost, edge.cluster, edge.other, Ties::Hash);
+    let mut mutual: Vec<Rank<u32>> = edges.iter().filter(is_mutual).map(rank).collect();
+    if mutual.is_empty() {
+        return Err(Error::new(Kind::Internal, "no two clusters chose each other"));
+    }
+    mutual.sort_unstable();
+    mutual.truncate(at_most as usize);
+    let pairs: Vec<(u32, u32)> = mutual.iter().map(Rank::ends).collect();
+    merge(steps, &pairs, builder)?;
+    Ok(pairs.len() as u64)
+}
+
+/// Merges the cheapest dual edge of all, so many times; returns that number.
+fn merge_cheapest(steps: &mut dyn MergeSteps, ties: Ties, times: u64, builder: &mut Builder<'_>) -> Result<u64> {
+    for _ in 0..times {
+        let pair = steps.cheapest_dual_edge(ties)?;
+        let pair = pair.ok_or_else(|| Error::new(Kind::Internal, "there is no dual edge left to collapse"))?;
+        merge(steps, &[pair], builder)?;
+    }
+    Ok(times)
+}
+
+/// Merges pairs and keeps a record of it.
+fn merge(steps: &mut dyn MergeSteps, pairs: &[(u32, u32)], builder: &mut Builder<'_>) -> Result<()> {
+    let ends: Vec<u32> = pairs.iter().flat_map(|&(low, high)| [low, high]).collect();
+    let sums = steps.sums_of(&ends)?;
+    let mut ordered = Vec::with_capacity(pairs.len());
+    for (&(low, high), sums) in pairs.iter().zip(sums.chunks_exact(2)) {
+        let (low, high) = ((low, sums[0]), (high, sums[1]));
+        let (into, from) = if high.1.faces > low.1.faces { (high, low) } else { (low, high) };
+        builder.merge(into, from);
+        ordered.push((from.0, into.0));
+    }
+    steps.merge(&ordered)
+}
+
+/// The phases after the merges of a round.
+fn optimise(run: &mut Run<'_>, options: &Options, is_level: bool) -> Result<()> {
+    run.left = if is_level { u32::MAX } else { options.optimise_iterations.unwrap_or(u32::MAX) };
+    let mut repairs = 0;
+    loop {
+        if run.phase(Phase::Boundary)? == Ending::Converged && options.refine {
+            run.phase(Phase::Refine)?;
+        }
+        if options.allow_disconnected {
+            return Ok(());
+        }
+        let cut_off = run.steps.cut_off_faces()?;
+        if cut_off.is_empty() {
+            return Ok(());
+        }
+        run.steps.regrow(&cut_off, run.cancel)?;
+        run.iteration += 1;
+        run.tell(Phase::Repair, cut_off.len() as u64)?;
+        repairs += 1;
+        if !is_level || repairs == MAX_REPAIRS {
+            return Ok(());
+        }
+    }
+}
+
+/// Keeps the record of a run.
+struct Builder<'a> {
+    surface: &'a Surface,
+    tree: Tree,
+    /// Σ w·|g|² of each cluster, exactly.
+    moments: Vec<i128>,
+}
+
+impl<'a> Builder<'a> {
+    fn new(surface: &'a Surface) -> Self {
+        let faces = surface.faces() as u32;
+        let moments = (0..faces).map(|face| surface.moment_of(face)).collect();
+        Self { surface, tree: Tree { faces, ..Tree::default() }, moments }
+    }
+
+    /// Records a merge; clusters with their sums before it.
+    fn merge(&mut self, into: (u32, ClusterSums), from: (u32, ClusterSums)) {
+        let moment = self.moments[into.0 as usize] + std::mem::take(&mut self.moments[from.0 as usize]);
+        self.moments[into.0 as usize] = moment;
+        let merged = self.surface.merged(&into.1, &from.1, moment, into.0);
+        self.tree.merges.push(Merge {
+            into: self.surface.upload_face[into.0 as usize],
+            from: self.surface.upload_face[from.0 as usize],
+            ..merged
+        });
+    }
+
+    /// Records moves: (face, from, to).
+    fn moves(&mut self, moves: &[(u32, u32, u32)]) {
+        let upload = &self.surface.upload_face;
+        for &(face, from, to) in moves {
+            let moment = self.surface.moment_of(face);
+            self.moments[from as usize] -= moment;
+            self.moments[to as usize] += moment;
+            self.tree.moves.push(FaceMove { face: upload[face as usize], to: upload[to as usize] });
+        }
+    }
+
+    fn end_round(&mut self, clusters: u64, energy: LatticeEnergy) {
+        self.tree.rounds.push(Round {
+            clusters: clusters as u32,
+            energy: self.surface.energy(energy),
+            merges_end: self.tree.merges.len() as u32,
+            moves_end: self.tree.moves.len() as u64,
+        });
+    }
+}

@@ -1,0 +1,251 @@
+//! Hierarchies against brute force, and the promises that every hierarchy keeps.
+
+mod common;
+
+use common::{oracle, zoo};
+use tesserae::cluster::dual_edge::{End, Rank, Ties, exact_cost, packed_cost};
+use tesserae::cluster::hierarchy::{Options, RoundRow, components_of_faces, hierarchical};
+use tesserae::cluster::repair::disconnected_clusters;
+use tesserae::cluster::sums::ClusterSums;
+use tesserae::device::cpu::CpuDevice;
+use tesserae::device::{Cancel, Device};
+use tesserae::sample::{Sample, generate};
+use tesserae::surface::Surface;
+use tesserae::tree::Tree;
+
+/// Parallel rounds with optimisation, to the top.
+fn pml() -> Options {
+    Options {
+        sequential_at: 0,
+        collapse_fraction: None,
+        optimise: true,
+        refine: true,
+        optimise_iterations: None,
+        ties: Ties::Hash,
+        clusters: None,
+        levels: Vec::new(),
+        allow_disconnected: false,
+    }
+}
+
+/// Sequential rounds without optimisation: exact greedy Ward clustering.
+fn hr() -> Options {
+    Options { sequential_at: u64::MAX, optimise: false, ..pml() }
+}
+
+struct Outcome {
+    tree: Tree,
+    labels: Vec<u32>,
+    rounds: Vec<RoundRow>,
+}
+
+fn run(surface: &Surface, options: &Options) -> Outcome {
+    let components = components_of_faces(surface);
+    let mut device = CpuDevice::new();
+    let mut steps = device.open_merging(surface, &components).expect("the cpu takes everything");
+    let mut rounds = Vec::new();
+    let (tree, labels) =
+        hierarchical(surface, options, steps.as_mut(), &Cancel::default(), &mut |_| {}, &mut |row| rounds.push(row))
+            .expect("nobody cancels");
+    Outcome { tree, labels, rounds }
+}
+
+fn sums_of(surface: &Surface, labels: &[u32]) -> Vec<ClusterSums> {
+    let mut sums = vec![ClusterSums::default(); labels.len()];
+    for (face, &label) in labels.iter().enumerate() {
+        sums[label as usize].add_face(surface, face, 1);
+    }
+    sums
+}
+
+fn end(sums: &ClusterSums) -> End {
+    End { weight: sums.weight as u64, proxy: sums.fit().expect("it has faces").0 }
+}
+
+/// All pairs of clusters that share a dual edge, by internal numbers, the smaller first.
+fn adjacent(surface: &Surface, labels: &[u32]) -> Vec<(u32, u32)> {
+    let mut pairs: Vec<(u32, u32)> = (0..labels.len() as u32)
+        .flat_map(|face| surface.neighbours_of(face).iter().map(move |&near| (face, near)))
+        .map(|(face, near)| (labels[face as usize], labels[near as usize]))
+        .filter(|(a, b)| a < b)
+        .collect();
+    pairs.sort_unstable();
+    pairs.dedup();
+    pairs
+}
+
+/// Merges two clusters as the definition says.
+fn merge(surface: &Surface, labels: &mut [u32], (low, high): (u32, u32)) {
+    let sums = sums_of(surface, labels);
+    let keeps_high = sums[high as usize].faces > sums[low as usize].faces;
+    let (into, from) = if keeps_high { (high, low) } else { (low, high) };
+    labels.iter_mut().filter(|label| **label == from).for_each(|label| *label = into);
+}
+
+/// Labels numbered by the first face of the upload that carries them.
+fn canonical(surface: &Surface, labels: &[u32]) -> Vec<u32> {
+    let mut by_upload = vec![0; labels.len()];
+    for (face, &label) in labels.iter().enumerate() {
+        by_upload[surface.upload_face[face] as usize] = label;
+    }
+    let mut seen = Vec::new();
+    by_upload
+        .into_iter()
+        .map(|label| {
+            seen.iter().position(|&known| known == label).unwrap_or_else(|| {
+                seen.push(label);
+                seen.len() - 1
+            }) as u32
+        })
+        .collect()
+}
+
+fn small_zoo() -> Vec<(String, Surface)> {
+    let small = zoo::all().into_iter().filter(|(_, mesh)| mesh.faces.len() <= 300);
+    small.map(|(name, mesh)| (name, Surface::build(&mesh).expect("the zoo can be put on the lattice"))).collect()
+}
+
+#[test]
+fn without_optimisation_sequential_rounds_are_exact_greedy_ward_step_by_step() {
+    for (name, surface) in small_zoo() {
+        let Outcome { tree, .. } = run(&surface, &hr());
+        let mut labels: Vec<u32> = (0..surface.faces() as u32).collect();
+        for (step, round) in tree.rounds.iter().enumerate() {
+            let sums = sums_of(&surface, &labels);
+            let cheapest = adjacent(&surface, &labels)
+                .into_iter()
+                .map(|(a, b)| {
+                    let component = surface.components.iter().find(|run| run.range().contains(&(a as usize)));
+                    let shift = component.expect("every face is in one").energy_shift;
+                    let cost = exact_cost(end(&sums[a as usize]), end(&sums[b as usize])) << shift;
+                    Rank::new(cost, a, b, Ties::Hash)
+                })
+                .min()
+                .unwrap_or_else(|| panic!("{name}: step {step} merges what is not there"));
+            merge(&surface, &mut labels, cheapest.ends());
+            let cut = tree.labels_at(u64::from(round.clusters)).expect("a round's own number");
+            assert_eq!(cut.labels, canonical(&surface, &labels), "{name}: step {step}");
+        }
+        assert_eq!(adjacent(&surface, &labels), [], "{name}: something is left to merge");
+        assert!(tree.is_nested());
+    }
+}
+
+#[test]
+fn parallel_rounds_merge_the_pairs_that_chose_each_other() {
+    for (name, surface) in small_zoo() {
+        for ties in [Ties::Hash, Ties::LargestId] {
+            let Outcome { tree, .. } = run(&surface, &Options { optimise: false, ties, ..pml() });
+            let mut labels: Vec<u32> = (0..surface.faces() as u32).collect();
+            for (step, round) in tree.rounds.iter().enumerate() {
+                let sums = sums_of(&surface, &labels);
+                let pairs = adjacent(&surface, &labels);
+                let best = |cluster: u32| {
+                    let edges = pairs.iter().filter(|&&(a, b)| a == cluster || b == cluster);
+                    let rank = |&(a, b): &(u32, u32)| {
+                        let component = surface.components.iter().find(|run| run.range().contains(&(a as usize)));
+                        let shift = component.expect("every face is in one").energy_shift;
+                        let cost = packed_cost(end(&sums[a as usize]), end(&sums[b as usize]), shift);
+                        Rank::new(cost, cluster, if a == cluster { b } else { a }, ties)
+                    };
+                    edges.map(rank).min().map(|rank| rank.ends())
+                };
+                let mutual: Vec<(u32, u32)> = pairs
+                    .iter()
+                    .copied()
+                    .filter(|&(a, b)| best(a) == Some((a, b)) && best(b) == Some((a, b)))
+                    .collect();
+                for pair in mutual {
+                    merge(&surface, &mut labels, pair);
+                }
+                let cut = tree.labels_at(u64::from(round.clusters)).expect("a round's own number");
+                assert_eq!(cut.labels, canonical(&surface, &labels), "{name} {ties:?}: round {step}");
+            }
+            assert_eq!(adjacent(&surface, &labels), [], "{name} {ties:?}: something is left to merge");
+        }
+    }
+}
+
+#[test]
+fn a_run_with_optimisation_repeats_and_its_last_cut_is_its_last_state() {
+    for (name, surface) in small_zoo() {
+        for options in [pml(), Options { sequential_at: u64::MAX, ..pml() }, Options { refine: false, ..pml() }] {
+            let one = run(&surface, &options);
+            assert_eq!(one.tree, run(&surface, &options).tree, "{name}");
+            let cut = one.tree.labels_at(u64::from(one.tree.roots())).expect("the roots");
+            assert_eq!(cut.labels, canonical(&surface, &one.labels), "{name} {options:?}");
+            assert_eq!(one.tree.roots() as usize, surface.components.len(), "{name}: one root a component");
+        }
+    }
+}
+
+#[test]
+fn cuts_have_exactly_the_clusters_asked_for_all_of_them_connected() {
+    for sample in [Sample::Knot, Sample::Terrain, Sample::Parts, Sample::Quads] {
+        let surface = Surface::build(&generate(sample, 1500).expect("a sample")).expect("a surface");
+        let internal = surface.internal_faces();
+        for options in [pml(), Options { levels: vec![77, 500], ..pml() }, hr()] {
+            let Outcome { tree, rounds, .. } = run(&surface, &options);
+            for &level in &options.levels {
+                assert!(rounds.iter().any(|row| row.clusters == level && row.is_level), "no round ends at {level}");
+            }
+            for clusters in (surface.components.len() as u64..=surface.faces() as u64).step_by(23) {
+                let cut = tree.labels_at(clusters).expect("within the tree");
+                let most = cut.labels.iter().max().map_or(0, |&label| label + 1);
+                assert_eq!(u64::from(most), clusters, "{}", sample.name());
+                let mut labels = vec![0; internal.len()];
+                cut.labels.iter().zip(&internal).for_each(|(&label, &face)| labels[face as usize] = label);
+                assert_eq!(disconnected_clusters(&surface, most as usize, &labels), 0, "{} {clusters}", sample.name());
+                // the energy of the cut is that of its labels, but for the rounding of weights
+                let source = surface.source_energy(&labels, most as usize);
+                assert!((cut.energy - source).abs() <= 1e-4 * source + 1e-18, "{clusters}: {} {source}", cut.energy);
+            }
+            assert!(tree.labels_at(surface.components.len() as u64 - 1).is_err());
+            assert!(tree.labels_at(surface.faces() as u64 + 1).is_err());
+        }
+    }
+}
+
+#[test]
+fn energies_of_rounds_are_those_of_their_labels_and_a_level_has_converged() {
+    let surface = Surface::build(&generate(Sample::Knot, 3000).expect("a sample")).expect("a surface");
+    let component_of_cluster = components_of_faces(&surface);
+    let Outcome { labels, rounds, .. } = run(&surface, &Options { clusters: Some(60), ..pml() });
+    let last = rounds.last().expect("there are rounds");
+    assert_eq!(last.clusters, 60);
+    assert_eq!(last.energy.explained, oracle::explained(&surface, &component_of_cluster, &labels));
+    let mut plain = oracle::Refinement::new(&surface, &component_of_cluster, labels);
+    assert_eq!(plain.iterate(), None, "there is a move left");
+}
+
+#[test]
+fn plateaus_of_equal_faces_take_rounds_in_proportion_to_the_logarithm() {
+    for (sample, faces) in [(Sample::Strip, 4096), (Sample::Plane, 8192), (Sample::Cube, 12 * 24 * 24)] {
+        let surface = Surface::build(&generate(sample, faces).expect("a sample")).expect("a surface");
+        // optimisation makes the clusters of a plateau alike again, which leaves longer slopes of costs between them
+        for (optimise, factor) in [(false, 3), (true, 5)] {
+            let bound = factor * surface.faces().ilog2();
+            let rounds = run(&surface, &Options { optimise, ..pml() }).rounds.len() as u32;
+            assert!(rounds <= bound, "{} optimise={optimise}: {rounds} rounds", sample.name());
+        }
+    }
+    // the paper's rule crawls, but arrives
+    let strip = Surface::build(&generate(Sample::Strip, 512).expect("a sample")).expect("a surface");
+    let rounds = run(&strip, &Options { optimise: false, ties: Ties::LargestId, ..pml() }).rounds.len();
+    assert!(rounds > 100, "{rounds} rounds");
+}
+
+#[test]
+fn mixtures_switch_and_collapse_as_they_are_told() {
+    let surface = Surface::build(&generate(Sample::Knot, 1500).expect("a sample")).expect("a surface");
+    let Outcome { rounds, .. } = run(&surface, &Options { sequential_at: 100, ..pml() });
+    for pair in rounds.windows(2).filter(|pair| pair[0].clusters <= 100) {
+        assert_eq!(pair[1].merges, 1);
+    }
+    assert!(rounds.iter().filter(|row| row.clusters > 100).all(|row| row.merges > 1));
+    let Outcome { rounds, .. } =
+        run(&surface, &Options { sequential_at: u64::MAX, collapse_fraction: Some(10.0), ..pml() });
+    for pair in rounds.windows(2) {
+        assert_eq!(pair[1].merges, (pair[0].clusters / 10).max(1));
+    }
+}
