@@ -3,8 +3,9 @@
 //!
 //! Text is set by whoever shows the picture: no font is needed here.
 
+use std::ops::Range;
+
 use plotters::coord::Shift;
-use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
 use plotters::prelude::*;
 use serde::Deserialize;
 
@@ -46,7 +47,7 @@ struct Level {
     energy: Option<f64>,
 }
 
-/// Points of a panel: (clusters or iteration, energy).
+/// Points of a panel: (iteration, or logarithm of the number of clusters; logarithm of the energy), to base 10.
 type Points = Vec<(f64, f64)>;
 
 impl Curve {
@@ -63,7 +64,7 @@ impl Curve {
     }
 
     fn levels(&self) -> Points {
-        drawable(self.levels.iter().map(|level| (level.clusters as f64, level.energy)))
+        drawable(self.levels.iter().map(|level| (logarithm(level.clusters), level.energy)))
     }
 
     fn iterations(&self) -> Points {
@@ -72,13 +73,17 @@ impl Curve {
 
     /// The end of a flat clustering among hierarchies.
     fn end(&self) -> Points {
-        drawable([(self.clusters as f64, self.energy.final_)].into_iter())
+        drawable([(logarithm(self.clusters), self.energy.final_)].into_iter())
     }
 }
 
-/// Points that an axis with logarithms can show.
+fn logarithm(clusters: u64) -> f64 {
+    (clusters.max(1) as f64).log10()
+}
+
+/// Points whose energy has a logarithm.
 fn drawable(points: impl Iterator<Item = (f64, Option<f64>)>) -> Points {
-    points.filter_map(|(x, energy)| Some((x, energy.filter(|energy| *energy > 0.0)?))).collect()
+    points.filter_map(|(x, energy)| Some((x, energy.filter(|energy| *energy > 0.0)?.log10()))).collect()
 }
 
 /// Draws reports as SVG. Fails when none of them has an energy to show.
@@ -107,49 +112,43 @@ pub fn draw(curves: &[Curve]) -> Result<String> {
         let areas = root.split_evenly((panels.len(), 1));
         for (area, (unit, lines)) in areas.iter().zip(&panels) {
             let (x, y) = (extent(lines, |point| point.0), extent(lines, |point| point.1));
-            let y = (y.0 / 1.05..y.1 * 1.05).log_scale();
-            match *unit {
-                "clusters" => panel(area, unit, (x.0 / 1.05..x.1 * 1.05).log_scale(), y, lines)?,
-                _ => panel(area, unit, x.0..x.1.max(x.0 + 1.0), y, lines)?,
-            }
+            panel(area, unit, x, y, lines)?;
         }
         root.present().map_err(defect)
     })();
     drawn.map(|()| svg)
 }
 
-/// The least and the largest of a coordinate.
-fn extent(lines: &[(String, Points)], coordinate: impl Fn(&(f64, f64)) -> f64) -> (f64, f64) {
+/// The least and the largest of a coordinate, and some room.
+fn extent(lines: &[(String, Points)], coordinate: impl Fn(&(f64, f64)) -> f64) -> Range<f64> {
     let all = lines.iter().flat_map(|(_, points)| points).map(coordinate);
-    all.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), value| (least.min(value), most.max(value)))
+    let (least, most) =
+        all.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), value| (least.min(value), most.max(value)));
+    let room = (0.03 * (most - least)).max(0.01);
+    least - room..most + room
 }
 
 /// One panel with its axes, lines and legend.
-fn panel<X, Y>(
+fn panel(
     area: &DrawingArea<SVGBackend<'_>, Shift>,
     unit: &str,
-    x: X,
-    y: Y,
+    x: Range<f64>,
+    y: Range<f64>,
     lines: &[(String, Points)],
-) -> Result<()>
-where
-    X: AsRangedCoord<Value = f64>,
-    Y: AsRangedCoord<Value = f64>,
-    X::CoordDescType: ValueFormatter<f64>,
-    Y::CoordDescType: ValueFormatter<f64>,
-{
+) -> Result<()> {
     let mut chart = ChartBuilder::on(area)
         .margin(16)
         .x_label_area_size(44)
         .y_label_area_size(92)
         .build_cartesian_2d(x, y)
         .map_err(defect)?;
+    let is_clusters = unit == "clusters";
     chart
         .configure_mesh()
         .x_desc(unit)
         .y_desc("energy")
-        .x_label_formatter(&|x| format!("{x:.0}"))
-        .y_label_formatter(&|y| format!("{y:.2e}"))
+        .x_label_formatter(&|&x| format!("{:.0}", if is_clusters { 10f64.powf(x) } else { x }))
+        .y_label_formatter(&|&y| format!("{:.2e}", 10f64.powf(y)))
         .light_line_style(WHITE.mix(0.0))
         .draw()
         .map_err(defect)?;

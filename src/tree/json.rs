@@ -101,12 +101,11 @@ impl Stored {
         write_array(out, self.tree.levels().filter(|level| range.contains(&level.clusters)))?;
         out.write_all(b",\"nodes\":")?;
         let mut nodes = Nodes::new(self.tree.faces);
-        let listed = self
-            .tree
-            .nodes(&mut nodes)
-            .take_while(|node| u64::from(node.clusters_left) >= *range.start())
-            .filter(|node| range.contains(&u64::from(node.clusters_left)));
-        write_array(out, listed)?;
+        // merges beyond the range must not happen: the roots are what is left then
+        let until = u64::from(self.tree.faces).saturating_sub(*range.start());
+        let until = usize::try_from(until).unwrap_or(usize::MAX);
+        let made = self.tree.nodes(&mut nodes).take(until);
+        write_array(out, made.filter(|node| range.contains(&u64::from(node.clusters_left))))?;
         out.write_all(b",\"roots\":")?;
         write_array(out, nodes.roots().into_iter())?;
         out.write_all(b"}\n")
