@@ -46,6 +46,21 @@ pub(super) struct EndEvent {
     problem: Option<Problem>,
 }
 
+/// An event of the stream.
+#[derive(ToSchema)]
+#[expect(dead_code, reason = "describes the stream for openapi.yaml")]
+pub(super) struct StreamEvent {
+    /// Its number: 1 for the job's first, without gaps.
+    #[schema(example = "1")]
+    id: String,
+    /// What happened: `state`, `iteration` or `end`.
+    #[schema(example = "state")]
+    event: String,
+    /// JSON: a `StateEvent`, an `Iteration` or an `EndEvent`.
+    #[schema(example = "{\"state\":\"queued\"}")]
+    data: String,
+}
+
 /// Follow a job
 ///
 /// Events `state` ({state}), `iteration` (a row of the report's `iterations`) and `end` ({state, problem}), after which
@@ -59,7 +74,7 @@ pub(super) struct EndEvent {
         ("Last-Event-ID" = Option<u64>, Header, description = "Number of the last event that is known; 0 or absent for none"),
     ),
     responses(
-        (status = 200, description = "The events", body = String, content_type = "text/event-stream"),
+        (status = 200, description = "The events", body = StreamEvent, content_type = "text/event-stream"),
         (status = 204, description = "The job has ended and there is no event after that one"),
         (status = 400, response = super::openapi::Problematic),
         (status = 404, response = super::openapi::Problematic),
@@ -173,7 +188,8 @@ fn last_event_id(headers: &HeaderMap) -> Result<u64> {
         return Ok(0);
     };
     let text = value.to_str().unwrap_or("?").trim();
-    text.parse().map_err(|_| {
+    // 63 bits, as openapi.yaml says
+    text.parse::<i64>().ok().and_then(|number| u64::try_from(number).ok()).ok_or_else(|| {
         Error::new(
             Kind::BadRequest,
             format_args!("Last-Event-ID must be the id of an event of this job, a number, not {text:?}"),
