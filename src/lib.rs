@@ -43,5 +43,6 @@ pub mod report;
 pub mod sample;
 pub mod service;
 pub mod surface;
+pub mod tree;
 
 pub use error::{Error, Kind, Result};

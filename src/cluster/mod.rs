@@ -32,14 +32,16 @@
 //!
 //! # Connectivity
 //!
-//! Moves at the same time can cut a cluster in two. When a phase has converged, [`repair`] frees all but the largest
+//! Moves at the same time can cut a cluster in two. When a phase has converged, a repair frees all but the largest
 //! piece of each cluster; growth hands the freed faces to their neighbours, and the next boundary phase begins. Repair
 //! may raise F, and is its own row in the report. After [`MAX_REPAIRS`] rounds the last word is a repair: what grows
 //! from connected pieces is connected.
 
+pub mod dual_edge;
 pub mod refinement;
 pub mod repair;
 pub mod seeds;
+pub mod sums;
 
 use crate::device::{Cancel, Ending, FREE, LatticeEnergy, Step, Steps};
 use crate::error::Result;
@@ -96,14 +98,15 @@ pub fn boundary_based(
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
 ) -> Result<Clustering> {
-    let clusters = seeds.face_of_cluster.len();
     let mut labels = vec![FREE; surface.faces()];
     for (cluster, &face) in seeds.face_of_cluster.iter().enumerate() {
         labels[face as usize] = cluster as u32;
     }
     let left = options.max_iterations.unwrap_or(u32::MAX);
     let mut run = Run { steps, cancel, on_row, iteration: 0, left };
-    run.grow(&labels, Phase::Boundary, 0)?;
+    run.steps.set_labels(&labels)?;
+    run.steps.grow(cancel)?;
+    run.tell(Phase::Boundary, 0)?;
     let initial = run.steps.labels()?;
 
     let mut repairs = 0;
@@ -112,16 +115,13 @@ pub fn boundary_based(
         if options.refine && ending == Ending::Converged {
             ending = run.phase(Phase::Refine)?;
         }
-        labels = run.steps.labels()?;
-        if options.allow_disconnected {
-            return Ok(Clustering { initial, labels, ending });
+        let cut_off = if options.allow_disconnected { Vec::new() } else { run.steps.cut_off_faces()? };
+        if cut_off.is_empty() {
+            return Ok(Clustering { initial, labels: run.steps.labels()?, ending });
         }
-        let freed = repair::free_cut_off_pieces(surface, clusters, &mut labels);
-        if freed == 0 {
-            return Ok(Clustering { initial, labels, ending });
-        }
+        run.steps.regrow(&cut_off, cancel)?;
         run.iteration += 1;
-        run.grow(&labels, Phase::Repair, freed)?;
+        run.tell(Phase::Repair, cut_off.len() as u64)?;
         repairs += 1;
         if repairs == MAX_REPAIRS || ending == Ending::IterationLimit {
             return Ok(Clustering { initial, labels: run.steps.labels()?, ending: Ending::IterationLimit });
@@ -140,10 +140,8 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    /// Grows the clusters over the free faces among `labels`, and reports the state under the current number.
-    fn grow(&mut self, labels: &[u32], phase: Phase, moves: u64) -> Result<()> {
-        self.steps.set_labels(labels)?;
-        self.steps.grow(self.cancel)?;
+    /// Tells of the current state.
+    fn tell(&mut self, phase: Phase, moves: u64) -> Result<()> {
         let energy = self.steps.energy()?;
         (self.on_row)(Row { iteration: self.iteration, phase, energy, moves });
         Ok(())

@@ -1,4 +1,4 @@
-//! Pieces of clusters: counting them, and freeing all but the largest.
+//! Pieces of clusters, found by walking the whole mesh: the plain way, for checks and for devices without a better one.
 
 use crate::device::FREE;
 use crate::surface::Surface;
@@ -42,13 +42,10 @@ impl Pieces {
     }
 }
 
-/// Frees every face outside its cluster's piece with the most faces (of equally large ones, that with the smallest
-/// face), and says how many.
-pub fn free_cut_off_pieces(surface: &Surface, clusters: usize, labels: &mut [u32]) -> u64 {
+/// The faces outside their cluster's piece with the most faces (of equally large ones, that with the smallest face),
+/// sorted.
+pub fn cut_off_faces(surface: &Surface, clusters: usize, labels: &[u32]) -> Vec<u32> {
     let Pieces { piece_of_face, pieces } = Pieces::find(surface, labels);
-    if pieces.len() == clusters {
-        return 0;
-    }
     let mut largest: Vec<Option<u32>> = vec![None; clusters];
     for (piece, &(label, faces)) in pieces.iter().enumerate() {
         let best = &mut largest[label as usize];
@@ -56,14 +53,11 @@ pub fn free_cut_off_pieces(surface: &Surface, clusters: usize, labels: &mut [u32
             *best = Some(piece as u32);
         }
     }
-    let mut freed = 0;
-    for (face, label) in labels.iter_mut().enumerate() {
-        if *label != FREE && largest[*label as usize] != Some(piece_of_face[face]) {
-            *label = FREE;
-            freed += 1;
-        }
-    }
-    freed
+    let is_cut_off = |&face: &u32| {
+        let label = labels[face as usize];
+        label != FREE && largest[label as usize] != Some(piece_of_face[face as usize])
+    };
+    (0..labels.len() as u32).filter(is_cut_off).collect()
 }
 
 /// How many clusters are in several pieces.

@@ -5,10 +5,13 @@
 
 pub mod cpu;
 pub mod gpu;
+pub mod select;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use crate::cluster::dual_edge::Ties;
+use crate::cluster::sums::ClusterSums;
 use crate::error::{Error, Result};
 use crate::report::DeviceInfo;
 use crate::surface::Surface;
@@ -25,11 +28,20 @@ pub trait Device: Send {
     ///
     /// `component_of_cluster[c]` is the component of the surface that cluster `c` lies in: clusters never leave it.
     fn open<'a>(&'a mut self, surface: &'a Surface, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>>;
+
+    /// The same for a hierarchical clustering.
+    fn open_merging<'a>(
+        &'a mut self,
+        surface: &'a Surface,
+        component_of_cluster: &'a [u32],
+    ) -> Result<Box<dyn MergeSteps + 'a>>;
 }
 
-/// The steps of boundary-based clustering on one surface. Faces are in the surface's internal order.
+/// The steps that algorithms are made of, on one surface. Faces are in the surface's internal order.
+///
+/// Clusters are numbers below that of `component_of_cluster`; one without faces is as good as not there.
 pub trait Steps {
-    /// Replaces all labels: one a face, a cluster or [`FREE`].
+    /// Replaces all labels: one a face, a cluster or [`FREE`]. All faces may bid again.
     fn set_labels(&mut self, labels: &[u32]) -> Result<()>;
 
     /// Grows the clusters over the free faces, breadth first (P§5.3): in each pass every free face with labelled
@@ -54,8 +66,45 @@ pub trait Steps {
     /// iterations with moves were made; otherwise like [`optimise_boundary`](Self::optimise_boundary).
     fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending>;
 
+    /// The faces outside the piece with the most faces (of equally large ones, that with the smallest face) of each
+    /// cluster, sorted. All faces must be labelled.
+    fn cut_off_faces(&mut self) -> Result<Vec<u32>>;
+
+    /// Frees the given faces and grows the clusters over them, as [`grow`](Self::grow) does. No cluster may lose all its
+    /// faces.
+    fn regrow(&mut self, faces: &[u32], cancel: &Cancel) -> Result<()>;
+
     /// The current labels.
     fn labels(&mut self) -> Result<Vec<u32>>;
+}
+
+/// The further steps of hierarchical clustering.
+pub trait MergeSteps: Steps {
+    /// The best dual edge (P§5.4) of each cluster that has faces and neighbours, in the order of the clusters.
+    fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>>;
+
+    /// The two ends of the dual edge with the smallest exact cost of all, the smaller number first.
+    fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>>;
+
+    /// Merges pairs of clusters, each the first into the second of its pair (`(from, into)`); no cluster is in two pairs.
+    fn merge(&mut self, pairs: &[(u32, u32)]) -> Result<()>;
+
+    /// The sums of some clusters.
+    fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<ClusterSums>>;
+
+    /// The faces that belong to another cluster than after the last [`merge`](Self::merge), sorted, with that cluster.
+    fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32)>>;
+}
+
+/// The best dual edge of a cluster.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DualEdge {
+    /// The cluster.
+    pub cluster: u32,
+    /// The neighbour it would best merge with.
+    pub other: u32,
+    /// The packed merge cost ([`crate::cluster::dual_edge::packed_cost`]).
+    pub cost: u32,
 }
 
 /// What one iteration did.

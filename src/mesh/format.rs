@@ -92,7 +92,8 @@ impl Format {
 
     /// Refuses a file whose first bytes are plainly not of this format: the cheap check made before a job is accepted.
     ///
-    /// `length` is the length of the whole file in bytes, where it is known.
+    /// `head` is the first 20 bytes at least, or the whole file; `length` is the length of the whole file in bytes, where
+    /// it is known.
     pub fn check_head(self, head: &[u8], length: Option<u64>) -> Result<()> {
         let not = |wanted: &str, what: &str| Err(Error::mesh(format_args!("this is not {wanted}: {what}")));
         let wanted = match self {

@@ -4,12 +4,14 @@
 //! lost a face; all others would decide as they did before. Faces that can decide anything lie on a boundary, so the
 //! faces to look at are found from the boundary lists of the clusters that changed, at a cost in proportion to those.
 
+use super::labels::Labels;
 use crate::device::FREE;
 use crate::surface::Surface;
 
 /// One list of boundary faces a cluster.
 ///
 /// A list holds every boundary face of its cluster, and maybe faces that no longer are; those go when it is next read.
+/// The labels of listed faces and of their neighbours are up to date.
 #[derive(Debug, Default)]
 pub struct Frontier {
     faces_of_cluster: Vec<Vec<u32>>,
@@ -23,17 +25,21 @@ pub struct Frontier {
 
 impl Frontier {
     /// The frontier of new labels; all faces labelled.
-    pub fn collect(surface: &Surface, labels: &[u32], clusters: usize) -> Self {
+    pub fn collect(surface: &Surface, labels: &mut Labels, clusters: usize) -> Self {
+        let faces = labels.len();
         let mut frontier = Self {
             faces_of_cluster: vec![Vec::new(); clusters],
-            listed_in: vec![FREE; labels.len()],
-            due_in: vec![0; labels.len()],
+            listed_in: vec![FREE; faces],
+            due_in: vec![0; faces],
             reading: 0,
             due: Vec::new(),
         };
-        for face in 0..labels.len() as u32 {
-            if is_boundary(surface, labels, face) {
-                frontier.list(face, labels[face as usize]);
+        let all = labels.all();
+        for face in 0..faces as u32 {
+            let own = all[face as usize];
+            if surface.neighbours_of(face).iter().any(|&near| all[near as usize] != own) {
+                frontier.listed_in[face as usize] = own;
+                frontier.faces_of_cluster[own as usize].push(face);
             }
         }
         frontier
@@ -41,18 +47,18 @@ impl Frontier {
 
     /// The faces listed for the changed clusters and the faces beside them, each once. A face of a changed cluster or
     /// with a neighbour in one that is not among them lies on no boundary and did not before.
-    pub fn due(&mut self, surface: &Surface, labels: &[u32], changed: &[u32]) -> &[u32] {
+    pub fn due(&mut self, surface: &Surface, labels: &Labels, changed: &[u32]) -> &[u32] {
         self.reading += 1;
         self.due.clear();
         for &cluster in changed {
             let mut faces = std::mem::take(&mut self.faces_of_cluster[cluster as usize]);
             faces.retain(|&face| {
-                if labels[face as usize] != cluster {
+                if labels.near_boundary(face) != cluster {
                     return false;
                 }
                 let mut is_boundary = false;
                 for &near in surface.neighbours_of(face) {
-                    if labels[near as usize] != cluster {
+                    if labels.near_boundary(near) != cluster {
                         is_boundary = true;
                         self.mark(near);
                     }
@@ -73,19 +79,39 @@ impl Frontier {
         self.due_in[face as usize] == self.reading
     }
 
+    /// The boundary faces of a cluster, and maybe some more of its faces.
+    pub fn boundary_of<'a>(&'a self, labels: &'a Labels, cluster: u32) -> impl Iterator<Item = u32> + 'a {
+        let faces = &self.faces_of_cluster[cluster as usize];
+        faces.iter().copied().filter(move |&face| labels.near_boundary(face) == cluster)
+    }
+
     /// Keeps the lists in step with a face that has moved; `labels` already say so.
-    pub fn moved(&mut self, surface: &Surface, labels: &[u32], face: u32) {
-        let to = labels[face as usize];
-        self.list(face, to);
+    pub fn moved(&mut self, surface: &Surface, labels: &mut Labels, face: u32) {
+        let to = labels.refresh(face);
+        self.list(surface, labels, face, to);
         for &near in surface.neighbours_of(face) {
-            let cluster = labels[near as usize];
-            if cluster != to && self.listed_in[near as usize] != cluster {
-                self.list(near, cluster);
+            let cluster = labels.near_boundary(near);
+            if cluster != to && cluster != FREE && self.listed_in[near as usize] != cluster {
+                self.list(surface, labels, near, cluster);
             }
         }
     }
 
-    fn list(&mut self, face: u32, cluster: u32) {
+    /// Keeps the lists in step with a cluster that became part of another; `labels` already say so.
+    pub fn merged(&mut self, surface: &Surface, labels: &mut Labels, into: u32, from: u32) {
+        for face in std::mem::take(&mut self.faces_of_cluster[from as usize]) {
+            if self.listed_in[face as usize] == from {
+                labels.refresh(face);
+                self.list(surface, labels, face, into);
+            }
+        }
+    }
+
+    /// Lists a face, and lets the labels around it be up to date.
+    fn list(&mut self, surface: &Surface, labels: &mut Labels, face: u32, cluster: u32) {
+        for &near in surface.neighbours_of(face) {
+            labels.refresh(near);
+        }
         self.listed_in[face as usize] = cluster;
         self.faces_of_cluster[cluster as usize].push(face);
     }
@@ -95,10 +121,4 @@ impl Frontier {
             self.due.push(face);
         }
     }
-}
-
-/// Whether a face has a neighbour in another cluster.
-fn is_boundary(surface: &Surface, labels: &[u32], face: u32) -> bool {
-    let own = labels[face as usize];
-    surface.neighbours_of(face).iter().any(|&neighbour| labels[neighbour as usize] != own)
 }

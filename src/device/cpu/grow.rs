@@ -1,41 +1,57 @@
 //! Initial growth (P§5.3): breadth first, the smallest cluster wins a contested face.
 
+use super::labels::Labels;
 use crate::device::{Cancel, FREE};
 use crate::error::Result;
 use crate::surface::Surface;
 
-/// Labels all free faces that can be reached from labelled ones.
-///
-/// Only the faces labelled in the last pass can offer a label to a face that is still free: what lay beside an earlier
-/// one was labelled then. The cost is in proportion to the faces labelled.
-pub fn grow(surface: &Surface, labels: &mut [u32], cancel: &Cancel) -> Result<()> {
-    let mut frontier: Vec<u32> = (0..labels.len() as u32)
-        .filter(|&face| {
-            labels[face as usize] != FREE
-                && surface.neighbours_of(face).iter().any(|&neighbour| labels[neighbour as usize] == FREE)
-        })
-        .collect();
-    let mut offered = vec![FREE; labels.len()];
-    let mut reached = Vec::new();
-    while !frontier.is_empty() {
-        cancel.check()?;
-        for &face in &frontier {
-            let label = labels[face as usize];
-            for &neighbour in surface.neighbours_of(face) {
-                if labels[neighbour as usize] == FREE {
-                    let offer = &mut offered[neighbour as usize];
-                    if *offer == FREE {
-                        reached.push(neighbour);
+/// What growth needs to remember; kept between growths to save its memory.
+#[derive(Debug)]
+pub struct Growth {
+    /// The smallest label offered to each free face in the current pass; [`FREE`] between passes.
+    offered: Vec<u32>,
+}
+
+impl Growth {
+    /// For `faces` faces.
+    pub fn new(faces: usize) -> Self {
+        Self { offered: vec![FREE; faces] }
+    }
+
+    /// Labels all free faces that can be reached from the labelled faces in `frontier`, which must hold all those
+    /// beside a free face. Returns the faces it labelled.
+    ///
+    /// Only the faces labelled in the last pass can offer a label to a face that is still free: what lay beside an
+    /// earlier one was labelled then. The cost is in proportion to the faces labelled.
+    pub fn grow(
+        &mut self,
+        surface: &Surface,
+        labels: &mut Labels,
+        mut frontier: Vec<u32>,
+        cancel: &Cancel,
+    ) -> Result<Vec<u32>> {
+        let mut grown = Vec::new();
+        while !frontier.is_empty() {
+            cancel.check()?;
+            let first = grown.len();
+            for &face in &frontier {
+                let label = labels.of(face);
+                for &near in surface.neighbours_of(face) {
+                    if labels.of(near) == FREE {
+                        let offer = &mut self.offered[near as usize];
+                        if *offer == FREE {
+                            grown.push(near);
+                        }
+                        *offer = label.min(*offer);
                     }
-                    *offer = label.min(*offer);
                 }
             }
+            frontier.clear();
+            frontier.extend_from_slice(&grown[first..]);
+            for &face in &frontier {
+                labels.set(face, std::mem::replace(&mut self.offered[face as usize], FREE));
+            }
         }
-        for &face in &reached {
-            labels[face as usize] = offered[face as usize];
-        }
-        std::mem::swap(&mut frontier, &mut reached);
-        reached.clear();
+        Ok(grown)
     }
-    Ok(())
 }

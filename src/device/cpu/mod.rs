@@ -4,20 +4,29 @@
 //! to those of a plain sweep. Faces decide in parallel; what they decided is applied in one thread, because it is little.
 
 mod boundary;
+mod changes;
 mod clusters;
+mod dual_edges;
 mod frontier;
 mod grow;
+mod labels;
+mod pieces;
 mod refine;
 
 use rayon::current_num_threads;
 
-use super::{Cancel, Device, Ending, LatticeEnergy, Step, Steps};
+use super::{Cancel, Device, DualEdge, Ending, FREE, LatticeEnergy, MergeSteps, Step, Steps};
+use crate::cluster::dual_edge::{Rank, Ties};
+use crate::cluster::sums::ClusterSums;
 use crate::error::Result;
 use crate::report::{DeviceInfo, DeviceKind};
 use crate::surface::Surface;
 use boundary::Leaving;
+use changes::Reader;
 use clusters::Clusters;
 use frontier::Frontier;
+use grow::Growth;
+use labels::Labels;
 use refine::Bids;
 
 /// The threads of this machine, through rayon's global pool.
@@ -51,20 +60,22 @@ impl Device for CpuDevice {
     }
 
     fn open<'a>(&'a mut self, surface: &'a Surface, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
-        Ok(Box::new(CpuSteps {
-            surface,
-            labels: vec![super::FREE; surface.faces()],
-            clusters: Clusters::new(surface, component_of_cluster),
-            is_gathered: false,
-            frontier: None,
-        }))
+        Ok(Box::new(CpuSteps::new(surface, component_of_cluster)))
+    }
+
+    fn open_merging<'a>(
+        &'a mut self,
+        surface: &'a Surface,
+        component_of_cluster: &'a [u32],
+    ) -> Result<Box<dyn MergeSteps + 'a>> {
+        Ok(Box::new(CpuSteps::new(surface, component_of_cluster)))
     }
 }
 
 /// Faces a thread takes at a time.
 const CHUNK: usize = 1024;
 
-/// A face that wants to leave its cluster.
+/// A face that moves from one cluster to another.
 #[derive(Debug, Clone, Copy)]
 struct Move {
     face: u32,
@@ -75,70 +86,130 @@ struct Move {
 /// State of one clustering.
 struct CpuSteps<'a> {
     surface: &'a Surface,
-    /// One a face, internal order.
-    labels: Vec<u32>,
+    labels: Labels,
+    /// The sums of `labels`, while there is a frontier.
     clusters: Clusters,
-    /// Whether the sums of `clusters` are those of `labels`.
-    is_gathered: bool,
-    /// The frontier of `labels`, once an optimisation has needed it.
+    /// The frontier of `labels`; None after they were changed from outside.
     frontier: Option<Frontier>,
+    growth: Growth,
+    leaving: Leaving,
+    bids: Bids,
+    /// For walks through clusters: the last walk that came to each face.
+    walked: Vec<u32>,
+    walk: u32,
+    /// Clusters that may have faces, ascending.
+    living: Vec<u32>,
+    /// Once the cheapest dual edge was asked for.
+    queue: Option<dual_edges::Queue>,
+    /// Once clusters merged: the faces that moved since the last merge, with the cluster they left.
+    left: Option<Vec<(u32, u32)>>,
 }
 
-impl CpuSteps<'_> {
-    /// Labels were changed from outside.
-    fn forget(&mut self) {
-        self.is_gathered = false;
-        self.frontier = None;
-    }
-
-    fn gather(&mut self) {
-        if !std::mem::replace(&mut self.is_gathered, true) {
-            self.clusters.gather(self.surface, &self.labels);
+impl<'a> CpuSteps<'a> {
+    /// All faces free.
+    fn new(surface: &'a Surface, component_of_cluster: &[u32]) -> Self {
+        let clusters = component_of_cluster.len();
+        Self {
+            surface,
+            labels: Labels::new(surface.faces()),
+            clusters: Clusters::new(surface, component_of_cluster),
+            frontier: None,
+            growth: Growth::new(surface.faces()),
+            leaving: Leaving::new(clusters),
+            bids: Bids::new(clusters),
+            walked: Vec::new(),
+            walk: 0,
+            living: (0..clusters as u32).collect(),
+            queue: None,
+            left: None,
         }
     }
 
-    /// Carries out iterations until one says that there is nothing left to do (None).
+    /// Brings sums and frontier in step with labels that were changed from outside.
+    fn gather(&mut self) {
+        if self.frontier.is_none() {
+            self.clusters.gather(self.surface, self.labels.all());
+            self.bids = Bids::new(self.clusters.len());
+            self.frontier = Some(Frontier::collect(self.surface, &mut self.labels, self.clusters.len()));
+        }
+    }
+
+    /// Lets faces go where they want.
+    fn apply(&mut self, moves: &[Move]) {
+        let Some(frontier) = &mut self.frontier else { return };
+        for &Move { face, from, to } in moves {
+            self.labels.set(face, to);
+            self.clusters.transfer(self.surface, face, from, to);
+            frontier.moved(self.surface, &mut self.labels, face);
+        }
+        self.clusters.refit();
+        if let Some(left) = &mut self.left {
+            left.extend(moves.iter().map(|&Move { face, from, .. }| (face, from)));
+        }
+    }
+
+    /// Carries out iterations until one has nothing left to do (None), or the limit is reached.
     fn optimise(
         &mut self,
         max_iterations: u32,
         cancel: &Cancel,
         on_iteration: &mut dyn FnMut(Step),
-        mut iterate: impl FnMut(&Surface, &mut [u32], &mut Clusters, &mut Frontier) -> Option<u64>,
+        mut next_moves: impl FnMut(&mut Self) -> Option<Vec<Move>>,
     ) -> Result<Ending> {
         self.gather();
-        self.clusters.mark_all_changed();
-        let mut frontier =
-            self.frontier.take().unwrap_or_else(|| Frontier::collect(self.surface, &self.labels, self.clusters.len()));
         let mut left = max_iterations;
-        let ending = loop {
+        loop {
             cancel.check()?;
             if left == 0 {
-                break Ending::IterationLimit;
+                return Ok(Ending::IterationLimit);
             }
-            match iterate(self.surface, &mut self.labels, &mut self.clusters, &mut frontier) {
-                None => break Ending::Converged,
-                Some(0) => {}
-                Some(moves) => {
-                    left -= 1;
-                    on_iteration(Step { energy: self.clusters.energy(), moves });
-                }
+            let Some(moves) = next_moves(self) else { return Ok(Ending::Converged) };
+            if !moves.is_empty() {
+                left -= 1;
+                self.apply(&moves);
+                on_iteration(Step { energy: self.clusters.energy(), moves: moves.len() as u64 });
             }
-        };
-        self.frontier = Some(frontier);
-        Ok(ending)
+        }
+    }
+
+    /// What all faces that are due want by the boundary test; None when nothing moves.
+    fn boundary_moves(&mut self) -> Option<Vec<Move>> {
+        let changed = self.clusters.take_changes(Reader::Boundary);
+        let due = self.frontier.as_mut()?.due(self.surface, &self.labels, &changed);
+        let moves = boundary::moves(self.surface, &self.labels, &self.clusters, due, &mut self.leaving);
+        (!moves.is_empty()).then_some(moves)
+    }
+
+    /// What comes of the bids; None when there are none.
+    fn refining_moves(&mut self) -> Option<Vec<Move>> {
+        let changed = self.clusters.take_changes(Reader::Refinement);
+        let frontier = self.frontier.as_mut()?;
+        let due = frontier.due(self.surface, &self.labels, &changed).to_vec();
+        self.bids.renew(self.surface, &self.labels, &self.clusters, &due, frontier);
+        (!self.bids.is_empty()).then(|| self.bids.moves(self.surface, &self.clusters))
     }
 }
 
 impl Steps for CpuSteps<'_> {
     fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
-        self.labels.copy_from_slice(labels);
-        self.forget();
+        self.labels.replace(labels);
+        self.frontier = None;
+        self.living = (0..self.clusters.len() as u32).collect();
+        self.queue = None;
+        self.left = None;
         Ok(())
     }
 
     fn grow(&mut self, cancel: &Cancel) -> Result<()> {
-        self.forget();
-        grow::grow(self.surface, &mut self.labels, cancel)
+        self.frontier = None;
+        let labels = self.labels.all();
+        let beside_free = |face: &u32| {
+            labels[*face as usize] != FREE
+                && self.surface.neighbours_of(*face).iter().any(|&near| labels[near as usize] == FREE)
+        };
+        let frontier = (0..labels.len() as u32).filter(beside_free).collect();
+        self.growth.grow(self.surface, &mut self.labels, frontier, cancel)?;
+        Ok(())
     }
 
     fn energy(&mut self) -> Result<LatticeEnergy> {
@@ -152,21 +223,99 @@ impl Steps for CpuSteps<'_> {
         cancel: &Cancel,
         on_iteration: &mut dyn FnMut(Step),
     ) -> Result<Ending> {
-        let mut leaving = Leaving::new(self.clusters.len());
-        self.optimise(max_iterations, cancel, on_iteration, |surface, labels, clusters, frontier| {
-            // what nothing moves in is the end: a face that was kept back comes with others that moved
-            Some(boundary::iterate(surface, labels, clusters, frontier, &mut leaving)).filter(|&moves| moves > 0)
-        })
+        self.optimise(max_iterations, cancel, on_iteration, Self::boundary_moves)
     }
 
     fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending> {
-        let mut bids = Bids::new(self.clusters.len());
-        self.optimise(max_iterations, cancel, on_iteration, |surface, labels, clusters, frontier| {
-            bids.iterate(surface, labels, clusters, frontier)
-        })
+        self.optimise(max_iterations, cancel, on_iteration, Self::refining_moves)
+    }
+
+    fn cut_off_faces(&mut self) -> Result<Vec<u32>> {
+        self.gather();
+        let Some(frontier) = &self.frontier else { return Ok(Vec::new()) };
+        let changed = self.clusters.take_changes(Reader::Pieces);
+        self.walked.resize(self.surface.faces(), 0);
+        self.walk += 1;
+        Ok(pieces::cut_off(self.surface, &self.labels, frontier, &changed, &mut self.walked, self.walk))
+    }
+
+    fn regrow(&mut self, faces: &[u32], cancel: &Cancel) -> Result<()> {
+        self.gather();
+        let from: Vec<u32> = faces.iter().map(|&face| self.labels.refresh(face)).collect();
+        for &face in faces {
+            self.labels.set(face, FREE);
+        }
+        let mut beside: Vec<u32> = faces
+            .iter()
+            .flat_map(|&face| self.surface.neighbours_of(face).iter().copied())
+            .filter(|&near| self.labels.of(near) != FREE)
+            .collect();
+        beside.sort_unstable();
+        beside.dedup();
+        self.growth.grow(self.surface, &mut self.labels, beside, cancel)?;
+        let moves: Vec<Move> = faces
+            .iter()
+            .zip(from)
+            .map(|(&face, from)| Move { face, from, to: self.labels.of(face) })
+            .filter(|moved| moved.to != moved.from)
+            .collect();
+        self.apply(&moves);
+        Ok(())
     }
 
     fn labels(&mut self) -> Result<Vec<u32>> {
-        Ok(self.labels.clone())
+        Ok(self.labels.all().to_vec())
+    }
+}
+
+impl MergeSteps for CpuSteps<'_> {
+    fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
+        self.gather();
+        let Some(frontier) = &self.frontier else { return Ok(Vec::new()) };
+        self.living.retain(|&cluster| self.clusters.sums(cluster).faces > 0);
+        let best = dual_edges::optimal(self.surface, &self.labels, &self.clusters, frontier, &self.living, ties);
+        let edge = |(&cluster, best): (&u32, Option<Rank<u32>>)| {
+            let best = best?;
+            let (low, high) = best.ends();
+            Some(DualEdge { cluster, other: if cluster == low { high } else { low }, cost: best.cost })
+        };
+        Ok(self.living.iter().zip(best).filter_map(edge).collect())
+    }
+
+    fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {
+        self.gather();
+        let Some(frontier) = &self.frontier else { return Ok(None) };
+        let queue = self.queue.get_or_insert_with(|| dual_edges::Queue::new(self.clusters.len(), ties));
+        let cheapest = queue.cheapest(self.surface, &self.labels, &mut self.clusters, frontier);
+        Ok(cheapest.map(|edge| edge.ends()))
+    }
+
+    fn merge(&mut self, pairs: &[(u32, u32)]) -> Result<()> {
+        self.gather();
+        let Some(frontier) = &mut self.frontier else { return Ok(()) };
+        for &(from, into) in pairs {
+            self.labels.merge(self.clusters.len(), into, from);
+            self.clusters.merge(into, from);
+        }
+        for &(from, into) in pairs {
+            frontier.merged(self.surface, &mut self.labels, into, from);
+        }
+        self.clusters.refit();
+        self.left = Some(Vec::new());
+        Ok(())
+    }
+
+    fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<ClusterSums>> {
+        self.gather();
+        Ok(clusters.iter().map(|&cluster| *self.clusters.sums(cluster)).collect())
+    }
+
+    fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32)>> {
+        let mut left = self.left.take().unwrap_or_default();
+        // the first move of each face tells where it was; the sort is stable
+        left.sort_by_key(|&(face, _)| face);
+        left.dedup_by_key(|&mut (face, _)| face);
+        let moved = left.into_iter().map(|(face, from)| (face, from, self.labels.of(face)));
+        Ok(moved.filter(|&(_, from, to)| from != to).map(|(face, _, to)| (face, to)).collect())
     }
 }

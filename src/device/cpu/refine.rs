@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::clusters::{Change, Clusters};
 use super::frontier::Frontier;
+use super::labels::Labels;
 use super::{CHUNK, Move};
 use crate::cluster::refinement::{Side, bid, gain};
 use crate::surface::Surface;
@@ -51,23 +52,26 @@ impl Bids {
         Self { open: Vec::new(), chosen: vec![NONE; clusters], exchanges: Vec::new() }
     }
 
-    /// One iteration. Returns how many faces moved, 0 when all winners were refused; None when there was no bid.
-    pub fn iterate(
-        &mut self,
-        surface: &Surface,
-        labels: &mut [u32],
-        clusters: &mut Clusters,
-        frontier: &mut Frontier,
-    ) -> Option<u64> {
-        self.renew(surface, labels, clusters, frontier);
-        clusters.begin_iteration();
-        if self.open.is_empty() {
-            return None;
-        }
+    /// Whether nobody would improve.
+    pub fn is_empty(&self) -> bool {
+        self.open.is_empty()
+    }
+
+    /// Lets the faces that are due bid anew; the other bids stand.
+    pub fn renew(&mut self, surface: &Surface, labels: &Labels, clusters: &Clusters, due: &[u32], frontier: &Frontier) {
+        let bids: Vec<Bid> = due
+            .par_chunks(CHUNK)
+            .flat_map_iter(|faces| faces.iter().filter_map(|&face| best_move(surface, labels, clusters, face)))
+            .collect();
+        self.open.retain(|bid| !frontier.was_due(bid.wish.face));
+        self.open.extend(bids);
+    }
+
+    /// The moves of an iteration; none when all winners are refused. Winners leave the bids, whether they move or not.
+    pub fn moves(&mut self, surface: &Surface, clusters: &Clusters) -> Vec<Move> {
         self.pair_up();
         self.judge(surface, clusters);
-
-        let mut moves = 0;
+        let mut moves = Vec::new();
         let (chosen, exchanges) = (&self.chosen, &self.exchanges);
         self.open.retain(|&Bid { wish, .. }| {
             let Some(exchange) = joined(chosen, exchanges, wish) else { return true };
@@ -79,30 +83,15 @@ impl Bids {
                 Verdict::Refused => false,
             };
             if moves_now {
-                labels[wish.face as usize] = wish.to;
-                clusters.transfer(surface, wish.face, wish.from, wish.to);
-                frontier.moved(surface, labels, wish.face);
-                moves += 1;
+                moves.push(wish);
             }
             !is_winner && !moves_now
         });
-        clusters.refit();
         for exchange in self.exchanges.drain(..) {
             self.chosen[exchange.winner.from as usize] = NONE;
             self.chosen[exchange.winner.to as usize] = NONE;
         }
-        Some(moves)
-    }
-
-    /// Lets the faces that are due bid anew.
-    fn renew(&mut self, surface: &Surface, labels: &[u32], clusters: &Clusters, frontier: &mut Frontier) {
-        let due = frontier.due(surface, labels, clusters.changed());
-        let bids: Vec<Vec<Bid>> = due
-            .par_chunks(CHUNK)
-            .map(|faces| faces.iter().filter_map(|&face| best_move(surface, labels, clusters, face)).collect())
-            .collect();
-        self.open.retain(|bid| !frontier.was_due(bid.wish.face));
-        self.open.extend(bids.into_iter().flatten());
+        moves
     }
 
     /// Opens an exchange for each bid that is the best at both its clusters.
@@ -166,22 +155,22 @@ fn joined(chosen: &[u32], exchanges: &[Exchange], wish: Move) -> Option<usize> {
 }
 
 /// The bid of a face: for the neighbouring cluster with the largest positive gain, the smaller number of equal ones.
-fn best_move(surface: &Surface, labels: &[u32], clusters: &Clusters, face: u32) -> Option<Bid> {
-    let from = labels[face as usize];
-    if clusters.faces(from) == 1 {
+fn best_move(surface: &Surface, labels: &Labels, clusters: &Clusters, face: u32) -> Option<Bid> {
+    let from = labels.near_boundary(face);
+    if clusters.sums(from).faces == 1 {
         return None;
     }
     let centroid = surface.centroids[face as usize];
     let weight = surface.weights[face as usize];
     let side = |cluster| Side {
-        squared_distance: clusters.squared_distance(centroid, cluster) as u64,
-        weight: clusters.weight(cluster),
+        squared_distance: clusters.squared_distance(centroid, cluster),
+        weight: clusters.sums(cluster).weight as u64,
     };
     let own = side(from);
     let mut best: Option<(i64, std::cmp::Reverse<u32>)> = None;
     let mut last = from;
     for &neighbour in surface.neighbours_of(face) {
-        let to = labels[neighbour as usize];
+        let to = labels.near_boundary(neighbour);
         if to != from && to != last {
             let offer = Some((gain(weight, own, side(to)), std::cmp::Reverse(to)));
             best = best.max(offer);

@@ -1,1 +1,204 @@
-//! gpu
+//! The gpu device: wgpu on Vulkan, Metal and DX12, with the kernels of `shaders/`.
+//!
+//! # Why the labels equal the cpu's
+//!
+//! Every number that decides a label is an integer, and WGSL specifies integers exactly. Threads influence each other only
+//! through sums, extremes and counts, which do not depend on an order; a kernel reads none of those that it writes itself,
+//! with the exception of the carry, which `shaders/shared/add.wgsl` explains. Ties go to the smaller cluster or face. So an
+//! iteration is a function of the labels before it, the one that [`crate::cluster`] defines, on every device. (A refusal in
+//! the refinement is remembered as the turn in which it happened, and stands until a cluster around the face has changed in
+//! that turn or later; the cpu keeps a list instead, which says the same.)
+//!
+//! # What runs
+//!
+//! | step | dispatches |
+//! |---|---|
+//! | a pass of the growth | 2: `grow` (a thread a face, between two arrays of labels), `settle` (one thread) |
+//! | sums from labels | 1: `gather` (a thread for 8 faces) |
+//! | an iteration of the boundary phase | 3: `propose`, `apply` (a thread a face), `fit` (a thread a cluster) |
+//! | an iteration of the refinement | 5: `bid`, `choose`, `join` (a thread a face), `judge` (a thread a cluster), `deal` (a thread a face) |
+//!
+//! Those with a thread a face are dispatched indirectly, all but `gather`: when there is nothing left to do, `settle`, `fit`
+//! or `judge` sets the number of workgroups of all that is still queued to zero; what is left then is `settle`'s one thread,
+//! or `fit` and `judge` looking at one number. Between the first upload and the labels, only the ring comes back: 32 bytes a
+//! turn, while the next batch runs.
+//!
+//! # Memory on the device
+//!
+//! | for each | bytes |
+//! |---|---|
+//! | face | 40 and 4 for each neighbour, so 52 in a closed triangle mesh: centroid and weight 16, neighbours 4 + 12, label 4, wish 4, offer 12 |
+//! | cluster | 144: sums 48, sums of those that join 48, proxy and energy shift 16, bidding 32 |
+//! | surface | 23 KiB: the ring, its two copies for the host, 65 turns |
+//!
+//! The largest buffers are the faces with 16 bytes and the neighbours with 12 bytes a face: the smallest binding that a
+//! portable device offers, 128 MiB, holds 8 million faces. What does not fit is refused.
+//!
+//! # When something fails
+//!
+//! Everything that wgpu reports becomes an error of the call that notices ([`Kind::DeviceLost`] for a lost device and for
+//! memory that ran out), and the next surface gets a new connection. [`GpuDevice::inject`] makes it happen.
+
+pub mod adapter;
+mod buffers;
+mod connection;
+pub mod kernels;
+pub mod layout;
+mod steps;
+
+use self::adapter::{AdapterReport, Found};
+use self::buffers::Buffers;
+use self::connection::Connection;
+use self::steps::GpuSteps;
+use super::{Device, Steps};
+use crate::error::{Error, Kind, Result};
+use crate::report::{DeviceInfo, DeviceKind};
+use crate::surface::Surface;
+
+/// Limits that tests lower, instead of making meshes that reach them.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Overrides {
+    /// Workgroups in a dimension of a dispatch.
+    pub workgroups_per_dimension: Option<u32>,
+    /// Bytes that a kernel sees of a buffer.
+    pub binding_size: Option<u64>,
+}
+
+/// A failure that a test asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fault {
+    /// The device is lost.
+    Lose(FaultPoint),
+    /// wgpu refuses a call.
+    Misuse(FaultPoint),
+}
+
+/// Where it happens.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FaultPoint {
+    /// Before a surface is brought to the device.
+    Upload,
+    /// Before a batch of the growth is queued.
+    Grow,
+    /// Before a batch of the boundary phase is queued.
+    Boundary,
+    /// Before a batch of the refinement is queued.
+    Refine,
+    /// Before the labels are read.
+    Labels,
+}
+
+/// A graphics processor.
+#[derive(Debug)]
+pub struct GpuDevice {
+    report: AdapterReport,
+    info: DeviceInfo,
+    overrides: Overrides,
+    connection: Option<Connection>,
+    fault: Option<Fault>,
+}
+
+impl GpuDevice {
+    /// Opens an adapter.
+    pub fn new(found: &Found) -> Result<Self> {
+        Self::with_overrides(found, Overrides::default())
+    }
+
+    /// Opens an adapter as if its limits were lower.
+    pub fn with_overrides(found: &Found, overrides: Overrides) -> Result<Self> {
+        let report = found.report.clone();
+        if let Some(reason) = &report.reason {
+            return Err(Error::new(
+                Kind::DeviceUnsuitable,
+                format_args!("the gpu {} cannot cluster: {reason}", report.name),
+            ));
+        }
+        Ok(Self {
+            info: DeviceInfo {
+                kind: DeviceKind::Gpu,
+                name: report.name.clone(),
+                backend: report.backend.clone(),
+                driver: report.driver.clone(),
+            },
+            report,
+            overrides,
+            connection: Some(Connection::open(found, overrides)?),
+            fault: None,
+        })
+    }
+
+    /// Makes something fail once, in the next surface that is opened.
+    pub fn inject(&mut self, fault: Fault) {
+        self.fault = Some(fault);
+    }
+
+    /// Whether an adapter that was found anew is this one, though others came or went.
+    fn is_same(&self, report: &AdapterReport) -> bool {
+        (&report.name, &report.backend, report.usable) == (&self.report.name, &self.report.backend, true)
+    }
+
+    /// The connection, another one if the last broke. The adapter may have gone with the device, so it is looked for anew.
+    fn connection(&mut self) -> Result<&Connection> {
+        if self.connection.as_ref().is_some_and(Connection::is_broken) {
+            self.connection = None;
+        }
+        let connection = match self.connection.take() {
+            Some(connection) => connection,
+            None => {
+                let adapters = adapter::enumerate();
+                let found = adapters
+                    .iter()
+                    .find(|found| found.report == self.report)
+                    .or_else(|| adapters.iter().find(|found| self.is_same(&found.report)))
+                    .ok_or_else(|| {
+                        Error::new(Kind::DeviceLost, format_args!("the gpu is gone: {}", self.report.name))
+                    })?;
+                tracing::warn!(adapter = self.report.name, "opening the lost gpu again");
+                Connection::open(found, self.overrides)?
+            }
+        };
+        Ok(self.connection.insert(connection))
+    }
+}
+
+impl Device for GpuDevice {
+    fn info(&self) -> &DeviceInfo {
+        &self.info
+    }
+
+    fn open<'a>(&'a mut self, surface: &'a Surface, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
+        let energy_shifts = energy_shifts(surface, component_of_cluster)?;
+        let fault = self.fault.take();
+        let connection = self.connection()?;
+        connection.arm(fault);
+        let buffers = Buffers::new(connection, surface, &energy_shifts)?;
+        let clusters = energy_shifts.len() as u32;
+        Ok(Box::new(GpuSteps::new(connection, buffers, clusters)))
+    }
+}
+
+/// The shift of each cluster's energy. An error when the surface contradicts itself or has no faces or clusters.
+fn energy_shifts(surface: &Surface, component_of_cluster: &[u32]) -> Result<Vec<u32>> {
+    let faces = surface.centroids.len();
+    let defect = |what: &str| Error::new(Kind::Internal, what);
+    if faces == 0 || component_of_cluster.is_empty() {
+        return Err(defect("there is nothing to cluster"));
+    }
+    if component_of_cluster.len() > faces {
+        return Err(defect("there are more clusters than faces"));
+    }
+    if surface.weights.len() != faces
+        || surface.neighbour_offsets.len() != faces + 1
+        || surface.neighbour_offsets[faces] as usize != surface.neighbours.len()
+    {
+        return Err(defect("the arrays of the surface differ in length"));
+    }
+    component_of_cluster
+        .iter()
+        .map(|&component| match surface.components.get(component as usize) {
+            Some(component) if component.energy_shift <= 30 => Ok(component.energy_shift),
+            Some(_) => Err(defect("a component's energy shift is above 30")),
+            None => Err(defect("a cluster lies in a component that does not exist")),
+        })
+        .collect()
+}

@@ -177,5 +177,5 @@ fn decode_data_uri(uri: &str) -> Result<Vec<u8>, String> {
     if !is_base64 {
         return Ok(data.into_owned());
     }
-    BASE64.decode(data.as_ref()).map_err(|error| format!("is not base64: {error}"))
+    BASE64.decode(data.as_ref()).map_err(|error| format!("is not base64: {}", error.to_string().trim_end_matches('.')))
 }

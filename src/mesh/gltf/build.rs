@@ -1,13 +1,14 @@
 //! Building the mesh: every primitive of every placement, transformed.
 
-use std::collections::BTreeSet;
-
 use super::document::Document;
 use super::primitive::Primitive;
 use super::scene::{Instances, Placement};
 use super::transform::Affine;
 use crate::error::{Error, Result};
 use crate::mesh::{Part, part_name};
+
+/// Vertices that no triangle may use and that are kept however small the file is.
+const FREE_VERTICES: u64 = 1 << 16;
 
 /// The mesh as it grows.
 pub struct Builder<'a> {
@@ -18,9 +19,7 @@ pub struct Builder<'a> {
     /// Where they come from.
     pub parts: Vec<Part>,
     document: &'a Document,
-    /// Accessors whose vertices are all there.
-    whole: BTreeSet<usize>,
-    /// Vertices without triangles that may still be added.
+    /// Vertices that may still be added though no triangle may use them.
     spare: u64,
 }
 
@@ -39,9 +38,8 @@ impl<'a> Builder<'a> {
             corners: Vec::with_capacity(3 * triangles as usize),
             parts: Vec::new(),
             document,
-            whole: BTreeSet::new(),
-            // a position has at least three bytes, unless accessors share them over and over
-            spare: bytes / 3,
+            // enough for every vertex of a file of floats to be there once
+            spare: FREE_VERTICES + bytes / 12,
         }
     }
 
@@ -79,19 +77,16 @@ impl<'a> Builder<'a> {
 
     /// The corners of a primitive that is placed `times` times.
     ///
-    /// Its vertices are kept as they are, unless there are more than its triangles can use and they are many times there:
-    /// then those without triangles are left out, so that vertices stay in proportion to triangles and bytes.
+    /// Vertices that no triangle uses are kept, but not for ever: primitives may share a large accessor, each using little
+    /// of it, and a small file can place it very often.
     fn corners_of(&mut self, primitive: &Primitive<'_>, times: usize) -> Result<Corners> {
         let mut corners = primitive.corners()?;
         let count = primitive.positions.count;
+        let spare = (count as u64).checked_mul(times as u64).and_then(|vertices| self.spare.checked_sub(vertices));
         if count <= corners.len() {
             return Ok(Corners { corners, used: None });
         }
-        let spare = self.spare.checked_sub(count as u64);
-        if let Some(spare) = spare
-            && times == 1
-            && self.whole.insert(primitive.positions.index)
-        {
+        if let Some(spare) = spare {
             self.spare = spare;
             return Ok(Corners { corners, used: None });
         }

@@ -18,6 +18,7 @@ mod document;
 mod meshopt;
 mod primitive;
 mod scene;
+mod slots;
 mod transform;
 
 pub use container::check_head as check_glb_head;

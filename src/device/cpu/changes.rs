@@ -1,0 +1,58 @@
+//! Which clusters gained or lost a face since somebody last asked.
+
+/// Those who act on changes, each in its own time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reader {
+    /// The fitting of proxies.
+    Proxies,
+    /// Boundary-based optimisation.
+    Boundary,
+    /// Refinement.
+    Refinement,
+    /// The search for pieces that were cut off.
+    Pieces,
+    /// The search for the cheapest dual edge.
+    DualEdges,
+}
+
+const READERS: [Reader; 5] = [Reader::Proxies, Reader::Boundary, Reader::Refinement, Reader::Pieces, Reader::DualEdges];
+
+/// The changed clusters that each reader has not yet seen.
+#[derive(Debug)]
+pub struct Changes {
+    unseen: [Vec<u32>; READERS.len()],
+    /// One bit a reader: whether the cluster is in its list.
+    is_unseen: Vec<u8>,
+}
+
+impl Changes {
+    /// For `clusters` clusters, all of them changed.
+    pub fn all(clusters: usize) -> Self {
+        let everything: Vec<u32> = (0..clusters as u32).collect();
+        Self { unseen: READERS.map(|_| everything.clone()), is_unseen: vec![(1 << READERS.len()) - 1; clusters] }
+    }
+
+    /// A cluster gained or lost a face.
+    pub fn add(&mut self, cluster: u32) {
+        let seen_by = !self.is_unseen[cluster as usize] & ((1 << READERS.len()) - 1);
+        if seen_by != 0 {
+            for (reader, unseen) in self.unseen.iter_mut().enumerate() {
+                if seen_by & 1 << reader != 0 {
+                    unseen.push(cluster);
+                }
+            }
+            self.is_unseen[cluster as usize] |= seen_by;
+        }
+    }
+
+    /// The changed clusters that a reader has not seen, in ascending order: clusters with close numbers lie close
+    /// together, so who visits them finds them in memory order. From now on it has seen them.
+    pub fn take(&mut self, reader: Reader) -> Vec<u32> {
+        let mut unseen = std::mem::take(&mut self.unseen[reader as usize]);
+        unseen.sort_unstable();
+        for &cluster in &unseen {
+            self.is_unseen[cluster as usize] &= !(1 << reader as usize);
+        }
+        unseen
+    }
+}

@@ -1,0 +1,147 @@
+//! The search for optimal dual edges (P§5.4).
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use rayon::prelude::*;
+
+use super::changes::Reader;
+use super::clusters::Clusters;
+use super::frontier::Frontier;
+use super::labels::Labels;
+use crate::cluster::dual_edge::{End, Rank, Ties, exact_cost, packed_cost};
+use crate::surface::Surface;
+
+/// Clusters a thread takes at a time.
+const CHUNK: usize = 256;
+
+/// The best dual edge of each of the given clusters, in their order; None for one without neighbours.
+pub fn optimal(
+    surface: &Surface,
+    labels: &Labels,
+    clusters: &Clusters,
+    frontier: &Frontier,
+    living: &[u32],
+    ties: Ties,
+) -> Vec<Option<Rank<u32>>> {
+    living
+        .par_iter()
+        .with_min_len(CHUNK)
+        .map(|&cluster| {
+            let shift = clusters.energy_shift(cluster);
+            let mut best: Option<Rank<u32>> = None;
+            for_each_neighbour(surface, labels, frontier, cluster, |other| {
+                let cost = packed_cost(end(clusters, cluster), end(clusters, other), shift);
+                let rank = Rank::new(cost, cluster, other, ties);
+                if best.is_none_or(|best| rank < best) {
+                    best = Some(rank);
+                }
+            });
+            best
+        })
+        .collect()
+}
+
+/// Calls `visit` with the clusters beside a cluster; with one that shares several dual edges, maybe several times.
+fn for_each_neighbour(
+    surface: &Surface,
+    labels: &Labels,
+    frontier: &Frontier,
+    cluster: u32,
+    mut visit: impl FnMut(u32),
+) {
+    let mut last = cluster;
+    for face in frontier.boundary_of(labels, cluster) {
+        for &near in surface.neighbours_of(face) {
+            let other = labels.near_boundary(near);
+            if other != cluster && other != last {
+                visit(other);
+                last = other;
+            }
+        }
+    }
+}
+
+fn end(clusters: &Clusters, cluster: u32) -> End {
+    End { weight: clusters.sums(cluster).weight as u64, proxy: clusters.proxy(cluster) }
+}
+
+/// A queue of all dual edges, the cheapest first. An edge of a cluster that has changed since it was queued is stale:
+/// it is skipped when it comes up, and all edges of changed clusters are queued anew.
+#[derive(Debug)]
+pub struct Queue {
+    edges: BinaryHeap<Reverse<Entry>>,
+    /// How often each cluster has changed.
+    versions: Vec<u32>,
+    ties: Ties,
+    /// Entries after the last sweep of stale ones.
+    swept: usize,
+}
+
+/// A dual edge, its cost in units of the finest component, and the versions of its ends when it was queued.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Entry {
+    rank: Rank<u128>,
+    versions: [u32; 2],
+}
+
+impl Queue {
+    /// An empty queue.
+    pub fn new(clusters: usize, ties: Ties) -> Self {
+        Self { edges: BinaryHeap::new(), versions: vec![0; clusters], ties, swept: 0 }
+    }
+
+    /// The cheapest dual edge of all, which stays in the queue.
+    pub fn cheapest(
+        &mut self,
+        surface: &Surface,
+        labels: &Labels,
+        clusters: &mut Clusters,
+        frontier: &Frontier,
+    ) -> Option<Rank<u128>> {
+        let changed = clusters.take_changes(Reader::DualEdges);
+        for &cluster in &changed {
+            self.versions[cluster as usize] += 1;
+        }
+        let mut others = Vec::new();
+        for &cluster in changed.iter().filter(|&&cluster| clusters.sums(cluster).faces > 0) {
+            others.clear();
+            for_each_neighbour(surface, labels, frontier, cluster, |other| others.push(other));
+            others.sort_unstable();
+            others.dedup();
+            for &other in &others {
+                // an edge between two changed clusters is queued once
+                if other < cluster && changed.binary_search(&other).is_ok() {
+                    continue;
+                }
+                let cost = exact_cost(end(clusters, cluster), end(clusters, other)) << clusters.energy_shift(cluster);
+                let rank = Rank::new(cost, cluster.min(other), cluster.max(other), self.ties);
+                self.edges.push(Reverse(Entry { rank, versions: self.versions_of(rank) }));
+            }
+        }
+        if self.edges.len() > 2 * self.swept + 4096 {
+            let versions = &self.versions;
+            self.edges.retain(|Reverse(entry)| entry.is_current(versions));
+            self.swept = self.edges.len();
+        }
+        while let Some(Reverse(entry)) = self.edges.peek() {
+            if entry.is_current(&self.versions) {
+                return Some(entry.rank);
+            }
+            self.edges.pop();
+        }
+        None
+    }
+
+    fn versions_of(&self, rank: Rank<u128>) -> [u32; 2] {
+        let (low, high) = rank.ends();
+        [self.versions[low as usize], self.versions[high as usize]]
+    }
+}
+
+impl Entry {
+    fn is_current(&self, versions: &[u32]) -> bool {
+        let (low, high) = self.rank.ends();
+        self.versions == [versions[low as usize], versions[high as usize]]
+    }
+}

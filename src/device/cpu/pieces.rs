@@ -1,0 +1,55 @@
+//! The search for pieces that were cut off from their cluster, among the clusters that changed.
+
+use super::frontier::Frontier;
+use super::labels::Labels;
+use crate::surface::Surface;
+
+/// The faces outside the piece with the most faces (of equally large ones, that with the smallest face) of each of the
+/// given clusters, sorted.
+///
+/// A cluster in several pieces has boundary faces in each, so walks from its boundary faces find them all. `walked` has
+/// one number a face, none of them `walk` on entry.
+pub fn cut_off(
+    surface: &Surface,
+    labels: &Labels,
+    frontier: &Frontier,
+    clusters: &[u32],
+    walked: &mut [u32],
+    walk: u32,
+) -> Vec<u32> {
+    let mut cut_off = Vec::new();
+    let mut pieces: Vec<Vec<u32>> = Vec::new();
+    for &cluster in clusters {
+        pieces.clear();
+        for start in frontier.boundary_of(labels, cluster) {
+            if walked[start as usize] != walk {
+                pieces.push(piece(surface, labels, cluster, start, walked, walk));
+            }
+        }
+        if pieces.len() > 1 {
+            let smallest_face = |piece: &[u32]| piece.iter().copied().min();
+            pieces.sort_by_key(|piece| (piece.len(), std::cmp::Reverse(smallest_face(piece))));
+            pieces.pop();
+            cut_off.extend(pieces.drain(..).flatten());
+        }
+    }
+    cut_off.sort_unstable();
+    cut_off
+}
+
+/// The faces of a cluster that are connected with `start`.
+fn piece(surface: &Surface, labels: &Labels, cluster: u32, start: u32, walked: &mut [u32], walk: u32) -> Vec<u32> {
+    walked[start as usize] = walk;
+    let mut faces = vec![start];
+    let mut next = 0;
+    while let Some(&face) = faces.get(next) {
+        next += 1;
+        for &near in surface.neighbours_of(face) {
+            if walked[near as usize] != walk && labels.of(near) == cluster {
+                walked[near as usize] = walk;
+                faces.push(near);
+            }
+        }
+    }
+    faces
+}

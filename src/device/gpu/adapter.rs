@@ -1,0 +1,162 @@
+//! What adapters there are, and which of them can cluster.
+
+use std::fmt;
+
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::kernels::{Access, KERNELS};
+use super::layout::WORKGROUP;
+
+/// An adapter as people see it: in `tesserae devices` and `GET /v1/device`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct AdapterReport {
+    /// Number that `--adapter` takes.
+    pub index: usize,
+    /// Name; a part of it is what `--adapter` takes, too.
+    pub name: String,
+    /// What kind of processor it is.
+    pub kind: AdapterKind,
+    /// `vulkan`, `metal` or `dx12`.
+    pub backend: String,
+    /// Driver and its version.
+    pub driver: String,
+    /// Whether it can cluster.
+    pub usable: bool,
+    /// Why it cannot; null when it can.
+    pub reason: Option<String>,
+}
+
+impl fmt::Display for AdapterReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { index, name, kind, backend, .. } = self;
+        write!(f, "{index}: {name} ({kind}, {backend}")?;
+        match &self.reason {
+            Some(reason) => write!(f, ", unusable: {reason})"),
+            None => f.write_str(")"),
+        }
+    }
+}
+
+/// Kinds of adapters, the fastest first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum AdapterKind {
+    /// A graphics processor with its own memory.
+    Discrete,
+    /// A graphics processor that shares memory with the cpu.
+    Integrated,
+    /// A share of a graphics processor, passed to a virtual machine.
+    Virtual,
+    /// The driver does not say.
+    Other,
+    /// No graphics processor: a driver that computes on the cpu.
+    Software,
+}
+
+impl fmt::Display for AdapterKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Discrete => "discrete",
+            Self::Integrated => "integrated",
+            Self::Virtual => "virtual",
+            Self::Other => "other",
+            Self::Software => "software",
+        })
+    }
+}
+
+impl From<wgpu::DeviceType> for AdapterKind {
+    fn from(kind: wgpu::DeviceType) -> Self {
+        match kind {
+            wgpu::DeviceType::DiscreteGpu => Self::Discrete,
+            wgpu::DeviceType::IntegratedGpu => Self::Integrated,
+            wgpu::DeviceType::VirtualGpu => Self::Virtual,
+            wgpu::DeviceType::Other => Self::Other,
+            wgpu::DeviceType::Cpu => Self::Software,
+        }
+    }
+}
+
+/// An adapter that was found.
+#[derive(Debug, Clone)]
+pub struct Found {
+    /// What is said about it.
+    pub report: AdapterReport,
+    pub(super) adapter: wgpu::Adapter,
+}
+
+/// Looks for adapters. This loads the drivers, which takes 20 to 370 ms.
+pub fn enumerate() -> Vec<Found> {
+    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+    descriptor.backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
+    // With it, wgpu puts a dispatch of its own before each indirect one to check its arguments. Ours are written by our own
+    // kernels, from the adapter's limits.
+    descriptor.flags = wgpu::InstanceFlags::from_build_config() - wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL;
+    let instance = wgpu::Instance::new(descriptor);
+    pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()))
+        .into_iter()
+        .enumerate()
+        .map(|(index, adapter)| Found { report: report(index, &adapter), adapter })
+        .collect()
+}
+
+fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
+    let info = adapter.get_info();
+    let reason = unusable(adapter.features(), adapter.get_downlevel_capabilities().flags, &adapter.limits());
+    AdapterReport {
+        index,
+        name: info.name,
+        kind: info.device_type.into(),
+        backend: info.backend.to_str().to_owned(),
+        driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
+        usable: reason.is_none(),
+        reason,
+    }
+}
+
+/// Why an adapter with these properties cannot cluster.
+fn unusable(features: wgpu::Features, flags: wgpu::DownlevelFlags, limits: &wgpu::Limits) -> Option<String> {
+    let storage_buffers = KERNELS
+        .iter()
+        .map(|kernel| {
+            let bindings = kernel.bindings.iter();
+            bindings.filter(|it| it.access != Access::Turn).count() as u32
+        })
+        .max()
+        .unwrap_or(0);
+    if !features.contains(wgpu::Features::SHADER_INT64) {
+        Some("it has no 64-bit integers in shaders".to_owned())
+    } else if !flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS | wgpu::DownlevelFlags::INDIRECT_EXECUTION) {
+        Some("it has no compute shaders with indirect dispatch".to_owned())
+    } else if limits.max_storage_buffers_per_shader_stage < storage_buffers {
+        Some(format!(
+            "a shader needs {storage_buffers} storage buffers, it has {}",
+            limits.max_storage_buffers_per_shader_stage
+        ))
+    } else if limits.max_compute_invocations_per_workgroup.min(limits.max_compute_workgroup_size_x) < WORKGROUP {
+        Some(format!("a workgroup needs {WORKGROUP} threads, it has {}", limits.max_compute_invocations_per_workgroup))
+    } else {
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_adapter_is_unusable_for_a_reason() {
+        let features = wgpu::Features::SHADER_INT64;
+        let flags = wgpu::DownlevelFlags::all();
+        let limits = wgpu::Limits::default();
+        assert_eq!(unusable(features, flags, &limits), None);
+        let reason = |features, flags, limits: &wgpu::Limits| unusable(features, flags, limits).expect("unusable");
+        assert!(reason(wgpu::Features::empty(), flags, &limits).contains("64-bit"));
+        assert!(reason(features, wgpu::DownlevelFlags::empty(), &limits).contains("indirect"));
+        let few_buffers = wgpu::Limits { max_storage_buffers_per_shader_stage: 4, ..limits.clone() };
+        assert!(reason(features, flags, &few_buffers).ends_with("it has 4"));
+        let few_threads = wgpu::Limits { max_compute_invocations_per_workgroup: 128, ..limits };
+        assert!(reason(features, flags, &few_threads).ends_with("it has 128"));
+    }
+}

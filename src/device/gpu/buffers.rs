@@ -1,0 +1,284 @@
+//! The buffers of a surface on the device, and the bind groups over them.
+
+use std::mem::size_of;
+
+use bytemuck::{Pod, Zeroable};
+
+use super::FaultPoint;
+use super::connection::{Compiled, Connection};
+use super::kernels::Access;
+use super::layout::{Cluster, Dispatch, Face, GATHER_RUN, Market, Offer, Proxy, Slot, Turn, WORKGROUP};
+use crate::device::FREE;
+use crate::error::{Error, Kind, Result};
+use crate::surface::Surface;
+
+/// Turns that fit into one batch.
+pub(super) const RING: u32 = 64;
+
+/// The turn, and the slot of the ring, of the state between batches.
+pub(super) const BETWEEN: u32 = RING;
+
+/// Items that are brought to the device at once.
+const UPLOAD: usize = 1 << 20;
+
+/// A surface on the device.
+#[derive(Debug)]
+pub(super) struct Buffers {
+    pub(super) faces: u32,
+    pub(super) labels: wgpu::Buffer,
+    pub(super) clusters: wgpu::Buffer,
+    pub(super) offers: wgpu::Buffer,
+    pub(super) turns: Turns,
+    pub(super) ring: wgpu::Buffer,
+    pub(super) next_dispatch: wgpu::Buffer,
+    /// Where the ring is copied to, one for each of two batches in flight.
+    pub(super) staging: [wgpu::Buffer; 2],
+    pub(super) bindings: Bindings,
+    /// Workgroups of a dispatch with a thread a face, a few faces a thread, a thread a cluster.
+    pub(super) face_groups: Dispatch,
+    pub(super) gather_groups: Dispatch,
+    pub(super) cluster_groups: Dispatch,
+}
+
+/// What each kernel sees.
+#[derive(Debug)]
+pub(super) struct Bindings {
+    /// From `labels` to `wishes`, and back.
+    pub(super) grow: [wgpu::BindGroup; 2],
+    pub(super) settle: wgpu::BindGroup,
+    pub(super) gather: wgpu::BindGroup,
+    pub(super) propose: wgpu::BindGroup,
+    pub(super) apply: wgpu::BindGroup,
+    pub(super) fit: wgpu::BindGroup,
+    pub(super) bid: wgpu::BindGroup,
+    pub(super) choose: wgpu::BindGroup,
+    pub(super) join: wgpu::BindGroup,
+    pub(super) judge: wgpu::BindGroup,
+    pub(super) deal: wgpu::BindGroup,
+}
+
+/// What the turns of a batch know, and those between batches; a uniform that dispatches see at different offsets.
+#[derive(Debug)]
+pub(super) struct Turns {
+    buffer: wgpu::Buffer,
+    stride: u32,
+    /// What all turns have in common.
+    common: Turn,
+}
+
+impl Turns {
+    /// Where a turn is in the buffer.
+    pub(super) fn offset(&self, slot: u32) -> u32 {
+        slot * self.stride
+    }
+
+    /// Numbers the turns of the next batch.
+    pub(super) fn number(&self, queue: &wgpu::Queue, first: u32) {
+        let stride = self.stride as usize;
+        let mut bytes = vec![0u8; stride * (RING as usize + 1)];
+        for (slot, entry) in (0..=RING).zip(bytes.chunks_mut(stride)) {
+            let number = first.wrapping_add(slot);
+            let turn = Turn { slot, number, forced: u32::from(slot == BETWEEN), ..self.common };
+            entry[..size_of::<Turn>()].copy_from_slice(bytemuck::bytes_of(&turn));
+        }
+        queue.write_buffer(&self.buffer, 0, &bytes);
+    }
+}
+
+impl Buffers {
+    /// Brings a surface to the device, all faces free.
+    pub(super) fn new(connection: &Connection, surface: &Surface, energy_shifts: &[u32]) -> Result<Self> {
+        let faces = surface.centroids.len() as u64;
+        let clusters = energy_shifts.len() as u64;
+        let storage = wgpu::BufferUsages::STORAGE;
+        let (into, out) = (wgpu::BufferUsages::COPY_DST, wgpu::BufferUsages::COPY_SRC);
+        let create = |what, items: u64, size: usize, usage| create(connection, what, items.max(1) * size as u64, usage);
+        check_groups(connection, faces)?;
+
+        let packed = create("faces", faces, size_of::<Face>(), storage | into)?;
+        let offsets = create("neighbour offsets", faces + 1, 4, storage | into)?;
+        let degrees = surface.neighbours.len() as u64;
+        let neighbours = create("neighbours", degrees, 4, storage | into)?;
+        let labels = create("labels", faces, 4, storage | into | out)?;
+        let wishes = create("wishes", faces, 4, storage)?;
+        let sums = create("clusters", clusters, size_of::<Cluster>(), storage | into)?;
+        let proxies = create("proxies", clusters, size_of::<Proxy>(), storage | into)?;
+        let offers = create("offers", faces, size_of::<Offer>(), storage | into)?;
+        let markets = create("markets", clusters, size_of::<Market>(), storage)?;
+        let joining = create("joining", clusters, size_of::<Cluster>(), storage)?;
+        let slots = u64::from(RING) + 1;
+        let ring = create("ring", slots, size_of::<Slot>(), storage | into | out)?;
+        let next_dispatch =
+            create("next dispatch", 1, size_of::<Dispatch>(), storage | into | wgpu::BufferUsages::INDIRECT)?;
+        let stride = connection.limits.min_uniform_buffer_offset_alignment.max(size_of::<Turn>() as u32);
+        let row = connection.limits.max_compute_workgroups_per_dimension;
+        let turns = Turns {
+            buffer: create("turns", slots, stride as usize, wgpu::BufferUsages::UNIFORM | into)?,
+            stride,
+            common: Turn { faces: faces as u32, clusters: clusters as u32, row, ..Turn::zeroed() },
+        };
+        let mapped = wgpu::BufferUsages::MAP_READ | into;
+        let staging = [
+            create("staging", slots, size_of::<Slot>(), mapped)?,
+            create("staging", slots, size_of::<Slot>(), mapped)?,
+        ];
+        connection.reach(FaultPoint::Upload);
+        connection.check()?;
+
+        let queue = &connection.queue;
+        let mut chunk: Vec<Face> = Vec::with_capacity(UPLOAD.min(surface.centroids.len()));
+        for (at, centroids) in surface.centroids.chunks(UPLOAD).enumerate() {
+            let weights = &surface.weights[at * UPLOAD..];
+            chunk.clear();
+            chunk.extend(centroids.iter().zip(weights).map(|(&[x, y, z], weight)| [x, y, z, weight.cast_signed()]));
+            upload(queue, &packed, at * UPLOAD, &chunk);
+        }
+        upload(queue, &offsets, 0, &surface.neighbour_offsets);
+        upload(queue, &neighbours, 0, &surface.neighbours);
+        let positions: Vec<Proxy> = energy_shifts.iter().map(|shift| [0, 0, 0, shift.cast_signed()]).collect();
+        upload(queue, &proxies, 0, &positions);
+        upload(queue, &labels, 0, &vec![FREE; surface.centroids.len()]);
+
+        turns.number(queue, 1);
+
+        let bind = |compiled: &Compiled, storage: &[&wgpu::Buffer]| bind(connection, compiled, &turns.buffer, storage);
+        let kernels = &connection.kernels;
+        let bindings = Bindings {
+            grow: [
+                bind(&kernels.grow, &[&offsets, &neighbours, &labels, &wishes, &ring]),
+                bind(&kernels.grow, &[&offsets, &neighbours, &wishes, &labels, &ring]),
+            ],
+            settle: bind(&kernels.settle, &[&ring, &next_dispatch]),
+            gather: bind(&kernels.gather, &[&packed, &labels, &sums]),
+            propose: bind(&kernels.propose, &[&packed, &offsets, &neighbours, &labels, &proxies, &wishes, &sums]),
+            apply: bind(&kernels.apply, &[&packed, &wishes, &labels, &sums, &ring]),
+            fit: bind(&kernels.fit, &[&sums, &proxies, &markets, &ring, &next_dispatch]),
+            bid: bind(&kernels.bid, &[&packed, &offsets, &neighbours, &labels, &proxies, &sums, &markets, &offers]),
+            choose: bind(&kernels.choose, &[&labels, &offers, &markets, &ring]),
+            join: bind(&kernels.join, &[&packed, &labels, &offers, &markets, &joining]),
+            judge: bind(&kernels.judge, &[&packed, &sums, &joining, &proxies, &markets, &ring, &next_dispatch]),
+            deal: bind(&kernels.deal, &[&labels, &offers, &markets]),
+        };
+        connection.check()?;
+
+        Ok(Self {
+            faces: faces as u32,
+            labels,
+            clusters: sums,
+            offers,
+            turns,
+            ring,
+            next_dispatch,
+            staging,
+            bindings,
+            face_groups: groups(faces, row),
+            gather_groups: groups(faces.div_ceil(u64::from(GATHER_RUN)), row),
+            cluster_groups: groups(clusters, row),
+        })
+    }
+}
+
+/// Writes items to a buffer, so many at a time that wgpu's copies of them stay small.
+pub(super) fn upload<T: Pod>(queue: &wgpu::Queue, buffer: &wgpu::Buffer, first: usize, items: &[T]) {
+    let mut at = first * size_of::<T>();
+    for chunk in items.chunks(UPLOAD) {
+        let bytes: &[u8] = bytemuck::cast_slice(chunk);
+        queue.write_buffer(buffer, at as u64, bytes);
+        // wgpu keeps its copy until a submission takes it along
+        queue.submit([]);
+        at += bytes.len();
+    }
+}
+
+/// Workgroups for so many threads, in rows of `row`.
+fn groups(threads: u64, row: u32) -> Dispatch {
+    let groups = threads.div_ceil(u64::from(WORKGROUP)).max(1);
+    let rows = groups.div_ceil(u64::from(row));
+    [groups.min(u64::from(row)) as u32, rows as u32, 1]
+}
+
+/// Refuses more faces than can be counted in u32 by the threads of a dispatch, whose last row may be half empty.
+fn check_groups(connection: &Connection, faces: u64) -> Result<()> {
+    let row = u64::from(connection.limits.max_compute_workgroups_per_dimension);
+    let limit = (row * row * u64::from(WORKGROUP)).min(1 << 31);
+    if faces > limit {
+        return Err(Error::new(
+            Kind::DeviceUnsuitable,
+            format_args!("the gpu {} takes at most {limit} faces, use the cpu device: {faces}", connection.name()),
+        ));
+    }
+    Ok(())
+}
+
+fn create(connection: &Connection, what: &str, bytes: u64, usage: wgpu::BufferUsages) -> Result<wgpu::Buffer> {
+    let limits = &connection.limits;
+    let limit = if usage.contains(wgpu::BufferUsages::STORAGE) {
+        limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
+    } else {
+        limits.max_buffer_size
+    };
+    if bytes > limit {
+        return Err(Error::new(
+            Kind::DeviceUnsuitable,
+            format_args!(
+                "the mesh does not fit the gpu {}, use the cpu device: the buffer for its {what} may have {limit} bytes \
+                 and needs {bytes}",
+                connection.name()
+            ),
+        ));
+    }
+    Ok(connection.device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some(what),
+        size: bytes,
+        usage,
+        mapped_at_creation: false,
+    }))
+}
+
+/// Binds `turns` and, in the order of the kernel's table, its storage buffers.
+fn bind(
+    connection: &Connection,
+    compiled: &Compiled,
+    turns: &wgpu::Buffer,
+    storage: &[&wgpu::Buffer],
+) -> wgpu::BindGroup {
+    let mut storage = storage.iter();
+    let entries: Vec<_> = (0..)
+        .zip(compiled.kernel.bindings)
+        .filter_map(|(at, binding)| {
+            let resource = match binding.access {
+                Access::Turn => wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+                    buffer: turns,
+                    offset: 0,
+                    size: wgpu::BufferSize::new(size_of::<Turn>() as u64),
+                }),
+                Access::Read | Access::Write => storage.next()?.as_entire_binding(),
+            };
+            Some(wgpu::BindGroupEntry { binding: at, resource })
+        })
+        .collect();
+    connection.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some(compiled.kernel.name),
+        layout: &compiled.layout,
+        entries: &entries,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dispatches_cover_all_threads_within_the_limit() {
+        for (threads, row, expected) in [
+            (0, 65_535, [1, 1, 1]),
+            (256, 65_535, [1, 1, 1]),
+            (257, 65_535, [2, 1, 1]),
+            (256 * 65_535, 65_535, [65_535, 1, 1]),
+            (256 * 65_535 + 1, 65_535, [65_535, 2, 1]),
+            (256 * 7, 3, [3, 3, 1]),
+        ] {
+            assert_eq!(groups(threads, row), expected);
+        }
+    }
+}

@@ -1,0 +1,268 @@
+//! A connection to one adapter: wgpu's device and queue, the compiled kernels, and what has gone wrong so far.
+//!
+//! wgpu tells of failures through callbacks, and goes on. [`Connection::check`] turns what they said into an error; whoever
+//! waits for the device checks. A connection that failed once is not used again: the next surface opens another one.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use super::adapter::Found;
+use super::kernels::{self, Access, Kernel};
+use super::{Fault, FaultPoint, Overrides};
+use crate::error::{Error, Kind, Result};
+
+/// How long a batch may take before the device counts as lost.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// An open device of wgpu.
+#[derive(Debug)]
+pub(super) struct Connection {
+    pub(super) device: wgpu::Device,
+    pub(super) queue: wgpu::Queue,
+    /// The device's limits, lowered by [`Overrides`].
+    pub(super) limits: wgpu::Limits,
+    pub(super) kernels: Kernels,
+    name: String,
+    health: Arc<Health>,
+    fault: Mutex<Option<Fault>>,
+}
+
+/// The compiled kernels.
+#[derive(Debug)]
+pub(super) struct Kernels {
+    pub(super) grow: Compiled,
+    pub(super) settle: Compiled,
+    pub(super) gather: Compiled,
+    pub(super) propose: Compiled,
+    pub(super) apply: Compiled,
+    pub(super) fit: Compiled,
+    pub(super) bid: Compiled,
+    pub(super) choose: Compiled,
+    pub(super) join: Compiled,
+    pub(super) judge: Compiled,
+    pub(super) deal: Compiled,
+}
+
+/// A compiled kernel.
+#[derive(Debug)]
+pub(super) struct Compiled {
+    pub(super) kernel: &'static Kernel,
+    pub(super) layout: wgpu::BindGroupLayout,
+    pub(super) pipeline: wgpu::ComputePipeline,
+}
+
+/// What the callbacks said.
+#[derive(Debug, Default)]
+struct Health {
+    lost: Mutex<Option<String>>,
+    failed: Mutex<Option<Error>>,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Connection {
+    /// Opens a device on the adapter and compiles the kernels.
+    pub(super) fn open(found: &Found, overrides: Overrides) -> Result<Self> {
+        let name = found.report.name.clone();
+        let mut limits = found.adapter.limits();
+        let request = found.adapter.request_device(&wgpu::DeviceDescriptor {
+            label: Some("tesserae"),
+            required_features: wgpu::Features::SHADER_INT64,
+            required_limits: limits.clone(),
+            ..Default::default()
+        });
+        let (device, queue) = pollster::block_on(request).map_err(|error| {
+            Error::new(Kind::DeviceLost, format_args!("cannot open the gpu {name}: {}", one_line(&error.to_string())))
+        })?;
+
+        let health = Arc::new(Health::default());
+        let callback = Arc::clone(&health);
+        device.set_device_lost_callback(move |reason, message| {
+            let message = one_line(&message);
+            *lock(&callback.lost) =
+                Some(if message.is_empty() { format!("{reason:?}").to_lowercase() } else { message });
+        });
+        let callback = Arc::clone(&health);
+        let error_name = name.clone();
+        device.on_uncaptured_error(Arc::new(move |error| {
+            lock(&callback.failed).get_or_insert_with(|| failure(&error_name, &error));
+        }));
+
+        if let Some(groups) = overrides.workgroups_per_dimension {
+            limits.max_compute_workgroups_per_dimension = groups;
+        }
+        if let Some(bytes) = overrides.binding_size {
+            limits.max_storage_buffer_binding_size = bytes;
+        }
+        let kernels = Kernels {
+            grow: compile(&device, &kernels::GROW),
+            settle: compile(&device, &kernels::SETTLE),
+            gather: compile(&device, &kernels::GATHER),
+            propose: compile(&device, &kernels::PROPOSE),
+            apply: compile(&device, &kernels::APPLY),
+            fit: compile(&device, &kernels::FIT),
+            bid: compile(&device, &kernels::BID),
+            choose: compile(&device, &kernels::CHOOSE),
+            join: compile(&device, &kernels::JOIN),
+            judge: compile(&device, &kernels::JUDGE),
+            deal: compile(&device, &kernels::DEAL),
+        };
+        let connection = Self { device, queue, limits, kernels, name, health, fault: Mutex::new(None) };
+        connection.check()?;
+        Ok(connection)
+    }
+
+    /// Name of the adapter.
+    pub(super) fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Whether something has gone wrong.
+    pub(super) fn is_broken(&self) -> bool {
+        self.check().is_err()
+    }
+
+    /// An error when something has gone wrong.
+    pub(super) fn check(&self) -> Result<()> {
+        if lock(&self.health.failed).is_some() && lock(&self.health.lost).is_none() {
+            // A lost device makes other calls fail first; its own callback needs a poll to be called.
+            let _ = self.poll(wgpu::PollType::Poll);
+        }
+        if let Some(message) = lock(&self.health.lost).as_deref() {
+            return Err(self.lost(message));
+        }
+        match lock(&self.health.failed).clone() {
+            Some(error) => Err(error),
+            None => Ok(()),
+        }
+    }
+
+    /// Waits until a submission has been carried out and the callbacks of its buffers were called.
+    pub(super) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<()> {
+        let outcome = self.poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(PATIENCE) });
+        self.check()?;
+        outcome
+    }
+
+    /// Polls. wgpu panics when that finds the device lost.
+    fn poll(&self, how: wgpu::PollType) -> Result<()> {
+        match catch_unwind(AssertUnwindSafe(|| self.device.poll(how))) {
+            Ok(Ok(_)) => Ok(()),
+            Ok(Err(error)) => self.break_down(&one_line(&error.to_string())),
+            Err(_) => self.break_down("waiting for it failed"),
+        }
+    }
+
+    /// Notes that the device is lost.
+    pub(super) fn break_down(&self, message: &str) -> Result<()> {
+        lock(&self.health.lost).get_or_insert_with(|| message.to_owned());
+        Err(self.lost(message))
+    }
+
+    fn lost(&self, message: &str) -> Error {
+        Error::new(Kind::DeviceLost, format_args!("the gpu {} was lost: {message}", self.name))
+    }
+
+    /// Arms a fault.
+    pub(super) fn arm(&self, fault: Option<Fault>) {
+        *lock(&self.fault) = fault;
+    }
+
+    /// Where faults are injected.
+    pub(super) fn reach(&self, point: FaultPoint) {
+        let armed = lock(&self.fault).take_if(|fault| match *fault {
+            Fault::Lose(at) | Fault::Misuse(at) => at == point,
+        });
+        match armed {
+            Some(Fault::Lose(_)) => self.device.destroy(),
+            Some(Fault::Misuse(_)) => {
+                // more than any device allows
+                let _ = self.device.create_buffer(&wgpu::BufferDescriptor {
+                    label: Some("misuse"),
+                    size: u64::MAX - 3,
+                    usage: wgpu::BufferUsages::STORAGE,
+                    mapped_at_creation: false,
+                });
+            }
+            None => {}
+        }
+    }
+}
+
+/// The error that stands for one of wgpu's.
+fn failure(name: &str, error: &wgpu::Error) -> Error {
+    match error {
+        wgpu::Error::OutOfMemory { .. } => Error::new(
+            Kind::DeviceLost,
+            format_args!("the gpu ran out of memory, try a smaller mesh or the cpu device: {name}"),
+        ),
+        wgpu::Error::Validation { description, .. } | wgpu::Error::Internal { description, .. } => {
+            Error::new(Kind::Internal, format_args!("the gpu {name} refused its work: {}", one_line(description)))
+        }
+    }
+}
+
+/// wgpu's messages are trees over several lines.
+fn one_line(message: &str) -> String {
+    message.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+fn compile(device: &wgpu::Device, kernel: &'static Kernel) -> Compiled {
+    let entries: Vec<_> = (0..)
+        .zip(kernel.bindings)
+        .map(|(at, binding)| wgpu::BindGroupLayoutEntry {
+            binding: at,
+            visibility: wgpu::ShaderStages::COMPUTE,
+            ty: wgpu::BindingType::Buffer {
+                ty: match binding.access {
+                    Access::Turn => wgpu::BufferBindingType::Uniform,
+                    Access::Read => wgpu::BufferBindingType::Storage { read_only: true },
+                    Access::Write => wgpu::BufferBindingType::Storage { read_only: false },
+                },
+                has_dynamic_offset: binding.access == Access::Turn,
+                min_binding_size: wgpu::BufferSize::new(binding.stride as u64),
+            },
+            count: None,
+        })
+        .collect();
+    let layout = device
+        .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(kernel.name), entries: &entries });
+    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some(kernel.name),
+        source: wgpu::ShaderSource::Wgsl(kernel.source().into()),
+    });
+    let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some(kernel.name),
+        layout: Some(&device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some(kernel.name),
+            bind_group_layouts: &[Some(&layout)],
+            immediate_size: 0,
+        })),
+        module: &module,
+        entry_point: Some(kernel.name),
+        compilation_options: wgpu::PipelineCompilationOptions::default(),
+        cache: None,
+    });
+    Compiled { kernel, layout, pipeline }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_of_wgpu_become_errors_of_the_right_kind() {
+        let memory = wgpu::Error::OutOfMemory { source: "none left".into() };
+        assert_eq!(failure("x", &memory).kind, Kind::DeviceLost);
+        let misuse = wgpu::Error::Validation {
+            source: "no".into(),
+            description: "In a call\n\n  a buffer is  wrong".to_owned(),
+        };
+        let error = failure("x", &misuse);
+        assert_eq!(error.kind, Kind::Internal);
+        assert!(error.message.ends_with("In a call a buffer is wrong"));
+    }
+}

@@ -1,0 +1,219 @@
+//! The table of kernels: one WGSL file in `shaders/`, one entry here. `tests/shader_layout.rs` compares it with what the
+//! shaders declare.
+
+use std::mem::size_of;
+
+use super::layout::{Cluster, Dispatch, Face, Market, Offer, Proxy, Slot, Turn, WORKGROUP};
+
+/// A compute shader with one entry point of the same name.
+#[derive(Debug)]
+pub struct Kernel {
+    /// Name of the file in `shaders/`, of the entry point, and for error messages.
+    pub name: &'static str,
+    /// Files of `shaders/shared` that are prepended, then its own file.
+    pub sources: &'static [&'static str],
+    /// Its bindings in group 0, numbered from 0.
+    pub bindings: &'static [Binding],
+    /// Threads in a workgroup.
+    pub workgroup_size: u32,
+}
+
+impl Kernel {
+    /// The whole WGSL source.
+    pub fn source(&self) -> String {
+        self.sources.join("\n")
+    }
+}
+
+/// One buffer that a kernel sees.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Binding {
+    /// Name of the variable.
+    pub name: &'static str,
+    /// How the kernel uses it.
+    pub access: Access,
+    /// Bytes of an element of the array, or of the one value.
+    pub stride: usize,
+}
+
+/// How a kernel uses a buffer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Access {
+    /// A uniform, at an offset that each dispatch chooses.
+    Turn,
+    /// Storage that is read.
+    Read,
+    /// Storage that is read and written.
+    Write,
+}
+
+const fn binding(name: &'static str, access: Access, stride: usize) -> Binding {
+    Binding { name, access, stride }
+}
+
+const TURN: Binding = binding("turn", Access::Turn, size_of::<Turn>());
+const FACES: Binding = binding("faces", Access::Read, size_of::<Face>());
+const OFFSETS: Binding = binding("neighbour_offsets", Access::Read, 4);
+const NEIGHBOURS: Binding = binding("neighbours", Access::Read, 4);
+const LABELS: Binding = binding("labels", Access::Read, 4);
+const CLUSTERS: Binding = binding("clusters", Access::Write, size_of::<Cluster>());
+const MARKETS: Binding = binding("markets", Access::Write, size_of::<Market>());
+const RING: Binding = binding("ring", Access::Write, size_of::<Slot>());
+const NEXT_DISPATCH: Binding = binding("next_dispatch", Access::Write, size_of::<Dispatch>());
+
+const TURN_WGSL: &str = include_str!("../../../shaders/shared/turn.wgsl");
+const SLOT_WGSL: &str = include_str!("../../../shaders/shared/slot.wgsl");
+const CLUSTER_WGSL: &str = include_str!("../../../shaders/shared/cluster.wgsl");
+const MARKET_WGSL: &str = include_str!("../../../shaders/shared/market.wgsl");
+const FACE_WGSL: &str = include_str!("../../../shaders/shared/face.wgsl");
+const ADD_WGSL: &str = include_str!("../../../shaders/shared/add.wgsl");
+const SUMS_WGSL: &str = include_str!("../../../shaders/shared/sums.wgsl");
+const ENERGY_WGSL: &str = include_str!("../../../shaders/shared/energy.wgsl");
+
+/// Grows the clusters by one ring of faces.
+pub const GROW: Kernel = Kernel {
+    name: "grow",
+    sources: &[TURN_WGSL, SLOT_WGSL, include_str!("../../../shaders/grow.wgsl")],
+    bindings: &[
+        TURN,
+        OFFSETS,
+        NEIGHBOURS,
+        binding("labels_before", Access::Read, 4),
+        binding("labels_after", Access::Write, 4),
+        RING,
+    ],
+    workgroup_size: WORKGROUP,
+};
+
+/// Ends the growth when a pass changed nothing.
+pub const SETTLE: Kernel = Kernel {
+    name: "settle",
+    sources: &[TURN_WGSL, SLOT_WGSL, include_str!("../../../shaders/settle.wgsl")],
+    bindings: &[TURN, RING, NEXT_DISPATCH],
+    workgroup_size: 1,
+};
+
+/// Sums up the clusters.
+pub const GATHER: Kernel = Kernel {
+    name: "gather",
+    sources: &[TURN_WGSL, CLUSTER_WGSL, FACE_WGSL, ADD_WGSL, include_str!("../../../shaders/gather.wgsl")],
+    bindings: &[TURN, FACES, LABELS, CLUSTERS],
+    workgroup_size: WORKGROUP,
+};
+
+/// Boundary phase: finds the faces that want to move.
+pub const PROPOSE: Kernel = Kernel {
+    name: "propose",
+    sources: &[TURN_WGSL, CLUSTER_WGSL, FACE_WGSL, include_str!("../../../shaders/propose.wgsl")],
+    bindings: &[
+        TURN,
+        FACES,
+        OFFSETS,
+        NEIGHBOURS,
+        LABELS,
+        binding("proxies", Access::Read, size_of::<Proxy>()),
+        binding("wishes", Access::Write, 4),
+        CLUSTERS,
+    ],
+    workgroup_size: WORKGROUP,
+};
+
+/// Boundary phase: moves them.
+pub const APPLY: Kernel = Kernel {
+    name: "apply",
+    sources: &[TURN_WGSL, SLOT_WGSL, CLUSTER_WGSL, FACE_WGSL, ADD_WGSL, include_str!("../../../shaders/apply.wgsl")],
+    bindings: &[TURN, FACES, binding("wishes", Access::Read, 4), binding("labels", Access::Write, 4), CLUSTERS, RING],
+    workgroup_size: WORKGROUP,
+};
+
+/// Boundary phase: fits the proxies and measures the energy.
+pub const FIT: Kernel = Kernel {
+    name: "fit",
+    sources: &[
+        TURN_WGSL,
+        SLOT_WGSL,
+        CLUSTER_WGSL,
+        MARKET_WGSL,
+        SUMS_WGSL,
+        ENERGY_WGSL,
+        include_str!("../../../shaders/fit.wgsl"),
+    ],
+    bindings: &[TURN, CLUSTERS, binding("proxies", Access::Write, size_of::<Proxy>()), MARKETS, RING, NEXT_DISPATCH],
+    workgroup_size: WORKGROUP,
+};
+
+/// Refinement: lets every face bid.
+pub const BID: Kernel = Kernel {
+    name: "bid",
+    sources: &[TURN_WGSL, CLUSTER_WGSL, MARKET_WGSL, FACE_WGSL, SUMS_WGSL, include_str!("../../../shaders/bid.wgsl")],
+    bindings: &[
+        TURN,
+        FACES,
+        OFFSETS,
+        NEIGHBOURS,
+        LABELS,
+        binding("proxies", Access::Read, size_of::<Proxy>()),
+        CLUSTERS,
+        MARKETS,
+        binding("offers", Access::Write, size_of::<Offer>()),
+    ],
+    workgroup_size: WORKGROUP,
+};
+
+/// Refinement: finds the best bid at each cluster.
+pub const CHOOSE: Kernel = Kernel {
+    name: "choose",
+    sources: &[TURN_WGSL, SLOT_WGSL, MARKET_WGSL, include_str!("../../../shaders/choose.wgsl")],
+    bindings: &[TURN, LABELS, binding("offers", Access::Read, size_of::<Offer>()), MARKETS, RING],
+    workgroup_size: WORKGROUP,
+};
+
+/// Refinement: finds who wins and who joins.
+pub const JOIN: Kernel = Kernel {
+    name: "join",
+    sources: &[TURN_WGSL, CLUSTER_WGSL, MARKET_WGSL, FACE_WGSL, ADD_WGSL, include_str!("../../../shaders/join.wgsl")],
+    bindings: &[TURN, FACES, LABELS, binding("offers", Access::Read, size_of::<Offer>()), MARKETS, CLUSTERS],
+    workgroup_size: WORKGROUP,
+};
+
+/// Refinement: decides, and brings sums and proxies up to date.
+pub const JUDGE: Kernel = Kernel {
+    name: "judge",
+    sources: &[
+        TURN_WGSL,
+        SLOT_WGSL,
+        CLUSTER_WGSL,
+        MARKET_WGSL,
+        FACE_WGSL,
+        SUMS_WGSL,
+        ENERGY_WGSL,
+        include_str!("../../../shaders/judge.wgsl"),
+    ],
+    bindings: &[
+        TURN,
+        FACES,
+        CLUSTERS,
+        binding("joining", Access::Write, size_of::<Cluster>()),
+        binding("proxies", Access::Write, size_of::<Proxy>()),
+        MARKETS,
+        RING,
+        NEXT_DISPATCH,
+    ],
+    workgroup_size: WORKGROUP,
+};
+
+/// Refinement: brings the labels up to date.
+pub const DEAL: Kernel = Kernel {
+    name: "deal",
+    sources: &[TURN_WGSL, MARKET_WGSL, include_str!("../../../shaders/deal.wgsl")],
+    bindings: &[
+        TURN,
+        binding("labels", Access::Write, 4),
+        binding("offers", Access::Write, size_of::<Offer>()),
+        MARKETS,
+    ],
+    workgroup_size: WORKGROUP,
+};
+
+/// All kernels.
+pub const KERNELS: &[&Kernel] = &[&GROW, &SETTLE, &GATHER, &PROPOSE, &APPLY, &FIT, &BID, &CHOOSE, &JOIN, &JUDGE, &DEAL];

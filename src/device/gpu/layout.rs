@@ -1,0 +1,225 @@
+//! What Rust and WGSL share: the structs of `shaders/shared`, byte for byte. `tests/shader_layout.rs` compares [`STRUCTS`]
+//! with what the shaders declare.
+
+use std::mem::{offset_of, size_of};
+
+use bytemuck::{Pod, Zeroable};
+
+/// Threads in a workgroup of every kernel that has one thread an item.
+pub const WORKGROUP: u32 = 256;
+
+/// Faces that one thread of `gather` takes.
+pub const GATHER_RUN: u32 = 8;
+
+/// One turn of the device: an iteration, or a pass of the growth. A uniform.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Turn {
+    /// Where in the ring its numbers go.
+    pub slot: u32,
+    /// 1: `fit` works even though nothing moved.
+    pub forced: u32,
+    /// Number of faces.
+    pub faces: u32,
+    /// Number of clusters.
+    pub clusters: u32,
+    /// Workgroups in a full row of a dispatch.
+    pub row: u32,
+    /// Number of the turn in its phase, from 1.
+    pub number: u32,
+    /// Padding to a multiple of 16 bytes.
+    pub unused: [u32; 2],
+}
+
+/// What a turn leaves in the ring.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Slot {
+    /// Three 64-bit sums, low word first, that count 1, 2³² and 2⁶⁴.
+    pub explained: [u32; 6],
+    /// Faces whose label changed.
+    pub moves: u32,
+    /// Faces that bid, in refinement.
+    pub bids: u32,
+}
+
+impl Slot {
+    /// The explained energy; in refinement, what it rose by. The device adds modulo 2¹²⁸ in two's complement, and the true value fits.
+    pub fn explained(&self) -> i128 {
+        let limb = |at: usize| u128::from(self.explained[2 * at]) | u128::from(self.explained[2 * at + 1]) << 32;
+        let sum = limb(0).wrapping_add(limb(1) << 32).wrapping_add(limb(2) << 64);
+        sum.cast_signed()
+    }
+}
+
+/// Sums of a cluster. Only the device looks inside; the host clears it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Cluster {
+    /// Σ weight·centroid: 64 bits an axis, low word first.
+    pub sum: [u32; 6],
+    /// Σ weight, low word first.
+    pub weight: [u32; 2],
+    /// Number of faces.
+    pub count: u32,
+    /// Faces that do not want to leave.
+    pub staying: u32,
+    /// Smallest face that wants to leave.
+    pub first_leaver: u32,
+    /// Padding.
+    pub unused: u32,
+}
+
+/// The bid of a face. The host clears it at the beginning of a refinement.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Offer {
+    /// Where it wants to go.
+    pub cluster: u32,
+    /// Its packed gain.
+    pub bid: u32,
+    /// The turn in which it was last refused.
+    pub refused_in: u32,
+}
+
+/// A cluster's place in the bidding. Only the device looks inside.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Market {
+    /// The largest packed gain.
+    pub best_bid: u32,
+    /// The smallest face with that gain.
+    pub best_face: u32,
+    /// The turn in which a face last won a move from here.
+    pub dealt_in: u32,
+    /// That face.
+    pub winner: u32,
+    /// Where it wants to go.
+    pub target_cluster: u32,
+    /// What was decided.
+    pub verdict: u32,
+    /// The turn in which the cluster last gained or lost a face.
+    pub changed_in: u32,
+    /// Padding.
+    pub unused: u32,
+}
+
+/// A face: its centroid, and its weight's bits.
+pub type Face = [i32; 4];
+
+/// A proxy: its position, and the energy shift of its cluster.
+pub type Proxy = [i32; 4];
+
+/// Workgroups of an indirect dispatch.
+pub type Dispatch = [u32; 3];
+
+/// A struct that WGSL declares too.
+#[derive(Debug, Clone, Copy)]
+pub struct Struct {
+    /// Its name in WGSL.
+    pub name: &'static str,
+    /// Size in bytes.
+    pub size: usize,
+    /// Names and offsets of its members, padding included where WGSL names it as one member.
+    pub members: &'static [(&'static str, usize)],
+}
+
+/// All structs that both sides declare.
+pub const STRUCTS: &[Struct] = &[
+    Struct {
+        name: "Turn",
+        size: size_of::<Turn>(),
+        members: &[
+            ("slot", offset_of!(Turn, slot)),
+            ("forced", offset_of!(Turn, forced)),
+            ("faces", offset_of!(Turn, faces)),
+            ("clusters", offset_of!(Turn, clusters)),
+            ("row", offset_of!(Turn, row)),
+            ("number", offset_of!(Turn, number)),
+            ("unused_0", offset_of!(Turn, unused)),
+            ("unused_1", offset_of!(Turn, unused) + 4),
+        ],
+    },
+    Struct {
+        name: "Slot",
+        size: size_of::<Slot>(),
+        members: &[
+            ("explained", offset_of!(Slot, explained)),
+            ("moves", offset_of!(Slot, moves)),
+            ("bids", offset_of!(Slot, bids)),
+        ],
+    },
+    Struct {
+        name: "Cluster",
+        size: size_of::<Cluster>(),
+        members: &[
+            ("sum", offset_of!(Cluster, sum)),
+            ("weight", offset_of!(Cluster, weight)),
+            ("count", offset_of!(Cluster, count)),
+            ("staying", offset_of!(Cluster, staying)),
+            ("first_leaver", offset_of!(Cluster, first_leaver)),
+            ("unused", offset_of!(Cluster, unused)),
+        ],
+    },
+    Struct {
+        name: "Offer",
+        size: size_of::<Offer>(),
+        members: &[
+            ("cluster", offset_of!(Offer, cluster)),
+            ("bid", offset_of!(Offer, bid)),
+            ("refused_in", offset_of!(Offer, refused_in)),
+        ],
+    },
+    Struct {
+        name: "Market",
+        size: size_of::<Market>(),
+        members: &[
+            ("best_bid", offset_of!(Market, best_bid)),
+            ("best_face", offset_of!(Market, best_face)),
+            ("dealt_in", offset_of!(Market, dealt_in)),
+            ("winner", offset_of!(Market, winner)),
+            ("target_cluster", offset_of!(Market, target_cluster)),
+            ("verdict", offset_of!(Market, verdict)),
+            ("changed_in", offset_of!(Market, changed_in)),
+            ("unused", offset_of!(Market, unused)),
+        ],
+    },
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The slot that a device leaves which adds the limbs of `values` one by one.
+    fn slot_of(values: &[i128]) -> Slot {
+        let mut limbs = [0u64; 3];
+        for value in values {
+            let bits = value.cast_unsigned();
+            limbs[0] = limbs[0].wrapping_add(bits as u32 as u64);
+            limbs[1] = limbs[1].wrapping_add((bits >> 32) as u32 as u64);
+            limbs[2] = limbs[2].wrapping_add((bits >> 64) as u64);
+        }
+        let mut explained = [0; 6];
+        for (at, limb) in limbs.into_iter().enumerate() {
+            explained[2 * at] = limb as u32;
+            explained[2 * at + 1] = (limb >> 32) as u32;
+        }
+        Slot { explained, moves: 0, bids: 0 }
+    }
+
+    #[test]
+    fn the_host_assembles_negative_and_large_energies() {
+        let large = (1i128 << 122) + 12_345_678_901_234_567_890;
+        for values in [
+            vec![0],
+            vec![-1],
+            vec![large],
+            vec![-large],
+            vec![large, -large, -1],
+            vec![-3; 1000],
+            vec![i128::from(u64::MAX); 4096],
+        ] {
+            assert_eq!(slot_of(&values).explained(), values.iter().sum::<i128>());
+        }
+    }
+}

@@ -1,0 +1,362 @@
+//! The steps on one surface: what is queued when, and what comes back.
+//!
+//! Batches of turns (iterations, or passes of the growth) are queued without waiting for each other's results: while the
+//! device works on one, the host reads the ring of the one before. The device itself ends a run: the kernel that finds a
+//! turn without moves writes zeros into the arguments of the indirect dispatches that follow, also those in the next batch.
+
+use std::sync::mpsc::{Receiver, channel};
+use std::time::{Duration, Instant};
+
+use super::FaultPoint;
+use super::buffers::{BETWEEN, Buffers, RING, upload};
+use super::connection::{Compiled, Connection};
+use super::layout::Slot;
+use crate::device::{Cancel, Ending, FREE, LatticeEnergy, Step, Steps};
+use crate::error::{Error, Kind, Result};
+
+/// Turns in the first batch; even, as all batches of the growth are.
+const FIRST_BATCH: u32 = 8;
+
+/// A batch that takes less makes the next one larger: queueing should not cost more than the work.
+const SHORT_BATCH: Duration = Duration::from_millis(25);
+
+/// A batch that takes longer makes the next one smaller: a job that is cancelled ends after the batches that are queued.
+const LONG_BATCH: Duration = Duration::from_millis(100);
+
+/// What a turn does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Work {
+    Grow,
+    Boundary,
+    Refine,
+}
+
+impl Work {
+    /// Whether a turn found that there was nothing left to do.
+    fn is_over(self, slot: &Slot) -> bool {
+        match self {
+            Work::Grow | Work::Boundary => slot.moves == 0,
+            Work::Refine => slot.bids == 0,
+        }
+    }
+
+    fn fault_point(self) -> FaultPoint {
+        match self {
+            Work::Grow => FaultPoint::Grow,
+            Work::Boundary => FaultPoint::Boundary,
+            Work::Refine => FaultPoint::Refine,
+        }
+    }
+}
+
+/// A batch on its way.
+struct Batch {
+    turns: u32,
+    staging: usize,
+    submission: wgpu::SubmissionIndex,
+    mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
+}
+
+/// A surface on the gpu.
+pub(super) struct GpuSteps<'a> {
+    connection: &'a Connection,
+    buffers: Buffers,
+    clusters: u32,
+    /// Whether the sums belong to the labels.
+    gathered: bool,
+    /// Energy of the labels, once known.
+    energy: Option<LatticeEnergy>,
+}
+
+impl<'a> GpuSteps<'a> {
+    pub(super) fn new(connection: &'a Connection, buffers: Buffers, clusters: u32) -> Self {
+        Self { connection, buffers, clusters, gathered: false, energy: None }
+    }
+
+    /// Runs turns until one has nothing left to do (true) or `limit` of them moved something (false). `on_turn` is told of
+    /// each that did, in order. Batches of the growth have an even number of turns, so that the labels end where they began.
+    fn run(&mut self, work: Work, limit: u32, cancel: &Cancel, mut on_turn: impl FnMut(&Slot)) -> Result<bool> {
+        let queue = &self.connection.queue;
+        queue.write_buffer(&self.buffers.next_dispatch, 0, bytemuck::bytes_of(&self.buffers.face_groups));
+        // turns that may still move something, those on their way taken off
+        let mut left = limit;
+        let mut number = 1u32;
+        let mut size = FIRST_BATCH;
+        let mut staging = 0;
+        let mut before: Option<Batch> = None;
+        loop {
+            let started = Instant::now();
+            let turns = size.min(left);
+            let next = if turns > 0 && !cancel.is_cancelled() {
+                let batch = self.submit(work, number, turns, staging)?;
+                left -= turns;
+                number = number.wrapping_add(turns);
+                Some(batch)
+            } else {
+                None
+            };
+            let Some(batch) = before.take() else {
+                if next.is_none() {
+                    cancel.check()?;
+                    return Ok(false);
+                }
+                before = next;
+                staging = 1 - staging;
+                continue;
+            };
+            for slot in self.collect(batch)? {
+                if work.is_over(&slot) {
+                    if let Some(idle) = next {
+                        self.collect(idle)?;
+                    }
+                    cancel.check()?;
+                    return Ok(true);
+                }
+                if slot.moves == 0 {
+                    left += 1;
+                } else {
+                    on_turn(&slot);
+                }
+            }
+            let took = started.elapsed();
+            if took < SHORT_BATCH {
+                size = (size * 2).min(RING);
+            } else if took > LONG_BATCH {
+                size = (size / 2).max(2);
+            }
+            before = next;
+            staging = 1 - staging;
+        }
+    }
+
+    /// Queues a batch, and the reading of its slots.
+    fn submit(&self, work: Work, number: u32, turns: u32, staging: usize) -> Result<Batch> {
+        let kernels = &self.connection.kernels;
+        let bindings = &self.buffers.bindings;
+        self.connection.reach(work.fault_point());
+        self.buffers.turns.number(&self.connection.queue, number);
+        let mut encoder = self.encoder();
+        encoder.clear_buffer(&self.buffers.ring, 0, None);
+        if work == Work::Refine && number == 1 {
+            encoder.clear_buffer(&self.buffers.offers, 0, None);
+        }
+        {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+            let clusters = Some(self.buffers.cluster_groups);
+            for slot in 0..turns {
+                let mut dispatch =
+                    |compiled, bindings, groups| self.dispatch(&mut pass, compiled, bindings, slot, groups);
+                match work {
+                    Work::Grow => {
+                        dispatch(&kernels.grow, &bindings.grow[slot as usize % 2], None);
+                        dispatch(&kernels.settle, &bindings.settle, Some([1, 1, 1]));
+                    }
+                    Work::Boundary => {
+                        dispatch(&kernels.propose, &bindings.propose, None);
+                        dispatch(&kernels.apply, &bindings.apply, None);
+                        dispatch(&kernels.fit, &bindings.fit, clusters);
+                    }
+                    Work::Refine => {
+                        dispatch(&kernels.bid, &bindings.bid, None);
+                        dispatch(&kernels.choose, &bindings.choose, None);
+                        dispatch(&kernels.join, &bindings.join, None);
+                        dispatch(&kernels.judge, &bindings.judge, clusters);
+                        dispatch(&kernels.deal, &bindings.deal, None);
+                    }
+                }
+            }
+        }
+        self.queue_reading(encoder, turns, staging)
+    }
+
+    /// Encodes proxies and energy of the labels as they are, after summing them up if that was not done.
+    fn encode_fit(&mut self) -> wgpu::CommandEncoder {
+        let kernels = &self.connection.kernels;
+        let buffers = &self.buffers;
+        let mut encoder = self.encoder();
+        encoder.clear_buffer(&buffers.ring, 0, None);
+        if !self.gathered {
+            encoder.clear_buffer(&buffers.clusters, 0, None);
+        }
+        {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+            if !self.gathered {
+                let groups = Some(buffers.gather_groups);
+                let bindings = &buffers.bindings.gather;
+                self.dispatch(&mut pass, &kernels.gather, bindings, BETWEEN, groups);
+            }
+            let groups = Some(buffers.cluster_groups);
+            self.dispatch(&mut pass, &kernels.fit, &buffers.bindings.fit, BETWEEN, groups);
+        }
+        self.gathered = true;
+        encoder
+    }
+
+    fn encoder(&self) -> wgpu::CommandEncoder {
+        self.connection.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
+    }
+
+    /// Encodes one kernel, with so many workgroups or with as many as the device decides.
+    fn dispatch(
+        &self,
+        pass: &mut wgpu::ComputePass<'_>,
+        compiled: &Compiled,
+        bindings: &wgpu::BindGroup,
+        slot: u32,
+        groups: Option<[u32; 3]>,
+    ) {
+        pass.set_pipeline(&compiled.pipeline);
+        pass.set_bind_group(0, bindings, &[self.buffers.turns.offset(slot)]);
+        match groups {
+            Some([x, y, z]) => pass.dispatch_workgroups(x, y, z),
+            None => pass.dispatch_workgroups_indirect(&self.buffers.next_dispatch, 0),
+        }
+    }
+
+    /// Submits what is encoded, and then a copy of the ring that the host can read.
+    fn queue_reading(&self, mut encoder: wgpu::CommandEncoder, turns: u32, staging: usize) -> Result<Batch> {
+        let target = &self.buffers.staging[staging];
+        encoder.copy_buffer_to_buffer(&self.buffers.ring, 0, target, 0, None);
+        let submission = self.connection.queue.submit([encoder.finish()]);
+        self.connection.check()?;
+        Ok(Batch { turns, staging, submission, mapped: map(target) })
+    }
+
+    /// Waits for a batch and reads its slots; the last one is the state between batches.
+    fn collect(&self, batch: Batch) -> Result<Vec<Slot>> {
+        let target = &self.buffers.staging[batch.staging];
+        let mut slots: Vec<Slot> = self.read(target, batch.submission, &batch.mapped)?;
+        slots.truncate(batch.turns as usize);
+        Ok(slots)
+    }
+
+    /// Waits for a submission and a mapping after it, and reads the buffer.
+    fn read<T: bytemuck::Pod>(
+        &self,
+        buffer: &wgpu::Buffer,
+        submission: wgpu::SubmissionIndex,
+        mapped: &Receiver<Result<(), wgpu::BufferAsyncError>>,
+    ) -> Result<Vec<T>> {
+        self.connection.wait(submission)?;
+        let lost = || Error::new(Kind::DeviceLost, "the gpu did not give its results");
+        match mapped.try_recv() {
+            Ok(Ok(())) => {}
+            Ok(Err(_)) | Err(_) => {
+                return self.connection.break_down("its memory could not be read").and(Err(lost()));
+            }
+        }
+        let items = {
+            let view = buffer.slice(..).get_mapped_range().map_err(|_| lost())?;
+            bytemuck::pod_collect_to_vec(&view)
+        };
+        buffer.unmap();
+        Ok(items)
+    }
+}
+
+/// What the end of a run means.
+fn ending(is_over: bool) -> Ending {
+    if is_over { Ending::Converged } else { Ending::IterationLimit }
+}
+
+/// Asks for a buffer to be mapped as soon as what was submitted so far is done.
+fn map(buffer: &wgpu::Buffer) -> Receiver<Result<(), wgpu::BufferAsyncError>> {
+    let (sender, receiver) = channel();
+    buffer.slice(..).map_async(wgpu::MapMode::Read, move |outcome| {
+        // nobody listens any more when another error came first
+        let _ = sender.send(outcome);
+    });
+    receiver
+}
+
+impl Steps for GpuSteps<'_> {
+    fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
+        if labels.len() != self.buffers.faces as usize {
+            return Err(Error::new(
+                Kind::Internal,
+                format_args!("{} faces need as many labels, not {}", self.buffers.faces, labels.len()),
+            ));
+        }
+        let foreign = labels.iter().find(|&&label| label >= self.clusters && label != FREE);
+        if let Some(label) = foreign {
+            return Err(Error::new(
+                Kind::Internal,
+                format_args!("labels must be below {}, not {label}", self.clusters),
+            ));
+        }
+        upload(&self.connection.queue, &self.buffers.labels, 0, labels);
+        self.gathered = false;
+        self.energy = None;
+        self.connection.check()
+    }
+
+    fn grow(&mut self, cancel: &Cancel) -> Result<()> {
+        self.gathered = false;
+        self.energy = None;
+        // every pass but the last labels a face
+        let even_limit = u32::MAX - 1;
+        self.run(Work::Grow, even_limit, cancel, |_| {})?;
+        Ok(())
+    }
+
+    fn energy(&mut self) -> Result<LatticeEnergy> {
+        if let Some(energy) = self.energy {
+            return Ok(energy);
+        }
+        let encoder = self.encode_fit();
+        let batch = self.queue_reading(encoder, RING + 1, 0)?;
+        let slots = self.collect(batch)?;
+        let explained = slots[BETWEEN as usize].explained();
+        Ok(*self.energy.insert(LatticeEnergy { explained }))
+    }
+
+    fn optimise_boundary(
+        &mut self,
+        max_iterations: u32,
+        cancel: &Cancel,
+        on_iteration: &mut dyn FnMut(Step),
+    ) -> Result<Ending> {
+        let encoder = self.encode_fit();
+        self.connection.queue.submit([encoder.finish()]);
+        let mut last = self.energy;
+        let outcome = self.run(Work::Boundary, max_iterations, cancel, |slot| {
+            let energy = LatticeEnergy { explained: slot.explained() };
+            last = Some(energy);
+            on_iteration(Step { energy, moves: u64::from(slot.moves) });
+        });
+        self.energy = last;
+        outcome.map(ending)
+    }
+
+    fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending> {
+        // the turns only say what it rises by
+        let mut explained = self.energy()?.explained;
+        let encoder = self.encode_fit();
+        self.connection.queue.submit([encoder.finish()]);
+        let outcome = self.run(Work::Refine, max_iterations, cancel, |slot| {
+            explained += slot.explained();
+            on_iteration(Step { energy: LatticeEnergy { explained }, moves: u64::from(slot.moves) });
+        });
+        self.energy = Some(LatticeEnergy { explained });
+        outcome.map(ending)
+    }
+
+    fn labels(&mut self) -> Result<Vec<u32>> {
+        self.connection.reach(FaultPoint::Labels);
+        let size = self.buffers.labels.size();
+        let staging = self.connection.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("labels for the host"),
+            size,
+            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.encoder();
+        encoder.copy_buffer_to_buffer(&self.buffers.labels, 0, &staging, 0, None);
+        let submission = self.connection.queue.submit([encoder.finish()]);
+        self.connection.check()?;
+        let mapped = map(&staging);
+        let mut labels: Vec<u32> = self.read(&staging, submission, &mapped)?;
+        labels.truncate(self.buffers.faces as usize);
+        Ok(labels)
+    }
+}

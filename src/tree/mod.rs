@@ -1,0 +1,146 @@
+//! The result of a hierarchical clustering: merges, the faces that moved between them, and the rounds they came in.
+//!
+//! This is the stored form: [`Tree::labels_at`] replays it to any number of clusters without clustering again. A
+//! cluster is named by the face it started from (a number of the upload), and keeps the name of one of the two when two
+//! merge. A replay costs one step a merge and a move up to the cut, and one look-up a face at the end.
+//!
+//! Nothing here knows of devices, surfaces or files of meshes.
+
+use crate::error::{Error, Result};
+
+/// A hierarchy of clusterings of the same faces, finest first.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Tree {
+    /// Number of faces: the number of clusters before the first round.
+    pub faces: u32,
+    /// All merges, round after round; within a round the cheapest first.
+    pub merges: Vec<Merge>,
+    /// The faces that belong elsewhere after a round's optimisation than after its merges, round after round.
+    pub moves: Vec<FaceMove>,
+    /// The rounds, in order.
+    pub rounds: Vec<Round>,
+}
+
+/// Two clusters that became one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Merge {
+    /// The cluster that goes on under its name.
+    pub into: u32,
+    /// The cluster that ends.
+    pub from: u32,
+    /// Rise of the energy by the merge, source units (P§6, dual edge collapse cost).
+    pub cost: f64,
+    /// Energy of the merged cluster, before any optimisation; source units.
+    pub energy: f64,
+    /// Faces of the merged cluster.
+    pub faces: u32,
+    /// Its weight, as area in source units.
+    pub weight: f64,
+    /// Its weighted mean centroid, source units.
+    pub proxy: [f64; 3],
+}
+
+/// A face that the optimisation gave to another cluster.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FaceMove {
+    /// The face, as a number of the upload.
+    pub face: u32,
+    /// The cluster it belongs to after the round.
+    pub to: u32,
+}
+
+/// One round of merges and the optimisation after it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Round {
+    /// Number of clusters after it.
+    pub clusters: u32,
+    /// Energy after it, source units.
+    pub energy: f64,
+    /// Where its merges end in [`Tree::merges`]; they begin where those of the round before end.
+    pub merges_end: u32,
+    /// Where its moves end in [`Tree::moves`].
+    pub moves_end: u64,
+}
+
+/// A clustering taken from a tree.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cut {
+    /// One label a face, in upload order: 0 … K − 1, numbered by the first face that carries them.
+    pub labels: Vec<u32>,
+    /// Rounds replayed as a whole.
+    pub rounds: u32,
+    /// Merges of the next round applied on top, the cheapest ones; 0 when the cut is a state that the run had.
+    pub extra_merges: u32,
+    /// Energy of the cut, source units.
+    pub energy: f64,
+}
+
+impl Tree {
+    /// Number of clusters that the last round left: the roots.
+    pub fn roots(&self) -> u32 {
+        self.rounds.last().map_or(self.faces, |round| round.clusters)
+    }
+
+    /// Whether no face ever moved between clusters: each cluster is the union of its children.
+    pub fn is_nested(&self) -> bool {
+        self.moves.is_empty()
+    }
+
+    /// The labels at exactly `clusters` clusters.
+    ///
+    /// A number that a round ended with gives that round's state. Any other takes the state of the last round that
+    /// left more, and applies as many of the next round's merges as it takes, the cheapest first.
+    pub fn labels_at(&self, clusters: u64) -> Result<Cut> {
+        let roots = self.roots();
+        if clusters > u64::from(self.faces) || clusters < u64::from(roots) {
+            return Err(Error::parameter(format_args!(
+                "clusters must be between the {roots} that the hierarchy ends with and its {} faces: {clusters}",
+                self.faces
+            )));
+        }
+        let clusters = clusters as u32;
+        let rounds = self.rounds.partition_point(|round| round.clusters >= clusters);
+        let (left, mut energy, merges_end, moves_end) = match rounds.checked_sub(1) {
+            Some(last) => {
+                let round = &self.rounds[last];
+                (round.clusters, round.energy, round.merges_end as usize, round.moves_end as usize)
+            }
+            None => (self.faces, 0.0, 0, 0),
+        };
+        let extra_merges = left - clusters;
+        let extra = &self.merges[merges_end..merges_end + extra_merges as usize];
+        energy += extra.iter().map(|merge| merge.cost).sum::<f64>();
+
+        let mut parent: Vec<u32> = (0..self.faces).collect();
+        for merge in self.merges[..merges_end].iter().chain(extra) {
+            parent[merge.from as usize] = merge.into;
+        }
+        let mut cluster_of_face: Vec<u32> = (0..self.faces).collect();
+        for moved in &self.moves[..moves_end] {
+            cluster_of_face[moved.face as usize] = moved.to;
+        }
+        let mut number_of_cluster: Vec<Option<u32>> = vec![None; self.faces as usize];
+        let mut seen = 0;
+        for label in &mut cluster_of_face {
+            let root = root(&mut parent, *label);
+            *label = *number_of_cluster[root as usize].get_or_insert_with(|| {
+                seen += 1;
+                seen - 1
+            });
+        }
+        Ok(Cut { labels: cluster_of_face, rounds: rounds as u32, extra_merges, energy })
+    }
+}
+
+/// The cluster that a cluster has become; halves the path on the way.
+fn root(parent: &mut [u32], mut cluster: u32) -> u32 {
+    loop {
+        let up = parent[cluster as usize];
+        if up == cluster {
+            return cluster;
+        }
+        let above = parent[up as usize];
+        parent[cluster as usize] = above;
+        cluster = above;
+    }
+}

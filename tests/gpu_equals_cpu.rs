@@ -1,0 +1,162 @@
+//! The gpu and the cpu device give the same rows and labels for whole runs, over generated and real meshes.
+
+mod common;
+mod gpu_support;
+
+use std::collections::BTreeSet;
+use std::time::{Duration, Instant};
+
+use common::zoo;
+use gpu_support::{ALL, PLAIN, cluster_counts, device, run, seeds};
+use tesserae::cluster::{Options, Row};
+use tesserae::device::cpu::CpuDevice;
+use tesserae::device::gpu::GpuDevice;
+use tesserae::mesh::{self, Format, Limits, NoResources};
+use tesserae::parameters::Seeds;
+use tesserae::sample::{Sample, generate};
+use tesserae::surface::Surface;
+
+/// Compares a run on both devices.
+fn compare(
+    gpu: &mut GpuDevice,
+    context: &str,
+    surface: &Surface,
+    (clusters, kind, seed): (u64, &Seeds, u64),
+    options: Options,
+) -> Vec<Row> {
+    let context = format!("{context} k={clusters} seeds={kind} seed={seed} {options:?}");
+    let seeds = seeds(surface, clusters, kind, seed);
+    let cpu_run = run(&mut CpuDevice::new(), surface, &seeds, options).expect("the cpu runs");
+    let gpu_run = run(gpu, surface, &seeds, options).expect("the gpu runs");
+    assert_eq!(gpu_run.3, cpu_run.3, "{context}: rows");
+    // labels are long: a failure prints the first difference
+    for (name, gpu, cpu) in [("initial", &gpu_run.0, &cpu_run.0), ("final", &gpu_run.1, &cpu_run.1)] {
+        assert_eq!(gpu.len(), cpu.len(), "{context}");
+        let difference = (0..gpu.len()).find(|&face| gpu[face] != cpu[face]);
+        assert_eq!(difference, None, "{context}: {name} labels");
+    }
+    assert_eq!(gpu_run.2, cpu_run.2, "{context}: ending");
+    gpu_run.3
+}
+
+#[test]
+fn the_zoo_is_clustered_alike() {
+    let mut gpu = device();
+    for (name, mesh) in zoo::all() {
+        let surface = Surface::build(&mesh).expect("the zoo can be put on the lattice");
+        for clusters in cluster_counts(&surface) {
+            for (kind, seed) in [(Seeds::Morton, 0), (Seeds::Random, 1)] {
+                let what = (clusters, &kind, seed);
+                compare(&mut gpu, &name, &surface, what, ALL);
+            }
+        }
+    }
+}
+
+#[test]
+fn larger_meshes_are_clustered_alike() {
+    let mut gpu = device();
+    let mut phases = BTreeSet::new();
+    for (sample, faces, clusters) in [
+        (Sample::Knot, 20_000, 300),
+        (Sample::Parts, 20_000, 100),
+        (Sample::Terrain, 20_000, 1),
+        (Sample::Quads, 10_000, 5_000),
+        (Sample::Strip, 3_000, 4),
+    ] {
+        let surface = Surface::build(&generate(sample, faces).expect("a sample")).expect("a surface");
+        for options in [
+            ALL,
+            PLAIN,
+            Options { refine: false, ..ALL },
+            Options { max_iterations: Some(13), ..ALL },
+            Options { max_iterations: Some(60), ..ALL },
+        ] {
+            let what = (clusters, &Seeds::Random, 7);
+            for row in compare(&mut gpu, sample.name(), &surface, what, options) {
+                phases.insert(format!("{:?}", row.phase));
+            }
+        }
+    }
+    // otherwise the comparison says little
+    assert_eq!(Vec::from_iter(phases), ["Boundary", "Refine", "Repair"]);
+}
+
+/// All meshes of the folder that TESSERAE_TEST_MESHES names, the smallest first, until the time is up (90 seconds, or
+/// TESSERAE_TEST_SECONDS): every mesh for several k and seeds.
+#[test]
+fn real_meshes_are_clustered_alike() {
+    let Some(folder) = zoo::shared_meshes() else {
+        return;
+    };
+    let seconds = std::env::var("TESSERAE_TEST_SECONDS").ok().and_then(|text| text.parse().ok()).unwrap_or(90);
+    let end = Instant::now() + Duration::from_secs(seconds);
+    let mut files: Vec<_> = std::fs::read_dir(folder)
+        .expect("a folder")
+        .map(|entry| entry.expect("an entry").path())
+        .filter_map(|path| {
+            let format = match path.extension()?.to_str()? {
+                "obj" => Format::Obj,
+                "glb" => Format::Glb,
+                _ => return None,
+            };
+            let bytes = std::fs::read(&path).expect("a file");
+            let mesh = mesh::read(&bytes, format, &NoResources, &Limits::default())
+                .unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+            Some((mesh.faces.len(), path, mesh))
+        })
+        .collect();
+    files.sort_by(|a, b| (a.0, &a.1).cmp(&(b.0, &b.1)));
+    assert!(!files.is_empty(), "the folder has meshes");
+    let mut gpu = device();
+    // the bunny in any case
+    if let Some((_, path, mesh)) =
+        files.iter().find(|file| file.1.file_stem().is_some_and(|name| name == "stanford-bunny"))
+    {
+        let surface = Surface::build(mesh).expect("a surface");
+        let what = (1000, &Seeds::Morton, 0);
+        compare(&mut gpu, &path.display().to_string(), &surface, what, ALL);
+    }
+    for (at, (_, path, mesh)) in files.iter().enumerate() {
+        let surface = Surface::build(mesh).expect("a surface");
+        let (fewest, most) = (surface.components.len() as u64, surface.faces() as u64);
+        for clusters in [fewest, 8, 100, 1000, most / 20] {
+            let clusters = clusters.clamp(fewest, most);
+            for (kind, seed) in [(Seeds::Morton, 0), (Seeds::Random, 1)] {
+                if Instant::now() > end {
+                    let left = files.len() - at;
+                    eprintln!("notice: {left} meshes left when the time was up (set TESSERAE_TEST_SECONDS)");
+                    return;
+                }
+                let what = (clusters, &kind, seed);
+                compare(&mut gpu, &path.display().to_string(), &surface, what, ALL);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_comparison_fails_when_the_devices_see_different_meshes_or_seeds() {
+    let mesh = generate(Sample::Knot, 2500).expect("a sample");
+    let surface = Surface::build(&mesh).expect("a surface");
+    let seeds_here = seeds(&surface, 40, &Seeds::Random, 7);
+    let cpu_run = run(&mut CpuDevice::new(), &surface, &seeds_here, ALL).expect("a run");
+    let mut gpu = device();
+    let same = run(&mut gpu, &surface, &seeds_here, ALL).expect("a run");
+    assert_eq!(same, cpu_run);
+
+    let mut heavier = Surface::build(&mesh).expect("a surface");
+    heavier.weights[100] += 1;
+    let other = run(&mut gpu, &heavier, &seeds_here, ALL).expect("a run");
+    assert_ne!(other.3, cpu_run.3, "a weight");
+
+    let mut moved = Surface::build(&mesh).expect("a surface");
+    moved.centroids[100][1] += 1;
+    let other = run(&mut gpu, &moved, &seeds_here, ALL).expect("a run");
+    assert_ne!(other.3, cpu_run.3, "a centroid");
+
+    let mut seeds_there = seeds(&surface, 40, &Seeds::Random, 7);
+    seeds_there.face_of_cluster.swap(3, 4);
+    let other = run(&mut gpu, &surface, &seeds_there, ALL).expect("a run");
+    assert_ne!(other.1, cpu_run.1, "seeds");
+}

@@ -1,0 +1,157 @@
+//! What goes wrong on a gpu: limits, lost devices, refused calls, cancelled jobs. Each is an error, never a panic, and the
+//! device works again afterwards.
+
+mod common;
+mod gpu_support;
+
+use gpu_support::{ALL, adapter, device, device_with, run, seeds};
+use tesserae::Kind;
+use tesserae::cluster::seeds::SeedFaces;
+use tesserae::device::gpu::{Fault, FaultPoint, GpuDevice, Overrides};
+use tesserae::device::select::{self, DeviceChoice};
+use tesserae::device::{Cancel, Device, FREE};
+use tesserae::parameters::Seeds;
+use tesserae::report::DeviceKind;
+use tesserae::sample::{Sample, generate};
+use tesserae::surface::Surface;
+
+fn example() -> (Surface, SeedFaces) {
+    let mesh = generate(Sample::Knot, 5000).expect("a sample");
+    let surface = Surface::build(&mesh).expect("a surface");
+    let seeds = seeds(&surface, 1500, &Seeds::Random, 2);
+    (surface, seeds)
+}
+
+#[test]
+fn dispatches_of_two_dimensions_give_the_same() {
+    let mesh = generate(Sample::Knot, 20_000).expect("a sample");
+    let surface = Surface::build(&mesh).expect("a surface");
+    let seeds = seeds(&surface, 3000, &Seeds::Random, 2);
+    let expected = run(&mut device(), &surface, &seeds, ALL).expect("a run");
+    let groups = (surface.faces() as u32).div_ceil(256);
+    // the least that is enough: then the dispatches with a thread for 8 faces and for a cluster have two rows, too
+    let least = (1u32..).find(|row| row * row * 256 >= surface.faces() as u32).expect("a number");
+    for row in [groups, groups - 1, 20, least] {
+        let mut narrow = device_with(Overrides { workgroups_per_dimension: Some(row), ..Overrides::default() });
+        let found = run(&mut narrow, &surface, &seeds, ALL).expect("a run");
+        assert_eq!(found, expected, "{row} workgroups a row");
+    }
+    let mut too_narrow = device_with(Overrides { workgroups_per_dimension: Some(least - 1), ..Overrides::default() });
+    let error = run(&mut too_narrow, &surface, &seeds, ALL).expect_err("too few threads");
+    assert_eq!(error.kind, Kind::DeviceUnsuitable);
+    let limit = (least - 1) * (least - 1) * 256;
+    assert!(error.message.contains(&limit.to_string()), "{error}");
+}
+
+#[test]
+fn a_mesh_over_the_limit_of_a_binding_is_refused_with_both_sizes() {
+    let (surface, seeds) = example();
+    let needed = 16 * surface.faces() as u64;
+    let with_limit = |bytes| {
+        let mut device = device_with(Overrides { binding_size: Some(bytes), ..Overrides::default() });
+        run(&mut device, &surface, &seeds, ALL)
+    };
+    let error = with_limit(needed - 1).expect_err("one byte too many");
+    assert_eq!(error.kind, Kind::DeviceUnsuitable);
+    for number in [needed, needed - 1] {
+        assert!(error.message.contains(&number.to_string()), "{error}");
+    }
+    assert!(with_limit(needed.max(48 * 1500)).is_ok());
+}
+
+#[test]
+fn a_lost_device_is_an_error_and_the_next_job_works() {
+    let (surface, seeds) = example();
+    let mut gpu = device();
+    let expected = run(&mut gpu, &surface, &seeds, ALL).expect("a run");
+    for point in [FaultPoint::Upload, FaultPoint::Grow, FaultPoint::Boundary, FaultPoint::Refine, FaultPoint::Labels] {
+        gpu.inject(Fault::Lose(point));
+        let error = run(&mut gpu, &surface, &seeds, ALL).expect_err("lost");
+        assert_eq!(error.kind, Kind::DeviceLost, "{point:?}: {error}");
+        assert!(!error.message.contains('\n'), "{point:?}: {error}");
+        let again = run(&mut gpu, &surface, &seeds, ALL).expect("it works again");
+        assert_eq!(again, expected, "{point:?}");
+    }
+}
+
+#[test]
+fn a_refused_call_is_an_error_and_the_next_job_works() {
+    let (surface, seeds) = example();
+    let mut gpu = device();
+    let expected = run(&mut gpu, &surface, &seeds, ALL).expect("a run");
+    for point in [FaultPoint::Upload, FaultPoint::Boundary, FaultPoint::Refine, FaultPoint::Labels] {
+        gpu.inject(Fault::Misuse(point));
+        let error = run(&mut gpu, &surface, &seeds, ALL).expect_err("refused");
+        assert_eq!(error.kind, Kind::Internal, "{point:?}: {error}");
+        assert!(!error.message.contains('\n'), "{point:?}: {error}");
+        let again = run(&mut gpu, &surface, &seeds, ALL).expect("it works again");
+        assert_eq!(again, expected, "{point:?}");
+    }
+}
+
+#[test]
+fn a_cancelled_job_ends_and_leaves_the_device_usable() {
+    let (surface, _) = example();
+    let seeds = seeds(&surface, 10, &Seeds::Random, 2);
+    let mut gpu = device();
+    {
+        let mut steps = gpu.open(&surface, &seeds.component_of_cluster).expect("it fits");
+        let mut labels = vec![FREE; surface.faces()];
+        for (cluster, &face) in (0..).zip(&seeds.face_of_cluster) {
+            labels[face as usize] = cluster;
+        }
+        steps.set_labels(&labels).expect("set");
+        let cancel = Cancel::default();
+        cancel.cancel();
+        let ended = steps.grow(&cancel).map_err(|error| error.kind);
+        assert_eq!(ended, Err(Kind::Cancelled));
+        assert_eq!(steps.labels().expect("labels"), labels);
+
+        steps.grow(&Cancel::default()).expect("grow");
+        let cancel = Cancel::default();
+        let mut count = 0;
+        let ended = steps.optimise_boundary(u32::MAX, &cancel, &mut |_| {
+            count += 1;
+            cancel.cancel();
+        });
+        assert_eq!(ended.map_err(|error| error.kind), Err(Kind::Cancelled));
+        // what was queued comes back, nothing else is queued: at most two batches
+        assert_eq!(count, 16, "iterations of the first two batches");
+        // and the labels are those of the last row that was told
+        let after = steps.labels().expect("labels");
+        let energy = steps.energy().expect("energy");
+        steps.set_labels(&after).expect("set");
+        assert_eq!(steps.energy().expect("energy"), energy);
+    }
+    run(&mut gpu, &surface, &seeds, ALL).expect("a run");
+}
+
+#[test]
+fn the_gpu_can_be_chosen_and_says_what_it_is() {
+    let report = adapter().report;
+    let reports = select::adapters();
+    assert!(reports.contains(&report), "{reports:?}");
+    for wanted in [None, Some(report.index.to_string()), Some(report.name.to_uppercase())] {
+        let gpu = select::open(DeviceChoice::Gpu, wanted.as_deref(), None).expect("it opens");
+        let info = gpu.info();
+        assert_eq!(info.kind, DeviceKind::Gpu);
+        assert_eq!((&info.name, &info.backend), (&report.name, &report.backend));
+        assert!(!info.driver.is_empty());
+    }
+    let error = select::open(DeviceChoice::Gpu, Some("no such card"), None).map(|_| ()).expect_err("no such card");
+    assert_eq!(error.kind, Kind::InvalidParameter);
+    assert!(error.message.contains(&report.name), "{error}");
+    let expected = select::auto_adapter(&reports).map_or(DeviceKind::Cpu, |_| DeviceKind::Gpu);
+    let auto = select::open(DeviceChoice::Auto, None, None).expect("there is always the cpu");
+    assert_eq!(auto.info().kind, expected);
+}
+
+#[test]
+fn an_unusable_adapter_is_refused_with_its_reason() {
+    let mut found = adapter();
+    found.report.usable = false;
+    found.report.reason = Some("it is old".to_owned());
+    let error = GpuDevice::new(&found).map(|_| ()).expect_err("unusable");
+    assert_eq!(error.kind, Kind::DeviceUnsuitable);
+    assert!(error.message.ends_with("it is old"), "{error}");
+}

@@ -1,0 +1,192 @@
+//! The steps of the gpu device, one by one, against the plain version of their definition.
+
+mod common;
+mod gpu_support;
+
+use common::{oracle, zoo};
+use gpu_support::{cluster_counts, device, seeds};
+use tesserae::device::{Cancel, Device, Ending, FREE, Step};
+use tesserae::parameters::Seeds;
+use tesserae::sample::{Sample, generate};
+use tesserae::surface::Surface;
+
+fn surface(sample: Sample, faces: u64) -> Surface {
+    Surface::build(&generate(sample, faces).expect("a sample")).expect("a surface")
+}
+
+/// Numbers at random, the same in every run.
+fn numbers(mut state: u64) -> impl FnMut(u64) -> u64 {
+    move |bound| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) % bound
+    }
+}
+
+#[test]
+fn every_step_is_the_one_that_the_definition_says() {
+    let mut gpu = device();
+    for (name, mesh) in zoo::all() {
+        let surface = Surface::build(&mesh).expect("the zoo can be put on the lattice");
+        for clusters in cluster_counts(&surface) {
+            let context = format!("{name} k={clusters}");
+            let seeds = seeds(&surface, clusters, &Seeds::Random, 5);
+            let components = &seeds.component_of_cluster;
+            let mut labels = vec![FREE; surface.faces()];
+            for (cluster, &face) in (0..).zip(&seeds.face_of_cluster) {
+                labels[face as usize] = cluster;
+            }
+            let mut steps = gpu.open(&surface, components).expect("it fits");
+            steps.set_labels(&labels).expect("set");
+            steps.grow(&Cancel::default()).expect("grow");
+            let mut labels = oracle::grow(&surface, &labels);
+            assert_eq!(steps.labels().expect("labels"), labels, "{context}: growth");
+            let energy = steps.energy().expect("energy").explained;
+            assert_eq!(energy, oracle::explained(&surface, components, &labels), "{context}");
+
+            let mut found: Vec<Step> = Vec::new();
+            let ending =
+                steps.optimise_boundary(u32::MAX, &Cancel::default(), &mut |step| found.push(step)).expect("optimise");
+            assert_eq!(ending, Ending::Converged, "{context}");
+            for (at, step) in found.iter().enumerate() {
+                let state = oracle::iterate(&surface, components, &labels)
+                    .unwrap_or_else(|| panic!("{context}: only {at} iterations"));
+                assert_eq!(
+                    (step.moves, step.energy.explained),
+                    (state.moves, state.explained),
+                    "{context}: iteration {at}"
+                );
+                labels = state.labels;
+            }
+            assert_eq!(oracle::iterate(&surface, components, &labels), None, "{context}");
+            assert_eq!(steps.labels().expect("labels"), labels, "{context}");
+            let energy = steps.energy().expect("energy").explained;
+            assert_eq!(energy, oracle::explained(&surface, components, &labels), "{context}");
+        }
+    }
+}
+
+#[test]
+fn the_limit_of_iterations_is_exact_and_work_can_go_on_after_it() {
+    let surface = surface(Sample::Knot, 2500);
+    let seeds = seeds(&surface, 40, &Seeds::Random, 1);
+    let mut gpu = device();
+    let mut steps = gpu.open(&surface, &seeds.component_of_cluster).expect("it fits");
+    let mut labels = vec![FREE; surface.faces()];
+    for (cluster, &face) in (0..).zip(&seeds.face_of_cluster) {
+        labels[face as usize] = cluster;
+    }
+    steps.set_labels(&labels).expect("set");
+    steps.grow(&Cancel::default()).expect("grow");
+    let mut labels = steps.labels().expect("labels");
+    for limit in [0, 1, 8, 2, 9] {
+        let mut count = 0;
+        let ending = steps.optimise_boundary(limit, &Cancel::default(), &mut |_| count += 1).expect("optimise");
+        assert_eq!((ending, count), (Ending::IterationLimit, limit));
+        for _ in 0..limit {
+            labels = oracle::iterate(&surface, &seeds.component_of_cluster, &labels)
+                .expect("it takes more iterations than that")
+                .labels;
+        }
+        assert_eq!(steps.labels().expect("labels"), labels, "after {limit} more");
+    }
+}
+
+#[test]
+fn energies_are_exact_at_the_ends_of_the_lattice() {
+    // two faces out of three at opposite corners, weights that sum to nearly 2³⁴, and the largest shift
+    let mut surface = surface(Sample::Torus, 700);
+    let mut next = numbers(3);
+    let far = (1 << 27) - 1;
+    for face in 0..surface.faces() {
+        let sign = |bit: u64| if bit == 0 { -far } else { far };
+        surface.centroids[face] = std::array::from_fn(|_| sign(next(2)));
+        surface.weights[face] = ((1u64 << 34) / surface.faces() as u64 - 1) as u32 - next(5) as u32;
+    }
+    surface.components[0].energy_shift = 30;
+    let mut gpu = device();
+    for clusters in [1, 2, 255, 256, 257, 600] {
+        let components = vec![0; clusters];
+        let mut steps = gpu.open(&surface, &components).expect("it fits");
+        let labels: Vec<u32> = (0..surface.faces()).map(|_| next(clusters as u64) as u32).collect();
+        steps.set_labels(&labels).expect("set");
+        let energy = steps.energy().expect("energy").explained;
+        assert_eq!(energy, oracle::explained(&surface, &components, &labels));
+    }
+    // all in one corner: the largest magnitude there is
+    for corner in [far, -far] {
+        surface.centroids.fill([corner; 3]);
+        let mut steps = gpu.open(&surface, &[0]).expect("it fits");
+        let labels = vec![0; surface.faces()];
+        steps.set_labels(&labels).expect("set");
+        let energy = steps.energy().expect("energy").explained;
+        assert_eq!(energy, oracle::explained(&surface, &[0], &labels));
+        assert!(energy > 1 << 119, "{energy}");
+    }
+}
+
+#[test]
+fn faces_that_no_cluster_reaches_stay_free() {
+    let mesh = generate(Sample::Parts, 2500).expect("a sample");
+    let surface = Surface::build(&mesh).expect("a surface");
+    let mut labels = vec![FREE; surface.faces()];
+    labels[17] = 0;
+    let mut gpu = device();
+    let mut steps = gpu.open(&surface, &[0]).expect("it fits");
+    assert_eq!(steps.labels().expect("labels"), vec![FREE; surface.faces()]);
+    steps.set_labels(&labels).expect("set");
+    steps.grow(&Cancel::default()).expect("grow");
+    let grown = steps.labels().expect("labels");
+    assert_eq!(grown, oracle::grow(&surface, &labels));
+    assert!(grown.contains(&FREE) && grown.iter().filter(|&&label| label == 0).count() > 1);
+}
+
+#[test]
+fn impossible_labels_are_refused() {
+    let surface = surface(Sample::Cube, 48);
+    let mut gpu = device();
+    assert!(gpu.open(&surface, &[]).is_err());
+    assert!(gpu.open(&surface, &[9]).is_err());
+    let mut steps = gpu.open(&surface, &[0, 0]).expect("it fits");
+    assert!(steps.set_labels(&[0]).is_err());
+    assert!(steps.set_labels(&vec![2; surface.faces()]).is_err());
+    assert!(steps.set_labels(&vec![1; surface.faces()]).is_ok());
+}
+
+#[test]
+fn a_changed_label_or_weight_shows_in_the_comparison() {
+    let mut surface = surface(Sample::Knot, 2500);
+    let components = vec![0; 10];
+    let mut next = numbers(8);
+    let labels: Vec<u32> = (0..surface.faces()).map(|_| next(10) as u32).collect();
+    let mut gpu = device();
+    let energy = {
+        let mut steps = gpu.open(&surface, &components).expect("it fits");
+        steps.set_labels(&labels).expect("set");
+        steps.energy().expect("energy").explained
+    };
+    let mut other = labels.clone();
+    other[100] = (other[100] + 1) % 10;
+    assert_ne!(energy, oracle::explained(&surface, &components, &other));
+    surface.weights[100] += 1;
+    assert_ne!(energy, oracle::explained(&surface, &components, &labels));
+}
+
+#[test]
+fn of_two_equally_near_clusters_the_smaller_number_wins() {
+    // a row of four faces; the second lies halfway between the first and the third, and far from its own cluster's proxy
+    let mut surface = surface(Sample::Strip, 4);
+    surface.centroids = vec![[-10, 0, 0], [0, 0, 0], [10, 0, 0], [0, 1000, 0]];
+    surface.weights = vec![5; 4];
+    surface.neighbour_offsets = vec![0, 1, 3, 5, 6];
+    surface.neighbours = vec![1, 0, 2, 1, 3, 2];
+    let components = [0, 0, 0];
+    let mut gpu = device();
+    for (labels, expected) in [([1, 0, 2, 0], [1, 1, 2, 0]), ([2, 0, 1, 0], [2, 1, 1, 0])] {
+        let mut steps = gpu.open(&surface, &components).expect("it fits");
+        steps.set_labels(&labels).expect("set");
+        steps.optimise_boundary(1, &Cancel::default(), &mut |_| {}).expect("optimise");
+        assert_eq!(steps.labels().expect("labels"), expected);
+        let state = oracle::iterate(&surface, &components, &labels).expect("it moves");
+        assert_eq!(state.labels, expected);
+    }
+}

@@ -1,0 +1,60 @@
+//! What the tests of the gpu device share: an adapter, and runs of the driver.
+#![allow(dead_code, reason = "every test binary uses its own part")]
+
+use tesserae::cluster::{self, Clustering, Options, Row, seeds::SeedFaces};
+use tesserae::device::gpu::adapter::{Found, enumerate};
+use tesserae::device::gpu::{GpuDevice, Overrides};
+use tesserae::device::{Cancel, Device};
+use tesserae::error::Result;
+use tesserae::parameters::Seeds;
+use tesserae::surface::Surface;
+
+/// The paper's optimisation alone, whatever pieces that leaves.
+pub const PLAIN: Options = Options { max_iterations: None, refine: false, allow_disconnected: true };
+
+/// Everything that there is.
+pub const ALL: Options = Options { max_iterations: None, refine: true, allow_disconnected: false };
+
+/// The first usable adapter, software or not.
+pub fn adapter() -> Found {
+    let found = enumerate();
+    let all: Vec<String> = found.iter().map(|found| found.report.to_string()).collect();
+    found.into_iter().filter(|found| found.report.usable).min_by_key(|found| found.report.kind).unwrap_or_else(|| {
+        panic!("these tests need a Vulkan driver, and found {all:?}: install mesa-vulkan-drivers, as `make test` does")
+    })
+}
+
+pub fn device() -> GpuDevice {
+    GpuDevice::new(&adapter()).expect("the adapter opens")
+}
+
+pub fn device_with(overrides: Overrides) -> GpuDevice {
+    GpuDevice::with_overrides(&adapter(), overrides).expect("the adapter opens")
+}
+
+pub fn seeds(surface: &Surface, clusters: u64, kind: &Seeds, seed: u64) -> SeedFaces {
+    cluster::seeds::choose(surface, clusters, kind, seed, None).expect("the number is possible")
+}
+
+/// Everything a run says.
+pub type Run = (Vec<u32>, Vec<u32>, String, Vec<Row>);
+
+/// Runs boundary-based clustering.
+pub fn run(device: &mut dyn Device, surface: &Surface, seeds: &SeedFaces, options: Options) -> Result<Run> {
+    let mut steps = device.open(surface, &seeds.component_of_cluster)?;
+    let mut rows = Vec::new();
+    let Clustering { initial, labels, ending, .. } =
+        cluster::boundary_based(surface, seeds, options, steps.as_mut(), &Cancel::default(), &mut |row| {
+            rows.push(row)
+        })?;
+    Ok((initial, labels, format!("{ending:?}"), rows))
+}
+
+/// Numbers of clusters worth trying on a surface.
+pub fn cluster_counts(surface: &Surface) -> Vec<u64> {
+    let (fewest, most) = (surface.components.len() as u64, surface.faces() as u64);
+    let mut counts: Vec<u64> = [fewest, most / 50, most / 7, most].map(|k| k.clamp(fewest, most)).to_vec();
+    counts.sort_unstable();
+    counts.dedup();
+    counts
+}

@@ -1,0 +1,12 @@
+//! Mesh input from outside: every form that is read, every kind of file that is refused, and real meshes.
+
+mod broken;
+mod files;
+mod gltf_compressed;
+mod gltf_costs;
+mod gltf_forms;
+mod gltf_refused;
+mod gltf_scene;
+mod make;
+mod obj_forms;
+mod shared;
