@@ -1,5 +1,5 @@
-//! The `tesserae` command.
+//! The `tesserae` command: everything is in [`tesserae::cli`].
 
 fn main() -> std::process::ExitCode {
-    std::process::ExitCode::SUCCESS
+    tesserae::cli::main()
 }

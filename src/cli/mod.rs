@@ -1,1 +1,121 @@
-//! cli
+//! The command line.
+//!
+//! One file a command; what they share is in `device`, `files`, `progress` and `signals`. Exit status: 0; 2 for a
+//! command line that is wrong in itself; 1 for everything else, with one line on standard error. Progress goes to
+//! standard error, and only to a terminal. A reader of standard output that stops reading is no error.
+
+mod cluster;
+mod device;
+mod devices;
+mod files;
+mod progress;
+mod sample;
+mod serve;
+mod signals;
+
+use std::io::{self, Write};
+use std::process::ExitCode;
+
+use clap::error::ErrorKind;
+use clap::{CommandFactory, Parser, Subcommand};
+
+use crate::error::Error;
+
+/// The command line of `tesserae`.
+#[derive(Debug, Parser)]
+#[command(name = "tesserae", version, about, max_term_width = 110, after_help = EXAMPLES)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  tesserae sample knot --faces 100000 knot.glb
+  tesserae cluster knot.glb --clusters 500 --labels knot.npy --report knot.json
+  tesserae serve";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Cluster the faces of a mesh file
+    Cluster(Box<cluster::Arguments>),
+    /// Serve jobs over HTTP
+    Serve(Box<serve::Arguments>),
+    /// Make a mesh from nothing, for trying out and testing
+    Sample(sample::Arguments),
+    /// List every device, usable or why not, and which one `--device auto` takes
+    Devices(devices::Arguments),
+}
+
+/// Runs the command that the arguments of this process ask for.
+pub fn main() -> ExitCode {
+    let outcome = match Cli::parse().command {
+        Command::Cluster(arguments) => cluster::run(&arguments),
+        Command::Serve(arguments) => serve::run(*arguments),
+        Command::Sample(arguments) => sample::run(&arguments),
+        Command::Devices(arguments) => devices::run(&arguments),
+    };
+    match outcome {
+        Ok(()) | Err(Failure::NobodyReads) => ExitCode::SUCCESS,
+        Err(Failure::Usage(command, message)) => usage_error(command, &message),
+        Err(Failure::Failed(error)) => {
+            say(&format!("error: {}", error.message));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Writes one line to standard error, whatever a file name or a driver put into it; lost when nobody can read it.
+fn say(line: &str) {
+    let _ = writeln!(io::stderr(), "{}", line.replace(['\n', '\r'], " "));
+}
+
+/// Why a command ended early.
+enum Failure {
+    /// The command line is wrong in itself: name of the command, and what is wrong.
+    Usage(&'static str, String),
+    /// Anything else.
+    Failed(Error),
+    /// Whoever read standard output does so no more.
+    NobodyReads,
+}
+
+impl From<Error> for Failure {
+    fn from(error: Error) -> Self {
+        Failure::Failed(error)
+    }
+}
+
+impl Failure {
+    /// A failure to write to standard output.
+    fn stdout(error: io::Error) -> Self {
+        if error.kind() == io::ErrorKind::BrokenPipe {
+            Failure::NobodyReads
+        } else {
+            Failure::Failed(Error::io("cannot write to standard output", error))
+        }
+    }
+}
+
+/// Says what is wrong with the command line in the way the parser does. Exit status 2.
+fn usage_error(command: &str, message: &str) -> ExitCode {
+    let mut cli = Cli::command();
+    cli.build();
+    let error = match cli.find_subcommand_mut(command) {
+        Some(command) => command.error(ErrorKind::ValueValidation, message),
+        None => cli.error(ErrorKind::ValueValidation, message),
+    };
+    // Where even that cannot be said, the status is all that is left.
+    let _ = error.print();
+    ExitCode::from(2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+}

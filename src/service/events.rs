@@ -46,18 +46,18 @@ pub(super) struct EndEvent {
     problem: Option<Problem>,
 }
 
-/// An event of the stream.
-#[derive(ToSchema)]
+/// One event of the stream, as its three fields
 #[expect(dead_code, reason = "describes the stream for openapi.yaml")]
+#[derive(ToSchema)]
 pub(super) struct StreamEvent {
-    /// Its number: 1 for the job's first, without gaps.
-    #[schema(example = "1")]
+    /// Number of the event, from 1 without gaps.
+    #[schema(example = "7")]
     id: String,
-    /// What happened: `state`, `iteration` or `end`.
+    /// `state`, `iteration` or `end`.
     #[schema(example = "state")]
     event: String,
-    /// JSON: a `StateEvent`, an `Iteration` or an `EndEvent`.
-    #[schema(example = "{\"state\":\"queued\"}")]
+    /// JSON: a `StateEvent`, a row of the report's `iterations`, or an `EndEvent`.
+    #[schema(example = r#"{"state":"running"}"#)]
     data: String,
 }
 
@@ -188,8 +188,8 @@ fn last_event_id(headers: &HeaderMap) -> Result<u64> {
         return Ok(0);
     };
     let text = value.to_str().unwrap_or("?").trim();
-    // 63 bits, as openapi.yaml says
-    text.parse::<i64>().ok().and_then(|number| u64::try_from(number).ok()).ok_or_else(|| {
+    // as far as the signed 64 bits of the description go
+    text.parse().ok().filter(|&id: &u64| i64::try_from(id).is_ok()).ok_or_else(|| {
         Error::new(
             Kind::BadRequest,
             format_args!("Last-Event-ID must be the id of an event of this job, a number, not {text:?}"),

@@ -140,7 +140,7 @@ pub fn openapi_yaml() -> Result<String> {
 #[utoipa::path(
     get, path = "/openapi.yaml", tag = "service", operation_id = "getOpenapi",
     responses(
-        (status = 200, description = "The description", body = Value, content_type = "application/yaml"),
+        (status = 200, description = "The description", body = Object, content_type = "application/yaml"),
         (status = 500, response = Problematic),
     ),
 )]

@@ -9,7 +9,7 @@ use reqwest::{Client, RequestBuilder, Response};
 use serde_json::Value;
 use tempfile::TempDir;
 use tesserae::device::cpu::CpuDevice;
-use tesserae::device::{Device, Steps};
+use tesserae::device::{Device, MergeSteps, Steps};
 use tesserae::report::DeviceInfo;
 use tesserae::sample::{self, Sample};
 use tesserae::service::{DeviceDescription, Server, Settings};
@@ -256,5 +256,14 @@ impl Device for Held {
         self.gate.pass();
         assert!(surface.faces() != PANIC_FACES, "a defect on purpose");
         self.cpu.open(surface, component_of_cluster)
+    }
+
+    fn open_merging<'a>(
+        &'a mut self,
+        surface: &'a Surface,
+        component_of_cluster: &'a [u32],
+    ) -> tesserae::Result<Box<dyn MergeSteps + 'a>> {
+        self.gate.pass();
+        self.cpu.open_merging(surface, component_of_cluster)
     }
 }

@@ -47,9 +47,12 @@ impl Frontier {
 
     /// The faces listed for the changed clusters and the faces beside them, each once. A face of a changed cluster or
     /// with a neighbour in one that is not among them lies on no boundary and did not before.
-    pub fn due(&mut self, surface: &Surface, labels: &Labels, changed: &[u32]) -> &[u32] {
+    ///
+    /// `also` are boundary faces that are due anyway.
+    pub fn due(&mut self, surface: &Surface, labels: &Labels, changed: &[u32], also: &[u32]) -> &[u32] {
         self.reading += 1;
         self.due.clear();
+        also.iter().for_each(|&face| self.mark(face));
         for &cluster in changed {
             let mut faces = std::mem::take(&mut self.faces_of_cluster[cluster as usize]);
             faces.retain(|&face| {

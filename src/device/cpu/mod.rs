@@ -175,16 +175,16 @@ impl<'a> CpuSteps<'a> {
     /// What all faces that are due want by the boundary test; None when nothing moves.
     fn boundary_moves(&mut self) -> Option<Vec<Move>> {
         let changed = self.clusters.take_changes(Reader::Boundary);
-        let due = self.frontier.as_mut()?.due(self.surface, &self.labels, &changed);
+        let due = self.frontier.as_mut()?.due(self.surface, &self.labels, &changed, &[]);
         let moves = boundary::moves(self.surface, &self.labels, &self.clusters, due, &mut self.leaving);
         (!moves.is_empty()).then_some(moves)
     }
 
-    /// What comes of the bids; None when there are none.
-    fn refining_moves(&mut self) -> Option<Vec<Move>> {
+    /// What comes of the bids; None when there are none. `refused` faces bid again.
+    fn refining_moves(&mut self, refused: Vec<u32>) -> Option<Vec<Move>> {
         let changed = self.clusters.take_changes(Reader::Refinement);
         let frontier = self.frontier.as_mut()?;
-        let due = frontier.due(self.surface, &self.labels, &changed).to_vec();
+        let due = frontier.due(self.surface, &self.labels, &changed, &refused).to_vec();
         self.bids.renew(self.surface, &self.labels, &self.clusters, &due, frontier);
         (!self.bids.is_empty()).then(|| self.bids.moves(self.surface, &self.clusters))
     }
@@ -227,7 +227,15 @@ impl Steps for CpuSteps<'_> {
     }
 
     fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending> {
-        self.optimise(max_iterations, cancel, on_iteration, Self::refining_moves)
+        self.gather();
+        let mut refused = self.bids.take_refused();
+        for &face in &refused {
+            self.labels.refresh(face);
+            self.surface.neighbours_of(face).iter().for_each(|&near| {
+                self.labels.refresh(near);
+            });
+        }
+        self.optimise(max_iterations, cancel, on_iteration, |steps| steps.refining_moves(std::mem::take(&mut refused)))
     }
 
     fn cut_off_faces(&mut self) -> Result<Vec<u32>> {

@@ -44,12 +44,19 @@ pub struct Bids {
     /// Of each cluster the index of its best bid, then of the exchange it takes part in; [`NONE`] between iterations.
     chosen: Vec<u32>,
     exchanges: Vec<Exchange>,
+    /// The faces that were refused since the phase began.
+    refused: Vec<u32>,
 }
 
 impl Bids {
     /// No bids yet.
     pub fn new(clusters: usize) -> Self {
-        Self { open: Vec::new(), chosen: vec![NONE; clusters], exchanges: Vec::new() }
+        Self { open: Vec::new(), chosen: vec![NONE; clusters], exchanges: Vec::new(), refused: Vec::new() }
+    }
+
+    /// The faces that were refused in the last phase; in the next, they may bid again.
+    pub fn take_refused(&mut self) -> Vec<u32> {
+        std::mem::take(&mut self.refused)
     }
 
     /// Whether nobody would improve.
@@ -72,7 +79,7 @@ impl Bids {
         self.pair_up();
         self.judge(surface, clusters);
         let mut moves = Vec::new();
-        let (chosen, exchanges) = (&self.chosen, &self.exchanges);
+        let (chosen, exchanges, refused) = (&self.chosen, &self.exchanges, &mut self.refused);
         self.open.retain(|&Bid { wish, .. }| {
             let Some(exchange) = joined(chosen, exchanges, wish) else { return true };
             let exchange = &exchanges[exchange];
@@ -84,6 +91,8 @@ impl Bids {
             };
             if moves_now {
                 moves.push(wish);
+            } else if is_winner {
+                refused.push(wish.face);
             }
             !is_winner && !moves_now
         });
@@ -96,7 +105,7 @@ impl Bids {
 
     /// Opens an exchange for each bid that is the best at both its clusters.
     fn pair_up(&mut self) {
-        let Self { open, chosen, exchanges } = self;
+        let Self { open, chosen, exchanges, .. } = self;
         let rank = |index: u32| {
             let bid = &open[index as usize];
             (bid.gain, std::cmp::Reverse(bid.wish.face))

@@ -50,7 +50,7 @@ use self::adapter::{AdapterReport, Found};
 use self::buffers::Buffers;
 use self::connection::Connection;
 use self::steps::GpuSteps;
-use super::{Device, Steps};
+use super::{Device, MergeSteps, Steps};
 use crate::error::{Error, Kind, Result};
 use crate::report::{DeviceInfo, DeviceKind};
 use crate::surface::Surface;
@@ -173,7 +173,15 @@ impl Device for GpuDevice {
         connection.arm(fault);
         let buffers = Buffers::new(connection, surface, &energy_shifts)?;
         let clusters = energy_shifts.len() as u32;
-        Ok(Box::new(GpuSteps::new(connection, buffers, clusters)))
+        Ok(Box::new(GpuSteps::new(connection, surface, buffers, clusters)))
+    }
+
+    fn open_merging<'a>(
+        &'a mut self,
+        _surface: &'a Surface,
+        _component_of_cluster: &'a [u32],
+    ) -> Result<Box<dyn MergeSteps + 'a>> {
+        Err(Error::new(Kind::DeviceUnsuitable, "hierarchies are made by the cpu device; ask for that one or for auto"))
     }
 }
 

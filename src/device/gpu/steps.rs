@@ -11,8 +11,10 @@ use super::FaultPoint;
 use super::buffers::{BETWEEN, Buffers, RING, upload};
 use super::connection::{Compiled, Connection};
 use super::layout::Slot;
+use crate::cluster::repair;
 use crate::device::{Cancel, Ending, FREE, LatticeEnergy, Step, Steps};
 use crate::error::{Error, Kind, Result};
+use crate::surface::Surface;
 
 /// Turns in the first batch; even, as all batches of the growth are.
 const FIRST_BATCH: u32 = 8;
@@ -60,6 +62,7 @@ struct Batch {
 /// A surface on the gpu.
 pub(super) struct GpuSteps<'a> {
     connection: &'a Connection,
+    surface: &'a Surface,
     buffers: Buffers,
     clusters: u32,
     /// Whether the sums belong to the labels.
@@ -69,8 +72,8 @@ pub(super) struct GpuSteps<'a> {
 }
 
 impl<'a> GpuSteps<'a> {
-    pub(super) fn new(connection: &'a Connection, buffers: Buffers, clusters: u32) -> Self {
-        Self { connection, buffers, clusters, gathered: false, energy: None }
+    pub(super) fn new(connection: &'a Connection, surface: &'a Surface, buffers: Buffers, clusters: u32) -> Self {
+        Self { connection, surface, buffers, clusters, gathered: false, energy: None }
     }
 
     /// Runs turns until one has nothing left to do (true) or `limit` of them moved something (false). `on_turn` is told of
@@ -339,6 +342,20 @@ impl Steps for GpuSteps<'_> {
         });
         self.energy = Some(LatticeEnergy { explained });
         outcome.map(ending)
+    }
+
+    fn cut_off_faces(&mut self) -> Result<Vec<u32>> {
+        let labels = self.labels()?;
+        Ok(repair::cut_off_faces(self.surface, self.clusters as usize, &labels))
+    }
+
+    fn regrow(&mut self, faces: &[u32], cancel: &Cancel) -> Result<()> {
+        let mut labels = self.labels()?;
+        for &face in faces {
+            labels[face as usize] = FREE;
+        }
+        self.set_labels(&labels)?;
+        self.grow(cancel)
     }
 
     fn labels(&mut self) -> Result<Vec<u32>> {

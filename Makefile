@@ -1,0 +1,64 @@
+# `make help` lists what there is to make. Everything that is built goes to target/ (or CARGO_TARGET_DIR).
+
+SHELL := /bin/bash
+TARGET := $(or $(CARGO_TARGET_DIR),target)
+VENV := $(TARGET)/venv
+# Real meshes for the tests, where there are any; samples are made and used in any case.
+ifneq ($(wildcard ../shared/meshes),)
+export TESSERAE_TEST_MESHES ?= $(abspath ../shared/meshes)
+endif
+export TESSERAE_LISTEN ?= 127.0.0.1:8080
+
+.PHONY: help
+help:  ## list these targets
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 16
+
+.PHONY: run
+run:  ## install what is missing, build, and serve on http://127.0.0.1:8080 (TESSERAE_* variables are settings)
+	@deploy/install-missing.sh build
+	cargo build --release --locked
+	@echo "serving on http://$(TESSERAE_LISTEN), press Ctrl-C to stop"
+	@exec $(TARGET)/release/tesserae serve
+
+.PHONY: test
+test: lint  ## install what is missing and check everything, on cpu and on a software gpu
+	@$(MAKE) --no-print-directory unit end-to-end fuzz
+
+.PHONY: lint
+lint: install-test  ## formatting, clippy and documentation, warnings denied
+	cargo fmt --check
+	cargo clippy --locked --all-targets -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps
+
+.PHONY: unit
+unit: install-test  ## the tests of the crate
+	cargo test --locked
+
+.PHONY: end-to-end
+end-to-end: debug-binary $(VENV)/ready  ## service and command line from outside, results scored independently
+	$(VENV)/bin/python tests/scripts/end_to_end.py $(TARGET)/debug/tesserae $(TESSERAE_TEST_MESHES)
+	$(VENV)/bin/python tests/scripts/readme.py $(TARGET)/debug/tesserae
+
+.PHONY: fuzz
+fuzz: debug-binary $(VENV)/ready  ## the service against its OpenAPI document
+	$(VENV)/bin/python tests/scripts/fuzz_api.py $(TARGET)/debug/tesserae
+
+.PHONY: picture
+picture: debug-binary $(VENV)/ready  ## draw docs/knot.png anew
+	$(TARGET)/debug/tesserae sample knot --faces 200000 $(TARGET)/knot.obj
+	$(TARGET)/debug/tesserae cluster $(TARGET)/knot.obj --clusters 400 --labels $(TARGET)/knot.npy
+	$(VENV)/bin/python docs/render.py $(TARGET)/knot.obj $(TARGET)/knot.npy docs/knot.png
+
+.PHONY: debug-binary
+debug-binary: install-test
+	cargo build --locked
+
+.PHONY: install-test
+install-test:
+	@deploy/install-missing.sh test
+
+$(VENV)/ready: tests/scripts/requirements.txt | install-test
+	@echo "installing into $(VENV): $$(grep -v '^#' $< | tr '\n' ' ')"
+	python3 -m venv $(VENV)
+	$(VENV)/bin/pip install --quiet --disable-pip-version-check -r $<
+	touch $@

@@ -1,0 +1,100 @@
+"""Draws a clustered mesh as a PNG, with numpy alone: `python render.py MESH.obj LABELS.npy OUT.png`.
+
+Every cluster has a colour of its own, its outline is dark, and light comes from the upper left.
+"""
+
+import pathlib
+import struct
+import sys
+import zlib
+
+import numpy as np
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "tests" / "scripts"))
+import score  # noqa: E402
+
+WIDTH, HEIGHT, FINER = 880, 640, 3
+BACKGROUND = 255.0
+
+
+def look(vertices, tilt=-0.62, turn=0.35):
+    """Turned and tilted, x to the right, y up, z towards the eye."""
+    c, s = np.cos(turn), np.sin(turn)
+    around = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    c, s = np.cos(tilt), np.sin(tilt)
+    return (vertices - vertices.mean(0)) @ (np.array([[1, 0, 0], [0, c, -s], [0, s, c]]) @ around).T
+
+
+def palette(count):
+    """Soft colours, neighbours in number far apart in hue."""
+    hue = (np.arange(count) * 0.618034) % 1
+    value = 0.86 + 0.14 * ((np.arange(count) * 0.7548777) % 1)
+    ramp = np.abs((hue[:, None] * 6 + np.array([0, 4, 2])) % 6 - 3) - 1
+    return (1 - 0.55 * (1 - np.clip(ramp, 0, 1))) * value[:, None]
+
+
+def draw(vertices, triangles, face, labels):
+    """The picture, rows × columns × 3, at FINER times the size."""
+    width, height = WIDTH * FINER, HEIGHT * FINER
+    size = np.ptp(vertices, axis=0)
+    scale = min(0.96 * width / size[0], 0.96 * height / size[1])
+    middle = (vertices.max(0) + vertices.min(0)) / 2
+    pixels = (vertices - middle) * [scale, -scale, scale] + [width / 2, height / 2, 0]
+
+    depth = np.full((height, width), -np.inf)
+    owner = np.full((height, width), -1, np.int64)
+    corners = pixels[triangles]
+    low = np.floor(corners.min(1)[:, :2]).astype(int)
+    high = np.ceil(corners.max(1)[:, :2]).astype(int)
+    for number, ((a, b, c), (x0, y0), (x1, y1)) in enumerate(zip(corners, low, high)):
+        twice = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        if twice >= 0:  # seen from behind, y being downwards
+            continue
+        y, x = np.mgrid[y0 : y1 + 1, x0 : x1 + 1]
+        u = ((x - a[0]) * (c[1] - a[1]) - (y - a[1]) * (c[0] - a[0])) / twice
+        v = ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / twice
+        z = a[2] + u * (b[2] - a[2]) + v * (c[2] - a[2])
+        inside = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9) & (z > depth[y, x])
+        depth[y[inside], x[inside]] = z[inside]
+        owner[y[inside], x[inside]] = number
+
+    a, b, c = (vertices[triangles[:, i]] for i in range(3))
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    light = np.array([-0.45, 0.6, 0.66])
+    shade = 0.42 + 0.58 * np.clip(normal @ light, 0, 1)
+    colour = palette(labels.max() + 1)[labels[face]] * shade[:, None] * 255
+    seen = owner >= 0
+    picture = np.where(seen[..., None], colour[owner], BACKGROUND)
+
+    label = np.where(seen, labels[face][owner], -1)
+    edge = np.zeros_like(seen)
+    for axis in (0, 1):
+        for step in (-1, 1):
+            edge |= label != np.roll(label, step, axis)
+    picture[edge & seen] *= 0.35
+    return picture
+
+
+def png(picture):
+    """Bytes of an RGB PNG."""
+    rows = np.clip(picture.round(), 0, 255).astype(np.uint8)
+    height, width, _ = rows.shape
+    # Each row is stored as its difference from the one above, which packs better.
+    up = np.concatenate([rows[:1], rows[1:] - rows[:-1]])
+    data = b"".join(b"\x02" + row.tobytes() for row in up)
+
+    def chunk(kind, body):
+        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(data, 9)) + chunk(b"IEND", b""))
+
+
+if __name__ == "__main__":
+    mesh, labels, out = sys.argv[1:]
+    vertices, corners, first = score.load(mesh)
+    triangles, face = score.fans(corners, first)
+    large = draw(look(vertices), triangles, face, np.load(labels).astype(np.int64))
+    small = large.reshape(HEIGHT, FINER, WIDTH, FINER, 3).mean((1, 3))
+    pathlib.Path(out).write_bytes(png(small))

@@ -1,0 +1,91 @@
+//! `tesserae devices`: what there is to cluster on.
+
+use std::io::Write;
+
+use serde::Serialize;
+
+use super::Failure;
+use crate::device::Device;
+use crate::device::cpu::CpuDevice;
+use crate::device::select::{self, AdapterReport, FACES_FOR_GPU};
+use crate::report::DeviceInfo;
+
+/// Arguments of `tesserae devices`.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// What `--json` prints.
+#[derive(Debug, Serialize)]
+struct Devices<'a> {
+    /// The processor of this machine.
+    cpu: &'a DeviceInfo,
+    /// Every graphics adapter.
+    adapters: &'a [AdapterReport],
+    /// What `--device auto` takes.
+    auto: Auto,
+}
+
+/// What `--device auto` takes.
+#[derive(Debug, Serialize)]
+struct Auto {
+    /// Number of the adapter for large meshes and for the service; null for the cpu.
+    adapter: Option<usize>,
+    /// The smallest mesh, in faces, for which `tesserae cluster` takes that adapter.
+    faces_for_gpu: u64,
+}
+
+/// Prints every device, and which one `--device auto` takes.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let cpu = CpuDevice::new();
+    let adapters = select::adapters();
+    let auto =
+        Auto { adapter: select::auto_adapter(&adapters).map(|report| report.index), faces_for_gpu: FACES_FOR_GPU };
+    let devices = Devices { cpu: cpu.info(), adapters: &adapters, auto };
+    let text = if arguments.json {
+        serde_json::to_string_pretty(&devices).map_err(|error| Failure::stdout(error.into()))? + "\n"
+    } else {
+        table(&devices)
+    };
+    let mut out = std::io::stdout().lock();
+    out.write_all(text.as_bytes()).and_then(|()| out.flush()).map_err(Failure::stdout)
+}
+
+/// The devices in columns, then what auto takes.
+fn table(devices: &Devices<'_>) -> String {
+    let row = |cells: [&str; 6]| cells.map(str::to_owned);
+    let cpu = devices.cpu;
+    let mut rows = vec![
+        row(["adapter", "kind", "name", "backend", "driver", "usable"]),
+        row(["", "cpu", &cpu.name, &cpu.backend, &cpu.driver, "yes"]),
+    ];
+    for report in devices.adapters {
+        let index = report.index.to_string();
+        let kind = report.kind.to_string();
+        let usable = match &report.reason {
+            Some(reason) => format!("no: {reason}"),
+            None => "yes".to_owned(),
+        };
+        rows.push(row([&index, &kind, &report.name, &report.backend, &report.driver, &usable]));
+    }
+    let widths: [usize; 6] =
+        std::array::from_fn(|column| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0));
+    let mut text = String::new();
+    for row in rows {
+        let cells = row.iter().zip(widths).map(|(cell, width)| format!("{cell:width$}"));
+        text += cells.collect::<Vec<_>>().join("  ").trim_end();
+        text += "\n";
+    }
+    text += "\n";
+    text += &match devices.auto.adapter {
+        Some(index) => format!(
+            "--device auto takes adapter {index}; for a single mesh of fewer than {} faces, the cpu\n",
+            devices.auto.faces_for_gpu
+        ),
+        None => "--device auto takes the cpu\n".to_owned(),
+    };
+    text
+}

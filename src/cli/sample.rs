@@ -1,0 +1,69 @@
+//! `tesserae sample`: a mesh made from nothing.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use super::Failure;
+use super::files::Target;
+use crate::mesh::Format;
+use crate::sample::{Sample, generate, write_glb, write_obj};
+
+/// Arguments of `tesserae sample`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  tesserae sample knot --faces 100000 knot.glb
+  tesserae sample quads --faces 5000 - | tesserae cluster - -k 50 --labels labels.npy")]
+pub struct Arguments {
+    /// The shape
+    #[arg(value_enum)]
+    name: Sample,
+
+    /// Number of faces; the mesh has close to as many (see the shape for which numbers are possible)
+    #[arg(long, value_name = "N")]
+    faces: u64,
+
+    /// Where to write it: OUT.obj, OUT.glb (polygons are cut into triangles), or - for OBJ on standard output
+    #[arg(value_name = "OUT")]
+    out: PathBuf,
+}
+
+/// Writes the mesh and says what was written.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let target = Target::from(arguments.out.clone());
+    let format = match &target {
+        Target::Stdout => Format::Obj,
+        Target::File(path) => match path.to_str().and_then(Format::from_file_name) {
+            Some(format @ (Format::Obj | Format::Glb)) => format,
+            Some(Format::Gltf) | None => {
+                return Err(Failure::Usage(
+                    "sample",
+                    format!("the file to write must end in .obj or .glb, not {path:?}"),
+                ));
+            }
+        },
+    };
+    target.check()?;
+    let mesh = generate(arguments.name, arguments.faces).map_err(|error| Failure::Usage("sample", error.message))?;
+    target.write(|out| match format {
+        Format::Obj | Format::Gltf => write_obj(out, &mesh),
+        Format::Glb => write_glb(out, &mesh),
+    })?;
+    let Target::File(path) = &target else {
+        return Ok(());
+    };
+    let triangles = if format == Format::Glb && mesh.faces.triangles() != mesh.faces.len() as u64 {
+        format!(", written as {} triangles", mesh.faces.triangles())
+    } else {
+        String::new()
+    };
+    writeln!(
+        std::io::stdout(),
+        "{}: {}, {} faces{triangles}, {} vertices",
+        path.display(),
+        arguments.name.name(),
+        mesh.faces.len(),
+        mesh.positions.len()
+    )
+    .map_err(Failure::stdout)
+}

@@ -1,0 +1,61 @@
+//! `tesserae serve`: the HTTP service in this process.
+
+use super::device::DeviceArguments;
+use super::{Failure, signals};
+use crate::device::select::DeviceChoice;
+use crate::error::Error;
+use crate::report::{DeviceInfo, DeviceKind};
+use crate::service::{self, DeviceDescription, LogSettings, Settings};
+
+/// Arguments of `tesserae serve`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Every setting is a flag or an environment variable. Ctrl-C and SIGTERM stop the service in order.
+
+Example:
+  tesserae serve --listen 127.0.0.1:8080
+  curl --data-binary @mesh.glb -H 'Content-Type: model/gltf-binary' 'http://127.0.0.1:8080/v1/jobs?clusters=1000'")]
+pub struct Arguments {
+    #[command(flatten)]
+    settings: Settings,
+
+    #[command(flatten)]
+    device: DeviceArguments,
+
+    #[command(flatten)]
+    log: LogSettings,
+}
+
+/// Serves until it is asked to stop.
+pub fn run(arguments: Arguments) -> Result<(), Failure> {
+    if let Some(message) = arguments.device.contradiction() {
+        return Err(Failure::Usage("serve", message));
+    }
+    arguments.log.start().map_err(|error| Failure::Usage("serve", error.message))?;
+    let device = arguments.device.open(None)?;
+    let description =
+        DeviceDescription { chosen: chosen(&arguments.device, device.info()), info: device.info().clone() };
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()
+        .map_err(|error| Error::io("cannot start the threads of the service", error))?;
+    let served = runtime.block_on(async {
+        let shutdown = signals::requests_to_stop().map_err(|error| Error::io("cannot listen for signals", error))?;
+        service::serve(arguments.settings, device, description, shutdown).await
+    });
+    // What still works on a mesh is left behind.
+    runtime.shutdown_background();
+    Ok(served?)
+}
+
+/// Why it is this device, for people.
+fn chosen(arguments: &DeviceArguments, info: &DeviceInfo) -> String {
+    match (arguments.device, info.kind) {
+        (DeviceChoice::Auto, DeviceKind::Cpu) => "auto: no graphics processor can be used".to_owned(),
+        (DeviceChoice::Auto, DeviceKind::Gpu) => "auto: the fastest kind of graphics processor here".to_owned(),
+        (choice @ (DeviceChoice::Cpu | DeviceChoice::Gpu), _) => match &arguments.adapter {
+            Some(adapter) => format!("asked for: {choice}, adapter {adapter:?}"),
+            None => format!("asked for: {choice}"),
+        },
+    }
+}

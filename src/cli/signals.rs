@@ -1,0 +1,46 @@
+//! Being asked to stop: Ctrl-C, and on Unix SIGTERM.
+
+use std::io;
+
+use crate::device::Cancel;
+
+/// Takes requests to stop from here on; the future completes with the first. Needs a tokio runtime around it.
+#[cfg(unix)]
+pub fn requests_to_stop() -> io::Result<impl Future<Output = ()>> {
+    use tokio::signal::unix::{SignalKind, signal};
+    let mut terminate = signal(SignalKind::terminate())?;
+    let mut interrupt = signal(SignalKind::interrupt())?;
+    Ok(async move {
+        tokio::select! {
+            _ = terminate.recv() => {}
+            _ = interrupt.recv() => {}
+        }
+    })
+}
+
+/// Takes requests to stop from here on; the future completes with the first. Needs a tokio runtime around it.
+#[cfg(windows)]
+pub fn requests_to_stop() -> io::Result<impl Future<Output = ()>> {
+    let mut interrupt = tokio::signal::windows::ctrl_c()?;
+    Ok(async move {
+        interrupt.recv().await;
+    })
+}
+
+/// Cancels the work at the first request to stop, and ends the process at the second.
+pub fn cancel_when_asked(cancel: Cancel) {
+    std::thread::spawn(move || {
+        // Without a runtime or handlers the system's own way of stopping stays in force.
+        let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() else {
+            return;
+        };
+        runtime.block_on(async {
+            let Ok(first) = requests_to_stop() else { return };
+            first.await;
+            cancel.cancel();
+            let Ok(second) = requests_to_stop() else { return };
+            second.await;
+            std::process::exit(130);
+        });
+    });
+}

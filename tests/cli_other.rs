@@ -1,0 +1,69 @@
+//! `tesserae sample`, `tesserae devices` and the help, from outside.
+
+mod cli_support;
+
+use cli_support::Folder;
+
+#[test]
+fn samples_are_written_in_the_format_of_the_name_or_as_obj_to_standard_output() {
+    let folder = Folder::new();
+    let said = folder.run(&["sample", "quads", "--faces", "600", "q.glb"]).expect_success();
+    assert_eq!(said, b"q.glb: quads, 600 faces, written as 1200 triangles, 602 vertices\n");
+    assert!(folder.read("q.glb").starts_with(b"glTF"));
+    let said = folder.run(&["sample", "quads", "--faces", "600", "q.OBJ"]).expect_success();
+    assert_eq!(said, b"q.OBJ: quads, 600 faces, 602 vertices\n");
+    let piped = folder.run(&["sample", "quads", "--faces", "600", "-"]).expect_success();
+    assert_eq!(piped, folder.read("q.OBJ"));
+}
+
+#[test]
+fn impossible_samples_are_usage_errors() {
+    let folder = Folder::new();
+    let cases: [(&[&str], &[&str]); 5] = [
+        (&["sample", "teapot", "--faces", "9", "t.obj"], &["teapot", "knot"]),
+        (&["sample", "knot", "t.obj"], &["--faces"]),
+        (&["sample", "knot", "--faces", "71", "t.obj"], &["between 72 and 50000000", "71"]),
+        (&["sample", "knot", "--faces", "99999999999", "t.obj"], &["99999999999"]),
+        (&["sample", "knot", "--faces", "100", "t.gltf"], &[".obj", ".glb", "t.gltf"]),
+    ];
+    for (arguments, words) in cases {
+        folder.run(arguments).expect_usage_error(words);
+    }
+    folder.run(&["sample", "knot", "--faces", "100", "gone/t.obj"]).expect_failure(&["cannot write", "gone/t.obj"]);
+    assert!(folder.files().is_empty());
+}
+
+#[test]
+fn devices_lists_the_cpu_every_adapter_and_what_auto_takes() {
+    let folder = Folder::new();
+    let table = folder.run(&["devices"]);
+    assert_eq!(table.status, Some(0));
+    let json = folder.run(&["devices", "--json"]);
+    let devices: serde_json::Value = serde_json::from_slice(&json.stdout).expect("JSON");
+    let lines: Vec<&str> = table.text().lines().collect();
+    let adapters = devices["adapters"].as_array().expect("a list");
+    assert_eq!(lines.len(), 2 + adapters.len() + 2);
+    for (line, adapter) in lines[2..].iter().zip(adapters) {
+        assert!(line.contains(adapter["name"].as_str().expect("a name")), "{line}");
+        let reason = adapter["reason"].as_str();
+        assert_eq!(adapter["usable"], reason.is_none());
+        assert!(line.ends_with(&reason.map_or("yes".into(), |reason| format!("no: {reason}"))), "{line}");
+    }
+    assert!(lines[1].contains(devices["cpu"]["driver"].as_str().expect("a driver")));
+    let auto = devices["auto"]["adapter"].as_u64();
+    let taken = auto.map_or("the cpu".into(), |index| format!("adapter {index}"));
+    assert!(lines.last().is_some_and(|line| line.starts_with(&format!("--device auto takes {taken}"))));
+}
+
+#[test]
+fn help_and_version_succeed_and_every_command_has_examples_or_flags() {
+    let folder = Folder::new();
+    let version = folder.run(&["--version"]).expect_success();
+    assert_eq!(version, format!("tesserae {}\n", env!("CARGO_PKG_VERSION")).into_bytes());
+    for command in ["cluster", "serve", "sample", "devices"] {
+        let help = folder.run(&[command, "--help"]).expect_success();
+        let help = String::from_utf8(help).expect("text");
+        assert!(help.contains(&format!("Usage: tesserae {command}")), "{help}");
+    }
+    folder.run(&[]).expect_usage_error(&["Usage: tesserae <COMMAND>"]);
+}

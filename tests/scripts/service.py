@@ -1,0 +1,63 @@
+"""Starts the service on a free loopback port for as long as a `with` block lasts."""
+
+import signal
+import socket
+import subprocess
+import tempfile
+import time
+import urllib.request
+
+
+class Service:
+    """`tesserae serve` in a process of its own; `url` is where it listens."""
+
+    def __init__(self, binary, *arguments):
+        self.command = [str(binary), "serve", *arguments]
+
+    def __enter__(self):
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            address = f"127.0.0.1:{probe.getsockname()[1]}"
+        self.url = f"http://{address}"
+        self.log = tempfile.TemporaryFile()
+        self.process = subprocess.Popen(
+            [*self.command, "--listen", address], stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log)
+        try:
+            self.wait_until_ready()
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def wait_until_ready(self):
+        deadline = time.monotonic() + 60
+        while True:
+            try:
+                urllib.request.urlopen(self.url + "/readyz", timeout=5).close()
+                return
+            except OSError:
+                if self.process.poll() is not None or time.monotonic() > deadline:
+                    raise RuntimeError(f"the service did not start:\n{self.logged()}") from None
+                time.sleep(0.05)
+
+    def logged(self):
+        """What it wrote so far."""
+        self.log.seek(0)
+        return self.log.read().decode(errors="replace")
+
+    def stop(self):
+        """Asks it to stop, and returns its exit status."""
+        self.process.send_signal(signal.SIGTERM)
+        try:
+            return self.process.wait(timeout=30)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+            raise RuntimeError(f"the service did not stop within 30 s:\n{self.logged()}") from None
+
+    def __exit__(self, kind, *_):
+        status = self.process.poll() if self.process.poll() is not None else self.stop()
+        if kind is not None:
+            print(self.logged()[-4000:])
+        elif status != 0:
+            raise RuntimeError(f"the service ended with status {status}:\n{self.logged()}")
