@@ -19,6 +19,7 @@ pub struct Parameters {
 
     /// Number of clusters; may be left out when seeds are listed
     #[arg(long, short = 'k', value_name = "K")]
+    #[schema(minimum = 1)]
     pub clusters: Option<u64>,
 
     /// Where clusters start: morton (stratified by area along a Morton curve), random, or file:PATH with a list of face numbers

@@ -1,7 +1,5 @@
 //! The stream of events: complete, resumable, ending.
 
-use std::time::Duration;
-
 use reqwest::Response;
 use serde_json::Value;
 
@@ -172,7 +170,7 @@ async fn quiet_streams_are_kept_open_by_comments() {
     let mut stream = Stream::open(&service, &job, None).await;
     stream.next().await;
     stream.next().await;
-    let comment = tokio::time::timeout(Duration::from_secs(10), stream.block()).await.expect("in time");
+    let comment = tokio::time::timeout(PATIENCE, stream.block()).await.expect("in time");
     assert!(comment.expect("still open").starts_with(':'));
     gate.open();
     assert_eq!(stream.rest().await.last().expect("an event").name, "end");
@@ -213,7 +211,7 @@ async fn stopping_ends_streams_with_a_hint() {
     stream.next().await;
     stream.next().await;
     service.ask_to_stop();
-    let last = tokio::time::timeout(Duration::from_secs(10), stream.block()).await.expect("in time");
+    let last = tokio::time::timeout(PATIENCE, stream.block()).await.expect("in time");
     let last = last.expect("a last word");
     assert!(last.contains("retry: 2000") || last.contains("retry:2000"), "{last}");
     assert_eq!(stream.block().await, None);
