@@ -131,7 +131,7 @@ mod tests {
         let mut state = 1u64;
         let mut next = |bits: u32| {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 20) % (1 << bits) >> ((state >> 8) % u64::from(bits))
+            ((state >> 20) % (1 << bits)) >> ((state >> 8) % u64::from(bits))
         };
         let mut costs: Vec<(u128, u32)> = (0..20_000)
             .map(|_| {

@@ -70,7 +70,7 @@ impl Stream {
 
 #[tokio::test]
 async fn a_live_stream_holds_every_iteration_of_the_report_and_ends() {
-    let (device, gate) = Held::new();
+    let (device, gate) = Held::with_gate();
     let service = Service::with(|_| {}, device).await;
     let job = service.submit("clusters=20&seeds=random", sphere(4000)).await;
     let mut stream = Stream::open(&service, &job, None).await;
@@ -99,7 +99,7 @@ async fn a_live_stream_holds_every_iteration_of_the_report_and_ends() {
 
 #[tokio::test]
 async fn a_stream_that_drops_anywhere_resumes_without_loss_or_repetition() {
-    let (device, gate) = Held::new();
+    let (device, gate) = Held::with_gate();
     let service = Service::with(|_| {}, device).await;
     let job = service.submit("clusters=20&seeds=random", sphere(4000)).await;
     let mut seen = Vec::new();
@@ -143,7 +143,7 @@ async fn resuming_after_the_end_tells_the_client_to_stay_away() {
 
 #[tokio::test]
 async fn a_failed_and_a_cancelled_job_end_their_streams() {
-    let (device, gate) = Held::new();
+    let (device, gate) = Held::with_gate();
     let service = Service::with(|settings| settings.meshes_in_memory = 1, device).await;
     let first = service.submit("clusters=5", sphere(300)).await;
     let failing = service.submit("clusters=1", b"f 1 2 3\n".to_vec()).await;
@@ -164,7 +164,7 @@ async fn a_failed_and_a_cancelled_job_end_their_streams() {
 
 #[tokio::test]
 async fn quiet_streams_are_kept_open_by_comments() {
-    let (device, gate) = Held::new();
+    let (device, gate) = Held::with_gate();
     let service = Service::with(|settings| settings.keep_alive = 1, device).await;
     let job = service.submit("clusters=5", sphere(300)).await;
     let mut stream = Stream::open(&service, &job, None).await;
@@ -178,7 +178,7 @@ async fn quiet_streams_are_kept_open_by_comments() {
 
 #[tokio::test]
 async fn a_hundred_readers_see_the_same() {
-    let (device, gate) = Held::new();
+    let (device, gate) = Held::with_gate();
     let service = Service::with(|_| {}, device).await;
     let job = service.submit("clusters=20", sphere(2000)).await;
     let mut readers = Vec::new();
@@ -204,7 +204,7 @@ async fn a_deleted_job_and_an_unknown_one_have_no_stream() {
 
 #[tokio::test]
 async fn stopping_ends_streams_with_a_hint() {
-    let (device, gate) = Held::new();
+    let (device, gate) = Held::with_gate();
     let mut service = Service::with(|settings| settings.grace_period = 30, device).await;
     let job = service.submit("clusters=5", sphere(300)).await;
     let mut stream = Stream::open(&service, &job, None).await;

@@ -42,7 +42,7 @@ async fn an_accepted_job_says_all_about_itself() {
 
 #[tokio::test]
 async fn waiting_gives_the_ended_job_or_the_accepted_one() {
-    let (device, gate) = Held::new();
+    let (device, gate) = Held::with_gate();
     let service = Service::with(|_| {}, device).await;
     let post = |wait: &str| {
         let request = service.post("/v1/jobs?clusters=5").header("content-type", "model/obj");
@@ -64,7 +64,7 @@ async fn waiting_gives_the_ended_job_or_the_accepted_one() {
 
 #[tokio::test]
 async fn a_full_queue_says_when_to_come_back_and_positions_count_down() {
-    let (device, gate) = Held::new();
+    let (device, gate) = Held::with_gate();
     let service = Service::with(
         |settings| {
             settings.max_queued_jobs = 2;
@@ -94,7 +94,7 @@ async fn a_full_queue_says_when_to_come_back_and_positions_count_down() {
 
 #[tokio::test]
 async fn jobs_start_in_the_order_of_submission() {
-    let (device, gate) = Held::new();
+    let (device, gate) = Held::with_gate();
     let service = Service::with(|settings| settings.meshes_in_memory = 1, device).await;
     let mut jobs = Vec::new();
     for _ in 0..6 {
@@ -110,7 +110,7 @@ async fn jobs_start_in_the_order_of_submission() {
 
 #[tokio::test]
 async fn the_next_mesh_is_read_while_the_device_works() {
-    let (device, gate) = Held::new();
+    let (device, gate) = Held::with_gate();
     let service = Service::with(|settings| settings.meshes_in_memory = 2, device).await;
     let first = service.submit("clusters=5", sphere(300)).await;
     service.reaches(&first, "running").await;
@@ -163,7 +163,7 @@ async fn a_running_job_is_cancelled_stays_listed_and_is_then_deleted() {
 
 #[tokio::test]
 async fn a_job_that_waits_for_the_device_is_cancelled_at_once() {
-    let (device, gate) = Held::new();
+    let (device, gate) = Held::with_gate();
     let service = Service::with(|_| {}, device).await;
     let first = service.submit("clusters=5", sphere(300)).await;
     let second = service.submit("clusters=5", sphere(300)).await;
@@ -179,7 +179,7 @@ async fn a_job_that_waits_for_the_device_is_cancelled_at_once() {
 
 #[tokio::test]
 async fn a_panic_fails_its_job_and_nothing_else() {
-    let (device, gate) = Held::new();
+    let (device, gate) = Held::with_gate();
     gate.open();
     let service = Service::with(|_| {}, device).await;
     let mut strip = Vec::new();

@@ -21,7 +21,7 @@ async fn an_idle_service_stops_at_once_and_leaves_no_files() {
 
 #[tokio::test]
 async fn a_stopping_service_finishes_running_jobs_takes_none_and_says_so() {
-    let (device, gate) = Held::new();
+    let (device, gate) = Held::with_gate();
     let mut service = Service::with(|settings| settings.meshes_in_memory = 1, device).await;
     let running = service.submit("clusters=5", sphere(300)).await;
     service.reaches(&running, "running").await;
@@ -47,7 +47,7 @@ async fn a_stopping_service_finishes_running_jobs_takes_none_and_says_so() {
 
 #[tokio::test]
 async fn what_does_not_end_within_the_grace_period_is_cut_off() {
-    let (device, gate) = Held::new();
+    let (device, gate) = Held::with_gate();
     let mut service = Service::with(|settings| settings.grace_period = 1, device).await;
     let job = service.submit("clusters=5", sphere(300)).await;
     service.reaches(&job, "running").await;

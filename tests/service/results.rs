@@ -77,7 +77,7 @@ async fn the_report_agrees_with_the_labels() {
 
 #[tokio::test]
 async fn there_are_no_results_before_success_and_none_after_failure() {
-    let (device, gate) = Held::new();
+    let (device, gate) = Held::with_gate();
     let service = Service::with(|_| {}, device).await;
     let job = service.submit("clusters=9", sphere(1000)).await;
     for name in ["labels", "report"] {

@@ -237,7 +237,7 @@ pub struct Held {
 pub const PANIC_FACES: usize = 66;
 
 impl Held {
-    pub fn new() -> (Box<dyn Device>, Gate) {
+    pub fn with_gate() -> (Box<dyn Device>, Gate) {
         let gate = Gate::default();
         (Box::new(Self { cpu: CpuDevice::new(), gate: gate.clone() }), gate)
     }
