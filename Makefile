@@ -28,7 +28,7 @@ test: lint  ## install what is missing and check everything, on cpu and on a sof
 lint: install-test  ## formatting, clippy and documentation, warnings denied
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
-	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps
+	RUSTDOCFLAGS="-D warnings -A rustdoc::private-intra-doc-links" cargo doc --locked --no-deps --document-private-items
 
 .PHONY: unit
 unit: install-test  ## the tests of the crate
