@@ -1,9 +1,9 @@
 //! The surface as the algorithms see it: integer centroids and weights, and which faces share an edge.
 //!
 //! [`Surface::build`] takes a mesh through five steps, each a file here: positions that are exactly equal become one
-//! vertex ([`weld`]), faces that share an edge become neighbours ([`adjacency`]), connected sets of faces become
-//! components ([`components`]), positions and areas become integers ([`lattice`]), and faces get an internal order that
-//! keeps neighbours close in memory ([`order`]). Everything up to the lattice is scalar f64 with + − × ÷ √ in a fixed
+//! vertex (`weld`), faces that share an edge become neighbours (`adjacency`), connected sets of faces become
+//! components (`components`), positions and areas become integers (`lattice`), and faces get an internal order that
+//! keeps neighbours close in memory (`order`). Everything up to the lattice is scalar f64 with + − × ÷ √ in a fixed
 //! order, so the result is the same on every machine and for any number of threads.
 //!
 //! Nothing here knows of clusters, algorithms or devices.

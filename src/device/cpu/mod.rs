@@ -1,6 +1,6 @@
 //! The cpu device: the steps of an algorithm on the threads of this machine.
 //!
-//! It looks only at faces whose decision can have changed ([`frontier`]), which makes the labels of every iteration equal
+//! It looks only at faces whose decision can have changed (`frontier`), which makes the labels of every iteration equal
 //! to those of a plain sweep. Faces decide in parallel; what they decided is applied in one thread, because it is little.
 
 mod boundary;
