@@ -185,7 +185,7 @@ fn describe(mesh: &PolygonMesh, surface: &Surface) -> Input {
         faces: mesh.faces.len() as u64,
         triangles: mesh.faces.triangles(),
         welded_vertices: counts.welded_vertices,
-        components: surface.components.len() as u64,
+        components: counts.components,
         boundary_edges: counts.boundary_edges,
         non_manifold_edges: counts.non_manifold_edges,
         degenerate_faces: counts.degenerate_faces,
