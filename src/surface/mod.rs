@@ -212,6 +212,11 @@ impl Surface {
     /// Energy of labels (internal order, each below `clusters`) in source units, in f64 from the source positions:
     /// Σ area·|centroid − P|² with P the area-weighted mean of the cluster's centroids (P§6, Eq. 4).
     pub fn source_energy(&self, labels: &[u32], clusters: usize) -> f64 {
+        libm::ldexp(self.lattice_energy(labels, clusters), -4 * self.frame.exponent)
+    }
+
+    /// [`source_energy`](Self::source_energy) in lattice units, which never overflow.
+    fn lattice_energy(&self, labels: &[u32], clusters: usize) -> f64 {
         let mut sums = vec![[0.0f64; 4]; clusters];
         for (face, &label) in self.geometry.iter().zip(labels) {
             let sum = &mut sums[label as usize];
@@ -232,18 +237,16 @@ impl Surface {
             let d: [f64; 3] = std::array::from_fn(|axis| face.centroid[axis] - proxy[axis]);
             energy += face.area * (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
         }
-        libm::ldexp(energy, -4 * self.frame.exponent)
+        energy
     }
 
-    /// Energy over that of a flat tiling of the same area by `clusters` regular hexagons, less what lies inside the
-    /// faces: `5/(18√3)·A²/k − inside`. None when that difference leaves less than half of the tiling's energy.
-    pub fn hexagon_ratio(&self, source_energy: f64, clusters: usize) -> Option<f64> {
+    /// Energy of labels over that of a flat tiling of the same area by `clusters` regular hexagons, less what lies inside
+    /// the faces: `5/(18√3)·A²/k − inside`. None when that difference leaves less than half of the tiling's energy.
+    pub fn hexagon_ratio(&self, labels: &[u32], clusters: usize) -> Option<f64> {
         let area: f64 = self.geometry.iter().map(|face| face.area).sum();
         let tiling = 5.0 / (18.0 * 3.0f64.sqrt()) * area * area / clusters as f64;
         let visible = tiling - self.moment_inside_faces;
-        let energy = libm::ldexp(source_energy, 4 * self.frame.exponent);
-        let ratio = energy / visible;
-        (visible > tiling / 2.0 && ratio.is_finite()).then_some(ratio)
+        (visible > tiling / 2.0).then(|| self.lattice_energy(labels, clusters) / visible)
     }
 }
 
