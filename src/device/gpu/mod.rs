@@ -44,11 +44,15 @@ mod buffers;
 mod connection;
 pub mod kernels;
 pub mod layout;
+mod merge_steps;
+mod merging;
+mod readback;
 mod steps;
 
-use self::adapter::{AdapterReport, Found};
+use self::adapter::{AdapterKind, AdapterReport, Found};
 use self::buffers::Buffers;
 use self::connection::Connection;
+use self::merging::Merging;
 use self::steps::GpuSteps;
 use super::{Device, MergeSteps, Steps};
 use crate::error::{Error, Kind, Result};
@@ -86,6 +90,10 @@ pub enum FaultPoint {
     Refine,
     /// Before the labels are read.
     Labels,
+    /// Before dual edges are searched.
+    DualEdges,
+    /// Before clusters merge.
+    Merge,
 }
 
 /// A graphics processor.
@@ -173,15 +181,23 @@ impl Device for GpuDevice {
         connection.arm(fault);
         let buffers = Buffers::new(connection, surface, &energy_shifts)?;
         let clusters = energy_shifts.len() as u32;
-        Ok(Box::new(GpuSteps::new(connection, surface, buffers, clusters)))
+        Ok(Box::new(GpuSteps::new(connection, surface, buffers, (), clusters)))
     }
 
     fn open_merging<'a>(
         &'a mut self,
-        _surface: &'a Surface,
-        _component_of_cluster: &'a [u32],
+        surface: &'a Surface,
+        component_of_cluster: &'a [u32],
     ) -> Result<Box<dyn MergeSteps + 'a>> {
-        Err(Error::new(Kind::DeviceUnsuitable, "hierarchies are made by the cpu device; ask for that one or for auto"))
+        let energy_shifts = energy_shifts(surface, component_of_cluster)?;
+        let fault = self.fault.take();
+        let is_software = self.report.kind == AdapterKind::Software;
+        let connection = self.connection()?;
+        connection.arm(fault);
+        let buffers = Buffers::new(connection, surface, &energy_shifts)?;
+        let clusters = energy_shifts.len() as u32;
+        let merging = Merging::new(connection, &buffers, clusters, is_software)?;
+        Ok(Box::new(GpuSteps::new(connection, surface, buffers, merging, clusters)))
     }
 }
 
