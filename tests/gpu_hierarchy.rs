@@ -196,7 +196,7 @@ fn pairs_of(ends: &[[End; 2]], energy_shift: u32) -> (Surface, Vec<u32>) {
         surface.neighbour_offsets.push(surface.neighbours.len() as u32);
     }
     surface.upload_face = (0..faces as u32).collect();
-    surface.components = vec![Component { energy_shift, ..surface.components[0].clone() }];
+    surface.components = vec![Component { energy_shift, ..surface.components[0] }];
     surface.components[0].faces = faces as u32;
     let labels = (0..faces as u32).map(|face| face / FACES as u32).collect();
     (surface, labels)

@@ -33,8 +33,7 @@ impl<M> GpuSteps<'_, M> {
     /// Waits for a batch and reads its slots; the last one is the state between batches.
     pub(super) fn collect(&self, batch: Batch) -> Result<Vec<Slot>> {
         let target = &self.buffers.staging[batch.staging];
-        let mut slots: Vec<Slot> =
-            self.read(target, batch.submission, &batch.mapped, |view| bytemuck::pod_collect_to_vec(view))?;
+        let mut slots: Vec<Slot> = self.read(target, batch.submission, &batch.mapped, bytemuck::pod_collect_to_vec)?;
         slots.truncate(batch.turns as usize);
         Ok(slots)
     }
