@@ -196,8 +196,7 @@ impl Device for GpuDevice {
         let connection = self.connection()?;
         connection.arm(fault);
         let buffers = Buffers::new(connection, surface, &energy_shifts)?;
-        let clusters = energy_shifts.len() as u32;
-        Ok(Box::new(GpuSteps::new(connection, surface, buffers, (), clusters)))
+        Ok(Box::new(GpuSteps::new(connection, surface, component_of_cluster, buffers, ())))
     }
 
     fn open_merging<'a>(
@@ -213,7 +212,7 @@ impl Device for GpuDevice {
         let buffers = Buffers::new(connection, surface, &energy_shifts)?;
         let clusters = energy_shifts.len() as u32;
         let merging = Merging::new(connection, &buffers, clusters, is_software)?;
-        Ok(Box::new(GpuSteps::new(connection, surface, buffers, merging, clusters)))
+        Ok(Box::new(GpuSteps::new(connection, surface, component_of_cluster, buffers, merging)))
     }
 }
 

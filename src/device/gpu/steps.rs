@@ -12,7 +12,8 @@ use super::connection::{Compiled, Connection};
 use super::layout::Slot;
 use super::readback::Batch;
 use crate::cluster::repair;
-use crate::device::{Cancel, Ending, FREE, LatticeEnergy, Step, Steps};
+use crate::device::cpu::CpuDevice;
+use crate::device::{Cancel, Device, Ending, FREE, LatticeEnergy, Step, Steps};
 use crate::error::{Error, Kind, Result};
 use crate::surface::Surface;
 
@@ -55,6 +56,7 @@ impl Work {
 pub(super) struct GpuSteps<'a, M> {
     pub(super) connection: &'a Connection,
     surface: &'a Surface,
+    component_of_cluster: &'a [u32],
     pub(super) buffers: Buffers,
     pub(super) merging: M,
     pub(super) clusters: u32,
@@ -72,13 +74,15 @@ impl<'a, M> GpuSteps<'a, M> {
     pub(super) fn new(
         connection: &'a Connection,
         surface: &'a Surface,
+        component_of_cluster: &'a [u32],
         buffers: Buffers,
         merging: M,
-        clusters: u32,
     ) -> Self {
+        let clusters = component_of_cluster.len() as u32;
         Self {
             connection,
             surface,
+            component_of_cluster,
             buffers,
             merging,
             clusters,
@@ -312,6 +316,22 @@ impl<M> Steps for GpuSteps<'_, M> {
         });
         self.energy = Some(LatticeEnergy { explained });
         outcome.map(ending)
+    }
+
+    /// On the host, by the cpu device: few runs need it, for few moves, and its walks through clusters are no work for a gpu.
+    fn refine_connected(
+        &mut self,
+        max_iterations: u32,
+        cancel: &Cancel,
+        on_iteration: &mut dyn FnMut(Step),
+    ) -> Result<Ending> {
+        let mut host = CpuDevice::new();
+        let mut steps = host.open(self.surface, self.component_of_cluster)?;
+        steps.set_labels(&self.labels()?)?;
+        let ending = steps.refine_connected(max_iterations, cancel, on_iteration)?;
+        let labels = steps.labels()?;
+        self.replace_labels(&labels)?;
+        Ok(ending)
     }
 
     fn cut_off_faces(&mut self) -> Result<Vec<u32>> {
