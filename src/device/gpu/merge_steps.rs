@@ -15,7 +15,8 @@ use crate::device::{DualEdge, FREE, LatticeEnergy, MergeSteps};
 use crate::error::{Error, Kind, Result};
 
 /// Faces times clusters up to which a software gpu merges one pair at a time: each merge sweeps over all faces several
-/// times. At the limit, 4096 faces to the top, that takes a minute or two, and a cpu a fraction of a second.
+/// times. On llvmpipe and two cores, a knot to the top takes 6 s for 2,002 faces and 37 s for 4,096 without optimisation, 19 s
+/// for 1,008 and 68 s for 2,002 with it.
 const SOFTWARE_LIMIT: u64 = 1 << 24;
 
 /// Moves that are read along with their number; more are read once that is known.
