@@ -234,10 +234,10 @@ fn warnings(prepared: &Prepared, clustering: &Clustering) -> Vec<String> {
     let mut warnings = prepared.warnings.clone();
     if clustering.ending == Ending::IterationLimit {
         warnings.push(match prepared.parameters.max_iterations {
-            Some(limit) => format!("stopped by max_iterations before it converged: {limit}"),
+            Some(limit) => format!("stopped by max_iterations, it may not have converged: {limit}"),
             None => {
                 format!(
-                    "stopped after the allowed number of repairs before it converged: {}",
+                    "stopped after the allowed number of repairs, it may not have converged: {}",
                     cluster::flat::MAX_REPAIRS
                 )
             }
