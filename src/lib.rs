@@ -14,6 +14,7 @@
 //! | how a step is carried out | [`device`]`::cpu`, [`device`]`::gpu` with `shaders/` |
 //! | what a job may ask for | [`parameters`] |
 //! | what is said about a job | [`report`] |
+//! | hierarchies: what they are made of, labels at any number of clusters | [`tree`] |
 //! | encodings of results | [`output`] |
 //! | one job from bytes to results | [`job`] |
 //! | the HTTP service | [`service`] |

@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 #[derive(Debug, Clone, Default, PartialEq, clap::Args, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Parameters {
-    /// How to cluster: bb, boundary-based clustering (P§3)
+    /// How to cluster: bb, boundary-based clustering (Parallel Mesh Clustering, section 3)
     #[arg(long, value_enum, default_value_t)]
     pub algorithm: Algorithm,
 
@@ -35,7 +35,7 @@ pub struct Parameters {
     #[arg(long, value_name = "N")]
     pub max_iterations: Option<u32>,
 
-    /// Refine what boundary-based clustering ends with by exact gains (lower energy), or leave it as the paper does
+    /// Refine what boundary-based clustering ends with by exact gains (lower energy), or leave it as it is
     #[arg(long, value_enum, default_value_t)]
     pub refine: Refine,
 
@@ -62,7 +62,7 @@ impl Parameters {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Algorithm {
-    /// Boundary-based clustering (P§3)
+    /// Boundary-based clustering (Parallel Mesh Clustering, section 3)
     #[default]
     Bb,
 }
@@ -74,7 +74,7 @@ pub enum Refine {
     /// Refine
     #[default]
     On,
-    /// The paper's boundary-based clustering alone
+    /// Boundary-based clustering alone
     None,
 }
 

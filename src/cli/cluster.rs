@@ -6,10 +6,11 @@ use std::time::Instant;
 
 use super::device::DeviceArguments;
 use super::files::{self, Source, Target};
+use super::places::{self, Kept, Output};
 use super::progress::Progress;
 use super::{Failure, say, signals};
 use crate::device::Cancel;
-use crate::job::{self, Outcome, Request};
+use crate::job::{self, Outcome, Request, milliseconds};
 use crate::mesh::{Beside, Format, Limits, NoResources, Resources};
 use crate::output::{LabelFormat, write_labels};
 use crate::parameters::{Parameters, Seeds};
@@ -86,10 +87,11 @@ impl LabelFile {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let begin = Instant::now();
     let report_target = arguments.report.clone().map(Target::from);
-    check(arguments, report_target.as_ref())?;
+    let outputs = outputs(arguments, report_target.as_ref());
+    check(arguments, &outputs)?;
 
     let mut progress = Progress::new(arguments.parameters.max_iterations);
-    let mut outcome = cluster(arguments, &mut progress)?;
+    let mut outcome = cluster(arguments, &outputs, &mut progress)?;
 
     progress.stage("writing");
     let writing = Instant::now();
@@ -97,8 +99,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let clusters = outcome.report.clusters;
         labels.target.write(|out| write_labels(out, labels.format, clusters, &outcome.labels))?;
     }
-    outcome.report.timings_ms.write = milliseconds(writing);
-    outcome.report.timings_ms.total = milliseconds(begin);
+    outcome.report.timings_ms.write = milliseconds(writing.elapsed());
+    outcome.report.timings_ms.total = milliseconds(begin.elapsed());
     if let Some(target) = &report_target {
         target.write(|out| {
             serde_json::to_writer_pretty(&mut *out, &outcome.report)?;
@@ -111,7 +113,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         say(&format!("warning: {warning}"));
     }
     let summary = summary(&outcome.report);
-    if writes_to_stdout(arguments, report_target.as_ref()) {
+    if outputs.iter().any(|(_, target)| **target == Target::Stdout) {
         say(&summary);
         Ok(())
     } else {
@@ -120,25 +122,32 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// Refuses what needs no mesh to be refused.
-fn check(arguments: &Arguments, report: Option<&Target>) -> Result<(), Failure> {
+fn check(arguments: &Arguments, outputs: &[Output<'_>]) -> Result<(), Failure> {
     let listed = matches!(arguments.parameters.seeds, Seeds::File(_));
     arguments.parameters.check(listed).map_err(|error| Failure::Usage("cluster", error.message))?;
     if let Some(message) = arguments.device.contradiction() {
         return Err(Failure::Usage("cluster", message));
     }
-    let labels = arguments.labels.as_ref().map(|labels| &labels.target);
-    if labels.is_some() && labels == report {
-        let message = "labels and report cannot both go to the same place";
-        return Err(Failure::Usage("cluster", message.into()));
+    let mut inputs = vec![("the mesh", Source::from(arguments.input.clone()))];
+    if let Seeds::File(path) = &arguments.parameters.seeds {
+        inputs.push(("the list of seeds", Source::from(path.clone())));
     }
-    for target in [labels, report].into_iter().flatten() {
+    let inputs: Vec<_> = inputs.iter().map(|(what, source)| (*what, source)).collect();
+    places::check(&inputs, outputs).map_err(|message| Failure::Usage("cluster", message))?;
+    for (_, target) in outputs {
         target.check()?;
     }
     Ok(())
 }
 
+/// Where results go.
+fn outputs<'a>(arguments: &'a Arguments, report: Option<&'a Target>) -> Vec<Output<'a>> {
+    let labels = arguments.labels.as_ref().map(|labels| ("labels", &labels.target));
+    labels.into_iter().chain(report.map(|target| ("report", target))).collect()
+}
+
 /// From the input to labels and report.
-fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Failure> {
+fn cluster(arguments: &Arguments, outputs: &[Output<'_>], progress: &mut Progress) -> Result<Outcome, Failure> {
     let limits = Limits { max_bytes: arguments.max_upload_bytes, max_faces: arguments.max_faces };
     progress.stage("reading");
     let reading = Instant::now();
@@ -149,7 +158,7 @@ fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Fa
         Seeds::File(path) => Some(Source::from(path.clone()).read(limits.max_bytes)?),
         Seeds::Morton | Seeds::Random | Seeds::Listed => None,
     };
-    let read = milliseconds(reading);
+    let read = milliseconds(reading.elapsed());
 
     let name = match &input {
         Source::Stdin => None,
@@ -159,10 +168,9 @@ fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Fa
         Some(format) => format,
         None => Format::recognise(name, &bytes)?,
     };
-    format.check_head(&bytes[..bytes.len().min(4096)], Some(bytes.len() as u64))?;
     let resources: Box<dyn Resources> = match &input {
         Source::Stdin => Box::new(NoResources),
-        Source::File(path) => Box::new(Beside { folder: files::folder(path).to_owned() }),
+        Source::File(path) => Box::new(Kept { beside: Beside { folder: files::folder(path).to_owned() }, outputs }),
     };
 
     // Until here there is nothing to end in order, and a read that waits for input could not be told to stop.
@@ -187,12 +195,6 @@ fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Fa
     })?)
 }
 
-/// Whether standard output is taken by a result.
-fn writes_to_stdout(arguments: &Arguments, report: Option<&Target>) -> bool {
-    let labels = arguments.labels.as_ref().map(|labels| &labels.target);
-    [labels, report].contains(&Some(&Target::Stdout))
-}
-
 /// What came out, in one line.
 fn summary(report: &Report) -> String {
     let energy = report.energy.final_.map_or("unknown".into(), |energy| format!("{energy:.9e}"));
@@ -205,8 +207,4 @@ fn summary(report: &Report) -> String {
         report.timings_ms.total / 1000.0,
         report.device.name,
     )
-}
-
-fn milliseconds(since: Instant) -> f64 {
-    since.elapsed().as_secs_f64() * 1000.0
 }

@@ -104,13 +104,13 @@ impl Limits {
     }
 }
 
-/// Bytes that [`Format::check_head`] is shown.
-const HEAD: usize = 4096;
+/// Bytes of a file that its format is recognised and checked by, before the rest is looked at.
+pub const HEAD_BYTES: usize = 4096;
 
 /// Reads a mesh from its bytes.
 pub fn read(bytes: &[u8], format: Format, resources: &dyn Resources, limits: &Limits) -> Result<PolygonMesh> {
     limits.check_bytes(bytes.len() as u64)?;
-    let head = &bytes[..bytes.len().min(HEAD)];
+    let head = &bytes[..bytes.len().min(HEAD_BYTES)];
     format.check_head(head, Some(bytes.len() as u64))?;
     let mesh = match format {
         Format::Obj => obj::read(bytes, limits)?,
