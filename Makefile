@@ -32,7 +32,7 @@ lint: install-test  ## formatting, clippy and documentation, warnings denied
 
 .PHONY: unit
 unit: install-test  ## the tests of the crate
-	cargo test --locked
+	cargo test --locked --no-fail-fast
 
 .PHONY: end-to-end
 end-to-end: debug-binary $(VENV)/ready  ## service and command line from outside, results scored independently
