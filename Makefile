@@ -8,6 +8,8 @@ ifneq ($(wildcard ../shared/meshes),)
 export TESSERAE_TEST_MESHES ?= $(abspath ../shared/meshes)
 endif
 export TESSERAE_LISTEN ?= 127.0.0.1:8080
+# Mesa asks Wayland's library for displays, which complains on standard error where this is not set.
+export XDG_RUNTIME_DIR ?= /tmp
 
 .PHONY: help
 help:  ## list these targets
