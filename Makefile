@@ -7,6 +7,8 @@ VENV := $(TARGET)/venv
 ifneq ($(wildcard ../shared/meshes),)
 export TESSERAE_TEST_MESHES ?= $(abspath ../shared/meshes)
 endif
+# Without a desktop, Mesa's device-select layer makes libwayland complain on standard error.
+export NODEVICE_SELECT ?= 1
 export TESSERAE_LISTEN ?= 127.0.0.1:8080
 # Mesa asks Wayland's library for displays, which complains on standard error where this is not set.
 export XDG_RUNTIME_DIR ?= /tmp

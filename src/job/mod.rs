@@ -150,7 +150,7 @@ pub fn run(
         functional: "cvd".to_owned(),
         initial: finite(initial),
         final_: finite(final_),
-        hexagon_ratio: surface.hexagon_ratio(final_, clusters),
+        hexagon_ratio: surface.hexagon_ratio(&clustering.labels, clusters),
     };
     let disconnected_clusters = repair::disconnected_clusters(surface, clusters, &clustering.labels);
     let labels = labels_of_upload(surface, &clustering.labels, clusters, parameters.seeds == Seeds::Listed)?;
@@ -185,7 +185,7 @@ fn describe(mesh: &PolygonMesh, surface: &Surface) -> Input {
         faces: mesh.faces.len() as u64,
         triangles: mesh.faces.triangles(),
         welded_vertices: counts.welded_vertices,
-        components: surface.components.len() as u64,
+        components: counts.components,
         boundary_edges: counts.boundary_edges,
         non_manifold_edges: counts.non_manifold_edges,
         degenerate_faces: counts.degenerate_faces,
@@ -233,15 +233,8 @@ fn sha256(labels: &[u32]) -> String {
 fn warnings(prepared: &Prepared, clustering: &Clustering) -> Vec<String> {
     let mut warnings = prepared.warnings.clone();
     if clustering.ending == Ending::IterationLimit {
-        warnings.push(match prepared.parameters.max_iterations {
-            Some(limit) => format!("stopped by max_iterations before it converged: {limit}"),
-            None => {
-                format!(
-                    "stopped after the allowed number of repairs before it converged: {}",
-                    cluster::flat::MAX_REPAIRS
-                )
-            }
-        });
+        let limit = prepared.parameters.max_iterations.unwrap_or(u32::MAX);
+        warnings.push(format!("stopped by max_iterations, maybe before it had converged: {limit}"));
     }
     warnings
 }
