@@ -10,6 +10,8 @@ endif
 # Without a desktop, Mesa's device-select layer makes libwayland complain on standard error.
 export NODEVICE_SELECT ?= 1
 export TESSERAE_LISTEN ?= 127.0.0.1:8080
+# Mesa asks Wayland's library for displays, which complains on standard error where this is not set.
+export XDG_RUNTIME_DIR ?= /tmp
 
 .PHONY: help
 help:  ## list these targets
@@ -34,7 +36,7 @@ lint: install-test  ## formatting, clippy and documentation, warnings denied
 
 .PHONY: unit
 unit: install-test  ## the tests of the crate
-	cargo test --locked
+	cargo test --locked --no-fail-fast
 
 .PHONY: end-to-end
 end-to-end: debug-binary $(VENV)/ready  ## service and command line from outside, results scored independently
