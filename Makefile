@@ -7,7 +7,11 @@ VENV := $(TARGET)/venv
 ifneq ($(wildcard ../shared/meshes),)
 export TESSERAE_TEST_MESHES ?= $(abspath ../shared/meshes)
 endif
+# Without a desktop, Mesa's device-select layer makes libwayland complain on standard error.
+export NODEVICE_SELECT ?= 1
 export TESSERAE_LISTEN ?= 127.0.0.1:8080
+# Mesa asks Wayland's library for displays, which complains on standard error where this is not set.
+export XDG_RUNTIME_DIR ?= /tmp
 
 .PHONY: help
 help:  ## list these targets
@@ -28,11 +32,11 @@ test: lint  ## install what is missing and check everything, on cpu and on a sof
 lint: install-test  ## formatting, clippy and documentation, warnings denied
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
-	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps
+	RUSTDOCFLAGS="-D warnings -A rustdoc::private-intra-doc-links" cargo doc --locked --no-deps --document-private-items
 
 .PHONY: unit
 unit: install-test  ## the tests of the crate
-	cargo test --locked
+	cargo test --locked --no-fail-fast
 
 .PHONY: end-to-end
 end-to-end: debug-binary $(VENV)/ready  ## service and command line from outside, results scored independently
@@ -42,6 +46,11 @@ end-to-end: debug-binary $(VENV)/ready  ## service and command line from outside
 .PHONY: fuzz
 fuzz: debug-binary $(VENV)/ready  ## the service against its OpenAPI document
 	$(VENV)/bin/python tests/scripts/fuzz_api.py $(TARGET)/debug/tesserae
+
+.PHONY: readme
+readme: debug-binary $(VENV)/ready  ## write settings and output of the commands into the README, after a change of labels
+	UPDATE_README=1 cargo test --locked --test readme
+	$(VENV)/bin/python tests/scripts/readme.py $(TARGET)/debug/tesserae --update
 
 .PHONY: picture
 picture: debug-binary $(VENV)/ready  ## draw docs/knot.png anew

@@ -30,15 +30,6 @@ fn entering(face: vec4<i32>, cluster: u32) -> i64 {
     return i64(distance - scaled(distance, weight, u64(weight_in(cluster)) + weight));
 }
 
-// Number of bits that a positive number has.
-fn length(number: u64) -> u32 {
-    let high = u32(number >> 32u);
-    if high != 0u {
-        return 64u - countLeadingZeros(high);
-    }
-    return 32u - countLeadingZeros(u32(number & 0xfffffffflu));
-}
-
 // gain·weight as a float of 7 bits of exponent and 25 of mantissa (refinement::bid).
 fn packed(gain: i64, weight: u32) -> u32 {
     let drop = max(length(u64(gain)), 32u) - 32u;

@@ -17,13 +17,14 @@ use crate::error::{Error, Result};
 #[derive(Debug, Clone, Default, PartialEq, clap::Args, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Parameters {
-    /// How to cluster: bb, boundary-based clustering, makes flat clusters; pml (parallel multilevel), ml (multilevel) and
-    /// hr (hierarchical, one merge a step and no optimisation) make hierarchies
+    /// How to cluster: bb, boundary-based clustering (Parallel Mesh Clustering, section 3), makes flat clusters; pml (parallel
+    /// multilevel), ml (multilevel) and hr (hierarchical, one merge a step and no optimisation) make hierarchies
     #[arg(long, value_enum, default_value_t)]
     pub algorithm: Algorithm,
 
     /// Number of clusters; may be left out when seeds are listed, and for hierarchies, which then go to the top
     #[arg(long, short = 'k', value_name = "K")]
+    #[schema(minimum = 1)]
     pub clusters: Option<u64>,
 
     /// Where flat clusters start: morton (stratified by area along a Morton curve), random, or file:PATH with a list of
@@ -40,13 +41,18 @@ pub struct Parameters {
     #[arg(long, value_name = "N")]
     pub max_iterations: Option<u32>,
 
-    /// Refine what boundary-based optimisation ends with by exact gains (lower energy), or leave it as the paper does
+    /// Refine what boundary-based optimisation ends with by exact gains (lower energy), or leave it as it is
     #[arg(long, value_enum, default_value_t)]
     pub refine: Refine,
 
     /// Accept clusters in several pieces, as the optimisation left them
     #[arg(long)]
     pub allow_disconnected: bool,
+
+    /// Join separate parts where they are nearest, as if they shared an edge: one tree over all of them, or fewer clusters
+    /// than parts
+    #[arg(long)]
+    pub bridge_components: bool,
 
     /// Hierarchies: optimise after the merges of each round, or not, which gives a strictly nested tree; hr never does
     #[arg(long, value_enum, default_value_t)]
@@ -186,12 +192,12 @@ impl Parameters {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Algorithm {
-    /// Boundary-based clustering (P§3)
+    /// Boundary-based clustering (Parallel Mesh Clustering, section 3)
     #[default]
     Bb,
-    /// Parallel multilevel clustering: all pairs that choose each other merge at once, then the faces move (P§5.4)
+    /// Parallel multilevel clustering: all pairs that choose each other merge at once, then the faces move (Parallel Mesh Clustering, section 4)
     Pml,
-    /// Multilevel clustering: the cheapest pair merges, then the faces move (P§4)
+    /// Multilevel clustering: the cheapest pair merges, then the faces move (Parallel Mesh Clustering, section 4)
     Ml,
     /// Hierarchical clustering: the cheapest pair merges; Ward's method on neighbouring clusters
     Hr,
@@ -243,7 +249,7 @@ pub enum Refine {
     /// Refine
     #[default]
     On,
-    /// The paper's boundary-based optimisation alone
+    /// Boundary-based optimisation alone
     None,
 }
 

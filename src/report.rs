@@ -19,7 +19,8 @@ pub struct Report {
     pub device: DeviceInfo,
     /// Number of clusters, none of them empty; of a whole hierarchy, that of its roots.
     pub clusters: u64,
-    /// Clusters that are in several pieces across shared edges; counted on the final labels.
+    /// Clusters that are in several pieces across shared edges; counted on the final labels. An edge of more than two faces
+    /// connects them as a chain, in the order of their numbers: each with the one before and the one after.
     pub disconnected_clusters: u64,
     /// The energy before and after.
     pub energy: Energy,
@@ -56,7 +57,7 @@ pub struct Input {
     pub boundary_edges: u64,
     /// Edges of more than two faces.
     pub non_manifold_edges: u64,
-    /// Faces with fewer than three distinct corners, a corner position twice, or no area.
+    /// Faces with two corners at one position. Others may have no area, too: where there are any, a warning says how many.
     pub degenerate_faces: u64,
     /// Faces whose set of corner positions an earlier face has; extra copies only.
     pub duplicate_faces: u64,
@@ -90,7 +91,8 @@ pub enum DeviceKind {
 /// Energies, in source units: area × length².
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Energy {
-    /// Name of the energy functional: `cvd` (P§6, Eq. 4).
+    /// Name of the energy functional: `cvd`, the sum over faces of area × squared distance between the face's centroid and
+    /// its cluster's (centroidal Voronoi diagram).
     pub functional: String,
     /// After the initial growth; f64 from the source positions. Null when it overflows, and for hierarchies, which start
     /// with every face a cluster.
@@ -113,7 +115,9 @@ pub struct Iteration {
     pub phase: Phase,
     /// Hierarchies: the round of merges it belongs to; null for flat clusterings.
     pub round: Option<u32>,
-    /// F with respect to the lattice proxies (DESIGN: never rises within a phase), source units. Null when it overflows.
+    /// Energy of the labels after it, source units: of cluster centres rounded to the lattice that decides the labels, so it
+    /// may differ from `energy` of the report in the last digits. It never rises within a phase, except `repair`. Null when
+    /// it overflows.
     pub energy: Option<f64>,
     /// Faces that changed their cluster.
     pub moves: u64,
@@ -149,9 +153,9 @@ pub enum Row {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Phase {
-    /// Boundary-based optimisation (P§3.2).
+    /// Boundary-based optimisation: faces at a boundary move to the neighbouring cluster whose centre is nearer.
     Boundary,
-    /// Refinement by exact gains.
+    /// Refinement: faces move where the energy falls, centres counted as they will be.
     Refine,
     /// Pieces cut off from their cluster are given to their neighbours.
     Repair,

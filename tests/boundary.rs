@@ -111,6 +111,60 @@ fn every_refinement_is_the_one_that_the_definition_says() {
 }
 
 #[test]
+fn connected_refinement_is_the_one_that_the_definition_says() {
+    let mut refused_for_pieces = 0;
+    for (name, mesh) in zoo::all().into_iter().filter(|(_, mesh)| mesh.faces.len() < 1000) {
+        let surface = Surface::build(&mesh).expect("the zoo can be put on the lattice");
+        for clusters in cluster_counts(&surface) {
+            let seeds = seeds(&surface, clusters, &Seeds::Random, 9);
+            // growth leaves connected clusters, far from a minimum
+            let options = Options { max_iterations: Some(0), refine: true, allow_disconnected: true };
+            let grown = run(&surface, &seeds, options).0.labels;
+            let mut device = CpuDevice::new();
+            let mut steps = device.open(&surface, &seeds.component_of_cluster).expect("the cpu takes everything");
+            steps.set_labels(&grown).expect("labels fit");
+            let mut plain = oracle::Refinement::new(&surface, &seeds.component_of_cluster, grown.clone());
+            plain.connected = true;
+            steps
+                .refine_connected(u32::MAX, &Cancel::default(), &mut |step| {
+                    let state =
+                        plain.iterate().unwrap_or_else(|| panic!("{name} k={clusters}: no bids before {step:?}"));
+                    assert_eq!(
+                        (step.moves, step.energy.explained),
+                        (state.moves, state.explained),
+                        "{name} {clusters}"
+                    );
+                })
+                .expect("nobody cancels");
+            assert_eq!(plain.iterate(), None, "{name} k={clusters}: the plain version goes on");
+            let labels = steps.labels().expect("the cpu has them");
+            assert_eq!(labels, plain.labels, "{name} k={clusters}");
+            assert_eq!(cluster::repair::disconnected_clusters(&surface, clusters as usize, &labels), 0, "{name}");
+            let mut free = oracle::Refinement::new(&surface, &seeds.component_of_cluster, labels);
+            refused_for_pieces += usize::from(free.iterate().is_some());
+        }
+    }
+    assert!(refused_for_pieces > 0, "connectivity never mattered");
+}
+
+#[test]
+fn where_repairs_go_round_in_circles_the_last_word_lowers_the_energy_and_keeps_clusters_whole() {
+    let mut settled = 0;
+    for seed in 0..60 {
+        let surface = Surface::build(&zoo::tangle(60, 400, seed)).expect("a surface");
+        let most = surface.faces() as u64;
+        let k = (surface.components.len() as u64 + 40).min(most);
+        let (clustering, rows) = run(&surface, &seeds(&surface, k, &Seeds::Random, seed), REFINED);
+        let repairs = rows.iter().filter(|row| row.phase == Phase::Repair).count();
+        assert!(repairs <= 3, "{repairs} repairs");
+        assert_eq!(cluster::repair::disconnected_clusters(&surface, k as usize, &clustering.labels), 0);
+        let last_repair = rows.iter().rposition(|row| row.phase == Phase::Repair);
+        settled += usize::from(repairs == 3 && last_repair.is_some_and(|at| at + 1 < rows.len()));
+    }
+    assert!(settled > 0, "no run needed it");
+}
+
+#[test]
 fn a_changed_weight_shows_in_the_comparison_with_the_definition() {
     let mesh = tesserae::sample::generate(tesserae::sample::Sample::Knot, 2500).expect("a sample");
     let surface = Surface::build(&mesh).expect("a surface");

@@ -64,6 +64,9 @@ fn help_and_version_succeed_and_every_command_has_examples_or_flags() {
         let help = folder.run(&[command, "--help"]).expect_success();
         let help = String::from_utf8(help).expect("text");
         assert!(help.contains(&format!("Usage: tesserae {command}")), "{help}");
+        for note in ["P§", "DESIGN", "Eq."] {
+            assert!(!help.contains(note), "{note} says nothing to who reads this: {help}");
+        }
     }
     folder.run(&[]).expect_usage_error(&["Usage: tesserae <COMMAND>"]);
 }

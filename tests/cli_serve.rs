@@ -84,4 +84,5 @@ fn an_address_in_use_and_a_wrong_filter_are_told() {
     folder.run(&["serve", "--log", "a=b=c"]).expect_usage_error(&["a=b=c"]);
     folder.run(&["serve", "--listen", "nowhere"]).expect_usage_error(&["--listen", "nowhere"]);
     folder.run(&["serve", "--device", "cpu", "--adapter", "0"]).expect_usage_error(&["--adapter"]);
+    assert_eq!(service.end("-TERM").0, Some(0));
 }

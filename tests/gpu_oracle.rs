@@ -125,6 +125,24 @@ fn energies_are_exact_at_the_ends_of_the_lattice() {
 }
 
 #[test]
+fn weights_of_all_32_bits_count_in_full() {
+    // a few faces, each as heavy as a face can be
+    let mut surface = surface(Sample::Strip, 4);
+    let mut gpu = device();
+    for weight in [u32::MAX, 1 << 31, (1 << 31) - 1] {
+        surface.weights.fill(weight);
+        for (face, centroid) in surface.centroids.iter_mut().enumerate() {
+            *centroid = [(1 << 27) - 1, -(1 << 26), face as i32 * 1000];
+        }
+        let mut steps = gpu.open(&surface, &[0, 0]).expect("it fits");
+        let labels = [0, 0, 1, 1];
+        steps.set_labels(&labels).expect("set");
+        let energy = steps.energy().expect("energy").explained;
+        assert_eq!(energy, oracle::explained(&surface, &[0, 0], &labels), "{weight}");
+    }
+}
+
+#[test]
 fn faces_that_no_cluster_reaches_stay_free() {
     let mesh = generate(Sample::Parts, 2500).expect("a sample");
     let surface = Surface::build(&mesh).expect("a surface");

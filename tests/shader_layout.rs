@@ -7,7 +7,7 @@ use std::path::Path;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, StorageAccess, TypeInner};
 use tesserae::device::gpu::kernels::{Access, Binding, KERNELS, Kernel};
-use tesserae::device::gpu::layout::{GATHER_RUN, STRUCTS, Struct, WORKGROUP};
+use tesserae::device::gpu::layout::{GATHER_RUN, STRUCTS, Struct, TIES_BY_HASH, TIES_BY_LARGEST_ID, WORKGROUP};
 
 fn module(kernel: &Kernel) -> Module {
     naga::front::wgsl::parse_str(&kernel.source())
@@ -115,6 +115,8 @@ fn shared_structs_and_constants_are_the_same_on_both_sides() {
             let (name, expected) = match constant.name.as_deref() {
                 Some("WORKGROUP") => ("WORKGROUP", WORKGROUP),
                 Some("RUN") => ("RUN", GATHER_RUN),
+                Some("TIES_BY_HASH") => ("TIES_BY_HASH", TIES_BY_HASH),
+                Some("TIES_BY_LARGEST_ID") => ("TIES_BY_LARGEST_ID", TIES_BY_LARGEST_ID),
                 Some("FREE") => ("FREE", tesserae::device::FREE),
                 _ => continue,
             };
@@ -125,7 +127,7 @@ fn shared_structs_and_constants_are_the_same_on_both_sides() {
             constants.insert(name);
         }
     }
-    assert_eq!(constants.len(), 3, "only {constants:?} are used");
+    assert_eq!(constants.len(), 5, "only {constants:?} are used");
     assert_eq!(seen.len(), STRUCTS.len(), "only {seen:?} are used");
 }
 

@@ -11,9 +11,9 @@ fn distance_squared(face: vec4<i32>, proxy: vec4<i32>) -> u64 {
     return square(apart.x) + square(apart.y) + square(apart.z);
 }
 
-// Weight of a face.
+// Weight of a face. By way of u64, because naga extends the sign when it makes an i64 of a u32.
 fn weight_of(face: vec4<i32>) -> i64 {
-    return i64(u32(face.w));
+    return i64(u64(u32(face.w)));
 }
 
 // weight·centroid.

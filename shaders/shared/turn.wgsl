@@ -20,9 +20,10 @@ struct Turn {
     row: u32,
     // Number of the turn in its phase, from 1.
     number: u32,
-    // Makes the size a multiple of 16, which uniform buffers want.
-    unused_0: u32,
-    unused_1: u32,
+    // Number of entries in a list that the host wrote.
+    entries: u32,
+    // Which of equally cheap dual edges is the best: TIES_BY_HASH or TIES_BY_LARGEST_ID.
+    ties: u32,
 }
 
 // Number of the thread in a dispatch of one or two dimensions. The rows' length comes from the host, because the built-in

@@ -6,13 +6,14 @@ use std::time::Instant;
 
 use super::device::DeviceArguments;
 use super::files::{self, Source, Target};
+use super::places::{Kept, Output};
 use super::progress::Progress;
-use super::results::{LabelFile, TreeFiles, check_targets};
+use super::results::{LabelFile, TreeFiles, check_places};
 use super::{Failure, say, signals};
 use crate::device::Cancel;
 use crate::device::cpu::CpuDevice;
 use crate::error::{Error, Kind};
-use crate::job::{self, Outcome, Plan, Prepared, Request};
+use crate::job::{self, Outcome, Plan, Prepared, Request, milliseconds};
 use crate::mesh::{Beside, Format, Limits, NoResources, Resources};
 use crate::output::write_labels;
 use crate::parameters::{Parameters, Seeds};
@@ -70,16 +71,17 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let begin = Instant::now();
     let report_target = arguments.report.clone().map(Target::from);
-    check(arguments, report_target.as_ref())?;
+    let outputs = outputs(arguments, report_target.as_ref());
+    check(arguments, &outputs)?;
 
     let mut progress = Progress::new(arguments.parameters.max_iterations);
-    let mut outcome = cluster(arguments, &mut progress)?;
+    let mut outcome = cluster(arguments, &outputs, &mut progress)?;
 
     progress.stage("writing");
     let writing = Instant::now();
     write(arguments, &outcome)?;
-    outcome.report.timings_ms.write = milliseconds(writing);
-    outcome.report.timings_ms.total = milliseconds(begin);
+    outcome.report.timings_ms.write = milliseconds(writing.elapsed());
+    outcome.report.timings_ms.total = milliseconds(begin.elapsed());
     if let Some(target) = &report_target {
         target.write(|out| {
             serde_json::to_writer_pretty(&mut *out, &outcome.report)?;
@@ -92,7 +94,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         say(&format!("warning: {warning}"));
     }
     let summary = summary(&outcome.report);
-    if targets(arguments, report_target.as_ref()).iter().any(|(_, target)| **target == Target::Stdout) {
+    if outputs.iter().any(|(_, target)| **target == Target::Stdout) {
         say(&summary);
         Ok(())
     } else {
@@ -101,7 +103,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// Refuses what needs no mesh to be refused.
-fn check(arguments: &Arguments, report: Option<&Target>) -> Result<(), Failure> {
+fn check(arguments: &Arguments, outputs: &[Output<'_>]) -> Result<(), Failure> {
     let usage = |message: String| Err(Failure::Usage("cluster", message));
     let parameters = &arguments.parameters;
     let listed = matches!(parameters.seeds, Seeds::File(_));
@@ -130,14 +132,11 @@ fn check(arguments: &Arguments, report: Option<&Target>) -> Result<(), Failure> 
             return usage("--linkage needs a whole tree: leave --clusters out".to_owned());
         }
     }
-    check_targets("cluster", &targets(arguments, report))
-}
-
-/// Everything that is written, by flag.
-fn targets<'a>(arguments: &'a Arguments, report: Option<&'a Target>) -> Vec<(&'static str, &'a Target)> {
-    let labels = arguments.labels.as_ref().map(|labels| ("labels", &labels.target));
-    let report = report.map(|target| ("report", target));
-    labels.into_iter().chain(report).chain(arguments.trees.targets()).collect()
+    let mut inputs = vec![("the mesh", Source::from(arguments.input.clone()))];
+    if let Seeds::File(path) = &parameters.seeds {
+        inputs.push(("the list of seeds", Source::from(path.clone())));
+    }
+    check_places("cluster", &inputs, outputs)
 }
 
 /// Writes everything but the report.
@@ -153,8 +152,15 @@ fn write(arguments: &Arguments, outcome: &Outcome) -> Result<(), Failure> {
     }
 }
 
+/// Where results go.
+fn outputs<'a>(arguments: &'a Arguments, report: Option<&'a Target>) -> Vec<Output<'a>> {
+    let labels = arguments.labels.as_ref().map(|labels| ("labels", &labels.target));
+    let report = report.map(|target| ("report", target));
+    labels.into_iter().chain(report).chain(arguments.trees.targets()).collect()
+}
+
 /// From the input to labels and report.
-fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Failure> {
+fn cluster(arguments: &Arguments, outputs: &[Output<'_>], progress: &mut Progress) -> Result<Outcome, Failure> {
     let limits = Limits { max_bytes: arguments.max_upload_bytes, max_faces: arguments.max_faces };
     progress.stage("reading");
     let reading = Instant::now();
@@ -165,7 +171,7 @@ fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Fa
         Seeds::File(path) => Some(Source::from(path.clone()).read(limits.max_bytes)?),
         Seeds::Morton | Seeds::Random | Seeds::Listed => None,
     };
-    let read = milliseconds(reading);
+    let read = milliseconds(reading.elapsed());
 
     let name = match &input {
         Source::Stdin => None,
@@ -175,10 +181,9 @@ fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Fa
         Some(format) => format,
         None => Format::recognise(name, &bytes)?,
     };
-    format.check_head(&bytes[..bytes.len().min(4096)], Some(bytes.len() as u64))?;
     let resources: Box<dyn Resources> = match &input {
         Source::Stdin => Box::new(NoResources),
-        Source::File(path) => Box::new(Beside { folder: files::folder(path).to_owned() }),
+        Source::File(path) => Box::new(Kept { beside: Beside { folder: files::folder(path).to_owned() }, outputs }),
     };
 
     // Until here there is nothing to end in order, and a read that waits for input could not be told to stop.
@@ -197,7 +202,7 @@ fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Fa
     drop(bytes);
     cancel.check()?;
     if let Plan::Hierarchy(options) = &prepared.plan {
-        let components = prepared.input.components;
+        let components = prepared.surface.components.len() as u64;
         if arguments.trees.linkage.is_some() && components > 1 {
             return Err(Error::new(Kind::Conflict, no_single_root(components)).into());
         }
@@ -240,8 +245,4 @@ fn summary(report: &Report) -> String {
         report.timings_ms.total / 1000.0,
         report.device.name,
     )
-}
-
-fn milliseconds(since: Instant) -> f64 {
-    since.elapsed().as_secs_f64() * 1000.0
 }

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use serde_json::json;
 
 use super::files::{Source, Target};
-use super::results::{LabelFile, TreeFiles, check_targets};
+use super::results::{LabelFile, TreeFiles, check_places};
 use super::{Failure, say};
 use crate::job::labels_sha256;
 use crate::mesh::Limits;
@@ -91,7 +91,8 @@ fn check<'a>(arguments: &'a Arguments, report: Option<&'a Target>) -> Result<Vec
     }
     arguments.trees.check("cut")?;
     let targets: Vec<_> = labels.into_iter().chain(report).chain(arguments.trees.targets()).collect();
-    check_targets("cut", &targets)?;
+    let input = ("the hierarchy", Source::from(arguments.input.clone()));
+    check_places("cut", &[input], &targets)?;
     Ok(targets.into_iter().map(|(_, target)| target).collect())
 }
 

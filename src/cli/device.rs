@@ -12,7 +12,7 @@ pub struct DeviceArguments {
     #[arg(long, env = "TESSERAE_DEVICE", value_enum, default_value_t)]
     pub device: DeviceChoice,
 
-    /// Which gpu: its number, or a part of its name, as `tesserae devices` lists them
+    /// Which gpu: its number, or a part of its name, as `tesserae devices` lists them; no other device will do then
     #[arg(long, env = "TESSERAE_ADAPTER", value_name = "INDEX|NAME")]
     pub adapter: Option<String>,
 }

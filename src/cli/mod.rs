@@ -1,14 +1,16 @@
 //! The command line.
 //!
-//! One file a command; what they share is in `device`, `files`, `results`, `progress` and `signals`. Exit status: 0; 2 for a
-//! command line that is wrong in itself; 1 for everything else, with one line on standard error. Progress goes to
-//! standard error, and only to a terminal. A reader of standard output that stops reading is no error.
+//! One file a command; what they share is in `device`, `files`, `places`, `results`, `progress` and `signals`. Exit status:
+//! 0; 2 for a command line that is wrong in itself; 1 for everything else, with one line on standard error (graphics
+//! drivers may add lines of their own). Progress goes to standard error, and only to a terminal. A reader of standard
+//! output that stops reading is no error.
 
 mod cluster;
 mod cut;
 mod device;
 mod devices;
 mod files;
+mod places;
 mod plot;
 mod progress;
 mod results;

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use super::Failure;
-use super::files::Target;
+use super::files::{Source, Target};
+use super::places::{self, Output};
 use crate::output::LabelFormat;
 use crate::tree::json::Limits;
 use crate::tree::stored::Stored;
@@ -143,15 +144,16 @@ fn linkage_file(text: &str) -> Result<Target, String> {
     }
 }
 
-/// Refuses two results in one place, and places that cannot be written.
-pub fn check_targets(command: &'static str, targets: &[(&'static str, &Target)]) -> Result<(), Failure> {
-    for (nth, (name, target)) in targets.iter().enumerate() {
-        if let Some((earlier, _)) = targets[..nth].iter().find(|(_, earlier)| earlier == target) {
-            let message = format!("{earlier} and {name} cannot both go to the same place");
-            return Err(Failure::Usage(command, message));
-        }
-    }
-    for (_, target) in targets {
+/// Refuses two results in one place, results in the place of inputs (named by what they are), and places that cannot be
+/// written.
+pub fn check_places(
+    command: &'static str,
+    inputs: &[(&'static str, Source)],
+    outputs: &[Output<'_>],
+) -> Result<(), Failure> {
+    let inputs: Vec<_> = inputs.iter().map(|(what, source)| (*what, source)).collect();
+    places::check(&inputs, outputs).map_err(|message| Failure::Usage(command, message))?;
+    for (_, target) in outputs {
         target.check()?;
     }
     Ok(())

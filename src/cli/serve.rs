@@ -53,12 +53,10 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
 
 /// Why it is this device, for people.
 fn chosen(arguments: &DeviceArguments, info: &DeviceInfo) -> String {
-    match (arguments.device, info.kind) {
-        (DeviceChoice::Auto, DeviceKind::Cpu) => "auto: no graphics processor can be used".to_owned(),
-        (DeviceChoice::Auto, DeviceKind::Gpu) => "auto: the fastest kind of graphics processor here".to_owned(),
-        (choice @ (DeviceChoice::Cpu | DeviceChoice::Gpu), _) => match &arguments.adapter {
-            Some(adapter) => format!("asked for: {choice}, adapter {adapter:?}"),
-            None => format!("asked for: {choice}"),
-        },
+    match (arguments.device, &arguments.adapter, info.kind) {
+        (choice, Some(adapter), _) => format!("asked for: {choice}, adapter {adapter:?}"),
+        (DeviceChoice::Auto, None, DeviceKind::Cpu) => "auto: no graphics processor can be used".to_owned(),
+        (DeviceChoice::Auto, None, DeviceKind::Gpu) => "auto: the fastest kind of graphics processor here".to_owned(),
+        (choice @ (DeviceChoice::Cpu | DeviceChoice::Gpu), None, _) => format!("asked for: {choice}"),
     }
 }

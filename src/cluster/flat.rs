@@ -32,10 +32,10 @@
 //!
 //! # Connectivity
 //!
-//! Moves at the same time can cut a cluster in two. When a phase has converged, a repair frees all but the largest
-//! piece of each cluster; growth hands the freed faces to their neighbours, and the next boundary phase begins. Repair
-//! may raise F, and is its own row in the report. After [`MAX_REPAIRS`] rounds the last word is a repair: what grows
-//! from connected pieces is connected.
+//! Moves at the same time can cut a cluster in two. When the phases have converged, a repair frees all but the largest
+//! piece of each cluster; growth hands the freed faces to their neighbours, and the phases begin anew. Repair may raise F,
+//! and is its own row in the report. After [`super::run::MAX_REPAIRS`] repairs, connected refinement ends the run
+//! ([`super::refinement`]): what grew from connected pieces is connected, and stays so.
 
 use super::run::{Row, Run};
 use super::seeds::SeedFaces;
@@ -43,9 +43,6 @@ use crate::device::{Cancel, Ending, FREE, Steps};
 use crate::error::Result;
 use crate::report::Phase;
 use crate::surface::Surface;
-
-/// Rounds of repair and optimisation before a repair has the last word. Real meshes take 1 to 6 (k from 10 to 30,000).
-pub const MAX_REPAIRS: u32 = 32;
 
 /// What a flat clustering is asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -91,22 +88,6 @@ pub fn boundary_based(
     run.tell(Phase::Boundary, 0)?;
     let initial = run.steps.labels()?;
 
-    let mut repairs = 0;
-    loop {
-        let mut ending = run.phase(Phase::Boundary)?;
-        if options.refine && ending == Ending::Converged {
-            ending = run.phase(Phase::Refine)?;
-        }
-        let cut_off = if options.allow_disconnected { Vec::new() } else { run.steps.cut_off_faces()? };
-        if cut_off.is_empty() {
-            return Ok(Clustering { initial, labels: run.steps.labels()?, ending });
-        }
-        run.steps.regrow(&cut_off, cancel)?;
-        run.iteration += 1;
-        run.tell(Phase::Repair, cut_off.len() as u64)?;
-        repairs += 1;
-        if repairs == MAX_REPAIRS || ending == Ending::IterationLimit {
-            return Ok(Clustering { initial, labels: run.steps.labels()?, ending: Ending::IterationLimit });
-        }
-    }
+    let ending = if options.allow_disconnected { run.optimise(options.refine)? } else { run.settle(options.refine)? };
+    Ok(Clustering { initial, labels: run.steps.labels()?, ending })
 }

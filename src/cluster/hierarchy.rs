@@ -23,12 +23,10 @@
 //! rounds exact greedy Ward clustering on the lattice (Garland et al. 2001).
 
 use super::dual_edge::{Rank, Ties};
-use super::flat::MAX_REPAIRS;
 use super::run::{Row, Run};
 use super::sums::ClusterSums;
-use crate::device::{Cancel, Ending, LatticeEnergy, MergeSteps};
+use crate::device::{Cancel, LatticeEnergy, MergeSteps};
 use crate::error::{Error, Kind, Result};
-use crate::report::Phase;
 use crate::surface::Surface;
 use crate::tree::{FaceMove, Merge, Round, Tree};
 
@@ -144,7 +142,7 @@ pub fn check(surface: &Surface, options: &Options) -> Result<u64> {
         if number < components {
             return Err(Error::parameter(format_args!(
                 "{name} must be at least the number of connected components, {components}, because a cluster cannot \
-                 reach across a gap: {number}"
+                 reach across a gap (bridge_components joins them): {number}"
             )));
         }
     }
@@ -208,26 +206,15 @@ fn merge(steps: &mut dyn MergeSteps, pairs: &[(u32, u32)], builder: &mut Builder
 /// The phases after the merges of a round.
 fn optimise(run: &mut Run<'_>, options: &Options, is_level: bool) -> Result<()> {
     run.left = if is_level { u32::MAX } else { options.optimise_iterations.unwrap_or(u32::MAX) };
-    let mut repairs = 0;
-    loop {
-        if run.phase(Phase::Boundary)? == Ending::Converged && options.refine {
-            run.phase(Phase::Refine)?;
-        }
-        if options.allow_disconnected {
-            return Ok(());
-        }
-        let cut_off = run.steps.cut_off_faces()?;
-        if cut_off.is_empty() {
-            return Ok(());
-        }
-        run.steps.regrow(&cut_off, run.cancel)?;
-        run.iteration += 1;
-        run.tell(Phase::Repair, cut_off.len() as u64)?;
-        repairs += 1;
-        if !is_level || repairs == MAX_REPAIRS {
-            return Ok(());
-        }
+    if options.allow_disconnected {
+        run.optimise(options.refine)?;
+    } else if is_level {
+        run.settle(options.refine)?;
+    } else {
+        run.optimise(options.refine)?;
+        run.repair()?;
     }
+    Ok(())
 }
 
 /// Keeps the record of a run.

@@ -31,6 +31,13 @@
 //! each is negative. An iteration without moves refuses at least one face (the best bid of all wins at both its clusters)
 //! and nothing makes new bids until something moves, so there are finitely many of those in a row.
 //!
+//! # Connected refinement
+//!
+//! Moves at the same time can cut a cluster in two, and so can a single one. Where repairs and phases go round in circles,
+//! this variant has the last word: nobody joins a winner, and a winner that would leave its cluster in pieces is refused.
+//! A cluster loses one face an iteration at most and gains only faces beside it, so connected clusters stay connected;
+//! the rest of the proof is as above.
+//!
 //! # Why together
 //!
 //! One face a pair and iteration is what makes the tail long: a cluster that has to drift by the width of a face moves a

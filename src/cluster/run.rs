@@ -4,6 +4,10 @@ use crate::device::{Cancel, Ending, LatticeEnergy, Step, Steps};
 use crate::error::Result;
 use crate::report::Phase;
 
+/// Repairs after each of which the phases begin anew. Most runs need one. Where a piece is worth more to the cluster it was
+/// cut from than to those that touch it, phases and repairs go round in circles, and connected refinement ends it.
+pub const MAX_REPAIRS: u32 = 3;
+
 /// What happens in a run, in order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Row {
@@ -43,8 +47,44 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Runs a phase to its end.
-    pub fn phase(&mut self, phase: Phase) -> Result<Ending> {
+    /// Runs the boundary phase, and refinement if asked for and there are iterations left, to their ends.
+    pub fn optimise(&mut self, refine: bool) -> Result<Ending> {
+        let ending =
+            self.phase(Phase::Boundary, |steps, left, cancel, on_step| steps.optimise_boundary(left, cancel, on_step))?;
+        if ending == Ending::IterationLimit || !refine {
+            return Ok(ending);
+        }
+        self.phase(Phase::Refine, |steps, left, cancel, on_step| steps.refine(left, cancel, on_step))
+    }
+
+    /// Gives the pieces that were cut off from their cluster to their neighbours. Returns whether there were any.
+    pub fn repair(&mut self) -> Result<bool> {
+        let cut_off = self.steps.cut_off_faces()?;
+        if !cut_off.is_empty() {
+            self.steps.regrow(&cut_off, self.cancel)?;
+            self.iteration += 1;
+            self.tell(Phase::Repair, cut_off.len() as u64)?;
+        }
+        Ok(!cut_off.is_empty())
+    }
+
+    /// Optimises and repairs until nothing is cut off; after [`MAX_REPAIRS`] repairs, by connected refinement.
+    pub fn settle(&mut self, refine: bool) -> Result<Ending> {
+        for _ in 0..MAX_REPAIRS {
+            let ending = self.optimise(refine)?;
+            if !self.repair()? || ending == Ending::IterationLimit {
+                return Ok(ending);
+            }
+        }
+        self.phase(Phase::Refine, |steps, left, cancel, on_step| steps.refine_connected(left, cancel, on_step))
+    }
+
+    /// Carries out the iterations of a phase.
+    fn phase(
+        &mut self,
+        phase: Phase,
+        iterate: impl FnOnce(&mut dyn Steps, u32, &Cancel, OnStep<'_>) -> Result<Ending>,
+    ) -> Result<Ending> {
         let Self { steps, cancel, on_row, round, iteration, left } = self;
         let allowed = *left;
         let mut on_step = |Step { energy, moves }| {
@@ -52,9 +92,9 @@ impl Run<'_> {
             *left -= 1;
             on_row(Row { iteration: *iteration, round: *round, phase, energy, moves });
         };
-        match phase {
-            Phase::Boundary | Phase::Repair => steps.optimise_boundary(allowed, cancel, &mut on_step),
-            Phase::Refine => steps.refine(allowed, cancel, &mut on_step),
-        }
+        iterate(*steps, allowed, cancel, &mut on_step)
     }
 }
+
+/// Is told of the iterations of a phase.
+type OnStep<'a> = &'a mut dyn FnMut(Step);

@@ -55,7 +55,7 @@ fn check_clusters(surface: &Surface, clusters: u64) -> Result<()> {
     if clusters < components {
         return Err(Error::parameter(format_args!(
             "clusters must be at least the number of connected components, {components}, because a cluster cannot \
-             reach across a gap: {clusters}"
+             reach across a gap (bridge_components joins them): {clusters}"
         )));
     }
     Ok(())
@@ -123,7 +123,9 @@ fn random(surface: &Surface, component: usize, share: usize, seed: u64) -> Vec<u
 }
 
 /// `share` faces of a component: its weight, in internal order, is cut into as many equal strata, and each gives the
-/// face at a random point of it. Where faces weigh more than strata, the next face that is still free is taken.
+/// face at a random point of its middle half. (Points of the whole stratum end higher: over six seed numbers, hexagon
+/// ratio 1.0148 instead of 1.0139 for the bunny in 1,000 clusters, 1.0398 instead of 1.0389 for the horse in 2,000.)
+/// Where faces weigh more than strata, the next face that is still free is taken.
 fn stratified(surface: &Surface, component: usize, share: usize, seed: u64, first_cluster: usize) -> Vec<u32> {
     let run = surface.components[component];
     let range = run.range();
@@ -131,7 +133,7 @@ fn stratified(surface: &Surface, component: usize, share: usize, seed: u64, firs
     let mut face = range.start;
     let mut passed = u128::from(surface.weights[face]);
     for stratum in 0..share {
-        let offset = hash(seed, (first_cluster + stratum) as u64) % run.weight;
+        let offset = run.weight / 4 + hash(seed, (first_cluster + stratum) as u64) % run.weight / 2;
         let point = (u128::from(run.weight) * stratum as u128 + u128::from(offset)) / share as u128;
         let last = range.end - (share - stratum);
         while passed <= point && face < last {

@@ -66,6 +66,14 @@ pub trait Steps {
     /// iterations with moves were made; otherwise like [`optimise_boundary`](Self::optimise_boundary).
     fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending>;
 
+    /// The same, but only winners move, and only those that leave their cluster connected; all clusters must be.
+    fn refine_connected(
+        &mut self,
+        max_iterations: u32,
+        cancel: &Cancel,
+        on_iteration: &mut dyn FnMut(Step),
+    ) -> Result<Ending>;
+
     /// The faces outside the piece with the most faces (of equally large ones, that with the smallest face) of each
     /// cluster, sorted. All faces must be labelled.
     fn cut_off_faces(&mut self) -> Result<Vec<u32>>;

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use super::{Clustered, Prepared, finite};
-use crate::cluster::flat::{self, Clustering, MAX_REPAIRS, Options};
+use crate::cluster::flat::{self, Clustering, Options};
 use crate::cluster::run;
 use crate::cluster::seeds::SeedFaces;
 use crate::device::{Cancel, Device, Ending};
@@ -68,12 +68,9 @@ pub(super) fn iteration(row: run::Row, energy: Option<f64>, started: Instant) ->
 /// What is unusual about the run.
 fn warnings(max_iterations: Option<u32>, clustering: &Clustering) -> Vec<String> {
     match (clustering.ending, max_iterations) {
-        (Ending::Converged, _) => Vec::new(),
         (Ending::IterationLimit, Some(limit)) => {
-            vec![format!("stopped by max_iterations before it converged: {limit}")]
+            vec![format!("stopped by max_iterations, maybe before it had converged: {limit}")]
         }
-        (Ending::IterationLimit, None) => {
-            vec![format!("stopped after the allowed number of repairs before it converged: {MAX_REPAIRS}")]
-        }
+        (Ending::IterationLimit, None) | (Ending::Converged, _) => Vec::new(),
     }
 }

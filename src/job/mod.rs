@@ -98,7 +98,7 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
 
     let mesh = mesh::read(request.bytes, request.format, request.resources, &request.limits)?;
     let parsed = Instant::now();
-    let surface = Surface::build(&mesh)?;
+    let surface = Surface::build_bridged(&mesh, parameters.bridge_components)?;
     let plan = if parameters.algorithm.is_hierarchical() {
         let options = hierarchical::options(&parameters);
         hierarchy::check(&surface, &options)?;
@@ -146,7 +146,7 @@ pub fn run(
         functional: "cvd".to_owned(),
         initial: clustered.initial_energy.and_then(finite),
         final_: finite(final_),
-        hexagon_ratio: surface.hexagon_ratio(final_, clusters),
+        hexagon_ratio: surface.hexagon_ratio(&clustered.labels, clusters),
     };
     let disconnected_clusters = repair::disconnected_clusters(surface, clusters, &clustered.labels);
     let labels = match (parameters.clusters, &clustered.tree) {
@@ -205,7 +205,7 @@ fn describe(mesh: &PolygonMesh, surface: &Surface) -> Input {
         faces: mesh.faces.len() as u64,
         triangles: mesh.faces.triangles(),
         welded_vertices: counts.welded_vertices,
-        components: surface.components.len() as u64,
+        components: counts.components,
         boundary_edges: counts.boundary_edges,
         non_manifold_edges: counts.non_manifold_edges,
         degenerate_faces: counts.degenerate_faces,

@@ -10,6 +10,9 @@ use tempfile::TempDir;
 use super::store::JobId;
 use crate::error::{Error, Result};
 
+/// How often the removal of a folder is tried.
+const ATTEMPTS: usize = 100;
+
 /// Name of the mesh in a job's upload folder.
 pub(super) const MESH: &str = "mesh";
 /// Name of the list of seeds in a job's upload folder.
@@ -127,8 +130,19 @@ impl Drop for Incoming {
     fn drop(&mut self) {
         let Some(folder) = self.0.take() else { return };
         match tokio::runtime::Handle::try_current() {
-            Ok(runtime) => drop(runtime.spawn_blocking(move || drop(folder))),
-            Err(_) => drop(folder),
+            Ok(runtime) => drop(runtime.spawn_blocking(move || discard(&folder))),
+            Err(_) => discard(&folder),
+        }
+    }
+}
+
+/// Removes a folder in which a file may just be appearing: the client hung up while one was being made.
+fn discard(folder: &TempDir) {
+    for _ in 0..ATTEMPTS {
+        match std::fs::remove_dir_all(folder.path()) {
+            Err(error) if error.kind() == std::io::ErrorKind::DirectoryNotEmpty => std::thread::yield_now(),
+            Err(error) => return tracing::warn!(%error, "an upload cannot be removed"),
+            Ok(()) => return,
         }
     }
 }

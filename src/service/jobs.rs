@@ -139,6 +139,7 @@ pub(super) struct ListParameters {
     /// Only jobs in this state
     state: Option<State>,
     /// Go on where an earlier page ended: its `next`
+    #[param(min_length = 1)]
     cursor: Option<String>,
     /// At most so many jobs; 50 when left out
     #[param(minimum = 1, maximum = 1000)]

@@ -8,6 +8,7 @@ use axum::extract::Request;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use percent_encoding::percent_decode_str;
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -97,8 +98,11 @@ pub(super) async fn render(request: Request, next: Next) -> Response {
             refused_by_framework(response.status(), &method, &path, allowed).into()
         }
     };
-    if failure.error.kind.status() >= 500 {
-        tracing::error!(kind = failure.error.kind.slug(), "{}", failure.error);
+    match failure.error.kind {
+        // what every probe and every client gets while the service stops
+        Kind::Unavailable => tracing::debug!(kind = failure.error.kind.slug(), "{}", failure.error),
+        kind if kind.status() >= 500 => tracing::error!(kind = kind.slug(), "{}", failure.error),
+        _ => {}
     }
     let instance = failure.instance.unwrap_or(path);
     let problem = Problem::new(&failure.error, instance);
@@ -128,6 +132,13 @@ fn refused_by_framework(
     allowed: Option<&HeaderValue>,
 ) -> Error {
     match status {
+        // an id that is no text: what cannot be written cannot be there
+        StatusCode::BAD_REQUEST if percent_decode_str(path).decode_utf8().is_err() => Error::new(
+            Kind::NotFound,
+            format_args!(
+                "there is nothing at this path, which is not UTF-8 once its percent signs are decoded: {path}"
+            ),
+        ),
         StatusCode::NOT_FOUND => Error::new(
             Kind::NotFound,
             format_args!("there is nothing at this path; /openapi.yaml lists what there is: {path}"),

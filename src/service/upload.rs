@@ -19,14 +19,11 @@ use super::intake::Intake;
 use super::request::Wanted;
 use super::store::Spec;
 use crate::error::{Error, Kind, Result};
-use crate::mesh::Format;
+use crate::mesh::{Format, HEAD_BYTES};
 
 /// The media types of bodies that are read, for `Accept-Post` and for messages.
 pub(super) const ACCEPTED: &str = "model/obj, model/gltf-binary, model/gltf+json, multipart/form-data, \
      application/octet-stream";
-
-/// Bytes of a file that its format is recognised by.
-const HEAD_BYTES: usize = 4096;
 
 /// Longest file name that is kept, in characters.
 const MAX_NAME: usize = 255;

@@ -45,8 +45,8 @@ pub fn label(faces: usize, links: &[(u32, u32)]) -> (Vec<u32>, usize) {
     (parent, count as usize)
 }
 
-/// The root of a face's tree; halves the path on the way.
-fn root(parent: &mut [u32], mut face: u32) -> u32 {
+/// The root of a member's tree; halves the path on the way.
+pub fn root(parent: &mut [u32], mut face: u32) -> u32 {
     loop {
         let up = parent[face as usize];
         if up == face {

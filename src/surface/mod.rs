@@ -1,14 +1,15 @@
 //! The surface as the algorithms see it: integer centroids and weights, and which faces share an edge.
 //!
 //! [`Surface::build`] takes a mesh through five steps, each a file here: positions that are exactly equal become one
-//! vertex ([`weld`]), faces that share an edge become neighbours ([`adjacency`]), connected sets of faces become
-//! components ([`components`]), positions and areas become integers ([`lattice`]), and faces get an internal order that
-//! keeps neighbours close in memory ([`order`]). Everything up to the lattice is scalar f64 with + − × ÷ √ in a fixed
+//! vertex (`weld`), faces that share an edge become neighbours (`adjacency`), connected sets of faces become
+//! components (`components`; `bridge` can join them), positions and areas become integers (`lattice`), and faces get an internal order that
+//! keeps neighbours close in memory (`order`). Everything up to the lattice is scalar f64 with + − × ÷ √ in a fixed
 //! order, so the result is the same on every machine and for any number of threads.
 //!
 //! Nothing here knows of clusters, algorithms or devices.
 
 mod adjacency;
+mod bridge;
 mod components;
 mod lattice;
 mod order;
@@ -57,6 +58,8 @@ pub struct Surface {
 /// What is unusual about the connectivity.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counts {
+    /// Sets of faces connected across shared edges, without bridges.
+    pub components: u64,
     /// Distinct positions among the vertices that faces use.
     pub welded_vertices: u64,
     /// Edges of exactly one face.
@@ -72,11 +75,18 @@ pub struct Counts {
 }
 
 impl Surface {
-    /// Puts a mesh on the lattice.
+    /// Puts a mesh on the lattice. Components that share no edge stay apart.
+    ///
+    /// Fails like [`build_bridged`](Self::build_bridged).
+    pub fn build(mesh: &PolygonMesh) -> Result<Self> {
+        Self::build_bridged(mesh, false)
+    }
+
+    /// Puts a mesh on the lattice; with `bridge`, joins its components into one.
     ///
     /// Fails for meshes of more than 2³¹ faces or corners. Corners must be valid indices of finite positions, as
     /// [`crate::mesh::read`] promises.
-    pub fn build(mesh: &PolygonMesh) -> Result<Self> {
+    pub fn build_bridged(mesh: &PolygonMesh, bridge: bool) -> Result<Self> {
         let faces = mesh.faces.len();
         if faces > 1 << 31 || mesh.faces.all_corners().len() > 1 << 31 {
             return Err(Error::too_large(format_args!(
@@ -85,7 +95,7 @@ impl Surface {
             )));
         }
         let weld = weld::weld(mesh);
-        let adjacency::Links { pairs, crowded, mut counts } = adjacency::links(&mesh.faces, &weld);
+        let adjacency::Links { mut pairs, crowded, mut counts } = adjacency::links(&mesh.faces, &weld);
         counts.welded_vertices = u64::from(weld.vertices);
 
         let frame = Frame::of(mesh);
@@ -95,7 +105,12 @@ impl Surface {
         let geometry: Vec<FaceGeometry> = geometry.into_iter().map(|(face, _)| face).collect();
         counts.zero_area_faces = geometry.iter().filter(|face| face.area <= 0.0).count() as u64;
 
-        let (component_of_face, component_count) = components::label(faces, &pairs);
+        let (mut component_of_face, mut component_count) = components::label(faces, &pairs);
+        counts.components = component_count as u64;
+        if bridge && component_count > 1 {
+            pairs.extend(bridge::bridges(&geometry, &component_of_face, component_count));
+            (component_of_face, component_count) = components::label(faces, &pairs);
+        }
         let upload_face = order::internal_order(&geometry, &component_of_face, component_count);
         let geometry: Vec<FaceGeometry> = upload_face.par_iter().map(|&face| geometry[face as usize]).collect();
         let (neighbour_offsets, neighbours) = adjacency::compressed(&pairs, &upload_face);
@@ -197,6 +212,11 @@ impl Surface {
     /// Energy of labels (internal order, each below `clusters`) in source units, in f64 from the source positions:
     /// Σ area·|centroid − P|² with P the area-weighted mean of the cluster's centroids (P§6, Eq. 4).
     pub fn source_energy(&self, labels: &[u32], clusters: usize) -> f64 {
+        libm::ldexp(self.lattice_energy(labels, clusters), -4 * self.frame.exponent)
+    }
+
+    /// [`source_energy`](Self::source_energy) in lattice units, which never overflow.
+    fn lattice_energy(&self, labels: &[u32], clusters: usize) -> f64 {
         let mut sums = vec![[0.0f64; 4]; clusters];
         for (face, &label) in self.geometry.iter().zip(labels) {
             let sum = &mut sums[label as usize];
@@ -217,18 +237,16 @@ impl Surface {
             let d: [f64; 3] = std::array::from_fn(|axis| face.centroid[axis] - proxy[axis]);
             energy += face.area * (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
         }
-        libm::ldexp(energy, -4 * self.frame.exponent)
+        energy
     }
 
-    /// Energy over that of a flat tiling of the same area by `clusters` regular hexagons, less what lies inside the
-    /// faces: `5/(18√3)·A²/k − inside`. None when that difference leaves less than half of the tiling's energy.
-    pub fn hexagon_ratio(&self, source_energy: f64, clusters: usize) -> Option<f64> {
+    /// Energy of labels over that of a flat tiling of the same area by `clusters` regular hexagons, less what lies inside
+    /// the faces: `5/(18√3)·A²/k − inside`. None when that difference leaves less than half of the tiling's energy.
+    pub fn hexagon_ratio(&self, labels: &[u32], clusters: usize) -> Option<f64> {
         let area: f64 = self.geometry.iter().map(|face| face.area).sum();
         let tiling = 5.0 / (18.0 * 3.0f64.sqrt()) * area * area / clusters as f64;
         let visible = tiling - self.moment_inside_faces;
-        let energy = libm::ldexp(source_energy, 4 * self.frame.exponent);
-        let ratio = energy / visible;
-        (visible > tiling / 2.0 && ratio.is_finite()).then_some(ratio)
+        (visible > tiling / 2.0).then(|| self.lattice_energy(labels, clusters) / visible)
     }
 }
 

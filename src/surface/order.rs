@@ -34,7 +34,7 @@ pub fn internal_order(geometry: &[FaceGeometry], component_of_face: &[u32], comp
 }
 
 /// Interleaved upper bits of the lattice coordinates, x lowest.
-fn morton_key(centroid: [f64; 3]) -> u64 {
+pub fn morton_key(centroid: [f64; 3]) -> u64 {
     let cell = super::lattice::round_centroid(centroid).map(|g| ((g + (1 << 27)) >> (28 - BITS)) as u64);
     spread(cell[0]) | spread(cell[1]) << 1 | spread(cell[2]) << 2
 }
@@ -54,7 +54,7 @@ fn spread(mut x: u64) -> u64 {
 }
 
 /// Stable radix sort by the lower 3·[`BITS`] bits of the key.
-fn sort_by_key(items: &mut Vec<(u64, u32)>) {
+pub fn sort_by_key(items: &mut Vec<(u64, u32)>) {
     const DIGIT: u32 = 12;
     let mut other = vec![(0u64, 0u32); items.len()];
     for pass in 0..(3 * BITS).div_ceil(DIGIT) {

@@ -111,6 +111,7 @@ fn small_components_keep_their_resolution() {
 #[test]
 fn the_lattice_energy_is_the_energy_from_the_source() {
     let mesh = crate::sample::generate(crate::sample::Sample::Knot, 2000).expect("a sample");
+    let mut ratios = Vec::new();
     for (scale, power) in [(1.0, 0), (libm::ldexp(1.0, -300), -300), (libm::ldexp(1.0, 270), 270)] {
         let mut mesh = mesh.clone();
         mesh.positions.iter_mut().for_each(|p| *p = p.map(|x| x * scale));
@@ -133,8 +134,9 @@ fn the_lattice_energy_is_the_energy_from_the_source() {
             assert_eq!(lattice == 0.0, power < 0);
             assert_eq!(lattice.is_finite(), power < 0);
         }
-        assert!(power != 0 || surface.hexagon_ratio(source, 1).is_some());
+        ratios.push(surface.hexagon_ratio(&vec![0; surface.faces()], 1));
     }
+    assert!(ratios[0].is_some() && ratios.iter().all(|ratio| *ratio == ratios[0]), "no unit matters: {ratios:?}");
 }
 
 #[test]
@@ -172,7 +174,32 @@ fn a_planar_tiling_by_hexagons_has_ratio_one() {
     let mesh = PolygonMesh { format: Format::Obj, positions, faces, parts: Vec::new(), warnings: Vec::new() };
     let surface = Surface::build(&mesh).expect("a surface");
     let internal: Vec<u32> = surface.upload_face.iter().map(|&face| labels[face as usize]).collect();
-    let ratio = surface.hexagon_ratio(surface.source_energy(&internal, 3), 3).expect("most of the energy is visible");
+    let ratio = surface.hexagon_ratio(&internal, 3).expect("most of the energy is visible");
     assert!((ratio - 1.0).abs() < 1e-9, "{ratio}");
-    assert_eq!(surface.hexagon_ratio(1.0, surface.faces()), None, "nothing is left of the tiling's energy");
+    let alone: Vec<u32> = (0..surface.faces() as u32).collect();
+    assert_eq!(surface.hexagon_ratio(&alone, surface.faces()), None, "nothing is left of the tiling's energy");
+}
+
+#[test]
+fn bridges_join_every_component_once_and_near_ones_first() {
+    let mesh = crate::sample::generate(crate::sample::Sample::Parts, 1000).expect("a sample");
+    let plain = Surface::build(&mesh).expect("a surface");
+    let bridged = Surface::build_bridged(&mesh, true).expect("a surface");
+    let parts = plain.components.len();
+    assert!(parts > 5);
+    assert_eq!((bridged.components.len(), bridged.counts.components), (1, parts as u64));
+    assert_eq!(bridged.neighbours.len(), plain.neighbours.len() + 2 * (parts - 1));
+    assert_eq!(Surface::build_bridged(&mesh, true).expect("a surface").neighbours, bridged.neighbours);
+
+    // four squares along a line: a bridge between each and the next, none between the ends
+    let mut positions = Vec::new();
+    let mut faces = Faces::default();
+    for part in 0..4u32 {
+        positions.extend(SQUARE.map(|p| [p[0] + 3.0 * f64::from(part), p[1], p[2]]));
+        faces.push(&[0, 1, 2, 3].map(|corner| corner + 4 * part));
+    }
+    let mesh = PolygonMesh { format: Format::Obj, positions, faces, parts: Vec::new(), warnings: Vec::new() };
+    let line = Surface::build_bridged(&mesh, true).expect("a surface");
+    let rows: Vec<Vec<u32>> = (0..4).map(|face| neighbours(&line, face)).collect();
+    assert_eq!(rows, [vec![1], vec![0, 2], vec![1, 3], vec![2]]);
 }

@@ -66,9 +66,12 @@ pub struct Header {
 }
 
 impl Header {
-    /// Connected components of the mesh, where the header says.
+    /// Connected components of what was clustered, where the header says.
     pub fn components(&self) -> Option<u64> {
-        self.input.get("components").and_then(Value::as_u64)
+        match self.parameters.get("bridge_components") {
+            Some(Value::Bool(true)) => Some(1),
+            _ => self.input.get("components").and_then(Value::as_u64),
+        }
     }
 }
 

@@ -108,12 +108,14 @@ pub struct Refinement<'a> {
     pub component_of_cluster: &'a [u32],
     pub labels: Vec<u32>,
     refused: Vec<bool>,
+    /// Whether only winners move, and only those that leave their cluster connected.
+    pub connected: bool,
 }
 
 impl<'a> Refinement<'a> {
     pub fn new(surface: &'a Surface, component_of_cluster: &'a [u32], labels: Vec<u32>) -> Self {
         let refused = vec![false; labels.len()];
-        Self { surface, component_of_cluster, labels, refused }
+        Self { surface, component_of_cluster, labels, refused, connected: false }
     }
 
     /// The next iteration in which something moves; None when there are no bids.
@@ -130,7 +132,8 @@ impl<'a> Refinement<'a> {
                 let from = before[face];
                 let same: Vec<usize> =
                     (0..before.len()).filter(|&f| before[f] == from && bids[f].is_some_and(|(_, t)| t == to)).collect();
-                if !self.try_moving(&same, to) && !self.try_moving(&[face], to) {
+                let together = !self.connected && self.try_moving(&same, to);
+                if !together && !self.try_moving(&[face], to) {
                     self.refused[face] = true;
                 }
             }
@@ -204,10 +207,27 @@ impl<'a> Refinement<'a> {
         }
         let from = before[faces[0]];
         let energy = |labels: &[u32]| explained(self.surface, self.component_of_cluster, labels);
-        let falls = self.labels.contains(&from) && energy(&self.labels) > energy(&before);
+        let falls = self.labels.contains(&from)
+            && energy(&self.labels) > energy(&before)
+            && !(self.connected && self.is_in_pieces(from));
         if !falls {
             self.labels = before;
         }
         falls
+    }
+
+    /// Whether a cluster's faces are not all connected.
+    fn is_in_pieces(&self, cluster: u32) -> bool {
+        let faces: Vec<u32> = (0..self.labels.len() as u32).filter(|&f| self.labels[f as usize] == cluster).collect();
+        let mut reached = vec![faces[0]];
+        for next in 0.. {
+            let Some(&face) = reached.get(next) else { break };
+            for &near in self.surface.neighbours_of(face) {
+                if self.labels[near as usize] == cluster && !reached.contains(&near) {
+                    reached.push(near);
+                }
+            }
+        }
+        reached.len() != faces.len()
     }
 }

@@ -22,7 +22,8 @@ from service import Service
 BINARY = pathlib.Path(sys.argv[1]).resolve()
 MESHES = pathlib.Path(sys.argv[2]).resolve() if len(sys.argv) > 2 else None
 SECOND_SCORER = MESHES.parent / "tools" / "score.py" if MESHES else None
-WORK = pathlib.Path(tempfile.mkdtemp(prefix="tesserae-"))
+TEMPORARY = tempfile.TemporaryDirectory(prefix="tesserae-")
+WORK = pathlib.Path(TEMPORARY.name)
 
 
 def run(*command):

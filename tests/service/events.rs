@@ -1,7 +1,5 @@
 //! The stream of events: complete, resumable, ending.
 
-use std::time::Duration;
-
 use reqwest::Response;
 use serde_json::Value;
 
@@ -137,7 +135,10 @@ async fn resuming_after_the_end_tells_the_client_to_stay_away() {
     }
     let tail = Stream::open(&service, &job, Some(events.len() as u64 - 1)).await.rest().await;
     assert_eq!(tail, events[events.len() - 1..]);
-    for bad in ["x", "-1", "1.5", "", "99999999999999999999999"] {
+    let absent = service.get(url).header("last-event-id", "").send().await.expect("answered");
+    let mut absent = Stream { response: absent, text: String::new() };
+    assert_eq!(absent.rest().await, events);
+    for bad in ["x", "-1", "1.5", "99999999999999999999999"] {
         let detail = refused(service.get(url).header("last-event-id", bad), 400, "bad-request").await;
         assert!(detail.contains("Last-Event-ID"), "{detail}");
     }
@@ -172,7 +173,7 @@ async fn quiet_streams_are_kept_open_by_comments() {
     let mut stream = Stream::open(&service, &job, None).await;
     stream.next().await;
     stream.next().await;
-    let comment = tokio::time::timeout(Duration::from_secs(10), stream.block()).await.expect("in time");
+    let comment = tokio::time::timeout(PATIENCE, stream.block()).await.expect("in time");
     assert!(comment.expect("still open").starts_with(':'));
     gate.open();
     assert_eq!(stream.rest().await.last().expect("an event").name, "end");
@@ -213,7 +214,7 @@ async fn stopping_ends_streams_with_a_hint() {
     stream.next().await;
     stream.next().await;
     service.ask_to_stop();
-    let last = tokio::time::timeout(Duration::from_secs(10), stream.block()).await.expect("in time");
+    let last = tokio::time::timeout(PATIENCE, stream.block()).await.expect("in time");
     let last = last.expect("a last word");
     assert!(last.contains("retry: 2000") || last.contains("retry:2000"), "{last}");
     assert_eq!(stream.block().await, None);

@@ -185,6 +185,12 @@ async fn odd_paths_and_methods_get_problem_documents() {
             assert_eq!(response.headers()["content-type"], "application/problem+json", "{id}{rest}");
         }
     }
+    for id in ["%ff", "%F0%28"] {
+        for rest in ["", "/events", "/labels", "/report", "/hierarchy"] {
+            let detail = refused(service.get(&format!("/v1/jobs/{id}{rest}")), 404, "not-found").await;
+            assert!(detail.contains("not UTF-8") && detail.contains(id), "{detail}");
+        }
+    }
     for (method, path) in [("PUT", "/v1/jobs"), ("POST", "/v1/device"), ("PATCH", "/v1/jobs/x"), ("DELETE", "/healthz")]
     {
         let method = method.parse().expect("a method");

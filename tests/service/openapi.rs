@@ -24,6 +24,9 @@ async fn the_service_serves_its_description_and_answers_at_every_path_of_it() {
     assert_eq!(response.headers()["content-type"], "application/yaml");
     let yaml = response.text().await.expect("text");
     assert_eq!(yaml, tesserae::service::openapi_yaml().expect("a description"));
+    for note in ["P§", "DESIGN", "Eq."] {
+        assert!(!yaml.contains(note), "{note} says nothing to who reads this");
+    }
     let paths: Vec<&str> =
         yaml.lines().filter_map(|line| line.strip_prefix("  /")).filter_map(|line| line.strip_suffix(':')).collect();
     assert!(paths.len() >= 13, "{paths:?}");

@@ -127,6 +127,13 @@ impl Clusters {
 }
 
 impl Change {
+    /// One face.
+    pub fn of(surface: &Surface, face: u32) -> Self {
+        let mut change = Self::default();
+        change.add(surface, face);
+        change
+    }
+
     /// Adds a face.
     pub fn add(&mut self, surface: &Surface, face: u32) {
         self.0.add_face(surface, face as usize, 1);

@@ -1,6 +1,6 @@
 //! The cpu device: the steps of an algorithm on the threads of this machine.
 //!
-//! It looks only at faces whose decision can have changed ([`frontier`]), which makes the labels of every iteration equal
+//! It looks only at faces whose decision can have changed (`frontier`), which makes the labels of every iteration equal
 //! to those of a plain sweep. Faces decide in parallel; what they decided is applied in one thread, because it is little.
 
 mod boundary;
@@ -180,13 +180,33 @@ impl<'a> CpuSteps<'a> {
         (!moves.is_empty()).then_some(moves)
     }
 
-    /// What comes of the bids; None when there are none. `refused` faces bid again.
-    fn refining_moves(&mut self, refused: Vec<u32>) -> Option<Vec<Move>> {
+    /// Lets the faces that are due bid, and `refused` ones again. Returns whether there are any bids.
+    fn renew_bids(&mut self, refused: Vec<u32>) -> bool {
         let changed = self.clusters.take_changes(Reader::Refinement);
-        let frontier = self.frontier.as_mut()?;
+        let Some(frontier) = &mut self.frontier else { return false };
         let due = frontier.due(self.surface, &self.labels, &changed, &refused).to_vec();
         self.bids.renew(self.surface, &self.labels, &self.clusters, &due, frontier);
-        (!self.bids.is_empty()).then(|| self.bids.moves(self.surface, &self.clusters))
+        !self.bids.is_empty()
+    }
+
+    /// The faces that were refused in the last phase of refinement, fit to bid again.
+    fn take_refused(&mut self) -> Vec<u32> {
+        self.gather();
+        let refused = self.bids.take_refused();
+        for &face in &refused {
+            self.labels.refresh(face);
+            for &near in self.surface.neighbours_of(face) {
+                self.labels.refresh(near);
+            }
+        }
+        refused
+    }
+
+    /// Begins a walk over faces: none of them carries the returned number.
+    fn next_walk(&mut self) -> u32 {
+        self.walked.resize(self.surface.faces(), 0);
+        self.walk += 1;
+        self.walk
     }
 }
 
@@ -227,24 +247,38 @@ impl Steps for CpuSteps<'_> {
     }
 
     fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending> {
-        self.gather();
-        let mut refused = self.bids.take_refused();
-        for &face in &refused {
-            self.labels.refresh(face);
-            self.surface.neighbours_of(face).iter().for_each(|&near| {
-                self.labels.refresh(near);
-            });
-        }
-        self.optimise(max_iterations, cancel, on_iteration, |steps| steps.refining_moves(std::mem::take(&mut refused)))
+        let mut refused = self.take_refused();
+        self.optimise(max_iterations, cancel, on_iteration, |steps| {
+            let has_bids = steps.renew_bids(std::mem::take(&mut refused));
+            has_bids.then(|| steps.bids.moves(steps.surface, &steps.clusters, None))
+        })
+    }
+
+    fn refine_connected(
+        &mut self,
+        max_iterations: u32,
+        cancel: &Cancel,
+        on_iteration: &mut dyn FnMut(Step),
+    ) -> Result<Ending> {
+        let mut refused = self.take_refused();
+        self.optimise(max_iterations, cancel, on_iteration, |steps| {
+            let has_bids = steps.renew_bids(std::mem::take(&mut refused));
+            steps.next_walk();
+            let Self { surface, labels, clusters, walked, walk, bids, .. } = steps;
+            let mut may_leave = |winner: Move| {
+                *walk += 1;
+                pieces::stays_connected(surface, labels, winner.face, walked, *walk)
+            };
+            has_bids.then(|| bids.moves(surface, clusters, Some(&mut may_leave)))
+        })
     }
 
     fn cut_off_faces(&mut self) -> Result<Vec<u32>> {
         self.gather();
-        let Some(frontier) = &self.frontier else { return Ok(Vec::new()) };
+        let walk = self.next_walk();
         let changed = self.clusters.take_changes(Reader::Pieces);
-        self.walked.resize(self.surface.faces(), 0);
-        self.walk += 1;
-        Ok(pieces::cut_off(self.surface, &self.labels, frontier, &changed, &mut self.walked, self.walk))
+        let Some(frontier) = &self.frontier else { return Ok(Vec::new()) };
+        Ok(pieces::cut_off(self.surface, &self.labels, frontier, &changed, &mut self.walked, walk))
     }
 
     fn regrow(&mut self, faces: &[u32], cancel: &Cancel) -> Result<()> {

@@ -1,4 +1,4 @@
-//! The search for pieces that were cut off from their cluster, among the clusters that changed.
+//! Pieces of clusters: those that were cut off, among the clusters that changed, and those that a move would cut off.
 
 use super::frontier::Frontier;
 use super::labels::Labels;
@@ -52,4 +52,29 @@ fn piece(surface: &Surface, labels: &Labels, cluster: u32, start: u32, walked: &
         }
     }
     faces
+}
+
+/// Whether a cluster stays connected when it loses one of its faces, given that it is connected. `walked` and `walk` are as
+/// for [`cut_off`].
+pub fn stays_connected(surface: &Surface, labels: &Labels, face: u32, walked: &mut [u32], walk: u32) -> bool {
+    let cluster = labels.of(face);
+    let is_own = |near: &&u32| labels.of(**near) == cluster;
+    let mut own: Vec<u32> = surface.neighbours_of(face).iter().filter(is_own).copied().collect();
+    own.sort_unstable();
+    own.dedup();
+    let Some(start) = own.pop() else { return true };
+    walked[face as usize] = walk;
+    walked[start as usize] = walk;
+    let mut queue = std::collections::VecDeque::from([start]);
+    while !own.is_empty() {
+        let Some(reached) = queue.pop_front() else { return false };
+        for &near in surface.neighbours_of(reached) {
+            if walked[near as usize] != walk && labels.of(near) == cluster {
+                walked[near as usize] = walk;
+                own.retain(|&wanted| wanted != near);
+                queue.push_back(near);
+            }
+        }
+    }
+    true
 }

@@ -75,9 +75,19 @@ impl Bids {
     }
 
     /// The moves of an iteration; none when all winners are refused. Winners leave the bids, whether they move or not.
-    pub fn moves(&mut self, surface: &Surface, clusters: &Clusters) -> Vec<Move> {
+    ///
+    /// `may_leave` is asked of a winner that would have to move alone; where it is given, nobody joins a winner.
+    pub fn moves(
+        &mut self,
+        surface: &Surface,
+        clusters: &Clusters,
+        may_leave: Option<&mut dyn FnMut(Move) -> bool>,
+    ) -> Vec<Move> {
         self.pair_up();
-        self.judge(surface, clusters);
+        match may_leave {
+            None => self.judge(surface, clusters),
+            Some(may_leave) => self.judge_alone(surface, clusters, may_leave),
+        }
         let mut moves = Vec::new();
         let (chosen, exchanges, refused) = (&self.chosen, &self.exchanges, &mut self.refused);
         self.open.retain(|&Bid { wish, .. }| {
@@ -143,8 +153,7 @@ impl Bids {
             }
         }
         for Exchange { winner, together, verdict } in &mut self.exchanges {
-            let mut alone = Change::default();
-            alone.add(surface, winner.face);
+            let alone = Change::of(surface, winner.face);
             *verdict = if clusters.improves(winner.from, winner.to, together) {
                 Verdict::AllMove
             } else if clusters.improves(winner.from, winner.to, &alone) {
@@ -152,6 +161,14 @@ impl Bids {
             } else {
                 Verdict::Refused
             };
+        }
+    }
+
+    /// Tests each exchange with the winner alone.
+    fn judge_alone(&mut self, surface: &Surface, clusters: &Clusters, may_leave: &mut dyn FnMut(Move) -> bool) {
+        for Exchange { winner, verdict, .. } in &mut self.exchanges {
+            let improves = clusters.improves(winner.from, winner.to, &Change::of(surface, winner.face));
+            *verdict = if improves && may_leave(*winner) { Verdict::WinnerMoves } else { Verdict::Refused };
         }
     }
 }

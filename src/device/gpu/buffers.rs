@@ -7,7 +7,10 @@ use bytemuck::{Pod, Zeroable};
 use super::FaultPoint;
 use super::connection::{Compiled, Connection};
 use super::kernels::Access;
-use super::layout::{Cluster, Dispatch, Face, GATHER_RUN, Market, Offer, Proxy, Slot, Turn, WORKGROUP};
+use super::layout::{
+    Cluster, Dispatch, Face, GATHER_RUN, Market, Offer, Proxy, Slot, TIES_BY_HASH, TIES_BY_LARGEST_ID, Turn, WORKGROUP,
+};
+use crate::cluster::dual_edge::Ties;
 use crate::device::FREE;
 use crate::error::{Error, Kind, Result};
 use crate::surface::Surface;
@@ -25,8 +28,11 @@ const UPLOAD: usize = 1 << 20;
 #[derive(Debug)]
 pub(super) struct Buffers {
     pub(super) faces: u32,
+    pub(super) neighbour_offsets: wgpu::Buffer,
+    pub(super) neighbours: wgpu::Buffer,
     pub(super) labels: wgpu::Buffer,
     pub(super) clusters: wgpu::Buffer,
+    pub(super) proxies: wgpu::Buffer,
     pub(super) offers: wgpu::Buffer,
     pub(super) turns: Turns,
     pub(super) ring: wgpu::Buffer,
@@ -82,6 +88,21 @@ impl Turns {
             entry[..size_of::<Turn>()].copy_from_slice(bytemuck::bytes_of(&turn));
         }
         queue.write_buffer(&self.buffer, 0, &bytes);
+    }
+
+    /// Tells the next submission, between batches, how many entries the host's list has and what decides ties.
+    pub(super) fn announce(&self, queue: &wgpu::Queue, entries: u32, ties: Ties) {
+        let ties = match ties {
+            Ties::Hash => TIES_BY_HASH,
+            Ties::LargestId => TIES_BY_LARGEST_ID,
+        };
+        let turn = Turn { slot: BETWEEN, forced: 1, entries, ties, ..self.common };
+        queue.write_buffer(&self.buffer, u64::from(self.offset(BETWEEN)), bytemuck::bytes_of(&turn));
+    }
+
+    /// The buffer, for bindings.
+    pub(super) fn buffer(&self) -> &wgpu::Buffer {
+        &self.buffer
     }
 }
 
@@ -163,8 +184,11 @@ impl Buffers {
 
         Ok(Self {
             faces: faces as u32,
+            neighbour_offsets: offsets,
+            neighbours,
             labels,
             clusters: sums,
+            proxies,
             offers,
             turns,
             ring,
@@ -191,7 +215,7 @@ pub(super) fn upload<T: Pod>(queue: &wgpu::Queue, buffer: &wgpu::Buffer, first: 
 }
 
 /// Workgroups for so many threads, in rows of `row`.
-fn groups(threads: u64, row: u32) -> Dispatch {
+pub(super) fn groups(threads: u64, row: u32) -> Dispatch {
     let groups = threads.div_ceil(u64::from(WORKGROUP)).max(1);
     let rows = groups.div_ceil(u64::from(row));
     [groups.min(u64::from(row)) as u32, rows as u32, 1]
@@ -210,7 +234,13 @@ fn check_groups(connection: &Connection, faces: u64) -> Result<()> {
     Ok(())
 }
 
-fn create(connection: &Connection, what: &str, bytes: u64, usage: wgpu::BufferUsages) -> Result<wgpu::Buffer> {
+/// A buffer; refuses one that is larger than the device allows.
+pub(super) fn create(
+    connection: &Connection,
+    what: &str,
+    bytes: u64,
+    usage: wgpu::BufferUsages,
+) -> Result<wgpu::Buffer> {
     let limits = &connection.limits;
     let limit = if usage.contains(wgpu::BufferUsages::STORAGE) {
         limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
@@ -236,7 +266,7 @@ fn create(connection: &Connection, what: &str, bytes: u64, usage: wgpu::BufferUs
 }
 
 /// Binds `turns` and, in the order of the kernel's table, its storage buffers.
-fn bind(
+pub(super) fn bind(
     connection: &Connection,
     compiled: &Compiled,
     turns: &wgpu::Buffer,

@@ -4,7 +4,7 @@
 //! waits for the device checks. A connection that failed once is not used again: the next surface opens another one.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 use super::adapter::Found;
@@ -23,6 +23,7 @@ pub(super) struct Connection {
     /// The device's limits, lowered by [`Overrides`].
     pub(super) limits: wgpu::Limits,
     pub(super) kernels: Kernels,
+    merge_kernels: OnceLock<MergeKernels>,
     name: String,
     health: Arc<Health>,
     fault: Mutex<Option<Fault>>,
@@ -42,6 +43,21 @@ pub(super) struct Kernels {
     pub(super) join: Compiled,
     pub(super) judge: Compiled,
     pub(super) deal: Compiled,
+}
+
+/// The compiled kernels of hierarchies.
+#[derive(Debug)]
+pub(super) struct MergeKernels {
+    pub(super) price: Compiled,
+    pub(super) break_ties: Compiled,
+    pub(super) prefer: Compiled,
+    pub(super) list_choices: Compiled,
+    pub(super) search: Compiled,
+    pub(super) reduce: Compiled,
+    pub(super) unite: Compiled,
+    pub(super) relabel: Compiled,
+    pub(super) list_moves: Compiled,
+    pub(super) pick_sums: Compiled,
 }
 
 /// A compiled kernel.
@@ -110,7 +126,16 @@ impl Connection {
             judge: compile(&device, &kernels::JUDGE),
             deal: compile(&device, &kernels::DEAL),
         };
-        let connection = Self { device, queue, limits, kernels, name, health, fault: Mutex::new(None) };
+        let connection = Self {
+            device,
+            queue,
+            limits,
+            kernels,
+            merge_kernels: OnceLock::new(),
+            name,
+            health,
+            fault: Mutex::new(None),
+        };
         connection.check()?;
         Ok(connection)
     }
@@ -118,6 +143,24 @@ impl Connection {
     /// Name of the adapter.
     pub(super) fn name(&self) -> &str {
         &self.name
+    }
+
+    /// The kernels of hierarchies, which are compiled when the first one is asked for.
+    pub(super) fn merge_kernels(&self) -> Result<&MergeKernels> {
+        let kernels = self.merge_kernels.get_or_init(|| MergeKernels {
+            price: compile(&self.device, &kernels::PRICE),
+            break_ties: compile(&self.device, &kernels::BREAK_TIES),
+            prefer: compile(&self.device, &kernels::PREFER),
+            list_choices: compile(&self.device, &kernels::LIST_CHOICES),
+            search: compile(&self.device, &kernels::SEARCH),
+            reduce: compile(&self.device, &kernels::REDUCE),
+            unite: compile(&self.device, &kernels::UNITE),
+            relabel: compile(&self.device, &kernels::RELABEL),
+            list_moves: compile(&self.device, &kernels::LIST_MOVES),
+            pick_sums: compile(&self.device, &kernels::PICK_SUMS),
+        });
+        self.check()?;
+        Ok(kernels)
     }
 
     /// Whether something has gone wrong.

@@ -3,7 +3,9 @@
 
 use std::mem::size_of;
 
-use super::layout::{Cluster, Dispatch, Face, Market, Offer, Proxy, Slot, Turn, WORKGROUP};
+use super::layout::{
+    Best, Choice, Cluster, Dispatch, Face, Found, Market, Offer, Picked, Proxy, Slot, Turn, WORKGROUP,
+};
 
 /// A compute shader with one entry point of the same name.
 #[derive(Debug)]
@@ -56,9 +58,14 @@ const FACES: Binding = binding("faces", Access::Read, size_of::<Face>());
 const OFFSETS: Binding = binding("neighbour_offsets", Access::Read, 4);
 const NEIGHBOURS: Binding = binding("neighbours", Access::Read, 4);
 const LABELS: Binding = binding("labels", Access::Read, 4);
+const PROXIES: Binding = binding("proxies", Access::Read, size_of::<Proxy>());
 const CLUSTERS: Binding = binding("clusters", Access::Write, size_of::<Cluster>());
 const MARKETS: Binding = binding("markets", Access::Write, size_of::<Market>());
 const RING: Binding = binding("ring", Access::Write, size_of::<Slot>());
+const CHOICES: Binding = binding("choices", Access::Write, size_of::<Choice>());
+const FOUND: Binding = binding("found", Access::Write, size_of::<Found>());
+const BESTS: Binding = binding("bests", Access::Write, size_of::<Best>());
+const ENTRIES: Binding = binding("entries", Access::Read, 4);
 const NEXT_DISPATCH: Binding = binding("next_dispatch", Access::Write, size_of::<Dispatch>());
 
 const TURN_WGSL: &str = include_str!("../../../shaders/shared/turn.wgsl");
@@ -68,6 +75,11 @@ const MARKET_WGSL: &str = include_str!("../../../shaders/shared/market.wgsl");
 const FACE_WGSL: &str = include_str!("../../../shaders/shared/face.wgsl");
 const ADD_WGSL: &str = include_str!("../../../shaders/shared/add.wgsl");
 const SUMS_WGSL: &str = include_str!("../../../shaders/shared/sums.wgsl");
+const BITS_WGSL: &str = include_str!("../../../shaders/shared/bits.wgsl");
+const DUAL_EDGE_WGSL: &str = include_str!("../../../shaders/shared/dual_edge.wgsl");
+const CHOICE_WGSL: &str = include_str!("../../../shaders/shared/choice.wgsl");
+const FOUND_WGSL: &str = include_str!("../../../shaders/shared/found.wgsl");
+const BEST_WGSL: &str = include_str!("../../../shaders/shared/best.wgsl");
 const ENERGY_WGSL: &str = include_str!("../../../shaders/shared/energy.wgsl");
 
 /// Grows the clusters by one ring of faces.
@@ -105,16 +117,7 @@ pub const GATHER: Kernel = Kernel {
 pub const PROPOSE: Kernel = Kernel {
     name: "propose",
     sources: &[TURN_WGSL, CLUSTER_WGSL, FACE_WGSL, include_str!("../../../shaders/propose.wgsl")],
-    bindings: &[
-        TURN,
-        FACES,
-        OFFSETS,
-        NEIGHBOURS,
-        LABELS,
-        binding("proxies", Access::Read, size_of::<Proxy>()),
-        binding("wishes", Access::Write, 4),
-        CLUSTERS,
-    ],
+    bindings: &[TURN, FACES, OFFSETS, NEIGHBOURS, LABELS, PROXIES, binding("wishes", Access::Write, 4), CLUSTERS],
     workgroup_size: WORKGROUP,
 };
 
@@ -145,14 +148,22 @@ pub const FIT: Kernel = Kernel {
 /// Refinement: lets every face bid.
 pub const BID: Kernel = Kernel {
     name: "bid",
-    sources: &[TURN_WGSL, CLUSTER_WGSL, MARKET_WGSL, FACE_WGSL, SUMS_WGSL, include_str!("../../../shaders/bid.wgsl")],
+    sources: &[
+        TURN_WGSL,
+        CLUSTER_WGSL,
+        MARKET_WGSL,
+        FACE_WGSL,
+        SUMS_WGSL,
+        BITS_WGSL,
+        include_str!("../../../shaders/bid.wgsl"),
+    ],
     bindings: &[
         TURN,
         FACES,
         OFFSETS,
         NEIGHBOURS,
         LABELS,
-        binding("proxies", Access::Read, size_of::<Proxy>()),
+        PROXIES,
         CLUSTERS,
         MARKETS,
         binding("offers", Access::Write, size_of::<Offer>()),
@@ -215,5 +226,143 @@ pub const DEAL: Kernel = Kernel {
     workgroup_size: WORKGROUP,
 };
 
+/// Optimal dual edges: finds the cheapest cost at each cluster.
+pub const PRICE: Kernel = Kernel {
+    name: "price",
+    sources: &[
+        TURN_WGSL,
+        CLUSTER_WGSL,
+        FACE_WGSL,
+        SUMS_WGSL,
+        BITS_WGSL,
+        DUAL_EDGE_WGSL,
+        CHOICE_WGSL,
+        include_str!("../../../shaders/price.wgsl"),
+    ],
+    bindings: &[TURN, OFFSETS, NEIGHBOURS, LABELS, PROXIES, CLUSTERS, CHOICES],
+    workgroup_size: WORKGROUP,
+};
+
+/// Optimal dual edges: finds the best tie among the cheapest.
+pub const BREAK_TIES: Kernel = Kernel {
+    name: "break_ties",
+    sources: &[
+        TURN_WGSL,
+        CLUSTER_WGSL,
+        FACE_WGSL,
+        SUMS_WGSL,
+        BITS_WGSL,
+        DUAL_EDGE_WGSL,
+        CHOICE_WGSL,
+        include_str!("../../../shaders/break_ties.wgsl"),
+    ],
+    bindings: &[TURN, OFFSETS, NEIGHBOURS, LABELS, PROXIES, CLUSTERS, CHOICES],
+    workgroup_size: WORKGROUP,
+};
+
+/// Optimal dual edges: finds the neighbour.
+pub const PREFER: Kernel = Kernel {
+    name: "prefer",
+    sources: &[
+        TURN_WGSL,
+        CLUSTER_WGSL,
+        FACE_WGSL,
+        SUMS_WGSL,
+        BITS_WGSL,
+        DUAL_EDGE_WGSL,
+        CHOICE_WGSL,
+        include_str!("../../../shaders/prefer.wgsl"),
+    ],
+    bindings: &[TURN, OFFSETS, NEIGHBOURS, LABELS, PROXIES, CLUSTERS, CHOICES],
+    workgroup_size: WORKGROUP,
+};
+
+/// Optimal dual edges: lists them.
+pub const LIST_CHOICES: Kernel = Kernel {
+    name: "list_choices",
+    sources: &[TURN_WGSL, SLOT_WGSL, CHOICE_WGSL, FOUND_WGSL, include_str!("../../../shaders/list_choices.wgsl")],
+    bindings: &[TURN, CHOICES, FOUND, RING],
+    workgroup_size: WORKGROUP,
+};
+
+/// Cheapest dual edge: finds that of each workgroup's faces.
+pub const SEARCH: Kernel = Kernel {
+    name: "search",
+    sources: &[
+        TURN_WGSL,
+        CLUSTER_WGSL,
+        FACE_WGSL,
+        SUMS_WGSL,
+        BITS_WGSL,
+        DUAL_EDGE_WGSL,
+        BEST_WGSL,
+        include_str!("../../../shaders/search.wgsl"),
+    ],
+    bindings: &[TURN, OFFSETS, NEIGHBOURS, LABELS, PROXIES, CLUSTERS, BESTS],
+    workgroup_size: WORKGROUP,
+};
+
+/// Cheapest dual edge: finds that of all workgroups.
+pub const REDUCE: Kernel = Kernel {
+    name: "reduce",
+    sources: &[TURN_WGSL, BEST_WGSL, include_str!("../../../shaders/reduce.wgsl")],
+    bindings: &[TURN, BESTS],
+    workgroup_size: WORKGROUP,
+};
+
+/// Merge: adds up the sums of the pairs.
+pub const UNITE: Kernel = Kernel {
+    name: "unite",
+    sources: &[TURN_WGSL, CLUSTER_WGSL, ADD_WGSL, SUMS_WGSL, include_str!("../../../shaders/unite.wgsl")],
+    bindings: &[TURN, ENTRIES, CLUSTERS, binding("merged_into", Access::Write, 4)],
+    workgroup_size: WORKGROUP,
+};
+
+/// Merge: brings the labels up to date.
+pub const RELABEL: Kernel = Kernel {
+    name: "relabel",
+    sources: &[TURN_WGSL, include_str!("../../../shaders/relabel.wgsl")],
+    bindings: &[TURN, binding("merged_into", Access::Read, 4), binding("labels", Access::Write, 4)],
+    workgroup_size: WORKGROUP,
+};
+
+/// Lists the faces that moved since the last merge.
+pub const LIST_MOVES: Kernel = Kernel {
+    name: "list_moves",
+    sources: &[TURN_WGSL, SLOT_WGSL, FOUND_WGSL, include_str!("../../../shaders/list_moves.wgsl")],
+    bindings: &[TURN, LABELS, binding("merged_labels", Access::Read, 4), FOUND, RING],
+    workgroup_size: WORKGROUP,
+};
+
+/// Copies the sums of some clusters.
+pub const PICK_SUMS: Kernel = Kernel {
+    name: "pick_sums",
+    sources: &[TURN_WGSL, CLUSTER_WGSL, include_str!("../../../shaders/pick_sums.wgsl")],
+    bindings: &[TURN, ENTRIES, CLUSTERS, binding("picked", Access::Write, size_of::<Picked>())],
+    workgroup_size: WORKGROUP,
+};
+
 /// All kernels.
-pub const KERNELS: &[&Kernel] = &[&GROW, &SETTLE, &GATHER, &PROPOSE, &APPLY, &FIT, &BID, &CHOOSE, &JOIN, &JUDGE, &DEAL];
+pub const KERNELS: &[&Kernel] = &[
+    &GROW,
+    &SETTLE,
+    &GATHER,
+    &PROPOSE,
+    &APPLY,
+    &FIT,
+    &BID,
+    &CHOOSE,
+    &JOIN,
+    &JUDGE,
+    &DEAL,
+    &PRICE,
+    &BREAK_TIES,
+    &PREFER,
+    &LIST_CHOICES,
+    &SEARCH,
+    &REDUCE,
+    &UNITE,
+    &RELABEL,
+    &LIST_MOVES,
+    &PICK_SUMS,
+];

@@ -5,11 +5,19 @@ use std::mem::{offset_of, size_of};
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::cluster::sums::ClusterSums;
+
 /// Threads in a workgroup of every kernel that has one thread an item.
 pub const WORKGROUP: u32 = 256;
 
 /// Faces that one thread of `gather` takes.
 pub const GATHER_RUN: u32 = 8;
+
+/// [`Turn::ties`] for [`Ties::Hash`](crate::cluster::dual_edge::Ties::Hash).
+pub const TIES_BY_HASH: u32 = 0;
+
+/// [`Turn::ties`] for [`Ties::LargestId`](crate::cluster::dual_edge::Ties::LargestId).
+pub const TIES_BY_LARGEST_ID: u32 = 1;
 
 /// One turn of the device: an iteration, or a pass of the growth. A uniform.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
@@ -27,8 +35,11 @@ pub struct Turn {
     pub row: u32,
     /// Number of the turn in its phase, from 1.
     pub number: u32,
-    /// Padding to a multiple of 16 bytes.
-    pub unused: [u32; 2],
+    /// Number of entries in a list that the host wrote.
+    pub entries: u32,
+    /// Which of equally cheap dual edges is the best: [`TIES_BY_HASH`] or [`TIES_BY_LARGEST_ID`]. With it the size is a
+    /// multiple of 16 bytes, which uniforms must have.
+    pub ties: u32,
 }
 
 /// What a turn leaves in the ring.
@@ -104,6 +115,70 @@ pub struct Market {
     pub unused: u32,
 }
 
+/// The best dual edge of a cluster, all numbers inverted. The host clears it before the search.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Choice {
+    /// The packed cost.
+    pub cost: u32,
+    /// What orders the edges with that cost.
+    pub tie: u32,
+    /// The neighbour.
+    pub other: u32,
+}
+
+/// Something that the device lists for the host.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Found {
+    /// A cluster that has a dual edge, or a face that moved.
+    pub subject: u32,
+    /// The neighbour, or where the face was.
+    pub first: u32,
+    /// The packed cost, or where the face is.
+    pub second: u32,
+}
+
+/// The best dual edge of a workgroup.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Best {
+    /// The exact cost in units of the finest component, low word first.
+    pub cost: [u32; 4],
+    /// What orders the edges with that cost.
+    pub tie: u32,
+    /// The end with the smaller number; [`FREE`](crate::device::FREE) where there is no edge.
+    pub low: u32,
+    /// The other end.
+    pub high: u32,
+    /// Padding.
+    pub unused: u32,
+}
+
+/// The sums of a cluster, for the host.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Picked {
+    /// Σ weight·centroid: 64 bits an axis, low word first.
+    pub sum: [u32; 6],
+    /// Σ weight, low word first.
+    pub weight: [u32; 2],
+    /// Number of faces.
+    pub count: u32,
+}
+
+impl Picked {
+    /// As the host knows them.
+    pub fn sums(&self) -> ClusterSums {
+        let number = |low: u32, high: u32| (u64::from(high) << 32 | u64::from(low)).cast_signed();
+        ClusterSums {
+            centroid: std::array::from_fn(|axis| number(self.sum[2 * axis], self.sum[2 * axis + 1])),
+            weight: number(self.weight[0], self.weight[1]),
+            faces: self.count,
+        }
+    }
+}
+
 /// A face: its centroid, and its weight's bits.
 pub type Face = [i32; 4];
 
@@ -136,8 +211,8 @@ pub const STRUCTS: &[Struct] = &[
             ("clusters", offset_of!(Turn, clusters)),
             ("row", offset_of!(Turn, row)),
             ("number", offset_of!(Turn, number)),
-            ("unused_0", offset_of!(Turn, unused)),
-            ("unused_1", offset_of!(Turn, unused) + 4),
+            ("entries", offset_of!(Turn, entries)),
+            ("ties", offset_of!(Turn, ties)),
         ],
     },
     Struct {
@@ -182,6 +257,44 @@ pub const STRUCTS: &[Struct] = &[
             ("verdict", offset_of!(Market, verdict)),
             ("changed_in", offset_of!(Market, changed_in)),
             ("unused", offset_of!(Market, unused)),
+        ],
+    },
+    Struct {
+        name: "Choice",
+        size: size_of::<Choice>(),
+        members: &[
+            ("cost", offset_of!(Choice, cost)),
+            ("tie", offset_of!(Choice, tie)),
+            ("other", offset_of!(Choice, other)),
+        ],
+    },
+    Struct {
+        name: "Found",
+        size: size_of::<Found>(),
+        members: &[
+            ("subject", offset_of!(Found, subject)),
+            ("first", offset_of!(Found, first)),
+            ("second", offset_of!(Found, second)),
+        ],
+    },
+    Struct {
+        name: "Best",
+        size: size_of::<Best>(),
+        members: &[
+            ("cost", offset_of!(Best, cost)),
+            ("tie", offset_of!(Best, tie)),
+            ("low", offset_of!(Best, low)),
+            ("high", offset_of!(Best, high)),
+            ("unused", offset_of!(Best, unused)),
+        ],
+    },
+    Struct {
+        name: "Picked",
+        size: size_of::<Picked>(),
+        members: &[
+            ("sum", offset_of!(Picked, sum)),
+            ("weight", offset_of!(Picked, weight)),
+            ("count", offset_of!(Picked, count)),
         ],
     },
 ];

@@ -17,11 +17,23 @@
 //! | sums from labels | 1: `gather` (a thread for 8 faces) |
 //! | an iteration of the boundary phase | 3: `propose`, `apply` (a thread a face), `fit` (a thread a cluster) |
 //! | an iteration of the refinement | 5: `bid`, `choose`, `join` (a thread a face), `judge` (a thread a cluster), `deal` (a thread a face) |
+//! | optimal dual edges | 5: `fit`, `price`, `break_ties`, `prefer` (a thread a face), `list_choices` (a thread a cluster) |
+//! | the cheapest dual edge | 3: `fit`, `search` (a thread a face, one candidate a workgroup), `reduce` (one workgroup) |
+//! | a merge | 2: `unite` (a thread a pair), `relabel` (a thread a face) |
+//! | sums of some clusters | 1 for 2¹⁸ of them: `pick_sums` (a thread each) |
+//! | faces that moved since a merge | 1: `list_moves` (a thread a face) |
 //!
-//! Those with a thread a face are dispatched indirectly, all but `gather`: when there is nothing left to do, `settle`, `fit`
-//! or `judge` sets the number of workgroups of all that is still queued to zero; what is left then is `settle`'s one thread,
-//! or `fit` and `judge` looking at one number. Between the first upload and the labels, only the ring comes back: 32 bytes a
-//! turn, while the next batch runs.
+//! In the growth and the phases, those with a thread a face are dispatched indirectly: when there is nothing left to do,
+//! `settle`, `fit` or `judge` sets the number of workgroups of all that is still queued to zero; what is left then is
+//! `settle`'s one thread, or `fit` and `judge` looking at one number. Between the first upload and the labels of a flat clustering, only the ring
+//! comes back: 32 bytes a turn, while the next batch runs. A hierarchy reads besides, in each round, 12 bytes for each cluster
+//! that is left and each face that moved, 36 for each that merges, and the labels where it looks for pieces; for the
+//! cheapest dual edge 64 bytes.
+//!
+//! The steps of a hierarchy are sweeps over all faces, or all clusters that there ever were, whatever is left of them: a round costs a
+//! few passes over the mesh, and so does merging a single pair. That is little for the parallel kind, which has some 50
+//! rounds, and much for the sequential one, which has a round a face: the cpu device, which looks only at what changed, is
+//! the one for it. A software gpu refuses it above 2²⁴ faces times clusters.
 //!
 //! # Memory on the device
 //!
@@ -29,10 +41,14 @@
 //! |---|---|
 //! | face | 40 and 4 for each neighbour, so 52 in a closed triangle mesh: centroid and weight 16, neighbours 4 + 12, label 4, wish 4, offer 12 |
 //! | cluster | 144: sums 48, sums of those that join 48, proxy and energy shift 16, bidding 32 |
-//! | surface | 23 KiB: the ring, its two copies for the host, 65 turns |
+//! | face of a hierarchy | 16 more: label after the last merge 4, list of findings 12 |
+//! | cluster of a hierarchy | 20 more: choice 12, merged cluster 4, list of the host 4 |
+//! | surface | 23 KiB: the ring, its two copies for the host, 65 turns; in a hierarchy up to 9 MiB more for sums that the host reads, and what it reads at a time |
 //!
 //! The largest buffers are the faces with 16 bytes and the neighbours with 12 bytes a face: the smallest binding that a
-//! portable device offers, 128 MiB, holds 8 million faces. What does not fit is refused.
+//! portable device offers, 128 MiB, holds 8 million faces. A hierarchy starts with a cluster a face, which makes 232 bytes a
+//! face in a closed triangle mesh, the largest of its buffers 48: that binding holds 2.7 million faces. What does not fit is
+//! refused.
 //!
 //! # When something fails
 //!
@@ -44,11 +60,15 @@ mod buffers;
 mod connection;
 pub mod kernels;
 pub mod layout;
+mod merge_steps;
+mod merging;
+mod readback;
 mod steps;
 
-use self::adapter::{AdapterReport, Found};
+use self::adapter::{AdapterKind, AdapterReport, Found};
 use self::buffers::Buffers;
 use self::connection::Connection;
+use self::merging::Merging;
 use self::steps::GpuSteps;
 use super::{Device, MergeSteps, Steps};
 use crate::error::{Error, Kind, Result};
@@ -86,6 +106,10 @@ pub enum FaultPoint {
     Refine,
     /// Before the labels are read.
     Labels,
+    /// Before dual edges are searched.
+    DualEdges,
+    /// Before clusters merge.
+    Merge,
 }
 
 /// A graphics processor.
@@ -172,16 +196,23 @@ impl Device for GpuDevice {
         let connection = self.connection()?;
         connection.arm(fault);
         let buffers = Buffers::new(connection, surface, &energy_shifts)?;
-        let clusters = energy_shifts.len() as u32;
-        Ok(Box::new(GpuSteps::new(connection, surface, buffers, clusters)))
+        Ok(Box::new(GpuSteps::new(connection, surface, component_of_cluster, buffers, ())))
     }
 
     fn open_merging<'a>(
         &'a mut self,
-        _surface: &'a Surface,
-        _component_of_cluster: &'a [u32],
+        surface: &'a Surface,
+        component_of_cluster: &'a [u32],
     ) -> Result<Box<dyn MergeSteps + 'a>> {
-        Err(Error::new(Kind::DeviceUnsuitable, "hierarchies are made by the cpu device; ask for that one or for auto"))
+        let energy_shifts = energy_shifts(surface, component_of_cluster)?;
+        let fault = self.fault.take();
+        let is_software = self.report.kind == AdapterKind::Software;
+        let connection = self.connection()?;
+        connection.arm(fault);
+        let buffers = Buffers::new(connection, surface, &energy_shifts)?;
+        let clusters = energy_shifts.len() as u32;
+        let merging = Merging::new(connection, &buffers, clusters, is_software)?;
+        Ok(Box::new(GpuSteps::new(connection, surface, component_of_cluster, buffers, merging)))
     }
 }
 

@@ -4,15 +4,16 @@
 //! device works on one, the host reads the ring of the one before. The device itself ends a run: the kernel that finds a
 //! turn without moves writes zeros into the arguments of the indirect dispatches that follow, also those in the next batch.
 
-use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 use super::FaultPoint;
 use super::buffers::{BETWEEN, Buffers, RING, upload};
 use super::connection::{Compiled, Connection};
 use super::layout::Slot;
+use super::readback::Batch;
 use crate::cluster::repair;
-use crate::device::{Cancel, Ending, FREE, LatticeEnergy, Step, Steps};
+use crate::device::cpu::CpuDevice;
+use crate::device::{Cancel, Device, Ending, FREE, LatticeEnergy, Step, Steps};
 use crate::error::{Error, Kind, Result};
 use crate::surface::Surface;
 
@@ -51,29 +52,66 @@ impl Work {
     }
 }
 
-/// A batch on its way.
-struct Batch {
-    turns: u32,
-    staging: usize,
-    submission: wgpu::SubmissionIndex,
-    mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
-}
-
-/// A surface on the gpu.
-pub(super) struct GpuSteps<'a> {
-    connection: &'a Connection,
+/// A surface on the gpu; `M` is what hierarchies need besides ([`super::merging`]), or nothing.
+pub(super) struct GpuSteps<'a, M> {
+    pub(super) connection: &'a Connection,
     surface: &'a Surface,
-    buffers: Buffers,
-    clusters: u32,
+    component_of_cluster: &'a [u32],
+    pub(super) buffers: Buffers,
+    pub(super) merging: M,
+    pub(super) clusters: u32,
     /// Whether the sums belong to the labels.
-    gathered: bool,
+    pub(super) gathered: bool,
     /// Energy of the labels, once known.
-    energy: Option<LatticeEnergy>,
+    pub(super) energy: Option<LatticeEnergy>,
+    /// Whether clusters merged since the labels were set.
+    pub(super) has_merged: bool,
+    /// No more clusters than that have faces.
+    pub(super) living_at_most: u32,
 }
 
-impl<'a> GpuSteps<'a> {
-    pub(super) fn new(connection: &'a Connection, surface: &'a Surface, buffers: Buffers, clusters: u32) -> Self {
-        Self { connection, surface, buffers, clusters, gathered: false, energy: None }
+impl<'a, M> GpuSteps<'a, M> {
+    pub(super) fn new(
+        connection: &'a Connection,
+        surface: &'a Surface,
+        component_of_cluster: &'a [u32],
+        buffers: Buffers,
+        merging: M,
+    ) -> Self {
+        let clusters = component_of_cluster.len() as u32;
+        Self {
+            connection,
+            surface,
+            component_of_cluster,
+            buffers,
+            merging,
+            clusters,
+            gathered: false,
+            energy: None,
+            has_merged: false,
+            living_at_most: clusters,
+        }
+    }
+
+    /// Replaces all labels, whatever merged before.
+    fn replace_labels(&mut self, labels: &[u32]) -> Result<()> {
+        if labels.len() != self.buffers.faces as usize {
+            return Err(Error::new(
+                Kind::Internal,
+                format_args!("{} faces need as many labels, not {}", self.buffers.faces, labels.len()),
+            ));
+        }
+        let foreign = labels.iter().find(|&&label| label >= self.clusters && label != FREE);
+        if let Some(label) = foreign {
+            return Err(Error::new(
+                Kind::Internal,
+                format_args!("labels must be below {}, not {label}", self.clusters),
+            ));
+        }
+        upload(&self.connection.queue, &self.buffers.labels, 0, labels);
+        self.gathered = false;
+        self.energy = None;
+        self.connection.check()
     }
 
     /// Runs turns until one has nothing left to do (true) or `limit` of them moved something (false). `on_turn` is told of
@@ -173,7 +211,7 @@ impl<'a> GpuSteps<'a> {
     }
 
     /// Encodes proxies and energy of the labels as they are, after summing them up if that was not done.
-    fn encode_fit(&mut self) -> wgpu::CommandEncoder {
+    pub(super) fn encode_fit(&mut self) -> wgpu::CommandEncoder {
         let kernels = &self.connection.kernels;
         let buffers = &self.buffers;
         let mut encoder = self.encoder();
@@ -195,12 +233,12 @@ impl<'a> GpuSteps<'a> {
         encoder
     }
 
-    fn encoder(&self) -> wgpu::CommandEncoder {
+    pub(super) fn encoder(&self) -> wgpu::CommandEncoder {
         self.connection.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
     }
 
     /// Encodes one kernel, with so many workgroups or with as many as the device decides.
-    fn dispatch(
+    pub(super) fn dispatch(
         &self,
         pass: &mut wgpu::ComputePass<'_>,
         compiled: &Compiled,
@@ -215,46 +253,6 @@ impl<'a> GpuSteps<'a> {
             None => pass.dispatch_workgroups_indirect(&self.buffers.next_dispatch, 0),
         }
     }
-
-    /// Submits what is encoded, and then a copy of the ring that the host can read.
-    fn queue_reading(&self, mut encoder: wgpu::CommandEncoder, turns: u32, staging: usize) -> Result<Batch> {
-        let target = &self.buffers.staging[staging];
-        encoder.copy_buffer_to_buffer(&self.buffers.ring, 0, target, 0, None);
-        let submission = self.connection.queue.submit([encoder.finish()]);
-        self.connection.check()?;
-        Ok(Batch { turns, staging, submission, mapped: map(target) })
-    }
-
-    /// Waits for a batch and reads its slots; the last one is the state between batches.
-    fn collect(&self, batch: Batch) -> Result<Vec<Slot>> {
-        let target = &self.buffers.staging[batch.staging];
-        let mut slots: Vec<Slot> = self.read(target, batch.submission, &batch.mapped)?;
-        slots.truncate(batch.turns as usize);
-        Ok(slots)
-    }
-
-    /// Waits for a submission and a mapping after it, and reads the buffer.
-    fn read<T: bytemuck::Pod>(
-        &self,
-        buffer: &wgpu::Buffer,
-        submission: wgpu::SubmissionIndex,
-        mapped: &Receiver<Result<(), wgpu::BufferAsyncError>>,
-    ) -> Result<Vec<T>> {
-        self.connection.wait(submission)?;
-        let lost = || Error::new(Kind::DeviceLost, "the gpu did not give its results");
-        match mapped.try_recv() {
-            Ok(Ok(())) => {}
-            Ok(Err(_)) | Err(_) => {
-                return self.connection.break_down("its memory could not be read").and(Err(lost()));
-            }
-        }
-        let items = {
-            let view = buffer.slice(..).get_mapped_range().map_err(|_| lost())?;
-            bytemuck::pod_collect_to_vec(&view)
-        };
-        buffer.unmap();
-        Ok(items)
-    }
 }
 
 /// What the end of a run means.
@@ -262,35 +260,11 @@ fn ending(is_over: bool) -> Ending {
     if is_over { Ending::Converged } else { Ending::IterationLimit }
 }
 
-/// Asks for a buffer to be mapped as soon as what was submitted so far is done.
-fn map(buffer: &wgpu::Buffer) -> Receiver<Result<(), wgpu::BufferAsyncError>> {
-    let (sender, receiver) = channel();
-    buffer.slice(..).map_async(wgpu::MapMode::Read, move |outcome| {
-        // nobody listens any more when another error came first
-        let _ = sender.send(outcome);
-    });
-    receiver
-}
-
-impl Steps for GpuSteps<'_> {
+impl<M> Steps for GpuSteps<'_, M> {
     fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
-        if labels.len() != self.buffers.faces as usize {
-            return Err(Error::new(
-                Kind::Internal,
-                format_args!("{} faces need as many labels, not {}", self.buffers.faces, labels.len()),
-            ));
-        }
-        let foreign = labels.iter().find(|&&label| label >= self.clusters && label != FREE);
-        if let Some(label) = foreign {
-            return Err(Error::new(
-                Kind::Internal,
-                format_args!("labels must be below {}, not {label}", self.clusters),
-            ));
-        }
-        upload(&self.connection.queue, &self.buffers.labels, 0, labels);
-        self.gathered = false;
-        self.energy = None;
-        self.connection.check()
+        self.has_merged = false;
+        self.living_at_most = self.clusters;
+        self.replace_labels(labels)
     }
 
     fn grow(&mut self, cancel: &Cancel) -> Result<()> {
@@ -344,6 +318,22 @@ impl Steps for GpuSteps<'_> {
         outcome.map(ending)
     }
 
+    /// On the host, by the cpu device: few runs need it, for few moves, and its walks through clusters are no work for a gpu.
+    fn refine_connected(
+        &mut self,
+        max_iterations: u32,
+        cancel: &Cancel,
+        on_iteration: &mut dyn FnMut(Step),
+    ) -> Result<Ending> {
+        let mut host = CpuDevice::new();
+        let mut steps = host.open(self.surface, self.component_of_cluster)?;
+        steps.set_labels(&self.labels()?)?;
+        let ending = steps.refine_connected(max_iterations, cancel, on_iteration)?;
+        let labels = steps.labels()?;
+        self.replace_labels(&labels)?;
+        Ok(ending)
+    }
+
     fn cut_off_faces(&mut self) -> Result<Vec<u32>> {
         let labels = self.labels()?;
         Ok(repair::cut_off_faces(self.surface, self.clusters as usize, &labels))
@@ -354,26 +344,12 @@ impl Steps for GpuSteps<'_> {
         for &face in faces {
             labels[face as usize] = FREE;
         }
-        self.set_labels(&labels)?;
+        self.replace_labels(&labels)?;
         self.grow(cancel)
     }
 
     fn labels(&mut self) -> Result<Vec<u32>> {
         self.connection.reach(FaultPoint::Labels);
-        let size = self.buffers.labels.size();
-        let staging = self.connection.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("labels for the host"),
-            size,
-            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
-        let mut encoder = self.encoder();
-        encoder.copy_buffer_to_buffer(&self.buffers.labels, 0, &staging, 0, None);
-        let submission = self.connection.queue.submit([encoder.finish()]);
-        self.connection.check()?;
-        let mapped = map(&staging);
-        let mut labels: Vec<u32> = self.read(&staging, submission, &mapped)?;
-        labels.truncate(self.buffers.faces as usize);
-        Ok(labels)
+        Ok(self.download(self.encoder(), &self.buffers.labels, self.buffers.faces as usize)?.1)
     }
 }

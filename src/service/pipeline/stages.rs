@@ -14,7 +14,7 @@ use super::device_thread::Task;
 use super::{Pipeline, caught};
 use crate::device::Cancel;
 use crate::error::{Error, Kind, Result};
-use crate::job::{self, Outcome, Prepared};
+use crate::job::{self, Outcome, Prepared, milliseconds};
 use crate::mesh::Resources;
 use crate::output::{LabelFormat, write_labels};
 use crate::report::Row;
@@ -171,10 +171,6 @@ fn read(path: &Path) -> Result<Vec<u8>> {
 
 fn not_json(error: serde_json::Error) -> Error {
     Error::new(Kind::Internal, format_args!("a report cannot be written as JSON: {error}"))
-}
-
-fn milliseconds(duration: std::time::Duration) -> f64 {
-    duration.as_secs_f64() * 1e3
 }
 
 /// The buffers that came with a mesh: the only files that it can refer to, by exactly their names.

@@ -1,6 +1,6 @@
 //! Where jobs and their events are kept.
 //!
-//! [`JobStore`] is what the service asks of a store; [`conformance`] is the suite that every store passes. A store knows
+//! [`JobStore`] is what the service asks of a store; `conformance` is the suite that every store passes. A store knows
 //! nothing of HTTP, of files or of devices. [`memory`] forgets everything when the process ends.
 //!
 //! # The life of a job

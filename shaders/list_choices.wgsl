@@ -1,0 +1,19 @@
+// Optimal dual edges, last step, a thread a cluster: lists those that have one, for the host.
+
+@group(0) @binding(0) var<uniform> turn: Turn;
+@group(0) @binding(1) var<storage, read_write> choices: array<Choice>;
+@group(0) @binding(2) var<storage, read_write> found: array<Found>;
+@group(0) @binding(3) var<storage, read_write> ring: array<Slot>;
+
+@compute @workgroup_size(WORKGROUP)
+fn list_choices(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+    let cluster = thread_number(turn, group, local);
+    var cost = 0u;
+    if cluster < turn.clusters {
+        cost = atomicLoad(&choices[cluster].cost);
+    }
+    let place = place_in_list(local, cost != 0u);
+    if cost != 0u {
+        found[place] = Found(cluster, ~atomicLoad(&choices[cluster].other), ~cost);
+    }
+}

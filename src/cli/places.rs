@@ -1,0 +1,136 @@
+//! Whether two names on the command line mean one file, however they are spelled: no result may replace another one, or
+//! what it was made from.
+
+use std::fs::{self, Metadata};
+use std::io;
+use std::path::{Path, PathBuf};
+
+use super::files::{Source, Target, folder};
+use crate::error::Error;
+use crate::mesh::{Beside, Resources};
+
+/// Somewhere that a result goes, after the name of its flag.
+pub type Output<'a> = (&'static str, &'a Target);
+
+/// Refuses outputs that go to one place, and outputs that go where an input (after what it is) comes from.
+pub fn check(inputs: &[(&str, &Source)], outputs: &[Output<'_>]) -> Result<(), String> {
+    for (nth, (flag, target)) in outputs.iter().enumerate() {
+        let place = Place::of_target(target);
+        let earlier = outputs[..nth].iter().find(|(_, earlier)| Place::of_target(earlier).is(&place));
+        if let Some((earlier, _)) = earlier {
+            return Err(format!("--{earlier} and --{flag} cannot both go to the same place: {}", name(target)));
+        }
+        let input = inputs.iter().find(|(_, source)| Place::of_source(source).is_some_and(|read| read.is(&place)));
+        if let Some((what, _)) = input {
+            return Err(format!("--{flag} would replace {what}, choose another place: {}", name(target)));
+        }
+    }
+    Ok(())
+}
+
+/// Buffers beside a mesh, as long as no output would replace them: which they are is known only from the mesh.
+pub struct Kept<'a> {
+    /// Where they are.
+    pub beside: Beside,
+    /// Where results go.
+    pub outputs: &'a [Output<'a>],
+}
+
+impl Resources for Kept<'_> {
+    fn load(&self, uri: &str, max_bytes: u64) -> crate::error::Result<Vec<u8>> {
+        let bytes = self.beside.load(uri, max_bytes)?;
+        let place = Place::of_file(&self.beside.folder.join(uri));
+        match self.outputs.iter().find(|(_, target)| Place::of_target(target).is(&place)) {
+            Some((flag, _)) => Err(Error::parameter(format_args!(
+                "--{flag} would replace a buffer of the mesh, choose another place: {uri:?}"
+            ))),
+            None => Ok(bytes),
+        }
+    }
+}
+
+fn name(target: &Target) -> String {
+    match target {
+        Target::Stdout => "standard output".to_owned(),
+        Target::File(path) => format!("{path:?}"),
+    }
+}
+
+/// Where a name leads.
+#[derive(Debug)]
+struct Place {
+    /// Absolute and without links; `-` for standard streams, which a file of that name never is.
+    path: PathBuf,
+    /// What the system tells the file by, where there is one already: it may have several names.
+    file: Option<FileId>,
+}
+
+impl Place {
+    fn of_file(path: &Path) -> Self {
+        let beside = || Some(fs::canonicalize(folder(path)).ok()?.join(path.file_name()?));
+        Self {
+            path: fs::canonicalize(path).ok().or_else(beside).unwrap_or_else(|| path.to_owned()),
+            file: fs::metadata(path).ok().and_then(|metadata| file_id(&metadata)),
+        }
+    }
+
+    fn of_target(target: &Target) -> Self {
+        match target {
+            Target::Stdout => Self { path: "-".into(), file: stdout().ok().and_then(|metadata| file_id(&metadata)) },
+            Target::File(path) => Self::of_file(path),
+        }
+    }
+
+    /// None for what cannot be replaced: pipes, terminals and the like, which may well be written to as they are read.
+    fn of_source(source: &Source) -> Option<Self> {
+        let metadata = match source {
+            Source::Stdin => stdin(),
+            Source::File(path) => fs::metadata(path),
+        };
+        let metadata = metadata.ok().filter(Metadata::is_file)?;
+        match source {
+            Source::Stdin => Some(Self { path: PathBuf::new(), file: file_id(&metadata) }),
+            Source::File(path) => Some(Self::of_file(path)),
+        }
+    }
+
+    fn is(&self, other: &Self) -> bool {
+        self.path == other.path || self.file.is_some() && self.file == other.file
+    }
+}
+
+/// Device and number of a file.
+type FileId = (u64, u64);
+
+#[cfg(unix)]
+fn file_id(metadata: &Metadata) -> Option<FileId> {
+    use std::os::unix::fs::MetadataExt;
+    Some((metadata.dev(), metadata.ino()))
+}
+
+#[cfg(not(unix))]
+fn file_id(_: &Metadata) -> Option<FileId> {
+    None
+}
+
+#[cfg(unix)]
+fn stdin() -> io::Result<Metadata> {
+    use std::os::fd::AsFd;
+    fs::File::from(io::stdin().as_fd().try_clone_to_owned()?).metadata()
+}
+
+#[cfg(unix)]
+fn stdout() -> io::Result<Metadata> {
+    use std::os::fd::AsFd;
+    fs::File::from(io::stdout().as_fd().try_clone_to_owned()?).metadata()
+}
+
+#[cfg(not(unix))]
+fn stdin() -> io::Result<Metadata> {
+    Err(io::ErrorKind::Unsupported.into())
+}
+
+#[cfg(not(unix))]
+fn stdout() -> io::Result<Metadata> {
+    Err(io::ErrorKind::Unsupported.into())
+}

@@ -1,0 +1,101 @@
+//! How results come back from the device: copies into memory that the host can map, and the wait for them.
+
+use std::sync::mpsc::{Receiver, channel};
+
+use bytemuck::Pod;
+
+use super::buffers::BETWEEN;
+use super::layout::Slot;
+use super::steps::GpuSteps;
+use crate::error::{Error, Kind, Result};
+
+/// Is told when a buffer has been mapped.
+type Mapped = Receiver<Result<(), wgpu::BufferAsyncError>>;
+
+/// A batch on its way.
+pub(super) struct Batch {
+    turns: u32,
+    staging: usize,
+    submission: wgpu::SubmissionIndex,
+    mapped: Mapped,
+}
+
+impl<M> GpuSteps<'_, M> {
+    /// Submits what is encoded, and then a copy of the ring that the host can read.
+    pub(super) fn queue_reading(&self, mut encoder: wgpu::CommandEncoder, turns: u32, staging: usize) -> Result<Batch> {
+        let target = &self.buffers.staging[staging];
+        encoder.copy_buffer_to_buffer(&self.buffers.ring, 0, target, 0, None);
+        let submission = self.connection.queue.submit([encoder.finish()]);
+        self.connection.check()?;
+        Ok(Batch { turns, staging, submission, mapped: map(target) })
+    }
+
+    /// Waits for a batch and reads its slots; the last one is the state between batches.
+    pub(super) fn collect(&self, batch: Batch) -> Result<Vec<Slot>> {
+        let target = &self.buffers.staging[batch.staging];
+        let mut slots: Vec<Slot> = self.read(target, batch.submission, &batch.mapped, bytemuck::pod_collect_to_vec)?;
+        slots.truncate(batch.turns as usize);
+        Ok(slots)
+    }
+
+    /// Submits what is encoded, and reads the state between batches and the first items of a buffer as they are then.
+    pub(super) fn download<T: Pod>(
+        &self,
+        mut encoder: wgpu::CommandEncoder,
+        buffer: &wgpu::Buffer,
+        items: usize,
+    ) -> Result<(Slot, Vec<T>)> {
+        let slot_bytes = size_of::<Slot>();
+        let bytes = (items * size_of::<T>()) as u64;
+        let staging = self.connection.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("for the host"),
+            size: slot_bytes as u64 + bytes,
+            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let slot_at = u64::from(BETWEEN) * slot_bytes as u64;
+        encoder.copy_buffer_to_buffer(&self.buffers.ring, slot_at, &staging, 0, slot_bytes as u64);
+        encoder.copy_buffer_to_buffer(buffer, 0, &staging, slot_bytes as u64, bytes);
+        let submission = self.connection.queue.submit([encoder.finish()]);
+        self.connection.check()?;
+        let mapped = map(&staging);
+        self.read(&staging, submission, &mapped, |view| {
+            let (slot, items) = view.split_at(slot_bytes);
+            (bytemuck::pod_read_unaligned(slot), bytemuck::pod_collect_to_vec(items))
+        })
+    }
+
+    /// Waits for a submission and a mapping after it, and looks into the buffer.
+    fn read<T>(
+        &self,
+        buffer: &wgpu::Buffer,
+        submission: wgpu::SubmissionIndex,
+        mapped: &Mapped,
+        look: impl FnOnce(&[u8]) -> T,
+    ) -> Result<T> {
+        self.connection.wait(submission)?;
+        let lost = || Error::new(Kind::DeviceLost, "the gpu did not give its results");
+        match mapped.try_recv() {
+            Ok(Ok(())) => {}
+            Ok(Err(_)) | Err(_) => {
+                return self.connection.break_down("its memory could not be read").and(Err(lost()));
+            }
+        }
+        let seen = {
+            let view = buffer.slice(..).get_mapped_range().map_err(|_| lost())?;
+            look(&view)
+        };
+        buffer.unmap();
+        Ok(seen)
+    }
+}
+
+/// Asks for a buffer to be mapped as soon as what was submitted so far is done.
+fn map(buffer: &wgpu::Buffer) -> Mapped {
+    let (sender, receiver) = channel();
+    buffer.slice(..).map_async(wgpu::MapMode::Read, move |outcome| {
+        // nobody listens any more when another error came first
+        let _ = sender.send(outcome);
+    });
+    receiver
+}

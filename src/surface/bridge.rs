@@ -1,0 +1,86 @@
+//! Bridges: dual edges that join components which share no edge, for those who want one tree over separate parts, or
+//! fewer clusters than parts.
+//!
+//! Each component stands for itself by the face nearest to its proxy. Components whose proxies are near each other are
+//! joined: the candidates are neighbours along Morton curves through the proxies, on the lattice as it is and shifted
+//! twice, and of those a minimum spanning tree by distance is taken. So there is one bridge less than components, no
+//! component has more than six, and the cost is that of sorting.
+
+use super::components::root;
+use super::lattice::FaceGeometry;
+use super::order::{morton_key, sort_by_key};
+
+/// Shifts of the lattice for each curve, as parts of its width: thirds cut cells of all sizes elsewhere.
+const SHIFTS: [f64; 3] = [0.0, 1.0 / 3.0, 2.0 / 3.0];
+/// Half of the lattice's width.
+const REACH: f64 = (1 << 27) as f64;
+
+/// Pairs of faces (upload numbers) that join all components into one.
+pub fn bridges(geometry: &[FaceGeometry], component_of_face: &[u32], components: usize) -> Vec<(u32, u32)> {
+    let proxies = proxies(geometry, component_of_face, components);
+    let representatives = representatives(geometry, component_of_face, &proxies);
+    let mut candidates: Vec<(f64, u32, u32)> = Vec::new();
+    for shift in SHIFTS {
+        let mut keyed: Vec<(u64, u32)> = proxies
+            .iter()
+            .enumerate()
+            // at half size, so that the shifted lattice holds them
+            .map(|(component, proxy)| (morton_key(proxy.map(|x| (x + REACH * shift) / 2.0)), component as u32))
+            .collect();
+        sort_by_key(&mut keyed);
+        candidates.extend(keyed.windows(2).map(|pair| {
+            let (a, b) = (pair[0].1.min(pair[1].1), pair[0].1.max(pair[1].1));
+            (square_between(proxies[a as usize], proxies[b as usize]), a, b)
+        }));
+    }
+    candidates.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+    let mut parent: Vec<u32> = (0..components as u32).collect();
+    let mut bridges = Vec::with_capacity(components.saturating_sub(1));
+    for (_, a, b) in candidates {
+        let (root_a, root_b) = (root(&mut parent, a), root(&mut parent, b));
+        if root_a != root_b {
+            parent[root_a.max(root_b) as usize] = root_a.min(root_b);
+            bridges.push((representatives[a as usize], representatives[b as usize]));
+        }
+    }
+    bridges
+}
+
+/// Area-weighted mean centroid of each component; of its faces' centroids where there is no area.
+fn proxies(geometry: &[FaceGeometry], component_of_face: &[u32], components: usize) -> Vec<[f64; 3]> {
+    let mut weighted = vec![[0.0f64; 4]; components];
+    let mut plain = vec![[0.0f64; 4]; components];
+    for (face, &component) in geometry.iter().zip(component_of_face) {
+        for (sums, weight) in [(&mut weighted, face.area), (&mut plain, 1.0)] {
+            let sum = &mut sums[component as usize];
+            for axis in 0..3 {
+                sum[axis] += weight * face.centroid[axis];
+            }
+            sum[3] += weight;
+        }
+    }
+    let mean = |sum: [f64; 4]| [sum[0] / sum[3], sum[1] / sum[3], sum[2] / sum[3]];
+    weighted
+        .into_iter()
+        .zip(plain)
+        .map(|(weighted, plain)| mean(if weighted[3] > 0.0 { weighted } else { plain }))
+        .collect()
+}
+
+/// The face of each component that is nearest to its proxy, the smallest of equally near ones.
+fn representatives(geometry: &[FaceGeometry], component_of_face: &[u32], proxies: &[[f64; 3]]) -> Vec<u32> {
+    let mut nearest = vec![(f64::INFINITY, 0u32); proxies.len()];
+    for (face, (geometry, &component)) in geometry.iter().zip(component_of_face).enumerate() {
+        let distance = square_between(geometry.centroid, proxies[component as usize]);
+        let best = &mut nearest[component as usize];
+        if distance < best.0 {
+            *best = (distance, face as u32);
+        }
+    }
+    nearest.into_iter().map(|(_, face)| face).collect()
+}
+
+fn square_between(a: [f64; 3], b: [f64; 3]) -> f64 {
+    let d: [f64; 3] = std::array::from_fn(|axis| a[axis] - b[axis]);
+    d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+}

@@ -1,0 +1,408 @@
+//! Hierarchies on the gpu: the same trees, rows and labels as on the cpu, at every level; and dual edges at the ends of the
+//! lattice against their definition.
+
+mod common;
+mod gpu_support;
+
+use std::collections::BTreeSet;
+
+use common::zoo;
+use gpu_support::{adapter, device, device_with};
+use tesserae::Kind;
+use tesserae::cluster::dual_edge::{End, Rank, Ties, exact_cost, packed_cost};
+use tesserae::cluster::hierarchy::{Options, RoundRow, components_of_faces, hierarchical};
+use tesserae::cluster::run::Row;
+use tesserae::cluster::sums::ClusterSums;
+use tesserae::device::cpu::CpuDevice;
+use tesserae::device::gpu::adapter::AdapterKind;
+use tesserae::device::gpu::{Fault, FaultPoint, GpuDevice, Overrides};
+use tesserae::device::{Cancel, Device, DualEdge, FREE};
+use tesserae::error::Result;
+use tesserae::sample::{Sample, generate};
+use tesserae::surface::{Component, Surface};
+use tesserae::tree::Tree;
+
+/// Parallel rounds with optimisation, to the top.
+fn pml() -> Options {
+    Options {
+        sequential_at: 0,
+        collapse_fraction: None,
+        optimise: true,
+        refine: true,
+        optimise_iterations: None,
+        ties: Ties::Hash,
+        clusters: None,
+        levels: Vec::new(),
+        allow_disconnected: false,
+    }
+}
+
+/// Sequential rounds with optimisation.
+fn ml() -> Options {
+    Options { sequential_at: u64::MAX, ..pml() }
+}
+
+/// Everything that a run says; equal means equal to the last bit of every energy.
+#[derive(Debug, PartialEq)]
+struct Outcome {
+    tree: Tree,
+    labels: Vec<u32>,
+    rows: Vec<Row>,
+    rounds: Vec<RoundRow>,
+}
+
+fn run(device: &mut dyn Device, surface: &Surface, options: &Options) -> Result<Outcome> {
+    let components = components_of_faces(surface);
+    let mut steps = device.open_merging(surface, &components)?;
+    let (mut rows, mut rounds) = (Vec::new(), Vec::new());
+    let cancel = Cancel::default();
+    let (tree, labels) =
+        hierarchical(surface, options, steps.as_mut(), &cancel, &mut |row| rows.push(row), &mut |round| {
+            rounds.push(round)
+        })?;
+    Ok(Outcome { tree, labels, rows, rounds })
+}
+
+/// Runs on both devices; the outcome when they agree.
+fn compare(gpu: &mut GpuDevice, context: &str, surface: &Surface, options: &Options) -> Outcome {
+    let cpu_run = run(&mut CpuDevice::new(), surface, options).expect("the cpu runs");
+    let gpu_run = run(gpu, surface, options).expect("the gpu runs");
+    // the first difference tells more than two whole trees
+    let rounds = gpu_run.rounds.iter().zip(&cpu_run.rounds).find(|(gpu, cpu)| gpu != cpu);
+    assert_eq!(rounds, None, "{context} {options:?}: rounds");
+    let rows = gpu_run.rows.iter().zip(&cpu_run.rows).find(|(gpu, cpu)| gpu != cpu);
+    assert_eq!(rows, None, "{context} {options:?}: rows");
+    // merges and moves of all rounds, so the labels at every level
+    assert!(gpu_run.tree == cpu_run.tree, "{context} {options:?}: trees");
+    assert!(gpu_run == cpu_run, "{context} {options:?}: labels");
+    gpu_run
+}
+
+fn surface(sample: Sample, faces: u64) -> Surface {
+    Surface::build(&generate(sample, faces).expect("a sample")).expect("a surface")
+}
+
+fn small_zoo(most: usize) -> Vec<(String, Surface)> {
+    let small = zoo::all().into_iter().filter(|(_, mesh)| mesh.faces.len() <= most);
+    small.map(|(name, mesh)| (name, Surface::build(&mesh).expect("the zoo can be put on the lattice"))).collect()
+}
+
+#[test]
+fn parallel_hierarchies_of_the_zoo_are_alike() {
+    let mut gpu = device();
+    let mut phases = BTreeSet::new();
+    for (name, surface) in small_zoo(700) {
+        for ties in [Ties::Hash, Ties::LargestId] {
+            let outcome = compare(&mut gpu, &name, &surface, &Options { ties, ..pml() });
+            phases.extend(outcome.rows.iter().map(|row| format!("{:?}", row.phase)));
+        }
+        compare(&mut gpu, &name, &surface, &Options { optimise: false, ..pml() });
+        compare(&mut gpu, &name, &surface, &Options { refine: false, ..pml() });
+    }
+    // otherwise the comparison says little
+    assert_eq!(Vec::from_iter(phases), ["Boundary", "Refine", "Repair"]);
+}
+
+#[test]
+fn sequential_hierarchies_of_the_zoo_are_alike() {
+    let mut gpu = device();
+    for (name, surface) in small_zoo(130) {
+        for ties in [Ties::Hash, Ties::LargestId] {
+            compare(&mut gpu, &name, &surface, &Options { ties, ..ml() });
+            compare(&mut gpu, &name, &surface, &Options { ties, optimise: false, ..ml() });
+        }
+    }
+    let fifth = Options { collapse_fraction: Some(20.0), ..ml() };
+    compare(&mut gpu, "knot", &surface(Sample::Knot, 300), &fifth);
+    let outcome = compare(&mut gpu, "knot", &surface(Sample::Knot, 300), &ml());
+    assert!(outcome.rounds.iter().map(|round| round.moves).sum::<u64>() > 100, "the optimisation has something to do");
+}
+
+#[test]
+fn larger_hierarchies_stops_and_mixtures_are_alike() {
+    let mut gpu = device();
+    for (sample, faces) in [(Sample::Knot, 2000), (Sample::Parts, 1500), (Sample::Quads, 1000)] {
+        let surface = surface(sample, faces);
+        for options in [
+            Options { levels: vec![321, 40], ..pml() },
+            Options { levels: vec![321], clusters: Some(77), optimise_iterations: Some(3), ..pml() },
+            Options { clusters: Some(50), allow_disconnected: true, ..pml() },
+            Options { sequential_at: 30, ..pml() },
+        ] {
+            let outcome = compare(&mut gpu, sample.name(), &surface, &options);
+            let levels: Vec<u64> =
+                outcome.rounds.iter().filter(|round| round.is_level).map(|round| round.clusters).collect();
+            assert!(options.levels.iter().all(|level| levels.contains(level)), "{levels:?}");
+        }
+    }
+}
+
+#[test]
+fn the_comparison_fails_when_the_devices_see_different_meshes_or_options() {
+    let mesh = generate(Sample::Knot, 700).expect("a sample");
+    let here = Surface::build(&mesh).expect("a surface");
+    let mut gpu = device();
+    let expected = run(&mut CpuDevice::new(), &here, &pml()).expect("the cpu runs");
+    assert!(run(&mut gpu, &here, &pml()).expect("the gpu runs") == expected);
+
+    let mut heavier = Surface::build(&mesh).expect("a surface");
+    heavier.weights[100] += 1;
+    let other = run(&mut gpu, &heavier, &pml()).expect("the gpu runs");
+    assert!(other.tree != expected.tree, "a weight");
+
+    let mut moved = Surface::build(&mesh).expect("a surface");
+    moved.centroids[100][1] += 1;
+    let other = run(&mut gpu, &moved, &pml()).expect("the gpu runs");
+    assert!(other.tree != expected.tree, "a centroid");
+
+    let cube = surface(Sample::Cube, 192);
+    let by_hash = run(&mut CpuDevice::new(), &cube, &pml()).expect("the cpu runs");
+    let by_id = run(&mut gpu, &cube, &Options { ties: Ties::LargestId, ..pml() }).expect("the gpu runs");
+    assert!(by_id.tree != by_hash.tree, "the order of equal costs");
+}
+
+/// Numbers at random, the same in every run.
+fn numbers(mut state: u64) -> impl FnMut(u64) -> u64 {
+    move |bound| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 20) % bound
+    }
+}
+
+/// Faces a cluster, so that weights reach 2³⁴.
+const FACES: usize = 4;
+
+/// A surface of pairs of clusters far from all others. The faces of a cluster lie in its proxy.
+fn pairs_of(ends: &[[End; 2]], energy_shift: u32) -> (Surface, Vec<u32>) {
+    let mut surface = surface(Sample::Strip, 4);
+    let faces = 2 * FACES * ends.len();
+    surface.centroids.clear();
+    surface.weights.clear();
+    for end in ends.iter().flatten() {
+        for face in 0..FACES as u64 {
+            surface.centroids.push(end.proxy);
+            surface.weights.push(((end.weight + face) / FACES as u64) as u32);
+        }
+    }
+    // the first face of a cluster is beside the first of the other
+    surface.neighbour_offsets = vec![0];
+    surface.neighbours.clear();
+    for face in 0..faces as u32 {
+        match face as usize % (2 * FACES) {
+            0 => surface.neighbours.push(face + FACES as u32),
+            FACES => surface.neighbours.push(face - FACES as u32),
+            _ => {}
+        }
+        surface.neighbour_offsets.push(surface.neighbours.len() as u32);
+    }
+    surface.upload_face = (0..faces as u32).collect();
+    surface.components = vec![Component { energy_shift, ..surface.components[0] }];
+    surface.components[0].faces = faces as u32;
+    let labels = (0..faces as u32).map(|face| face / FACES as u32).collect();
+    (surface, labels)
+}
+
+/// Ends of all magnitudes, the extremes among them, and many whose costs hardly differ.
+fn ends(count: usize) -> Vec<[End; 2]> {
+    let mut next = numbers(7);
+    let far = (1i32 << 27) - 1;
+    let most = (1u64 << 34) - FACES as u64;
+    let least = FACES as u64;
+    let mut all = vec![
+        [End { weight: most, proxy: [far; 3] }, End { weight: most, proxy: [-far; 3] }],
+        [End { weight: least, proxy: [far; 3] }, End { weight: most, proxy: [-far; 3] }],
+        [End { weight: least, proxy: [0; 3] }, End { weight: least, proxy: [0, 1, 0] }],
+        [End { weight: most, proxy: [far; 3] }, End { weight: most, proxy: [far; 3] }],
+    ];
+    while all.len() < count {
+        let mut end = || End {
+            weight: (next(1 << 34) >> next(33)).clamp(least, most),
+            proxy: std::array::from_fn(|_| {
+                let place = (next(1 << 27) >> next(27)) as i32;
+                if next(2) == 0 { place } else { -place }
+            }),
+        };
+        let pair = [end(), end()];
+        all.push(pair);
+        // the next ones in order of cost, and one that is as good
+        let [mut heavier, mut farther, mut other_way] = [pair; 3];
+        heavier[0].weight = (pair[0].weight + 1).min(most);
+        farther[1].proxy[2] = (pair[1].proxy[2] + 1).min(far);
+        other_way.reverse();
+        all.extend([heavier, farther, other_way]);
+    }
+    all
+}
+
+#[test]
+fn packed_costs_are_those_of_the_definition_to_the_last_bit() {
+    let mut gpu = device();
+    let ends = ends(6000);
+    for (energy_shift, ties) in [(0, Ties::Hash), (7, Ties::LargestId), (30, Ties::Hash)] {
+        let (surface, labels) = pairs_of(&ends, energy_shift);
+        let components = vec![0; 2 * ends.len()];
+        let mut steps = gpu.open_merging(&surface, &components).expect("it fits");
+        steps.set_labels(&labels).expect("set");
+        let found = steps.optimal_dual_edges(ties).expect("a search");
+        let expected: Vec<DualEdge> = (0..2 * ends.len() as u32)
+            .map(|cluster| {
+                let [a, b] = ends[cluster as usize / 2];
+                DualEdge { cluster, other: cluster ^ 1, cost: packed_cost(a, b, energy_shift) }
+            })
+            .collect();
+        assert_eq!(found.len(), expected.len());
+        for (found, expected) in found.iter().zip(&expected) {
+            assert_eq!(found, expected, "{:?}", ends[expected.cluster as usize / 2]);
+        }
+        let sums = steps.sums_of(&[5, 0]).expect("sums");
+        for (sums, end) in sums.iter().zip([ends[2][1], ends[0][0]]) {
+            assert_eq!((sums.weight as u64, sums.fit().expect("faces").0), (end.weight, end.proxy));
+        }
+    }
+}
+
+#[test]
+fn the_cheapest_dual_edge_is_so_by_exact_cost() {
+    let mut gpu = device();
+    let ends = ends(260);
+    for (energy_shift, ties) in [(0, Ties::LargestId), (30, Ties::Hash)] {
+        let (surface, labels) = pairs_of(&ends, energy_shift);
+        let components = vec![0; 2 * ends.len()];
+        let mut expected: Vec<Rank<u128>> = ends
+            .iter()
+            .zip(0..)
+            .map(|(&[a, b], pair)| Rank::new(exact_cost(a, b) << energy_shift, 2 * pair, 2 * pair + 1, ties))
+            .collect();
+        expected.sort_unstable();
+        let mut steps = gpu.open_merging(&surface, &components).expect("it fits");
+        steps.set_labels(&labels).expect("set");
+        // each merge takes the cheapest edge away: the order of all of them is compared
+        for (step, expected) in expected.iter().enumerate() {
+            let (low, high) = expected.ends();
+            assert_eq!(steps.cheapest_dual_edge(ties).expect("a search"), Some((low, high)), "step {step}");
+            steps.merge(&[(high, low)]).expect("a merge");
+        }
+        assert_eq!(steps.cheapest_dual_edge(ties).expect("a search"), None);
+        assert_eq!(steps.optimal_dual_edges(ties).expect("a search"), []);
+    }
+}
+
+#[test]
+fn merges_keep_sums_and_labels_in_step_and_moves_are_counted_from_the_last() {
+    let surface = surface(Sample::Knot, 2500);
+    let components = components_of_faces(&surface);
+    let all: Vec<u32> = (0..surface.faces() as u32).collect();
+    let mut gpu = device();
+    let mut cpu = CpuDevice::new();
+    let mut on_gpu = gpu.open_merging(&surface, &components).expect("it fits");
+    let mut on_cpu = cpu.open_merging(&surface, &components).expect("it fits");
+    let mut moved = 0;
+    // twice: labels that are set anew forget the merges
+    for _ in 0..2 {
+        on_gpu.set_labels(&all).expect("set");
+        on_cpu.set_labels(&all).expect("set");
+        assert_eq!(on_gpu.moves_since_merge().expect("moves"), []);
+        for round in 0..6 {
+            let edges = on_gpu.optimal_dual_edges(Ties::Hash).expect("a search");
+            assert_eq!(edges, on_cpu.optimal_dual_edges(Ties::Hash).expect("a search"), "round {round}");
+            let chose = |cluster| edges.iter().find(|edge| edge.cluster == cluster).map(|edge| edge.other);
+            let pairs: Vec<(u32, u32)> = edges
+                .iter()
+                .filter(|edge| edge.cluster < edge.other && chose(edge.other) == Some(edge.cluster))
+                .map(|edge| (edge.other, edge.cluster))
+                .collect();
+            on_gpu.merge(&pairs).expect("a merge");
+            on_cpu.merge(&pairs).expect("a merge");
+            assert_eq!(on_gpu.labels().expect("labels"), on_cpu.labels().expect("labels"), "round {round}");
+            assert_eq!(on_gpu.energy().expect("energy"), on_cpu.energy().expect("energy"), "round {round}");
+            assert_eq!(on_gpu.moves_since_merge().expect("moves"), [], "round {round}");
+            on_gpu.optimise_boundary(2, &Cancel::default(), &mut |_| {}).expect("optimise");
+            on_cpu.optimise_boundary(2, &Cancel::default(), &mut |_| {}).expect("optimise");
+            let moves = on_gpu.moves_since_merge().expect("moves");
+            assert_eq!(moves, on_cpu.moves_since_merge().expect("moves"), "round {round}");
+            moved += moves.len();
+            assert_eq!(on_gpu.sums_of(&all).expect("sums"), on_cpu.sums_of(&all).expect("sums"), "round {round}");
+        }
+    }
+    assert!(moved > 0, "nothing moved");
+    // a cluster that is gone has no sums
+    let labels = on_gpu.labels().expect("labels");
+    let gone = all.iter().copied().find(|cluster| !labels.contains(cluster)).expect("some merged");
+    assert_eq!(on_gpu.sums_of(&[gone]).expect("sums"), [ClusterSums::default()]);
+}
+
+#[test]
+fn more_moves_than_expected_are_all_listed() {
+    let mut surface = surface(Sample::Strip, 12_000);
+    let faces = surface.faces();
+    let mut next = numbers(11);
+    let labels: Vec<u32> = (0..faces).map(|_| next(50) as u32).collect();
+    surface.components[0].energy_shift = 0;
+    let components = vec![0; 51];
+    let mut gpu = device();
+    let mut cpu = CpuDevice::new();
+    let mut lists = Vec::new();
+    for device in [&mut gpu as &mut dyn Device, &mut cpu] {
+        let mut steps = device.open_merging(&surface, &components).expect("it fits");
+        steps.set_labels(&labels).expect("set");
+        steps.merge(&[(50, 0)]).expect("a merge");
+        steps.optimise_boundary(2, &Cancel::default(), &mut |_| {}).expect("optimise");
+        lists.push(steps.moves_since_merge().expect("moves"));
+    }
+    assert!(lists[0].len() > 4096, "{}", lists[0].len());
+    assert!(lists[0].is_sorted());
+    assert!(lists[0] == lists[1]);
+}
+
+#[test]
+fn narrow_dispatches_give_the_same_hierarchy() {
+    let surface = surface(Sample::Knot, 2000);
+    let options = Options { sequential_at: 5, ..pml() };
+    let expected = run(&mut CpuDevice::new(), &surface, &options).expect("the cpu runs");
+    let mut narrow = device_with(Overrides { workgroups_per_dimension: Some(3), ..Overrides::default() });
+    assert!(run(&mut narrow, &surface, &options).expect("the gpu runs") == expected);
+}
+
+#[test]
+fn what_a_device_cannot_do_is_refused_with_the_numbers() {
+    let large = surface(Sample::Knot, 5000);
+    let mut gpu = device();
+    if adapter().report.kind == AdapterKind::Software {
+        let error = run(&mut gpu, &large, &ml()).expect_err("it would take hours");
+        assert_eq!(error.kind, Kind::DeviceUnsuitable);
+        assert!(error.message.contains("one by one") && error.message.contains("16777216"), "{error}");
+    }
+    // the clusters are the largest buffer
+    let needed = 48 * large.faces() as u64;
+    let mut small = device_with(Overrides { binding_size: Some(needed - 1), ..Overrides::default() });
+    let error = run(&mut small, &large, &pml()).expect_err("one byte too many");
+    assert_eq!(error.kind, Kind::DeviceUnsuitable);
+    assert!(error.message.contains(&needed.to_string()), "{error}");
+
+    let small = surface(Sample::Cube, 48);
+    let components = components_of_faces(&small);
+    let mut steps = gpu.open_merging(&small, &components).expect("it fits");
+    steps.set_labels(&vec![FREE; small.faces()]).expect("set");
+    assert_eq!(steps.optimal_dual_edges(Ties::Hash).expect("a search"), []);
+    assert_eq!(steps.cheapest_dual_edge(Ties::Hash).expect("a search"), None);
+    let outside = small.faces() as u32;
+    assert!(steps.merge(&[(0, outside)]).is_err());
+    assert!(steps.sums_of(&[outside]).is_err());
+    assert!(steps.merge(&vec![(0, 1); small.faces()]).is_err());
+}
+
+#[test]
+fn a_device_that_is_lost_while_clusters_merge_is_an_error_and_the_next_job_works() {
+    let surface = surface(Sample::Knot, 300);
+    let options = Options { sequential_at: 20, ..pml() };
+    let mut gpu = device();
+    let expected = run(&mut gpu, &surface, &options).expect("a run");
+    for point in [FaultPoint::DualEdges, FaultPoint::Merge] {
+        for (fault, kind) in [(Fault::Lose(point), Kind::DeviceLost), (Fault::Misuse(point), Kind::Internal)] {
+            gpu.inject(fault);
+            let error = run(&mut gpu, &surface, &options).expect_err("it failed");
+            assert_eq!(error.kind, kind, "{point:?}: {error}");
+            assert!(run(&mut gpu, &surface, &options).expect("it works again") == expected, "{point:?}");
+        }
+    }
+}
