@@ -47,6 +47,11 @@ end-to-end: debug-binary $(VENV)/ready  ## service and command line from outside
 fuzz: debug-binary $(VENV)/ready  ## the service against its OpenAPI document
 	$(VENV)/bin/python tests/scripts/fuzz_api.py $(TARGET)/debug/tesserae
 
+.PHONY: readme
+readme: debug-binary $(VENV)/ready  ## write settings and output of the commands into the README, after a change of labels
+	UPDATE_README=1 cargo test --locked --test readme
+	$(VENV)/bin/python tests/scripts/readme.py $(TARGET)/debug/tesserae --update
+
 .PHONY: picture
 picture: debug-binary $(VENV)/ready  ## draw docs/knot.png anew
 	$(TARGET)/debug/tesserae sample knot --faces 200000 $(TARGET)/knot.obj

@@ -3,7 +3,7 @@
 //! # Bird's-eye view
 //!
 //! ```text
-//! bytes ─ mesh ─→ PolygonMesh ─ surface ─→ Surface ─ cluster (on a device) ─→ labels, Report ─ output ─→ bytes
+//! bytes ─ mesh ─→ PolygonMesh ─ surface ─→ Surface ─ cluster (on a device) ─→ labels, Tree, Report ─ output, tree ─→ bytes
 //! ```
 //!
 //! | to change | look in |
@@ -14,8 +14,9 @@
 //! | how a step is carried out | [`device`]`::cpu`, [`device`]`::gpu` with `shaders/` |
 //! | what a job may ask for | [`parameters`] |
 //! | what is said about a job | [`report`] |
-//! | hierarchies: what they are made of, labels at any number of clusters | [`tree`] |
-//! | encodings of results | [`output`] |
+//! | encodings of labels | [`output`] |
+//! | hierarchies: their file, their JSON, cuts, scipy's matrix | [`tree`] |
+//! | pictures of reports | [`plot`] |
 //! | one job from bytes to results | [`job`] |
 //! | the HTTP service | [`service`] |
 //! | the command line | [`cli`] |
@@ -40,6 +41,7 @@ pub mod job;
 pub mod mesh;
 pub mod output;
 pub mod parameters;
+pub mod plot;
 pub mod report;
 pub mod sample;
 pub mod service;

@@ -2,6 +2,8 @@
 
 use std::io::{self, Write};
 
+use crate::tree::Cut;
+
 /// How labels are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LabelFormat {
@@ -45,17 +47,32 @@ pub fn write_labels(out: &mut dyn Write, format: LabelFormat, clusters: u64, lab
             out.write_all(b"}\n")
         }
         LabelFormat::Npy => {
-            out.write_all(&npy_header(labels.len()))?;
+            out.write_all(&npy_header("<u4", &format!("({},)", labels.len())))?;
             write_u32(out, labels)
         }
         LabelFormat::Raw => write_u32(out, labels),
     }
 }
 
-/// Header of a one-dimensional little-endian uint32 array, padded to a multiple of 64 bytes as NumPy's format asks.
-fn npy_header(length: usize) -> Vec<u8> {
+/// Writes the labels of a cut; as JSON with the members `cut` and `energy`, which say what it is.
+pub fn write_cut(out: &mut dyn Write, format: LabelFormat, cut: &Cut) -> io::Result<()> {
+    let clusters = cut.clusters();
+    match format {
+        LabelFormat::Json => {
+            write!(out, "{{\"clusters\":{clusters},\"cut\":\"{}\",\"energy\":", cut.kind())?;
+            serde_json::to_writer(&mut *out, &cut.energy).map_err(io::Error::from)?;
+            out.write_all(b",\"labels\":")?;
+            serde_json::to_writer(&mut *out, &cut.labels).map_err(io::Error::from)?;
+            out.write_all(b"}\n")
+        }
+        LabelFormat::Npy | LabelFormat::Raw => write_labels(out, format, clusters, &cut.labels),
+    }
+}
+
+/// Header of an array in NumPy's format, version 1.0, padded to a multiple of 64 bytes as it asks.
+pub fn npy_header(kind: &str, shape: &str) -> Vec<u8> {
     const PREFIX: usize = 10;
-    let mut dictionary = format!("{{'descr': '<u4', 'fortran_order': False, 'shape': ({length},), }}");
+    let mut dictionary = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}");
     while !(PREFIX + dictionary.len() + 1).is_multiple_of(64) {
         dictionary.push(' ');
     }

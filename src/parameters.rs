@@ -1,5 +1,7 @@
 //! What a caller may ask of a clustering: defined once, for the command line, the query string and the JSON part.
 
+mod levels;
+
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -7,54 +9,177 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+pub use self::levels::Levels;
+use crate::cluster::dual_edge::Ties;
 use crate::error::{Error, Result};
 
 /// The parameters of a job. Flags, query parameters and JSON members have the same names and meanings.
 #[derive(Debug, Clone, Default, PartialEq, clap::Args, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Parameters {
-    /// How to cluster: bb, boundary-based clustering (Parallel Mesh Clustering, section 3)
+    /// How to cluster: bb, boundary-based clustering (Parallel Mesh Clustering, section 3), makes flat clusters; pml (parallel
+    /// multilevel), ml (multilevel) and hr (hierarchical, one merge a step and no optimisation) make hierarchies
     #[arg(long, value_enum, default_value_t)]
     pub algorithm: Algorithm,
 
-    /// Number of clusters; may be left out when seeds are listed
+    /// Number of clusters; may be left out when seeds are listed, and for hierarchies, which then go to the top
     #[arg(long, short = 'k', value_name = "K")]
     #[schema(minimum = 1)]
     pub clusters: Option<u64>,
 
-    /// Where clusters start: morton (stratified by area along a Morton curve), random, or file:PATH with a list of face numbers
+    /// Where flat clusters start: morton (stratified by area along a Morton curve), random, or file:PATH with a list of
+    /// face numbers
     #[arg(long, default_value_t, value_name = "morton|random|file:PATH")]
     #[schema(value_type = String, example = "morton")]
     pub seeds: Seeds,
 
-    /// Number that the random choices are drawn from
+    /// Number that the random choices of seeds are drawn from
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub seed: u64,
 
-    /// Stop after this many iterations, converged or not; unlimited when left out
+    /// Stop a flat clustering after this many iterations, converged or not; unlimited when left out
     #[arg(long, value_name = "N")]
     pub max_iterations: Option<u32>,
 
-    /// Refine what boundary-based clustering ends with by exact gains (lower energy), or leave it as it is
+    /// Refine what boundary-based optimisation ends with by exact gains (lower energy), or leave it as it is
     #[arg(long, value_enum, default_value_t)]
     pub refine: Refine,
 
     /// Accept clusters in several pieces, as the optimisation left them
     #[arg(long)]
     pub allow_disconnected: bool,
+
+    /// Hierarchies: optimise after the merges of each round, or not, which gives a strictly nested tree; hr never does
+    #[arg(long, value_enum, default_value_t)]
+    pub optimize: Optimize,
+
+    /// Hierarchies: at most this many iterations of optimisation a round, except at levels; unlimited when left out
+    #[arg(long, value_name = "N")]
+    #[schema(minimum = 1)]
+    pub optimize_iterations: Option<u32>,
+
+    /// pml: go on as ml, one merge a step, once this many clusters or fewer are left
+    #[arg(long, value_name = "N")]
+    #[schema(minimum = 1)]
+    pub switch_to_ml_at: Option<u64>,
+
+    /// ml, hr and pml after its switch: merge this percentage of the clusters a step, the cheapest pairs first, instead of
+    /// one pair; above 0, at most 50
+    #[arg(long, value_name = "PERCENT")]
+    #[schema(exclusive_minimum = 0, maximum = 50)]
+    pub collapse_fraction: Option<f64>,
+
+    /// Hierarchies: which of equally cheap pairs merges first
+    #[arg(long, value_enum, default_value_t)]
+    pub ties: Ties,
+
+    /// Hierarchies: numbers of clusters to stop at on the way and to optimise at until no move is left
+    #[arg(long, value_name = "K1,K2,…")]
+    pub levels: Option<Levels>,
 }
 
 impl Parameters {
     /// Checks what can be checked without the mesh. `listed` says whether seeds come as a list.
     pub fn check(&self, listed: bool) -> Result<()> {
+        self.check_values()?;
         if self.seeds == Seeds::Listed && !listed {
             return Err(Error::parameter("seeds are said to be listed, but no list came with the request"));
         }
-        match self.clusters {
-            Some(0) => Err(Error::parameter("clusters must be at least 1, not 0")),
-            None if !listed => Err(Error::parameter("clusters is missing: say how many clusters you want")),
+        let (goes_with, contradictions) = if self.algorithm.is_hierarchical() {
+            ("flat clusterings (bb)", self.flat_only(listed))
+        } else {
+            if self.clusters.is_none() && !listed {
+                return Err(Error::parameter("clusters is missing: say how many clusters you want"));
+            }
+            ("hierarchies (pml, ml, hr)", self.hierarchical_only())
+        };
+        if let Some((name, _)) = contradictions.into_iter().find(|(_, given)| *given) {
+            return Err(self.contradiction(name, goes_with));
+        }
+        if self.algorithm.is_hierarchical() { self.check_hierarchy() } else { Ok(()) }
+    }
+
+    /// Checks each value by itself: what nothing that may still come can make right.
+    pub fn check_values(&self) -> Result<()> {
+        let zero = |name: &str| Err(Error::parameter(format_args!("{name} must be at least 1, not 0")));
+        if self.clusters == Some(0) {
+            return zero("clusters");
+        }
+        if self.optimize_iterations == Some(0) {
+            return Err(Error::parameter(
+                "optimize_iterations must be at least 1 (optimize none leaves them out), not 0",
+            ));
+        }
+        if self.switch_to_ml_at == Some(0) {
+            return zero("switch_to_ml_at");
+        }
+        match self.collapse_fraction {
+            // no number is not above 0 either
+            Some(percent) if !(percent > 0.0 && percent <= 50.0) => Err(Error::parameter(format_args!(
+                "collapse_fraction must be above 0 and at most 50 percent, not {percent}"
+            ))),
             _ => Ok(()),
         }
+    }
+
+    /// Whether the rounds of a hierarchy optimise.
+    pub fn optimizes(&self) -> bool {
+        self.optimize == Optimize::On && self.algorithm != Algorithm::Hr
+    }
+
+    /// The numbers of clusters to stop at on the way.
+    pub fn levels(&self) -> &[u64] {
+        self.levels.as_ref().map_or(&[], |levels| &levels.0)
+    }
+
+    /// What only flat clusterings have, and whether it was asked for.
+    fn flat_only(&self, listed: bool) -> Vec<(&'static str, bool)> {
+        vec![
+            ("seeds", listed || self.seeds != Seeds::Morton),
+            ("seed", self.seed != 0),
+            ("max_iterations", self.max_iterations.is_some()),
+        ]
+    }
+
+    /// What only hierarchies have, and whether it was asked for.
+    fn hierarchical_only(&self) -> Vec<(&'static str, bool)> {
+        vec![
+            ("optimize", self.optimize != Optimize::On),
+            ("optimize_iterations", self.optimize_iterations.is_some()),
+            ("switch_to_ml_at", self.switch_to_ml_at.is_some()),
+            ("collapse_fraction", self.collapse_fraction.is_some()),
+            ("ties", self.ties != Ties::Hash),
+            ("levels", !self.levels().is_empty()),
+        ]
+    }
+
+    /// Checks what a hierarchy is asked for.
+    fn check_hierarchy(&self) -> Result<()> {
+        if self.optimize_iterations.is_some() && !self.optimizes() {
+            return Err(Error::parameter(match self.algorithm {
+                Algorithm::Hr => {
+                    "optimize_iterations does not go with the algorithm hr, which does not optimise; take ml"
+                }
+                _ => "optimize_iterations does not go with optimize none",
+            }));
+        }
+        if self.switch_to_ml_at.is_some() && self.algorithm != Algorithm::Pml {
+            return Err(self.contradiction("switch_to_ml_at", "pml"));
+        }
+        if self.collapse_fraction.is_some() && self.algorithm == Algorithm::Pml && self.switch_to_ml_at.is_none() {
+            return Err(self.contradiction("collapse_fraction", "ml, hr and pml with switch_to_ml_at"));
+        }
+        match (self.clusters, self.levels().iter().min()) {
+            (Some(clusters), Some(&level)) if level < clusters => {
+                Err(Error::parameter(format_args!("levels must not be below clusters, {clusters}: {level}")))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The error for a parameter that the algorithm does not have.
+    fn contradiction(&self, name: &str, goes_with: &str) -> Error {
+        Error::parameter(format_args!("{name} goes with {goes_with}, not with the algorithm {}", self.algorithm.name()))
     }
 }
 
@@ -65,16 +190,61 @@ pub enum Algorithm {
     /// Boundary-based clustering (Parallel Mesh Clustering, section 3)
     #[default]
     Bb,
+    /// Parallel multilevel clustering: all pairs that choose each other merge at once, then the faces move (Parallel Mesh Clustering, section 4)
+    Pml,
+    /// Multilevel clustering: the cheapest pair merges, then the faces move (Parallel Mesh Clustering, section 4)
+    Ml,
+    /// Hierarchical clustering: the cheapest pair merges; Ward's method on neighbouring clusters
+    Hr,
 }
 
-/// Whether to refine after boundary-based clustering.
+impl Algorithm {
+    /// As it is written in flags, queries and JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Algorithm::Bb => "bb",
+            Algorithm::Pml => "pml",
+            Algorithm::Ml => "ml",
+            Algorithm::Hr => "hr",
+        }
+    }
+
+    /// Whether it makes a hierarchy.
+    pub fn is_hierarchical(self) -> bool {
+        match self {
+            Algorithm::Bb => false,
+            Algorithm::Pml | Algorithm::Ml | Algorithm::Hr => true,
+        }
+    }
+
+    /// Whether it merges one pair after the other from the start, which a gpu is slow at.
+    pub fn is_sequential(self) -> bool {
+        match self {
+            Algorithm::Bb | Algorithm::Pml => false,
+            Algorithm::Ml | Algorithm::Hr => true,
+        }
+    }
+}
+
+/// Whether to optimise between the merges of a hierarchy.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Optimize {
+    /// Optimise after the merges of each round
+    #[default]
+    On,
+    /// Only merge: the tree is strictly nested
+    None,
+}
+
+/// Whether to refine after boundary-based optimisation.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Refine {
     /// Refine
     #[default]
     On,
-    /// Boundary-based clustering alone
+    /// Boundary-based optimisation alone
     None,
 }
 
@@ -128,5 +298,62 @@ impl Serialize for Seeds {
 impl<'de> Deserialize<'de> for Seeds {
     fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         String::deserialize(deserializer)?.parse().map_err(serde::de::Error::custom)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parameters(json: serde_json::Value) -> Parameters {
+        serde_json::from_value(json).expect("parameters")
+    }
+
+    #[test]
+    fn what_contradicts_itself_is_refused_and_named() {
+        use serde_json::json;
+        for (asked, words) in [
+            (json!({}), ["clusters", "missing"]),
+            (json!({"clusters": 0}), ["clusters", "0"]),
+            (json!({"clusters": 9, "levels": [20]}), ["levels", "bb"]),
+            (json!({"clusters": 9, "optimize": "none"}), ["optimize", "bb"]),
+            (json!({"clusters": 9, "ties": "largest-id"}), ["ties", "bb"]),
+            (json!({"clusters": 9, "switch_to_ml_at": 20}), ["switch_to_ml_at", "bb"]),
+            (json!({"clusters": 9, "collapse_fraction": 20}), ["collapse_fraction", "bb"]),
+            (json!({"clusters": 9, "optimize_iterations": 20}), ["optimize_iterations", "bb"]),
+            (json!({"algorithm": "pml", "seeds": "random"}), ["seeds", "pml"]),
+            (json!({"algorithm": "ml", "seed": 3}), ["seed", "ml"]),
+            (json!({"algorithm": "hr", "max_iterations": 3}), ["max_iterations", "hr"]),
+            (json!({"algorithm": "hr", "optimize_iterations": 3}), ["optimize_iterations", "hr"]),
+            (
+                json!({"algorithm": "pml", "optimize": "none", "optimize_iterations": 3}),
+                ["optimize_iterations", "none"],
+            ),
+            (json!({"algorithm": "ml", "switch_to_ml_at": 3}), ["switch_to_ml_at", "ml"]),
+            (json!({"algorithm": "pml", "collapse_fraction": 3}), ["collapse_fraction", "pml"]),
+            (json!({"algorithm": "ml", "collapse_fraction": 50.5}), ["collapse_fraction", "50.5"]),
+            (json!({"algorithm": "ml", "collapse_fraction": 0}), ["collapse_fraction", "0"]),
+            (json!({"algorithm": "pml", "clusters": 0}), ["clusters", "0"]),
+            (json!({"algorithm": "pml", "clusters": 30, "levels": [100, 20]}), ["levels", "20"]),
+        ] {
+            let error = parameters(asked.clone()).check(false).expect_err(&asked.to_string());
+            assert!(words.iter().all(|word| error.message.contains(word)), "{asked}: {error}");
+        }
+        let error = parameters(json!({"algorithm": "pml"})).check(true).expect_err("listed seeds");
+        assert!(error.message.contains("seeds"), "{error}");
+    }
+
+    #[test]
+    fn hierarchies_need_no_number_of_clusters() {
+        use serde_json::json;
+        for asked in [
+            json!({"algorithm": "pml"}),
+            json!({"algorithm": "pml", "switch_to_ml_at": 1633, "collapse_fraction": 0.5, "ties": "largest-id"}),
+            json!({"algorithm": "ml", "collapse_fraction": 50, "optimize_iterations": 1, "levels": "70,9"}),
+            json!({"algorithm": "hr", "clusters": 9, "levels": [9, 10]}),
+            json!({"algorithm": "hr", "optimize": "none", "refine": "none"}),
+        ] {
+            assert_eq!(parameters(asked.clone()).check(false), Ok(()), "{asked}");
+        }
     }
 }

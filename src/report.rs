@@ -17,19 +17,23 @@ pub struct Report {
     pub parameters: Parameters,
     /// Where it ran.
     pub device: DeviceInfo,
-    /// Number of clusters, none of them empty.
+    /// Number of clusters, none of them empty; of a whole hierarchy, that of its roots.
     pub clusters: u64,
     /// Clusters that are in several pieces across shared edges; counted on the final labels. An edge of more than two faces
     /// connects them as a chain, in the order of their numbers: each with the one before and the one after.
     pub disconnected_clusters: u64,
     /// The energy before and after.
     pub energy: Energy,
-    /// One row an iteration.
+    /// One row an iteration; of hierarchies, the iterations of parallel rounds and at levels.
     pub iterations: Vec<Iteration>,
+    /// Hierarchies: the energy against the number of clusters, one row a round; empty for flat clusterings. Above 10,000
+    /// clusters, rounds that merge less than a thousandth of the clusters share a row.
+    pub levels: Vec<Level>,
     /// Where the time went.
     pub timings_ms: Timings,
-    /// SHA-256 of the labels as u32 little-endian, in upload order; lower-case hexadecimal.
-    pub labels_sha256: String,
+    /// SHA-256 of the labels as u32 little-endian, in upload order; lower-case hexadecimal. Null for a whole hierarchy,
+    /// which has no labels of its own.
+    pub labels_sha256: Option<String>,
     /// What is unusual about the mesh or the run, for people.
     pub warnings: Vec<String>,
 }
@@ -90,7 +94,8 @@ pub struct Energy {
     /// Name of the energy functional: `cvd`, the sum over faces of area × squared distance between the face's centroid and
     /// its cluster's (centroidal Voronoi diagram).
     pub functional: String,
-    /// After the initial growth; f64 from the source positions. Null when it overflows.
+    /// After the initial growth; f64 from the source positions. Null when it overflows, and for hierarchies, which start
+    /// with every face a cluster.
     pub initial: Option<f64>,
     /// Of the final labels; f64 from the source positions. Null when it overflows.
     #[serde(rename = "final")]
@@ -118,6 +123,30 @@ pub struct Iteration {
     pub moves: u64,
     /// Time since the clustering began, in microseconds. On a gpu, when the batch it was in came back.
     pub elapsed_us: u64,
+}
+
+/// A round of a hierarchy, or several, each of which merged little.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+pub struct Level {
+    /// Number of the round, from 1; of several, the last.
+    pub round: u32,
+    /// Clusters left after it.
+    pub clusters: u64,
+    /// Energy after it with respect to the lattice proxies, source units. Null when it overflows.
+    pub energy: Option<f64>,
+    /// Pairs that merged since the row before.
+    pub merges: u64,
+    /// Faces that the optimisation gave to other clusters since the row before.
+    pub moves: u64,
+}
+
+/// What a running job tells of as it happens, and its report keeps.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Row {
+    /// A row of `iterations`.
+    Iteration(Iteration),
+    /// A row of `levels`.
+    Round(Level),
 }
 
 /// Kinds of optimisation steps.

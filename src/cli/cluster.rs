@@ -6,24 +6,31 @@ use std::time::Instant;
 
 use super::device::DeviceArguments;
 use super::files::{self, Source, Target};
-use super::places::{self, Kept, Output};
+use super::places::{Kept, Output};
 use super::progress::Progress;
+use super::results::{LabelFile, TreeFiles, check_places};
 use super::{Failure, say, signals};
 use crate::device::Cancel;
-use crate::job::{self, Outcome, Request, milliseconds};
+use crate::device::cpu::CpuDevice;
+use crate::error::{Error, Kind};
+use crate::job::{self, Outcome, Plan, Prepared, Request, milliseconds};
 use crate::mesh::{Beside, Format, Limits, NoResources, Resources};
-use crate::output::{LabelFormat, write_labels};
+use crate::output::write_labels;
 use crate::parameters::{Parameters, Seeds};
-use crate::report::Report;
+use crate::report::{Report, Row};
+use crate::tree::linkage::no_single_root;
 
 /// Arguments of `tesserae cluster`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Labels are one number from 0 to K - 1 a face, in the order of the file.
+Labels are one number from 0 to K - 1 a face, in the order of the file. Hierarchies (pml, ml, hr) may leave --clusters
+out: they go to the top, and `tesserae cut` takes labels at any number of clusters from the hierarchy.
 
 Examples:
   tesserae cluster horse.obj --clusters 2000 --labels horse.npy --report horse.json
   tesserae cluster horse.obj -k 2000 --device gpu --seeds random --seed 7 --labels horse.bin
+  tesserae cluster horse.obj --algorithm pml --hierarchy horse.tsr --levels 2000,1000 --report horse.json
+  tesserae cluster horse.obj --algorithm hr --linkage horse.npy
   gunzip -c dragon.glb.gz | tesserae cluster - -k 5000 --labels - > dragon.labels.json")]
 pub struct Arguments {
     /// The mesh: .obj, .glb or .gltf, or - for standard input
@@ -44,6 +51,9 @@ pub struct Arguments {
     #[arg(long, value_name = "OUT", value_parser = LabelFile::parse)]
     labels: Option<LabelFile>,
 
+    #[command(flatten)]
+    trees: TreeFiles,
+
     /// Where to write the report (JSON): a file, or - for standard output
     #[arg(long, value_name = "OUT.json")]
     report: Option<PathBuf>,
@@ -55,32 +65,6 @@ pub struct Arguments {
     /// Largest number of bytes that is accepted, the mesh and its buffers together
     #[arg(long, env = "TESSERAE_MAX_UPLOAD_BYTES", value_name = "BYTES", default_value_t = Limits::default().max_bytes)]
     max_upload_bytes: u64,
-}
-
-/// Where and how labels are written.
-#[derive(Debug, Clone, PartialEq, Eq)]
-struct LabelFile {
-    target: Target,
-    format: LabelFormat,
-}
-
-impl LabelFile {
-    fn parse(text: &str) -> Result<Self, String> {
-        let target = Target::from(PathBuf::from(text));
-        let format = match &target {
-            Target::Stdout => Some(LabelFormat::Json),
-            Target::File(path) => path.extension().and_then(|extension| {
-                LabelFormat::ALL.into_iter().find(|format| extension.eq_ignore_ascii_case(format.extension()))
-            }),
-        };
-        match format {
-            Some(format) => Ok(Self { target, format }),
-            None => Err(format!(
-                "the name must end in {}",
-                LabelFormat::ALL.map(|format| format!(".{}", format.extension())).join(", ")
-            )),
-        }
-    }
 }
 
 /// Reads, clusters, writes, and says in one line what came out.
@@ -95,10 +79,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 
     progress.stage("writing");
     let writing = Instant::now();
-    if let Some(labels) = &arguments.labels {
-        let clusters = outcome.report.clusters;
-        labels.target.write(|out| write_labels(out, labels.format, clusters, &outcome.labels))?;
-    }
+    write(arguments, &outcome)?;
     outcome.report.timings_ms.write = milliseconds(writing.elapsed());
     outcome.report.timings_ms.total = milliseconds(begin.elapsed());
     if let Some(target) = &report_target {
@@ -123,27 +104,59 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 /// Refuses what needs no mesh to be refused.
 fn check(arguments: &Arguments, outputs: &[Output<'_>]) -> Result<(), Failure> {
-    let listed = matches!(arguments.parameters.seeds, Seeds::File(_));
-    arguments.parameters.check(listed).map_err(|error| Failure::Usage("cluster", error.message))?;
+    let usage = |message: String| Err(Failure::Usage("cluster", message));
+    let parameters = &arguments.parameters;
+    let listed = matches!(parameters.seeds, Seeds::File(_));
+    parameters.check(listed).map_err(|error| Failure::Usage("cluster", error.message))?;
     if let Some(message) = arguments.device.contradiction() {
-        return Err(Failure::Usage("cluster", message));
+        return usage(message);
+    }
+    arguments.trees.check("cluster")?;
+    let is_hierarchical = parameters.algorithm.is_hierarchical();
+    if let Some(flag) = arguments.trees.first().filter(|_| !is_hierarchical) {
+        let name = parameters.algorithm.name();
+        return usage(format!("--{flag} goes with hierarchies (pml, ml, hr), not with the algorithm {name}"));
+    }
+    if is_hierarchical && arguments.labels.is_some() && parameters.clusters.is_none() {
+        return usage(
+            "a whole hierarchy has labels at every number of clusters: give --clusters as well, or write the hierarchy \
+             with --hierarchy OUT.tsr and take labels from it with `tesserae cut`"
+                .to_owned(),
+        );
+    }
+    if arguments.trees.linkage.is_some() {
+        if parameters.optimizes() {
+            return usage("--linkage needs a nested tree, in which no face moves: add --optimize none".to_owned());
+        }
+        if parameters.clusters.is_some_and(|clusters| clusters > 1) {
+            return usage("--linkage needs a whole tree: leave --clusters out".to_owned());
+        }
     }
     let mut inputs = vec![("the mesh", Source::from(arguments.input.clone()))];
-    if let Seeds::File(path) = &arguments.parameters.seeds {
+    if let Seeds::File(path) = &parameters.seeds {
         inputs.push(("the list of seeds", Source::from(path.clone())));
     }
-    let inputs: Vec<_> = inputs.iter().map(|(what, source)| (*what, source)).collect();
-    places::check(&inputs, outputs).map_err(|message| Failure::Usage("cluster", message))?;
-    for (_, target) in outputs {
-        target.check()?;
+    check_places("cluster", &inputs, outputs)
+}
+
+/// Writes everything but the report.
+fn write(arguments: &Arguments, outcome: &Outcome) -> Result<(), Failure> {
+    if let Some(file) = &arguments.labels {
+        let defect = || Error::new(Kind::Internal, "there are no labels");
+        let labels = outcome.labels.as_deref().ok_or_else(defect)?;
+        file.target.write(|out| write_labels(out, file.format, outcome.report.clusters, labels))?;
     }
-    Ok(())
+    match &outcome.hierarchy {
+        Some(hierarchy) => arguments.trees.write(hierarchy),
+        None => Ok(()),
+    }
 }
 
 /// Where results go.
 fn outputs<'a>(arguments: &'a Arguments, report: Option<&'a Target>) -> Vec<Output<'a>> {
     let labels = arguments.labels.as_ref().map(|labels| ("labels", &labels.target));
-    labels.into_iter().chain(report.map(|target| ("report", target))).collect()
+    let report = report.map(|target| ("report", target));
+    labels.into_iter().chain(report).chain(arguments.trees.targets()).collect()
 }
 
 /// From the input to labels and report.
@@ -188,22 +201,47 @@ fn cluster(arguments: &Arguments, outputs: &[Output<'_>], progress: &mut Progres
     prepared.timings.read = read;
     drop(bytes);
     cancel.check()?;
-    let mut device = arguments.device.open(Some(prepared.input.faces))?;
+    if let Plan::Hierarchy(options) = &prepared.plan {
+        let components = prepared.input.components;
+        if arguments.trees.linkage.is_some() && components > 1 {
+            return Err(Error::new(Kind::Conflict, no_single_root(components)).into());
+        }
+        progress.hierarchy(prepared.input.faces, options.clusters.unwrap_or(components));
+    }
     progress.stage("clustering");
-    Ok(job::run(&prepared, device.as_mut(), &cancel, &mut |row| {
-        progress.iteration(row);
-    })?)
+    run_on_device(arguments, &prepared, &cancel, progress)
+}
+
+/// Clusters on the device that was asked for; with `auto`, what a gpu cannot do is done by the cpu.
+fn run_on_device(
+    arguments: &Arguments,
+    prepared: &Prepared,
+    cancel: &Cancel,
+    progress: &mut Progress,
+) -> Result<Outcome, Failure> {
+    let mut on_row = |row: Row| progress.row(&row);
+    let mut device = arguments.device.open(prepared)?;
+    match job::run(prepared, device.as_mut(), cancel, &mut on_row) {
+        Err(error) if error.kind == Kind::DeviceUnsuitable && arguments.device.is_auto() => {
+            tracing::warn!(%error, "taking the cpu instead of the gpu");
+            Ok(job::run(prepared, &mut CpuDevice::new(), cancel, &mut on_row)?)
+        }
+        outcome => Ok(outcome?),
+    }
 }
 
 /// What came out, in one line.
 fn summary(report: &Report) -> String {
     let energy = report.energy.final_.map_or("unknown".into(), |energy| format!("{energy:.9e}"));
     let ratio = report.energy.hexagon_ratio.map_or("none".into(), |ratio| format!("{ratio:.4}"));
+    let steps = match report.levels.last() {
+        Some(level) => format!("{} rounds", level.round),
+        None => format!("{} iterations", report.iterations.last().map_or(0, |row| row.iteration)),
+    };
     format!(
-        "{} faces, {} clusters, energy {energy}, hexagon ratio {ratio}, {} iterations, {:.3} s on {}",
+        "{} faces, {} clusters, energy {energy}, hexagon ratio {ratio}, {steps}, {:.3} s on {}",
         report.input.faces,
         report.clusters,
-        report.iterations.last().map_or(0, |row| row.iteration),
         report.timings_ms.total / 1000.0,
         report.device.name,
     )

@@ -3,6 +3,7 @@
 use crate::device::Device;
 use crate::device::select::{self, DeviceChoice};
 use crate::error::Result;
+use crate::job::Prepared;
 
 /// Which device a command uses.
 #[derive(Debug, clap::Args)]
@@ -23,8 +24,22 @@ impl DeviceArguments {
             .then(|| "--adapter chooses among gpus and does not go with --device cpu".to_owned())
     }
 
-    /// Opens the device; `faces` is the size of the only mesh it is for, where there is only one.
-    pub fn open(&self, faces: Option<u64>) -> Result<Box<dyn Device>> {
-        select::open(self.device, self.adapter.as_deref(), faces)
+    /// Whether the choice is left to this program: who names an adapter wants that one.
+    pub fn is_auto(&self) -> bool {
+        self.device == DeviceChoice::Auto && self.adapter.is_none()
+    }
+
+    /// Opens the device for one mesh. `auto` takes the cpu for what merges one pair after the other, as for small meshes.
+    pub fn open(&self, prepared: &Prepared) -> Result<Box<dyn Device>> {
+        let faces = match prepared.parameters.algorithm.is_sequential() {
+            true => 0,
+            false => prepared.input.faces,
+        };
+        select::open(self.device, self.adapter.as_deref(), Some(faces))
+    }
+
+    /// Opens the device for meshes that are not known yet.
+    pub fn open_for_any(&self) -> Result<Box<dyn Device>> {
+        select::open(self.device, self.adapter.as_deref(), None)
     }
 }

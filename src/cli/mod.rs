@@ -1,16 +1,19 @@
 //! The command line.
 //!
-//! One file a command; what they share is in `device`, `files`, `places`, `progress` and `signals`. Exit status: 0; 2
-//! for a command line that is wrong in itself; 1 for everything else, with one line on standard error (graphics drivers
-//! may add lines of their own). Progress goes to standard error, and only to a terminal. A reader of standard output that
-//! stops reading is no error.
+//! One file a command; what they share is in `device`, `files`, `places`, `results`, `progress` and `signals`. Exit status:
+//! 0; 2 for a command line that is wrong in itself; 1 for everything else, with one line on standard error (graphics
+//! drivers may add lines of their own). Progress goes to standard error, and only to a terminal. A reader of standard
+//! output that stops reading is no error.
 
 mod cluster;
+mod cut;
 mod device;
 mod devices;
 mod files;
 mod places;
+mod plot;
 mod progress;
+mod results;
 mod sample;
 mod serve;
 mod signals;
@@ -35,12 +38,18 @@ const EXAMPLES: &str = "\
 Examples:
   tesserae sample knot --faces 100000 knot.glb
   tesserae cluster knot.glb --clusters 500 --labels knot.npy --report knot.json
+  tesserae cluster knot.glb --algorithm pml --hierarchy knot.tsr
+  tesserae cut knot.tsr --clusters 250 --labels knot-250.npy
   tesserae serve";
 
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Cluster the faces of a mesh file
     Cluster(Box<cluster::Arguments>),
+    /// Take labels at any number of clusters from a hierarchy that `cluster` wrote
+    Cut(Box<cut::Arguments>),
+    /// Draw the energies of reports: against the number of clusters, and per iteration
+    Plot(plot::Arguments),
     /// Serve jobs over HTTP
     Serve(Box<serve::Arguments>),
     /// Make a mesh from nothing, for trying out and testing
@@ -53,6 +62,8 @@ enum Command {
 pub fn main() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::Cluster(arguments) => cluster::run(&arguments),
+        Command::Cut(arguments) => cut::run(&arguments),
+        Command::Plot(arguments) => plot::run(&arguments),
         Command::Serve(arguments) => serve::run(*arguments),
         Command::Sample(arguments) => sample::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),

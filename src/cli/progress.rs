@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::report::{Iteration, Phase};
+use crate::report::{Iteration, Level, Phase, Row};
 
 /// Length of the bar in steps.
 const STEPS: u64 = 1000;
@@ -14,6 +14,8 @@ pub struct Progress {
     bar: ProgressBar,
     max_iterations: Option<u32>,
     most_moves: u64,
+    /// Hierarchies: clusters at the start and at the end.
+    clusters: Option<(u64, u64)>,
 }
 
 impl Progress {
@@ -24,7 +26,7 @@ impl Progress {
             bar.set_style(style.progress_chars("=> "));
         }
         bar.enable_steady_tick(Duration::from_millis(100));
-        Self { bar, max_iterations, most_moves: 0 }
+        Self { bar, max_iterations, most_moves: 0, clusters: None }
     }
 
     /// Says what is being done.
@@ -32,8 +34,35 @@ impl Progress {
         self.bar.set_message(name);
     }
 
+    /// From here on it is about a hierarchy that ends at `target` clusters.
+    pub fn hierarchy(&mut self, faces: u64, target: u64) {
+        self.clusters = Some((faces, target));
+    }
+
+    /// Shows a row of the report.
+    pub fn row(&mut self, row: &Row) {
+        match row {
+            // the rounds tell more
+            Row::Iteration(_) if self.clusters.is_some() => {}
+            Row::Iteration(row) => self.iteration(row),
+            Row::Round(row) => self.round(row),
+        }
+    }
+
+    /// Shows a round: every one leaves about the same part of the clusters.
+    fn round(&mut self, row: &Level) {
+        let Level { round, clusters, energy, moves, .. } = row;
+        let energy = energy.map_or_else(String::new, |energy| format!(", energy {energy:.6e}"));
+        self.bar.set_message(format!("round {round}, {clusters} clusters{energy}, {moves} moves"));
+        let (faces, target) = self.clusters.unwrap_or((1, 1));
+        let logarithm = |clusters: u64| (clusters.max(1) as f64).ln();
+        let whole = logarithm(faces) - logarithm(target);
+        let part = if whole > 0.0 { (logarithm(faces) - logarithm(*clusters)) / whole } else { 1.0 };
+        self.bar.set_position((STEPS as f64 * part.clamp(0.0, 1.0)) as u64);
+    }
+
     /// Shows an iteration.
-    pub fn iteration(&mut self, row: &Iteration) {
+    fn iteration(&mut self, row: &Iteration) {
         let phase = match row.phase {
             Phase::Boundary => "boundary",
             Phase::Refine => "refine",
@@ -88,5 +117,16 @@ mod tests {
             }
         }
         assert_eq!(last, STEPS);
+    }
+
+    #[test]
+    fn rounds_go_from_the_faces_to_the_target() {
+        let mut progress = Progress::new(None);
+        progress.hierarchy(1000, 10);
+        for (clusters, position) in [(1000, 0), (100, STEPS / 2), (10, STEPS)] {
+            let row = Level { round: 1, clusters, energy: Some(1.0), merges: 1, moves: 0 };
+            progress.row(&Row::Round(row));
+            assert!(progress.bar.position().abs_diff(position) <= 1, "{clusters}");
+        }
     }
 }

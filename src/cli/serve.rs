@@ -32,9 +32,12 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         return Err(Failure::Usage("serve", message));
     }
     arguments.log.start().map_err(|error| Failure::Usage("serve", error.message))?;
-    let device = arguments.device.open(None)?;
-    let description =
-        DeviceDescription { chosen: chosen(&arguments.device, device.info()), info: device.info().clone() };
+    let device = arguments.device.open_for_any()?;
+    let description = DeviceDescription {
+        chosen: chosen(&arguments.device, device.info()),
+        info: device.info().clone(),
+        or_cpu: arguments.device.is_auto(),
+    };
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .build()

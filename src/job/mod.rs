@@ -3,21 +3,24 @@
 //! Three stages, so that the service can overlap them for neighbouring jobs: [`prepare`] (parse, topology, seeds) and
 //! the encoding of results ([`crate::output`]) belong on the cpu pool, [`run`] on the thread of the device.
 
+mod flat;
+mod hierarchical;
 mod seed_list;
 
 use std::time::{Duration, Instant};
 
 use sha2::{Digest, Sha256};
 
-use crate::cluster::flat::{Clustering, Options};
 use crate::cluster::seeds::{self, SeedFaces};
-use crate::cluster::{self, repair};
-use crate::device::{Cancel, Device, Ending};
+use crate::cluster::{hierarchy, repair};
+use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::{self, Format, Limits, PolygonMesh, Resources};
-use crate::parameters::{Algorithm, Parameters, Refine, Seeds};
-use crate::report::{Energy, Input, Iteration, Report, Timings};
+use crate::parameters::{Algorithm, Optimize, Parameters, Seeds};
+use crate::report::{Energy, Input, Iteration, Level, Report, Row, Timings};
 use crate::surface::Surface;
+use crate::tree::Tree;
+use crate::tree::stored::Stored;
 
 /// Everything that a job is made of.
 #[derive(Clone, Copy)]
@@ -41,8 +44,8 @@ pub struct Request<'a> {
 pub struct Prepared {
     /// The lattice and the topology.
     pub surface: Surface,
-    /// Where clusters start.
-    pub seeds: SeedFaces,
+    /// How to go about it.
+    pub plan: Plan,
     /// What was read, for the report.
     pub input: Input,
     /// Parameters with what the mesh decides filled in.
@@ -53,11 +56,22 @@ pub struct Prepared {
     pub timings: Timings,
 }
 
-/// Labels and what is said about them.
+/// What an algorithm needs to know before it starts.
+#[derive(Debug)]
+pub enum Plan {
+    /// A flat clustering from these seeds.
+    Flat(SeedFaces),
+    /// A hierarchy.
+    Hierarchy(hierarchy::Options),
+}
+
+/// What a job gives.
 #[derive(Debug)]
 pub struct Outcome {
-    /// One label a face, in upload order.
-    pub labels: Vec<u32>,
+    /// One label a face, in upload order; none for a whole hierarchy, which has labels at every number of clusters.
+    pub labels: Option<Vec<u32>>,
+    /// The hierarchy, of hierarchical algorithms.
+    pub hierarchy: Option<Stored>,
     /// The report; `timings_ms.read`, `.write` and `.total` are the caller's to fill.
     pub report: Report,
 }
@@ -68,26 +82,32 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
     request.parameters.check(request.seeds.is_some())?;
     let listed = request.seeds.map(seed_list::parse).transpose()?;
     let mut parameters = request.parameters.clone();
-    let clusters = match (&listed, parameters.clusters) {
-        (Some(listed), Some(clusters)) if clusters != listed.len() as u64 => {
+    if let Some(listed) = &listed {
+        let count = listed.len() as u64;
+        if let Some(clusters) = parameters.clusters.filter(|&clusters| clusters != count) {
             return Err(Error::parameter(format_args!(
-                "clusters and the number of listed seeds differ (leave clusters out): {clusters} and {}",
-                listed.len()
+                "clusters and the number of listed seeds differ (leave clusters out): {clusters} and {count}"
             )));
         }
-        (Some(listed), _) => listed.len() as u64,
-        // `check` has seen that there is a number
-        (None, clusters) => clusters.unwrap_or_default(),
-    };
-    parameters.clusters = Some(clusters);
-    if listed.is_some() {
+        parameters.clusters = Some(count);
         parameters.seeds = Seeds::Listed;
+    }
+    if parameters.algorithm == Algorithm::Hr {
+        parameters.optimize = Optimize::None;
     }
 
     let mesh = mesh::read(request.bytes, request.format, request.resources, &request.limits)?;
     let parsed = Instant::now();
     let surface = Surface::build(&mesh)?;
-    let seeds = seeds::choose(&surface, clusters, &parameters.seeds, parameters.seed, listed.as_deref())?;
+    let plan = if parameters.algorithm.is_hierarchical() {
+        let options = hierarchical::options(&parameters);
+        hierarchy::check(&surface, &options)?;
+        Plan::Hierarchy(options)
+    } else {
+        // `check` has seen that there is a number
+        let clusters = parameters.clusters.unwrap_or_default();
+        Plan::Flat(seeds::choose(&surface, clusters, &parameters.seeds, parameters.seed, listed.as_deref())?)
+    };
     let input = describe(&mesh, &surface);
     let mut warnings = mesh.warnings;
     if surface.counts.zero_area_faces > 0 {
@@ -101,65 +121,46 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
         topology: milliseconds(parsed.elapsed()),
         ..Timings::default()
     };
-    Ok(Prepared { surface, seeds, input, parameters, warnings, timings })
+    Ok(Prepared { surface, plan, input, parameters, warnings, timings })
 }
 
-/// Clusters a prepared mesh. `on_iteration` is told of every row of the report as it comes.
+/// Clusters a prepared mesh. `on_row` is told of every row of the report as it comes.
 pub fn run(
     prepared: &Prepared,
     device: &mut dyn Device,
     cancel: &Cancel,
-    on_iteration: &mut dyn FnMut(&Iteration),
+    on_row: &mut dyn FnMut(Row),
 ) -> Result<Outcome> {
     cancel.check()?;
-    let Prepared { surface, seeds, parameters, .. } = prepared;
     let info = device.info().clone();
-    let opened = Instant::now();
-    let mut steps = device.open(surface, &seeds.component_of_cluster)?;
-    let upload = opened.elapsed();
+    let mut clustered = match &prepared.plan {
+        Plan::Flat(seeds) => flat::run(prepared, seeds, device, cancel, on_row)?,
+        Plan::Hierarchy(options) => hierarchical::run(prepared, options, device, cancel, on_row)?,
+    };
+    let ended = Instant::now();
 
-    let started = Instant::now();
-    let mut iterations = Vec::new();
-    let options = Options {
-        max_iterations: parameters.max_iterations,
-        refine: parameters.refine == Refine::On,
-        allow_disconnected: parameters.allow_disconnected,
-    };
-    let mut on_row = |row: cluster::run::Row| {
-        let row = Iteration {
-            iteration: row.iteration,
-            phase: row.phase,
-            round: None,
-            energy: finite(surface.energy(row.energy)),
-            moves: row.moves,
-            elapsed_us: started.elapsed().as_micros() as u64,
-        };
-        on_iteration(&row);
-        iterations.push(row);
-    };
-    let clustering = match parameters.algorithm {
-        Algorithm::Bb => cluster::flat::boundary_based(surface, seeds, options, steps.as_mut(), cancel, &mut on_row)?,
-    };
-    drop(steps);
-    let clustered = Instant::now();
-
-    let clusters = seeds.face_of_cluster.len();
-    let initial = surface.source_energy(&clustering.initial, clusters);
-    let final_ = surface.source_energy(&clustering.labels, clusters);
+    let Prepared { surface, parameters, .. } = prepared;
+    let clusters = clustered.clusters;
+    let final_ = surface.source_energy(&clustered.labels, clusters);
     let energy = Energy {
         functional: "cvd".to_owned(),
-        initial: finite(initial),
+        initial: clustered.initial_energy.and_then(finite),
         final_: finite(final_),
-        hexagon_ratio: surface.hexagon_ratio(&clustering.labels, clusters),
+        hexagon_ratio: surface.hexagon_ratio(&clustered.labels, clusters),
     };
-    let disconnected_clusters = repair::disconnected_clusters(surface, clusters, &clustering.labels);
-    let labels = labels_of_upload(surface, &clustering.labels, clusters, parameters.seeds == Seeds::Listed)?;
+    let disconnected_clusters = repair::disconnected_clusters(surface, clusters, &clustered.labels);
+    let labels = match (parameters.clusters, &clustered.tree) {
+        (None, Some(_)) => None,
+        _ => Some(labels_of_upload(surface, &clustered.labels, clusters, parameters.seeds == Seeds::Listed)?),
+    };
     let timings_ms = Timings {
-        upload: milliseconds(upload),
-        cluster: milliseconds(clustered - started),
-        download: milliseconds(clustered.elapsed()),
+        upload: milliseconds(clustered.upload),
+        cluster: milliseconds(clustered.cluster),
+        download: milliseconds(ended.elapsed()),
         ..prepared.timings
     };
+    let mut warnings = prepared.warnings.clone();
+    warnings.append(&mut clustered.warnings);
     let report = Report {
         input: prepared.input.clone(),
         algorithm: parameters.algorithm,
@@ -168,12 +169,31 @@ pub fn run(
         clusters: clusters as u64,
         disconnected_clusters,
         energy,
-        iterations,
+        iterations: clustered.iterations,
+        levels: clustered.levels,
         timings_ms,
-        labels_sha256: sha256(&labels),
-        warnings: warnings(prepared, &clustering),
+        labels_sha256: labels.as_deref().map(labels_sha256),
+        warnings,
     };
-    Ok(Outcome { labels, report })
+    let hierarchy = match clustered.tree {
+        Some(tree) => Some(Stored { header: hierarchical::header(&prepared.input, parameters)?, tree }),
+        None => None,
+    };
+    Ok(Outcome { labels, hierarchy, report })
+}
+
+/// What an algorithm gave, before it is put into the order of the upload.
+struct Clustered {
+    /// One label a face below `clusters`, internal order.
+    labels: Vec<u32>,
+    clusters: usize,
+    initial_energy: Option<f64>,
+    tree: Option<Tree>,
+    iterations: Vec<Iteration>,
+    levels: Vec<Level>,
+    warnings: Vec<String>,
+    upload: Duration,
+    cluster: Duration,
 }
 
 /// What was read, for the report.
@@ -218,7 +238,7 @@ fn labels_of_upload(surface: &Surface, internal: &[u32], clusters: usize, keep_n
 }
 
 /// SHA-256 of labels as u32 little-endian, lower-case hexadecimal.
-fn sha256(labels: &[u32]) -> String {
+pub fn labels_sha256(labels: &[u32]) -> String {
     let mut hash = Sha256::new();
     let mut bytes = Vec::with_capacity(4 * 16_384);
     for chunk in labels.chunks(16_384) {
@@ -227,16 +247,6 @@ fn sha256(labels: &[u32]) -> String {
         hash.update(&bytes);
     }
     hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
-}
-
-/// What is unusual about mesh and run.
-fn warnings(prepared: &Prepared, clustering: &Clustering) -> Vec<String> {
-    let mut warnings = prepared.warnings.clone();
-    if clustering.ending == Ending::IterationLimit {
-        let limit = prepared.parameters.max_iterations.unwrap_or(u32::MAX);
-        warnings.push(format!("stopped by max_iterations, maybe before it had converged: {limit}"));
-    }
-    warnings
 }
 
 /// JSON has no infinities.

@@ -3,10 +3,11 @@
 //! Every format ends in the same [`PolygonMesh`]; nothing after this module knows where a mesh came from. A new format
 //! is a file (or folder) here, a variant of [`Format`] and an arm in [`read`].
 //!
-//! Readers trust nothing: sizes are checked against the bytes that are there before anything is allocated, and an error
-//! names the line, accessor, vertex or face. They open no file themselves: what a mesh refers to comes through
-//! [`Resources`].
+//! Readers trust nothing: sizes are checked against the bytes that are there before anything is allocated, what a file
+//! says more than once stays in proportion to its bytes (`allowance`), and an error names the line, accessor, vertex or
+//! face. They open no file themselves: what a mesh refers to comes through [`Resources`].
 
+mod allowance;
 mod faces;
 mod format;
 mod gltf;
@@ -17,7 +18,10 @@ pub use faces::Faces;
 pub use format::Format;
 pub use resources::{Beside, NoResources, Resources};
 
-use serde::Serialize;
+use std::borrow::Cow;
+use std::sync::Arc;
+
+use serde::{Serialize, Serializer};
 use utoipa::ToSchema;
 
 use crate::error::{Error, Result};
@@ -49,20 +53,27 @@ pub struct Part {
     /// glTF: index of the GPU instance.
     pub instance: Option<u32>,
     /// OBJ: object and group names, joined by a slash; glTF: the node's name.
-    pub group: Option<String>,
+    #[serde(serialize_with = "name")]
+    #[schema(value_type = Option<String>)]
+    pub group: Option<Arc<str>>,
     /// First face of the run, in upload order.
     pub first_face: u64,
     /// Number of faces in the run.
     pub faces: u64,
 }
 
-/// A name for a part, cut short where it is longer than any sensible one: it may be repeated for every part.
-fn part_name(name: &str) -> String {
+/// A name for a part, cut short where it has more bytes than any sensible one: it may be repeated for every part.
+fn part_name(name: &str) -> Cow<'_, str> {
     const LONGEST: usize = 255;
-    match name.char_indices().nth(LONGEST) {
-        Some((end, _)) => format!("{}…", &name[..end]),
-        None => name.to_owned(),
+    if name.len() <= LONGEST {
+        return Cow::Borrowed(name);
     }
+    Cow::Owned(format!("{}…", &name[..name.floor_char_boundary(LONGEST)]))
+}
+
+/// Writes a shared name like one that is not.
+fn name<S: Serializer>(name: &Option<Arc<str>>, serializer: S) -> Result<S::Ok, S::Error> {
+    name.as_deref().serialize(serializer)
 }
 
 /// What a mesh may cost.
@@ -121,4 +132,24 @@ pub fn read(bytes: &[u8], format: Format, resources: &dyn Resources, limits: &Li
         return Err(Error::mesh("the mesh has no faces"));
     }
     Ok(mesh)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_names_are_cut_between_characters() {
+        assert_eq!(part_name(&"x".repeat(255)), "x".repeat(255));
+        assert_eq!(part_name(&"x".repeat(256)), format!("{}…", "x".repeat(255)));
+        assert_eq!(part_name(&"😀".repeat(255)), format!("{}…", "😀".repeat(63)));
+    }
+
+    #[test]
+    fn shared_names_are_written_like_others() {
+        let part = Part { group: Some("a/b".into()), faces: 7, ..Part::default() };
+        let written = serde_json::to_value([part, Part::default()]).expect("JSON");
+        assert_eq!(written[0]["group"], "a/b");
+        assert!(written[1]["group"].is_null());
+    }
 }

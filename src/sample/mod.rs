@@ -141,7 +141,7 @@ fn join(pieces: Vec<(String, Piece)>) -> PolygonMesh {
     for (name, piece) in pieces {
         let first_vertex = mesh.positions.len() as u32;
         mesh.parts.push(Part {
-            group: Some(name),
+            group: Some(name.into()),
             first_face: mesh.faces.len() as u64,
             faces: piece.faces.len() as u64,
             ..Part::default()

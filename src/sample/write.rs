@@ -79,7 +79,7 @@ impl Section {
         let first_vertex = corners().flatten().min()?;
         let last_vertex = corners().flatten().max()?;
         Some(Self {
-            name: part.group.clone(),
+            name: part.group.as_deref().map(str::to_owned),
             faces,
             triangles,
             first_vertex,

@@ -53,18 +53,18 @@ pub(super) struct StreamEvent {
     /// Number of the event, from 1 without gaps.
     #[schema(example = "7")]
     id: String,
-    /// `state`, `iteration` or `end`.
+    /// `state`, `iteration`, `round` or `end`.
     #[schema(example = "state")]
     event: String,
-    /// JSON: a `StateEvent`, a row of the report's `iterations`, or an `EndEvent`.
+    /// JSON: a `StateEvent`, a row of the report's `iterations` or `levels`, or an `EndEvent`.
     #[schema(example = r#"{"state":"running"}"#)]
     data: String,
 }
 
 /// Follow a job
 ///
-/// Events `state` ({state}), `iteration` (a row of the report's `iterations`) and `end` ({state, problem}), after which
-/// the stream closes; comments keep a quiet stream open. The id of an event is its number, from 1 without gaps. With
+/// Events `state` ({state}), `iteration` (a row of the report's `iterations`), `round` (a row of its `levels`) and `end`
+/// ({state, problem}), after which the stream closes; comments keep a quiet stream open. The id of an event is its number, from 1 without gaps. With
 /// `Last-Event-ID` the stream begins after that event; when there is nothing after it and the job has ended, the answer
 /// is 204, which tells an EventSource not to come back.
 #[utoipa::path(
@@ -155,6 +155,7 @@ impl Reader {
         let (name, data) = match event.what {
             What::State(state) => ("state", serde_json::to_string(&StateEvent { state })),
             What::Iteration(row) => ("iteration", Ok(row)),
+            What::Round(row) => ("round", Ok(row)),
             What::End(state, error) => {
                 let problem = error.map(|error| Problem::new(&error, jobs::path(self.id)));
                 ("end", serde_json::to_string(&EndEvent { state, problem }))

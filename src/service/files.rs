@@ -21,6 +21,8 @@ pub(super) const SEEDS: &str = "seeds";
 pub(super) const LABELS_NPY: &str = "labels.npy";
 /// Name of the labels as JSON in a job's result folder.
 pub(super) const LABELS_JSON: &str = "labels.json";
+/// Name of the hierarchy in a job's result folder.
+pub(super) const HIERARCHY: &str = "hierarchy.tsr";
 /// Name of the report in a job's result folder.
 pub(super) const REPORT: &str = "report.json";
 

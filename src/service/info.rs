@@ -28,6 +28,9 @@ pub struct DeviceDescription {
     /// How it was chosen, for people.
     #[schema(example = "auto: there is no GPU")]
     pub chosen: String,
+    /// Whether the cpu does what this device cannot, or is slow at.
+    #[serde(skip)]
+    pub or_cpu: bool,
 }
 
 /// Formats that are read and written.

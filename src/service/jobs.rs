@@ -73,7 +73,11 @@ pub(super) struct ProgressView {
     iterations: u32,
     /// Phase of the last of them.
     phase: Option<Phase>,
-    /// Energy after the last of them.
+    /// Hierarchies: rounds made.
+    rounds: u32,
+    /// Hierarchies: clusters left after the last of them.
+    clusters_left: Option<u64>,
+    /// Energy after the last iteration or round.
     energy: Option<f64>,
 }
 
@@ -83,7 +87,7 @@ pub(super) struct ProgressView {
 pub(super) struct ResultView {
     /// Faces of the mesh, each with a label.
     faces: u64,
-    /// Clusters, none of them empty.
+    /// Clusters, none of them empty; of a whole hierarchy, that of its roots.
     clusters: u64,
 }
 
@@ -110,8 +114,10 @@ pub(super) struct Urls {
     job: String,
     /// Its events.
     events: String,
-    /// Its labels, once it has succeeded.
+    /// Its labels, once it has succeeded; of a whole hierarchy, with `?clusters=K`.
     labels: String,
+    /// Its hierarchy, once it has succeeded; null for flat algorithms.
+    hierarchy: Option<String>,
     /// Its report, once it has succeeded.
     report: String,
 }
@@ -165,6 +171,7 @@ pub(super) fn path(id: JobId) -> String {
 impl From<Job> for JobView {
     fn from(job: Job) -> Self {
         let path = path(job.id);
+        let is_hierarchical = job.spec.parameters.algorithm.is_hierarchical();
         Self {
             id: job.id,
             state: job.state,
@@ -172,6 +179,8 @@ impl From<Job> for JobView {
             progress: ProgressView {
                 iterations: job.progress.iterations,
                 phase: job.progress.phase,
+                rounds: job.progress.rounds,
+                clusters_left: job.progress.clusters_left,
                 energy: job.progress.energy,
             },
             cancel_requested: job.cancel_requested,
@@ -190,6 +199,7 @@ impl From<Job> for JobView {
             urls: Urls {
                 events: format!("{path}/events"),
                 labels: format!("{path}/labels"),
+                hierarchy: is_hierarchical.then(|| format!("{path}/hierarchy")),
                 report: format!("{path}/report"),
                 job: path,
             },

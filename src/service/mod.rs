@@ -12,7 +12,7 @@
 //! | how bodies come in | `upload`, `intake` |
 //! | what happens to a job | `pipeline` |
 //! | how jobs are kept | `store`, and their files in `files` |
-//! | a resource | `jobs`, `events`, `results`, `info` |
+//! | a resource | `jobs`, `events`, `results`, `hierarchy`, `info` |
 //! | what errors look like | `problem` |
 //! | routes, layers, start and stop | `server` |
 //!
@@ -22,6 +22,7 @@
 
 mod events;
 mod files;
+mod hierarchy;
 mod info;
 mod intake;
 mod jobs;

@@ -5,28 +5,28 @@ use axum::http::{HeaderMap, header};
 use crate::error::{Error, Kind, Result};
 use crate::output::LabelFormat;
 
-/// The format of labels that the client likes best; the earlier one in [`LabelFormat::ALL`] when it likes several alike.
+/// The format of labels that the client likes best.
 pub(super) fn label_format(headers: &HeaderMap) -> Result<LabelFormat> {
+    choose(headers, "labels", &LabelFormat::ALL.map(|format| (format, format.media_type())))
+}
+
+/// The form that the client likes best of those that `what` comes as; the earlier one when it likes several alike.
+pub(super) fn choose<T: Copy>(headers: &HeaderMap, what: &str, forms: &[(T, &str)]) -> Result<T> {
     let accepted: Vec<&str> = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
-    let accepted = accepted.join(",");
-    if accepted.trim().is_empty() {
-        return Ok(LabelFormat::ALL[0]);
-    }
+    let accepted = match accepted.join(",") {
+        nothing if nothing.trim().is_empty() => "*/*".to_owned(),
+        accepted => accepted,
+    };
     let mut best = None;
-    for format in LabelFormat::ALL {
-        let quality = quality(&accepted, format.media_type());
+    for &(form, media_type) in forms {
+        let quality = quality(&accepted, media_type);
         if quality > 0 && best.is_none_or(|(_, other)| quality > other) {
-            best = Some((format, quality));
+            best = Some((form, quality));
         }
     }
-    best.map(|(format, _)| format).ok_or_else(|| {
-        Error::new(
-            Kind::NotAcceptable,
-            format_args!(
-                "labels come as {}, not as {accepted:?}",
-                LabelFormat::ALL.map(LabelFormat::media_type).join(", ")
-            ),
-        )
+    best.map(|(form, _)| form).ok_or_else(|| {
+        let media_types: Vec<&str> = forms.iter().map(|(_, media_type)| *media_type).collect();
+        Error::new(Kind::NotAcceptable, format_args!("{what} come as {}, not as {accepted:?}", media_types.join(", ")))
     })
 }
 

@@ -7,13 +7,14 @@ use axum::http::header;
 use axum::response::IntoResponse;
 use serde_json::{Value, json};
 use utoipa::openapi::path::{Parameter, ParameterBuilder, ParameterIn};
+use utoipa::openapi::schema::{ObjectBuilder, Type};
 use utoipa::openapi::{self, RefOr, Required, Schema};
 use utoipa::{Modify, OpenApi, ToResponse, ToSchema};
 
 use super::problem::{Answer, Problem};
-use super::{events, info, jobs, results};
+use super::{events, hierarchy, info, jobs, results};
 use crate::error::{Error, Kind, Result};
-use crate::parameters::Seeds;
+use crate::parameters::{Levels, Seeds};
 
 /// Bytes.
 #[derive(ToSchema)]
@@ -40,7 +41,7 @@ pub(super) struct Problematic(Problem);
         jobs::remove,
         events::stream,
         results::labels,
-        results::hierarchy,
+        hierarchy::hierarchy,
         results::report,
         info::device,
         info::formats,
@@ -101,6 +102,9 @@ impl Modify for Adjustments {
 /// A member of a schema as a query parameter; its description moves up.
 fn in_query(name: &str, schema: &RefOr<Schema>) -> Parameter {
     let mut schema = schema.clone();
+    if name == "levels" {
+        schema = levels_in_query(&schema);
+    }
     let description = match &mut schema {
         RefOr::T(Schema::Object(schema)) => schema.description.take(),
         RefOr::Ref(reference) => Some(std::mem::take(&mut reference.description)),
@@ -113,6 +117,20 @@ fn in_query(name: &str, schema: &RefOr<Schema>) -> Parameter {
         .description(description)
         .schema(without_null(&schema))
         .build()
+}
+
+/// A list of levels in a query is text.
+fn levels_in_query(schema: &RefOr<Schema>) -> RefOr<Schema> {
+    let description = match schema {
+        RefOr::T(Schema::OneOf(schema)) => schema.description.clone(),
+        RefOr::T(_) | RefOr::Ref(_) => None,
+    };
+    let text = ObjectBuilder::new()
+        .schema_type(Type::String)
+        .pattern(Some(Levels::PATTERN))
+        .description(description)
+        .examples([json!("2000,1000")]);
+    Schema::from(text).into()
 }
 
 /// A schema less the null of its type.

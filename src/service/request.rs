@@ -74,7 +74,7 @@ impl Wanted {
 
     /// Checks what can be checked before the body is here: a form may still bring parameters and a list of seeds.
     pub fn check_early(&self, form: bool) -> Result<()> {
-        self.parameters.check(form)
+        if form { self.parameters.check_values() } else { self.parameters.check(false) }
     }
 
     /// The parameters, checked as far as they can be without the mesh. `listed` says whether a list of seeds came.
@@ -148,6 +148,26 @@ mod tests {
     }
 
     #[test]
+    fn levels_mean_the_same_in_every_form() {
+        for (query, json) in [
+            ("algorithm=pml&levels=20,10", "{}"),
+            ("algorithm=pml&levels=20%2C10", r#"{"levels": [20, 10]}"#),
+            ("algorithm=pml", r#"{"levels": "20,10"}"#),
+        ] {
+            let parameters = with_json(query, json).expect(query);
+            assert_eq!(parameters.levels(), [20, 10], "{query} {json}");
+        }
+        assert!(with_json("algorithm=pml&levels=20", r#"{"levels": [30]}"#).is_err());
+    }
+
+    #[test]
+    fn what_a_form_may_still_make_right_is_not_refused_early() {
+        assert_eq!(wanted("levels=20").and_then(|wanted| wanted.check_early(true)), Ok(()));
+        assert!(wanted("levels=20&clusters=3").and_then(|wanted| wanted.check_early(false)).is_err());
+        assert!(wanted("clusters=0").and_then(|wanted| wanted.check_early(true)).is_err());
+    }
+
+    #[test]
     fn what_is_wrong_is_named() {
         for (query, name) in [
             ("clusters=2&cluster=3", "`cluster`"),
@@ -157,6 +177,9 @@ mod tests {
             ("clusters=2&seeds=file:/etc/passwd", "/etc/passwd"),
             ("clusters=2&clusters=2", "clusters"),
             ("clusters=2&algorithm=magic", "magic"),
+            ("algorithm=pml&levels=", "levels"),
+            ("algorithm=pml&levels=9,x", "9,x"),
+            ("algorithm=pml&ties=none", "ties"),
         ] {
             let error = wanted(query).expect_err(query);
             assert_eq!(error.kind, Kind::InvalidParameter, "{query}: {error}");

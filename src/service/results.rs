@@ -1,4 +1,4 @@
-//! The results of a job: labels, report, hierarchy.
+//! The results of a job: labels and report. What a hierarchy gives is in `hierarchy`.
 
 #![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
 
@@ -16,11 +16,10 @@ use tokio_util::io::ReaderStream;
 use utoipa::{IntoParams, ToSchema};
 
 use super::files;
-use super::negotiate;
 use super::problem::Answer;
 use super::server::{App, Shared};
 use super::store::{Job, JobId, State, Summary, no_such_job};
-use super::{openapi::Problematic, query};
+use super::{hierarchy, negotiate, openapi::Problematic, query};
 use crate::error::{Error, Kind, Result};
 use crate::output::LabelFormat;
 
@@ -32,8 +31,26 @@ const CHUNK: usize = 1 << 16;
 pub(super) struct Labels {
     /// Number of clusters.
     clusters: u64,
+    /// Of labels cut from a hierarchy: `exact` for a state that the run had, `merged` for the last one with more clusters
+    /// and the next round's cheapest merges on top.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cut: Option<CutKind>,
+    /// Of labels cut from a hierarchy: their energy, source units. Null when it overflows.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    energy: Option<f64>,
     /// The cluster of each face, in upload order: 0 … clusters − 1.
     labels: Vec<u32>,
+}
+
+/// What a cut of a hierarchy is
+#[derive(Debug, Serialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+#[expect(dead_code, reason = "describes labels for openapi.yaml; they are written as they come")]
+pub(super) enum CutKind {
+    /// A state that the run had.
+    Exact,
+    /// The last state with more clusters, and the next round's cheapest merges.
+    Merged,
 }
 
 /// The query of the labels.
@@ -41,14 +58,16 @@ pub(super) struct Labels {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct LabelsQuery {
-    /// Cut a hierarchy at this number of clusters; 409 for a flat clustering
+    /// Cut a hierarchy at this number of clusters; 409 for a flat clustering, and outside what the hierarchy has
     #[param(minimum = 1)]
     clusters: Option<u64>,
 }
 
 /// Get the labels
 ///
-/// One cluster number a face, in upload order; the format is chosen by `Accept`. 409 before the job has succeeded.
+/// One cluster number a face, in upload order; the format is chosen by `Accept`. `clusters` cuts a hierarchy, and headers
+/// and JSON then say what kind of cut it is and what its energy. 409 before the job has succeeded, and for a whole
+/// hierarchy without `clusters`.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/labels", tag = "results", operation_id = "getLabels",
     params(("id" = String, Path, format = "uuid", description = "Id of the job"), LabelsQuery),
@@ -57,6 +76,9 @@ pub(super) struct LabelsQuery {
             (Labels = "application/json"),
             (inline(super::openapi::Binary) = "application/x-npy"),
             (inline(super::openapi::Binary) = "application/octet-stream"),
+        ), headers(
+            ("Tesserae-Cut" = CutKind, description = "Of labels cut from a hierarchy: what kind of cut it is"),
+            ("Tesserae-Energy" = f64, description = "Of labels cut from a hierarchy: their energy, source units"),
         )),
         (status = 404, response = Problematic),
         (status = 406, response = Problematic),
@@ -69,7 +91,8 @@ pub(super) async fn labels(Extract(shared): App, Path(id): Path<String>, uri: Ur
     let job = find(&shared, &id).await?;
     let LabelsQuery { clusters } = query::read(&uri)?;
     let summary = succeeded(&job)?;
-    if let Some(clusters) = clusters {
+    let is_hierarchical = job.spec.parameters.algorithm.is_hierarchical();
+    if let Some(clusters) = clusters.filter(|_| !is_hierarchical) {
         return Err(Error::new(
             Kind::Conflict,
             format_args!(
@@ -80,21 +103,29 @@ pub(super) async fn labels(Extract(shared): App, Path(id): Path<String>, uri: Ur
         )
         .into());
     }
+    if clusters.is_none() && !summary.has_labels {
+        return Err(Error::new(
+            Kind::Conflict,
+            format_args!(
+                "this job made a whole hierarchy, which has labels at every number of clusters: give clusters, from {} \
+                 to {}",
+                summary.clusters, summary.faces
+            ),
+        )
+        .into());
+    }
     let format = negotiate::label_format(&headers)?;
     let folder = shared.files.result(job.id);
     // The raw numbers are what follows the header of the .npy file.
-    let (name, tail) = match format {
-        LabelFormat::Json => (files::LABELS_JSON, None),
-        LabelFormat::Npy => (files::LABELS_NPY, None),
-        LabelFormat::Raw => (files::LABELS_NPY, Some(4 * summary.faces)),
+    let mut response = match (clusters, format) {
+        (Some(clusters), format) => hierarchy::cut(&shared, &job, clusters, format).await?,
+        (None, LabelFormat::Json) => stored(folder.join(files::LABELS_JSON), None, format.media_type()).await?,
+        (None, LabelFormat::Npy) => stored(folder.join(files::LABELS_NPY), None, format.media_type()).await?,
+        (None, LabelFormat::Raw) => {
+            stored(folder.join(files::LABELS_NPY), Some(4 * summary.faces), format.media_type()).await?
+        }
     };
-    let mut response = stored(folder.join(name), tail, format.media_type()).await?;
-    let headers = response.headers_mut();
-    let name = format!("attachment; filename=\"{}-labels.{}\"", stem(&job), format.extension());
-    if let Ok(value) = name.parse() {
-        headers.insert(header::CONTENT_DISPOSITION, value);
-    }
-    headers.insert(header::VARY, header::HeaderValue::from_static("accept"));
+    attachment(&mut response, &job, &format!("labels.{}", format.extension()));
     Ok(response)
 }
 
@@ -118,37 +149,14 @@ pub(super) async fn report(Extract(shared): App, Path(id): Path<String>) -> Answ
     Ok(stored(path, None, "application/json").await?)
 }
 
-/// Get the hierarchy
-///
-/// 404 for jobs of flat algorithms, which all algorithms are that there are.
-#[utoipa::path(
-    get, path = "/v1/jobs/{id}/hierarchy", tag = "results", operation_id = "getHierarchy",
-    params(("id" = String, Path, format = "uuid", description = "Id of the job")),
-    responses(
-        (status = 404, response = Problematic),
-        (status = 500, response = Problematic),
-    ),
-)]
-pub(super) async fn hierarchy(Extract(shared): App, Path(id): Path<String>) -> Answer {
-    let job = find(&shared, &id).await?;
-    Err(Error::new(
-        Kind::NotFound,
-        format_args!(
-            "the job has no hierarchy, because its algorithm makes a flat clustering: {}",
-            serde_json::to_string(&job.spec.parameters.algorithm).unwrap_or_default()
-        ),
-    )
-    .into())
-}
-
 /// The job with that id.
-async fn find(shared: &Shared, id: &str) -> Result<Job> {
+pub(super) async fn find(shared: &Shared, id: &str) -> Result<Job> {
     let id: JobId = id.parse()?;
     shared.store.get(id).await?.ok_or_else(|| no_such_job(id))
 }
 
 /// What a job gave; an error that says why there is nothing yet, or never will be.
-fn succeeded(job: &Job) -> Result<Summary> {
+pub(super) fn succeeded(job: &Job) -> Result<Summary> {
     let conflict = |message: String| Err(Error::new(Kind::Conflict, message));
     match (job.state, &job.summary) {
         (State::Succeeded, Some(summary)) => Ok(*summary),
@@ -165,21 +173,39 @@ fn succeeded(job: &Job) -> Result<Summary> {
 }
 
 /// A file, or its last `tail` bytes, as a response that streams it.
-async fn stored(path: PathBuf, tail: Option<u64>, media_type: &'static str) -> Result<Response> {
-    let cannot = |error: std::io::Error| match error.kind() {
+pub(super) async fn stored(path: PathBuf, tail: Option<u64>, media_type: &'static str) -> Result<Response> {
+    let mut file = File::open(path).await.map_err(cannot_read)?;
+    let bytes = file.metadata().await.map_err(cannot_read)?.len();
+    let length = tail.map_or(bytes, |tail| tail.min(bytes));
+    if length < bytes {
+        file.seek(SeekFrom::Start(bytes - length)).await.map_err(cannot_read)?;
+    }
+    Ok(streamed(file, length, media_type))
+}
+
+/// The next `length` bytes of a file as a response.
+pub(super) fn streamed(file: File, length: u64, media_type: &'static str) -> Response {
+    let body = Body::from_stream(ReaderStream::with_capacity(file.take(length), CHUNK));
+    ([(header::CONTENT_TYPE, media_type.to_owned()), (header::CONTENT_LENGTH, length.to_string())], body)
+        .into_response()
+}
+
+/// The error of a result that cannot be read.
+pub(super) fn cannot_read(error: std::io::Error) -> Error {
+    match error.kind() {
         // deleted since we looked
         std::io::ErrorKind::NotFound => Error::new(Kind::NotFound, "the job was deleted"),
         _ => Error::io("a result cannot be read", error),
-    };
-    let mut file = File::open(path).await.map_err(cannot)?;
-    let bytes = file.metadata().await.map_err(cannot)?.len();
-    let length = tail.map_or(bytes, |tail| tail.min(bytes));
-    if length < bytes {
-        file.seek(SeekFrom::Start(bytes - length)).await.map_err(cannot)?;
     }
-    let body = Body::from_stream(ReaderStream::with_capacity(file.take(length), CHUNK));
-    Ok(([(header::CONTENT_TYPE, media_type.to_owned()), (header::CONTENT_LENGTH, length.to_string())], body)
-        .into_response())
+}
+
+/// Says under which name a result is best kept, and that there are others.
+pub(super) fn attachment(response: &mut Response, job: &Job, name: &str) {
+    let headers = response.headers_mut();
+    if let Ok(value) = format!("attachment; filename=\"{}-{name}\"", stem(job)).parse() {
+        headers.insert(header::CONTENT_DISPOSITION, value);
+    }
+    headers.insert(header::VARY, header::HeaderValue::from_static("accept"));
 }
 
 /// What results are called after: the mesh file's name as far as it is harmless in a header, else the job.

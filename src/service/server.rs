@@ -13,6 +13,7 @@ use axum::response::Response;
 use axum::routing::{get, post};
 use axum::{Router, body::Body};
 use tokio::net::TcpListener;
+use tokio::sync::Semaphore;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tower::ServiceBuilder;
@@ -27,12 +28,15 @@ use super::pipeline::Pipeline;
 use super::pipeline::device_thread::DeviceThread;
 use super::store::JobStore;
 use super::store::memory::MemoryStore;
-use super::{Settings, events, info, jobs, openapi, problem, results};
+use super::{Settings, events, hierarchy, info, jobs, openapi, problem, results};
 use crate::device::Device;
 use crate::error::{Error, Result};
 
 /// Time for what is left to do after the grace period: ending jobs that were told to stop, sending last answers.
 const LAST_MOMENT: Duration = Duration::from_secs(2);
+
+/// Hierarchies that are in memory at a time to be cut or written: other requests wait for their turn.
+const HIERARCHIES_IN_MEMORY: usize = 2;
 
 /// Name of the header that carries the id of a request.
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
@@ -50,6 +54,8 @@ pub(super) struct Shared {
     pub device: DeviceDescription,
     /// Cancelled once the service is to stop.
     pub stop: CancellationToken,
+    /// Hierarchies that may be in memory at a time.
+    pub hierarchies: Arc<Semaphore>,
     /// Answers given, by the first digit of their status less one.
     pub answers: [AtomicU64; 5],
 }
@@ -92,7 +98,7 @@ impl Server {
             Arc::clone(&files),
             settings.limits(),
             settings.meshes_in_memory,
-            DeviceThread::start(device)?,
+            DeviceThread::start(device, description.or_cpu)?,
         );
         let shared = Arc::new(Shared {
             settings,
@@ -100,6 +106,7 @@ impl Server {
             files,
             device: description,
             stop: CancellationToken::new(),
+            hierarchies: Arc::new(Semaphore::new(HIERARCHIES_IN_MEMORY)),
             answers: Default::default(),
         });
         Ok(Self { listener, address, shared, pipeline })
@@ -167,7 +174,7 @@ fn router(shared: Arc<Shared>) -> Router {
         .route("/v1/jobs/{id}", get(jobs::show).delete(jobs::remove))
         .route("/v1/jobs/{id}/events", get(events::stream))
         .route("/v1/jobs/{id}/labels", get(results::labels))
-        .route("/v1/jobs/{id}/hierarchy", get(results::hierarchy))
+        .route("/v1/jobs/{id}/hierarchy", get(hierarchy::hierarchy))
         .route("/v1/jobs/{id}/report", get(results::report))
         .route("/v1/device", get(info::device))
         .route("/v1/formats", get(info::formats))

@@ -4,9 +4,20 @@
 //! cluster is named by the face it started from (a number of the upload), and keeps the name of one of the two when two
 //! merge. A replay costs one step a merge and a move up to the cut, and one look-up a face at the end.
 //!
+//! | what | where |
+//! |---|---|
+//! | the file it is kept in, `.tsr` | [`stored`] |
+//! | the JSON that people's programs read | [`json`] |
+//! | scipy's linkage matrix | [`linkage`] |
+//!
 //! Nothing here knows of devices, surfaces or files of meshes.
 
-use crate::error::{Error, Result};
+mod check;
+pub mod json;
+pub mod linkage;
+pub mod stored;
+
+use crate::error::{Error, Kind, Result};
 
 /// A hierarchy of clusterings of the same faces, finest first.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -75,6 +86,18 @@ pub struct Cut {
     pub energy: f64,
 }
 
+impl Cut {
+    /// Number of clusters.
+    pub fn clusters(&self) -> u64 {
+        self.labels.iter().max().map_or(0, |&most| u64::from(most) + 1)
+    }
+
+    /// `exact` for a state that the run had, `merged` for one with merges of the next round on top.
+    pub fn kind(&self) -> &'static str {
+        if self.extra_merges == 0 { "exact" } else { "merged" }
+    }
+}
+
 impl Tree {
     /// Number of clusters that the last round left: the roots.
     pub fn roots(&self) -> u32 {
@@ -128,7 +151,42 @@ impl Tree {
                 seen - 1
             });
         }
+        if seen != clusters {
+            return Err(Error::new(
+                Kind::Internal,
+                format_args!("the hierarchy contradicts itself: {seen} of {clusters} clusters have faces"),
+            ));
+        }
         Ok(Cut { labels: cluster_of_face, rounds: rounds as u32, extra_merges, energy })
+    }
+}
+
+/// The nodes of a tree as the merges make them: leaves are the faces, merge i makes node faces + i.
+struct Nodes {
+    /// The node that each living cluster is now; `u32::MAX` once it has ended.
+    node_of_cluster: Vec<u32>,
+    next: u32,
+}
+
+impl Nodes {
+    fn new(faces: u32) -> Self {
+        Self { node_of_cluster: (0..faces).collect(), next: faces }
+    }
+
+    /// Makes the node of the next merge: its number and its children's.
+    fn merge(&mut self, merge: &Merge) -> (u32, [u32; 2]) {
+        let from = std::mem::replace(&mut self.node_of_cluster[merge.from as usize], u32::MAX);
+        let id = self.next;
+        let into = std::mem::replace(&mut self.node_of_cluster[merge.into as usize], id);
+        self.next += 1;
+        (id, [into, from])
+    }
+
+    /// The nodes that have not been merged, ascending.
+    fn roots(mut self) -> Vec<u32> {
+        self.node_of_cluster.retain(|&node| node != u32::MAX);
+        self.node_of_cluster.sort_unstable();
+        self.node_of_cluster
     }
 }
 
@@ -144,3 +202,6 @@ fn root(parent: &mut [u32], mut cluster: u32) -> u32 {
         cluster = above;
     }
 }
+
+#[cfg(test)]
+mod tests;

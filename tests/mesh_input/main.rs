@@ -9,4 +9,5 @@ mod gltf_refused;
 mod gltf_scene;
 mod make;
 mod obj_forms;
+mod proportion;
 mod shared;

@@ -107,6 +107,20 @@ fn line_ends_marks_and_unknown_statements_do_not_matter() {
 }
 
 #[test]
+fn carriage_returns_end_lines_beside_line_feeds() {
+    let lines = "# made by hand\nv 0 0 0\nv 1 0 0\nv 1 1 0\ng a\nf 1 2 3\n";
+    let expected = obj(lines).expect("a mesh");
+    let breaks = lines.match_indices('\n').map(|(at, _)| at);
+    // one line feed among carriage returns, and one carriage return among line feeds
+    for at in breaks {
+        for (usual, other) in [("\r", "\n"), ("\n", "\r"), ("\r", "\r\n"), ("\r\n", "\r"), ("\n", "\r\r\n")] {
+            let text = [&lines[..at].replace('\n', usual), other, &lines[at + 1..].replace('\n', usual)].concat();
+            assert_eq!(obj(&text).as_ref(), Ok(&expected), "{text:?}");
+        }
+    }
+}
+
+#[test]
 fn faces_may_refer_to_later_vertices() {
     let mesh = obj("v 0 0 0\nf 1 2 3\nv 1 0 0\nv 0 1 0\nf -1 -2 -3\n").expect("a mesh");
     assert_eq!(faces(&mesh), [[0, 1, 2], [2, 1, 0]]);
@@ -164,7 +178,7 @@ fn long_names_are_cut_so_that_parts_stay_small() {
     }
     let mesh = obj(text).expect("a mesh");
     assert_eq!(mesh.parts.len(), 1000);
-    let longest = mesh.parts.iter().filter_map(|part| part.group.as_ref()).map(String::len).max();
+    let longest = mesh.parts.iter().filter_map(|part| part.group.as_ref()).map(|name| name.len()).max();
     assert!(longest.is_some_and(|longest| longest < 600), "{longest:?}");
 }
 

@@ -1,10 +1,11 @@
 //! Real meshes, compared with what is known of them.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use tesserae::Kind;
 use tesserae::mesh::{self, Beside, Format, Limits, PolygonMesh};
+use tesserae::surface::Surface;
 
 use crate::make::check;
 
@@ -66,6 +67,76 @@ fn every_mesh_has_the_known_number_of_triangles_and_vertices() {
         assert_eq!(mesh.positions.len() as u64, placements, "vertices of {}", fields[0]);
     }
     assert!(seen > 35, "{seen}");
+}
+
+/// Sets of triangles connected by shared positions, triangles with a position twice left out.
+fn components_by_position(mesh: &PolygonMesh) -> u64 {
+    let mut numbers = HashMap::new();
+    let mut positions: Vec<usize> = Vec::new();
+    for position in &mesh.positions {
+        let next = numbers.len();
+        positions.push(*numbers.entry(position.map(|c| (c as f32 + 0.0).to_bits())).or_insert(next));
+    }
+    fn root(parents: &mut [usize], mut at: usize) -> usize {
+        while parents[at] != at {
+            parents[at] = parents[parents[at]];
+            at = parents[at];
+        }
+        at
+    }
+    let mut parents: Vec<usize> = (0..numbers.len()).collect();
+    let mut used = HashSet::new();
+    for face in 0..mesh.faces.len() {
+        let &[a, b, c] = mesh.faces.corners(face) else { panic!("a triangle") };
+        let [a, b, c] = [a, b, c].map(|vertex| positions[vertex as usize]);
+        if a == b || b == c || c == a {
+            continue;
+        }
+        used.insert(a);
+        for other in [b, c] {
+            let (one, other) = (root(&mut parents, a), root(&mut parents, other));
+            parents[one] = other;
+        }
+    }
+    used.into_iter().map(|position| root(&mut parents, position)).collect::<HashSet<_>>().len() as u64
+}
+
+/// Edges and unusual faces; ours are counted on f64, those of the table on f32, without degenerate faces.
+#[test]
+fn every_mesh_of_triangles_has_the_known_edges_and_components() {
+    let Some(folder) = folder() else { return };
+    let table = std::fs::read_to_string(folder.join("meshes.tsv")).expect("a table");
+    let mut compared = 0;
+    for row in table.lines().skip(1) {
+        let fields: Vec<&str> = row.split('\t').collect();
+        let number = |field: usize| -> u64 { fields[field].parse().expect("a number") };
+        let name = fields[0];
+        if ![".obj", ".glb", ".gltf"].iter().any(|end| name.ends_with(end)) || name.contains("draco") {
+            continue;
+        }
+        let mesh = read(&folder.join(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
+        if mesh.faces.triangles() != mesh.faces.len() as u64 {
+            continue;
+        }
+        assert_eq!(components_by_position(&mesh), number(4), "components by position of {name}");
+        let counts = Surface::build(&mesh).expect("a surface").counts;
+        // what differs in f64 only is one position in the table
+        let exact: HashSet<_> = mesh.positions.iter().map(|position| position.map(|c| (c + 0.0).to_bits())).collect();
+        if exact.len() as u64 != number(2) {
+            eprintln!("{name}: {} positions, the table has {}", exact.len(), number(2));
+            continue;
+        }
+        compared += 1;
+        assert!(counts.components >= number(4), "components of {name}");
+        assert_eq!(counts.boundary_edges, number(5), "boundary edges of {name}");
+        assert_eq!(counts.non_manifold_edges, number(6), "non-manifold edges of {name}");
+        assert_eq!(counts.degenerate_faces, number(7), "degenerate faces of {name}");
+        if counts.degenerate_faces == 0 {
+            assert_eq!(counts.duplicate_faces, number(9), "duplicates of {name}");
+            assert!(counts.zero_area_faces >= number(8), "faces without area of {name}");
+        }
+    }
+    assert!(compared > 20, "{compared}");
 }
 
 #[test]

@@ -44,7 +44,8 @@ impl Service {
             ..Settings::default()
         };
         change(&mut settings);
-        let description = DeviceDescription { info: device.info().clone(), chosen: "by the test".to_owned() };
+        let description =
+            DeviceDescription { info: device.info().clone(), chosen: "by the test".to_owned(), or_cpu: false };
         let server = Server::bind(settings, device, description).await.expect("bound");
         let address = server.address();
         let (stop, stopped) = oneshot::channel();

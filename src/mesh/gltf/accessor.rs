@@ -200,6 +200,11 @@ impl<'b> Elements<'b> {
         values
     }
 
+    /// Whether each element has bytes of its own, not only those that are replaced.
+    pub fn has_bytes(&self) -> bool {
+        self.base.is_some()
+    }
+
     /// Whether the elements can be indices.
     pub fn is_index(&self) -> bool {
         let is_unsigned = matches!(self.component, ComponentType::U8 | ComponentType::U16 | ComponentType::U32);

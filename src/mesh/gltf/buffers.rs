@@ -13,6 +13,7 @@ use base64::engine::general_purpose::{GeneralPurpose, GeneralPurposeConfig};
 use super::document::{Document, lookup};
 use super::meshopt;
 use crate::error::{Error, Result};
+use crate::mesh::allowance::Allowance;
 use crate::mesh::resources::check_relative;
 use crate::mesh::{Limits, Resources};
 
@@ -23,6 +24,10 @@ pub struct Buffers<'a> {
     resources: &'a dyn Resources,
     max_bytes: u64,
     left: Cell<u64>,
+    /// Bytes of the file and of the files it refers to, as far as they were read.
+    sent: Cell<u64>,
+    /// Bytes of all views that were decompressed.
+    unpacked: Cell<u64>,
     buffers: Vec<OnceCell<Cow<'a, [u8]>>>,
     decompressed: Vec<OnceCell<Vec<u8>>>,
 }
@@ -51,6 +56,8 @@ impl<'a> Buffers<'a> {
             resources,
             max_bytes: limits.max_bytes,
             left: Cell::new(limits.max_bytes.saturating_sub(file_bytes)),
+            sent: Cell::new(file_bytes),
+            unpacked: Cell::new(0),
             buffers: document.buffers.iter().map(|_| OnceCell::new()).collect(),
             decompressed: document.buffer_views.iter().map(|_| OnceCell::new()).collect(),
         }
@@ -66,6 +73,11 @@ impl<'a> Buffers<'a> {
         self.max_bytes - self.left.get()
     }
 
+    /// What the bytes that were sent may become, those read so far.
+    pub fn allowance(&self) -> Allowance {
+        Allowance::new(self.sent.get())
+    }
+
     /// The bytes of buffer view `index`, which `whence` refers to.
     pub fn view(&self, index: usize, whence: &str) -> Result<View<'_>> {
         let view = lookup(&self.document.buffer_views, index, "bufferView", whence)?;
@@ -76,7 +88,10 @@ impl<'a> Buffers<'a> {
                 None => {
                     let encoded =
                         self.range(compressed.buffer as usize, compressed.byte_offset, compressed.byte_length, &me)?;
-                    self.take(compressed.check(encoded, &me)?, &me)?;
+                    let size = compressed.check(encoded, &me)?;
+                    self.unpacked.set(self.unpacked.get().saturating_add(size));
+                    self.allowance().check_decompressed(self.unpacked.get())?;
+                    self.take(size, &me)?;
                     let bytes = compressed.decode(encoded, &me)?;
                     self.decompressed[index].get_or_init(|| bytes)
                 }
@@ -144,6 +159,7 @@ impl<'a> Buffers<'a> {
             check_relative(&path).map_err(named)?;
             let bytes = self.resources.load(&path, self.left.get()).map_err(named)?;
             self.take(bytes.len() as u64, &me)?;
+            self.sent.set(self.sent.get().saturating_add(bytes.len() as u64));
             bytes
         };
         Ok(Cow::Owned(bytes))

@@ -1,14 +1,14 @@
 //! Building the mesh: every primitive of every placement, transformed.
 
+use std::sync::Arc;
+
 use super::document::Document;
 use super::primitive::Primitive;
 use super::scene::{Instances, Placement};
 use super::transform::Affine;
 use crate::error::{Error, Result};
+use crate::mesh::allowance::Allowance;
 use crate::mesh::{Part, part_name};
-
-/// Vertices that no triangle may use and that are kept however small the file is.
-const FREE_VERTICES: u64 = 1 << 16;
 
 /// The mesh as it grows.
 pub struct Builder<'a> {
@@ -31,15 +31,14 @@ struct Corners {
 }
 
 impl<'a> Builder<'a> {
-    /// An empty mesh with room for a number of triangles, from a file with a number of bytes, buffers included.
-    pub fn new(document: &'a Document, triangles: u64, bytes: u64) -> Self {
+    /// An empty mesh with room for a number of triangles and parts.
+    pub fn new(document: &'a Document, triangles: u64, parts: u64, allowance: Allowance) -> Self {
         Self {
             positions: Vec::new(),
             corners: Vec::with_capacity(3 * triangles as usize),
-            parts: Vec::new(),
+            parts: Vec::with_capacity(parts as usize),
             document,
-            // enough for every vertex of a file of floats to be there once
-            spare: FREE_VERTICES + bytes / 12,
+            spare: allowance.spare_vertices(),
         }
     }
 
@@ -52,7 +51,7 @@ impl<'a> Builder<'a> {
     ) -> Result<()> {
         let node = &self.document.nodes[placement.node];
         let is_instanced = node.extensions.instancing.is_some();
-        let group = node.name.as_deref().map(part_name);
+        let group: Option<Arc<str>> = node.name.as_deref().map(|name| part_name(name).into());
         let mut all_corners = Vec::with_capacity(primitives.len());
         for primitive in primitives {
             all_corners.push(self.corners_of(primitive, instances.count)?);

@@ -10,8 +10,9 @@ use gltf::json;
 use serde::Deserialize;
 
 use crate::error::{Error, Result};
+use crate::mesh::allowance::Allowance;
 
-/// Largest number of JSON values: some carry little text and much memory (an empty node has 2 bytes and takes 200).
+/// Largest number of JSON values: they take more memory than text, objects the most, which are counted apart.
 const MAX_VALUES: usize = 8 << 20;
 
 /// Extensions that change geometry and are read here.
@@ -160,12 +161,13 @@ impl Document {
     /// Reads the JSON and refuses what this reader does not understand.
     pub fn parse(json: &[u8]) -> Result<Self> {
         let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
-        let values = count_values(json);
+        let (values, objects) = count_values(json);
         if values > MAX_VALUES {
             return Err(Error::too_large(format_args!(
                 "the glTF JSON may have {MAX_VALUES} values, it has about {values}"
             )));
         }
+        Allowance::new(json.len() as u64).check_objects(objects)?;
         // versions come first: another version's JSON does not have the form of this one's
         let head: Head = serde_json::from_slice(json).map_err(unreadable)?;
         head.asset.check()?;
@@ -214,13 +216,18 @@ fn unreadable(error: serde_json::Error) -> Error {
     Error::mesh(format_args!("{what}: {error}"))
 }
 
-/// An upper bound on the number of values in the JSON text.
-fn count_values(json: &[u8]) -> usize {
+/// An upper bound on the number of values in the JSON text, and the number of objects among them.
+fn count_values(json: &[u8]) -> (usize, u64) {
     let mut values = 1;
+    let mut objects = 0;
     let mut bytes = json.iter();
     while let Some(byte) = bytes.next() {
         match byte {
-            b',' | b'[' | b'{' => values += 1,
+            b',' | b'[' => values += 1,
+            b'{' => {
+                values += 1;
+                objects += 1;
+            }
             b'"' => {
                 while let Some(byte) = bytes.next() {
                     match byte {
@@ -233,5 +240,5 @@ fn count_values(json: &[u8]) -> usize {
             _ => {}
         }
     }
-    values
+    (values, objects)
 }

@@ -56,7 +56,7 @@ fn read<'b>(accessors: &'b Accessors<'b>, format: Format, limits: &Limits) -> Re
     let mut skipped = Skipped::default();
     let mut meshes: BTreeMap<usize, Vec<Primitive<'_>>> = BTreeMap::new();
     let mut places = Vec::new();
-    let mut triangles = 0u64;
+    let (mut triangles, mut parts) = (0u64, 0u64);
     for placement in scene::placements(document)? {
         let node = &document.nodes[placement.node];
         let primitives = match meshes.entry(placement.mesh) {
@@ -74,9 +74,13 @@ fn read<'b>(accessors: &'b Accessors<'b>, format: Format, limits: &Limits) -> Re
             Some(instancing) => Instances::open(accessors, placement.node, instancing)?,
             None => Instances::single(placement.node),
         };
+        if instances.count == 0 {
+            continue;
+        }
         let once: u64 = primitives.iter().map(|p| p.triangles as u64).sum();
         triangles = triangles.saturating_add(once.saturating_mul(instances.count as u64));
         limits.check_faces(triangles)?;
+        parts = parts.saturating_add((primitives.len() as u64).saturating_mul(instances.count as u64));
         places.push((placement, instances));
     }
     if triangles > u64::from(u32::MAX / 3) {
@@ -85,16 +89,22 @@ fn read<'b>(accessors: &'b Accessors<'b>, format: Format, limits: &Limits) -> Re
             u32::MAX / 3
         )));
     }
-    let mut builder = Builder::new(document, triangles, accessors.buffers().bytes());
+    // only now are all the bytes that matter there
+    let allowance = accessors.buffers().allowance();
+    allowance.check_faces(triangles)?;
+    allowance.check_parts(parts)?;
+    let mut builder = Builder::new(document, triangles, parts, allowance);
     for (placement, instances) in &places {
         let primitives = meshes.get(&placement.mesh).map_or(&[][..], Vec::as_slice);
         builder.place(placement, instances, primitives)?;
     }
+    let mut warnings = skipped.warnings();
+    warnings.extend(allowance.limit_names(&mut builder.parts));
     Ok(PolygonMesh {
         format,
         positions: builder.positions,
         faces: Faces::from_triangles(builder.corners),
         parts: builder.parts,
-        warnings: skipped.warnings(),
+        warnings,
     })
 }

@@ -92,9 +92,11 @@ impl<'b> Instances<'b> {
     pub fn open(accessors: &'b Accessors<'b>, node: usize, instancing: &Instancing) -> Result<Self> {
         let mut instances = Self::single(node);
         let mut counted: Option<(&str, usize)> = None;
+        let mut has_bytes = false;
         for (name, &accessor) in &instancing.attributes {
             let whence = format!("{name} of the instances of node {node}");
             let elements = accessors.open(accessor as usize, &whence)?;
+            has_bytes |= elements.has_bytes();
             let components = match name.as_str() {
                 "TRANSLATION" | "SCALE" => 3,
                 "ROTATION" => 4,
@@ -125,6 +127,12 @@ impl<'b> Instances<'b> {
         let Some((_, count)) = counted else {
             return Err(Error::mesh(format_args!("the instances of node {node} have no attributes")));
         };
+        if !has_bytes {
+            return Err(Error::mesh(format_args!(
+                "the instances of node {node} come from nowhere: none of their accessors has a bufferView, \
+                 which at least one must have: {count}"
+            )));
+        }
         instances.count = count;
         Ok(instances)
     }

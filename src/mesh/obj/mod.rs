@@ -12,10 +12,13 @@ mod number;
 mod text;
 
 use std::borrow::Cow;
+use std::collections::HashSet;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
 use self::chunk::{Chunk, Fault, What};
+use super::allowance::Allowance;
 use super::{Faces, Format, Limits, Part, PolygonMesh, part_name};
 use crate::error::{Error, Result};
 
@@ -41,13 +44,16 @@ fn read_in_pieces(bytes: &[u8], limits: &Limits, piece: usize) -> Result<Polygon
     join(&text, &pieces, parsed, limits)
 }
 
-/// The text with line feeds as line ends where it has only carriage returns.
+/// The text with a line feed for every carriage return that ends a line by itself, be it in a file that has no line
+/// feeds or in one put together from several.
 fn with_line_feeds(text: &[u8]) -> Cow<'_, [u8]> {
-    if text::line_end(text, 0) < text.len() || !text.contains(&b'\r') {
+    let after = || text.iter().skip(1).chain([&b'\n']);
+    let is_alone = |(&byte, &after): (&u8, &u8)| byte == b'\r' && after != b'\n';
+    if !text.contains(&b'\r') || !text.iter().zip(after()).any(is_alone) {
         return Cow::Borrowed(text);
     }
-    let feed = |&byte: &u8| if byte == b'\r' { b'\n' } else { byte };
-    Cow::Owned(text.iter().map(feed).collect())
+    let feed = |(byte, after)| if is_alone((byte, after)) { b'\n' } else { *byte };
+    Cow::Owned(text.iter().zip(after()).map(feed).collect())
 }
 
 /// Joins the pieces in their order.
@@ -93,7 +99,9 @@ fn join(text: &[u8], pieces: &[&[u8]], parsed: Vec<Result<Chunk<'_>, Fault>>, li
     if free_form > 0 {
         warnings.push(format!("free-form curves and surfaces were skipped: {free_form}"));
     }
-    Ok(PolygonMesh { format: Format::Obj, positions, faces, parts: parts.finish(total.faces as u64), warnings })
+    let mut parts = parts.finish(total.faces as u64);
+    warnings.extend(Allowance::new(text.len() as u64).limit_names(&mut parts));
+    Ok(PolygonMesh { format: Format::Obj, positions, faces, parts, warnings })
 }
 
 /// What came before a piece.
@@ -159,6 +167,8 @@ struct Parts {
     object: Option<String>,
     group: Option<String>,
     first_face: u64,
+    /// Names of parts so far, each kept once.
+    names: HashSet<Arc<str>>,
 }
 
 impl Parts {
@@ -167,7 +177,7 @@ impl Parts {
         self.close(face);
         let text = String::from_utf8_lossy(name.text).replace("\\\r\n", " ").replace("\\\n", " ");
         let text = text.trim();
-        let name_of = (!text.is_empty()).then(|| part_name(text));
+        let name_of = (!text.is_empty()).then(|| part_name(text).into_owned());
         if name.is_object {
             self.object = name_of;
         } else {
@@ -182,9 +192,17 @@ impl Parts {
             return;
         }
         let group = match (&self.object, &self.group) {
-            (Some(object), Some(group)) => Some(format!("{object}/{group}")),
-            (object, group) => object.as_ref().or(group.as_ref()).cloned(),
+            (Some(object), Some(group)) => Some(Cow::Owned(format!("{object}/{group}"))),
+            (object, group) => object.as_deref().or(group.as_deref()).map(Cow::Borrowed),
         };
+        let group = group.map(|name| match self.names.get(&*name) {
+            Some(name) => Arc::clone(name),
+            None => {
+                let name: Arc<str> = name.into();
+                self.names.insert(Arc::clone(&name));
+                name
+            }
+        });
         match self.parts.last_mut() {
             Some(last) if last.group == group => last.faces += faces,
             _ => self.parts.push(Part { group, first_face: self.first_face, faces, ..Part::default() }),

@@ -5,10 +5,11 @@ use std::fmt;
 use tokio::sync::{mpsc, oneshot};
 
 use super::caught;
+use crate::device::cpu::CpuDevice;
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
 use crate::job::{self, Outcome, Prepared};
-use crate::report::Iteration;
+use crate::report::{DeviceKind, Row};
 
 /// A mesh to be clustered.
 pub(super) struct Task {
@@ -16,8 +17,8 @@ pub(super) struct Task {
     pub prepared: Prepared,
     /// Asks to stop.
     pub cancel: Cancel,
-    /// Is told of every iteration.
-    pub on_iteration: Box<dyn FnMut(&Iteration) + Send>,
+    /// Is told of every row of the report.
+    pub on_row: Box<dyn FnMut(Row) + Send>,
     /// Where the lines of the log belong.
     pub span: tracing::Span,
     /// Takes the result; nobody may be waiting any more.
@@ -38,14 +39,16 @@ impl fmt::Debug for DeviceThread {
 }
 
 impl DeviceThread {
-    /// Starts the thread.
-    pub fn start(mut device: Box<dyn Device>) -> Result<Self> {
+    /// Starts the thread. With `or_cpu` the cpu does what the device cannot, or is slow at.
+    pub fn start(device: Box<dyn Device>, or_cpu: bool) -> Result<Self> {
+        let mut devices =
+            Devices { cpu: (or_cpu && device.info().kind == DeviceKind::Gpu).then(CpuDevice::new), device };
         let (tasks, mut queue) = mpsc::channel::<Task>(1);
         std::thread::Builder::new()
             .name("device".to_owned())
             .spawn(move || {
                 while let Some(task) = queue.blocking_recv() {
-                    task.run(device.as_mut());
+                    task.run(&mut devices);
                 }
             })
             .map_err(|error| Error::io("the thread of the device cannot be started", error))?;
@@ -58,15 +61,40 @@ impl DeviceThread {
     }
 }
 
+/// What the thread works with.
+struct Devices {
+    device: Box<dyn Device>,
+    /// For what the device cannot do.
+    cpu: Option<CpuDevice>,
+}
+
+impl Devices {
+    fn run(&mut self, prepared: &Prepared, cancel: &Cancel, on_row: &mut dyn FnMut(Row)) -> Result<Outcome> {
+        let Some(cpu) = &mut self.cpu else {
+            return job::run(prepared, self.device.as_mut(), cancel, on_row);
+        };
+        if prepared.parameters.algorithm.is_sequential() {
+            return job::run(prepared, cpu, cancel, on_row);
+        }
+        match job::run(prepared, self.device.as_mut(), cancel, on_row) {
+            Err(error) if error.kind == Kind::DeviceUnsuitable => {
+                tracing::warn!(%error, "taking the cpu instead of the gpu");
+                job::run(prepared, cpu, cancel, on_row)
+            }
+            outcome => outcome,
+        }
+    }
+}
+
 impl Task {
-    fn run(self, device: &mut dyn Device) {
-        let Task { prepared, cancel, mut on_iteration, span, reply, slot } = self;
+    fn run(self, devices: &mut Devices) {
+        let Task { prepared, cancel, mut on_row, span, reply, slot } = self;
         let outcome = {
             let _entered = span.enter();
-            caught(|| job::run(&prepared, device, &cancel, &mut *on_iteration))
+            caught(|| devices.run(&prepared, &cancel, &mut *on_row))
         };
-        // All of the job's iterations are told before its outcome.
-        drop(on_iteration);
+        // All of the job's rows are told before its outcome.
+        drop(on_row);
         drop(prepared);
         drop(slot);
         let _ = reply.send(outcome);

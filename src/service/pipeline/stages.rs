@@ -17,7 +17,7 @@ use crate::error::{Error, Kind, Result};
 use crate::job::{self, Outcome, Prepared, milliseconds};
 use crate::mesh::Resources;
 use crate::output::{LabelFormat, write_labels};
-use crate::report::Iteration;
+use crate::report::Row;
 use crate::service::files::{self, blocking};
 use crate::service::store::{Job, JobStore, Progress, Summary, Ticket, What};
 
@@ -42,7 +42,7 @@ impl Pipeline {
             prepared,
             cancel: cancel.clone(),
             // Unbounded, so that the device never waits; the report holds the same rows anyway.
-            on_iteration: Box::new(move |row| drop(rows.send(row.clone()))),
+            on_row: Box::new(move |row| drop(rows.send(row))),
             span: Span::current(),
             reply,
             slot: Arc::clone(slot),
@@ -103,17 +103,26 @@ impl Pipeline {
 }
 
 /// Appends rows to the events of a job as they come, many at once when they come fast.
-async fn tell(store: Arc<dyn JobStore>, ticket: Ticket, mut inbox: mpsc::UnboundedReceiver<Iteration>) -> Result<()> {
+async fn tell(store: Arc<dyn JobStore>, ticket: Ticket, mut inbox: mpsc::UnboundedReceiver<Row>) -> Result<()> {
     let mut rows = Vec::new();
+    let mut progress = Progress::default();
     while inbox.recv_many(&mut rows, ROWS_AT_ONCE).await > 0 {
-        let progress = rows.last().map_or_else(Progress::default, |row| Progress {
-            iterations: row.iteration,
-            phase: Some(row.phase),
-            energy: row.energy,
-        });
         let events = rows
             .drain(..)
-            .map(|row| serde_json::to_string(&row).map(What::Iteration))
+            .map(|row| match row {
+                Row::Iteration(row) => {
+                    progress.iterations = row.iteration;
+                    progress.phase = Some(row.phase);
+                    progress.energy = row.energy;
+                    serde_json::to_string(&row).map(What::Iteration)
+                }
+                Row::Round(row) => {
+                    progress.rounds = row.round;
+                    progress.clusters_left = Some(row.clusters);
+                    progress.energy = row.energy;
+                    serde_json::to_string(&row).map(What::Round)
+                }
+            })
             .collect::<Result<_, _>>()
             .map_err(not_json)?;
         store.append(ticket, events, progress).await?;
@@ -123,27 +132,37 @@ async fn tell(store: Arc<dyn JobStore>, ticket: Ticket, mut inbox: mpsc::Unbound
 
 /// Writes the result of a job: into a folder of another name, which is then renamed, so that it is whole or not there.
 fn write(outcome: Outcome, folder: &Path, started: Instant) -> Result<Summary> {
-    let Outcome { labels, mut report } = outcome;
+    let Outcome { labels, hierarchy, mut report } = outcome;
     let cannot = |error| Error::io("the result cannot be stored", error);
     let writing = Instant::now();
     let parent = folder.parent().unwrap_or(folder);
     let unfinished = tempfile::Builder::new().prefix("unfinished-").tempdir_in(parent).map_err(cannot)?;
-    for (format, name) in [(LabelFormat::Npy, files::LABELS_NPY), (LabelFormat::Json, files::LABELS_JSON)] {
-        let mut out = create(&unfinished.path().join(name)).map_err(cannot)?;
-        write_labels(&mut out, format, report.clusters, &labels).and_then(|()| out.flush()).map_err(cannot)?;
+    let path = |name: &str| unfinished.path().join(name);
+    if let Some(labels) = &labels {
+        for (format, name) in [(LabelFormat::Npy, files::LABELS_NPY), (LabelFormat::Json, files::LABELS_JSON)] {
+            create(&path(name), |out| write_labels(out, format, report.clusters, labels)).map_err(cannot)?;
+        }
+    }
+    if let Some(hierarchy) = &hierarchy {
+        create(&path(files::HIERARCHY), |out| hierarchy.write(out)).map_err(cannot)?;
     }
     report.timings_ms.write = milliseconds(writing.elapsed());
     report.timings_ms.total = milliseconds(started.elapsed());
-    let mut out = create(&unfinished.path().join(files::REPORT)).map_err(cannot)?;
-    serde_json::to_writer(&mut out, &report).map_err(not_json)?;
-    out.write_all(b"\n").and_then(|()| out.flush()).map_err(cannot)?;
+    let summary = Summary { faces: report.input.faces, clusters: report.clusters, has_labels: labels.is_some() };
+    create(&path(files::REPORT), |out| {
+        serde_json::to_writer(&mut *out, &report)?;
+        out.write_all(b"\n")
+    })
+    .map_err(cannot)?;
     std::fs::rename(unfinished.path(), folder).map_err(cannot)?;
     drop(unfinished.keep());
-    Ok(Summary { faces: labels.len() as u64, clusters: report.clusters })
+    Ok(summary)
 }
 
-fn create(path: &Path) -> std::io::Result<BufWriter<File>> {
-    Ok(BufWriter::with_capacity(1 << 18, File::create_new(path)?))
+fn create(path: &Path, content: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> std::io::Result<()> {
+    let mut out = BufWriter::with_capacity(1 << 18, File::create_new(path)?);
+    content(&mut out)?;
+    out.flush()
 }
 
 fn read(path: &Path) -> Result<Vec<u8>> {

@@ -57,7 +57,7 @@ async fn events(store: &dyn JobStore, id: JobId, after: u64, limit: usize) -> Ve
     store.events(id, after, limit).await.expect("readable").expect("a job")
 }
 
-const SUMMARY: Summary = Summary { faces: 12, clusters: 7 };
+const SUMMARY: Summary = Summary { faces: 12, clusters: 7, has_labels: true };
 
 async fn a_new_job_is_as_it_was_created(store: &dyn JobStore) {
     let id = JobId::random();
@@ -105,7 +105,8 @@ async fn events_are_numbered_and_read_from_anywhere(store: &dyn JobStore) {
     assert_eq!((before.last_seq, before.ended), (2, false));
     let rows =
         |range: std::ops::Range<u32>| range.map(|row| What::Iteration(format!("{{\"iteration\":{row}}}"))).collect();
-    let progress = Progress { iterations: 3, phase: Some(Phase::Boundary), energy: Some(0.1) };
+    let progress =
+        Progress { iterations: 3, phase: Some(Phase::Boundary), rounds: 2, clusters_left: Some(70), energy: Some(0.1) };
     store.append(ticket, rows(0..2), Progress::default()).await.expect("appended");
     store.append(ticket, rows(2..4), progress).await.expect("appended");
     assert!(pulses.has_changed().expect("still there"));

@@ -135,7 +135,11 @@ pub(super) struct Progress {
     pub iterations: u32,
     /// Phase of the last of them.
     pub phase: Option<Phase>,
-    /// Energy after the last of them.
+    /// Hierarchies: rounds made.
+    pub rounds: u32,
+    /// Hierarchies: clusters left.
+    pub clusters_left: Option<u64>,
+    /// Energy after the last iteration or round.
     pub energy: Option<f64>,
 }
 
@@ -146,6 +150,8 @@ pub(super) struct Summary {
     pub faces: u64,
     /// Clusters.
     pub clusters: u64,
+    /// Whether there are labels at that number: not for a whole hierarchy.
+    pub has_labels: bool,
 }
 
 /// How a job ends.
@@ -211,6 +217,8 @@ pub(super) enum What {
     State(State),
     /// An iteration was made: the report's row, as JSON text in one line.
     Iteration(String),
+    /// A round of a hierarchy was made: the report's row, as JSON text in one line.
+    Round(String),
     /// It ended; no event follows.
     End(State, Option<Error>),
 }

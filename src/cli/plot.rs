@@ -1,0 +1,43 @@
+//! `tesserae plot`: the energies of reports as a picture.
+
+use std::path::PathBuf;
+
+use super::Failure;
+use super::files::{Source, Target};
+use crate::plot::{Curve, draw};
+
+/// Arguments of `tesserae plot`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Hierarchies are drawn as energy against the number of clusters, flat clusterings as energy per iteration; of both kinds,
+each gets a panel, with the flat ones as points in the first.
+
+Example:
+  tesserae plot pml.json hr.json bb.json energies.svg")]
+pub struct Arguments {
+    /// Reports, as `--report` wrote them, of any number of runs
+    #[arg(value_name = "REPORT.json", required = true, num_args = 1..)]
+    reports: Vec<PathBuf>,
+
+    /// Where to draw: OUT.svg, or - for standard output
+    #[arg(value_name = "OUT.svg", required = true)]
+    out: PathBuf,
+}
+
+/// Reads the reports and draws them.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let is_svg = arguments.out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("svg"));
+    let target = Target::from(arguments.out.clone());
+    if target != Target::Stdout && !is_svg {
+        return Err(Failure::Usage("plot", format!("the file to write must end in .svg, not {:?}", arguments.out)));
+    }
+    target.check()?;
+    let mut curves = Vec::with_capacity(arguments.reports.len());
+    for path in &arguments.reports {
+        let json = Source::from(path.clone()).read(u64::MAX)?;
+        let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+        curves.push(Curve::read(&name, &json)?);
+    }
+    let svg = draw(&curves)?;
+    target.write(|out| out.write_all(svg.as_bytes()))
+}

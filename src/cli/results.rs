@@ -1,0 +1,160 @@
+//! The files that results go to: labels and hierarchies, for every command that has them.
+
+use std::path::PathBuf;
+
+use super::Failure;
+use super::files::{Source, Target};
+use super::places::{self, Output};
+use crate::output::LabelFormat;
+use crate::tree::json::Limits;
+use crate::tree::stored::Stored;
+
+/// Where and how labels are written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LabelFile {
+    /// Where.
+    pub target: Target,
+    /// How.
+    pub format: LabelFormat,
+}
+
+impl LabelFile {
+    /// Takes a file name, whose extension says the format, or `-`.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let target = Target::from(PathBuf::from(text));
+        let format = match &target {
+            Target::Stdout => Some(LabelFormat::Json),
+            Target::File(path) => path.extension().and_then(|extension| {
+                LabelFormat::ALL.into_iter().find(|format| extension.eq_ignore_ascii_case(format.extension()))
+            }),
+        };
+        match format {
+            Some(format) => Ok(Self { target, format }),
+            None => Err(format!(
+                "the name must end in {}",
+                LabelFormat::ALL.map(|format| format!(".{}", format.extension())).join(", ")
+            )),
+        }
+    }
+}
+
+/// Where hierarchies are written.
+#[derive(Debug, clap::Args)]
+pub struct TreeFiles {
+    /// Where to write the hierarchy: OUT.tsr, from which `tesserae cut` takes labels, OUT.json, or - for JSON on standard
+    /// output
+    #[arg(long, value_name = "OUT", value_parser = TreeFile::parse)]
+    pub hierarchy: Option<TreeFile>,
+
+    /// Where to write scipy's linkage matrix of a nested tree with one root: OUT.npy
+    #[arg(long, value_name = "OUT.npy", value_parser = linkage_file)]
+    pub linkage: Option<Target>,
+
+    /// JSON hierarchies: leave out what comes after fewer clusters than this are left
+    #[arg(long, value_name = "K")]
+    pub min_clusters: Option<u64>,
+
+    /// JSON hierarchies: leave out what comes before as few clusters as this are left
+    #[arg(long, value_name = "K")]
+    pub max_clusters: Option<u64>,
+}
+
+impl TreeFiles {
+    /// Refuses flags that contradict each other.
+    pub fn check(&self, command: &'static str) -> Result<(), Failure> {
+        let limits = self.limits();
+        limits.check().map_err(|error| Failure::Usage(command, error.message))?;
+        let is_json = self.hierarchy.as_ref().is_some_and(|file| file.format == TreeFormat::Json);
+        if limits.are_given() && !is_json {
+            let message = "--min-clusters and --max-clusters go with --hierarchy OUT.json";
+            return Err(Failure::Usage(command, message.to_owned()));
+        }
+        Ok(())
+    }
+
+    /// The name of the first flag that was given.
+    pub fn first(&self) -> Option<&'static str> {
+        self.targets().map(|(name, _)| name).next()
+    }
+
+    /// Everything that is written, by flag.
+    pub fn targets(&self) -> impl Iterator<Item = (&'static str, &Target)> {
+        let hierarchy = self.hierarchy.iter().map(|file| ("hierarchy", &file.target));
+        hierarchy.chain(self.linkage.iter().map(|target| ("linkage", target)))
+    }
+
+    /// Writes everything that was asked for.
+    pub fn write(&self, stored: &Stored) -> Result<(), Failure> {
+        if let Some(file) = &self.hierarchy {
+            file.target.write(|out| match file.format {
+                TreeFormat::Stored => stored.write(out),
+                TreeFormat::Json => stored.write_json(out, self.limits()),
+            })?;
+        }
+        if let Some(target) = &self.linkage {
+            let linkage = stored.linkage()?;
+            target.write(|out| linkage.write_npy(out))?;
+        }
+        Ok(())
+    }
+
+    fn limits(&self) -> Limits {
+        Limits { min_clusters: self.min_clusters, max_clusters: self.max_clusters }
+    }
+}
+
+/// Where and how a hierarchy is written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TreeFile {
+    target: Target,
+    format: TreeFormat,
+}
+
+/// Forms of hierarchies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum TreeFormat {
+    /// `.tsr`.
+    Stored,
+    /// `.json`.
+    Json,
+}
+
+impl TreeFile {
+    fn parse(text: &str) -> Result<Self, String> {
+        let target = Target::from(PathBuf::from(text));
+        let extension = match &target {
+            Target::Stdout => "json".into(),
+            Target::File(path) => path.extension().unwrap_or_default().to_ascii_lowercase(),
+        };
+        let format = match extension.to_str() {
+            Some("tsr") => TreeFormat::Stored,
+            Some("json") => TreeFormat::Json,
+            _ => return Err("the name must end in .tsr or .json".to_owned()),
+        };
+        Ok(Self { target, format })
+    }
+}
+
+fn linkage_file(text: &str) -> Result<Target, String> {
+    match Target::from(PathBuf::from(text)) {
+        Target::File(path) if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("npy")) => {
+            Ok(Target::File(path))
+        }
+        Target::Stdout | Target::File(_) => Err("the name must end in .npy".to_owned()),
+    }
+}
+
+/// Refuses two results in one place, results in the place of inputs (named by what they are), and places that cannot be
+/// written.
+pub fn check_places(
+    command: &'static str,
+    inputs: &[(&'static str, Source)],
+    outputs: &[Output<'_>],
+) -> Result<(), Failure> {
+    let inputs: Vec<_> = inputs.iter().map(|(what, source)| (*what, source)).collect();
+    places::check(&inputs, outputs).map_err(|message| Failure::Usage(command, message))?;
+    for (_, target) in outputs {
+        target.check()?;
+    }
+    Ok(())
+}

@@ -1,0 +1,195 @@
+//! Hierarchies as jobs.
+
+use std::time::Instant;
+
+use serde_json::{Value, json};
+
+use super::{Clustered, Prepared, finite};
+use crate::cluster::hierarchy::{Options, RoundRow, components_of_faces, hierarchical};
+use crate::cluster::run;
+use crate::device::{Cancel, Device};
+use crate::error::{Error, Kind, Result};
+use crate::parameters::{Algorithm, Parameters, Refine};
+use crate::report::{Input, Level, Row};
+use crate::tree::stored::Header;
+
+/// Number of clusters from which on every round has a row.
+const EVERY_ROUND_AT: u64 = 10_000;
+
+/// Above that, a row for every such part of the clusters that has gone.
+const PART: u64 = 1000;
+
+/// What the parameters mean to the algorithm.
+pub(super) fn options(parameters: &Parameters) -> Options {
+    Options {
+        sequential_at: match parameters.algorithm {
+            Algorithm::Ml | Algorithm::Hr => u64::MAX,
+            Algorithm::Bb | Algorithm::Pml => parameters.switch_to_ml_at.unwrap_or(0),
+        },
+        collapse_fraction: parameters.collapse_fraction,
+        optimise: parameters.optimizes(),
+        refine: parameters.refine == Refine::On,
+        optimise_iterations: parameters.optimize_iterations,
+        ties: parameters.ties,
+        clusters: parameters.clusters,
+        levels: parameters.levels().to_vec(),
+        allow_disconnected: parameters.allow_disconnected,
+    }
+}
+
+/// Runs a hierarchical algorithm.
+pub(super) fn run(
+    prepared: &Prepared,
+    options: &Options,
+    device: &mut dyn Device,
+    cancel: &Cancel,
+    on_row: &mut dyn FnMut(Row),
+) -> Result<Clustered> {
+    let surface = &prepared.surface;
+    let component_of_cluster = components_of_faces(surface);
+    let opened = Instant::now();
+    let mut steps = device.open_merging(surface, &component_of_cluster)?;
+    let upload = opened.elapsed();
+
+    let started = Instant::now();
+    let target = options.clusters.unwrap_or(surface.components.len() as u64);
+    let mut iterations = Vec::new();
+    let mut levels = Levels::new(surface.faces() as u64, target);
+    let told = std::cell::RefCell::new(on_row);
+    let mut keep_iteration = |row: run::Row| {
+        let row = super::flat::iteration(row, finite(surface.energy(row.energy)), started);
+        (told.borrow_mut())(Row::Iteration(row.clone()));
+        iterations.push(row);
+    };
+    let mut keep_round = |row: RoundRow| {
+        if let Some(level) = levels.add(row, || finite(surface.energy(row.energy))) {
+            (told.borrow_mut())(Row::Round(level));
+        }
+    };
+    let (tree, mut labels) =
+        hierarchical(surface, options, steps.as_mut(), cancel, &mut keep_iteration, &mut keep_round)?;
+    drop(steps);
+    let cluster = started.elapsed();
+    let clusters = number(&mut labels);
+    if clusters as u64 != target {
+        return Err(Error::new(Kind::Internal, format_args!("{clusters} of {target} clusters have faces")));
+    }
+    Ok(Clustered {
+        labels,
+        clusters,
+        initial_energy: None,
+        tree: Some(tree),
+        iterations,
+        levels: levels.rows,
+        warnings: Vec::new(),
+        upload,
+        cluster,
+    })
+}
+
+/// What a stored hierarchy says about itself.
+pub(super) fn header(input: &Input, parameters: &Parameters) -> Result<Header> {
+    let not_json = |error| Error::new(Kind::Internal, format_args!("parameters cannot be written as JSON: {error}"));
+    Ok(Header {
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        algorithm: parameters.algorithm.name().to_owned(),
+        parameters: match serde_json::to_value(parameters).map_err(not_json)? {
+            Value::Object(parameters) => parameters,
+            other => return Err(Error::new(Kind::Internal, format_args!("parameters are no object: {other}"))),
+        },
+        input: json!({
+            "format": input.format,
+            "vertices": input.vertices,
+            "faces": input.faces,
+            "components": input.components,
+        }),
+    })
+}
+
+/// Gives clusters the numbers 0 … K − 1, by the first face that carries them; returns K.
+fn number(labels: &mut [u32]) -> usize {
+    let mut number_of_cluster: Vec<Option<u32>> = vec![None; labels.len()];
+    let mut seen = 0;
+    for label in labels {
+        *label = *number_of_cluster[*label as usize].get_or_insert_with(|| {
+            seen += 1;
+            seen - 1
+        });
+    }
+    seen as usize
+}
+
+/// The rows of the report: every round while there are few clusters, and enough of them above.
+struct Levels {
+    rows: Vec<Level>,
+    /// Clusters left in the last row.
+    listed: u64,
+    /// Clusters left at the end.
+    target: u64,
+    /// Merges and moves of the rounds since the last row.
+    merges: u64,
+    moves: u64,
+}
+
+impl Levels {
+    fn new(faces: u64, target: u64) -> Self {
+        Self { rows: Vec::new(), listed: faces, target, merges: 0, moves: 0 }
+    }
+
+    /// Adds a round; gives the row that it completes, if any.
+    fn add(&mut self, row: RoundRow, energy: impl FnOnce() -> Option<f64>) -> Option<Level> {
+        self.merges += row.merges;
+        self.moves += row.moves;
+        let is_listed = row.clusters <= EVERY_ROUND_AT
+            || row.is_level
+            || row.clusters <= self.target
+            || row.clusters <= self.listed - self.listed / PART;
+        if !is_listed {
+            return None;
+        }
+        let level = Level {
+            round: row.round,
+            clusters: row.clusters,
+            energy: energy(),
+            merges: std::mem::take(&mut self.merges),
+            moves: std::mem::take(&mut self.moves),
+        };
+        self.listed = row.clusters;
+        self.rows.push(level);
+        Some(level)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::LatticeEnergy;
+
+    #[test]
+    fn few_rows_tell_of_many_rounds_and_nothing_is_lost_between_them() {
+        let mut levels = Levels::new(1_000_000, 1);
+        for round in 1..1_000_000u32 {
+            let clusters = 1_000_000 - u64::from(round);
+            let energy = LatticeEnergy { explained: 0 };
+            let row = RoundRow { round, clusters, energy, merges: 1, moves: 2, is_level: clusters == 777_777 };
+            levels.add(row, || Some(1.0));
+        }
+        let rows = &levels.rows;
+        assert!(rows.len() < 15_000, "{} rows", rows.len());
+        assert!(rows.iter().any(|row| row.clusters == 777_777));
+        assert_eq!(rows.iter().filter(|row| row.clusters <= EVERY_ROUND_AT).count(), EVERY_ROUND_AT as usize);
+        let mut left = 1_000_000;
+        for row in rows {
+            left -= row.merges;
+            assert_eq!((left, row.moves), (row.clusters, 2 * row.merges));
+        }
+        assert_eq!(left, 1);
+    }
+
+    #[test]
+    fn clusters_are_numbered_by_their_first_faces() {
+        let mut labels = [4, 4, 1, 0, 1];
+        assert_eq!(number(&mut labels), 3);
+        assert_eq!(labels, [0, 0, 1, 2, 1]);
+    }
+}

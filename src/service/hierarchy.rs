@@ -1,0 +1,183 @@
+//! The hierarchy of a job: the tree in its forms, and labels cut from it.
+//!
+//! Everything comes from the stored hierarchy, without clustering again. A hierarchy is in memory only while it is cut or
+//! written, and only so many are at a time: what is large goes to a file without a name first and from there to the
+//! client, who may take as long as it likes.
+
+#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
+
+use std::io::{BufWriter, Seek, Write};
+use std::path::PathBuf;
+
+use axum::body::Body;
+use axum::extract::{Path, State as Extract};
+use axum::http::{HeaderMap, HeaderValue, Uri, header};
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use utoipa::IntoParams;
+
+use super::files::{self, blocking};
+use super::openapi::{Binary, Problematic};
+use super::problem::Answer;
+use super::results::{attachment, find, stored, streamed, succeeded};
+use super::server::{App, Shared};
+use super::store::Job;
+use super::{negotiate, query};
+use crate::error::{Error, Kind, Result};
+use crate::output::{LabelFormat, write_cut};
+use crate::tree::json::{Hierarchy, Limits};
+use crate::tree::stored::Stored;
+
+/// The query of the hierarchy.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct HierarchyQuery {
+    /// JSON: leave out what comes after fewer clusters than this are left
+    #[param(minimum = 0)]
+    min_clusters: Option<u64>,
+    /// JSON: leave out what comes before as few clusters as this are left
+    #[param(minimum = 0)]
+    max_clusters: Option<u64>,
+}
+
+/// Forms of a hierarchy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Form {
+    /// [`Hierarchy`].
+    Json,
+    /// scipy's linkage matrix.
+    Linkage,
+    /// The stored form, for `tesserae cut`.
+    Stored,
+}
+
+impl Form {
+    const ALL: [(Form, &'static str); 3] = [
+        (Form::Json, "application/json"),
+        (Form::Linkage, "application/x-npy"),
+        (Form::Stored, "application/octet-stream"),
+    ];
+}
+
+/// Get the hierarchy
+///
+/// As JSON, as scipy's linkage matrix (`application/x-npy`: float64, a row a merge, for nested trees with one root: other
+/// trees are 409), or as the file that `tesserae cut` reads (`application/octet-stream`); the format is chosen by
+/// `Accept`. 404 for jobs of flat algorithms, 409 before the job has succeeded.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/hierarchy", tag = "results", operation_id = "getHierarchy",
+    params(("id" = String, Path, format = "uuid", description = "Id of the job"), HierarchyQuery),
+    responses(
+        (status = 200, description = "The hierarchy", content(
+            (Hierarchy = "application/json"),
+            (inline(Binary) = "application/x-npy"),
+            (inline(Binary) = "application/octet-stream"),
+        )),
+        (status = 404, response = Problematic),
+        (status = 406, response = Problematic),
+        (status = 409, response = Problematic),
+        (status = 422, response = Problematic),
+        (status = 500, response = Problematic),
+    ),
+)]
+pub(super) async fn hierarchy(Extract(shared): App, Path(id): Path<String>, uri: Uri, headers: HeaderMap) -> Answer {
+    let job = find(&shared, &id).await?;
+    let algorithm = job.spec.parameters.algorithm;
+    if !algorithm.is_hierarchical() {
+        let message =
+            format!("the job has no hierarchy, because its algorithm makes a flat clustering: {}", algorithm.name());
+        return Err(Error::new(Kind::NotFound, message).into());
+    }
+    let HierarchyQuery { min_clusters, max_clusters } = query::read(&uri)?;
+    let limits = Limits { min_clusters, max_clusters };
+    limits.check()?;
+    succeeded(&job)?;
+    let form = negotiate::choose(&headers, "hierarchies", &Form::ALL)?;
+    if limits.are_given() && form != Form::Json {
+        return Err(Error::parameter("min_clusters and max_clusters go with application/json only").into());
+    }
+    let path = path(&shared, &job);
+    let mut response = match form {
+        Form::Json => {
+            written(&shared, path, "application/json", move |out, tree| Ok(tree.write_json(out, limits))).await?
+        }
+        Form::Linkage => {
+            written(&shared, path, "application/x-npy", |out, tree| Ok(tree.linkage()?.write_npy(out))).await?
+        }
+        Form::Stored => stored(path, None, "application/octet-stream").await?,
+    };
+    let name = match form {
+        Form::Json => "hierarchy.json",
+        Form::Linkage => "linkage.npy",
+        Form::Stored => "hierarchy.tsr",
+    };
+    attachment(&mut response, &job, name);
+    Ok(response)
+}
+
+/// The labels at any number of clusters, with headers that say what they are.
+pub(super) async fn cut(shared: &Shared, job: &Job, clusters: u64, format: LabelFormat) -> Result<Response> {
+    let path = path(shared, job);
+    let turn = turn(shared).await?;
+    let (body, kind, energy) = blocking(move || {
+        let _turn = turn;
+        let cut = read(path)?.tree.labels_at(clusters).map_err(|error| match error.kind {
+            // the number is sound, this hierarchy has no such state
+            Kind::InvalidParameter => Error::new(Kind::Conflict, error.message),
+            _ => error,
+        })?;
+        let mut body = Vec::new();
+        write_cut(&mut body, format, &cut).map_err(|error| Error::io("labels cannot be written", error))?;
+        Ok::<_, Error>((body, cut.kind(), cut.energy))
+    })
+    .await??;
+    let mut response = ([(header::CONTENT_TYPE, format.media_type())], Body::from(body)).into_response();
+    let headers = response.headers_mut();
+    headers.insert("tesserae-cut", HeaderValue::from_static(kind));
+    if let Ok(value) = HeaderValue::try_from(format!("{energy:e}")) {
+        headers.insert("tesserae-energy", value);
+    }
+    Ok(response)
+}
+
+/// Where the hierarchy of a job is.
+fn path(shared: &Shared, job: &Job) -> PathBuf {
+    shared.files.result(job.id).join(files::HIERARCHY)
+}
+
+/// The right to have a hierarchy in memory.
+async fn turn(shared: &Shared) -> Result<tokio::sync::OwnedSemaphorePermit> {
+    let turn = shared.hierarchies.clone().acquire_owned().await;
+    turn.map_err(|error| Error::new(Kind::Internal, format_args!("no hierarchy can be read: {error}")))
+}
+
+/// Reads a hierarchy that this service wrote.
+fn read(path: PathBuf) -> Result<Stored> {
+    let bytes = std::fs::read(path).map_err(super::results::cannot_read)?;
+    Stored::read(&bytes, u64::MAX).map_err(|error| Error::new(Kind::Internal, error.message))
+}
+
+/// What `write` makes of a hierarchy, as a response that streams it.
+async fn written(
+    shared: &Shared,
+    path: PathBuf,
+    media_type: &'static str,
+    write: impl FnOnce(&mut dyn Write, &Stored) -> Result<std::io::Result<()>> + Send + 'static,
+) -> Result<Response> {
+    let turn = turn(shared).await?;
+    let folder = shared.files.root().to_owned();
+    let (file, bytes) = blocking(move || {
+        let _turn = turn;
+        let tree = read(path)?;
+        let cannot = |error| Error::io("the hierarchy cannot be written", error);
+        let mut out = BufWriter::with_capacity(1 << 18, tempfile::tempfile_in(folder).map_err(cannot)?);
+        write(&mut out, &tree)?.map_err(cannot)?;
+        let mut file = out.into_inner().map_err(|error| cannot(error.into_error()))?;
+        let bytes = file.stream_position().map_err(cannot)?;
+        file.rewind().map_err(cannot)?;
+        Ok::<_, Error>((file, bytes))
+    })
+    .await??;
+    Ok(streamed(tokio::fs::File::from_std(file), bytes, media_type))
+}

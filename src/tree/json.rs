@@ -1,0 +1,163 @@
+//! A hierarchy as JSON: for programs that want to walk the tree rather than to cut it.
+//!
+//! Leaves are the faces, with the numbers 0 … n − 1, and are not listed; merge i makes node n + i. Rows are written one
+//! by one as they come, with one number a face in memory.
+
+use std::io::{self, Write};
+use std::ops::RangeInclusive;
+
+use serde::Serialize;
+use serde_json::{Map, Value};
+use utoipa::ToSchema;
+
+use super::stored::Stored;
+use super::{Nodes, Tree};
+use crate::report::Level;
+
+/// A hierarchy: what `--hierarchy OUT.json` writes.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Hierarchy {
+    /// The algorithm, as in parameters.
+    #[schema(example = "pml")]
+    pub algorithm: String,
+    /// The parameters it ran with, defaults filled in.
+    pub parameters: Map<String, Value>,
+    /// Number of faces n: the leaves.
+    pub faces: u32,
+    /// The rounds that left so many clusters as were asked for, in order.
+    pub levels: Vec<Level>,
+    /// The merges that left so many clusters as were asked for, in order: children before parents.
+    pub nodes: Vec<Node>,
+    /// The nodes (leaves too) that nothing in `nodes` merges, ascending: one a cluster that is left at the end of the list.
+    pub roots: Vec<u32>,
+}
+
+/// Two clusters that became one.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+pub struct Node {
+    /// Number of the node, n or more.
+    pub id: u32,
+    /// The two that merged: nodes, or faces below n.
+    pub children: [u32; 2],
+    /// Round of the merge, from 1.
+    pub round: u32,
+    /// Clusters left after the merge.
+    pub clusters_left: u32,
+    /// Rise of the energy by the merge, source units. Null when it overflows.
+    #[schema(value_type = Option<f64>)]
+    pub cost: f64,
+    /// Energy of the merged cluster before any optimisation, source units. Null when it overflows.
+    #[schema(value_type = Option<f64>)]
+    pub energy: f64,
+    /// Faces of the merged cluster. With optimisation faces also move between clusters, so it need not be the sum of the
+    /// children's.
+    pub faces: u32,
+    /// Its area, source units. Null when it overflows.
+    #[schema(value_type = Option<f64>)]
+    pub weight: f64,
+    /// Its area-weighted mean centroid, source units.
+    pub proxy: [f64; 3],
+}
+
+/// Which part of a hierarchy is written: levels and nodes that leave so many clusters.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Limits {
+    /// At least so many.
+    pub min_clusters: Option<u64>,
+    /// At most so many.
+    pub max_clusters: Option<u64>,
+}
+
+impl Limits {
+    /// Whether any limit was given.
+    pub fn are_given(&self) -> bool {
+        self.min_clusters.is_some() || self.max_clusters.is_some()
+    }
+
+    /// What is wrong with them, if anything.
+    pub fn check(&self) -> crate::Result<()> {
+        match (self.min_clusters, self.max_clusters) {
+            (Some(min), Some(max)) if min > max => Err(crate::Error::parameter(format_args!(
+                "min_clusters must not be above max_clusters: {min} and {max}"
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    fn range(self) -> RangeInclusive<u64> {
+        self.min_clusters.unwrap_or(0)..=self.max_clusters.unwrap_or(u64::MAX)
+    }
+}
+
+impl Stored {
+    /// Writes a [`Hierarchy`] in many small pieces, in one line.
+    pub fn write_json(&self, out: &mut dyn Write, limits: Limits) -> io::Result<()> {
+        let range = limits.range();
+        out.write_all(b"{\"algorithm\":")?;
+        serde_json::to_writer(&mut *out, &self.header.algorithm)?;
+        out.write_all(b",\"parameters\":")?;
+        serde_json::to_writer(&mut *out, &self.header.parameters)?;
+        write!(out, ",\"faces\":{},\"levels\":", self.tree.faces)?;
+        write_array(out, self.tree.levels().filter(|level| range.contains(&level.clusters)))?;
+        out.write_all(b",\"nodes\":")?;
+        let mut nodes = Nodes::new(self.tree.faces);
+        // merges beyond the range must not happen: the roots are what is left then
+        let until = u64::from(self.tree.faces).saturating_sub(*range.start());
+        let until = usize::try_from(until).unwrap_or(usize::MAX);
+        let made = self.tree.nodes(&mut nodes).take(until);
+        write_array(out, made.filter(|node| range.contains(&u64::from(node.clusters_left))))?;
+        out.write_all(b",\"roots\":")?;
+        write_array(out, nodes.roots().into_iter())?;
+        out.write_all(b"}\n")
+    }
+}
+
+impl Tree {
+    /// Every round.
+    fn levels(&self) -> impl Iterator<Item = Level> {
+        let mut ends = (0, 0);
+        self.rounds.iter().enumerate().map(move |(index, round)| {
+            let before = std::mem::replace(&mut ends, (round.merges_end, round.moves_end));
+            Level {
+                round: index as u32 + 1,
+                clusters: u64::from(round.clusters),
+                energy: round.energy.is_finite().then_some(round.energy),
+                merges: u64::from(round.merges_end - before.0),
+                moves: round.moves_end - before.1,
+            }
+        })
+    }
+
+    /// Every merge as a node.
+    fn nodes(&self, nodes: &mut Nodes) -> impl Iterator<Item = Node> {
+        let mut round = 0;
+        self.merges.iter().enumerate().map(move |(index, merge)| {
+            while self.rounds[round].merges_end as usize <= index {
+                round += 1;
+            }
+            let (id, children) = nodes.merge(merge);
+            Node {
+                id,
+                children,
+                round: round as u32 + 1,
+                clusters_left: self.faces - index as u32 - 1,
+                cost: merge.cost,
+                energy: merge.energy,
+                faces: merge.faces,
+                weight: merge.weight,
+                proxy: merge.proxy,
+            }
+        })
+    }
+}
+
+/// Writes items as they come.
+fn write_array<T: Serialize>(out: &mut dyn Write, items: impl Iterator<Item = T>) -> io::Result<()> {
+    let mut separator = "[";
+    for item in items {
+        out.write_all(separator.as_bytes())?;
+        serde_json::to_writer(&mut *out, &item)?;
+        separator = ",";
+    }
+    out.write_all(if separator == "[" { b"[]" } else { b"]" })
+}

@@ -1,0 +1,119 @@
+//! A nested hierarchy as scipy's linkage matrix, for `dendrogram`, `fcluster` and the rest of `scipy.cluster.hierarchy`.
+//!
+//! A row a merge: two clusters (faces below n, row i makes n + i), their distance, the number of faces. The distance is
+//! √(2·cost), scipy's own scale for Ward linkage: the distance of two points of weight 1 that merge.
+//!
+//! Only neighbours merge, so a merge can be cheaper than one below it (it *inverts*), which scipy does not allow: the
+//! distance of a row is the largest of its own and those below it, and rows are in its order, children before parents.
+//! Inverted rows therefore tie with one below them, and a threshold that takes one takes the other: `fcluster` with
+//! `maxclust` may return fewer clusters than asked for. Exactly K clusters come from [`Tree::labels_at`].
+
+use std::io::{self, Write};
+
+use super::stored::Stored;
+use super::{Nodes, Tree};
+use crate::error::{Error, Kind, Result};
+
+/// One row of the matrix.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Row {
+    children: [u32; 2],
+    /// The largest cost of the merge and those below it.
+    cost: f64,
+    faces: u32,
+}
+
+/// A linkage matrix, checked and in order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Linkage {
+    rows: Vec<Row>,
+}
+
+impl Stored {
+    /// The linkage matrix. [`Kind::Conflict`] when the tree has none, with what to ask for to get one.
+    pub fn linkage(&self) -> Result<Linkage> {
+        let conflict = |message: String| Err(Error::new(Kind::Conflict, message));
+        let tree = &self.tree;
+        let roots = u64::from(tree.roots());
+        if !tree.is_nested() {
+            return conflict(format!(
+                "a linkage matrix needs a nested tree, but faces moved between clusters; ask for optimize none: {} moves",
+                tree.moves.len()
+            ));
+        }
+        if tree.faces < 2 {
+            return conflict(format!("a linkage matrix needs at least two faces, not {}", tree.faces));
+        }
+        let components = self.header.components().unwrap_or(1);
+        if roots > 1 && roots <= components {
+            return conflict(no_single_root(components));
+        }
+        if roots > 1 {
+            return conflict(format!(
+                "a linkage matrix needs a whole tree, but this one ends early; leave clusters out: {roots} roots"
+            ));
+        }
+        Ok(Linkage::of(tree))
+    }
+}
+
+/// Why a mesh in several pieces has no linkage matrix.
+pub fn no_single_root(components: u64) -> String {
+    format!(
+        "a linkage matrix needs a tree with a single root, but the mesh has {components} connected components and the \
+         hierarchy as many roots; bridge_components would join them"
+    )
+}
+
+impl Linkage {
+    fn of(tree: &Tree) -> Self {
+        let mut nodes = Nodes::new(tree.faces);
+        let mut rows: Vec<Row> = Vec::with_capacity(tree.merges.len());
+        for merge in &tree.merges {
+            let (_, children) = nodes.merge(merge);
+            // no cost is below 0, and a NaN loses
+            let mut row = Row { children, cost: merge.cost.max(0.0), faces: 0 };
+            for child in children {
+                let below = child.checked_sub(tree.faces).map(|row| rows[row as usize]);
+                row.cost = row.cost.max(below.map_or(0.0, |below| below.cost));
+                row.faces += below.map_or(1, |below| below.faces);
+            }
+            rows.push(row);
+        }
+        // Stable, and a parent comes after its children and costs no less: it stays after them.
+        let mut order: Vec<u32> = (0..rows.len() as u32).collect();
+        order.sort_by(|&a, &b| rows[a as usize].cost.total_cmp(&rows[b as usize].cost));
+        let mut place = vec![0; rows.len()];
+        for (at, &row) in order.iter().enumerate() {
+            place[row as usize] = at as u32;
+        }
+        let moved = |node: u32| node.checked_sub(tree.faces).map_or(node, |row| tree.faces + place[row as usize]);
+        let rows = order
+            .iter()
+            .map(|&row| {
+                let row = rows[row as usize];
+                let [a, b] = row.children.map(moved);
+                Row { children: [a.min(b), a.max(b)], ..row }
+            })
+            .collect();
+        Self { rows }
+    }
+
+    /// Number of rows, one less than there are faces.
+    pub fn rows(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Writes it as `.npy`, float64 (n − 1, 4), in many small pieces.
+    pub fn write_npy(&self, out: &mut dyn Write) -> io::Result<()> {
+        out.write_all(&crate::output::npy_header("<f8", &format!("({}, 4)", self.rows.len())))?;
+        for row in &self.rows {
+            let [a, b] = row.children;
+            let distance = (2.0 * row.cost).sqrt();
+            for number in [f64::from(a), f64::from(b), distance, f64::from(row.faces)] {
+                out.write_all(&number.to_le_bytes())?;
+            }
+        }
+        Ok(())
+    }
+}
