@@ -49,6 +49,11 @@ pub struct Parameters {
     #[arg(long)]
     pub allow_disconnected: bool,
 
+    /// Join separate parts where they are nearest, as if they shared an edge: one tree over all of them, or fewer clusters
+    /// than parts
+    #[arg(long)]
+    pub bridge_components: bool,
+
     /// Hierarchies: optimise after the merges of each round, or not, which gives a strictly nested tree; hr never does
     #[arg(long, value_enum, default_value_t)]
     pub optimize: Optimize,

@@ -202,7 +202,7 @@ fn cluster(arguments: &Arguments, outputs: &[Output<'_>], progress: &mut Progres
     drop(bytes);
     cancel.check()?;
     if let Plan::Hierarchy(options) = &prepared.plan {
-        let components = prepared.input.components;
+        let components = prepared.surface.components.len() as u64;
         if arguments.trees.linkage.is_some() && components > 1 {
             return Err(Error::new(Kind::Conflict, no_single_root(components)).into());
         }

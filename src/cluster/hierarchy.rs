@@ -142,7 +142,7 @@ pub fn check(surface: &Surface, options: &Options) -> Result<u64> {
         if number < components {
             return Err(Error::parameter(format_args!(
                 "{name} must be at least the number of connected components, {components}, because a cluster cannot \
-                 reach across a gap: {number}"
+                 reach across a gap (bridge_components joins them): {number}"
             )));
         }
     }

@@ -55,7 +55,7 @@ fn check_clusters(surface: &Surface, clusters: u64) -> Result<()> {
     if clusters < components {
         return Err(Error::parameter(format_args!(
             "clusters must be at least the number of connected components, {components}, because a cluster cannot \
-             reach across a gap: {clusters}"
+             reach across a gap (bridge_components joins them): {clusters}"
         )));
     }
     Ok(())

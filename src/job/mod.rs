@@ -98,7 +98,7 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
 
     let mesh = mesh::read(request.bytes, request.format, request.resources, &request.limits)?;
     let parsed = Instant::now();
-    let surface = Surface::build(&mesh)?;
+    let surface = Surface::build_bridged(&mesh, parameters.bridge_components)?;
     let plan = if parameters.algorithm.is_hierarchical() {
         let options = hierarchical::options(&parameters);
         hierarchy::check(&surface, &options)?;

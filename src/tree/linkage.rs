@@ -61,7 +61,7 @@ impl Stored {
 pub fn no_single_root(components: u64) -> String {
     format!(
         "a linkage matrix needs a tree with a single root, but the mesh has {components} connected components and the \
-         hierarchy as many roots; bridge_components would join them"
+         hierarchy as many roots; bridge_components joins them"
     )
 }
 

@@ -1,0 +1,46 @@
+//! `bridge_components`: one tree over separate parts, and fewer clusters than parts.
+
+use tesserae::device::Cancel;
+use tesserae::device::cpu::CpuDevice;
+use tesserae::job::{self, Outcome, Request};
+use tesserae::mesh::{Format, Limits, NoResources};
+use tesserae::parameters::{Algorithm, Parameters};
+use tesserae::sample::{Sample, generate, write_obj};
+
+fn run(parameters: &Parameters) -> tesserae::Result<Outcome> {
+    let mut bytes = Vec::new();
+    write_obj(&mut bytes, &generate(Sample::Parts, 2000)?).expect("a vector takes everything");
+    let prepared = job::prepare(&Request {
+        bytes: &bytes,
+        format: Format::Obj,
+        resources: &NoResources,
+        limits: Limits::default(),
+        parameters,
+        seeds: None,
+    })?;
+    job::run(&prepared, &mut CpuDevice::new(), &Cancel::default(), &mut |_| {})
+}
+
+#[test]
+fn flat_clusters_may_be_fewer_than_parts() {
+    let parameters = Parameters { clusters: Some(3), ..Parameters::default() };
+    let refused = run(&parameters).expect_err("there are twelve parts");
+    assert!(refused.message.contains("bridge_components"), "{refused}");
+    let Outcome { labels, report, .. } =
+        run(&Parameters { bridge_components: true, ..parameters }).expect("bridges join the parts");
+    assert_eq!((report.clusters, report.disconnected_clusters, report.input.components), (3, 0, 12));
+    let mut used = labels.expect("a flat clustering has labels");
+    used.sort_unstable();
+    used.dedup();
+    assert_eq!(used, [0, 1, 2]);
+}
+
+#[test]
+fn a_forest_becomes_one_tree() {
+    let parameters = Parameters { algorithm: Algorithm::Pml, ..Parameters::default() };
+    let roots = |parameters: &Parameters| {
+        run(parameters).expect("it can be clustered").hierarchy.expect("there is a hierarchy").tree.roots()
+    };
+    assert_eq!(roots(&parameters), 12);
+    assert_eq!(roots(&Parameters { bridge_components: true, ..parameters }), 1);
+}
