@@ -1,6 +1,7 @@
 //! The service as a client meets it: a real server on a free port of this machine, a real HTTP client, real meshes.
 
 mod events;
+mod hierarchy;
 mod hostile;
 mod jobs;
 mod lifecycle;

@@ -36,7 +36,7 @@ async fn the_service_serves_its_description_and_answers_at_every_path_of_it() {
         let detail = response.text().await.expect("text");
         assert!(!detail.contains("nothing at this path"), "{path}: {detail}");
     }
-    for name in ["clusters", "algorithm", "seeds", "max_iterations", "allow_disconnected", "format"] {
+    for name in ["clusters", "algorithm", "seeds", "max_iterations", "allow_disconnected", "format", "levels", "ties"] {
         assert!(yaml.contains(&format!("- name: {name}\n")), "{name} is no query parameter");
     }
 }

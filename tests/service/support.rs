@@ -37,6 +37,11 @@ impl Service {
 
     /// One with changed settings and a device.
     pub async fn with(change: impl FnOnce(&mut Settings), device: Box<dyn Device>) -> Self {
+        Self::with_choice(change, device, false).await
+    }
+
+    /// One whose device was chosen by name or, with `or_cpu`, left to the service.
+    pub async fn with_choice(change: impl FnOnce(&mut Settings), device: Box<dyn Device>, or_cpu: bool) -> Self {
         let data = tempfile::tempdir().expect("a folder");
         let mut settings = Settings {
             listen: SocketAddr::from(([127, 0, 0, 1], 0)),
@@ -44,8 +49,7 @@ impl Service {
             ..Settings::default()
         };
         change(&mut settings);
-        let description =
-            DeviceDescription { info: device.info().clone(), chosen: "by the test".to_owned(), or_cpu: false };
+        let description = DeviceDescription { info: device.info().clone(), chosen: "by the test".to_owned(), or_cpu };
         let server = Server::bind(settings, device, description).await.expect("bound");
         let address = server.address();
         let (stop, stopped) = oneshot::channel();
