@@ -67,7 +67,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let _ = writeln!(lines, "{}", summary(&stored, &cut));
     }
     arguments.trees.write(&stored)?;
-    if targets.iter().any(|target| *target == &Target::Stdout) {
+    if targets.contains(&&Target::Stdout) {
         lines.lines().for_each(say);
         Ok(())
     } else {

@@ -24,9 +24,9 @@ impl DeviceArguments {
             .then(|| "--adapter chooses among gpus and does not go with --device cpu".to_owned())
     }
 
-    /// Whether the choice is left to this program.
+    /// Whether the choice is left to this program: who names an adapter wants that one.
     pub fn is_auto(&self) -> bool {
-        self.device == DeviceChoice::Auto
+        self.device == DeviceChoice::Auto && self.adapter.is_none()
     }
 
     /// Opens the device for one mesh. `auto` takes the cpu for what merges one pair after the other, as for small meshes.

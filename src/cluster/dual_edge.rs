@@ -22,7 +22,7 @@ pub enum Ties {
     /// The one with the smallest hash of the pair
     #[default]
     Hash,
-    /// The one to the neighbour with the largest number (P§5.4)
+    /// The one to the neighbour with the largest number
     LargestId,
 }
 
