@@ -71,7 +71,7 @@ pub(super) struct StreamEvent {
     get, path = "/v1/jobs/{id}/events", tag = "jobs", operation_id = "streamEvents",
     params(
         ("id" = String, Path, format = "uuid", description = "Id of the job"),
-        ("Last-Event-ID" = Option<u64>, Header, description = "Number of the last event that is known; 0, empty or absent for none"),
+        ("Last-Event-ID" = Option<u64>, Header, description = "Number of the last event that is known; 0 or absent for none"),
     ),
     responses(
         (status = 200, description = "The events", body = StreamEvent, content_type = "text/event-stream"),
@@ -189,10 +189,6 @@ fn last_event_id(headers: &HeaderMap) -> Result<u64> {
         return Ok(0);
     };
     let text = value.to_str().unwrap_or("?").trim();
-    // an EventSource whose last id was reset
-    if text.is_empty() {
-        return Ok(0);
-    }
     // as far as the signed 64 bits of the description go
     text.parse().ok().filter(|&id: &u64| i64::try_from(id).is_ok()).ok_or_else(|| {
         Error::new(

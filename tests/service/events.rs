@@ -135,10 +135,7 @@ async fn resuming_after_the_end_tells_the_client_to_stay_away() {
     }
     let tail = Stream::open(&service, &job, Some(events.len() as u64 - 1)).await.rest().await;
     assert_eq!(tail, events[events.len() - 1..]);
-    let absent = service.get(url).header("last-event-id", "").send().await.expect("answered");
-    let mut absent = Stream { response: absent, text: String::new() };
-    assert_eq!(absent.rest().await, events);
-    for bad in ["x", "-1", "1.5", "99999999999999999999999"] {
+    for bad in ["", "x", "-1", "1.5", "99999999999999999999999"] {
         let detail = refused(service.get(url).header("last-event-id", bad), 400, "bad-request").await;
         assert!(detail.contains("Last-Event-ID"), "{detail}");
     }
