@@ -1,6 +1,5 @@
 //! `tesserae cut`: labels at any number of clusters, from a hierarchy that was made before.
 
-use std::fmt::Write as _;
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -13,7 +12,7 @@ use crate::job::labels_sha256;
 use crate::mesh::Limits;
 use crate::output::write_cut;
 use crate::tree::Cut;
-use crate::tree::stored::Stored;
+use crate::tree::stored::{self, Header, Stored};
 
 /// Arguments of `tesserae cut`.
 #[derive(Debug, clap::Args)]
@@ -54,25 +53,38 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let report = arguments.report.clone().map(Target::from);
     let targets = check(arguments, report.as_ref())?;
-    let stored = Stored::read(&Source::from(arguments.input.clone()).read(u64::MAX)?, arguments.max_faces)?;
-    let mut lines = String::new();
-    if let Some(clusters) = arguments.clusters {
-        let cut = stored.tree.labels_at(clusters)?;
-        if let Some(labels) = &arguments.labels {
-            labels.target.write(|out| write_cut(out, labels.format, &cut))?;
+    let (file, length) = Source::from(arguments.input.clone()).open()?;
+    let mut line = None;
+    if arguments.trees.first().is_some() {
+        let stored = Stored::read(file, length, arguments.max_faces)?;
+        if let Some(clusters) = arguments.clusters {
+            line = Some(write(arguments, report.as_ref(), &stored.header, &stored.tree.labels_at(clusters)?)?);
         }
-        if let Some(target) = &report {
-            target.write(|out| write_report(out, &stored, &cut))?;
-        }
-        let _ = writeln!(lines, "{}", summary(&stored, &cut));
+        arguments.trees.write(&stored)?;
+    } else if let Some(clusters) = arguments.clusters {
+        let (header, cut) = stored::cut(file, length, arguments.max_faces, clusters)?;
+        line = Some(write(arguments, report.as_ref(), &header, &cut)?);
     }
-    arguments.trees.write(&stored)?;
+    let Some(line) = line else {
+        return Ok(());
+    };
     if targets.contains(&&Target::Stdout) {
-        lines.lines().for_each(say);
+        say(&line);
         Ok(())
     } else {
-        std::io::stdout().write_all(lines.as_bytes()).map_err(Failure::stdout)
+        writeln!(std::io::stdout(), "{line}").map_err(Failure::stdout)
     }
+}
+
+/// Writes labels and report of a cut; gives what came out, in one line.
+fn write(arguments: &Arguments, report: Option<&Target>, header: &Header, cut: &Cut) -> Result<String, Failure> {
+    if let Some(labels) = &arguments.labels {
+        labels.target.write(|out| write_cut(out, labels.format, cut))?;
+    }
+    if let Some(target) = report {
+        target.write(|out| write_report(out, header, cut))?;
+    }
+    Ok(summary(cut))
 }
 
 /// Refuses what needs no hierarchy to be refused; gives everything that is written.
@@ -97,7 +109,7 @@ fn check<'a>(arguments: &'a Arguments, report: Option<&'a Target>) -> Result<Vec
 }
 
 /// What is known of a cut.
-fn write_report(out: &mut dyn Write, stored: &Stored, cut: &Cut) -> std::io::Result<()> {
+fn write_report(out: &mut dyn Write, header: &Header, cut: &Cut) -> std::io::Result<()> {
     let report = json!({
         "clusters": cut.clusters(),
         "cut": cut.kind(),
@@ -105,14 +117,14 @@ fn write_report(out: &mut dyn Write, stored: &Stored, cut: &Cut) -> std::io::Res
         "merges_on_top": cut.extra_merges,
         "energy": cut.energy,
         "labels_sha256": labels_sha256(&cut.labels),
-        "hierarchy": stored.header,
+        "hierarchy": header,
     });
     serde_json::to_writer_pretty(&mut *out, &report)?;
     out.write_all(b"\n")
 }
 
 /// What came out, in one line.
-fn summary(stored: &Stored, cut: &Cut) -> String {
+fn summary(cut: &Cut) -> String {
     let state = match (cut.rounds, cut.extra_merges) {
         (0, 0) => "every face a cluster".to_owned(),
         (round, 0) => format!("the state after round {round}"),
@@ -121,7 +133,7 @@ fn summary(stored: &Stored, cut: &Cut) -> String {
     };
     format!(
         "{} faces, {} clusters, energy {:.9e}, {}: {state}",
-        stored.tree.faces,
+        cut.labels.len(),
         cut.clusters(),
         cut.energy,
         cut.kind()

@@ -23,6 +23,24 @@ impl From<PathBuf> for Source {
 }
 
 impl Source {
+    /// The content as a stream, and its length.
+    pub fn open(&self) -> Result<(Box<dyn Read>, u64)> {
+        match self {
+            // only a regular file knows its length
+            Source::File(path) if fs::metadata(path).is_ok_and(|file| file.is_file()) => File::open(path)
+                .and_then(|file| {
+                    let length = file.metadata()?.len();
+                    Ok((Box::new(file) as Box<dyn Read>, length))
+                })
+                .map_err(|error| Error::io(format_args!("cannot read {path:?}"), error)),
+            Source::Stdin | Source::File(_) => {
+                let bytes = self.read(u64::MAX)?;
+                let length = bytes.len() as u64;
+                Ok((Box::new(io::Cursor::new(bytes)), length))
+            }
+        }
+    }
+
     /// The whole content, or as much of it as shows that it is more than `max_bytes`.
     pub fn read(&self, max_bytes: u64) -> Result<Vec<u8>> {
         match self {

@@ -19,14 +19,14 @@ use utoipa::IntoParams;
 use super::files::{self, blocking};
 use super::openapi::{Binary, Problematic};
 use super::problem::Answer;
-use super::results::{attachment, find, stored, streamed, succeeded};
+use super::results::{attachment, find, streamed, succeeded};
 use super::server::{App, Shared};
 use super::store::Job;
 use super::{negotiate, query};
 use crate::error::{Error, Kind, Result};
 use crate::output::{LabelFormat, write_cut};
 use crate::tree::json::{Hierarchy, Limits};
-use crate::tree::stored::Stored;
+use crate::tree::stored::{self, Stored};
 
 /// The query of the hierarchy.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -105,7 +105,7 @@ pub(super) async fn hierarchy(Extract(shared): App, Path(id): Path<String>, uri:
         Form::Linkage => {
             written(&shared, path, "application/x-npy", |out, tree| Ok(tree.linkage()?.write_npy(out))).await?
         }
-        Form::Stored => stored(path, None, "application/octet-stream").await?,
+        Form::Stored => super::results::stored(path, None, "application/octet-stream").await?,
     };
     let name = match form {
         Form::Json => "hierarchy.json",
@@ -122,10 +122,11 @@ pub(super) async fn cut(shared: &Shared, job: &Job, clusters: u64, format: Label
     let turn = turn(shared).await?;
     let (body, kind, energy) = blocking(move || {
         let _turn = turn;
-        let cut = read(path)?.tree.labels_at(clusters).map_err(|error| match error.kind {
+        let (file, length) = open(path)?;
+        let (_, cut) = stored::cut(file, length, u64::MAX, clusters).map_err(|error| match error.kind {
             // the number is sound, this hierarchy has no such state
             Kind::InvalidParameter => Error::new(Kind::Conflict, error.message),
-            _ => error,
+            _ => Error::new(Kind::Internal, error.message),
         })?;
         let mut body = Vec::new();
         write_cut(&mut body, format, &cut).map_err(|error| Error::io("labels cannot be written", error))?;
@@ -154,8 +155,15 @@ async fn turn(shared: &Shared) -> Result<tokio::sync::OwnedSemaphorePermit> {
 
 /// Reads a hierarchy that this service wrote.
 fn read(path: PathBuf) -> Result<Stored> {
-    let bytes = std::fs::read(path).map_err(super::results::cannot_read)?;
-    Stored::read(&bytes, u64::MAX).map_err(|error| Error::new(Kind::Internal, error.message))
+    let (file, length) = open(path)?;
+    Stored::read(file, length, u64::MAX).map_err(|error| Error::new(Kind::Internal, error.message))
+}
+
+/// A file and its length.
+fn open(path: PathBuf) -> Result<(std::fs::File, u64)> {
+    let file = std::fs::File::open(path).map_err(super::results::cannot_read)?;
+    let length = file.metadata().map_err(super::results::cannot_read)?.len();
+    Ok((file, length))
 }
 
 /// What `write` makes of a hierarchy, as a response that streams it.

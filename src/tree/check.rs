@@ -1,22 +1,13 @@
 //! Whether a tree that came from a file is one: every number within its range, every merge of living clusters.
 
-use super::Tree;
-use crate::error::{Error, Kind, Result};
+use super::{Round, Tree, contradiction};
+use crate::error::Result;
 
 impl Tree {
     /// An error that names the first contradiction, so that nothing else has to look for one.
     pub(super) fn check(&self) -> Result<()> {
         let faces = self.faces;
-        if faces == 0 || faces > 1 << 31 {
-            return contradiction("number of faces", faces);
-        }
-        if self.merges.len() >= faces as usize {
-            return contradiction("number of merges", self.merges.len());
-        }
-        let ends = self.rounds.last().map_or((0, 0), |round| (round.merges_end as usize, round.moves_end));
-        if ends != (self.merges.len(), self.moves.len() as u64) {
-            return contradiction("rounds end before merges or moves do, round", self.rounds.len());
-        }
+        check_rounds(faces, self.merges.len() as u64, self.moves.len() as u64, &self.rounds)?;
         let mut lives = vec![true; faces as usize];
         let is_alive = |lives: &[bool], cluster: u32| lives.get(cluster as usize).copied().unwrap_or(false);
         let (mut merges_end, mut moves_end) = (0, 0);
@@ -38,14 +29,29 @@ impl Tree {
             }
             merges_end += merges.len();
             moves_end += moves.len();
-            if merges.is_empty() || round.clusters != faces - round.merges_end {
-                return contradiction("clusters of round", number + 1);
-            }
         }
         Ok(())
     }
 }
 
-fn contradiction<T>(what: &str, value: impl std::fmt::Display) -> Result<T> {
-    Err(Error::new(Kind::BadRequest, format_args!("the hierarchy contradicts itself: {what} {value}")))
+/// Whether rounds cover so many merges and moves, each some merges, and leave the clusters that they should.
+pub(super) fn check_rounds(faces: u32, merges: u64, moves: u64, rounds: &[Round]) -> Result<()> {
+    if faces == 0 || faces > 1 << 31 {
+        return contradiction("number of faces", faces);
+    }
+    if merges >= u64::from(faces) {
+        return contradiction("number of merges", merges);
+    }
+    let mut ends = (0, 0);
+    for (number, round) in rounds.iter().enumerate() {
+        let is_later = round.merges_end > ends.0 && round.moves_end >= ends.1;
+        if !is_later || u64::from(round.merges_end) > merges || round.clusters != faces - round.merges_end {
+            return contradiction("round", number + 1);
+        }
+        ends = (round.merges_end, round.moves_end);
+    }
+    if (u64::from(ends.0), ends.1) != (merges, moves) {
+        return contradiction("rounds end before merges or moves do, round", rounds.len());
+    }
+    Ok(())
 }

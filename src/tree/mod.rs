@@ -6,6 +6,7 @@
 //!
 //! | what | where |
 //! |---|---|
+//! | cuts | [`Tree::labels_at`], `replay` |
 //! | the file it is kept in, `.tsr` | [`stored`] |
 //! | the JSON that people's programs read | [`json`] |
 //! | scipy's linkage matrix | [`linkage`] |
@@ -15,8 +16,10 @@
 mod check;
 pub mod json;
 pub mod linkage;
+mod replay;
 pub mod stored;
 
+use self::replay::{CutPlan, Replay, check_range};
 use crate::error::{Error, Kind, Result};
 
 /// A hierarchy of clusterings of the same faces, finest first.
@@ -114,51 +117,18 @@ impl Tree {
     /// A number that a round ended with gives that round's state. Any other takes the state of the last round that
     /// left more, and applies as many of the next round's merges as it takes, the cheapest first.
     pub fn labels_at(&self, clusters: u64) -> Result<Cut> {
-        let roots = self.roots();
-        if clusters > u64::from(self.faces) || clusters < u64::from(roots) {
-            return Err(Error::parameter(format_args!(
-                "clusters must be between the {roots} that the hierarchy ends with and its {} faces: {clusters}",
-                self.faces
-            )));
-        }
-        let clusters = clusters as u32;
-        let rounds = self.rounds.partition_point(|round| round.clusters >= clusters);
-        let (left, mut energy, merges_end, moves_end) = match rounds.checked_sub(1) {
-            Some(last) => {
-                let round = &self.rounds[last];
-                (round.clusters, round.energy, round.merges_end as usize, round.moves_end as usize)
-            }
-            None => (self.faces, 0.0, 0, 0),
-        };
-        let extra_merges = left - clusters;
-        let extra = &self.merges[merges_end..merges_end + extra_merges as usize];
-        energy += extra.iter().map(|merge| merge.cost).sum::<f64>();
-
-        let mut parent: Vec<u32> = (0..self.faces).collect();
-        for merge in self.merges[..merges_end].iter().chain(extra) {
-            parent[merge.from as usize] = merge.into;
-        }
-        let mut cluster_of_face: Vec<u32> = (0..self.faces).collect();
-        for moved in &self.moves[..moves_end] {
-            cluster_of_face[moved.face as usize] = moved.to;
-        }
-        let mut number_of_cluster: Vec<Option<u32>> = vec![None; self.faces as usize];
-        let mut seen = 0;
-        for label in &mut cluster_of_face {
-            let root = root(&mut parent, *label);
-            *label = *number_of_cluster[root as usize].get_or_insert_with(|| {
-                seen += 1;
-                seen - 1
-            });
-        }
-        if seen != clusters {
-            return Err(Error::new(
-                Kind::Internal,
-                format_args!("the hierarchy contradicts itself: {seen} of {clusters} clusters have faces"),
-            ));
-        }
-        Ok(Cut { labels: cluster_of_face, rounds: rounds as u32, extra_merges, energy })
+        check_range(self.faces, self.roots(), clusters)?;
+        let plan = CutPlan::of(&self.rounds, self.faces, clusters as u32);
+        let mut replay = Replay::new(self.faces, plan);
+        self.merges[..plan.merges()].iter().try_for_each(|merge| replay.merge(merge.into, merge.from, merge.cost))?;
+        self.moves[..plan.moves].iter().try_for_each(|moved| replay.give(*moved))?;
+        replay.finish()
     }
+}
+
+/// The error of a hierarchy that cannot be one.
+fn contradiction<T>(what: &str, value: impl std::fmt::Display) -> Result<T> {
+    Err(Error::new(Kind::BadRequest, format_args!("the hierarchy contradicts itself: {what} {value}")))
 }
 
 /// The nodes of a tree as the merges make them: leaves are the faces, merge i makes node faces + i.
@@ -187,19 +157,6 @@ impl Nodes {
         self.node_of_cluster.retain(|&node| node != u32::MAX);
         self.node_of_cluster.sort_unstable();
         self.node_of_cluster
-    }
-}
-
-/// The cluster that a cluster has become; halves the path on the way.
-fn root(parent: &mut [u32], mut cluster: u32) -> u32 {
-    loop {
-        let up = parent[cluster as usize];
-        if up == cluster {
-            return cluster;
-        }
-        let above = parent[up as usize];
-        parent[cluster as usize] = above;
-        cluster = above;
     }
 }
 

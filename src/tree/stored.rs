@@ -20,13 +20,15 @@
 //!
 //! What the numbers mean is said at [`Round`], [`Merge`] and [`FaceMove`]. Nothing follows.
 
-use std::io::{self, Write};
+use std::io::{self, Read, Write};
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
 
-use super::{FaceMove, Merge, Round, Tree};
+use super::check::check_rounds;
+use super::replay::{CutPlan, Replay, check_range};
+use super::{Cut, FaceMove, Merge, Round, Tree};
 use crate::error::{Error, Kind, Result};
 
 /// The first bytes of the file.
@@ -41,6 +43,9 @@ const SUM: usize = 32;
 
 /// Longest header that is read, in bytes.
 const MAX_HEADER: usize = 1 << 20;
+
+/// Bytes of records that are read at once.
+const READ_AT_ONCE: usize = 1 << 20;
 
 /// A hierarchy and where it comes from.
 #[derive(Debug, Clone, PartialEq)]
@@ -109,34 +114,107 @@ impl Stored {
         out.finish()
     }
 
-    /// Reads a file that is whole in memory. Every size is checked against its length before anything is allocated, and
-    /// the tree is checked before it is given out. The number of faces, which a short file can state too, is checked
-    /// against `max_faces`.
-    pub fn read(bytes: &[u8], max_faces: u64) -> Result<Self> {
-        if !bytes.starts_with(&MAGIC) {
+    /// Reads a file of `length` bytes. Every size is checked against that before anything is allocated, and the tree is
+    /// checked before it is given out. The number of faces, which a short file can state too, is checked against
+    /// `max_faces`.
+    pub fn read(from: impl Read, length: u64, max_faces: u64) -> Result<Self> {
+        let mut reader = Reader::new(from);
+        let sizes = reader.sizes(length, max_faces)?;
+        let header = reader.header(&sizes)?;
+        let rounds = reader.all(sizes.rounds, round_of)?;
+        let merges = reader.all(sizes.merges, merge_of)?;
+        let moves = reader.all(sizes.moves, move_of)?;
+        reader.finish()?;
+        let tree = Tree { faces: sizes.faces, merges, moves, rounds };
+        tree.check()?;
+        Ok(Self { header, tree })
+    }
+}
+
+/// A cut of a hierarchy in a file, without the tree ever being in memory; see [`Tree::labels_at`] and [`Stored::read`].
+pub fn cut(from: impl Read, length: u64, max_faces: u64, clusters: u64) -> Result<(Header, Cut)> {
+    let mut reader = Reader::new(from);
+    let sizes = reader.sizes(length, max_faces)?;
+    let header = reader.header(&sizes)?;
+    let rounds = reader.all(sizes.rounds, round_of)?;
+    check_rounds(sizes.faces, sizes.merges, sizes.moves, &rounds)?;
+    check_range(sizes.faces, rounds.last().map_or(sizes.faces, |round| round.clusters), clusters)?;
+    let plan = CutPlan::of(&rounds, sizes.faces, clusters as u32);
+    let mut replay = Replay::new(sizes.faces, plan);
+    let mut left = plan.merges();
+    reader.each::<MERGE>(sizes.merges, |records| {
+        let used = records.iter().take(left);
+        left -= used.len();
+        used.map(merge_of).try_for_each(|merge| replay.merge(merge.into, merge.from, merge.cost))
+    })?;
+    let mut left = plan.moves;
+    reader.each::<MOVE>(sizes.moves, |records| {
+        let used = records.iter().take(left);
+        left -= used.len();
+        used.map(move_of).try_for_each(|moved| replay.give(moved))
+    })?;
+    reader.finish()?;
+    Ok((header, replay.finish()?))
+}
+
+/// What the first bytes say; all of it together is as long as the file.
+#[derive(Debug, Clone, Copy)]
+struct Sizes {
+    header: usize,
+    faces: u32,
+    rounds: u64,
+    merges: u64,
+    moves: u64,
+}
+
+/// Reads a file from its start to its end and sums it on the way.
+struct Reader<R> {
+    from: R,
+    sum: Sha256,
+    piece: Vec<u8>,
+}
+
+impl<R: Read> Reader<R> {
+    fn new(from: R) -> Self {
+        Self { from, sum: Sha256::new(), piece: Vec::new() }
+    }
+
+    /// The next bytes, which go into the sum.
+    fn bytes<const N: usize>(&mut self) -> Result<[u8; N]> {
+        let mut bytes = [0; N];
+        self.from.read_exact(&mut bytes).map_err(cannot_read)?;
+        self.sum.update(bytes);
+        Ok(bytes)
+    }
+
+    fn sizes(&mut self, length: u64, max_faces: u64) -> Result<Sizes> {
+        if length < FIXED as u64 {
+            return malformed("it is no hierarchy file (.tsr), or ends early");
+        }
+        let fixed: [u8; FIXED] = self.bytes()?;
+        if !fixed.starts_with(&MAGIC) {
             return malformed("it is no hierarchy file (.tsr)");
         }
-        let Some((fixed, rest)) = bytes.split_first_chunk::<FIXED>() else {
-            return malformed("it ends early");
-        };
-        let version = u32_at(fixed, 8);
+        let version = u32_at(&fixed, 8);
         if version != VERSION {
             return malformed(format_args!("only version {VERSION} is read, not {version}"));
         }
-        let [header, faces, merges, rounds] = [12, 16, 20, 24].map(|at| u32_at(fixed, at));
-        let sizes = [
-            u128::from(header),
-            u128::from(rounds) * ROUND as u128,
-            u128::from(merges) * MERGE as u128,
-            u128::from(u64_at(fixed, 32)) * MOVE as u128,
-            SUM as u128,
-        ];
-        let expected: u128 = sizes.iter().sum();
-        if rest.len() as u128 != expected {
-            let expected = expected + FIXED as u128;
-            return malformed(format_args!("it should have {expected} bytes, but has {}", bytes.len()));
+        let [header, faces, merges, rounds] = [12, 16, 20, 24].map(|at| u32_at(&fixed, at));
+        let moves = u64_at(&fixed, 32);
+        let expected = [
+            (u64::from(header), 1),
+            (u64::from(rounds), ROUND),
+            (u64::from(merges), MERGE),
+            (moves, MOVE),
+            (1, FIXED + SUM),
+        ]
+        .iter()
+        .map(|&(count, size)| u128::from(count) * size as u128)
+        .sum::<u128>();
+        if u128::from(length) != expected {
+            return malformed(format_args!("it should have {expected} bytes, but has {length}"));
         }
-        if header as usize > MAX_HEADER || u32_at(fixed, 28) != 0 {
+        if header as usize > MAX_HEADER || u32_at(&fixed, 28) != 0 {
             return malformed("its first bytes are not those of a hierarchy");
         }
         if u64::from(faces) > max_faces {
@@ -144,29 +222,67 @@ impl Stored {
                 "the hierarchy has more faces than the limit of {max_faces}: {faces}"
             )));
         }
-        // They sum to the length of a slice, so each fits.
-        let [header, rounds, merges, moves, _] = sizes.map(|size| size as usize);
-        let (header, rest) = rest.split_at(header);
-        let (rounds, rest) = rest.split_at(rounds);
-        let (merges, rest) = rest.split_at(merges);
-        let (moves, sum) = rest.split_at(moves);
-        let whole = &bytes[..bytes.len() - SUM];
-        let (actual, tree) = rayon::join(
-            || Sha256::digest(whole),
-            || Tree {
-                faces,
-                merges: merges.chunks_exact(MERGE).map(merge_of).collect(),
-                moves: moves.chunks_exact(MOVE).map(move_of).collect(),
-                rounds: rounds.chunks_exact(ROUND).map(round_of).collect(),
-            },
-        );
-        if actual[..] != *sum {
+        let header = header as usize;
+        Ok(Sizes { header, faces, rounds: rounds.into(), merges: merges.into(), moves })
+    }
+
+    fn header(&mut self, sizes: &Sizes) -> Result<Header> {
+        let mut json = vec![0; sizes.header];
+        self.from.read_exact(&mut json).map_err(cannot_read)?;
+        self.sum.update(&json);
+        serde_json::from_slice(&json)
+            .map_err(|error| Error::new(Kind::BadRequest, format_args!("the hierarchy cannot be read: {error}")))
+    }
+
+    /// Gives the next `count` records of N bytes to `apply`, many at a time, which are summed meanwhile.
+    fn each<const N: usize>(
+        &mut self,
+        count: u64,
+        mut apply: impl FnMut(&[[u8; N]]) -> Result<()> + Send,
+    ) -> Result<()> {
+        let at_once = (READ_AT_ONCE / N) as u64;
+        let mut left = count;
+        while left > 0 {
+            let records = left.min(at_once);
+            left -= records;
+            self.piece.resize(records as usize * N, 0);
+            self.from.read_exact(&mut self.piece).map_err(cannot_read)?;
+            let (sum, piece) = (&mut self.sum, &self.piece);
+            let (_, applied) = rayon::join(|| sum.update(piece), || apply(piece.as_chunks().0));
+            applied?;
+        }
+        Ok(())
+    }
+
+    /// The next `count` records of N bytes.
+    fn all<const N: usize, T: Send>(&mut self, count: u64, record: impl Fn(&[u8; N]) -> T + Sync) -> Result<Vec<T>> {
+        let too_much =
+            |_| Error::new(Kind::TooLarge, format_args!("the hierarchy does not fit into memory: {count} records"));
+        let mut all = Vec::new();
+        all.try_reserve_exact(usize::try_from(count).unwrap_or(usize::MAX)).map_err(too_much)?;
+        self.each(count, |records| {
+            all.extend(records.iter().map(&record));
+            Ok(())
+        })?;
+        Ok(all)
+    }
+
+    /// Compares the sums.
+    fn finish(mut self) -> Result<()> {
+        let actual = self.sum.finalize();
+        let mut stated = [0; SUM];
+        self.from.read_exact(&mut stated).map_err(cannot_read)?;
+        if actual[..] != stated {
             return malformed("it was changed or damaged: its checksum is wrong");
         }
-        let header = serde_json::from_slice(header)
-            .map_err(|error| Error::new(Kind::BadRequest, format_args!("the hierarchy cannot be read: {error}")))?;
-        tree.check()?;
-        Ok(Self { header, tree })
+        Ok(())
+    }
+}
+
+fn cannot_read(error: io::Error) -> Error {
+    match error.kind() {
+        io::ErrorKind::UnexpectedEof => Error::new(Kind::BadRequest, "the hierarchy cannot be read: it ends early"),
+        _ => Error::io("the hierarchy cannot be read", error),
     }
 }
 
@@ -187,7 +303,7 @@ fn f64_at(record: &[u8], at: usize) -> f64 {
     f64::from_bits(u64_at(record, at))
 }
 
-fn round_of(record: &[u8]) -> Round {
+fn round_of(record: &[u8; ROUND]) -> Round {
     Round {
         clusters: u32_at(record, 0),
         merges_end: u32_at(record, 4),
@@ -196,7 +312,7 @@ fn round_of(record: &[u8]) -> Round {
     }
 }
 
-fn merge_of(record: &[u8]) -> Merge {
+fn merge_of(record: &[u8; MERGE]) -> Merge {
     Merge {
         into: u32_at(record, 0),
         from: u32_at(record, 4),
@@ -208,7 +324,7 @@ fn merge_of(record: &[u8]) -> Merge {
     }
 }
 
-fn move_of(record: &[u8]) -> FaceMove {
+fn move_of(record: &[u8; MOVE]) -> FaceMove {
     FaceMove { face: u32_at(record, 0), to: u32_at(record, 4) }
 }
 
@@ -242,89 +358,4 @@ impl Summing<'_> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::tests::small;
-    use super::*;
-
-    fn file() -> Vec<u8> {
-        let mut bytes = Vec::new();
-        small().write(&mut bytes).expect("a vector takes everything");
-        bytes
-    }
-
-    /// A file with the right checksum.
-    fn summed(mut bytes: Vec<u8>) -> Vec<u8> {
-        let end = bytes.len() - SUM;
-        let sum = Sha256::digest(&bytes[..end]);
-        bytes[end..].copy_from_slice(&sum);
-        bytes
-    }
-
-    #[test]
-    fn what_was_written_is_read() {
-        assert_eq!(Stored::read(&file(), 7), Ok(small()));
-    }
-
-    #[test]
-    fn a_file_that_ends_early_or_late_is_refused() {
-        let bytes = file();
-        for length in 0..bytes.len() {
-            assert!(Stored::read(&bytes[..length], 7).is_err(), "{length} bytes");
-        }
-        assert!(Stored::read(&[bytes, vec![0]].concat(), 7).is_err());
-    }
-
-    #[test]
-    fn a_flipped_bit_is_noticed_wherever_it_is() {
-        let bytes = file();
-        for at in 0..bytes.len() {
-            for bit in 0..8 {
-                let mut flipped = bytes.clone();
-                flipped[at] ^= 1 << bit;
-                assert!(Stored::read(&flipped, 1000).is_err(), "bit {bit} of byte {at}");
-            }
-        }
-    }
-
-    #[test]
-    fn a_hostile_file_with_a_right_checksum_is_refused_or_harmless() {
-        let bytes = file();
-        let (mut refused, mut read) = (0, 0);
-        for at in 0..bytes.len() - SUM {
-            for value in [0, 1, 2, 6, 7, 0x7f, 0x80, 0xff] {
-                let mut changed = bytes.clone();
-                changed[at] = value;
-                match Stored::read(&summed(changed), 1000) {
-                    Err(_) => refused += 1,
-                    Ok(stored) => {
-                        read += 1;
-                        for clusters in 0..9 {
-                            let _ = stored.tree.labels_at(clusters);
-                        }
-                        let mut out = Vec::new();
-                        stored.write_json(&mut out, Default::default()).expect("a vector takes everything");
-                        serde_json::from_slice::<Value>(&out).expect("JSON");
-                        let _ = stored.linkage();
-                    }
-                }
-            }
-        }
-        assert!(refused > 500 && read > 500, "{refused} refused, {read} read");
-    }
-
-    #[test]
-    fn more_faces_than_allowed_are_refused() {
-        let error = Stored::read(&file(), 6).expect_err("too many");
-        assert_eq!(error.kind, Kind::TooLarge);
-    }
-
-    #[test]
-    fn counts_beyond_the_file_allocate_nothing() {
-        for (at, size) in [(12, 4), (16, 4), (20, 4), (24, 4), (32, 8)] {
-            let mut bytes = file();
-            bytes[at..at + size].fill(0xff);
-            let error = Stored::read(&summed(bytes), 1000).expect_err("too much");
-            assert!(error.message.contains("bytes") || error.message.contains("faces"), "{error}");
-        }
-    }
-}
+mod tests;

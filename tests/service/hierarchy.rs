@@ -49,7 +49,7 @@ async fn a_whole_hierarchy_has_labels_at_every_number_of_clusters() {
     assert!(detail.contains(&format!("from 1 to {faces}")), "{detail}");
 
     let stored = bytes(&service, text(&job["urls"]["hierarchy"]), "application/octet-stream").await;
-    let tree = Stored::read(&stored, u64::MAX).expect("a hierarchy").tree;
+    let tree = Stored::read(stored.as_slice(), stored.len() as u64, u64::MAX).expect("a hierarchy").tree;
     let mut kinds = [0, 0];
     for clusters in [1, 2, 59, 60, 61, 199, 200, 201, 500, faces] {
         let url = format!("{labels}?clusters={clusters}");
