@@ -25,8 +25,9 @@
 //!
 //! In the growth and the phases, those with a thread a face are dispatched indirectly: when there is nothing left to do,
 //! `settle`, `fit` or `judge` sets the number of workgroups of all that is still queued to zero; what is left then is
-//! `settle`'s one thread, or `fit` and `judge` looking at one number. Between the first upload and the labels of a flat clustering, only the ring
-//! comes back: 32 bytes a turn, while the next batch runs. A hierarchy reads besides, in each round, 12 bytes for each cluster
+//! `settle`'s one thread, or `fit` and `judge` looking at one number. Within a growth or a phase only the ring
+//! comes back: 32 bytes a turn, while the next batch runs. Between them the labels do, after the first growth and wherever
+//! pieces that were cut off are looked for and mended, which the host does. A hierarchy reads besides, in each round, 12 bytes for each cluster
 //! that is left and each face that moved, 36 for each that merges, and the labels where it looks for pieces; for the
 //! cheapest dual edge 64 bytes.
 //!
