@@ -9,9 +9,10 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-/// A part of the service that can be broken.
+/// A part of the service that can be broken
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
+#[schema(as = ServicePart)]
 pub(super) enum Part {
     /// The process itself: it fails while it stops.
     Process,
