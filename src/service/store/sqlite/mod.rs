@@ -19,7 +19,7 @@ use std::time::{Duration, SystemTime};
 
 use async_trait::async_trait;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
-use sqlx::{ConnectOptions as _, query};
+use sqlx::{ConnectOptions as _, SqliteConnection, query};
 use tokio::sync::watch;
 
 use self::commands::{
@@ -53,10 +53,7 @@ impl SqliteStore {
     /// Opens the store in the file at `path`, or makes it. Nobody else may have it open.
     pub async fn open(path: &Path, rules: Rules, faults: Faults) -> Result<Self> {
         let cannot = |error: &dyn std::fmt::Display| {
-            Error::new(
-                Kind::Io,
-                format_args!("the store of jobs cannot be opened: {}: {error}", path.display()),
-            )
+            Error::new(Kind::Io, format_args!("the store of jobs cannot be opened: {}: {error}", path.display()))
         };
         let options = SqliteConnectOptions::new()
             .filename(path)
@@ -65,9 +62,8 @@ impl SqliteStore {
             .pragma("journal_size_limit", LOG_BYTES.to_string())
             .busy_timeout(Duration::from_secs(5))
             .disable_statement_logging();
-        let mut connection =
-            options.clone().create_if_missing(true).connect().await.map_err(|error| cannot(&error))?;
-        schema::migrate(&mut connection).await.map_err(|error| cannot(&error))?;
+        let connection = connect(options.clone().create_if_missing(true)).await.map_err(|error| cannot(&error))?;
+        let connection = schema::migrate(connection).await.map_err(|error| cannot(&error))?;
         let reading = options.clone().read_only(true);
         let readers = SqlitePoolOptions::new()
             .max_connections(READERS)
@@ -98,16 +94,19 @@ impl SqliteStore {
     }
 }
 
+/// Opens a connection. By value, because rustc cannot see that futures over the borrowed options are `Send`.
+async fn connect(options: SqliteConnectOptions) -> Result<SqliteConnection, sqlx::Error> {
+    options.connect().await
+}
+
 fn far_future() -> SystemTime {
     rows::time(i64::MAX)
 }
 
 /// The error for what the database refuses: whether there is no room, or it cannot be reached, or something is broken.
 fn database_error(error: sqlx::Error) -> Error {
-    let primary = error
-        .as_database_error()
-        .and_then(|error| error.code()?.parse::<u32>().ok())
-        .map(|extended| extended & 0xff);
+    let primary =
+        error.as_database_error().and_then(|error| error.code()?.parse::<u32>().ok()).map(|extended| extended & 0xff);
     let kind = match (&error, primary) {
         (sqlx::Error::Io(error), _) => Kind::of_storage(error),
         (_, Some(13)) => Kind::InsufficientStorage, // SQLITE_FULL
@@ -276,7 +275,8 @@ impl JobStore for SqliteStore {
     }
 
     async fn untold(&self) -> Result<Vec<JobId>> {
-        let found = query("SELECT id FROM jobs WHERE untold IS NOT NULL ORDER BY untold").fetch_all(&self.readers).await;
+        let found =
+            query("SELECT id FROM jobs WHERE untold IS NOT NULL ORDER BY untold").fetch_all(&self.readers).await;
         found.map_err(database_error)?.iter().map(|row| column::<&str>(row, "id")?.parse()).collect()
     }
 
@@ -285,8 +285,7 @@ impl JobStore for SqliteStore {
     }
 
     async fn counts(&self) -> Result<[u64; State::ALL.len()]> {
-        let found =
-            query("SELECT state, count(*) AS jobs FROM jobs GROUP BY state").fetch_all(&self.readers).await;
+        let found = query("SELECT state, count(*) AS jobs FROM jobs GROUP BY state").fetch_all(&self.readers).await;
         let mut counts = [0; State::ALL.len()];
         for row in found.map_err(database_error)? {
             let state = rows::state_of(column(&row, "state")?)?;
@@ -306,3 +305,6 @@ impl JobStore for SqliteStore {
         self.readers.close().await;
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -11,13 +11,13 @@ use std::time::Instant;
 
 use async_trait::async_trait;
 use sqlx::sqlite::SqliteConnectOptions;
-use sqlx::{ConnectOptions as _, Connection as _, SqliteConnection};
+use sqlx::{Connection as _, SqliteConnection};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio_util::sync::CancellationToken;
 
 use super::super::pulses::Pulses;
 use super::super::{JobId, Pulse, Statistics};
-use super::database_error;
+use super::{connect, database_error};
 use crate::error::{Error, Kind, Result};
 use crate::service::faults::{FaultPoint, Faults};
 
@@ -144,7 +144,8 @@ impl Writer {
         let (commands, inbox) = mpsc::unbounded_channel();
         let (closing, closed) = (CancellationToken::new(), CancellationToken::new());
         let counters = Arc::<Counters>::default();
-        let worker = Worker { connection: Some(connection), options, listeners, faults, counters: Arc::clone(&counters) };
+        let worker =
+            Worker { connection: Some(connection), options, listeners, faults, counters: Arc::clone(&counters) };
         let stop = closing.clone();
         let done = closed.clone().drop_guard();
         tokio::spawn(async move {
@@ -284,7 +285,7 @@ impl Worker {
     async fn transaction(&mut self, batch: &mut [Box<dyn Pending>]) -> Result<Effects, sqlx::Error> {
         let connection = match &mut self.connection {
             Some(connection) => connection,
-            none => none.insert(self.options.connect().await?),
+            none => none.insert(connect(self.options.clone()).await?),
         };
         let mut transaction = connection.begin_with("BEGIN IMMEDIATE").await?;
         let mut all = Batch { connection: &mut transaction, effects: Effects::default() };
