@@ -10,11 +10,12 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::jobs::stopping;
+use super::health::Condition;
 use super::openapi::Problematic;
 use super::problem::Answer;
 use super::server::App;
 use super::store::State;
+use crate::error::{Error, Kind};
 use crate::mesh::Format;
 use crate::output::LabelFormat;
 use crate::report::DeviceInfo;
@@ -63,11 +64,22 @@ pub(super) struct Version {
     version: &'static str,
 }
 
-/// Whether the service is well.
+/// That the process answers.
 #[derive(Debug, Serialize, ToSchema)]
-pub(super) struct Health {
+#[schema(as = Health)]
+pub(super) struct HealthView {
     /// `ok`.
     status: &'static str,
+}
+
+/// That jobs are taken.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct Readiness {
+    /// `ok`, or `degraded` when something is wrong all the same.
+    #[schema(example = "ok")]
+    status: &'static str,
+    /// What is wrong.
+    conditions: Vec<Condition>,
 }
 
 /// The device
@@ -110,10 +122,10 @@ pub(super) async fn version() -> Json<Version> {
 /// Answers as long as the process can.
 #[utoipa::path(
     get, path = "/healthz", tag = "service", operation_id = "getHealth",
-    responses((status = 200, description = "The process answers", body = Health)),
+    responses((status = 200, description = "The process answers", body = HealthView)),
 )]
-pub(super) async fn healthz() -> Json<Health> {
-    Json(Health { status: "ok" })
+pub(super) async fn healthz() -> Json<HealthView> {
+    Json(HealthView { status: "ok" })
 }
 
 /// Readiness
@@ -122,15 +134,17 @@ pub(super) async fn healthz() -> Json<Health> {
 #[utoipa::path(
     get, path = "/readyz", tag = "service", operation_id = "getReadiness",
     responses(
-        (status = 200, description = "Jobs are taken", body = Health),
+        (status = 200, description = "Jobs are taken", body = Readiness),
         (status = 503, response = Problematic),
     ),
 )]
-pub(super) async fn readyz(Extract(shared): App) -> Answer<Json<Health>> {
-    if shared.stop.is_cancelled() {
-        return Err(stopping().into());
+pub(super) async fn readyz(Extract(shared): App) -> Answer<Json<Readiness>> {
+    if let Some(why) = shared.health.why_not_ready() {
+        return Err(Error::new(Kind::Unavailable, why).into());
     }
-    Ok(Json(Health { status: "ok" }))
+    let conditions = shared.health.conditions();
+    let status = if conditions.is_empty() { "ok" } else { "degraded" };
+    Ok(Json(Readiness { status, conditions }))
 }
 
 /// Metrics

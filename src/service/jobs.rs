@@ -323,7 +323,7 @@ pub(super) async fn list(Extract(shared): App, uri: Uri) -> Answer {
     if !(1..=MAX_PAGE).contains(&limit) {
         return Err(Error::parameter(format_args!("limit must be 1 to {MAX_PAGE}, not {limit}")).into());
     }
-    let query = ListQuery { state, cursor, limit };
+    let query = ListQuery { tenant: None, state, cursor, limit };
     let page = shared.store.list(&query).await?;
     Ok(Json(JobList { jobs: page.jobs.into_iter().map(JobView::from).collect(), next: page.next }).into_response())
 }

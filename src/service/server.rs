@@ -23,6 +23,7 @@ use tower_http::trace::{DefaultOnResponse, TraceLayer};
 use tracing::Level;
 
 use super::files::Files;
+use super::health::{Health, Part};
 use super::info::DeviceDescription;
 use super::pipeline::Pipeline;
 use super::pipeline::device_thread::DeviceThread;
@@ -52,6 +53,8 @@ pub(super) struct Shared {
     pub files: Arc<Files>,
     /// What clusters.
     pub device: DeviceDescription,
+    /// What is wrong with the service.
+    pub health: Arc<Health>,
     /// Cancelled once the service is to stop.
     pub stop: CancellationToken,
     /// Hierarchies that may be in memory at a time.
@@ -105,6 +108,7 @@ impl Server {
             store,
             files,
             device: description,
+            health: Arc::default(),
             stop: CancellationToken::new(),
             hierarchies: Arc::new(Semaphore::new(HIERARCHIES_IN_MEMORY)),
             answers: Default::default(),
@@ -135,6 +139,7 @@ impl Server {
             ended = &mut serving => tracing::error!(?ended, "the service does not listen any more"),
         }
         tracing::info!("stopping");
+        shared.health.fail(Part::Process, "the service is stopping");
         stop.cancel();
         if timeout(shared.settings.grace_period(), &mut work).await.is_err() {
             tracing::warn!("running jobs are stopped: the grace period is over");

@@ -17,7 +17,7 @@ use tokio::io::AsyncWriteExt;
 use super::files::{self, Files, Incoming};
 use super::intake::Intake;
 use super::request::Wanted;
-use super::store::Spec;
+use super::store::{LOCAL_TENANT, Spec};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::{Format, HEAD_BYTES};
 
@@ -82,6 +82,9 @@ async fn raw(
     let format = mesh.format(format, None)?;
     tracing::debug!(bytes = mesh.bytes, path = parts.uri.path(), "received a mesh");
     let spec = Spec {
+        tenant: LOCAL_TENANT.to_owned(),
+        trace_parent: None,
+        webhook: None,
         parameters: wanted.finish(false)?,
         file_name: None,
         format,

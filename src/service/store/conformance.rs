@@ -3,7 +3,9 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::{Deletion, End, Event, Job, JobId, JobStore, ListQuery, Progress, Spec, State, Summary, Ticket, What};
+use super::{
+    Deletion, End, Event, Job, JobId, JobStore, ListQuery, Page, Progress, Spec, State, Summary, Ticket, What,
+};
 use crate::error::{Error, Kind};
 use crate::mesh::Format;
 use crate::parameters::Parameters;
@@ -25,6 +27,8 @@ pub(in crate::service) async fn run(make: Make<'_>) {
     an_ended_job_cannot_be_cancelled_and_can_be_deleted(make(9).as_ref()).await;
     unknown_jobs_are_unknown_everywhere(make(9).as_ref()).await;
     pages_hold_every_job_once(make(99).as_ref()).await;
+    a_tenant_sees_only_its_own_jobs(make(99).as_ref()).await;
+    every_end_with_a_webhook_is_untold_until_settled(make(99).as_ref()).await;
     a_foreign_cursor_is_refused(make(9).as_ref()).await;
     arrivals_wake_a_worker(Arc::from(make(9))).await;
     many_at_once_lose_nothing(Arc::from(make(1000))).await;
@@ -32,6 +36,9 @@ pub(in crate::service) async fn run(make: Make<'_>) {
 
 fn spec(name: &str) -> Spec {
     Spec {
+        tenant: "größe & co".to_owned(),
+        trace_parent: Some("00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01".to_owned()),
+        webhook: None,
         parameters: Parameters { clusters: Some(7), seed: u64::MAX, ..Parameters::default() },
         file_name: Some(name.to_owned()),
         format: Format::Gltf,
@@ -230,18 +237,78 @@ async fn pages_hold_every_job_once(store: &dyn JobStore) {
     assert_eq!(seen, newest_first);
 
     let (_, running) = claim(store).await;
-    let only = store.list(&ListQuery { state: Some(State::Running), cursor: None, limit: 1 }).await.expect("listed");
+    let only =
+        store.list(&ListQuery { state: Some(State::Running), limit: 1, ..ListQuery::default() }).await.expect("listed");
     assert_eq!(only.jobs, [running]);
     assert_eq!(only.next, None);
-    let queued = store.list(&ListQuery { state: Some(State::Queued), cursor: None, limit: 100 }).await.expect("listed");
+    let queued = store
+        .list(&ListQuery { state: Some(State::Queued), limit: 100, ..ListQuery::default() })
+        .await
+        .expect("listed");
     assert_eq!(queued.jobs.len(), 9);
     assert_eq!(queued.jobs[8].queue_position, Some(1));
     assert_eq!(queued.jobs[0].queue_position, Some(9));
 }
 
+async fn a_tenant_sees_only_its_own_jobs(store: &dyn JobStore) {
+    let mut mine = Vec::new();
+    for turn in 0..5 {
+        let tenant = ["mine", "Mine"][turn % 2].to_owned();
+        let job = store.create(JobId::random(), Spec { tenant, ..spec("x") }).await.expect("created");
+        if turn % 2 == 0 {
+            mine.insert(0, job.id);
+        }
+    }
+    let (_, running) = claim(store).await;
+    assert_eq!(running.spec.tenant, "mine");
+    assert_eq!(store.queued_of("mine").await.expect("counted"), 2);
+    assert_eq!(store.queued_of("nobody").await.expect("counted"), 0);
+    let list = |state, cursor, limit| ListQuery { tenant: Some("mine".to_owned()), state, cursor, limit };
+    let first = store.list(&list(None, None, 2)).await.expect("listed");
+    let rest = store.list(&list(None, first.next, 2)).await.expect("listed");
+    assert_eq!(first.jobs.iter().chain(&rest.jobs).map(|job| job.id).collect::<Vec<_>>(), mine);
+    assert_eq!(rest.next, None, "what others have is no next page");
+    let queued = store.list(&list(Some(State::Queued), None, 9)).await.expect("listed");
+    assert_eq!(queued.jobs.iter().map(|job| job.id).collect::<Vec<_>>(), mine[..2]);
+    let nobody = ListQuery { tenant: Some("nobody".to_owned()), limit: 9, ..ListQuery::default() };
+    assert_eq!(store.list(&nobody).await.expect("listed"), Page::default());
+}
+
+async fn every_end_with_a_webhook_is_untold_until_settled(store: &dyn JobStore) {
+    let mut endings = store.endings();
+    assert!(endings.has_changed().expect("still there"), "the teller looks before it waits");
+    endings.borrow_and_update();
+    let hooked = || Spec { webhook: Some("https://a.example/x?y=1".to_owned()), ..spec("x") };
+    let mut ids = Vec::new();
+    for _ in 0..4 {
+        ids.push(store.create(JobId::random(), hooked()).await.expect("created").id);
+    }
+    let silent = create(store).await.id;
+    assert_eq!(store.untold().await.expect("readable"), []);
+    store.cancel(ids[3]).await.expect("asked");
+    assert!(endings.has_changed().expect("still there"));
+    let mut ended = vec![ids[3]];
+    for end in [End::Succeeded(SUMMARY), End::Failed(Error::new(Kind::InvalidMesh, "x")), End::Cancelled] {
+        let (ticket, _) = claim(store).await;
+        endings.borrow_and_update();
+        store.finish(ticket, end).await.expect("finished");
+        assert!(endings.has_changed().expect("still there"));
+        ended.push(ticket.job);
+    }
+    let (ticket, _) = claim(store).await;
+    assert_eq!(ticket.job, silent);
+    store.finish(ticket, End::Cancelled).await.expect("finished");
+    assert_eq!(store.untold().await.expect("readable"), ended, "without a webhook there is nobody to tell");
+    store.settle_webhook(ended[1]).await.expect("settled");
+    store.settle_webhook(ended[1]).await.expect("settled again");
+    store.settle_webhook(JobId::random()).await.expect("nothing");
+    store.delete(ended[0]).await.expect("deleted");
+    assert_eq!(store.untold().await.expect("readable"), ended[2..]);
+}
+
 async fn a_foreign_cursor_is_refused(store: &dyn JobStore) {
     for cursor in ["", "7", "%%", "AAAA", "ü"] {
-        let query = ListQuery { cursor: Some(cursor.to_owned()), limit: 5, state: None };
+        let query = ListQuery { cursor: Some(cursor.to_owned()), limit: 5, ..ListQuery::default() };
         let refused = store.list(&query).await.expect_err(cursor);
         assert_eq!(refused.kind, Kind::InvalidParameter, "{cursor}");
     }

@@ -23,6 +23,7 @@ pub(in crate::service) struct MemoryStore {
     max_queued: usize,
     inner: Mutex<Inner>,
     arrivals: watch::Sender<u64>,
+    endings: watch::Sender<u64>,
 }
 
 #[derive(Debug, Default)]
@@ -33,6 +34,8 @@ struct Inner {
     /// Numbers of the jobs that wait, ascending.
     queue: VecDeque<u64>,
     created: u64,
+    /// Ended jobs whose webhook was not settled, in the order of their ends.
+    untold: Vec<JobId>,
 }
 
 #[derive(Debug)]
@@ -47,12 +50,25 @@ struct Entry {
 impl MemoryStore {
     /// An empty store in which at most `max_queued` jobs wait.
     pub fn new(max_queued: usize) -> Self {
-        Self { max_queued, inner: Mutex::default(), arrivals: watch::Sender::default() }
+        Self {
+            max_queued,
+            inner: Mutex::default(),
+            arrivals: watch::Sender::default(),
+            endings: watch::Sender::default(),
+        }
     }
 
     /// The state; it is whole at every moment in which a holder of the lock could panic.
     fn lock(&self) -> MutexGuard<'_, Inner> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A job just ended: notes it if someone wants to be told.
+    fn ended(&self, untold: &mut Vec<JobId>, job: &Job) {
+        if job.spec.webhook.is_some() {
+            untold.push(job.id);
+            self.endings.send_modify(|count| *count += 1);
+        }
     }
 
     /// Whether one more job may wait.
@@ -175,6 +191,7 @@ impl JobStore for MemoryStore {
             .range(..before)
             .rev()
             .filter_map(|(_, id)| inner.jobs.get(id))
+            .filter(|entry| query.tenant.as_ref().is_none_or(|tenant| entry.job.spec.tenant == *tenant))
             .filter(|entry| query.state.is_none_or(|state| entry.job.state == state));
         let mut page = Page::default();
         let mut last = before;
@@ -212,7 +229,11 @@ impl JobStore for MemoryStore {
     }
 
     async fn finish(&self, ticket: Ticket, end: End) -> Result<()> {
-        self.lock().claimed(ticket)?.end(end);
+        let mut inner = self.lock();
+        let entry = inner.claimed(ticket)?;
+        entry.end(end);
+        let job = entry.job.clone();
+        self.ended(&mut inner.untold, &job);
         Ok(())
     }
 
@@ -229,6 +250,7 @@ impl JobStore for MemoryStore {
                     inner.queue.remove(place);
                 }
                 entry.end(End::Cancelled);
+                self.ended(&mut inner.untold, &entry.job);
             }
             State::Running => {
                 entry.job.cancel_requested = true;
@@ -248,6 +270,7 @@ impl JobStore for MemoryStore {
                 let number = entry.number;
                 inner.numbers.remove(&number);
                 inner.jobs.remove(&id);
+                inner.untold.retain(|other| *other != id);
                 Ok(Deletion::Deleted)
             }
         }
@@ -271,6 +294,27 @@ impl JobStore for MemoryStore {
         let mut receiver = self.arrivals.subscribe();
         receiver.mark_changed();
         receiver
+    }
+
+    fn endings(&self) -> watch::Receiver<u64> {
+        let mut receiver = self.endings.subscribe();
+        receiver.mark_changed();
+        receiver
+    }
+
+    async fn untold(&self) -> Result<Vec<JobId>> {
+        Ok(self.lock().untold.clone())
+    }
+
+    async fn settle_webhook(&self, id: JobId) -> Result<()> {
+        self.lock().untold.retain(|other| *other != id);
+        Ok(())
+    }
+
+    async fn queued_of(&self, tenant: &str) -> Result<u64> {
+        let inner = self.lock();
+        let waiting = inner.queue.iter().filter_map(|number| inner.jobs.get(inner.numbers.get(number)?));
+        Ok(waiting.filter(|entry| entry.job.spec.tenant == tenant).count() as u64)
     }
 
     async fn counts(&self) -> Result<[u64; State::ALL.len()]> {

@@ -33,6 +33,9 @@ use crate::mesh::Format;
 use crate::parameters::Parameters;
 use crate::report::Phase;
 
+/// The tenant of every job of a service without tokens.
+pub(super) const LOCAL_TENANT: &str = "local";
+
 /// Name of a job: 122 random bits, so that nobody guesses another's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, ToSchema)]
 #[schema(value_type = String, format = "uuid")]
@@ -111,9 +114,15 @@ impl State {
     }
 }
 
-/// What was uploaded and what is to be done with it.
-#[derive(Debug, Clone, PartialEq)]
+/// What was uploaded, by whom, and what is to be done with it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Spec {
+    /// Name of the tenant whose job it is: [`LOCAL_TENANT`] for a service without tokens.
+    pub tenant: String,
+    /// The `traceparent` of the request (W3C Trace Context), which the work on the job continues.
+    pub trace_parent: Option<String>,
+    /// Where the end of the job is to be told.
+    pub webhook: Option<String>,
     /// What to do.
     pub parameters: Parameters,
     /// Name that the client gave the mesh file. For people; never a path here.
@@ -246,6 +255,8 @@ pub(super) struct Page {
 /// Which part of the list of jobs.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(super) struct ListQuery {
+    /// Only jobs of this tenant.
+    pub tenant: Option<String>,
     /// Only jobs in this state.
     pub state: Option<State>,
     /// Go on where an earlier page ended: its `next`.
@@ -304,6 +315,22 @@ pub(super) trait JobStore: fmt::Debug + Send + Sync {
 
     /// Changes whenever a job was added: what a worker without work waits for. Marked as changed from the start.
     fn arrivals(&self) -> watch::Receiver<u64>;
+
+    /// Changes whenever a job with a webhook ended: what the teller of ends waits for. Marked as changed from the start.
+    #[allow(dead_code, reason = "told from the next change on")]
+    fn endings(&self) -> watch::Receiver<u64>;
+
+    /// Ended jobs whose webhook was not settled yet, in the order of their ends. Outlasts the process where jobs do.
+    #[allow(dead_code, reason = "told from the next change on")]
+    async fn untold(&self) -> Result<Vec<JobId>>;
+
+    /// The webhook of a job was delivered or given up: it is told no more. Nothing happens for an unknown job.
+    #[allow(dead_code, reason = "told from the next change on")]
+    async fn settle_webhook(&self, id: JobId) -> Result<()>;
+
+    /// Number of jobs of a tenant that wait.
+    #[allow(dead_code, reason = "asked from the next change on")]
+    async fn queued_of(&self, tenant: &str) -> Result<u64>;
 
     /// Number of jobs in each state, in the order of [`State::ALL`].
     async fn counts(&self) -> Result<[u64; State::ALL.len()]>;

@@ -15,7 +15,7 @@ use crate::mesh::Format;
 use crate::service::files::{self, Files, Incoming};
 use crate::service::intake::Intake;
 use crate::service::request::{MAX_PARAMETERS_BYTES, Wanted};
-use crate::service::store::Spec;
+use crate::service::store::{LOCAL_TENANT, Spec};
 
 /// Largest number of buffers of a mesh.
 const MAX_BUFFERS: usize = 1024;
@@ -134,6 +134,9 @@ impl Form {
             )));
         }
         let spec = Spec {
+            tenant: LOCAL_TENANT.to_owned(),
+            trace_parent: None,
+            webhook: None,
             parameters: self.wanted.finish(self.listed_seeds)?,
             file_name: mesh.file_name,
             format,
