@@ -159,6 +159,8 @@ pub enum Phase {
     Refine,
     /// Pieces cut off from their cluster are given to their neighbours.
     Repair,
+    /// Variational clustering: all clusters are grown anew, each from its most central face.
+    Regrow,
 }
 
 /// Durations of the stages, in milliseconds.

@@ -400,6 +400,12 @@ impl JobStore for MemoryStore {
         Ok(())
     }
 
+    async fn queued_of(&self, tenant: &str) -> Result<u64> {
+        let inner = self.lock();
+        let waiting = inner.queue.iter().filter_map(|number| inner.jobs.get(inner.numbers.get(number)?));
+        Ok(waiting.filter(|entry| entry.job.spec.tenant == tenant).count() as u64)
+    }
+
     async fn counts(&self) -> Result<[u64; State::ALL.len()]> {
         let inner = self.lock();
         Ok(State::ALL.map(|state| inner.jobs.values().filter(|entry| entry.job.state == state).count() as u64))
