@@ -26,6 +26,7 @@ pub(super) mod conformance;
 mod cursor;
 pub(super) mod memory;
 mod pulses;
+#[allow(dead_code, reason = "used from the next change on")]
 pub(super) mod sqlite;
 
 use std::fmt;
@@ -212,6 +213,7 @@ pub(super) struct Rules {
     pub max_attempts: u32,
 }
 
+#[allow(dead_code, reason = "used from the next change on")]
 /// Why a running job is given back.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Release {
@@ -349,6 +351,7 @@ pub(super) enum Deletion {
     Unknown,
 }
 
+#[allow(dead_code, reason = "used from the next change on")]
 /// Keeps jobs and their events. See the [module](self) for the life of a job.
 #[async_trait]
 pub(super) trait JobStore: fmt::Debug + Send + Sync {

@@ -284,6 +284,14 @@ impl JobStore for SqliteStore {
         self.writer.carry_out(SettleWebhook(id)).await
     }
 
+    async fn queued_of(&self, tenant: &str) -> Result<u64> {
+        let found = query("SELECT count(*) AS jobs FROM jobs WHERE state = 'queued' AND tenant = ?1")
+            .bind(tenant)
+            .fetch_one(&self.readers)
+            .await;
+        count(&found.map_err(database_error)?, "jobs")
+    }
+
     async fn counts(&self) -> Result<[u64; State::ALL.len()]> {
         let found = query("SELECT state, count(*) AS jobs FROM jobs GROUP BY state").fetch_all(&self.readers).await;
         let mut counts = [0; State::ALL.len()];
