@@ -18,7 +18,9 @@ use crate::error::{Error, Result};
 #[serde(default, deny_unknown_fields)]
 pub struct Parameters {
     /// How to cluster: bb, boundary-based clustering (Parallel Mesh Clustering, section 3), makes flat clusters; pml (parallel
-    /// multilevel), ml (multilevel) and hr (hierarchical, one merge a step and no optimisation) make hierarchies
+    /// multilevel), ml (multilevel) and hr (hierarchical, one merge a step and no optimisation) make hierarchies; acvd
+    /// (Valette & Chassery 2004) and vc (variational clustering, Cohen-Steiner et al. 2004) make flat clusters one face after
+    /// the other on the cpu, to compare with
     #[arg(long, value_enum, default_value_t)]
     pub algorithm: Algorithm,
 
@@ -41,7 +43,8 @@ pub struct Parameters {
     #[arg(long, value_name = "N")]
     pub max_iterations: Option<u32>,
 
-    /// Refine what boundary-based optimisation ends with by exact gains (lower energy), or leave it as it is
+    /// Refine what boundary-based optimisation ends with by exact gains (lower energy), or leave it as it is; acvd and vc have
+    /// nothing to refine
     #[arg(long, value_enum, default_value_t)]
     pub refine: Refine,
 
@@ -91,7 +94,7 @@ impl Parameters {
             return Err(Error::parameter("seeds are said to be listed, but no list came with the request"));
         }
         let (goes_with, contradictions) = if self.algorithm.is_hierarchical() {
-            ("flat clusterings (bb)", self.flat_only(listed))
+            ("flat clusterings (bb, acvd, vc)", self.flat_only(listed))
         } else {
             if self.clusters.is_none() && !listed {
                 return Err(Error::parameter("clusters is missing: say how many clusters you want"));
@@ -201,6 +204,12 @@ pub enum Algorithm {
     Ml,
     /// Hierarchical clustering: the cheapest pair merges; Ward's method on neighbouring clusters
     Hr,
+    /// Approximated centroidal Voronoi diagrams: sequential energy minimisation by local queries (Valette & Chassery 2004);
+    /// a reference, on the cpu
+    Acvd,
+    /// Variational clustering: all clusters grown anew in every iteration, by a priority queue (Cohen-Steiner et al. 2004);
+    /// a reference, on the cpu
+    Vc,
 }
 
 impl Algorithm {
@@ -211,22 +220,32 @@ impl Algorithm {
             Algorithm::Pml => "pml",
             Algorithm::Ml => "ml",
             Algorithm::Hr => "hr",
+            Algorithm::Acvd => "acvd",
+            Algorithm::Vc => "vc",
         }
     }
 
     /// Whether it makes a hierarchy.
     pub fn is_hierarchical(self) -> bool {
         match self {
-            Algorithm::Bb => false,
+            Algorithm::Bb | Algorithm::Acvd | Algorithm::Vc => false,
             Algorithm::Pml | Algorithm::Ml | Algorithm::Hr => true,
         }
     }
 
-    /// Whether it merges one pair after the other from the start, which a gpu is slow at.
+    /// Whether it goes one step after the other from the start, which a gpu is slow at or cannot do.
     pub fn is_sequential(self) -> bool {
         match self {
             Algorithm::Bb | Algorithm::Pml => false,
-            Algorithm::Ml | Algorithm::Hr => true,
+            Algorithm::Ml | Algorithm::Hr | Algorithm::Acvd | Algorithm::Vc => true,
+        }
+    }
+
+    /// Whether it is one of those that are there to compare with ([`crate::cluster::reference`]), on the cpu only.
+    pub fn is_reference(self) -> bool {
+        match self {
+            Algorithm::Acvd | Algorithm::Vc => true,
+            Algorithm::Bb | Algorithm::Pml | Algorithm::Ml | Algorithm::Hr => false,
         }
     }
 }

@@ -121,7 +121,7 @@ fn listed_seeds_come_from_a_file_and_number_the_clusters() {
 fn wrong_command_lines_are_usage_errors() {
     let folder = Folder::new();
     folder.sample("sphere", 100, "s.obj");
-    let cases: [(&[&str], &[&str]); 9] = [
+    let cases: [(&[&str], &[&str]); 11] = [
         (&["cluster"], &["INPUT"]),
         (&["cluster", "s.obj"], &["clusters", "Usage: tesserae cluster"]),
         (&["cluster", "s.obj", "-k", "0"], &["at least 1"]),
@@ -131,6 +131,8 @@ fn wrong_command_lines_are_usage_errors() {
         (&["cluster", "s.obj", "-k", "2", "--labels", "-", "--report", "-"], &["the same place"]),
         (&["cluster", "s.obj", "-k", "2", "--device", "tpu"], &["auto", "cpu", "gpu"]),
         (&["cluster", "s.obj", "-k", "2", "--device", "cpu", "--adapter", "0"], &["--adapter"]),
+        (&["cluster", "s.obj", "-k", "2", "--device", "gpu", "--algorithm", "acvd"], &["acvd", "--device cpu or auto"]),
+        (&["cluster", "s.obj", "-k", "2", "--adapter", "0", "--algorithm", "vc"], &["vc", "--device cpu or auto"]),
     ];
     for (arguments, words) in cases {
         folder.run(arguments).expect_usage_error(words);

@@ -111,6 +111,12 @@ fn check(arguments: &Arguments, outputs: &[Output<'_>]) -> Result<(), Failure> {
     if let Some(message) = arguments.device.contradiction() {
         return usage(message);
     }
+    if parameters.algorithm.is_reference() && arguments.device.wants_gpu() {
+        let name = parameters.algorithm.name();
+        return usage(format!(
+            "the algorithm {name} is a sequential reference that no gpu runs: take --device cpu or auto"
+        ));
+    }
     arguments.trees.check("cluster")?;
     let is_hierarchical = parameters.algorithm.is_hierarchical();
     if let Some(flag) = arguments.trees.first().filter(|_| !is_hierarchical) {

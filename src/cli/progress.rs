@@ -67,6 +67,7 @@ impl Progress {
             Phase::Boundary => "boundary",
             Phase::Refine => "refine",
             Phase::Repair => "repair",
+            Phase::Regrow => "regrow",
         };
         let energy = row.energy.map_or_else(String::new, |energy| format!(", energy {energy:.6e}"));
         self.bar.set_message(format!("{phase}, iteration {}{energy}, {} moves", row.iteration, row.moves));

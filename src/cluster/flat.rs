@@ -77,6 +77,20 @@ pub fn boundary_based(
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
 ) -> Result<Clustering> {
+    let (mut run, initial) = grown(surface, seeds, options, steps, cancel, on_row)?;
+    let ending = if options.allow_disconnected { run.optimise(options.refine)? } else { run.settle(options.refine)? };
+    Ok(Clustering { initial, labels: run.steps.labels()?, ending })
+}
+
+/// Grows clusters from their seeds over all faces: a run that has told of that, and the labels.
+pub(super) fn grown<'a>(
+    surface: &Surface,
+    seeds: &SeedFaces,
+    options: Options,
+    steps: &'a mut dyn Steps,
+    cancel: &'a Cancel,
+    on_row: &'a mut dyn FnMut(Row),
+) -> Result<(Run<'a>, Vec<u32>)> {
     let mut labels = vec![FREE; surface.faces()];
     for (cluster, &face) in seeds.face_of_cluster.iter().enumerate() {
         labels[face as usize] = cluster as u32;
@@ -87,7 +101,5 @@ pub fn boundary_based(
     run.steps.grow(cancel)?;
     run.tell(Phase::Boundary, 0)?;
     let initial = run.steps.labels()?;
-
-    let ending = if options.allow_disconnected { run.optimise(options.refine)? } else { run.settle(options.refine)? };
-    Ok(Clustering { initial, labels: run.steps.labels()?, ending })
+    Ok((run, initial))
 }

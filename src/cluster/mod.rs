@@ -9,12 +9,14 @@
 //! | merge costs and their order | [`dual_edge`] |
 //! | sums and proxies in exact integers | [`sums`] |
 //! | pieces of clusters | [`repair`] |
+//! | the flat algorithms that the paper compares with: ACVD, variational clustering | [`reference`] |
 //!
 //! Drivers know devices only as [`crate::device::Steps`]; what a step computes is defined here, how is the device's.
 
 pub mod dual_edge;
 pub mod flat;
 pub mod hierarchy;
+pub mod reference;
 pub mod refinement;
 pub mod repair;
 pub mod run;

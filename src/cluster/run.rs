@@ -77,11 +77,16 @@ impl Run<'_> {
                 return Ok(ending);
             }
         }
+        self.refine_connected()
+    }
+
+    /// Refines without cutting clusters apart, which must be connected.
+    pub fn refine_connected(&mut self) -> Result<Ending> {
         self.phase(Phase::Refine, |steps, left, cancel, on_step| steps.refine_connected(left, cancel, on_step))
     }
 
     /// Carries out the iterations of a phase.
-    fn phase(
+    pub(super) fn phase(
         &mut self,
         phase: Phase,
         iterate: impl FnOnce(&mut dyn Steps, u32, &Cancel, OnStep<'_>) -> Result<Ending>,
@@ -98,4 +103,4 @@ impl Run<'_> {
 }
 
 /// Is told of the iterations of a phase.
-type OnStep<'a> = &'a mut dyn FnMut(Step);
+pub(super) type OnStep<'a> = &'a mut dyn FnMut(Step);

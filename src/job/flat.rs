@@ -4,14 +4,16 @@ use std::time::Instant;
 
 use super::{Clustered, Prepared, finite};
 use crate::cluster::flat::{self, Clustering, Options};
+use crate::cluster::reference::acvd::acvd;
+use crate::cluster::reference::variational::variational;
 use crate::cluster::run;
 use crate::cluster::seeds::SeedFaces;
 use crate::device::{Cancel, Device, Ending};
-use crate::error::Result;
-use crate::parameters::Refine;
-use crate::report::{Iteration, Row};
+use crate::error::{Error, Kind, Result};
+use crate::parameters::{Algorithm, Refine};
+use crate::report::{DeviceKind, Iteration, Row};
 
-/// Runs boundary-based clustering, the flat algorithm that there is.
+/// Runs a flat algorithm.
 pub(super) fn run(
     prepared: &Prepared,
     seeds: &SeedFaces,
@@ -20,6 +22,15 @@ pub(super) fn run(
     on_row: &mut dyn FnMut(Row),
 ) -> Result<Clustered> {
     let Prepared { surface, parameters, .. } = prepared;
+    if parameters.algorithm.is_reference() && device.info().kind == DeviceKind::Gpu {
+        return Err(Error::new(
+            Kind::DeviceUnsuitable,
+            format_args!(
+                "the device must be cpu or auto for this algorithm, a sequential reference that no gpu runs: {}",
+                parameters.algorithm.name()
+            ),
+        ));
+    }
     let opened = Instant::now();
     let mut steps = device.open(surface, &seeds.component_of_cluster)?;
     let upload = opened.elapsed();
@@ -36,7 +47,14 @@ pub(super) fn run(
         on_row(Row::Iteration(row.clone()));
         iterations.push(row);
     };
-    let clustering = flat::boundary_based(surface, seeds, options, steps.as_mut(), cancel, &mut keep)?;
+    let clustering = match parameters.algorithm {
+        Algorithm::Acvd => acvd(surface, seeds, options, steps.as_mut(), cancel, &mut keep)?,
+        Algorithm::Vc => variational(surface, seeds, options, cancel, &mut keep)?,
+        // the others are no flat ones
+        Algorithm::Bb | Algorithm::Pml | Algorithm::Ml | Algorithm::Hr => {
+            flat::boundary_based(surface, seeds, options, steps.as_mut(), cancel, &mut keep)?
+        }
+    };
     drop(steps);
     let cluster = started.elapsed();
     let clusters = seeds.face_of_cluster.len();

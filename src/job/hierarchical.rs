@@ -24,7 +24,7 @@ pub(super) fn options(parameters: &Parameters) -> Options {
     Options {
         sequential_at: match parameters.algorithm {
             Algorithm::Ml | Algorithm::Hr => u64::MAX,
-            Algorithm::Bb | Algorithm::Pml => parameters.switch_to_ml_at.unwrap_or(0),
+            Algorithm::Bb | Algorithm::Acvd | Algorithm::Vc | Algorithm::Pml => parameters.switch_to_ml_at.unwrap_or(0),
         },
         collapse_fraction: parameters.collapse_fraction,
         optimise: parameters.optimizes(),

@@ -16,7 +16,7 @@ use crate::cluster::{hierarchy, repair};
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::{self, Format, Limits, PolygonMesh, Resources};
-use crate::parameters::{Algorithm, Optimize, Parameters, Seeds};
+use crate::parameters::{Algorithm, Optimize, Parameters, Refine, Seeds};
 use crate::report::{Energy, Input, Iteration, Level, Report, Row, Timings};
 use crate::surface::Surface;
 use crate::tree::Tree;
@@ -94,6 +94,9 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
     }
     if parameters.algorithm == Algorithm::Hr {
         parameters.optimize = Optimize::None;
+    }
+    if parameters.algorithm.is_reference() {
+        parameters.refine = Refine::None;
     }
 
     let mesh = mesh::read(request.bytes, request.format, request.resources, &request.limits)?;

@@ -18,7 +18,7 @@ use super::intake::Rules;
 use super::openapi::{Binary, Problematic};
 use super::problem::{Answer, Failure, Problem};
 use super::server::{App, Shared};
-use super::store::{Deletion, Job, JobId, ListQuery, State, no_such_job};
+use super::store::{Created, Deletion, Job, JobId, ListQuery, NewJob, State, no_such_job};
 use super::timestamp::rfc3339;
 use super::upload::{self, Upload};
 use super::{admission, prefer, query};
@@ -290,10 +290,14 @@ async fn accept(shared: Arc<Shared>, tenant: Tenant, upload: Upload) -> Result<J
     let _place = admission::place(&shared, &tenant).await?;
     let id = JobId::random();
     upload.folder.keep_as(shared.files.upload(id)).await?;
-    match shared.store.create(id, upload.spec).await {
-        Ok(job) => {
+    match shared.store.create(NewJob { id, spec: upload.spec, idempotency: None }).await {
+        Ok(Created::New(job)) => {
             tracing::info!(job = %id, bytes = job.spec.bytes, "accepted");
             shared.metrics.accepted(&job);
+            Ok(job)
+        }
+        Ok(Created::Known(job)) => {
+            shared.files.remove_upload(id).await;
             Ok(job)
         }
         Err(error) => {

@@ -30,8 +30,8 @@ use super::info::DeviceDescription;
 use super::metrics::{Metrics, TimedStore};
 use super::pipeline::Pipeline;
 use super::pipeline::device_thread::DeviceThread;
-use super::store::JobStore;
 use super::store::memory::MemoryStore;
+use super::store::{JobStore, Rules};
 use super::traffic::{self, Traffic, connections};
 use super::{Settings, events, hierarchy, info, jobs, openapi, problem, results, tls};
 use crate::device::Device;
@@ -108,8 +108,9 @@ impl Server {
         let address = listener.local_addr().map_err(cannot)?;
         let files = Arc::new(Files::create(settings.data_dir.as_deref())?);
         let metrics = Arc::new(Metrics::new(&description.info));
-        let store = TimedStore::new(MemoryStore::new(settings.max_queued_jobs), Arc::clone(&metrics));
-        let store: Arc<dyn JobStore> = Arc::new(store);
+        let rules = Rules { max_queued: settings.max_queued_jobs, max_attempts: 3 };
+        let store = Arc::new(MemoryStore::new(rules));
+        let store: Arc<dyn JobStore> = Arc::new(TimedStore::new(store, Arc::clone(&metrics)));
         let pipeline = Pipeline::new(
             Arc::clone(&store),
             Arc::clone(&files),

@@ -56,6 +56,11 @@ fn proxy(sums: &Sums) -> [i128; 3] {
     sums.s.map(|s| (2 * s + sums.m).div_euclid(2 * sums.m))
 }
 
+/// The proxy of each cluster, all of which have faces.
+pub fn proxies(surface: &Surface, clusters: usize, labels: &[u32]) -> Vec<[i128; 3]> {
+    sums(surface, clusters, labels).iter().map(proxy).collect()
+}
+
 pub fn explained(surface: &Surface, component_of_cluster: &[u32], labels: &[u32]) -> i128 {
     let sums = sums(surface, component_of_cluster.len(), labels);
     sums.iter()

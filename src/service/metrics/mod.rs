@@ -8,7 +8,7 @@ mod timed_store;
 use std::borrow::Cow;
 use std::sync::Mutex;
 use std::sync::PoisonError;
-use std::sync::atomic::AtomicU64;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, SystemTime};
 
 use prometheus_client::encoding::EncodeLabelSet;
@@ -21,7 +21,7 @@ use prometheus_client::registry::{Registry, Unit};
 
 pub(super) use self::timed_store::TimedStore;
 use super::health::{Health, Part, Severity};
-use super::store::{Job, State};
+use super::store::{Job, State, Statistics};
 use crate::error::{Error, Kind, Result};
 use crate::report::{DeviceInfo, DeviceKind, Report};
 
@@ -101,6 +101,10 @@ pub(super) struct Metrics {
     answer_seconds: Histograms<ByRoute>,
     store_seconds: Histograms<ByOperation>,
     store_errors: Family<ByOperation, Counter>,
+    store_commits: Counter,
+    store_commands: Counter,
+    store_failed_commits: Counter,
+    store_commit_seconds: Seconds,
     rejections: Family<ByReason, Counter>,
     connections: Gauge,
     connections_refused: Counter,
@@ -126,6 +130,8 @@ pub(super) struct Snapshot {
     pub streams: u64,
     /// Bytes of uploads that are coming in.
     pub upload_bytes_in_flight: u64,
+    /// What the store counted.
+    pub store: Statistics,
 }
 
 impl Metrics {
@@ -206,6 +212,19 @@ impl Metrics {
                 "store_errors",
                 "Operations of the store that failed for its own reasons",
                 Family::default()
+            ),
+            store_commits: register!("store_commits", "Transactions that the store committed", Counter::default()),
+            store_commands: register!("store_commands", "Changes in committed transactions", Counter::default()),
+            store_failed_commits: register!(
+                "store_failed_commits",
+                "Transactions of the store that failed",
+                Counter::default()
+            ),
+            store_commit_seconds: register!(
+                "store_commit",
+                "Time that the store spent in transactions",
+                Unit::Seconds,
+                Seconds::default()
             ),
             rejections: register!(
                 "rejections",
@@ -360,6 +379,10 @@ impl Metrics {
         }
         self.streams.set(now.streams.cast_signed());
         self.upload_bytes_in_flight.set(now.upload_bytes_in_flight.cast_signed());
+        self.store_commits.inner().store(now.store.commits, Ordering::Relaxed);
+        self.store_commands.inner().store(now.store.commands, Ordering::Relaxed);
+        self.store_failed_commits.inner().store(now.store.failures, Ordering::Relaxed);
+        self.store_commit_seconds.inner().store(now.store.commit_seconds.to_bits(), Ordering::Relaxed);
         self.ready.set(i64::from(health.why_not_ready().is_none()));
         for part in Part::ALL {
             let now = health.severity(part);

@@ -1,7 +1,7 @@
 //! A store whose operations are timed.
 
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant, SystemTime};
 
 use async_trait::async_trait;
 use tokio::sync::watch;
@@ -9,19 +9,20 @@ use tokio::sync::watch;
 use super::Metrics;
 use crate::error::Result;
 use crate::service::store::{
-    Deletion, End, Event, Job, JobId, JobStore, ListQuery, Page, Progress, Pulse, Spec, State, Ticket, What,
+    Created, Deletion, End, Event, Job, JobId, JobStore, ListQuery, NewJob, Page, Progress, Pulse, Release, State,
+    Statistics, Ticket, What,
 };
 
 /// Another store, timed.
 #[derive(Debug)]
-pub(in crate::service) struct TimedStore<S> {
-    store: S,
+pub(in crate::service) struct TimedStore {
+    store: Arc<dyn JobStore>,
     metrics: Arc<Metrics>,
 }
 
-impl<S: JobStore> TimedStore<S> {
+impl TimedStore {
     /// Times `store`.
-    pub fn new(store: S, metrics: Arc<Metrics>) -> Self {
+    pub fn new(store: Arc<dyn JobStore>, metrics: Arc<Metrics>) -> Self {
         Self { store, metrics }
     }
 
@@ -36,13 +37,21 @@ impl<S: JobStore> TimedStore<S> {
 }
 
 #[async_trait]
-impl<S: JobStore> JobStore for TimedStore<S> {
+impl JobStore for TimedStore {
+    fn is_durable(&self) -> bool {
+        self.store.is_durable()
+    }
+
     async fn check_room(&self) -> Result<()> {
         self.timed("check_room", self.store.check_room()).await
     }
 
-    async fn create(&self, id: JobId, spec: Spec) -> Result<Job> {
-        self.timed("create", self.store.create(id, spec)).await
+    async fn knows_key(&self, tenant: &str, key: &str) -> Result<bool> {
+        self.timed("knows_key", self.store.knows_key(tenant, key)).await
+    }
+
+    async fn create(&self, job: NewJob) -> Result<Created> {
+        self.timed("create", self.store.create(job)).await
     }
 
     async fn get(&self, id: JobId) -> Result<Option<Job>> {
@@ -53,8 +62,20 @@ impl<S: JobStore> JobStore for TimedStore<S> {
         self.timed("list", self.store.list(query)).await
     }
 
-    async fn claim(&self) -> Result<Option<(Ticket, Job)>> {
-        self.timed("claim", self.store.claim()).await
+    async fn claim(&self, limit: usize, lease: Duration) -> Result<Vec<(Ticket, Job)>> {
+        self.timed("claim", self.store.claim(limit, lease)).await
+    }
+
+    async fn heartbeat(&self, tickets: &[Ticket], until: SystemTime) -> Result<Vec<Ticket>> {
+        self.timed("heartbeat", self.store.heartbeat(tickets, until)).await
+    }
+
+    async fn release(&self, ticket: Ticket, release: Release) -> Result<State> {
+        self.timed("release", self.store.release(ticket, release)).await
+    }
+
+    async fn reclaim(&self, now: SystemTime) -> Result<Vec<Ticket>> {
+        self.timed("reclaim", self.store.reclaim(now)).await
     }
 
     async fn append(&self, ticket: Ticket, events: Vec<What>, progress: Progress) -> Result<()> {
@@ -71,6 +92,10 @@ impl<S: JobStore> JobStore for TimedStore<S> {
 
     async fn delete(&self, id: JobId) -> Result<Deletion> {
         self.timed("delete", self.store.delete(id)).await
+    }
+
+    async fn ended_before(&self, time: SystemTime, limit: usize) -> Result<Vec<JobId>> {
+        self.timed("ended_before", self.store.ended_before(time, limit)).await
     }
 
     async fn events(&self, id: JobId, after: u64, limit: usize) -> Result<Option<Vec<Event>>> {
@@ -103,5 +128,13 @@ impl<S: JobStore> JobStore for TimedStore<S> {
 
     async fn counts(&self) -> Result<[u64; State::ALL.len()]> {
         self.timed("counts", self.store.counts()).await
+    }
+
+    fn statistics(&self) -> Statistics {
+        self.store.statistics()
+    }
+
+    async fn close(&self) {
+        self.store.close().await;
     }
 }

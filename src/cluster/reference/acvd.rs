@@ -1,0 +1,189 @@
+//! Approximated centroidal Voronoi diagrams: energy minimisation by local queries over a queue of boundary edges (Valette &
+//! Chassery, "Approximated Centroidal Voronoi Diagrams for Uniform Polygonal Mesh Coarsening", 2004; the paper's ACVD).
+//!
+//! # Definition
+//!
+//! The clusters grow from their seeds as in [`crate::cluster::flat`]. The queue then holds every boundary edge: two faces
+//! that share an edge and belong to different clusters, in the order of the face with the smaller internal number, then of
+//! its neighbours. A pass takes them one after the other. For faces m in cluster a and n in cluster b there are three
+//! configurations: as it is, m in b, n in a. The one with the lowest F is taken at once, m's move before n's where both
+//! lower it equally, and never one that leaves a cluster empty. An edge that still lies between clusters goes back to the
+//! end of the queue, and a face that moved adds its other edges that have come to lie between clusters.
+//!
+//! An edge need not be tested while neither of its clusters has changed since it last was. The phase ends with a pass in
+//! which nothing moves: then no face at a boundary can lower F by going across.
+//!
+//! F is compared exactly, before and after, with respect to the lattice proxies. It falls with every move, so there are
+//! finitely many.
+//!
+//! # Connectivity
+//!
+//! As in [`crate::cluster::flat`]: pieces that were cut off grow into their neighbours and the queue starts again, and after
+//! [`MAX_REPAIRS`] of that, connected refinement has the last word.
+
+use std::collections::VecDeque;
+
+use super::partition::Partition;
+use crate::cluster::flat::{Clustering, Options, grown};
+use crate::cluster::run::{MAX_REPAIRS, Row};
+use crate::cluster::seeds::SeedFaces;
+use crate::device::{Cancel, Ending, Step, Steps};
+use crate::error::Result;
+use crate::report::Phase;
+use crate::surface::Surface;
+
+/// Clusters a surface from the given seeds. Growth and repairs are the device's; `options.refine` has no meaning here.
+pub fn acvd(
+    surface: &Surface,
+    seeds: &SeedFaces,
+    options: Options,
+    steps: &mut dyn Steps,
+    cancel: &Cancel,
+    on_row: &mut dyn FnMut(Row),
+) -> Result<Clustering> {
+    let (mut run, initial) = grown(surface, seeds, options, steps, cancel, on_row)?;
+    let mut repairs = 0;
+    let ending = loop {
+        let labels = run.steps.labels()?;
+        let mut queries = LocalQueries::new(surface, Partition::new(surface, &seeds.component_of_cluster, labels));
+        let ending = run.phase(Phase::Refine, |_, left, cancel, on_step| queries.minimise(left, cancel, on_step))?;
+        run.steps.set_labels(&queries.partition.labels)?;
+        if options.allow_disconnected || !run.repair()? || ending == Ending::IterationLimit {
+            break ending;
+        }
+        repairs += 1;
+        if repairs == MAX_REPAIRS {
+            break run.refine_connected()?;
+        }
+    };
+    Ok(Clustering { initial, labels: run.steps.labels()?, ending })
+}
+
+/// The state of a minimisation.
+struct LocalQueries<'a> {
+    surface: &'a Surface,
+    partition: Partition<'a>,
+    /// The boundary edges, and maybe some that no longer are.
+    queue: VecDeque<Edge>,
+    /// Whether an edge is in the queue, by its place among the neighbours of its lower face.
+    is_queued: Vec<bool>,
+    /// When each edge was last tested, by the same place; 0 for never.
+    tested_at: Vec<u64>,
+    /// When each cluster last gained or lost a face.
+    changed_at: Vec<u64>,
+    /// Counts tests and moves.
+    now: u64,
+}
+
+/// Two faces that share an edge.
+#[derive(Debug, Clone, Copy)]
+struct Edge {
+    /// The face with the smaller number.
+    low: u32,
+    /// The other one's place in `surface.neighbours`.
+    place: u32,
+}
+
+impl<'a> LocalQueries<'a> {
+    /// Queues all boundary edges.
+    fn new(surface: &'a Surface, partition: Partition<'a>) -> Self {
+        let edges = surface.neighbours.len();
+        let changed_at = vec![1; partition.clusters()];
+        let mut queries = Self {
+            surface,
+            partition,
+            queue: VecDeque::new(),
+            is_queued: vec![false; edges],
+            tested_at: vec![0; edges],
+            changed_at,
+            now: 1,
+        };
+        for face in 0..surface.faces() as u32 {
+            queries.queue_edges(face, |low, high| low < high);
+        }
+        queries
+    }
+
+    /// Makes passes through the queue until one moves nothing.
+    fn minimise(&mut self, max_passes: u32, cancel: &Cancel, on_pass: &mut dyn FnMut(Step)) -> Result<Ending> {
+        for _ in 0..max_passes {
+            cancel.check()?;
+            let moves = self.pass();
+            if moves == 0 {
+                return Ok(Ending::Converged);
+            }
+            on_pass(Step { energy: self.partition.energy(), moves });
+        }
+        Ok(Ending::IterationLimit)
+    }
+
+    /// Takes every edge that is in the queue now; returns how many faces moved.
+    fn pass(&mut self) -> u64 {
+        let mut moves = 0;
+        for _ in 0..self.queue.len() {
+            let Some(edge) = self.queue.pop_front() else { break };
+            self.is_queued[edge.place as usize] = false;
+            moves += u64::from(self.query(edge));
+            self.push_boundary(edge);
+        }
+        moves
+    }
+
+    /// Takes the best of the three configurations of an edge. Returns whether a face moved.
+    fn query(&mut self, Edge { low, place }: Edge) -> bool {
+        let high = self.surface.neighbours[place as usize];
+        let [a, b] = [low, high].map(|face| self.partition.labels[face as usize]);
+        let changed_at = self.changed_at[a as usize].max(self.changed_at[b as usize]);
+        if a == b || changed_at < self.tested_at[place as usize] {
+            return false;
+        }
+        self.now += 1;
+        self.tested_at[place as usize] = self.now;
+        let low_moves = self.partition.gain(low, b).unwrap_or(0);
+        let high_moves = self.partition.gain(high, a).unwrap_or(0);
+        if low_moves.max(high_moves) <= 0 {
+            return false;
+        }
+        let (face, to) = if low_moves >= high_moves { (low, b) } else { (high, a) };
+        self.partition.move_face(face, to);
+        self.now += 1;
+        self.changed_at[a as usize] = self.now;
+        self.changed_at[b as usize] = self.now;
+        self.queue_edges(face, |_, _| true);
+        true
+    }
+
+    /// Queues the boundary edges of a face for which `wanted(face, neighbour)`.
+    fn queue_edges(&mut self, face: u32, wanted: impl Fn(u32, u32) -> bool) {
+        let surface = self.surface;
+        let first = surface.neighbour_offsets[face as usize];
+        for (at, &near) in surface.neighbours_of(face).iter().enumerate() {
+            if !wanted(face, near) {
+                continue;
+            }
+            let edge = match face < near {
+                true => Some(Edge { low: face, place: first + at as u32 }),
+                // the same edge, seen from the other face
+                false => surface
+                    .neighbours_of(near)
+                    .iter()
+                    .position(|&back| back == face)
+                    .map(|back| Edge { low: near, place: surface.neighbour_offsets[near as usize] + back as u32 }),
+            };
+            if let Some(edge) = edge {
+                self.push_boundary(edge);
+            }
+        }
+    }
+
+    /// Puts an edge at the end of the queue if it lies between clusters and is not in it.
+    fn push_boundary(&mut self, edge: Edge) {
+        let [low, high] = [edge.low, self.surface.neighbours[edge.place as usize]];
+        let labels = &self.partition.labels;
+        let is_queued = &mut self.is_queued[edge.place as usize];
+        if labels[low as usize] != labels[high as usize] && !*is_queued {
+            *is_queued = true;
+            self.queue.push_back(edge);
+        }
+    }
+}

@@ -1,0 +1,14 @@
+//! The flat algorithms that the paper measures itself against, as users may call them: sequential, on the cpu, written for
+//! clarity. Their energies are a yardstick for [`super::flat`]; their speed is not.
+//!
+//! | what | where |
+//! |---|---|
+//! | energy minimisation by local queries (Valette & Chassery 2004), `acvd` | [`acvd`] |
+//! | variational clustering with a priority queue (Cohen-Steiner et al. 2004), `vc` | [`variational`] |
+//! | labels with the sums that belong to them | [`partition`] |
+//!
+//! Both decide by integers, so their labels are as reproducible as all others.
+
+pub mod acvd;
+pub mod partition;
+pub mod variational;

@@ -1,0 +1,116 @@
+//! Variational clustering with a priority queue (Cohen-Steiner, Alliez & Desbrun, "Variational Shape Approximation", 2004;
+//! the paper's VC), with the energy of centroidal Voronoi diagrams.
+//!
+//! # Definition
+//!
+//! *Flooding.* Every cluster has a proxy and holds one face, its seed. Of all pairs of a face that is still free and a
+//! cluster that touches it across an edge, the one with the smallest energy w·|g − P|² is taken next, the smaller face,
+//! then the smaller cluster where energies are equal: that face joins that cluster. So on until no face is free. A
+//! priority queue holds the pairs.
+//!
+//! *Beginning.* The first proxies are the centroids of the seeds.
+//!
+//! *Iteration.* Proxies are fitted to the clusters; the new seed of each is its face with the smallest |g − P|², the
+//! smallest of equal ones; all clusters are flooded anew.
+//!
+//! *End.* Flooding does not have to lower F: which cluster reaches a face first also depends on the way there. So an
+//! iteration counts only if F is lower after it than ever before, and the first that does not is undone and ends the run.
+//! F falls in every row, and there are finitely many labellings.
+//!
+//! Every cluster is connected and has at least its seed, by construction.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use super::partition::Partition;
+use crate::cluster::flat::{Clustering, Options};
+use crate::cluster::run::Row;
+use crate::cluster::seeds::SeedFaces;
+use crate::device::{Cancel, Ending, FREE};
+use crate::error::Result;
+use crate::report::Phase;
+use crate::surface::Surface;
+
+/// Faces between looks at the flag that asks to stop.
+const BETWEEN_CHECKS: usize = 1 << 16;
+
+/// Clusters a surface from the given seeds. Of the options, only `max_iterations` has a meaning here.
+pub fn variational(
+    surface: &Surface,
+    seeds: &SeedFaces,
+    options: Options,
+    cancel: &Cancel,
+    on_row: &mut dyn FnMut(Row),
+) -> Result<Clustering> {
+    let component_of_cluster = &seeds.component_of_cluster;
+    let fitted = |labels: Vec<u32>| Partition::new(surface, component_of_cluster, labels);
+    let row = |iteration: u32, partition: &Partition<'_>, moves: u64| {
+        let energy = partition.energy();
+        Row { iteration, round: None, phase: Phase::Regrow, energy, moves }
+    };
+    let alone = fitted(seeded(surface, &seeds.face_of_cluster));
+    let mut best = fitted(flood(surface, &alone, &seeds.face_of_cluster, cancel)?);
+    let initial = best.labels.clone();
+    on_row(row(0, &best, 0));
+    for iteration in 1..=options.max_iterations.unwrap_or(u32::MAX) {
+        let next = fitted(flood(surface, &best, &central_faces(&best), cancel)?);
+        if next.energy() <= best.energy() {
+            return Ok(Clustering { initial, labels: best.labels, ending: Ending::Converged });
+        }
+        let moves = next.labels.iter().zip(&best.labels).filter(|(new, old)| new != old).count();
+        best = next;
+        on_row(row(iteration, &best, moves as u64));
+    }
+    Ok(Clustering { initial, labels: best.labels, ending: Ending::IterationLimit })
+}
+
+/// Labels of the seeds, all other faces free.
+fn seeded(surface: &Surface, seeds: &[u32]) -> Vec<u32> {
+    let mut labels = vec![FREE; surface.faces()];
+    for (cluster, &face) in seeds.iter().enumerate() {
+        labels[face as usize] = cluster as u32;
+    }
+    labels
+}
+
+/// The face of each cluster that is nearest to its proxy.
+fn central_faces(partition: &Partition<'_>) -> Vec<u32> {
+    let mut nearest = vec![(u64::MAX, FREE); partition.clusters()];
+    for (face, &cluster) in partition.labels.iter().enumerate() {
+        let face = face as u32;
+        let best = &mut nearest[cluster as usize];
+        *best = (*best).min((partition.squared_distance(face, cluster), face));
+    }
+    nearest.into_iter().map(|(_, face)| face).collect()
+}
+
+/// The labels that flooding from `seeds` with the proxies of `fitted` gives.
+fn flood(surface: &Surface, fitted: &Partition<'_>, seeds: &[u32], cancel: &Cancel) -> Result<Vec<u32>> {
+    let mut labels = seeded(surface, seeds);
+    let mut queue = BinaryHeap::new();
+    let offer = |queue: &mut BinaryHeap<_>, labels: &[u32], face: u32, cluster: u32| {
+        for &near in surface.neighbours_of(face) {
+            if labels[near as usize] == FREE {
+                let weight = u128::from(surface.weights[near as usize]);
+                let energy = weight * u128::from(fitted.squared_distance(near, cluster));
+                queue.push(Reverse((energy, near, cluster)));
+            }
+        }
+    };
+    for (cluster, &face) in seeds.iter().enumerate() {
+        offer(&mut queue, &labels, face, cluster as u32);
+    }
+    let mut joined = 0usize;
+    while let Some(Reverse((_, face, cluster))) = queue.pop() {
+        if labels[face as usize] == FREE {
+            labels[face as usize] = cluster;
+            offer(&mut queue, &labels, face, cluster);
+            joined += 1;
+            if joined.is_multiple_of(BETWEEN_CHECKS) {
+                cancel.check()?;
+            }
+        }
+    }
+    cancel.check()?;
+    Ok(labels)
+}
