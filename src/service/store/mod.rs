@@ -135,6 +135,8 @@ pub(super) struct Spec {
     pub buffers: Vec<String>,
     /// Whether a list of seeds came with the mesh.
     pub listed_seeds: bool,
+    /// Whether weights came with the mesh.
+    pub has_weights: bool,
 }
 
 /// How far a running job is.
