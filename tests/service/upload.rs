@@ -1,7 +1,7 @@
 //! Bodies, parts and parameters: what is taken, and what is refused before a job exists.
 
 use reqwest::multipart::{Form, Part};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::support::*;
 
