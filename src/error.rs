@@ -4,9 +4,13 @@
 //! help), and a message for the person who reads it: lower case, no full stop, the offending value last.
 
 use std::fmt::Display;
+use std::io;
+
+use serde::{Deserialize, Serialize};
 
 /// What went wrong, for programs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Kind {
     /// The request itself cannot be read: a body that ends early, a malformed header or part.
     BadRequest,
@@ -28,6 +32,14 @@ pub enum Kind {
     NotAcceptable,
     /// The state of the job does not allow this.
     Conflict,
+    /// The same `Idempotency-Key` came with another request before.
+    KeyReused,
+    /// The job took longer than a job may.
+    TimeLimit,
+    /// The job was tried as often as it may be, and never ended.
+    Poison,
+    /// There is no room for more files, or will soon be none.
+    InsufficientStorage,
     /// The queue holds as many jobs as it may.
     QueueFull,
     /// The job was cancelled before it ended.
@@ -56,9 +68,11 @@ impl Kind {
             Kind::TooLarge => 413,
             Kind::UnsupportedMediaType => 415,
             Kind::InvalidParameter | Kind::InvalidMesh | Kind::UnsupportedMesh | Kind::DeviceUnsuitable => 422,
+            Kind::KeyReused | Kind::TimeLimit => 422,
             Kind::QueueFull => 429,
-            Kind::Io | Kind::Internal => 500,
+            Kind::Io | Kind::Internal | Kind::Poison => 500,
             Kind::Unavailable | Kind::DeviceLost => 503,
+            Kind::InsufficientStorage => 507,
         }
     }
 
@@ -75,6 +89,10 @@ impl Kind {
             Kind::MethodNotAllowed => "method-not-allowed",
             Kind::NotAcceptable => "not-acceptable",
             Kind::Conflict => "conflict",
+            Kind::KeyReused => "key-reused",
+            Kind::TimeLimit => "time-limit",
+            Kind::Poison => "poison",
+            Kind::InsufficientStorage => "insufficient-storage",
             Kind::QueueFull => "queue-full",
             Kind::Cancelled => "cancelled",
             Kind::Unavailable => "unavailable",
@@ -98,6 +116,10 @@ impl Kind {
             Kind::MethodNotAllowed => "The method is not allowed here",
             Kind::NotAcceptable => "No acceptable representation",
             Kind::Conflict => "The state of the job does not allow this",
+            Kind::KeyReused => "The Idempotency-Key stands for another request",
+            Kind::TimeLimit => "The job took too long",
+            Kind::Poison => "The job was given up",
+            Kind::InsufficientStorage => "There is no room for it",
             Kind::QueueFull => "The queue is full",
             Kind::Cancelled => "The job was cancelled",
             Kind::Unavailable => "The service is not available",
@@ -111,7 +133,7 @@ impl Kind {
     /// Whether the same request may succeed later.
     pub fn is_retryable(self) -> bool {
         match self {
-            Kind::QueueFull | Kind::Unavailable | Kind::DeviceLost | Kind::Io => true,
+            Kind::QueueFull | Kind::Unavailable | Kind::DeviceLost | Kind::Io | Kind::InsufficientStorage => true,
             Kind::BadRequest
             | Kind::InvalidParameter
             | Kind::InvalidMesh
@@ -122,6 +144,9 @@ impl Kind {
             | Kind::MethodNotAllowed
             | Kind::NotAcceptable
             | Kind::Conflict
+            | Kind::KeyReused
+            | Kind::TimeLimit
+            | Kind::Poison
             | Kind::Cancelled
             | Kind::DeviceUnsuitable
             | Kind::Internal => false,
@@ -129,8 +154,20 @@ impl Kind {
     }
 }
 
+impl Kind {
+    /// What an error of the file system means to one who stores something: whether there is no room, or no disk.
+    pub fn of_storage(error: &io::Error) -> Self {
+        match error.kind() {
+            io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded | io::ErrorKind::FileTooLarge => {
+                Kind::InsufficientStorage
+            }
+            _ => Kind::Unavailable,
+        }
+    }
+}
+
 /// An error with its kind and its message.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error, Serialize, Deserialize)]
 #[error("{message}")]
 pub struct Error {
     /// What went wrong, for programs.
@@ -166,7 +203,7 @@ impl Error {
     }
 
     /// A file that could not be read or written.
-    pub fn io(what: impl Display, error: std::io::Error) -> Self {
+    pub fn io(what: impl Display, error: io::Error) -> Self {
         Self::new(Kind::Io, format_args!("{what}: {error}"))
     }
 

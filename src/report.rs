@@ -1,6 +1,6 @@
 //! The report of a job: the JSON of `--report` and `GET /v1/jobs/{id}/report`, and the rows of the event stream.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::mesh::{Format, Part};
@@ -164,7 +164,7 @@ pub enum Row {
 }
 
 /// Kinds of optimisation steps.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Phase {
     /// Boundary-based optimisation: faces at a boundary move to the neighbouring cluster whose centre is nearer.

@@ -15,7 +15,7 @@ use utoipa::{IntoParams, ToSchema};
 use super::openapi::{Binary, Problematic};
 use super::problem::{Answer, Failure, Problem};
 use super::server::{App, Shared};
-use super::store::{Deletion, Job, JobId, ListQuery, State, no_such_job};
+use super::store::{Created, Deletion, Job, JobId, ListQuery, NewJob, State, no_such_job};
 use super::timestamp::rfc3339;
 use super::upload::{self, Upload};
 use super::{prefer, query};
@@ -283,12 +283,20 @@ pub(super) async fn create(Extract(shared): App, request: Request) -> Answer {
 async fn accept(shared: Arc<Shared>, upload: Upload) -> Result<Job> {
     let id = JobId::random();
     upload.folder.keep_as(shared.files.upload(id)).await?;
-    let created = shared.store.create(id, upload.spec).await;
-    match &created {
-        Ok(job) => tracing::info!(job = %id, bytes = job.spec.bytes, "accepted"),
-        Err(_) => shared.files.remove_upload(id).await,
+    match shared.store.create(NewJob { id, spec: upload.spec, idempotency: None }).await {
+        Ok(Created::New(job)) => {
+            tracing::info!(job = %id, bytes = job.spec.bytes, "accepted");
+            Ok(job)
+        }
+        Ok(Created::Known(job)) => {
+            shared.files.remove_upload(id).await;
+            Ok(job)
+        }
+        Err(error) => {
+            shared.files.remove_upload(id).await;
+            Err(error)
+        }
     }
-    created
 }
 
 /// The job after it ended, or after a while.

@@ -74,9 +74,11 @@ impl Pipeline {
             loop {
                 // seen before looking, so that what arrives while looking is noticed
                 arrivals.borrow_and_update();
-                match self.store.claim().await {
-                    Ok(Some((ticket, job))) => return Some((slot, ticket, job)),
-                    Ok(None) => arrivals.changed().await.ok()?,
+                match self.store.claim(1, std::time::Duration::from_secs(3600)).await {
+                    Ok(mut claimed) => match claimed.pop() {
+                        Some((ticket, job)) => return Some((slot, ticket, job)),
+                        None => arrivals.changed().await.ok()?,
+                    },
                     Err(error) => {
                         tracing::error!(%error, "no job can be claimed");
                         tokio::time::sleep(std::time::Duration::from_secs(1)).await;

@@ -27,8 +27,8 @@ use super::health::{Health, Part};
 use super::info::DeviceDescription;
 use super::pipeline::Pipeline;
 use super::pipeline::device_thread::DeviceThread;
-use super::store::JobStore;
 use super::store::memory::MemoryStore;
+use super::store::{JobStore, Rules};
 use super::{Settings, events, hierarchy, info, jobs, openapi, problem, results};
 use crate::device::Device;
 use crate::error::{Error, Result};
@@ -95,7 +95,8 @@ impl Server {
         let listener = TcpListener::bind(settings.listen).await.map_err(cannot)?;
         let address = listener.local_addr().map_err(cannot)?;
         let files = Arc::new(Files::create(settings.data_dir.as_deref())?);
-        let store: Arc<dyn JobStore> = Arc::new(MemoryStore::new(settings.max_queued_jobs));
+        let store: Arc<dyn JobStore> =
+            Arc::new(MemoryStore::new(Rules { max_queued: settings.max_queued_jobs, max_attempts: 3 }));
         let pipeline = Pipeline::new(
             Arc::clone(&store),
             Arc::clone(&files),

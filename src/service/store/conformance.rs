@@ -1,38 +1,65 @@
 //! What every store must do: one suite, run on each.
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
+
+use async_trait::async_trait;
 
 use super::{
-    Deletion, End, Event, Job, JobId, JobStore, ListQuery, Page, Progress, Spec, State, Summary, Ticket, What,
+    Created, Deletion, End, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob, Page, Progress, Release,
+    Rules, Spec, State, Summary, Ticket, What,
 };
 use crate::error::{Error, Kind};
 use crate::mesh::Format;
 use crate::parameters::Parameters;
 use crate::report::Phase;
 
-/// Makes an empty store in which at most so many jobs wait.
-pub(in crate::service) type Make<'a> = &'a (dyn Fn(usize) -> Box<dyn JobStore> + Sync);
+/// What is tested.
+#[async_trait]
+pub(in crate::service) trait Subject: Sync {
+    /// An empty store.
+    async fn empty(&self, rules: Rules) -> Box<dyn JobStore>;
+
+    /// What the last store that [`empty`](Self::empty) made has on disk right now, opened as after a crash; none when a
+    /// crash leaves nothing.
+    async fn after_crash(&self, _rules: Rules) -> Option<Box<dyn JobStore>> {
+        None
+    }
+}
 
 /// Runs the whole suite.
-pub(in crate::service) async fn run(make: Make<'_>) {
-    a_new_job_is_as_it_was_created(make(9).as_ref()).await;
-    jobs_are_claimed_in_order_and_once(make(9).as_ref()).await;
-    a_full_queue_refuses_until_a_job_starts(make(2).as_ref()).await;
-    events_are_numbered_and_read_from_anywhere(make(9).as_ref()).await;
-    every_end_is_told(make(9).as_ref()).await;
-    a_ticket_that_is_over_writes_nothing(make(9).as_ref()).await;
-    a_queued_job_is_cancelled_at_once(make(9).as_ref()).await;
-    a_running_job_is_asked_to_end(make(9).as_ref()).await;
-    an_ended_job_cannot_be_cancelled_and_can_be_deleted(make(9).as_ref()).await;
-    unknown_jobs_are_unknown_everywhere(make(9).as_ref()).await;
-    pages_hold_every_job_once(make(99).as_ref()).await;
-    a_tenant_sees_only_its_own_jobs(make(99).as_ref()).await;
-    every_end_with_a_webhook_is_untold_until_settled(make(99).as_ref()).await;
-    a_foreign_cursor_is_refused(make(9).as_ref()).await;
-    arrivals_wake_a_worker(Arc::from(make(9))).await;
-    many_at_once_lose_nothing(Arc::from(make(1000))).await;
+pub(in crate::service) async fn run(subject: &dyn Subject) {
+    let make = async |max_queued| subject.empty(Rules { max_queued, ..RULES }).await;
+    a_new_job_is_as_it_was_created(make(9).await.as_ref()).await;
+    jobs_are_claimed_in_order_and_once(make(9).await.as_ref()).await;
+    a_full_queue_refuses_until_a_job_starts(make(2).await.as_ref()).await;
+    events_are_numbered_and_read_from_anywhere(make(9).await.as_ref()).await;
+    every_end_is_told(make(9).await.as_ref()).await;
+    a_ticket_that_is_over_writes_nothing(make(9).await.as_ref()).await;
+    a_queued_job_is_cancelled_at_once(make(9).await.as_ref()).await;
+    a_running_job_is_asked_to_end(make(9).await.as_ref()).await;
+    an_ended_job_cannot_be_cancelled_and_can_be_deleted(make(9).await.as_ref()).await;
+    unknown_jobs_are_unknown_everywhere(make(9).await.as_ref()).await;
+    pages_hold_every_job_once(make(99).await.as_ref()).await;
+    a_tenant_sees_only_its_own_jobs(make(99).await.as_ref()).await;
+    every_end_with_a_webhook_is_untold_until_settled(make(99).await.as_ref()).await;
+    a_foreign_cursor_is_refused(make(9).await.as_ref()).await;
+    arrivals_wake_a_worker(Arc::from(make(9).await)).await;
+    many_at_once_lose_nothing(Arc::from(make(1000).await)).await;
+    a_key_stands_for_one_request(make(9).await.as_ref()).await;
+    the_same_key_at_once_gives_one_job(Arc::from(make(1000).await)).await;
+    a_released_job_runs_again_in_its_place(make(9).await.as_ref()).await;
+    a_job_that_fails_too_often_is_given_up(make(9).await.as_ref()).await;
+    a_lease_that_is_over_is_reclaimed(make(9).await.as_ref()).await;
+    a_released_job_that_was_to_end_ends(make(9).await.as_ref()).await;
+    ended_jobs_are_found_by_their_age(make(9).await.as_ref()).await;
+    a_crash_loses_nothing(subject).await;
 }
+
+const RULES: Rules = Rules { max_queued: 9, max_attempts: 3 };
+
+/// Long enough that no lease ends by itself.
+const LEASE: Duration = Duration::from_secs(3600);
 
 fn spec(name: &str) -> Spec {
     Spec {
@@ -50,11 +77,18 @@ fn spec(name: &str) -> Spec {
 }
 
 async fn create(store: &dyn JobStore) -> Job {
-    store.create(JobId::random(), spec("mesh.gltf")).await.expect("created")
+    add(store, JobId::random(), spec("mesh.gltf")).await
+}
+
+async fn add(store: &dyn JobStore, id: JobId, spec: Spec) -> Job {
+    match store.create(NewJob { id, spec, idempotency: None }).await.expect("created") {
+        Created::New(job) => job,
+        Created::Known(job) => panic!("no key was given: {job:?}"),
+    }
 }
 
 async fn claim(store: &dyn JobStore) -> (Ticket, Job) {
-    store.claim().await.expect("claimable").expect("a job")
+    store.claim(1, LEASE).await.expect("claimable").pop().expect("a job")
 }
 
 async fn get(store: &dyn JobStore, id: JobId) -> Job {
@@ -69,7 +103,7 @@ const SUMMARY: Summary = Summary { faces: 12, clusters: 7, has_labels: true };
 
 async fn a_new_job_is_as_it_was_created(store: &dyn JobStore) {
     let id = JobId::random();
-    let job = store.create(id, spec("größe.gltf")).await.expect("created");
+    let job = add(store, id, spec("größe.gltf")).await;
     assert_eq!((job.id, job.state), (id, State::Queued));
     assert_eq!(job.spec, spec("größe.gltf"));
     assert_eq!(job.queue_position, Some(1));
@@ -88,7 +122,7 @@ async fn jobs_are_claimed_in_order_and_once(store: &dyn JobStore) {
     assert!(job.started_at.is_some());
     assert_eq!(get(store, second.id).await.queue_position, Some(1));
     assert_eq!(claim(store).await.0.job, second.id);
-    assert!(store.claim().await.expect("claimable").is_none());
+    assert!(store.claim(1, LEASE).await.expect("claimable").is_empty());
     assert_eq!(store.counts().await.expect("counted"), [0, 2, 0, 0, 0]);
 }
 
@@ -98,7 +132,7 @@ async fn a_full_queue_refuses_until_a_job_starts(store: &dyn JobStore) {
     create(store).await;
     assert_eq!(store.check_room().await.expect_err("full").kind, Kind::QueueFull);
     let id = JobId::random();
-    let refused = store.create(id, spec("x")).await.expect_err("full");
+    let refused = store.create(NewJob { id, spec: spec("x"), idempotency: None }).await.expect_err("full");
     assert_eq!(refused.kind, Kind::QueueFull);
     assert_eq!(store.get(id).await.expect("readable"), None);
     claim(store).await;
@@ -255,7 +289,7 @@ async fn a_tenant_sees_only_its_own_jobs(store: &dyn JobStore) {
     let mut mine = Vec::new();
     for turn in 0..5 {
         let tenant = ["mine", "Mine"][turn % 2].to_owned();
-        let job = store.create(JobId::random(), Spec { tenant, ..spec("x") }).await.expect("created");
+        let job = add(store, JobId::random(), Spec { tenant, ..spec("x") }).await;
         if turn % 2 == 0 {
             mine.insert(0, job.id);
         }
@@ -282,7 +316,7 @@ async fn every_end_with_a_webhook_is_untold_until_settled(store: &dyn JobStore) 
     let hooked = || Spec { webhook: Some("https://a.example/x?y=1".to_owned()), ..spec("x") };
     let mut ids = Vec::new();
     for _ in 0..4 {
-        ids.push(store.create(JobId::random(), hooked()).await.expect("created").id);
+        ids.push(add(store, JobId::random(), hooked()).await.id);
     }
     let silent = create(store).await.id;
     assert_eq!(store.untold().await.expect("readable"), []);
@@ -305,6 +339,193 @@ async fn every_end_with_a_webhook_is_untold_until_settled(store: &dyn JobStore) 
     store.settle_webhook(JobId::random()).await.expect("nothing");
     store.delete(ended[0]).await.expect("deleted");
     assert_eq!(store.untold().await.expect("readable"), ended[2..]);
+}
+
+fn with_key(tenant: &str, key: &str, request: &str) -> NewJob {
+    NewJob {
+        id: JobId::random(),
+        spec: Spec { tenant: tenant.to_owned(), ..spec("x") },
+        idempotency: Some(Idempotency { key: key.to_owned(), request: request.to_owned() }),
+    }
+}
+
+async fn a_key_stands_for_one_request(store: &dyn JobStore) {
+    assert!(!store.knows_key("a", "k").await.expect("readable"));
+    let Created::New(first) = store.create(with_key("a", "k", "digest")).await.expect("created") else {
+        panic!("the key is new")
+    };
+    assert!(store.knows_key("a", "k").await.expect("readable"));
+    let again = store.create(with_key("a", "k", "digest")).await.expect("known");
+    assert_eq!(again, Created::Known(first.clone()));
+    let other = store.create(with_key("a", "k", "another digest")).await.expect_err("another request");
+    assert_eq!(other.kind, Kind::KeyReused);
+    assert!(other.message.contains("\"k\""), "{other}");
+    // keys are a tenant's own
+    assert!(matches!(store.create(with_key("b", "k", "another digest")).await, Ok(Created::New(_))));
+    assert_eq!(store.counts().await.expect("counted"), [2, 0, 0, 0, 0]);
+    // the key stays with an ended job, and goes with it
+    let (ticket, _) = claim(store).await;
+    store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
+    let again = store.create(with_key("a", "k", "digest")).await.expect("known");
+    assert!(matches!(again, Created::Known(job) if job.id == first.id && job.state == State::Succeeded));
+    store.delete(first.id).await.expect("deleted");
+    assert!(matches!(store.create(with_key("a", "k", "another digest")).await, Ok(Created::New(_))));
+}
+
+async fn the_same_key_at_once_gives_one_job(store: Arc<dyn JobStore>) {
+    let clients: Vec<_> = (0..40)
+        .map(|client| {
+            let store = Arc::clone(&store);
+            let key = ["p", "q"][client % 2];
+            tokio::spawn(async move {
+                match store.create(with_key("a", key, "digest")).await.expect("created") {
+                    Created::New(job) | Created::Known(job) => (key, job.id),
+                }
+            })
+        })
+        .collect();
+    let mut ids = Vec::new();
+    for client in clients {
+        ids.push(client.await.expect("no panic"));
+    }
+    ids.sort();
+    ids.dedup();
+    assert_eq!(ids.iter().map(|(key, _)| *key).collect::<Vec<_>>(), ["p", "q"]);
+    assert_eq!(store.counts().await.expect("counted"), [2, 0, 0, 0, 0]);
+}
+
+async fn a_released_job_runs_again_in_its_place(store: &dyn JobStore) {
+    let first = create(store).await.id;
+    let second = create(store).await.id;
+    let mut arrivals = store.arrivals();
+    let (ticket, _) = claim(store).await;
+    let row = vec![What::Iteration("{}".to_owned())];
+    store.append(ticket, row.clone(), Progress::default()).await.expect("appended");
+    arrivals.borrow_and_update();
+    assert_eq!(store.release(ticket, Release::Free).await, Ok(State::Queued));
+    assert!(arrivals.has_changed().expect("still there"), "a worker is told");
+    assert_eq!(get(store, first).await.queue_position, Some(1));
+    assert_eq!(get(store, second).await.queue_position, Some(2));
+    for stale in [store.finish(ticket, End::Cancelled).await, store.append(ticket, row, Progress::default()).await] {
+        assert_eq!(stale.expect_err("released").kind, Kind::Conflict);
+    }
+    assert_eq!(store.release(ticket, Release::Free).await.expect_err("released").kind, Kind::Conflict);
+
+    let claimed = store.claim(9, LEASE).await.expect("claimable");
+    assert_eq!(claimed.iter().map(|(ticket, _)| ticket.job).collect::<Vec<_>>(), [first, second]);
+    assert_eq!((claimed[0].0.attempt, claimed[0].1.attempt), (2, 2));
+    store.finish(claimed[0].0, End::Succeeded(SUMMARY)).await.expect("finished");
+    let whats: Vec<_> = events(store, first, 0, 99).await;
+    assert_eq!(whats.iter().map(|event| event.seq).collect::<Vec<_>>(), (1..=6).collect::<Vec<_>>());
+    assert_eq!(whats[3].what, What::State(State::Queued));
+    assert_eq!(whats[4].what, What::State(State::Running));
+}
+
+async fn a_job_that_fails_too_often_is_given_up(store: &dyn JobStore) {
+    let id = create(store).await.id;
+    let failure = || Release::Failed(Error::new(Kind::DeviceLost, "the card fell out"));
+    for attempt in 1..=4 {
+        let (ticket, _) = claim(store).await;
+        assert_eq!(ticket.attempt, attempt);
+        // the second attempt is broken off without fault
+        let release = if attempt == 2 { Release::Free } else { failure() };
+        let expected = if attempt == 4 { State::Failed } else { State::Queued };
+        assert_eq!(store.release(ticket, release).await, Ok(expected), "attempt {attempt}");
+    }
+    let job = get(store, id).await;
+    assert_eq!(job.state, State::Failed);
+    let problem = job.problem.expect("a reason");
+    assert_eq!(problem.kind, Kind::Poison);
+    assert!(problem.message.contains("3 attempts") && problem.message.contains("the card fell out"), "{problem}");
+    assert!(store.claim(1, LEASE).await.expect("claimable").is_empty());
+}
+
+async fn a_lease_that_is_over_is_reclaimed(store: &dyn JobStore) {
+    let lost = create(store).await.id;
+    let kept = create(store).await.id;
+    let now = SystemTime::now();
+    let tickets: Vec<_> =
+        store.claim(2, LEASE).await.expect("claimable").into_iter().map(|(ticket, _)| ticket).collect();
+    assert_eq!(store.reclaim(now).await, Ok(vec![]));
+    assert_eq!(store.heartbeat(&tickets[1..], now + 3 * LEASE).await, Ok(vec![]));
+    assert_eq!(store.reclaim(now + 2 * LEASE).await, Ok(vec![tickets[0]]));
+    assert_eq!(get(store, lost).await.state, State::Queued);
+    assert_eq!(get(store, kept).await.state, State::Running);
+    assert_eq!(store.heartbeat(&tickets, now + 3 * LEASE).await, Ok(vec![tickets[0]]));
+    assert_eq!(claim(store).await.0, Ticket { job: lost, attempt: 2 });
+    assert_eq!(store.heartbeat(&tickets, now + 3 * LEASE).await, Ok(vec![tickets[0]]), "another one's by now");
+}
+
+async fn a_released_job_that_was_to_end_ends(store: &dyn JobStore) {
+    let id = create(store).await.id;
+    let (ticket, _) = claim(store).await;
+    store.cancel(id).await.expect("asked");
+    assert_eq!(store.release(ticket, Release::Free).await, Ok(State::Cancelled));
+    assert_eq!(get(store, id).await.state, State::Cancelled);
+}
+
+async fn ended_jobs_are_found_by_their_age(store: &dyn JobStore) {
+    let mut ended = Vec::new();
+    for _ in 0..3 {
+        create(store).await;
+        let (ticket, _) = claim(store).await;
+        store.finish(ticket, End::Cancelled).await.expect("finished");
+        ended.push(ticket.job);
+    }
+    create(store).await;
+    let later = SystemTime::now() + LEASE;
+    let all = store.ended_before(later, 99).await.expect("readable");
+    assert_eq!(all.len(), 3);
+    assert!(ended.iter().all(|id| all.contains(id)));
+    assert_eq!(store.ended_before(later, 2).await.expect("readable"), all[..2]);
+    assert_eq!(store.ended_before(SystemTime::now() - LEASE, 9).await, Ok(vec![]));
+    store.delete(all[0]).await.expect("deleted");
+    assert_eq!(store.ended_before(later, 99).await.expect("readable"), all[1..]);
+}
+
+/// Everything that was answered is there after a crash; what ran waits again, which counts.
+async fn a_crash_loses_nothing(subject: &dyn Subject) {
+    let store = subject.empty(RULES).await;
+    let ended = create(store.as_ref()).await.id;
+    let (ticket, _) = claim(store.as_ref()).await;
+    let progress = Progress { iterations: 7, energy: Some(0.1), ..Progress::default() };
+    let rows = (0..300).map(|row| What::Iteration(format!("{{\"iteration\":{row},\"name\":\"ü\\\"\"}}"))).collect();
+    store.append(ticket, rows, progress).await.expect("appended");
+    store.finish(ticket, End::Failed(Error::new(Kind::InvalidMesh, "x"))).await.expect("finished");
+    let Created::New(keyed) = store.create(with_key("a", "k", "digest")).await.expect("created") else {
+        panic!("the key is new")
+    };
+    let (held, _) = claim(store.as_ref()).await;
+    let asked_to_end = create(store.as_ref()).await.id;
+    claim(store.as_ref()).await;
+    store.cancel(asked_to_end).await.expect("asked");
+    let waiting = create(store.as_ref()).await;
+    let before = (get(store.as_ref(), ended).await, events(store.as_ref(), ended, 0, 999).await);
+
+    let Some(again) = subject.after_crash(RULES).await else { return };
+    let again = again.as_ref();
+    assert_eq!((get(again, ended).await, events(again, ended, 0, 999).await), before);
+    assert_eq!(get(again, waiting.id).await, Job { queue_position: Some(2), ..waiting.clone() });
+    assert_eq!(get(again, asked_to_end).await.state, State::Cancelled);
+    let job = get(again, keyed.id).await;
+    assert_eq!((job.state, job.queue_position, job.attempt), (State::Queued, Some(1), 1));
+    assert_eq!(again.create(with_key("a", "k", "digest")).await, Ok(Created::Known(job)));
+    let stale = again.finish(held, End::Succeeded(SUMMARY)).await;
+    assert_eq!(stale.expect_err("the claim is over").kind, Kind::Conflict);
+    let (ticket, _) = claim(again).await;
+    assert_eq!(ticket, Ticket { job: keyed.id, attempt: 2 });
+    let seqs: Vec<_> = events(again, keyed.id, 0, 9).await.into_iter().map(|event| (event.seq, event.what)).collect();
+    let states = [State::Queued, State::Running, State::Queued, State::Running].map(What::State);
+    assert_eq!(seqs, (1..).zip(states).collect::<Vec<_>>(), "numbers go on");
+    // crashes count
+    again.release(ticket, Release::Failed(Error::new(Kind::Internal, "x"))).await.expect("released");
+    let (ticket, _) = claim(again).await;
+    let end = again.release(ticket, Release::Failed(Error::new(Kind::Internal, "x"))).await;
+    assert_eq!(end, Ok(State::Failed));
+    // and numbers of jobs are not used again
+    let next = create(again).await;
+    let page = again.list(&ListQuery { limit: 1, ..ListQuery::default() }).await.expect("listed");
+    assert_eq!(page.jobs[0].id, next.id);
 }
 
 async fn a_foreign_cursor_is_refused(store: &dyn JobStore) {
@@ -346,7 +567,7 @@ async fn many_at_once_lose_nothing(store: Arc<dyn JobStore>) {
                 let mut claimed = Vec::new();
                 loop {
                     arrivals.borrow_and_update();
-                    while let Some((ticket, _)) = store.claim().await.expect("claimable") {
+                    while let Some((ticket, _)) = store.claim(1, LEASE).await.expect("claimable").pop() {
                         let row = vec![What::Iteration("{}".to_owned())];
                         store.append(ticket, row, Progress::default()).await.expect("appended");
                         store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");

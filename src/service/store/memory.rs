@@ -1,26 +1,26 @@
-//! Jobs in memory: for one process, until it ends.
+//! Jobs in memory: for one process, until it ends. Nothing here is durable.
 //!
 //! One lock around everything, held for look-ups only and never across an await.
 
-use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 use async_trait::async_trait;
-use base64::Engine as _;
-use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use tokio::sync::watch;
 
+use super::cursor::{cursor_of, number_of};
 use super::{
-    Deletion, End, Event, Job, JobId, JobStore, ListQuery, Page, Progress, Pulse, Spec, State, Ticket, What,
-    no_such_job,
+    Created, Deletion, End, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob, Page, Progress, Pulse,
+    Release, Rules, State, Statistics, Ticket, What, given_up, lease_is_over, no_such_job, not_yours, queue_is_full,
+    reused_key,
 };
-use crate::error::{Error, Kind, Result};
+use crate::error::Result;
 
 /// A store that forgets everything when the process ends.
 #[derive(Debug)]
 pub(in crate::service) struct MemoryStore {
-    max_queued: usize,
+    rules: Rules,
     inner: Mutex<Inner>,
     arrivals: watch::Sender<u64>,
     endings: watch::Sender<u64>,
@@ -33,6 +33,10 @@ struct Inner {
     numbers: BTreeMap<u64, JobId>,
     /// Numbers of the jobs that wait, ascending.
     queue: VecDeque<u64>,
+    /// Ended jobs by the time of their end.
+    ended: BTreeSet<(SystemTime, JobId)>,
+    /// Jobs by tenant and key.
+    keys: HashMap<(String, String), JobId>,
     created: u64,
     /// Ended jobs whose webhook was not settled, in the order of their ends.
     untold: Vec<JobId>,
@@ -42,20 +46,18 @@ struct Inner {
 struct Entry {
     number: u64,
     job: Job,
-    attempt: u32,
+    /// Attempts that do not count.
+    uncounted: u32,
+    lease_until: SystemTime,
+    idempotency: Option<Idempotency>,
     events: Vec<Event>,
     pulse: watch::Sender<Pulse>,
 }
 
 impl MemoryStore {
-    /// An empty store in which at most `max_queued` jobs wait.
-    pub fn new(max_queued: usize) -> Self {
-        Self {
-            max_queued,
-            inner: Mutex::default(),
-            arrivals: watch::Sender::default(),
-            endings: watch::Sender::default(),
-        }
+    /// An empty store.
+    pub fn new(rules: Rules) -> Self {
+        Self { rules, inner: Mutex::default(), arrivals: watch::Sender::default(), endings: watch::Sender::default() }
     }
 
     /// The state; it is whole at every moment in which a holder of the lock could panic.
@@ -63,23 +65,53 @@ impl MemoryStore {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A job just ended: notes it if someone wants to be told.
-    fn ended(&self, untold: &mut Vec<JobId>, job: &Job) {
-        if job.spec.webhook.is_some() {
-            untold.push(job.id);
+    /// Ends a job.
+    fn end(&self, inner: &mut Inner, id: JobId, end: End) {
+        let Some(entry) = inner.jobs.get_mut(&id) else { return };
+        let ended_at = SystemTime::now();
+        entry.job.ended_at = Some(ended_at);
+        match end {
+            End::Succeeded(summary) => {
+                entry.job.state = State::Succeeded;
+                entry.job.summary = Some(summary);
+            }
+            End::Failed(error) => {
+                entry.job.state = State::Failed;
+                entry.job.problem = Some(error);
+            }
+            End::Cancelled => entry.job.state = State::Cancelled,
+        }
+        entry.append([What::End(entry.job.state, entry.job.problem.clone())]);
+        inner.ended.insert((ended_at, id));
+        if entry.job.spec.webhook.is_some() {
+            inner.untold.push(id);
             self.endings.send_modify(|count| *count += 1);
         }
     }
 
-    /// Whether one more job may wait.
-    fn room(&self, inner: &Inner) -> Result<()> {
-        if inner.queue.len() >= self.max_queued {
-            return Err(Error::new(
-                Kind::QueueFull,
-                format_args!("as many jobs wait as may; try again later: {}", self.max_queued),
-            ));
+    /// Gives a running job back.
+    fn give_back(&self, inner: &mut Inner, id: JobId, release: Release) -> State {
+        let Some(entry) = inner.jobs.get_mut(&id) else { return State::Cancelled };
+        let counted = entry.job.attempt.saturating_sub(entry.uncounted);
+        match release {
+            _ if entry.job.cancel_requested => {
+                self.end(inner, id, End::Cancelled);
+                return State::Cancelled;
+            }
+            Release::Failed(error) if counted >= self.rules.max_attempts => {
+                self.end(inner, id, End::Failed(given_up(counted.into(), &error)));
+                return State::Failed;
+            }
+            Release::Failed(_) => {}
+            Release::Free => entry.uncounted += 1,
         }
-        Ok(())
+        entry.job.state = State::Queued;
+        entry.append([What::State(State::Queued)]);
+        let number = entry.number;
+        let place = inner.queue.partition_point(|&other| other < number);
+        inner.queue.insert(place, number);
+        self.arrivals.send_modify(|count| *count += 1);
+        State::Queued
     }
 }
 
@@ -97,14 +129,18 @@ impl Inner {
     /// The running job that a ticket is valid for.
     fn claimed(&mut self, ticket: Ticket) -> Result<&mut Entry> {
         let entry = self.jobs.get_mut(&ticket.job).ok_or_else(|| no_such_job(ticket.job))?;
-        if entry.job.state != State::Running || entry.attempt != ticket.attempt {
-            return Err(Error::new(Kind::Conflict, format_args!("the job is no longer this worker's: {}", ticket.job)));
+        if !entry.is_held_by(ticket) {
+            return Err(not_yours(ticket.job));
         }
         Ok(entry)
     }
 }
 
 impl Entry {
+    fn is_held_by(&self, ticket: Ticket) -> bool {
+        self.job.state == State::Running && self.job.attempt == ticket.attempt
+    }
+
     /// Appends events and wakes those who wait.
     fn append(&mut self, events: impl IntoIterator<Item = What>) {
         for what in events {
@@ -117,36 +153,41 @@ impl Entry {
             ended: self.job.state.is_ended(),
         });
     }
-
-    /// Ends the job.
-    fn end(&mut self, end: End) {
-        self.job.ended_at = Some(SystemTime::now());
-        match end {
-            End::Succeeded(summary) => {
-                self.job.state = State::Succeeded;
-                self.job.summary = Some(summary);
-            }
-            End::Failed(error) => {
-                self.job.state = State::Failed;
-                self.job.problem = Some(error);
-            }
-            End::Cancelled => self.job.state = State::Cancelled,
-        }
-        self.append([What::End(self.job.state, self.job.problem.clone())]);
-    }
 }
 
 #[async_trait]
 impl JobStore for MemoryStore {
-    async fn check_room(&self) -> Result<()> {
-        self.room(&self.lock())
+    fn is_durable(&self) -> bool {
+        false
     }
 
-    async fn create(&self, id: JobId, spec: Spec) -> Result<Job> {
+    async fn check_room(&self) -> Result<()> {
+        match self.lock().queue.len() < self.rules.max_queued {
+            true => Ok(()),
+            false => Err(queue_is_full(self.rules.max_queued)),
+        }
+    }
+
+    async fn knows_key(&self, tenant: &str, key: &str) -> Result<bool> {
+        Ok(self.lock().keys.contains_key(&(tenant.to_owned(), key.to_owned())))
+    }
+
+    async fn create(&self, new: NewJob) -> Result<Created> {
+        let NewJob { id, spec, idempotency } = new;
         let mut inner = self.lock();
-        self.room(&inner)?;
+        let key = idempotency.as_ref().map(|wanted| (spec.tenant.clone(), wanted.key.clone()));
+        if let Some(known) = key.as_ref().and_then(|key| inner.jobs.get(inner.keys.get(key)?)) {
+            return match known.idempotency == idempotency {
+                true => Ok(Created::Known(inner.tell(known))),
+                false => Err(reused_key(idempotency.as_ref().map_or("", |wanted| &wanted.key))),
+            };
+        }
+        if inner.queue.len() >= self.rules.max_queued {
+            return Err(queue_is_full(self.rules.max_queued));
+        }
         inner.created += 1;
         let number = inner.created;
+        let created_at = SystemTime::now();
         let mut entry = Entry {
             number,
             job: Job {
@@ -154,25 +195,31 @@ impl JobStore for MemoryStore {
                 state: State::Queued,
                 spec,
                 queue_position: None,
+                attempt: 0,
                 progress: Progress::default(),
                 cancel_requested: false,
                 problem: None,
                 summary: None,
-                created_at: SystemTime::now(),
+                created_at,
                 started_at: None,
                 ended_at: None,
             },
-            attempt: 0,
+            uncounted: 0,
+            lease_until: created_at,
+            idempotency,
             events: Vec::new(),
             pulse: watch::Sender::default(),
         };
         entry.append([What::State(State::Queued)]);
         inner.queue.push_back(number);
         inner.numbers.insert(number, id);
+        if let Some(key) = key {
+            inner.keys.insert(key, id);
+        }
         let job = inner.tell(&entry);
         inner.jobs.insert(id, entry);
-        self.arrivals.send_replace(number);
-        Ok(job)
+        self.arrivals.send_modify(|count| *count += 1);
+        Ok(Created::New(job))
     }
 
     async fn get(&self, id: JobId) -> Result<Option<Job>> {
@@ -203,21 +250,55 @@ impl JobStore for MemoryStore {
         Ok(page)
     }
 
-    async fn claim(&self) -> Result<Option<(Ticket, Job)>> {
+    async fn claim(&self, limit: usize, lease: Duration) -> Result<Vec<(Ticket, Job)>> {
         let mut inner = self.lock();
-        let Some(number) = inner.queue.pop_front() else {
-            return Ok(None);
-        };
         let inner = &mut *inner;
-        let entry = inner.numbers.get(&number).and_then(|id| inner.jobs.get_mut(id));
-        Ok(entry.map(|entry| {
-            entry.attempt += 1;
+        let now = SystemTime::now();
+        let mut claimed = Vec::new();
+        while claimed.len() < limit {
+            let Some(number) = inner.queue.pop_front() else { break };
+            let Some(entry) = inner.numbers.get(&number).and_then(|id| inner.jobs.get_mut(id)) else { continue };
+            entry.job.attempt += 1;
             entry.job.state = State::Running;
-            entry.job.started_at = Some(SystemTime::now());
+            entry.job.started_at = Some(now);
+            entry.lease_until = now + lease;
             entry.append([What::State(State::Running)]);
-            let ticket = Ticket { job: entry.job.id, attempt: entry.attempt };
-            (ticket, entry.job.clone())
-        }))
+            claimed.push((Ticket { job: entry.job.id, attempt: entry.job.attempt }, entry.job.clone()));
+        }
+        Ok(claimed)
+    }
+
+    async fn heartbeat(&self, tickets: &[Ticket], until: SystemTime) -> Result<Vec<Ticket>> {
+        let mut inner = self.lock();
+        let mut lost = Vec::new();
+        for ticket in tickets {
+            match inner.jobs.get_mut(&ticket.job).filter(|entry| entry.is_held_by(*ticket)) {
+                Some(entry) => entry.lease_until = until,
+                None => lost.push(*ticket),
+            }
+        }
+        Ok(lost)
+    }
+
+    async fn release(&self, ticket: Ticket, release: Release) -> Result<State> {
+        let mut inner = self.lock();
+        inner.claimed(ticket)?;
+        Ok(self.give_back(&mut inner, ticket.job, release))
+    }
+
+    async fn reclaim(&self, now: SystemTime) -> Result<Vec<Ticket>> {
+        let mut inner = self.lock();
+        let mut over: Vec<(u64, Ticket)> = inner
+            .jobs
+            .values()
+            .filter(|entry| entry.job.state == State::Running && entry.lease_until < now)
+            .map(|entry| (entry.number, Ticket { job: entry.job.id, attempt: entry.job.attempt }))
+            .collect();
+        over.sort_by_key(|(number, _)| *number);
+        for (_, ticket) in &over {
+            self.give_back(&mut inner, ticket.job, Release::Failed(lease_is_over()));
+        }
+        Ok(over.into_iter().map(|(_, ticket)| ticket).collect())
     }
 
     async fn append(&self, ticket: Ticket, events: Vec<What>, progress: Progress) -> Result<()> {
@@ -230,10 +311,8 @@ impl JobStore for MemoryStore {
 
     async fn finish(&self, ticket: Ticket, end: End) -> Result<()> {
         let mut inner = self.lock();
-        let entry = inner.claimed(ticket)?;
-        entry.end(end);
-        let job = entry.job.clone();
-        self.ended(&mut inner.untold, &job);
+        inner.claimed(ticket)?;
+        self.end(&mut inner, ticket.job, end);
         Ok(())
     }
 
@@ -249,8 +328,7 @@ impl JobStore for MemoryStore {
                 if let Ok(place) = inner.queue.binary_search(&entry.number) {
                     inner.queue.remove(place);
                 }
-                entry.end(End::Cancelled);
-                self.ended(&mut inner.untold, &entry.job);
+                self.end(inner, id, End::Cancelled);
             }
             State::Running => {
                 entry.job.cancel_requested = true;
@@ -258,22 +336,33 @@ impl JobStore for MemoryStore {
             }
             State::Succeeded | State::Failed | State::Cancelled => {}
         }
-        Ok(Some(entry.job.clone()))
+        Ok(inner.jobs.get(&id).map(|entry| entry.job.clone()))
     }
 
     async fn delete(&self, id: JobId) -> Result<Deletion> {
         let mut inner = self.lock();
+        let inner = &mut *inner;
         match inner.jobs.get(&id) {
-            None => Ok(Deletion::Unknown),
-            Some(entry) if !entry.job.state.is_ended() => Ok(Deletion::Live),
-            Some(entry) => {
-                let number = entry.number;
-                inner.numbers.remove(&number);
-                inner.jobs.remove(&id);
-                inner.untold.retain(|other| *other != id);
-                Ok(Deletion::Deleted)
-            }
+            None => return Ok(Deletion::Unknown),
+            Some(entry) if !entry.job.state.is_ended() => return Ok(Deletion::Live),
+            Some(_) => {}
         }
+        if let Some(entry) = inner.jobs.remove(&id) {
+            inner.numbers.remove(&entry.number);
+            if let Some(ended_at) = entry.job.ended_at {
+                inner.ended.remove(&(ended_at, id));
+            }
+            if let Some(wanted) = entry.idempotency {
+                inner.keys.remove(&(entry.job.spec.tenant, wanted.key));
+            }
+            inner.untold.retain(|other| *other != id);
+        }
+        Ok(Deletion::Deleted)
+    }
+
+    async fn ended_before(&self, time: SystemTime, limit: usize) -> Result<Vec<JobId>> {
+        let inner = self.lock();
+        Ok(inner.ended.iter().take_while(|(ended_at, _)| *ended_at < time).take(limit).map(|(_, id)| *id).collect())
     }
 
     async fn events(&self, id: JobId, after: u64, limit: usize) -> Result<Option<Vec<Event>>> {
@@ -321,29 +410,30 @@ impl JobStore for MemoryStore {
         let inner = self.lock();
         Ok(State::ALL.map(|state| inner.jobs.values().filter(|entry| entry.job.state == state).count() as u64))
     }
-}
 
-/// The cursor of the page after the job of that number.
-fn cursor_of(number: u64) -> String {
-    URL_SAFE_NO_PAD.encode(format!("before {number}"))
-}
+    fn statistics(&self) -> Statistics {
+        Statistics::default()
+    }
 
-/// The number in a cursor.
-fn number_of(cursor: &str) -> Result<u64> {
-    URL_SAFE_NO_PAD
-        .decode(cursor)
-        .ok()
-        .and_then(|bytes| std::str::from_utf8(&bytes).ok()?.strip_prefix("before ")?.parse().ok())
-        .ok_or_else(|| Error::parameter(format_args!("cursor is not one that a list of jobs gave: {cursor:?}")))
+    async fn close(&self) {}
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::service::store::conformance;
+    use crate::service::store::conformance::{self, Subject};
+
+    struct InMemory;
+
+    #[async_trait]
+    impl Subject for InMemory {
+        async fn empty(&self, rules: Rules) -> Box<dyn JobStore> {
+            Box::new(MemoryStore::new(rules))
+        }
+    }
 
     #[tokio::test]
     async fn conforms() {
-        conformance::run(&|max_queued| Box::new(MemoryStore::new(max_queued))).await;
+        conformance::run(&InMemory).await;
     }
 }

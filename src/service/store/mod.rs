@@ -1,26 +1,37 @@
 //! Where jobs and their events are kept.
 //!
 //! [`JobStore`] is what the service asks of a store; `conformance` is the suite that every store passes. A store knows
-//! nothing of HTTP, of files or of devices. [`memory`] forgets everything when the process ends.
+//! nothing of HTTP, of files or of devices. [`sqlite`] keeps jobs on disk; [`memory`] forgets everything when the process
+//! ends.
 //!
 //! # The life of a job
 //!
 //! ```text
 //! create ─→ queued ─ claim ─→ running ─ finish ─→ succeeded | failed | cancelled ─ delete ─→ gone
-//!              └───────── cancel ─────────────────────────────────────┘
+//!            │  └──── release ───┘                              │          │
+//!            │             └──── too often ─────────────────────┘          │
+//!            └───────── cancel ────────────────────────────────────────────┘
 //! ```
 //!
 //! Every change of state is an event of the job, appended in the same step: who has read all events knows the state.
 //! Events are numbered from 1 without gaps. What a worker writes carries the [`Ticket`] of its claim; a ticket that is
 //! no longer the job's (it ended, or was claimed again) writes nothing and gets [`Kind::Conflict`](crate::Kind).
+//!
+//! A claim is a lease: a worker that lives prolongs it by [`heartbeat`](JobStore::heartbeat), and the jobs of one that does
+//! not are [reclaimed](JobStore::reclaim). A job that is released waits again where it was in the queue, its events go on
+//! with the next number, and each attempt that ended by itself counts: after [`Rules::max_attempts`] the job has failed.
 
 #[cfg(test)]
 pub(super) mod conformance;
+mod cursor;
 pub(super) mod memory;
+mod pulses;
+#[allow(dead_code, reason = "used from the next change on")]
+pub(super) mod sqlite;
 
 use std::fmt;
 use std::str::FromStr;
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 use async_trait::async_trait;
 use serde::{Deserialize, Serialize};
@@ -140,7 +151,8 @@ pub(super) struct Spec {
 }
 
 /// How far a running job is.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub(super) struct Progress {
     /// Iterations made.
     pub iterations: u32,
@@ -155,7 +167,7 @@ pub(super) struct Progress {
 }
 
 /// What is known about the result of a job without opening it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Summary {
     /// Faces of the mesh, each with a label.
     pub faces: u64,
@@ -163,6 +175,67 @@ pub(super) struct Summary {
     pub clusters: u64,
     /// Whether there are labels at that number: not for a whole hierarchy.
     pub has_labels: bool,
+}
+
+/// A job to be added.
+#[derive(Debug, Clone)]
+pub(super) struct NewJob {
+    /// Its name.
+    pub id: JobId,
+    /// What it is.
+    pub spec: Spec,
+    /// By what the client knows it again when it asks twice.
+    pub idempotency: Option<Idempotency>,
+}
+
+/// The `Idempotency-Key` of a request, and the request it stands for.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Idempotency {
+    /// What the client sent; unique within the tenant as long as the job is kept.
+    pub key: String,
+    /// Digest of everything else in the request.
+    pub request: String,
+}
+
+/// What came of adding a job.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Created {
+    /// It is new.
+    New(Job),
+    /// An earlier request with this key added this one; nothing was added.
+    Known(Job),
+}
+
+/// What a store allows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Rules {
+    /// Jobs that may wait at a time.
+    pub max_queued: usize,
+    /// Attempts after which a job that keeps being released has failed.
+    pub max_attempts: u32,
+}
+
+#[allow(dead_code, reason = "used from the next change on")]
+/// Why a running job is given back.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Release {
+    /// The attempt failed, and another one may not.
+    Failed(Error),
+    /// The attempt was broken off without fault; it does not count.
+    Free,
+}
+
+/// What a store counts since it was opened, for the metrics.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Statistics {
+    /// Transactions committed.
+    pub commits: u64,
+    /// Changes in them: over `commits`, how many share one.
+    pub commands: u64,
+    /// Transactions that failed.
+    pub failures: u64,
+    /// Time spent in transactions, in seconds.
+    pub commit_seconds: f64,
 }
 
 /// How a job ends.
@@ -187,6 +260,8 @@ pub(super) struct Job {
     pub spec: Spec,
     /// 1 for the job that starts next; none when it does not wait.
     pub queue_position: Option<u64>,
+    /// Claims so far; results of others than the last one mean nothing.
+    pub attempt: u32,
     /// How far it is.
     pub progress: Progress,
     /// Whether someone asked for its end.
@@ -278,14 +353,22 @@ pub(super) enum Deletion {
     Unknown,
 }
 
+#[allow(dead_code, reason = "used from the next change on")]
 /// Keeps jobs and their events. See the [module](self) for the life of a job.
 #[async_trait]
 pub(super) trait JobStore: fmt::Debug + Send + Sync {
+    /// Whether jobs outlast the process.
+    fn is_durable(&self) -> bool;
+
     /// [`Kind::QueueFull`] when [`create`](Self::create) would be refused now, so that an upload need not come first.
     async fn check_room(&self) -> Result<()>;
 
-    /// Adds a job at the end of the queue. [`Kind::QueueFull`] when as many wait as may.
-    async fn create(&self, id: JobId, spec: Spec) -> Result<Job>;
+    /// Whether a job of the tenant was added with this key: then [`create`](Self::create) adds none.
+    async fn knows_key(&self, tenant: &str, key: &str) -> Result<bool>;
+
+    /// Adds a job at the end of the queue. [`Kind::QueueFull`] when as many wait as may; [`Kind::KeyReused`] when its key
+    /// stands for another request. When this returns, the job is kept as well as this store keeps anything.
+    async fn create(&self, job: NewJob) -> Result<Created>;
 
     /// The job as it is now.
     async fn get(&self, id: JobId) -> Result<Option<Job>>;
@@ -293,8 +376,18 @@ pub(super) trait JobStore: fmt::Debug + Send + Sync {
     /// A page of jobs, newest first. A cursor that this store did not give is [`Kind::InvalidParameter`].
     async fn list(&self, query: &ListQuery) -> Result<Page>;
 
-    /// Takes the job that waits longest, which is running from then on.
-    async fn claim(&self) -> Result<Option<(Ticket, Job)>>;
+    /// Takes the jobs that wait longest, at most `limit`, which are running from then on and leased for so long.
+    async fn claim(&self, limit: usize, lease: Duration) -> Result<Vec<(Ticket, Job)>>;
+
+    /// Prolongs leases; returns the tickets that are over.
+    async fn heartbeat(&self, tickets: &[Ticket], until: SystemTime) -> Result<Vec<Ticket>>;
+
+    /// Gives a running job back: it waits again, or has failed ([`Kind::Poison`]) when it was given back too often, or
+    /// is cancelled when someone asked for that.
+    async fn release(&self, ticket: Ticket, release: Release) -> Result<State>;
+
+    /// Releases the running jobs whose lease is over at `now`; returns the tickets that held them.
+    async fn reclaim(&self, now: SystemTime) -> Result<Vec<Ticket>>;
 
     /// Appends events and replaces the progress.
     async fn append(&self, ticket: Ticket, events: Vec<What>, progress: Progress) -> Result<()>;
@@ -306,8 +399,11 @@ pub(super) trait JobStore: fmt::Debug + Send + Sync {
     /// one stays as it is. The job after that; none when there is no such job.
     async fn cancel(&self, id: JobId) -> Result<Option<Job>>;
 
-    /// Forgets an ended job and its events.
+    /// Forgets an ended job, its events and its key.
     async fn delete(&self, id: JobId) -> Result<Deletion>;
+
+    /// Jobs that ended before a moment, at most `limit`, the longest ended first.
+    async fn ended_before(&self, time: SystemTime, limit: usize) -> Result<Vec<JobId>>;
 
     /// At most `limit` events of a job from number `after + 1` on; none when there is no such job.
     async fn events(&self, id: JobId, after: u64, limit: usize) -> Result<Option<Vec<Event>>>;
@@ -336,4 +432,64 @@ pub(super) trait JobStore: fmt::Debug + Send + Sync {
 
     /// Number of jobs in each state, in the order of [`State::ALL`].
     async fn counts(&self) -> Result<[u64; State::ALL.len()]>;
+
+    /// What it counts.
+    fn statistics(&self) -> Statistics;
+
+    /// Finishes what it was asked for and lets go of its files. Nothing works afterwards.
+    async fn close(&self);
+}
+
+/// The error of a queue that holds as many jobs as it may.
+fn queue_is_full(max_queued: usize) -> Error {
+    Error::new(Kind::QueueFull, format_args!("as many jobs wait as may; try again later: {max_queued}"))
+}
+
+/// The error of a ticket that is over.
+fn not_yours(id: JobId) -> Error {
+    Error::new(Kind::Conflict, format_args!("the job is no longer this worker's: {id}"))
+}
+
+/// The error of a key that stands for another request.
+fn reused_key(key: &str) -> Error {
+    Error::new(
+        Kind::KeyReused,
+        format_args!(
+            "another request came with this Idempotency-Key before; send a new key with a new request: {key:?}"
+        ),
+    )
+}
+
+/// Why a job is released whose worker is gone.
+fn lease_is_over() -> Error {
+    Error::new(Kind::Unavailable, "the service ended, or stood still, while the job ran")
+}
+
+/// The error of a job that was given back too often.
+fn given_up(attempts: u64, last: &Error) -> Error {
+    Error::new(
+        Kind::Poison,
+        format_args!("the job was given up after {attempts} attempts, of which the last failed: {last}"),
+    )
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// A job of the tenant `local` like any other.
+    pub fn new_job() -> NewJob {
+        let spec = Spec {
+            tenant: LOCAL_TENANT.to_owned(),
+            trace_parent: None,
+            webhook: None,
+            parameters: Parameters { clusters: Some(7), ..Parameters::default() },
+            file_name: None,
+            format: Format::Obj,
+            bytes: 100,
+            buffers: Vec::new(),
+            listed_seeds: false,
+        };
+        NewJob { id: JobId::random(), spec, idempotency: None }
+    }
 }

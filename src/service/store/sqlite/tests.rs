@@ -1,0 +1,186 @@
+use std::io::ErrorKind;
+use std::sync::Mutex;
+
+use tempfile::TempDir;
+
+use super::*;
+use crate::service::faults::FaultPoint;
+use crate::service::store::conformance::{self, Subject};
+use crate::service::store::tests::new_job;
+
+/// Stores in folders of their own.
+#[derive(Default)]
+struct OnDisk(Mutex<Vec<TempDir>>);
+
+const NAME: &str = "jobs.sqlite3";
+
+impl OnDisk {
+    fn folder(&self) -> TempDir {
+        tempfile::tempdir().expect("a folder")
+    }
+
+    /// Opens a store in the folder, which becomes the last one.
+    async fn open(&self, folder: TempDir, rules: Rules) -> SqliteStore {
+        let path = folder.path().join(NAME);
+        self.0.lock().expect("no panic").push(folder);
+        SqliteStore::open(&path, rules, Faults::default()).await.expect("it opens")
+    }
+}
+
+#[async_trait]
+impl Subject for OnDisk {
+    async fn empty(&self, rules: Rules) -> Box<dyn JobStore> {
+        Box::new(self.open(self.folder(), rules).await)
+    }
+
+    /// A copy of the files of a store that is open: what a crash at this moment would leave.
+    async fn after_crash(&self, rules: Rules) -> Option<Box<dyn JobStore>> {
+        let copy = self.folder();
+        {
+            let folders = self.0.lock().expect("no panic");
+            let last = folders.last().expect("a store was made").path();
+            for name in [NAME.to_owned(), format!("{NAME}-wal")] {
+                std::fs::copy(last.join(&name), copy.path().join(&name)).expect("copied");
+            }
+        }
+        Some(Box::new(self.open(copy, rules).await))
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn conforms() {
+    conformance::run(&OnDisk::default()).await;
+}
+
+const RULES: Rules = Rules { max_queued: 100, max_attempts: 3 };
+
+#[tokio::test]
+async fn a_failed_commit_is_told_loses_nothing_and_passes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let faults = Faults::default();
+    let store = SqliteStore::open(&folder.path().join(NAME), RULES, faults.clone()).await.expect("it opens");
+    let kept = new_job();
+    store.create(kept.clone()).await.expect("created");
+    for (kind, expected) in [
+        (ErrorKind::StorageFull, Kind::InsufficientStorage),
+        (ErrorKind::ReadOnlyFilesystem, Kind::Unavailable),
+        (ErrorKind::NotFound, Kind::Unavailable),
+    ] {
+        faults.arm(FaultPoint::Commit, kind, 0, 1);
+        let refused = new_job();
+        assert_eq!(store.create(refused.clone()).await.expect_err("it fails").kind, expected);
+        assert_eq!(store.get(refused.id).await, Ok(None), "nothing is left of it");
+        assert!(store.get(kept.id).await.expect("readable").is_some());
+        store.create(refused).await.expect("the disk is back");
+    }
+    assert_eq!(store.statistics().failures, 3);
+}
+
+/// The database itself says that there is no room, as on a full disk.
+#[tokio::test]
+async fn a_full_database_is_no_room_and_takes_jobs_again_later() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join(NAME);
+    SqliteStore::open(&path, RULES, Faults::default()).await.expect("it opens").close().await;
+    let options = SqliteConnectOptions::new().filename(&path).pragma("max_page_count", "1");
+    let connection = options.clone().connect().await.expect("it opens");
+    let listeners = Arc::<Listeners>::default();
+    // Whoever opens the file anew after the failure finds room.
+    let roomy = SqliteConnectOptions::new().filename(&path);
+    let writer = Writer::start(connection, roomy, listeners, Faults::default());
+    let mut large = new_job();
+    large.spec.buffers = vec!["x".repeat(1 << 20)];
+    let error = writer.carry_out(Create(large.clone(), RULES)).await.expect_err("no room");
+    assert_eq!(error.kind, Kind::InsufficientStorage, "{error}");
+    writer.carry_out(Create(large, RULES)).await.expect("there is room again");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_command_that_fails_takes_no_other_with_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let store =
+        Arc::new(SqliteStore::open(&folder.path().join(NAME), RULES, Faults::default()).await.expect("it opens"));
+    let twice = new_job();
+    store.create(twice.clone()).await.expect("created");
+    let asked: Vec<_> = (0..40)
+        .map(|number| {
+            let store = Arc::clone(&store);
+            // the same id again breaks the transaction it is in
+            let job = if number % 10 == 0 { twice.clone() } else { new_job() };
+            tokio::spawn(async move { store.create(job).await.is_ok() })
+        })
+        .collect();
+    let mut created = 0;
+    for asked in asked {
+        created += usize::from(asked.await.expect("no panic"));
+    }
+    assert_eq!(created, 36);
+    assert_eq!(store.counts().await.expect("counted")[0], 37);
+}
+
+#[tokio::test]
+async fn tables_of_a_later_version_are_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join(NAME);
+    let store = SqliteStore::open(&path, RULES, Faults::default()).await.expect("it opens");
+    query(
+        "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) \
+           VALUES (9999, 'later', 1, x'00', 0)",
+    )
+    .execute(&mut SqliteConnectOptions::new().filename(&path).connect().await.expect("it opens"))
+    .await
+    .expect("written");
+    store.close().await;
+    let error = SqliteStore::open(&path, RULES, Faults::default()).await.expect_err("too new");
+    assert!(error.message.contains("9999") && error.message.contains(NAME), "{error}");
+}
+
+/// How many changes a second are on the disk. `cargo test --release --lib -- --ignored --nocapture commits_a_second`
+#[tokio::test(flavor = "multi_thread")]
+#[ignore = "measures"]
+async fn commits_a_second() {
+    let folder = tempfile::tempdir_in(".").expect("a folder");
+    let rules = Rules { max_queued: usize::MAX, max_attempts: 3 };
+    let store = SqliteStore::open(&folder.path().join(NAME), rules, Faults::default()).await;
+    let store = Arc::new(store.expect("it opens"));
+    for clients in [1, 4, 16, 64] {
+        let before = store.statistics();
+        let started = std::time::Instant::now();
+        let work: Vec<_> = (0..clients)
+            .map(|_| {
+                let store = Arc::clone(&store);
+                tokio::spawn(async move {
+                    let mut jobs = 0u32;
+                    while started.elapsed() < Duration::from_secs(3) {
+                        store.create(new_job()).await.expect("created");
+                        for (ticket, _) in store.claim(1, Duration::from_secs(60)).await.expect("claimable") {
+                            let rows =
+                                (0..100).map(|row| What::Iteration(format!("{{\"iteration\":{row}}}"))).collect();
+                            let (appended, finished) = tokio::join!(
+                                store.append(ticket, rows, Progress::default()),
+                                store.finish(ticket, End::Cancelled)
+                            );
+                            appended.and(finished).expect("ended");
+                            jobs += 1;
+                        }
+                    }
+                    jobs
+                })
+            })
+            .collect();
+        let mut jobs = 0;
+        for work in work {
+            jobs += work.await.expect("no panic");
+        }
+        let seconds = started.elapsed().as_secs_f64();
+        let after = store.statistics();
+        let commits = (after.commits - before.commits) as f64;
+        println!(
+            "{clients} clients: {:.0} commits/s, {:.1} changes a commit, {:.0} jobs/s, writer busy {:.0} %",
+            commits / seconds,
+            (after.commands - before.commands) as f64 / commits,
+            f64::from(jobs) / seconds,
+            100.0 * (after.commit_seconds - before.commit_seconds) / seconds,
+        );
+    }
+}
