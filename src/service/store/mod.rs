@@ -489,6 +489,7 @@ pub(super) mod tests {
             bytes: 100,
             buffers: Vec::new(),
             listed_seeds: false,
+            has_weights: false,
         };
         NewJob { id: JobId::random(), spec, idempotency: None }
     }
