@@ -164,6 +164,10 @@ pub(super) struct UploadForm {
     /// Listed seeds, one face number a cluster: `.npy`, a JSON array, or numbers in text.
     #[schema(value_type = Option<Binary>)]
     seeds: Option<Binary>,
+    /// Weights that areas are multiplied by, so that clusters are smaller where they are larger: `.npy` with floats above 0,
+    /// one a face or one a vertex, whose mean a face takes.
+    #[schema(value_type = Option<Binary>)]
+    weights: Option<Binary>,
 }
 
 /// The job with that id, if it is the caller's: another's is not there. The only way from an id to a job.

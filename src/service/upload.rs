@@ -114,6 +114,7 @@ async fn raw(
         bytes: mesh.bytes,
         buffers: Vec::new(),
         listed_seeds: false,
+        has_weights: false,
     };
     Ok(Upload { folder, spec })
 }

@@ -146,6 +146,8 @@ pub(super) struct Spec {
     pub buffers: Vec<String>,
     /// Whether a list of seeds came with the mesh.
     pub listed_seeds: bool,
+    /// Whether weights came with the mesh.
+    pub has_weights: bool,
 }
 
 /// How far a running job is.
@@ -486,6 +488,7 @@ pub(super) mod tests {
             bytes: 100,
             buffers: Vec::new(),
             listed_seeds: false,
+            has_weights: false,
         };
         NewJob { id: JobId::random(), spec, idempotency: None }
     }

@@ -92,7 +92,7 @@ pub(super) async fn admit(State(shared): App, mut request: Request, next: Next) 
     let allowance = traffic.allowance(caller.as_ref().ok());
     let permit = match traffic.clients.admit(client, allowance, is_stream) {
         Ok(permit) => permit,
-        Err(refusal) => return Failure::from(refusal).into_response(),
+        Err(refusal) => return refusal.into_response(),
     };
     let caller = match caller {
         Ok(caller) => caller,

@@ -1,5 +1,5 @@
-//! Uploads as `multipart/form-data`: parts `mesh`, `parameters`, `buffer` (any number, told apart by file name) and
-//! `seeds`, in any order.
+//! Uploads as `multipart/form-data`: parts `mesh`, `parameters`, `buffer` (any number, told apart by file name), `seeds`
+//! and `weights`, in any order.
 
 use std::error::Error as StdError;
 
@@ -11,6 +11,7 @@ use futures_util::{Stream, TryStreamExt};
 
 use super::{MAX_NAME, Saved, Upload, agreed, save};
 use crate::error::{Error, Kind, Result};
+use crate::job;
 use crate::mesh::Format;
 use crate::service::files::{self, Files, Incoming};
 use crate::service::intake::Content;
@@ -34,6 +35,7 @@ pub(super) async fn receive(parts: Parts, content: Content, wanted: Wanted, file
         mesh: None,
         buffers: Vec::new(),
         listed_seeds: false,
+        has_weights: false,
         has_parameters: false,
     };
     while let Some(field) = multipart.next_field().await.map_err(unreadable)? {
@@ -51,6 +53,7 @@ struct Form {
     mesh: Option<Mesh>,
     buffers: Vec<String>,
     listed_seeds: bool,
+    has_weights: bool,
     has_parameters: bool,
 }
 
@@ -78,13 +81,19 @@ impl Form {
                 let path = self.folder.file(files::SEEDS);
                 save(content(field), path, |_| Ok(())).await.map(drop)
             }
-            "weights" => Err(Error::parameter("weights for faces are not supported yet: leave out the part weights")),
+            "weights" => {
+                once("weights", self.has_weights)?;
+                self.has_weights = true;
+                let path = self.folder.file(files::WEIGHTS);
+                let saved = save(content(field), path, |_| Ok(())).await?;
+                job::check_head_of_weights(&saved.head)
+            }
             "" => Err(Error::new(
                 Kind::BadRequest,
                 "a part of the form has no name (Content-Disposition: form-data; name=\"…\")",
             )),
             other => Err(Error::parameter(format_args!(
-                "a part must be one of mesh, parameters, buffer, seeds, not {other:?}"
+                "a part must be one of mesh, parameters, buffer, seeds, weights, not {other:?}"
             ))),
         }
     }
@@ -134,6 +143,11 @@ impl Form {
             )));
         }
         let (parameters, webhook) = self.wanted.finish(self.listed_seeds)?;
+        if let Some(name) = parameters.weight_attribute.as_ref().filter(|_| self.has_weights) {
+            return Err(Error::parameter(format_args!(
+                "the part weights and the parameter weight_attribute exclude each other: leave out {name:?}"
+            )));
+        }
         let spec = Spec {
             tenant: String::new(),
             trace_parent: None,
@@ -144,6 +158,7 @@ impl Form {
             bytes: mesh.saved.bytes,
             buffers: self.buffers,
             listed_seeds: self.listed_seeds,
+            has_weights: self.has_weights,
         };
         Ok(Upload { folder: self.folder, spec })
     }
