@@ -37,6 +37,8 @@ pub mod cli;
 pub mod cluster;
 pub mod device;
 pub mod error;
+#[cfg(fuzzing)]
+pub mod fuzzing;
 pub mod job;
 pub mod mesh;
 pub mod output;

@@ -32,7 +32,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         return Err(Failure::Usage("serve", message));
     }
     arguments.settings.check().map_err(|error| Failure::Usage("serve", error.message))?;
-    arguments.log.start().map_err(|error| Failure::Usage("serve", error.message))?;
+    let logging = arguments.log.start().map_err(|error| Failure::Usage("serve", error.message))?;
     let device = arguments.device.open_for_any()?;
     let description = DeviceDescription {
         chosen: chosen(&arguments.device, device.info()),
@@ -49,6 +49,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     });
     // What still works on a mesh is left behind.
     runtime.shutdown_background();
+    drop(logging);
     Ok(served?)
 }
 
