@@ -7,8 +7,9 @@ mod gpu_support;
 
 use cli_support::Folder;
 use common::{oracle, zoo};
+use tesserae::cluster::flat::Options;
 use tesserae::device::cpu::CpuDevice;
-use tesserae::device::{Cancel, Device, LatticeEnergy};
+use tesserae::device::{Cancel, Device, Ending, LatticeEnergy, Step};
 use tesserae::job::{self, Outcome, Prepared, Request};
 use tesserae::mesh::{Format, Limits, NoResources, PolygonMesh};
 use tesserae::parameters::{Algorithm, Parameters, Seeds, Snapshots};
@@ -113,6 +114,62 @@ fn snapshots_are_the_labels_of_their_iterations_and_change_nothing() {
     }
     assert!(after_repairs > 0, "no repair was seen");
     assert!(different > 100, "hardly anything moved");
+}
+
+/// What a device's refinement does from some labels, with stops after every so many iterations.
+fn refine(
+    device: &mut dyn Device,
+    surface: &Surface,
+    (labels, component_of_cluster): (&[u32], &[u32]),
+    (connected, stop_after, resume): (bool, u32, bool),
+) -> (Vec<Step>, Vec<u32>) {
+    let mut steps = device.open(surface, component_of_cluster).expect("it takes everything");
+    steps.set_labels(labels).expect("labels fit");
+    let mut told = Vec::new();
+    loop {
+        let mut on_step = |step| told.push(step);
+        let cancel = Cancel::default();
+        let ending = match connected {
+            true => steps.refine_connected(stop_after, &cancel, &mut on_step),
+            false => steps.refine(stop_after, &cancel, &mut on_step),
+        };
+        let labels = steps.labels().expect("there are labels");
+        if ending.expect("nobody cancels") == Ending::Converged {
+            return (told, labels);
+        }
+        if resume {
+            steps.resume();
+        }
+    }
+}
+
+#[test]
+fn a_phase_that_is_stopped_goes_on_as_if_it_had_not_been() {
+    let mut gpu = gpu_support::device();
+    let mut different = [0, 0];
+    for (name, mesh) in zoo::all().into_iter().filter(|(_, mesh)| mesh.faces.len() < 1000) {
+        let surface = Surface::build(&mesh).expect("a surface");
+        let (fewest, most) = (surface.components.len() as u64, surface.faces() as u64);
+        for clusters in [fewest + 2, most / 20, most / 4] {
+            let seeds = gpu_support::seeds(&surface, clusters.clamp(fewest, most), &Seeds::Random, 9);
+            let grown = Options { max_iterations: Some(0), refine: false, allow_disconnected: true };
+            let labels = gpu_support::run(&mut CpuDevice::new(), &surface, &seeds, grown).expect("a run").0;
+            let start = (&labels[..], &seeds.component_of_cluster[..]);
+            for connected in [false, true] {
+                let whole = refine(&mut CpuDevice::new(), &surface, start, (connected, u32::MAX, false));
+                for stop_after in [1, 3] {
+                    let here = refine(&mut CpuDevice::new(), &surface, start, (connected, stop_after, true));
+                    assert!(here == whole, "{name} k={clusters} {connected} {stop_after}");
+                    let there = refine(&mut gpu, &surface, start, (connected, stop_after, true));
+                    assert!(there == whole, "gpu: {name} k={clusters} {connected} {stop_after}");
+                }
+                let anew = refine(&mut CpuDevice::new(), &surface, start, (connected, 1, false));
+                different[usize::from(connected)] += usize::from(anew != whole);
+            }
+        }
+    }
+    println!("without going on, runs that differ: {different:?}");
+    assert!(different[1] > 0, "the comparison cannot fail");
 }
 
 #[test]

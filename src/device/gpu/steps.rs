@@ -323,8 +323,11 @@ impl<M> Steps for GpuSteps<'_, M> {
     fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending> {
         // the turns only say what it rises by
         let mut explained = self.energy()?.explained;
-        let encoder = self.encode_fit();
-        self.connection.queue.submit([encoder.finish()]);
+        // a phase that goes on remembers which clusters changed when
+        if self.resumed_at.is_none() {
+            let encoder = self.encode_fit();
+            self.connection.queue.submit([encoder.finish()]);
+        }
         let outcome = self.run(Work::Refine, max_iterations, cancel, |slot| {
             explained += slot.explained();
             on_iteration(Step { energy: LatticeEnergy { explained }, moves: u64::from(slot.moves) });
