@@ -126,8 +126,8 @@ async fn what_curl_sends_by_default_is_explained() {
     assert!(accepted.to_str().expect("text").contains("model/gltf-binary"));
     let detail = problem(response, 415, "unsupported-media-type").await;
     assert!(detail.contains("-H 'Content-Type: model/obj'"), "{detail}");
-    let gzip = service.post("/v1/jobs?clusters=2").header("content-encoding", "gzip").body("x");
-    refused(gzip, 415, "unsupported-media-type").await;
+    let brotli = service.post("/v1/jobs?clusters=2").header("content-encoding", "br").body("x");
+    refused(brotli, 415, "unsupported-media-type").await;
 }
 
 #[tokio::test]

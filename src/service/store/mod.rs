@@ -427,7 +427,6 @@ pub(super) trait JobStore: fmt::Debug + Send + Sync {
     async fn settle_webhook(&self, id: JobId) -> Result<()>;
 
     /// Number of jobs of a tenant that wait.
-    #[allow(dead_code, reason = "asked from the next change on")]
     async fn queued_of(&self, tenant: &str) -> Result<u64>;
 
     /// Number of jobs in each state, in the order of [`State::ALL`].

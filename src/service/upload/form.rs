@@ -14,18 +14,18 @@ use crate::error::{Error, Kind, Result};
 use crate::job;
 use crate::mesh::Format;
 use crate::service::files::{self, Files, Incoming};
-use crate::service::intake::Intake;
+use crate::service::intake::Content;
 use crate::service::request::{MAX_PARAMETERS_BYTES, Wanted};
-use crate::service::store::{LOCAL_TENANT, Spec};
+use crate::service::store::Spec;
 
 /// Largest number of buffers of a mesh.
 const MAX_BUFFERS: usize = 1024;
 
 /// Receives a form.
-pub(super) async fn receive(parts: Parts, intake: Intake, wanted: Wanted, files: &Files) -> Result<Upload> {
-    let allowance = intake.allowance();
+pub(super) async fn receive(parts: Parts, content: Content, wanted: Wanted, files: &Files) -> Result<Upload> {
+    let allowance = content.allowance();
     allowance.between_parts();
-    let request = Request::from_parts(parts, Body::from_stream(intake));
+    let request = Request::from_parts(parts, Body::from_stream(content));
     let mut multipart = Multipart::from_request(request, &())
         .await
         .map_err(|rejection| Error::new(Kind::BadRequest, rejection.body_text()))?;
@@ -142,16 +142,16 @@ impl Form {
                 self.buffers[0]
             )));
         }
-        let parameters = self.wanted.finish(self.listed_seeds)?;
+        let (parameters, webhook) = self.wanted.finish(self.listed_seeds)?;
         if let Some(name) = parameters.weight_attribute.as_ref().filter(|_| self.has_weights) {
             return Err(Error::parameter(format_args!(
                 "the part weights and the parameter weight_attribute exclude each other: leave out {name:?}"
             )));
         }
         let spec = Spec {
-            tenant: LOCAL_TENANT.to_owned(),
+            tenant: String::new(),
             trace_parent: None,
-            webhook: None,
+            webhook,
             parameters,
             file_name: mesh.file_name,
             format,
@@ -197,7 +197,7 @@ fn shortened(name: &str) -> String {
     name.chars().take(MAX_NAME).collect()
 }
 
-/// The error of a form that cannot be read on: what [`Intake`] refused, or what is wrong with the form.
+/// The error of a form that cannot be read on: what [`Content`] refused, or what is wrong with the form.
 fn unreadable(error: MultipartError) -> Error {
     let mut source: Option<&(dyn StdError + 'static)> = Some(&error);
     while let Some(cause) = source {
