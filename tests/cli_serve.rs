@@ -77,7 +77,11 @@ fn it_says_where_it_listens_and_ends_in_order_when_asked() {
         assert!(service.get("/readyz").starts_with("HTTP/1.0 200 "));
         let device = service.get("/v1/device");
         assert!(device.contains(r#""kind":"cpu""#) && device.contains("asked for: cpu"), "{device}");
+        folder.run(&["health", "--listen", &service.address]).expect_success();
+        folder.run(&["health", "--ready", "--listen", &service.address]).expect_success();
+        let address = service.address.clone();
         let (status, log) = service.end(signal);
+        folder.run(&["health", "--listen", &address]).expect_failure(&["does not answer", &address]);
         assert_eq!(status, Some(0), "{signal}: {log}");
         assert!(!log.contains('\u{1b}'), "colours are for terminals: {log}");
         assert!(folder.files().is_empty());

@@ -26,6 +26,9 @@ pub struct Arguments {
     log: LogSettings,
 }
 
+/// Open files that the process asks for, of those that the system lets it have.
+const OPEN_FILES: u64 = 65_536;
+
 /// Serves until it is asked to stop.
 pub fn run(arguments: Arguments) -> Result<(), Failure> {
     if let Some(message) = arguments.device.contradiction() {
@@ -33,6 +36,11 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     }
     arguments.settings.check().map_err(|error| Failure::Usage("serve", error.message))?;
     let logging = arguments.log.start().map_err(|error| Failure::Usage("serve", error.message))?;
+    // a connection is an open file; where it cannot be raised, the limit is as it is
+    match rlimit::increase_nofile_limit(OPEN_FILES) {
+        Ok(limit) => tracing::debug!(limit, "open files"),
+        Err(error) => tracing::warn!(%error, "the number of open files cannot be raised"),
+    }
     let device = arguments.device.open_for_any()?;
     let description = DeviceDescription {
         chosen: chosen(&arguments.device, device.info()),

@@ -265,7 +265,7 @@ pub(super) async fn create(Extract(shared): App, caller: Caller, request: Reques
     let tenant = caller.tenant()?.clone();
     admission::check(&shared, &tenant).await?;
     let wait = prefer::wait(request.headers(), shared.settings.max_wait());
-    let parent = request.extensions().get::<TraceParent>().copied();
+    let parent = request.extensions().get::<TraceParent>().map(|parent| parent.at(&tracing::Span::current()));
     let uploads = Arc::clone(&shared.traffic.uploads);
     let rules = Rules::new(shared.settings.max_upload_bytes, &shared.settings.traffic, uploads);
     let mut upload = upload::receive(request, &shared.files, &tenant.name, rules).await?;

@@ -34,7 +34,7 @@ use super::pipeline::Pipeline;
 use super::pipeline::device_thread::DeviceThread;
 use super::store::memory::MemoryStore;
 use super::store::{JobStore, Rules};
-use super::trace::TraceParent;
+use super::trace::{self, TraceParent};
 use super::traffic::{self, Traffic, connections};
 use super::webhooks::{Teller, Webhooks};
 use super::{Settings, conditional, events, hierarchy, info, jobs, openapi, problem, results, tls};
@@ -202,7 +202,7 @@ impl Server {
 
 /// All routes, and around them, from the outside in:
 ///
-/// 1. an id for the request, and a span for what is logged about it;
+/// 1. an id for the request, its trace, and a span for what is logged about it;
 /// 2. what every answer has, and counting it;
 /// 3. CORS, which answers preflights itself;
 /// 4. compression, of all but event streams, and tags that differ with it;
@@ -213,6 +213,7 @@ impl Server {
 fn router(shared: Arc<Shared>) -> Router {
     let layers = ServiceBuilder::new()
         .layer(SetRequestIdLayer::new(REQUEST_ID, MakeRequestUuid))
+        .layer(from_fn(trace::find))
         .layer(
             TraceLayer::new_for_http()
                 .make_span_with(span)
@@ -260,7 +261,12 @@ fn router(shared: Arc<Shared>) -> Router {
 fn span(request: &Request<Body>) -> tracing::Span {
     let id = request.headers().get(REQUEST_ID).and_then(|id| id.to_str().ok()).unwrap_or_default();
     let (tenant, trace) = (tracing::field::Empty, tracing::field::Empty);
-    tracing::info_span!("request", method = %request.method(), path = request.uri().path(), id, trace, tenant)
+    let span =
+        tracing::info_span!("request", method = %request.method(), path = request.uri().path(), id, trace, tenant);
+    if let Some(parent) = request.extensions().get::<TraceParent>() {
+        parent.continued_by(&span);
+    }
+    span
 }
 
 /// The template of the route that answered, for who counts answers further out.
@@ -276,13 +282,9 @@ async fn remember_route(route: Option<MatchedPath>, request: Request, next: Next
     response
 }
 
-/// Finds the request's trace, counts answers, and keeps browsers from guessing types, showing them as pages, and keeping what is someone's own.
-async fn every_answer(State(shared): App, mut request: Request, next: Next) -> Response {
+/// Counts answers, and keeps browsers from guessing types, showing them as pages, and keeping what is someone's own.
+async fn every_answer(State(shared): App, request: Request, next: Next) -> Response {
     let started = Instant::now();
-    let span = tracing::Span::current();
-    let parent = TraceParent::of_request(request.headers()).continued_by(&span);
-    span.record("trace", tracing::field::display(parent.trace_id()));
-    request.extensions_mut().insert(parent);
     let method = request.method().clone();
     let mut response = next.run(request).await;
     let route = response.extensions().get::<Route>().map_or("none", |Route(route)| route.as_str());

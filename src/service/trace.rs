@@ -5,7 +5,10 @@
 
 use std::fmt;
 
+use axum::extract::Request;
 use axum::http::HeaderMap;
+use axum::middleware::Next;
+use axum::response::Response;
 use opentelemetry::trace::{SpanContext, SpanId, TraceContextExt as _, TraceFlags, TraceId, TraceState};
 use tracing::Span;
 use tracing_opentelemetry::OpenTelemetrySpanExt as _;
@@ -20,6 +23,13 @@ pub(super) struct TraceParent {
     trace: TraceId,
     span: SpanId,
     flags: TraceFlags,
+}
+
+/// Finds out where the request comes from, for the layers further in.
+pub(super) async fn find(mut request: Request, next: Next) -> Response {
+    let parent = TraceParent::of_request(request.headers());
+    request.extensions_mut().insert(parent);
+    next.run(request).await
 }
 
 impl TraceParent {
@@ -57,16 +67,16 @@ impl TraceParent {
         Self { trace: trace.into(), span: span.into(), flags: TraceFlags::SAMPLED }
     }
 
-    /// The id of the trace: 32 hexadecimal digits.
-    pub fn trace_id(&self) -> impl fmt::Display + use<> {
-        self.trace
-    }
-
-    /// Makes `span` go on from here. What goes on from `span` then goes on from the result.
-    pub fn continued_by(self, span: &Span) -> Self {
+    /// Makes `span` go on from here. Only before it is entered for the first time.
+    pub fn continued_by(self, span: &Span) {
         let context = SpanContext::new(self.trace, self.span, self.flags, true, TraceState::default());
         // fails where spans go to no collector
         let _ = span.set_parent(opentelemetry::Context::new().with_remote_span_context(context));
+        span.record("trace", tracing::field::display(self.trace));
+    }
+
+    /// The place of `span`, which goes on from here; this one where spans go to no collector.
+    pub fn at(self, span: &Span) -> Self {
         let context = span.context().span().span_context().clone();
         if !context.is_valid() {
             return self;
@@ -91,7 +101,7 @@ mod tests {
         let text = "00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01";
         let parsed = TraceParent::parse(text).expect("valid");
         assert_eq!(parsed.to_string(), text);
-        assert_eq!(parsed.trace_id().to_string(), "0af7651916cd43dd8448eb211c80319c");
+        assert_eq!(parsed.trace.to_string(), "0af7651916cd43dd8448eb211c80319c");
         // a later version may say more
         assert!(TraceParent::parse("cc-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01-what").is_some());
         for wrong in [
