@@ -24,7 +24,7 @@ use super::store::{Created, Deletion, Job, JobId, ListQuery, NewJob, State, no_s
 use super::timestamp::rfc3339;
 use super::trace::TraceParent;
 use super::upload::{self, Upload};
-use super::{admission, prefer, query};
+use super::{admission, intake, prefer, query};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Format;
 use crate::parameters::Parameters;
@@ -263,7 +263,10 @@ pub(super) async fn create(Extract(shared): App, caller: Caller, request: Reques
         return Err(stopping().into());
     }
     let tenant = caller.tenant()?.clone();
-    admission::check(&shared, &tenant).await?;
+    if let Err(full) = admission::check(&shared, &tenant).await {
+        intake::refuse(request);
+        return Err(full);
+    }
     let wait = prefer::wait(request.headers(), shared.settings.max_wait());
     let parent = request.extensions().get::<TraceParent>().map(|parent| parent.at(&tracing::Span::current()));
     let uploads = Arc::clone(&shared.traffic.uploads);
