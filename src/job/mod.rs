@@ -15,7 +15,7 @@ use crate::cluster::seeds::{self, SeedFaces};
 use crate::cluster::{hierarchy, repair};
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
-use crate::mesh::{self, Format, Limits, PolygonMesh, Resources};
+use crate::mesh::{self, Admit, Format, Limits, PolygonMesh, Resources};
 use crate::parameters::{Algorithm, Optimize, Parameters, Refine, Seeds};
 use crate::report::{Energy, Input, Iteration, Level, Report, Row, Timings};
 use crate::surface::Surface;
@@ -33,6 +33,8 @@ pub struct Request<'a> {
     pub resources: &'a dyn Resources,
     /// What the mesh may cost.
     pub limits: Limits,
+    /// Is told how many faces the mesh has before anything is built of them.
+    pub admit: &'a Admit<'a>,
     /// What to do.
     pub parameters: &'a Parameters,
     /// A file that lists the seeds: face numbers of the upload, as `.npy`, a JSON array, or text.
@@ -99,7 +101,7 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
         parameters.refine = Refine::None;
     }
 
-    let mesh = mesh::read(request.bytes, request.format, request.resources, &request.limits)?;
+    let mesh = mesh::read_admitted(request.bytes, request.format, request.resources, &request.limits, request.admit)?;
     let parsed = Instant::now();
     let surface = Surface::build_bridged(&mesh, parameters.bridge_components)?;
     let plan = if parameters.algorithm.is_hierarchical() {

@@ -118,15 +118,29 @@ impl Limits {
 /// Bytes of a file that its format is recognised and checked by, before the rest is looked at.
 pub const HEAD_BYTES: usize = 4096;
 
+/// Is told how many faces a mesh has before anything is built of them; may wait, or refuse.
+pub type Admit<'a> = dyn Fn(u64) -> Result<()> + 'a;
+
 /// Reads a mesh from its bytes.
 pub fn read(bytes: &[u8], format: Format, resources: &dyn Resources, limits: &Limits) -> Result<PolygonMesh> {
+    read_admitted(bytes, format, resources, limits, &|_| Ok(()))
+}
+
+/// Reads a mesh from its bytes, if `admit` lets it.
+pub fn read_admitted(
+    bytes: &[u8],
+    format: Format,
+    resources: &dyn Resources,
+    limits: &Limits,
+    admit: &Admit<'_>,
+) -> Result<PolygonMesh> {
     limits.check_bytes(bytes.len() as u64)?;
     let head = &bytes[..bytes.len().min(HEAD_BYTES)];
     format.check_head(head, Some(bytes.len() as u64))?;
     let mesh = match format {
-        Format::Obj => obj::read(bytes, limits)?,
-        Format::Glb => gltf::read_binary(bytes, resources, limits)?,
-        Format::Gltf => gltf::read_json(bytes, resources, limits)?,
+        Format::Obj => obj::read(bytes, limits, admit)?,
+        Format::Glb => gltf::read_binary(bytes, resources, limits, admit)?,
+        Format::Gltf => gltf::read_json(bytes, resources, limits, admit)?,
     };
     if mesh.faces.is_empty() {
         return Err(Error::mesh("the mesh has no faces"));

@@ -3,7 +3,7 @@
 #![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use axum::extract::{Path, Request, State as Extract};
 use axum::http::{HeaderValue, StatusCode, Uri, header};
@@ -15,10 +15,10 @@ use utoipa::{IntoParams, ToSchema};
 use super::openapi::{Binary, Problematic};
 use super::problem::{Answer, Failure, Problem};
 use super::server::{App, Shared};
-use super::store::{Created, Deletion, Job, JobId, ListQuery, NewJob, State, no_such_job};
+use super::store::{Created, Deletion, Job, JobId, LOCAL_TENANT, ListQuery, NewJob, State, no_such_job};
 use super::timestamp::rfc3339;
 use super::upload::{self, Upload};
-use super::{prefer, query};
+use super::{idempotency, prefer, query};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Format;
 use crate::parameters::Parameters;
@@ -61,6 +61,9 @@ pub(super) struct JobView {
     /// When it ended.
     #[schema(format = DateTime)]
     ended_at: Option<String>,
+    /// When it will be deleted with its results; null before its end, and where nothing is deleted by itself.
+    #[schema(format = DateTime)]
+    expires_at: Option<String>,
     /// Where everything about it is.
     urls: Urls,
 }
@@ -168,9 +171,31 @@ pub(super) fn path(id: JobId) -> String {
     format!("/v1/jobs/{id}")
 }
 
-impl From<Job> for JobView {
-    fn from(job: Job) -> Self {
+/// When a job will be deleted.
+pub(super) fn expires_at(shared: &Shared, job: &Job) -> Option<SystemTime> {
+    job.ended_at?.checked_add(shared.settings.storage.retention()?)
+}
+
+/// Says in the headers of an answer about a job when there will be none any more.
+pub(super) fn tell_expiry(response: &mut Response, shared: &Shared, job: &Job) {
+    let expires = expires_at(shared, job).and_then(|time| HeaderValue::try_from(httpdate::fmt_http_date(time)).ok());
+    if let Some(expires) = expires {
+        response.headers_mut().insert(header::EXPIRES, expires);
+    }
+}
+
+/// A job as an answer.
+fn answer(shared: &Shared, status: StatusCode, headers: HeaderMap, job: Job) -> Response {
+    let view = JobView::new(shared, job.clone());
+    let mut response = (status, headers, Json(view)).into_response();
+    tell_expiry(&mut response, shared, &job);
+    response
+}
+
+impl JobView {
+    fn new(shared: &Shared, job: Job) -> Self {
         let path = path(job.id);
+        let expires_at = expires_at(shared, &job).map(rfc3339);
         let is_hierarchical = job.spec.parameters.algorithm.is_hierarchical();
         Self {
             id: job.id,
@@ -196,6 +221,7 @@ impl From<Job> for JobView {
             created_at: rfc3339(job.created_at),
             started_at: job.started_at.map(rfc3339),
             ended_at: job.ended_at.map(rfc3339),
+            expires_at,
             urls: Urls {
                 events: format!("{path}/events"),
                 labels: format!("{path}/labels"),
@@ -216,6 +242,7 @@ impl From<Job> for JobView {
     params(
         ("format" = Option<Format>, Query, description = "Format of the mesh, where its media type does not say it"),
         ("Prefer" = Option<String>, Header, description = "`wait=N`: answer when the job has ended, or after N seconds"),
+        ("Idempotency-Key" = Option<String>, Header, description = "A string that is new with every new request: the same request with the same key gives the same job as long as that is kept, another request 422"),
     ),
     request_body(description = "The mesh, or a form", content(
         (inline(Binary) = "model/obj"),
@@ -237,18 +264,27 @@ impl From<Job> for JobView {
         (status = 429, response = Problematic),
         (status = 500, response = Problematic),
         (status = 503, response = Problematic),
+        (status = 507, response = Problematic),
     ),
 )]
 pub(super) async fn create(Extract(shared): App, request: Request) -> Answer {
     if shared.stop.is_cancelled() {
         return Err(stopping().into());
     }
-    shared.store.check_room().await?;
+    let key = idempotency::key(request.headers())?;
+    let is_known = match &key {
+        Some(key) => shared.store.knows_key(LOCAL_TENANT, key).await?,
+        None => false,
+    };
+    if !is_known {
+        shared.store.check_room().await?;
+    }
+    shared.files.check_room(upload::content_length(request.headers()).unwrap_or(0))?;
     let wait = prefer::wait(request.headers(), shared.settings.max_wait());
     let limit = shared.settings.max_upload_bytes;
     let upload = upload::receive(request, &shared.files, limit).await?;
     // On a task of its own, so that a client who hangs up now leaves no half of it.
-    let job = tokio::spawn(accept(Arc::clone(&shared), upload))
+    let job = tokio::spawn(accept(Arc::clone(&shared), upload, key))
         .await
         .map_err(|error| Error::new(Kind::Internal, format_args!("the job was not accepted: {error}")))??;
     let location = path(job.id);
@@ -261,7 +297,7 @@ pub(super) async fn create(Extract(shared): App, request: Request) -> Answer {
         headers.insert(header::LOCATION, value);
     }
     if !job.state.is_ended() {
-        return Ok((StatusCode::ACCEPTED, headers, Json(JobView::from(job))).into_response());
+        return Ok(answer(&shared, StatusCode::ACCEPTED, headers, job));
     }
     if wait.is_some() {
         headers.insert("preference-applied", HeaderValue::from_static("wait"));
@@ -271,26 +307,24 @@ pub(super) async fn create(Extract(shared): App, request: Request) -> Answer {
             let instance = Some(location);
             (headers, Failure { error, instance }).into_response()
         }
-        None => (StatusCode::OK, headers, Json(JobView::from(job))).into_response(),
+        None => answer(&shared, StatusCode::OK, headers, job),
     })
 }
 
-/// Makes a job of an upload.
-async fn accept(shared: Arc<Shared>, upload: Upload) -> Result<Job> {
-    let id = JobId::random();
-    upload.folder.keep_as(shared.files.upload(id)).await?;
-    match shared.store.create(NewJob { id, spec: upload.spec, idempotency: None }).await {
-        Ok(Created::New(job)) => {
+/// Makes a job of an upload, or finds the one that was made of it before.
+async fn accept(shared: Arc<Shared>, upload: Upload, key: Option<String>) -> Result<Job> {
+    let Upload { folder, spec, digests } = upload;
+    let idempotency = key.map(|key| idempotency::idempotency(key, &spec, &digests)).transpose()?;
+    let id = folder.id();
+    match shared.store.create(NewJob { id, spec, idempotency }).await? {
+        Created::New(job) => {
+            folder.keep();
             tracing::info!(job = %id, bytes = job.spec.bytes, "accepted");
             Ok(job)
         }
-        Ok(Created::Known(job)) => {
-            shared.files.remove_upload(id).await;
+        Created::Known(job) => {
+            tracing::info!(job = %job.id, "asked for again");
             Ok(job)
-        }
-        Err(error) => {
-            shared.files.remove_upload(id).await;
-            Err(error)
         }
     }
 }
@@ -333,7 +367,8 @@ pub(super) async fn list(Extract(shared): App, uri: Uri) -> Answer {
     }
     let query = ListQuery { tenant: None, state, cursor, limit };
     let page = shared.store.list(&query).await?;
-    Ok(Json(JobList { jobs: page.jobs.into_iter().map(JobView::from).collect(), next: page.next }).into_response())
+    Ok(Json(JobList { jobs: page.jobs.into_iter().map(|job| JobView::new(&shared, job)).collect(), next: page.next })
+        .into_response())
 }
 
 /// Look at a job
@@ -351,7 +386,7 @@ pub(super) async fn list(Extract(shared): App, uri: Uri) -> Answer {
 pub(super) async fn show(Extract(shared): App, Path(id): Path<String>) -> Answer {
     let id: JobId = id.parse()?;
     let job = shared.store.get(id).await?.ok_or_else(|| no_such_job(id))?;
-    Ok(Json(JobView::from(job)).into_response())
+    Ok(answer(&shared, StatusCode::OK, HeaderMap::new(), job))
 }
 
 /// Cancel or delete a job
@@ -382,7 +417,7 @@ pub(super) async fn remove(Extract(shared): App, Path(id): Path<String>) -> Answ
                 // never claimed: nobody else removes it
                 shared.files.remove_upload(id).await;
             }
-            Ok((StatusCode::ACCEPTED, Json(JobView::from(job))).into_response())
+            Ok(answer(&shared, StatusCode::ACCEPTED, HeaderMap::new(), job))
         }
     }
 }

@@ -12,6 +12,9 @@
 //! | how bodies come in | `upload`, `intake` |
 //! | what happens to a job | `pipeline` |
 //! | how jobs are kept | `store`, and their files in `files` |
+//! | how long they are kept | `retention` |
+//! | what happens when the disk fails | `storage` |
+//! | asking twice for one job | `idempotency` |
 //! | a resource | `jobs`, `events`, `results`, `hierarchy`, `info` |
 //! | what errors look like | `problem` |
 //! | what `/readyz` knows | `health` |
@@ -22,12 +25,12 @@
 //! are for people; no path is made of them.
 
 mod events;
-#[allow(dead_code, reason = "used from the next change on")]
 mod faults;
 mod files;
 #[allow(dead_code, reason = "parts report themselves from the next changes on")]
 mod health;
 mod hierarchy;
+mod idempotency;
 mod info;
 mod intake;
 mod jobs;
@@ -40,14 +43,18 @@ mod problem;
 mod query;
 mod request;
 mod results;
+mod retention;
 mod server;
 mod settings;
+mod storage;
 mod store;
 mod timestamp;
 mod upload;
 
+pub use faults::{FaultPoint, Faults};
 pub use info::DeviceDescription;
 pub use logging::{LogFormat, LogSettings};
 pub use openapi::openapi_yaml;
-pub use server::{Server, serve};
-pub use settings::Settings;
+pub use pipeline::device_thread::Reopen;
+pub use server::{Extras, Server, serve};
+pub use settings::{Settings, StorageSettings, WorkSettings};

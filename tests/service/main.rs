@@ -1,6 +1,8 @@
 //! The service as a client meets it: a real server on a free port of this machine, a real HTTP client, real meshes.
 
+mod durable;
 mod events;
+mod faults;
 mod hierarchy;
 mod hostile;
 mod jobs;

@@ -32,26 +32,26 @@ use self::build::Builder;
 use self::document::Document;
 use self::primitive::{Primitive, Skipped};
 use self::scene::Instances;
-use super::{Faces, Format, Limits, PolygonMesh, Resources};
+use super::{Admit, Faces, Format, Limits, PolygonMesh, Resources};
 use crate::error::{Error, Result};
 
 /// Reads a `.glb` file.
-pub fn read_binary(bytes: &[u8], resources: &dyn Resources, limits: &Limits) -> Result<PolygonMesh> {
+pub fn read_binary(bytes: &[u8], resources: &dyn Resources, limits: &Limits, admit: &Admit<'_>) -> Result<PolygonMesh> {
     let container = container::open(bytes)?;
     let document = Document::parse(container.json)?;
     let size = bytes.len() as u64;
     let buffers = Buffers::new(&document, container.binary, resources, limits, size);
-    read(&Accessors::new(&buffers), Format::Glb, limits)
+    read(&Accessors::new(&buffers), Format::Glb, limits, admit)
 }
 
 /// Reads a `.gltf` file.
-pub fn read_json(bytes: &[u8], resources: &dyn Resources, limits: &Limits) -> Result<PolygonMesh> {
+pub fn read_json(bytes: &[u8], resources: &dyn Resources, limits: &Limits, admit: &Admit<'_>) -> Result<PolygonMesh> {
     let document = Document::parse(bytes)?;
     let buffers = Buffers::new(&document, None, resources, limits, bytes.len() as u64);
-    read(&Accessors::new(&buffers), Format::Gltf, limits)
+    read(&Accessors::new(&buffers), Format::Gltf, limits, admit)
 }
 
-fn read<'b>(accessors: &'b Accessors<'b>, format: Format, limits: &Limits) -> Result<PolygonMesh> {
+fn read<'b>(accessors: &'b Accessors<'b>, format: Format, limits: &Limits, admit: &Admit<'_>) -> Result<PolygonMesh> {
     let document = accessors.buffers().document();
     let mut skipped = Skipped::default();
     let mut meshes: BTreeMap<usize, Vec<Primitive<'_>>> = BTreeMap::new();
@@ -93,6 +93,7 @@ fn read<'b>(accessors: &'b Accessors<'b>, format: Format, limits: &Limits) -> Re
     let allowance = accessors.buffers().allowance();
     allowance.check_faces(triangles)?;
     allowance.check_parts(parts)?;
+    admit(triangles)?;
     let mut builder = Builder::new(document, triangles, parts, allowance);
     for (placement, instances) in &places {
         let primitives = meshes.get(&placement.mesh).map_or(&[][..], Vec::as_slice);

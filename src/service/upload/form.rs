@@ -2,6 +2,7 @@
 //! `seeds`, in any order.
 
 use std::error::Error as StdError;
+use std::sync::Arc;
 
 use axum::body::Body;
 use axum::extract::multipart::{Field, Multipart, MultipartError};
@@ -21,7 +22,7 @@ use crate::service::store::{LOCAL_TENANT, Spec};
 const MAX_BUFFERS: usize = 1024;
 
 /// Receives a form.
-pub(super) async fn receive(parts: Parts, intake: Intake, wanted: Wanted, files: &Files) -> Result<Upload> {
+pub(super) async fn receive(parts: Parts, intake: Intake, wanted: Wanted, files: &Arc<Files>) -> Result<Upload> {
     let allowance = intake.allowance();
     allowance.between_parts();
     let request = Request::from_parts(parts, Body::from_stream(intake));
@@ -29,11 +30,12 @@ pub(super) async fn receive(parts: Parts, intake: Intake, wanted: Wanted, files:
         .await
         .map_err(|rejection| Error::new(Kind::BadRequest, rejection.body_text()))?;
     let mut form = Form {
-        folder: files.incoming().await?,
+        folder: files.incoming(),
         wanted,
         mesh: None,
         buffers: Vec::new(),
-        listed_seeds: false,
+        digests: Vec::new(),
+        seeds: None,
         has_parameters: false,
     };
     while let Some(field) = multipart.next_field().await.map_err(unreadable)? {
@@ -50,7 +52,10 @@ struct Form {
     wanted: Wanted,
     mesh: Option<Mesh>,
     buffers: Vec<String>,
-    listed_seeds: bool,
+    /// Of the buffers.
+    digests: Vec<[u8; 32]>,
+    /// Digest of the list of seeds.
+    seeds: Option<[u8; 32]>,
     has_parameters: bool,
 }
 
@@ -73,10 +78,10 @@ impl Form {
             }
             "buffer" => self.add_buffer(field).await,
             "seeds" => {
-                once("seeds", self.listed_seeds)?;
-                self.listed_seeds = true;
-                let path = self.folder.file(files::SEEDS);
-                save(content(field), path, |_| Ok(())).await.map(drop)
+                once("seeds", self.seeds.is_some())?;
+                let seeds = save(content(field), self.folder.blob(files::SEEDS), |_| Ok(())).await?;
+                self.seeds = Some(seeds.digest);
+                Ok(())
             }
             "weights" => Err(Error::parameter("weights for faces are not supported yet: leave out the part weights")),
             "" => Err(Error::new(
@@ -98,7 +103,7 @@ impl Form {
             Some(format) => format.check_head(head, None),
             None => Format::recognise(file_name.as_deref(), head)?.check_head(head, None),
         };
-        let saved = save(content(field), self.folder.file(files::MESH), early).await?;
+        let saved = save(content(field), self.folder.blob(files::MESH), early).await?;
         self.mesh = Some(Mesh { saved, file_name, format });
         Ok(())
     }
@@ -116,8 +121,8 @@ impl Form {
                 "there are more parts named buffer than the limit of {MAX_BUFFERS}"
             )));
         }
-        let path = self.folder.file(&files::buffer(self.buffers.len()));
-        save(content(field), path, |_| Ok(())).await?;
+        let blob = self.folder.blob(&files::buffer(self.buffers.len()));
+        self.digests.push(save(content(field), blob, |_| Ok(())).await?.digest);
         self.buffers.push(name);
         Ok(())
     }
@@ -137,14 +142,15 @@ impl Form {
             tenant: LOCAL_TENANT.to_owned(),
             trace_parent: None,
             webhook: None,
-            parameters: self.wanted.finish(self.listed_seeds)?,
+            parameters: self.wanted.finish(self.seeds.is_some())?,
             file_name: mesh.file_name,
             format,
             bytes: mesh.saved.bytes,
             buffers: self.buffers,
-            listed_seeds: self.listed_seeds,
+            listed_seeds: self.seeds.is_some(),
         };
-        Ok(Upload { folder: self.folder, spec })
+        let digests = [mesh.saved.digest].into_iter().chain(self.seeds).chain(self.digests).collect();
+        Ok(Upload { folder: self.folder, spec, digests })
     }
 }
 

@@ -23,7 +23,7 @@ use sqlx::{ConnectOptions as _, SqliteConnection, query};
 use tokio::sync::watch;
 
 use self::commands::{
-    Append, Cancel, Claim, Create, Delete, Finish, GiveBack, Heartbeat, Reclaim, SettleWebhook, waiting,
+    Append, Cancel, Claim, Create, Delete, Finish, GiveBack, Heartbeat, Probe, Reclaim, SettleWebhook, waiting,
 };
 use self::rows::{column, count, jobs};
 use self::writer::{Abort, Listeners, Writer};
@@ -302,6 +302,10 @@ impl JobStore for SqliteStore {
             }
         }
         Ok(counts)
+    }
+
+    async fn probe(&self) -> Result<()> {
+        self.writer.carry_out(Probe).await
     }
 
     fn statistics(&self) -> Statistics {
