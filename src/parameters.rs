@@ -57,6 +57,16 @@ pub struct Parameters {
     #[arg(long)]
     pub bridge_components: bool,
 
+    /// Let clusters be smaller where the surface bends: areas are multiplied by curvature (over its root mean square, kept
+    /// within a factor of 100 of it) to this power; from 0, which is nothing, to 10
+    #[arg(long, value_name = "G")]
+    #[schema(minimum = 0, maximum = 10)]
+    pub curvature_exponent: Option<f64>,
+
+    /// glTF: multiply areas by this attribute of the vertices, a number above 0 each; its name begins with an underscore
+    #[arg(long, value_name = "NAME")]
+    pub weight_attribute: Option<String>,
+
     /// Hierarchies: optimise after the merges of each round, or not, which gives a strictly nested tree; hr never does
     #[arg(long, value_enum, default_value_t)]
     pub optimize: Optimize,
@@ -120,6 +130,14 @@ impl Parameters {
         }
         if self.switch_to_ml_at == Some(0) {
             return zero("switch_to_ml_at");
+        }
+        if let Some(exponent) = self.curvature_exponent.filter(|exponent| !(0.0..=10.0).contains(exponent)) {
+            return Err(Error::parameter(format_args!("curvature_exponent must be from 0 to 10, not {exponent}")));
+        }
+        if let Some(name) = self.weight_attribute.as_ref().filter(|name| name.len() < 2 || !name.starts_with('_')) {
+            return Err(Error::parameter(format_args!(
+                "weight_attribute must begin with an underscore, as the names of such attributes do, not {name:?}"
+            )));
         }
         match self.collapse_fraction {
             // no number is not above 0 either
@@ -358,6 +376,10 @@ mod tests {
             (json!({"algorithm": "ml", "collapse_fraction": 50.5}), ["collapse_fraction", "50.5"]),
             (json!({"algorithm": "ml", "collapse_fraction": 0}), ["collapse_fraction", "0"]),
             (json!({"algorithm": "pml", "clusters": 0}), ["clusters", "0"]),
+            (json!({"clusters": 3, "curvature_exponent": -1}), ["curvature_exponent", "-1"]),
+            (json!({"clusters": 3, "curvature_exponent": 10.5}), ["curvature_exponent", "10.5"]),
+            (json!({"clusters": 3, "weight_attribute": "WEIGHT"}), ["weight_attribute", "WEIGHT"]),
+            (json!({"clusters": 3, "weight_attribute": "_"}), ["weight_attribute", "underscore"]),
             (json!({"algorithm": "pml", "clusters": 30, "levels": [100, 20]}), ["levels", "20"]),
         ] {
             let error = parameters(asked.clone()).check(false).expect_err(&asked.to_string());

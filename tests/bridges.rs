@@ -18,6 +18,7 @@ fn run(parameters: &Parameters) -> tesserae::Result<Outcome> {
         admit: &|_| Ok(()),
         parameters,
         seeds: None,
+        weights: None,
     })?;
     job::run(&prepared, &mut CpuDevice::new(), &Cancel::default(), &mut |_| {})
 }

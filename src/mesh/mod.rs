@@ -123,29 +123,34 @@ pub type Admit<'a> = dyn Fn(u64) -> Result<()> + 'a;
 
 /// Reads a mesh from its bytes.
 pub fn read(bytes: &[u8], format: Format, resources: &dyn Resources, limits: &Limits) -> Result<PolygonMesh> {
-    read_admitted(bytes, format, resources, limits, &|_| Ok(()))
+    Ok(read_admitted(bytes, format, resources, limits, None, &|_| Ok(()))?.0)
 }
 
-/// Reads a mesh from its bytes, if `admit` lets it.
+/// Reads a mesh, if `admit` lets it, and one number a vertex: a glTF attribute, which every primitive must have. None
+/// without `attribute`.
 pub fn read_admitted(
     bytes: &[u8],
     format: Format,
     resources: &dyn Resources,
     limits: &Limits,
+    attribute: Option<&str>,
     admit: &Admit<'_>,
-) -> Result<PolygonMesh> {
+) -> Result<(PolygonMesh, Option<Vec<f64>>)> {
     limits.check_bytes(bytes.len() as u64)?;
     let head = &bytes[..bytes.len().min(HEAD_BYTES)];
     format.check_head(head, Some(bytes.len() as u64))?;
-    let mesh = match format {
-        Format::Obj => obj::read(bytes, limits, admit)?,
-        Format::Glb => gltf::read_binary(bytes, resources, limits, admit)?,
-        Format::Gltf => gltf::read_json(bytes, resources, limits, admit)?,
+    let (mesh, numbers) = match (format, attribute) {
+        (Format::Obj, None) => (obj::read(bytes, limits, admit)?, None),
+        (Format::Obj, Some(name)) => {
+            return Err(Error::parameter(format_args!("an OBJ has no attributes with names, only glTF has: {name:?}")));
+        }
+        (Format::Glb, _) => gltf::read_binary(bytes, resources, limits, attribute, admit)?,
+        (Format::Gltf, _) => gltf::read_json(bytes, resources, limits, attribute, admit)?,
     };
     if mesh.faces.is_empty() {
         return Err(Error::mesh("the mesh has no faces"));
     }
-    Ok(mesh)
+    Ok((mesh, numbers))
 }
 
 #[cfg(test)]

@@ -12,13 +12,16 @@ use axum::{Json, http::HeaderMap};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
+use super::access::Caller;
+use super::access::tokens::Tenant;
+use super::intake::Rules;
 use super::openapi::{Binary, Problematic};
 use super::problem::{Answer, Failure, Problem};
 use super::server::{App, Shared};
-use super::store::{Created, Deletion, Job, JobId, LOCAL_TENANT, ListQuery, NewJob, State, no_such_job};
+use super::store::{Created, Deletion, Job, JobId, ListQuery, NewJob, State, no_such_job};
 use super::timestamp::rfc3339;
 use super::upload::{self, Upload};
-use super::{idempotency, prefer, query};
+use super::{admission, idempotency, prefer, query};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Format;
 use crate::parameters::Parameters;
@@ -164,6 +167,18 @@ pub(super) struct UploadForm {
     /// Listed seeds, one face number a cluster: `.npy`, a JSON array, or numbers in text.
     #[schema(value_type = Option<Binary>)]
     seeds: Option<Binary>,
+    /// Weights that areas are multiplied by, so that clusters are smaller where they are larger: `.npy` with floats above 0,
+    /// one a face or one a vertex, whose mean a face takes.
+    #[schema(value_type = Option<Binary>)]
+    weights: Option<Binary>,
+}
+
+/// The job with that id, if it is the caller's: another's is not there. The only way from an id to a job.
+pub(super) async fn find(shared: &Shared, caller: &Caller, id: &str) -> Result<Job> {
+    let id: JobId = id.parse()?;
+    let tenant = caller.tenant()?;
+    let job = shared.store.get(id).await?.filter(|job| job.spec.tenant == tenant.name);
+    job.ok_or_else(|| no_such_job(id))
 }
 
 /// Path of a job.
@@ -267,24 +282,26 @@ impl JobView {
         (status = 507, response = Problematic),
     ),
 )]
-pub(super) async fn create(Extract(shared): App, request: Request) -> Answer {
+pub(super) async fn create(Extract(shared): App, caller: Caller, request: Request) -> Answer {
     if shared.stop.is_cancelled() {
         return Err(stopping().into());
     }
+    let tenant = caller.tenant()?.clone();
     let key = idempotency::key(request.headers())?;
     let is_known = match &key {
-        Some(key) => shared.store.knows_key(LOCAL_TENANT, key).await?,
+        Some(key) => shared.store.knows_key(&tenant.name, key).await?,
         None => false,
     };
     if !is_known {
-        shared.store.check_room().await?;
+        admission::check(&shared, &tenant).await?;
+        shared.files.check_room(upload::content_length(request.headers()).unwrap_or(0))?;
     }
-    shared.files.check_room(upload::content_length(request.headers()).unwrap_or(0))?;
     let wait = prefer::wait(request.headers(), shared.settings.max_wait());
-    let limit = shared.settings.max_upload_bytes;
-    let upload = upload::receive(request, &shared.files, limit).await?;
+    let uploads = Arc::clone(&shared.traffic.uploads);
+    let rules = Rules::new(shared.settings.max_upload_bytes, &shared.settings.traffic, uploads);
+    let upload = upload::receive(request, &shared.files, &tenant.name, rules).await?;
     // On a task of its own, so that a client who hangs up now leaves no half of it.
-    let job = tokio::spawn(accept(Arc::clone(&shared), upload, key))
+    let job = tokio::spawn(accept(Arc::clone(&shared), tenant, upload, key))
         .await
         .map_err(|error| Error::new(Kind::Internal, format_args!("the job was not accepted: {error}")))??;
     let location = path(job.id);
@@ -303,29 +320,36 @@ pub(super) async fn create(Extract(shared): App, request: Request) -> Answer {
         headers.insert("preference-applied", HeaderValue::from_static("wait"));
     }
     Ok(match job.problem {
-        Some(error) => {
-            let instance = Some(location);
-            (headers, Failure { error, instance }).into_response()
-        }
+        Some(error) => (headers, Failure { instance: Some(location), ..error.into() }).into_response(),
         None => answer(&shared, StatusCode::OK, headers, job),
     })
 }
 
 /// Makes a job of an upload, or finds the one that was made of it before.
-async fn accept(shared: Arc<Shared>, upload: Upload, key: Option<String>) -> Result<Job> {
+async fn accept(shared: Arc<Shared>, tenant: Tenant, upload: Upload, key: Option<String>) -> Result<Job, Failure> {
     let Upload { folder, spec, digests } = upload;
+    let is_known = match &key {
+        Some(key) => shared.store.knows_key(&tenant.name, key).await?,
+        None => false,
+    };
+    let _place = match is_known {
+        true => None,
+        false => Some(admission::place(&shared, &tenant).await?),
+    };
     let idempotency = key.map(|key| idempotency::idempotency(key, &spec, &digests)).transpose()?;
     let id = folder.id();
-    match shared.store.create(NewJob { id, spec, idempotency }).await? {
-        Created::New(job) => {
+    match shared.store.create(NewJob { id, spec, idempotency }).await {
+        Ok(Created::New(job)) => {
             folder.keep();
             tracing::info!(job = %id, bytes = job.spec.bytes, "accepted");
+            shared.metrics.accepted(&job);
             Ok(job)
         }
-        Created::Known(job) => {
+        Ok(Created::Known(job)) => {
             tracing::info!(job = %job.id, "asked for again");
             Ok(job)
         }
+        Err(error) => Err(admission::full(&shared, error).await),
     }
 }
 
@@ -359,13 +383,13 @@ pub(super) fn stopping() -> Error {
         (status = 500, response = Problematic),
     ),
 )]
-pub(super) async fn list(Extract(shared): App, uri: Uri) -> Answer {
+pub(super) async fn list(Extract(shared): App, caller: Caller, uri: Uri) -> Answer {
     let ListParameters { state, cursor, limit } = query::read(&uri)?;
     let limit = limit.unwrap_or(PAGE);
     if !(1..=MAX_PAGE).contains(&limit) {
         return Err(Error::parameter(format_args!("limit must be 1 to {MAX_PAGE}, not {limit}")).into());
     }
-    let query = ListQuery { tenant: None, state, cursor, limit };
+    let query = ListQuery { tenant: Some(caller.tenant()?.name.clone()), state, cursor, limit };
     let page = shared.store.list(&query).await?;
     Ok(Json(JobList { jobs: page.jobs.into_iter().map(|job| JobView::new(&shared, job)).collect(), next: page.next })
         .into_response())
@@ -383,9 +407,8 @@ pub(super) async fn list(Extract(shared): App, uri: Uri) -> Answer {
         (status = 500, response = Problematic),
     ),
 )]
-pub(super) async fn show(Extract(shared): App, Path(id): Path<String>) -> Answer {
-    let id: JobId = id.parse()?;
-    let job = shared.store.get(id).await?.ok_or_else(|| no_such_job(id))?;
+pub(super) async fn show(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer {
+    let job = find(&shared, &caller, &id).await?;
     Ok(answer(&shared, StatusCode::OK, HeaderMap::new(), job))
 }
 
@@ -403,8 +426,8 @@ pub(super) async fn show(Extract(shared): App, Path(id): Path<String>) -> Answer
         (status = 500, response = Problematic),
     ),
 )]
-pub(super) async fn remove(Extract(shared): App, Path(id): Path<String>) -> Answer<Response> {
-    let id: JobId = id.parse()?;
+pub(super) async fn remove(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer<Response> {
+    let id = find(&shared, &caller, &id).await?.id;
     match shared.store.delete(id).await? {
         Deletion::Unknown => Err(no_such_job(id).into()),
         Deletion::Deleted => {

@@ -18,16 +18,20 @@
 //! | a resource | `jobs`, `events`, `results`, `hierarchy`, `info` |
 //! | what errors look like | `problem` |
 //! | what `/readyz` knows | `health` |
+//! | who may ask | `access` |
+//! | how much may be asked for | `traffic`, `admission` |
+//! | what is measured | `metrics` |
 //! | routes, layers, start and stop | `server` |
 //!
 //! Handlers return errors of the crate; one layer makes problem documents of them. Nothing here blocks the runtime:
 //! meshes are read and results written on blocking threads, clustering has a thread of its own. Names that clients give
 //! are for people; no path is made of them.
 
+mod access;
+mod admission;
 mod events;
 mod faults;
 mod files;
-#[allow(dead_code, reason = "parts report themselves from the next changes on")]
 mod health;
 mod hierarchy;
 mod idempotency;
@@ -35,6 +39,7 @@ mod info;
 mod intake;
 mod jobs;
 mod logging;
+mod metrics;
 mod negotiate;
 mod openapi;
 mod pipeline;
@@ -49,12 +54,16 @@ mod settings;
 mod storage;
 mod store;
 mod timestamp;
+mod tls;
+mod traffic;
 mod upload;
 
+pub use access::tokens::{Quotas, TenantEntry, Token, TokenEntry, TokenFile};
 pub use faults::{FaultPoint, Faults};
 pub use info::DeviceDescription;
 pub use logging::{LogFormat, LogSettings};
 pub use openapi::openapi_yaml;
 pub use pipeline::device_thread::Reopen;
 pub use server::{Extras, Server, serve};
-pub use settings::{Settings, StorageSettings, WorkSettings};
+pub use settings::{AccessSettings, Settings, StorageSettings, TrafficSettings, WorkSettings};
+use store::LOCAL_TENANT;

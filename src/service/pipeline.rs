@@ -26,6 +26,7 @@ use self::leases::{LEASE, Leases};
 use self::memory::Memory;
 use self::stages::Log;
 use super::files::Files;
+use super::metrics::Metrics;
 use super::storage::Storage;
 use super::store::{End, Job, JobStore, Release, State, Summary, Ticket};
 use crate::error::{Error, Kind, Result};
@@ -45,6 +46,8 @@ pub(super) struct Parts {
     pub storage: Arc<Storage>,
     /// What clusters.
     pub device: DeviceThread,
+    /// What is counted.
+    pub metrics: Arc<Metrics>,
 }
 
 /// What jobs may cost.
@@ -72,6 +75,7 @@ pub(super) struct Pipeline {
     slots: Arc<Semaphore>,
     memory: Memory,
     leases: Arc<Leases>,
+    metrics: Arc<Metrics>,
 }
 
 /// What an attempt came to.
@@ -91,7 +95,7 @@ type Claimed = (OwnedSemaphorePermit, Ticket, Job);
 impl Pipeline {
     /// A pipeline of these parts.
     pub fn new(parts: Parts, costs: Costs) -> Self {
-        let Parts { store, files, storage, device } = parts;
+        let Parts { store, files, storage, device, metrics } = parts;
         Self {
             store,
             files,
@@ -102,6 +106,7 @@ impl Pipeline {
             slots: Arc::new(Semaphore::new(costs.slots)),
             memory: Memory::new(costs.memory),
             leases: Arc::default(),
+            metrics,
         }
     }
 
@@ -183,6 +188,7 @@ impl Pipeline {
     /// Works on one job until it ends or is released.
     async fn work(self: Arc<Self>, slot: OwnedSemaphorePermit, ticket: Ticket, job: Job, abort: CancellationToken) {
         let started = Instant::now();
+        self.metrics.claimed(&job);
         tracing::info!(format = job.spec.format.name(), bytes = job.spec.bytes, "started");
         let lease = self.leases.hold(ticket);
         let cancel = self.device.cancel();
@@ -201,10 +207,16 @@ impl Pipeline {
         // What still runs for this job writes nothing any more, and stops soon.
         cancel.cancel();
         let verdict = match outcome {
-            Ok(outcome) => match self.write(slot, &job, outcome, started).await {
-                Ok(summary) => Verdict::Ended(End::Succeeded(summary)),
-                Err(error) => judge(error),
-            },
+            Ok(outcome) => {
+                self.metrics.reported(&outcome.report);
+                let writing = Instant::now();
+                let written = self.write(slot, &job, outcome, started).await;
+                self.metrics.written(&job, writing.elapsed());
+                match written {
+                    Ok(summary) => Verdict::Ended(End::Succeeded(summary)),
+                    Err(error) => judge(error),
+                }
+            }
             Err(verdict) => verdict,
         };
         self.conclude(ticket, &job, verdict, &log, started, &abort).await;
@@ -225,6 +237,8 @@ impl Pipeline {
         let state = match verdict {
             Verdict::Ended(end) => {
                 log_end(&end, milliseconds);
+                let kind = if let End::Failed(error) = &end { Some(error.kind) } else { None };
+                self.metrics.ended(job, end.state(), started.elapsed(), kind);
                 loop {
                     match self.finish(ticket, end.clone(), log).await {
                         Err(error) if self.may_try_again(&error, abort).await => {}
@@ -234,7 +248,10 @@ impl Pipeline {
             }
             Verdict::Released(release) => {
                 match &release {
-                    Release::Failed(error) => tracing::warn!(milliseconds, "the attempt failed: {error}"),
+                    Release::Failed(error) => {
+                        tracing::warn!(milliseconds, "the attempt failed: {error}");
+                        self.metrics.attempt_failed(error.kind);
+                    }
                     Release::Free => tracing::info!(milliseconds, "broken off; it waits again"),
                 }
                 loop {

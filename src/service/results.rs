@@ -10,11 +10,12 @@ use object_store::GetRange;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
+use super::access::Caller;
 use super::files::{self, Folder};
-use super::jobs::tell_expiry;
+use super::jobs::{find, tell_expiry};
 use super::problem::Answer;
 use super::server::{App, Shared};
-use super::store::{Job, JobId, State, Summary, no_such_job};
+use super::store::{Job, State, Summary};
 use super::{hierarchy, negotiate, openapi::Problematic, query};
 use crate::error::{Error, Kind, Result};
 use crate::output::LabelFormat;
@@ -80,8 +81,14 @@ pub(super) struct LabelsQuery {
         (status = 500, response = Problematic),
     ),
 )]
-pub(super) async fn labels(Extract(shared): App, Path(id): Path<String>, uri: Uri, headers: HeaderMap) -> Answer {
-    let job = find(&shared, &id).await?;
+pub(super) async fn labels(
+    Extract(shared): App,
+    caller: Caller,
+    Path(id): Path<String>,
+    uri: Uri,
+    headers: HeaderMap,
+) -> Answer {
+    let job = find(&shared, &caller, &id).await?;
     let LabelsQuery { clusters } = query::read(&uri)?;
     let summary = succeeded(&job)?;
     let is_hierarchical = job.spec.parameters.algorithm.is_hierarchical();
@@ -137,19 +144,13 @@ pub(super) async fn labels(Extract(shared): App, Path(id): Path<String>, uri: Ur
         (status = 500, response = Problematic),
     ),
 )]
-pub(super) async fn report(Extract(shared): App, Path(id): Path<String>) -> Answer {
-    let job = find(&shared, &id).await?;
+pub(super) async fn report(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer {
+    let job = find(&shared, &caller, &id).await?;
     succeeded(&job)?;
     let folder = Folder::Result(job.id, job.attempt);
     let mut response = stored(&shared, folder, files::REPORT, None, "application/json").await?;
     tell_expiry(&mut response, &shared, &job);
     Ok(response)
-}
-
-/// The job with that id.
-pub(super) async fn find(shared: &Shared, id: &str) -> Result<Job> {
-    let id: JobId = id.parse()?;
-    shared.store.get(id).await?.ok_or_else(|| no_such_job(id))
 }
 
 /// What a job gave; an error that says why there is nothing yet, or never will be.

@@ -1,5 +1,6 @@
 //! The service as a client meets it: a real server on a free port of this machine, a real HTTP client, real meshes.
 
+mod access;
 mod durable;
 mod events;
 mod faults;
@@ -7,6 +8,8 @@ mod hierarchy;
 mod hostile;
 mod jobs;
 mod lifecycle;
+mod limits;
+mod metrics;
 mod openapi;
 mod results;
 mod support;

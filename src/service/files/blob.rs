@@ -206,13 +206,13 @@ impl Blob {
     }
 
     /// A file where the bytes begin, for a blob that is one.
-    fn into_file(self) -> Result<File, GetResult> {
+    fn into_file(self) -> Result<File, Box<GetResult>> {
         match self.found.payload {
             GetResultPayload::File(mut file, path) => match file.seek(SeekFrom::Start(self.found.range.start)) {
                 Ok(_) => Ok(file),
-                Err(_) => Err(GetResult { payload: GetResultPayload::File(file, path), ..self.found }),
+                Err(_) => Err(Box::new(GetResult { payload: GetResultPayload::File(file, path), ..self.found })),
             },
-            GetResultPayload::Stream(_) => Err(self.found),
+            GetResultPayload::Stream(_) => Err(Box::new(self.found)),
         }
     }
 }

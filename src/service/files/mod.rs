@@ -38,6 +38,8 @@ use crate::error::{Error, Kind, Result};
 pub(super) const MESH: &str = "mesh";
 /// Name of the list of seeds among a job's uploads.
 pub(super) const SEEDS: &str = "seeds";
+/// Name of the weights among a job's uploads.
+pub(super) const WEIGHTS: &str = "weights";
 /// Name of the labels as `.npy` among a job's results.
 pub(super) const LABELS_NPY: &str = "labels.npy";
 /// Name of the labels as JSON among a job's results.

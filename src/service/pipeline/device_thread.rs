@@ -19,7 +19,8 @@ use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
 use crate::job::{self, Outcome, Prepared};
 use crate::report::{DeviceKind, Row};
-use crate::service::health::{Health, Part};
+use crate::service::health::{Health, Part, Severity};
+use crate::service::metrics::Metrics;
 
 /// Opens the device of the service anew.
 pub type Reopen = Arc<dyn Fn() -> Result<Box<dyn Device>> + Send + Sync>;
@@ -64,6 +65,7 @@ struct Shared {
     reopen: Option<Reopen>,
     or_cpu: bool,
     health: Arc<Health>,
+    metrics: Arc<Metrics>,
     /// Counts signs of life.
     life: Arc<AtomicU64>,
 }
@@ -83,8 +85,9 @@ impl DeviceThread {
         reopen: Option<Reopen>,
         timeout: Duration,
         health: Arc<Health>,
+        metrics: Arc<Metrics>,
     ) -> Result<Self> {
-        let shared = Arc::new(Shared { reopen, or_cpu, health, life: Arc::default() });
+        let shared = Arc::new(Shared { reopen, or_cpu, health, metrics, life: Arc::default() });
         let tasks = Mutex::new(spawn(Devices::new(Some(device), &shared))?);
         Ok(Self { shared, tasks, turn: tokio::sync::Mutex::default(), timeout })
     }
@@ -102,7 +105,7 @@ impl DeviceThread {
 
     /// Completes once there is a device, or something to stand in for it.
     pub(super) async fn is_there(&self) {
-        while self.shared.health.severity(Part::Device) == Some(crate::service::health::Severity::Failing) {
+        while self.shared.health.severity(Part::Device) == Some(Severity::Failing) {
             tokio::time::sleep(REOPEN).await;
             let _turn = self.turn.lock().await;
             let _ = self.submit(None).await;
@@ -153,7 +156,12 @@ fn spawn(mut devices: Devices) -> Result<mpsc::Sender<Submitted>> {
         .spawn(move || {
             while let Some(Submitted { task, reply }) = queue.blocking_recv() {
                 let outcome = match task {
-                    Some(task) => task.run(&mut devices),
+                    Some(task) => {
+                        let started = Instant::now();
+                        let outcome = task.run(&mut devices);
+                        devices.shared.metrics.device_worked(started.elapsed());
+                        outcome
+                    }
                     None => devices.open().map(drop).and(Err(Error::cancelled())),
                 };
                 let _ = reply.send(outcome);

@@ -130,6 +130,10 @@ impl Pipeline {
             true => Some(self.files.read(folder, files::SEEDS, None).await.map_err(upload_is_gone)?.bytes().await?),
             false => None,
         };
+        let weights = match spec.has_weights {
+            true => Some(self.files.read(folder, files::WEIGHTS, None).await.map_err(upload_is_gone)?.bytes().await?),
+            false => None,
+        };
         let read = reading.elapsed();
         let limits = self.limits;
         let span = Span::current();
@@ -160,6 +164,7 @@ impl Pipeline {
                     admit: &admit,
                     parameters: &spec.parameters,
                     seeds: seeds.as_deref(),
+                    weights: weights.as_deref(),
                 })?;
                 prepared.timings.read = milliseconds(read);
                 Ok(prepared)

@@ -1,5 +1,5 @@
-//! Uploads as `multipart/form-data`: parts `mesh`, `parameters`, `buffer` (any number, told apart by file name) and
-//! `seeds`, in any order.
+//! Uploads as `multipart/form-data`: parts `mesh`, `parameters`, `buffer` (any number, told apart by file name), `seeds`
+//! and `weights`, in any order.
 
 use std::error::Error as StdError;
 use std::sync::Arc;
@@ -12,20 +12,21 @@ use futures_util::{Stream, TryStreamExt};
 
 use super::{MAX_NAME, Saved, Upload, agreed, save};
 use crate::error::{Error, Kind, Result};
+use crate::job;
 use crate::mesh::Format;
 use crate::service::files::{self, Files, Incoming};
-use crate::service::intake::Intake;
+use crate::service::intake::Content;
 use crate::service::request::{MAX_PARAMETERS_BYTES, Wanted};
-use crate::service::store::{LOCAL_TENANT, Spec};
+use crate::service::store::Spec;
 
 /// Largest number of buffers of a mesh.
 const MAX_BUFFERS: usize = 1024;
 
 /// Receives a form.
-pub(super) async fn receive(parts: Parts, intake: Intake, wanted: Wanted, files: &Arc<Files>) -> Result<Upload> {
-    let allowance = intake.allowance();
+pub(super) async fn receive(parts: Parts, content: Content, wanted: Wanted, files: &Arc<Files>) -> Result<Upload> {
+    let allowance = content.allowance();
     allowance.between_parts();
-    let request = Request::from_parts(parts, Body::from_stream(intake));
+    let request = Request::from_parts(parts, Body::from_stream(content));
     let mut multipart = Multipart::from_request(request, &())
         .await
         .map_err(|rejection| Error::new(Kind::BadRequest, rejection.body_text()))?;
@@ -36,6 +37,7 @@ pub(super) async fn receive(parts: Parts, intake: Intake, wanted: Wanted, files:
         buffers: Vec::new(),
         digests: Vec::new(),
         seeds: None,
+        weights: None,
         has_parameters: false,
     };
     while let Some(field) = multipart.next_field().await.map_err(unreadable)? {
@@ -56,6 +58,8 @@ struct Form {
     digests: Vec<[u8; 32]>,
     /// Digest of the list of seeds.
     seeds: Option<[u8; 32]>,
+    /// Digest of the weights.
+    weights: Option<[u8; 32]>,
     has_parameters: bool,
 }
 
@@ -83,13 +87,18 @@ impl Form {
                 self.seeds = Some(seeds.digest);
                 Ok(())
             }
-            "weights" => Err(Error::parameter("weights for faces are not supported yet: leave out the part weights")),
+            "weights" => {
+                once("weights", self.weights.is_some())?;
+                let saved = save(content(field), self.folder.blob(files::WEIGHTS), |_| Ok(())).await?;
+                self.weights = Some(saved.digest);
+                job::check_head_of_weights(&saved.head)
+            }
             "" => Err(Error::new(
                 Kind::BadRequest,
                 "a part of the form has no name (Content-Disposition: form-data; name=\"…\")",
             )),
             other => Err(Error::parameter(format_args!(
-                "a part must be one of mesh, parameters, buffer, seeds, not {other:?}"
+                "a part must be one of mesh, parameters, buffer, seeds, weights, not {other:?}"
             ))),
         }
     }
@@ -138,18 +147,26 @@ impl Form {
                 self.buffers[0]
             )));
         }
+        let (parameters, webhook) = self.wanted.finish(self.seeds.is_some())?;
+        if let Some(name) = parameters.weight_attribute.as_ref().filter(|_| self.weights.is_some()) {
+            return Err(Error::parameter(format_args!(
+                "the part weights and the parameter weight_attribute exclude each other: leave out {name:?}"
+            )));
+        }
         let spec = Spec {
-            tenant: LOCAL_TENANT.to_owned(),
+            tenant: String::new(),
             trace_parent: None,
-            webhook: None,
-            parameters: self.wanted.finish(self.seeds.is_some())?,
+            webhook,
+            parameters,
             file_name: mesh.file_name,
             format,
             bytes: mesh.saved.bytes,
             buffers: self.buffers,
             listed_seeds: self.seeds.is_some(),
+            has_weights: self.weights.is_some(),
         };
-        let digests = [mesh.saved.digest].into_iter().chain(self.seeds).chain(self.digests).collect();
+        let digests =
+            [mesh.saved.digest].into_iter().chain(self.seeds).chain(self.weights).chain(self.digests).collect();
         Ok(Upload { folder: self.folder, spec, digests })
     }
 }
@@ -187,7 +204,7 @@ fn shortened(name: &str) -> String {
     name.chars().take(MAX_NAME).collect()
 }
 
-/// The error of a form that cannot be read on: what [`Intake`] refused, or what is wrong with the form.
+/// The error of a form that cannot be read on: what [`Content`] refused, or what is wrong with the form.
 fn unreadable(error: MultipartError) -> Error {
     let mut source: Option<&(dyn StdError + 'static)> = Some(&error);
     while let Some(cause) = source {
