@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use super::{Clustered, Prepared, finite};
 use crate::cluster::flat::{self, Clustering, Options};
+use crate::cluster::record::Record;
 use crate::cluster::reference::acvd::acvd;
 use crate::cluster::reference::variational::variational;
 use crate::cluster::run;
@@ -47,12 +48,13 @@ pub(super) fn run(
         on_row(Row::Iteration(row.clone()));
         iterations.push(row);
     };
+    let mut record = Record::new(parameters.snapshots.clone());
     let clustering = match parameters.algorithm {
-        Algorithm::Acvd => acvd(surface, seeds, options, steps.as_mut(), cancel, &mut keep)?,
-        Algorithm::Vc => variational(surface, seeds, options, cancel, &mut keep)?,
+        Algorithm::Acvd => acvd(surface, seeds, options, steps.as_mut(), cancel, &mut keep, &mut record)?,
+        Algorithm::Vc => variational(surface, seeds, options, cancel, &mut keep, &mut record)?,
         // the others are no flat ones
         Algorithm::Bb | Algorithm::Pml | Algorithm::Ml | Algorithm::Hr => {
-            flat::boundary_based(surface, seeds, options, steps.as_mut(), cancel, &mut keep)?
+            flat::boundary_based_recorded(surface, seeds, options, steps.as_mut(), cancel, &mut keep, &mut record)?
         }
     };
     drop(steps);
@@ -64,7 +66,8 @@ pub(super) fn run(
         tree: None,
         iterations,
         levels: Vec::new(),
-        warnings: warnings(parameters.max_iterations, &clustering),
+        warnings: warnings(parameters.max_iterations, &clustering, &record),
+        snapshots: record,
         upload,
         cluster,
         labels: clustering.labels,
@@ -84,11 +87,22 @@ pub(super) fn iteration(row: run::Row, energy: Option<f64>, started: Instant) ->
 }
 
 /// What is unusual about the run.
-fn warnings(max_iterations: Option<u32>, clustering: &Clustering) -> Vec<String> {
-    match (clustering.ending, max_iterations) {
+fn warnings(max_iterations: Option<u32>, clustering: &Clustering, record: &Record) -> Vec<String> {
+    let mut warnings = match (clustering.ending, max_iterations) {
         (Ending::IterationLimit, Some(limit)) => {
             vec![format!("stopped by max_iterations, maybe before it had converged: {limit}")]
         }
         (Ending::IterationLimit, None) | (Ending::Converged, _) => Vec::new(),
+    };
+    if let Some(first) = record.beyond().first() {
+        warnings
+            .push(format!("the run ended before iterations whose labels were to be kept, the first of them {first}"));
     }
+    if record.left_out > 0 {
+        warnings.push(format!(
+            "there was no room for the labels of all iterations that were asked for, ask for fewer; left out: {}",
+            record.left_out
+        ));
+    }
+    warnings
 }

@@ -152,8 +152,8 @@ pub(super) async fn cut(shared: &Shared, job: &Job, clusters: u64, format: Label
     Ok(response)
 }
 
-/// The right to have a hierarchy in memory.
-async fn turn(shared: &Shared) -> Result<tokio::sync::OwnedSemaphorePermit> {
+/// The right to have a hierarchy, or other labels than those that are files, in memory.
+pub(super) async fn turn(shared: &Shared) -> Result<tokio::sync::OwnedSemaphorePermit> {
     let turn = shared.hierarchies.clone().acquire_owned().await;
     turn.map_err(|error| Error::new(Kind::Internal, format_args!("no hierarchy can be read: {error}")))
 }

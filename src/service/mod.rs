@@ -51,6 +51,7 @@ mod results;
 mod retention;
 mod server;
 mod settings;
+mod snapshots;
 mod storage;
 mod store;
 mod timestamp;

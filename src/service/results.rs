@@ -16,7 +16,7 @@ use super::jobs::{find, tell_expiry};
 use super::problem::Answer;
 use super::server::{App, Shared};
 use super::store::{Job, State, Summary};
-use super::{hierarchy, negotiate, openapi::Problematic, query};
+use super::{hierarchy, negotiate, openapi::Problematic, query, snapshots};
 use crate::error::{Error, Kind, Result};
 use crate::output::LabelFormat;
 
@@ -55,6 +55,10 @@ pub(super) struct LabelsQuery {
     /// Cut a hierarchy at this number of clusters; 409 for a flat clustering, and outside what the hierarchy has
     #[param(minimum = 1)]
     clusters: Option<u64>,
+    /// The labels after this iteration of a flat clustering, where `snapshots` asked for them: `snapshots` of the report lists
+    /// them; 404 for others
+    #[param(minimum = 0)]
+    iteration: Option<u32>,
 }
 
 /// Get the labels
@@ -89,7 +93,7 @@ pub(super) async fn labels(
     headers: HeaderMap,
 ) -> Answer {
     let job = find(&shared, &caller, &id).await?;
-    let LabelsQuery { clusters } = query::read(&uri)?;
+    let LabelsQuery { clusters, iteration } = query::read(&uri)?;
     let summary = succeeded(&job)?;
     let is_hierarchical = job.spec.parameters.algorithm.is_hierarchical();
     if let Some(clusters) = clusters.filter(|_| !is_hierarchical) {
@@ -99,6 +103,16 @@ pub(super) async fn labels(
                 "this job made a flat clustering of {} clusters, which cannot be cut at another number; leave \
                  clusters out, not {clusters}",
                 summary.clusters
+            ),
+        )
+        .into());
+    }
+    if let Some(iteration) = iteration.filter(|_| is_hierarchical) {
+        return Err(Error::new(
+            Kind::Conflict,
+            format_args!(
+                "this job made a hierarchy, which keeps the labels of no iteration: give clusters instead of iteration, \
+                 {iteration}"
             ),
         )
         .into());
@@ -119,6 +133,9 @@ pub(super) async fn labels(
     // The raw numbers are what follows the header of the .npy file.
     let mut response = match (clusters, format) {
         (Some(clusters), format) => hierarchy::cut(&shared, &job, clusters, format).await?,
+        (None, format) if iteration.is_some() => {
+            snapshots::labels(&shared, &job, summary, iteration.unwrap_or_default(), format).await?
+        }
         (None, LabelFormat::Json) => stored(&shared, folder, files::LABELS_JSON, None, format.media_type()).await?,
         (None, LabelFormat::Npy) => stored(&shared, folder, files::LABELS_NPY, None, format.media_type()).await?,
         (None, LabelFormat::Raw) => {
@@ -126,7 +143,8 @@ pub(super) async fn labels(
             stored(&shared, folder, files::LABELS_NPY, numbers, format.media_type()).await?
         }
     };
-    attachment(&mut response, &job, &format!("labels.{}", format.extension()));
+    let name = iteration.map_or_else(|| "labels".to_owned(), |iteration| format!("labels.iteration-{iteration}"));
+    attachment(&mut response, &job, &format!("{name}.{}", format.extension()));
     tell_expiry(&mut response, &shared, &job);
     Ok(response)
 }

@@ -60,7 +60,7 @@ impl Device for CpuDevice {
     }
 
     fn open<'a>(&'a mut self, surface: &'a Surface, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
-        Ok(Box::new(CpuSteps::new(surface, component_of_cluster)))
+        Ok(open(surface, component_of_cluster))
     }
 
     fn open_merging<'a>(
@@ -70,6 +70,11 @@ impl Device for CpuDevice {
     ) -> Result<Box<dyn MergeSteps + 'a>> {
         Ok(Box::new(CpuSteps::new(surface, component_of_cluster)))
     }
+}
+
+/// The steps on a surface: what [`CpuDevice`] opens.
+pub fn open<'a>(surface: &'a Surface, component_of_cluster: &'a [u32]) -> Box<dyn Steps + 'a> {
+    Box::new(CpuSteps::new(surface, component_of_cluster))
 }
 
 /// Faces a thread takes at a time.
@@ -103,6 +108,8 @@ struct CpuSteps<'a> {
     queue: Option<dual_edges::Queue>,
     /// Once clusters merged: the faces that moved since the last merge, with the cluster they left.
     left: Option<Vec<(u32, u32)>>,
+    /// Whether the next phase goes on with the last one.
+    resumed: bool,
 }
 
 impl<'a> CpuSteps<'a> {
@@ -122,6 +129,7 @@ impl<'a> CpuSteps<'a> {
             living: (0..clusters as u32).collect(),
             queue: None,
             left: None,
+            resumed: false,
         }
     }
 
@@ -189,9 +197,12 @@ impl<'a> CpuSteps<'a> {
         !self.bids.is_empty()
     }
 
-    /// The faces that were refused in the last phase of refinement, fit to bid again.
+    /// The faces that were refused in the last phase of refinement, fit to bid again; none when that phase goes on.
     fn take_refused(&mut self) -> Vec<u32> {
         self.gather();
+        if std::mem::take(&mut self.resumed) {
+            return Vec::new();
+        }
         let refused = self.bids.take_refused();
         for &face in &refused {
             self.labels.refresh(face);
@@ -212,6 +223,7 @@ impl<'a> CpuSteps<'a> {
 
 impl Steps for CpuSteps<'_> {
     fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
+        self.resumed = false;
         self.labels.replace(labels);
         self.frontier = None;
         self.living = (0..self.clusters.len() as u32).collect();
@@ -243,6 +255,8 @@ impl Steps for CpuSteps<'_> {
         cancel: &Cancel,
         on_iteration: &mut dyn FnMut(Step),
     ) -> Result<Ending> {
+        // a boundary phase remembers nothing that it could go on without
+        self.resumed = false;
         self.optimise(max_iterations, cancel, on_iteration, Self::boundary_moves)
     }
 
@@ -271,6 +285,10 @@ impl Steps for CpuSteps<'_> {
             };
             has_bids.then(|| bids.moves(surface, clusters, Some(&mut may_leave)))
         })
+    }
+
+    fn resume(&mut self) {
+        self.resumed = true;
     }
 
     fn cut_off_faces(&mut self) -> Result<Vec<u32>> {

@@ -114,7 +114,10 @@ impl BlockingWriter {
 
     /// Makes the blob of what `content` writes.
     pub fn fill(mut self, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<()> {
-        let written = content(&mut self);
+        let mut out = io::BufWriter::with_capacity(CHUNK, &mut self);
+        let written = content(&mut out).and_then(|()| out.flush());
+        // what it still holds after a failure is not to be written
+        drop(out.into_parts());
         match (self.failed, written) {
             (Some(error), _) => Err(error),
             (None, Err(error)) => Err(Error::io("a result cannot be written", error)),

@@ -27,7 +27,7 @@ use object_store::local::LocalFileSystem;
 use object_store::path::Path as BlobPath;
 use tempfile::TempDir;
 
-pub(super) use self::blob::{BlobWriter, BlockingWriter};
+pub(super) use self::blob::{Blob, BlobWriter, BlockingWriter};
 use self::disk::Disk;
 pub(super) use self::disk::DiskLimits;
 use super::faults::{FaultPoint, Faults};
@@ -44,6 +44,10 @@ pub(super) const WEIGHTS: &str = "weights";
 pub(super) const LABELS_NPY: &str = "labels.npy";
 /// Name of the labels as JSON among a job's results.
 pub(super) const LABELS_JSON: &str = "labels.json";
+/// Name of the labels of iterations among a job's results: `.npy`, a row an iteration.
+pub(super) const SNAPSHOTS: &str = "snapshots.npy";
+/// Name of the list of those iterations among a job's results.
+pub(super) const SNAPSHOT_LIST: &str = "snapshots.json";
 /// Name of the hierarchy among a job's results.
 pub(super) const HIERARCHY: &str = "hierarchy.tsr";
 /// Name of the report among a job's results.

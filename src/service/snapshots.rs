@@ -1,0 +1,78 @@
+//! The labels of iterations that a job kept: one file, a row an iteration, and the list of those iterations beside it.
+
+use std::io::Read;
+
+use axum::body::Body;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use object_store::GetRange;
+
+use super::files::{self, Blob, Folder, blocking};
+use super::hierarchy::turn;
+use super::server::Shared;
+use super::store::{Job, Summary};
+use crate::error::{Error, Kind, Result};
+use crate::output::{LabelFormat, write_labels};
+
+/// The labels after an iteration of a flat clustering.
+pub(super) async fn labels(
+    shared: &Shared,
+    job: &Job,
+    summary: Summary,
+    iteration: u32,
+    format: LabelFormat,
+) -> Result<Response> {
+    let folder = Folder::Result(job.id, job.attempt);
+    let turn = turn(shared).await?;
+    let kept = list(shared, folder).await?;
+    let Some(row) = kept.iter().position(|&kept| kept == iteration) else {
+        return Err(none_of(&kept, iteration));
+    };
+    let from_end = 4 * summary.faces * (kept.len() - row) as u64;
+    let rows = shared.files.read(folder, files::SNAPSHOTS, Some(GetRange::Suffix(from_end))).await?;
+    let body = blocking(move || {
+        let _turn = turn;
+        let labels = first_row(rows, summary.faces)?;
+        let mut body = Vec::new();
+        write_labels(&mut body, format, summary.clusters, &labels)
+            .map_err(|error| Error::io("labels cannot be written", error))?;
+        Ok::<_, Error>(body)
+    })
+    .await??;
+    Ok(([(header::CONTENT_TYPE, format.media_type())], Body::from(body)).into_response())
+}
+
+/// The iterations whose labels were kept.
+async fn list(shared: &Shared, folder: Folder) -> Result<Vec<u32>> {
+    let json = match shared.files.read(folder, files::SNAPSHOT_LIST, None).await {
+        Ok(list) => list.bytes().await?,
+        Err(error) if error.kind == Kind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(error),
+    };
+    serde_json::from_slice(&json)
+        .map_err(|error| Error::new(Kind::Internal, format_args!("the list of snapshots is damaged: {error}")))
+}
+
+/// The error for an iteration that is not among those that were kept.
+fn none_of(kept: &[u32], iteration: u32) -> Error {
+    let list: Vec<String> = kept.iter().take(100).map(u32::to_string).collect();
+    Error::new(
+        Kind::NotFound,
+        match list.is_empty() {
+            true => format!(
+                "this job kept the labels of no iteration: ask for them with the parameter snapshots; there are none of \
+                 {iteration}"
+            ),
+            false => format!("this job kept the labels of iterations {}, not of {iteration}", list.join(", ")),
+        },
+    )
+}
+
+/// The first of some rows.
+fn first_row(rows: Blob, faces: u64) -> Result<Vec<u32>> {
+    let mut bytes = vec![0; 4 * faces as usize];
+    rows.into_reader()
+        .read_exact(&mut bytes)
+        .map_err(|error| Error::new(Kind::Internal, format_args!("the snapshots end early: {error}")))?;
+    Ok(bytes.as_chunks().0.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect())
+}
