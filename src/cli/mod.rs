@@ -9,6 +9,7 @@ mod cluster;
 mod cut;
 mod device;
 mod devices;
+mod evaluate;
 mod files;
 mod places;
 mod plot;
@@ -51,6 +52,8 @@ enum Command {
     Cut(Box<cut::Arguments>),
     /// Draw the energies of reports: against the number of clusters, and per iteration
     Plot(plot::Arguments),
+    /// Make measurements anew that were published, to compare
+    Evaluate(evaluate::Arguments),
     /// Serve jobs over HTTP
     Serve(Box<serve::Arguments>),
     /// Make, list and take back the tokens that a service asks for
@@ -67,6 +70,7 @@ pub fn main() -> ExitCode {
         Command::Cluster(arguments) => cluster::run(&arguments),
         Command::Cut(arguments) => cut::run(&arguments),
         Command::Plot(arguments) => plot::run(&arguments),
+        Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Serve(arguments) => serve::run(*arguments),
         Command::Token(arguments) => token::run(&arguments),
         Command::Sample(arguments) => sample::run(&arguments),
