@@ -59,7 +59,7 @@ pub(super) struct Costs {
     pub slots: usize,
     /// Bytes of memory for all meshes; most of what there is when none.
     pub memory: Option<u64>,
-    /// Time that a job may take.
+    /// Time that the device may take for a job.
     pub time: Option<Duration>,
 }
 
@@ -143,30 +143,32 @@ impl Pipeline {
         arrivals: &mut watch::Receiver<u64>,
         stop: &CancellationToken,
     ) -> Option<Vec<Claimed>> {
-        let ready = async {
-            let mut slots = vec![Arc::clone(&self.slots).acquire_owned().await.ok()?];
-            while let Ok(slot) = Arc::clone(&self.slots).try_acquire_owned() {
-                slots.push(slot);
-            }
-            self.storage.works().await;
-            self.device.is_there().await;
-            Some(slots)
-        };
-        let mut slots = tokio::select! {
-            biased;
-            () = stop.cancelled() => return None,
-            slots = ready => slots?,
-        };
+        let mut slots = Vec::new();
         loop {
+            let ready = async {
+                if slots.is_empty() {
+                    slots.push(Arc::clone(&self.slots).acquire_owned().await.ok()?);
+                }
+                while let Ok(slot) = Arc::clone(&self.slots).try_acquire_owned() {
+                    slots.push(slot);
+                }
+                self.storage.works().await;
+                self.device.is_there().await;
+                Some(())
+            };
+            tokio::select! {
+                biased;
+                () = stop.cancelled() => return None,
+                ready = ready => ready?,
+            }
             // seen before looking, so that what arrives while looking is noticed
             arrivals.borrow_and_update();
             // Not broken off in the middle: what it takes would stay taken.
             let again = match self.store.claim(slots.len(), LEASE).await {
                 Ok(claimed) if claimed.is_empty() => None,
                 Ok(claimed) => {
-                    return Some(
-                        claimed.into_iter().filter_map(|(ticket, job)| Some((slots.pop()?, ticket, job))).collect(),
-                    );
+                    let with_slot = |(ticket, job)| Some((slots.pop()?, ticket, job));
+                    return Some(claimed.into_iter().filter_map(with_slot).collect());
                 }
                 Err(error) => {
                     tracing::error!(%error, "no job can be claimed");
@@ -178,9 +180,6 @@ impl Pipeline {
                 () = stop.cancelled() => return None,
                 changed = arrivals.changed(), if again.is_none() => changed.ok()?,
                 () = tokio::time::sleep(again.unwrap_or_default()), if again.is_some() => {}
-            }
-            while let Ok(slot) = Arc::clone(&self.slots).try_acquire_owned() {
-                slots.push(slot);
             }
         }
     }
@@ -201,7 +200,6 @@ impl Pipeline {
             outcome = self.cluster(&slot, ticket, &job, &cancel, &log, broken_off) => outcome.map_err(judge),
             () = self.cancel_requested(&job) => Err(Verdict::Ended(End::Cancelled)),
             () = lease.lost() => Err(Verdict::Lost),
-            () = self.time_is_up() => Err(Verdict::Ended(End::Failed(self.too_slow()))),
             () = abort.cancelled() => Err(self.stopped()),
         };
         // What still runs for this job writes nothing any more, and stops soon.
@@ -310,25 +308,6 @@ impl Pipeline {
         if !asked {
             std::future::pending::<()>().await;
         }
-    }
-
-    /// Ends when a job that begins now has taken too long.
-    async fn time_is_up(&self) {
-        match self.time {
-            Some(time) => tokio::time::sleep(time).await,
-            None => std::future::pending().await,
-        }
-    }
-
-    fn too_slow(&self) -> Error {
-        Error::new(
-            Kind::TimeLimit,
-            format_args!(
-                "the job took longer than a job may, {} s (the service's --max-job-seconds); try a smaller mesh, or \
-                 fewer iterations (max_iterations)",
-                self.time.unwrap_or_default().as_secs()
-            ),
-        )
     }
 
     /// What becomes of a job that the service does not wait for when it stops.

@@ -98,9 +98,13 @@ impl DeviceThread {
     }
 
     /// Clusters a mesh, after those that came before. [`Kind::DeviceLost`] when the device was lost, or seems to be.
-    pub(super) async fn run(&self, task: Task) -> Result<Outcome> {
+    /// [`Kind::TimeLimit`] when it takes longer than `limit`, not counting the time that it waits for others.
+    pub(super) async fn run(&self, task: Task, limit: Option<Duration>) -> Result<Outcome> {
         let _turn = self.turn.lock().await;
-        self.submit(Some(task)).await
+        let Some(limit) = limit else {
+            return self.submit(Some(task)).await;
+        };
+        tokio::time::timeout(limit, self.submit(Some(task))).await.unwrap_or_else(|_| Err(too_slow(limit)))
     }
 
     /// Completes once there is a device, or something to stand in for it.
@@ -146,6 +150,18 @@ impl DeviceThread {
             tokio::time::sleep(self.timeout).await;
         }
     }
+}
+
+/// The error of a job that takes too long.
+fn too_slow(limit: Duration) -> Error {
+    Error::new(
+        Kind::TimeLimit,
+        format_args!(
+            "the job took longer on the device than a job may, {} s (the service's --max-job-seconds); try a smaller mesh, \
+             or fewer iterations (max_iterations)",
+            limit.as_secs()
+        ),
+    )
 }
 
 /// Starts a thread.

@@ -1,7 +1,6 @@
 //! The stages of one job.
 
 use std::collections::HashMap;
-use std::io::{BufWriter, Write};
 use std::iter;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -18,7 +17,7 @@ use crate::device::Cancel;
 use crate::error::{Error, Kind, Result};
 use crate::job::{self, Outcome, Prepared, milliseconds};
 use crate::mesh::Resources;
-use crate::output::{LabelFormat, write_labels};
+use crate::output::{LabelFormat, write_labels, write_snapshots};
 use crate::report::Row;
 use crate::service::files::{self, BlockingWriter, Folder, blocking};
 use crate::service::store::{Job, JobStore, Progress, Summary, Ticket, What};
@@ -92,7 +91,7 @@ impl Pipeline {
             _slot: slot.clone(),
         };
         let telling = tokio::spawn(tell(Arc::clone(&self.store), ticket, inbox, Arc::clone(log)));
-        let outcome = self.device.run(task).await?;
+        let outcome = self.device.run(task, self.time).await?;
         telling.await.map_err(|error| {
             Error::new(Kind::Internal, format_args!("the events of the job were not written: {error}"))
         })??;
@@ -252,12 +251,17 @@ fn event(row: Row, progress: &mut Progress) -> Result<What> {
 
 /// Writes the result of a job. It means nothing until the job has ended with it.
 fn write(outcome: Outcome, blob: impl Fn(&str) -> BlockingWriter, started: Instant) -> Result<Summary> {
-    let Outcome { labels, hierarchy, mut report } = outcome;
+    let Outcome { labels, hierarchy, snapshots, mut report } = outcome;
     let writing = Instant::now();
     if let Some(labels) = &labels {
         for (format, name) in [(LabelFormat::Npy, files::LABELS_NPY), (LabelFormat::Json, files::LABELS_JSON)] {
             blob(name).fill(|out| write_labels(out, format, report.clusters, labels))?;
         }
+    }
+    if !report.snapshots.is_empty() {
+        let faces = report.input.faces;
+        blob(files::SNAPSHOTS).fill(|out| write_snapshots(out, &snapshots, faces))?;
+        blob(files::SNAPSHOT_LIST).fill(|out| Ok(serde_json::to_writer(out, &report.snapshots)?))?;
     }
     if let Some(hierarchy) = &hierarchy {
         blob(files::HIERARCHY).fill(|out| hierarchy.write(out))?;
@@ -266,10 +270,8 @@ fn write(outcome: Outcome, blob: impl Fn(&str) -> BlockingWriter, started: Insta
     report.timings_ms.total = milliseconds(started.elapsed());
     let summary = Summary { faces: report.input.faces, clusters: report.clusters, has_labels: labels.is_some() };
     blob(files::REPORT).fill(|out| {
-        let mut out = BufWriter::with_capacity(1 << 16, out);
-        serde_json::to_writer(&mut out, &report)?;
-        out.write_all(b"\n")?;
-        out.flush()
+        serde_json::to_writer(&mut *out, &report)?;
+        out.write_all(b"\n")
     })?;
     Ok(summary)
 }
