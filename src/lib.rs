@@ -39,6 +39,8 @@ pub mod cluster;
 pub mod device;
 pub mod error;
 pub mod evaluate;
+#[cfg(fuzzing)]
+pub mod fuzzing;
 pub mod job;
 pub mod mesh;
 pub mod output;

@@ -11,6 +11,7 @@ mod device;
 mod devices;
 mod evaluate;
 mod files;
+mod health;
 mod places;
 mod plot;
 mod progress;
@@ -58,6 +59,8 @@ enum Command {
     Serve(Box<serve::Arguments>),
     /// Make, list and take back the tokens that a service asks for
     Token(token::Arguments),
+    /// Ask a service whether it is well; the exit status tells
+    Health(health::Arguments),
     /// Make a mesh from nothing, for trying out and testing
     Sample(sample::Arguments),
     /// List every device, usable or why not, and which one `--device auto` takes
@@ -73,6 +76,7 @@ pub fn main() -> ExitCode {
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Serve(arguments) => serve::run(*arguments),
         Command::Token(arguments) => token::run(&arguments),
+        Command::Health(arguments) => health::run(&arguments),
         Command::Sample(arguments) => sample::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
     };

@@ -21,6 +21,9 @@
 //! | who may ask | `access` |
 //! | how much may be asked for | `traffic`, `admission` |
 //! | what is measured | `metrics` |
+//! | which trace a request belongs to | `trace` |
+//! | how ends of jobs are told | `webhooks` |
+//! | ETag, Range | `conditional` |
 //! | routes, layers, start and stop | `server` |
 //!
 //! Handlers return errors of the crate; one layer makes problem documents of them. Nothing here blocks the runtime:
@@ -29,9 +32,12 @@
 
 mod access;
 mod admission;
+mod conditional;
 mod events;
 mod faults;
 mod files;
+#[cfg(fuzzing)]
+pub(crate) mod fuzzing;
 mod health;
 mod hierarchy;
 mod idempotency;
@@ -56,15 +62,18 @@ mod storage;
 mod store;
 mod timestamp;
 mod tls;
+mod trace;
 mod traffic;
 mod upload;
+mod webhooks;
 
 pub use access::tokens::{Quotas, TenantEntry, Token, TokenEntry, TokenFile};
 pub use faults::{FaultPoint, Faults};
 pub use info::DeviceDescription;
-pub use logging::{LogFormat, LogSettings};
+pub use logging::{LogFormat, LogSettings, Logging};
 pub use openapi::openapi_yaml;
 pub use pipeline::device_thread::Reopen;
 pub use server::{Extras, Server, serve};
-pub use settings::{AccessSettings, Settings, StorageSettings, TrafficSettings, WorkSettings};
+pub use settings::{AccessSettings, Settings, StorageSettings, TrafficSettings, WebhookSettings, WorkSettings};
 use store::LOCAL_TENANT;
+pub use webhooks::WebhookHost;

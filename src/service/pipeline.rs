@@ -29,6 +29,7 @@ use super::files::Files;
 use super::metrics::Metrics;
 use super::storage::Storage;
 use super::store::{End, Job, JobStore, Release, State, Summary, Ticket};
+use super::trace::TraceParent;
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Limits;
 
@@ -124,9 +125,14 @@ impl Pipeline {
                     "job",
                     id = %job.id,
                     attempt = ticket.attempt,
+                    trace = tracing::field::Empty,
+                    tenant = job.spec.tenant,
                     faces = tracing::field::Empty,
                     clusters = job.spec.parameters.clusters,
                 );
+                if let Some(parent) = job.spec.trace_parent.as_deref().and_then(TraceParent::parse) {
+                    parent.continued_by(&span);
+                }
                 let work = Arc::clone(&this).work(slot, ticket, job, abort.clone());
                 jobs.spawn(work.instrument(span));
             }
@@ -208,7 +214,8 @@ impl Pipeline {
             Ok(outcome) => {
                 self.metrics.reported(&outcome.report);
                 let writing = Instant::now();
-                let written = self.write(slot, &job, outcome, started).await;
+                let span = tracing::info_span!("write");
+                let written = self.write(slot, &job, outcome, started).instrument(span).await;
                 self.metrics.written(&job, writing.elapsed());
                 match written {
                     Ok(summary) => Verdict::Ended(End::Succeeded(summary)),

@@ -3,6 +3,7 @@
 mod access;
 mod storage;
 mod traffic;
+mod webhooks;
 mod work;
 
 use std::net::SocketAddr;
@@ -12,6 +13,7 @@ use std::time::Duration;
 pub use self::access::AccessSettings;
 pub use self::storage::StorageSettings;
 pub use self::traffic::TrafficSettings;
+pub use self::webhooks::WebhookSettings;
 pub use self::work::WorkSettings;
 use crate::error::{Error, Result};
 use crate::mesh::Limits;
@@ -75,6 +77,10 @@ pub struct Settings {
     /// How much clients may ask for at a time.
     #[command(flatten)]
     pub traffic: TrafficSettings,
+
+    /// Where ends of jobs may be told.
+    #[command(flatten)]
+    pub webhooks: WebhookSettings,
 }
 
 impl Default for Settings {
@@ -94,6 +100,7 @@ impl Default for Settings {
             work: WorkSettings::default(),
             access: AccessSettings::default(),
             traffic: TrafficSettings::default(),
+            webhooks: WebhookSettings::default(),
         }
     }
 }
@@ -109,6 +116,11 @@ impl Settings {
                  --insecure-no-auth, to listen on {}",
                 self.listen
             )));
+        }
+        if !self.webhooks.webhook_hosts.is_empty() && self.webhooks.webhook_secret.is_none() {
+            return Err(Error::parameter(
+                "webhooks must be signed: give a file with the secret, --webhook-secret FILE, beside --webhook-hosts",
+            ));
         }
         Ok(())
     }

@@ -87,7 +87,7 @@ impl Pipeline {
             is_retry: ticket.attempt > 1,
             // Unbounded, so that the device never waits; the report holds the same rows anyway.
             on_row: Box::new(move |row| drop(rows.send(row))),
-            span: Span::current(),
+            span: tracing::info_span!("cluster"),
             _slot: slot.clone(),
         };
         let telling = tokio::spawn(tell(Arc::clone(&self.store), ticket, inbox, Arc::clone(log)));
@@ -135,7 +135,7 @@ impl Pipeline {
         };
         let read = reading.elapsed();
         let limits = self.limits;
-        let span = Span::current();
+        let span = tracing::info_span!("read");
         blocking(move || {
             let _entered = span.enter();
             let (runtime, memory) = (Handle::current(), Mutex::new(Some(memory)));
