@@ -72,12 +72,13 @@ def main():
     whole, _ = gltf()
     token = {"id": "0123456789abcdef", "salt": "AAAAAAAAAAAAAAAAAAAAAA", "sha256": "A" * 43}
     tokens = {"tenants": {"a": {"quotas": {"max_queued_jobs": 3}, "metrics": True, "tokens": [token]}}}
+    trees = pathlib.Path(__file__).parent.glob("trees/*.tsr")
     seeds = {
         "obj": [OBJ, OBJ.replace(b"\n", b"\r\n"), b"v 0 0 0\nf 1 1 1\n", b""],
         "gltf": [
             json.dumps(document).encode() + b"\n===\n" + binary, json.dumps(inside).encode(), glb(whole, binary)],
         "number": [b"1", b"-0.5e-10", b"+.1E+308", b"123456789012345678901234567890.5", b"1e-400", b"-2147483648"],
-        "stored": [path.read_bytes() for path in pathlib.Path(__file__).parent.glob("trees/*.tsr")] or [b"TESSERAE"],
+        "stored": [path.read_bytes() for path in trees],
         "lists": [
             b"1 2 3\n4", b"[1, 2, 3]", npy("<u4", struct.pack("<3I", 1, 2, 3), (3,)),
             npy("<f8", struct.pack("<3d", 1, 2, 0.5), (3,)), npy("<i8", struct.pack("<2q", 1, 2), (2,))],
