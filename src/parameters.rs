@@ -29,10 +29,11 @@ pub struct Parameters {
     #[schema(minimum = 1)]
     pub clusters: Option<u64>,
 
-    /// Where flat clusters start: morton (stratified by area along a Morton curve), random, or file:PATH with a list of
-    /// face numbers
-    #[arg(long, default_value_t, value_name = "morton|random|file:PATH")]
-    #[schema(value_type = String, example = "morton")]
+    /// Where flat clusters start: coarse (merged from half as many again on a coarser mesh: the lowest energy), morton
+    /// (stratified by area along a Morton curve), random (as in the paper), or file:PATH with a list of face numbers; acvd
+    /// and vc take morton for coarse
+    #[arg(long, default_value_t, value_name = "coarse|morton|random|file:PATH")]
+    #[schema(value_type = String, example = "coarse")]
     pub seeds: Seeds,
 
     /// Number that the random choices of seeds are drawn from
@@ -143,7 +144,7 @@ impl Parameters {
     /// What only flat clusterings have, and whether it was asked for.
     fn flat_only(&self, listed: bool) -> Vec<(&'static str, bool)> {
         vec![
-            ("seeds", listed || self.seeds != Seeds::Morton),
+            ("seeds", listed || self.seeds != Seeds::Coarse),
             ("seed", self.seed != 0),
             ("max_iterations", self.max_iterations.is_some()),
         ]
@@ -275,8 +276,10 @@ pub enum Refine {
 /// Where clusters start.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub enum Seeds {
-    /// One random face in each of k strata of equal area along a Morton curve.
+    /// Merged from half as many clusters again, coarse to fine ([`crate::cluster::coarse`]).
     #[default]
+    Coarse,
+    /// One random face in each of k strata of equal area along a Morton curve.
     Morton,
     /// Random faces, all equally likely (P§5.3).
     Random,
@@ -289,6 +292,7 @@ pub enum Seeds {
 impl fmt::Display for Seeds {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Seeds::Coarse => f.write_str("coarse"),
             Seeds::Morton => f.write_str("morton"),
             Seeds::Random => f.write_str("random"),
             Seeds::File(path) => write!(f, "file:{}", path.display()),
@@ -302,12 +306,15 @@ impl FromStr for Seeds {
 
     fn from_str(text: &str) -> Result<Self> {
         match text {
+            "coarse" => Ok(Seeds::Coarse),
             "morton" => Ok(Seeds::Morton),
             "random" => Ok(Seeds::Random),
             "listed" => Ok(Seeds::Listed),
             _ => match text.strip_prefix("file:") {
                 Some(path) if !path.is_empty() => Ok(Seeds::File(path.into())),
-                _ => Err(Error::parameter(format_args!("seeds must be morton, random or file:PATH, not {text:?}"))),
+                _ => Err(Error::parameter(format_args!(
+                    "seeds must be coarse, morton, random or file:PATH, not {text:?}"
+                ))),
             },
         }
     }

@@ -22,7 +22,7 @@
 //! Without optimisation no face ever moves, and the tree is nested: parallel hierarchical clustering, or with sequential
 //! rounds exact greedy Ward clustering on the lattice (Garland et al. 2001).
 
-use super::dual_edge::{Rank, Ties};
+use super::dual_edge::{Rank, Ties, mutual};
 use super::run::{Row, Run};
 use super::sums::ClusterSums;
 use crate::device::{Cancel, LatticeEnergy, MergeSteps};
@@ -86,7 +86,6 @@ pub fn hierarchical(
     let target = check(surface, options)?;
     steps.set_labels(&(0..faces as u32).collect::<Vec<_>>())?;
     let mut builder = Builder::new(surface);
-    let mut partners = vec![u32::MAX; faces as usize];
     let mut iteration = 0;
     let mut left = faces;
     while left > target {
@@ -98,7 +97,7 @@ pub fn hierarchical(
             let wanted = options.collapse_fraction.map_or(1, |percent| (left as f64 * percent / 100.0) as u64);
             merge_cheapest(steps, options.ties, wanted.clamp(1, left - stop), &mut builder)?
         } else {
-            merge_mutual(steps, options.ties, left - stop, &mut partners, &mut builder)?
+            merge_mutual(steps, options.ties, left - stop, &mut builder)?
         };
         left -= merges;
         let is_level = left == stop && (options.levels.contains(&stop) || options.clusters == Some(stop));
@@ -154,25 +153,11 @@ pub fn check(surface: &Surface, options: &Options) -> Result<u64> {
 }
 
 /// Merges pairs that chose each other, the cheapest first, at most so many; returns how many.
-fn merge_mutual(
-    steps: &mut dyn MergeSteps,
-    ties: Ties,
-    at_most: u64,
-    partners: &mut [u32],
-    builder: &mut Builder<'_>,
-) -> Result<u64> {
-    let edges = steps.optimal_dual_edges(ties)?;
-    for edge in &edges {
-        partners[edge.cluster as usize] = edge.other;
-    }
-    let is_mutual =
-        |edge: &&crate::device::DualEdge| edge.cluster < edge.other && partners[edge.other as usize] == edge.cluster;
-    let rank = |edge: &crate::device::DualEdge| Rank::new(edge.cost, edge.cluster, edge.other, Ties::Hash);
-    let mut mutual: Vec<Rank<u32>> = edges.iter().filter(is_mutual).map(rank).collect();
+fn merge_mutual(steps: &mut dyn MergeSteps, ties: Ties, at_most: u64, builder: &mut Builder<'_>) -> Result<u64> {
+    let mut mutual = mutual(&steps.optimal_dual_edges(ties)?);
     if mutual.is_empty() {
         return Err(Error::new(Kind::Internal, "no two clusters chose each other"));
     }
-    mutual.sort_unstable();
     mutual.truncate(at_most as usize);
     let pairs: Vec<(u32, u32)> = mutual.iter().map(Rank::ends).collect();
     merge(steps, &pairs, builder)?;

@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 
 use sha2::{Digest, Sha256};
 
+use crate::cluster::coarse::CoarseStart;
 use crate::cluster::seeds::{self, SeedFaces};
 use crate::cluster::{hierarchy, repair};
 use crate::device::{Cancel, Device};
@@ -61,6 +62,8 @@ pub struct Prepared {
 pub enum Plan {
     /// A flat clustering from these seeds.
     Flat(SeedFaces),
+    /// A flat clustering, coarse to fine.
+    Coarse(CoarseStart),
     /// A hierarchy.
     Hierarchy(hierarchy::Options),
 }
@@ -97,6 +100,9 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
     }
     if parameters.algorithm.is_reference() {
         parameters.refine = Refine::None;
+        if parameters.seeds == Seeds::Coarse {
+            parameters.seeds = Seeds::Morton;
+        }
     }
 
     let mesh = mesh::read(request.bytes, request.format, request.resources, &request.limits)?;
@@ -106,8 +112,10 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
         let options = hierarchical::options(&parameters);
         hierarchy::check(&surface, &options)?;
         Plan::Hierarchy(options)
-    } else {
+    } else if parameters.seeds == Seeds::Coarse {
         // `check` has seen that there is a number
+        Plan::Coarse(CoarseStart::new(&surface, parameters.clusters.unwrap_or_default(), parameters.seed)?)
+    } else {
         let clusters = parameters.clusters.unwrap_or_default();
         Plan::Flat(seeds::choose(&surface, clusters, &parameters.seeds, parameters.seed, listed.as_deref())?)
     };
@@ -137,7 +145,8 @@ pub fn run(
     cancel.check()?;
     let info = device.info().clone();
     let mut clustered = match &prepared.plan {
-        Plan::Flat(seeds) => flat::run(prepared, seeds, device, cancel, on_row)?,
+        Plan::Flat(seeds) => flat::run(prepared, flat::From::Seeds(seeds), device, cancel, on_row)?,
+        Plan::Coarse(start) => flat::run(prepared, flat::From::Coarse(start), device, cancel, on_row)?,
         Plan::Hierarchy(options) => hierarchical::run(prepared, options, device, cancel, on_row)?,
     };
     let ended = Instant::now();

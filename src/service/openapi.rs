@@ -81,7 +81,8 @@ impl Modify for Adjustments {
                  implied by a part `seeds`"
                     .to_owned(),
             );
-            seeds.enum_values = Some([Seeds::Morton, Seeds::Random, Seeds::Listed].map(|seeds| json!(seeds)).into());
+            seeds.enum_values =
+                Some([Seeds::Coarse, Seeds::Morton, Seeds::Random, Seeds::Listed].map(|seeds| json!(seeds)).into());
         }
         let members: Vec<_> = parameters.properties.iter().map(|(name, schema)| in_query(name, schema)).collect();
         for (path, item) in &mut document.paths.paths {

@@ -41,7 +41,7 @@ pub fn acvd(
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
 ) -> Result<Clustering> {
-    let (mut run, initial) = grown(surface, seeds, options, steps, cancel, on_row)?;
+    let (mut run, initial) = grown(&seeds.labels(surface.faces()), options, steps, cancel, on_row)?;
     let mut repairs = 0;
     let ending = loop {
         let labels = run.steps.labels()?;

@@ -7,7 +7,7 @@ use super::frontier::Frontier;
 use super::labels::Labels;
 use super::{CHUNK, Move};
 use crate::cluster::refinement::{Side, bid, gain};
-use crate::surface::Surface;
+use crate::surface::DualGraph;
 
 /// No bid, no exchange.
 const NONE: u32 = u32::MAX;
@@ -65,10 +65,10 @@ impl Bids {
     }
 
     /// Lets the faces that are due bid anew; the other bids stand.
-    pub fn renew(&mut self, surface: &Surface, labels: &Labels, clusters: &Clusters, due: &[u32], frontier: &Frontier) {
+    pub fn renew(&mut self, graph: &DualGraph, labels: &Labels, clusters: &Clusters, due: &[u32], frontier: &Frontier) {
         let bids: Vec<Bid> = due
             .par_chunks(CHUNK)
-            .flat_map_iter(|faces| faces.iter().filter_map(|&face| best_move(surface, labels, clusters, face)))
+            .flat_map_iter(|faces| faces.iter().filter_map(|&face| best_move(graph, labels, clusters, face)))
             .collect();
         self.open.retain(|bid| !frontier.was_due(bid.wish.face));
         self.open.extend(bids);
@@ -79,14 +79,14 @@ impl Bids {
     /// `may_leave` is asked of a winner that would have to move alone; where it is given, nobody joins a winner.
     pub fn moves(
         &mut self,
-        surface: &Surface,
+        graph: &DualGraph,
         clusters: &Clusters,
         may_leave: Option<&mut dyn FnMut(Move) -> bool>,
     ) -> Vec<Move> {
         self.pair_up();
         match may_leave {
-            None => self.judge(surface, clusters),
-            Some(may_leave) => self.judge_alone(surface, clusters, may_leave),
+            None => self.judge(graph, clusters),
+            Some(may_leave) => self.judge_alone(graph, clusters, may_leave),
         }
         let mut moves = Vec::new();
         let (chosen, exchanges, refused) = (&self.chosen, &self.exchanges, &mut self.refused);
@@ -146,14 +146,14 @@ impl Bids {
     }
 
     /// Tests each exchange with all who make the move, then with the winner alone.
-    fn judge(&mut self, surface: &Surface, clusters: &Clusters) {
+    fn judge(&mut self, graph: &DualGraph, clusters: &Clusters) {
         for bid in &self.open {
             if let Some(exchange) = joined(&self.chosen, &self.exchanges, bid.wish) {
-                self.exchanges[exchange].together.add(surface, bid.wish.face);
+                self.exchanges[exchange].together.add(graph, bid.wish.face);
             }
         }
         for Exchange { winner, together, verdict } in &mut self.exchanges {
-            let alone = Change::of(surface, winner.face);
+            let alone = Change::of(graph, winner.face);
             *verdict = if clusters.improves(winner.from, winner.to, together) {
                 Verdict::AllMove
             } else if clusters.improves(winner.from, winner.to, &alone) {
@@ -165,9 +165,9 @@ impl Bids {
     }
 
     /// Tests each exchange with the winner alone.
-    fn judge_alone(&mut self, surface: &Surface, clusters: &Clusters, may_leave: &mut dyn FnMut(Move) -> bool) {
+    fn judge_alone(&mut self, graph: &DualGraph, clusters: &Clusters, may_leave: &mut dyn FnMut(Move) -> bool) {
         for Exchange { winner, verdict, .. } in &mut self.exchanges {
-            let improves = clusters.improves(winner.from, winner.to, &Change::of(surface, winner.face));
+            let improves = clusters.improves(winner.from, winner.to, &Change::of(graph, winner.face));
             *verdict = if improves && may_leave(*winner) { Verdict::WinnerMoves } else { Verdict::Refused };
         }
     }
@@ -181,13 +181,13 @@ fn joined(chosen: &[u32], exchanges: &[Exchange], wish: Move) -> Option<usize> {
 }
 
 /// The bid of a face: for the neighbouring cluster with the largest positive gain, the smaller number of equal ones.
-fn best_move(surface: &Surface, labels: &Labels, clusters: &Clusters, face: u32) -> Option<Bid> {
+fn best_move(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32) -> Option<Bid> {
     let from = labels.near_boundary(face);
     if clusters.sums(from).faces == 1 {
         return None;
     }
-    let centroid = surface.centroids[face as usize];
-    let weight = surface.weights[face as usize];
+    let centroid = graph.centroids[face as usize];
+    let weight = graph.weights[face as usize];
     let side = |cluster| Side {
         squared_distance: clusters.squared_distance(centroid, cluster),
         weight: clusters.sums(cluster).weight as u64,
@@ -195,7 +195,7 @@ fn best_move(surface: &Surface, labels: &Labels, clusters: &Clusters, face: u32)
     let own = side(from);
     let mut best: Option<(i64, std::cmp::Reverse<u32>)> = None;
     let mut last = from;
-    for &neighbour in surface.neighbours_of(face) {
+    for &neighbour in graph.neighbours_of(face) {
         let to = labels.near_boundary(neighbour);
         if to != from && to != last {
             let offer = Some((gain(weight, own, side(to)), std::cmp::Reverse(to)));
