@@ -33,7 +33,7 @@ use crate::error::{Error, Kind, Result};
 use crate::surface::{Coarse, DualGraph, Surface};
 
 /// A group weighs no more than the mean cluster of its component over this.
-pub const GROUPS_A_CLUSTER: u64 = 8;
+pub const GROUPS_A_CLUSTER: u64 = 16;
 
 /// What the device is given to do; needs none itself.
 #[derive(Debug)]

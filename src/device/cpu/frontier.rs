@@ -77,11 +77,6 @@ impl Frontier {
         &self.due
     }
 
-    /// Whether a face was due in the last reading.
-    pub fn was_due(&self, face: u32) -> bool {
-        self.due_in[face as usize] == self.reading
-    }
-
     /// The boundary faces of a cluster, and maybe some more of its faces.
     pub fn boundary_of<'a>(&'a self, labels: &'a Labels, cluster: u32) -> impl Iterator<Item = u32> + 'a {
         let faces = &self.faces_of_cluster[cluster as usize];

@@ -94,6 +94,8 @@ struct CpuSteps<'a> {
     growth: Growth,
     leaving: Leaving,
     bids: Bids,
+    /// The faces that the last phase of refinement left to bid again in the next.
+    waiting: Vec<u32>,
     /// For walks through clusters: the last walk that came to each face.
     walked: Vec<u32>,
     walk: u32,
@@ -116,7 +118,8 @@ impl<'a> CpuSteps<'a> {
             frontier: None,
             growth: Growth::new(graph.faces()),
             leaving: Leaving::new(clusters),
-            bids: Bids::new(clusters),
+            bids: Bids::new(graph.faces(), clusters),
+            waiting: Vec::new(),
             walked: Vec::new(),
             walk: 0,
             living: (0..clusters as u32).collect(),
@@ -129,7 +132,8 @@ impl<'a> CpuSteps<'a> {
     fn gather(&mut self) {
         if self.frontier.is_none() {
             self.clusters.gather(self.graph, self.labels.all());
-            self.bids = Bids::new(self.clusters.len());
+            self.bids = Bids::new(self.graph.faces(), self.clusters.len());
+            self.waiting.clear();
             self.frontier = Some(Frontier::collect(self.graph, &mut self.labels, self.clusters.len()));
         }
     }
@@ -180,26 +184,25 @@ impl<'a> CpuSteps<'a> {
         (!moves.is_empty()).then_some(moves)
     }
 
-    /// Lets the faces that are due bid, and `refused` ones again. Returns whether there are any bids.
-    fn renew_bids(&mut self, refused: Vec<u32>) -> bool {
+    /// Lets the faces that are due bid, and `waiting` ones. Returns whether there are any bids.
+    fn renew_bids(&mut self, waiting: Vec<u32>) -> bool {
         let changed = self.clusters.take_changes(Reader::Refinement);
         let Some(frontier) = &mut self.frontier else { return false };
-        let due = frontier.due(self.graph, &self.labels, &changed, &refused).to_vec();
-        self.bids.renew(self.graph, &self.labels, &self.clusters, &due, frontier);
+        let due = frontier.due(self.graph, &self.labels, &changed, &waiting);
+        self.bids.renew(self.graph, &self.labels, &self.clusters, due);
         !self.bids.is_empty()
     }
 
-    /// The faces that were refused in the last phase of refinement, fit to bid again.
-    fn take_refused(&mut self) -> Vec<u32> {
+    /// The faces that the last phase of refinement left to bid again.
+    fn take_waiting(&mut self) -> Vec<u32> {
         self.gather();
-        let refused = self.bids.take_refused();
-        for &face in &refused {
+        for &face in &self.waiting {
             self.labels.refresh(face);
             for &near in self.graph.neighbours_of(face) {
                 self.labels.refresh(near);
             }
         }
-        refused
+        std::mem::take(&mut self.waiting)
     }
 
     /// Begins a walk over faces: none of them carries the returned number.
@@ -247,11 +250,13 @@ impl Steps for CpuSteps<'_> {
     }
 
     fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending> {
-        let mut refused = self.take_refused();
-        self.optimise(max_iterations, cancel, on_iteration, |steps| {
-            let has_bids = steps.renew_bids(std::mem::take(&mut refused));
+        let mut waiting = self.take_waiting();
+        let ending = self.optimise(max_iterations, cancel, on_iteration, |steps| {
+            let has_bids = steps.renew_bids(std::mem::take(&mut waiting));
             has_bids.then(|| steps.bids.moves(steps.graph, &steps.clusters, None))
-        })
+        })?;
+        self.waiting = self.bids.end();
+        Ok(ending)
     }
 
     fn refine_connected(
@@ -260,9 +265,9 @@ impl Steps for CpuSteps<'_> {
         cancel: &Cancel,
         on_iteration: &mut dyn FnMut(Step),
     ) -> Result<Ending> {
-        let mut refused = self.take_refused();
-        self.optimise(max_iterations, cancel, on_iteration, |steps| {
-            let has_bids = steps.renew_bids(std::mem::take(&mut refused));
+        let mut waiting = self.take_waiting();
+        let ending = self.optimise(max_iterations, cancel, on_iteration, |steps| {
+            let has_bids = steps.renew_bids(std::mem::take(&mut waiting));
             steps.next_walk();
             let Self { graph, labels, clusters, walked, walk, bids, .. } = steps;
             let mut may_leave = |winner: Move| {
@@ -270,7 +275,9 @@ impl Steps for CpuSteps<'_> {
                 pieces::stays_connected(graph, labels, winner.face, walked, *walk)
             };
             has_bids.then(|| bids.moves(graph, clusters, Some(&mut may_leave)))
-        })
+        })?;
+        self.waiting = self.bids.end();
+        Ok(ending)
     }
 
     fn cut_off_faces(&mut self) -> Result<Vec<u32>> {
