@@ -28,6 +28,18 @@ pub enum Kind {
     NotFound,
     /// The resource exists, but does not answer this method.
     MethodNotAllowed,
+    /// Who asks did not say who they are, or not so that it can be believed.
+    Unauthorized,
+    /// Who asks may not do this.
+    Forbidden,
+    /// The request took too long to arrive.
+    Timeout,
+    /// The part of a result that was asked for is not there.
+    RangeNotSatisfiable,
+    /// This client asks for more than its share.
+    RateLimited,
+    /// All clients together ask for more than the service can do at a time.
+    Overloaded,
     /// None of the representations the client accepts exists.
     NotAcceptable,
     /// The state of the job does not allow this.
@@ -61,17 +73,21 @@ impl Kind {
     pub fn status(self) -> u16 {
         match self {
             Kind::BadRequest => 400,
+            Kind::Unauthorized => 401,
+            Kind::Forbidden => 403,
             Kind::NotFound => 404,
             Kind::MethodNotAllowed => 405,
             Kind::NotAcceptable => 406,
+            Kind::Timeout => 408,
             Kind::Conflict | Kind::Cancelled => 409,
             Kind::TooLarge => 413,
             Kind::UnsupportedMediaType => 415,
+            Kind::RangeNotSatisfiable => 416,
             Kind::InvalidParameter | Kind::InvalidMesh | Kind::UnsupportedMesh | Kind::DeviceUnsuitable => 422,
             Kind::KeyReused | Kind::TimeLimit => 422,
-            Kind::QueueFull => 429,
+            Kind::QueueFull | Kind::RateLimited => 429,
             Kind::Io | Kind::Internal | Kind::Poison => 500,
-            Kind::Unavailable | Kind::DeviceLost => 503,
+            Kind::Unavailable | Kind::Overloaded | Kind::DeviceLost => 503,
             Kind::InsufficientStorage => 507,
         }
     }
@@ -85,6 +101,12 @@ impl Kind {
             Kind::UnsupportedMesh => "unsupported-mesh",
             Kind::UnsupportedMediaType => "unsupported-media-type",
             Kind::TooLarge => "too-large",
+            Kind::Unauthorized => "unauthorized",
+            Kind::Forbidden => "forbidden",
+            Kind::Timeout => "timeout",
+            Kind::RangeNotSatisfiable => "range-not-satisfiable",
+            Kind::RateLimited => "rate-limited",
+            Kind::Overloaded => "overloaded",
             Kind::NotFound => "not-found",
             Kind::MethodNotAllowed => "method-not-allowed",
             Kind::NotAcceptable => "not-acceptable",
@@ -112,6 +134,12 @@ impl Kind {
             Kind::UnsupportedMesh => "The mesh uses an unsupported feature",
             Kind::UnsupportedMediaType => "The media type is not supported",
             Kind::TooLarge => "The upload is larger than allowed",
+            Kind::Unauthorized => "A token is needed",
+            Kind::Forbidden => "This token may not do this",
+            Kind::Timeout => "The request took too long to arrive",
+            Kind::RangeNotSatisfiable => "There is no such part of the result",
+            Kind::RateLimited => "More is asked for than a client's share",
+            Kind::Overloaded => "The service has too much to do",
             Kind::NotFound => "Not found",
             Kind::MethodNotAllowed => "The method is not allowed here",
             Kind::NotAcceptable => "No acceptable representation",
@@ -133,8 +161,18 @@ impl Kind {
     /// Whether the same request may succeed later.
     pub fn is_retryable(self) -> bool {
         match self {
-            Kind::QueueFull | Kind::Unavailable | Kind::DeviceLost | Kind::Io | Kind::InsufficientStorage => true,
+            Kind::QueueFull
+            | Kind::RateLimited
+            | Kind::Overloaded
+            | Kind::Timeout
+            | Kind::Unavailable
+            | Kind::DeviceLost
+            | Kind::Io
+            | Kind::InsufficientStorage => true,
             Kind::BadRequest
+            | Kind::Unauthorized
+            | Kind::Forbidden
+            | Kind::RangeNotSatisfiable
             | Kind::InvalidParameter
             | Kind::InvalidMesh
             | Kind::UnsupportedMesh

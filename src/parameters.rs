@@ -11,6 +11,7 @@ use utoipa::ToSchema;
 
 pub use self::levels::Levels;
 use crate::cluster::dual_edge::Ties;
+use crate::cluster::hierarchy::Pairs;
 use crate::error::{Error, Result};
 
 /// The parameters of a job. Flags, query parameters and JSON members have the same names and meanings.
@@ -58,11 +59,22 @@ pub struct Parameters {
     #[arg(long)]
     pub bridge_components: bool,
 
+    /// Let clusters be smaller where the surface bends: areas are multiplied by curvature (over its root mean square, kept
+    /// within a factor of 100 of it) to this power; from 0, which is nothing, to 10
+    #[arg(long, value_name = "G")]
+    #[schema(minimum = 0, maximum = 10)]
+    pub curvature_exponent: Option<f64>,
+
+    /// glTF: multiply areas by this attribute of the vertices, a number above 0 each; its name begins with an underscore
+    #[arg(long, value_name = "NAME")]
+    pub weight_attribute: Option<String>,
+
     /// Hierarchies: optimise after the merges of each round, or not, which gives a strictly nested tree; hr never does
     #[arg(long, value_enum, default_value_t)]
     pub optimize: Optimize,
 
-    /// Hierarchies: at most this many iterations of optimisation a round, except at levels; unlimited when left out
+    /// Hierarchies: at most this many iterations of optimisation a round, except at levels and at the end; when left out, 4 in
+    /// parallel rounds and as many as it takes in those of ml
     #[arg(long, value_name = "N")]
     #[schema(minimum = 1)]
     pub optimize_iterations: Option<u32>,
@@ -81,6 +93,10 @@ pub struct Parameters {
     /// Hierarchies: which of equally cheap pairs merges first
     #[arg(long, value_enum, default_value_t)]
     pub ties: Ties,
+
+    /// pml: which of the pairs that chose each other merge in a round
+    #[arg(long, value_enum, default_value_t)]
+    pub pairs: Pairs,
 
     /// Hierarchies: numbers of clusters to stop at on the way and to optimise at until no move is left
     #[arg(long, value_name = "K1,K2,…")]
@@ -122,6 +138,14 @@ impl Parameters {
         if self.switch_to_ml_at == Some(0) {
             return zero("switch_to_ml_at");
         }
+        if let Some(exponent) = self.curvature_exponent.filter(|exponent| !(0.0..=10.0).contains(exponent)) {
+            return Err(Error::parameter(format_args!("curvature_exponent must be from 0 to 10, not {exponent}")));
+        }
+        if let Some(name) = self.weight_attribute.as_ref().filter(|name| name.len() < 2 || !name.starts_with('_')) {
+            return Err(Error::parameter(format_args!(
+                "weight_attribute must begin with an underscore, as the names of such attributes do, not {name:?}"
+            )));
+        }
         match self.collapse_fraction {
             // no number is not above 0 either
             Some(percent) if !(percent > 0.0 && percent <= 50.0) => Err(Error::parameter(format_args!(
@@ -158,6 +182,7 @@ impl Parameters {
             ("switch_to_ml_at", self.switch_to_ml_at.is_some()),
             ("collapse_fraction", self.collapse_fraction.is_some()),
             ("ties", self.ties != Ties::Hash),
+            ("pairs", self.pairs != Pairs::CheaperHalf),
             ("levels", !self.levels().is_empty()),
         ]
     }
@@ -171,6 +196,9 @@ impl Parameters {
                 }
                 _ => "optimize_iterations does not go with optimize none",
             }));
+        }
+        if self.pairs != Pairs::CheaperHalf && self.algorithm != Algorithm::Pml {
+            return Err(self.contradiction("pairs", "pml"));
         }
         if self.switch_to_ml_at.is_some() && self.algorithm != Algorithm::Pml {
             return Err(self.contradiction("switch_to_ml_at", "pml"));
@@ -365,6 +393,10 @@ mod tests {
             (json!({"algorithm": "ml", "collapse_fraction": 50.5}), ["collapse_fraction", "50.5"]),
             (json!({"algorithm": "ml", "collapse_fraction": 0}), ["collapse_fraction", "0"]),
             (json!({"algorithm": "pml", "clusters": 0}), ["clusters", "0"]),
+            (json!({"clusters": 3, "curvature_exponent": -1}), ["curvature_exponent", "-1"]),
+            (json!({"clusters": 3, "curvature_exponent": 10.5}), ["curvature_exponent", "10.5"]),
+            (json!({"clusters": 3, "weight_attribute": "WEIGHT"}), ["weight_attribute", "WEIGHT"]),
+            (json!({"clusters": 3, "weight_attribute": "_"}), ["weight_attribute", "underscore"]),
             (json!({"algorithm": "pml", "clusters": 30, "levels": [100, 20]}), ["levels", "20"]),
         ] {
             let error = parameters(asked.clone()).check(false).expect_err(&asked.to_string());

@@ -94,6 +94,8 @@ pub struct Energy {
     /// Name of the energy functional: `cvd`, the sum over faces of area × squared distance between the face's centroid and
     /// its cluster's (centroidal Voronoi diagram).
     pub functional: String,
+    /// What areas are multiplied by, in these energies and wherever faces are weighed; empty where area alone counts.
+    pub weighted_by: Vec<WeightedBy>,
     /// After the initial growth; f64 from the source positions. Null when it overflows, and for hierarchies, which start
     /// with every face a cluster.
     pub initial: Option<f64>,
@@ -102,8 +104,20 @@ pub struct Energy {
     #[schema(rename = "final")]
     pub final_: Option<f64>,
     /// `final` over the energy of a flat tiling by regular hexagons with as many clusters, less what lies inside the
-    /// faces; null where that difference leaves less than half of the tiling's energy.
+    /// faces; null where that difference leaves less than half of the tiling's energy, and where `weighted_by` is not empty.
     pub hexagon_ratio: Option<f64>,
+}
+
+/// What areas are multiplied by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum WeightedBy {
+    /// Weights that came with the mesh, one a face or vertex.
+    Weights,
+    /// An attribute of the mesh.
+    Attribute,
+    /// A power of the curvature over its root mean square.
+    Curvature,
 }
 
 /// One iteration of an optimisation.

@@ -17,6 +17,7 @@ fn run(parameters: &Parameters) -> tesserae::Result<Outcome> {
         limits: Limits::default(),
         parameters,
         seeds: None,
+        weights: None,
     })?;
     job::run(&prepared, &mut CpuDevice::new(), &Cancel::default(), &mut |_| {})
 }

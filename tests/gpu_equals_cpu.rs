@@ -15,7 +15,7 @@ use tesserae::device::gpu::GpuDevice;
 use tesserae::mesh::{self, Format, Limits, NoResources};
 use tesserae::parameters::Seeds;
 use tesserae::sample::{Sample, generate};
-use tesserae::surface::Surface;
+use tesserae::surface::{Surface, Wanted};
 
 /// Compares a run on both devices.
 fn compare(
@@ -133,6 +133,18 @@ fn real_meshes_are_clustered_alike() {
                 compare(&mut gpu, &path.display().to_string(), &surface, what, ALL);
             }
         }
+    }
+}
+
+#[test]
+fn density_changes_labels_alike() {
+    let mut gpu = device();
+    for (sample, faces) in [(Sample::Knot, 5000), (Sample::Parts, 3000), (Sample::Quads, 3000)] {
+        let mesh = generate(sample, faces).expect("a sample");
+        let weights: Vec<f64> = (0..mesh.faces.len()).map(|face| 1.0 + (face % 97) as f64 * 0.3).collect();
+        let wanted = Wanted { weights: Some(&weights), curvature_exponent: Some(1.5) };
+        let surface = Surface::build_with(&mesh, false, wanted).expect("a surface");
+        compare(&mut gpu, sample.name(), &surface, (80, &Seeds::Morton, 0), ALL);
     }
 }
 

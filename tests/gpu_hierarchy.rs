@@ -10,7 +10,7 @@ use common::zoo;
 use gpu_support::{adapter, device, device_with};
 use tesserae::Kind;
 use tesserae::cluster::dual_edge::{End, Rank, Ties, exact_cost, packed_cost};
-use tesserae::cluster::hierarchy::{Options, RoundRow, components_of_faces, hierarchical};
+use tesserae::cluster::hierarchy::{Options, Pairs, RoundRow, components_of_faces, hierarchical};
 use tesserae::cluster::run::Row;
 use tesserae::cluster::sums::ClusterSums;
 use tesserae::device::cpu::CpuDevice;
@@ -31,6 +31,7 @@ fn pml() -> Options {
         refine: true,
         optimise_iterations: None,
         ties: Ties::Hash,
+        pairs: Pairs::CheaperHalf,
         clusters: None,
         levels: Vec::new(),
         allow_disconnected: false,
@@ -128,6 +129,8 @@ fn larger_hierarchies_stops_and_mixtures_are_alike() {
             Options { levels: vec![321], clusters: Some(77), optimise_iterations: Some(3), ..pml() },
             Options { clusters: Some(50), allow_disconnected: true, ..pml() },
             Options { sequential_at: 30, ..pml() },
+            Options { optimise_iterations: Some(30), pairs: Pairs::All, ..pml() },
+            Options { optimise_iterations: Some(u32::MAX), ..pml() },
         ] {
             let outcome = compare(&mut gpu, sample.name(), &surface, &options);
             let levels: Vec<u64> =
@@ -146,12 +149,12 @@ fn the_comparison_fails_when_the_devices_see_different_meshes_or_options() {
     assert!(run(&mut gpu, &here, &pml()).expect("the gpu runs") == expected);
 
     let mut heavier = Surface::build(&mesh).expect("a surface");
-    heavier.weights[100] += 1;
+    heavier.graph.weights[100] += 1;
     let other = run(&mut gpu, &heavier, &pml()).expect("the gpu runs");
     assert!(other.tree != expected.tree, "a weight");
 
     let mut moved = Surface::build(&mesh).expect("a surface");
-    moved.centroids[100][1] += 1;
+    moved.graph.centroids[100][1] += 1;
     let other = run(&mut gpu, &moved, &pml()).expect("the gpu runs");
     assert!(other.tree != expected.tree, "a centroid");
 

@@ -255,6 +255,7 @@ fn a_gpu_does_not_run_references_and_says_so() {
             limits: Limits::default(),
             parameters: &parameters,
             seeds: None,
+            weights: None,
         })
         .expect("a mesh");
         let info = CpuDevice::new().info().clone();

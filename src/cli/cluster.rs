@@ -31,6 +31,7 @@ Examples:
   tesserae cluster horse.obj -k 2000 --device gpu --seeds random --seed 7 --labels horse.bin
   tesserae cluster horse.obj --algorithm pml --hierarchy horse.tsr --levels 2000,1000 --report horse.json
   tesserae cluster horse.obj --algorithm hr --linkage horse.npy
+  tesserae cluster horse.obj -k 2000 --curvature-exponent 2 --labels horse.npy
   gunzip -c dragon.glb.gz | tesserae cluster - -k 5000 --labels - > dragon.labels.json")]
 pub struct Arguments {
     /// The mesh: .obj, .glb or .gltf, or - for standard input
@@ -43,6 +44,11 @@ pub struct Arguments {
 
     #[command(flatten)]
     parameters: Parameters,
+
+    /// Multiply the area of each face by a weight, so that clusters are smaller where it is larger: a .npy file with floats above
+    /// 0, one a face or one a vertex (whose mean a face takes)
+    #[arg(long, value_name = "IN.npy", conflicts_with = "weight_attribute")]
+    weights: Option<PathBuf>,
 
     #[command(flatten)]
     device: DeviceArguments,
@@ -142,6 +148,9 @@ fn check(arguments: &Arguments, outputs: &[Output<'_>]) -> Result<(), Failure> {
     if let Seeds::File(path) = &parameters.seeds {
         inputs.push(("the list of seeds", Source::from(path.clone())));
     }
+    if let Some(path) = &arguments.weights {
+        inputs.push(("the weights", Source::from(path.clone())));
+    }
     check_places("cluster", &inputs, outputs)
 }
 
@@ -177,6 +186,10 @@ fn cluster(arguments: &Arguments, outputs: &[Output<'_>], progress: &mut Progres
         Seeds::File(path) => Some(Source::from(path.clone()).read(limits.max_bytes)?),
         Seeds::Coarse | Seeds::Morton | Seeds::Random | Seeds::Listed => None,
     };
+    let weights = match &arguments.weights {
+        Some(path) => Some(Source::from(path.clone()).read(limits.max_bytes)?),
+        None => None,
+    };
     let read = milliseconds(reading.elapsed());
 
     let name = match &input {
@@ -203,6 +216,7 @@ fn cluster(arguments: &Arguments, outputs: &[Output<'_>], progress: &mut Progres
         limits,
         parameters: &arguments.parameters,
         seeds: seeds.as_deref(),
+        weights: weights.as_deref(),
     })?;
     prepared.timings.read = read;
     drop(bytes);

@@ -17,6 +17,7 @@ mod results;
 mod sample;
 mod serve;
 mod signals;
+mod token;
 
 use std::io::{self, Write};
 use std::process::ExitCode;
@@ -52,6 +53,8 @@ enum Command {
     Plot(plot::Arguments),
     /// Serve jobs over HTTP
     Serve(Box<serve::Arguments>),
+    /// Make, list and take back the tokens that a service asks for
+    Token(token::Arguments),
     /// Make a mesh from nothing, for trying out and testing
     Sample(sample::Arguments),
     /// List every device, usable or why not, and which one `--device auto` takes
@@ -65,6 +68,7 @@ pub fn main() -> ExitCode {
         Command::Cut(arguments) => cut::run(&arguments),
         Command::Plot(arguments) => plot::run(&arguments),
         Command::Serve(arguments) => serve::run(*arguments),
+        Command::Token(arguments) => token::run(&arguments),
         Command::Sample(arguments) => sample::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
     };

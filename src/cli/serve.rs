@@ -31,6 +31,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     if let Some(message) = arguments.device.contradiction() {
         return Err(Failure::Usage("serve", message));
     }
+    arguments.settings.check().map_err(|error| Failure::Usage("serve", error.message))?;
     arguments.log.start().map_err(|error| Failure::Usage("serve", error.message))?;
     let device = arguments.device.open_for_any()?;
     let description = DeviceDescription {

@@ -5,7 +5,11 @@
 
 mod flat;
 mod hierarchical;
+mod npy;
 mod seed_list;
+mod weight_list;
+
+pub use weight_list::check_head as check_head_of_weights;
 
 use std::time::{Duration, Instant};
 
@@ -18,8 +22,8 @@ use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::{self, Format, Limits, PolygonMesh, Resources};
 use crate::parameters::{Algorithm, Optimize, Parameters, Refine, Seeds};
-use crate::report::{Energy, Input, Iteration, Level, Report, Row, Timings};
-use crate::surface::Surface;
+use crate::report::{Energy, Input, Iteration, Level, Report, Row, Timings, WeightedBy};
+use crate::surface::{Surface, Wanted};
 use crate::tree::Tree;
 use crate::tree::stored::Stored;
 
@@ -38,6 +42,8 @@ pub struct Request<'a> {
     pub parameters: &'a Parameters,
     /// A file that lists the seeds: face numbers of the upload, as `.npy`, a JSON array, or text.
     pub seeds: Option<&'a [u8]>,
+    /// A file with one weight a face or vertex: `.npy` with floats.
+    pub weights: Option<&'a [u8]>,
 }
 
 /// A mesh that is ready to be clustered.
@@ -51,6 +57,8 @@ pub struct Prepared {
     pub input: Input,
     /// Parameters with what the mesh decides filled in.
     pub parameters: Parameters,
+    /// What areas are multiplied by.
+    pub weighted_by: Vec<WeightedBy>,
     /// What is unusual about the mesh, for people.
     pub warnings: Vec<String>,
     /// What the stages so far took.
@@ -83,6 +91,10 @@ pub struct Outcome {
 pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
     let started = Instant::now();
     request.parameters.check(request.seeds.is_some())?;
+    if request.weights.is_some() && request.parameters.weight_attribute.is_some() {
+        return Err(Error::parameter("weights and weight_attribute exclude each other: give one of them"));
+    }
+    let weights = request.weights.map(weight_list::parse).transpose()?;
     let listed = request.seeds.map(seed_list::parse).transpose()?;
     let mut parameters = request.parameters.clone();
     if let Some(listed) = &listed {
@@ -105,9 +117,13 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
         }
     }
 
-    let mesh = mesh::read(request.bytes, request.format, request.resources, &request.limits)?;
+    let attribute = parameters.weight_attribute.as_deref();
+    let (mesh, weights_of_attribute) =
+        mesh::read_with_attribute(request.bytes, request.format, request.resources, &request.limits, attribute)?;
     let parsed = Instant::now();
-    let surface = Surface::build_bridged(&mesh, parameters.bridge_components)?;
+    let weights = weights.or(weights_of_attribute);
+    let density = Wanted { weights: weights.as_deref(), curvature_exponent: parameters.curvature_exponent };
+    let surface = Surface::build_with(&mesh, parameters.bridge_components, density)?;
     let plan = if parameters.algorithm.is_hierarchical() {
         let options = hierarchical::options(&parameters);
         hierarchy::check(&surface, &options)?;
@@ -127,12 +143,25 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
             surface.counts.zero_area_faces
         ));
     }
+    if weights.is_some() && attribute.is_none() && mesh.faces.len() == mesh.positions.len() {
+        warnings.push(format!(
+            "there are as many faces as vertices, and the weights were taken as one a face: {}",
+            mesh.faces.len()
+        ));
+    }
+    let mut weighted_by = Vec::new();
+    if weights.is_some() {
+        weighted_by.push(if attribute.is_some() { WeightedBy::Attribute } else { WeightedBy::Weights });
+    }
+    if parameters.curvature_exponent.is_some() {
+        weighted_by.push(WeightedBy::Curvature);
+    }
     let timings = Timings {
         parse: milliseconds(parsed - started),
         topology: milliseconds(parsed.elapsed()),
         ..Timings::default()
     };
-    Ok(Prepared { surface, plan, input, parameters, warnings, timings })
+    Ok(Prepared { surface, plan, input, parameters, weighted_by, warnings, timings })
 }
 
 /// Clusters a prepared mesh. `on_row` is told of every row of the report as it comes.
@@ -156,6 +185,7 @@ pub fn run(
     let final_ = surface.source_energy(&clustered.labels, clusters);
     let energy = Energy {
         functional: "cvd".to_owned(),
+        weighted_by: prepared.weighted_by.clone(),
         initial: clustered.initial_energy.and_then(finite),
         final_: finite(final_),
         hexagon_ratio: surface.hexagon_ratio(&clustered.labels, clusters),

@@ -1,11 +1,12 @@
 //! Lists of seeds as files: NumPy's `.npy` with integers, a JSON array, or text with numbers between white space or
 //! commas.
 
+use super::npy;
 use crate::error::{Error, Result};
 
 /// The face numbers in a file, in its order.
 pub fn parse(bytes: &[u8]) -> Result<Vec<u32>> {
-    let listed = if bytes.starts_with(b"\x93NUMPY") {
+    let listed = if bytes.starts_with(npy::MAGIC) {
         parse_npy(bytes)?
     } else {
         let text = std::str::from_utf8(bytes)
@@ -33,48 +34,12 @@ fn parse_text(text: &str) -> Result<Vec<u32>> {
         .collect()
 }
 
-/// A one-dimensional array of little-endian integers of 4 or 8 bytes (`.npy` format version 1 to 3).
+/// A one-dimensional array of little-endian integers of 4 or 8 bytes.
 fn parse_npy(bytes: &[u8]) -> Result<Vec<u32>> {
-    let malformed = || Error::parameter("the .npy list of seeds ends early");
-    let (length_bytes, start) = match bytes.get(6).ok_or_else(malformed)? {
-        1 => (2, 10),
-        2 | 3 => (4, 12),
-        version => {
-            return Err(Error::parameter(format_args!("the .npy list of seeds is of an unknown version: {version}")));
-        }
-    };
-    let mut length = 0usize;
-    for &byte in bytes.get(8..8 + length_bytes).ok_or_else(malformed)?.iter().rev() {
-        length = length << 8 | usize::from(byte);
-    }
-    let header = bytes.get(start..).and_then(|rest| rest.get(..length)).ok_or_else(malformed)?;
-    let header = String::from_utf8_lossy(header);
-    let data = &bytes[start + length..];
-    let kind = ["<i4", "<u4", "<i8", "<u8"].into_iter().find(|kind| header.contains(&format!("'{kind}'")));
-    let Some(kind) = kind else {
-        return Err(Error::parameter(format_args!(
-            "the .npy list of seeds must hold little-endian integers of 4 or 8 bytes: {}",
-            header.trim()
-        )));
-    };
-    let shape = header
-        .split_once("'shape':")
-        .and_then(|(_, rest)| rest.split_once('('))
-        .and_then(|(_, rest)| rest.split_once(')'));
-    let count: Option<usize> = shape.and_then(|(inside, _)| inside.trim().trim_end_matches(',').trim().parse().ok());
-    let Some(count) = count else {
-        return Err(Error::parameter(format_args!(
-            "the .npy list of seeds must have one dimension: {}",
-            header.trim()
-        )));
-    };
+    const KINDS: [&str; 4] = ["<i4", "<u4", "<i8", "<u8"];
+    let array = npy::parse(bytes, "list of seeds", &KINDS, "little-endian integers of 4 or 8 bytes")?;
+    let npy::Array { kind, data } = array;
     let width = if kind.ends_with('8') { 8 } else { 4 };
-    if !data.len().is_multiple_of(width) || data.len() / width != count {
-        return Err(Error::parameter(format_args!(
-            "the .npy list of seeds should hold {count} numbers of {width} bytes, but its data has bytes: {}",
-            data.len()
-        )));
-    }
     data.chunks_exact(width)
         .enumerate()
         .map(|(seed, bytes)| {

@@ -120,18 +120,32 @@ pub const HEAD_BYTES: usize = 4096;
 
 /// Reads a mesh from its bytes.
 pub fn read(bytes: &[u8], format: Format, resources: &dyn Resources, limits: &Limits) -> Result<PolygonMesh> {
+    Ok(read_with_attribute(bytes, format, resources, limits, None)?.0)
+}
+
+/// Reads a mesh and one number a vertex: a glTF attribute, which every primitive must have. None without `attribute`.
+pub fn read_with_attribute(
+    bytes: &[u8],
+    format: Format,
+    resources: &dyn Resources,
+    limits: &Limits,
+    attribute: Option<&str>,
+) -> Result<(PolygonMesh, Option<Vec<f64>>)> {
     limits.check_bytes(bytes.len() as u64)?;
     let head = &bytes[..bytes.len().min(HEAD_BYTES)];
     format.check_head(head, Some(bytes.len() as u64))?;
-    let mesh = match format {
-        Format::Obj => obj::read(bytes, limits)?,
-        Format::Glb => gltf::read_binary(bytes, resources, limits)?,
-        Format::Gltf => gltf::read_json(bytes, resources, limits)?,
+    let (mesh, numbers) = match (format, attribute) {
+        (Format::Obj, None) => (obj::read(bytes, limits)?, None),
+        (Format::Obj, Some(name)) => {
+            return Err(Error::parameter(format_args!("an OBJ has no attributes with names, only glTF has: {name:?}")));
+        }
+        (Format::Glb, _) => gltf::read_binary(bytes, resources, limits, attribute)?,
+        (Format::Gltf, _) => gltf::read_json(bytes, resources, limits, attribute)?,
     };
     if mesh.faces.is_empty() {
         return Err(Error::mesh("the mesh has no faces"));
     }
-    Ok(mesh)
+    Ok((mesh, numbers))
 }
 
 #[cfg(test)]

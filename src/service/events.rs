@@ -18,6 +18,7 @@ use serde::Serialize;
 use tokio::sync::watch;
 use utoipa::ToSchema;
 
+use super::access::Caller;
 use super::jobs;
 use super::problem::{Answer, Problem};
 use super::server::{App, Shared};
@@ -81,8 +82,8 @@ pub(super) struct StreamEvent {
         (status = 500, response = super::openapi::Problematic),
     ),
 )]
-pub(super) async fn stream(Extract(shared): App, Path(id): Path<String>, headers: HeaderMap) -> Answer {
-    let id: JobId = id.parse()?;
+pub(super) async fn stream(Extract(shared): App, caller: Caller, Path(id): Path<String>, headers: HeaderMap) -> Answer {
+    let id = jobs::find(&shared, &caller, &id).await?.id;
     let after = last_event_id(&headers)?;
     let mut pulses = shared.store.watch(id).await?.ok_or_else(|| no_such_job(id))?;
     let pulse = *pulses.borrow_and_update();

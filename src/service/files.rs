@@ -17,6 +17,8 @@ const ATTEMPTS: usize = 100;
 pub(super) const MESH: &str = "mesh";
 /// Name of the list of seeds in a job's upload folder.
 pub(super) const SEEDS: &str = "seeds";
+/// Name of the weights in a job's upload folder.
+pub(super) const WEIGHTS: &str = "weights";
 /// Name of the labels as `.npy` in a job's result folder.
 pub(super) const LABELS_NPY: &str = "labels.npy";
 /// Name of the labels as JSON in a job's result folder.

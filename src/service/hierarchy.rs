@@ -16,10 +16,12 @@ use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use utoipa::IntoParams;
 
+use super::access::Caller;
 use super::files::{self, blocking};
+use super::jobs::find;
 use super::openapi::{Binary, Problematic};
 use super::problem::Answer;
-use super::results::{attachment, find, streamed, succeeded};
+use super::results::{attachment, streamed, succeeded};
 use super::server::{App, Shared};
 use super::store::Job;
 use super::{negotiate, query};
@@ -81,8 +83,14 @@ impl Form {
         (status = 500, response = Problematic),
     ),
 )]
-pub(super) async fn hierarchy(Extract(shared): App, Path(id): Path<String>, uri: Uri, headers: HeaderMap) -> Answer {
-    let job = find(&shared, &id).await?;
+pub(super) async fn hierarchy(
+    Extract(shared): App,
+    caller: Caller,
+    Path(id): Path<String>,
+    uri: Uri,
+    headers: HeaderMap,
+) -> Answer {
+    let job = find(&shared, &caller, &id).await?;
     let algorithm = job.spec.parameters.algorithm;
     if !algorithm.is_hierarchical() {
         let message =

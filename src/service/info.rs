@@ -1,20 +1,17 @@
 //! What the service says about itself.
 
-use std::fmt::Write as _;
-use std::sync::atomic::Ordering;
-
 use axum::Json;
 use axum::extract::State as Extract;
 use axum::http::header;
-use axum::response::{IntoResponse, Response};
+use axum::response::IntoResponse;
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::health::Condition;
+use super::metrics::{self, Snapshot};
 use super::openapi::Problematic;
 use super::problem::Answer;
 use super::server::App;
-use super::store::State;
 use crate::error::{Error, Kind};
 use crate::mesh::Format;
 use crate::output::LabelFormat;
@@ -149,28 +146,21 @@ pub(super) async fn readyz(Extract(shared): App) -> Answer<Json<Readiness>> {
 
 /// Metrics
 ///
-/// Counters in the text format of Prometheus.
+/// For Prometheus, as OpenMetrics. With tokens, only for tenants that may read metrics.
 #[utoipa::path(
     get, path = "/metrics", tag = "service", operation_id = "getMetrics",
     responses(
-        (status = 200, description = "The metrics", body = String, content_type = "text/plain; version=0.0.4"),
+        (status = 200, description = "The metrics", body = String, content_type = "application/openmetrics-text"),
         (status = 500, response = Problematic),
     ),
 )]
 pub(super) async fn metrics(Extract(shared): App) -> Answer {
-    let mut text =
-        String::from("# HELP tesserae_jobs Jobs that the service knows, by state.\n# TYPE tesserae_jobs gauge\n");
-    for (state, count) in State::ALL.into_iter().zip(shared.store.counts().await?) {
-        let _ = writeln!(text, "tesserae_jobs{{state=\"{}\"}} {count}", state.name());
-    }
-    text.push_str(
-        "# HELP tesserae_http_responses_total Answers given, by class of status.\n\
-         # TYPE tesserae_http_responses_total counter\n",
-    );
-    for (class, count) in (1..).zip(&shared.answers) {
-        let count = count.load(Ordering::Relaxed);
-        let _ = writeln!(text, "tesserae_http_responses_total{{class=\"{class}xx\"}} {count}");
-    }
-    let response: Response = ([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text).into_response();
-    Ok(response)
+    let now = Snapshot {
+        jobs: shared.store.counts().await?,
+        streams: shared.traffic.open_streams(),
+        upload_bytes_in_flight: shared.traffic.uploads.held(),
+        store: shared.store.statistics(),
+    };
+    let text = shared.metrics.text(now, &shared.health)?;
+    Ok(([(header::CONTENT_TYPE, metrics::MEDIA_TYPE)], text).into_response())
 }

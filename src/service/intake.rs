@@ -1,15 +1,26 @@
-//! The body of a request on its way in: counted, limited, and never held.
+//! The body of a request on its way in: timed, counted, decompressed, limited, and never held.
+//!
+//! ```text
+//! body ─ Intake: bytes as sent, their number and pace ─ gzip, zstd ─ Content: bytes as meant, their number
+//! ```
 
+use std::io;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::task::{Context, Poll};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
+use async_compression::tokio::bufread::{GzipDecoder, ZstdDecoder};
+use async_compression::zstd::DParameter;
 use axum::body::{Body, BodyDataStream, Bytes};
 use axum::http::{HeaderMap, header};
-use futures_util::{Stream, StreamExt};
+use futures_util::{Stream, StreamExt, TryStreamExt};
+use tokio::time::Sleep;
+use tokio_util::io::{ReaderStream, StreamReader};
 
+use super::settings::TrafficSettings;
+use super::traffic::budget::{Budget, Held};
 use crate::error::{Error, Kind, Result};
 
 /// For how long the rest of a refused body is read and thrown away, so that the answer reaches a client that is still
@@ -19,15 +30,72 @@ const LINGER: Duration = Duration::from_secs(2);
 /// Largest number of bytes between the contents of two parts: their headers, and what one read brings along.
 const BETWEEN_PARTS: u64 = 4 << 20;
 
-/// A body as a stream that ends with an error when it has more bytes than it may.
-#[derive(Debug)]
-pub(super) struct Intake {
-    body: Option<BodyDataStream>,
-    limit: u64,
+/// Bytes that a compressed upload may become before its inflation counts: small meshes may be very regular.
+const ANY_INFLATION: u64 = 1 << 20;
+
+/// Bytes that are decompressed at once.
+const CHUNK: usize = 1 << 16;
+
+/// Binary logarithm of the largest window of zstd, in bytes: 8 MiB, which every decoder must have (RFC 8878 §3.1.1.1.2).
+const ZSTD_WINDOW_LOG: u32 = 23;
+
+/// How a body is compressed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Encoding {
+    /// Not at all.
+    Identity,
+    /// RFC 1952.
+    Gzip,
+    /// RFC 8878.
+    Zstd,
+}
+
+/// What a body may be like.
+#[derive(Debug, Clone)]
+pub(super) struct Rules {
+    /// Largest number of bytes, as sent and as meant.
+    pub limit: u64,
+    /// How many times as many bytes as were sent may be meant.
+    inflation: u64,
+    /// Time without a byte.
+    patience: Duration,
+    /// Bytes a second on average, after that time.
+    min_rate: u64,
+    /// The bytes of all uploads.
+    uploads: Arc<Budget>,
+}
+
+impl Rules {
+    /// What the settings say.
+    pub fn new(limit: u64, traffic: &TrafficSettings, uploads: Arc<Budget>) -> Self {
+        Self {
+            limit,
+            inflation: traffic.max_inflation,
+            patience: traffic.body_timeout(),
+            min_rate: traffic.min_upload_rate,
+            uploads,
+        }
+    }
+
+    /// The error for more bytes than allowed: `length` is how many, as far as is known.
+    pub fn too_large(&self, length: u64) -> Error {
+        Error::too_large(format_args!(
+            "the upload has more bytes than the limit of {} (the service's --max-upload-bytes): {length}",
+            self.limit
+        ))
+    }
+}
+
+/// The content of a body, decompressed: a stream that ends with an error when something about it is not as it must be.
+pub(super) struct Content {
+    bytes: Pin<Box<dyn Stream<Item = Result<Bytes>> + Send>>,
+    rules: Rules,
+    /// Bytes as sent, when they are compressed.
+    sent: Option<Arc<AtomicU64>>,
+    /// Bytes as meant.
     received: u64,
+    held: Held,
     allowance: Allowance,
-    /// Nothing may be read from a client that waits for leave to send (`Expect: 100-continue`) just to throw it away.
-    drain: bool,
     /// Whether the last poll gave data: the next one gives way first.
     gave: bool,
 }
@@ -60,33 +128,84 @@ impl Allowance {
     }
 }
 
-impl Intake {
-    /// Takes over a body of at most `limit` bytes.
-    pub fn new(body: Body, headers: &HeaderMap, limit: u64) -> Self {
-        Self {
-            body: Some(body.into_data_stream()),
-            limit,
-            received: 0,
-            allowance: Allowance(Arc::new(AtomicU64::new(u64::MAX))),
-            drain: !headers.contains_key(header::EXPECT),
-            gave: false,
-        }
+/// Takes over a body, of `length` bytes if it says so.
+pub(super) fn open(
+    body: Body,
+    headers: &HeaderMap,
+    encoding: Encoding,
+    length: Option<u64>,
+    rules: Rules,
+) -> Result<Content> {
+    let intake = Intake::new(body, headers, rules.clone());
+    if let Some(length) = length.filter(|length| *length > rules.limit) {
+        return Err(rules.too_large(length));
     }
+    let held = rules.uploads.begin(length)?;
+    let sent = (encoding != Encoding::Identity).then(|| Arc::clone(&intake.received));
+    let as_read = |intake: Intake| StreamReader::new(intake.map_err(io::Error::other));
+    let bytes: Pin<Box<dyn Stream<Item = Result<Bytes>> + Send>> = match encoding {
+        Encoding::Identity => Box::pin(intake),
+        Encoding::Gzip => {
+            let mut decoder = GzipDecoder::new(as_read(intake));
+            decoder.multiple_members(true);
+            Box::pin(ReaderStream::with_capacity(decoder, CHUNK).map_err(unreadable))
+        }
+        Encoding::Zstd => {
+            let parameters = [DParameter::window_log_max(ZSTD_WINDOW_LOG)];
+            let mut decoder = ZstdDecoder::with_params(as_read(intake), &parameters);
+            decoder.multiple_members(true);
+            Box::pin(ReaderStream::with_capacity(decoder, CHUNK).map_err(unreadable))
+        }
+    };
+    let allowance = Allowance(Arc::new(AtomicU64::new(u64::MAX)));
+    Ok(Content { bytes, rules, sent, received: 0, held, allowance, gave: false })
+}
 
+/// The error of a compressed body: what [`Intake`] refused, or what is wrong with the compression.
+fn unreadable(error: io::Error) -> Error {
+    let ours = error.get_ref().and_then(|cause| cause.downcast_ref::<Error>()).cloned();
+    ours.unwrap_or_else(|| {
+        Error::new(Kind::BadRequest, format_args!("the body is not as its Content-Encoding says: {error}"))
+    })
+}
+
+impl Content {
     /// The allowance that the stream spends.
     pub fn allowance(&self) -> Allowance {
         self.allowance.clone()
     }
 
-    /// The error for more bytes than allowed: `length` is how many, as far as is known.
-    pub fn too_large(limit: u64, length: u64) -> Error {
-        Error::too_large(format_args!(
-            "the upload has more bytes than the limit of {limit} (the service's --max-upload-bytes): {length}"
-        ))
+    /// Takes account of what came.
+    fn check(&mut self, data: &Bytes) -> Result<()> {
+        let bytes = data.len() as u64;
+        self.received += bytes;
+        if self.received > self.rules.limit {
+            return Err(self.rules.too_large(self.received));
+        }
+        if let Some(sent) = &self.sent {
+            let sent = sent.load(Ordering::Relaxed);
+            if self.received > ANY_INFLATION.saturating_add(sent.saturating_mul(self.rules.inflation)) {
+                return Err(Error::too_large(format_args!(
+                    "the compressed upload becomes more than {} times as large, which is more than the service's \
+                     --max-inflation; send it without compression, or less compressed; it was at {} bytes after {sent}",
+                    self.rules.inflation, self.received
+                )));
+            }
+        }
+        self.held.add(bytes)?;
+        if !self.allowance.spend(bytes) {
+            return Err(Error::new(
+                Kind::BadRequest,
+                format_args!(
+                    "the headers of a part, or what stands before the first one, take more than {BETWEEN_PARTS} bytes"
+                ),
+            ));
+        }
+        Ok(())
     }
 }
 
-impl Stream for Intake {
+impl Stream for Content {
     type Item = Result<Bytes>;
 
     fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
@@ -95,12 +214,84 @@ impl Stream for Intake {
             context.waker().wake_by_ref();
             return Poll::Pending;
         }
+        self.bytes.as_mut().poll_next(context).map(|item| {
+            let data = match item? {
+                Ok(data) => data,
+                Err(error) => return Some(Err(error)),
+            };
+            self.gave = true;
+            Some(self.check(&data).map(|()| data))
+        })
+    }
+}
+
+/// A body as it is sent.
+struct Intake {
+    body: Option<BodyDataStream>,
+    rules: Rules,
+    received: Arc<AtomicU64>,
+    began: Instant,
+    /// Ends when nothing came for too long.
+    quiet: Pin<Box<Sleep>>,
+    /// Nothing may be read from a client that waits for leave to send (`Expect: 100-continue`) just to throw it away.
+    drain: bool,
+}
+
+impl Intake {
+    fn new(body: Body, headers: &HeaderMap, rules: Rules) -> Self {
+        Self {
+            body: Some(body.into_data_stream()),
+            quiet: Box::pin(tokio::time::sleep(rules.patience)),
+            rules,
+            received: Arc::default(),
+            began: Instant::now(),
+            drain: !headers.contains_key(header::EXPECT),
+        }
+    }
+
+    /// Takes account of what came.
+    fn check(&mut self, data: &Bytes) -> Result<()> {
+        let bytes = data.len() as u64;
+        let received = self.received.fetch_add(bytes, Ordering::Relaxed) + bytes;
+        if received > self.rules.limit {
+            return Err(self.rules.too_large(received));
+        }
+        let now = tokio::time::Instant::now();
+        self.quiet.as_mut().reset(now + self.rules.patience);
+        let elapsed = self.began.elapsed().saturating_sub(self.rules.patience).as_secs_f64();
+        if (received as f64) < elapsed * self.rules.min_rate as f64 {
+            return Err(Error::new(
+                Kind::Timeout,
+                format_args!(
+                    "the upload comes at less than {} bytes a second (the service's --min-upload-rate): {received} bytes so far",
+                    self.rules.min_rate
+                ),
+            ));
+        }
+        Ok(())
+    }
+}
+
+impl Stream for Intake {
+    type Item = Result<Bytes>;
+
+    fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
         self.drain = true;
         let Some(body) = &mut self.body else {
             return Poll::Ready(None);
         };
         match body.poll_next_unpin(context) {
-            Poll::Pending => Poll::Pending,
+            Poll::Pending => match self.quiet.as_mut().poll(context) {
+                Poll::Pending => Poll::Pending,
+                Poll::Ready(()) => Poll::Ready(Some(Err(Error::new(
+                    Kind::Timeout,
+                    format_args!(
+                        "nothing of the upload came for {} s (the service's --body-timeout), after bytes: {}",
+                        self.rules.patience.as_secs(),
+                        self.received.load(Ordering::Relaxed)
+                    ),
+                )))),
+            },
             Poll::Ready(None) => {
                 self.body = None;
                 Poll::Ready(None)
@@ -112,22 +303,7 @@ impl Stream for Intake {
                     format_args!("the body ended before it was whole: {error}"),
                 ))))
             }
-            Poll::Ready(Some(Ok(data))) => {
-                self.gave = true;
-                self.received += data.len() as u64;
-                if self.received > self.limit {
-                    return Poll::Ready(Some(Err(Self::too_large(self.limit, self.received))));
-                }
-                if !self.allowance.spend(data.len() as u64) {
-                    return Poll::Ready(Some(Err(Error::new(
-                        Kind::BadRequest,
-                        format_args!(
-                            "the headers of a part, or what stands before the first one, take more than {BETWEEN_PARTS} bytes"
-                        ),
-                    ))));
-                }
-                Poll::Ready(Some(Ok(data)))
-            }
+            Poll::Ready(Some(Ok(data))) => Poll::Ready(Some(self.check(&data).map(|()| data))),
         }
     }
 }

@@ -12,13 +12,16 @@ use axum::{Json, http::HeaderMap};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
+use super::access::Caller;
+use super::access::tokens::Tenant;
+use super::intake::Rules;
 use super::openapi::{Binary, Problematic};
 use super::problem::{Answer, Failure, Problem};
 use super::server::{App, Shared};
 use super::store::{Created, Deletion, Job, JobId, ListQuery, NewJob, State, no_such_job};
 use super::timestamp::rfc3339;
 use super::upload::{self, Upload};
-use super::{prefer, query};
+use super::{admission, prefer, query};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Format;
 use crate::parameters::Parameters;
@@ -161,6 +164,18 @@ pub(super) struct UploadForm {
     /// Listed seeds, one face number a cluster: `.npy`, a JSON array, or numbers in text.
     #[schema(value_type = Option<Binary>)]
     seeds: Option<Binary>,
+    /// Weights that areas are multiplied by, so that clusters are smaller where they are larger: `.npy` with floats above 0,
+    /// one a face or one a vertex, whose mean a face takes.
+    #[schema(value_type = Option<Binary>)]
+    weights: Option<Binary>,
+}
+
+/// The job with that id, if it is the caller's: another's is not there. The only way from an id to a job.
+pub(super) async fn find(shared: &Shared, caller: &Caller, id: &str) -> Result<Job> {
+    let id: JobId = id.parse()?;
+    let tenant = caller.tenant()?;
+    let job = shared.store.get(id).await?.filter(|job| job.spec.tenant == tenant.name);
+    job.ok_or_else(|| no_such_job(id))
 }
 
 /// Path of a job.
@@ -239,16 +254,18 @@ impl From<Job> for JobView {
         (status = 503, response = Problematic),
     ),
 )]
-pub(super) async fn create(Extract(shared): App, request: Request) -> Answer {
+pub(super) async fn create(Extract(shared): App, caller: Caller, request: Request) -> Answer {
     if shared.stop.is_cancelled() {
         return Err(stopping().into());
     }
-    shared.store.check_room().await?;
+    let tenant = caller.tenant()?.clone();
+    admission::check(&shared, &tenant).await?;
     let wait = prefer::wait(request.headers(), shared.settings.max_wait());
-    let limit = shared.settings.max_upload_bytes;
-    let upload = upload::receive(request, &shared.files, limit).await?;
+    let uploads = Arc::clone(&shared.traffic.uploads);
+    let rules = Rules::new(shared.settings.max_upload_bytes, &shared.settings.traffic, uploads);
+    let upload = upload::receive(request, &shared.files, &tenant.name, rules).await?;
     // On a task of its own, so that a client who hangs up now leaves no half of it.
-    let job = tokio::spawn(accept(Arc::clone(&shared), upload))
+    let job = tokio::spawn(accept(Arc::clone(&shared), tenant, upload))
         .await
         .map_err(|error| Error::new(Kind::Internal, format_args!("the job was not accepted: {error}")))??;
     let location = path(job.id);
@@ -267,21 +284,20 @@ pub(super) async fn create(Extract(shared): App, request: Request) -> Answer {
         headers.insert("preference-applied", HeaderValue::from_static("wait"));
     }
     Ok(match job.problem {
-        Some(error) => {
-            let instance = Some(location);
-            (headers, Failure { error, instance }).into_response()
-        }
+        Some(error) => (headers, Failure { instance: Some(location), ..error.into() }).into_response(),
         None => (StatusCode::OK, headers, Json(JobView::from(job))).into_response(),
     })
 }
 
 /// Makes a job of an upload.
-async fn accept(shared: Arc<Shared>, upload: Upload) -> Result<Job> {
+async fn accept(shared: Arc<Shared>, tenant: Tenant, upload: Upload) -> Result<Job, Failure> {
+    let _place = admission::place(&shared, &tenant).await?;
     let id = JobId::random();
     upload.folder.keep_as(shared.files.upload(id)).await?;
     match shared.store.create(NewJob { id, spec: upload.spec, idempotency: None }).await {
         Ok(Created::New(job)) => {
             tracing::info!(job = %id, bytes = job.spec.bytes, "accepted");
+            shared.metrics.accepted(&job);
             Ok(job)
         }
         Ok(Created::Known(job)) => {
@@ -290,7 +306,7 @@ async fn accept(shared: Arc<Shared>, upload: Upload) -> Result<Job> {
         }
         Err(error) => {
             shared.files.remove_upload(id).await;
-            Err(error)
+            Err(admission::full(&shared, error).await)
         }
     }
 }
@@ -325,13 +341,13 @@ pub(super) fn stopping() -> Error {
         (status = 500, response = Problematic),
     ),
 )]
-pub(super) async fn list(Extract(shared): App, uri: Uri) -> Answer {
+pub(super) async fn list(Extract(shared): App, caller: Caller, uri: Uri) -> Answer {
     let ListParameters { state, cursor, limit } = query::read(&uri)?;
     let limit = limit.unwrap_or(PAGE);
     if !(1..=MAX_PAGE).contains(&limit) {
         return Err(Error::parameter(format_args!("limit must be 1 to {MAX_PAGE}, not {limit}")).into());
     }
-    let query = ListQuery { tenant: None, state, cursor, limit };
+    let query = ListQuery { tenant: Some(caller.tenant()?.name.clone()), state, cursor, limit };
     let page = shared.store.list(&query).await?;
     Ok(Json(JobList { jobs: page.jobs.into_iter().map(JobView::from).collect(), next: page.next }).into_response())
 }
@@ -348,9 +364,8 @@ pub(super) async fn list(Extract(shared): App, uri: Uri) -> Answer {
         (status = 500, response = Problematic),
     ),
 )]
-pub(super) async fn show(Extract(shared): App, Path(id): Path<String>) -> Answer {
-    let id: JobId = id.parse()?;
-    let job = shared.store.get(id).await?.ok_or_else(|| no_such_job(id))?;
+pub(super) async fn show(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer {
+    let job = find(&shared, &caller, &id).await?;
     Ok(Json(JobView::from(job)).into_response())
 }
 
@@ -368,8 +383,8 @@ pub(super) async fn show(Extract(shared): App, Path(id): Path<String>) -> Answer
         (status = 500, response = Problematic),
     ),
 )]
-pub(super) async fn remove(Extract(shared): App, Path(id): Path<String>) -> Answer<Response> {
-    let id: JobId = id.parse()?;
+pub(super) async fn remove(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer<Response> {
+    let id = find(&shared, &caller, &id).await?.id;
     match shared.store.delete(id).await? {
         Deletion::Unknown => Err(no_such_job(id).into()),
         Deletion::Deleted => {

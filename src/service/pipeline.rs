@@ -17,7 +17,8 @@ use tracing::Instrument;
 
 use self::device_thread::DeviceThread;
 use super::files::Files;
-use super::store::{End, Job, JobStore, Ticket};
+use super::metrics::Metrics;
+use super::store::{End, Job, JobStore, State, Ticket};
 use crate::device::Cancel;
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Limits;
@@ -30,6 +31,7 @@ pub(super) struct Pipeline {
     limits: Limits,
     slots: Arc<Semaphore>,
     device: DeviceThread,
+    metrics: Arc<Metrics>,
 }
 
 impl Pipeline {
@@ -40,8 +42,9 @@ impl Pipeline {
         limits: Limits,
         slots: usize,
         device: DeviceThread,
+        metrics: Arc<Metrics>,
     ) -> Self {
-        Self { store, files, limits, slots: Arc::new(Semaphore::new(slots)), device }
+        Self { store, files, limits, slots: Arc::new(Semaphore::new(slots)), device, metrics }
     }
 
     /// Works on jobs until `stop`; jobs claimed by then end, at the latest when `abort` asks them to.
@@ -96,6 +99,7 @@ impl Pipeline {
     /// Works on one job until it ends.
     async fn work(self: Arc<Self>, slot: OwnedSemaphorePermit, ticket: Ticket, job: Job, abort: CancellationToken) {
         let started = Instant::now();
+        self.metrics.claimed(&job);
         tracing::info!(format = job.spec.format.name(), bytes = job.spec.bytes, "started");
         let cancel = Cancel::default();
         let slot = Arc::new(slot);
@@ -111,7 +115,13 @@ impl Pipeline {
         // What still runs for this job writes nothing any more, and stops soon.
         cancel.cancel();
         let result = match outcome {
-            Ok(outcome) => self.write(slot, &job, outcome, started).await,
+            Ok(outcome) => {
+                self.metrics.reported(&outcome.report);
+                let writing = Instant::now();
+                let summary = self.write(slot, &job, outcome, started).await;
+                self.metrics.written(&job, writing.elapsed());
+                summary
+            }
             Err(error) => Err(error),
         };
         let milliseconds = started.elapsed().as_millis() as u64;
@@ -129,6 +139,12 @@ impl Pipeline {
                 End::Failed(error)
             }
         };
+        let (state, error) = match &end {
+            End::Succeeded(_) => (State::Succeeded, None),
+            End::Failed(error) => (State::Failed, Some(error.kind)),
+            End::Cancelled => (State::Cancelled, None),
+        };
+        self.metrics.ended(&job, state, started.elapsed(), error);
         if let Err(error) = self.store.finish(ticket, end).await {
             tracing::error!(%error, "the end of a job cannot be stored");
         }

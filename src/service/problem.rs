@@ -4,7 +4,7 @@
 //! router, writes the document: there the path (`instance`) is known, and what the framework refuses by itself (unknown
 //! paths, methods, panics) passes through too.
 
-use axum::extract::Request;
+use axum::extract::{Request, State};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
@@ -12,6 +12,7 @@ use percent_encoding::percent_decode_str;
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use super::server::App;
 use crate::error::{Error, Kind};
 
 /// Media type of problem documents.
@@ -39,6 +40,10 @@ pub(super) struct Problem {
     /// Path of the request, or of the job, that it happened to.
     #[schema(example = "/v1/jobs")]
     pub instance: String,
+    /// Of a full queue: how many jobs wait.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    pub queue_depth: Option<u64>,
 }
 
 impl Problem {
@@ -50,6 +55,7 @@ impl Problem {
             status: error.kind.status(),
             detail: error.message.clone(),
             instance: instance.into(),
+            queue_depth: None,
         }
     }
 }
@@ -61,19 +67,42 @@ pub(super) struct Failure {
     pub error: Error,
     /// Path of the resource it happened to, when that is not the request's.
     pub instance: Option<String>,
+    /// Seconds after which the client may try again, when that is known.
+    pub retry_after: Option<u32>,
+    /// Of a full queue: how many jobs wait.
+    pub queue_depth: Option<u64>,
+    /// Of a range that is not there: bytes that are.
+    pub complete_length: Option<u64>,
 }
 
 impl From<Error> for Failure {
     fn from(error: Error) -> Self {
-        Self { error, instance: None }
+        Self { error, instance: None, retry_after: None, queue_depth: None, complete_length: None }
+    }
+}
+
+impl Failure {
+    /// An error that may be over after so many seconds.
+    pub fn retry_after(error: Error, seconds: u32) -> Self {
+        Self { retry_after: Some(seconds), ..error.into() }
     }
 }
 
 impl IntoResponse for Failure {
     fn into_response(self) -> Response {
         let mut response = status(self.error.kind).into_response();
+        let headers = response.headers_mut();
         if self.error.kind == Kind::UnsupportedMediaType {
-            response.headers_mut().insert("accept-post", HeaderValue::from_static(super::upload::ACCEPTED));
+            headers.insert("accept-post", HeaderValue::from_static(super::upload::ACCEPTED));
+            headers.insert(header::ACCEPT_ENCODING, HeaderValue::from_static(super::upload::ENCODINGS));
+        }
+        if self.error.kind == Kind::Unauthorized {
+            headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer realm=\"tesserae\""));
+        }
+        if let Some(length) = self.complete_length
+            && let Ok(value) = HeaderValue::try_from(format!("bytes */{length}"))
+        {
+            headers.insert(header::CONTENT_RANGE, value);
         }
         response.extensions_mut().insert(self);
         response
@@ -84,7 +113,7 @@ impl IntoResponse for Failure {
 pub(super) type Answer<T = Response> = Result<T, Failure>;
 
 /// Turns every error response that is no problem document yet into one.
-pub(super) async fn render(request: Request, next: Next) -> Response {
+pub(super) async fn render(State(shared): App, request: Request, next: Next) -> Response {
     let path = request.uri().path().to_owned();
     let method = request.method().clone();
     let mut response = next.run(request).await;
@@ -98,20 +127,22 @@ pub(super) async fn render(request: Request, next: Next) -> Response {
             refused_by_framework(response.status(), &method, &path, allowed).into()
         }
     };
+    shared.metrics.rejected(failure.error.kind);
     match failure.error.kind {
         // what every probe and every client gets while the service stops
-        Kind::Unavailable => tracing::debug!(kind = failure.error.kind.slug(), "{}", failure.error),
+        Kind::Unavailable | Kind::Overloaded => tracing::debug!(kind = failure.error.kind.slug(), "{}", failure.error),
         kind if kind.status() >= 500 => tracing::error!(kind = kind.slug(), "{}", failure.error),
         _ => {}
     }
     let instance = failure.instance.unwrap_or(path);
-    let problem = Problem::new(&failure.error, instance);
+    let problem = Problem { queue_depth: failure.queue_depth, ..Problem::new(&failure.error, instance) };
     let mut rendered = (
         status(failure.error.kind),
         [(header::CONTENT_TYPE, MEDIA_TYPE)],
         axum::Json(problem).into_response().into_body(),
     )
         .into_response();
+    *rendered.extensions_mut() = std::mem::take(response.extensions_mut());
     let headers = rendered.headers_mut();
     for (name, value) in response.headers() {
         if name != header::CONTENT_TYPE && name != header::CONTENT_LENGTH {
@@ -119,7 +150,7 @@ pub(super) async fn render(request: Request, next: Next) -> Response {
         }
     }
     if failure.error.kind.is_retryable() {
-        headers.insert(header::RETRY_AFTER, RETRY_AFTER.into());
+        headers.insert(header::RETRY_AFTER, failure.retry_after.unwrap_or(RETRY_AFTER).into());
     }
     rendered
 }

@@ -20,6 +20,8 @@ pub(super) const MAX_PARAMETERS_BYTES: u64 = 64 << 10;
 pub(super) struct Wanted {
     /// Format of the mesh, when the query says it.
     pub format: Option<Format>,
+    /// Where the end of the job is to be told.
+    webhook: Option<String>,
     parameters: Parameters,
     /// Names of the parameters that were given.
     given: Vec<String>,
@@ -32,13 +34,14 @@ impl Wanted {
         query::names(whole)?;
         let (format, rest) = query::take(whole, "format");
         let format = format.as_deref().map(Format::from_name).transpose()?;
+        let (webhook, rest) = query::take(&rest, "webhook");
         let given = query::names(&rest)?;
         let rest: Uri = format!("/?{rest}")
             .parse()
             .map_err(|error| Error::new(Kind::BadRequest, format_args!("the query string cannot be read: {error}")))?;
         let parameters: Parameters = query::read(&rest)?;
         refuse_path(&parameters)?;
-        Ok(Self { format, parameters, given })
+        Ok(Self { format, webhook, parameters, given })
     }
 
     /// Adds what the JSON part says.
@@ -51,8 +54,15 @@ impl Wanted {
             };
             Error::new(kind, format_args!("the part \"parameters\" is not valid: {error}"))
         };
-        let object: Map<String, Value> = serde_json::from_slice(json).map_err(malformed)?;
-        let parameters: Parameters = serde_json::from_slice(json).map_err(malformed)?;
+        let mut object: Map<String, Value> = serde_json::from_slice(json).map_err(malformed)?;
+        let parameters: Parameters = match object.remove("webhook") {
+            None => serde_json::from_slice(json).map_err(malformed)?,
+            Some(webhook) => {
+                self.add_webhook(webhook)?;
+                // no line numbers in messages here: the text is not the client's any more
+                serde_json::from_value(Value::Object(object.clone())).map_err(malformed)?
+            }
+        };
         refuse_path(&parameters)?;
         let mut merged = as_object(&self.parameters)?;
         for (name, value) in as_object(&parameters)? {
@@ -72,13 +82,30 @@ impl Wanted {
         Ok(())
     }
 
+    /// Adds a webhook that the JSON part says.
+    fn add_webhook(&mut self, webhook: Value) -> Result<()> {
+        let Value::String(webhook) = webhook else {
+            return Err(Error::parameter(format_args!("webhook must be a text with a URL, not {webhook}")));
+        };
+        match &self.webhook {
+            Some(other) if *other != webhook => {
+                Err(Error::parameter("query string and part \"parameters\" contradict each other about webhook"))
+            }
+            _ => {
+                self.webhook = Some(webhook);
+                Ok(())
+            }
+        }
+    }
+
     /// Checks what can be checked before the body is here: a form may still bring parameters and a list of seeds.
     pub fn check_early(&self, form: bool) -> Result<()> {
         if form { self.parameters.check_values() } else { self.parameters.check(false) }
     }
 
-    /// The parameters, checked as far as they can be without the mesh. `listed` says whether a list of seeds came.
-    pub fn finish(mut self, listed: bool) -> Result<Parameters> {
+    /// The parameters, checked as far as they can be without the mesh, and the webhook, which is not checked. `listed`
+    /// says whether a list of seeds came.
+    pub fn finish(mut self, listed: bool) -> Result<(Parameters, Option<String>)> {
         if listed {
             let given = self.given.iter().any(|name| name == "seeds");
             if given && self.parameters.seeds != Seeds::Listed {
@@ -90,7 +117,7 @@ impl Wanted {
             self.parameters.seeds = Seeds::Listed;
         }
         self.parameters.check(listed)?;
-        Ok(self.parameters)
+        Ok((self.parameters, self.webhook))
     }
 }
 
@@ -128,7 +155,7 @@ mod tests {
     fn with_json(query: &str, json: &str) -> Result<Parameters> {
         let mut wanted = wanted(query)?;
         wanted.add_json(json.as_bytes())?;
-        wanted.finish(false)
+        wanted.finish(false).map(|(parameters, _)| parameters)
     }
 
     #[test]
@@ -209,7 +236,7 @@ mod tests {
     #[test]
     fn a_list_of_seeds_stands_for_clusters_and_excludes_seeds() {
         let parameters = wanted("seeds=listed").and_then(|wanted| wanted.finish(true));
-        assert_eq!(parameters.map(|found| found.seeds), Ok(Seeds::Listed));
+        assert_eq!(parameters.map(|(found, _)| found.seeds), Ok(Seeds::Listed));
         assert!(wanted("").and_then(|wanted| wanted.finish(true)).is_ok());
         assert!(wanted("").and_then(|wanted| wanted.finish(false)).is_err());
         assert!(wanted("seeds=random").and_then(|wanted| wanted.finish(true)).is_err());

@@ -15,10 +15,12 @@ use tokio::io::{AsyncReadExt, AsyncSeekExt};
 use tokio_util::io::ReaderStream;
 use utoipa::{IntoParams, ToSchema};
 
+use super::access::Caller;
 use super::files;
+use super::jobs::find;
 use super::problem::Answer;
-use super::server::{App, Shared};
-use super::store::{Job, JobId, State, Summary, no_such_job};
+use super::server::App;
+use super::store::{Job, State, Summary};
 use super::{hierarchy, negotiate, openapi::Problematic, query};
 use crate::error::{Error, Kind, Result};
 use crate::output::LabelFormat;
@@ -87,8 +89,14 @@ pub(super) struct LabelsQuery {
         (status = 500, response = Problematic),
     ),
 )]
-pub(super) async fn labels(Extract(shared): App, Path(id): Path<String>, uri: Uri, headers: HeaderMap) -> Answer {
-    let job = find(&shared, &id).await?;
+pub(super) async fn labels(
+    Extract(shared): App,
+    caller: Caller,
+    Path(id): Path<String>,
+    uri: Uri,
+    headers: HeaderMap,
+) -> Answer {
+    let job = find(&shared, &caller, &id).await?;
     let LabelsQuery { clusters } = query::read(&uri)?;
     let summary = succeeded(&job)?;
     let is_hierarchical = job.spec.parameters.algorithm.is_hierarchical();
@@ -142,17 +150,11 @@ pub(super) async fn labels(Extract(shared): App, Path(id): Path<String>, uri: Ur
         (status = 500, response = Problematic),
     ),
 )]
-pub(super) async fn report(Extract(shared): App, Path(id): Path<String>) -> Answer {
-    let job = find(&shared, &id).await?;
+pub(super) async fn report(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer {
+    let job = find(&shared, &caller, &id).await?;
     succeeded(&job)?;
     let path = shared.files.result(job.id).join(files::REPORT);
     Ok(stored(path, None, "application/json").await?)
-}
-
-/// The job with that id.
-pub(super) async fn find(shared: &Shared, id: &str) -> Result<Job> {
-    let id: JobId = id.parse()?;
-    shared.store.get(id).await?.ok_or_else(|| no_such_job(id))
 }
 
 /// What a job gave; an error that says why there is nothing yet, or never will be.

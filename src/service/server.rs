@@ -3,11 +3,10 @@
 use std::future::Future;
 use std::net::SocketAddr;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use axum::extract::{DefaultBodyLimit, Request, State};
-use axum::http::{HeaderName, HeaderValue, header};
+use axum::extract::{DefaultBodyLimit, MatchedPath, Request, State};
+use axum::http::{HeaderName, HeaderValue, Method, header};
 use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::Response;
 use axum::routing::{get, post};
@@ -18,18 +17,23 @@ use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
+use tower_http::cors::CorsLayer;
 use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer};
 use tower_http::trace::{DefaultOnResponse, TraceLayer};
 use tracing::Level;
 
+use super::access::Access;
+use super::admission::Admission;
 use super::files::Files;
 use super::health::{Health, Part};
 use super::info::DeviceDescription;
+use super::metrics::{Metrics, TimedStore};
 use super::pipeline::Pipeline;
 use super::pipeline::device_thread::DeviceThread;
 use super::store::memory::MemoryStore;
 use super::store::{JobStore, Rules};
-use super::{Settings, events, hierarchy, info, jobs, openapi, problem, results};
+use super::traffic::{self, Traffic, connections};
+use super::{Settings, events, hierarchy, info, jobs, openapi, problem, results, tls};
 use crate::device::Device;
 use crate::error::{Error, Result};
 
@@ -59,8 +63,14 @@ pub(super) struct Shared {
     pub stop: CancellationToken,
     /// Hierarchies that may be in memory at a time.
     pub hierarchies: Arc<Semaphore>,
-    /// Answers given, by the first digit of their status less one.
-    pub answers: [AtomicU64; 5],
+    /// Who may ask.
+    pub access: Access,
+    /// What is going on.
+    pub traffic: Traffic,
+    /// Jobs that are being created.
+    pub admission: Arc<Admission>,
+    /// What is counted.
+    pub metrics: Arc<Metrics>,
 }
 
 /// The state that handlers extract.
@@ -91,28 +101,36 @@ pub async fn serve(
 impl Server {
     /// Takes the address and makes the folder for uploads and results.
     pub async fn bind(settings: Settings, device: Box<dyn Device>, description: DeviceDescription) -> Result<Self> {
+        settings.check()?;
+        tls::prepare();
         let cannot = |error| Error::io(format_args!("cannot listen on {}", settings.listen), error);
         let listener = TcpListener::bind(settings.listen).await.map_err(cannot)?;
         let address = listener.local_addr().map_err(cannot)?;
         let files = Arc::new(Files::create(settings.data_dir.as_deref())?);
-        let store: Arc<dyn JobStore> =
-            Arc::new(MemoryStore::new(Rules { max_queued: settings.max_queued_jobs, max_attempts: 3 }));
+        let metrics = Arc::new(Metrics::new(&description.info));
+        let rules = Rules { max_queued: settings.max_queued_jobs, max_attempts: 3 };
+        let store = Arc::new(MemoryStore::new(rules));
+        let store: Arc<dyn JobStore> = Arc::new(TimedStore::new(store, Arc::clone(&metrics)));
         let pipeline = Pipeline::new(
             Arc::clone(&store),
             Arc::clone(&files),
             settings.limits(),
             settings.meshes_in_memory,
-            DeviceThread::start(device, description.or_cpu)?,
+            DeviceThread::start(device, description.or_cpu, Arc::clone(&metrics))?,
+            Arc::clone(&metrics),
         );
         let shared = Arc::new(Shared {
-            settings,
             store,
             files,
             device: description,
             health: Arc::default(),
             stop: CancellationToken::new(),
             hierarchies: Arc::new(Semaphore::new(HIERARCHIES_IN_MEMORY)),
-            answers: Default::default(),
+            traffic: Traffic::new(&settings.traffic),
+            access: Access::open(&settings.access)?,
+            admission: Arc::default(),
+            metrics,
+            settings,
         });
         Ok(Self { listener, address, shared, pipeline })
     }
@@ -129,14 +147,22 @@ impl Server {
         let stop = shared.stop.clone();
         let (abort, close) = (CancellationToken::new(), CancellationToken::new());
         let mut work = tokio::spawn(pipeline.run(stop.clone(), abort.clone()));
-        let serving =
-            axum::serve(listener, router(Arc::clone(&shared))).with_graceful_shutdown(close.clone().cancelled_owned());
-        let mut serving = tokio::spawn(serving.into_future());
+        let mut serving = tokio::spawn(connections::serve(
+            listener,
+            router(Arc::clone(&shared)),
+            shared.settings.traffic.clone(),
+            Arc::clone(&shared.metrics),
+            close.clone(),
+        ));
+        let following = tokio::spawn({
+            let (shared, stop) = (Arc::clone(&shared), stop.clone());
+            async move { shared.access.follow(&shared.health, stop).await }
+        });
         tracing::info!(%address, device = shared.device.info.name, "listening on http://{address}");
 
         tokio::select! {
             () = shutdown => {}
-            // without having been told to, it ends only when the network is gone
+            // without having been told to, it ends only by a defect
             ended = &mut serving => tracing::error!(?ended, "the service does not listen any more"),
         }
         tracing::info!("stopping");
@@ -147,6 +173,7 @@ impl Server {
             abort.cancel();
             let _ = timeout(LAST_MOMENT, work).await;
         }
+        let _ = following.await;
         close.cancel();
         if !serving.is_finished() {
             let _ = timeout(LAST_MOMENT, serving).await;
@@ -158,8 +185,15 @@ impl Server {
     }
 }
 
-/// All routes, and around them, from the outside in: an id and a span for the request, the headers of every answer,
-/// problem documents, and a net for panics.
+/// All routes, and around them, from the outside in:
+///
+/// 1. an id for the request, and a span for what is logged about it;
+/// 2. what every answer has, and counting it;
+/// 3. CORS, which answers preflights itself;
+/// 4. problem documents, of all that is refused further in;
+/// 5. a net for panics;
+/// 6. who asks, and whether that is too much;
+/// 7. the routes.
 fn router(shared: Arc<Shared>) -> Router {
     let layers = ServiceBuilder::new()
         .layer(SetRequestIdLayer::new(REQUEST_ID, MakeRequestUuid))
@@ -171,8 +205,10 @@ fn router(shared: Arc<Shared>) -> Router {
         )
         .layer(PropagateRequestIdLayer::new(REQUEST_ID))
         .layer(from_fn_with_state(Arc::clone(&shared), every_answer))
-        .layer(from_fn(problem::render))
+        .option_layer(cors(&shared.settings.access.cors_origins))
+        .layer(from_fn_with_state(Arc::clone(&shared), problem::render))
         .layer(CatchPanicLayer::custom(problem::panicked))
+        .layer(from_fn_with_state(Arc::clone(&shared), traffic::admit))
         // uploads have a limit of their own, counted as they come
         .layer(DefaultBodyLimit::disable());
     let routes = Router::new()
@@ -189,6 +225,7 @@ fn router(shared: Arc<Shared>) -> Router {
         .route("/readyz", get(info::readyz))
         .route("/metrics", get(info::metrics))
         .route("/openapi.yaml", get(openapi::show))
+        .layer(from_fn(remember_route))
         .with_state(shared);
     // Around the router rather than around each route, where the answers that the router makes itself pass through.
     Router::new().fallback_service(routes).layer(layers)
@@ -197,14 +234,81 @@ fn router(shared: Arc<Shared>) -> Router {
 /// The span of a request. The query string stays out of the log.
 fn span(request: &Request<Body>) -> tracing::Span {
     let id = request.headers().get(REQUEST_ID).and_then(|id| id.to_str().ok()).unwrap_or_default();
-    tracing::info_span!("request", method = %request.method(), path = request.uri().path(), id)
+    let tenant = tracing::field::Empty;
+    tracing::info_span!("request", method = %request.method(), path = request.uri().path(), id, tenant)
 }
 
-/// Counts answers, and keeps browsers from guessing types.
-async fn every_answer(State(shared): App, request: Request, next: Next) -> Response {
+/// The template of the route that answered, for who counts answers further out.
+#[derive(Debug, Clone)]
+struct Route(MatchedPath);
+
+/// Tells the layers further out which route it is: they are around the router and do not see it.
+async fn remember_route(route: Option<MatchedPath>, request: Request, next: Next) -> Response {
     let mut response = next.run(request).await;
-    let class = usize::from(response.status().as_u16() / 100).clamp(1, 5);
-    shared.answers[class - 1].fetch_add(1, Ordering::Relaxed);
-    response.headers_mut().insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    if let Some(route) = route {
+        response.extensions_mut().insert(Route(route));
+    }
     response
+}
+
+/// Counts answers, and keeps browsers from guessing types, showing them as pages, and keeping what is someone's own.
+async fn every_answer(State(shared): App, request: Request, next: Next) -> Response {
+    let started = Instant::now();
+    let method = request.method().clone();
+    let mut response = next.run(request).await;
+    let route = response.extensions().get::<Route>().map_or("none", |Route(route)| route.as_str());
+    shared.metrics.answered(&method, route, response.status().as_u16(), started.elapsed());
+    let headers = response.headers_mut();
+    for (name, value) in [
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::CONTENT_SECURITY_POLICY, "default-src 'none'; frame-ancestors 'none'"),
+        (header::X_FRAME_OPTIONS, "DENY"),
+        (header::REFERRER_POLICY, "no-referrer"),
+    ] {
+        headers.insert(name, HeaderValue::from_static(value));
+    }
+    headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
+    response
+}
+
+/// Lets the pages of these origins use the service; nobody's when there are none.
+fn cors(origins: &[String]) -> Option<CorsLayer> {
+    let origins: Vec<HeaderValue> = origins.iter().filter_map(|origin| origin.parse().ok()).collect();
+    (!origins.is_empty()).then(|| {
+        CorsLayer::new()
+            .allow_origin(origins)
+            .allow_methods([Method::GET, Method::HEAD, Method::POST, Method::DELETE])
+            .allow_headers(
+                [
+                    "authorization",
+                    "content-type",
+                    "content-encoding",
+                    "prefer",
+                    "last-event-id",
+                    "idempotency-key",
+                    "if-none-match",
+                    "if-range",
+                    "range",
+                    "traceparent",
+                ]
+                .map(HeaderName::from_static),
+            )
+            .expose_headers(
+                [
+                    "location",
+                    "retry-after",
+                    "etag",
+                    "link",
+                    "expires",
+                    "content-range",
+                    "content-disposition",
+                    "preference-applied",
+                    "x-request-id",
+                    "tesserae-cut",
+                    "tesserae-energy",
+                ]
+                .map(HeaderName::from_static),
+            )
+            .max_age(Duration::from_secs(3600))
+    })
 }

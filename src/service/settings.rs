@@ -1,9 +1,15 @@
 //! The settings of the service: each defined once, here, with its flag, variable, meaning and default.
 
+mod access;
+mod traffic;
+
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::time::Duration;
 
+pub use self::access::AccessSettings;
+pub use self::traffic::TrafficSettings;
+use crate::error::{Error, Result};
 use crate::mesh::Limits;
 
 /// Settings of `tesserae serve`.
@@ -48,6 +54,14 @@ pub struct Settings {
     #[arg(long, env = "TESSERAE_GRACE_PERIOD", value_name = "SECONDS", default_value_t = Settings::default().grace_period,
           value_parser = clap::value_parser!(u64).range(0..=86_400))]
     pub grace_period: u64,
+
+    /// Who may use the service.
+    #[command(flatten)]
+    pub access: AccessSettings,
+
+    /// How much clients may ask for at a time.
+    #[command(flatten)]
+    pub traffic: TrafficSettings,
 }
 
 impl Default for Settings {
@@ -63,11 +77,27 @@ impl Default for Settings {
             max_wait: 60,
             keep_alive: 15,
             grace_period: 10,
+            access: AccessSettings::default(),
+            traffic: TrafficSettings::default(),
         }
     }
 }
 
 impl Settings {
+    /// Checks what the settings say together.
+    pub fn check(&self) -> Result<()> {
+        let is_open = self.access.tokens.is_none() && !self.access.insecure_no_auth;
+        if is_open && !self.listen.ip().to_canonical().is_loopback() {
+            return Err(Error::parameter(format_args!(
+                "without tokens the service listens to this machine only, because whoever reaches it may read and delete \
+                 every job: make a token (`tesserae token new NAME --tokens FILE`) and give --tokens FILE, or say \
+                 --insecure-no-auth, to listen on {}",
+                self.listen
+            )));
+        }
+        Ok(())
+    }
+
     /// What a mesh may cost.
     pub(super) fn limits(&self) -> Limits {
         Limits { max_bytes: self.max_upload_bytes, max_faces: self.max_faces }
@@ -94,6 +124,23 @@ mod tests {
     use clap::{Args, Command};
 
     use super::*;
+
+    #[test]
+    fn others_are_listened_to_with_tokens_or_on_demand_only() {
+        let settings = |listen: &str| Settings { listen: listen.parse().expect("an address"), ..Settings::default() };
+        for loopback in ["127.0.0.1:1", "127.9.9.9:1", "[::1]:1", "[::ffff:127.0.0.1]:1"] {
+            assert_eq!(settings(loopback).check(), Ok(()), "{loopback}");
+        }
+        for other in ["0.0.0.0:1", "[::]:1", "10.0.0.1:1", "[::ffff:10.0.0.1]:1"] {
+            let mut settings = settings(other);
+            let error = settings.check().expect_err(other);
+            assert!(error.message.contains("--insecure-no-auth") && error.message.ends_with(other), "{error}");
+            settings.access.insecure_no_auth = true;
+            assert_eq!(settings.check(), Ok(()));
+            settings.access = AccessSettings { tokens: Some("tokens.json".into()), ..AccessSettings::default() };
+            assert_eq!(settings.check(), Ok(()));
+        }
+    }
 
     #[test]
     fn every_setting_is_a_flag_a_variable_and_explained() {

@@ -15,15 +15,18 @@ use futures_util::{Stream, StreamExt};
 use tokio::io::AsyncWriteExt;
 
 use super::files::{self, Files, Incoming};
-use super::intake::Intake;
+use super::intake::{self, Content, Encoding, Rules};
 use super::request::Wanted;
-use super::store::{LOCAL_TENANT, Spec};
+use super::store::Spec;
 use crate::error::{Error, Kind, Result};
 use crate::mesh::{Format, HEAD_BYTES};
 
 /// The media types of bodies that are read, for `Accept-Post` and for messages.
 pub(super) const ACCEPTED: &str = "model/obj, model/gltf-binary, model/gltf+json, multipart/form-data, \
      application/octet-stream";
+
+/// The content codings of bodies that are read, for `Accept-Encoding` and for messages.
+pub(super) const ENCODINGS: &str = "gzip, zstd, identity";
 
 /// Longest file name that is kept, in characters.
 const MAX_NAME: usize = 255;
@@ -46,27 +49,46 @@ enum BodyKind {
     Form,
 }
 
-/// Receives an upload of at most `limit` bytes.
-pub(super) async fn receive(request: Request, files: &Files, limit: u64) -> Result<Upload> {
+/// Receives an upload for a tenant. Whose trace it belongs to is for the caller to say.
+pub(super) async fn receive(request: Request, files: &Files, tenant: &str, rules: Rules) -> Result<Upload> {
     let (parts, body) = request.into_parts();
-    let intake = Intake::new(body, &parts.headers, limit);
-    let wanted = Wanted::from_query(&parts.uri)?;
+    let wanted = Wanted::from_query(&parts.uri);
+    let encoding = encoding(&parts.headers);
+    let length = content_length(&parts.headers);
+    // opened whatever is wrong, so that the answer reaches a client that is still sending
+    let content = intake::open(body, &parts.headers, encoding.clone().unwrap_or(Encoding::Identity), length, rules);
+    let (wanted, encoding) = (wanted?, encoding?);
     let kind = body_kind(&parts.headers)?;
     wanted.check_early(kind == BodyKind::Form)?;
-    let length = content_length(&parts.headers);
-    if let Some(length) = length.filter(|length| *length > limit) {
-        return Err(Intake::too_large(limit, length));
-    }
-    match kind {
-        BodyKind::Form => form::receive(parts, intake, wanted, files).await,
-        BodyKind::Mesh(format) => raw(&parts, intake, wanted, format, length, files).await,
+    let (content, length) = (content?, length.filter(|_| encoding == Encoding::Identity));
+    let mut upload = match kind {
+        BodyKind::Form => form::receive(parts, content, wanted, files).await,
+        BodyKind::Mesh(format) => raw(&parts, content, wanted, format, length, files).await,
+    }?;
+    upload.spec.tenant = tenant.to_owned();
+    Ok(upload)
+}
+
+/// How the body is compressed.
+fn encoding(headers: &HeaderMap) -> Result<Encoding> {
+    let Some(encoding) = headers.get(header::CONTENT_ENCODING) else {
+        return Ok(Encoding::Identity);
+    };
+    match encoding.to_str().unwrap_or_default().trim().to_ascii_lowercase().as_str() {
+        "identity" | "" => Ok(Encoding::Identity),
+        "gzip" | "x-gzip" => Ok(Encoding::Gzip),
+        "zstd" => Ok(Encoding::Zstd),
+        _ => Err(Error::new(
+            Kind::UnsupportedMediaType,
+            format_args!("Content-Encoding must be one of {ENCODINGS}, once, not {encoding:?}"),
+        )),
     }
 }
 
 /// Receives a body that is the mesh itself.
 async fn raw(
     parts: &Parts,
-    intake: Intake,
+    content: Content,
     wanted: Wanted,
     format: Option<Format>,
     length: Option<u64>,
@@ -78,19 +100,21 @@ async fn raw(
         Some(format) => format.check_head(head, length),
         None => Format::recognise(None, head)?.check_head(head, length),
     };
-    let mesh = save(intake, folder.file(files::MESH), early).await?;
+    let mesh = save(content, folder.file(files::MESH), early).await?;
     let format = mesh.format(format, None)?;
     tracing::debug!(bytes = mesh.bytes, path = parts.uri.path(), "received a mesh");
+    let (parameters, webhook) = wanted.finish(false)?;
     let spec = Spec {
-        tenant: LOCAL_TENANT.to_owned(),
+        tenant: String::new(),
         trace_parent: None,
-        webhook: None,
-        parameters: wanted.finish(false)?,
+        webhook,
+        parameters,
         file_name: None,
         format,
         bytes: mesh.bytes,
         buffers: Vec::new(),
         listed_seeds: false,
+        has_weights: false,
     };
     Ok(Upload { folder, spec })
 }
@@ -98,13 +122,6 @@ async fn raw(
 /// What the headers say about the body.
 fn body_kind(headers: &HeaderMap) -> Result<BodyKind> {
     let unsupported = |message: String| Err(Error::new(Kind::UnsupportedMediaType, message));
-    if let Some(encoding) = headers.get(header::CONTENT_ENCODING)
-        && !encoding.as_bytes().eq_ignore_ascii_case(b"identity")
-    {
-        return unsupported(format!(
-            "compressed bodies are not read; send it without Content-Encoding, not {encoding:?}"
-        ));
-    }
     let Some(content_type) = headers.get(header::CONTENT_TYPE) else {
         return Ok(BodyKind::Mesh(None));
     };

@@ -33,7 +33,7 @@ pub struct Frame {
 pub struct FaceGeometry {
     /// Area-weighted mean of the centroids of the fan's triangles; mean of the corners when there is no area.
     pub centroid: [f64; 3],
-    /// Sum of the areas of the fan's triangles.
+    /// Sum of the areas of the fan's triangles; on a surface with density, times the relative density.
     pub area: f64,
 }
 
@@ -58,7 +58,7 @@ impl Frame {
     }
 
     /// A position in lattice units.
-    fn position(&self, source: [f64; 3]) -> [f64; 3] {
+    pub fn position(&self, source: [f64; 3]) -> [f64; 3] {
         std::array::from_fn(|axis| (source[axis] - self.centre[axis]) * self.factors[0] * self.factors[1])
     }
 
@@ -110,6 +110,22 @@ impl Frame {
     }
 }
 
+impl Frame {
+    /// The vector area of a face: of a flat one, its area along its normal.
+    pub fn vector_area(&self, mesh: &PolygonMesh, face: usize) -> [f64; 3] {
+        let corners = mesh.faces.corners(face);
+        let position = |corner: usize| self.position(mesh.positions[corners[corner] as usize]);
+        let mut sum = [0.0; 3];
+        for corner in 1..corners.len().saturating_sub(1) {
+            let normal = doubled_normal(position(0), position(corner), position(corner + 1));
+            for axis in 0..3 {
+                sum[axis] += normal[axis] / 2.0;
+            }
+        }
+        sum
+    }
+}
+
 /// A triangle in lattice units.
 struct Triangle {
     corners: [[f64; 3]; 3],
@@ -118,9 +134,7 @@ struct Triangle {
 
 impl Triangle {
     fn new(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> Self {
-        let (u, v) = (sub(b, a), sub(c, a));
-        let normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-        Self { corners: [a, b, c], area: square(normal).sqrt() / 2.0 }
+        Self { corners: [a, b, c], area: square(doubled_normal(a, b, c)).sqrt() / 2.0 }
     }
 
     fn centroid(&self) -> [f64; 3] {
@@ -133,6 +147,12 @@ impl Triangle {
         let [a, b, c] = self.corners;
         self.area * (square(sub(b, a)) + square(sub(c, b)) + square(sub(a, c))) / 36.0
     }
+}
+
+/// The normal of a triangle, twice as long as its area.
+fn doubled_normal(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> [f64; 3] {
+    let (u, v) = (sub(b, a), sub(c, a));
+    [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
 }
 
 fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {

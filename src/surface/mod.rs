@@ -2,9 +2,11 @@
 //!
 //! [`Surface::build`] takes a mesh through five steps, each a file here: positions that are exactly equal become one
 //! vertex (`weld`), faces that share an edge become neighbours (`adjacency`), connected sets of faces become
-//! components (`components`; `bridge` can join them), positions and areas become integers (`lattice`), and faces get an internal order that
-//! keeps neighbours close in memory (`order`). Everything up to the lattice is scalar f64 with + − × ÷ √ in a fixed
-//! order, so the result is the same on every machine and for any number of threads.
+//! components (`components`; `bridge` can join them), positions and areas become integers (`lattice`), and faces get an
+//! internal order that keeps neighbours close in memory (`order`). Where detail shall get smaller clusters, areas are first
+//! multiplied by a `density`, which may come from the `curvature`. Everything up to the lattice is scalar f64 with + − × ÷ √
+//! (and one power, by a library that is compiled in) in a fixed order, so the result is the same on every machine and for
+//! any number of threads.
 //!
 //! Nothing here knows of clusters, algorithms or devices.
 
@@ -12,6 +14,8 @@ mod adjacency;
 mod bridge;
 mod coarse;
 mod components;
+mod curvature;
+mod density;
 mod graph;
 mod lattice;
 mod order;
@@ -19,6 +23,7 @@ mod weld;
 
 pub use coarse::Coarse;
 pub use components::Component;
+pub use density::Wanted;
 pub use graph::DualGraph;
 
 use std::ops::Deref;
@@ -30,6 +35,7 @@ use crate::device::LatticeEnergy;
 use crate::error::{Error, Result};
 use crate::mesh::PolygonMesh;
 use crate::tree::Merge;
+use density::Density;
 use lattice::{FaceGeometry, Frame};
 
 /// A mesh on the integer lattice, faces in an internal order chosen for locality.
@@ -51,6 +57,8 @@ pub struct Surface {
     /// What lies inside the faces and no energy of faces can see, lattice units: Σ area·(|ab|²+|bc|²+|ca|²)/36 over
     /// triangles, and area·|triangle centroid − face centroid|².
     moment_inside_faces: f64,
+    /// The density that areas here are relative to; none where all area counts alike.
+    density_unit: Option<f64>,
 }
 
 /// What is unusual about the connectivity.
@@ -75,16 +83,23 @@ pub struct Counts {
 impl Surface {
     /// Puts a mesh on the lattice. Components that share no edge stay apart.
     ///
-    /// Fails like [`build_bridged`](Self::build_bridged).
+    /// Fails like [`build_with`](Self::build_with).
     pub fn build(mesh: &PolygonMesh) -> Result<Self> {
         Self::build_bridged(mesh, false)
     }
 
     /// Puts a mesh on the lattice; with `bridge`, joins its components into one.
     ///
-    /// Fails for meshes of more than 2³¹ faces or corners. Corners must be valid indices of finite positions, as
-    /// [`crate::mesh::read`] promises.
+    /// Fails like [`build_with`](Self::build_with).
     pub fn build_bridged(mesh: &PolygonMesh, bridge: bool) -> Result<Self> {
+        Self::build_with(mesh, bridge, Wanted::default())
+    }
+
+    /// Puts a mesh on the lattice; with `bridge`, joins its components into one; with a density, areas count that much.
+    ///
+    /// Fails for meshes of more than 2³¹ faces or corners, and for weights that are not one a face or vertex, finite and above
+    /// 0. Corners must be valid indices of finite positions, as [`crate::mesh::read`] promises.
+    pub fn build_with(mesh: &PolygonMesh, bridge: bool, wanted: Wanted<'_>) -> Result<Self> {
         let faces = mesh.faces.len();
         if faces > 1 << 31 || mesh.faces.all_corners().len() > 1 << 31 {
             return Err(Error::too_large(format_args!(
@@ -100,8 +115,12 @@ impl Surface {
         let geometry: Vec<(FaceGeometry, f64)> =
             (0..faces).into_par_iter().map(|face| frame.face(mesh, face)).collect();
         let moment_inside_faces = geometry.iter().map(|(_, inside)| inside).sum();
-        let geometry: Vec<FaceGeometry> = geometry.into_iter().map(|(face, _)| face).collect();
+        let mut geometry: Vec<FaceGeometry> = geometry.into_iter().map(|(face, _)| face).collect();
         counts.zero_area_faces = geometry.iter().filter(|face| face.area <= 0.0).count() as u64;
+        let density = Density::of(mesh, &weld, &frame, &geometry, wanted)?;
+        for (face, density) in geometry.iter_mut().zip(density.iter().flat_map(|density| &density.of_face)) {
+            face.area *= density;
+        }
 
         let (mut component_of_face, mut component_count) = components::label(faces, &pairs);
         counts.components = component_count as u64;
@@ -143,6 +162,7 @@ impl Surface {
             moment,
             weight_exponent: scales.finest,
             moment_inside_faces,
+            density_unit: density.map(|density| density.unit),
         })
     }
 
@@ -158,7 +178,12 @@ impl Surface {
     /// F in source units (area × length²), exact until this one conversion; infinite when f64 cannot hold it.
     pub fn energy(&self, energy: LatticeEnergy) -> f64 {
         let lattice = (self.moment - energy.explained) as f64;
-        libm::ldexp(lattice, -4 * self.frame.exponent - self.weight_exponent)
+        libm::ldexp(lattice, -4 * self.frame.exponent - self.weight_exponent) * self.density_unit()
+    }
+
+    /// What an area × relative density of 1 counts in source units.
+    fn density_unit(&self) -> f64 {
+        self.density_unit.unwrap_or(1.0)
     }
 
     /// w·|g|² of a face, in units of its component: its share of the constant part of the energy.
@@ -184,18 +209,19 @@ impl Surface {
         Merge {
             into: 0,
             from: 0,
-            cost: libm::ldexp(cost, energy_exponent),
-            energy: libm::ldexp((moment - explained) as f64, energy_exponent),
+            cost: libm::ldexp(cost, energy_exponent) * self.density_unit(),
+            energy: libm::ldexp((moment - explained) as f64, energy_exponent) * self.density_unit(),
             faces: sums.faces,
-            weight: libm::ldexp(sums.weight as f64, energy_exponent + 2 * self.frame.exponent),
+            weight: libm::ldexp(sums.weight as f64, energy_exponent + 2 * self.frame.exponent) * self.density_unit(),
             proxy: self.frame.source_position(mean(&sums)),
         }
     }
 
     /// Energy of labels (internal order, each below `clusters`) in source units, in f64 from the source positions:
-    /// Σ area·|centroid − P|² with P the area-weighted mean of the cluster's centroids (P§6, Eq. 4).
+    /// Σ area·|centroid − P|² with P the area-weighted mean of the cluster's centroids (P§6, Eq. 4); area × density where
+    /// there is one.
     pub fn source_energy(&self, labels: &[u32], clusters: usize) -> f64 {
-        libm::ldexp(self.lattice_energy(labels, clusters), -4 * self.frame.exponent)
+        libm::ldexp(self.lattice_energy(labels, clusters), -4 * self.frame.exponent) * self.density_unit()
     }
 
     /// [`source_energy`](Self::source_energy) in lattice units, which never overflow.
@@ -224,8 +250,12 @@ impl Surface {
     }
 
     /// Energy of labels over that of a flat tiling of the same area by `clusters` regular hexagons, less what lies inside
-    /// the faces: `5/(18√3)·A²/k − inside`. None when that difference leaves less than half of the tiling's energy.
+    /// the faces: `5/(18√3)·A²/k − inside`. None when that difference leaves less than half of the tiling's energy, and with
+    /// a density, for which such a tiling is no measure.
     pub fn hexagon_ratio(&self, labels: &[u32], clusters: usize) -> Option<f64> {
+        if self.density_unit.is_some() {
+            return None;
+        }
         let area: f64 = self.geometry.iter().map(|face| face.area).sum();
         let tiling = 5.0 / (18.0 * 3.0f64.sqrt()) * area * area / clusters as f64;
         let visible = tiling - self.moment_inside_faces;

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
-use crate::make::{SQUARE, check, data_uri, document, faces, floats, gltf, shorts, square};
+use crate::make::{SQUARE, check, data_uri, document, faces, floats, glb, gltf, shorts, square};
 
 #[test]
 fn a_square_of_two_triangles() {
@@ -258,5 +258,37 @@ proptest! {
             }
             Err(_) => prop_assert_eq!(expected, 0),
         }
+    }
+}
+
+#[test]
+fn an_attribute_comes_with_the_vertices_it_belongs_to() {
+    use tesserae::mesh::{Limits, NoResources, read_with_attribute};
+    let (mut document, mut binary) = square();
+    // two placements; weights as normalized bytes
+    document["scenes"][0]["nodes"] = json!([0, 1]);
+    document["nodes"] = json!([{"mesh": 0}, {"mesh": 0, "translation": [5, 0, 0]}]);
+    document["meshes"][0]["primitives"][0]["attributes"]["_WEIGHT"] = json!(2);
+    let accessors = document["accessors"].as_array_mut().expect("accessors");
+    accessors.push(json!({"bufferView": 2, "componentType": 5121, "normalized": true, "count": 4, "type": "SCALAR"}));
+    let views = document["bufferViews"].as_array_mut().expect("views");
+    views.push(json!({"buffer": 0, "byteOffset": 60, "byteLength": 4}));
+    document["buffers"][0]["byteLength"] = json!(64);
+    binary.extend([255, 51, 102, 255]);
+    let read = |document: &Value, name: &str| {
+        let bytes = glb(document, &binary);
+        read_with_attribute(&bytes, tesserae::mesh::Format::Glb, &NoResources, &Limits::default(), Some(name))
+    };
+    let (mesh, numbers) = read(&document, "_WEIGHT").expect("a mesh");
+    assert_eq!(mesh.positions.len(), 8);
+    assert_eq!(numbers, Some([1.0, 0.2, 0.4, 1.0].repeat(2)));
+    let error = read(&document, "_OTHER").expect_err("no such attribute");
+    assert!(error.message.contains("primitive 0 of mesh 0") && error.message.contains("_OTHER"), "{error}");
+    for (name, value) in [("count", json!(3)), ("type", json!("VEC2"))] {
+        let mut document = document.clone();
+        document["accessors"][2][name] = value;
+        document["accessors"][2]["componentType"] = json!(5121);
+        let error = read(&document, "_WEIGHT").expect_err(name);
+        assert!(error.message.contains("accessor 2"), "{error}");
     }
 }

@@ -1,10 +1,13 @@
 //! The service as a client meets it: a real server on a free port of this machine, a real HTTP client, real meshes.
 
+mod access;
 mod events;
 mod hierarchy;
 mod hostile;
 mod jobs;
 mod lifecycle;
+mod limits;
+mod metrics;
 mod openapi;
 mod results;
 mod support;

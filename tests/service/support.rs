@@ -194,6 +194,22 @@ pub async fn refused(request: RequestBuilder, status: u16, kind: &str) -> String
     problem(request.send().await.expect("answered"), status, kind).await
 }
 
+/// Waits until something holds.
+pub async fn until(holds: impl AsyncFn() -> bool) {
+    let started = Instant::now();
+    while !holds().await {
+        assert!(started.elapsed() < PATIENCE, "it does not come to hold");
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+}
+
+/// The value of a metric, labels included in its name.
+pub async fn metric(service: &Service, name: &str) -> f64 {
+    let text = service.get("/metrics").send().await.expect("answered").text().await.expect("text");
+    let line = text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(' '));
+    line.unwrap_or_else(|| panic!("no {name}:\n{text}")).parse().expect("a number")
+}
+
 /// A sphere of some `faces` triangles as OBJ.
 pub fn sphere(faces: u64) -> Vec<u8> {
     let mut bytes = Vec::new();

@@ -1,7 +1,7 @@
 //! Bodies, parts and parameters: what is taken, and what is refused before a job exists.
 
 use reqwest::multipart::{Form, Part};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::support::*;
 
@@ -126,8 +126,8 @@ async fn what_curl_sends_by_default_is_explained() {
     assert!(accepted.to_str().expect("text").contains("model/gltf-binary"));
     let detail = problem(response, 415, "unsupported-media-type").await;
     assert!(detail.contains("-H 'Content-Type: model/obj'"), "{detail}");
-    let gzip = service.post("/v1/jobs?clusters=2").header("content-encoding", "gzip").body("x");
-    refused(gzip, 415, "unsupported-media-type").await;
+    let brotli = service.post("/v1/jobs?clusters=2").header("content-encoding", "br").body("x");
+    refused(brotli, 415, "unsupported-media-type").await;
 }
 
 #[tokio::test]
@@ -167,6 +167,18 @@ async fn forms_are_refused_by_part() {
         (mesh().part("mesh", file(sphere(300), "b.obj")), 422, "invalid-parameter", "mesh"),
         (mesh().text("parameters", " ".repeat(1 << 17)), 413, "too-large", "parameters"),
         (mesh().part("weights", file("1", "w.npy")), 422, "invalid-parameter", "weights"),
+        (
+            mesh().part("weights", weights(&[1.0])).part("weights", weights(&[1.0])),
+            422,
+            "invalid-parameter",
+            "more than one part",
+        ),
+        (
+            mesh().part("weights", weights(&[1.0])).text("parameters", r#"{"weight_attribute": "_W"}"#),
+            422,
+            "invalid-parameter",
+            "weight_attribute",
+        ),
         (mesh().part("colour", file("1", "c")), 422, "invalid-parameter", "colour"),
         (mesh().part("buffer", Part::text("1")), 422, "invalid-parameter", "file name"),
         (mesh().part("buffer", file("1", "b.bin")), 422, "invalid-parameter", "b.bin"),
@@ -177,6 +189,48 @@ async fn forms_are_refused_by_part() {
         assert!(detail.contains(name), "{name}: {detail}");
     }
     service.keeps_no("").await;
+}
+
+/// A part with weights.
+fn weights(weights: &[f64]) -> Part {
+    let mut bytes = tesserae::output::npy_header("<f8", &format!("({},)", weights.len()));
+    weights.iter().for_each(|weight| bytes.extend(weight.to_le_bytes()));
+    file(bytes, "w.npy")
+}
+
+#[tokio::test]
+async fn weights_come_as_a_part_and_what_is_wrong_with_them_is_said() {
+    let service = Service::start().await;
+    let ended = async |query: &str, part: Part| {
+        let form = Form::new().part("mesh", file(sphere(300), "a.obj")).part("weights", part);
+        let request = service.post(&format!("/v1/jobs?{query}")).header("prefer", "wait=50").multipart(form);
+        request.send().await.expect("answered")
+    };
+    let heavy: Vec<f64> = (0..300).map(|face| if face < 150 { 9.0 } else { 1.0 }).collect();
+    let response = ended("clusters=20", weights(&heavy)).await;
+    assert_eq!(response.status(), 200);
+    let job: Value = response.json().await.expect("JSON");
+    let report = json(service.get(text(&job["urls"]["report"]))).await;
+    assert_eq!(report["energy"]["weighted_by"], json!(["weights"]));
+    assert_eq!(report["energy"]["hexagon_ratio"], Value::Null);
+    let labels = json(service.get(text(&job["urls"]["labels"]))).await;
+    let clusters = |faces: std::ops::Range<usize>| {
+        let labels = &labels["labels"].as_array().expect("labels")[faces];
+        labels.iter().map(Value::to_string).collect::<std::collections::BTreeSet<_>>().len()
+    };
+    assert!(clusters(0..150) > clusters(150..300));
+    for (part, words) in [
+        (weights(&heavy[..9]), ["300", "152", "9"]),
+        (weights(&[&heavy[..7], &[0.0], &heavy[8..]].concat()), ["number 7", "is 0", "above 0"]),
+    ] {
+        let detail = problem(ended("clusters=20", part).await, 422, "invalid-parameter").await;
+        assert!(words.iter().all(|word| detail.contains(word)), "{detail}");
+    }
+    let response = ended("clusters=20&algorithm=acvd&curvature_exponent=1", weights(&heavy)).await;
+    let job: Value = response.json().await.expect("JSON");
+    let report = json(service.get(text(&job["urls"]["report"]))).await;
+    assert_eq!(report["energy"]["weighted_by"], json!(["weights", "curvature"]));
+    assert_eq!(report["algorithm"], "acvd");
 }
 
 #[tokio::test]

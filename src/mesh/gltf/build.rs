@@ -16,6 +16,8 @@ pub struct Builder<'a> {
     pub positions: Vec<[f64; 3]>,
     /// Corners of the triangles.
     pub corners: Vec<u32>,
+    /// The attribute that was asked for: a number for each vertex.
+    pub numbers: Option<Vec<f64>>,
     /// Where they come from.
     pub parts: Vec<Part>,
     document: &'a Document,
@@ -32,10 +34,11 @@ struct Corners {
 
 impl<'a> Builder<'a> {
     /// An empty mesh with room for a number of triangles and parts.
-    pub fn new(document: &'a Document, triangles: u64, parts: u64, allowance: Allowance) -> Self {
+    pub fn new(document: &'a Document, triangles: u64, parts: u64, allowance: Allowance, has_numbers: bool) -> Self {
         Self {
             positions: Vec::new(),
             corners: Vec::with_capacity(3 * triangles as usize),
+            numbers: has_numbers.then(Vec::new),
             parts: Vec::with_capacity(parts as usize),
             document,
             spare: allowance.spare_vertices(),
@@ -128,6 +131,13 @@ impl<'a> Builder<'a> {
                 &*placed
             }
         };
+        if let (Some(numbers), Some(source)) = (&mut self.numbers, primitive.numbers) {
+            let number = |vertex: usize| source.vector::<1>(vertex)[0];
+            match used {
+                Some(used) => numbers.extend(used.iter().map(|&vertex| number(vertex as usize))),
+                None => numbers.extend((0..count).map(number)),
+            }
+        }
         let is_finite = |position: &[f64; 3]| position.iter().all(|c| c.is_finite());
         if let Some(at) = placed.iter().position(|position| !is_finite(position)) {
             let vertex = used.as_ref().map_or(at, |used| used[at] as usize);

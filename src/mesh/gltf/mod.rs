@@ -35,23 +35,41 @@ use self::scene::Instances;
 use super::{Faces, Format, Limits, PolygonMesh, Resources};
 use crate::error::{Error, Result};
 
+/// A mesh, and the attribute that was asked for, one number a vertex.
+type WithNumbers = (PolygonMesh, Option<Vec<f64>>);
+
 /// Reads a `.glb` file.
-pub fn read_binary(bytes: &[u8], resources: &dyn Resources, limits: &Limits) -> Result<PolygonMesh> {
+pub fn read_binary(
+    bytes: &[u8],
+    resources: &dyn Resources,
+    limits: &Limits,
+    attribute: Option<&str>,
+) -> Result<WithNumbers> {
     let container = container::open(bytes)?;
     let document = Document::parse(container.json)?;
     let size = bytes.len() as u64;
     let buffers = Buffers::new(&document, container.binary, resources, limits, size);
-    read(&Accessors::new(&buffers), Format::Glb, limits)
+    read(&Accessors::new(&buffers), Format::Glb, limits, attribute)
 }
 
 /// Reads a `.gltf` file.
-pub fn read_json(bytes: &[u8], resources: &dyn Resources, limits: &Limits) -> Result<PolygonMesh> {
+pub fn read_json(
+    bytes: &[u8],
+    resources: &dyn Resources,
+    limits: &Limits,
+    attribute: Option<&str>,
+) -> Result<WithNumbers> {
     let document = Document::parse(bytes)?;
     let buffers = Buffers::new(&document, None, resources, limits, bytes.len() as u64);
-    read(&Accessors::new(&buffers), Format::Gltf, limits)
+    read(&Accessors::new(&buffers), Format::Gltf, limits, attribute)
 }
 
-fn read<'b>(accessors: &'b Accessors<'b>, format: Format, limits: &Limits) -> Result<PolygonMesh> {
+fn read<'b>(
+    accessors: &'b Accessors<'b>,
+    format: Format,
+    limits: &Limits,
+    attribute: Option<&str>,
+) -> Result<WithNumbers> {
     let document = accessors.buffers().document();
     let mut skipped = Skipped::default();
     let mut meshes: BTreeMap<usize, Vec<Primitive<'_>>> = BTreeMap::new();
@@ -63,7 +81,7 @@ fn read<'b>(accessors: &'b Accessors<'b>, format: Format, limits: &Limits) -> Re
             Entry::Occupied(entry) => entry.into_mut(),
             Entry::Vacant(entry) => {
                 let whence = format!("node {}", placement.node);
-                entry.insert(primitive::open(accessors, placement.mesh, &whence, &mut skipped)?)
+                entry.insert(primitive::open(accessors, placement.mesh, &whence, attribute, &mut skipped)?)
             }
         };
         if primitives.is_empty() {
@@ -93,18 +111,19 @@ fn read<'b>(accessors: &'b Accessors<'b>, format: Format, limits: &Limits) -> Re
     let allowance = accessors.buffers().allowance();
     allowance.check_faces(triangles)?;
     allowance.check_parts(parts)?;
-    let mut builder = Builder::new(document, triangles, parts, allowance);
+    let mut builder = Builder::new(document, triangles, parts, allowance, attribute.is_some());
     for (placement, instances) in &places {
         let primitives = meshes.get(&placement.mesh).map_or(&[][..], Vec::as_slice);
         builder.place(placement, instances, primitives)?;
     }
     let mut warnings = skipped.warnings();
     warnings.extend(allowance.limit_names(&mut builder.parts));
-    Ok(PolygonMesh {
+    let mesh = PolygonMesh {
         format,
         positions: builder.positions,
         faces: Faces::from_triangles(builder.corners),
         parts: builder.parts,
         warnings,
-    })
+    };
+    Ok((mesh, builder.numbers))
 }

@@ -17,6 +17,8 @@ pub struct Primitive<'b> {
     pub index: usize,
     /// Positions of its vertices.
     pub positions: &'b Elements<'b>,
+    /// The attribute that was asked for: a number for each vertex.
+    pub numbers: Option<&'b Elements<'b>>,
     /// Number of triangles.
     pub triangles: usize,
     indices: Option<&'b Elements<'b>>,
@@ -63,11 +65,12 @@ impl Skipped {
     }
 }
 
-/// Opens the primitives of a mesh that have triangles.
+/// Opens the primitives of a mesh that have triangles, and `attribute` of each.
 pub fn open<'b>(
     accessors: &'b Accessors<'b>,
     mesh: usize,
     whence: &str,
+    attribute: Option<&str>,
     skipped: &mut Skipped,
 ) -> Result<Vec<Primitive<'b>>> {
     let mut primitives = Vec::new();
@@ -112,7 +115,9 @@ pub fn open<'b>(
         let targets = primitive.targets.as_ref();
         skipped.morphed += u64::from(targets.is_some_and(|targets| !targets.is_empty()));
         if triangles > 0 {
-            primitives.push(Primitive { index, positions, triangles, indices, shape });
+            let numbers =
+                attribute.map(|name| open_numbers(accessors, primitive, name, positions.count, &me)).transpose()?;
+            primitives.push(Primitive { index, positions, numbers, triangles, indices, shape });
         }
     }
     Ok(primitives)
@@ -139,6 +144,32 @@ fn open_positions<'b>(accessors: &'b Accessors<'b>, accessor: usize, whence: &st
         )));
     }
     Ok(positions)
+}
+
+/// Opens an attribute that has one number for each of so many vertices.
+fn open_numbers<'b>(
+    accessors: &'b Accessors<'b>,
+    primitive: &gltf::json::mesh::Primitive,
+    name: &str,
+    vertices: usize,
+    whence: &str,
+) -> Result<&'b Elements<'b>> {
+    // the crate's name for it is without the underscore
+    let semantic = Semantic::Extras(name.strip_prefix('_').unwrap_or(name).to_owned());
+    let Some(accessor) = primitive.attributes.get(&Checked::Valid(semantic)) else {
+        return Err(Error::mesh(format_args!("{whence} has no attribute of this name: {name:?}")));
+    };
+    let accessor = accessor.value();
+    let whence = format!("{name} of {whence}");
+    let numbers = accessors.open(accessor, &whence)?;
+    if numbers.components != 1 || numbers.count != vertices {
+        return Err(Error::mesh(format_args!(
+            "accessor {accessor} cannot be {whence}: it must be SCALAR with one element for each of {vertices} vertices, \
+             and has {} of {} components",
+            numbers.count, numbers.components
+        )));
+    }
+    Ok(numbers)
 }
 
 fn open_indices<'b>(accessors: &'b Accessors<'b>, accessor: usize, whence: &str) -> Result<&'b Elements<'b>> {

@@ -1,6 +1,8 @@
 //! The one thread that works with the device: it takes prepared meshes one after the other.
 
 use std::fmt;
+use std::sync::Arc;
+use std::time::Instant;
 
 use tokio::sync::{mpsc, oneshot};
 
@@ -10,6 +12,7 @@ use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
 use crate::job::{self, Outcome, Prepared};
 use crate::report::{DeviceKind, Row};
+use crate::service::metrics::Metrics;
 
 /// A mesh to be clustered.
 pub(super) struct Task {
@@ -40,7 +43,7 @@ impl fmt::Debug for DeviceThread {
 
 impl DeviceThread {
     /// Starts the thread. With `or_cpu` the cpu does what the device cannot, or is slow at.
-    pub fn start(device: Box<dyn Device>, or_cpu: bool) -> Result<Self> {
+    pub fn start(device: Box<dyn Device>, or_cpu: bool, metrics: Arc<Metrics>) -> Result<Self> {
         let mut devices =
             Devices { cpu: (or_cpu && device.info().kind == DeviceKind::Gpu).then(CpuDevice::new), device };
         let (tasks, mut queue) = mpsc::channel::<Task>(1);
@@ -48,7 +51,9 @@ impl DeviceThread {
             .name("device".to_owned())
             .spawn(move || {
                 while let Some(task) = queue.blocking_recv() {
+                    let started = Instant::now();
                     task.run(&mut devices);
+                    metrics.device_worked(started.elapsed());
                 }
             })
             .map_err(|error| Error::io("the thread of the device cannot be started", error))?;

@@ -85,6 +85,10 @@ impl Pipeline {
                     true => Some(read(&folder.join(files::SEEDS))?),
                     false => None,
                 };
+                let weights = match spec.has_weights {
+                    true => Some(read(&folder.join(files::WEIGHTS))?),
+                    false => None,
+                };
                 let read = reading.elapsed();
                 let mut prepared = job::prepare(&job::Request {
                     bytes: &bytes,
@@ -93,6 +97,7 @@ impl Pipeline {
                     limits,
                     parameters: &spec.parameters,
                     seeds: seeds.as_deref(),
+                    weights: weights.as_deref(),
                 })?;
                 prepared.timings.read = milliseconds(read);
                 Ok(prepared)

@@ -72,6 +72,7 @@ fn spec(name: &str) -> Spec {
         bytes: 1 << 40,
         buffers: vec!["a b.bin".to_owned(), "ü/β.bin".to_owned()],
         listed_seeds: true,
+        has_weights: true,
     }
 }
 

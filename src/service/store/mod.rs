@@ -146,6 +146,8 @@ pub(super) struct Spec {
     pub buffers: Vec<String>,
     /// Whether a list of seeds came with the mesh.
     pub listed_seeds: bool,
+    /// Whether weights came with the mesh.
+    pub has_weights: bool,
 }
 
 /// How far a running job is.
@@ -425,7 +427,6 @@ pub(super) trait JobStore: fmt::Debug + Send + Sync {
     async fn settle_webhook(&self, id: JobId) -> Result<()>;
 
     /// Number of jobs of a tenant that wait.
-    #[allow(dead_code, reason = "asked from the next change on")]
     async fn queued_of(&self, tenant: &str) -> Result<u64>;
 
     /// Number of jobs in each state, in the order of [`State::ALL`].
@@ -487,6 +488,7 @@ pub(super) mod tests {
             bytes: 100,
             buffers: Vec::new(),
             listed_seeds: false,
+            has_weights: false,
         };
         NewJob { id: JobId::random(), spec, idempotency: None }
     }

@@ -1,5 +1,5 @@
-//! Uploads as `multipart/form-data`: parts `mesh`, `parameters`, `buffer` (any number, told apart by file name) and
-//! `seeds`, in any order.
+//! Uploads as `multipart/form-data`: parts `mesh`, `parameters`, `buffer` (any number, told apart by file name), `seeds`
+//! and `weights`, in any order.
 
 use std::error::Error as StdError;
 
@@ -11,20 +11,21 @@ use futures_util::{Stream, TryStreamExt};
 
 use super::{MAX_NAME, Saved, Upload, agreed, save};
 use crate::error::{Error, Kind, Result};
+use crate::job;
 use crate::mesh::Format;
 use crate::service::files::{self, Files, Incoming};
-use crate::service::intake::Intake;
+use crate::service::intake::Content;
 use crate::service::request::{MAX_PARAMETERS_BYTES, Wanted};
-use crate::service::store::{LOCAL_TENANT, Spec};
+use crate::service::store::Spec;
 
 /// Largest number of buffers of a mesh.
 const MAX_BUFFERS: usize = 1024;
 
 /// Receives a form.
-pub(super) async fn receive(parts: Parts, intake: Intake, wanted: Wanted, files: &Files) -> Result<Upload> {
-    let allowance = intake.allowance();
+pub(super) async fn receive(parts: Parts, content: Content, wanted: Wanted, files: &Files) -> Result<Upload> {
+    let allowance = content.allowance();
     allowance.between_parts();
-    let request = Request::from_parts(parts, Body::from_stream(intake));
+    let request = Request::from_parts(parts, Body::from_stream(content));
     let mut multipart = Multipart::from_request(request, &())
         .await
         .map_err(|rejection| Error::new(Kind::BadRequest, rejection.body_text()))?;
@@ -34,6 +35,7 @@ pub(super) async fn receive(parts: Parts, intake: Intake, wanted: Wanted, files:
         mesh: None,
         buffers: Vec::new(),
         listed_seeds: false,
+        has_weights: false,
         has_parameters: false,
     };
     while let Some(field) = multipart.next_field().await.map_err(unreadable)? {
@@ -51,6 +53,7 @@ struct Form {
     mesh: Option<Mesh>,
     buffers: Vec<String>,
     listed_seeds: bool,
+    has_weights: bool,
     has_parameters: bool,
 }
 
@@ -78,13 +81,19 @@ impl Form {
                 let path = self.folder.file(files::SEEDS);
                 save(content(field), path, |_| Ok(())).await.map(drop)
             }
-            "weights" => Err(Error::parameter("weights for faces are not supported yet: leave out the part weights")),
+            "weights" => {
+                once("weights", self.has_weights)?;
+                self.has_weights = true;
+                let path = self.folder.file(files::WEIGHTS);
+                let saved = save(content(field), path, |_| Ok(())).await?;
+                job::check_head_of_weights(&saved.head)
+            }
             "" => Err(Error::new(
                 Kind::BadRequest,
                 "a part of the form has no name (Content-Disposition: form-data; name=\"…\")",
             )),
             other => Err(Error::parameter(format_args!(
-                "a part must be one of mesh, parameters, buffer, seeds, not {other:?}"
+                "a part must be one of mesh, parameters, buffer, seeds, weights, not {other:?}"
             ))),
         }
     }
@@ -133,16 +142,23 @@ impl Form {
                 self.buffers[0]
             )));
         }
+        let (parameters, webhook) = self.wanted.finish(self.listed_seeds)?;
+        if let Some(name) = parameters.weight_attribute.as_ref().filter(|_| self.has_weights) {
+            return Err(Error::parameter(format_args!(
+                "the part weights and the parameter weight_attribute exclude each other: leave out {name:?}"
+            )));
+        }
         let spec = Spec {
-            tenant: LOCAL_TENANT.to_owned(),
+            tenant: String::new(),
             trace_parent: None,
-            webhook: None,
-            parameters: self.wanted.finish(self.listed_seeds)?,
+            webhook,
+            parameters,
             file_name: mesh.file_name,
             format,
             bytes: mesh.saved.bytes,
             buffers: self.buffers,
             listed_seeds: self.listed_seeds,
+            has_weights: self.has_weights,
         };
         Ok(Upload { folder: self.folder, spec })
     }
@@ -181,7 +197,7 @@ fn shortened(name: &str) -> String {
     name.chars().take(MAX_NAME).collect()
 }
 
-/// The error of a form that cannot be read on: what [`Intake`] refused, or what is wrong with the form.
+/// The error of a form that cannot be read on: what [`Content`] refused, or what is wrong with the form.
 fn unreadable(error: MultipartError) -> Error {
     let mut source: Option<&(dyn StdError + 'static)> = Some(&error);
     while let Some(cause) = source {

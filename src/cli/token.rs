@@ -1,0 +1,91 @@
+//! `tesserae token`: who may use the service.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use super::Failure;
+use crate::error::{Error, Kind};
+use crate::service::TokenFile;
+
+/// Arguments of `tesserae token`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+A service that runs with the file takes the change within seconds. Quotas of a tenant are in the file, which is JSON:
+  \"quotas\": {\"max_queued_jobs\": 100, \"max_request_rate\": 50, \"max_requests_at_once\": 16, \"max_streams\": 64}
+
+Example:
+  tesserae token new acme --tokens tokens.json
+  tesserae serve --tokens tokens.json
+  curl -H \"Authorization: Bearer $TOKEN\" http://127.0.0.1:8080/v1/jobs")]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Command {
+    /// Make a token for a tenant, new or known, and print it: the file does not hold it, and it is not shown again
+    New {
+        /// Name of the tenant: letters, digits, '-', '_' and '.'
+        tenant: String,
+
+        /// Let the tenant read /metrics, which tell about everybody
+        #[arg(long)]
+        metrics: bool,
+
+        #[command(flatten)]
+        place: Place,
+    },
+    /// List tenants and the ids of their tokens
+    List {
+        #[command(flatten)]
+        place: Place,
+    },
+    /// Take a token back
+    Revoke {
+        /// Id of the token: what stands in it between the two underscores
+        id: String,
+
+        #[command(flatten)]
+        place: Place,
+    },
+}
+
+/// Where the tokens are.
+#[derive(Debug, clap::Args)]
+struct Place {
+    /// File of tokens; `new` makes it if it is not there
+    #[arg(long, env = "TESSERAE_TOKENS", value_name = "FILE")]
+    tokens: PathBuf,
+}
+
+/// Does what the arguments say.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let mut out = std::io::stdout().lock();
+    match &arguments.command {
+        Command::New { tenant, metrics, place } => {
+            let token = TokenFile::change(&place.tokens, |file| {
+                let token = file.add(tenant)?;
+                if let Some(entry) = file.tenants.get_mut(tenant) {
+                    entry.metrics |= *metrics;
+                }
+                Ok(token)
+            })?;
+            writeln!(out, "{}", token.reveal()).map_err(Failure::stdout)
+        }
+        Command::List { place } => {
+            for (name, tenant) in TokenFile::read(&place.tokens)?.tenants {
+                let ids: Vec<&str> = tenant.tokens.iter().map(|token| token.id.as_str()).collect();
+                writeln!(out, "{name}: {}", ids.join(" ")).map_err(Failure::stdout)?;
+            }
+            Ok(())
+        }
+        Command::Revoke { id, place } => {
+            let tenant = TokenFile::change(&place.tokens, |file| match file.revoke(id) {
+                Some(tenant) => Ok(tenant.to_owned()),
+                None => Err(Error::new(Kind::NotFound, format_args!("there is no token with this id: {id:?}"))),
+            })?;
+            writeln!(out, "{tenant}: {id} is no longer a token").map_err(Failure::stdout)
+        }
+    }
+}

@@ -1,0 +1,159 @@
+//! Who asks: tokens in, tenants out.
+//!
+//! Every request passes [`Access::caller`]; handlers take [`Caller`] and find jobs by it, so that a job of another tenant
+//! is not there. Without a file of tokens everybody is one tenant. A token is never logged, nor part of an error.
+
+pub(super) mod tokens;
+
+use std::path::PathBuf;
+use std::sync::{Arc, PoisonError, RwLock};
+use std::time::{Duration, SystemTime};
+
+use axum::extract::FromRequestParts;
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, header};
+use tokio_util::sync::CancellationToken;
+
+use self::tokens::{Tenant, Tokens};
+use super::files::blocking;
+use super::health::{Health, Part};
+use super::problem::Failure;
+use super::settings::AccessSettings;
+use super::store::LOCAL_TENANT;
+use crate::error::{Error, Kind, Result};
+
+/// How often the file of tokens is looked at.
+const LOOK_EVERY: Duration = Duration::from_secs(1);
+
+/// Paths that need no token: what probes, proxies and readers of the description ask for, which tells nothing of jobs.
+const OPEN: [&str; 4] = ["/healthz", "/readyz", "/v1/version", "/openapi.yaml"];
+
+/// The path that tells about all tenants.
+const METRICS: &str = "/metrics";
+
+/// Whoever sent a request.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Caller {
+    /// The tenant; none for a path that needs no token.
+    pub tenant: Option<Tenant>,
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for Caller {
+    type Rejection = Failure;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Failure> {
+        parts.extensions.get::<Self>().cloned().ok_or_else(|| missing().into())
+    }
+}
+
+impl Caller {
+    /// The tenant whose jobs it may see.
+    pub fn tenant(&self) -> Result<&Tenant> {
+        self.tenant.as_ref().ok_or_else(missing)
+    }
+}
+
+/// A handler that needs a tenant at a path that has none.
+fn missing() -> Error {
+    Error::new(Kind::Internal, "it is not known who asks")
+}
+
+/// Decides who may ask.
+#[derive(Debug)]
+pub(super) struct Access {
+    file: Option<TokensInFile>,
+}
+
+/// The tokens, and the file that they were read from.
+#[derive(Debug)]
+struct TokensInFile {
+    path: PathBuf,
+    tokens: RwLock<Arc<Tokens>>,
+}
+
+/// What changes when a file does.
+type Stamp = Option<(Option<SystemTime>, u64)>;
+
+impl Access {
+    /// Reads the file of tokens, if there is to be one.
+    pub fn open(settings: &AccessSettings) -> Result<Self> {
+        let file = match &settings.tokens {
+            Some(path) => {
+                let tokens = Arc::new(Tokens::read(path)?);
+                tracing::info!(tokens = tokens.len(), "read {}", path.display());
+                Some(TokensInFile { path: path.clone(), tokens: RwLock::new(tokens) })
+            }
+            None => None,
+        };
+        Ok(Self { file })
+    }
+
+    /// Who sent a request with these headers to `path`; an error for one who may not.
+    pub fn caller(&self, path: &str, headers: &HeaderMap) -> Result<Caller> {
+        let Some(file) = &self.file else {
+            let local = Tenant { name: LOCAL_TENANT.to_owned(), quotas: Default::default(), metrics: true };
+            return Ok(Caller { tenant: Some(local) });
+        };
+        if OPEN.contains(&path) {
+            return Ok(Caller { tenant: None });
+        }
+        let tokens = Arc::clone(&file.tokens.read().unwrap_or_else(PoisonError::into_inner));
+        let tenant = tokens.tenant(bearer(headers)?).cloned().ok_or_else(|| {
+            Error::new(Kind::Unauthorized, "the token is not known here: it was mistyped or taken back")
+        })?;
+        if path == METRICS && !tenant.metrics {
+            return Err(Error::new(
+                Kind::Forbidden,
+                format_args!(
+                    "metrics tell about all tenants; the operator makes a token that may read them with `tesserae token \
+                     new NAME --metrics`, which this one may not: {}",
+                    tenant.name
+                ),
+            ));
+        }
+        Ok(Caller { tenant: Some(tenant) })
+    }
+
+    /// Reads the file of tokens again whenever it changes, until `stop`. One that cannot be read changes nothing.
+    pub async fn follow(&self, health: &Health, stop: CancellationToken) {
+        let Some(file) = &self.file else { return };
+        let mut seen = file.stamp().await;
+        while stop.run_until_cancelled(tokio::time::sleep(LOOK_EVERY)).await.is_some() {
+            let stamp = file.stamp().await;
+            if stamp == seen {
+                continue;
+            }
+            let path = file.path.clone();
+            match blocking(move || Tokens::read(&path)).await.flatten() {
+                Ok(tokens) => {
+                    tracing::info!(tokens = tokens.len(), "read {} again", file.path.display());
+                    *file.tokens.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(tokens);
+                    health.clear(Part::Tokens);
+                }
+                Err(error) => health.degrade(Part::Tokens, format!("the tokens are as they were before: {error}")),
+            }
+            seen = stamp;
+        }
+    }
+}
+
+impl TokensInFile {
+    async fn stamp(&self) -> Stamp {
+        let metadata = tokio::fs::metadata(&self.path).await.ok()?;
+        Some((metadata.modified().ok(), metadata.len()))
+    }
+}
+
+/// The token of a request (RFC 6750 §2.1).
+fn bearer(headers: &HeaderMap) -> Result<&str> {
+    let unauthorized = |message| Error::new(Kind::Unauthorized, message);
+    let mut values = headers.get_all(header::AUTHORIZATION).iter();
+    let (Some(value), None) = (values.next(), values.next()) else {
+        return Err(unauthorized("a token is needed, once: send it as `Authorization: Bearer TOKEN`"));
+    };
+    let (scheme, token) = value.to_str().ok().and_then(|value| value.split_once(' ')).unwrap_or_default();
+    match scheme.eq_ignore_ascii_case("bearer") {
+        true => Ok(token.trim()),
+        false => Err(unauthorized("Authorization must be `Bearer TOKEN`")),
+    }
+}

@@ -1,0 +1,337 @@
+//! The file of tokens: who may use the service, and how much of it.
+//!
+//! A token is `tess_ID_SECRET`. The file knows the id, a salt, and the SHA-256 of salt and secret, so that who reads the
+//! file has no token. The secret is 256 random bits: nothing is gained by hashing it slowly.
+
+use std::collections::{BTreeMap, HashMap};
+use std::fmt;
+use std::io::Write as _;
+use std::path::Path;
+
+use base64::Engine as _;
+use base64::engine::general_purpose::URL_SAFE_NO_PAD;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use subtle::ConstantTimeEq;
+
+use crate::error::{Error, Kind, Result};
+
+/// What every token begins with, so that scanners for leaked secrets find it.
+const PREFIX: &str = "tess_";
+
+/// Largest file of tokens that is read, in bytes.
+const MAX_BYTES: u64 = 16 << 20;
+
+/// What a tenant may use of the service; what is left out is as the settings say.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Quotas {
+    /// Jobs that may wait.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_queued_jobs: Option<u64>,
+    /// Requests a second, averaged; 0 for any number.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_request_rate: Option<u32>,
+    /// Requests at a time, event streams aside.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_requests_at_once: Option<u32>,
+    /// Event streams at a time.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_streams: Option<u32>,
+}
+
+/// The content of the file.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TokenFile {
+    /// Tenants by name.
+    pub tenants: BTreeMap<String, TenantEntry>,
+}
+
+/// A tenant in the file.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TenantEntry {
+    /// What it may use.
+    pub quotas: Quotas,
+    /// Whether it may read `/metrics`, which tell about everybody.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub metrics: bool,
+    /// Its tokens, any of which will do.
+    pub tokens: Vec<TokenEntry>,
+}
+
+/// A token in the file, which cannot be made from it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TokenEntry {
+    /// Which one it is: 16 hexadecimal digits.
+    pub id: String,
+    /// Random bytes, base64url.
+    salt: String,
+    /// SHA-256 of salt and secret, base64url.
+    sha256: String,
+}
+
+/// A token as its owner has it. Its `Debug` form hides the secret.
+pub struct Token {
+    id: String,
+    secret: String,
+}
+
+impl Token {
+    /// The whole token: to be shown once.
+    pub fn reveal(&self) -> String {
+        format!("{PREFIX}{}_{}", self.id, self.secret)
+    }
+
+    /// Which one it is.
+    pub fn id(&self) -> &str {
+        &self.id
+    }
+}
+
+impl fmt::Debug for Token {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Token").field("id", &self.id).finish_non_exhaustive()
+    }
+}
+
+impl TokenFile {
+    /// Reads a file. What is wrong with it is named by line or tenant, never by content of a token.
+    pub fn read(path: &Path) -> Result<Self> {
+        let cannot = |error| Error::io(format_args!("the file of tokens cannot be read: {}", path.display()), error);
+        let bytes = std::fs::metadata(path).map_err(cannot)?.len();
+        if bytes > MAX_BYTES {
+            return Err(Error::too_large(format_args!("the file of tokens has more than {MAX_BYTES} bytes: {bytes}")));
+        }
+        Self::parse(&std::fs::read(path).map_err(cannot)?)
+    }
+
+    /// Reads the content of a file.
+    pub fn parse(json: &[u8]) -> Result<Self> {
+        let file: Self = serde_json::from_slice(json)
+            .map_err(|error| Error::parameter(format_args!("the file of tokens is not valid: {error}")))?;
+        file.index()?;
+        Ok(file)
+    }
+
+    /// Adds a token for a tenant, which is new or known.
+    pub fn add(&mut self, tenant: &str) -> Result<Token> {
+        check_name(tenant)?;
+        let (mut id, mut salt, mut secret) = ([0; 8], [0; 16], [0; 32]);
+        for bytes in [&mut id[..], &mut salt, &mut secret] {
+            getrandom::fill(bytes)
+                .map_err(|error| Error::new(Kind::Internal, format_args!("no random bytes can be had: {error}")))?;
+        }
+        let id: String = id.iter().map(|byte| format!("{byte:02x}")).collect();
+        let secret = URL_SAFE_NO_PAD.encode(secret);
+        let entry = TokenEntry {
+            id: id.clone(),
+            salt: URL_SAFE_NO_PAD.encode(salt),
+            sha256: URL_SAFE_NO_PAD.encode(digest(&salt, &secret)),
+        };
+        self.tenants.entry(tenant.to_owned()).or_default().tokens.push(entry);
+        Ok(Token { id, secret })
+    }
+
+    /// Takes a token back. The tenant stays, with its quotas. Its name; none when there is no such token.
+    pub fn revoke(&mut self, id: &str) -> Option<&str> {
+        self.tenants.iter_mut().find_map(|(name, tenant)| {
+            let place = tenant.tokens.iter().position(|token| token.id == id)?;
+            tenant.tokens.remove(place);
+            Some(name.as_str())
+        })
+    }
+
+    /// Changes the file at `path`, which is made if it is not there: whole or not at all, readable by its owner only,
+    /// one change after the other.
+    pub fn change<T>(path: &Path, change: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
+        let cannot = |error| Error::io(format_args!("the file of tokens cannot be written: {}", path.display()), error);
+        let folder = match path.parent() {
+            Some(folder) if !folder.as_os_str().is_empty() => folder,
+            _ => Path::new("."),
+        };
+        let mut lock_name = path.file_name().unwrap_or_default().to_owned();
+        lock_name.push(".lock");
+        let lock = std::fs::File::create(folder.join(lock_name)).map_err(cannot)?;
+        lock.lock().map_err(cannot)?;
+        let mut file = match path.exists() {
+            true => Self::read(path)?,
+            false => Self::default(),
+        };
+        let result = change(&mut file)?;
+        let mut json = serde_json::to_vec_pretty(&file)
+            .map_err(|error| Error::new(Kind::Internal, format_args!("tokens cannot be written as JSON: {error}")))?;
+        json.push(b'\n');
+        // a temporary file is its owner's alone, and stays so under its new name
+        let mut new = tempfile::NamedTempFile::new_in(folder).map_err(cannot)?;
+        new.write_all(&json).map_err(cannot)?;
+        new.as_file().sync_all().map_err(cannot)?;
+        new.persist(path).map_err(|error| cannot(error.error))?;
+        Ok(result)
+    }
+
+    /// The tokens by their ids.
+    fn index(&self) -> Result<HashMap<String, Known>> {
+        let mut index = HashMap::new();
+        for (name, tenant) in &self.tenants {
+            check_name(name)?;
+            let owner = Tenant { name: name.clone(), quotas: tenant.quotas, metrics: tenant.metrics };
+            for token in &tenant.tokens {
+                let known = token.known(owner.clone()).ok_or_else(|| {
+                    Error::parameter(format_args!(
+                        "a token in the file of tokens is not as this program writes them, of {name:?}"
+                    ))
+                })?;
+                if index.insert(token.id.clone(), known).is_some() {
+                    return Err(Error::parameter(format_args!(
+                        "two tokens in the file of tokens have the same id: {:?}",
+                        token.id
+                    )));
+                }
+            }
+        }
+        Ok(index)
+    }
+}
+
+impl TokenEntry {
+    fn known(&self, tenant: Tenant) -> Option<Known> {
+        let is_id = self.id.len() == 16 && self.id.bytes().all(|byte| byte.is_ascii_hexdigit());
+        let salt = URL_SAFE_NO_PAD.decode(&self.salt).ok().filter(|salt| salt.len() >= 8)?;
+        let digest = URL_SAFE_NO_PAD.decode(&self.sha256).ok()?.try_into().ok()?;
+        is_id.then_some(Known { salt, digest, tenant })
+    }
+}
+
+/// Who may use the service, ready to be asked.
+#[derive(Debug, Default)]
+pub(in crate::service) struct Tokens {
+    by_id: HashMap<String, Known>,
+}
+
+#[derive(Debug)]
+struct Known {
+    salt: Vec<u8>,
+    digest: [u8; 32],
+    tenant: Tenant,
+}
+
+/// A tenant of the service.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::service) struct Tenant {
+    /// Its name.
+    pub name: String,
+    /// What it may use.
+    pub quotas: Quotas,
+    /// Whether it may read `/metrics`.
+    pub metrics: bool,
+}
+
+impl Tokens {
+    /// Reads the file at `path`.
+    pub fn read(path: &Path) -> Result<Self> {
+        Ok(Self { by_id: TokenFile::read(path)?.index()? })
+    }
+
+    /// Whose token it is. Takes as long for a wrong token as for a right one.
+    pub fn tenant(&self, token: &str) -> Option<&Tenant> {
+        let (id, secret) = token.strip_prefix(PREFIX).and_then(|rest| rest.split_once('_'))?;
+        let known = self.by_id.get(id);
+        let (salt, expected) = known.map_or((&[0; 16][..], [0; 32]), |known| (&known.salt, known.digest));
+        let is_equal = bool::from(digest(salt, secret).ct_eq(&expected));
+        known.filter(|_| is_equal).map(|known| &known.tenant)
+    }
+
+    /// Number of tokens.
+    pub fn len(&self) -> usize {
+        self.by_id.len()
+    }
+}
+
+/// SHA-256 of salt and secret.
+fn digest(salt: &[u8], secret: &str) -> [u8; 32] {
+    Sha256::new().chain_update(salt).chain_update(secret).finalize().into()
+}
+
+/// Checks the name of a tenant.
+fn check_name(name: &str) -> Result<()> {
+    let is_allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+    if name.is_empty() || name.len() > 64 || !name.chars().all(is_allowed) {
+        return Err(Error::parameter(format_args!(
+            "the name of a tenant must have 1 to 64 letters, digits, '-', '_' and '.', not {name:?}"
+        )));
+    }
+    if name == crate::service::LOCAL_TENANT {
+        return Err(Error::parameter(format_args!(
+            "this name stands for a service without tokens; take another: {name:?}"
+        )));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ask(file: &TokenFile, token: &str) -> Option<String> {
+        let tokens = Tokens { by_id: file.index().expect("valid") };
+        tokens.tenant(token).map(|tenant| tenant.name.clone())
+    }
+
+    #[test]
+    fn a_token_opens_for_its_tenant_and_nothing_else_does() {
+        let mut file = TokenFile::default();
+        let (mine, other) = (file.add("mine").expect("made"), file.add("other").expect("made"));
+        let token = mine.reveal();
+        assert_eq!(ask(&file, &token).as_deref(), Some("mine"));
+        assert_eq!(ask(&file, &other.reveal()).as_deref(), Some("other"));
+        let secret_of_another = format!("tess_{}_{}", mine.id, other.secret);
+        let longer = format!("{token}A");
+        for wrong in ["", "tess_", "tess__", &token[..token.len() - 1], &longer, &token[5..], &secret_of_another] {
+            assert_eq!(ask(&file, wrong), None, "{wrong}");
+        }
+        assert_eq!(file.revoke(mine.id()), Some("mine"));
+        assert_eq!(ask(&file, &token), None);
+        assert_eq!(file.revoke(mine.id()), None);
+    }
+
+    #[test]
+    fn neither_the_file_nor_debug_output_tells_the_secret() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("tokens.json");
+        let token = TokenFile::change(&path, |file| file.add("mine")).expect("made");
+        let second = TokenFile::change(&path, |file| file.add("mine")).expect("made");
+        let text = std::fs::read_to_string(&path).expect("text");
+        assert!(text.contains(&token.id) && text.contains(&second.id));
+        let all = format!("{text}{token:?}{:?}", Tokens::read(&path).expect("valid"));
+        assert!(!all.contains(&token.secret) && !all.contains(&second.secret), "{all}");
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            let mode = std::fs::metadata(&path).expect("a file").permissions().mode();
+            assert_eq!(mode & 0o77, 0, "its owner's alone: {mode:o}");
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_file_is_told() {
+        let entry = r#"{"id": "0123456789abcdef", "salt": "AAAAAAAAAAA", "sha256": "AAAA"}"#;
+        for (json, words) in [
+            ("", "EOF"),
+            ("{}", "tenants"),
+            (r#"{"tenants": {"a": {"quota": {}}}}"#, "quota"),
+            (r#"{"tenants": {"a b": {}}}"#, "a b"),
+            (r#"{"tenants": {"local": {}}}"#, "local"),
+            (r#"{"tenants": {"a": {"quotas": {"max_request_rate": -1}}}}"#, "-1"),
+            (&format!(r#"{{"tenants": {{"acme": {{"tokens": [{entry}]}}}}}}"#), "acme"),
+        ] {
+            let error = TokenFile::parse(json.as_bytes()).expect_err(json);
+            assert!(error.message.contains(words), "{json}: {error}");
+        }
+        let quotas = r#"{"tenants": {"a": {"quotas": {"max_queued_jobs": 3}, "metrics": true}}}"#;
+        let file = TokenFile::parse(quotas.as_bytes()).expect("valid");
+        assert_eq!(file.tenants["a"].quotas.max_queued_jobs, Some(3));
+    }
+}

@@ -1,0 +1,102 @@
+//! How much clients may ask for at a time.
+
+use std::time::Duration;
+
+/// Settings of traffic. A client is a tenant, or an address where there are no tokens.
+#[derive(Debug, Clone, PartialEq, clap::Args)]
+pub struct TrafficSettings {
+    /// Jobs of one tenant that may wait; more are answered with 429
+    #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS_PER_TENANT", value_name = "N", default_value_t = Self::default().max_queued_jobs_per_tenant)]
+    pub max_queued_jobs_per_tenant: u64,
+
+    /// Requests a second of one client, averaged over 5 seconds; more are answered with 429, 0 is any number
+    #[arg(long, env = "TESSERAE_MAX_REQUEST_RATE", value_name = "N", default_value_t = Self::default().max_request_rate)]
+    pub max_request_rate: u32,
+
+    /// Requests of one client at a time, event streams aside; more are answered with 429
+    #[arg(long, env = "TESSERAE_MAX_REQUESTS_AT_ONCE", value_name = "N", default_value_t = Self::default().max_requests_at_once)]
+    pub max_requests_at_once: u32,
+
+    /// Event streams of one client at a time; more are answered with 429
+    #[arg(long, env = "TESSERAE_MAX_STREAMS_PER_CLIENT", value_name = "N", default_value_t = Self::default().max_streams_per_client)]
+    pub max_streams_per_client: u32,
+
+    /// Event streams at a time; more are answered with 503
+    #[arg(long, env = "TESSERAE_MAX_STREAMS", value_name = "N", default_value_t = Self::default().max_streams)]
+    pub max_streams: u32,
+
+    /// Connections at a time; more wait to be accepted
+    #[arg(long, env = "TESSERAE_MAX_CONNECTIONS", value_name = "N", default_value_t = Self::default().max_connections,
+          value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub max_connections: u32,
+
+    /// Connections from one address at a time; more are closed
+    #[arg(long, env = "TESSERAE_MAX_CONNECTIONS_PER_ADDRESS", value_name = "N", default_value_t = Self::default().max_connections_per_address,
+          value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub max_connections_per_address: u32,
+
+    /// Bytes of all uploads that are coming in at a time; more are answered with 503
+    #[arg(long, env = "TESSERAE_MAX_BYTES_IN_FLIGHT", value_name = "BYTES", default_value_t = Self::default().max_bytes_in_flight)]
+    pub max_bytes_in_flight: u64,
+
+    /// How many times as large as its compressed form (gzip, zstd) an upload may be, after the first MiB
+    #[arg(long, env = "TESSERAE_MAX_INFLATION", value_name = "N", default_value_t = Self::default().max_inflation,
+          value_parser = clap::value_parser!(u64).range(1..))]
+    pub max_inflation: u64,
+
+    /// Time for the head of a request, on a connection that is new or used before, in seconds
+    #[arg(long, env = "TESSERAE_HEADER_TIMEOUT", value_name = "SECONDS", default_value_t = Self::default().header_timeout,
+          value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    pub header_timeout: u64,
+
+    /// Time without a byte of an upload after which it is given up (408), in seconds
+    #[arg(long, env = "TESSERAE_BODY_TIMEOUT", value_name = "SECONDS", default_value_t = Self::default().body_timeout,
+          value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    pub body_timeout: u64,
+
+    /// Bytes a second that an upload must bring on average, once it took longer than the body timeout
+    #[arg(long, env = "TESSERAE_MIN_UPLOAD_RATE", value_name = "N", default_value_t = Self::default().min_upload_rate)]
+    pub min_upload_rate: u64,
+
+    /// Time in which a client must take something of an answer, in seconds
+    #[arg(long, env = "TESSERAE_WRITE_TIMEOUT", value_name = "SECONDS", default_value_t = Self::default().write_timeout,
+          value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    pub write_timeout: u64,
+}
+
+impl Default for TrafficSettings {
+    fn default() -> Self {
+        Self {
+            max_queued_jobs_per_tenant: 256,
+            max_request_rate: 200,
+            max_requests_at_once: 64,
+            max_streams_per_client: 1024,
+            max_streams: 4096,
+            max_connections: 8192,
+            max_connections_per_address: 2048,
+            max_bytes_in_flight: 16 << 30,
+            max_inflation: 100,
+            header_timeout: 15,
+            body_timeout: 30,
+            min_upload_rate: 1024,
+            write_timeout: 60,
+        }
+    }
+}
+
+impl TrafficSettings {
+    /// [`header_timeout`](Self::header_timeout) as a duration.
+    pub(in crate::service) fn header_timeout(&self) -> Duration {
+        Duration::from_secs(self.header_timeout)
+    }
+
+    /// [`body_timeout`](Self::body_timeout) as a duration.
+    pub(in crate::service) fn body_timeout(&self) -> Duration {
+        Duration::from_secs(self.body_timeout)
+    }
+
+    /// [`write_timeout`](Self::write_timeout) as a duration.
+    pub(in crate::service) fn write_timeout(&self) -> Duration {
+        Duration::from_secs(self.write_timeout)
+    }
+}

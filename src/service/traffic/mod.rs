@@ -1,0 +1,125 @@
+//! How much may be asked for at a time, so that no client takes the service from the others.
+//!
+//! | what | where | who is over is |
+//! |---|---|---|
+//! | connections, and how long heads and answers may take | `connections`, `socket` | closed |
+//! | requests a second, requests and streams at a time | `clients` | answered with 429 |
+//! | all streams | [`admit`] | answered with 503 |
+//! | bytes of uploads that are coming in | `budget` | answered with 503 |
+//!
+//! What an upload may bring, and how slowly, is in `intake`; how many jobs may wait, in `jobs`.
+
+pub(super) mod budget;
+mod clients;
+pub(super) mod connections;
+mod guarded;
+mod socket;
+
+use std::net::{IpAddr, SocketAddr};
+use std::sync::Arc;
+
+use axum::body::Body;
+use axum::extract::{ConnectInfo, Request, State};
+use axum::http::Method;
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use tokio::sync::Semaphore;
+
+use self::budget::Budget;
+use self::clients::{Allowance, Client, Clients};
+use self::guarded::Guarded;
+use super::access::Caller;
+use super::problem::Failure;
+use super::server::App;
+use super::settings::TrafficSettings;
+use crate::error::{Error, Kind};
+
+/// Paths that probes ask for, which must hear how things are even when their address asks for too much.
+const PROBES: [&str; 2] = ["/healthz", "/readyz"];
+
+/// What is going on.
+#[derive(Debug)]
+pub(super) struct Traffic {
+    settings: TrafficSettings,
+    clients: Arc<Clients>,
+    streams: Arc<Semaphore>,
+    /// Bytes of uploads that are coming in.
+    pub uploads: Arc<Budget>,
+}
+
+impl Traffic {
+    /// Nothing yet.
+    pub fn new(settings: &TrafficSettings) -> Self {
+        Self {
+            settings: settings.clone(),
+            clients: Arc::default(),
+            streams: Arc::new(Semaphore::new(settings.max_streams as usize)),
+            uploads: Arc::new(Budget::new(settings.max_bytes_in_flight)),
+        }
+    }
+
+    /// Event streams that are open.
+    pub fn open_streams(&self) -> u64 {
+        u64::from(self.settings.max_streams) - self.streams.available_permits() as u64
+    }
+
+    fn allowance(&self, caller: Option<&Caller>) -> Allowance {
+        let quotas = caller.and_then(|caller| caller.tenant.as_ref()).map(|tenant| tenant.quotas).unwrap_or_default();
+        Allowance {
+            rate: quotas.max_request_rate.unwrap_or(self.settings.max_request_rate),
+            requests: quotas.max_requests_at_once.unwrap_or(self.settings.max_requests_at_once),
+            streams: quotas.max_streams.unwrap_or(self.settings.max_streams_per_client),
+        }
+    }
+}
+
+/// Finds out who asks, and lets the request through when neither that client nor the service has too much to do. What a
+/// request holds is held until its answer was sent.
+pub(super) async fn admit(State(shared): App, mut request: Request, next: Next) -> Response {
+    let path = request.uri().path();
+    if PROBES.contains(&path) {
+        request.extensions_mut().insert(Caller { tenant: None });
+        return next.run(request).await;
+    }
+    let traffic = &shared.traffic;
+    let is_stream = request.method() == Method::GET && path.starts_with("/v1/jobs/") && path.ends_with("/events");
+    let caller = shared.access.caller(path, request.headers());
+    // Who has no token, or needs none, is known by address; so is everybody of a service without tokens.
+    let client = match caller.as_ref().ok().and_then(|caller| caller.tenant.as_ref()) {
+        Some(tenant) if tenant.name != super::LOCAL_TENANT => Client::Tenant(tenant.name.clone()),
+        _ => Client::of_address(address(&request)),
+    };
+    let allowance = traffic.allowance(caller.as_ref().ok());
+    let permit = match traffic.clients.admit(client, allowance, is_stream) {
+        Ok(permit) => permit,
+        Err(refusal) => return refusal.into_response(),
+    };
+    let caller = match caller {
+        Ok(caller) => caller,
+        Err(error) => return Failure::from(error).into_response(),
+    };
+    let stream = match is_stream.then(|| Arc::clone(&traffic.streams).try_acquire_owned()).transpose() {
+        Ok(stream) => stream,
+        Err(_) => {
+            return Failure::from(Error::new(
+                Kind::Overloaded,
+                format_args!(
+                    "as many event streams are open as may; try again later: {}",
+                    traffic.settings.max_streams
+                ),
+            ))
+            .into_response();
+        }
+    };
+    if let Some(tenant) = &caller.tenant {
+        tracing::Span::current().record("tenant", &tenant.name);
+    }
+    request.extensions_mut().insert(caller);
+    next.run(request).await.map(|body| Body::new(Guarded::new(body, (permit, stream))))
+}
+
+/// Address of the other end.
+fn address(request: &Request) -> IpAddr {
+    let info = request.extensions().get::<ConnectInfo<SocketAddr>>();
+    info.map_or(IpAddr::from([0, 0, 0, 0]), |ConnectInfo(address)| address.ip())
+}

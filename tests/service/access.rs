@@ -1,0 +1,266 @@
+//! Tokens and tenants: who may ask, and that nobody sees another's jobs.
+
+use std::path::Path;
+
+use reqwest::{Method, RequestBuilder};
+use serde_json::Value;
+use tempfile::TempDir;
+use tesserae::device::cpu::CpuDevice;
+use tesserae::service::{Server, Settings, TokenFile};
+
+use crate::support::*;
+
+/// A file of tokens for two tenants and who may read metrics; and their tokens.
+fn tokens() -> (TempDir, [String; 3]) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("tokens.json");
+    let tokens = ["mine", "theirs", "monitoring"].map(|tenant| {
+        TokenFile::change(&path, |file| {
+            let token = file.add(tenant)?;
+            file.tenants.get_mut(tenant).expect("just made").metrics = tenant == "monitoring";
+            Ok(token.reveal())
+        })
+        .expect("made")
+    });
+    (folder, tokens)
+}
+
+async fn with_tokens(folder: &Path) -> Service {
+    let path = folder.join("tokens.json");
+    Service::with(|settings| settings.access.tokens = Some(path), Box::new(CpuDevice::new())).await
+}
+
+fn submit(service: &Service, query: &str) -> RequestBuilder {
+    service.post(&format!("/v1/jobs?{query}")).header("content-type", "model/obj").body(sphere(300))
+}
+
+#[tokio::test]
+async fn nothing_about_jobs_is_told_without_a_token() {
+    let (folder, [mine, ..]) = tokens();
+    let service = with_tokens(folder.path()).await;
+    let id = "/v1/jobs/6ed6e4e2-8a9c-44bf-a77e-f6c240b63f15";
+    let paths = ["/v1/jobs", id, &format!("{id}/labels"), "/v1/device", "/v1/formats", "/metrics", "/nothing", "/"];
+    for path in paths {
+        let response = service.get(path).send().await.expect("answered");
+        assert_eq!(response.headers()["www-authenticate"], "Bearer realm=\"tesserae\"", "{path}");
+        problem(response, 401, "unauthorized").await;
+    }
+    for wrong in [
+        "",
+        "x",
+        "Bearer",
+        "Bearer ",
+        "Basic eDp5",
+        "Bearer tess_0123456789abcdef_x",
+        &mine,
+        &format!("Bearer {mine}x"),
+    ] {
+        let detail = refused(service.get("/v1/jobs").header("authorization", wrong), 401, "unauthorized").await;
+        assert!(!detail.contains(&mine), "{detail}");
+    }
+    let twice = service.get("/v1/jobs").bearer_auth(&mine).bearer_auth(&mine);
+    refused(twice, 401, "unauthorized").await;
+    refused(submit(&service, "clusters=3"), 401, "unauthorized").await;
+    service.keeps_no("").await;
+    for open in ["/healthz", "/readyz", "/v1/version", "/openapi.yaml"] {
+        assert_eq!(service.get(open).send().await.expect("answered").status(), 200, "{open}");
+    }
+    let lower = service.get("/v1/jobs").header("authorization", format!("bearer {mine}"));
+    assert_eq!(json(lower).await["jobs"], serde_json::json!([]));
+}
+
+#[tokio::test]
+async fn two_tenants_prying_at_each_other_find_nothing() {
+    let (folder, [mine, theirs, _]) = tokens();
+    let service = with_tokens(folder.path()).await;
+    let flat: Value = json(submit(&service, "clusters=3").header("prefer", "wait=60").bearer_auth(&mine)).await;
+    let tree: Value = json(submit(&service, "algorithm=pml").header("prefer", "wait=60").bearer_auth(&mine)).await;
+    let own: Value = json(submit(&service, "clusters=4").header("prefer", "wait=60").bearer_auth(&theirs)).await;
+    let unknown = "/v1/jobs/6ed6e4e2-8a9c-44bf-a77e-f6c240b63f15";
+    for job in [&flat, &tree] {
+        let path = path(job);
+        for rest in ["", "/events", "/labels", "/labels?clusters=3", "/hierarchy", "/report"] {
+            for method in [Method::GET, Method::HEAD] {
+                let ask = |path: &str| {
+                    service
+                        .client
+                        .request(method.clone(), service.url(&format!("{path}{rest}")))
+                        .bearer_auth(&theirs)
+                        .send()
+                };
+                let (another, none) = (ask(path).await.expect("answered"), ask(unknown).await.expect("answered"));
+                assert_eq!(another.status(), 404, "{method} {rest}");
+                assert_eq!(another.status(), none.status());
+                // not by a header either
+                let names = |response: &reqwest::Response| {
+                    let mut names: Vec<String> = response.headers().keys().map(ToString::to_string).collect();
+                    names.sort();
+                    names
+                };
+                assert_eq!(names(&another), names(&none), "{method} {rest}");
+                let same = |text: String, path: &str| {
+                    text.replace(path, "?").replace(path.trim_start_matches("/v1/jobs/"), "?")
+                };
+                let (another, none) = (another.text().await.expect("text"), none.text().await.expect("text"));
+                assert_eq!(same(another, path), same(none, unknown), "{method} {rest}");
+            }
+        }
+        refused(service.delete(path).bearer_auth(&theirs), 404, "not-found").await;
+    }
+    let list = json(service.get("/v1/jobs?limit=1").bearer_auth(&theirs)).await;
+    assert_eq!((list["jobs"][0]["id"].clone(), list["next"].clone()), (own["id"].clone(), Value::Null));
+    // the other's cursor opens nothing
+    let first = json(service.get("/v1/jobs?limit=1").bearer_auth(&mine)).await;
+    let cursor = text(&first["next"]);
+    let list = json(service.get(&format!("/v1/jobs?cursor={cursor}")).bearer_auth(&theirs)).await;
+    assert!(list["jobs"].as_array().expect("a list").iter().all(|job| job["id"] == own["id"]), "{list}");
+    // and the owner still has everything
+    assert_eq!(json(service.get("/v1/jobs").bearer_auth(&mine)).await["jobs"].as_array().map(Vec::len), Some(2));
+    assert_eq!(service.delete(path(&flat)).bearer_auth(&mine).send().await.expect("answered").status(), 204);
+}
+
+#[tokio::test]
+async fn metrics_are_for_who_may_read_them() {
+    let (folder, [mine, _, monitoring]) = tokens();
+    let service = with_tokens(folder.path()).await;
+    let detail = refused(service.get("/metrics").bearer_auth(&mine), 403, "forbidden").await;
+    assert!(detail.contains("--metrics"), "{detail}");
+    assert_eq!(service.get("/metrics").bearer_auth(&monitoring).send().await.expect("answered").status(), 200);
+}
+
+#[tokio::test]
+async fn the_file_is_read_again_and_a_broken_one_changes_nothing() {
+    let (folder, [mine, theirs, _]) = tokens();
+    let service = with_tokens(folder.path()).await;
+    let path = folder.path().join("tokens.json");
+    let status =
+        async |token: &str| service.get("/v1/jobs").bearer_auth(token).send().await.expect("answered").status();
+    assert_eq!(status(&mine).await, 200);
+    let id = mine.split('_').nth(1).expect("an id").to_owned();
+    TokenFile::change(&path, |file| Ok(file.revoke(&id).map(ToOwned::to_owned))).expect("changed");
+    until(async || status(&mine).await == 401).await;
+    assert_eq!(status(&theirs).await, 200);
+    std::fs::write(&path, "{").expect("written");
+    let ready = async || json(service.get("/readyz")).await;
+    until(async || ready().await["status"] == "degraded").await;
+    assert_eq!(ready().await["conditions"][0]["part"], "tokens");
+    assert_eq!(status(&theirs).await, 200);
+    std::fs::remove_file(&path).expect("removed");
+    let new = TokenFile::change(&path, |file| file.add("new")).expect("made").reveal();
+    until(async || status(&new).await == 200).await;
+    assert_eq!(status(&theirs).await, 401);
+    until(async || ready().await["status"] == "ok").await;
+}
+
+#[tokio::test]
+async fn quotas_of_the_file_hold_for_their_tenant_only() {
+    let (folder, [mine, theirs, _]) = tokens();
+    TokenFile::change(&folder.path().join("tokens.json"), |file| {
+        file.tenants.get_mut("mine").expect("a tenant").quotas.max_queued_jobs = Some(1);
+        Ok(())
+    })
+    .expect("changed");
+    let (device, gate) = Held::behind_gate();
+    let path = folder.path().join("tokens.json");
+    let service = Service::with(
+        |settings| {
+            settings.access.tokens = Some(path);
+            settings.meshes_in_memory = 1;
+        },
+        device,
+    )
+    .await;
+    let job: Value = json(submit(&service, "clusters=3").bearer_auth(&theirs)).await;
+    until(async || json(service.get(crate::support::path(&job)).bearer_auth(&theirs)).await["state"] == "running")
+        .await;
+    // many at once: never more than the quota
+    let sent = (0..8).map(|_| submit(&service, "clusters=3").bearer_auth(&mine).send());
+    let mut accepted = 0;
+    for response in futures_util::future::join_all(sent).await {
+        let response = response.expect("answered");
+        if response.status() == 202 {
+            accepted += 1;
+        } else {
+            assert!(response.headers().contains_key("retry-after"));
+            assert_eq!(response.status(), 429);
+        }
+    }
+    assert!(accepted <= 1, "{accepted}");
+    let response = submit(&service, "clusters=3").bearer_auth(&mine).send().await.expect("answered");
+    if accepted == 0 {
+        assert_eq!(response.status(), 202);
+    }
+    let response = submit(&service, "clusters=3").bearer_auth(&mine).send().await.expect("answered");
+    let body: Value = response.json().await.expect("JSON");
+    assert_eq!(
+        (body["type"].clone(), body["queue_depth"].clone()),
+        ("/problems/queue-full".into(), 1.into()),
+        "{body}"
+    );
+    assert_eq!(submit(&service, "clusters=3").bearer_auth(&theirs).send().await.expect("answered").status(), 202);
+    gate.open();
+}
+
+#[tokio::test]
+async fn other_machines_are_not_listened_to_without_tokens() {
+    let device = || Box::new(CpuDevice::new());
+    let description = tesserae::service::DeviceDescription {
+        info: tesserae::device::Device::info(&CpuDevice::new()).clone(),
+        chosen: String::new(),
+        or_cpu: false,
+    };
+    let settings = Settings { listen: "0.0.0.0:0".parse().expect("an address"), ..Settings::default() };
+    let refused = Server::bind(settings, device(), description).await.expect_err("refused");
+    assert!(refused.message.contains("--tokens") && refused.message.contains("--insecure-no-auth"), "{refused}");
+}
+
+#[tokio::test]
+async fn only_pages_of_listed_origins_may_use_the_service() {
+    let closed = Service::start().await;
+    let preflight = |service: &Service, origin: &str| {
+        let request = service.client.request(Method::OPTIONS, service.url("/v1/jobs")).header("origin", origin);
+        request
+            .header("access-control-request-method", "POST")
+            .header("access-control-request-headers", "authorization")
+    };
+    let answer = preflight(&closed, "https://a.example").send().await.expect("answered");
+    assert!(answer.headers().keys().all(|name| !name.as_str().starts_with("access-control")), "{answer:?}");
+    let (folder, [mine, ..]) = tokens();
+    let path = folder.path().join("tokens.json");
+    let open = Service::with(
+        |settings| {
+            settings.access.tokens = Some(path);
+            settings.access.cors_origins = vec!["https://a.example".to_owned()];
+        },
+        Box::new(CpuDevice::new()),
+    )
+    .await;
+    // a preflight carries no token
+    let answer = preflight(&open, "https://a.example").send().await.expect("answered");
+    assert_eq!(answer.status(), 200);
+    assert_eq!(answer.headers()["access-control-allow-origin"], "https://a.example");
+    assert!(answer.headers()["access-control-allow-headers"].to_str().expect("text").contains("authorization"));
+    let answer = preflight(&open, "https://b.example").send().await.expect("answered");
+    assert!(!answer.headers().contains_key("access-control-allow-origin"));
+    // a page reads why it was refused, too
+    for token in [mine.as_str(), "wrong"] {
+        let request = open.get("/v1/jobs").bearer_auth(token).header("origin", "https://a.example");
+        let answer = request.send().await.expect("answered");
+        assert_eq!(answer.headers()["access-control-allow-origin"], "https://a.example");
+        assert!(!answer.headers().contains_key("access-control-allow-credentials"));
+    }
+}
+
+#[tokio::test]
+async fn browsers_are_told_to_guess_show_and_keep_nothing() {
+    let service = Service::start().await;
+    for path in ["/v1/jobs", "/nothing", "/healthz", "/openapi.yaml"] {
+        let answer = service.get(path).send().await.expect("answered");
+        let header = |name: &str| answer.headers()[name].to_str().expect("text").to_owned();
+        assert_eq!(header("x-content-type-options"), "nosniff");
+        assert_eq!(header("x-frame-options"), "DENY");
+        assert!(header("content-security-policy").contains("default-src 'none'"));
+        assert_eq!(header("referrer-policy"), "no-referrer");
+        assert_eq!(header("cache-control"), "no-store");
+    }
+}

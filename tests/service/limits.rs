@@ -1,0 +1,275 @@
+//! Clients that ask for too much, too fast, or too slowly.
+
+use std::io::Write as _;
+use std::time::{Duration, Instant};
+
+use reqwest::multipart::{Form, Part};
+use tesserae::device::cpu::CpuDevice;
+use tesserae::service::TrafficSettings;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
+
+use crate::support::*;
+
+async fn with(change: impl FnOnce(&mut TrafficSettings)) -> Service {
+    Service::with(|settings| change(&mut settings.traffic), Box::new(CpuDevice::new())).await
+}
+
+fn gzipped(bytes: &[u8]) -> Vec<u8> {
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
+    encoder.write_all(bytes).expect("written");
+    encoder.finish().expect("ended")
+}
+
+fn zstandard(bytes: &[u8]) -> Vec<u8> {
+    zstd::encode_all(bytes, 19).expect("compressed")
+}
+
+#[tokio::test]
+async fn compressed_uploads_are_the_same_uploads() {
+    let service = Service::start().await;
+    let plain = service.submit("clusters=5", sphere(300)).await;
+    let labels = |job: serde_json::Value| {
+        let service = &service;
+        async move {
+            assert_eq!(service.ended(&job).await["state"], "succeeded", "{job}");
+            service.get(&format!("{}/labels", path(&job))).send().await.expect("answered").text().await.expect("text")
+        }
+    };
+    let expected = labels(plain).await;
+    let two_members = [gzipped(&sphere(300)[..1000]), gzipped(&sphere(300)[1000..])].concat();
+    for (encoding, body) in [
+        ("gzip", gzipped(&sphere(300))),
+        ("GZIP", two_members),
+        ("zstd", zstandard(&sphere(300))),
+        ("identity", sphere(300)),
+    ] {
+        let request = service.post("/v1/jobs?clusters=5").header("content-type", "model/obj");
+        let job = json(request.header("content-encoding", encoding).body(body)).await;
+        assert_eq!(job["mesh"]["bytes"], sphere(300).len(), "the mesh as it was meant: {job}");
+        assert_eq!(labels(job).await, expected, "{encoding}");
+    }
+    let form = "--b\r\nContent-Disposition: form-data; name=\"mesh\"; filename=\"a.obj\"\r\n\r\n";
+    let form = [form.as_bytes(), &sphere(300), b"\r\n--b--\r\n"].concat();
+    let request = service.post("/v1/jobs?clusters=5").header("content-type", "multipart/form-data; boundary=b");
+    let job = json(request.header("content-encoding", "gzip").body(gzipped(&form))).await;
+    assert_eq!(labels(job).await, expected);
+}
+
+#[tokio::test]
+async fn what_inflates_out_of_proportion_dies_early() {
+    let service = Service::start().await;
+    let zeros = vec![b'\n'; 64 << 20];
+    for (encoding, body) in [("gzip", gzipped(&zeros)), ("zstd", zstandard(&zeros))] {
+        assert!(body.len() < 100_000, "{}", body.len());
+        for content_type in ["model/obj", "multipart/form-data; boundary=b"] {
+            let request = service.post("/v1/jobs?clusters=5").header("content-type", content_type);
+            let response =
+                request.header("content-encoding", encoding).body(body.clone()).send().await.expect("answered");
+            let status = response.status();
+            let text = response.text().await.expect("text");
+            assert!(status == 413 || (status == 400 && content_type.starts_with("multi")), "{text}");
+        }
+    }
+    // within the proportion, but more than an upload may have
+    let small = Service::with(|settings| settings.max_upload_bytes = 100_000, Box::new(CpuDevice::new())).await;
+    let noise: Vec<u8> =
+        (0..20_000u32).flat_map(|n| format!("# {}\n", n.wrapping_mul(2_654_435_761)).into_bytes()).collect();
+    let request = small.post("/v1/jobs?clusters=5").header("content-type", "model/obj");
+    let detail = refused(request.header("content-encoding", "zstd").body(zstandard(&noise)), 413, "too-large").await;
+    assert!(detail.contains("100000"), "{detail}");
+    service.keeps_no("").await;
+    small.keeps_no("").await;
+}
+
+#[tokio::test]
+async fn what_is_not_as_it_says_to_be_compressed_is_refused() {
+    let service = Service::start().await;
+    let whole = gzipped(&sphere(300));
+    let mut changed = whole.clone();
+    let last = changed.len() - 6;
+    changed[last] ^= 1;
+    let wide = {
+        // a window that no decoder needs to have
+        let mut encoder = zstd::Encoder::new(Vec::new(), 3).expect("an encoder");
+        encoder.window_log(27).expect("a window");
+        encoder.write_all(&sphere(30_000)).expect("written");
+        encoder.finish().expect("ended")
+    };
+    for (encoding, body) in [
+        ("gzip", sphere(300)),
+        ("zstd", sphere(300)),
+        ("gzip", whole[..whole.len() / 2].to_vec()),
+        ("gzip", changed),
+        ("zstd", zstandard(&sphere(300))[..200].to_vec()),
+        ("zstd", wide),
+    ] {
+        let request = service.post("/v1/jobs?clusters=5").header("content-type", "model/obj");
+        let detail = refused(request.header("content-encoding", encoding).body(body), 400, "bad-request").await;
+        assert!(detail.contains("Content-Encoding"), "{detail}");
+    }
+    for encoding in ["br", "gzip, gzip", "deflate", "magic"] {
+        let request = service.post("/v1/jobs?clusters=5").header("content-type", "model/obj");
+        let response = request.header("content-encoding", encoding).body(sphere(300)).send().await.expect("answered");
+        assert_eq!(response.headers()["accept-encoding"], "gzip, zstd, identity");
+        problem(response, 415, "unsupported-media-type").await;
+    }
+    service.keeps_no("").await;
+}
+
+#[tokio::test]
+async fn a_client_that_asks_too_often_is_told_when_to_come_back() {
+    let service = with(|traffic| traffic.max_request_rate = 1).await;
+    let mut refusal = None;
+    for _ in 0..7 {
+        let response = service.get("/v1/version").send().await.expect("answered");
+        if response.status() != 200 {
+            refusal = Some(response);
+            break;
+        }
+    }
+    let response = refusal.expect("seven at once are more than five seconds' worth");
+    let seconds: u64 = response.headers()["retry-after"].to_str().expect("text").parse().expect("a number");
+    problem(response, 429, "rate-limited").await;
+    for _ in 0..20 {
+        assert_eq!(service.get("/healthz").send().await.expect("answered").status(), 200, "probes are answered");
+    }
+    assert_eq!(seconds, 1);
+    tokio::time::sleep(Duration::from_secs(seconds)).await;
+    assert_eq!(service.get("/v1/version").send().await.expect("answered").status(), 200);
+}
+
+#[tokio::test]
+async fn a_client_has_so_many_requests_and_streams_at_a_time() {
+    let (device, gate) = Held::behind_gate();
+    let change = |traffic: &mut TrafficSettings| {
+        traffic.max_requests_at_once = 2;
+        traffic.max_streams_per_client = 3;
+        traffic.max_streams = 2;
+    };
+    let service = Service::with(|settings| change(&mut settings.traffic), device).await;
+    let job = service.submit("clusters=5", sphere(300)).await;
+    let events = format!("{}/events", path(&job));
+    let mut streams = Vec::new();
+    for _ in 0..2 {
+        let response = service.get(&events).send().await.expect("answered");
+        assert_eq!(response.status(), 200);
+        streams.push(response);
+    }
+    let response = service.get(&events).send().await.expect("answered");
+    assert!(response.headers().contains_key("retry-after"));
+    problem(response, 503, "overloaded").await;
+    // two that wait for the end of their jobs are all that may go on at a time
+    let waiting = |service: &Service| {
+        let request =
+            service.post("/v1/jobs?clusters=5").header("content-type", "model/obj").header("prefer", "wait=60");
+        tokio::spawn(request.body(sphere(300)).send())
+    };
+    let waiting = [waiting(&service), waiting(&service)];
+    until(async || service.get("/v1/jobs").send().await.expect("answered").status() == 429).await;
+    refused(service.get("/v1/jobs"), 429, "rate-limited").await;
+    gate.open();
+    for answer in waiting {
+        assert_eq!(answer.await.expect("no panic").expect("answered").status(), 200);
+    }
+    for stream in streams {
+        assert!(stream.text().await.expect("text").contains("event: end"));
+    }
+    until(async || service.get(&events).send().await.expect("answered").status() == 200).await;
+}
+
+#[tokio::test]
+async fn heads_that_do_not_come_close_the_connection() {
+    let service = with(|traffic| traffic.header_timeout = 1).await;
+    for begun in ["", "GET /healthz HTTP/1.1\r\nHost: x\r\nX-Slow: ", "GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n"] {
+        let mut stream = TcpStream::connect(service.address).await.expect("connected");
+        stream.write_all(begun.as_bytes()).await.expect("sent");
+        let started = Instant::now();
+        let mut answer = Vec::new();
+        let closed = tokio::time::timeout(Duration::from_secs(60), stream.read_to_end(&mut answer)).await;
+        closed.expect("the connection is closed").expect("read");
+        assert!(started.elapsed() >= Duration::from_millis(900), "{begun:?}");
+    }
+}
+
+#[tokio::test]
+async fn uploads_that_stall_or_drip_are_given_up() {
+    let service = with(|traffic| traffic.body_timeout = 1).await;
+    let head =
+        "POST /v1/jobs?clusters=2 HTTP/1.1\r\nHost: x\r\nContent-Type: model/obj\r\nContent-Length: 100000\r\n\r\n";
+    for drips in [false, true] {
+        let stream = TcpStream::connect(service.address).await.expect("connected");
+        let (mut reader, mut writer) = stream.into_split();
+        writer.write_all(head.as_bytes()).await.expect("sent");
+        writer.write_all(b"v 0 0 0\n").await.expect("sent");
+        let dripping = tokio::spawn(async move {
+            while drips && writer.write_all(b"#").await.is_ok() {
+                tokio::time::sleep(Duration::from_millis(50)).await;
+            }
+            writer
+        });
+        let mut answer = String::new();
+        let read = tokio::time::timeout(Duration::from_secs(60), reader.read_to_string(&mut answer)).await;
+        let _ = read.expect("the connection is closed");
+        assert!(answer.starts_with("HTTP/1.1 408 "), "{answer}");
+        assert!(answer.contains(if drips { "--min-upload-rate" } else { "--body-timeout" }), "{answer}");
+        let _writer = dripping.await.expect("no panic");
+        service.keeps_no("").await;
+    }
+}
+
+#[tokio::test]
+async fn answers_that_nobody_takes_are_given_up() {
+    let service = with(|traffic| traffic.write_timeout = 1).await;
+    let job = service.submit("clusters=5&algorithm=bb", sphere(300_000)).await;
+    assert_eq!(service.ended(&job).await["state"], "succeeded");
+    let mut stream = TcpStream::connect(service.address).await.expect("connected");
+    // much more than the system buffers
+    let request = format!("GET {}/labels HTTP/1.1\r\nHost: x\r\n\r\n", path(&job)).repeat(20);
+    stream.write_all(request.as_bytes()).await.expect("sent");
+    let connections = async || metric(&service, "tesserae_connections").await;
+    assert!(connections().await >= 2.0);
+    until(async || connections().await < 2.0).await;
+    drop(stream);
+}
+
+#[tokio::test]
+async fn an_address_has_so_many_connections_and_others_are_served() {
+    let service = with(|traffic| traffic.max_connections_per_address = 3).await;
+    let mut open = Vec::new();
+    for _ in 0..3 {
+        let mut stream = TcpStream::connect(service.address).await.expect("connected");
+        stream.write_all(b"GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n").await.expect("sent");
+        let mut some = [0; 12];
+        stream.read_exact(&mut some).await.expect("answered");
+        assert_eq!(&some, b"HTTP/1.1 200");
+        open.push(stream);
+    }
+    let mut fourth = TcpStream::connect(service.address).await.expect("connected");
+    let _ = fourth.write_all(b"GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n").await;
+    let mut answer = Vec::new();
+    let _ = fourth.read_to_end(&mut answer).await;
+    assert!(answer.is_empty(), "{}", String::from_utf8_lossy(&answer));
+    open.pop();
+    until(async || service.get("/healthz").send().await.is_ok()).await;
+}
+
+#[tokio::test]
+async fn uploads_share_the_bytes_in_flight() {
+    let service = with(|traffic| traffic.max_bytes_in_flight = 100_000).await;
+    let mut slow = TcpStream::connect(service.address).await.expect("connected");
+    let head =
+        "POST /v1/jobs?clusters=2 HTTP/1.1\r\nHost: x\r\nContent-Type: model/obj\r\nTransfer-Encoding: chunked\r\n\r\n";
+    slow.write_all(head.as_bytes()).await.expect("sent");
+    slow.write_all(format!("{:x}\r\n", 90_000).as_bytes()).await.expect("sent");
+    slow.write_all(&b"v 0 0 0\n".repeat(90_000 / 8)).await.expect("sent");
+    until(async || metric(&service, "tesserae_upload_in_flight_bytes").await >= 90_000.0).await;
+    let post = || service.post("/v1/jobs?clusters=2").header("content-type", "model/obj");
+    let detail = refused(post().body(sphere(600)), 503, "overloaded").await;
+    assert!(detail.ends_with("100000"), "{detail}");
+    let form = Form::new().part("mesh", Part::bytes(sphere(600)).file_name("a.obj"));
+    refused(service.post("/v1/jobs?clusters=2").multipart(form), 503, "overloaded").await;
+    drop(slow);
+    until(async || metric(&service, "tesserae_upload_in_flight_bytes").await == 0.0).await;
+    assert_eq!(post().body(sphere(600)).send().await.expect("answered").status(), 202);
+}

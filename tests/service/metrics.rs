@@ -1,0 +1,108 @@
+//! What the service says about itself to a dashboard.
+
+use std::collections::BTreeSet;
+
+use tesserae::device::cpu::CpuDevice;
+
+use crate::support::*;
+
+#[tokio::test]
+async fn work_shows_in_the_metrics() {
+    let service = Service::with(|settings| settings.max_upload_bytes = 100_000, Box::new(CpuDevice::new())).await;
+    let job = service.submit("clusters=5", sphere(300)).await;
+    service.ended(&job).await;
+    let tree = service.submit("algorithm=pml", sphere(300)).await;
+    service.ended(&tree).await;
+    let _ = service.get("/v1/jobs/nothing").send().await;
+    let _ = service.post("/v1/jobs?clusters=0").body("x").send().await;
+    let response = service.get("/metrics").send().await.expect("answered");
+    assert!(response.headers()["content-type"].to_str().expect("text").starts_with("application/openmetrics-text"));
+    let text = response.text().await.expect("text");
+    for line in [
+        "tesserae_jobs{state=\"succeeded\"} 2",
+        "tesserae_jobs{state=\"queued\"} 0",
+        "tesserae_queue_wait_seconds_count 2",
+        "tesserae_job_seconds_count{algorithm=\"bb\",state=\"succeeded\"} 1",
+        "tesserae_job_stage_seconds_count{algorithm=\"pml\",stage=\"write\"} 1",
+        "tesserae_job_stage_seconds_count{algorithm=\"bb\",stage=\"cluster\"} 1",
+        "tesserae_http_requests_total{method=\"POST\",route=\"/v1/jobs\",status=\"202\"} 2",
+        "tesserae_http_requests_total{method=\"GET\",route=\"/v1/jobs/{id}\",status=\"404\"} 1",
+        "tesserae_rejections_total{reason=\"invalid-parameter\"} 1",
+        "tesserae_rejections_total{reason=\"not-found\"} 1",
+        "tesserae_store_seconds_count{operation=\"create\"} 2",
+        "tesserae_ready 1",
+        "tesserae_condition{part=\"device\",severity=\"failing\"} 0",
+        "# EOF",
+    ] {
+        assert!(text.lines().any(|found| found == line), "{line} is missing:\n{text}");
+    }
+    assert!(metric(&service, "tesserae_device_busy_seconds_total").await > 0.0);
+    assert!(metric(&service, "tesserae_iterations_total{algorithm=\"bb\"}").await > 0.0);
+    assert!(metric(&service, "tesserae_faces_total{algorithm=\"bb\"}").await >= 300.0);
+    assert!(metric(&service, "tesserae_resident_memory_bytes").await > 1e6);
+    // neither jobs nor paths are labels
+    assert!(!text.contains(text_of(&job)) && !text.contains("/v1/jobs/nothing"), "{text}");
+}
+
+fn text_of(job: &serde_json::Value) -> &str {
+    text(&job["id"])
+}
+
+/// Names of metrics in the dashboard must be names that the service gives.
+#[tokio::test]
+async fn the_dashboard_draws_metrics_that_there_are() {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("deploy/grafana.json");
+    let dashboard: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(path).expect("a dashboard")).expect("JSON");
+    let mut expressions = Vec::new();
+    collect(&dashboard, &mut expressions);
+    assert!(expressions.len() > 15, "{}", expressions.len());
+    let service = Service::start().await;
+    let job = service.submit("clusters=5", sphere(300)).await;
+    service.ended(&job).await;
+    let _ = service.get("/nothing").send().await;
+    let text = service.get("/metrics").send().await.expect("answered").text().await.expect("text");
+    let mut there = BTreeSet::new();
+    let mut kind_of = std::collections::BTreeMap::new();
+    for line in text.lines() {
+        if let Some((name, kind)) = line.strip_prefix("# TYPE ").and_then(|rest| rest.split_once(' ')) {
+            kind_of.insert(name.to_owned(), kind.to_owned());
+        }
+    }
+    for (name, kind) in &kind_of {
+        let suffixes: &[&str] = match kind.as_str() {
+            "counter" => &["_total"],
+            "histogram" => &["_bucket", "_sum", "_count"],
+            _ => &[""],
+        };
+        there.extend(suffixes.iter().map(|suffix| format!("{name}{suffix}")));
+    }
+    let mut drawn = BTreeSet::new();
+    for expression in &expressions {
+        let is_name = |c: char| c.is_ascii_alphanumeric() || c == '_';
+        let names = expression.split(|c| !is_name(c)).filter(|word| word.starts_with("tesserae_"));
+        for name in names {
+            assert!(there.contains(name), "{name} in {expression} is none of {there:#?}");
+            drawn.insert(name.to_owned());
+        }
+    }
+    // and what is counted is drawn
+    for name in kind_of.keys() {
+        assert!(drawn.iter().any(|drawn| drawn.starts_with(name.as_str())), "{name} is not on the dashboard");
+    }
+}
+
+fn collect(value: &serde_json::Value, expressions: &mut Vec<String>) {
+    match value {
+        serde_json::Value::Object(object) => {
+            for (name, value) in object {
+                match value {
+                    serde_json::Value::String(text) if name == "expr" => expressions.push(text.clone()),
+                    value => collect(value, expressions),
+                }
+            }
+        }
+        serde_json::Value::Array(array) => array.iter().for_each(|value| collect(value, expressions)),
+        _ => {}
+    }
+}
