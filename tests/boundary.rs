@@ -174,7 +174,7 @@ fn a_changed_weight_shows_in_the_comparison_with_the_definition() {
     let seeds = seeds(&surface, 40, &Seeds::Morton, 1);
     let (clustering, rows) = run(&surface, &seeds, PLAIN);
     let mut other = Surface::build(&mesh).expect("a surface");
-    other.weights[100] += 1;
+    other.graph.weights[100] += 1;
     let explained = oracle::explained(&other, &seeds.component_of_cluster, &clustering.labels);
     assert_ne!(rows.last().map(|row| row.energy.explained), Some(explained));
 }

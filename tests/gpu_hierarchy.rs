@@ -179,28 +179,28 @@ const FACES: usize = 4;
 fn pairs_of(ends: &[[End; 2]], energy_shift: u32) -> (Surface, Vec<u32>) {
     let mut surface = surface(Sample::Strip, 4);
     let faces = 2 * FACES * ends.len();
-    surface.centroids.clear();
-    surface.weights.clear();
+    surface.graph.centroids.clear();
+    surface.graph.weights.clear();
     for end in ends.iter().flatten() {
         for face in 0..FACES as u64 {
-            surface.centroids.push(end.proxy);
-            surface.weights.push(((end.weight + face) / FACES as u64) as u32);
+            surface.graph.centroids.push(end.proxy);
+            surface.graph.weights.push(((end.weight + face) / FACES as u64) as u32);
         }
     }
     // the first face of a cluster is beside the first of the other
-    surface.neighbour_offsets = vec![0];
-    surface.neighbours.clear();
+    surface.graph.neighbour_offsets = vec![0];
+    surface.graph.neighbours.clear();
     for face in 0..faces as u32 {
         match face as usize % (2 * FACES) {
-            0 => surface.neighbours.push(face + FACES as u32),
-            FACES => surface.neighbours.push(face - FACES as u32),
+            0 => surface.graph.neighbours.push(face + FACES as u32),
+            FACES => surface.graph.neighbours.push(face - FACES as u32),
             _ => {}
         }
-        surface.neighbour_offsets.push(surface.neighbours.len() as u32);
+        surface.graph.neighbour_offsets.push(surface.neighbours.len() as u32);
     }
     surface.upload_face = (0..faces as u32).collect();
-    surface.components = vec![Component { energy_shift, ..surface.components[0] }];
-    surface.components[0].faces = faces as u32;
+    surface.graph.components = vec![Component { energy_shift, ..surface.components[0] }];
+    surface.graph.components[0].faces = faces as u32;
     let labels = (0..faces as u32).map(|face| face / FACES as u32).collect();
     (surface, labels)
 }
@@ -340,7 +340,7 @@ fn more_moves_than_expected_are_all_listed() {
     let faces = surface.faces();
     let mut next = numbers(11);
     let labels: Vec<u32> = (0..faces).map(|_| next(50) as u32).collect();
-    surface.components[0].energy_shift = 0;
+    surface.graph.components[0].energy_shift = 0;
     let components = vec![0; 51];
     let mut gpu = device();
     let mut cpu = CpuDevice::new();

@@ -179,7 +179,6 @@ impl Groups {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::sample::{Sample, generate};
     use crate::surface::Surface;
 

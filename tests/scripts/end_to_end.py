@@ -192,7 +192,7 @@ def check_cpu_against_gpu():
     for mesh in meshes_to_compare():
         described = describe(mesh)
         faces, components = described["faces"], described["components"]
-        for clusters, seeds, seed in [(faces // 60, "morton", 0), (faces // 9, "random", 5), (components, "random", 1)]:
+        for clusters, seeds, seed in [(faces // 60, "coarse", 0), (faces // 9, "random", 5), (components, "morton", 1)]:
             clusters = max(clusters, components)
             choice = ["--seeds", seeds, "--seed", seed]
             (cpu, _), (gpu, _) = (cluster(mesh, clusters, "--device", device, *choice) for device in ("cpu", "gpu"))
