@@ -2,6 +2,7 @@
 
 use std::io::{self, Write};
 
+use crate::cluster::record::Record;
 use crate::tree::Cut;
 
 /// How labels are written.
@@ -67,6 +68,12 @@ pub fn write_cut(out: &mut dyn Write, format: LabelFormat, cut: &Cut) -> io::Res
         }
         LabelFormat::Npy | LabelFormat::Raw => write_labels(out, format, clusters, &cut.labels),
     }
+}
+
+/// Writes the labels of several iterations as one array of two dimensions in NumPy's format, a row an iteration.
+pub fn write_snapshots(out: &mut dyn Write, snapshots: &Record, faces: u64) -> io::Result<()> {
+    out.write_all(&npy_header("<u4", &format!("({}, {faces})", snapshots.iterations().len())))?;
+    snapshots.replay(|_, labels| write_u32(out, labels))
 }
 
 /// Header of an array in NumPy's format, version 1.0, padded to a multiple of 64 bytes as it asks.

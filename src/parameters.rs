@@ -1,6 +1,7 @@
 //! What a caller may ask of a clustering: defined once, for the command line, the query string and the JSON part.
 
 mod levels;
+mod snapshots;
 
 use std::fmt;
 use std::path::PathBuf;
@@ -10,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 pub use self::levels::Levels;
+pub use self::snapshots::Snapshots;
 use crate::cluster::dual_edge::Ties;
 use crate::cluster::hierarchy::Pairs;
 use crate::error::{Error, Result};
@@ -58,6 +60,11 @@ pub struct Parameters {
     /// than parts
     #[arg(long)]
     pub bridge_components: bool,
+
+    /// Keep the labels at iterations of a flat clustering: N for every N-th, or a list, 0,6,46 (a single one with a comma behind
+    /// it); 0 is the initial growth
+    #[arg(long, value_name = "N|LIST")]
+    pub snapshots: Option<Snapshots>,
 
     /// Let clusters be smaller where the surface bends: areas are multiplied by curvature (over its root mean square, kept
     /// within a factor of 100 of it) to this power; from 0, which is nothing, to 10
@@ -171,6 +178,7 @@ impl Parameters {
             ("seeds", listed || self.seeds != Seeds::Coarse),
             ("seed", self.seed != 0),
             ("max_iterations", self.max_iterations.is_some()),
+            ("snapshots", self.snapshots.is_some()),
         ]
     }
 

@@ -34,6 +34,8 @@ pub struct Report {
     /// SHA-256 of the labels as u32 little-endian, in upload order; lower-case hexadecimal. Null for a whole hierarchy,
     /// which has no labels of its own.
     pub labels_sha256: Option<String>,
+    /// The iterations whose labels were kept, ascending.
+    pub snapshots: Vec<u32>,
     /// What is unusual about the mesh or the run, for people.
     pub warnings: Vec<String>,
 }

@@ -4,6 +4,7 @@ mod common;
 
 use common::{oracle, zoo};
 use tesserae::cluster::flat::{Clustering, Options};
+use tesserae::cluster::record::Record;
 use tesserae::cluster::reference::acvd::acvd;
 use tesserae::cluster::reference::variational::variational;
 use tesserae::cluster::run::Row;
@@ -40,14 +41,16 @@ fn run_acvd(surface: &Surface, seeds: &SeedFaces, options: Options) -> (Clusteri
     let mut rows = Vec::new();
     let cancel = Cancel::default();
     let clustering =
-        acvd(surface, seeds, options, steps.as_mut(), &cancel, &mut |row| rows.push(row)).expect("nobody cancels");
+        acvd(surface, seeds, options, steps.as_mut(), &cancel, &mut |row| rows.push(row), &mut Record::default())
+            .expect("nobody cancels");
     (clustering, rows)
 }
 
 fn run_vc(surface: &Surface, seeds: &SeedFaces, options: Options) -> (Clustering, Vec<Row>) {
     let mut rows = Vec::new();
     let clustering =
-        variational(surface, seeds, options, &Cancel::default(), &mut |row| rows.push(row)).expect("nobody cancels");
+        variational(surface, seeds, options, &Cancel::default(), &mut |row| rows.push(row), &mut Record::default())
+            .expect("nobody cancels");
     (clustering, rows)
 }
 

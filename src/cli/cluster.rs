@@ -32,6 +32,7 @@ Examples:
   tesserae cluster horse.obj --algorithm pml --hierarchy horse.tsr --levels 2000,1000 --report horse.json
   tesserae cluster horse.obj --algorithm hr --linkage horse.npy
   tesserae cluster horse.obj -k 2000 --curvature-exponent 2 --labels horse.npy
+  tesserae cluster horse.obj -k 2000 --snapshots 0,6,46 --labels horse.npy    (and horse.iteration-0.npy, …)
   gunzip -c dragon.glb.gz | tesserae cluster - -k 5000 --labels - > dragon.labels.json")]
 pub struct Arguments {
     /// The mesh: .obj, .glb or .gltf, or - for standard input
@@ -53,7 +54,8 @@ pub struct Arguments {
     #[command(flatten)]
     device: DeviceArguments,
 
-    /// Where to write the labels: OUT.npy, OUT.json, OUT.bin (u32, little-endian), or - for JSON on standard output
+    /// Where to write the labels: OUT.npy, OUT.json, OUT.bin (u32, little-endian), or - for JSON on standard output; those of
+    /// iterations (--snapshots) go beside it, as OUT.iteration-6.npy
     #[arg(long, value_name = "OUT", value_parser = LabelFile::parse)]
     labels: Option<LabelFile>,
 
@@ -85,7 +87,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 
     progress.stage("writing");
     let writing = Instant::now();
-    write(arguments, &outcome)?;
+    write(arguments, &outputs, &outcome)?;
     outcome.report.timings_ms.write = milliseconds(writing.elapsed());
     outcome.report.timings_ms.total = milliseconds(begin.elapsed());
     if let Some(target) = &report_target {
@@ -129,6 +131,14 @@ fn check(arguments: &Arguments, outputs: &[Output<'_>]) -> Result<(), Failure> {
         let name = parameters.algorithm.name();
         return usage(format!("--{flag} goes with hierarchies (pml, ml, hr), not with the algorithm {name}"));
     }
+    let has_file = arguments.labels.as_ref().is_some_and(|labels| labels.target != Target::Stdout);
+    if parameters.snapshots.is_some() && !has_file {
+        return usage(
+            "--snapshots needs --labels OUT, a file, beside which the labels of iterations are written, as \
+             OUT.iteration-6.npy"
+                .to_owned(),
+        );
+    }
     if is_hierarchical && arguments.labels.is_some() && parameters.clusters.is_none() {
         return usage(
             "a whole hierarchy has labels at every number of clusters: give --clusters as well, or write the hierarchy \
@@ -144,22 +154,36 @@ fn check(arguments: &Arguments, outputs: &[Output<'_>]) -> Result<(), Failure> {
             return usage("--linkage needs a whole tree: leave --clusters out".to_owned());
         }
     }
+    check_places("cluster", &inputs(arguments), outputs)
+}
+
+/// Where everything comes from, after what it is.
+fn inputs(arguments: &Arguments) -> Vec<(&'static str, Source)> {
     let mut inputs = vec![("the mesh", Source::from(arguments.input.clone()))];
-    if let Seeds::File(path) = &parameters.seeds {
+    if let Seeds::File(path) = &arguments.parameters.seeds {
         inputs.push(("the list of seeds", Source::from(path.clone())));
     }
     if let Some(path) = &arguments.weights {
         inputs.push(("the weights", Source::from(path.clone())));
     }
-    check_places("cluster", &inputs, outputs)
+    inputs
 }
 
 /// Writes everything but the report.
-fn write(arguments: &Arguments, outcome: &Outcome) -> Result<(), Failure> {
+fn write(arguments: &Arguments, outputs: &[Output<'_>], outcome: &Outcome) -> Result<(), Failure> {
     if let Some(file) = &arguments.labels {
         let defect = || Error::new(Kind::Internal, "there are no labels");
         let labels = outcome.labels.as_deref().ok_or_else(defect)?;
-        file.target.write(|out| write_labels(out, file.format, outcome.report.clusters, labels))?;
+        let clusters = outcome.report.clusters;
+        file.target.write(|out| write_labels(out, file.format, clusters, labels))?;
+        outcome.snapshots.replay(|iteration, labels| match file.of_iteration(iteration) {
+            Some(file) => {
+                let target = ("snapshots", &file.target);
+                check_places("cluster", &inputs(arguments), &[outputs, &[target]].concat())?;
+                file.target.write(|out| write_labels(out, file.format, clusters, labels))
+            }
+            None => Ok(()),
+        })?;
     }
     match &outcome.hierarchy {
         Some(hierarchy) => arguments.trees.write(hierarchy),

@@ -38,6 +38,17 @@ impl LabelFile {
     }
 }
 
+impl LabelFile {
+    /// Where the labels of an iteration go, beside these: `out.npy` becomes `out.iteration-6.npy`. None on standard output.
+    pub fn of_iteration(&self, iteration: u32) -> Option<Self> {
+        let Target::File(path) = &self.target else { return None };
+        let mut name = path.file_stem()?.to_owned();
+        name.push(format!(".iteration-{iteration}."));
+        name.push(path.extension()?);
+        Some(Self { target: Target::File(path.with_file_name(name)), format: self.format })
+    }
+}
+
 /// Where hierarchies are written.
 #[derive(Debug, clap::Args)]
 pub struct TreeFiles {

@@ -126,8 +126,15 @@ impl CoarseStart {
         surplus.iter_mut().zip(&self.shares).for_each(|(surplus, share)| *surplus -= share);
         loop {
             let mut untold = |_| {};
-            let mut run =
-                Run { steps: steps.as_mut(), cancel, on_row: &mut untold, round: None, iteration: 0, left: u32::MAX };
+            let mut run = Run {
+                steps: steps.as_mut(),
+                cancel,
+                on_row: &mut untold,
+                round: None,
+                iteration: 0,
+                left: u32::MAX,
+                record: None,
+            };
             run.optimise(false)?;
             if surplus.iter().all(|&surplus| surplus == 0) {
                 break;

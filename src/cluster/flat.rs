@@ -37,6 +37,7 @@
 //! and is its own row in the report. After [`super::run::MAX_REPAIRS`] repairs, connected refinement ends the run
 //! ([`super::refinement`]): what grew from connected pieces is connected, and stays so.
 
+use super::record::Record;
 use super::run::{Row, Run};
 use crate::device::{Cancel, Ending, Steps};
 use crate::error::Result;
@@ -75,7 +76,19 @@ pub fn boundary_based(
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
 ) -> Result<Clustering> {
-    let (mut run, initial) = grown(start, options, steps, cancel, on_row)?;
+    boundary_based_recorded(start, options, steps, cancel, on_row, &mut Record::default())
+}
+
+/// The same, and keeps the labels of the iterations that `record` wants. They do not change what comes out.
+pub fn boundary_based_recorded(
+    start: &[u32],
+    options: Options,
+    steps: &mut dyn Steps,
+    cancel: &Cancel,
+    on_row: &mut dyn FnMut(Row),
+    record: &mut Record,
+) -> Result<Clustering> {
+    let (mut run, initial) = grown(start, options, steps, cancel, on_row, record)?;
     let ending = if options.allow_disconnected { run.optimise(options.refine)? } else { run.settle(options.refine)? };
     Ok(Clustering { initial, labels: run.steps.labels()?, ending })
 }
@@ -87,9 +100,10 @@ pub(super) fn grown<'a>(
     steps: &'a mut dyn Steps,
     cancel: &'a Cancel,
     on_row: &'a mut dyn FnMut(Row),
+    record: &'a mut Record,
 ) -> Result<(Run<'a>, Vec<u32>)> {
     let left = options.max_iterations.unwrap_or(u32::MAX);
-    let mut run = Run { steps, cancel, on_row, round: None, iteration: 0, left };
+    let mut run = Run { steps, cancel, on_row, round: None, iteration: 0, left, record: Some(record) };
     run.steps.set_labels(start)?;
     run.steps.grow(cancel)?;
     run.tell(Phase::Boundary, 0)?;

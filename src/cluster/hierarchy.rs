@@ -144,7 +144,7 @@ pub fn hierarchical(
         if options.optimise {
             let mut nothing = |_: Row| {};
             let on_row: &mut dyn FnMut(Row) = if is_sequential && !is_level { &mut nothing } else { on_row };
-            let mut run = Run { steps, cancel, on_row, round: Some(round), iteration, left: u32::MAX };
+            let mut run = Run { steps, cancel, on_row, round: Some(round), iteration, left: u32::MAX, record: None };
             optimise(&mut run, options, is_level, is_sequential)?;
             iteration = run.iteration;
             let moved = steps.moves_since_merge()?;

@@ -9,6 +9,7 @@
 //! | merge costs and their order | [`dual_edge`] |
 //! | sums and proxies in exact integers | [`sums`] |
 //! | pieces of clusters | [`repair`] |
+//! | the labels of chosen iterations | [`record`] |
 //! | the flat algorithms that the paper compares with: ACVD, variational clustering | [`reference`] |
 //!
 //! Drivers know devices only as [`crate::device::Steps`]; what a step computes is defined here, how is the device's.
@@ -17,6 +18,7 @@ pub mod coarse;
 pub mod dual_edge;
 pub mod flat;
 pub mod hierarchy;
+pub mod record;
 pub mod reference;
 pub mod refinement;
 pub mod repair;

@@ -1,5 +1,6 @@
 //! A run under way: carries out phases, counts their iterations and tells of them.
 
+use super::record::Record;
 use crate::device::{Cancel, Ending, LatticeEnergy, Step, Steps};
 use crate::error::Result;
 use crate::report::Phase;
@@ -38,6 +39,8 @@ pub struct Run<'a> {
     pub iteration: u32,
     /// Iterations with moves that may still be made.
     pub left: u32,
+    /// Keeps the labels of iterations that are wanted; none where none can be.
+    pub record: Option<&'a mut Record>,
 }
 
 impl Run<'_> {
@@ -45,7 +48,15 @@ impl Run<'_> {
     pub fn tell(&mut self, phase: Phase, moves: u64) -> Result<()> {
         let energy = self.steps.energy()?;
         (self.on_row)(Row { iteration: self.iteration, round: self.round, phase, energy, moves });
-        Ok(())
+        self.keep_labels()
+    }
+
+    /// Keeps the labels if those of this iteration are wanted.
+    fn keep_labels(&mut self) -> Result<()> {
+        match &mut self.record {
+            Some(record) => record.offer(self.iteration, || self.steps.labels()),
+            None => Ok(()),
+        }
     }
 
     /// Runs the boundary phase, and refinement if asked for and there are iterations left, to their ends.
@@ -85,20 +96,28 @@ impl Run<'_> {
         self.phase(Phase::Refine, |steps, left, cancel, on_step| steps.refine_connected(left, cancel, on_step))
     }
 
-    /// Carries out the iterations of a phase.
+    /// Carries out the iterations of a phase, with stops where labels are wanted.
     pub(super) fn phase(
         &mut self,
         phase: Phase,
-        iterate: impl FnOnce(&mut dyn Steps, u32, &Cancel, OnStep<'_>) -> Result<Ending>,
+        mut iterate: impl FnMut(&mut dyn Steps, u32, &Cancel, OnStep<'_>) -> Result<Ending>,
     ) -> Result<Ending> {
-        let Self { steps, cancel, on_row, round, iteration, left } = self;
-        let allowed = *left;
-        let mut on_step = |Step { energy, moves }| {
-            *iteration += 1;
-            *left -= 1;
-            on_row(Row { iteration: *iteration, round: *round, phase, energy, moves });
-        };
-        iterate(*steps, allowed, cancel, &mut on_step)
+        loop {
+            let Self { steps, cancel, on_row, round, iteration, left, record } = self;
+            let stop = record.as_ref().and_then(|record| record.next());
+            let allowed = stop.map_or(u32::MAX, |stop| stop.saturating_sub(*iteration).max(1)).min(*left);
+            let mut on_step = |Step { energy, moves }| {
+                *iteration += 1;
+                *left -= 1;
+                on_row(Row { iteration: *iteration, round: *round, phase, energy, moves });
+            };
+            let ending = iterate(*steps, allowed, cancel, &mut on_step)?;
+            self.keep_labels()?;
+            if ending == Ending::Converged || self.left == 0 {
+                return Ok(ending);
+            }
+            self.steps.resume();
+        }
     }
 }
 

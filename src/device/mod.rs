@@ -74,6 +74,10 @@ pub trait Steps {
         on_iteration: &mut dyn FnMut(Step),
     ) -> Result<Ending>;
 
+    /// Says that the phase that stopped at its limit goes on with the next call of it, instead of beginning anew: faces that
+    /// were refused stay so. Nothing else may be changed in between.
+    fn resume(&mut self);
+
     /// The faces outside the piece with the most faces (of equally large ones, that with the smallest face) of each
     /// cluster, sorted. All faces must be labelled.
     fn cut_off_faces(&mut self) -> Result<Vec<u32>>;

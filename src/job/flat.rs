@@ -5,6 +5,7 @@ use std::time::Instant;
 use super::{Clustered, Prepared, finite};
 use crate::cluster::coarse::{CoarseStart, Start};
 use crate::cluster::flat::{self, Clustering, Options};
+use crate::cluster::record::Record;
 use crate::cluster::reference::acvd::acvd;
 use crate::cluster::reference::variational::variational;
 use crate::cluster::run;
@@ -59,10 +60,16 @@ pub(super) fn run(
         on_row(Row::Iteration(row.clone()));
         iterations.push(row);
     };
+    let mut record = Record::new(parameters.snapshots.clone());
     let clustering = match (parameters.algorithm, from) {
-        (Algorithm::Acvd, From::Seeds(seeds)) => acvd(surface, seeds, options, steps.as_mut(), cancel, &mut keep)?,
-        (Algorithm::Vc, From::Seeds(seeds)) => variational(surface, seeds, options, cancel, &mut keep)?,
-        _ => flat::boundary_based(&start.labels, options, steps.as_mut(), cancel, &mut keep)?,
+        (Algorithm::Acvd, From::Seeds(seeds)) => {
+            acvd(surface, seeds, options, steps.as_mut(), cancel, &mut keep, &mut record)?
+        }
+        (Algorithm::Vc, From::Seeds(seeds)) => variational(surface, seeds, options, cancel, &mut keep, &mut record)?,
+        _ => {
+            let steps = steps.as_mut();
+            flat::boundary_based_recorded(&start.labels, options, steps, cancel, &mut keep, &mut record)?
+        }
     };
     drop(steps);
     let cluster = started.elapsed() - upload;
@@ -73,7 +80,8 @@ pub(super) fn run(
         tree: None,
         iterations,
         levels: Vec::new(),
-        warnings: warnings(parameters.max_iterations, &clustering),
+        warnings: warnings(parameters.max_iterations, &clustering, &record),
+        snapshots: record,
         upload,
         cluster,
         labels: clustering.labels,
@@ -93,11 +101,22 @@ pub(super) fn iteration(row: run::Row, energy: Option<f64>, started: Instant) ->
 }
 
 /// What is unusual about the run.
-fn warnings(max_iterations: Option<u32>, clustering: &Clustering) -> Vec<String> {
-    match (clustering.ending, max_iterations) {
+fn warnings(max_iterations: Option<u32>, clustering: &Clustering, record: &Record) -> Vec<String> {
+    let mut warnings = match (clustering.ending, max_iterations) {
         (Ending::IterationLimit, Some(limit)) => {
             vec![format!("stopped by max_iterations, maybe before it had converged: {limit}")]
         }
         (Ending::IterationLimit, None) | (Ending::Converged, _) => Vec::new(),
+    };
+    if let Some(first) = record.beyond().first() {
+        warnings
+            .push(format!("the run ended before iterations whose labels were to be kept, the first of them {first}"));
     }
+    if record.left_out > 0 {
+        warnings.push(format!(
+            "there was no room for the labels of all iterations that were asked for, ask for fewer; left out: {}",
+            record.left_out
+        ));
+    }
+    warnings
 }

@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 
 use super::{Clustered, Prepared, finite};
 use crate::cluster::hierarchy::{Options, RoundRow, components_of_faces, hierarchical};
+use crate::cluster::record::Record;
 use crate::cluster::run;
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
@@ -82,6 +83,7 @@ pub(super) fn run(
         tree: Some(tree),
         iterations,
         levels: levels.rows,
+        snapshots: Record::default(),
         warnings: Vec::new(),
         upload,
         cluster,

@@ -16,6 +16,7 @@ use std::time::{Duration, Instant};
 use sha2::{Digest, Sha256};
 
 use crate::cluster::coarse::CoarseStart;
+use crate::cluster::record::Record;
 use crate::cluster::seeds::{self, SeedFaces};
 use crate::cluster::{hierarchy, repair};
 use crate::device::{Cancel, Device};
@@ -83,6 +84,9 @@ pub struct Outcome {
     pub labels: Option<Vec<u32>>,
     /// The hierarchy, of hierarchical algorithms.
     pub hierarchy: Option<Stored>,
+    /// The labels of the iterations that were asked for, in upload order; numbered as `labels`, so that a number means the same
+    /// cluster in all of them.
+    pub snapshots: Record,
     /// The report; `timings_ms.read`, `.write` and `.total` are the caller's to fill.
     pub report: Report,
 }
@@ -195,6 +199,14 @@ pub fn run(
         (None, Some(_)) => None,
         _ => Some(labels_of_upload(surface, &clustered.labels, clusters, parameters.seeds == Seeds::Listed)?),
     };
+    let mut snapshots = std::mem::take(&mut clustered.snapshots);
+    if let Some(labels) = &labels {
+        let mut number_of_cluster = vec![0; clusters];
+        for (&face, &label) in surface.upload_face.iter().zip(&clustered.labels) {
+            number_of_cluster[label as usize] = labels[face as usize];
+        }
+        snapshots.renumber(&surface.upload_face, &number_of_cluster);
+    }
     let timings_ms = Timings {
         upload: milliseconds(clustered.upload),
         cluster: milliseconds(clustered.cluster),
@@ -215,13 +227,14 @@ pub fn run(
         levels: clustered.levels,
         timings_ms,
         labels_sha256: labels.as_deref().map(labels_sha256),
+        snapshots: snapshots.iterations(),
         warnings,
     };
     let hierarchy = match clustered.tree {
         Some(tree) => Some(Stored { header: hierarchical::header(&prepared.input, parameters)?, tree }),
         None => None,
     };
-    Ok(Outcome { labels, hierarchy, report })
+    Ok(Outcome { labels, hierarchy, snapshots, report })
 }
 
 /// What an algorithm gave, before it is put into the order of the upload.
@@ -233,6 +246,7 @@ struct Clustered {
     tree: Option<Tree>,
     iterations: Vec<Iteration>,
     levels: Vec<Level>,
+    snapshots: Record,
     warnings: Vec<String>,
     upload: Duration,
     cluster: Duration,

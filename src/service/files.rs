@@ -23,6 +23,10 @@ pub(super) const WEIGHTS: &str = "weights";
 pub(super) const LABELS_NPY: &str = "labels.npy";
 /// Name of the labels as JSON in a job's result folder.
 pub(super) const LABELS_JSON: &str = "labels.json";
+/// Name of the labels of iterations in a job's result folder: `.npy`, a row an iteration.
+pub(super) const SNAPSHOTS: &str = "snapshots.npy";
+/// Name of the list of those iterations in a job's result folder.
+pub(super) const SNAPSHOT_LIST: &str = "snapshots.json";
 /// Name of the hierarchy in a job's result folder.
 pub(super) const HIERARCHY: &str = "hierarchy.tsr";
 /// Name of the report in a job's result folder.

@@ -155,8 +155,8 @@ fn path(shared: &Shared, job: &Job) -> PathBuf {
     shared.files.result(job.id).join(files::HIERARCHY)
 }
 
-/// The right to have a hierarchy in memory.
-async fn turn(shared: &Shared) -> Result<tokio::sync::OwnedSemaphorePermit> {
+/// The right to have a hierarchy, or other labels than those that are files, in memory.
+pub(super) async fn turn(shared: &Shared) -> Result<tokio::sync::OwnedSemaphorePermit> {
     let turn = shared.hierarchies.clone().acquire_owned().await;
     turn.map_err(|error| Error::new(Kind::Internal, format_args!("no hierarchy can be read: {error}")))
 }

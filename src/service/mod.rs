@@ -47,6 +47,7 @@ mod request;
 mod results;
 mod server;
 mod settings;
+mod snapshots;
 mod store;
 mod timestamp;
 mod tls;

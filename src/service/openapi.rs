@@ -14,7 +14,7 @@ use utoipa::{Modify, OpenApi, ToResponse, ToSchema};
 use super::problem::{Answer, Problem};
 use super::{events, hierarchy, info, jobs, results};
 use crate::error::{Error, Kind, Result};
-use crate::parameters::{Levels, Seeds};
+use crate::parameters::{Levels, Seeds, Snapshots};
 
 /// Bytes.
 #[derive(ToSchema)]
@@ -104,8 +104,10 @@ impl Modify for Adjustments {
 /// A member of a schema as a query parameter; its description moves up.
 fn in_query(name: &str, schema: &RefOr<Schema>) -> Parameter {
     let mut schema = schema.clone();
-    if name == "levels" {
-        schema = levels_in_query(&schema);
+    match name {
+        "levels" => schema = list_in_query(&schema, Levels::PATTERN, "2000,1000"),
+        "snapshots" => schema = list_in_query(&schema, Snapshots::PATTERN, "0,6,46"),
+        _ => {}
     }
     let description = match &mut schema {
         RefOr::T(Schema::Object(schema)) => schema.description.take(),
@@ -121,17 +123,17 @@ fn in_query(name: &str, schema: &RefOr<Schema>) -> Parameter {
         .build()
 }
 
-/// A list of levels in a query is text.
-fn levels_in_query(schema: &RefOr<Schema>) -> RefOr<Schema> {
+/// A list of numbers in a query is text.
+fn list_in_query(schema: &RefOr<Schema>, pattern: &'static str, example: &str) -> RefOr<Schema> {
     let description = match schema {
         RefOr::T(Schema::OneOf(schema)) => schema.description.clone(),
         RefOr::T(_) | RefOr::Ref(_) => None,
     };
     let text = ObjectBuilder::new()
         .schema_type(Type::String)
-        .pattern(Some(Levels::PATTERN))
+        .pattern(Some(pattern))
         .description(description)
-        .examples([json!("2000,1000")]);
+        .examples([json!(example)]);
     Schema::from(text).into()
 }
 

@@ -21,7 +21,7 @@ use super::jobs::find;
 use super::problem::Answer;
 use super::server::App;
 use super::store::{Job, State, Summary};
-use super::{hierarchy, negotiate, openapi::Problematic, query};
+use super::{hierarchy, negotiate, openapi::Problematic, query, snapshots};
 use crate::error::{Error, Kind, Result};
 use crate::output::LabelFormat;
 
@@ -63,6 +63,10 @@ pub(super) struct LabelsQuery {
     /// Cut a hierarchy at this number of clusters; 409 for a flat clustering, and outside what the hierarchy has
     #[param(minimum = 1)]
     clusters: Option<u64>,
+    /// The labels after this iteration of a flat clustering, where `snapshots` asked for them: `snapshots` of the report lists
+    /// them; 404 for others
+    #[param(minimum = 0)]
+    iteration: Option<u32>,
 }
 
 /// Get the labels
@@ -97,7 +101,7 @@ pub(super) async fn labels(
     headers: HeaderMap,
 ) -> Answer {
     let job = find(&shared, &caller, &id).await?;
-    let LabelsQuery { clusters } = query::read(&uri)?;
+    let LabelsQuery { clusters, iteration } = query::read(&uri)?;
     let summary = succeeded(&job)?;
     let is_hierarchical = job.spec.parameters.algorithm.is_hierarchical();
     if let Some(clusters) = clusters.filter(|_| !is_hierarchical) {
@@ -107,6 +111,16 @@ pub(super) async fn labels(
                 "this job made a flat clustering of {} clusters, which cannot be cut at another number; leave \
                  clusters out, not {clusters}",
                 summary.clusters
+            ),
+        )
+        .into());
+    }
+    if let Some(iteration) = iteration.filter(|_| is_hierarchical) {
+        return Err(Error::new(
+            Kind::Conflict,
+            format_args!(
+                "this job made a hierarchy, which keeps the labels of no iteration: give clusters instead of iteration, \
+                 {iteration}"
             ),
         )
         .into());
@@ -127,13 +141,17 @@ pub(super) async fn labels(
     // The raw numbers are what follows the header of the .npy file.
     let mut response = match (clusters, format) {
         (Some(clusters), format) => hierarchy::cut(&shared, &job, clusters, format).await?,
+        (None, format) if iteration.is_some() => {
+            snapshots::labels(&shared, &job, summary, iteration.unwrap_or_default(), format).await?
+        }
         (None, LabelFormat::Json) => stored(folder.join(files::LABELS_JSON), None, format.media_type()).await?,
         (None, LabelFormat::Npy) => stored(folder.join(files::LABELS_NPY), None, format.media_type()).await?,
         (None, LabelFormat::Raw) => {
             stored(folder.join(files::LABELS_NPY), Some(4 * summary.faces), format.media_type()).await?
         }
     };
-    attachment(&mut response, &job, &format!("labels.{}", format.extension()));
+    let name = iteration.map_or_else(|| "labels".to_owned(), |iteration| format!("labels.iteration-{iteration}"));
+    attachment(&mut response, &job, &format!("{name}.{}", format.extension()));
     Ok(response)
 }
 

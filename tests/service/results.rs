@@ -116,3 +116,44 @@ async fn deletion_removes_the_results() {
         refused(service.get(text(&job["urls"][name])), 404, "not-found").await;
     }
 }
+
+#[tokio::test]
+async fn labels_of_iterations_are_there_where_they_were_asked_for() {
+    let service = Service::start().await;
+    let job = service.submit("clusters=20&snapshots=0,3", sphere(2000)).await;
+    let job = service.ended(&job).await;
+    let url = text(&job["urls"]["labels"]);
+    let report = json(service.get(text(&job["urls"]["report"]))).await;
+    assert_eq!(report["snapshots"], serde_json::json!([0, 3]));
+    let labels = async |query: &str| -> Vec<u64> {
+        let labels = json(service.get(&format!("{url}{query}"))).await;
+        serde_json::from_value(labels["labels"].clone()).expect("numbers")
+    };
+    let (first, third, last) = (labels("?iteration=0").await, labels("?iteration=3").await, labels("").await);
+    assert!(first != third && third != last);
+    assert_eq!((first.len(), third.len()), (last.len(), last.len()));
+    for (accept, extension) in [("application/x-npy", "npy"), ("application/octet-stream", "bin")] {
+        let request = service.get(&format!("{url}?iteration=3")).header("accept", accept);
+        let response = request.send().await.expect("answered");
+        let disposition = response.headers()["content-disposition"].to_str().expect("text").to_owned();
+        assert!(disposition.contains(&format!("labels.iteration-3.{extension}")), "{disposition}");
+        let body = response.bytes().await.expect("bytes");
+        assert_eq!(numbers(&body[body.len() - 4 * third.len()..]), third);
+    }
+    let detail = refused(service.get(&format!("{url}?iteration=4")), 404, "not-found").await;
+    assert!(detail.contains("0, 3") && detail.ends_with('4'), "{detail}");
+    refused(service.get(&format!("{url}?iteration=-1")), 422, "invalid-parameter").await;
+    refused(service.get(&format!("{url}?iteration=3&clusters=5")), 409, "conflict").await;
+
+    let (service, job) = done().await;
+    let detail = refused(service.get(&format!("{}?iteration=0", text(&job["urls"]["labels"]))), 404, "not-found").await;
+    assert!(detail.contains("snapshots"), "{detail}");
+    let job = service.submit("clusters=9&algorithm=pml", sphere(1000)).await;
+    let job = service.ended(&job).await;
+    refused(service.get(&format!("{}?iteration=0", text(&job["urls"]["labels"]))), 409, "conflict").await;
+    for query in ["clusters=9&snapshots=", "clusters=9&snapshots=1,x", "algorithm=pml&snapshots=3"] {
+        let request = service.post(&format!("/v1/jobs?{query}")).header("content-type", "model/obj");
+        let detail = refused(request.body(sphere(300)), 422, "invalid-parameter").await;
+        assert!(detail.contains("snapshots"), "{detail}");
+    }
+}

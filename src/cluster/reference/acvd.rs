@@ -25,6 +25,7 @@ use std::collections::VecDeque;
 
 use super::partition::Partition;
 use crate::cluster::flat::{Clustering, Options, grown};
+use crate::cluster::record::Record;
 use crate::cluster::run::{MAX_REPAIRS, Row};
 use crate::cluster::seeds::SeedFaces;
 use crate::device::{Cancel, Ending, Step, Steps};
@@ -32,7 +33,8 @@ use crate::error::Result;
 use crate::report::Phase;
 use crate::surface::Surface;
 
-/// Clusters a surface from the given seeds. Growth and repairs are the device's; `options.refine` has no meaning here.
+/// Clusters a surface from the given seeds, and keeps the labels that `record` wants. Growth and repairs are the device's;
+/// `options.refine` has no meaning here.
 pub fn acvd(
     surface: &Surface,
     seeds: &SeedFaces,
@@ -40,14 +42,18 @@ pub fn acvd(
     steps: &mut dyn Steps,
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
+    record: &mut Record,
 ) -> Result<Clustering> {
-    let (mut run, initial) = grown(&seeds.labels(surface.faces()), options, steps, cancel, on_row)?;
+    let (mut run, initial) = grown(&seeds.labels(surface.faces()), options, steps, cancel, on_row, record)?;
     let mut repairs = 0;
     let ending = loop {
         let labels = run.steps.labels()?;
         let mut queries = LocalQueries::new(surface, Partition::new(surface, &seeds.component_of_cluster, labels));
-        let ending = run.phase(Phase::Refine, |_, left, cancel, on_step| queries.minimise(left, cancel, on_step))?;
-        run.steps.set_labels(&queries.partition.labels)?;
+        let ending = run.phase(Phase::Refine, |steps, left, cancel, on_step| {
+            let ending = queries.minimise(left, cancel, on_step)?;
+            steps.set_labels(&queries.partition.labels)?;
+            Ok(ending)
+        })?;
         if options.allow_disconnected || !run.repair()? || ending == Ending::IterationLimit {
             break ending;
         }

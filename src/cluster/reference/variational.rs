@@ -24,23 +24,25 @@ use std::collections::BinaryHeap;
 
 use super::partition::Partition;
 use crate::cluster::flat::{Clustering, Options};
+use crate::cluster::record::Record;
 use crate::cluster::run::Row;
 use crate::cluster::seeds::SeedFaces;
 use crate::device::{Cancel, Ending, FREE};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::report::Phase;
 use crate::surface::Surface;
 
 /// Faces between looks at the flag that asks to stop.
 const BETWEEN_CHECKS: usize = 1 << 16;
 
-/// Clusters a surface from the given seeds. Of the options, only `max_iterations` has a meaning here.
+/// Clusters a surface from the given seeds, and keeps the labels that `record` wants. Of the options, only `max_iterations` has a meaning here.
 pub fn variational(
     surface: &Surface,
     seeds: &SeedFaces,
     options: Options,
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
+    record: &mut Record,
 ) -> Result<Clustering> {
     let component_of_cluster = &seeds.component_of_cluster;
     let fitted = |labels: Vec<u32>| Partition::new(surface, component_of_cluster, labels);
@@ -52,6 +54,7 @@ pub fn variational(
     let mut best = fitted(flood(surface, &alone, &seeds.face_of_cluster, cancel)?);
     let initial = best.labels.clone();
     on_row(row(0, &best, 0));
+    record.offer(0, || Ok::<_, Error>(best.labels.clone()))?;
     for iteration in 1..=options.max_iterations.unwrap_or(u32::MAX) {
         let next = fitted(flood(surface, &best, &central_faces(&best), cancel)?);
         if next.energy() <= best.energy() {
@@ -60,6 +63,7 @@ pub fn variational(
         let moves = next.labels.iter().zip(&best.labels).filter(|(new, old)| new != old).count();
         best = next;
         on_row(row(iteration, &best, moves as u64));
+        record.offer(iteration, || Ok::<_, Error>(best.labels.clone()))?;
     }
     Ok(Clustering { initial, labels: best.labels, ending: Ending::IterationLimit })
 }

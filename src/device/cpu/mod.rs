@@ -60,7 +60,7 @@ impl Device for CpuDevice {
     }
 
     fn open<'a>(&'a mut self, graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
-        Ok(Box::new(CpuSteps::new(graph, component_of_cluster)))
+        Ok(open(graph, component_of_cluster))
     }
 
     fn open_merging<'a>(
@@ -70,6 +70,11 @@ impl Device for CpuDevice {
     ) -> Result<Box<dyn MergeSteps + 'a>> {
         Ok(Box::new(CpuSteps::new(graph, component_of_cluster)))
     }
+}
+
+/// The steps on a surface: what [`CpuDevice`] opens.
+pub fn open<'a>(graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Box<dyn Steps + 'a> {
+    Box::new(CpuSteps::new(graph, component_of_cluster))
 }
 
 /// Faces a thread takes at a time.
@@ -94,8 +99,6 @@ struct CpuSteps<'a> {
     growth: Growth,
     leaving: Leaving,
     bids: Bids,
-    /// The faces that the last phase of refinement left to bid again in the next.
-    waiting: Vec<u32>,
     /// For walks through clusters: the last walk that came to each face.
     walked: Vec<u32>,
     walk: u32,
@@ -105,6 +108,8 @@ struct CpuSteps<'a> {
     queue: Option<dual_edges::Queue>,
     /// Once clusters merged: the faces that moved since the last merge, with the cluster they left.
     left: Option<Vec<(u32, u32)>>,
+    /// Whether the next phase goes on with the last one.
+    resumed: bool,
 }
 
 impl<'a> CpuSteps<'a> {
@@ -119,12 +124,12 @@ impl<'a> CpuSteps<'a> {
             growth: Growth::new(graph.faces()),
             leaving: Leaving::new(clusters),
             bids: Bids::new(graph.faces(), clusters),
-            waiting: Vec::new(),
             walked: Vec::new(),
             walk: 0,
             living: (0..clusters as u32).collect(),
             queue: None,
             left: None,
+            resumed: false,
         }
     }
 
@@ -133,7 +138,6 @@ impl<'a> CpuSteps<'a> {
         if self.frontier.is_none() {
             self.clusters.gather(self.graph, self.labels.all());
             self.bids = Bids::new(self.graph.faces(), self.clusters.len());
-            self.waiting.clear();
             self.frontier = Some(Frontier::collect(self.graph, &mut self.labels, self.clusters.len()));
         }
     }
@@ -193,16 +197,21 @@ impl<'a> CpuSteps<'a> {
         !self.bids.is_empty()
     }
 
-    /// The faces that the last phase of refinement left to bid again.
+    /// The faces that the last phase of refinement refused, or that still have bids because it was cut short, fit to bid
+    /// again; none when that phase goes on.
     fn take_waiting(&mut self) -> Vec<u32> {
         self.gather();
-        for &face in &self.waiting {
+        if std::mem::take(&mut self.resumed) {
+            return Vec::new();
+        }
+        let waiting = self.bids.end();
+        for &face in &waiting {
             self.labels.refresh(face);
             for &near in self.graph.neighbours_of(face) {
                 self.labels.refresh(near);
             }
         }
-        std::mem::take(&mut self.waiting)
+        waiting
     }
 
     /// Begins a walk over faces: none of them carries the returned number.
@@ -215,6 +224,7 @@ impl<'a> CpuSteps<'a> {
 
 impl Steps for CpuSteps<'_> {
     fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
+        self.resumed = false;
         self.labels.replace(labels);
         self.frontier = None;
         self.living = (0..self.clusters.len() as u32).collect();
@@ -246,17 +256,17 @@ impl Steps for CpuSteps<'_> {
         cancel: &Cancel,
         on_iteration: &mut dyn FnMut(Step),
     ) -> Result<Ending> {
+        // a boundary phase remembers nothing that it could go on without
+        self.resumed = false;
         self.optimise(max_iterations, cancel, on_iteration, Self::boundary_moves)
     }
 
     fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending> {
         let mut waiting = self.take_waiting();
-        let ending = self.optimise(max_iterations, cancel, on_iteration, |steps| {
+        self.optimise(max_iterations, cancel, on_iteration, |steps| {
             let has_bids = steps.renew_bids(std::mem::take(&mut waiting));
             has_bids.then(|| steps.bids.moves(steps.graph, &steps.clusters, None))
-        })?;
-        self.waiting = self.bids.end();
-        Ok(ending)
+        })
     }
 
     fn refine_connected(
@@ -266,7 +276,7 @@ impl Steps for CpuSteps<'_> {
         on_iteration: &mut dyn FnMut(Step),
     ) -> Result<Ending> {
         let mut waiting = self.take_waiting();
-        let ending = self.optimise(max_iterations, cancel, on_iteration, |steps| {
+        self.optimise(max_iterations, cancel, on_iteration, |steps| {
             let has_bids = steps.renew_bids(std::mem::take(&mut waiting));
             steps.next_walk();
             let Self { graph, labels, clusters, walked, walk, bids, .. } = steps;
@@ -275,9 +285,11 @@ impl Steps for CpuSteps<'_> {
                 pieces::stays_connected(graph, labels, winner.face, walked, *walk)
             };
             has_bids.then(|| bids.moves(graph, clusters, Some(&mut may_leave)))
-        })?;
-        self.waiting = self.bids.end();
-        Ok(ending)
+        })
+    }
+
+    fn resume(&mut self) {
+        self.resumed = true;
     }
 
     fn cut_off_faces(&mut self) -> Result<Vec<u32>> {

@@ -75,8 +75,8 @@ impl Bids {
         }
     }
 
-    /// Ends a phase. Returns the faces that were refused in it, or still have bids because it was cut short: they may bid
-    /// again in the next. Nobody has a bid any more: what happens between phases would not renew it.
+    /// Ends the last phase, when another begins. Returns the faces that were refused in it, or still have bids because it
+    /// was cut short: they may bid again. Nobody has a bid any more: what happened since did not renew them.
     pub fn end(&mut self) -> Vec<u32> {
         let mut waiting = std::mem::take(&mut self.refused);
         for face in std::mem::take(&mut self.bidders) {

@@ -12,8 +12,8 @@ use super::connection::{Compiled, Connection};
 use super::layout::Slot;
 use super::readback::Batch;
 use crate::cluster::repair;
-use crate::device::cpu::CpuDevice;
-use crate::device::{Cancel, Device, Ending, FREE, LatticeEnergy, Step, Steps};
+use crate::device::cpu;
+use crate::device::{Cancel, Ending, FREE, LatticeEnergy, Step, Steps};
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
 
@@ -68,6 +68,12 @@ pub(super) struct GpuSteps<'a, M> {
     pub(super) has_merged: bool,
     /// No more clusters than that have faces.
     pub(super) living_at_most: u32,
+    /// Number of the next turn, while a phase goes on that stopped at its limit.
+    resumed_at: Option<u32>,
+    /// Number of the turn after the last.
+    next_turn: u32,
+    /// Does what the gpu leaves to the cpu, while that is going on.
+    host: Option<Box<dyn Steps + 'a>>,
 }
 
 impl<'a, M> GpuSteps<'a, M> {
@@ -90,6 +96,9 @@ impl<'a, M> GpuSteps<'a, M> {
             energy: None,
             has_merged: false,
             living_at_most: clusters,
+            resumed_at: None,
+            next_turn: 1,
+            host: None,
         }
     }
 
@@ -116,12 +125,15 @@ impl<'a, M> GpuSteps<'a, M> {
 
     /// Runs turns until one has nothing left to do (true) or `limit` of them moved something (false). `on_turn` is told of
     /// each that did, in order. Batches of the growth have an even number of turns, so that the labels end where they began.
+    ///
+    /// Turns are numbered from 1, or on from the last where a refinement goes on: a face remembers the turn that refused it.
     fn run(&mut self, work: Work, limit: u32, cancel: &Cancel, mut on_turn: impl FnMut(&Slot)) -> Result<bool> {
+        let resumed_at = self.resumed_at.take().filter(|_| work == Work::Refine);
         let queue = &self.connection.queue;
         queue.write_buffer(&self.buffers.next_dispatch, 0, bytemuck::bytes_of(&self.buffers.face_groups));
         // turns that may still move something, those on their way taken off
         let mut left = limit;
-        let mut number = 1u32;
+        let mut number = resumed_at.unwrap_or(1);
         let mut size = FIRST_BATCH;
         let mut staging = 0;
         let mut before: Option<Batch> = None;
@@ -132,6 +144,7 @@ impl<'a, M> GpuSteps<'a, M> {
                 let batch = self.submit(work, number, turns, staging)?;
                 left -= turns;
                 number = number.wrapping_add(turns);
+                self.next_turn = number;
                 Some(batch)
             } else {
                 None
@@ -264,6 +277,8 @@ impl<M> Steps for GpuSteps<'_, M> {
     fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
         self.has_merged = false;
         self.living_at_most = self.clusters;
+        self.resumed_at = None;
+        self.host = None;
         self.replace_labels(labels)
     }
 
@@ -308,8 +323,11 @@ impl<M> Steps for GpuSteps<'_, M> {
     fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending> {
         // the turns only say what it rises by
         let mut explained = self.energy()?.explained;
-        let encoder = self.encode_fit();
-        self.connection.queue.submit([encoder.finish()]);
+        // a phase that goes on remembers which clusters changed when
+        if self.resumed_at.is_none() {
+            let encoder = self.encode_fit();
+            self.connection.queue.submit([encoder.finish()]);
+        }
         let outcome = self.run(Work::Refine, max_iterations, cancel, |slot| {
             explained += slot.explained();
             on_iteration(Step { energy: LatticeEnergy { explained }, moves: u64::from(slot.moves) });
@@ -325,13 +343,27 @@ impl<M> Steps for GpuSteps<'_, M> {
         cancel: &Cancel,
         on_iteration: &mut dyn FnMut(Step),
     ) -> Result<Ending> {
-        let mut host = CpuDevice::new();
-        let mut steps = host.open(self.graph, self.component_of_cluster)?;
-        steps.set_labels(&self.labels()?)?;
-        let ending = steps.refine_connected(max_iterations, cancel, on_iteration)?;
-        let labels = steps.labels()?;
+        let goes_on = self.resumed_at.take().is_some();
+        let mut host = match self.host.take().filter(|_| goes_on) {
+            Some(host) => host,
+            None => {
+                let mut host = cpu::open(self.graph, self.component_of_cluster);
+                host.set_labels(&self.labels()?)?;
+                host
+            }
+        };
+        let ending = host.refine_connected(max_iterations, cancel, on_iteration)?;
+        let labels = host.labels()?;
         self.replace_labels(&labels)?;
+        self.host = (ending == Ending::IterationLimit).then_some(host);
         Ok(ending)
+    }
+
+    fn resume(&mut self) {
+        self.resumed_at = Some(self.next_turn);
+        if let Some(host) = &mut self.host {
+            host.resume();
+        }
     }
 
     fn cut_off_faces(&mut self) -> Result<Vec<u32>> {

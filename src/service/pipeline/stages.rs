@@ -16,7 +16,7 @@ use crate::device::Cancel;
 use crate::error::{Error, Kind, Result};
 use crate::job::{self, Outcome, Prepared, milliseconds};
 use crate::mesh::Resources;
-use crate::output::{LabelFormat, write_labels};
+use crate::output::{LabelFormat, write_labels, write_snapshots};
 use crate::report::Row;
 use crate::service::files::{self, blocking};
 use crate::service::store::{Job, JobStore, Progress, Summary, Ticket, What};
@@ -137,7 +137,7 @@ async fn tell(store: Arc<dyn JobStore>, ticket: Ticket, mut inbox: mpsc::Unbound
 
 /// Writes the result of a job: into a folder of another name, which is then renamed, so that it is whole or not there.
 fn write(outcome: Outcome, folder: &Path, started: Instant) -> Result<Summary> {
-    let Outcome { labels, hierarchy, mut report } = outcome;
+    let Outcome { labels, hierarchy, snapshots, mut report } = outcome;
     let cannot = |error| Error::io("the result cannot be stored", error);
     let writing = Instant::now();
     let parent = folder.parent().unwrap_or(folder);
@@ -147,6 +147,12 @@ fn write(outcome: Outcome, folder: &Path, started: Instant) -> Result<Summary> {
         for (format, name) in [(LabelFormat::Npy, files::LABELS_NPY), (LabelFormat::Json, files::LABELS_JSON)] {
             create(&path(name), |out| write_labels(out, format, report.clusters, labels)).map_err(cannot)?;
         }
+    }
+    if !report.snapshots.is_empty() {
+        let faces = report.input.faces;
+        create(&path(files::SNAPSHOTS), |out| write_snapshots(out, &snapshots, faces)).map_err(cannot)?;
+        create(&path(files::SNAPSHOT_LIST), |out| Ok(serde_json::to_writer(out, &report.snapshots)?))
+            .map_err(cannot)?;
     }
     if let Some(hierarchy) = &hierarchy {
         create(&path(files::HIERARCHY), |out| hierarchy.write(out)).map_err(cannot)?;

@@ -1,0 +1,144 @@
+//! The labels of chosen iterations, kept as a run passes them (the paper's Figures 1 and 5).
+//!
+//! Only the first labels are kept whole; of every later snapshot, the faces whose labels differ from those of the one before.
+//! So memory is in proportion to the faces that moved.
+
+use crate::parameters::Snapshots;
+
+/// Labels that are kept at most, counted as if each snapshot were whole: 512 MiB as files.
+const MOST_LABELS: u64 = 1 << 27;
+
+/// The labels of chosen iterations.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Record {
+    wanted: Option<Snapshots>,
+    /// The labels of the first snapshot, one a face.
+    first: Vec<u32>,
+    /// Iteration of each snapshot, and (face, label) where it differs from the one before.
+    snapshots: Vec<(u32, Vec<(u32, u32)>)>,
+    /// The labels of the last snapshot.
+    last: Vec<u32>,
+    /// The last iteration that was asked for, kept or not.
+    passed: Option<u32>,
+    /// Snapshots that there was no room for.
+    pub left_out: u64,
+}
+
+impl Record {
+    /// Will keep what is wanted.
+    pub fn new(wanted: Option<Snapshots>) -> Self {
+        Self { wanted, ..Self::default() }
+    }
+
+    /// The next iteration whose labels are wanted; none when no more are.
+    pub fn next(&self) -> Option<u32> {
+        self.wanted.as_ref()?.next_after(self.passed)
+    }
+
+    /// Keeps labels, if those of this iteration are wanted and were not kept before. They are asked for only then.
+    pub fn offer<E>(&mut self, iteration: u32, labels: impl FnOnce() -> Result<Vec<u32>, E>) -> Result<(), E> {
+        if self.next() != Some(iteration) {
+            return Ok(());
+        }
+        self.passed = Some(iteration);
+        let labels = labels()?;
+        if self.snapshots.is_empty() {
+            self.snapshots.push((iteration, Vec::new()));
+            self.first.clone_from(&labels);
+        } else if (self.snapshots.len() as u64 + 1) * labels.len() as u64 > MOST_LABELS {
+            self.left_out += 1;
+            return Ok(());
+        } else {
+            let pairs = labels.iter().zip(&self.last).enumerate();
+            let differences = pairs.filter(|(_, (new, old))| new != old).map(|(face, (&new, _))| (face as u32, new));
+            self.snapshots.push((iteration, differences.collect()));
+        }
+        self.last = labels;
+        Ok(())
+    }
+
+    /// The iterations whose labels are here, ascending.
+    pub fn iterations(&self) -> Vec<u32> {
+        self.snapshots.iter().map(|&(iteration, _)| iteration).collect()
+    }
+
+    /// Wanted iterations above the last of the run; of `N` none.
+    pub fn beyond(&self) -> &[u32] {
+        match &self.wanted {
+            Some(Snapshots::At(list)) => {
+                let end = self.passed.map_or(0, |passed| list.partition_point(|&at| at <= passed));
+                &list[end..]
+            }
+            Some(Snapshots::Every(_)) | None => &[],
+        }
+    }
+
+    /// Calls `visit` with the iteration and the labels of every snapshot, in order.
+    pub fn replay<E>(&self, mut visit: impl FnMut(u32, &[u32]) -> Result<(), E>) -> Result<(), E> {
+        let mut labels = self.first.clone();
+        for (iteration, differences) in &self.snapshots {
+            for &(face, label) in differences {
+                labels[face as usize] = label;
+            }
+            visit(*iteration, &labels)?;
+        }
+        Ok(())
+    }
+
+    /// Puts the faces of all snapshots into another order, and gives their clusters other numbers.
+    pub fn renumber(&mut self, new_face: &[u32], new_label: &[u32]) {
+        let mut first = vec![0; self.first.len()];
+        for (&label, &face) in self.first.iter().zip(new_face) {
+            first[face as usize] = new_label[label as usize];
+        }
+        self.first = first;
+        self.last = Vec::new();
+        for (face, label) in self.snapshots.iter_mut().flat_map(|(_, differences)| differences) {
+            *face = new_face[*face as usize];
+            *label = new_label[*label as usize];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn kept(record: &Record) -> Vec<(u32, Vec<u32>)> {
+        let mut all = Vec::new();
+        let done: Result<(), ()> = record.replay(|iteration, labels| {
+            all.push((iteration, labels.to_vec()));
+            Ok(())
+        });
+        assert_eq!(done, Ok(()));
+        all
+    }
+
+    #[test]
+    fn what_is_wanted_is_kept_once_and_comes_back() {
+        let mut record = Record::new(Some(Snapshots::At(vec![0, 2, 9])));
+        let mut asked = 0;
+        for (iteration, labels) in [(0, [0, 1, 1]), (1, [0, 0, 1]), (2, [0, 0, 0]), (2, [1, 1, 1]), (3, [2, 2, 2])] {
+            let done: Result<(), ()> = record.offer(iteration, || {
+                asked += 1;
+                Ok(labels.to_vec())
+            });
+            assert_eq!(done, Ok(()));
+        }
+        assert_eq!((asked, record.next(), record.beyond()), (2, Some(9), &[9][..]));
+        assert_eq!(kept(&record), [(0, vec![0, 1, 1]), (2, vec![0, 0, 0])]);
+        record.renumber(&[2, 0, 1], &[7, 5]);
+        assert_eq!(kept(&record), [(0, vec![5, 5, 7]), (2, vec![7, 7, 7])]);
+    }
+
+    #[test]
+    fn there_is_an_end_to_what_is_kept() {
+        let mut record = Record::new(Some(Snapshots::Every(1)));
+        let faces = MOST_LABELS as usize / 3 + 1;
+        for iteration in 0..4 {
+            let done: Result<(), ()> = record.offer(iteration, || Ok(vec![0; faces]));
+            assert_eq!(done, Ok(()));
+        }
+        assert_eq!((record.iterations(), record.left_out), (vec![0, 1], 2));
+    }
+}
