@@ -240,15 +240,20 @@ fn plateaus_of_equal_faces_take_rounds_in_proportion_to_the_logarithm() {
     for (sample, faces) in [(Sample::Strip, 4096), (Sample::Plane, 8192), (Sample::Cube, 12 * 24 * 24)] {
         let surface = Surface::build(&generate(sample, faces).expect("a sample")).expect("a surface");
         // optimisation makes the clusters of a plateau alike again, which leaves longer slopes of costs between them
-        for (optimise, factor) in [(false, 3), (true, 5)] {
+        for (pairs, optimise, factor) in [
+            (Pairs::All, false, 3),
+            (Pairs::All, true, 5),
+            (Pairs::CheaperHalf, false, 5),
+            (Pairs::CheaperHalf, true, 5),
+        ] {
             let bound = factor * surface.faces().ilog2();
-            let rounds = run(&surface, &Options { optimise, ..pml() }).rounds.len() as u32;
-            assert!(rounds <= bound, "{} optimise={optimise}: {rounds} rounds", sample.name());
+            let rounds = run(&surface, &Options { pairs, optimise, ..pml() }).rounds.len() as u32;
+            assert!(rounds <= bound, "{} {pairs:?} optimise={optimise}: {rounds} rounds", sample.name());
         }
     }
     // the paper's rule crawls, but arrives
     let strip = Surface::build(&generate(Sample::Strip, 512).expect("a sample")).expect("a surface");
-    let rounds = run(&strip, &Options { optimise: false, ties: Ties::LargestId, ..pml() }).rounds.len();
+    let rounds = run(&strip, &Options { optimise: false, ties: Ties::LargestId, pairs: Pairs::All, ..pml() }).rounds.len();
     assert!(rounds > 100, "{rounds} rounds");
 }
 
