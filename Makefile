@@ -26,7 +26,7 @@ run:  ## install what is missing, build, and serve on http://127.0.0.1:8080 (TES
 
 .PHONY: test
 test: lint  ## install what is missing and check everything, on cpu and on a software gpu
-	@$(MAKE) --no-print-directory unit end-to-end fuzz
+	@$(MAKE) --no-print-directory unit end-to-end fuzz deploy
 
 .PHONY: lint
 lint: install-test  ## formatting, clippy and documentation, warnings denied
@@ -46,6 +46,14 @@ end-to-end: debug-binary $(VENV)/ready  ## service and command line from outside
 .PHONY: fuzz
 fuzz: debug-binary $(VENV)/ready  ## the service against its OpenAPI document
 	$(VENV)/bin/python tests/scripts/fuzz_api.py $(TARGET)/debug/tesserae
+
+.PHONY: deploy
+deploy: $(VENV)/ready  ## check Dockerfile, compose files and systemd unit
+	deploy/check.sh $(abspath $(VENV))/bin
+
+.PHONY: fuzz-parsers
+fuzz-parsers:  ## fuzz every parser, FUZZ_SECONDS (60) each; needs `cargo install cargo-fuzz`
+	fuzz/run.sh $(or $(FUZZ_SECONDS),60)
 
 .PHONY: readme
 readme: debug-binary $(VENV)/ready  ## write settings and output of the commands into the README, after a change of labels

@@ -17,6 +17,7 @@
 //! | encodings of labels | [`output`] |
 //! | hierarchies: their file, their JSON, cuts, scipy's matrix | [`tree`] |
 //! | pictures of reports | [`plot`] |
+//! | the paper's tables and figure, measured anew | [`evaluate`] |
 //! | one job from bytes to results | [`job`] |
 //! | the HTTP service | [`service`] |
 //! | the command line | [`cli`] |
@@ -37,6 +38,9 @@ pub mod cli;
 pub mod cluster;
 pub mod device;
 pub mod error;
+pub mod evaluate;
+#[cfg(fuzzing)]
+pub mod fuzzing;
 pub mod job;
 pub mod mesh;
 pub mod output;

@@ -98,10 +98,24 @@ pub fn draw(curves: &[Curve]) -> Result<String> {
     };
     let of_iterations: Vec<(String, Points)> =
         flats.iter().map(|curve| (curve.name.clone(), curve.iterations())).collect();
-    let panels: Vec<(&str, Vec<(String, Points)>)> = [("clusters", of_clusters), ("iteration", of_iterations)]
-        .into_iter()
-        .filter(|(_, lines)| lines.iter().any(|(_, points)| !points.is_empty()))
+    draw_panels(&[("clusters", of_clusters), ("iteration", of_iterations)])
+}
+
+/// Draws lines of (clusters, energy), each with its name, as SVG. Fails when there is nothing to show.
+pub fn draw_against_clusters(lines: &[(String, Vec<(u64, f64)>)]) -> Result<String> {
+    let lines: Vec<(String, Points)> = lines
+        .iter()
+        .map(|(name, points)| {
+            (name.clone(), drawable(points.iter().map(|&(clusters, energy)| (logarithm(clusters), Some(energy)))))
+        })
         .collect();
+    draw_panels(&[("clusters", lines)])
+}
+
+/// Draws panels, one below the other, those without points left out: the unit of x, and lines with their names.
+fn draw_panels(panels: &[(&str, Vec<(String, Points)>)]) -> Result<String> {
+    let panels: Vec<_> =
+        panels.iter().filter(|(_, lines)| lines.iter().any(|(_, points)| !points.is_empty())).collect();
     if panels.is_empty() {
         return Err(Error::new(Kind::BadRequest, "the reports have no energies above 0 to draw"));
     }
@@ -110,7 +124,7 @@ pub fn draw(curves: &[Curve]) -> Result<String> {
         let root = SVGBackend::with_string(&mut svg, (PANEL.0, PANEL.1 * panels.len() as u32)).into_drawing_area();
         root.fill(&WHITE).map_err(defect)?;
         let areas = root.split_evenly((panels.len(), 1));
-        for (area, (unit, lines)) in areas.iter().zip(&panels) {
+        for (area, (unit, lines)) in areas.iter().zip(panels) {
             let (x, y) = (extent(lines, |point| point.0), extent(lines, |point| point.1));
             panel(area, unit, x, y, lines)?;
         }

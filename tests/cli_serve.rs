@@ -77,7 +77,11 @@ fn it_says_where_it_listens_and_ends_in_order_when_asked() {
         assert!(service.get("/readyz").starts_with("HTTP/1.0 200 "));
         let device = service.get("/v1/device");
         assert!(device.contains(r#""kind":"cpu""#) && device.contains("asked for: cpu"), "{device}");
+        folder.run(&["health", "--listen", &service.address]).expect_success();
+        folder.run(&["health", "--ready", "--listen", &service.address]).expect_success();
+        let address = service.address.clone();
         let (status, log) = service.end(signal);
+        folder.run(&["health", "--listen", &address]).expect_failure(&["does not answer", &address]);
         assert_eq!(status, Some(0), "{signal}: {log}");
         assert!(!log.contains('\u{1b}'), "colours are for terminals: {log}");
         assert!(folder.files().is_empty());
@@ -135,4 +139,108 @@ fn an_address_in_use_and_a_wrong_filter_are_told() {
     folder.run(&["serve", "--listen", "nowhere"]).expect_usage_error(&["--listen", "nowhere"]);
     folder.run(&["serve", "--device", "cpu", "--adapter", "0"]).expect_usage_error(&["--adapter"]);
     assert_eq!(service.end("-TERM").0, Some(0));
+}
+
+/// A collector of traces: takes what is sent, and gives it when the connection to it is not used any more.
+struct Collector {
+    address: String,
+    requests: std::sync::mpsc::Receiver<Vec<u8>>,
+}
+
+impl Collector {
+    fn start() -> Self {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("bound");
+        let address = listener.local_addr().expect("an address").to_string();
+        let (sender, requests) = std::sync::mpsc::channel();
+        std::thread::spawn(move || {
+            for stream in listener.incoming() {
+                let mut stream = BufReader::new(stream.expect("accepted"));
+                loop {
+                    let mut length = 0;
+                    let mut line = String::new();
+                    while stream.read_line(&mut line).unwrap_or(0) > 2 {
+                        if let Some(value) = line.to_ascii_lowercase().strip_prefix("content-length: ") {
+                            length = value.trim().parse().expect("a length");
+                        }
+                        line.clear();
+                    }
+                    if length == 0 {
+                        break;
+                    }
+                    let mut body = vec![0; length];
+                    stream.read_exact(&mut body).expect("a body");
+                    let answer = "HTTP/1.1 200 OK\r\nContent-Type: application/x-protobuf\r\nContent-Length: 0\r\n\r\n";
+                    stream.get_mut().write_all(answer.as_bytes()).expect("answered");
+                    if sender.send(body).is_err() {
+                        return;
+                    }
+                }
+            }
+        });
+        Self { address, requests }
+    }
+}
+
+#[test]
+fn spans_of_a_request_and_of_its_job_reach_the_collector_as_one_trace() {
+    use opentelemetry_proto::tonic::collector::trace::v1::ExportTraceServiceRequest;
+    use prost::Message as _;
+
+    let collector = Collector::start();
+    let folder = Folder::new();
+    let endpoint = format!("http://{}/v1/traces", collector.address);
+    let service = Running::with(&folder, &["--otlp-endpoint", &endpoint, "--log-format", "json"]);
+    folder.sample("sphere", 300, "sphere.obj");
+    let mesh = folder.read("sphere.obj");
+    let (trace, parent) = ("0af7651916cd43dd8448eb211c80319c", "b7ad6b7169203331");
+    let mut stream = TcpStream::connect(&service.address).expect("it listens");
+    write!(
+        stream,
+        "POST /v1/jobs?clusters=5 HTTP/1.0\r\nHost: x\r\nContent-Type: model/obj\r\nPrefer: wait=60\r\n\
+         traceparent: 00-{trace}-{parent}-01\r\nContent-Length: {}\r\n\r\n",
+        mesh.len()
+    )
+    .expect("it reads");
+    stream.write_all(&mesh).expect("it reads");
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).expect("it answers");
+    assert!(answer.starts_with("HTTP/1.0 200 "), "{answer}");
+    let (status, log) = service.end("-TERM");
+    assert_eq!(status, Some(0), "{log}");
+
+    // the lines of the log about request and job have the trace
+    let lines: Vec<serde_json::Value> = log.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
+    for message in ["accepted", "succeeded"] {
+        let line = lines
+            .iter()
+            .find(|line| line["fields"]["message"] == message)
+            .unwrap_or_else(|| panic!("{message}: {log}"));
+        assert_eq!(line["span"]["trace"], trace, "{line}");
+    }
+
+    let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect::<String>();
+    let mut spans = Vec::new();
+    while let Ok(body) = collector.requests.recv_timeout(std::time::Duration::from_secs(10)) {
+        let request = ExportTraceServiceRequest::decode(&body[..]).expect("OTLP");
+        for spans_of_service in request.resource_spans {
+            let resource = spans_of_service.resource.expect("a resource");
+            assert!(resource.attributes.iter().any(|attribute| attribute.key == "service.name"), "{resource:?}");
+            for scope in spans_of_service.scope_spans {
+                spans.extend(scope.spans);
+            }
+        }
+        if ["request", "job", "read", "cluster", "write"].iter().all(|name| spans.iter().any(|span| span.name == *name))
+        {
+            break;
+        }
+    }
+    let find = |name: &str| {
+        let found = spans.iter().find(|span| span.name == name && hex(&span.trace_id) == trace);
+        found.unwrap_or_else(|| panic!("no {name} in the trace: {spans:#?}"))
+    };
+    assert_eq!(hex(&find("request").parent_span_id), parent);
+    assert_eq!(find("job").parent_span_id, find("request").span_id);
+    for stage in ["read", "cluster", "write"] {
+        assert_eq!(find(stage).parent_span_id, find("job").span_id, "{stage}");
+    }
 }

@@ -9,7 +9,9 @@ mod cluster;
 mod cut;
 mod device;
 mod devices;
+mod evaluate;
 mod files;
+mod health;
 mod places;
 mod plot;
 mod progress;
@@ -51,10 +53,14 @@ enum Command {
     Cut(Box<cut::Arguments>),
     /// Draw the energies of reports: against the number of clusters, and per iteration
     Plot(plot::Arguments),
+    /// Make measurements anew that were published, to compare
+    Evaluate(evaluate::Arguments),
     /// Serve jobs over HTTP
     Serve(Box<serve::Arguments>),
     /// Make, list and take back the tokens that a service asks for
     Token(token::Arguments),
+    /// Ask a service whether it is well; the exit status tells
+    Health(health::Arguments),
     /// Make a mesh from nothing, for trying out and testing
     Sample(sample::Arguments),
     /// List every device, usable or why not, and which one `--device auto` takes
@@ -67,8 +73,10 @@ pub fn main() -> ExitCode {
         Command::Cluster(arguments) => cluster::run(&arguments),
         Command::Cut(arguments) => cut::run(&arguments),
         Command::Plot(arguments) => plot::run(&arguments),
+        Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Serve(arguments) => serve::run(*arguments),
         Command::Token(arguments) => token::run(&arguments),
+        Command::Health(arguments) => health::run(&arguments),
         Command::Sample(arguments) => sample::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
     };

@@ -1,5 +1,6 @@
 //! What a person sees while a mesh is clustered: a bar on standard error, drawn on a terminal only.
 
+use std::borrow::Cow;
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -30,7 +31,7 @@ impl Progress {
     }
 
     /// Says what is being done.
-    pub fn stage(&self, name: &'static str) {
+    pub fn stage(&self, name: impl Into<Cow<'static, str>>) {
         self.bar.set_message(name);
     }
 

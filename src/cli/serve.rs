@@ -26,13 +26,21 @@ pub struct Arguments {
     log: LogSettings,
 }
 
+/// Open files that the process asks for, of those that the system lets it have.
+const OPEN_FILES: u64 = 65_536;
+
 /// Serves until it is asked to stop.
 pub fn run(arguments: Arguments) -> Result<(), Failure> {
     if let Some(message) = arguments.device.contradiction() {
         return Err(Failure::Usage("serve", message));
     }
     arguments.settings.check().map_err(|error| Failure::Usage("serve", error.message))?;
-    arguments.log.start().map_err(|error| Failure::Usage("serve", error.message))?;
+    let logging = arguments.log.start().map_err(|error| Failure::Usage("serve", error.message))?;
+    // a connection is an open file; where it cannot be raised, the limit is as it is
+    match rlimit::increase_nofile_limit(OPEN_FILES) {
+        Ok(limit) => tracing::debug!(limit, "open files"),
+        Err(error) => tracing::warn!(%error, "the number of open files cannot be raised"),
+    }
     let device = arguments.device.open_for_any()?;
     let description = DeviceDescription {
         chosen: chosen(&arguments.device, device.info()),
@@ -49,6 +57,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     });
     // What still works on a mesh is left behind.
     runtime.shutdown_background();
+    drop(logging);
     Ok(served?)
 }
 

@@ -9,7 +9,11 @@ mod npy;
 mod seed_list;
 mod weight_list;
 
+#[cfg(fuzzing)]
+pub(crate) use seed_list::parse as parse_seeds;
 pub use weight_list::check_head as check_head_of_weights;
+#[cfg(fuzzing)]
+pub(crate) use weight_list::parse as parse_weights;
 
 use std::time::{Duration, Instant};
 

@@ -16,6 +16,8 @@ mod resources;
 
 pub use faces::Faces;
 pub use format::Format;
+#[cfg(fuzzing)]
+pub(crate) use obj::number;
 pub use resources::{Beside, NoResources, Resources};
 
 use std::borrow::Cow;

@@ -6,10 +6,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::extract::{Path, Request, State as Extract};
-use axum::http::{HeaderValue, StatusCode, Uri, header};
+use axum::http::{HeaderName, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use axum::{Json, http::HeaderMap};
+use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
 use serde::{Deserialize, Serialize};
+use tracing::Instrument as _;
 use utoipa::{IntoParams, ToSchema};
 
 use super::access::Caller;
@@ -20,6 +22,7 @@ use super::problem::{Answer, Failure, Problem};
 use super::server::{App, Shared};
 use super::store::{Created, Deletion, Job, JobId, ListQuery, NewJob, State, no_such_job};
 use super::timestamp::rfc3339;
+use super::trace::TraceParent;
 use super::upload::{self, Upload};
 use super::{admission, prefer, query};
 use crate::error::{Error, Kind, Result};
@@ -230,6 +233,7 @@ impl From<Job> for JobView {
     post, path = "/v1/jobs", tag = "jobs", operation_id = "createJob",
     params(
         ("format" = Option<Format>, Query, description = "Format of the mesh, where its media type does not say it"),
+        ("webhook" = Option<String>, Query, description = "URL that is told the end of the job, signed as Standard Webhooks says; on a host that the operator allows"),
         ("Prefer" = Option<String>, Header, description = "`wait=N`: answer when the job has ended, or after N seconds"),
     ),
     request_body(description = "The mesh, or a form", content(
@@ -261,11 +265,16 @@ pub(super) async fn create(Extract(shared): App, caller: Caller, request: Reques
     let tenant = caller.tenant()?.clone();
     admission::check(&shared, &tenant).await?;
     let wait = prefer::wait(request.headers(), shared.settings.max_wait());
+    let parent = request.extensions().get::<TraceParent>().map(|parent| parent.at(&tracing::Span::current()));
     let uploads = Arc::clone(&shared.traffic.uploads);
     let rules = Rules::new(shared.settings.max_upload_bytes, &shared.settings.traffic, uploads);
-    let upload = upload::receive(request, &shared.files, &tenant.name, rules).await?;
+    let mut upload = upload::receive(request, &shared.files, &tenant.name, rules).await?;
+    upload.spec.trace_parent = parent.map(|parent| parent.to_string());
+    if let Some(webhook) = &upload.spec.webhook {
+        shared.webhooks.check(webhook)?;
+    }
     // On a task of its own, so that a client who hangs up now leaves no half of it.
-    let job = tokio::spawn(accept(Arc::clone(&shared), tenant, upload))
+    let job = tokio::spawn(accept(Arc::clone(&shared), tenant, upload).in_current_span())
         .await
         .map_err(|error| Error::new(Kind::Internal, format_args!("the job was not accepted: {error}")))??;
     let location = path(job.id);
@@ -336,7 +345,9 @@ pub(super) fn stopping() -> Error {
     get, path = "/v1/jobs", tag = "jobs", operation_id = "listJobs",
     params(ListParameters),
     responses(
-        (status = 200, description = "A page of jobs", body = JobList),
+        (status = 200, description = "A page of jobs", body = JobList, headers(
+            ("Link" = String, description = "The next page, `rel=\"next\"`; absent on the last"),
+        )),
         (status = 422, response = Problematic),
         (status = 500, response = Problematic),
     ),
@@ -349,7 +360,17 @@ pub(super) async fn list(Extract(shared): App, caller: Caller, uri: Uri) -> Answ
     }
     let query = ListQuery { tenant: Some(caller.tenant()?.name.clone()), state, cursor, limit };
     let page = shared.store.list(&query).await?;
-    Ok(Json(JobList { jobs: page.jobs.into_iter().map(JobView::from).collect(), next: page.next }).into_response())
+    let link = page.next.as_ref().and_then(|next| next_page(&query, next));
+    Ok((link, Json(JobList { jobs: page.jobs.into_iter().map(JobView::from).collect(), next: page.next }))
+        .into_response())
+}
+
+/// The `Link` header of a page that has a next one (RFC 8288).
+fn next_page(query: &ListQuery, cursor: &str) -> Option<[(HeaderName, HeaderValue); 1]> {
+    let state = query.state.map(|state| format!("state={}&", state.name())).unwrap_or_default();
+    let cursor = utf8_percent_encode(cursor, NON_ALPHANUMERIC);
+    let link = format!("</v1/jobs?{state}limit={}&cursor={cursor}>; rel=\"next\"", query.limit);
+    Some([(header::LINK, HeaderValue::try_from(link).ok()?)])
 }
 
 /// Look at a job

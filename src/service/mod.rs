@@ -18,6 +18,9 @@
 //! | who may ask | `access` |
 //! | how much may be asked for | `traffic`, `admission` |
 //! | what is measured | `metrics` |
+//! | which trace a request belongs to | `trace` |
+//! | how ends of jobs are told | `webhooks` |
+//! | ETag, Range | `conditional` |
 //! | routes, layers, start and stop | `server` |
 //!
 //! Handlers return errors of the crate; one layer makes problem documents of them. Nothing here blocks the runtime:
@@ -26,10 +29,13 @@
 
 mod access;
 mod admission;
+mod conditional;
 mod events;
 #[allow(dead_code, reason = "used from the next change on")]
 mod faults;
 mod files;
+#[cfg(fuzzing)]
+pub(crate) mod fuzzing;
 mod health;
 mod hierarchy;
 mod info;
@@ -51,13 +57,16 @@ mod snapshots;
 mod store;
 mod timestamp;
 mod tls;
+mod trace;
 mod traffic;
 mod upload;
+mod webhooks;
 
 pub use access::tokens::{Quotas, TenantEntry, Token, TokenEntry, TokenFile};
 pub use info::DeviceDescription;
-pub use logging::{LogFormat, LogSettings};
+pub use logging::{LogFormat, LogSettings, Logging};
 pub use openapi::openapi_yaml;
 pub use server::{Server, serve};
-pub use settings::{AccessSettings, Settings, TrafficSettings};
+pub use settings::{AccessSettings, Settings, TrafficSettings, WebhookSettings};
 use store::LOCAL_TENANT;
+pub use webhooks::WebhookHost;

@@ -3,12 +3,15 @@
 
 #![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
 
+use std::collections::BTreeMap;
+
 use axum::http::header;
 use axum::response::IntoResponse;
 use serde_json::{Value, json};
 use utoipa::openapi::path::{Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::schema::{ObjectBuilder, Type};
-use utoipa::openapi::{self, RefOr, Required, Schema};
+use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
+use utoipa::openapi::{self, Ref, RefOr, Required, Response, ResponseBuilder, Schema};
 use utoipa::{Modify, OpenApi, ToResponse, ToSchema};
 
 use super::problem::{Answer, Problem};
@@ -70,9 +73,17 @@ struct Adjustments;
 
 impl Modify for Adjustments {
     fn modify(&self, document: &mut openapi::OpenApi) {
-        let schemas = document.components.as_mut().map(|components| &mut components.schemas);
-        let Some(RefOr::T(Schema::Object(parameters))) = schemas.and_then(|schemas| schemas.get_mut("Parameters"))
-        else {
+        let Some(components) = document.components.as_mut() else { return };
+        let token = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(
+            "A token of the operator's; needed where the service runs with tokens, everywhere but at /healthz, /readyz, \
+             /v1/version and /openapi.yaml",
+        ));
+        components.add_security_scheme("token", SecurityScheme::Http(token.build()));
+        // either without or with one: which of the two is the operator's choice
+        let with_token = SecurityRequirement::new("token", Vec::<String>::new());
+        document.security = Some(vec![SecurityRequirement::default(), with_token]);
+        let schemas = &mut components.schemas;
+        let Some(RefOr::T(Schema::Object(parameters))) = schemas.get_mut("Parameters") else {
             return;
         };
         if let Some(RefOr::T(Schema::Object(seeds))) = parameters.properties.get_mut("seeds") {
@@ -86,7 +97,20 @@ impl Modify for Adjustments {
                 Some([Seeds::Coarse, Seeds::Morton, Seeds::Random, Seeds::Listed].map(|seeds| json!(seeds)).into());
         }
         let members: Vec<_> = parameters.properties.iter().map(|(name, schema)| in_query(name, schema)).collect();
+        let mut of_jobs = parameters.clone();
+        of_jobs.description = Some("The parameters of a job, as the JSON part of a form".to_owned());
+        let webhook = ObjectBuilder::new()
+            .schema_type(Type::String)
+            .description(Some("URL that is told the end of the job; on a host that the operator allows"));
+        of_jobs.properties.insert("webhook".to_owned(), Schema::from(webhook).into());
+        schemas.insert("JobParameters".to_owned(), Schema::from(of_jobs).into());
+        if let Some(form) = schemas.get_mut("UploadForm") {
+            refer_to(form, "#/components/schemas/Parameters", "#/components/schemas/JobParameters");
+        }
         for (path, item) in &mut document.paths.paths {
+            for operation in [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten() {
+                add_common_answers(path, &mut operation.responses.responses);
+            }
             for operation in [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten() {
                 for parameter in operation.parameters.iter_mut().flatten() {
                     if let RefOr::T(parameter) = parameter {
@@ -97,6 +121,57 @@ impl Modify for Adjustments {
             if let Some(post) = item.post.as_mut().filter(|_| path == "/v1/jobs") {
                 post.parameters.get_or_insert_default().extend(members.iter().cloned().map(RefOr::from));
             }
+        }
+    }
+}
+
+/// Adds what every path may answer, and what every result may.
+fn add_common_answers(path: &str, answers: &mut BTreeMap<String, RefOr<Response>>) {
+    let problem = || RefOr::from(Ref::from_response_name("Problematic"));
+    let mut add = |status: &str, answer: RefOr<Response>| {
+        answers.entry(status.to_owned()).or_insert(answer);
+    };
+    if ["/healthz", "/readyz"].contains(&path) {
+        return;
+    }
+    for status in ["429", "503"] {
+        add(status, problem());
+    }
+    if !["/v1/version", "/openapi.yaml"].contains(&path) {
+        add("401", problem());
+    }
+    if path == "/metrics" {
+        add("403", problem());
+    }
+    if path == "/v1/jobs" {
+        add("408", problem());
+    }
+    if ["labels", "hierarchy", "report"].iter().any(|result| path.ends_with(result)) {
+        let unchanged = ResponseBuilder::new().description("The client has it already (`If-None-Match`)");
+        add("304", unchanged.build().into());
+        add("416", problem());
+        if let Some(RefOr::T(whole)) = answers.get("200") {
+            let mut part = whole.clone();
+            "The part of it that `Range` asks for".clone_into(&mut part.description);
+            answers.entry("206".to_owned()).or_insert(part.into());
+        }
+    }
+}
+
+/// Makes a schema refer to another one.
+fn refer_to(schema: &mut RefOr<Schema>, from: &str, to: &str) {
+    fn replace(value: &mut Value, from: &str, to: &str) {
+        match value {
+            Value::String(text) if text == from => to.clone_into(text),
+            Value::Array(values) => values.iter_mut().for_each(|value| replace(value, from, to)),
+            Value::Object(members) => members.values_mut().for_each(|value| replace(value, from, to)),
+            _ => {}
+        }
+    }
+    if let Ok(mut value) = serde_json::to_value(&*schema) {
+        replace(&mut value, from, to);
+        if let Ok(changed) = serde_json::from_value(value) {
+            *schema = changed;
         }
     }
 }

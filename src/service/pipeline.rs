@@ -19,6 +19,7 @@ use self::device_thread::DeviceThread;
 use super::files::Files;
 use super::metrics::Metrics;
 use super::store::{End, Job, JobStore, State, Ticket};
+use super::trace::TraceParent;
 use crate::device::Cancel;
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Limits;
@@ -56,9 +57,14 @@ impl Pipeline {
             let span = tracing::info_span!(
                 "job",
                 id = %job.id,
+                trace = tracing::field::Empty,
+                tenant = job.spec.tenant,
                 faces = tracing::field::Empty,
                 clusters = job.spec.parameters.clusters,
             );
+            if let Some(parent) = job.spec.trace_parent.as_deref().and_then(TraceParent::parse) {
+                parent.continued_by(&span);
+            }
             let work = Arc::clone(&this).work(slot, ticket, job, abort.clone());
             jobs.spawn(work.instrument(span));
         }
@@ -118,7 +124,7 @@ impl Pipeline {
             Ok(outcome) => {
                 self.metrics.reported(&outcome.report);
                 let writing = Instant::now();
-                let summary = self.write(slot, &job, outcome, started).await;
+                let summary = self.write(slot, &job, outcome, started).instrument(tracing::info_span!("write")).await;
                 self.metrics.written(&job, writing.elapsed());
                 summary
             }

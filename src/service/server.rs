@@ -17,6 +17,8 @@ use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
+use tower_http::compression::predicate::{NotForContentType, Predicate as _, SizeAbove};
+use tower_http::compression::{CompressionLayer, CompressionLevel};
 use tower_http::cors::CorsLayer;
 use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer};
 use tower_http::trace::{DefaultOnResponse, TraceLayer};
@@ -32,8 +34,10 @@ use super::pipeline::Pipeline;
 use super::pipeline::device_thread::DeviceThread;
 use super::store::memory::MemoryStore;
 use super::store::{JobStore, Rules};
+use super::trace::{self, TraceParent};
 use super::traffic::{self, Traffic, connections};
-use super::{Settings, events, hierarchy, info, jobs, openapi, problem, results, tls};
+use super::webhooks::{Teller, Webhooks};
+use super::{Settings, conditional, events, hierarchy, info, jobs, openapi, problem, results, tls};
 use crate::device::Device;
 use crate::error::{Error, Result};
 
@@ -42,6 +46,9 @@ const LAST_MOMENT: Duration = Duration::from_secs(2);
 
 /// Hierarchies that are in memory at a time to be cut or written: other requests wait for their turn.
 const HIERARCHIES_IN_MEMORY: usize = 2;
+
+/// Bytes of an answer from which on it is compressed for who can read that.
+const COMPRESSED_FROM: u64 = 1024;
 
 /// Name of the header that carries the id of a request.
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
@@ -71,6 +78,8 @@ pub(super) struct Shared {
     pub admission: Arc<Admission>,
     /// What is counted.
     pub metrics: Arc<Metrics>,
+    /// Where ends of jobs may be told.
+    pub webhooks: Arc<Webhooks>,
 }
 
 /// The state that handlers extract.
@@ -129,6 +138,7 @@ impl Server {
             traffic: Traffic::new(&settings.traffic),
             access: Access::open(&settings.access)?,
             admission: Arc::default(),
+            webhooks: Arc::new(Webhooks::new(&settings.webhooks)?),
             metrics,
             settings,
         });
@@ -158,6 +168,10 @@ impl Server {
             let (shared, stop) = (Arc::clone(&shared), stop.clone());
             async move { shared.access.follow(&shared.health, stop).await }
         });
+        let telling = tokio::spawn({
+            let (store, webhooks) = (Arc::clone(&shared.store), Arc::clone(&shared.webhooks));
+            Teller::new(store, webhooks, Arc::clone(&shared.metrics)).run(stop.clone())
+        });
         tracing::info!(%address, device = shared.device.info.name, "listening on http://{address}");
 
         tokio::select! {
@@ -174,6 +188,7 @@ impl Server {
             let _ = timeout(LAST_MOMENT, work).await;
         }
         let _ = following.await;
+        let _ = telling.await;
         close.cancel();
         if !serving.is_finished() {
             let _ = timeout(LAST_MOMENT, serving).await;
@@ -187,16 +202,18 @@ impl Server {
 
 /// All routes, and around them, from the outside in:
 ///
-/// 1. an id for the request, and a span for what is logged about it;
+/// 1. an id for the request, its trace, and a span for what is logged about it;
 /// 2. what every answer has, and counting it;
 /// 3. CORS, which answers preflights itself;
-/// 4. problem documents, of all that is refused further in;
-/// 5. a net for panics;
-/// 6. who asks, and whether that is too much;
-/// 7. the routes.
+/// 4. compression, of all but event streams, and tags that differ with it;
+/// 5. problem documents, of all that is refused further in;
+/// 6. a net for panics;
+/// 7. who asks, and whether that is too much;
+/// 8. the routes; around those of results, ETag and Range.
 fn router(shared: Arc<Shared>) -> Router {
     let layers = ServiceBuilder::new()
         .layer(SetRequestIdLayer::new(REQUEST_ID, MakeRequestUuid))
+        .layer(from_fn(trace::find))
         .layer(
             TraceLayer::new_for_http()
                 .make_span_with(span)
@@ -206,18 +223,27 @@ fn router(shared: Arc<Shared>) -> Router {
         .layer(PropagateRequestIdLayer::new(REQUEST_ID))
         .layer(from_fn_with_state(Arc::clone(&shared), every_answer))
         .option_layer(cors(&shared.settings.access.cors_origins))
+        .layer(from_fn(conditional::distinguish_codings))
+        .layer(
+            CompressionLayer::new()
+                .quality(CompressionLevel::Fastest)
+                .compress_when(SizeAbove::new(COMPRESSED_FROM).and(NotForContentType::const_new("text/event-stream"))),
+        )
         .layer(from_fn_with_state(Arc::clone(&shared), problem::render))
         .layer(CatchPanicLayer::custom(problem::panicked))
         .layer(from_fn_with_state(Arc::clone(&shared), traffic::admit))
         // uploads have a limit of their own, counted as they come
         .layer(DefaultBodyLimit::disable());
+    let results = Router::new()
+        .route("/v1/jobs/{id}/labels", get(results::labels))
+        .route("/v1/jobs/{id}/hierarchy", get(hierarchy::hierarchy))
+        .route("/v1/jobs/{id}/report", get(results::report))
+        .layer(from_fn(conditional::results));
     let routes = Router::new()
         .route("/v1/jobs", post(jobs::create).get(jobs::list))
         .route("/v1/jobs/{id}", get(jobs::show).delete(jobs::remove))
         .route("/v1/jobs/{id}/events", get(events::stream))
-        .route("/v1/jobs/{id}/labels", get(results::labels))
-        .route("/v1/jobs/{id}/hierarchy", get(hierarchy::hierarchy))
-        .route("/v1/jobs/{id}/report", get(results::report))
+        .merge(results)
         .route("/v1/device", get(info::device))
         .route("/v1/formats", get(info::formats))
         .route("/v1/version", get(info::version))
@@ -234,8 +260,13 @@ fn router(shared: Arc<Shared>) -> Router {
 /// The span of a request. The query string stays out of the log.
 fn span(request: &Request<Body>) -> tracing::Span {
     let id = request.headers().get(REQUEST_ID).and_then(|id| id.to_str().ok()).unwrap_or_default();
-    let tenant = tracing::field::Empty;
-    tracing::info_span!("request", method = %request.method(), path = request.uri().path(), id, tenant)
+    let (tenant, trace) = (tracing::field::Empty, tracing::field::Empty);
+    let span =
+        tracing::info_span!("request", method = %request.method(), path = request.uri().path(), id, trace, tenant);
+    if let Some(parent) = request.extensions().get::<TraceParent>() {
+        parent.continued_by(&span);
+    }
+    span
 }
 
 /// The template of the route that answered, for who counts answers further out.

@@ -2,6 +2,7 @@
 
 mod access;
 mod traffic;
+mod webhooks;
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -9,6 +10,7 @@ use std::time::Duration;
 
 pub use self::access::AccessSettings;
 pub use self::traffic::TrafficSettings;
+pub use self::webhooks::WebhookSettings;
 use crate::error::{Error, Result};
 use crate::mesh::Limits;
 
@@ -62,6 +64,10 @@ pub struct Settings {
     /// How much clients may ask for at a time.
     #[command(flatten)]
     pub traffic: TrafficSettings,
+
+    /// Where ends of jobs may be told.
+    #[command(flatten)]
+    pub webhooks: WebhookSettings,
 }
 
 impl Default for Settings {
@@ -79,6 +85,7 @@ impl Default for Settings {
             grace_period: 10,
             access: AccessSettings::default(),
             traffic: TrafficSettings::default(),
+            webhooks: WebhookSettings::default(),
         }
     }
 }
@@ -94,6 +101,11 @@ impl Settings {
                  --insecure-no-auth, to listen on {}",
                 self.listen
             )));
+        }
+        if !self.webhooks.webhook_hosts.is_empty() && self.webhooks.webhook_secret.is_none() {
+            return Err(Error::parameter(
+                "webhooks must be signed: give a file with the secret, --webhook-secret FILE, beside --webhook-hosts",
+            ));
         }
         Ok(())
     }

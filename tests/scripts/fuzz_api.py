@@ -15,12 +15,14 @@ from service import Service
 SCHEMATHESIS = pathlib.Path(sys.executable).parent / "schemathesis"
 
 
-def ended_job(binary, url, folder):
+def ended_job(binary, url, folder, token=None):
     """Id of a job that succeeded."""
     mesh = folder / "sphere.glb"
     subprocess.run([binary, "sample", "sphere", "--faces", "500", mesh], check=True, stdout=subprocess.DEVNULL)
     request = urllib.request.Request(
         url + "/v1/jobs?clusters=10", mesh.read_bytes(), {"Content-Type": "model/gltf-binary", "Prefer": "wait=30"})
+    if token:
+        request.add_header("Authorization", f"Bearer {token}")
     with urllib.request.urlopen(request) as answer:
         job = json.load(answer)
     assert job["state"] == "succeeded", job
@@ -46,7 +48,9 @@ def fuzz(url, folder, config, *options):
 
 
 def main(binary):
-    with Service(binary) as service, tempfile.TemporaryDirectory() as folder:
+    # as fast as it comes: the limits have tests of their own
+    unlimited = ["--max-request-rate", "0"]
+    with Service(binary, *unlimited) as service, tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
         print("every operation", flush=True)
         fuzz(service.url, folder, "", "--max-examples", "150")
@@ -56,6 +60,20 @@ def main(binary):
         fuzz(service.url, folder, f'[parameters]\n"path.id" = "{job}"\n',
              "--max-examples", "60", "--phases", "examples,coverage,fuzzing", "--include-method", "GET")
         assert "panicked" not in service.logged(), service.logged()
+    with tempfile.TemporaryDirectory() as folder:
+        folder = pathlib.Path(folder)
+        tokens = folder / "tokens.json"
+        new = [binary, "token", "new", "fuzz", "--metrics", "--tokens", tokens]
+        token = subprocess.run(new, check=True, capture_output=True, text=True).stdout.strip()
+        with Service(binary, *unlimited, "--tokens", str(tokens)) as service:
+            print("every operation, with a token", flush=True)
+            header = ["--header", f"Authorization: Bearer {token}"]
+            fuzz(service.url, folder, "", "--max-examples", "40", *header)
+            job = ended_job(binary, service.url, folder, token)
+            print("everything that can be read of a job that ended, without one", flush=True)
+            fuzz(service.url, folder, f'[parameters]\n"path.id" = "{job}"\n',
+                 "--max-examples", "30", "--phases", "examples,coverage,fuzzing", "--include-method", "GET")
+            assert "panicked" not in service.logged() and token not in service.logged(), service.logged()
 
 
 if __name__ == "__main__":

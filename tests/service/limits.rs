@@ -255,6 +255,57 @@ async fn an_address_has_so_many_connections_and_others_are_served() {
 }
 
 #[tokio::test]
+async fn a_thousand_streams_at_once_cost_little_and_hold_nobody_up() {
+    const STREAMS: usize = 1000;
+    let files = rlimit::increase_nofile_limit(4096).expect("a limit");
+    assert!(files >= 2 * STREAMS as u64 + 100, "both ends of the streams are files of this process: {files}");
+    let (device, gate) = Held::behind_gate();
+    let service = Service::with(|settings| settings.traffic.max_request_rate = 0, device).await;
+    let job = service.submit("clusters=50", sphere(3000)).await;
+    service.reaches(&job, "running").await;
+    let before = metric(&service, "tesserae_resident_memory_bytes").await;
+    let opened = Instant::now();
+    let request = format!("GET {}/events HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n", path(&job));
+    let readers: Vec<_> = (0..STREAMS)
+        .map(|_| {
+            let (request, address) = (request.clone(), service.address);
+            tokio::spawn(async move {
+                let mut stream = TcpStream::connect(address).await.expect("connected");
+                stream.write_all(request.as_bytes()).await.expect("sent");
+                let mut answer = Vec::new();
+                stream.read_to_end(&mut answer).await.expect("read");
+                String::from_utf8(answer).expect("text")
+            })
+        })
+        .collect();
+    until(async || metric(&service, "tesserae_event_streams").await == STREAMS as f64).await;
+    let opened = opened.elapsed();
+    let asked = Instant::now();
+    assert_eq!(service.get(path(&job)).send().await.expect("answered").status(), 200);
+    let asked = asked.elapsed();
+    let memory = metric(&service, "tesserae_resident_memory_bytes").await - before;
+    gate.open();
+    let ended = Instant::now();
+    let whole =
+        service.get(&format!("{}/events", path(&job))).send().await.expect("answered").text().await.expect("text");
+    let events = whole.matches("event: ").count();
+    for reader in readers {
+        let answer = reader.await.expect("no panic");
+        assert!(answer.starts_with("HTTP/1.1 200 "), "{answer}");
+        assert_eq!(answer.matches("event: ").count(), events, "every stream has every event");
+    }
+    println!(
+        "{STREAMS} streams: opened in {opened:?}, {:.0} KiB each with both ends, another request took {asked:?}, {events} \
+         events to each within {:?} of the start of the job",
+        memory / 1024.0 / STREAMS as f64,
+        ended.elapsed()
+    );
+    // buffers of both ends, in this one process
+    assert!(memory < 100e6, "{memory}");
+    until(async || metric(&service, "tesserae_event_streams").await == 0.0).await;
+}
+
+#[tokio::test]
 async fn uploads_share_the_bytes_in_flight() {
     let service = with(|traffic| traffic.max_bytes_in_flight = 100_000).await;
     let mut slow = TcpStream::connect(service.address).await.expect("connected");

@@ -8,7 +8,10 @@
 //! file. Material libraries, texture coordinates and normals are not looked at; what else there is, is skipped.
 
 mod chunk;
+#[cfg(not(fuzzing))]
 mod number;
+#[cfg(fuzzing)]
+pub(crate) mod number;
 mod text;
 
 use std::borrow::Cow;

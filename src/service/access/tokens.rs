@@ -232,7 +232,12 @@ pub(in crate::service) struct Tenant {
 impl Tokens {
     /// Reads the file at `path`.
     pub fn read(path: &Path) -> Result<Self> {
-        Ok(Self { by_id: TokenFile::read(path)?.index()? })
+        Self::of(&TokenFile::read(path)?)
+    }
+
+    /// The tokens of a file.
+    pub fn of(file: &TokenFile) -> Result<Self> {
+        Ok(Self { by_id: file.index()? })
     }
 
     /// Whose token it is. Takes as long for a wrong token as for a right one.
@@ -276,7 +281,7 @@ mod tests {
     use super::*;
 
     fn ask(file: &TokenFile, token: &str) -> Option<String> {
-        let tokens = Tokens { by_id: file.index().expect("valid") };
+        let tokens = Tokens::of(file).expect("valid");
         tokens.tenant(token).map(|tenant| tenant.name.clone())
     }
 

@@ -114,7 +114,6 @@ pub(super) struct Metrics {
     ready: Gauge,
     conditions: Family<ByPart, Gauge>,
     webhooks: Family<ByOutcome, Counter>,
-    #[allow(dead_code, reason = "set from the next change on")]
     webhooks_pending: Gauge,
     resident: Gauge,
     /// Average seconds between claim and end of a job; none before the first.
@@ -354,6 +353,16 @@ impl Metrics {
         if failed {
             self.store_errors.get_or_create(&label).inc();
         }
+    }
+
+    /// The end of a job was told, or not.
+    pub fn told(&self, outcome: &'static str) {
+        self.webhooks.get_or_create(&ByOutcome { outcome }).inc();
+    }
+
+    /// So many ends are still to be told.
+    pub fn webhooks_pending(&self, count: usize) {
+        self.webhooks_pending.set(count as i64);
     }
 
     /// So many more connections are open.

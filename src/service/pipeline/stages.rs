@@ -43,7 +43,7 @@ impl Pipeline {
             cancel: cancel.clone(),
             // Unbounded, so that the device never waits; the report holds the same rows anyway.
             on_row: Box::new(move |row| drop(rows.send(row))),
-            span: Span::current(),
+            span: tracing::info_span!("cluster"),
             reply,
             slot: Arc::clone(slot),
         };
@@ -74,7 +74,7 @@ impl Pipeline {
         let folder = self.files.upload(job.id);
         let spec = job.spec.clone();
         let limits = self.limits;
-        let span = Span::current();
+        let span = tracing::info_span!("read");
         blocking(move || {
             let _slot = slot;
             let _entered = span.enter();

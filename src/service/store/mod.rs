@@ -415,15 +415,12 @@ pub(super) trait JobStore: fmt::Debug + Send + Sync {
     fn arrivals(&self) -> watch::Receiver<u64>;
 
     /// Changes whenever a job with a webhook ended: what the teller of ends waits for. Marked as changed from the start.
-    #[allow(dead_code, reason = "told from the next change on")]
     fn endings(&self) -> watch::Receiver<u64>;
 
     /// Ended jobs whose webhook was not settled yet, in the order of their ends. Outlasts the process where jobs do.
-    #[allow(dead_code, reason = "told from the next change on")]
     async fn untold(&self) -> Result<Vec<JobId>>;
 
     /// The webhook of a job was delivered or given up: it is told no more. Nothing happens for an unknown job.
-    #[allow(dead_code, reason = "told from the next change on")]
     async fn settle_webhook(&self, id: JobId) -> Result<()>;
 
     /// Number of jobs of a tenant that wait.

@@ -1,0 +1,9 @@
+//! Headers that are read by hand: traceparent, Range, If-None-Match, Accept, Prefer, webhook URLs.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use tesserae::fuzzing;
+
+fuzz_target!(|bytes: &[u8]| {
+    fuzzing::headers(bytes);
+});

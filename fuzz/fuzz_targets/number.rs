@@ -1,0 +1,9 @@
+//! Numbers of OBJ: what is read is what the standard library reads.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use tesserae::fuzzing;
+
+fuzz_target!(|bytes: &[u8]| {
+    fuzzing::number(bytes);
+});

@@ -1,0 +1,10 @@
+//! The query and the JSON part of a job request: what follows the first line is the JSON part.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use tesserae::fuzzing;
+
+fuzz_target!(|bytes: &[u8]| {
+    let (query, json) = fuzzing::split(bytes, b"\n");
+    fuzzing::request(query, json);
+});

@@ -1,0 +1,50 @@
+//! What fuzzers (`fuzz/`) get at that nobody else does: parsers that are not public. Compiled for them only.
+
+use crate::error::{Error, Result};
+use crate::job;
+use crate::mesh::{Resources, number};
+
+pub use crate::service::fuzzing::{form, headers, request, tokens};
+
+/// Bytes before and after the first `separator`; all of them before it when there is none.
+pub fn split<'a>(bytes: &'a [u8], separator: &[u8]) -> (&'a [u8], &'a [u8]) {
+    match bytes.windows(separator.len()).position(|window| window == separator) {
+        Some(at) => (&bytes[..at], &bytes[at + separator.len()..]),
+        None => (bytes, &[]),
+    }
+}
+
+/// One buffer, which every URI leads to.
+#[derive(Debug)]
+pub struct One<'a>(pub &'a [u8]);
+
+impl Resources for One<'_> {
+    fn load(&self, uri: &str, max_bytes: u64) -> Result<Vec<u8>> {
+        match self.0.len() as u64 > max_bytes {
+            true => Err(Error::too_large(format_args!("more than {max_bytes}: {uri}"))),
+            false => Ok(self.0.to_vec()),
+        }
+    }
+}
+
+/// A number, and whether the standard library reads the same.
+pub fn number(bytes: &[u8]) {
+    if let Some((value, length)) = number::float(bytes) {
+        let text = std::str::from_utf8(&bytes[..length]).expect("a number is ASCII");
+        let expected: f64 = text.parse().expect("what is read as a number is one");
+        assert_eq!(value.to_bits(), expected.to_bits(), "{text}");
+    }
+    if let Some((value, length)) = number::integer(bytes) {
+        let text = std::str::from_utf8(&bytes[..length]).expect("a number is ASCII");
+        if let Ok(expected) = text.parse::<i64>() {
+            assert_eq!(value, expected, "{text}");
+        }
+    }
+}
+
+/// Lists of seeds and of weights.
+pub fn lists(bytes: &[u8]) {
+    let _ = job::parse_seeds(bytes);
+    let _ = job::parse_weights(bytes);
+    let _ = job::check_head_of_weights(bytes);
+}

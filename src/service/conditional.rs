@@ -1,0 +1,228 @@
+//! Results that the client has already, or wants a part of: ETag, If-None-Match, Range (RFC 9110 §13 and §14).
+//!
+//! A layer around the routes of results. A result never changes while its job is there, and an id is never used again:
+//! path, query and media type say which bytes they are, so the tag is made of these, and no result is read for it.
+
+use std::ops::Range;
+
+use axum::body::{Body, BodyDataStream, Bytes, HttpBody};
+use axum::extract::Request;
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use futures_util::{StreamExt, stream};
+use sha2::{Digest, Sha256};
+
+use super::problem::Failure;
+use crate::error::{Error, Kind};
+
+/// What compression adds to a tag, because compressed bytes are other bytes.
+const CODINGS: [&str; 2] = ["gzip", "zstd"];
+
+/// Answers with nothing, a part or all of a result.
+pub(super) async fn results(request: Request, next: Next) -> Response {
+    let asked = request.headers().clone();
+    let (is_get, uri) = (request.method() == Method::GET, request.uri().clone());
+    let mut response = next.run(request).await;
+    if response.status() != StatusCode::OK {
+        return response;
+    }
+    let media_type = response.headers().get(header::CONTENT_TYPE).map_or(&b""[..], HeaderValue::as_bytes);
+    let digest =
+        Sha256::new().chain_update(uri.path_and_query().map_or("", |path| path.as_str())).chain_update(media_type);
+    let tag: String = digest.finalize()[..16].iter().map(|byte| format!("{byte:02x}")).collect();
+    let headers = response.headers_mut();
+    if let Ok(value) = HeaderValue::try_from(format!("\"{tag}\"")) {
+        headers.insert(header::ETAG, value);
+    }
+    // kept by whom it is for, and asked for again before it is used
+    headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("private, no-cache"));
+    headers.insert(header::ACCEPT_RANGES, HeaderValue::from_static("bytes"));
+    if let Some(known) = known(&asked, &tag) {
+        let headers = response.headers_mut();
+        headers.insert(header::ETAG, known);
+        headers.remove(header::CONTENT_TYPE);
+        headers.remove(header::CONTENT_LENGTH);
+        *response.body_mut() = Body::empty();
+        *response.status_mut() = StatusCode::NOT_MODIFIED;
+        return response;
+    }
+    match (is_get, length(&response), asked.get(header::RANGE)) {
+        (true, Some(length), Some(range)) if if_range(&asked, &tag) => match parse(range, length) {
+            Some(Ok(range)) => part(response, range, length),
+            Some(Err(error)) => Failure { complete_length: Some(length), ..error.into() }.into_response(),
+            None => response,
+        },
+        _ => response,
+    }
+}
+
+/// Adds the content coding to the tag of a response that was compressed since it got the tag.
+pub(super) async fn distinguish_codings(request: Request, next: Next) -> Response {
+    let mut response = next.run(request).await;
+    let headers = response.headers();
+    let (Some(tag), Some(coding)) = (headers.get(header::ETAG), headers.get(header::CONTENT_ENCODING)) else {
+        return response;
+    };
+    let (tag, coding) = (tag.to_str().unwrap_or_default(), coding.to_str().unwrap_or_default());
+    let is_new = response.status() == StatusCode::OK;
+    if let Some(stem) = tag.strip_suffix('"').filter(|_| is_new)
+        && let Ok(value) = HeaderValue::try_from(format!("{stem}-{coding}\""))
+    {
+        let headers = response.headers_mut();
+        headers.insert(header::ETAG, value);
+        // parts are parts of what is not compressed
+        headers.remove(header::ACCEPT_RANGES);
+    }
+    response
+}
+
+/// The tag that the client has, if it is that of the result in some coding.
+fn known(asked: &HeaderMap, tag: &str) -> Option<HeaderValue> {
+    let values = asked.get_all(header::IF_NONE_MATCH).iter().filter_map(|value| value.to_str().ok());
+    let found = values.flat_map(|value| value.split(',')).map(str::trim).find(|candidate| {
+        let candidate = candidate.strip_prefix("W/").unwrap_or(candidate);
+        let candidate = candidate.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')).unwrap_or(candidate);
+        let stem = candidate
+            .split_once('-')
+            .filter(|(_, coding)| CODINGS.contains(coding))
+            .map_or(candidate, |(stem, _)| stem);
+        candidate == "*" || stem == tag
+    })?;
+    match found {
+        "*" => HeaderValue::try_from(format!("\"{tag}\"")).ok(),
+        found => HeaderValue::from_str(found).ok(),
+    }
+}
+
+/// Whether a range may be answered: the client says to have a part of these very bytes, or nothing.
+fn if_range(asked: &HeaderMap, tag: &str) -> bool {
+    asked.get(header::IF_RANGE).is_none_or(|value| value.as_bytes() == format!("\"{tag}\"").as_bytes())
+}
+
+/// Bytes of a response, if that is known.
+fn length(response: &Response) -> Option<u64> {
+    let declared = response.headers().get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse().ok());
+    declared.or_else(|| response.body().size_hint().exact())
+}
+
+/// The bytes that a `Range` asks for. None for what may be ignored: other units, several ranges, and nonsense.
+fn parse(range: &HeaderValue, length: u64) -> Option<Result<Range<u64>, Error>> {
+    let range = range.to_str().ok()?.strip_prefix("bytes=")?.trim();
+    let (first, last) = range.split_once('-')?;
+    let number =
+        |text: &str| text.bytes().all(|byte| byte.is_ascii_digit()).then(|| text.parse::<u64>().ok()).flatten();
+    let found = match (first, last) {
+        ("", last) => length.saturating_sub(number(last)?)..length,
+        (first, "") => number(first)?..length,
+        (first, last) if number(first)? <= number(last)? => number(first)?..number(last)?.saturating_add(1).min(length),
+        _ => return None,
+    };
+    Some(if found.is_empty() {
+        let message =
+            format_args!("the result has {length} bytes, none of which is in the range that was asked for: {range}");
+        Err(Error::new(Kind::RangeNotSatisfiable, message))
+    } else {
+        Ok(found)
+    })
+}
+
+/// A part of a response.
+fn part(response: Response, range: Range<u64>, length: u64) -> Response {
+    let (mut parts, body) = response.into_parts();
+    parts.status = StatusCode::PARTIAL_CONTENT;
+    parts.headers.insert(header::CONTENT_LENGTH, (range.end - range.start).into());
+    if let Ok(value) = HeaderValue::try_from(format!("bytes {}-{}/{length}", range.start, range.end - 1)) {
+        parts.headers.insert(header::CONTENT_RANGE, value);
+    }
+    Response::from_parts(parts, Body::from_stream(slice(body.into_data_stream(), range)))
+}
+
+/// Some bytes of a stream: those before are read and dropped, those after are not read.
+fn slice(body: BodyDataStream, range: Range<u64>) -> impl stream::Stream<Item = Result<Bytes, axum::Error>> {
+    stream::unfold((body, range.start, range.end - range.start), |(mut body, mut skip, left)| async move {
+        if left == 0 {
+            return None;
+        }
+        loop {
+            let mut bytes = match body.next().await? {
+                Ok(bytes) => bytes,
+                Err(error) => return Some((Err(error), (body, skip, 0))),
+            };
+            let dropped = skip.min(bytes.len() as u64);
+            skip -= dropped;
+            drop(bytes.split_to(dropped as usize));
+            bytes.truncate(left.min(bytes.len() as u64) as usize);
+            if !bytes.is_empty() {
+                let left = left - bytes.len() as u64;
+                return Some((Ok(bytes), (body, skip, left)));
+            }
+        }
+    })
+}
+
+/// Reads the headers.
+#[cfg(fuzzing)]
+pub(super) fn for_fuzzing(headers: &HeaderMap, length: u64) {
+    let _ = known(headers, "abc");
+    if let Some(Some(Ok(range))) = headers.get(header::RANGE).map(|range| parse(range, length)) {
+        assert!(range.start < range.end && range.end <= length);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_are_read_as_the_standard_says() {
+        let range = |text: &'static str| parse(&HeaderValue::from_static(text), 100).map(|found| found.ok());
+        for (text, expected) in [
+            ("bytes=0-9", Some(Some(0..10))),
+            ("bytes=90-", Some(Some(90..100))),
+            ("bytes=-10", Some(Some(90..100))),
+            ("bytes=-1000", Some(Some(0..100))),
+            ("bytes=99-99999999999", Some(Some(99..100))),
+            ("bytes=100-", Some(None)),
+            ("bytes=-0", Some(None)),
+            ("bytes=9-0", None),
+            ("bytes=0-1,5-6", None),
+            ("bytes=", None),
+            ("bytes=-", None),
+            ("bytes=+1-2", None),
+            ("lines=0-9", None),
+            ("bytes=99999999999999999999-", None),
+        ] {
+            assert_eq!(range(text), expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_tag_is_known_in_every_coding_and_among_others() {
+        for (header, expected) in [
+            ("\"abc\"", Some("\"abc\"")),
+            ("\"x\", W/\"abc-gzip\"", Some("W/\"abc-gzip\"")),
+            ("*", Some("\"abc\"")),
+            ("\"abc-br\"", None),
+            ("\"x\"", None),
+            ("", None),
+        ] {
+            let mut asked = HeaderMap::new();
+            asked.insert(header::IF_NONE_MATCH, HeaderValue::from_static(header));
+            assert_eq!(known(&asked, "abc").as_ref().map(|value| value.to_str().expect("text")), expected, "{header}");
+        }
+    }
+
+    #[tokio::test]
+    async fn a_slice_has_the_bytes_that_were_asked_for_however_they_come() {
+        let all: Vec<u8> = (0..=255).collect();
+        for (chunk, range) in [(1, 0..256), (7, 3..4), (7, 6..8), (100, 99..201), (256, 255..256), (3, 0..1)] {
+            let chunks: Vec<_> =
+                all.chunks(chunk).map(|bytes| Ok::<_, std::io::Error>(Bytes::copy_from_slice(bytes))).collect();
+            let body = Body::from_stream(stream::iter(chunks));
+            let sliced = Body::from_stream(slice(body.into_data_stream(), range.clone()));
+            let bytes = axum::body::to_bytes(sliced, 1000).await.expect("bytes");
+            assert_eq!(bytes, all[range.start as usize..range.end as usize], "{chunk} {range:?}");
+        }
+    }
+}

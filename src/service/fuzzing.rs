@@ -1,0 +1,71 @@
+//! The parsers of the service, for fuzzers.
+
+use std::sync::{Arc, OnceLock};
+
+use axum::body::Body;
+use axum::extract::Request;
+use axum::http::{HeaderMap, HeaderValue, header};
+use tokio::runtime::Runtime;
+
+use super::access::tokens::{TokenFile, Tokens};
+use super::files::Files;
+use super::intake::Rules;
+use super::request::Wanted;
+use super::settings::TrafficSettings;
+use super::trace::TraceParent;
+use super::traffic::budget::Budget;
+use super::{conditional, negotiate, prefer, upload, webhooks};
+
+/// A query string and a JSON part.
+pub fn request(query: &[u8], json: &[u8]) {
+    let Ok(uri) = format!("/v1/jobs?{}", String::from_utf8_lossy(query)).parse() else { return };
+    let Ok(mut wanted) = Wanted::from_query(&uri) else { return };
+    let _ = wanted.add_json(json);
+    let _ = wanted.check_early(true);
+    let _ = wanted.finish(false);
+}
+
+/// A form with the boundary `b`, as an upload.
+pub fn form(bytes: &[u8]) {
+    static PLACE: OnceLock<(Runtime, Arc<Files>)> = OnceLock::new();
+    let (runtime, files) = PLACE.get_or_init(|| {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
+        (runtime, Arc::new(Files::create(None).expect("a folder")))
+    });
+    let rules = Rules::new(1 << 20, &TrafficSettings::default(), Arc::new(Budget::new(1 << 30)));
+    let request = Request::post("/v1/jobs?clusters=3")
+        .header("content-type", "multipart/form-data; boundary=b")
+        .body(Body::from(bytes.to_vec()))
+        .expect("a request");
+    let _ = runtime.block_on(upload::receive(request, files, "fuzz", rules));
+}
+
+/// A file of tokens; its content as a token.
+pub fn tokens(bytes: &[u8]) {
+    let _ = TokenFile::parse(bytes);
+    let mut file = TokenFile::default();
+    let token = file.add("a").expect("a token").reveal();
+    let tokens = Tokens::of(&file).expect("valid");
+    let text = String::from_utf8_lossy(bytes);
+    assert!(tokens.tenant(&text).is_none() || text == token);
+}
+
+/// The value of headers.
+pub fn headers(bytes: &[u8]) {
+    let Ok(value) = HeaderValue::from_bytes(bytes) else { return };
+    let mut headers = HeaderMap::new();
+    for name in ["traceparent", "prefer"] {
+        headers.insert(name, value.clone());
+    }
+    for name in [header::ACCEPT, header::IF_NONE_MATCH, header::RANGE] {
+        headers.insert(name, value.clone());
+    }
+    let parent = TraceParent::of_request(&headers);
+    assert_eq!(TraceParent::parse(&parent.to_string()), Some(parent));
+    let _ = prefer::wait(&headers, std::time::Duration::from_secs(60));
+    let _ = negotiate::label_format(&headers);
+    conditional::for_fuzzing(&headers, 100);
+    if let Ok(text) = value.to_str() {
+        webhooks::for_fuzzing(text);
+    }
+}

@@ -1,0 +1,18 @@
+//! Where ends of jobs may be told.
+
+use std::path::PathBuf;
+
+use crate::service::WebhookHost;
+
+/// Settings of webhooks.
+#[derive(Debug, Clone, Default, PartialEq, clap::Args)]
+pub struct WebhookSettings {
+    /// Hosts that webhooks may go to: HOST[:PORT] by https, http://HOST[:PORT] in the clear; a name that leads to a private
+    /// address needs that address listed too. None when left out
+    #[arg(long, env = "TESSERAE_WEBHOOK_HOSTS", value_name = "HOST,…", value_delimiter = ',')]
+    pub webhook_hosts: Vec<WebhookHost>,
+
+    /// File with the secret that webhooks are signed with: `whsec_` and 24 to 64 bytes in base64
+    #[arg(long, env = "TESSERAE_WEBHOOK_SECRET", value_name = "FILE")]
+    pub webhook_secret: Option<PathBuf>,
+}

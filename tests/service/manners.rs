@@ -1,0 +1,168 @@
+//! What HTTP has for clients that ask again, ask for a part, or ask for less.
+
+use std::io::Read as _;
+
+use reqwest::Method;
+use serde_json::Value;
+use tesserae::device::cpu::CpuDevice;
+
+use crate::support::*;
+
+/// A service and a job that succeeded.
+async fn with_job(query: &str, faces: u64) -> (Service, Value) {
+    let service = Service::start().await;
+    let job = service.submit(query, sphere(faces)).await;
+    let job = service.ended(&job).await;
+    assert_eq!(job["state"], "succeeded", "{job}");
+    (service, job)
+}
+
+#[tokio::test]
+async fn a_result_that_the_client_has_is_not_sent_again() {
+    let (service, job) = with_job("algorithm=pml", 600).await;
+    let path = path(&job);
+    let mut tags = std::collections::BTreeSet::new();
+    for (rest, accept) in [
+        ("/labels?clusters=9", "application/json"),
+        ("/labels?clusters=8", "application/json"),
+        ("/labels?clusters=9", "application/x-npy"),
+        ("/hierarchy", "application/json"),
+        ("/hierarchy?min_clusters=5", "application/json"),
+        ("/hierarchy", "application/octet-stream"),
+        ("/report", "application/json"),
+    ] {
+        let get = || service.get(&format!("{path}{rest}")).header("accept", accept);
+        let whole = get().send().await.expect("answered");
+        assert_eq!(
+            (whole.status().as_u16(), &whole.headers()["cache-control"]),
+            (200, &"private, no-cache".parse().expect("a header"))
+        );
+        let tag = whole.headers()["etag"].to_str().expect("text").to_owned();
+        assert!(tags.insert(tag.clone()), "{rest} {accept}: other bytes have other tags");
+        for known in [tag.clone(), format!("\"x\", W/{tag}"), "*".to_owned()] {
+            let answer = get().header("if-none-match", known).send().await.expect("answered");
+            assert_eq!(answer.status(), 304, "{rest}");
+            assert!(answer.headers().contains_key("etag") && answer.headers().contains_key("cache-control"));
+            assert!(answer.bytes().await.expect("bytes").is_empty());
+        }
+        assert_eq!(get().header("if-none-match", "\"x\"").send().await.expect("answered").status(), 200);
+    }
+    service.delete(path).send().await.expect("answered");
+    refused(service.get(&format!("{path}/report")).header("if-none-match", "*"), 404, "not-found").await;
+}
+
+#[tokio::test]
+async fn parts_of_a_result_make_the_whole() {
+    let (service, job) = with_job("clusters=9", 60_000).await;
+    let get = || service.get(&format!("{}/labels", path(&job))).header("accept", "application/octet-stream");
+    let whole = get().send().await.expect("answered");
+    assert_eq!(whole.headers()["accept-ranges"], "bytes");
+    let tag = whole.headers()["etag"].clone();
+    let whole = whole.bytes().await.expect("bytes");
+    let mut parts = Vec::new();
+    while parts.len() < whole.len() {
+        let range = format!("bytes={}-{}", parts.len(), parts.len() + 70_000);
+        let answer = get().header("range", range).header("if-range", &tag).send().await.expect("answered");
+        assert_eq!(answer.status(), 206);
+        let told = answer.headers()["content-range"].to_str().expect("text").to_owned();
+        let part = answer.bytes().await.expect("bytes");
+        assert_eq!(told, format!("bytes {}-{}/{}", parts.len(), parts.len() + part.len() - 1, whole.len()));
+        parts.extend_from_slice(&part);
+    }
+    assert_eq!(parts, whole);
+    let last = get().header("range", "bytes=-4").send().await.expect("answered").bytes().await.expect("bytes");
+    assert_eq!(last, whole[whole.len() - 4..]);
+    for ignored in ["bytes=0-1,5-6", "lines=1-2", "bytes=x-", "bytes=9-2"] {
+        assert_eq!(get().header("range", ignored).send().await.expect("answered").status(), 200, "{ignored}");
+    }
+    let other = get().header("range", "bytes=0-1").header("if-range", "\"x\"").send().await.expect("answered");
+    assert_eq!(other.status(), 200, "a part of other bytes is of no use");
+    let answer = get().header("range", format!("bytes={}-", whole.len())).send().await.expect("answered");
+    assert_eq!(answer.headers()["content-range"], format!("bytes */{}", whole.len()));
+    problem(answer, 416, "range-not-satisfiable").await;
+}
+
+#[tokio::test]
+async fn answers_are_compressed_for_who_can_read_that_and_streams_are_not() {
+    let (service, job) = with_job("clusters=9", 6_000).await;
+    let labels = format!("{}/labels", path(&job));
+    let plain = service.get(&labels).send().await.expect("answered");
+    let plain_tag = plain.headers()["etag"].clone();
+    let plain = plain.bytes().await.expect("bytes");
+    for coding in ["gzip", "zstd"] {
+        let answer = service.get(&labels).header("accept-encoding", coding).send().await.expect("answered");
+        assert_eq!(answer.headers()["content-encoding"], coding);
+        assert!(answer.headers()["vary"].to_str().expect("text").contains("accept"));
+        let tag = answer.headers()["etag"].clone();
+        assert_ne!(tag, plain_tag, "other bytes");
+        let bytes = answer.bytes().await.expect("bytes");
+        assert!(bytes.len() < plain.len() / 2, "{} of {}", bytes.len(), plain.len());
+        let mut read = Vec::new();
+        match coding {
+            "gzip" => flate2::read::GzDecoder::new(&bytes[..]).read_to_end(&mut read).expect("gzip"),
+            _ => zstd::Decoder::new(&bytes[..]).expect("zstd").read_to_end(&mut read).expect("zstd"),
+        };
+        assert_eq!(read, plain);
+        let again = service.get(&labels).header("accept-encoding", coding).header("if-none-match", tag);
+        assert_eq!(again.send().await.expect("answered").status(), 304);
+        let part = service.get(&labels).header("accept-encoding", coding).header("range", "bytes=0-2000");
+        let part = part.send().await.expect("answered");
+        assert_eq!((part.status().as_u16(), part.headers().contains_key("content-encoding")), (206, false));
+        assert_eq!(part.bytes().await.expect("bytes"), plain[..2001]);
+        let events = service.get(&format!("{}/events", path(&job))).header("accept-encoding", coding);
+        assert!(!events.send().await.expect("answered").headers().contains_key("content-encoding"));
+    }
+    let small = service.get("/healthz").header("accept-encoding", "gzip").send().await.expect("answered");
+    assert!(!small.headers().contains_key("content-encoding"));
+}
+
+#[tokio::test]
+async fn everything_that_can_be_got_has_a_head() {
+    let (service, job) = with_job("algorithm=pml", 600).await;
+    let path = path(&job);
+    let own = ["", "/labels?clusters=9", "/hierarchy", "/report", "/events"].map(|rest| format!("{path}{rest}"));
+    let others = [
+        "/v1/jobs",
+        "/v1/device",
+        "/v1/formats",
+        "/v1/version",
+        "/healthz",
+        "/readyz",
+        "/metrics",
+        "/openapi.yaml",
+        "/nothing",
+    ];
+    for path in own.iter().map(String::as_str).chain(others) {
+        let get = service.get(path).send().await.expect("answered");
+        let head = service.client.request(Method::HEAD, service.url(path)).send().await.expect("answered");
+        assert_eq!(head.status(), get.status(), "{path}");
+        for name in ["content-type", "etag", "cache-control"] {
+            assert_eq!(head.headers().get(name), get.headers().get(name), "{path}");
+        }
+        assert!(head.bytes().await.expect("bytes").is_empty());
+    }
+}
+
+#[tokio::test]
+async fn pages_link_to_the_next_one() {
+    let service = Service::with(|settings| settings.max_wait = 60, Box::new(CpuDevice::new())).await;
+    for _ in 0..5 {
+        let job = service.submit("clusters=3", sphere(100)).await;
+        service.ended(&job).await;
+    }
+    let mut next = Some("/v1/jobs?state=succeeded&limit=2".to_owned());
+    let mut seen = 0;
+    while let Some(url) = next {
+        let page = service.get(&url).send().await.expect("answered");
+        next = page.headers().get("link").map(|link| {
+            let (url, rest) =
+                link.to_str().expect("text").strip_prefix('<').and_then(|link| link.split_once('>')).expect("a link");
+            assert_eq!(rest, "; rel=\"next\"");
+            url.to_owned()
+        });
+        let body: Value = page.json().await.expect("JSON");
+        assert_eq!(body["next"].is_null(), next.is_none());
+        seen += body["jobs"].as_array().expect("jobs").len();
+    }
+    assert_eq!(seen, 5);
+}
