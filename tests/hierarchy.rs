@@ -253,7 +253,8 @@ fn plateaus_of_equal_faces_take_rounds_in_proportion_to_the_logarithm() {
     }
     // the paper's rule crawls, but arrives
     let strip = Surface::build(&generate(Sample::Strip, 512).expect("a sample")).expect("a surface");
-    let rounds = run(&strip, &Options { optimise: false, ties: Ties::LargestId, pairs: Pairs::All, ..pml() }).rounds.len();
+    let rounds =
+        run(&strip, &Options { optimise: false, ties: Ties::LargestId, pairs: Pairs::All, ..pml() }).rounds.len();
     assert!(rounds > 100, "{rounds} rounds");
 }
 
