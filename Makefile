@@ -26,7 +26,7 @@ run:  ## install what is missing, build, and serve on http://127.0.0.1:8080 (TES
 
 .PHONY: test
 test: lint  ## install what is missing and check everything, on cpu and on a software gpu
-	@$(MAKE) --no-print-directory unit end-to-end fuzz deploy
+	@$(MAKE) --no-print-directory unit end-to-end crash fuzz deploy
 
 .PHONY: lint
 lint: install-test  ## formatting, clippy and documentation, warnings denied
@@ -42,6 +42,10 @@ unit: install-test  ## the tests of the crate
 end-to-end: debug-binary $(VENV)/ready  ## service and command line from outside, results scored independently
 	$(VENV)/bin/python tests/scripts/end_to_end.py $(TARGET)/debug/tesserae $(TESSERAE_TEST_MESHES)
 	$(VENV)/bin/python tests/scripts/readme.py $(TARGET)/debug/tesserae
+
+.PHONY: crash
+crash: debug-binary  ## kill the service at random moments under load (KILLS=100 within CRASH_SECONDS=60), and count
+	python3 tests/scripts/crash.py $(TARGET)/debug/tesserae $(or $(KILLS),100) $(or $(CRASH_SECONDS),60)
 
 .PHONY: fuzz
 fuzz: debug-binary $(VENV)/ready  ## the service against its OpenAPI document

@@ -245,6 +245,11 @@ impl Error {
         Self::new(Kind::Io, format_args!("{what}: {error}"))
     }
 
+    /// Whether it is one of the disk, rather than of what is asked for: another attempt may find the disk well again.
+    pub fn is_of_storage(&self) -> bool {
+        matches!(self.kind, Kind::InsufficientStorage | Kind::Unavailable)
+    }
+
     /// The job was cancelled.
     pub fn cancelled() -> Self {
         Self::new(Kind::Cancelled, "the job was cancelled")

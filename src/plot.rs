@@ -98,24 +98,54 @@ pub fn draw(curves: &[Curve]) -> Result<String> {
     };
     let of_iterations: Vec<(String, Points)> =
         flats.iter().map(|curve| (curve.name.clone(), curve.iterations())).collect();
-    draw_panels(&[("clusters", of_clusters), ("iteration", of_iterations)])
+    draw_panels(&[
+        Panel { x: "clusters", y: "energy", lines: of_clusters },
+        Panel { x: "iteration", y: "energy", lines: of_iterations },
+    ])
 }
 
-/// Draws lines of (clusters, energy), each with its name, as SVG. Fails when there is nothing to show.
-pub fn draw_against_clusters(lines: &[(String, Vec<(u64, f64)>)]) -> Result<String> {
-    let lines: Vec<(String, Points)> = lines
-        .iter()
-        .map(|(name, points)| {
-            (name.clone(), drawable(points.iter().map(|&(clusters, energy)| (logarithm(clusters), Some(energy)))))
-        })
-        .collect();
-    draw_panels(&[("clusters", lines)])
+/// A line of (clusters, energy) with its name.
+pub type Line = (String, Vec<(u64, f64)>);
+
+/// Draws lines as SVG, and below them others whose energies are told as parts of something. Fails when there is nothing to
+/// show.
+pub fn draw_against_clusters(lines: &[Line], part_of: &str, parts: &[Line]) -> Result<String> {
+    let points = |(name, points): &Line| {
+        (name.clone(), drawable(points.iter().map(|&(clusters, energy)| (logarithm(clusters), Some(energy)))))
+    };
+    draw_panels(&[
+        Panel { x: "clusters", y: "energy", lines: lines.iter().map(points).collect() },
+        Panel { x: "clusters", y: part_of, lines: parts.iter().map(points).collect() },
+    ])
 }
 
-/// Draws panels, one below the other, those without points left out: the unit of x, and lines with their names.
-fn draw_panels(panels: &[(&str, Vec<(String, Points)>)]) -> Result<String> {
+/// Axes and lines.
+struct Panel<'a> {
+    /// What x counts: `clusters`, whose logarithms are drawn, or `iteration`.
+    x: &'a str,
+    /// What y tells: `energy`, or parts of one.
+    y: &'a str,
+    /// Lines with their names.
+    lines: Vec<(String, Points)>,
+}
+
+/// Colours of lines, far apart also for those who see few.
+const COLORS: [RGBColor; 9] = [
+    RGBColor(0x99, 0x99, 0x99),
+    RGBColor(0x00, 0x72, 0xb2),
+    RGBColor(0x56, 0xb4, 0xe9),
+    RGBColor(0x00, 0x9e, 0x73),
+    RGBColor(0x00, 0x00, 0x00),
+    RGBColor(0xf0, 0xe4, 0x42),
+    RGBColor(0xe6, 0x9f, 0x00),
+    RGBColor(0xcc, 0x79, 0xa7),
+    RGBColor(0xd5, 0x5e, 0x00),
+];
+
+/// Draws panels, one below the other, those without points left out.
+fn draw_panels(panels: &[Panel<'_>]) -> Result<String> {
     let panels: Vec<_> =
-        panels.iter().filter(|(_, lines)| lines.iter().any(|(_, points)| !points.is_empty())).collect();
+        panels.iter().filter(|panel| panel.lines.iter().any(|(_, points)| !points.is_empty())).collect();
     if panels.is_empty() {
         return Err(Error::new(Kind::BadRequest, "the reports have no energies above 0 to draw"));
     }
@@ -124,9 +154,8 @@ fn draw_panels(panels: &[(&str, Vec<(String, Points)>)]) -> Result<String> {
         let root = SVGBackend::with_string(&mut svg, (PANEL.0, PANEL.1 * panels.len() as u32)).into_drawing_area();
         root.fill(&WHITE).map_err(defect)?;
         let areas = root.split_evenly((panels.len(), 1));
-        for (area, (unit, lines)) in areas.iter().zip(panels) {
-            let (x, y) = (extent(lines, |point| point.0), extent(lines, |point| point.1));
-            panel(area, unit, x, y, lines)?;
+        for (area, panel) in areas.iter().zip(panels) {
+            draw_panel(area, panel)?;
         }
         root.present().map_err(defect)
     })();
@@ -143,31 +172,29 @@ fn extent(lines: &[(String, Points)], coordinate: impl Fn(&(f64, f64)) -> f64) -
 }
 
 /// One panel with its axes, lines and legend.
-fn panel(
-    area: &DrawingArea<SVGBackend<'_>, Shift>,
-    unit: &str,
-    x: Range<f64>,
-    y: Range<f64>,
-    lines: &[(String, Points)],
-) -> Result<()> {
+fn draw_panel(area: &DrawingArea<SVGBackend<'_>, Shift>, panel: &Panel<'_>) -> Result<()> {
+    let (x, y) = (extent(&panel.lines, |point| point.0), extent(&panel.lines, |point| point.1));
     let mut chart = ChartBuilder::on(area)
         .margin(16)
         .x_label_area_size(44)
         .y_label_area_size(92)
         .build_cartesian_2d(x, y)
         .map_err(defect)?;
-    let is_clusters = unit == "clusters";
+    let (is_clusters, is_energy) = (panel.x == "clusters", panel.y == "energy");
     chart
         .configure_mesh()
-        .x_desc(unit)
-        .y_desc("energy")
+        .x_desc(panel.x)
+        .y_desc(panel.y)
         .x_label_formatter(&|&x| format!("{:.0}", if is_clusters { 10f64.powf(x) } else { x }))
-        .y_label_formatter(&|&y| format!("{:.2e}", 10f64.powf(y)))
+        .y_label_formatter(&|&y| {
+            let value = 10f64.powf(y);
+            if is_energy { format!("{value:.2e}") } else { format!("{value:.3}") }
+        })
         .light_line_style(WHITE.mix(0.0))
         .draw()
         .map_err(defect)?;
-    for (nth, (name, points)) in lines.iter().enumerate() {
-        let color = Palette99::pick(nth).to_rgba();
+    for (nth, (name, points)) in panel.lines.iter().enumerate() {
+        let color = COLORS[nth % COLORS.len()];
         let series =
             chart.draw_series(LineSeries::new(points.iter().copied(), color.stroke_width(2))).map_err(defect)?;
         series.label(name).legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], color.stroke_width(2)));

@@ -15,6 +15,7 @@ fn run(parameters: &Parameters) -> tesserae::Result<Outcome> {
         format: Format::Obj,
         resources: &NoResources,
         limits: Limits::default(),
+        admit: &|_| Ok(()),
         parameters,
         seeds: None,
         weights: None,

@@ -24,6 +24,7 @@ fn prepare(mesh: &PolygonMesh, parameters: &Parameters) -> Prepared {
         bytes: &obj,
         format: Format::Obj,
         resources: &NoResources,
+        admit: &|_| Ok(()),
         limits: Limits::default(),
         parameters,
         seeds: None,

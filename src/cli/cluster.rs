@@ -238,6 +238,7 @@ fn cluster(arguments: &Arguments, outputs: &[Output<'_>], progress: &mut Progres
         format,
         resources: &*resources,
         limits,
+        admit: &|_| Ok(()),
         parameters: &arguments.parameters,
         seeds: seeds.as_deref(),
         weights: weights.as_deref(),

@@ -6,7 +6,7 @@ use crate::error::Result;
 use crate::job::Prepared;
 
 /// Which device a command uses.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 pub struct DeviceArguments {
     /// Where to cluster; labels do not depend on it
     #[arg(long, env = "TESSERAE_DEVICE", value_enum, default_value_t)]

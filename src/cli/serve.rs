@@ -1,11 +1,13 @@
 //! `tesserae serve`: the HTTP service in this process.
 
+use std::sync::Arc;
+
 use super::device::DeviceArguments;
 use super::{Failure, signals};
 use crate::device::select::DeviceChoice;
 use crate::error::Error;
 use crate::report::{DeviceInfo, DeviceKind};
-use crate::service::{self, DeviceDescription, LogSettings, Settings};
+use crate::service::{self, DeviceDescription, Extras, LogSettings, Settings};
 
 /// Arguments of `tesserae serve`.
 #[derive(Debug, clap::Args)]
@@ -47,13 +49,16 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         info: device.info().clone(),
         or_cpu: arguments.device.is_auto(),
     };
+    let choice = arguments.device.clone();
+    let reopen: service::Reopen = Arc::new(move || choice.open_for_any());
+    let extras = Extras { reopen: Some(reopen), ..Extras::default() };
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .build()
         .map_err(|error| Error::io("cannot start the threads of the service", error))?;
     let served = runtime.block_on(async {
         let shutdown = signals::requests_to_stop().map_err(|error| Error::io("cannot listen for signals", error))?;
-        service::serve(arguments.settings, device, description, shutdown).await
+        service::serve(arguments.settings, device, description, extras, shutdown).await
     });
     // What still works on a mesh is left behind.
     runtime.shutdown_background();

@@ -8,7 +8,7 @@ pub mod gpu;
 pub mod select;
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use crate::cluster::dual_edge::Ties;
 use crate::cluster::sums::ClusterSums;
@@ -149,18 +149,29 @@ pub struct LatticeEnergy {
 }
 
 /// A flag that asks a running job to stop; clones share it.
+///
+/// Who runs looks at it again and again; a watchdog can [count](Self::counting) that to see whether anything goes on.
 #[derive(Debug, Clone, Default)]
-pub struct Cancel(Arc<AtomicBool>);
+pub struct Cancel {
+    asked: Arc<AtomicBool>,
+    looks: Arc<AtomicU64>,
+}
 
 impl Cancel {
+    /// A flag that counts in `looks` how often it is looked at.
+    pub fn counting(looks: Arc<AtomicU64>) -> Self {
+        Self { asked: Arc::default(), looks }
+    }
+
     /// Asks to stop.
     pub fn cancel(&self) {
-        self.0.store(true, Ordering::Relaxed);
+        self.asked.store(true, Ordering::Relaxed);
     }
 
     /// Whether it was asked to stop.
     pub fn is_cancelled(&self) -> bool {
-        self.0.load(Ordering::Relaxed)
+        self.looks.fetch_add(1, Ordering::Relaxed);
+        self.asked.load(Ordering::Relaxed)
     }
 
     /// An error when it was asked to stop.

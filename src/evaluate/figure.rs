@@ -95,11 +95,18 @@ impl Figure {
         self.curves.iter().find(|curve| curve.name == name)
     }
 
-    /// As SVG.
+    /// As SVG: the energies, and below, all but the highest as parts of ACVD's, which tells them apart.
     pub fn draw(&self) -> Result<String> {
-        let lines: Vec<(String, Vec<(u64, f64)>)> =
-            self.curves.iter().map(|curve| (curve.name.clone(), curve.drawn())).collect();
-        plot::draw_against_clusters(&lines)
+        let lines: Vec<plot::Line> = self.curves.iter().map(|curve| (curve.name.clone(), curve.drawn())).collect();
+        let acvd = self.curve(Flat::Acvd.name());
+        let parts = |curve: &Curve| {
+            let part = |clusters: u64| Some((clusters, curve.at(clusters)? / acvd?.at(clusters)?));
+            // a line without points keeps its colour
+            let numbers = NUMBERS.into_iter().filter(|_| curve.name != "HR");
+            (curve.name.clone(), numbers.filter_map(part).collect())
+        };
+        let parts: Vec<plot::Line> = self.curves.iter().map(parts).collect();
+        plot::draw_against_clusters(&lines, "energy / ACVD's", &parts)
     }
 }
 

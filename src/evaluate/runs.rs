@@ -103,6 +103,7 @@ impl Runner<'_> {
             bytes: &mesh.bytes,
             format: mesh.format,
             resources: &Beside { folder },
+            admit: &|_| Ok(()),
             limits: Limits::default(),
             parameters,
             seeds: None,

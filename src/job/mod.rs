@@ -25,7 +25,7 @@ use crate::cluster::seeds::{self, SeedFaces};
 use crate::cluster::{hierarchy, repair};
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
-use crate::mesh::{self, Format, Limits, PolygonMesh, Resources};
+use crate::mesh::{self, Admit, Format, Limits, PolygonMesh, Resources};
 use crate::parameters::{Algorithm, Optimize, Parameters, Refine, Seeds};
 use crate::report::{Energy, Input, Iteration, Level, Report, Row, Timings, WeightedBy};
 use crate::surface::{Surface, Wanted};
@@ -43,6 +43,8 @@ pub struct Request<'a> {
     pub resources: &'a dyn Resources,
     /// What the mesh may cost.
     pub limits: Limits,
+    /// Is told how many faces the mesh has before anything is built of them.
+    pub admit: &'a Admit<'a>,
     /// What to do.
     pub parameters: &'a Parameters,
     /// A file that lists the seeds: face numbers of the upload, as `.npy`, a JSON array, or text.
@@ -126,8 +128,14 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
     }
 
     let attribute = parameters.weight_attribute.as_deref();
-    let (mesh, weights_of_attribute) =
-        mesh::read_with_attribute(request.bytes, request.format, request.resources, &request.limits, attribute)?;
+    let (mesh, weights_of_attribute) = mesh::read_admitted(
+        request.bytes,
+        request.format,
+        request.resources,
+        &request.limits,
+        attribute,
+        request.admit,
+    )?;
     let parsed = Instant::now();
     let weights = weights.or(weights_of_attribute);
     let density = Wanted { weights: weights.as_deref(), curvature_exponent: parameters.curvature_exponent };

@@ -120,29 +120,34 @@ impl Limits {
 /// Bytes of a file that its format is recognised and checked by, before the rest is looked at.
 pub const HEAD_BYTES: usize = 4096;
 
+/// Is told how many faces a mesh has before anything is built of them; may wait, or refuse.
+pub type Admit<'a> = dyn Fn(u64) -> Result<()> + 'a;
+
 /// Reads a mesh from its bytes.
 pub fn read(bytes: &[u8], format: Format, resources: &dyn Resources, limits: &Limits) -> Result<PolygonMesh> {
-    Ok(read_with_attribute(bytes, format, resources, limits, None)?.0)
+    Ok(read_admitted(bytes, format, resources, limits, None, &|_| Ok(()))?.0)
 }
 
-/// Reads a mesh and one number a vertex: a glTF attribute, which every primitive must have. None without `attribute`.
-pub fn read_with_attribute(
+/// Reads a mesh, if `admit` lets it, and one number a vertex: a glTF attribute, which every primitive must have. None
+/// without `attribute`.
+pub fn read_admitted(
     bytes: &[u8],
     format: Format,
     resources: &dyn Resources,
     limits: &Limits,
     attribute: Option<&str>,
+    admit: &Admit<'_>,
 ) -> Result<(PolygonMesh, Option<Vec<f64>>)> {
     limits.check_bytes(bytes.len() as u64)?;
     let head = &bytes[..bytes.len().min(HEAD_BYTES)];
     format.check_head(head, Some(bytes.len() as u64))?;
     let (mesh, numbers) = match (format, attribute) {
-        (Format::Obj, None) => (obj::read(bytes, limits)?, None),
+        (Format::Obj, None) => (obj::read(bytes, limits, admit)?, None),
         (Format::Obj, Some(name)) => {
             return Err(Error::parameter(format_args!("an OBJ has no attributes with names, only glTF has: {name:?}")));
         }
-        (Format::Glb, _) => gltf::read_binary(bytes, resources, limits, attribute)?,
-        (Format::Gltf, _) => gltf::read_json(bytes, resources, limits, attribute)?,
+        (Format::Glb, _) => gltf::read_binary(bytes, resources, limits, attribute, admit)?,
+        (Format::Gltf, _) => gltf::read_json(bytes, resources, limits, attribute, admit)?,
     };
     if mesh.faces.is_empty() {
         return Err(Error::mesh("the mesh has no faces"));

@@ -6,22 +6,22 @@
 
 #![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
 
-use std::io::{BufWriter, Seek, Write};
-use std::path::PathBuf;
+use std::io::{BufWriter, Read, Seek, Write};
 
 use axum::body::Body;
 use axum::extract::{Path, State as Extract};
 use axum::http::{HeaderMap, HeaderValue, Uri, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
+use tokio_util::io::ReaderStream;
 use utoipa::IntoParams;
 
 use super::access::Caller;
-use super::files::{self, blocking};
-use super::jobs::find;
+use super::files::{self, Folder, blocking};
+use super::jobs::{find, tell_expiry};
 use super::openapi::{Binary, Problematic};
 use super::problem::Answer;
-use super::results::{attachment, streamed, succeeded};
+use super::results::{attachment, stored as stored_blob, streamed, succeeded};
 use super::server::{App, Shared};
 use super::store::Job;
 use super::{negotiate, query};
@@ -105,15 +105,17 @@ pub(super) async fn hierarchy(
     if limits.are_given() && form != Form::Json {
         return Err(Error::parameter("min_clusters and max_clusters go with application/json only").into());
     }
-    let path = path(&shared, &job);
     let mut response = match form {
         Form::Json => {
-            written(&shared, path, "application/json", move |out, tree| Ok(tree.write_json(out, limits))).await?
+            written(&shared, &job, "application/json", move |out, tree| Ok(tree.write_json(out, limits))).await?
         }
         Form::Linkage => {
-            written(&shared, path, "application/x-npy", |out, tree| Ok(tree.linkage()?.write_npy(out))).await?
+            written(&shared, &job, "application/x-npy", |out, tree| Ok(tree.linkage()?.write_npy(out))).await?
         }
-        Form::Stored => super::results::stored(path, None, "application/octet-stream").await?,
+        Form::Stored => {
+            let folder = Folder::Result(job.id, job.attempt);
+            stored_blob(&shared, folder, files::HIERARCHY, None, "application/octet-stream").await?
+        }
     };
     let name = match form {
         Form::Json => "hierarchy.json",
@@ -121,16 +123,16 @@ pub(super) async fn hierarchy(
         Form::Stored => "hierarchy.tsr",
     };
     attachment(&mut response, &job, name);
+    tell_expiry(&mut response, &shared, &job);
     Ok(response)
 }
 
 /// The labels at any number of clusters, with headers that say what they are.
 pub(super) async fn cut(shared: &Shared, job: &Job, clusters: u64, format: LabelFormat) -> Result<Response> {
-    let path = path(shared, job);
     let turn = turn(shared).await?;
+    let (file, length) = open(shared, job).await?;
     let (body, kind, energy) = blocking(move || {
         let _turn = turn;
-        let (file, length) = open(path)?;
         let (_, cut) = stored::cut(file, length, u64::MAX, clusters).map_err(|error| match error.kind {
             // the number is sound, this hierarchy has no such state
             Kind::InvalidParameter => Error::new(Kind::Conflict, error.message),
@@ -150,42 +152,33 @@ pub(super) async fn cut(shared: &Shared, job: &Job, clusters: u64, format: Label
     Ok(response)
 }
 
-/// Where the hierarchy of a job is.
-fn path(shared: &Shared, job: &Job) -> PathBuf {
-    shared.files.result(job.id).join(files::HIERARCHY)
-}
-
 /// The right to have a hierarchy, or other labels than those that are files, in memory.
 pub(super) async fn turn(shared: &Shared) -> Result<tokio::sync::OwnedSemaphorePermit> {
     let turn = shared.hierarchies.clone().acquire_owned().await;
     turn.map_err(|error| Error::new(Kind::Internal, format_args!("no hierarchy can be read: {error}")))
 }
 
-/// Reads a hierarchy that this service wrote.
-fn read(path: PathBuf) -> Result<Stored> {
-    let (file, length) = open(path)?;
-    Stored::read(file, length, u64::MAX).map_err(|error| Error::new(Kind::Internal, error.message))
-}
-
-/// A file and its length.
-fn open(path: PathBuf) -> Result<(std::fs::File, u64)> {
-    let file = std::fs::File::open(path).map_err(super::results::cannot_read)?;
-    let length = file.metadata().map_err(super::results::cannot_read)?.len();
-    Ok((file, length))
+/// A stored hierarchy and its length.
+async fn open(shared: &Shared, job: &Job) -> Result<(Box<dyn Read + Send>, u64)> {
+    let blob = shared.files.read(Folder::Result(job.id, job.attempt), files::HIERARCHY, None).await?;
+    let length = blob.length();
+    Ok((blob.into_reader(), length))
 }
 
 /// What `write` makes of a hierarchy, as a response that streams it.
 async fn written(
     shared: &Shared,
-    path: PathBuf,
+    job: &Job,
     media_type: &'static str,
     write: impl FnOnce(&mut dyn Write, &Stored) -> Result<std::io::Result<()>> + Send + 'static,
 ) -> Result<Response> {
     let turn = turn(shared).await?;
-    let folder = shared.files.root().to_owned();
+    let (stored, length) = open(shared, job).await?;
+    let folder = shared.files.scratch();
     let (file, bytes) = blocking(move || {
         let _turn = turn;
-        let tree = read(path)?;
+        // this service wrote it
+        let tree = Stored::read(stored, length, u64::MAX).map_err(|error| Error::new(Kind::Internal, error.message))?;
         let cannot = |error| Error::io("the hierarchy cannot be written", error);
         let mut out = BufWriter::with_capacity(1 << 18, tempfile::tempfile_in(folder).map_err(cannot)?);
         write(&mut out, &tree)?.map_err(cannot)?;
@@ -195,5 +188,6 @@ async fn written(
         Ok::<_, Error>((file, bytes))
     })
     .await??;
-    Ok(streamed(tokio::fs::File::from_std(file), bytes, media_type))
+    let body = Body::from_stream(ReaderStream::new(tokio::fs::File::from_std(file)));
+    Ok(streamed(bytes, body, media_type))
 }

@@ -3,7 +3,7 @@
 #![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use axum::extract::{Path, Request, State as Extract};
 use axum::http::{HeaderName, HeaderValue, StatusCode, Uri, header};
@@ -24,7 +24,7 @@ use super::store::{Created, Deletion, Job, JobId, ListQuery, NewJob, State, no_s
 use super::timestamp::rfc3339;
 use super::trace::TraceParent;
 use super::upload::{self, Upload};
-use super::{admission, prefer, query};
+use super::{admission, idempotency, prefer, query};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Format;
 use crate::parameters::Parameters;
@@ -67,6 +67,9 @@ pub(super) struct JobView {
     /// When it ended.
     #[schema(format = DateTime)]
     ended_at: Option<String>,
+    /// When it will be deleted with its results; null before its end, and where nothing is deleted by itself.
+    #[schema(format = DateTime)]
+    expires_at: Option<String>,
     /// Where everything about it is.
     urls: Urls,
 }
@@ -186,9 +189,31 @@ pub(super) fn path(id: JobId) -> String {
     format!("/v1/jobs/{id}")
 }
 
-impl From<Job> for JobView {
-    fn from(job: Job) -> Self {
+/// When a job will be deleted.
+pub(super) fn expires_at(shared: &Shared, job: &Job) -> Option<SystemTime> {
+    job.ended_at?.checked_add(shared.settings.storage.retention()?)
+}
+
+/// Says in the headers of an answer about a job when there will be none any more.
+pub(super) fn tell_expiry(response: &mut Response, shared: &Shared, job: &Job) {
+    let expires = expires_at(shared, job).and_then(|time| HeaderValue::try_from(httpdate::fmt_http_date(time)).ok());
+    if let Some(expires) = expires {
+        response.headers_mut().insert(header::EXPIRES, expires);
+    }
+}
+
+/// A job as an answer.
+fn answer(shared: &Shared, status: StatusCode, headers: HeaderMap, job: Job) -> Response {
+    let view = JobView::new(shared, job.clone());
+    let mut response = (status, headers, Json(view)).into_response();
+    tell_expiry(&mut response, shared, &job);
+    response
+}
+
+impl JobView {
+    fn new(shared: &Shared, job: Job) -> Self {
         let path = path(job.id);
+        let expires_at = expires_at(shared, &job).map(rfc3339);
         let is_hierarchical = job.spec.parameters.algorithm.is_hierarchical();
         Self {
             id: job.id,
@@ -214,6 +239,7 @@ impl From<Job> for JobView {
             created_at: rfc3339(job.created_at),
             started_at: job.started_at.map(rfc3339),
             ended_at: job.ended_at.map(rfc3339),
+            expires_at,
             urls: Urls {
                 events: format!("{path}/events"),
                 labels: format!("{path}/labels"),
@@ -235,6 +261,7 @@ impl From<Job> for JobView {
         ("format" = Option<Format>, Query, description = "Format of the mesh, where its media type does not say it"),
         ("webhook" = Option<String>, Query, description = "URL that is told the end of the job, signed as Standard Webhooks says; on a host that the operator allows"),
         ("Prefer" = Option<String>, Header, description = "`wait=N`: answer when the job has ended, or after N seconds"),
+        ("Idempotency-Key" = Option<String>, Header, description = "A string that is new with every new request: the same request with the same key gives the same job as long as that is kept, another request 422"),
     ),
     request_body(description = "The mesh, or a form", content(
         (inline(Binary) = "model/obj"),
@@ -256,6 +283,7 @@ impl From<Job> for JobView {
         (status = 429, response = Problematic),
         (status = 500, response = Problematic),
         (status = 503, response = Problematic),
+        (status = 507, response = Problematic),
     ),
 )]
 pub(super) async fn create(Extract(shared): App, caller: Caller, request: Request) -> Answer {
@@ -263,7 +291,15 @@ pub(super) async fn create(Extract(shared): App, caller: Caller, request: Reques
         return Err(stopping().into());
     }
     let tenant = caller.tenant()?.clone();
-    admission::check(&shared, &tenant).await?;
+    let key = idempotency::key(request.headers())?;
+    let is_known = match &key {
+        Some(key) => shared.store.knows_key(&tenant.name, key).await?,
+        None => false,
+    };
+    if !is_known {
+        admission::check(&shared, &tenant).await?;
+        shared.files.check_room(upload::content_length(request.headers()).unwrap_or(0))?;
+    }
     let wait = prefer::wait(request.headers(), shared.settings.max_wait());
     let parent = request.extensions().get::<TraceParent>().map(|parent| parent.at(&tracing::Span::current()));
     let uploads = Arc::clone(&shared.traffic.uploads);
@@ -274,7 +310,7 @@ pub(super) async fn create(Extract(shared): App, caller: Caller, request: Reques
         shared.webhooks.check(webhook)?;
     }
     // On a task of its own, so that a client who hangs up now leaves no half of it.
-    let job = tokio::spawn(accept(Arc::clone(&shared), tenant, upload).in_current_span())
+    let job = tokio::spawn(accept(Arc::clone(&shared), tenant, upload, key).in_current_span())
         .await
         .map_err(|error| Error::new(Kind::Internal, format_args!("the job was not accepted: {error}")))??;
     let location = path(job.id);
@@ -287,36 +323,42 @@ pub(super) async fn create(Extract(shared): App, caller: Caller, request: Reques
         headers.insert(header::LOCATION, value);
     }
     if !job.state.is_ended() {
-        return Ok((StatusCode::ACCEPTED, headers, Json(JobView::from(job))).into_response());
+        return Ok(answer(&shared, StatusCode::ACCEPTED, headers, job));
     }
     if wait.is_some() {
         headers.insert("preference-applied", HeaderValue::from_static("wait"));
     }
     Ok(match job.problem {
         Some(error) => (headers, Failure { instance: Some(location), ..error.into() }).into_response(),
-        None => (StatusCode::OK, headers, Json(JobView::from(job))).into_response(),
+        None => answer(&shared, StatusCode::OK, headers, job),
     })
 }
 
-/// Makes a job of an upload.
-async fn accept(shared: Arc<Shared>, tenant: Tenant, upload: Upload) -> Result<Job, Failure> {
-    let _place = admission::place(&shared, &tenant).await?;
-    let id = JobId::random();
-    upload.folder.keep_as(shared.files.upload(id)).await?;
-    match shared.store.create(NewJob { id, spec: upload.spec, idempotency: None }).await {
+/// Makes a job of an upload, or finds the one that was made of it before.
+async fn accept(shared: Arc<Shared>, tenant: Tenant, upload: Upload, key: Option<String>) -> Result<Job, Failure> {
+    let Upload { folder, spec, digests } = upload;
+    let is_known = match &key {
+        Some(key) => shared.store.knows_key(&tenant.name, key).await?,
+        None => false,
+    };
+    let _place = match is_known {
+        true => None,
+        false => Some(admission::place(&shared, &tenant).await?),
+    };
+    let idempotency = key.map(|key| idempotency::idempotency(key, &spec, &digests)).transpose()?;
+    let id = folder.id();
+    match shared.store.create(NewJob { id, spec, idempotency }).await {
         Ok(Created::New(job)) => {
+            folder.keep();
             tracing::info!(job = %id, bytes = job.spec.bytes, "accepted");
             shared.metrics.accepted(&job);
             Ok(job)
         }
         Ok(Created::Known(job)) => {
-            shared.files.remove_upload(id).await;
+            tracing::info!(job = %job.id, "asked for again");
             Ok(job)
         }
-        Err(error) => {
-            shared.files.remove_upload(id).await;
-            Err(admission::full(&shared, error).await)
-        }
+        Err(error) => Err(admission::full(&shared, error).await),
     }
 }
 
@@ -361,8 +403,8 @@ pub(super) async fn list(Extract(shared): App, caller: Caller, uri: Uri) -> Answ
     let query = ListQuery { tenant: Some(caller.tenant()?.name.clone()), state, cursor, limit };
     let page = shared.store.list(&query).await?;
     let link = page.next.as_ref().and_then(|next| next_page(&query, next));
-    Ok((link, Json(JobList { jobs: page.jobs.into_iter().map(JobView::from).collect(), next: page.next }))
-        .into_response())
+    let jobs = page.jobs.into_iter().map(|job| JobView::new(&shared, job)).collect();
+    Ok((link, Json(JobList { jobs, next: page.next })).into_response())
 }
 
 /// The `Link` header of a page that has a next one (RFC 8288).
@@ -387,7 +429,7 @@ fn next_page(query: &ListQuery, cursor: &str) -> Option<[(HeaderName, HeaderValu
 )]
 pub(super) async fn show(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer {
     let job = find(&shared, &caller, &id).await?;
-    Ok(Json(JobView::from(job)).into_response())
+    Ok(answer(&shared, StatusCode::OK, HeaderMap::new(), job))
 }
 
 /// Cancel or delete a job
@@ -418,7 +460,7 @@ pub(super) async fn remove(Extract(shared): App, caller: Caller, Path(id): Path<
                 // never claimed: nobody else removes it
                 shared.files.remove_upload(id).await;
             }
-            Ok((StatusCode::ACCEPTED, Json(JobView::from(job))).into_response())
+            Ok(answer(&shared, StatusCode::ACCEPTED, HeaderMap::new(), job))
         }
     }
 }

@@ -12,6 +12,9 @@
 //! | how bodies come in | `upload`, `intake` |
 //! | what happens to a job | `pipeline` |
 //! | how jobs are kept | `store`, and their files in `files` |
+//! | how long they are kept | `retention` |
+//! | what happens when the disk fails | `storage` |
+//! | asking twice for one job | `idempotency` |
 //! | a resource | `jobs`, `events`, `results`, `hierarchy`, `info` |
 //! | what errors look like | `problem` |
 //! | what `/readyz` knows | `health` |
@@ -31,13 +34,13 @@ mod access;
 mod admission;
 mod conditional;
 mod events;
-#[allow(dead_code, reason = "used from the next change on")]
 mod faults;
 mod files;
 #[cfg(fuzzing)]
 pub(crate) mod fuzzing;
 mod health;
 mod hierarchy;
+mod idempotency;
 mod info;
 mod intake;
 mod jobs;
@@ -51,9 +54,11 @@ mod problem;
 mod query;
 mod request;
 mod results;
+mod retention;
 mod server;
 mod settings;
 mod snapshots;
+mod storage;
 mod store;
 mod timestamp;
 mod tls;
@@ -63,10 +68,12 @@ mod upload;
 mod webhooks;
 
 pub use access::tokens::{Quotas, TenantEntry, Token, TokenEntry, TokenFile};
+pub use faults::{FaultPoint, Faults};
 pub use info::DeviceDescription;
 pub use logging::{LogFormat, LogSettings, Logging};
 pub use openapi::openapi_yaml;
-pub use server::{Server, serve};
-pub use settings::{AccessSettings, Settings, TrafficSettings, WebhookSettings};
+pub use pipeline::device_thread::Reopen;
+pub use server::{Extras, Server, serve};
+pub use settings::{AccessSettings, Settings, StorageSettings, TrafficSettings, WebhookSettings, WorkSettings};
 use store::LOCAL_TENANT;
 pub use webhooks::WebhookHost;

@@ -1,160 +1,309 @@
 //! From the queue to results: read → cluster → write, for several jobs at a time.
 //!
 //! Jobs are claimed in the order of submission. Each holds a slot until it ends, so that no more meshes are in memory
-//! than there are slots; within that, meshes are read and results written on tokio's blocking threads while the one
-//! [`device_thread`] clusters. A job that fails, or panics, fails alone.
+//! than there are slots, and waits for its share of [`memory`] before it is read; within that, meshes are read and results
+//! written on tokio's blocking threads while the one [`device_thread`] clusters. A job that fails, or panics, fails alone.
+//!
+//! An attempt at a job comes to one of three [`Verdict`]s. The job has ended; or it is released, because the device, the
+//! disk or the process failed and not the mesh; or it belongs to somebody else by now. What cannot be stored is stored once
+//! the disk works again: nothing is given up for it.
 
 pub(super) mod device_thread;
+mod leases;
+mod memory;
 mod stages;
 
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::Instrument;
 
 use self::device_thread::DeviceThread;
+use self::leases::{LEASE, Leases};
+use self::memory::Memory;
+use self::stages::Log;
 use super::files::Files;
 use super::metrics::Metrics;
-use super::store::{End, Job, JobStore, State, Ticket};
+use super::storage::Storage;
+use super::store::{End, Job, JobStore, Release, State, Summary, Ticket};
 use super::trace::TraceParent;
-use crate::device::Cancel;
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Limits;
+
+/// Time between two attempts to store what could not be stored.
+const AGAIN: Duration = Duration::from_millis(500);
+
+/// What a pipeline is made of.
+#[derive(Debug)]
+pub(super) struct Parts {
+    /// The jobs.
+    pub store: Arc<dyn JobStore>,
+    /// Their files.
+    pub files: Arc<Files>,
+    /// Whether these two work.
+    pub storage: Arc<Storage>,
+    /// What clusters.
+    pub device: DeviceThread,
+    /// What is counted.
+    pub metrics: Arc<Metrics>,
+}
+
+/// What jobs may cost.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Costs {
+    /// What a mesh may cost.
+    pub limits: Limits,
+    /// Meshes in memory at a time.
+    pub slots: usize,
+    /// Bytes of memory for all meshes; most of what there is when none.
+    pub memory: Option<u64>,
+    /// Time that the device may take for a job.
+    pub time: Option<Duration>,
+}
 
 /// What works on jobs.
 #[derive(Debug)]
 pub(super) struct Pipeline {
     store: Arc<dyn JobStore>,
     files: Arc<Files>,
-    limits: Limits,
-    slots: Arc<Semaphore>,
+    storage: Arc<Storage>,
     device: DeviceThread,
+    limits: Limits,
+    time: Option<Duration>,
+    slots: Arc<Semaphore>,
+    memory: Memory,
+    leases: Arc<Leases>,
     metrics: Arc<Metrics>,
 }
 
+/// What an attempt came to.
+#[derive(Debug)]
+enum Verdict {
+    /// The job has ended.
+    Ended(End),
+    /// It is to be tried again.
+    Released(Release),
+    /// It is not this process's any more.
+    Lost,
+}
+
+/// A job that was claimed, and its slot.
+type Claimed = (OwnedSemaphorePermit, Ticket, Job);
+
 impl Pipeline {
-    /// A pipeline with room for `slots` meshes.
-    pub fn new(
-        store: Arc<dyn JobStore>,
-        files: Arc<Files>,
-        limits: Limits,
-        slots: usize,
-        device: DeviceThread,
-        metrics: Arc<Metrics>,
-    ) -> Self {
-        Self { store, files, limits, slots: Arc::new(Semaphore::new(slots)), device, metrics }
+    /// A pipeline of these parts.
+    pub fn new(parts: Parts, costs: Costs) -> Self {
+        let Parts { store, files, storage, device, metrics } = parts;
+        Self {
+            store,
+            files,
+            storage,
+            device,
+            limits: costs.limits,
+            time: costs.time,
+            slots: Arc::new(Semaphore::new(costs.slots)),
+            memory: Memory::new(costs.memory),
+            leases: Arc::default(),
+            metrics,
+        }
     }
 
-    /// Works on jobs until `stop`; jobs claimed by then end, at the latest when `abort` asks them to.
+    /// Works on jobs until `stop`; jobs claimed by then end, or are released when `abort` breaks them off.
     pub async fn run(self, stop: CancellationToken, abort: CancellationToken) {
         let this = Arc::new(self);
         let jobs = TaskTracker::new();
+        let done = CancellationToken::new();
+        let (keeper, until) = (Arc::clone(&this), done.clone());
+        let leases = tokio::spawn(async move { keeper.leases.keep(keeper.store.as_ref(), until).await });
         let mut arrivals = this.store.arrivals();
-        while let Some((slot, ticket, job)) = this.next(&mut arrivals, &stop).await {
-            let span = tracing::info_span!(
-                "job",
-                id = %job.id,
-                trace = tracing::field::Empty,
-                tenant = job.spec.tenant,
-                faces = tracing::field::Empty,
-                clusters = job.spec.parameters.clusters,
-            );
-            if let Some(parent) = job.spec.trace_parent.as_deref().and_then(TraceParent::parse) {
-                parent.continued_by(&span);
+        while let Some(claimed) = this.next(&mut arrivals, &stop).await {
+            for (slot, ticket, job) in claimed {
+                let span = tracing::info_span!(
+                    "job",
+                    id = %job.id,
+                    attempt = ticket.attempt,
+                    trace = tracing::field::Empty,
+                    tenant = job.spec.tenant,
+                    faces = tracing::field::Empty,
+                    clusters = job.spec.parameters.clusters,
+                );
+                if let Some(parent) = job.spec.trace_parent.as_deref().and_then(TraceParent::parse) {
+                    parent.continued_by(&span);
+                }
+                let work = Arc::clone(&this).work(slot, ticket, job, abort.clone());
+                jobs.spawn(work.instrument(span));
             }
-            let work = Arc::clone(&this).work(slot, ticket, job, abort.clone());
-            jobs.spawn(work.instrument(span));
         }
         jobs.close();
         jobs.wait().await;
+        done.cancel();
+        let _ = leases.await;
     }
 
-    /// The next job, once there are a slot and a job; none when it is time to stop.
+    /// The next jobs, once there are slots and jobs, and what it takes to work on them; none when it is time to stop.
     async fn next(
-        &self,
-        arrivals: &mut tokio::sync::watch::Receiver<u64>,
+        self: &Arc<Self>,
+        arrivals: &mut watch::Receiver<u64>,
         stop: &CancellationToken,
-    ) -> Option<(OwnedSemaphorePermit, Ticket, Job)> {
-        let search = async {
-            let slot = Arc::clone(&self.slots).acquire_owned().await.ok()?;
-            loop {
-                // seen before looking, so that what arrives while looking is noticed
-                arrivals.borrow_and_update();
-                match self.store.claim(1, std::time::Duration::from_secs(3600)).await {
-                    Ok(mut claimed) => match claimed.pop() {
-                        Some((ticket, job)) => return Some((slot, ticket, job)),
-                        None => arrivals.changed().await.ok()?,
-                    },
-                    Err(error) => {
-                        tracing::error!(%error, "no job can be claimed");
-                        tokio::time::sleep(std::time::Duration::from_secs(1)).await;
-                    }
+    ) -> Option<Vec<Claimed>> {
+        let mut slots = Vec::new();
+        loop {
+            let ready = async {
+                if slots.is_empty() {
+                    slots.push(Arc::clone(&self.slots).acquire_owned().await.ok()?);
                 }
+                while let Ok(slot) = Arc::clone(&self.slots).try_acquire_owned() {
+                    slots.push(slot);
+                }
+                self.storage.works().await;
+                self.device.is_there().await;
+                Some(())
+            };
+            tokio::select! {
+                biased;
+                () = stop.cancelled() => return None,
+                ready = ready => ready?,
             }
-        };
-        tokio::select! {
-            biased;
-            () = stop.cancelled() => None,
-            found = search => found,
+            // seen before looking, so that what arrives while looking is noticed
+            arrivals.borrow_and_update();
+            // Not broken off in the middle: what it takes would stay taken.
+            let again = match self.store.claim(slots.len(), LEASE).await {
+                Ok(claimed) if claimed.is_empty() => None,
+                Ok(claimed) => {
+                    let with_slot = |(ticket, job)| Some((slots.pop()?, ticket, job));
+                    return Some(claimed.into_iter().filter_map(with_slot).collect());
+                }
+                Err(error) => {
+                    tracing::error!(%error, "no job can be claimed");
+                    Some(AGAIN)
+                }
+            };
+            tokio::select! {
+                biased;
+                () = stop.cancelled() => return None,
+                changed = arrivals.changed(), if again.is_none() => changed.ok()?,
+                () = tokio::time::sleep(again.unwrap_or_default()), if again.is_some() => {}
+            }
         }
     }
 
-    /// Works on one job until it ends.
+    /// Works on one job until it ends or is released.
     async fn work(self: Arc<Self>, slot: OwnedSemaphorePermit, ticket: Ticket, job: Job, abort: CancellationToken) {
         let started = Instant::now();
         self.metrics.claimed(&job);
         tracing::info!(format = job.spec.format.name(), bytes = job.spec.bytes, "started");
-        let cancel = Cancel::default();
-        let slot = Arc::new(slot);
+        let lease = self.leases.hold(ticket);
+        let cancel = self.device.cancel();
+        let slot = stages::Slot::new(slot);
+        let log = Arc::<Log>::default();
+        let broken_off = CancellationToken::new();
+        let _break_off = broken_off.clone().drop_guard();
         let outcome = tokio::select! {
             biased;
-            outcome = self.cluster(&slot, ticket, &job, &cancel) => outcome,
-            () = self.cancel_requested(&job) => Err(Error::cancelled()),
-            () = abort.cancelled() => Err(Error::new(
-                Kind::Unavailable,
-                "the service was stopped before the job ended; submit it again",
-            )),
+            outcome = self.cluster(&slot, ticket, &job, &cancel, &log, broken_off) => outcome.map_err(judge),
+            () = self.cancel_requested(&job) => Err(Verdict::Ended(End::Cancelled)),
+            () = lease.lost() => Err(Verdict::Lost),
+            () = abort.cancelled() => Err(self.stopped()),
         };
         // What still runs for this job writes nothing any more, and stops soon.
         cancel.cancel();
-        let result = match outcome {
+        let verdict = match outcome {
             Ok(outcome) => {
                 self.metrics.reported(&outcome.report);
                 let writing = Instant::now();
-                let summary = self.write(slot, &job, outcome, started).instrument(tracing::info_span!("write")).await;
+                let span = tracing::info_span!("write");
+                let written = self.write(slot, &job, outcome, started).instrument(span).await;
                 self.metrics.written(&job, writing.elapsed());
-                summary
+                match written {
+                    Ok(summary) => Verdict::Ended(End::Succeeded(summary)),
+                    Err(error) => judge(error),
+                }
             }
-            Err(error) => Err(error),
+            Err(verdict) => verdict,
         };
+        self.conclude(ticket, &job, verdict, &log, started, &abort).await;
+    }
+
+    /// Stores what an attempt came to, and removes what is not needed any more.
+    async fn conclude(
+        &self,
+        ticket: Ticket,
+        job: &Job,
+        verdict: Verdict,
+        log: &Log,
+        started: Instant,
+        abort: &CancellationToken,
+    ) {
         let milliseconds = started.elapsed().as_millis() as u64;
-        let end = match result {
-            Ok(summary) => {
-                tracing::info!(milliseconds, "succeeded");
-                End::Succeeded(summary)
+        let has_result = matches!(verdict, Verdict::Ended(End::Succeeded(_)));
+        let state = match verdict {
+            Verdict::Ended(end) => {
+                log_end(&end, milliseconds);
+                let kind = if let End::Failed(error) = &end { Some(error.kind) } else { None };
+                self.metrics.ended(job, end.state(), started.elapsed(), kind);
+                loop {
+                    match self.finish(ticket, end.clone(), log).await {
+                        Err(error) if self.may_try_again(&error, abort).await => {}
+                        outcome => break outcome.map(|()| end.state()),
+                    }
+                }
             }
-            Err(error) if error.kind == Kind::Cancelled => {
-                tracing::info!(milliseconds, "cancelled");
-                End::Cancelled
+            Verdict::Released(release) => {
+                match &release {
+                    Release::Failed(error) => {
+                        tracing::warn!(milliseconds, "the attempt failed: {error}");
+                        self.metrics.attempt_failed(error.kind);
+                    }
+                    Release::Free => tracing::info!(milliseconds, "broken off; it waits again"),
+                }
+                loop {
+                    match self.store.release(ticket, release.clone()).await {
+                        Err(error) if self.may_try_again(&error, abort).await => {}
+                        outcome => break outcome,
+                    }
+                }
             }
-            Err(error) => {
-                tracing::warn!(milliseconds, kind = error.kind.slug(), "failed: {error}");
-                End::Failed(error)
-            }
+            Verdict::Lost => Err(Error::new(Kind::Conflict, "the job is not this process's any more")),
         };
-        let (state, error) = match &end {
-            End::Succeeded(_) => (State::Succeeded, None),
-            End::Failed(error) => (State::Failed, Some(error.kind)),
-            End::Cancelled => (State::Cancelled, None),
-        };
-        self.metrics.ended(&job, state, started.elapsed(), error);
-        if let Err(error) = self.store.finish(ticket, end).await {
-            tracing::error!(%error, "the end of a job cannot be stored");
+        if !has_result || state.is_err() {
+            self.files.remove_result(job.id, ticket.attempt).await;
         }
-        self.files.remove_upload(job.id).await;
+        match state {
+            Ok(state) if state.is_ended() => self.files.remove_upload(job.id).await,
+            Ok(_) => {}
+            Err(error) if error.kind == Kind::Conflict => tracing::warn!("nothing of this attempt counts: {error}"),
+            Err(error) => tracing::error!(%error, "the end of a job cannot be stored; it will be run again"),
+        }
+    }
+
+    /// Ends a job with the last of its events: in one transaction, as a rule.
+    async fn finish(&self, ticket: Ticket, end: End, log: &Log) -> Result<()> {
+        let Some((rows, progress)) = log.rest() else {
+            return self.store.finish(ticket, end).await;
+        };
+        // asked for at once, so that the store takes them together, in this order
+        let (appended, finished) =
+            tokio::join!(self.store.append(ticket, rows, progress), self.store.finish(ticket, end));
+        if let (Err(error), Ok(())) = (appended, &finished) {
+            tracing::error!(%error, "the last events of a job were not stored");
+        }
+        finished
+    }
+
+    /// Waits a while when the disk failed; whether to try again then: until it is time to go.
+    async fn may_try_again(&self, error: &Error, abort: &CancellationToken) -> bool {
+        if !error.is_of_storage() || abort.is_cancelled() {
+            return false;
+        }
+        tracing::warn!(%error, "what happened cannot be stored yet");
+        tokio::select! {
+            () = tokio::time::sleep(AGAIN) => {}
+            () = abort.cancelled() => {}
+        }
+        true
     }
 
     /// Ends when someone asks for the job's end.
@@ -165,6 +314,50 @@ impl Pipeline {
         };
         if !asked {
             std::future::pending::<()>().await;
+        }
+    }
+
+    /// What becomes of a job that the service does not wait for when it stops.
+    fn stopped(&self) -> Verdict {
+        match self.store.is_durable() {
+            true => Verdict::Released(Release::Free),
+            false => Verdict::Ended(End::Failed(Error::new(
+                Kind::Unavailable,
+                "the service was stopped before the job ended, and keeps no jobs; submit it again",
+            ))),
+        }
+    }
+}
+
+/// What an attempt comes to that ended with an error.
+fn judge(error: Error) -> Verdict {
+    match error.kind {
+        Kind::Cancelled => Verdict::Ended(End::Cancelled),
+        Kind::Conflict => Verdict::Lost,
+        Kind::DeviceLost => Verdict::Released(Release::Failed(error)),
+        _ if error.is_of_storage() => {
+            tracing::warn!(%error, "the disk failed");
+            Verdict::Released(Release::Free)
+        }
+        _ => Verdict::Ended(End::Failed(error)),
+    }
+}
+
+fn log_end(end: &End, milliseconds: u64) {
+    match end {
+        End::Succeeded(Summary { faces, .. }) => tracing::info!(milliseconds, faces, "succeeded"),
+        End::Cancelled => tracing::info!(milliseconds, "cancelled"),
+        End::Failed(error) => tracing::warn!(milliseconds, kind = error.kind.slug(), "failed: {error}"),
+    }
+}
+
+impl End {
+    /// The state of a job that ended so.
+    fn state(&self) -> State {
+        match self {
+            End::Succeeded(_) => State::Succeeded,
+            End::Failed(_) => State::Failed,
+            End::Cancelled => State::Cancelled,
         }
     }
 }

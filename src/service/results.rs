@@ -2,31 +2,23 @@
 
 #![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
 
-use std::io::SeekFrom;
-use std::path::PathBuf;
-
 use axum::body::Body;
 use axum::extract::{Path, State as Extract};
 use axum::http::{HeaderMap, Uri, header};
 use axum::response::{IntoResponse, Response};
+use object_store::GetRange;
 use serde::{Deserialize, Serialize};
-use tokio::fs::File;
-use tokio::io::{AsyncReadExt, AsyncSeekExt};
-use tokio_util::io::ReaderStream;
 use utoipa::{IntoParams, ToSchema};
 
 use super::access::Caller;
-use super::files;
-use super::jobs::find;
+use super::files::{self, Folder};
+use super::jobs::{find, tell_expiry};
 use super::problem::Answer;
-use super::server::App;
+use super::server::{App, Shared};
 use super::store::{Job, State, Summary};
 use super::{hierarchy, negotiate, openapi::Problematic, query, snapshots};
 use crate::error::{Error, Kind, Result};
 use crate::output::LabelFormat;
-
-/// Bytes that are read from a file at once.
-const CHUNK: usize = 1 << 16;
 
 /// Labels as JSON; the two other formats hold the same numbers.
 #[derive(Debug, Serialize, ToSchema)]
@@ -137,21 +129,23 @@ pub(super) async fn labels(
         .into());
     }
     let format = negotiate::label_format(&headers)?;
-    let folder = shared.files.result(job.id);
+    let folder = Folder::Result(job.id, job.attempt);
     // The raw numbers are what follows the header of the .npy file.
     let mut response = match (clusters, format) {
         (Some(clusters), format) => hierarchy::cut(&shared, &job, clusters, format).await?,
         (None, format) if iteration.is_some() => {
             snapshots::labels(&shared, &job, summary, iteration.unwrap_or_default(), format).await?
         }
-        (None, LabelFormat::Json) => stored(folder.join(files::LABELS_JSON), None, format.media_type()).await?,
-        (None, LabelFormat::Npy) => stored(folder.join(files::LABELS_NPY), None, format.media_type()).await?,
+        (None, LabelFormat::Json) => stored(&shared, folder, files::LABELS_JSON, None, format.media_type()).await?,
+        (None, LabelFormat::Npy) => stored(&shared, folder, files::LABELS_NPY, None, format.media_type()).await?,
         (None, LabelFormat::Raw) => {
-            stored(folder.join(files::LABELS_NPY), Some(4 * summary.faces), format.media_type()).await?
+            let numbers = Some(GetRange::Suffix(4 * summary.faces));
+            stored(&shared, folder, files::LABELS_NPY, numbers, format.media_type()).await?
         }
     };
     let name = iteration.map_or_else(|| "labels".to_owned(), |iteration| format!("labels.iteration-{iteration}"));
     attachment(&mut response, &job, &format!("{name}.{}", format.extension()));
+    tell_expiry(&mut response, &shared, &job);
     Ok(response)
 }
 
@@ -171,8 +165,10 @@ pub(super) async fn labels(
 pub(super) async fn report(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer {
     let job = find(&shared, &caller, &id).await?;
     succeeded(&job)?;
-    let path = shared.files.result(job.id).join(files::REPORT);
-    Ok(stored(path, None, "application/json").await?)
+    let folder = Folder::Result(job.id, job.attempt);
+    let mut response = stored(&shared, folder, files::REPORT, None, "application/json").await?;
+    tell_expiry(&mut response, &shared, &job);
+    Ok(response)
 }
 
 /// What a job gave; an error that says why there is nothing yet, or never will be.
@@ -192,31 +188,22 @@ pub(super) fn succeeded(job: &Job) -> Result<Summary> {
     }
 }
 
-/// A file, or its last `tail` bytes, as a response that streams it.
-pub(super) async fn stored(path: PathBuf, tail: Option<u64>, media_type: &'static str) -> Result<Response> {
-    let mut file = File::open(path).await.map_err(cannot_read)?;
-    let bytes = file.metadata().await.map_err(cannot_read)?.len();
-    let length = tail.map_or(bytes, |tail| tail.min(bytes));
-    if length < bytes {
-        file.seek(SeekFrom::Start(bytes - length)).await.map_err(cannot_read)?;
-    }
-    Ok(streamed(file, length, media_type))
+/// A result, or a range of it, as a response that streams it.
+pub(super) async fn stored(
+    shared: &Shared,
+    folder: Folder,
+    name: &str,
+    range: Option<GetRange>,
+    media_type: &'static str,
+) -> Result<Response> {
+    let blob = shared.files.read(folder, name, range).await?;
+    Ok(streamed(blob.length(), blob.into_body(), media_type))
 }
 
-/// The next `length` bytes of a file as a response.
-pub(super) fn streamed(file: File, length: u64, media_type: &'static str) -> Response {
-    let body = Body::from_stream(ReaderStream::with_capacity(file.take(length), CHUNK));
+/// A body of known length as a response.
+pub(super) fn streamed(length: u64, body: Body, media_type: &'static str) -> Response {
     ([(header::CONTENT_TYPE, media_type.to_owned()), (header::CONTENT_LENGTH, length.to_string())], body)
         .into_response()
-}
-
-/// The error of a result that cannot be read.
-pub(super) fn cannot_read(error: std::io::Error) -> Error {
-    match error.kind() {
-        // deleted since we looked
-        std::io::ErrorKind::NotFound => Error::new(Kind::NotFound, "the job was deleted"),
-        _ => Error::io("a result cannot be read", error),
-    }
 }
 
 /// Says under which name a result is best kept, and that there are others.

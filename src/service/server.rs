@@ -1,5 +1,6 @@
 //! Routes, layers, start and stop.
 
+use std::fmt;
 use std::future::Future;
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -26,18 +27,21 @@ use tracing::Level;
 
 use super::access::Access;
 use super::admission::Admission;
+use super::faults::Faults;
 use super::files::Files;
 use super::health::{Health, Part};
 use super::info::DeviceDescription;
 use super::metrics::{Metrics, TimedStore};
-use super::pipeline::Pipeline;
-use super::pipeline::device_thread::DeviceThread;
+use super::pipeline::device_thread::{DeviceThread, Reopen};
+use super::pipeline::{Costs, Parts, Pipeline};
+use super::storage::Storage;
 use super::store::memory::MemoryStore;
+use super::store::sqlite::SqliteStore;
 use super::store::{JobStore, Rules};
 use super::trace::{self, TraceParent};
 use super::traffic::{self, Traffic, connections};
 use super::webhooks::{Teller, Webhooks};
-use super::{Settings, conditional, events, hierarchy, info, jobs, openapi, problem, results, tls};
+use super::{Settings, conditional, events, hierarchy, info, jobs, openapi, problem, results, retention, tls};
 use crate::device::Device;
 use crate::error::{Error, Result};
 
@@ -62,6 +66,8 @@ pub(super) struct Shared {
     pub store: Arc<dyn JobStore>,
     /// Their files.
     pub files: Arc<Files>,
+    /// Whether these two work.
+    pub storage: Arc<Storage>,
     /// What clusters.
     pub device: DeviceDescription,
     /// What is wrong with the service.
@@ -85,6 +91,21 @@ pub(super) struct Shared {
 /// The state that handlers extract.
 pub(super) type App = State<Arc<Shared>>;
 
+/// What a service can do without.
+#[derive(Default)]
+pub struct Extras {
+    /// Opens the device anew after it was lost.
+    pub reopen: Option<Reopen>,
+    /// Failures on purpose.
+    pub faults: Faults,
+}
+
+impl fmt::Debug for Extras {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Extras").field("faults", &self.faults).finish_non_exhaustive()
+    }
+}
+
 /// A service that has its address, its folder and its device, and does not answer yet.
 #[derive(Debug)]
 pub struct Server {
@@ -102,37 +123,73 @@ pub async fn serve(
     settings: Settings,
     device: Box<dyn Device>,
     description: DeviceDescription,
+    extras: Extras,
     shutdown: impl Future<Output = ()>,
 ) -> Result<()> {
-    Server::bind(settings, device, description).await?.run(shutdown).await
+    Server::bind_with(settings, device, description, extras).await?.run(shutdown).await
 }
 
 impl Server {
-    /// Takes the address and makes the folder for uploads and results.
+    /// Takes the address and the data folder, and takes up what is there.
     pub async fn bind(settings: Settings, device: Box<dyn Device>, description: DeviceDescription) -> Result<Self> {
+        Self::bind_with(settings, device, description, Extras::default()).await
+    }
+
+    /// The same with [`Extras`].
+    pub async fn bind_with(
+        settings: Settings,
+        device: Box<dyn Device>,
+        description: DeviceDescription,
+        extras: Extras,
+    ) -> Result<Self> {
         settings.check()?;
         tls::prepare();
         let cannot = |error| Error::io(format_args!("cannot listen on {}", settings.listen), error);
         let listener = TcpListener::bind(settings.listen).await.map_err(cannot)?;
         let address = listener.local_addr().map_err(cannot)?;
-        let files = Arc::new(Files::create(settings.data_dir.as_deref())?);
+        let Extras { reopen, faults } = extras;
+        let files = Arc::new(Files::open(settings.data_dir.as_deref(), settings.storage.disk(), faults.clone())?);
+        let rules = Rules { max_queued: settings.max_queued_jobs, max_attempts: settings.work.max_attempts };
+        let store: Arc<dyn JobStore> = match files.database() {
+            Some(path) => Arc::new(SqliteStore::open(&path, rules, faults).await?),
+            None => Arc::new(MemoryStore::new(rules)),
+        };
         let metrics = Arc::new(Metrics::new(&description.info));
-        let rules = Rules { max_queued: settings.max_queued_jobs, max_attempts: 3 };
-        let store = Arc::new(MemoryStore::new(rules));
         let store: Arc<dyn JobStore> = Arc::new(TimedStore::new(store, Arc::clone(&metrics)));
-        let pipeline = Pipeline::new(
-            Arc::clone(&store),
-            Arc::clone(&files),
-            settings.limits(),
-            settings.meshes_in_memory,
-            DeviceThread::start(device, description.or_cpu, Arc::clone(&metrics))?,
-            Arc::clone(&metrics),
-        );
+        let swept = files.sweep(store.as_ref()).await?;
+        if swept > 0 {
+            tracing::info!(folders = swept, "swept away what no job knows of");
+        }
+        let health = Arc::<Health>::default();
+        let storage = Arc::new(Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::clone(&health)));
+        let timeout = settings.work.device_timeout();
+        let parts = Parts {
+            store: Arc::clone(&store),
+            files: Arc::clone(&files),
+            storage: Arc::clone(&storage),
+            device: DeviceThread::start(
+                device,
+                description.or_cpu,
+                reopen,
+                timeout,
+                Arc::clone(&health),
+                Arc::clone(&metrics),
+            )?,
+            metrics: Arc::clone(&metrics),
+        };
+        let costs = Costs {
+            limits: settings.limits(),
+            slots: settings.meshes_in_memory,
+            memory: settings.work.memory_budget,
+            time: settings.work.max_job(),
+        };
+        let pipeline = Pipeline::new(parts, costs);
         let shared = Arc::new(Shared {
             store,
             files,
+            storage,
             device: description,
-            health: Arc::default(),
+            health,
             stop: CancellationToken::new(),
             hierarchies: Arc::new(Semaphore::new(HIERARCHIES_IN_MEMORY)),
             traffic: Traffic::new(&settings.traffic),
@@ -151,12 +208,24 @@ impl Server {
     }
 
     /// Answers until `shutdown` completes; then no more jobs are taken or begun, streams end, running jobs get the
-    /// grace period to finish, and the last answers are sent.
+    /// grace period to finish and are released after it, and the last answers are sent: a few seconds after the grace
+    /// period at most.
     pub async fn run(self, shutdown: impl Future<Output = ()>) -> Result<()> {
         let Self { listener, address, shared, pipeline } = self;
         let stop = shared.stop.clone();
         let (abort, close) = (CancellationToken::new(), CancellationToken::new());
         let mut work = tokio::spawn(pipeline.run(stop.clone(), abort.clone()));
+        let watching = tokio::spawn({
+            let (storage, until) = (Arc::clone(&shared.storage), close.clone());
+            async move { storage.watch(until).await }
+        });
+        let forgetting = tokio::spawn({
+            let (shared, until) = (Arc::clone(&shared), stop.clone());
+            async move {
+                let retention = shared.settings.storage.retention();
+                retention::run(&shared.files, shared.store.as_ref(), retention, until).await;
+            }
+        });
         let mut serving = tokio::spawn(connections::serve(
             listener,
             router(Arc::clone(&shared)),
@@ -183,7 +252,7 @@ impl Server {
         shared.health.fail(Part::Process, "the service is stopping");
         stop.cancel();
         if timeout(shared.settings.grace_period(), &mut work).await.is_err() {
-            tracing::warn!("running jobs are stopped: the grace period is over");
+            tracing::warn!("the grace period is over: running jobs are broken off");
             abort.cancel();
             let _ = timeout(LAST_MOMENT, work).await;
         }
@@ -193,8 +262,10 @@ impl Server {
         if !serving.is_finished() {
             let _ = timeout(LAST_MOMENT, serving).await;
         }
-        // Whatever still holds on to the files, they go now.
-        let _ = tokio::fs::remove_dir_all(shared.files.root()).await;
+        let _ = timeout(LAST_MOMENT, async { tokio::join!(watching, forgetting) }).await;
+        // Whatever still holds on to jobs and files, they are closed now.
+        let _ = timeout(LAST_MOMENT, shared.store.close()).await;
+        shared.files.close().await;
         tracing::info!("stopped");
         Ok(())
     }

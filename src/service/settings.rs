@@ -1,16 +1,20 @@
 //! The settings of the service: each defined once, here, with its flag, variable, meaning and default.
 
 mod access;
+mod storage;
 mod traffic;
 mod webhooks;
+mod work;
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::time::Duration;
 
 pub use self::access::AccessSettings;
+pub use self::storage::StorageSettings;
 pub use self::traffic::TrafficSettings;
 pub use self::webhooks::WebhookSettings;
+pub use self::work::WorkSettings;
 use crate::error::{Error, Result};
 use crate::mesh::Limits;
 
@@ -21,7 +25,8 @@ pub struct Settings {
     #[arg(long, env = "TESSERAE_LISTEN", value_name = "ADDRESS:PORT", default_value_t = Settings::default().listen)]
     pub listen: SocketAddr,
 
-    /// Folder for uploads and results; a temporary one when left out
+    /// Folder for jobs, uploads and results, which outlast the service there; a temporary one when left out, and jobs in
+    /// memory only
     #[arg(long, env = "TESSERAE_DATA_DIR", value_name = "DIR")]
     pub data_dir: Option<PathBuf>,
 
@@ -57,6 +62,14 @@ pub struct Settings {
           value_parser = clap::value_parser!(u64).range(0..=86_400))]
     pub grace_period: u64,
 
+    /// What is kept.
+    #[command(flatten)]
+    pub storage: StorageSettings,
+
+    /// What a job may cost.
+    #[command(flatten)]
+    pub work: WorkSettings,
+
     /// Who may use the service.
     #[command(flatten)]
     pub access: AccessSettings,
@@ -83,6 +96,8 @@ impl Default for Settings {
             max_wait: 60,
             keep_alive: 15,
             grace_period: 10,
+            storage: StorageSettings::default(),
+            work: WorkSettings::default(),
             access: AccessSettings::default(),
             traffic: TrafficSettings::default(),
             webhooks: WebhookSettings::default(),

@@ -1,16 +1,14 @@
 //! The labels of iterations that a job kept: one file, a row an iteration, and the list of those iterations beside it.
 
-use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
-use std::path::Path;
+use std::io::Read;
 
 use axum::body::Body;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
+use object_store::GetRange;
 
-use super::files::{self, blocking};
+use super::files::{self, Blob, Folder, blocking};
 use super::hierarchy::turn;
-use super::results::cannot_read;
 use super::server::Shared;
 use super::store::{Job, Summary};
 use crate::error::{Error, Kind, Result};
@@ -24,11 +22,17 @@ pub(super) async fn labels(
     iteration: u32,
     format: LabelFormat,
 ) -> Result<Response> {
-    let folder = shared.files.result(job.id);
+    let folder = Folder::Result(job.id, job.attempt);
     let turn = turn(shared).await?;
+    let kept = list(shared, folder).await?;
+    let Some(row) = kept.iter().position(|&kept| kept == iteration) else {
+        return Err(none_of(&kept, iteration));
+    };
+    let from_end = 4 * summary.faces * (kept.len() - row) as u64;
+    let rows = shared.files.read(folder, files::SNAPSHOTS, Some(GetRange::Suffix(from_end))).await?;
     let body = blocking(move || {
         let _turn = turn;
-        let labels = read(&folder, summary.faces, iteration)?;
+        let labels = first_row(rows, summary.faces)?;
         let mut body = Vec::new();
         write_labels(&mut body, format, summary.clusters, &labels)
             .map_err(|error| Error::io("labels cannot be written", error))?;
@@ -38,33 +42,37 @@ pub(super) async fn labels(
     Ok(([(header::CONTENT_TYPE, format.media_type())], Body::from(body)).into_response())
 }
 
-/// The row of an iteration.
-fn read(folder: &Path, faces: u64, iteration: u32) -> Result<Vec<u32>> {
-    let kept: Vec<u32> = match std::fs::read(folder.join(files::SNAPSHOT_LIST)) {
-        Ok(json) => serde_json::from_slice(&json)
-            .map_err(|error| Error::new(Kind::Internal, format_args!("the list of snapshots is damaged: {error}")))?,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound && folder.is_dir() => Vec::new(),
-        Err(error) => return Err(cannot_read(error)),
+/// The iterations whose labels were kept.
+async fn list(shared: &Shared, folder: Folder) -> Result<Vec<u32>> {
+    let json = match shared.files.read(folder, files::SNAPSHOT_LIST, None).await {
+        Ok(list) => list.bytes().await?,
+        Err(error) if error.kind == Kind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(error),
     };
-    let Some(row) = kept.iter().position(|&kept| kept == iteration) else {
-        let list: Vec<String> = kept.iter().take(100).map(u32::to_string).collect();
-        return Err(Error::new(
-            Kind::NotFound,
-            match list.is_empty() {
-                true => format!(
-                    "this job kept the labels of no iteration: ask for them with the parameter snapshots; there are none of \
-                     {iteration}"
-                ),
-                false => format!("this job kept the labels of iterations {}, not of {iteration}", list.join(", ")),
-            },
-        ));
-    };
-    let mut file = File::open(folder.join(files::SNAPSHOTS)).map_err(cannot_read)?;
-    let from_end = 4 * faces * (kept.len() - row) as u64;
-    let length = file.metadata().map_err(cannot_read)?.len();
-    let start = length.checked_sub(from_end).ok_or_else(|| Error::new(Kind::Internal, "the snapshots end early"))?;
-    file.seek(SeekFrom::Start(start)).map_err(cannot_read)?;
+    serde_json::from_slice(&json)
+        .map_err(|error| Error::new(Kind::Internal, format_args!("the list of snapshots is damaged: {error}")))
+}
+
+/// The error for an iteration that is not among those that were kept.
+fn none_of(kept: &[u32], iteration: u32) -> Error {
+    let list: Vec<String> = kept.iter().take(100).map(u32::to_string).collect();
+    Error::new(
+        Kind::NotFound,
+        match list.is_empty() {
+            true => format!(
+                "this job kept the labels of no iteration: ask for them with the parameter snapshots; there are none of \
+                 {iteration}"
+            ),
+            false => format!("this job kept the labels of iterations {}, not of {iteration}", list.join(", ")),
+        },
+    )
+}
+
+/// The first of some rows.
+fn first_row(rows: Blob, faces: u64) -> Result<Vec<u32>> {
     let mut bytes = vec![0; 4 * faces as usize];
-    file.read_exact(&mut bytes).map_err(cannot_read)?;
+    rows.into_reader()
+        .read_exact(&mut bytes)
+        .map_err(|error| Error::new(Kind::Internal, format_args!("the snapshots end early: {error}")))?;
     Ok(bytes.as_chunks().0.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect())
 }

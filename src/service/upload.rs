@@ -5,16 +5,16 @@
 
 mod form;
 
-use std::path::PathBuf;
+use std::sync::Arc;
 
 use axum::body::Bytes;
 use axum::extract::Request;
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, header};
 use futures_util::{Stream, StreamExt};
-use tokio::io::AsyncWriteExt;
+use sha2::{Digest, Sha256};
 
-use super::files::{self, Files, Incoming};
+use super::files::{self, BlobWriter, Files, Incoming};
 use super::intake::{self, Content, Encoding, Rules};
 use super::request::Wanted;
 use super::store::Spec;
@@ -38,6 +38,8 @@ pub(super) struct Upload {
     pub folder: Incoming,
     /// What it is.
     pub spec: Spec,
+    /// SHA-256 of each file: the mesh, seeds and weights if there are any, the buffers.
+    pub digests: Vec<[u8; 32]>,
 }
 
 /// What kind of body a request has.
@@ -50,7 +52,7 @@ enum BodyKind {
 }
 
 /// Receives an upload for a tenant. Whose trace it belongs to is for the caller to say.
-pub(super) async fn receive(request: Request, files: &Files, tenant: &str, rules: Rules) -> Result<Upload> {
+pub(super) async fn receive(request: Request, files: &Arc<Files>, tenant: &str, rules: Rules) -> Result<Upload> {
     let (parts, body) = request.into_parts();
     let wanted = Wanted::from_query(&parts.uri);
     let encoding = encoding(&parts.headers);
@@ -92,15 +94,15 @@ async fn raw(
     wanted: Wanted,
     format: Option<Format>,
     length: Option<u64>,
-    files: &Files,
+    files: &Arc<Files>,
 ) -> Result<Upload> {
     let format = agreed(format, wanted.format)?;
-    let folder = files.incoming().await?;
+    let folder = files.incoming();
     let early = |head: &[u8]| match format {
         Some(format) => format.check_head(head, length),
         None => Format::recognise(None, head)?.check_head(head, length),
     };
-    let mesh = save(content, folder.file(files::MESH), early).await?;
+    let mesh = save(content, folder.blob(files::MESH), early).await?;
     let format = mesh.format(format, None)?;
     tracing::debug!(bytes = mesh.bytes, path = parts.uri.path(), "received a mesh");
     let (parameters, webhook) = wanted.finish(false)?;
@@ -116,7 +118,7 @@ async fn raw(
         listed_seeds: false,
         has_weights: false,
     };
-    Ok(Upload { folder, spec })
+    Ok(Upload { folder, spec, digests: vec![mesh.digest] })
 }
 
 /// What the headers say about the body.
@@ -154,7 +156,7 @@ fn agreed(by_type: Option<Format>, by_query: Option<Format>) -> Result<Option<Fo
 }
 
 /// The declared length of the body.
-fn content_length(headers: &HeaderMap) -> Option<u64> {
+pub(super) fn content_length(headers: &HeaderMap) -> Option<u64> {
     headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
 }
 
@@ -165,6 +167,8 @@ struct Saved {
     bytes: u64,
     /// Its first bytes.
     head: Vec<u8>,
+    /// Its SHA-256.
+    digest: [u8; 32],
 }
 
 impl Saved {
@@ -182,14 +186,13 @@ impl Saved {
     }
 }
 
-/// Writes a stream to a new file. `early` sees the first bytes as soon as they are there and may refuse them.
-async fn save<S>(mut stream: S, path: PathBuf, early: impl Fn(&[u8]) -> Result<()>) -> Result<Saved>
+/// Writes a stream to a new blob. `early` sees the first bytes as soon as they are there and may refuse them.
+async fn save<S>(mut stream: S, mut blob: BlobWriter, early: impl Fn(&[u8]) -> Result<()>) -> Result<Saved>
 where
     S: Stream<Item = Result<Bytes>> + Unpin,
 {
-    let cannot = |error| Error::io("an upload cannot be stored", error);
-    let mut file = tokio::fs::File::create_new(path).await.map_err(cannot)?;
-    let mut saved = Saved { bytes: 0, head: Vec::new() };
+    let mut saved = Saved { bytes: 0, head: Vec::new(), digest: [0; 32] };
+    let mut digest = Sha256::new();
     while let Some(chunk) = stream.next().await {
         let chunk = chunk?;
         saved.bytes += chunk.len() as u64;
@@ -200,9 +203,11 @@ where
                 early(&saved.head)?;
             }
         }
-        file.write_all(&chunk).await.map_err(cannot)?;
+        digest.update(&chunk);
+        blob.write(&chunk).await?;
     }
-    file.flush().await.map_err(cannot)?;
+    blob.finish().await?;
+    saved.digest = digest.finalize().into();
     Ok(saved)
 }
 

@@ -89,7 +89,6 @@ async fn a_full_queue_says_when_to_come_back_and_positions_count_down() {
     gate.open();
     assert_eq!(service.ended(&third).await["state"], "succeeded");
     service.keeps_no("uploads").await;
-    service.keeps_no("incoming").await;
 }
 
 #[tokio::test]

@@ -12,14 +12,26 @@ use tracing_subscriber::fmt::MakeWriter;
 use crate::support::*;
 
 #[tokio::test]
-async fn an_idle_service_stops_at_once_and_leaves_no_files() {
+async fn an_idle_service_stops_at_once_and_keeps_results_where_it_was_told_to() {
     let mut service = Service::with(|settings| settings.grace_period = 3600, Box::new(CpuDevice::new())).await;
     let job = service.submit("clusters=5", sphere(300)).await;
     service.ended(&job).await;
-    assert!(!service.files().is_empty());
+    service.keeps_no("uploads").await;
+    let files = service.files();
+    assert!(!files.is_empty());
     service.stopped().await;
-    assert!(service.files().is_empty(), "{:?}", service.files());
+    assert_eq!(service.files(), files);
     assert!(service.get("/healthz").send().await.is_err(), "it does not listen any more");
+}
+
+#[tokio::test]
+async fn without_a_folder_nothing_outlasts_the_service() {
+    let mut service = Service::with(|settings| settings.data_dir = None, Box::new(CpuDevice::new())).await;
+    let job = service.submit("clusters=5", sphere(300)).await;
+    assert_eq!(service.ended(&job).await["state"], "succeeded");
+    assert!(json(service.get(text(&job["urls"]["labels"]))).await["labels"].is_array());
+    assert!(service.files().is_empty(), "the folder is another one");
+    service.stopped().await;
 }
 
 #[tokio::test]
@@ -32,7 +44,7 @@ async fn a_stopping_service_finishes_running_jobs_takes_none_and_says_so() {
     let mut service = Service::with(|settings| settings.meshes_in_memory = 1, device).await;
     let running = service.submit("clusters=5", sphere(300)).await;
     service.reaches(&running, "running").await;
-    let queued = service.submit("clusters=5", sphere(300)).await;
+    service.submit("clusters=5", sphere(300)).await;
     service.ask_to_stop();
     let started = Instant::now();
     loop {
@@ -49,7 +61,6 @@ async fn a_stopping_service_finishes_running_jobs_takes_none_and_says_so() {
     gate.open();
     // the running job ends; the queued one is not begun
     service.stopped().await;
-    let _ = queued;
     let log = log.text();
     assert!(log.contains("INFO") && log.contains("stopped"), "{log}");
     assert!(!log.contains("ERROR"), "refusals while it stops are no errors: {log}");
@@ -84,14 +95,19 @@ impl MakeWriter<'_> for Log {
 }
 
 #[tokio::test]
-async fn what_does_not_end_within_the_grace_period_is_cut_off() {
+async fn what_does_not_end_within_the_grace_period_runs_again_after_a_restart() {
     let (device, gate) = Held::behind_gate();
     let mut service = Service::with(|settings| settings.grace_period = 1, device).await;
     let job = service.submit("clusters=5", sphere(300)).await;
     service.reaches(&job, "running").await;
+    let started = Instant::now();
     service.stopped().await;
-    assert!(service.files().is_empty(), "{:?}", service.files());
+    assert!(started.elapsed().as_secs() < 10, "{:?}", started.elapsed());
     gate.open();
+    // it was not its fault, so it does not count, and runs again
+    let service = service.again(|settings| settings.work.max_attempts = 1).await;
+    let ended = service.ended(&job).await;
+    assert_eq!(ended["state"], "succeeded", "{ended}");
 }
 
 #[tokio::test]

@@ -1,7 +1,9 @@
 //! The service as a client meets it: a real server on a free port of this machine, a real HTTP client, real meshes.
 
 mod access;
+mod durable;
 mod events;
+mod faults;
 mod hierarchy;
 mod hostile;
 mod jobs;

@@ -12,8 +12,8 @@ use tesserae::device::cpu::CpuDevice;
 use tesserae::device::{Device, MergeSteps, Steps};
 use tesserae::report::DeviceInfo;
 use tesserae::sample::{self, Sample};
-use tesserae::service::{DeviceDescription, Server, Settings};
-use tesserae::surface::Surface;
+use tesserae::service::{DeviceDescription, Extras, Server, Settings};
+use tesserae::surface::DualGraph;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
@@ -24,7 +24,7 @@ pub const PATIENCE: Duration = Duration::from_secs(180);
 pub struct Service {
     pub address: SocketAddr,
     pub client: Client,
-    data: TempDir,
+    data: Arc<TempDir>,
     stop: Option<oneshot::Sender<()>>,
     running: Option<JoinHandle<tesserae::Result<()>>>,
 }
@@ -42,7 +42,18 @@ impl Service {
 
     /// One whose device was chosen by name or, with `or_cpu`, left to the service.
     pub async fn with_choice(change: impl FnOnce(&mut Settings), device: Box<dyn Device>, or_cpu: bool) -> Self {
-        let data = tempfile::tempdir().expect("a folder");
+        let data = Arc::new(tempfile::tempdir().expect("a folder"));
+        Self::on(data, change, device, or_cpu, Extras::default()).await
+    }
+
+    /// One that works in a folder that may have been worked in before.
+    pub async fn on(
+        data: Arc<TempDir>,
+        change: impl FnOnce(&mut Settings),
+        device: Box<dyn Device>,
+        or_cpu: bool,
+        extras: Extras,
+    ) -> Self {
         let mut settings = Settings {
             listen: SocketAddr::from(([127, 0, 0, 1], 0)),
             data_dir: Some(data.path().to_owned()),
@@ -50,7 +61,7 @@ impl Service {
         };
         change(&mut settings);
         let description = DeviceDescription { info: device.info().clone(), chosen: "by the test".to_owned(), or_cpu };
-        let server = Server::bind(settings, device, description).await.expect("bound");
+        let server = Server::bind_with(settings, device, description, extras).await.expect("bound");
         let address = server.address();
         let (stop, stopped) = oneshot::channel();
         let running = tokio::spawn(server.run(async {
@@ -58,6 +69,17 @@ impl Service {
         }));
         let client = Client::builder().timeout(PATIENCE).build().expect("a client");
         Self { address, client, data, stop: Some(stop), running: Some(running) }
+    }
+
+    /// Stops the server and starts another one, with changed settings, in the same folder.
+    pub async fn again(mut self, change: impl FnOnce(&mut Settings)) -> Self {
+        self.stopped().await;
+        Self::on(Arc::clone(&self.data), change, Box::new(CpuDevice::new()), false, Extras::default()).await
+    }
+
+    /// The folder it works in.
+    pub fn folder(&self) -> Arc<TempDir> {
+        Arc::clone(&self.data)
     }
 
     pub fn url(&self, path: &str) -> String {
@@ -125,14 +147,16 @@ impl Service {
     /// Stops the server and waits until it has.
     pub async fn stopped(&mut self) {
         self.ask_to_stop();
-        let running = self.running.take().expect("not stopped before");
+        let Some(running) = self.running.take() else { return };
         tokio::time::timeout(PATIENCE, running).await.expect("in time").expect("no panic").expect("no error");
     }
 
-    /// Files that the service keeps, relative to its data folder.
+    /// Uploads and results that the service keeps.
     pub fn files(&self) -> Vec<PathBuf> {
         let mut found = Vec::new();
-        collect(self.data.path(), &mut found);
+        for folder in ["uploads", "results", "scratch"] {
+            collect(&self.data.path().join(folder), &mut found);
+        }
         found
     }
 
@@ -234,7 +258,7 @@ impl Gate {
         self.0.1.notify_all();
     }
 
-    fn pass(&self) {
+    pub fn pass(&self) {
         let mut open = self.0.0.lock().expect("unpoisoned");
         while !*open {
             open = self.0.1.wait(open).expect("unpoisoned");
@@ -271,20 +295,20 @@ impl Device for Held {
 
     fn open<'a>(
         &'a mut self,
-        surface: &'a Surface,
+        graph: &'a DualGraph,
         component_of_cluster: &'a [u32],
     ) -> tesserae::Result<Box<dyn Steps + 'a>> {
         self.gate.pass();
-        assert!(surface.faces() != PANIC_FACES, "a defect on purpose");
-        self.cpu.open(surface, component_of_cluster)
+        assert!(graph.faces() != PANIC_FACES, "a defect on purpose");
+        self.cpu.open(graph, component_of_cluster)
     }
 
     fn open_merging<'a>(
         &'a mut self,
-        surface: &'a Surface,
+        graph: &'a DualGraph,
         component_of_cluster: &'a [u32],
     ) -> tesserae::Result<Box<dyn MergeSteps + 'a>> {
         self.gate.pass();
-        self.cpu.open_merging(surface, component_of_cluster)
+        self.cpu.open_merging(graph, component_of_cluster)
     }
 }

@@ -32,7 +32,7 @@ use self::build::Builder;
 use self::document::Document;
 use self::primitive::{Primitive, Skipped};
 use self::scene::Instances;
-use super::{Faces, Format, Limits, PolygonMesh, Resources};
+use super::{Admit, Faces, Format, Limits, PolygonMesh, Resources};
 use crate::error::{Error, Result};
 
 /// A mesh, and the attribute that was asked for, one number a vertex.
@@ -44,12 +44,13 @@ pub fn read_binary(
     resources: &dyn Resources,
     limits: &Limits,
     attribute: Option<&str>,
+    admit: &Admit<'_>,
 ) -> Result<WithNumbers> {
     let container = container::open(bytes)?;
     let document = Document::parse(container.json)?;
     let size = bytes.len() as u64;
     let buffers = Buffers::new(&document, container.binary, resources, limits, size);
-    read(&Accessors::new(&buffers), Format::Glb, limits, attribute)
+    read(&Accessors::new(&buffers), Format::Glb, limits, attribute, admit)
 }
 
 /// Reads a `.gltf` file.
@@ -58,10 +59,11 @@ pub fn read_json(
     resources: &dyn Resources,
     limits: &Limits,
     attribute: Option<&str>,
+    admit: &Admit<'_>,
 ) -> Result<WithNumbers> {
     let document = Document::parse(bytes)?;
     let buffers = Buffers::new(&document, None, resources, limits, bytes.len() as u64);
-    read(&Accessors::new(&buffers), Format::Gltf, limits, attribute)
+    read(&Accessors::new(&buffers), Format::Gltf, limits, attribute, admit)
 }
 
 fn read<'b>(
@@ -69,6 +71,7 @@ fn read<'b>(
     format: Format,
     limits: &Limits,
     attribute: Option<&str>,
+    admit: &Admit<'_>,
 ) -> Result<WithNumbers> {
     let document = accessors.buffers().document();
     let mut skipped = Skipped::default();
@@ -111,6 +114,7 @@ fn read<'b>(
     let allowance = accessors.buffers().allowance();
     allowance.check_faces(triangles)?;
     allowance.check_parts(parts)?;
+    admit(triangles)?;
     let mut builder = Builder::new(document, triangles, parts, allowance, attribute.is_some());
     for (placement, instances) in &places {
         let primitives = meshes.get(&placement.mesh).map_or(&[][..], Vec::as_slice);

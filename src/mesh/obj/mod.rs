@@ -22,7 +22,7 @@ use rayon::prelude::*;
 
 use self::chunk::{Chunk, Fault, What};
 use super::allowance::Allowance;
-use super::{Faces, Format, Limits, Part, PolygonMesh, part_name};
+use super::{Admit, Faces, Format, Limits, Part, PolygonMesh, part_name};
 use crate::error::{Error, Result};
 
 /// Bytes of a piece.
@@ -32,19 +32,26 @@ const PIECE: usize = 256 << 10;
 const MAX_BYTES: u64 = 2 * u32::MAX as u64;
 
 /// Reads an OBJ file.
-pub fn read(bytes: &[u8], limits: &Limits) -> Result<PolygonMesh> {
-    read_in_pieces(bytes, limits, PIECE)
+pub fn read(bytes: &[u8], limits: &Limits, admit: &Admit<'_>) -> Result<PolygonMesh> {
+    read_in_pieces(bytes, limits, admit, PIECE)
 }
 
-fn read_in_pieces(bytes: &[u8], limits: &Limits, piece: usize) -> Result<PolygonMesh> {
+fn read_in_pieces(bytes: &[u8], limits: &Limits, admit: &Admit<'_>, piece: usize) -> Result<PolygonMesh> {
     if bytes.len() as u64 > MAX_BYTES {
         return Err(Error::too_large(format_args!("an OBJ file may have {MAX_BYTES} bytes: {}", bytes.len())));
     }
     let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let text = with_line_feeds(text);
+    admit(face_lines(&text))?;
     let pieces = text::split(&text, piece);
     let parsed: Vec<Result<Chunk<'_>, Fault>> = pieces.par_iter().map(|piece| chunk::parse(piece)).collect();
     join(&text, &pieces, parsed, limits)
+}
+
+/// Lines that are faces, most likely: each takes memory as soon as it is parsed.
+fn face_lines(text: &[u8]) -> u64 {
+    let is_face = |line: &&[u8]| matches!(line.trim_ascii_start(), [b'f', b' ' | b'\t', ..]);
+    text.split(|&byte| byte == b'\n').filter(is_face).count() as u64
 }
 
 /// The text with a line feed for every carriage return that ends a line by itself, be it in a file that has no line

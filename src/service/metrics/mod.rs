@@ -191,7 +191,7 @@ impl Metrics {
             ),
             device_lost: register!(
                 "device_lost",
-                "Times that a job ended because the device was lost",
+                "Attempts at a job that ended because the device was lost",
                 Counter::default()
             ),
             answers: register!("http_requests", "Requests answered, by route template", Family::default()),
@@ -280,6 +280,13 @@ impl Metrics {
     pub fn claimed(&self, job: &Job) {
         let claimed = job.started_at.unwrap_or_else(SystemTime::now);
         self.queue_wait.observe(claimed.duration_since(job.created_at).unwrap_or_default().as_secs_f64());
+    }
+
+    /// An attempt at a job failed in a way that another may not.
+    pub fn attempt_failed(&self, kind: Kind) {
+        if kind == Kind::DeviceLost {
+            self.device_lost.inc();
+        }
     }
 
     /// A job ended in `state`, so long after its claim.

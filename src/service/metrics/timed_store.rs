@@ -130,6 +130,10 @@ impl JobStore for TimedStore {
         self.timed("counts", self.store.counts()).await
     }
 
+    async fn probe(&self) -> Result<()> {
+        self.timed("probe", self.store.probe()).await
+    }
+
     fn statistics(&self) -> Statistics {
         self.store.statistics()
     }

@@ -1,38 +1,73 @@
 //! The one thread that works with the device: it takes prepared meshes one after the other.
+//!
+//! What can go wrong with a device is dealt with here. One that was lost is opened anew before the next mesh. One that
+//! shows no sign of life is left to itself, with its thread, and another thread begins anew. Where the cpu is allowed to
+//! stand in, it takes meshes that lost the device before, and all of them while there is no device. A device that cannot
+//! be opened, with nothing to stand in, makes the service not ready, and no job is begun until it can.
 
 use std::fmt;
-use std::sync::Arc;
-use std::time::Instant;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use tokio::sync::{mpsc, oneshot};
 
 use super::caught;
+use super::stages::Slot;
 use crate::device::cpu::CpuDevice;
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
 use crate::job::{self, Outcome, Prepared};
 use crate::report::{DeviceKind, Row};
+use crate::service::health::{Health, Part, Severity};
 use crate::service::metrics::Metrics;
+
+/// Opens the device of the service anew.
+pub type Reopen = Arc<dyn Fn() -> Result<Box<dyn Device>> + Send + Sync>;
+
+/// Time between two attempts to open a device that could not be opened.
+const REOPEN: Duration = Duration::from_secs(10);
 
 /// A mesh to be clustered.
 pub(super) struct Task {
     /// The mesh.
     pub prepared: Prepared,
-    /// Asks to stop.
+    /// Asks to stop; made by [`DeviceThread::cancel`].
     pub cancel: Cancel,
+    /// Whether an earlier attempt at this mesh failed, maybe with the device.
+    pub is_retry: bool,
     /// Is told of every row of the report.
     pub on_row: Box<dyn FnMut(Row) + Send>,
     /// Where the lines of the log belong.
     pub span: tracing::Span,
-    /// Takes the result; nobody may be waiting any more.
-    pub reply: oneshot::Sender<Result<Outcome>>,
     /// Freed when the mesh is: other meshes wait for its place in memory.
-    pub slot: super::stages::Slot,
+    pub _slot: Slot,
+}
+
+/// A task and whoever waits for its outcome, who may be gone.
+struct Submitted {
+    /// None to only look after the device.
+    task: Option<Task>,
+    reply: oneshot::Sender<Result<Outcome>>,
 }
 
 /// The way to the thread. It ends when this is dropped.
 pub(in crate::service) struct DeviceThread {
-    tasks: mpsc::Sender<Task>,
+    shared: Arc<Shared>,
+    tasks: Mutex<mpsc::Sender<Submitted>>,
+    /// Held by who has the thread work: the others do not time it.
+    turn: tokio::sync::Mutex<()>,
+    timeout: Duration,
+}
+
+/// What threads have in common.
+struct Shared {
+    reopen: Option<Reopen>,
+    or_cpu: bool,
+    health: Arc<Health>,
+    metrics: Arc<Metrics>,
+    /// Counts signs of life.
+    life: Arc<AtomicU64>,
 }
 
 impl fmt::Debug for DeviceThread {
@@ -42,66 +77,215 @@ impl fmt::Debug for DeviceThread {
 }
 
 impl DeviceThread {
-    /// Starts the thread. With `or_cpu` the cpu does what the device cannot, or is slow at.
-    pub fn start(device: Box<dyn Device>, or_cpu: bool, metrics: Arc<Metrics>) -> Result<Self> {
-        let mut devices =
-            Devices { cpu: (or_cpu && device.info().kind == DeviceKind::Gpu).then(CpuDevice::new), device };
-        let (tasks, mut queue) = mpsc::channel::<Task>(1);
-        std::thread::Builder::new()
-            .name("device".to_owned())
-            .spawn(move || {
-                while let Some(task) = queue.blocking_recv() {
-                    let started = Instant::now();
-                    task.run(&mut devices);
-                    metrics.device_worked(started.elapsed());
-                }
-            })
-            .map_err(|error| Error::io("the thread of the device cannot be started", error))?;
-        Ok(Self { tasks })
+    /// Starts the thread. With `or_cpu` the cpu does what the device cannot, or is slow at. A device without a sign of
+    /// life for `timeout` counts as lost; `reopen` opens another one.
+    pub fn start(
+        device: Box<dyn Device>,
+        or_cpu: bool,
+        reopen: Option<Reopen>,
+        timeout: Duration,
+        health: Arc<Health>,
+        metrics: Arc<Metrics>,
+    ) -> Result<Self> {
+        let shared = Arc::new(Shared { reopen, or_cpu, health, metrics, life: Arc::default() });
+        let tasks = Mutex::new(spawn(Devices::new(Some(device), &shared))?);
+        Ok(Self { shared, tasks, turn: tokio::sync::Mutex::default(), timeout })
     }
 
-    /// Hands over a mesh, as soon as the thread has room for it.
-    pub(super) async fn submit(&self, task: Task) -> Result<()> {
-        self.tasks.send(task).await.map_err(|_| Error::new(Kind::Internal, "the thread of the device is gone"))
+    /// A flag to stop a task by. Looking at it is a sign of life.
+    pub(super) fn cancel(&self) -> Cancel {
+        Cancel::counting(Arc::clone(&self.shared.life))
+    }
+
+    /// Clusters a mesh, after those that came before. [`Kind::DeviceLost`] when the device was lost, or seems to be.
+    /// [`Kind::TimeLimit`] when it takes longer than `limit`, not counting the time that it waits for others.
+    pub(super) async fn run(&self, task: Task, limit: Option<Duration>) -> Result<Outcome> {
+        let _turn = self.turn.lock().await;
+        let Some(limit) = limit else {
+            return self.submit(Some(task)).await;
+        };
+        tokio::time::timeout(limit, self.submit(Some(task))).await.unwrap_or_else(|_| Err(too_slow(limit)))
+    }
+
+    /// Completes once there is a device, or something to stand in for it.
+    pub(super) async fn is_there(&self) {
+        while self.shared.health.severity(Part::Device) == Some(Severity::Failing) {
+            tokio::time::sleep(REOPEN).await;
+            let _turn = self.turn.lock().await;
+            let _ = self.submit(None).await;
+        }
+    }
+
+    async fn submit(&self, task: Option<Task>) -> Result<Outcome> {
+        let gone = || Error::new(Kind::Internal, "the thread of the device is gone");
+        let (reply, mut outcome) = oneshot::channel();
+        let tasks = self.tasks.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let work = async {
+            tasks.send(Submitted { task, reply }).await.map_err(|_| gone())?;
+            (&mut outcome).await.map_err(|_| gone())?
+        };
+        tokio::select! {
+            outcome = work => outcome,
+            () = self.lifeless() => {
+                tracing::error!(timeout = ?self.timeout, "the device shows no sign of life; its thread is left to itself");
+                self.shared.lost("it showed no sign of life");
+                let thread = spawn(Devices::new(None, &self.shared))?;
+                *self.tasks.lock().unwrap_or_else(PoisonError::into_inner) = thread;
+                Err(Error::new(
+                    Kind::DeviceLost,
+                    format_args!("the device showed no sign of life for {:?} (the service's --device-timeout)", self.timeout),
+                ))
+            }
+        }
+    }
+
+    /// Completes when there was no sign of life for too long.
+    async fn lifeless(&self) {
+        let mut seen = None;
+        loop {
+            let life = self.shared.life.load(Ordering::Relaxed);
+            if seen.replace(life) == Some(life) {
+                return;
+            }
+            tokio::time::sleep(self.timeout).await;
+        }
+    }
+}
+
+/// The error of a job that takes too long.
+fn too_slow(limit: Duration) -> Error {
+    Error::new(
+        Kind::TimeLimit,
+        format_args!(
+            "the job took longer on the device than a job may, {} s (the service's --max-job-seconds); try a smaller mesh, \
+             or fewer iterations (max_iterations)",
+            limit.as_secs()
+        ),
+    )
+}
+
+/// Starts a thread.
+fn spawn(mut devices: Devices) -> Result<mpsc::Sender<Submitted>> {
+    let (tasks, mut queue) = mpsc::channel::<Submitted>(1);
+    std::thread::Builder::new()
+        .name("device".to_owned())
+        .spawn(move || {
+            while let Some(Submitted { task, reply }) = queue.blocking_recv() {
+                let outcome = match task {
+                    Some(task) => {
+                        let started = Instant::now();
+                        let outcome = task.run(&mut devices);
+                        devices.shared.metrics.device_worked(started.elapsed());
+                        outcome
+                    }
+                    None => devices.open().map(drop).and(Err(Error::cancelled())),
+                };
+                let _ = reply.send(outcome);
+            }
+        })
+        .map_err(|error| Error::io("the thread of the device cannot be started", error))?;
+    Ok(tasks)
+}
+
+impl Shared {
+    fn lost(&self, how: &str) {
+        self.health.degrade(Part::Device, format!("the device was lost and is opened anew: {how}"));
     }
 }
 
 /// What the thread works with.
 struct Devices {
-    device: Box<dyn Device>,
+    shared: Arc<Shared>,
+    /// None after it was lost.
+    device: Option<Box<dyn Device>>,
     /// For what the device cannot do.
     cpu: Option<CpuDevice>,
+    /// When a device that cannot be opened is tried again.
+    next_attempt: Option<Instant>,
 }
 
 impl Devices {
-    fn run(&mut self, prepared: &Prepared, cancel: &Cancel, on_row: &mut dyn FnMut(Row)) -> Result<Outcome> {
-        let Some(cpu) = &mut self.cpu else {
-            return job::run(prepared, self.device.as_mut(), cancel, on_row);
+    fn new(device: Option<Box<dyn Device>>, shared: &Arc<Shared>) -> Self {
+        let needs_cpu = device.as_ref().is_none_or(|device| device.info().kind == DeviceKind::Gpu);
+        let cpu = (shared.or_cpu && needs_cpu).then(CpuDevice::new);
+        Self { shared: Arc::clone(shared), device, cpu, next_attempt: None }
+    }
+
+    fn run(&mut self, task: &mut Task) -> Result<Outcome> {
+        let Task { prepared, cancel, on_row, is_retry, .. } = task;
+        let mut run = |device: &mut dyn Device| job::run(prepared, device, cancel, &mut **on_row);
+        if let Some(cpu) = self.cpu.as_mut().filter(|_| prepared.parameters.algorithm.is_sequential() || *is_retry) {
+            return run(cpu);
+        }
+        let opened = self.open();
+        let outcome = match opened {
+            Ok(()) => match &mut self.device {
+                Some(device) => run(device.as_mut()),
+                None => Err(Error::new(Kind::Internal, "a device that was opened is not there")),
+            },
+            Err(error) => match &mut self.cpu {
+                Some(cpu) => return run(cpu),
+                None => return Err(error),
+            },
         };
-        if prepared.parameters.algorithm.is_sequential() {
-            return job::run(prepared, cpu, cancel, on_row);
-        }
-        match job::run(prepared, self.device.as_mut(), cancel, on_row) {
-            Err(error) if error.kind == Kind::DeviceUnsuitable => {
+        match (outcome, &mut self.cpu) {
+            (Err(error), Some(cpu)) if error.kind == Kind::DeviceUnsuitable => {
                 tracing::warn!(%error, "taking the cpu instead of the gpu");
-                job::run(prepared, cpu, cancel, on_row)
+                run(cpu)
             }
-            outcome => outcome,
+            (Err(error), _) if error.kind == Kind::DeviceLost => {
+                self.shared.lost(&error.message);
+                if self.shared.reopen.is_some() {
+                    self.device = None;
+                }
+                Err(error)
+            }
+            (outcome, _) => {
+                if outcome.is_ok() {
+                    self.shared.health.clear(Part::Device);
+                }
+                outcome
+            }
         }
+    }
+
+    /// Opens the device, if it is not.
+    fn open(&mut self) -> Result<()> {
+        if self.device.is_some() {
+            return Ok(());
+        }
+        let refuse = |why: &str| Error::new(Kind::DeviceLost, format_args!("the device cannot be opened again: {why}"));
+        let error = match &self.shared.reopen {
+            // not at every mesh: looking for a device takes its time
+            _ if self.next_attempt.is_some_and(|next| Instant::now() < next) => {
+                return Err(refuse("it could not be a moment ago"));
+            }
+            Some(reopen) => match caught(|| reopen()) {
+                Ok(device) => {
+                    tracing::info!(device = device.info().name, "the device was opened anew");
+                    self.device = Some(device);
+                    self.next_attempt = None;
+                    self.shared.health.clear(Part::Device);
+                    return Ok(());
+                }
+                Err(error) => refuse(&error.message),
+            },
+            None => refuse("there is no way to"),
+        };
+        self.next_attempt = Some(Instant::now() + REOPEN / 2);
+        match self.cpu {
+            Some(_) => self.shared.health.degrade(Part::Device, format!("the cpu stands in: {error}")),
+            None => self.shared.health.fail(Part::Device, error.message.clone()),
+        }
+        Err(error)
     }
 }
 
 impl Task {
-    fn run(self, devices: &mut Devices) {
-        let Task { prepared, cancel, mut on_row, span, reply, slot } = self;
-        let outcome = {
-            let _entered = span.enter();
-            caught(|| devices.run(&prepared, &cancel, &mut *on_row))
-        };
-        // All of the job's rows are told before its outcome.
-        drop(on_row);
-        drop(prepared);
-        drop(slot);
-        let _ = reply.send(outcome);
+    fn run(mut self, devices: &mut Devices) -> Result<Outcome> {
+        let span = self.span.clone();
+        let _entered = span.enter();
+        // All of the job's rows are told, and its place is free, before its outcome is known.
+        caught(|| devices.run(&mut self))
     }
 }

@@ -1,59 +1,98 @@
 //! The stages of one job.
 
 use std::collections::HashMap;
-use std::fs::File;
-use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::time::Instant;
+use std::iter;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
-use tokio::sync::{OwnedSemaphorePermit, mpsc, oneshot};
+use axum::body::Bytes;
+use tokio::runtime::Handle;
+use tokio::sync::{OwnedSemaphorePermit, mpsc};
+use tokio_util::sync::CancellationToken;
 use tracing::Span;
 
 use super::device_thread::Task;
-use super::{Pipeline, caught};
+use super::{AGAIN, Pipeline, caught, memory};
 use crate::device::Cancel;
 use crate::error::{Error, Kind, Result};
 use crate::job::{self, Outcome, Prepared, milliseconds};
 use crate::mesh::Resources;
 use crate::output::{LabelFormat, write_labels, write_snapshots};
 use crate::report::Row;
-use crate::service::files::{self, blocking};
+use crate::service::files::{self, BlockingWriter, Folder, blocking};
 use crate::service::store::{Job, JobStore, Progress, Summary, Ticket, What};
 
 /// The place of a mesh in memory, shared by all that works on it.
-pub(super) type Slot = Arc<OwnedSemaphorePermit>;
+#[derive(Debug, Clone)]
+pub(super) struct Slot(Arc<Place>);
+
+#[derive(Debug)]
+struct Place {
+    _slot: OwnedSemaphorePermit,
+    memory: Mutex<Option<memory::Held>>,
+}
+
+impl Slot {
+    pub fn new(slot: OwnedSemaphorePermit) -> Self {
+        Self(Arc::new(Place { _slot: slot, memory: Mutex::default() }))
+    }
+
+    fn holds(&self, memory: memory::Held) {
+        *self.0.memory.lock().unwrap_or_else(PoisonError::into_inner) = Some(memory);
+    }
+}
 
 /// Rows that are appended to the job's events at once.
 const ROWS_AT_ONCE: usize = 1024;
 
+/// For how long rows are gathered before they are appended: a short job has all of them stored with its end.
+const GATHERING: Duration = Duration::from_millis(50);
+
+/// Rows that were not appended when the last one came.
+#[derive(Debug, Default)]
+pub(super) struct Log(Mutex<Option<(Vec<What>, Progress)>>);
+
+impl Log {
+    /// The rows that are left, and the progress after them.
+    pub fn rest(&self) -> Option<(Vec<What>, Progress)> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn leave(&self, rows: Vec<What>, progress: Progress) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some((rows, progress));
+    }
+}
+
 impl Pipeline {
-    /// From the upload to labels, in memory. May be dropped in the middle.
-    pub(super) async fn cluster(&self, slot: &Slot, ticket: Ticket, job: &Job, cancel: &Cancel) -> Result<Outcome> {
-        let prepared = self.prepare(job, Arc::clone(slot)).await?;
+    /// From the upload to labels, in memory. May be dropped in the middle; `broken_off` tells what then still waits.
+    pub(super) async fn cluster(
+        &self,
+        slot: &Slot,
+        ticket: Ticket,
+        job: &Job,
+        cancel: &Cancel,
+        log: &Arc<Log>,
+        broken_off: CancellationToken,
+    ) -> Result<Outcome> {
+        let prepared = self.prepare(job, slot.clone(), broken_off).await?;
         Span::current().record("faces", prepared.input.faces);
         if job.spec.parameters.clusters.is_none() {
             Span::current().record("clusters", prepared.parameters.clusters);
         }
 
         let (rows, inbox) = mpsc::unbounded_channel();
-        let (reply, outcome) = oneshot::channel();
         let task = Task {
             prepared,
             cancel: cancel.clone(),
+            is_retry: ticket.attempt > 1,
             // Unbounded, so that the device never waits; the report holds the same rows anyway.
             on_row: Box::new(move |row| drop(rows.send(row))),
             span: tracing::info_span!("cluster"),
-            reply,
-            slot: Arc::clone(slot),
+            _slot: slot.clone(),
         };
-        let store = Arc::clone(&self.store);
-        let log = tokio::spawn(tell(store, ticket, inbox));
-        self.device.submit(task).await?;
-        let outcome = outcome.await;
-        let told = log.await;
-        let outcome = outcome.map_err(|_| Error::new(Kind::Internal, "the thread of the device is gone"))??;
-        told.map_err(|error| {
+        let telling = tokio::spawn(tell(Arc::clone(&self.store), ticket, inbox, Arc::clone(log)));
+        let outcome = self.device.run(task, self.time).await?;
+        telling.await.map_err(|error| {
             Error::new(Kind::Internal, format_args!("the events of the job were not written: {error}"))
         })??;
         Ok(outcome)
@@ -61,40 +100,67 @@ impl Pipeline {
 
     /// From labels to files. Must not be dropped in the middle: it would go on, and leave files that nobody knows of.
     pub(super) async fn write(&self, slot: Slot, job: &Job, outcome: Outcome, started: Instant) -> Result<Summary> {
-        let folder = self.files.result(job.id);
+        let files = Arc::clone(&self.files);
+        let (id, attempt) = (job.id, job.attempt);
         blocking(move || {
             let _slot = slot;
-            caught(|| write(outcome, &folder, started))
+            caught(|| write(outcome, |name| BlockingWriter::new(files.result(id, attempt, name)), started))
         })
         .await?
     }
 
-    /// Reads the mesh.
-    async fn prepare(&self, job: &Job, slot: Slot) -> Result<Prepared> {
-        let folder = self.files.upload(job.id);
+    /// Reads the mesh, when there is memory for it.
+    async fn prepare(&self, job: &Job, slot: Slot, broken_off: CancellationToken) -> Result<Prepared> {
         let spec = job.spec.clone();
+        let folder = Folder::Upload(job.id);
+        let mut uploads = Vec::new();
+        for name in iter::once(files::MESH.to_owned()).chain((0..spec.buffers.len()).map(files::buffer)) {
+            uploads.push(self.files.read(folder, &name, None).await.map_err(upload_is_gone)?);
+        }
+        // a buffer is there twice while the mesh is read: as it was sent, and as the reader has it
+        let bytes = uploads.iter().enumerate().map(|(at, upload)| upload.length() * if at > 0 { 2 } else { 1 }).sum();
+        let memory = self.memory.read(bytes).await?;
+        let reading = Instant::now();
+        let mut contents = Vec::new();
+        for upload in uploads {
+            contents.push(upload.bytes().await.map_err(upload_is_gone)?);
+        }
+        let seeds = match spec.listed_seeds {
+            true => Some(self.files.read(folder, files::SEEDS, None).await.map_err(upload_is_gone)?.bytes().await?),
+            false => None,
+        };
+        let weights = match spec.has_weights {
+            true => Some(self.files.read(folder, files::WEIGHTS, None).await.map_err(upload_is_gone)?.bytes().await?),
+            false => None,
+        };
+        let read = reading.elapsed();
         let limits = self.limits;
         let span = tracing::info_span!("read");
         blocking(move || {
-            let _slot = slot;
             let _entered = span.enter();
+            let (runtime, memory) = (Handle::current(), Mutex::new(Some(memory)));
+            let admit = |faces| {
+                let Some(memory) = memory.lock().unwrap_or_else(PoisonError::into_inner).take() else {
+                    return Ok(());
+                };
+                let held = runtime.block_on(async {
+                    tokio::select! {
+                        held = memory.build(faces) => held,
+                        () = broken_off.cancelled() => Err(Error::cancelled()),
+                    }
+                });
+                slot.holds(held?);
+                Ok(())
+            };
             caught(|| {
-                let reading = Instant::now();
-                let bytes = read(&folder.join(files::MESH))?;
-                let seeds = match spec.listed_seeds {
-                    true => Some(read(&folder.join(files::SEEDS))?),
-                    false => None,
-                };
-                let weights = match spec.has_weights {
-                    true => Some(read(&folder.join(files::WEIGHTS))?),
-                    false => None,
-                };
-                let read = reading.elapsed();
+                let mut contents = contents.into_iter();
+                let mesh = contents.next().unwrap_or_default();
                 let mut prepared = job::prepare(&job::Request {
-                    bytes: &bytes,
+                    bytes: &mesh,
                     format: spec.format,
-                    resources: &Parts::new(&folder, &spec.buffers),
+                    resources: &Parts::new(&spec.buffers, contents),
                     limits,
+                    admit: &admit,
                     parameters: &spec.parameters,
                     seeds: seeds.as_deref(),
                     weights: weights.as_deref(),
@@ -107,77 +173,107 @@ impl Pipeline {
     }
 }
 
-/// Appends rows to the events of a job as they come, many at once when they come fast.
-async fn tell(store: Arc<dyn JobStore>, ticket: Ticket, mut inbox: mpsc::UnboundedReceiver<Row>) -> Result<()> {
-    let mut rows = Vec::new();
-    let mut progress = Progress::default();
-    while inbox.recv_many(&mut rows, ROWS_AT_ONCE).await > 0 {
-        let events = rows
-            .drain(..)
-            .map(|row| match row {
-                Row::Iteration(row) => {
-                    progress.iterations = row.iteration;
-                    progress.phase = Some(row.phase);
-                    progress.energy = row.energy;
-                    serde_json::to_string(&row).map(What::Iteration)
-                }
-                Row::Round(row) => {
-                    progress.rounds = row.round;
-                    progress.clusters_left = Some(row.clusters);
-                    progress.energy = row.energy;
-                    serde_json::to_string(&row).map(What::Round)
-                }
-            })
-            .collect::<Result<_, _>>()
-            .map_err(not_json)?;
-        store.append(ticket, events, progress).await?;
+/// The error of an upload that cannot be read: it belongs to a job, so it must be there.
+fn upload_is_gone(error: Error) -> Error {
+    match error.kind {
+        Kind::NotFound => {
+            Error::new(Kind::Io, "the upload of the job is gone: someone removed it from the data folder")
+        }
+        _ => error,
     }
-    Ok(())
 }
 
-/// Writes the result of a job: into a folder of another name, which is then renamed, so that it is whole or not there.
-fn write(outcome: Outcome, folder: &Path, started: Instant) -> Result<Summary> {
+/// Appends rows to the events of a job as they come, many at once when they come fast; what is left goes to `log`.
+async fn tell(
+    store: Arc<dyn JobStore>,
+    ticket: Ticket,
+    mut inbox: mpsc::UnboundedReceiver<Row>,
+    log: Arc<Log>,
+) -> Result<()> {
+    let mut progress = Progress::default();
+    let mut events = Vec::new();
+    let mut rows = Vec::new();
+    loop {
+        let gathered = tokio::time::Instant::now() + GATHERING;
+        let mut is_over = false;
+        while events.len() < ROWS_AT_ONCE {
+            let received = match events.is_empty() {
+                true => Ok(inbox.recv_many(&mut rows, ROWS_AT_ONCE).await),
+                false => tokio::time::timeout_at(gathered, inbox.recv_many(&mut rows, ROWS_AT_ONCE)).await,
+            };
+            for row in rows.drain(..) {
+                events.push(event(row, &mut progress)?);
+            }
+            match received {
+                Ok(0) => {
+                    is_over = true;
+                    break;
+                }
+                Ok(_) => {}
+                Err(_) => break,
+            }
+        }
+        if is_over {
+            if !events.is_empty() {
+                log.leave(events, progress);
+            }
+            return Ok(());
+        }
+        // As long as the disk fails they are kept; the job does not end before they are stored, or lost with it.
+        while let Err(error) = store.append(ticket, events.clone(), progress).await {
+            if !error.is_of_storage() {
+                return Err(error);
+            }
+            tokio::time::sleep(AGAIN).await;
+        }
+        events.clear();
+    }
+}
+
+/// A row as an event.
+fn event(row: Row, progress: &mut Progress) -> Result<What> {
+    match row {
+        Row::Iteration(row) => {
+            progress.iterations = row.iteration;
+            progress.phase = Some(row.phase);
+            progress.energy = row.energy;
+            serde_json::to_string(&row).map(What::Iteration)
+        }
+        Row::Round(row) => {
+            progress.rounds = row.round;
+            progress.clusters_left = Some(row.clusters);
+            progress.energy = row.energy;
+            serde_json::to_string(&row).map(What::Round)
+        }
+    }
+    .map_err(not_json)
+}
+
+/// Writes the result of a job. It means nothing until the job has ended with it.
+fn write(outcome: Outcome, blob: impl Fn(&str) -> BlockingWriter, started: Instant) -> Result<Summary> {
     let Outcome { labels, hierarchy, snapshots, mut report } = outcome;
-    let cannot = |error| Error::io("the result cannot be stored", error);
     let writing = Instant::now();
-    let parent = folder.parent().unwrap_or(folder);
-    let unfinished = tempfile::Builder::new().prefix("unfinished-").tempdir_in(parent).map_err(cannot)?;
-    let path = |name: &str| unfinished.path().join(name);
     if let Some(labels) = &labels {
         for (format, name) in [(LabelFormat::Npy, files::LABELS_NPY), (LabelFormat::Json, files::LABELS_JSON)] {
-            create(&path(name), |out| write_labels(out, format, report.clusters, labels)).map_err(cannot)?;
+            blob(name).fill(|out| write_labels(out, format, report.clusters, labels))?;
         }
     }
     if !report.snapshots.is_empty() {
         let faces = report.input.faces;
-        create(&path(files::SNAPSHOTS), |out| write_snapshots(out, &snapshots, faces)).map_err(cannot)?;
-        create(&path(files::SNAPSHOT_LIST), |out| Ok(serde_json::to_writer(out, &report.snapshots)?))
-            .map_err(cannot)?;
+        blob(files::SNAPSHOTS).fill(|out| write_snapshots(out, &snapshots, faces))?;
+        blob(files::SNAPSHOT_LIST).fill(|out| Ok(serde_json::to_writer(out, &report.snapshots)?))?;
     }
     if let Some(hierarchy) = &hierarchy {
-        create(&path(files::HIERARCHY), |out| hierarchy.write(out)).map_err(cannot)?;
+        blob(files::HIERARCHY).fill(|out| hierarchy.write(out))?;
     }
     report.timings_ms.write = milliseconds(writing.elapsed());
     report.timings_ms.total = milliseconds(started.elapsed());
     let summary = Summary { faces: report.input.faces, clusters: report.clusters, has_labels: labels.is_some() };
-    create(&path(files::REPORT), |out| {
+    blob(files::REPORT).fill(|out| {
         serde_json::to_writer(&mut *out, &report)?;
         out.write_all(b"\n")
-    })
-    .map_err(cannot)?;
-    std::fs::rename(unfinished.path(), folder).map_err(cannot)?;
-    drop(unfinished.keep());
+    })?;
     Ok(summary)
-}
-
-fn create(path: &Path, content: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> std::io::Result<()> {
-    let mut out = BufWriter::with_capacity(1 << 18, File::create_new(path)?);
-    content(&mut out)?;
-    out.flush()
-}
-
-fn read(path: &Path) -> Result<Vec<u8>> {
-    std::fs::read(path).map_err(|error| Error::io("an upload cannot be read", error))
 }
 
 fn not_json(error: serde_json::Error) -> Error {
@@ -186,33 +282,30 @@ fn not_json(error: serde_json::Error) -> Error {
 
 /// The buffers that came with a mesh: the only files that it can refer to, by exactly their names.
 struct Parts {
-    paths: HashMap<String, PathBuf>,
+    contents: HashMap<String, Bytes>,
 }
 
 impl Parts {
-    fn new(folder: &Path, names: &[String]) -> Self {
-        let paths =
-            names.iter().enumerate().map(|(index, name)| (name.clone(), folder.join(files::buffer(index)))).collect();
-        Self { paths }
+    fn new(names: &[String], contents: impl Iterator<Item = Bytes>) -> Self {
+        Self { contents: names.iter().cloned().zip(contents).collect() }
     }
 }
 
 impl Resources for Parts {
     fn load(&self, uri: &str, max_bytes: u64) -> Result<Vec<u8>> {
-        let path = self.paths.get(uri).ok_or_else(|| {
+        let content = self.contents.get(uri).ok_or_else(|| {
             Error::mesh(format_args!(
                 "the mesh refers to a buffer that did not come with it (send it as a part named buffer with this file \
                  name): {uri:?}"
             ))
         })?;
-        let cannot = |error| Error::io("an upload cannot be read", error);
-        let bytes = std::fs::metadata(path).map_err(cannot)?.len();
+        let bytes = content.len() as u64;
         if bytes > max_bytes {
             return Err(Error::too_large(format_args!(
                 "a buffer has more bytes than the limit of {max_bytes}, {bytes}: {uri:?}"
             )));
         }
-        read(path)
+        Ok(content.to_vec())
     }
 }
 
@@ -222,10 +315,8 @@ mod tests {
 
     #[test]
     fn a_mesh_gets_at_the_parts_by_their_names_and_at_nothing_else() {
-        let folder = tempfile::tempdir().expect("a folder");
-        std::fs::write(folder.path().join(files::buffer(0)), b"first").expect("written");
-        std::fs::write(folder.path().join(files::buffer(1)), b"second").expect("written");
-        let parts = Parts::new(folder.path(), &["a/b c.bin".into(), "../x".into()]);
+        let contents = ["first", "second"].map(|content| Bytes::from_static(content.as_bytes()));
+        let parts = Parts::new(&["a/b c.bin".into(), "../x".into()], contents.into_iter());
         assert_eq!(parts.load("a/b c.bin", 5).as_deref(), Ok(&b"first"[..]));
         // a name is a name, whatever it looks like
         assert_eq!(parts.load("../x", 9).as_deref(), Ok(&b"second"[..]));

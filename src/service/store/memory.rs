@@ -411,6 +411,10 @@ impl JobStore for MemoryStore {
         Ok(State::ALL.map(|state| inner.jobs.values().filter(|entry| entry.job.state == state).count() as u64))
     }
 
+    async fn probe(&self) -> Result<()> {
+        Ok(())
+    }
+
     fn statistics(&self) -> Statistics {
         Statistics::default()
     }

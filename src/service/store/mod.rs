@@ -26,7 +26,6 @@ pub(super) mod conformance;
 mod cursor;
 pub(super) mod memory;
 mod pulses;
-#[allow(dead_code, reason = "used from the next change on")]
 pub(super) mod sqlite;
 
 use std::fmt;
@@ -215,7 +214,6 @@ pub(super) struct Rules {
     pub max_attempts: u32,
 }
 
-#[allow(dead_code, reason = "used from the next change on")]
 /// Why a running job is given back.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Release {
@@ -279,7 +277,7 @@ pub(super) struct Job {
 }
 
 /// The right to write about a running job.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) struct Ticket {
     /// The job.
     pub job: JobId,
@@ -353,7 +351,6 @@ pub(super) enum Deletion {
     Unknown,
 }
 
-#[allow(dead_code, reason = "used from the next change on")]
 /// Keeps jobs and their events. See the [module](self) for the life of a job.
 #[async_trait]
 pub(super) trait JobStore: fmt::Debug + Send + Sync {
@@ -428,6 +425,9 @@ pub(super) trait JobStore: fmt::Debug + Send + Sync {
 
     /// Number of jobs in each state, in the order of [`State::ALL`].
     async fn counts(&self) -> Result<[u64; State::ALL.len()]>;
+
+    /// Writes something of no meaning, to see whether it can.
+    async fn probe(&self) -> Result<()>;
 
     /// What it counts.
     fn statistics(&self) -> Statistics;

@@ -2,6 +2,7 @@
 //! and `weights`, in any order.
 
 use std::error::Error as StdError;
+use std::sync::Arc;
 
 use axum::body::Body;
 use axum::extract::multipart::{Field, Multipart, MultipartError};
@@ -22,7 +23,7 @@ use crate::service::store::Spec;
 const MAX_BUFFERS: usize = 1024;
 
 /// Receives a form.
-pub(super) async fn receive(parts: Parts, content: Content, wanted: Wanted, files: &Files) -> Result<Upload> {
+pub(super) async fn receive(parts: Parts, content: Content, wanted: Wanted, files: &Arc<Files>) -> Result<Upload> {
     let allowance = content.allowance();
     allowance.between_parts();
     let request = Request::from_parts(parts, Body::from_stream(content));
@@ -30,12 +31,13 @@ pub(super) async fn receive(parts: Parts, content: Content, wanted: Wanted, file
         .await
         .map_err(|rejection| Error::new(Kind::BadRequest, rejection.body_text()))?;
     let mut form = Form {
-        folder: files.incoming().await?,
+        folder: files.incoming(),
         wanted,
         mesh: None,
         buffers: Vec::new(),
-        listed_seeds: false,
-        has_weights: false,
+        digests: Vec::new(),
+        seeds: None,
+        weights: None,
         has_parameters: false,
     };
     while let Some(field) = multipart.next_field().await.map_err(unreadable)? {
@@ -52,8 +54,12 @@ struct Form {
     wanted: Wanted,
     mesh: Option<Mesh>,
     buffers: Vec<String>,
-    listed_seeds: bool,
-    has_weights: bool,
+    /// Of the buffers.
+    digests: Vec<[u8; 32]>,
+    /// Digest of the list of seeds.
+    seeds: Option<[u8; 32]>,
+    /// Digest of the weights.
+    weights: Option<[u8; 32]>,
     has_parameters: bool,
 }
 
@@ -76,16 +82,15 @@ impl Form {
             }
             "buffer" => self.add_buffer(field).await,
             "seeds" => {
-                once("seeds", self.listed_seeds)?;
-                self.listed_seeds = true;
-                let path = self.folder.file(files::SEEDS);
-                save(content(field), path, |_| Ok(())).await.map(drop)
+                once("seeds", self.seeds.is_some())?;
+                let seeds = save(content(field), self.folder.blob(files::SEEDS), |_| Ok(())).await?;
+                self.seeds = Some(seeds.digest);
+                Ok(())
             }
             "weights" => {
-                once("weights", self.has_weights)?;
-                self.has_weights = true;
-                let path = self.folder.file(files::WEIGHTS);
-                let saved = save(content(field), path, |_| Ok(())).await?;
+                once("weights", self.weights.is_some())?;
+                let saved = save(content(field), self.folder.blob(files::WEIGHTS), |_| Ok(())).await?;
+                self.weights = Some(saved.digest);
                 job::check_head_of_weights(&saved.head)
             }
             "" => Err(Error::new(
@@ -107,7 +112,7 @@ impl Form {
             Some(format) => format.check_head(head, None),
             None => Format::recognise(file_name.as_deref(), head)?.check_head(head, None),
         };
-        let saved = save(content(field), self.folder.file(files::MESH), early).await?;
+        let saved = save(content(field), self.folder.blob(files::MESH), early).await?;
         self.mesh = Some(Mesh { saved, file_name, format });
         Ok(())
     }
@@ -125,8 +130,8 @@ impl Form {
                 "there are more parts named buffer than the limit of {MAX_BUFFERS}"
             )));
         }
-        let path = self.folder.file(&files::buffer(self.buffers.len()));
-        save(content(field), path, |_| Ok(())).await?;
+        let blob = self.folder.blob(&files::buffer(self.buffers.len()));
+        self.digests.push(save(content(field), blob, |_| Ok(())).await?.digest);
         self.buffers.push(name);
         Ok(())
     }
@@ -142,8 +147,8 @@ impl Form {
                 self.buffers[0]
             )));
         }
-        let (parameters, webhook) = self.wanted.finish(self.listed_seeds)?;
-        if let Some(name) = parameters.weight_attribute.as_ref().filter(|_| self.has_weights) {
+        let (parameters, webhook) = self.wanted.finish(self.seeds.is_some())?;
+        if let Some(name) = parameters.weight_attribute.as_ref().filter(|_| self.weights.is_some()) {
             return Err(Error::parameter(format_args!(
                 "the part weights and the parameter weight_attribute exclude each other: leave out {name:?}"
             )));
@@ -157,10 +162,12 @@ impl Form {
             format,
             bytes: mesh.saved.bytes,
             buffers: self.buffers,
-            listed_seeds: self.listed_seeds,
-            has_weights: self.has_weights,
+            listed_seeds: self.seeds.is_some(),
+            has_weights: self.weights.is_some(),
         };
-        Ok(Upload { folder: self.folder, spec })
+        let digests =
+            [mesh.saved.digest].into_iter().chain(self.seeds).chain(self.weights).chain(self.digests).collect();
+        Ok(Upload { folder: self.folder, spec, digests })
     }
 }
 

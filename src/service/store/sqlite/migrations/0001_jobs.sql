@@ -34,3 +34,9 @@ CREATE TABLE events (
     data TEXT    NOT NULL,
     PRIMARY KEY (job, seq)
 ) STRICT, WITHOUT ROWID;
+
+-- One row, written to see whether anything can be.
+CREATE TABLE probes (
+    id INTEGER PRIMARY KEY,
+    at INTEGER NOT NULL
+) STRICT;

@@ -1,0 +1,246 @@
+//! One blob: written as it comes, read as it is wanted, never held.
+
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::ops::Range;
+use std::sync::Arc;
+
+use axum::body::{Body, Bytes};
+use object_store::path::Path as BlobPath;
+use object_store::{
+    GetOptions, GetRange, GetResult, GetResultPayload, MultipartUpload, ObjectStore, ObjectStoreExt as _,
+};
+use tokio::io::AsyncReadExt as _;
+use tokio::runtime::Handle;
+use tokio_util::io::{ReaderStream, SyncIoBridge};
+
+use super::{FaultPoint, Files, Folder, storage_error};
+use crate::error::{Error, Kind, Result};
+
+/// Bytes that are held before they are written: a smaller blob is written at once.
+const PART: usize = 1 << 20;
+
+/// Bytes that are read at once.
+const CHUNK: usize = 1 << 16;
+
+/// A blob in the making; without [`finish`](Self::finish) nothing is left of it.
+pub(in crate::service) struct BlobWriter {
+    files: Arc<Files>,
+    path: BlobPath,
+    /// Whether it is refused when there is no room to spare.
+    is_upload: bool,
+    buffer: Vec<u8>,
+    parts: Option<Box<dyn MultipartUpload>>,
+    written: u64,
+}
+
+impl BlobWriter {
+    pub(super) fn new(files: Arc<Files>, path: BlobPath, is_upload: bool) -> Self {
+        Self { files, path, is_upload, buffer: Vec::new(), parts: None, written: 0 }
+    }
+
+    /// Takes the next bytes.
+    pub async fn write(&mut self, bytes: &[u8]) -> Result<()> {
+        self.take(bytes).await.map_err(|error| self.files.noted(error))
+    }
+
+    async fn take(&mut self, bytes: &[u8]) -> Result<()> {
+        let mut rest = bytes;
+        while self.buffer.len() + rest.len() >= PART {
+            let (now, later) = rest.split_at(PART - self.buffer.len());
+            self.buffer.extend_from_slice(now);
+            self.write_part().await?;
+            rest = later;
+        }
+        self.buffer.extend_from_slice(rest);
+        Ok(())
+    }
+
+    /// Makes the blob appear, whole. It is on the disk when this returns.
+    pub async fn finish(mut self) -> Result<()> {
+        self.complete().await.map_err(|error| self.files.noted(error))
+    }
+
+    async fn complete(&mut self) -> Result<()> {
+        if self.parts.is_some() && !self.buffer.is_empty() {
+            self.write_part().await?;
+        }
+        if let Some(parts) = &mut self.parts {
+            parts.complete().await.map_err(cannot_store)?;
+        } else {
+            let bytes = self.take_buffer()?;
+            self.files.blobs.put(&self.path, bytes.into()).await.map_err(cannot_store)?;
+        }
+        self.files.disk.written(self.written);
+        Ok(())
+    }
+
+    async fn write_part(&mut self) -> Result<()> {
+        let bytes = self.take_buffer()?;
+        let parts = match &mut self.parts {
+            Some(parts) => parts,
+            none => none.insert(self.files.blobs.put_multipart(&self.path).await.map_err(cannot_store)?),
+        };
+        parts.put_part(bytes.into()).await.map_err(cannot_store)
+    }
+
+    /// What is held, if it may be written.
+    fn take_buffer(&mut self) -> Result<Bytes> {
+        if self.is_upload {
+            self.files.check_room(self.written + self.buffer.len() as u64)?;
+        }
+        self.files
+            .faults
+            .hit(FaultPoint::WriteBlob)
+            .map_err(|error| storage_error("a file cannot be stored", error))?;
+        self.written += self.buffer.len() as u64;
+        Ok(std::mem::take(&mut self.buffer).into())
+    }
+}
+
+/// A [`BlobWriter`] for a thread that may block.
+pub(in crate::service) struct BlockingWriter {
+    runtime: Handle,
+    writer: BlobWriter,
+    /// Why a write failed: [`io::Error`] does not carry it.
+    failed: Option<Error>,
+}
+
+impl BlockingWriter {
+    /// To be used on a blocking thread of the runtime.
+    pub fn new(writer: BlobWriter) -> Self {
+        Self { runtime: Handle::current(), writer, failed: None }
+    }
+
+    /// Makes the blob of what `content` writes.
+    pub fn fill(mut self, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<()> {
+        let mut out = io::BufWriter::with_capacity(CHUNK, &mut self);
+        let written = content(&mut out).and_then(|()| out.flush());
+        // what it still holds after a failure is not to be written
+        drop(out.into_parts());
+        match (self.failed, written) {
+            (Some(error), _) => Err(error),
+            (None, Err(error)) => Err(Error::io("a result cannot be written", error)),
+            (None, Ok(())) => self.runtime.block_on(self.writer.finish()),
+        }
+    }
+}
+
+impl Write for BlockingWriter {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self.runtime.block_on(self.writer.write(bytes)) {
+            Ok(()) => Ok(bytes.len()),
+            Err(error) => {
+                self.failed = Some(error);
+                Err(io::Error::other("the blob cannot be written"))
+            }
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// A blob that is there, or a range of it.
+#[derive(Debug)]
+pub(in crate::service) struct Blob {
+    found: GetResult,
+}
+
+impl Files {
+    /// Opens a blob, or a range of one.
+    pub async fn read(&self, folder: Folder, name: &str, range: Option<GetRange>) -> Result<Blob> {
+        let options = GetOptions { range, ..GetOptions::default() };
+        let hit = self.faults.hit(FaultPoint::ReadBlob).map_err(|error| storage_error("a file cannot be read", error));
+        let found = match hit {
+            Ok(()) => self.blobs.get_opts(&folder.blob(name), options).await.map_err(cannot_read),
+            Err(error) => Err(error),
+        };
+        found.map(|found| Blob { found }).map_err(|error| self.noted(error))
+    }
+}
+
+impl Blob {
+    #[allow(dead_code, reason = "for ranges")]
+    /// Bytes of the whole blob.
+    pub fn size(&self) -> u64 {
+        self.found.meta.size
+    }
+
+    #[allow(dead_code, reason = "for ranges")]
+    /// Which of them these are.
+    pub fn range(&self) -> Range<u64> {
+        self.found.range.clone()
+    }
+
+    /// Number of bytes that will be read.
+    pub fn length(&self) -> u64 {
+        self.found.range.end - self.found.range.start
+    }
+
+    /// The bytes as the body of an answer.
+    pub fn into_body(self) -> Body {
+        let length = self.length();
+        match self.into_file() {
+            Ok(file) => {
+                let file = tokio::fs::File::from_std(file).take(length);
+                Body::from_stream(ReaderStream::with_capacity(file, CHUNK))
+            }
+            Err(found) => Body::from_stream(found.into_stream()),
+        }
+    }
+
+    /// The bytes for a thread that may block; to be called on the runtime.
+    pub fn into_reader(self) -> Box<dyn Read + Send> {
+        let length = self.length();
+        match self.into_file() {
+            Ok(file) => Box::new(file.take(length)),
+            Err(found) => {
+                let stream = futures_util::StreamExt::map(found.into_stream(), |chunk| chunk.map_err(io::Error::other));
+                Box::new(SyncIoBridge::new(tokio_util::io::StreamReader::new(stream)))
+            }
+        }
+    }
+
+    /// All bytes.
+    pub async fn bytes(self) -> Result<Bytes> {
+        self.found.bytes().await.map_err(cannot_read)
+    }
+
+    /// A file where the bytes begin, for a blob that is one.
+    fn into_file(self) -> Result<File, Box<GetResult>> {
+        match self.found.payload {
+            GetResultPayload::File(mut file, path) => match file.seek(SeekFrom::Start(self.found.range.start)) {
+                Ok(_) => Ok(file),
+                Err(_) => Err(Box::new(GetResult { payload: GetResultPayload::File(file, path), ..self.found })),
+            },
+            GetResultPayload::Stream(_) => Err(Box::new(self.found)),
+        }
+    }
+}
+
+/// The error of a blob that cannot be stored.
+fn cannot_store(error: object_store::Error) -> Error {
+    Error::new(kind_of(&error), format_args!("a file cannot be stored: {error}"))
+}
+
+/// The error of a blob that cannot be read.
+fn cannot_read(error: object_store::Error) -> Error {
+    match error {
+        object_store::Error::NotFound { .. } => Error::new(Kind::NotFound, "the file is gone: its job was deleted"),
+        error => Error::new(kind_of(&error), format_args!("a file cannot be read: {error}")),
+    }
+}
+
+/// What kind of trouble it is: that of the first error of the system among its causes.
+fn kind_of(error: &object_store::Error) -> Kind {
+    let mut cause: Option<&(dyn std::error::Error + 'static)> = Some(error);
+    while let Some(error) = cause {
+        if let Some(error) = error.downcast_ref::<io::Error>() {
+            return Kind::of_storage(error);
+        }
+        cause = error.source();
+    }
+    Kind::Io
+}

@@ -1,0 +1,105 @@
+//! Room: how much the folder holds and may hold.
+//!
+//! Uploads are refused while there is still room, so that what was accepted can end: results and the store of jobs use what
+//! is left.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use crate::error::{Error, Kind, Result};
+
+/// What the folder may hold.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(in crate::service) struct DiskLimits {
+    /// Bytes of everything in the folder above which uploads are refused.
+    pub max_bytes: Option<u64>,
+    /// Free bytes of the file system below which uploads are refused.
+    pub min_free_bytes: u64,
+}
+
+/// The room in a folder.
+#[derive(Debug)]
+pub(super) struct Disk {
+    root: PathBuf,
+    limits: DiskLimits,
+    /// Bytes of all blobs.
+    blobs: AtomicU64,
+}
+
+impl Disk {
+    pub fn new(root: PathBuf, limits: DiskLimits) -> Self {
+        let blobs = ["uploads", "results"].iter().map(|folder| size(&root.join(folder))).sum();
+        Self { root, limits, blobs: AtomicU64::new(blobs) }
+    }
+
+    /// Refuses `more` bytes for which there is no room.
+    pub fn check(&self, more: u64) -> Result<()> {
+        let refuse = |what: &str, limit: u64, have: u64| {
+            Err(Error::new(
+                Kind::InsufficientStorage,
+                format_args!(
+                    "{what} of {limit} bytes, so uploads are refused; delete jobs, or try again later: {have}"
+                ),
+            ))
+        };
+        let used = self.used();
+        if let Some(most) = self.limits.max_bytes.filter(|most| used.saturating_add(more) > *most) {
+            return refuse("the data folder is at its limit (--max-disk-bytes)", most, used);
+        }
+        match free_bytes(&self.root) {
+            Some(free) if free.saturating_sub(more) < self.limits.min_free_bytes => {
+                refuse("the disk has less room than its reserve (--min-free-bytes)", self.limits.min_free_bytes, free)
+            }
+            Some(_) | None => Ok(()),
+        }
+    }
+
+    /// So many bytes were written.
+    pub fn written(&self, bytes: u64) {
+        self.blobs.fetch_add(bytes, Ordering::Relaxed);
+    }
+
+    /// So many bytes were removed.
+    pub fn removed(&self, bytes: u64) {
+        let less = |blobs: u64| Some(blobs.saturating_sub(bytes));
+        let _ = self.blobs.fetch_update(Ordering::Relaxed, Ordering::Relaxed, less);
+    }
+
+    /// Bytes of the blobs and the store of jobs.
+    pub fn used(&self) -> u64 {
+        let database: u64 = ["jobs.sqlite3", "jobs.sqlite3-wal"]
+            .iter()
+            .filter_map(|name| Some(self.root.join(name).metadata().ok()?.len()))
+            .sum();
+        self.blobs.load(Ordering::Relaxed) + database
+    }
+}
+
+/// Bytes of all files in a folder and below it; what disappears meanwhile does not count.
+pub(super) fn size(folder: &Path) -> u64 {
+    let mut bytes = 0;
+    let mut folders = vec![folder.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+            match entry.metadata() {
+                Ok(metadata) if metadata.is_dir() => folders.push(entry.path()),
+                Ok(metadata) => bytes += metadata.len(),
+                Err(_) => {}
+            }
+        }
+    }
+    bytes
+}
+
+/// Bytes that this process may still write to the file system of a folder; none where that cannot be told.
+#[cfg(unix)]
+fn free_bytes(folder: &Path) -> Option<u64> {
+    let found = rustix::fs::statvfs(folder).ok()?;
+    Some(found.f_bavail.saturating_mul(found.f_frsize))
+}
+
+/// Bytes that this process may still write to the file system of a folder; none where that cannot be told.
+#[cfg(not(unix))]
+fn free_bytes(_: &Path) -> Option<u64> {
+    None
+}

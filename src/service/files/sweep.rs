@@ -1,0 +1,71 @@
+//! Sweeping: what no job knows of goes, as after a crash.
+
+use std::path::Path;
+
+use super::{Files, Folder, blocking};
+use crate::error::{Error, Result};
+use crate::service::store::{Job, JobId, JobStore, State};
+
+impl Files {
+    /// Removes uploads of jobs that were never accepted or have ended, and results of attempts that did not make it.
+    /// Uploads that are coming in stay. Returns how many folders went.
+    pub async fn sweep(&self, store: &dyn JobStore) -> Result<usize> {
+        let mut removed = 0;
+        for id in self.jobs_in("uploads").await? {
+            // looked at before the store, which knows an accepted one before it stops coming in
+            let is_coming_in = self.lock_incoming().contains(&id);
+            let is_needed = is_coming_in || store.get(id).await?.is_some_and(|job| !job.state.is_ended());
+            if !is_needed {
+                self.remove_upload(id).await;
+                removed += 1;
+            }
+        }
+        for id in self.jobs_in("results").await? {
+            removed += match store.get(id).await? {
+                None => {
+                    self.remove(id).await;
+                    1
+                }
+                Some(job) => self.sweep_attempts(&job).await?,
+            };
+        }
+        Ok(removed)
+    }
+
+    /// Removes what attempts left that are neither running nor the one that succeeded.
+    async fn sweep_attempts(&self, job: &Job) -> Result<usize> {
+        let keeps_last = matches!(job.state, State::Running | State::Succeeded);
+        let mut removed = 0;
+        for name in self.names_in(&format!("results/{}", job.id)).await? {
+            let Ok(attempt) = name.parse() else { continue };
+            if !(keeps_last && attempt == job.attempt) {
+                self.remove_folder(Folder::Result(job.id, attempt).path()).await;
+                removed += 1;
+            }
+        }
+        if !keeps_last {
+            // empty by now
+            let _ = tokio::fs::remove_dir(self.root.path().join(format!("results/{}", job.id))).await;
+        }
+        Ok(removed)
+    }
+
+    /// The jobs that have a folder. What has another name is not the service's.
+    async fn jobs_in(&self, folder: &str) -> Result<Vec<JobId>> {
+        Ok(self.names_in(folder).await?.iter().filter_map(|name| name.parse().ok()).collect())
+    }
+
+    async fn names_in(&self, folder: &str) -> Result<Vec<String>> {
+        let path = self.root.path().join(folder);
+        blocking(move || names(&path)).await?
+    }
+}
+
+fn names(folder: &Path) -> Result<Vec<String>> {
+    let cannot = |error| Error::io(format_args!("the data folder cannot be read: {}", folder.display()), error);
+    let mut names = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(cannot)? {
+        names.extend(entry.map_err(cannot)?.file_name().into_string());
+    }
+    Ok(names)
+}

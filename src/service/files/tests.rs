@@ -1,0 +1,183 @@
+use std::io::ErrorKind;
+
+use super::*;
+use crate::service::store::memory::MemoryStore;
+use crate::service::store::tests::new_job;
+use crate::service::store::{Created, End, JobStore, NewJob, Rules, Summary};
+
+fn open(path: &Path, limits: DiskLimits, faults: Faults) -> Arc<Files> {
+    Arc::new(Files::open(Some(path), limits, faults).expect("it opens"))
+}
+
+async fn write(mut blob: BlobWriter, bytes: &[u8]) -> Result<()> {
+    for chunk in bytes.chunks(300_000) {
+        blob.write(chunk).await?;
+    }
+    blob.finish().await
+}
+
+async fn read(files: &Files, folder: Folder, name: &str) -> Vec<u8> {
+    files.read(folder, name, None).await.expect("there").bytes().await.expect("readable").to_vec()
+}
+
+fn content(bytes: usize) -> Vec<u8> {
+    (0..bytes).map(|at| (at % 251) as u8).collect()
+}
+
+#[tokio::test]
+async fn blobs_of_every_size_come_back_whole_and_in_ranges() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let files = open(folder.path(), DiskLimits::default(), Faults::default());
+    let id = JobId::random();
+    for (attempt, bytes) in (1..).zip([0, 1, (1 << 20) - 1, 1 << 20, (1 << 20) + 1, 3 << 20]) {
+        let content = content(bytes);
+        write(files.result(id, attempt, "x"), &content).await.expect("written");
+        let folder = Folder::Result(id, attempt);
+        assert!(read(&files, folder, "x").await == content, "{bytes} bytes");
+        if bytes > 9 {
+            let range = Some(object_store::GetRange::Bounded(3..9));
+            let blob = files.read(folder, "x", range).await.expect("there");
+            assert_eq!((blob.size(), blob.range()), (bytes as u64, 3..9));
+            let mut part = Vec::new();
+            blob.into_reader().read_to_end(&mut part).expect("readable");
+            assert_eq!(part, content[3..9]);
+        }
+    }
+    assert_eq!(
+        files.used_bytes(),
+        disk::size(folder.path()) - folder.path().join("lock").metadata().expect("there").len()
+    );
+    files.remove(id).await;
+    assert_eq!(files.used_bytes(), 0);
+    let gone = files.read(Folder::Result(id, 1), "x", None).await.expect_err("removed");
+    assert_eq!(gone.kind, Kind::NotFound);
+}
+
+#[tokio::test]
+async fn a_folder_is_for_one_process_at_a_time() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let files = open(folder.path(), DiskLimits::default(), Faults::default());
+    let error = Files::open(Some(folder.path()), DiskLimits::default(), Faults::default()).expect_err("in use");
+    assert_eq!(error.kind, Kind::Conflict);
+    let holder = std::process::id().to_string();
+    assert!(error.message.contains("--data-dir") && error.message.contains(&holder), "{error}");
+    files.close().await;
+    open(folder.path(), DiskLimits::default(), Faults::default());
+}
+
+#[tokio::test]
+async fn an_upload_that_is_not_kept_leaves_nothing() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let files = open(folder.path(), DiskLimits::default(), Faults::default());
+    let incoming = files.incoming();
+    let id = incoming.id();
+    write(incoming.blob(MESH), b"x").await.expect("written");
+    let mut unfinished = incoming.blob(SEEDS);
+    unfinished.write(&content(2 << 20)).await.expect("written");
+    drop(unfinished);
+    drop(incoming);
+    while files.lock_incoming().contains(&id) || disk::size(&folder.path().join("uploads")) > 0 {
+        tokio::task::yield_now().await;
+    }
+    assert_eq!(files.used_bytes(), 0);
+}
+
+#[tokio::test]
+async fn uploads_are_refused_before_the_folder_is_full_and_results_are_not() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let limits = DiskLimits { max_bytes: Some(3 << 20), min_free_bytes: 0 };
+    let files = open(folder.path(), limits, Faults::default());
+    let incoming = files.incoming();
+    write(incoming.blob("a"), &content(2 << 20)).await.expect("there is room");
+    let error = write(incoming.blob("b"), &content(2 << 20)).await.expect_err("no room");
+    assert_eq!(error.kind, Kind::InsufficientStorage);
+    assert!(error.message.contains("--max-disk-bytes") && error.message.contains("3145728"), "{error}");
+    assert_eq!(files.check_room(2 << 20).expect_err("told").kind, Kind::InsufficientStorage);
+    let id = JobId::random();
+    write(files.result(id, 1, "x"), &content(2 << 20)).await.expect("what was accepted may end");
+    assert_eq!(files.check_room(0).expect_err("full").kind, Kind::InsufficientStorage);
+    assert_eq!(files.probe(), Ok(()), "what was accepted may end");
+    files.remove(id).await;
+    assert_eq!(files.check_room(0), Ok(()));
+
+    let limits = DiskLimits { max_bytes: None, min_free_bytes: u64::MAX };
+    let other = tempfile::tempdir().expect("a folder");
+    let error = open(other.path(), limits, Faults::default()).check_room(0).expect_err("no disk is that large");
+    assert!(error.message.contains("--min-free-bytes"), "{error}");
+}
+
+#[tokio::test]
+async fn a_disk_that_fails_says_how() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let faults = Faults::default();
+    let files = open(folder.path(), DiskLimits::default(), faults.clone());
+    let id = JobId::random();
+    for (kind, expected) in
+        [(ErrorKind::StorageFull, Kind::InsufficientStorage), (ErrorKind::ReadOnlyFilesystem, Kind::Unavailable)]
+    {
+        faults.arm(FaultPoint::WriteBlob, kind, 1, 1);
+        let error = write(files.result(id, 1, "x"), &content(2 << 20)).await.expect_err("it fails");
+        assert_eq!(error.kind, expected);
+        assert_eq!(files.read(Folder::Result(id, 1), "x", None).await.expect_err("none").kind, Kind::NotFound);
+        faults.disarm();
+    }
+    write(files.result(id, 1, "x"), &content(2 << 20)).await.expect("it works again");
+    // gone, as when it is unmounted
+    let elsewhere = folder.path().with_extension("moved");
+    std::fs::rename(folder.path(), &elsewhere).expect("moved");
+    let error = files.probe().expect_err("gone");
+    assert_eq!(error.kind, Kind::Unavailable);
+    assert!(write(files.incoming().blob("x"), b"x").await.is_err() || files.probe().is_err());
+    let _ = std::fs::remove_dir_all(folder.path());
+    std::fs::rename(&elsewhere, folder.path()).expect("moved back");
+    assert_eq!(files.probe(), Ok(()));
+}
+
+#[tokio::test]
+async fn a_sweep_leaves_what_jobs_know_of() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let files = open(folder.path(), DiskLimits::default(), Faults::default());
+    let store = MemoryStore::new(Rules { max_queued: 9, max_attempts: 3 });
+    let accepted = async || {
+        let incoming = files.incoming();
+        let job = NewJob { id: incoming.id(), ..new_job() };
+        write(incoming.blob(MESH), b"mesh").await.expect("written");
+        incoming.keep();
+        assert!(matches!(store.create(job.clone()).await, Ok(Created::New(_))));
+        job.id
+    };
+    let succeeded = accepted().await;
+    let waiting = accepted().await;
+    let coming_in = files.incoming();
+    write(coming_in.blob(MESH), b"mesh").await.expect("written");
+    let claimed = store.claim(1, std::time::Duration::from_secs(60)).await.expect("claimable");
+    let ticket = claimed[0].0;
+    let summary = Summary { faces: 1, clusters: 1, has_labels: true };
+    store.finish(ticket, End::Succeeded(summary)).await.expect("finished");
+    write(files.result(succeeded, 1, REPORT), b"{}").await.expect("written");
+    write(files.result(succeeded, 7, REPORT), b"{}").await.expect("written");
+    write(files.result(waiting, 1, REPORT), b"{}").await.expect("written");
+    let unknown = JobId::random();
+    write(files.result(unknown, 1, REPORT), b"{}").await.expect("written");
+    // half-written by a process that was killed
+    let never_accepted = folder.path().join(Folder::Upload(JobId::random()).path());
+    std::fs::create_dir(&never_accepted).expect("made");
+    std::fs::write(never_accepted.join("mesh#1"), b"me").expect("written");
+    std::fs::create_dir(folder.path().join("uploads/not ours")).expect("made");
+
+    assert_eq!(files.sweep(&store).await, Ok(5));
+    assert!(!never_accepted.exists());
+    assert!(folder.path().join("uploads/not ours").exists());
+    for (folder, name, is_there) in [
+        (Folder::Upload(succeeded), MESH, false),
+        (Folder::Upload(waiting), MESH, true),
+        (Folder::Upload(coming_in.id()), MESH, true),
+        (Folder::Result(succeeded, 1), REPORT, true),
+        (Folder::Result(succeeded, 7), REPORT, false),
+        (Folder::Result(waiting, 1), REPORT, false),
+        (Folder::Result(unknown, 1), REPORT, false),
+    ] {
+        assert_eq!(files.read(folder, name, None).await.is_ok(), is_there, "{folder:?}");
+    }
+    assert_eq!(files.sweep(&store).await, Ok(0));
+}

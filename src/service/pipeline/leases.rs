@@ -1,0 +1,123 @@
+//! Leases: what is worked on here stays this process's, and what another let go is worked on again.
+//!
+//! Prolonged by a task of the runtime, away from the thread of the device: a long step on the device costs no lease.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, SystemTime};
+
+use tokio_util::sync::CancellationToken;
+
+use crate::service::store::{JobStore, Ticket};
+
+/// For how long a job is leased at a time.
+pub(super) const LEASE: Duration = Duration::from_secs(30);
+
+/// Time between two prolongations.
+const HEARTBEAT: Duration = Duration::from_secs(10);
+
+/// The leases of this process.
+#[derive(Debug, Default)]
+pub(super) struct Leases(Mutex<HashMap<Ticket, CancellationToken>>);
+
+impl Leases {
+    /// Prolongs the lease of a job until this is dropped.
+    pub fn hold(self: &Arc<Self>, ticket: Ticket) -> Lease {
+        let lost = CancellationToken::new();
+        self.lock().insert(ticket, lost.clone());
+        Lease { leases: Arc::clone(self), ticket, lost }
+    }
+
+    /// Prolongs leases and reclaims those that are over, until `stop`.
+    pub async fn keep(&self, store: &dyn JobStore, stop: CancellationToken) {
+        loop {
+            tokio::select! {
+                () = stop.cancelled() => return,
+                () = tokio::time::sleep(HEARTBEAT) => self.beat(store, SystemTime::now()).await,
+            }
+        }
+    }
+
+    async fn beat(&self, store: &dyn JobStore, now: SystemTime) {
+        let tickets: Vec<Ticket> = self.lock().keys().copied().collect();
+        let lost = match tickets.is_empty() {
+            true => Ok(Vec::new()),
+            false => store.heartbeat(&tickets, now + LEASE).await,
+        };
+        match lost {
+            Ok(lost) => lost.iter().for_each(|ticket| self.lose(*ticket)),
+            // no lease is given up for a disk that fails: nobody else could take it over
+            Err(error) => return tracing::warn!(%error, "leases cannot be prolonged now"),
+        }
+        match store.reclaim(now).await {
+            Ok(reclaimed) => {
+                for ticket in reclaimed {
+                    tracing::warn!(job = %ticket.job, "nobody works on it any more; it waits again");
+                    self.lose(ticket);
+                }
+            }
+            Err(error) => tracing::warn!(%error, "leases cannot be reclaimed now"),
+        }
+    }
+
+    fn lose(&self, ticket: Ticket) {
+        if let Some(lost) = self.lock().get(&ticket) {
+            lost.cancel();
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, HashMap<Ticket, CancellationToken>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A lease that is prolonged.
+#[derive(Debug)]
+pub(super) struct Lease {
+    leases: Arc<Leases>,
+    ticket: Ticket,
+    lost: CancellationToken,
+}
+
+impl Lease {
+    /// Completes when the job is no longer this process's.
+    pub async fn lost(&self) {
+        self.lost.cancelled().await;
+    }
+}
+
+impl Drop for Lease {
+    fn drop(&mut self) {
+        self.leases.lock().remove(&self.ticket);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::service::store::Rules;
+    use crate::service::store::memory::MemoryStore;
+    use crate::service::store::tests::new_job;
+
+    #[tokio::test]
+    async fn held_leases_are_prolonged_and_others_reclaimed() {
+        let store = MemoryStore::new(Rules { max_queued: 9, max_attempts: 3 });
+        for _ in 0..2 {
+            store.create(new_job()).await.expect("created");
+        }
+        let claimed = store.claim(2, LEASE).await.expect("claimable");
+        let leases = Arc::<Leases>::default();
+        let held = leases.hold(claimed[0].0);
+        let start = SystemTime::now();
+        leases.beat(&store, start + LEASE / 2).await;
+        assert_eq!(store.counts().await.expect("counted")[..2], [0, 2]);
+        leases.beat(&store, start + LEASE + LEASE / 4).await;
+        assert_eq!(store.counts().await.expect("counted")[..2], [1, 1], "the other one waits again");
+        assert!(!held.lost.is_cancelled());
+        store.finish(claimed[0].0, crate::service::store::End::Cancelled).await.expect("finished");
+        leases.beat(&store, start + 2 * LEASE).await;
+        held.lost().await;
+        drop(held);
+        assert!(leases.lock().is_empty());
+    }
+}

@@ -1,0 +1,137 @@
+//! Memory for meshes: jobs wait for it rather than being killed for it.
+//!
+//! A job takes two steps: the bytes of its files before they are read, and what its faces will take before anything is
+//! built of them. One job at a time is between the two, so that no two wait for what the other has.
+
+use std::sync::Arc;
+
+use tokio::sync::{Mutex, OwnedMutexGuard, OwnedSemaphorePermit, Semaphore};
+
+use crate::error::{Error, Kind, Result};
+
+/// Memory is counted in pieces of so many bytes.
+const UNIT: u64 = 64 << 10;
+
+/// Bytes that a face takes at the peak of a job, with its vertices, its edges and its labels (see `mesh::allowance`).
+const BYTES_A_FACE: u64 = 250;
+
+/// The budget.
+#[derive(Debug)]
+pub(super) struct Memory {
+    total: u64,
+    left: Arc<Semaphore>,
+    reading: Arc<Mutex<()>>,
+}
+
+/// Memory of a job that is reading its mesh.
+#[derive(Debug)]
+pub(super) struct Reading {
+    total: u64,
+    bytes: u64,
+    left: Arc<Semaphore>,
+    held: OwnedSemaphorePermit,
+    _turn: OwnedMutexGuard<()>,
+}
+
+/// Memory of a job; free again when dropped.
+#[derive(Debug)]
+pub(super) struct Held {
+    _permit: OwnedSemaphorePermit,
+}
+
+impl Memory {
+    /// A budget of so many bytes; of most of what there is when none are given.
+    pub fn new(bytes: Option<u64>) -> Self {
+        let total = bytes.or_else(|| Some(machine()? / 4 * 3)).unwrap_or(u64::MAX);
+        let units = usize::try_from(total / UNIT).unwrap_or(usize::MAX).min(Semaphore::MAX_PERMITS);
+        Self { total, left: Arc::new(Semaphore::new(units)), reading: Arc::default() }
+    }
+
+    /// Waits for the bytes of a job's files.
+    pub async fn read(&self, bytes: u64) -> Result<Reading> {
+        check(self.total, bytes, "its files")?;
+        let turn = Arc::clone(&self.reading).lock_owned().await;
+        let held = acquire(&self.left, bytes).await?;
+        Ok(Reading { total: self.total, bytes, left: Arc::clone(&self.left), held, _turn: turn })
+    }
+}
+
+impl Reading {
+    /// Waits for what so many faces will take.
+    pub async fn build(mut self, faces: u64) -> Result<Held> {
+        let more = faces.saturating_mul(BYTES_A_FACE);
+        check(self.total, self.bytes.saturating_add(more), format_args!("its {faces} faces"))?;
+        self.held.merge(acquire(&self.left, more).await?);
+        Ok(Held { _permit: self.held })
+    }
+}
+
+async fn acquire(left: &Arc<Semaphore>, bytes: u64) -> Result<OwnedSemaphorePermit> {
+    let units = u32::try_from(bytes / UNIT).unwrap_or(u32::MAX);
+    let held = Arc::clone(left).acquire_many_owned(units).await;
+    held.map_err(|error| Error::new(Kind::Internal, format_args!("there is no memory to wait for: {error}")))
+}
+
+/// Refuses what will never fit.
+fn check(total: u64, needed: u64, what: impl std::fmt::Display) -> Result<()> {
+    if needed / UNIT > total / UNIT {
+        return Err(Error::too_large(format_args!(
+            "the mesh needs more memory, for {what}, than the service has for meshes: {needed} bytes of {total} \
+             (the service's --memory-budget)"
+        )));
+    }
+    Ok(())
+}
+
+/// Bytes of memory of the container or the machine; none where that cannot be told.
+fn machine() -> Option<u64> {
+    let read = |path| std::fs::read_to_string(path).ok();
+    let container = read("/sys/fs/cgroup/memory.max").and_then(|text| text.trim().parse::<u64>().ok());
+    let machine = read("/proc/meminfo").and_then(|text| {
+        let line = text.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
+        line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
+    });
+    container.into_iter().chain(machine).min()
+}
+
+#[cfg(test)]
+mod tests {
+    use futures_util::FutureExt as _;
+
+    use super::*;
+
+    #[tokio::test]
+    async fn jobs_wait_for_memory_in_turn() {
+        let memory = Memory::new(Some(100 * UNIT));
+        let faces = 60 * UNIT / BYTES_A_FACE;
+        let first = memory.read(10 * UNIT).await.expect("it fits").build(faces).await.expect("it fits");
+        let reading = memory.read(10 * UNIT).await.expect("it fits");
+        assert!(memory.read(0).now_or_never().is_none(), "one at a time reads");
+        let mut second = Box::pin(reading.build(faces));
+        assert!(second.as_mut().now_or_never().is_none(), "the first has it");
+        drop(first);
+        let second = second.await.expect("it fits now");
+        memory.read(UNIT).await.expect("the turn is free");
+        drop(second);
+        assert_eq!(memory.left.available_permits(), 100);
+    }
+
+    #[tokio::test]
+    async fn what_will_never_fit_is_refused_with_the_numbers() {
+        let memory = Memory::new(Some(100 * UNIT));
+        let error = memory.read(101 * UNIT).await.expect_err("too much");
+        assert_eq!(error.kind, Kind::TooLarge);
+        assert!(error.message.contains(&(100 * UNIT).to_string()), "{error}");
+        let error = memory.read(0).await.expect("it fits").build(1 << 40).await.expect_err("too much");
+        assert!(error.message.contains(&(1u64 << 40).to_string()), "{error}");
+        assert_eq!(memory.left.available_permits(), 100);
+        memory.read(100 * UNIT).await.expect("the turn is free");
+    }
+
+    #[test]
+    fn the_memory_of_this_machine_is_known() {
+        if cfg!(target_os = "linux") {
+            assert!(machine().expect("known") > 1 << 20);
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! Whether what is stored stays stored: watches folder and store, and says when they fail and when they work again.
+//!
+//! Nobody reports failures here: folder and store count theirs, and [`Storage::watch`] looks. A part that failed is tried
+//! with a write of its own until it works; meanwhile the service is not ready and no job is begun. Where there is only too
+//! little room for more uploads the service is not ready, but jobs go on: they make room.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use tokio::sync::watch;
+use tokio_util::sync::CancellationToken;
+
+use super::files::{Files, blocking};
+use super::health::{Health, Part};
+use super::store::JobStore;
+use crate::error::Result;
+
+/// Time between two looks.
+const INTERVAL: Duration = Duration::from_millis(500);
+
+/// Time after which the folder is tried although nothing failed.
+const TRIED_ANYWAY: Duration = Duration::from_secs(10);
+
+/// The state of folder and store.
+#[derive(Debug)]
+pub(super) struct Storage {
+    files: Arc<Files>,
+    store: Arc<dyn JobStore>,
+    health: Arc<Health>,
+    works: watch::Sender<bool>,
+}
+
+impl Storage {
+    /// Folder and store, which just worked.
+    pub fn new(files: Arc<Files>, store: Arc<dyn JobStore>, health: Arc<Health>) -> Self {
+        Self { files, store, health, works: watch::Sender::new(true) }
+    }
+
+    /// Completes once folder and store take what is written.
+    pub async fn works(&self) {
+        let _ = self.works.subscribe().wait_for(|works| *works).await;
+    }
+
+    /// Looks after folder and store until `stop`.
+    pub async fn watch(&self, stop: CancellationToken) {
+        let mut seen = (0, 0);
+        let mut tried = Instant::now();
+        loop {
+            tokio::select! {
+                () = stop.cancelled() => return,
+                () = tokio::time::sleep(INTERVAL) => {}
+            }
+            let failures = (self.files.failures(), self.store.statistics().failures);
+            let works = *self.works.borrow();
+            if failures != seen || !works || tried.elapsed() >= TRIED_ANYWAY {
+                seen = failures;
+                tried = Instant::now();
+                self.look().await;
+            } else {
+                self.look_at_room();
+            }
+        }
+    }
+
+    /// Tries both.
+    async fn look(&self) {
+        let files = Arc::clone(&self.files);
+        let folder = match blocking(move || files.probe()).await {
+            Ok(tried) => tried,
+            Err(error) => Err(error),
+        };
+        let store = self.store.probe().await;
+        let works = folder.is_ok() && store.is_ok();
+        self.say(Part::Store, store);
+        match folder {
+            Ok(()) => self.look_at_room(),
+            failed => self.say(Part::Disk, failed),
+        }
+        self.works.send_if_modified(|before| std::mem::replace(before, works) != works);
+    }
+
+    fn look_at_room(&self) {
+        self.say(Part::Disk, self.files.check_room(0));
+    }
+
+    fn say(&self, part: Part, tried: Result<()>) {
+        match tried {
+            Ok(()) => self.health.clear(part),
+            Err(error) => self.health.fail(part, error.message),
+        }
+    }
+}

@@ -1,0 +1,218 @@
+"""Kills the service at random moments while clients keep it busy, and counts afterwards.
+
+    python crash.py BINARY [KILLS [SECONDS]]
+
+KILLS (100 when left out) times, as often as fit in SECONDS (60), a service on one data folder is ended by SIGKILL and
+started again. Clients submit small meshes with an Idempotency-Key each, and ask again with the same key until they are
+answered. In the end every key has one job, every job has succeeded once with the labels that the command line gives, its
+events are numbered without a gap, and nothing else is left in the folder.
+"""
+
+import http.client
+import json
+import os
+import pathlib
+import random
+import re
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import uuid
+
+BINARY = pathlib.Path(sys.argv[1]).resolve()
+KILLS = int(sys.argv[2]) if len(sys.argv) > 2 else 100
+SECONDS = float(sys.argv[3]) if len(sys.argv) > 3 else 60
+CLIENTS = 4
+TEMPORARY = tempfile.TemporaryDirectory(prefix="tesserae-crash-")
+WORK = pathlib.Path(TEMPORARY.name)
+DATA = WORK / "data"
+SEED = int(os.environ.get("SEED", random.randrange(1 << 30)))
+
+
+class Server:
+    """The service, which is killed and started again, always at the same address."""
+
+    def __init__(self):
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.address = probe.getsockname()
+        self.log = open(WORK / "log", "wb")
+        self.process = None
+
+    def start(self):
+        self.process = subprocess.Popen(
+            [BINARY, "serve", "--listen", "%s:%d" % self.address, "--data-dir", DATA, "--device", "cpu",
+             "--max-attempts", "100000", "--max-queued-jobs", "100000", "--min-free-bytes", "0", "--log", "warn",
+             *LIMITS],
+            stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log)
+
+    def wait_until_it_answers(self):
+        deadline = time.monotonic() + 60
+        while True:
+            try:
+                return get(self, "/healthz")
+            except OSError:
+                assert self.process.poll() is None and time.monotonic() < deadline, f"it did not start:\n{self.tail()}"
+                time.sleep(0.005)
+
+    def kill(self):
+        self.process.send_signal(signal.SIGKILL)
+        assert self.process.wait() == -signal.SIGKILL, f"it had ended by itself:\n{self.tail()}"
+
+    def tail(self):
+        return (WORK / "log").read_text(errors="replace")[-3000:]
+
+
+# what keeps clients from asking for too much would only slow this down
+LIMITS = ["--max-request-rate", "1000000"]
+
+
+def request(server, method, path, body=None, headers={}):
+    connection = http.client.HTTPConnection(*server.address, timeout=60)
+    try:
+        connection.request(method, path, body, headers)
+        answer = connection.getresponse()
+        return answer.status, answer.read()
+    except http.client.HTTPException as error:
+        raise ConnectionError(str(error)) from error
+    finally:
+        connection.close()
+
+
+def get(server, path):
+    status, body = request(server, "GET", path)
+    assert status == 200, f"{path}: {status} {body!r}"
+    return body
+
+
+class Client(threading.Thread):
+    """Submits jobs until it is stopped, and remembers the id of each."""
+
+    def __init__(self, server, kinds, number, stop):
+        super().__init__()
+        self.server, self.kinds, self.stop = server, kinds, stop
+        self.random = random.Random(SEED + number)
+        self.accepted, self.retries, self.failure = {}, 0, None
+
+    def run(self):
+        try:
+            while not self.stop.is_set():
+                kind = self.random.randrange(len(self.kinds))
+                job = self.submit(kind, str(uuid.UUID(int=self.random.getrandbits(128))))
+                assert job["id"] not in self.accepted, "two keys have one job"
+                self.accepted[job["id"]] = kind
+        except BaseException as failure:
+            self.failure = failure
+
+    def submit(self, kind, key):
+        query, mesh, _ = self.kinds[kind]
+        headers = {"Content-Type": "model/obj", "Idempotency-Key": f'"{key}"'}
+        if self.random.random() < 0.7:
+            headers["Prefer"] = "wait=5"
+        deadline = time.monotonic() + 120
+        while True:
+            try:
+                status, body = request(self.server, "POST", "/v1/jobs?" + query, mesh, headers)
+                if status in (200, 202):
+                    return json.loads(body)
+                # it stops, or has too much to do
+                assert status in (429, 503), f"{status}: {body!r}"
+            except OSError:
+                pass
+            self.retries += 1
+            assert time.monotonic() < deadline, "no answer for two minutes"
+            time.sleep(0.02)
+
+
+def kinds():
+    """Queries with their meshes and the labels that they must give."""
+    made = []
+    for name, faces, flags in [("sphere", 500, ["--clusters", "9"]), ("knot", 2000, ["--clusters", "60"]),
+                               ("terrain", 1200, ["--clusters", "25", "--seeds", "random", "--seed", "7"]),
+                               ("torus", 800, ["--algorithm", "pml", "--clusters", "12"])]:
+        mesh, report = WORK / f"{name}.obj", WORK / f"{name}.json"
+        subprocess.run([BINARY, "sample", name, "--faces", str(faces), mesh], check=True, stdout=subprocess.DEVNULL)
+        subprocess.run([BINARY, "cluster", mesh, *flags, "--device", "cpu", "--report", report], check=True,
+                       stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        query = "&".join(f"{flag[2:].replace('-', '_')}={value}" for flag, value in zip(flags[::2], flags[1::2]))
+        made.append((query, mesh.read_bytes(), json.loads(report.read_text())["labels_sha256"]))
+    return made
+
+
+def jobs(server):
+    """Every job that the service knows."""
+    cursor = ""
+    while True:
+        page = json.loads(get(server, f"/v1/jobs?limit=1000{cursor}"))
+        yield from page["jobs"]
+        if page["next"] is None:
+            return
+        cursor = "&cursor=" + page["next"]
+
+
+def check(server, job, digest):
+    assert job["state"] == "succeeded", job
+    report = json.loads(get(server, job["urls"]["report"]))
+    assert report["labels_sha256"] == digest, f"another result: {job['id']}"
+    labels = json.loads(get(server, job["urls"]["labels"]))
+    assert len(labels["labels"]) == report["input"]["faces"]
+    events = get(server, job["urls"]["events"]).decode()
+    numbers = [int(number) for number in re.findall(r"^id: (\d+)$", events, re.MULTILINE)]
+    assert numbers == list(range(1, len(numbers) + 1)), f"numbers are missing: {job['id']}"
+    names = re.findall(r"^event: (\w+)$", events, re.MULTILINE)
+    assert names.count("end") == 1 and names[-1] == "end", f"it did not end once: {job['id']}"
+    return sum(line == 'data: {"state":"running"}' for line in events.splitlines())
+
+
+def main():
+    chance = random.Random(SEED)
+    prepared = kinds()
+    server = Server()
+    server.start()
+    server.wait_until_it_answers()
+    stop = threading.Event()
+    clients = [Client(server, prepared, number, stop) for number in range(CLIENTS)]
+    for client in clients:
+        client.start()
+    started, kills = time.monotonic(), 0
+    while kills < KILLS and time.monotonic() - started < SECONDS and not any(client.failure for client in clients):
+        # at times before it answers, or while it takes up what the one before it left
+        time.sleep(chance.choice([chance.uniform(0, 0.05), chance.uniform(0.05, 0.8)]))
+        server.kill()
+        kills += 1
+        server.start()
+    server.wait_until_it_answers()
+    stop.set()
+    for client in clients:
+        client.join()
+        if client.failure:
+            print(server.tail())
+            raise client.failure
+    accepted = {id: kind for client in clients for id, kind in client.accepted.items()}
+    deadline = time.monotonic() + 300
+    while any(job["state"] in ("queued", "running") for job in jobs(server)):
+        assert time.monotonic() < deadline, f"jobs do not end:\n{server.tail()}"
+        time.sleep(0.2)
+    known = {job["id"]: job for job in jobs(server)}
+    assert known.keys() == accepted.keys(), \
+        f"lost: {accepted.keys() - known.keys()}, nobody's: {known.keys() - accepted.keys()}"
+    attempts = [check(server, known[id], prepared[kind][2]) for id, kind in accepted.items()]
+    server.process.send_signal(signal.SIGTERM)
+    assert server.process.wait(timeout=30) == 0, server.tail()
+    assert not any((DATA / "uploads").iterdir()), "uploads of ended jobs are left"
+    results = {path.name for path in (DATA / "results").iterdir()}
+    assert results == accepted.keys(), "results that are nobody's are left"
+    assert all(len(list(path.iterdir())) == 1 for path in (DATA / "results").iterdir()), "results of failed attempts"
+    again = sum(count > 1 for count in attempts)
+    print(f"{kills} kills in {time.monotonic() - started:.0f} s: {len(accepted)} jobs accepted, each ended once with its "
+          f"labels; {again} ran more than once, {max(attempts)} times at most; {sum(c.retries for c in clients)} requests "
+          f"asked again (SEED={SEED})")
+    assert again > 0 and kills > 0, "nothing was interrupted: this tested nothing"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,70 @@
+"""How many small jobs a second the service does, with and without a data folder, and what memory it takes.
+
+    python throughput.py BINARY [JOBS [CLIENTS [FACES]]]
+
+CLIENTS (8) clients on loopback submit JOBS (2000) meshes of FACES (5000) faces, each with `Prefer: wait`, so that the next
+one follows the end of the last. Prints figures; tests nothing.
+"""
+
+import http.client
+import pathlib
+import re
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+from service import Service
+
+BINARY = pathlib.Path(sys.argv[1]).resolve()
+JOBS, CLIENTS, FACES = (int(sys.argv[at]) if len(sys.argv) > at else default
+                        for at, default in [(2, 2000), (3, 8), (4, 5000)])
+
+
+def resident(process):
+    status = pathlib.Path(f"/proc/{process.pid}/status").read_text()
+    return int(re.search(r"VmRSS:\s+(\d+)", status)[1]) // 1024
+
+
+def client(address, mesh, jobs, failures):
+    connection = http.client.HTTPConnection(address, timeout=60)
+    for _ in range(jobs):
+        connection.request("POST", "/v1/jobs?clusters=100", mesh, {"Content-Type": "model/gltf-binary", "Prefer": "wait=60"})
+        answer = connection.getresponse()
+        body = answer.read()
+        if answer.status != 200:
+            failures.append(f"{answer.status} {body!r}")
+            return
+
+
+def measure(name, mesh, *arguments):
+    with Service(BINARY, "--device", "cpu", "--log", "warn", "--max-request-rate", "1000000", *arguments) as service:
+        memory = [resident(service.process)]
+        started = time.monotonic()
+        for _ in range(4):
+            failures = []
+            threads = [threading.Thread(target=client, args=(service.url[7:], mesh, JOBS // CLIENTS // 4, failures))
+                       for _ in range(CLIENTS)]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+            assert not failures, failures[0]
+            memory.append(resident(service.process))
+        seconds = time.monotonic() - started
+        print(f"{name}: {JOBS / seconds:.0f} jobs/s; memory after each quarter: {memory[1:]} MB, {memory[0]} at the start")
+
+
+def main():
+    with tempfile.TemporaryDirectory(prefix="tesserae-throughput-", dir=".") as folder:
+        mesh = pathlib.Path(folder) / "mesh.glb"
+        subprocess.run([BINARY, "sample", "sphere", "--faces", str(FACES), mesh], check=True, stdout=subprocess.DEVNULL)
+        mesh = mesh.read_bytes()
+        measure("in memory", mesh)
+        measure("durable", mesh, "--data-dir", f"{folder}/data")
+        measure("durable, 16 meshes in memory", mesh, "--data-dir", f"{folder}/more", "--meshes-in-memory", "16")
+
+
+if __name__ == "__main__":
+    main()

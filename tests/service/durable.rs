@@ -1,0 +1,170 @@
+//! What outlasts the service: jobs, events, results and keys.
+
+use std::time::Duration;
+
+use reqwest::RequestBuilder;
+use serde_json::Value;
+use tesserae::device::cpu::CpuDevice;
+use tesserae::service::{DeviceDescription, Server, Settings};
+
+use crate::support::*;
+
+fn keyed(service: &Service, query: &str, key: &str, obj: &[u8]) -> RequestBuilder {
+    let request = service.post(&format!("/v1/jobs?{query}")).header("content-type", "model/obj");
+    request.header("idempotency-key", key).body(obj.to_vec())
+}
+
+async fn events(service: &Service, job: &Value) -> String {
+    let response = service.get(text(&job["urls"]["events"])).send().await.expect("answered");
+    response.text().await.expect("text")
+}
+
+async fn labels(service: &Service, job: &Value) -> Vec<u8> {
+    let request = service.get(text(&job["urls"]["labels"])).header("accept", "application/x-npy");
+    request.send().await.expect("answered").bytes().await.expect("bytes").to_vec()
+}
+
+#[tokio::test]
+async fn a_restart_changes_nothing_that_was_told() {
+    let service = Service::start().await;
+    let flat = service.submit("clusters=9", sphere(500)).await;
+    let tree = service.submit("algorithm=pml", sphere(500)).await;
+    let broken = service.submit("clusters=9", b"v 0 0 0\nf 1 2 3\n".to_vec()).await;
+    for job in [&flat, &tree, &broken] {
+        service.ended(job).await;
+    }
+    let tell = async |service: &Service| {
+        let mut told = vec![json(service.get("/v1/jobs")).await.to_string()];
+        for job in [&flat, &tree, &broken] {
+            told.push(service.job(job).await.to_string());
+            told.push(events(service, job).await);
+        }
+        let cut = format!("{}?clusters=20", text(&tree["urls"]["labels"]));
+        told.push(json(service.get(&cut)).await.to_string());
+        told.push(json(service.get(text(&flat["urls"]["report"]))).await.to_string());
+        (told, labels(service, &flat).await)
+    };
+    let before = tell(&service).await;
+    let service = service.again(|_| {}).await;
+    assert_eq!(tell(&service).await, before);
+    assert_eq!(service.delete(path(&flat)).send().await.expect("answered").status(), 204);
+    service.keeps_no(text(&flat["id"])).await;
+    let service = service.again(|_| {}).await;
+    refused(service.get(path(&flat)), 404, "not-found").await;
+}
+
+#[tokio::test]
+async fn a_queued_job_waits_on_and_gives_the_same_bytes() {
+    let mesh = sphere(2000);
+    let (device, gate) = Held::behind_gate();
+    let change = |settings: &mut Settings| {
+        settings.grace_period = 0;
+        settings.meshes_in_memory = 1;
+    };
+    let service = Service::with(change, device).await;
+    let running = service.submit("clusters=40", mesh.clone()).await;
+    let queued = service.submit("clusters=40", mesh.clone()).await;
+    service.reaches(&running, "running").await;
+    let service = service.again(|_| {}).await;
+    gate.open();
+    for job in [&running, &queued] {
+        let ended = service.ended(job).await;
+        assert_eq!(ended["state"], "succeeded", "{ended}");
+    }
+    let fresh = service.submit("clusters=40", mesh).await;
+    service.ended(&fresh).await;
+    let expected = labels(&service, &fresh).await;
+    assert!(expected.len() > 4000);
+    assert_eq!(labels(&service, &running).await, expected, "the second attempt");
+    assert_eq!(labels(&service, &queued).await, expected);
+    // the events of both attempts, numbered through
+    let told = events(&service, &running).await;
+    let ids: Vec<u64> = told.lines().filter_map(|line| line.strip_prefix("id: ")?.parse().ok()).collect();
+    assert_eq!(ids, (1..=ids.len() as u64).collect::<Vec<_>>());
+    let states: Vec<&str> = told.lines().filter(|line| line.contains("\"state\"")).collect();
+    assert_eq!(states.len(), 5, "queued, running, queued, running, end: {states:?}");
+}
+
+#[tokio::test]
+async fn the_same_key_and_request_give_the_same_job_also_after_a_restart() {
+    let mesh = sphere(300);
+    let service = Service::start().await;
+    let first = json(keyed(&service, "clusters=5", "\"a key\"", &mesh)).await;
+    let again = json(keyed(&service, "clusters=5", "a key", &mesh).header("prefer", "wait=50")).await;
+    assert_eq!(again["id"], first["id"]);
+    assert_eq!(again["state"], "succeeded");
+    let service = service.again(|_| {}).await;
+    let again = keyed(&service, "clusters=5", "a key", &mesh).send().await.expect("answered");
+    assert_eq!(again.headers()["location"], path(&first));
+    assert_eq!(again.json::<Value>().await.expect("JSON")["id"], first["id"]);
+    for (query, mesh) in
+        [("clusters=6", mesh.clone()), ("clusters=5", sphere(301)), ("clusters=5&seed=1", mesh.clone())]
+    {
+        refused(keyed(&service, query, "a key", &mesh), 422, "key-reused").await;
+    }
+    let other = json(keyed(&service, "clusters=5", "another key", &mesh)).await;
+    assert_ne!(other["id"], first["id"]);
+    refused(keyed(&service, "clusters=5", "\"", &mesh), 400, "bad-request").await;
+    service.ended(&other).await;
+    service.keeps_no("uploads").await;
+}
+
+#[tokio::test]
+async fn the_same_key_at_once_gives_one_job() {
+    let service = Service::start().await;
+    let mesh = sphere(300);
+    let clients: Vec<_> = (0..20)
+        .map(|_| {
+            let request = keyed(&service, "clusters=5", "k", &mesh).header("prefer", "wait=50");
+            tokio::spawn(async move { json(request).await })
+        })
+        .collect();
+    let mut ids = Vec::new();
+    for client in clients {
+        let job = client.await.expect("no panic");
+        assert_eq!(job["state"], "succeeded");
+        ids.push(job["id"].to_string());
+    }
+    ids.dedup();
+    assert_eq!(ids.len(), 1, "{ids:?}");
+    assert_eq!(json(service.get("/v1/jobs")).await["jobs"].as_array().map(Vec::len), Some(1));
+    service.keeps_no("uploads").await;
+}
+
+#[tokio::test]
+async fn a_folder_in_use_is_refused() {
+    let service = Service::start().await;
+    let settings = Settings {
+        listen: ([127, 0, 0, 1], 0).into(),
+        data_dir: Some(service.folder().path().to_owned()),
+        ..Settings::default()
+    };
+    let device = CpuDevice::new();
+    let info = tesserae::device::Device::info(&device).clone();
+    let description = DeviceDescription { info, chosen: String::new(), or_cpu: false };
+    let error = Server::bind(settings, Box::new(device), description).await.expect_err("in use");
+    assert!(error.message.contains("--data-dir"), "{error}");
+}
+
+#[tokio::test]
+async fn jobs_are_forgotten_when_their_time_is_over() {
+    let service = Service::with(|settings| settings.storage.retention = 1, Box::new(CpuDevice::new())).await;
+    let job = service.submit("clusters=5", sphere(300)).await;
+    assert_eq!(job["expires_at"], Value::Null);
+    let ended = service.ended(&job).await;
+    assert!(text(&ended["expires_at"]) > text(&ended["ended_at"]), "{ended}");
+    let started = std::time::Instant::now();
+    while service.get(path(&job)).send().await.expect("answered").status() != 404 {
+        assert!(started.elapsed() < PATIENCE);
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    service.keeps_no("").await;
+
+    let service = service.again(|_| {}).await;
+    let job = service.submit("clusters=5", sphere(300)).await;
+    service.ended(&job).await;
+    for path in [path(&job), text(&job["urls"]["labels"]), text(&job["urls"]["report"])] {
+        let answer = service.get(path).send().await.expect("answered");
+        assert!(answer.headers()["expires"].to_str().expect("text").ends_with(" GMT"), "{path}");
+    }
+}

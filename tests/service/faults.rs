@@ -1,0 +1,287 @@
+//! What fails around a job: the disk, the device, time, memory. Injected at named points.
+
+use std::io::ErrorKind;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Instant;
+
+use serde_json::Value;
+use tesserae::device::cpu::CpuDevice;
+use tesserae::device::{Device, MergeSteps, Steps};
+use tesserae::report::DeviceInfo;
+use tesserae::service::{Extras, FaultPoint, Faults, Reopen, Settings};
+use tesserae::surface::DualGraph;
+use tesserae::{Error, Kind};
+
+use crate::support::*;
+
+async fn with_faults(change: impl FnOnce(&mut Settings)) -> (Service, Faults) {
+    let faults = Faults::default();
+    let extras = Extras { faults: faults.clone(), ..Extras::default() };
+    let data = Arc::new(tempfile::tempdir().expect("a folder"));
+    (Service::on(data, change, Box::new(CpuDevice::new()), false, extras).await, faults)
+}
+
+async fn ready(service: &Service, is_ready: bool) -> Value {
+    let started = Instant::now();
+    loop {
+        let answer = service.get("/readyz").send().await.expect("answered");
+        let status = answer.status().as_u16();
+        let body: Value = answer.json().await.expect("JSON");
+        assert!([200, 503].contains(&status), "{status}: {body}");
+        if (status == 200) == is_ready {
+            return body;
+        }
+        assert!(started.elapsed() < PATIENCE, "{status}: {body}");
+        tokio::time::sleep(std::time::Duration::from_millis(20)).await;
+    }
+}
+
+const FOREVER: usize = usize::MAX;
+
+#[tokio::test]
+async fn a_full_disk_refuses_jobs_says_so_and_works_again_by_itself() {
+    let (service, faults) = with_faults(|_| {}).await;
+    let before = service.submit("clusters=5", sphere(300)).await;
+    service.ended(&before).await;
+    for (point, kind, status, slug) in [
+        (FaultPoint::Commit, ErrorKind::StorageFull, 507, "insufficient-storage"),
+        (FaultPoint::WriteBlob, ErrorKind::StorageFull, 507, "insufficient-storage"),
+        (FaultPoint::Commit, ErrorKind::ReadOnlyFilesystem, 503, "unavailable"),
+        (FaultPoint::WriteBlob, ErrorKind::ReadOnlyFilesystem, 503, "unavailable"),
+    ] {
+        faults.arm(point, kind, 0, FOREVER);
+        faults.arm(FaultPoint::ProbeFolder, kind, 0, FOREVER);
+        let request = service.post("/v1/jobs?clusters=5").header("content-type", "model/obj").body(sphere(300));
+        refused(request, status, slug).await;
+        let why = ready(&service, false).await;
+        assert!(text(&why["detail"]).contains("disk"), "{why}");
+        // what was there is there
+        assert_eq!(service.job(&before).await["state"], "succeeded");
+        faults.disarm();
+        ready(&service, true).await;
+        let after = service.submit("clusters=5", sphere(300)).await;
+        assert_eq!(service.ended(&after).await["state"], "succeeded");
+    }
+    assert_eq!(
+        json(service.get("/v1/jobs")).await["jobs"].as_array().map(Vec::len),
+        Some(5),
+        "refused ones left nothing"
+    );
+    service.keeps_no("uploads").await;
+}
+
+#[tokio::test]
+async fn an_accepted_job_outlasts_a_disk_that_fails() {
+    let (service, faults) = with_faults(|settings| settings.work.max_attempts = 1).await;
+    let expected = service.submit("clusters=5", sphere(300)).await;
+    service.ended(&expected).await;
+    let digest = async |job: &Value| json(service.get(text(&job["urls"]["report"]))).await["labels_sha256"].clone();
+    // a blob of the upload is written, then those of the result fail; and so on
+    for (point, passed) in
+        [(FaultPoint::WriteBlob, 1), (FaultPoint::ReadBlob, 0), (FaultPoint::Commit, 1), (FaultPoint::Commit, 2)]
+    {
+        faults.arm(point, ErrorKind::StorageFull, passed, FOREVER);
+        faults.arm(FaultPoint::ProbeFolder, ErrorKind::StorageFull, 0, FOREVER);
+        let job = service.submit("clusters=5", sphere(300)).await;
+        ready(&service, false).await;
+        assert!(["queued", "running"].contains(&text(&service.job(&job).await["state"])), "{point:?}");
+        faults.disarm();
+        let ended = service.ended(&job).await;
+        assert_eq!(ended["state"], "succeeded", "{point:?}: {ended}");
+        assert_eq!(digest(&job).await, digest(&expected).await);
+    }
+}
+
+#[tokio::test]
+async fn uploads_are_refused_before_the_folder_is_full_and_jobs_go_on() {
+    let (service, _) = with_faults(|settings| settings.storage.max_disk_bytes = Some(1 << 20)).await;
+    let mut last = None;
+    let full = loop {
+        let request = service.post("/v1/jobs?clusters=5").header("content-type", "model/obj").body(sphere(3000));
+        let answer = request.send().await.expect("answered");
+        if answer.status() != 202 {
+            break answer;
+        }
+        let job: Value = answer.json().await.expect("JSON");
+        assert_eq!(service.ended(&job).await["state"], "succeeded");
+        last = Some(job);
+    };
+    let detail = problem(full, 507, "insufficient-storage").await;
+    assert!(detail.contains("--max-disk-bytes"), "{detail}");
+    // room is made by deleting, as far as the store of jobs gives it back: results
+    let _ = last;
+}
+
+#[tokio::test]
+async fn a_job_that_takes_too_long_fails_and_says_so() {
+    let (device, gate) = Held::behind_gate();
+    let service = Service::with(|settings| settings.work.max_job_seconds = 1, device).await;
+    let job = service.submit("clusters=5", sphere(300)).await;
+    let ended = service.ended(&job).await;
+    assert_eq!(ended["problem"]["type"], "/problems/time-limit");
+    assert!(text(&ended["problem"]["detail"]).contains("--max-job-seconds"), "{ended}");
+    gate.open();
+    let other = service.submit("clusters=5", sphere(300)).await;
+    assert_eq!(service.ended(&other).await["state"], "succeeded");
+}
+
+#[tokio::test]
+async fn a_mesh_that_will_never_fit_in_memory_fails_with_the_numbers() {
+    let service =
+        Service::with(|settings| settings.work.memory_budget = Some(1 << 20), Box::new(CpuDevice::new())).await;
+    let job = service.submit("clusters=5", sphere(100_000)).await;
+    let ended = service.ended(&job).await;
+    assert_eq!(ended["problem"]["status"], 413, "{ended}");
+    assert!(text(&ended["problem"]["detail"]).contains("1048576"), "{ended}");
+    // others wait for their turn and end
+    let mut jobs = Vec::new();
+    for _ in 0..6 {
+        jobs.push(service.submit("clusters=5", sphere(3000)).await);
+    }
+    for job in jobs {
+        assert_eq!(service.ended(&job).await["state"], "succeeded");
+    }
+}
+
+/// A cpu that calls itself a gpu and is lost, or stands still at a gate, as often as said.
+struct Faulty {
+    cpu: CpuDevice,
+    info: DeviceInfo,
+    lost: Arc<AtomicUsize>,
+    still: Option<Gate>,
+}
+
+impl Faulty {
+    fn boxed(lost: &Arc<AtomicUsize>, still: Option<Gate>) -> Box<dyn Device> {
+        let cpu = CpuDevice::new();
+        let mut info = cpu.info().clone();
+        info.kind = tesserae::report::DeviceKind::Gpu;
+        info.name = "faulty".to_owned();
+        Box::new(Self { cpu, info, lost: Arc::clone(lost), still })
+    }
+
+    fn fail(&self) -> tesserae::Result<()> {
+        if let Some(gate) = &self.still {
+            gate.pass();
+        }
+        let again = |left: usize| left.checked_sub(1);
+        match self.lost.fetch_update(Ordering::SeqCst, Ordering::SeqCst, again) {
+            Ok(_) => Err(Error::new(Kind::DeviceLost, "the card fell out")),
+            Err(_) => Ok(()),
+        }
+    }
+}
+
+impl Device for Faulty {
+    fn info(&self) -> &DeviceInfo {
+        &self.info
+    }
+
+    fn open<'a>(&'a mut self, graph: &'a DualGraph, components: &'a [u32]) -> tesserae::Result<Box<dyn Steps + 'a>> {
+        self.fail()?;
+        self.cpu.open(graph, components)
+    }
+
+    fn open_merging<'a>(
+        &'a mut self,
+        graph: &'a DualGraph,
+        components: &'a [u32],
+    ) -> tesserae::Result<Box<dyn MergeSteps + 'a>> {
+        self.fail()?;
+        self.cpu.open_merging(graph, components)
+    }
+}
+
+/// Losses that are left, and how often the device was opened anew.
+type Counts = (Arc<AtomicUsize>, Arc<AtomicUsize>);
+
+async fn with_losses(losses: usize, or_cpu: bool, still: Option<Gate>) -> (Service, Counts) {
+    let (lost, opened) = (Arc::new(AtomicUsize::new(losses)), Arc::<AtomicUsize>::default());
+    let device = Faulty::boxed(&lost, still);
+    let counts = (Arc::clone(&lost), Arc::clone(&opened));
+    let reopen: Reopen = Arc::new(move || {
+        opened.fetch_add(1, Ordering::SeqCst);
+        Ok(Faulty::boxed(&lost, None))
+    });
+    let extras = Extras { reopen: Some(reopen), ..Extras::default() };
+    let data = Arc::new(tempfile::tempdir().expect("a folder"));
+    let service = Service::on(data, |settings| settings.work.device_timeout = 1, device, or_cpu, extras).await;
+    (service, counts)
+}
+
+async fn device_of(service: &Service, job: &Value) -> String {
+    text(&json(service.get(text(&job["urls"]["report"]))).await["device"]["name"]).to_owned()
+}
+
+#[tokio::test]
+async fn a_lost_device_is_opened_anew_and_the_job_runs_again() {
+    let (service, (_, opened)) = with_losses(2, false, None).await;
+    let job = service.submit("clusters=5", sphere(300)).await;
+    let ended = service.ended(&job).await;
+    assert_eq!(ended["state"], "succeeded", "{ended}");
+    assert_eq!(device_of(&service, &job).await, "faulty");
+    assert_eq!(opened.load(Ordering::SeqCst), 2);
+    assert_eq!(ready(&service, true).await["status"], "ok", "it works again");
+}
+
+#[tokio::test]
+async fn the_cpu_stands_in_where_it_may() {
+    let (service, _) = with_losses(1, true, None).await;
+    let job = service.submit("clusters=5", sphere(300)).await;
+    assert_eq!(service.ended(&job).await["state"], "succeeded");
+    assert_ne!(device_of(&service, &job).await, "faulty");
+    let degraded = ready(&service, true).await;
+    assert_eq!(degraded["status"], "degraded");
+    assert!(text(&degraded["conditions"][0]["detail"]).contains("the card fell out"), "{degraded}");
+    // the next one has the device again
+    let next = service.submit("clusters=5", sphere(300)).await;
+    assert_eq!(service.ended(&next).await["state"], "succeeded");
+    assert_eq!(device_of(&service, &next).await, "faulty");
+    assert_eq!(ready(&service, true).await["status"], "ok");
+}
+
+#[tokio::test]
+async fn a_job_that_always_loses_the_device_is_given_up() {
+    let (service, (lost, _)) = with_losses(FOREVER, false, None).await;
+    let job = service.submit("clusters=5", sphere(300)).await;
+    let ended = service.ended(&job).await;
+    assert_eq!(ended["problem"]["type"], "/problems/poison");
+    let detail = text(&ended["problem"]["detail"]);
+    assert!(detail.contains("3 attempts") && detail.contains("the card fell out"), "{detail}");
+    lost.store(0, Ordering::SeqCst);
+    let next = service.submit("clusters=5", sphere(300)).await;
+    assert_eq!(service.ended(&next).await["state"], "succeeded");
+}
+
+#[tokio::test]
+async fn a_device_that_stands_still_is_left_to_itself() {
+    let gate = Gate::default();
+    let (service, (_, opened)) = with_losses(0, false, Some(gate.clone())).await;
+    let job = service.submit("clusters=5", sphere(300)).await;
+    let ended = service.ended(&job).await;
+    assert_eq!(ended["state"], "succeeded", "{ended}");
+    assert_eq!(opened.load(Ordering::SeqCst), 1);
+    gate.open();
+}
+
+#[tokio::test]
+async fn a_device_that_cannot_be_opened_makes_the_service_wait_for_it() {
+    let (lost, broken) = (Arc::new(AtomicUsize::new(1)), Arc::new(Mutex::new(true)));
+    let device = Faulty::boxed(&lost, None);
+    let still_broken = Arc::clone(&broken);
+    let reopen: Reopen = Arc::new(move || match *still_broken.lock().expect("unpoisoned") {
+        true => Err(Error::new(Kind::DeviceLost, "no driver")),
+        false => Ok(Faulty::boxed(&lost, None)),
+    });
+    let extras = Extras { reopen: Some(reopen), ..Extras::default() };
+    let data = Arc::new(tempfile::tempdir().expect("a folder"));
+    let service = Service::on(data, |settings| settings.work.max_attempts = 4, device, false, extras).await;
+    let job = service.submit("clusters=5", sphere(300)).await;
+    let why = ready(&service, false).await;
+    assert!(text(&why["detail"]).contains("no driver"), "{why}");
+    *broken.lock().expect("unpoisoned") = false;
+    let ended = service.ended(&job).await;
+    assert_eq!(ended["state"], "succeeded", "{ended}");
+    ready(&service, true).await;
+}
