@@ -112,8 +112,8 @@ impl BlockingWriter {
         Self { runtime: Handle::current(), writer, failed: None }
     }
 
-    /// Makes the blob of what `content` writes.
-    pub fn fill(mut self, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<()> {
+    /// Takes what `content` writes. The blob is still to be [finished](BlobWriter::finish).
+    pub fn fill(mut self, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<BlobWriter> {
         let mut out = io::BufWriter::with_capacity(CHUNK, &mut self);
         let written = content(&mut out).and_then(|()| out.flush());
         // what it still holds after a failure is not to be written
@@ -121,7 +121,7 @@ impl BlockingWriter {
         match (self.failed, written) {
             (Some(error), _) => Err(error),
             (None, Err(error)) => Err(Error::io("a result cannot be written", error)),
-            (None, Ok(())) => self.runtime.block_on(self.writer.finish()),
+            (None, Ok(())) => Ok(self.writer),
         }
     }
 }

@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
+use futures_util::future::try_join_all;
 use tokio::runtime::Handle;
 use tokio::sync::{OwnedSemaphorePermit, mpsc};
 use tokio_util::sync::CancellationToken;
@@ -19,7 +20,7 @@ use crate::job::{self, Outcome, Prepared, milliseconds};
 use crate::mesh::Resources;
 use crate::output::{LabelFormat, write_labels, write_snapshots};
 use crate::report::Row;
-use crate::service::files::{self, BlockingWriter, Folder, blocking};
+use crate::service::files::{self, BlobWriter, BlockingWriter, Folder, blocking};
 use crate::service::store::{Job, JobStore, Progress, Summary, Ticket, What};
 
 /// The place of a mesh in memory, shared by all that works on it.
@@ -253,26 +254,29 @@ fn event(row: Row, progress: &mut Progress) -> Result<What> {
 fn write(outcome: Outcome, blob: impl Fn(&str) -> BlockingWriter, started: Instant) -> Result<Summary> {
     let Outcome { labels, hierarchy, snapshots, mut report } = outcome;
     let writing = Instant::now();
+    let mut blobs = Vec::new();
     if let Some(labels) = &labels {
         for (format, name) in [(LabelFormat::Npy, files::LABELS_NPY), (LabelFormat::Json, files::LABELS_JSON)] {
-            blob(name).fill(|out| write_labels(out, format, report.clusters, labels))?;
+            blobs.push(blob(name).fill(|out| write_labels(out, format, report.clusters, labels))?);
         }
     }
     if !report.snapshots.is_empty() {
         let faces = report.input.faces;
-        blob(files::SNAPSHOTS).fill(|out| write_snapshots(out, &snapshots, faces))?;
-        blob(files::SNAPSHOT_LIST).fill(|out| Ok(serde_json::to_writer(out, &report.snapshots)?))?;
+        blobs.push(blob(files::SNAPSHOTS).fill(|out| write_snapshots(out, &snapshots, faces))?);
+        blobs.push(blob(files::SNAPSHOT_LIST).fill(|out| Ok(serde_json::to_writer(out, &report.snapshots)?))?);
     }
     if let Some(hierarchy) = &hierarchy {
-        blob(files::HIERARCHY).fill(|out| hierarchy.write(out))?;
+        blobs.push(blob(files::HIERARCHY).fill(|out| hierarchy.write(out))?);
     }
     report.timings_ms.write = milliseconds(writing.elapsed());
     report.timings_ms.total = milliseconds(started.elapsed());
     let summary = Summary { faces: report.input.faces, clusters: report.clusters, has_labels: labels.is_some() };
-    blob(files::REPORT).fill(|out| {
+    blobs.push(blob(files::REPORT).fill(|out| {
         serde_json::to_writer(&mut *out, &report)?;
         out.write_all(b"\n")
-    })?;
+    })?);
+    // at once: they wait for the disk together
+    Handle::current().block_on(try_join_all(blobs.into_iter().map(BlobWriter::finish)))?;
     Ok(summary)
 }
 
