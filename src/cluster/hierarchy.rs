@@ -62,7 +62,7 @@ pub enum Pairs {
     /// Those that cost no more than their median
     #[default]
     CheaperHalf,
-    /// All of them (P§5.4)
+    /// All of them, as the paper does (Parallel Mesh Clustering, section 5.4)
     All,
 }
 
