@@ -14,6 +14,7 @@ use std::time::{Duration, Instant};
 use async_compression::tokio::bufread::{GzipDecoder, ZstdDecoder};
 use async_compression::zstd::DParameter;
 use axum::body::{Body, BodyDataStream, Bytes};
+use axum::extract::Request;
 use axum::http::{HeaderMap, header};
 use futures_util::{Stream, StreamExt, TryStreamExt};
 use tokio::time::Sleep;
@@ -310,15 +311,26 @@ impl Stream for Intake {
 
 impl Drop for Intake {
     fn drop(&mut self) {
-        let Some(mut body) = self.body.take().filter(|_| self.drain) else {
-            return;
-        };
-        let Ok(runtime) = tokio::runtime::Handle::try_current() else {
-            return;
-        };
-        runtime.spawn(async move {
-            let rest = async { while let Some(Ok(_)) = body.next().await {} };
-            let _ = tokio::time::timeout(LINGER, rest).await;
-        });
+        if let Some(body) = self.body.take().filter(|_| self.drain) {
+            throw_away(body);
+        }
     }
+}
+
+/// Lets go of a request that is refused before anything of its body was read.
+pub(super) fn refuse(request: Request) {
+    if !request.headers().contains_key(header::EXPECT) {
+        throw_away(request.into_body().into_data_stream());
+    }
+}
+
+/// Reads the rest of a body for a while.
+fn throw_away(mut body: BodyDataStream) {
+    let Ok(runtime) = tokio::runtime::Handle::try_current() else {
+        return;
+    };
+    runtime.spawn(async move {
+        let rest = async { while let Some(Ok(_)) = body.next().await {} };
+        let _ = tokio::time::timeout(LINGER, rest).await;
+    });
 }

@@ -24,7 +24,7 @@ use super::store::{Created, Deletion, Job, JobId, ListQuery, NewJob, State, no_s
 use super::timestamp::rfc3339;
 use super::trace::TraceParent;
 use super::upload::{self, Upload};
-use super::{admission, idempotency, prefer, query};
+use super::{admission, idempotency, intake, prefer, query};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Format;
 use crate::parameters::Parameters;
@@ -297,8 +297,15 @@ pub(super) async fn create(Extract(shared): App, caller: Caller, request: Reques
         None => false,
     };
     if !is_known {
-        admission::check(&shared, &tenant).await?;
-        shared.files.check_room(upload::content_length(request.headers()).unwrap_or(0))?;
+        let bytes = upload::content_length(request.headers()).unwrap_or(0);
+        let room = match admission::check(&shared, &tenant).await {
+            Ok(()) => shared.files.check_room(bytes).map_err(Failure::from),
+            Err(full) => Err(full),
+        };
+        if let Err(refusal) = room {
+            intake::refuse(request);
+            return Err(refusal);
+        }
     }
     let wait = prefer::wait(request.headers(), shared.settings.max_wait());
     let parent = request.extensions().get::<TraceParent>().map(|parent| parent.at(&tracing::Span::current()));

@@ -3,7 +3,10 @@
 //! A parameter may stand in either place, or in both with the same value; different values are refused. A path is never
 //! a parameter here: files arrive in the request.
 
+use std::fmt;
+
 use axum::http::Uri;
+use serde::de::{Deserialize, Deserializer, Error as _, MapAccess, Visitor};
 use serde_json::error::Category;
 use serde_json::{Map, Value};
 
@@ -54,7 +57,7 @@ impl Wanted {
             };
             Error::new(kind, format_args!("the part \"parameters\" is not valid: {error}"))
         };
-        let mut object: Map<String, Value> = serde_json::from_slice(json).map_err(malformed)?;
+        let Members(mut object) = serde_json::from_slice(json).map_err(malformed)?;
         let parameters: Parameters = match object.remove("webhook") {
             None => serde_json::from_slice(json).map_err(malformed)?,
             Some(webhook) => {
@@ -121,6 +124,34 @@ impl Wanted {
     }
 }
 
+/// The members of a JSON object, none of which is there twice.
+struct Members(Map<String, Value>);
+
+impl<'de> Deserialize<'de> for Members {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Each;
+        impl<'de> Visitor<'de> for Each {
+            type Value = Members;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("an object")
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, mut access: A) -> Result<Members, A::Error> {
+                let mut members = Map::new();
+                while let Some((name, value)) = access.next_entry::<String, Value>()? {
+                    if members.contains_key(&name) {
+                        return Err(A::Error::custom(format_args!("duplicate field `{name}`")));
+                    }
+                    members.insert(name, value);
+                }
+                Ok(Members(members))
+            }
+        }
+        deserializer.deserialize_map(Each)
+    }
+}
+
 /// Refuses seeds from a file of the server.
 fn refuse_path(parameters: &Parameters) -> Result<()> {
     match &parameters.seeds {
@@ -140,7 +171,7 @@ fn as_object(parameters: &Parameters) -> Result<Map<String, Value>> {
     }
 }
 
-fn internal(error: impl std::fmt::Display) -> Error {
+fn internal(error: impl fmt::Display) -> Error {
     Error::new(Kind::Internal, format_args!("parameters do not survive being written as JSON: {error}"))
 }
 
@@ -224,6 +255,13 @@ mod tests {
             (r#"{"clusters": "3"}"#, Kind::InvalidParameter),
             (r#"{"clusters": 3, "x": 1}"#, Kind::InvalidParameter),
             (r#"{"clusters": 3, "clusters": 4}"#, Kind::InvalidParameter),
+            (r#"{"webhook": "https://a.example/", "clusters": 3, "clusters": 4}"#, Kind::InvalidParameter),
+            (
+                r#"{"webhook": "https://a.example/", "webhook": "https://b.example/", "clusters": 3}"#,
+                Kind::InvalidParameter,
+            ),
+            (r#"{"webhook": "https://a.example/", "clusters": 3, "x": 4}"#, Kind::InvalidParameter),
+            (r#"{"webhook": null, "clusters": 3}"#, Kind::InvalidParameter),
             (r#"{"clusters": 0}"#, Kind::InvalidParameter),
             (r#"{}"#, Kind::InvalidParameter),
             (r#"{"clusters": 3, "seeds": "file:x"}"#, Kind::InvalidParameter),

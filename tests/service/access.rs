@@ -61,6 +61,9 @@ async fn nothing_about_jobs_is_told_without_a_token() {
     let twice = service.get("/v1/jobs").bearer_auth(&mine).bearer_auth(&mine);
     refused(twice, 401, "unauthorized").await;
     refused(submit(&service, "clusters=3"), 401, "unauthorized").await;
+    // the answer reaches who is still sending
+    let large = service.post("/v1/jobs?clusters=3").header("content-type", "model/obj").body(vec![b'#'; 50_000_000]);
+    refused(large, 401, "unauthorized").await;
     service.keeps_no("").await;
     for open in ["/healthz", "/readyz", "/v1/version", "/openapi.yaml"] {
         assert_eq!(service.get(open).send().await.expect("answered").status(), 200, "{open}");

@@ -23,15 +23,16 @@ use axum::extract::{ConnectInfo, Request, State};
 use axum::http::Method;
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
-use tokio::sync::Semaphore;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use self::budget::Budget;
-use self::clients::{Allowance, Client, Clients};
+use self::clients::{Allowance, Client, Clients, Permit};
 use self::guarded::Guarded;
 use super::access::Caller;
 use super::problem::Failure;
-use super::server::App;
+use super::server::{App, Shared};
 use super::settings::TrafficSettings;
+use super::{LOCAL_TENANT, intake};
 use crate::error::{Error, Kind};
 
 /// Paths that probes ask for, which must hear how things are even when their address asks for too much.
@@ -76,46 +77,46 @@ impl Traffic {
 /// Finds out who asks, and lets the request through when neither that client nor the service has too much to do. What a
 /// request holds is held until its answer was sent.
 pub(super) async fn admit(State(shared): App, mut request: Request, next: Next) -> Response {
-    let path = request.uri().path();
-    if PROBES.contains(&path) {
+    if PROBES.contains(&request.uri().path()) {
         request.extensions_mut().insert(Caller { tenant: None });
         return next.run(request).await;
     }
+    match check(&shared, &request) {
+        Ok((caller, held)) => {
+            if let Some(tenant) = &caller.tenant {
+                tracing::Span::current().record("tenant", &tenant.name);
+            }
+            request.extensions_mut().insert(caller);
+            next.run(request).await.map(|body| Body::new(Guarded::new(body, held)))
+        }
+        Err(failure) => {
+            intake::refuse(request);
+            failure.into_response()
+        }
+    }
+}
+
+/// What a request holds: its client's permit, and a stream's place.
+type Holding = (Permit, Option<OwnedSemaphorePermit>);
+
+/// Who asks, and what the request holds from now on.
+fn check(shared: &Shared, request: &Request) -> Result<(Caller, Holding), Failure> {
     let traffic = &shared.traffic;
+    let path = request.uri().path();
     let is_stream = request.method() == Method::GET && path.starts_with("/v1/jobs/") && path.ends_with("/events");
     let caller = shared.access.caller(path, request.headers());
     // Who has no token, or needs none, is known by address; so is everybody of a service without tokens.
     let client = match caller.as_ref().ok().and_then(|caller| caller.tenant.as_ref()) {
-        Some(tenant) if tenant.name != super::LOCAL_TENANT => Client::Tenant(tenant.name.clone()),
-        _ => Client::of_address(address(&request)),
+        Some(tenant) if tenant.name != LOCAL_TENANT => Client::Tenant(tenant.name.clone()),
+        _ => Client::of_address(address(request)),
     };
-    let allowance = traffic.allowance(caller.as_ref().ok());
-    let permit = match traffic.clients.admit(client, allowance, is_stream) {
-        Ok(permit) => permit,
-        Err(refusal) => return refusal.into_response(),
-    };
-    let caller = match caller {
-        Ok(caller) => caller,
-        Err(error) => return Failure::from(error).into_response(),
-    };
-    let stream = match is_stream.then(|| Arc::clone(&traffic.streams).try_acquire_owned()).transpose() {
-        Ok(stream) => stream,
-        Err(_) => {
-            return Failure::from(Error::new(
-                Kind::Overloaded,
-                format_args!(
-                    "as many event streams are open as may; try again later: {}",
-                    traffic.settings.max_streams
-                ),
-            ))
-            .into_response();
-        }
-    };
-    if let Some(tenant) = &caller.tenant {
-        tracing::Span::current().record("tenant", &tenant.name);
-    }
-    request.extensions_mut().insert(caller);
-    next.run(request).await.map(|body| Body::new(Guarded::new(body, (permit, stream))))
+    let permit = traffic.clients.admit(client, traffic.allowance(caller.as_ref().ok()), is_stream)?;
+    let caller = caller?;
+    let stream = is_stream.then(|| Arc::clone(&traffic.streams).try_acquire_owned()).transpose().map_err(|_| {
+        let limit = traffic.settings.max_streams;
+        Error::new(Kind::Overloaded, format_args!("as many event streams are open as may; try again later: {limit}"))
+    })?;
+    Ok((caller, (permit, stream)))
 }
 
 /// Address of the other end.
