@@ -13,6 +13,7 @@ use utoipa::ToSchema;
 pub use self::levels::Levels;
 pub use self::snapshots::Snapshots;
 use crate::cluster::dual_edge::Ties;
+use crate::cluster::hierarchy::Pairs;
 use crate::error::{Error, Result};
 
 /// The parameters of a job. Flags, query parameters and JSON members have the same names and meanings.
@@ -31,10 +32,11 @@ pub struct Parameters {
     #[schema(minimum = 1)]
     pub clusters: Option<u64>,
 
-    /// Where flat clusters start: morton (stratified by area along a Morton curve), random, or file:PATH with a list of
-    /// face numbers
-    #[arg(long, default_value_t, value_name = "morton|random|file:PATH")]
-    #[schema(value_type = String, example = "morton")]
+    /// Where flat clusters start: coarse (merged from half as many again on a coarser mesh: the lowest energy), morton
+    /// (stratified by area along a Morton curve), random (as in the paper), or file:PATH with a list of face numbers; acvd
+    /// and vc take morton for coarse
+    #[arg(long, default_value_t, value_name = "coarse|morton|random|file:PATH")]
+    #[schema(value_type = String, example = "coarse")]
     pub seeds: Seeds,
 
     /// Number that the random choices of seeds are drawn from
@@ -78,7 +80,8 @@ pub struct Parameters {
     #[arg(long, value_enum, default_value_t)]
     pub optimize: Optimize,
 
-    /// Hierarchies: at most this many iterations of optimisation a round, except at levels; unlimited when left out
+    /// Hierarchies: at most this many iterations of optimisation a round, except at levels and at the end; when left out, 4 in
+    /// parallel rounds and as many as it takes in those of ml
     #[arg(long, value_name = "N")]
     #[schema(minimum = 1)]
     pub optimize_iterations: Option<u32>,
@@ -97,6 +100,10 @@ pub struct Parameters {
     /// Hierarchies: which of equally cheap pairs merges first
     #[arg(long, value_enum, default_value_t)]
     pub ties: Ties,
+
+    /// pml: which of the pairs that chose each other merge in a round
+    #[arg(long, value_enum, default_value_t)]
+    pub pairs: Pairs,
 
     /// Hierarchies: numbers of clusters to stop at on the way and to optimise at until no move is left
     #[arg(long, value_name = "K1,K2,…")]
@@ -168,7 +175,7 @@ impl Parameters {
     /// What only flat clusterings have, and whether it was asked for.
     fn flat_only(&self, listed: bool) -> Vec<(&'static str, bool)> {
         vec![
-            ("seeds", listed || self.seeds != Seeds::Morton),
+            ("seeds", listed || self.seeds != Seeds::Coarse),
             ("seed", self.seed != 0),
             ("max_iterations", self.max_iterations.is_some()),
             ("snapshots", self.snapshots.is_some()),
@@ -183,6 +190,7 @@ impl Parameters {
             ("switch_to_ml_at", self.switch_to_ml_at.is_some()),
             ("collapse_fraction", self.collapse_fraction.is_some()),
             ("ties", self.ties != Ties::Hash),
+            ("pairs", self.pairs != Pairs::CheaperHalf),
             ("levels", !self.levels().is_empty()),
         ]
     }
@@ -196,6 +204,9 @@ impl Parameters {
                 }
                 _ => "optimize_iterations does not go with optimize none",
             }));
+        }
+        if self.pairs != Pairs::CheaperHalf && self.algorithm != Algorithm::Pml {
+            return Err(self.contradiction("pairs", "pml"));
         }
         if self.switch_to_ml_at.is_some() && self.algorithm != Algorithm::Pml {
             return Err(self.contradiction("switch_to_ml_at", "pml"));
@@ -301,8 +312,10 @@ pub enum Refine {
 /// Where clusters start.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub enum Seeds {
-    /// One random face in each of k strata of equal area along a Morton curve.
+    /// Merged from half as many clusters again, coarse to fine ([`crate::cluster::coarse`]).
     #[default]
+    Coarse,
+    /// One random face in each of k strata of equal area along a Morton curve.
     Morton,
     /// Random faces, all equally likely (P§5.3).
     Random,
@@ -315,6 +328,7 @@ pub enum Seeds {
 impl fmt::Display for Seeds {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Seeds::Coarse => f.write_str("coarse"),
             Seeds::Morton => f.write_str("morton"),
             Seeds::Random => f.write_str("random"),
             Seeds::File(path) => write!(f, "file:{}", path.display()),
@@ -328,12 +342,15 @@ impl FromStr for Seeds {
 
     fn from_str(text: &str) -> Result<Self> {
         match text {
+            "coarse" => Ok(Seeds::Coarse),
             "morton" => Ok(Seeds::Morton),
             "random" => Ok(Seeds::Random),
             "listed" => Ok(Seeds::Listed),
             _ => match text.strip_prefix("file:") {
                 Some(path) if !path.is_empty() => Ok(Seeds::File(path.into())),
-                _ => Err(Error::parameter(format_args!("seeds must be morton, random or file:PATH, not {text:?}"))),
+                _ => Err(Error::parameter(format_args!(
+                    "seeds must be coarse, morton, random or file:PATH, not {text:?}"
+                ))),
             },
         }
     }

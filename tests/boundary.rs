@@ -31,11 +31,14 @@ fn run(surface: &Surface, seeds: &SeedFaces, options: Options) -> (cluster::flat
     let mut device = CpuDevice::new();
     let mut steps = device.open(surface, &seeds.component_of_cluster).expect("the cpu takes everything");
     let mut rows = Vec::new();
-    let clustering =
-        cluster::flat::boundary_based(surface, seeds, options, steps.as_mut(), &Cancel::default(), &mut |row| {
-            rows.push(row)
-        })
-        .expect("nobody cancels");
+    let clustering = cluster::flat::boundary_based(
+        &seeds.labels(surface.faces()),
+        options,
+        steps.as_mut(),
+        &Cancel::default(),
+        &mut |row| rows.push(row),
+    )
+    .expect("nobody cancels");
     (clustering, rows)
 }
 
@@ -171,7 +174,7 @@ fn a_changed_weight_shows_in_the_comparison_with_the_definition() {
     let seeds = seeds(&surface, 40, &Seeds::Morton, 1);
     let (clustering, rows) = run(&surface, &seeds, PLAIN);
     let mut other = Surface::build(&mesh).expect("a surface");
-    other.weights[100] += 1;
+    other.graph.weights[100] += 1;
     let explained = oracle::explained(&other, &seeds.component_of_cluster, &clustering.labels);
     assert_ne!(rows.last().map(|row| row.energy.explained), Some(explained));
 }
@@ -239,12 +242,13 @@ fn a_cancelled_run_stops() {
     let mut steps = device.open(&surface, &seeds.component_of_cluster).expect("the cpu takes everything");
     let cancel = Cancel::default();
     let mut rows = 0;
-    let ended = cluster::flat::boundary_based(&surface, &seeds, CONNECTED, steps.as_mut(), &cancel, &mut |_| {
-        rows += 1;
-        if rows == 3 {
-            cancel.cancel();
-        }
-    });
+    let ended =
+        cluster::flat::boundary_based(&seeds.labels(surface.faces()), CONNECTED, steps.as_mut(), &cancel, &mut |_| {
+            rows += 1;
+            if rows == 3 {
+                cancel.cancel();
+            }
+        });
     assert_eq!(ended.map(|_| ()).map_err(|error| error.kind), Err(tesserae::Kind::Cancelled));
     assert_eq!(rows, 3);
 }

@@ -76,9 +76,14 @@ fn a_cube_in_8_clusters_has_the_energy_of_acvd() {
     let mut device = CpuDevice::new();
     let mut steps = device.open(&surface, &seeds.component_of_cluster).expect("the cpu takes everything");
     let options = Options { max_iterations: None, refine: false, allow_disconnected: false };
-    let ours =
-        cluster::flat::boundary_based(&surface, &seeds, options, steps.as_mut(), &Cancel::default(), &mut |_| {})
-            .expect("nobody cancels");
+    let ours = cluster::flat::boundary_based(
+        &seeds.labels(surface.faces()),
+        options,
+        steps.as_mut(),
+        &Cancel::default(),
+        &mut |_| {},
+    )
+    .expect("nobody cancels");
 
     let mut reference = ours.initial.clone();
     acvd(&surface, 8, &mut reference);

@@ -29,7 +29,7 @@ fn labels(surface: &Surface, clusters: u64) -> Vec<u32> {
     let mut steps = device.open(surface, &seeds.component_of_cluster).expect("the cpu takes everything");
     let options = Options { max_iterations: None, refine: true, allow_disconnected: false };
     let cancel = Cancel::default();
-    cluster::flat::boundary_based(surface, &seeds, options, steps.as_mut(), &cancel, &mut |_| {})
+    cluster::flat::boundary_based(&seeds.labels(surface.faces()), options, steps.as_mut(), &cancel, &mut |_| {})
         .expect("nobody cancels")
         .labels
 }

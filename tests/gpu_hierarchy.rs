@@ -10,7 +10,7 @@ use common::zoo;
 use gpu_support::{adapter, device, device_with};
 use tesserae::Kind;
 use tesserae::cluster::dual_edge::{End, Rank, Ties, exact_cost, packed_cost};
-use tesserae::cluster::hierarchy::{Options, RoundRow, components_of_faces, hierarchical};
+use tesserae::cluster::hierarchy::{Options, Pairs, RoundRow, components_of_faces, hierarchical};
 use tesserae::cluster::run::Row;
 use tesserae::cluster::sums::ClusterSums;
 use tesserae::device::cpu::CpuDevice;
@@ -31,6 +31,7 @@ fn pml() -> Options {
         refine: true,
         optimise_iterations: None,
         ties: Ties::Hash,
+        pairs: Pairs::CheaperHalf,
         clusters: None,
         levels: Vec::new(),
         allow_disconnected: false,
@@ -128,6 +129,8 @@ fn larger_hierarchies_stops_and_mixtures_are_alike() {
             Options { levels: vec![321], clusters: Some(77), optimise_iterations: Some(3), ..pml() },
             Options { clusters: Some(50), allow_disconnected: true, ..pml() },
             Options { sequential_at: 30, ..pml() },
+            Options { optimise_iterations: Some(30), pairs: Pairs::All, ..pml() },
+            Options { optimise_iterations: Some(u32::MAX), ..pml() },
         ] {
             let outcome = compare(&mut gpu, sample.name(), &surface, &options);
             let levels: Vec<u64> =
@@ -146,12 +149,12 @@ fn the_comparison_fails_when_the_devices_see_different_meshes_or_options() {
     assert!(run(&mut gpu, &here, &pml()).expect("the gpu runs") == expected);
 
     let mut heavier = Surface::build(&mesh).expect("a surface");
-    heavier.weights[100] += 1;
+    heavier.graph.weights[100] += 1;
     let other = run(&mut gpu, &heavier, &pml()).expect("the gpu runs");
     assert!(other.tree != expected.tree, "a weight");
 
     let mut moved = Surface::build(&mesh).expect("a surface");
-    moved.centroids[100][1] += 1;
+    moved.graph.centroids[100][1] += 1;
     let other = run(&mut gpu, &moved, &pml()).expect("the gpu runs");
     assert!(other.tree != expected.tree, "a centroid");
 
@@ -176,28 +179,28 @@ const FACES: usize = 4;
 fn pairs_of(ends: &[[End; 2]], energy_shift: u32) -> (Surface, Vec<u32>) {
     let mut surface = surface(Sample::Strip, 4);
     let faces = 2 * FACES * ends.len();
-    surface.centroids.clear();
-    surface.weights.clear();
+    surface.graph.centroids.clear();
+    surface.graph.weights.clear();
     for end in ends.iter().flatten() {
         for face in 0..FACES as u64 {
-            surface.centroids.push(end.proxy);
-            surface.weights.push(((end.weight + face) / FACES as u64) as u32);
+            surface.graph.centroids.push(end.proxy);
+            surface.graph.weights.push(((end.weight + face) / FACES as u64) as u32);
         }
     }
     // the first face of a cluster is beside the first of the other
-    surface.neighbour_offsets = vec![0];
-    surface.neighbours.clear();
+    surface.graph.neighbour_offsets = vec![0];
+    surface.graph.neighbours.clear();
     for face in 0..faces as u32 {
         match face as usize % (2 * FACES) {
-            0 => surface.neighbours.push(face + FACES as u32),
-            FACES => surface.neighbours.push(face - FACES as u32),
+            0 => surface.graph.neighbours.push(face + FACES as u32),
+            FACES => surface.graph.neighbours.push(face - FACES as u32),
             _ => {}
         }
-        surface.neighbour_offsets.push(surface.neighbours.len() as u32);
+        surface.graph.neighbour_offsets.push(surface.neighbours.len() as u32);
     }
     surface.upload_face = (0..faces as u32).collect();
-    surface.components = vec![Component { energy_shift, ..surface.components[0] }];
-    surface.components[0].faces = faces as u32;
+    surface.graph.components = vec![Component { energy_shift, ..surface.components[0] }];
+    surface.graph.components[0].faces = faces as u32;
     let labels = (0..faces as u32).map(|face| face / FACES as u32).collect();
     (surface, labels)
 }
@@ -337,7 +340,7 @@ fn more_moves_than_expected_are_all_listed() {
     let faces = surface.faces();
     let mut next = numbers(11);
     let labels: Vec<u32> = (0..faces).map(|_| next(50) as u32).collect();
-    surface.components[0].energy_shift = 0;
+    surface.graph.components[0].energy_shift = 0;
     let components = vec![0; 51];
     let mut gpu = device();
     let mut cpu = CpuDevice::new();

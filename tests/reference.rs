@@ -16,7 +16,7 @@ use tesserae::mesh::{Format, Limits, NoResources};
 use tesserae::parameters::{Algorithm, Parameters, Seeds};
 use tesserae::report::{DeviceInfo, DeviceKind};
 use tesserae::sample::{Sample, generate};
-use tesserae::surface::{Component, Surface};
+use tesserae::surface::{Component, DualGraph, Surface};
 use tesserae::{Error, Kind};
 
 const FREELY: Options = Options { max_iterations: None, refine: false, allow_disconnected: true };
@@ -238,11 +238,11 @@ impl Device for Untouched {
         &self.0
     }
 
-    fn open<'a>(&'a mut self, _: &'a Surface, _: &'a [u32]) -> tesserae::Result<Box<dyn Steps + 'a>> {
+    fn open<'a>(&'a mut self, _: &'a DualGraph, _: &'a [u32]) -> tesserae::Result<Box<dyn Steps + 'a>> {
         Err(Error::new(Kind::Internal, "opened"))
     }
 
-    fn open_merging<'a>(&'a mut self, _: &'a Surface, _: &'a [u32]) -> tesserae::Result<Box<dyn MergeSteps + 'a>> {
+    fn open_merging<'a>(&'a mut self, _: &'a DualGraph, _: &'a [u32]) -> tesserae::Result<Box<dyn MergeSteps + 'a>> {
         Err(Error::new(Kind::Internal, "opened"))
     }
 }

@@ -208,7 +208,7 @@ fn cluster(arguments: &Arguments, outputs: &[Output<'_>], progress: &mut Progres
     limits.check_bytes(bytes.len() as u64)?;
     let seeds = match &arguments.parameters.seeds {
         Seeds::File(path) => Some(Source::from(path.clone()).read(limits.max_bytes)?),
-        Seeds::Morton | Seeds::Random | Seeds::Listed => None,
+        Seeds::Coarse | Seeds::Morton | Seeds::Random | Seeds::Listed => None,
     };
     let weights = match &arguments.weights {
         Some(path) => Some(Source::from(path.clone()).read(limits.max_bytes)?),

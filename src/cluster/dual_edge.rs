@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::sums::squared_distance;
+use crate::device::DualEdge;
 
 /// Which of equally cheap dual edges is the best.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
@@ -120,6 +121,22 @@ impl<Cost> Rank<Cost> {
     pub fn ends(&self) -> (u32, u32) {
         (self.low, self.high)
     }
+}
+
+/// The pairs of clusters that chose each other, the cheapest first. `edges` are in the order of their clusters.
+pub fn mutual(edges: &[DualEdge]) -> Vec<Rank<u32>> {
+    let clusters = edges.last().map_or(0, |edge| edge.cluster as usize + 1);
+    let mut chosen = vec![u32::MAX; clusters];
+    for edge in edges {
+        chosen[edge.cluster as usize] = edge.other;
+    }
+    let mut mutual: Vec<Rank<u32>> = edges
+        .iter()
+        .filter(|edge| edge.cluster < edge.other && chosen[edge.other as usize] == edge.cluster)
+        .map(|edge| Rank::new(edge.cost, edge.cluster, edge.other, Ties::Hash))
+        .collect();
+    mutual.sort_unstable();
+    mutual
 }
 
 #[cfg(test)]

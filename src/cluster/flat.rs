@@ -39,11 +39,9 @@
 
 use super::record::Record;
 use super::run::{Row, Run};
-use super::seeds::SeedFaces;
-use crate::device::{Cancel, Ending, FREE, Steps};
+use crate::device::{Cancel, Ending, Steps};
 use crate::error::Result;
 use crate::report::Phase;
-use crate::surface::Surface;
 
 /// What a flat clustering is asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,52 +65,46 @@ pub struct Clustering {
     pub ending: Ending,
 }
 
-/// Clusters a surface from the given seeds, on a device that was opened with the same surface and seeds.
+/// Clusters a surface from a start: one label a face, or [`FREE`](crate::device::FREE) for faces that clusters grow over.
+/// The device was opened with the same surface and clusters.
 ///
 /// `on_row` is told of every step as it happens.
 pub fn boundary_based(
-    surface: &Surface,
-    seeds: &SeedFaces,
+    start: &[u32],
     options: Options,
     steps: &mut dyn Steps,
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
 ) -> Result<Clustering> {
-    boundary_based_recorded(surface, seeds, options, steps, cancel, on_row, &mut Record::default())
+    boundary_based_recorded(start, options, steps, cancel, on_row, &mut Record::default())
 }
 
 /// The same, and keeps the labels of the iterations that `record` wants. They do not change what comes out.
 pub fn boundary_based_recorded(
-    surface: &Surface,
-    seeds: &SeedFaces,
+    start: &[u32],
     options: Options,
     steps: &mut dyn Steps,
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
     record: &mut Record,
 ) -> Result<Clustering> {
-    let (mut run, initial) = grown(surface, seeds, options, steps, cancel, on_row, record)?;
+    let (mut run, initial) = grown(start, options, steps, cancel, on_row, record)?;
     let ending = if options.allow_disconnected { run.optimise(options.refine)? } else { run.settle(options.refine)? };
     Ok(Clustering { initial, labels: run.steps.labels()?, ending })
 }
 
-/// Grows clusters from their seeds over all faces: a run that has told of that, and the labels.
+/// Grows clusters from a start over all faces: a run that has told of that, and the labels.
 pub(super) fn grown<'a>(
-    surface: &Surface,
-    seeds: &SeedFaces,
+    start: &[u32],
     options: Options,
     steps: &'a mut dyn Steps,
     cancel: &'a Cancel,
     on_row: &'a mut dyn FnMut(Row),
     record: &'a mut Record,
 ) -> Result<(Run<'a>, Vec<u32>)> {
-    let mut labels = vec![FREE; surface.faces()];
-    for (cluster, &face) in seeds.face_of_cluster.iter().enumerate() {
-        labels[face as usize] = cluster as u32;
-    }
     let left = options.max_iterations.unwrap_or(u32::MAX);
     let mut run = Run { steps, cancel, on_row, round: None, iteration: 0, left, record: Some(record) };
-    run.steps.set_labels(&labels)?;
+    run.steps.set_labels(start)?;
     run.steps.grow(cancel)?;
     run.tell(Phase::Boundary, 0)?;
     let initial = run.steps.labels()?;

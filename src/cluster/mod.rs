@@ -5,7 +5,7 @@
 //! | boundary-based clustering (P§3), and the proof that F falls | [`flat`] |
 //! | refinement by exact gains, beyond the paper | [`refinement`] |
 //! | parallel multilevel, multilevel and hierarchical clustering (P§4) | [`hierarchy`] |
-//! | where flat clusterings start | [`seeds`] |
+//! | where flat clusterings start | [`seeds`], [`coarse`] |
 //! | merge costs and their order | [`dual_edge`] |
 //! | sums and proxies in exact integers | [`sums`] |
 //! | pieces of clusters | [`repair`] |
@@ -14,6 +14,7 @@
 //!
 //! Drivers know devices only as [`crate::device::Steps`]; what a step computes is defined here, how is the device's.
 
+pub mod coarse;
 pub mod dual_edge;
 pub mod flat;
 pub mod hierarchy;

@@ -1,7 +1,7 @@
 //! Pieces of clusters, found by walking the whole mesh: the plain way, for checks and for devices without a better one.
 
 use crate::device::FREE;
-use crate::surface::Surface;
+use crate::surface::DualGraph;
 
 /// The connected pieces of equally labelled faces.
 struct Pieces {
@@ -13,7 +13,7 @@ struct Pieces {
 
 impl Pieces {
     /// Walks the pieces of all labelled faces, each from its smallest face.
-    fn find(surface: &Surface, labels: &[u32]) -> Self {
+    fn find(graph: &DualGraph, labels: &[u32]) -> Self {
         let mut piece_of_face = vec![FREE; labels.len()];
         let mut pieces: Vec<(u32, u32)> = Vec::new();
         let mut stack = Vec::new();
@@ -28,7 +28,7 @@ impl Pieces {
             let mut faces = 0;
             while let Some(face) = stack.pop() {
                 faces += 1;
-                for &neighbour in surface.neighbours_of(face) {
+                for &neighbour in graph.neighbours_of(face) {
                     let neighbour = neighbour as usize;
                     if piece_of_face[neighbour] == FREE && labels[neighbour] == label {
                         piece_of_face[neighbour] = piece;
@@ -44,8 +44,8 @@ impl Pieces {
 
 /// The faces outside their cluster's piece with the most faces (of equally large ones, that with the smallest face),
 /// sorted.
-pub fn cut_off_faces(surface: &Surface, clusters: usize, labels: &[u32]) -> Vec<u32> {
-    let Pieces { piece_of_face, pieces } = Pieces::find(surface, labels);
+pub fn cut_off_faces(graph: &DualGraph, clusters: usize, labels: &[u32]) -> Vec<u32> {
+    let Pieces { piece_of_face, pieces } = Pieces::find(graph, labels);
     let mut largest: Vec<Option<u32>> = vec![None; clusters];
     for (piece, &(label, faces)) in pieces.iter().enumerate() {
         let best = &mut largest[label as usize];
@@ -61,9 +61,9 @@ pub fn cut_off_faces(surface: &Surface, clusters: usize, labels: &[u32]) -> Vec<
 }
 
 /// How many clusters are in several pieces.
-pub fn disconnected_clusters(surface: &Surface, clusters: usize, labels: &[u32]) -> u64 {
+pub fn disconnected_clusters(graph: &DualGraph, clusters: usize, labels: &[u32]) -> u64 {
     let mut pieces_of_cluster = vec![0u32; clusters];
-    for (label, _) in Pieces::find(surface, labels).pieces {
+    for (label, _) in Pieces::find(graph, labels).pieces {
         pieces_of_cluster[label as usize] += 1;
     }
     pieces_of_cluster.into_iter().filter(|&pieces| pieces > 1).count() as u64

@@ -6,9 +6,10 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
+use crate::device::FREE;
 use crate::error::{Error, Result};
 use crate::parameters::Seeds;
-use crate::surface::Surface;
+use crate::surface::{DualGraph, Surface};
 
 /// One face for each cluster, internal order, and the component it lies in.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -19,26 +20,49 @@ pub struct SeedFaces {
     pub component_of_cluster: Vec<u32>,
 }
 
+impl SeedFaces {
+    /// Labels of the seeds; all other faces are free.
+    pub fn labels(&self, faces: usize) -> Vec<u32> {
+        let mut labels = vec![FREE; faces];
+        for (cluster, &face) in self.face_of_cluster.iter().enumerate() {
+            labels[face as usize] = cluster as u32;
+        }
+        labels
+    }
+}
+
+/// How many clusters each component gets: at least 1, at most its faces, by area. Refuses numbers that the surface cannot
+/// have.
+pub fn shares(surface: &Surface, clusters: u64) -> Result<Vec<usize>> {
+    check_clusters(surface, clusters)?;
+    Ok(apportion(surface, clusters as usize))
+}
+
 /// Chooses seeds for `clusters` clusters. `listed` are faces of the upload, and then decide alone.
 pub fn choose(surface: &Surface, clusters: u64, seeds: &Seeds, seed: u64, listed: Option<&[u32]>) -> Result<SeedFaces> {
-    check_clusters(surface, clusters)?;
+    let shares = shares(surface, clusters)?;
     if let Some(listed) = listed {
         return from_list(surface, listed);
     }
-    let shares = apportion(surface, clusters as usize);
-    let mut face_of_cluster = Vec::with_capacity(clusters as usize);
-    let mut component_of_cluster = Vec::with_capacity(clusters as usize);
+    Ok(match seeds {
+        Seeds::Random => each_component(&shares, |component, share, _| random(surface, component, share, seed)),
+        Seeds::Coarse | Seeds::Morton | Seeds::File(_) | Seeds::Listed => stratified(surface, &shares, seed),
+    })
+}
+
+/// Faces along the internal order: so many in each component, one in each of as many strata of equal weight.
+pub fn stratified(graph: &DualGraph, shares: &[usize], seed: u64) -> SeedFaces {
+    each_component(shares, |component, share, first_cluster| strata(graph, component, share, seed, first_cluster))
+}
+
+/// Seeds that are chosen in each component apart: `choose(component, share, first cluster)`.
+fn each_component(shares: &[usize], choose: impl Fn(usize, usize, usize) -> Vec<u32>) -> SeedFaces {
+    let mut seeds = SeedFaces { face_of_cluster: Vec::new(), component_of_cluster: Vec::new() };
     for (component, &share) in shares.iter().enumerate() {
-        let chosen = match seeds {
-            Seeds::Random => random(surface, component, share, seed),
-            Seeds::Morton | Seeds::File(_) | Seeds::Listed => {
-                stratified(surface, component, share, seed, face_of_cluster.len())
-            }
-        };
-        face_of_cluster.extend(chosen);
-        component_of_cluster.extend(std::iter::repeat_n(component as u32, share));
+        seeds.face_of_cluster.extend(choose(component, share, seeds.face_of_cluster.len()));
+        seeds.component_of_cluster.extend(std::iter::repeat_n(component as u32, share));
     }
-    Ok(SeedFaces { face_of_cluster, component_of_cluster })
+    seeds
 }
 
 /// Refuses numbers of clusters that this surface cannot have.
@@ -61,7 +85,7 @@ fn check_clusters(surface: &Surface, clusters: u64) -> Result<()> {
     Ok(())
 }
 
-/// How many clusters each component gets: at least 1, at most its faces, by area.
+/// Sainte-Laguë.
 fn apportion(surface: &Surface, clusters: usize) -> Vec<usize> {
     let components = &surface.components;
     let mut shares = vec![1usize; components.len()];
@@ -126,24 +150,24 @@ fn random(surface: &Surface, component: usize, share: usize, seed: u64) -> Vec<u
 /// face at a random point of its middle half. (Points of the whole stratum end higher: over six seed numbers, hexagon
 /// ratio 1.0148 instead of 1.0139 for the bunny in 1,000 clusters, 1.0398 instead of 1.0389 for the horse in 2,000.)
 /// Where faces weigh more than strata, the next face that is still free is taken.
-fn stratified(surface: &Surface, component: usize, share: usize, seed: u64, first_cluster: usize) -> Vec<u32> {
-    let run = surface.components[component];
+fn strata(graph: &DualGraph, component: usize, share: usize, seed: u64, first_cluster: usize) -> Vec<u32> {
+    let run = graph.components[component];
     let range = run.range();
     let mut faces = Vec::with_capacity(share);
     let mut face = range.start;
-    let mut passed = u128::from(surface.weights[face]);
+    let mut passed = u128::from(graph.weights[face]);
     for stratum in 0..share {
         let offset = run.weight / 4 + hash(seed, (first_cluster + stratum) as u64) % run.weight / 2;
         let point = (u128::from(run.weight) * stratum as u128 + u128::from(offset)) / share as u128;
         let last = range.end - (share - stratum);
         while passed <= point && face < last {
             face += 1;
-            passed += u128::from(surface.weights[face]);
+            passed += u128::from(graph.weights[face]);
         }
         faces.push(face as u32);
         if stratum + 1 < share {
             face += 1;
-            passed += u128::from(surface.weights[face]);
+            passed += u128::from(graph.weights[face]);
         }
     }
     faces
@@ -152,10 +176,7 @@ fn stratified(surface: &Surface, component: usize, share: usize, seed: u64, firs
 /// Listed faces of the upload; cluster i starts from the i-th.
 fn from_list(surface: &Surface, listed: &[u32]) -> Result<SeedFaces> {
     let internal = surface.internal_faces();
-    let mut component_of_face = vec![0u32; surface.faces()];
-    for (component, run) in surface.components.iter().enumerate() {
-        component_of_face[run.range()].fill(component as u32);
-    }
+    let component_of_face = surface.component_of_face();
     let mut seed_of_face = vec![None; surface.faces()];
     let mut has_seed = vec![false; surface.components.len()];
     let mut chosen = SeedFaces { face_of_cluster: Vec::new(), component_of_cluster: Vec::new() };

@@ -1,6 +1,6 @@
 //! What is known of a cluster: exact integer sums, and the proxy they give (DESIGN §3).
 
-use crate::surface::Surface;
+use crate::surface::DualGraph;
 
 /// The sums over the faces of a cluster.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -15,9 +15,9 @@ pub struct ClusterSums {
 
 impl ClusterSums {
     /// Adds a face (`sign` 1) or takes it away (−1).
-    pub fn add_face(&mut self, surface: &Surface, face: usize, sign: i64) {
-        let weight = i64::from(surface.weights[face]);
-        let centroid = surface.centroids[face].map(|g| weight * i64::from(g));
+    pub fn add_face(&mut self, graph: &DualGraph, face: usize, sign: i64) {
+        let weight = i64::from(graph.weights[face]);
+        let centroid = graph.centroids[face].map(|g| weight * i64::from(g));
         self.add(&Self { centroid, weight, faces: 1 }, sign);
     }
 

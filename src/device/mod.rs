@@ -14,7 +14,7 @@ use crate::cluster::dual_edge::Ties;
 use crate::cluster::sums::ClusterSums;
 use crate::error::{Error, Result};
 use crate::report::DeviceInfo;
-use crate::surface::Surface;
+use crate::surface::DualGraph;
 
 /// The label of a face that belongs to no cluster (the paper's "null" cluster, P§5.2).
 pub const FREE: u32 = u32::MAX;
@@ -27,12 +27,12 @@ pub trait Device: Send {
     /// Brings a surface to the device, with all faces free.
     ///
     /// `component_of_cluster[c]` is the component of the surface that cluster `c` lies in: clusters never leave it.
-    fn open<'a>(&'a mut self, surface: &'a Surface, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>>;
+    fn open<'a>(&'a mut self, graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>>;
 
     /// The same for a hierarchical clustering.
     fn open_merging<'a>(
         &'a mut self,
-        surface: &'a Surface,
+        graph: &'a DualGraph,
         component_of_cluster: &'a [u32],
     ) -> Result<Box<dyn MergeSteps + 'a>>;
 }
@@ -140,7 +140,7 @@ pub enum Ending {
 
 /// Σ over clusters of `(2·P·S − M·|P|²) << energy_shift`, exactly: what the proxies explain of Q.
 ///
-/// The energy is `F = Q − explained` with the constant Q of the surface ([`Surface::energy`] converts to source units);
+/// The energy is `F = Q − explained` with the constant Q of the surface ([`crate::surface::Surface::energy`] converts to source units);
 /// devices leave the constant out, because it needs no device. |explained| < 2¹²³.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct LatticeEnergy {

@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use super::{Clustered, Prepared, finite};
+use crate::cluster::coarse::{CoarseStart, Start};
 use crate::cluster::flat::{self, Clustering, Options};
 use crate::cluster::record::Record;
 use crate::cluster::reference::acvd::acvd;
@@ -14,10 +15,17 @@ use crate::error::{Error, Kind, Result};
 use crate::parameters::{Algorithm, Refine};
 use crate::report::{DeviceKind, Iteration, Row};
 
+/// What a flat clustering starts from.
+#[derive(Clone, Copy)]
+pub(super) enum From<'a> {
+    Seeds(&'a SeedFaces),
+    Coarse(&'a CoarseStart),
+}
+
 /// Runs a flat algorithm.
 pub(super) fn run(
     prepared: &Prepared,
-    seeds: &SeedFaces,
+    from: From<'_>,
     device: &mut dyn Device,
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
@@ -32,11 +40,15 @@ pub(super) fn run(
             ),
         ));
     }
+    let started = Instant::now();
+    let start = match from {
+        From::Seeds(seeds) => Start::from_seeds(seeds.clone(), surface.faces()),
+        From::Coarse(start) => start.labels(surface, device, cancel)?,
+    };
     let opened = Instant::now();
-    let mut steps = device.open(surface, &seeds.component_of_cluster)?;
+    let mut steps = device.open(surface, &start.component_of_cluster)?;
     let upload = opened.elapsed();
 
-    let started = Instant::now();
     let mut iterations = Vec::new();
     let options = Options {
         max_iterations: parameters.max_iterations,
@@ -49,17 +61,19 @@ pub(super) fn run(
         iterations.push(row);
     };
     let mut record = Record::new(parameters.snapshots.clone());
-    let clustering = match parameters.algorithm {
-        Algorithm::Acvd => acvd(surface, seeds, options, steps.as_mut(), cancel, &mut keep, &mut record)?,
-        Algorithm::Vc => variational(surface, seeds, options, cancel, &mut keep, &mut record)?,
-        // the others are no flat ones
-        Algorithm::Bb | Algorithm::Pml | Algorithm::Ml | Algorithm::Hr => {
-            flat::boundary_based_recorded(surface, seeds, options, steps.as_mut(), cancel, &mut keep, &mut record)?
+    let clustering = match (parameters.algorithm, from) {
+        (Algorithm::Acvd, From::Seeds(seeds)) => {
+            acvd(surface, seeds, options, steps.as_mut(), cancel, &mut keep, &mut record)?
+        }
+        (Algorithm::Vc, From::Seeds(seeds)) => variational(surface, seeds, options, cancel, &mut keep, &mut record)?,
+        _ => {
+            let steps = steps.as_mut();
+            flat::boundary_based_recorded(&start.labels, options, steps, cancel, &mut keep, &mut record)?
         }
     };
     drop(steps);
-    let cluster = started.elapsed();
-    let clusters = seeds.face_of_cluster.len();
+    let cluster = started.elapsed() - upload;
+    let clusters = start.component_of_cluster.len();
     Ok(Clustered {
         clusters,
         initial_energy: Some(surface.source_energy(&clustering.initial, clusters)),

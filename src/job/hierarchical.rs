@@ -32,6 +32,7 @@ pub(super) fn options(parameters: &Parameters) -> Options {
         refine: parameters.refine == Refine::On,
         optimise_iterations: parameters.optimize_iterations,
         ties: parameters.ties,
+        pairs: parameters.pairs,
         clusters: parameters.clusters,
         levels: parameters.levels().to_vec(),
         allow_disconnected: parameters.allow_disconnected,

@@ -19,6 +19,7 @@ use std::time::{Duration, Instant};
 
 use sha2::{Digest, Sha256};
 
+use crate::cluster::coarse::CoarseStart;
 use crate::cluster::record::Record;
 use crate::cluster::seeds::{self, SeedFaces};
 use crate::cluster::{hierarchy, repair};
@@ -76,6 +77,8 @@ pub struct Prepared {
 pub enum Plan {
     /// A flat clustering from these seeds.
     Flat(SeedFaces),
+    /// A flat clustering, coarse to fine.
+    Coarse(CoarseStart),
     /// A hierarchy.
     Hierarchy(hierarchy::Options),
 }
@@ -119,6 +122,9 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
     }
     if parameters.algorithm.is_reference() {
         parameters.refine = Refine::None;
+        if parameters.seeds == Seeds::Coarse {
+            parameters.seeds = Seeds::Morton;
+        }
     }
 
     let attribute = parameters.weight_attribute.as_deref();
@@ -138,8 +144,10 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
         let options = hierarchical::options(&parameters);
         hierarchy::check(&surface, &options)?;
         Plan::Hierarchy(options)
-    } else {
+    } else if parameters.seeds == Seeds::Coarse {
         // `check` has seen that there is a number
+        Plan::Coarse(CoarseStart::new(&surface, parameters.clusters.unwrap_or_default(), parameters.seed)?)
+    } else {
         let clusters = parameters.clusters.unwrap_or_default();
         Plan::Flat(seeds::choose(&surface, clusters, &parameters.seeds, parameters.seed, listed.as_deref())?)
     };
@@ -182,7 +190,8 @@ pub fn run(
     cancel.check()?;
     let info = device.info().clone();
     let mut clustered = match &prepared.plan {
-        Plan::Flat(seeds) => flat::run(prepared, seeds, device, cancel, on_row)?,
+        Plan::Flat(seeds) => flat::run(prepared, flat::From::Seeds(seeds), device, cancel, on_row)?,
+        Plan::Coarse(start) => flat::run(prepared, flat::From::Coarse(start), device, cancel, on_row)?,
         Plan::Hierarchy(options) => hierarchical::run(prepared, options, device, cancel, on_row)?,
     };
     let ended = Instant::now();

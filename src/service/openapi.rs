@@ -88,11 +88,13 @@ impl Modify for Adjustments {
         };
         if let Some(RefOr::T(Schema::Object(seeds))) = parameters.properties.get_mut("seeds") {
             seeds.description = Some(
-                "Where clusters start: morton (stratified by area along a Morton curve), random, or listed, which is \
-                 implied by a part `seeds`"
+                "Where clusters start: coarse (merged from half as many again on a coarser mesh: the lowest energy), morton \
+                 (stratified by area along a Morton curve), random (as in the paper), or listed, which is implied by a \
+                 part `seeds`; acvd and vc take morton for coarse"
                     .to_owned(),
             );
-            seeds.enum_values = Some([Seeds::Morton, Seeds::Random, Seeds::Listed].map(|seeds| json!(seeds)).into());
+            seeds.enum_values =
+                Some([Seeds::Coarse, Seeds::Morton, Seeds::Random, Seeds::Listed].map(|seeds| json!(seeds)).into());
         }
         let members: Vec<_> = parameters.properties.iter().map(|(name, schema)| in_query(name, schema)).collect();
         let mut of_jobs = parameters.clone();

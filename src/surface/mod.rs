@@ -12,15 +12,21 @@
 
 mod adjacency;
 mod bridge;
+mod coarse;
 mod components;
 mod curvature;
 mod density;
+mod graph;
 mod lattice;
 mod order;
 mod weld;
 
+pub use coarse::Coarse;
 pub use components::Component;
 pub use density::Wanted;
+pub use graph::DualGraph;
+
+use std::ops::Deref;
 
 use rayon::prelude::*;
 
@@ -35,16 +41,8 @@ use lattice::{FaceGeometry, Frame};
 /// A mesh on the integer lattice, faces in an internal order chosen for locality.
 #[derive(Debug)]
 pub struct Surface {
-    /// Face centroids on the lattice, |coordinate| < 2²⁷; internal order.
-    pub centroids: Vec<[i32; 3]>,
-    /// Face weights, at least 1; internal order. A component's weights sum to less than 2³⁴.
-    pub weights: Vec<u32>,
-    /// First neighbour of each face in `neighbours`, and one past the last: faces + 1 numbers.
-    pub neighbour_offsets: Vec<u32>,
-    /// Faces that share an edge with each face, internal order. Symmetric; a face may be listed twice, never itself.
-    pub neighbours: Vec<u32>,
-    /// The connected components, each a run of faces in internal order.
-    pub components: Vec<Component>,
+    /// What algorithms and devices see of it; fields and methods of the graph can be used as the surface's own.
+    pub graph: DualGraph,
     /// The face of the upload that each internal face is.
     pub upload_face: Vec<u32>,
     /// What was counted on the way.
@@ -156,11 +154,7 @@ impl Surface {
             components.push(Component { first_face: run.start as u32, faces: run.len() as u32, weight, energy_shift });
         }
         Ok(Self {
-            centroids,
-            weights,
-            neighbour_offsets,
-            neighbours,
-            components,
+            graph: DualGraph { centroids, weights, neighbour_offsets, neighbours, components },
             upload_face,
             counts,
             geometry,
@@ -170,17 +164,6 @@ impl Surface {
             moment_inside_faces,
             density_unit: density.map(|density| density.unit),
         })
-    }
-
-    /// Number of faces.
-    pub fn faces(&self) -> usize {
-        self.weights.len()
-    }
-
-    /// The faces that share an edge with `face`.
-    pub fn neighbours_of(&self, face: u32) -> &[u32] {
-        let face = face as usize;
-        &self.neighbours[self.neighbour_offsets[face] as usize..self.neighbour_offsets[face + 1] as usize]
     }
 
     /// The internal face that each face of the upload is: the inverse of `upload_face`.
@@ -277,6 +260,14 @@ impl Surface {
         let tiling = 5.0 / (18.0 * 3.0f64.sqrt()) * area * area / clusters as f64;
         let visible = tiling - self.moment_inside_faces;
         (visible > tiling / 2.0).then(|| self.lattice_energy(labels, clusters) / visible)
+    }
+}
+
+impl Deref for Surface {
+    type Target = DualGraph;
+
+    fn deref(&self) -> &DualGraph {
+        &self.graph
     }
 }
 

@@ -45,10 +45,13 @@ pub type Run = (Vec<u32>, Vec<u32>, String, Vec<Row>);
 pub fn run(device: &mut dyn Device, surface: &Surface, seeds: &SeedFaces, options: Options) -> Result<Run> {
     let mut steps = device.open(surface, &seeds.component_of_cluster)?;
     let mut rows = Vec::new();
-    let Clustering { initial, labels, ending, .. } =
-        cluster::flat::boundary_based(surface, seeds, options, steps.as_mut(), &Cancel::default(), &mut |row| {
-            rows.push(row)
-        })?;
+    let Clustering { initial, labels, ending, .. } = cluster::flat::boundary_based(
+        &seeds.labels(surface.faces()),
+        options,
+        steps.as_mut(),
+        &Cancel::default(),
+        &mut |row| rows.push(row),
+    )?;
     Ok((initial, labels, format!("{ending:?}"), rows))
 }
 

@@ -173,7 +173,46 @@ def check_hierarchies():
                 ours, peer = score.score(loaded, np.load(labels))["energy"], linkage.ward(loaded, levels[1])
                 print(f"  {mesh.name}, {' '.join(algorithm)} at {levels[1]}: {ours / peer:.5f} of higra's Ward", flush=True)
                 # On meshes with many equal costs, which of them merges first decides more than that.
-                assert algorithm != ["hr"] or "bunny" not in mesh.name or close(ours, peer, 1e-3), f"{ours} and {peer}"
+                assert "bunny" not in mesh.name or close(ours, peer, 1e-3 if algorithm == ["hr"] else 1e-2), f"{ours} and {peer}"
+
+
+def check_energies():
+    """Energies at default settings, where the meshes are: below ACVD's, and a hierarchy's levels near flat ones, below Ward's."""
+    if not MESHES:
+        print("  left out: there is no folder of meshes", flush=True)
+        return
+    # ACVD (Valette & Chassery 2004) on faces, from its own source: Σ area·distance², bounding box of diagonal 1
+    for name, clusters, acvd in [
+        ("stanford-bunny.obj", 1000, 1.3215e-4), ("stanford-bunny.obj", 3000, 4.4709e-5), ("horse.obj", 1000, 4.9573e-5),
+        ("horse.obj", 2000, 2.5055e-5), ("nefertiti.obj", 1000, 1.1112e-4), ("igea.glb", 5000, 3.0017e-5),
+    ]:
+        if (MESHES / name).exists():
+            mesh = score.load(MESHES / name)
+            report, labels = cluster(MESHES / name, clusters, "--device", "cpu")
+            scored = score.score(mesh, np.load(labels))
+            energy = scored["energy"] / diagonal(mesh) ** 4
+            print(f"  {name}, {clusters}: {energy:.4e}, {energy / acvd:.4f} of ACVD's", flush=True)
+            assert energy <= acvd and scored["disconnected_clusters"] == 0 and scored["clusters"] == clusters, scored
+    for name in ["stanford-bunny.obj", "horse.obj", "nefertiti.obj", "armadillo-172k.glb"]:
+        if (MESHES / name).exists():
+            mesh, tree, labels = score.load(MESHES / name), WORK / "levels.tsr", WORK / "cut.npy"
+            run(BINARY, "cluster", MESHES / name, "--algorithm", "pml", "--levels", "2000,1000", "--clusters", 1000,
+                "--hierarchy", tree, "--device", "cpu")
+            for clusters in [2000, 1000]:
+                flat = cluster(MESHES / name, clusters, "--device", "cpu")[0]["energy"]["final"]
+                run(BINARY, "cut", tree, "--clusters", clusters, "--labels", labels)
+                ours = score.score(mesh, np.load(labels))["energy"]
+                ward = linkage.ward and linkage.ward(mesh, clusters)
+                beside = f", {ours / ward:.4f} of higra's Ward" if ward else ""
+                print(f"  {name}, pml at {clusters}: {ours / flat:.4f} of a flat clustering{beside}", flush=True)
+                assert ours <= 1.015 * flat and (not ward or ours < ward), (ours, flat, ward)
+
+
+def diagonal(mesh):
+    """Length of the diagonal of the bounding box of the vertices that faces use."""
+    vertices, corners, _ = mesh
+    used = vertices[corners]
+    return float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
 
 
 def meshes_to_compare():
@@ -192,7 +231,7 @@ def check_cpu_against_gpu():
     for mesh in meshes_to_compare():
         described = describe(mesh)
         faces, components = described["faces"], described["components"]
-        for clusters, seeds, seed in [(faces // 60, "morton", 0), (faces // 9, "random", 5), (components, "random", 1)]:
+        for clusters, seeds, seed in [(faces // 60, "coarse", 0), (faces // 9, "random", 5), (components, "morton", 1)]:
             clusters = max(clusters, components)
             choice = ["--seeds", seeds, "--seed", seed]
             (cpu, _), (gpu, _) = (cluster(mesh, clusters, "--device", device, *choice) for device in ("cpu", "gpu"))
@@ -221,6 +260,6 @@ def describe(mesh):
 
 
 if __name__ == "__main__":
-    for check in (check_command_line, check_service, check_hierarchies, check_cpu_against_gpu):
+    for check in (check_command_line, check_service, check_hierarchies, check_energies, check_cpu_against_gpu):
         print(check.__name__.replace("_", " "), flush=True)
         check()

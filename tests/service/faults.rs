@@ -10,7 +10,7 @@ use tesserae::device::cpu::CpuDevice;
 use tesserae::device::{Device, MergeSteps, Steps};
 use tesserae::report::DeviceInfo;
 use tesserae::service::{Extras, FaultPoint, Faults, Reopen, Settings};
-use tesserae::surface::Surface;
+use tesserae::surface::DualGraph;
 use tesserae::{Error, Kind};
 
 use crate::support::*;
@@ -178,18 +178,18 @@ impl Device for Faulty {
         &self.info
     }
 
-    fn open<'a>(&'a mut self, surface: &'a Surface, components: &'a [u32]) -> tesserae::Result<Box<dyn Steps + 'a>> {
+    fn open<'a>(&'a mut self, graph: &'a DualGraph, components: &'a [u32]) -> tesserae::Result<Box<dyn Steps + 'a>> {
         self.fail()?;
-        self.cpu.open(surface, components)
+        self.cpu.open(graph, components)
     }
 
     fn open_merging<'a>(
         &'a mut self,
-        surface: &'a Surface,
+        graph: &'a DualGraph,
         components: &'a [u32],
     ) -> tesserae::Result<Box<dyn MergeSteps + 'a>> {
         self.fail()?;
-        self.cpu.open_merging(surface, components)
+        self.cpu.open_merging(graph, components)
     }
 }
 

@@ -7,7 +7,7 @@ use tesserae::device::{Device, MergeSteps, Steps};
 use tesserae::error::{Error, Kind};
 use tesserae::report::{DeviceInfo, DeviceKind};
 use tesserae::sample::{self, Sample};
-use tesserae::surface::Surface;
+use tesserae::surface::DualGraph;
 use tesserae::tree::stored::Stored;
 
 use crate::support::*;
@@ -204,11 +204,11 @@ impl Device for Limited {
         &self.1
     }
 
-    fn open<'a>(&'a mut self, surface: &'a Surface, components: &'a [u32]) -> tesserae::Result<Box<dyn Steps + 'a>> {
-        self.0.open(surface, components)
+    fn open<'a>(&'a mut self, graph: &'a DualGraph, components: &'a [u32]) -> tesserae::Result<Box<dyn Steps + 'a>> {
+        self.0.open(graph, components)
     }
 
-    fn open_merging<'a>(&'a mut self, _: &'a Surface, _: &'a [u32]) -> tesserae::Result<Box<dyn MergeSteps + 'a>> {
+    fn open_merging<'a>(&'a mut self, _: &'a DualGraph, _: &'a [u32]) -> tesserae::Result<Box<dyn MergeSteps + 'a>> {
         Err(Error::new(Kind::DeviceUnsuitable, "this device makes no hierarchies"))
     }
 }

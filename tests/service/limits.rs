@@ -163,14 +163,24 @@ async fn a_client_has_so_many_requests_and_streams_at_a_time() {
     let waiting = |service: &Service| {
         let request =
             service.post("/v1/jobs?clusters=5").header("content-type", "model/obj").header("prefer", "wait=60");
-        tokio::spawn(request.body(sphere(300)).send())
+        let request = request.body(sphere(300));
+        // while somebody looks below, there may be no room for the second
+        tokio::spawn(async move {
+            loop {
+                let again = request.try_clone().expect("its body is in memory");
+                let response = again.send().await.expect("answered");
+                if response.status() != 429 {
+                    return response;
+                }
+            }
+        })
     };
     let waiting = [waiting(&service), waiting(&service)];
     until(async || service.get("/v1/jobs").send().await.expect("answered").status() == 429).await;
     refused(service.get("/v1/jobs"), 429, "rate-limited").await;
     gate.open();
     for answer in waiting {
-        assert_eq!(answer.await.expect("no panic").expect("answered").status(), 200);
+        assert_eq!(answer.await.expect("no panic").status(), 200);
     }
     for stream in streams {
         assert!(stream.text().await.expect("text").contains("event: end"));

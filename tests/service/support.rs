@@ -13,7 +13,7 @@ use tesserae::device::{Device, MergeSteps, Steps};
 use tesserae::report::DeviceInfo;
 use tesserae::sample::{self, Sample};
 use tesserae::service::{DeviceDescription, Extras, Server, Settings};
-use tesserae::surface::Surface;
+use tesserae::surface::DualGraph;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
@@ -295,20 +295,20 @@ impl Device for Held {
 
     fn open<'a>(
         &'a mut self,
-        surface: &'a Surface,
+        graph: &'a DualGraph,
         component_of_cluster: &'a [u32],
     ) -> tesserae::Result<Box<dyn Steps + 'a>> {
         self.gate.pass();
-        assert!(surface.faces() != PANIC_FACES, "a defect on purpose");
-        self.cpu.open(surface, component_of_cluster)
+        assert!(graph.faces() != PANIC_FACES, "a defect on purpose");
+        self.cpu.open(graph, component_of_cluster)
     }
 
     fn open_merging<'a>(
         &'a mut self,
-        surface: &'a Surface,
+        graph: &'a DualGraph,
         component_of_cluster: &'a [u32],
     ) -> tesserae::Result<Box<dyn MergeSteps + 'a>> {
         self.gate.pass();
-        self.cpu.open_merging(surface, component_of_cluster)
+        self.cpu.open_merging(graph, component_of_cluster)
     }
 }

@@ -44,7 +44,7 @@ pub fn acvd(
     on_row: &mut dyn FnMut(Row),
     record: &mut Record,
 ) -> Result<Clustering> {
-    let (mut run, initial) = grown(surface, seeds, options, steps, cancel, on_row, record)?;
+    let (mut run, initial) = grown(&seeds.labels(surface.faces()), options, steps, cancel, on_row, record)?;
     let mut repairs = 0;
     let ending = loop {
         let labels = run.steps.labels()?;

@@ -5,13 +5,13 @@ use rayon::prelude::*;
 use super::clusters::Clusters;
 use super::labels::Labels;
 use super::{CHUNK, Move};
-use crate::surface::Surface;
+use crate::surface::DualGraph;
 
 /// The moves that the faces want and the last-face rule allows.
-pub fn moves(surface: &Surface, labels: &Labels, clusters: &Clusters, due: &[u32], leaving: &mut Leaving) -> Vec<Move> {
+pub fn moves(graph: &DualGraph, labels: &Labels, clusters: &Clusters, due: &[u32], leaving: &mut Leaving) -> Vec<Move> {
     let mut wanted: Vec<Move> = due
         .par_chunks(CHUNK)
-        .flat_map_iter(|faces| faces.iter().filter_map(|&face| decide(surface, labels, clusters, face)))
+        .flat_map_iter(|faces| faces.iter().filter_map(|&face| decide(graph, labels, clusters, face)))
         .collect();
     let kept_back = leaving.kept_back(&wanted, clusters);
     if !kept_back.is_empty() {
@@ -22,12 +22,12 @@ pub fn moves(surface: &Surface, labels: &Labels, clusters: &Clusters, due: &[u32
 
 /// Where a face wants to go: to the neighbouring cluster whose proxy is nearest, if that is nearer than its own's; the
 /// smaller number where two are equally near.
-fn decide(surface: &Surface, labels: &Labels, clusters: &Clusters, face: u32) -> Option<Move> {
+fn decide(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32) -> Option<Move> {
     let from = labels.near_boundary(face);
-    let centroid = surface.centroids[face as usize];
+    let centroid = graph.centroids[face as usize];
     let mut best = None;
     let mut last = from;
-    for &near in surface.neighbours_of(face) {
+    for &near in graph.neighbours_of(face) {
         let cluster = labels.near_boundary(near);
         if cluster != from && cluster != last {
             let offer = (clusters.squared_distance(centroid, cluster), cluster);

@@ -3,7 +3,7 @@
 use super::changes::{Changes, Reader};
 use crate::cluster::sums::{ClusterSums, squared_distance};
 use crate::device::{FREE, LatticeEnergy};
-use crate::surface::Surface;
+use crate::surface::DualGraph;
 
 /// Faces on their way from one cluster to another.
 #[derive(Debug, Clone, Copy, Default)]
@@ -25,8 +25,8 @@ pub struct Clusters {
 
 impl Clusters {
     /// No faces yet.
-    pub fn new(surface: &Surface, component_of_cluster: &[u32]) -> Self {
-        let shift = |&component: &u32| surface.components[component as usize].energy_shift as u8;
+    pub fn new(graph: &DualGraph, component_of_cluster: &[u32]) -> Self {
+        let shift = |&component: &u32| graph.components[component as usize].energy_shift as u8;
         let clusters = component_of_cluster.len();
         Self {
             sums: vec![ClusterSums::default(); clusters],
@@ -39,11 +39,11 @@ impl Clusters {
     }
 
     /// Sums all labelled faces anew. All clusters have changed.
-    pub fn gather(&mut self, surface: &Surface, labels: &[u32]) {
+    pub fn gather(&mut self, graph: &DualGraph, labels: &[u32]) {
         self.sums.fill(ClusterSums::default());
         for (face, &label) in labels.iter().enumerate() {
             if label != FREE {
-                self.sums[label as usize].add_face(surface, face, 1);
+                self.sums[label as usize].add_face(graph, face, 1);
             }
         }
         self.changes = Changes::all(self.sums.len());
@@ -81,9 +81,9 @@ impl Clusters {
     }
 
     /// Moves a face's share from one cluster to another. Proxies follow in [`refit`](Self::refit).
-    pub fn transfer(&mut self, surface: &Surface, face: u32, from: u32, to: u32) {
-        self.sums[from as usize].add_face(surface, face as usize, -1);
-        self.sums[to as usize].add_face(surface, face as usize, 1);
+    pub fn transfer(&mut self, graph: &DualGraph, face: u32, from: u32, to: u32) {
+        self.sums[from as usize].add_face(graph, face as usize, -1);
+        self.sums[to as usize].add_face(graph, face as usize, 1);
         self.changes.add(from);
         self.changes.add(to);
     }
@@ -128,14 +128,14 @@ impl Clusters {
 
 impl Change {
     /// One face.
-    pub fn of(surface: &Surface, face: u32) -> Self {
+    pub fn of(graph: &DualGraph, face: u32) -> Self {
         let mut change = Self::default();
-        change.add(surface, face);
+        change.add(graph, face);
         change
     }
 
     /// Adds a face.
-    pub fn add(&mut self, surface: &Surface, face: u32) {
-        self.0.add_face(surface, face as usize, 1);
+    pub fn add(&mut self, graph: &DualGraph, face: u32) {
+        self.0.add_face(graph, face as usize, 1);
     }
 }

@@ -10,14 +10,14 @@ use super::clusters::Clusters;
 use super::frontier::Frontier;
 use super::labels::Labels;
 use crate::cluster::dual_edge::{End, Rank, Ties, exact_cost, packed_cost};
-use crate::surface::Surface;
+use crate::surface::DualGraph;
 
 /// Clusters a thread takes at a time.
 const CHUNK: usize = 256;
 
 /// The best dual edge of each of the given clusters, in their order; None for one without neighbours.
 pub fn optimal(
-    surface: &Surface,
+    graph: &DualGraph,
     labels: &Labels,
     clusters: &Clusters,
     frontier: &Frontier,
@@ -30,7 +30,7 @@ pub fn optimal(
         .map(|&cluster| {
             let shift = clusters.energy_shift(cluster);
             let mut best: Option<Rank<u32>> = None;
-            for_each_neighbour(surface, labels, frontier, cluster, |other| {
+            for_each_neighbour(graph, labels, frontier, cluster, |other| {
                 let cost = packed_cost(end(clusters, cluster), end(clusters, other), shift);
                 let rank = Rank::new(cost, cluster, other, ties);
                 if best.is_none_or(|best| rank < best) {
@@ -44,7 +44,7 @@ pub fn optimal(
 
 /// Calls `visit` with the clusters beside a cluster; with one that shares several dual edges, maybe several times.
 fn for_each_neighbour(
-    surface: &Surface,
+    graph: &DualGraph,
     labels: &Labels,
     frontier: &Frontier,
     cluster: u32,
@@ -52,7 +52,7 @@ fn for_each_neighbour(
 ) {
     let mut last = cluster;
     for face in frontier.boundary_of(labels, cluster) {
-        for &near in surface.neighbours_of(face) {
+        for &near in graph.neighbours_of(face) {
             let other = labels.near_boundary(near);
             if other != cluster && other != last {
                 visit(other);
@@ -94,7 +94,7 @@ impl Queue {
     /// The cheapest dual edge of all, which stays in the queue.
     pub fn cheapest(
         &mut self,
-        surface: &Surface,
+        graph: &DualGraph,
         labels: &Labels,
         clusters: &mut Clusters,
         frontier: &Frontier,
@@ -106,7 +106,7 @@ impl Queue {
         let mut others = Vec::new();
         for &cluster in changed.iter().filter(|&&cluster| clusters.sums(cluster).faces > 0) {
             others.clear();
-            for_each_neighbour(surface, labels, frontier, cluster, |other| others.push(other));
+            for_each_neighbour(graph, labels, frontier, cluster, |other| others.push(other));
             others.sort_unstable();
             others.dedup();
             for &other in &others {

@@ -6,7 +6,7 @@
 
 use super::labels::Labels;
 use crate::device::FREE;
-use crate::surface::Surface;
+use crate::surface::DualGraph;
 
 /// One list of boundary faces a cluster.
 ///
@@ -25,7 +25,7 @@ pub struct Frontier {
 
 impl Frontier {
     /// The frontier of new labels; all faces labelled.
-    pub fn collect(surface: &Surface, labels: &mut Labels, clusters: usize) -> Self {
+    pub fn collect(graph: &DualGraph, labels: &mut Labels, clusters: usize) -> Self {
         let faces = labels.len();
         let mut frontier = Self {
             faces_of_cluster: vec![Vec::new(); clusters],
@@ -37,7 +37,7 @@ impl Frontier {
         let all = labels.all();
         for face in 0..faces as u32 {
             let own = all[face as usize];
-            if surface.neighbours_of(face).iter().any(|&near| all[near as usize] != own) {
+            if graph.neighbours_of(face).iter().any(|&near| all[near as usize] != own) {
                 frontier.listed_in[face as usize] = own;
                 frontier.faces_of_cluster[own as usize].push(face);
             }
@@ -49,7 +49,7 @@ impl Frontier {
     /// with a neighbour in one that is not among them lies on no boundary and did not before.
     ///
     /// `also` are boundary faces that are due anyway.
-    pub fn due(&mut self, surface: &Surface, labels: &Labels, changed: &[u32], also: &[u32]) -> &[u32] {
+    pub fn due(&mut self, graph: &DualGraph, labels: &Labels, changed: &[u32], also: &[u32]) -> &[u32] {
         self.reading += 1;
         self.due.clear();
         also.iter().for_each(|&face| self.mark(face));
@@ -60,7 +60,7 @@ impl Frontier {
                     return false;
                 }
                 let mut is_boundary = false;
-                for &near in surface.neighbours_of(face) {
+                for &near in graph.neighbours_of(face) {
                     if labels.near_boundary(near) != cluster {
                         is_boundary = true;
                         self.mark(near);
@@ -77,11 +77,6 @@ impl Frontier {
         &self.due
     }
 
-    /// Whether a face was due in the last reading.
-    pub fn was_due(&self, face: u32) -> bool {
-        self.due_in[face as usize] == self.reading
-    }
-
     /// The boundary faces of a cluster, and maybe some more of its faces.
     pub fn boundary_of<'a>(&'a self, labels: &'a Labels, cluster: u32) -> impl Iterator<Item = u32> + 'a {
         let faces = &self.faces_of_cluster[cluster as usize];
@@ -89,30 +84,30 @@ impl Frontier {
     }
 
     /// Keeps the lists in step with a face that has moved; `labels` already say so.
-    pub fn moved(&mut self, surface: &Surface, labels: &mut Labels, face: u32) {
+    pub fn moved(&mut self, graph: &DualGraph, labels: &mut Labels, face: u32) {
         let to = labels.refresh(face);
-        self.list(surface, labels, face, to);
-        for &near in surface.neighbours_of(face) {
+        self.list(graph, labels, face, to);
+        for &near in graph.neighbours_of(face) {
             let cluster = labels.near_boundary(near);
             if cluster != to && cluster != FREE && self.listed_in[near as usize] != cluster {
-                self.list(surface, labels, near, cluster);
+                self.list(graph, labels, near, cluster);
             }
         }
     }
 
     /// Keeps the lists in step with a cluster that became part of another; `labels` already say so.
-    pub fn merged(&mut self, surface: &Surface, labels: &mut Labels, into: u32, from: u32) {
+    pub fn merged(&mut self, graph: &DualGraph, labels: &mut Labels, into: u32, from: u32) {
         for face in std::mem::take(&mut self.faces_of_cluster[from as usize]) {
             if self.listed_in[face as usize] == from {
                 labels.refresh(face);
-                self.list(surface, labels, face, into);
+                self.list(graph, labels, face, into);
             }
         }
     }
 
     /// Lists a face, and lets the labels around it be up to date.
-    fn list(&mut self, surface: &Surface, labels: &mut Labels, face: u32, cluster: u32) {
-        for &near in surface.neighbours_of(face) {
+    fn list(&mut self, graph: &DualGraph, labels: &mut Labels, face: u32, cluster: u32) {
+        for &near in graph.neighbours_of(face) {
             labels.refresh(near);
         }
         self.listed_in[face as usize] = cluster;

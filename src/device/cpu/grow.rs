@@ -3,7 +3,7 @@
 use super::labels::Labels;
 use crate::device::{Cancel, FREE};
 use crate::error::Result;
-use crate::surface::Surface;
+use crate::surface::DualGraph;
 
 /// What growth needs to remember; kept between growths to save its memory.
 #[derive(Debug)]
@@ -25,7 +25,7 @@ impl Growth {
     /// earlier one was labelled then. The cost is in proportion to the faces labelled.
     pub fn grow(
         &mut self,
-        surface: &Surface,
+        graph: &DualGraph,
         labels: &mut Labels,
         mut frontier: Vec<u32>,
         cancel: &Cancel,
@@ -36,7 +36,7 @@ impl Growth {
             let first = grown.len();
             for &face in &frontier {
                 let label = labels.of(face);
-                for &near in surface.neighbours_of(face) {
+                for &near in graph.neighbours_of(face) {
                     if labels.of(near) == FREE {
                         let offer = &mut self.offered[near as usize];
                         if *offer == FREE {

@@ -20,7 +20,7 @@ use crate::cluster::dual_edge::{Rank, Ties};
 use crate::cluster::sums::ClusterSums;
 use crate::error::Result;
 use crate::report::{DeviceInfo, DeviceKind};
-use crate::surface::Surface;
+use crate::surface::DualGraph;
 use boundary::Leaving;
 use changes::Reader;
 use clusters::Clusters;
@@ -59,22 +59,22 @@ impl Device for CpuDevice {
         &self.info
     }
 
-    fn open<'a>(&'a mut self, surface: &'a Surface, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
-        Ok(open(surface, component_of_cluster))
+    fn open<'a>(&'a mut self, graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
+        Ok(open(graph, component_of_cluster))
     }
 
     fn open_merging<'a>(
         &'a mut self,
-        surface: &'a Surface,
+        graph: &'a DualGraph,
         component_of_cluster: &'a [u32],
     ) -> Result<Box<dyn MergeSteps + 'a>> {
-        Ok(Box::new(CpuSteps::new(surface, component_of_cluster)))
+        Ok(Box::new(CpuSteps::new(graph, component_of_cluster)))
     }
 }
 
 /// The steps on a surface: what [`CpuDevice`] opens.
-pub fn open<'a>(surface: &'a Surface, component_of_cluster: &'a [u32]) -> Box<dyn Steps + 'a> {
-    Box::new(CpuSteps::new(surface, component_of_cluster))
+pub fn open<'a>(graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Box<dyn Steps + 'a> {
+    Box::new(CpuSteps::new(graph, component_of_cluster))
 }
 
 /// Faces a thread takes at a time.
@@ -90,7 +90,7 @@ struct Move {
 
 /// State of one clustering.
 struct CpuSteps<'a> {
-    surface: &'a Surface,
+    graph: &'a DualGraph,
     labels: Labels,
     /// The sums of `labels`, while there is a frontier.
     clusters: Clusters,
@@ -114,16 +114,16 @@ struct CpuSteps<'a> {
 
 impl<'a> CpuSteps<'a> {
     /// All faces free.
-    fn new(surface: &'a Surface, component_of_cluster: &[u32]) -> Self {
+    fn new(graph: &'a DualGraph, component_of_cluster: &[u32]) -> Self {
         let clusters = component_of_cluster.len();
         Self {
-            surface,
-            labels: Labels::new(surface.faces()),
-            clusters: Clusters::new(surface, component_of_cluster),
+            graph,
+            labels: Labels::new(graph.faces()),
+            clusters: Clusters::new(graph, component_of_cluster),
             frontier: None,
-            growth: Growth::new(surface.faces()),
+            growth: Growth::new(graph.faces()),
             leaving: Leaving::new(clusters),
-            bids: Bids::new(clusters),
+            bids: Bids::new(graph.faces(), clusters),
             walked: Vec::new(),
             walk: 0,
             living: (0..clusters as u32).collect(),
@@ -136,9 +136,9 @@ impl<'a> CpuSteps<'a> {
     /// Brings sums and frontier in step with labels that were changed from outside.
     fn gather(&mut self) {
         if self.frontier.is_none() {
-            self.clusters.gather(self.surface, self.labels.all());
-            self.bids = Bids::new(self.clusters.len());
-            self.frontier = Some(Frontier::collect(self.surface, &mut self.labels, self.clusters.len()));
+            self.clusters.gather(self.graph, self.labels.all());
+            self.bids = Bids::new(self.graph.faces(), self.clusters.len());
+            self.frontier = Some(Frontier::collect(self.graph, &mut self.labels, self.clusters.len()));
         }
     }
 
@@ -147,8 +147,8 @@ impl<'a> CpuSteps<'a> {
         let Some(frontier) = &mut self.frontier else { return };
         for &Move { face, from, to } in moves {
             self.labels.set(face, to);
-            self.clusters.transfer(self.surface, face, from, to);
-            frontier.moved(self.surface, &mut self.labels, face);
+            self.clusters.transfer(self.graph, face, from, to);
+            frontier.moved(self.graph, &mut self.labels, face);
         }
         self.clusters.refit();
         if let Some(left) = &mut self.left {
@@ -183,39 +183,40 @@ impl<'a> CpuSteps<'a> {
     /// What all faces that are due want by the boundary test; None when nothing moves.
     fn boundary_moves(&mut self) -> Option<Vec<Move>> {
         let changed = self.clusters.take_changes(Reader::Boundary);
-        let due = self.frontier.as_mut()?.due(self.surface, &self.labels, &changed, &[]);
-        let moves = boundary::moves(self.surface, &self.labels, &self.clusters, due, &mut self.leaving);
+        let due = self.frontier.as_mut()?.due(self.graph, &self.labels, &changed, &[]);
+        let moves = boundary::moves(self.graph, &self.labels, &self.clusters, due, &mut self.leaving);
         (!moves.is_empty()).then_some(moves)
     }
 
-    /// Lets the faces that are due bid, and `refused` ones again. Returns whether there are any bids.
-    fn renew_bids(&mut self, refused: Vec<u32>) -> bool {
+    /// Lets the faces that are due bid, and `waiting` ones. Returns whether there are any bids.
+    fn renew_bids(&mut self, waiting: Vec<u32>) -> bool {
         let changed = self.clusters.take_changes(Reader::Refinement);
         let Some(frontier) = &mut self.frontier else { return false };
-        let due = frontier.due(self.surface, &self.labels, &changed, &refused).to_vec();
-        self.bids.renew(self.surface, &self.labels, &self.clusters, &due, frontier);
+        let due = frontier.due(self.graph, &self.labels, &changed, &waiting);
+        self.bids.renew(self.graph, &self.labels, &self.clusters, due);
         !self.bids.is_empty()
     }
 
-    /// The faces that were refused in the last phase of refinement, fit to bid again; none when that phase goes on.
-    fn take_refused(&mut self) -> Vec<u32> {
+    /// The faces that the last phase of refinement refused, or that still have bids because it was cut short, fit to bid
+    /// again; none when that phase goes on.
+    fn take_waiting(&mut self) -> Vec<u32> {
         self.gather();
         if std::mem::take(&mut self.resumed) {
             return Vec::new();
         }
-        let refused = self.bids.take_refused();
-        for &face in &refused {
+        let waiting = self.bids.end();
+        for &face in &waiting {
             self.labels.refresh(face);
-            for &near in self.surface.neighbours_of(face) {
+            for &near in self.graph.neighbours_of(face) {
                 self.labels.refresh(near);
             }
         }
-        refused
+        waiting
     }
 
     /// Begins a walk over faces: none of them carries the returned number.
     fn next_walk(&mut self) -> u32 {
-        self.walked.resize(self.surface.faces(), 0);
+        self.walked.resize(self.graph.faces(), 0);
         self.walk += 1;
         self.walk
     }
@@ -237,10 +238,10 @@ impl Steps for CpuSteps<'_> {
         let labels = self.labels.all();
         let beside_free = |face: &u32| {
             labels[*face as usize] != FREE
-                && self.surface.neighbours_of(*face).iter().any(|&near| labels[near as usize] == FREE)
+                && self.graph.neighbours_of(*face).iter().any(|&near| labels[near as usize] == FREE)
         };
         let frontier = (0..labels.len() as u32).filter(beside_free).collect();
-        self.growth.grow(self.surface, &mut self.labels, frontier, cancel)?;
+        self.growth.grow(self.graph, &mut self.labels, frontier, cancel)?;
         Ok(())
     }
 
@@ -261,10 +262,10 @@ impl Steps for CpuSteps<'_> {
     }
 
     fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending> {
-        let mut refused = self.take_refused();
+        let mut waiting = self.take_waiting();
         self.optimise(max_iterations, cancel, on_iteration, |steps| {
-            let has_bids = steps.renew_bids(std::mem::take(&mut refused));
-            has_bids.then(|| steps.bids.moves(steps.surface, &steps.clusters, None))
+            let has_bids = steps.renew_bids(std::mem::take(&mut waiting));
+            has_bids.then(|| steps.bids.moves(steps.graph, &steps.clusters, None))
         })
     }
 
@@ -274,16 +275,16 @@ impl Steps for CpuSteps<'_> {
         cancel: &Cancel,
         on_iteration: &mut dyn FnMut(Step),
     ) -> Result<Ending> {
-        let mut refused = self.take_refused();
+        let mut waiting = self.take_waiting();
         self.optimise(max_iterations, cancel, on_iteration, |steps| {
-            let has_bids = steps.renew_bids(std::mem::take(&mut refused));
+            let has_bids = steps.renew_bids(std::mem::take(&mut waiting));
             steps.next_walk();
-            let Self { surface, labels, clusters, walked, walk, bids, .. } = steps;
+            let Self { graph, labels, clusters, walked, walk, bids, .. } = steps;
             let mut may_leave = |winner: Move| {
                 *walk += 1;
-                pieces::stays_connected(surface, labels, winner.face, walked, *walk)
+                pieces::stays_connected(graph, labels, winner.face, walked, *walk)
             };
-            has_bids.then(|| bids.moves(surface, clusters, Some(&mut may_leave)))
+            has_bids.then(|| bids.moves(graph, clusters, Some(&mut may_leave)))
         })
     }
 
@@ -296,7 +297,7 @@ impl Steps for CpuSteps<'_> {
         let walk = self.next_walk();
         let changed = self.clusters.take_changes(Reader::Pieces);
         let Some(frontier) = &self.frontier else { return Ok(Vec::new()) };
-        Ok(pieces::cut_off(self.surface, &self.labels, frontier, &changed, &mut self.walked, walk))
+        Ok(pieces::cut_off(self.graph, &self.labels, frontier, &changed, &mut self.walked, walk))
     }
 
     fn regrow(&mut self, faces: &[u32], cancel: &Cancel) -> Result<()> {
@@ -307,12 +308,12 @@ impl Steps for CpuSteps<'_> {
         }
         let mut beside: Vec<u32> = faces
             .iter()
-            .flat_map(|&face| self.surface.neighbours_of(face).iter().copied())
+            .flat_map(|&face| self.graph.neighbours_of(face).iter().copied())
             .filter(|&near| self.labels.of(near) != FREE)
             .collect();
         beside.sort_unstable();
         beside.dedup();
-        self.growth.grow(self.surface, &mut self.labels, beside, cancel)?;
+        self.growth.grow(self.graph, &mut self.labels, beside, cancel)?;
         let moves: Vec<Move> = faces
             .iter()
             .zip(from)
@@ -333,7 +334,7 @@ impl MergeSteps for CpuSteps<'_> {
         self.gather();
         let Some(frontier) = &self.frontier else { return Ok(Vec::new()) };
         self.living.retain(|&cluster| self.clusters.sums(cluster).faces > 0);
-        let best = dual_edges::optimal(self.surface, &self.labels, &self.clusters, frontier, &self.living, ties);
+        let best = dual_edges::optimal(self.graph, &self.labels, &self.clusters, frontier, &self.living, ties);
         let edge = |(&cluster, best): (&u32, Option<Rank<u32>>)| {
             let best = best?;
             let (low, high) = best.ends();
@@ -346,7 +347,7 @@ impl MergeSteps for CpuSteps<'_> {
         self.gather();
         let Some(frontier) = &self.frontier else { return Ok(None) };
         let queue = self.queue.get_or_insert_with(|| dual_edges::Queue::new(self.clusters.len(), ties));
-        let cheapest = queue.cheapest(self.surface, &self.labels, &mut self.clusters, frontier);
+        let cheapest = queue.cheapest(self.graph, &self.labels, &mut self.clusters, frontier);
         Ok(cheapest.map(|edge| edge.ends()))
     }
 
@@ -358,7 +359,7 @@ impl MergeSteps for CpuSteps<'_> {
             self.clusters.merge(into, from);
         }
         for &(from, into) in pairs {
-            frontier.merged(self.surface, &mut self.labels, into, from);
+            frontier.merged(self.graph, &mut self.labels, into, from);
         }
         self.clusters.refit();
         self.left = Some(Vec::new());

@@ -2,7 +2,7 @@
 
 use super::frontier::Frontier;
 use super::labels::Labels;
-use crate::surface::Surface;
+use crate::surface::DualGraph;
 
 /// The faces outside the piece with the most faces (of equally large ones, that with the smallest face) of each of the
 /// given clusters, sorted.
@@ -10,7 +10,7 @@ use crate::surface::Surface;
 /// A cluster in several pieces has boundary faces in each, so walks from its boundary faces find them all. `walked` has
 /// one number a face, none of them `walk` on entry.
 pub fn cut_off(
-    surface: &Surface,
+    graph: &DualGraph,
     labels: &Labels,
     frontier: &Frontier,
     clusters: &[u32],
@@ -23,7 +23,7 @@ pub fn cut_off(
         pieces.clear();
         for start in frontier.boundary_of(labels, cluster) {
             if walked[start as usize] != walk {
-                pieces.push(piece(surface, labels, cluster, start, walked, walk));
+                pieces.push(piece(graph, labels, cluster, start, walked, walk));
             }
         }
         if pieces.len() > 1 {
@@ -38,13 +38,13 @@ pub fn cut_off(
 }
 
 /// The faces of a cluster that are connected with `start`.
-fn piece(surface: &Surface, labels: &Labels, cluster: u32, start: u32, walked: &mut [u32], walk: u32) -> Vec<u32> {
+fn piece(graph: &DualGraph, labels: &Labels, cluster: u32, start: u32, walked: &mut [u32], walk: u32) -> Vec<u32> {
     walked[start as usize] = walk;
     let mut faces = vec![start];
     let mut next = 0;
     while let Some(&face) = faces.get(next) {
         next += 1;
-        for &near in surface.neighbours_of(face) {
+        for &near in graph.neighbours_of(face) {
             if walked[near as usize] != walk && labels.of(near) == cluster {
                 walked[near as usize] = walk;
                 faces.push(near);
@@ -56,10 +56,10 @@ fn piece(surface: &Surface, labels: &Labels, cluster: u32, start: u32, walked: &
 
 /// Whether a cluster stays connected when it loses one of its faces, given that it is connected. `walked` and `walk` are as
 /// for [`cut_off`].
-pub fn stays_connected(surface: &Surface, labels: &Labels, face: u32, walked: &mut [u32], walk: u32) -> bool {
+pub fn stays_connected(graph: &DualGraph, labels: &Labels, face: u32, walked: &mut [u32], walk: u32) -> bool {
     let cluster = labels.of(face);
     let is_own = |near: &&u32| labels.of(**near) == cluster;
-    let mut own: Vec<u32> = surface.neighbours_of(face).iter().filter(is_own).copied().collect();
+    let mut own: Vec<u32> = graph.neighbours_of(face).iter().filter(is_own).copied().collect();
     own.sort_unstable();
     own.dedup();
     let Some(start) = own.pop() else { return true };
@@ -68,7 +68,7 @@ pub fn stays_connected(surface: &Surface, labels: &Labels, face: u32, walked: &m
     let mut queue = std::collections::VecDeque::from([start]);
     while !own.is_empty() {
         let Some(reached) = queue.pop_front() else { return false };
-        for &near in surface.neighbours_of(reached) {
+        for &near in graph.neighbours_of(reached) {
             if walked[near as usize] != walk && labels.of(near) == cluster {
                 walked[near as usize] = walk;
                 own.retain(|&wanted| wanted != near);

@@ -1,30 +1,33 @@
 //! Refinement: the iteration of bids and exact acceptance that [`crate::cluster::refinement`] defines.
+//!
+//! A cluster keeps the faces that bid to leave or to enter it. Only clusters whose bids changed can win anything they did not
+//! win before, so an iteration costs in proportion to those: where the tail of a phase moves ten faces an iteration, it looks
+//! at some hundred bids, not at all that are open.
 
 use rayon::prelude::*;
 
 use super::clusters::{Change, Clusters};
-use super::frontier::Frontier;
 use super::labels::Labels;
 use super::{CHUNK, Move};
 use crate::cluster::refinement::{Side, bid, gain};
-use crate::surface::Surface;
+use crate::surface::DualGraph;
 
-/// No bid, no exchange.
+/// No face.
 const NONE: u32 = u32::MAX;
 
-/// A face that would lower the energy by moving.
-#[derive(Debug, Clone, Copy)]
+/// What a face would lower the energy by, and where it would go.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Bid {
-    /// Packed gain: larger is better.
+    /// Packed gain: larger is better; 0 for no bid.
     gain: u32,
-    wish: Move,
+    from: u32,
+    to: u32,
 }
 
-/// A winning bid and the faces that make the same move.
+/// A winning bid.
 #[derive(Debug)]
 struct Exchange {
     winner: Move,
-    together: Change,
     verdict: Verdict,
 }
 
@@ -39,10 +42,18 @@ enum Verdict {
 /// The bids of a phase.
 #[derive(Debug)]
 pub struct Bids {
-    /// Every face that would improve and was not refused since it last had to look.
-    open: Vec<Bid>,
-    /// Of each cluster the index of its best bid, then of the exchange it takes part in; [`NONE`] between iterations.
-    chosen: Vec<u32>,
+    bid_of_face: Vec<Bid>,
+    /// Number of bids.
+    open: usize,
+    /// Every face that has a bid, and some that had one in this phase.
+    bidders: Vec<u32>,
+    /// The faces that bid to leave or to enter each cluster, each once.
+    at_cluster: Vec<Vec<u32>>,
+    /// The best of them, or [`NONE`]; wrong for clusters whose bids changed.
+    best: Vec<u32>,
+    /// Clusters whose bids changed, and whether each is among them.
+    changed: Vec<u32>,
+    is_changed: Vec<bool>,
     exchanges: Vec<Exchange>,
     /// The faces that were refused since the phase began.
     refused: Vec<u32>,
@@ -50,28 +61,97 @@ pub struct Bids {
 
 impl Bids {
     /// No bids yet.
-    pub fn new(clusters: usize) -> Self {
-        Self { open: Vec::new(), chosen: vec![NONE; clusters], exchanges: Vec::new(), refused: Vec::new() }
+    pub fn new(faces: usize, clusters: usize) -> Self {
+        Self {
+            bid_of_face: vec![Bid::default(); faces],
+            open: 0,
+            bidders: Vec::new(),
+            at_cluster: vec![Vec::new(); clusters],
+            best: vec![NONE; clusters],
+            changed: Vec::new(),
+            is_changed: vec![false; clusters],
+            exchanges: Vec::new(),
+            refused: Vec::new(),
+        }
     }
 
-    /// The faces that were refused in the last phase; in the next, they may bid again.
-    pub fn take_refused(&mut self) -> Vec<u32> {
-        std::mem::take(&mut self.refused)
+    /// Ends the last phase, when another begins. Returns the faces that were refused in it, or still have bids because it
+    /// was cut short: they may bid again. Nobody has a bid any more: what happened since did not renew them.
+    pub fn end(&mut self) -> Vec<u32> {
+        let mut waiting = std::mem::take(&mut self.refused);
+        for face in std::mem::take(&mut self.bidders) {
+            if self.bid_of_face[face as usize].gain > 0 {
+                self.place(face, Bid::default());
+                waiting.push(face);
+            }
+        }
+        waiting
     }
 
     /// Whether nobody would improve.
     pub fn is_empty(&self) -> bool {
-        self.open.is_empty()
+        self.open == 0
     }
 
     /// Lets the faces that are due bid anew; the other bids stand.
-    pub fn renew(&mut self, surface: &Surface, labels: &Labels, clusters: &Clusters, due: &[u32], frontier: &Frontier) {
-        let bids: Vec<Bid> = due
+    pub fn renew(&mut self, graph: &DualGraph, labels: &Labels, clusters: &Clusters, due: &[u32]) {
+        if due.len() <= CHUNK {
+            for &face in due {
+                self.place(face, best_move(graph, labels, clusters, face));
+            }
+            return;
+        }
+        let chunks: Vec<Vec<(u32, Bid)>> = due
             .par_chunks(CHUNK)
-            .flat_map_iter(|faces| faces.iter().filter_map(|&face| best_move(surface, labels, clusters, face)))
+            .map(|faces| {
+                let bid_of = |&face: &u32| (face, best_move(graph, labels, clusters, face));
+                let differs = |&(face, bid): &(u32, Bid)| bid != self.bid_of_face[face as usize];
+                faces.iter().map(bid_of).filter(differs).collect()
+            })
             .collect();
-        self.open.retain(|bid| !frontier.was_due(bid.wish.face));
-        self.open.extend(bids);
+        for (face, bid) in chunks.into_iter().flatten() {
+            self.place(face, bid);
+        }
+    }
+
+    /// Replaces the bid of a face.
+    fn place(&mut self, face: u32, new: Bid) {
+        let old = std::mem::replace(&mut self.bid_of_face[face as usize], new);
+        if old == new || old.gain == 0 && new.gain == 0 {
+            return;
+        }
+        let ends = |bid: Bid| if bid.gain > 0 { [bid.from, bid.to] } else { [NONE; 2] };
+        for cluster in ends(old) {
+            self.note(cluster);
+        }
+        for cluster in ends(new) {
+            self.note(cluster);
+            if cluster != NONE && !ends(old).contains(&cluster) {
+                self.at_cluster[cluster as usize].push(face);
+            }
+        }
+        if old.gain == 0 {
+            self.bidders.push(face);
+            self.open += 1;
+        } else if new.gain == 0 {
+            self.open -= 1;
+        }
+        // nobody is listed where it does not bid: a later bid would list it twice
+        for cluster in ends(old) {
+            if cluster != NONE && !ends(new).contains(&cluster) {
+                let listed = &mut self.at_cluster[cluster as usize];
+                if let Some(place) = listed.iter().position(|&other| other == face) {
+                    listed.swap_remove(place);
+                }
+            }
+        }
+    }
+
+    /// The bids at a cluster changed.
+    fn note(&mut self, cluster: u32) {
+        if cluster != NONE && !std::mem::replace(&mut self.is_changed[cluster as usize], true) {
+            self.changed.push(cluster);
+        }
     }
 
     /// The moves of an iteration; none when all winners are refused. Winners leave the bids, whether they move or not.
@@ -79,115 +159,103 @@ impl Bids {
     /// `may_leave` is asked of a winner that would have to move alone; where it is given, nobody joins a winner.
     pub fn moves(
         &mut self,
-        surface: &Surface,
+        graph: &DualGraph,
         clusters: &Clusters,
         may_leave: Option<&mut dyn FnMut(Move) -> bool>,
     ) -> Vec<Move> {
         self.pair_up();
         match may_leave {
-            None => self.judge(surface, clusters),
-            Some(may_leave) => self.judge_alone(surface, clusters, may_leave),
+            None => self.judge(graph, clusters),
+            Some(may_leave) => self.judge_alone(graph, clusters, may_leave),
         }
         let mut moves = Vec::new();
-        let (chosen, exchanges, refused) = (&self.chosen, &self.exchanges, &mut self.refused);
-        self.open.retain(|&Bid { wish, .. }| {
-            let Some(exchange) = joined(chosen, exchanges, wish) else { return true };
-            let exchange = &exchanges[exchange];
-            let is_winner = exchange.winner.face == wish.face;
-            let moves_now = match exchange.verdict {
-                Verdict::AllMove => true,
-                Verdict::WinnerMoves => is_winner,
-                Verdict::Refused => false,
-            };
-            if moves_now {
-                moves.push(wish);
-            } else if is_winner {
-                refused.push(wish.face);
+        for Exchange { winner, verdict } in std::mem::take(&mut self.exchanges) {
+            let first = moves.len();
+            match verdict {
+                Verdict::AllMove => moves.extend(self.together(winner)),
+                Verdict::WinnerMoves => moves.push(winner),
+                Verdict::Refused => self.refused.push(winner.face),
             }
-            !is_winner && !moves_now
-        });
-        for exchange in self.exchanges.drain(..) {
-            self.chosen[exchange.winner.from as usize] = NONE;
-            self.chosen[exchange.winner.to as usize] = NONE;
+            self.place(winner.face, Bid::default());
+            for moved in &moves[first..] {
+                self.place(moved.face, Bid::default());
+            }
         }
         moves
     }
 
-    /// Opens an exchange for each bid that is the best at both its clusters.
-    fn pair_up(&mut self) {
-        let Self { open, chosen, exchanges, .. } = self;
-        let rank = |index: u32| {
-            let bid = &open[index as usize];
-            (bid.gain, std::cmp::Reverse(bid.wish.face))
+    /// All that bid for the move of the winner.
+    fn together(&self, winner: Move) -> impl Iterator<Item = Move> + '_ {
+        // whoever leaves for a cluster is listed at both
+        let [from, to] = [winner.from, winner.to].map(|cluster| &self.at_cluster[cluster as usize]);
+        let shorter = if from.len() <= to.len() { from } else { to };
+        let makes_the_move = move |face: &&u32| {
+            let bid = self.bid_of_face[**face as usize];
+            (bid.from, bid.to) == (winner.from, winner.to)
         };
-        for index in 0..open.len() as u32 {
-            let Move { from, to, .. } = open[index as usize].wish;
-            for cluster in [from, to] {
-                let best = &mut chosen[cluster as usize];
-                if *best == NONE || rank(index) > rank(*best) {
-                    *best = index;
-                }
+        shorter.iter().filter(makes_the_move).map(move |&face| Move { face, ..winner })
+    }
+
+    /// Opens an exchange for each bid that is the best at both its clusters. One that was not before is the best of a
+    /// cluster whose bids changed.
+    fn pair_up(&mut self) {
+        for &cluster in &self.changed {
+            let rank = |&face: &u32| (self.bid_of_face[face as usize].gain, std::cmp::Reverse(face));
+            let best = self.at_cluster[cluster as usize].iter().copied().max_by_key(rank);
+            self.best[cluster as usize] = best.unwrap_or(NONE);
+        }
+        for &cluster in &self.changed {
+            let face = self.best[cluster as usize];
+            if face == NONE {
+                continue;
+            }
+            let Bid { from, to, .. } = self.bid_of_face[face as usize];
+            let other = if cluster == from { to } else { from };
+            // where both changed, the one that is left speaks for both
+            if self.best[other as usize] == face && (cluster == from || !self.is_changed[other as usize]) {
+                self.exchanges.push(Exchange { winner: Move { face, from, to }, verdict: Verdict::Refused });
             }
         }
-        for (index, bid) in open.iter().enumerate() {
-            let Move { from, to, .. } = bid.wish;
-            if [from, to].iter().all(|&cluster| chosen[cluster as usize] as usize == index) {
-                exchanges.push(Exchange { winner: bid.wish, together: Change::default(), verdict: Verdict::Refused });
-            }
-        }
-        for bid in open.iter() {
-            chosen[bid.wish.from as usize] = NONE;
-            chosen[bid.wish.to as usize] = NONE;
-        }
-        for (index, exchange) in exchanges.iter().enumerate() {
-            chosen[exchange.winner.from as usize] = index as u32;
-            chosen[exchange.winner.to as usize] = index as u32;
+        for cluster in self.changed.drain(..) {
+            self.is_changed[cluster as usize] = false;
         }
     }
 
     /// Tests each exchange with all who make the move, then with the winner alone.
-    fn judge(&mut self, surface: &Surface, clusters: &Clusters) {
-        for bid in &self.open {
-            if let Some(exchange) = joined(&self.chosen, &self.exchanges, bid.wish) {
-                self.exchanges[exchange].together.add(surface, bid.wish.face);
-            }
-        }
-        for Exchange { winner, together, verdict } in &mut self.exchanges {
-            let alone = Change::of(surface, winner.face);
-            *verdict = if clusters.improves(winner.from, winner.to, together) {
+    fn judge(&mut self, graph: &DualGraph, clusters: &Clusters) {
+        let mut exchanges = std::mem::take(&mut self.exchanges);
+        exchanges.par_iter_mut().with_min_len(CHUNK / 8).for_each(|Exchange { winner, verdict }| {
+            let alone = Change::of(graph, winner.face);
+            let mut together = Change::default();
+            self.together(*winner).for_each(|moved| together.add(graph, moved.face));
+            *verdict = if clusters.improves(winner.from, winner.to, &together) {
                 Verdict::AllMove
             } else if clusters.improves(winner.from, winner.to, &alone) {
                 Verdict::WinnerMoves
             } else {
                 Verdict::Refused
             };
-        }
+        });
+        self.exchanges = exchanges;
     }
 
     /// Tests each exchange with the winner alone.
-    fn judge_alone(&mut self, surface: &Surface, clusters: &Clusters, may_leave: &mut dyn FnMut(Move) -> bool) {
-        for Exchange { winner, verdict, .. } in &mut self.exchanges {
-            let improves = clusters.improves(winner.from, winner.to, &Change::of(surface, winner.face));
+    fn judge_alone(&mut self, graph: &DualGraph, clusters: &Clusters, may_leave: &mut dyn FnMut(Move) -> bool) {
+        for Exchange { winner, verdict } in &mut self.exchanges {
+            let improves = clusters.improves(winner.from, winner.to, &Change::of(graph, winner.face));
             *verdict = if improves && may_leave(*winner) { Verdict::WinnerMoves } else { Verdict::Refused };
         }
     }
 }
 
-/// The exchange that makes the move a face wishes for.
-fn joined(chosen: &[u32], exchanges: &[Exchange], wish: Move) -> Option<usize> {
-    let exchange = chosen[wish.from as usize] as usize;
-    let winner = exchanges.get(exchange)?.winner;
-    ((winner.from, winner.to) == (wish.from, wish.to)).then_some(exchange)
-}
-
 /// The bid of a face: for the neighbouring cluster with the largest positive gain, the smaller number of equal ones.
-fn best_move(surface: &Surface, labels: &Labels, clusters: &Clusters, face: u32) -> Option<Bid> {
+fn best_move(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32) -> Bid {
     let from = labels.near_boundary(face);
     if clusters.sums(from).faces == 1 {
-        return None;
+        return Bid::default();
     }
-    let centroid = surface.centroids[face as usize];
-    let weight = surface.weights[face as usize];
+    let centroid = graph.centroids[face as usize];
+    let weight = graph.weights[face as usize];
     let side = |cluster| Side {
         squared_distance: clusters.squared_distance(centroid, cluster),
         weight: clusters.sums(cluster).weight as u64,
@@ -195,7 +263,7 @@ fn best_move(surface: &Surface, labels: &Labels, clusters: &Clusters, face: u32)
     let own = side(from);
     let mut best: Option<(i64, std::cmp::Reverse<u32>)> = None;
     let mut last = from;
-    for &neighbour in surface.neighbours_of(face) {
+    for &neighbour in graph.neighbours_of(face) {
         let to = labels.near_boundary(neighbour);
         if to != from && to != last {
             let offer = Some((gain(weight, own, side(to)), std::cmp::Reverse(to)));
@@ -203,6 +271,8 @@ fn best_move(surface: &Surface, labels: &Labels, clusters: &Clusters, face: u32)
             last = to;
         }
     }
-    let (gain, std::cmp::Reverse(to)) = best?;
-    (gain > 0).then(|| Bid { gain: bid(gain, weight), wish: Move { face, from, to } })
+    match best {
+        Some((gain, std::cmp::Reverse(to))) if gain > 0 => Bid { gain: bid(gain, weight), from, to },
+        _ => Bid::default(),
+    }
 }

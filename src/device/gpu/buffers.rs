@@ -13,7 +13,7 @@ use super::layout::{
 use crate::cluster::dual_edge::Ties;
 use crate::device::FREE;
 use crate::error::{Error, Kind, Result};
-use crate::surface::Surface;
+use crate::surface::DualGraph;
 
 /// Turns that fit into one batch.
 pub(super) const RING: u32 = 64;
@@ -108,8 +108,8 @@ impl Turns {
 
 impl Buffers {
     /// Brings a surface to the device, all faces free.
-    pub(super) fn new(connection: &Connection, surface: &Surface, energy_shifts: &[u32]) -> Result<Self> {
-        let faces = surface.centroids.len() as u64;
+    pub(super) fn new(connection: &Connection, graph: &DualGraph, energy_shifts: &[u32]) -> Result<Self> {
+        let faces = graph.centroids.len() as u64;
         let clusters = energy_shifts.len() as u64;
         let storage = wgpu::BufferUsages::STORAGE;
         let (into, out) = (wgpu::BufferUsages::COPY_DST, wgpu::BufferUsages::COPY_SRC);
@@ -118,7 +118,7 @@ impl Buffers {
 
         let packed = create("faces", faces, size_of::<Face>(), storage | into)?;
         let offsets = create("neighbour offsets", faces + 1, 4, storage | into)?;
-        let degrees = surface.neighbours.len() as u64;
+        let degrees = graph.neighbours.len() as u64;
         let neighbours = create("neighbours", degrees, 4, storage | into)?;
         let labels = create("labels", faces, 4, storage | into | out)?;
         let wishes = create("wishes", faces, 4, storage)?;
@@ -147,18 +147,18 @@ impl Buffers {
         connection.check()?;
 
         let queue = &connection.queue;
-        let mut chunk: Vec<Face> = Vec::with_capacity(UPLOAD.min(surface.centroids.len()));
-        for (at, centroids) in surface.centroids.chunks(UPLOAD).enumerate() {
-            let weights = &surface.weights[at * UPLOAD..];
+        let mut chunk: Vec<Face> = Vec::with_capacity(UPLOAD.min(graph.centroids.len()));
+        for (at, centroids) in graph.centroids.chunks(UPLOAD).enumerate() {
+            let weights = &graph.weights[at * UPLOAD..];
             chunk.clear();
             chunk.extend(centroids.iter().zip(weights).map(|(&[x, y, z], weight)| [x, y, z, weight.cast_signed()]));
             upload(queue, &packed, at * UPLOAD, &chunk);
         }
-        upload(queue, &offsets, 0, &surface.neighbour_offsets);
-        upload(queue, &neighbours, 0, &surface.neighbours);
+        upload(queue, &offsets, 0, &graph.neighbour_offsets);
+        upload(queue, &neighbours, 0, &graph.neighbours);
         let positions: Vec<Proxy> = energy_shifts.iter().map(|shift| [0, 0, 0, shift.cast_signed()]).collect();
         upload(queue, &proxies, 0, &positions);
-        upload(queue, &labels, 0, &vec![FREE; surface.centroids.len()]);
+        upload(queue, &labels, 0, &vec![FREE; graph.centroids.len()]);
 
         turns.number(queue, 1);
 

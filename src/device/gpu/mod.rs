@@ -74,7 +74,7 @@ use self::steps::GpuSteps;
 use super::{Device, MergeSteps, Steps};
 use crate::error::{Error, Kind, Result};
 use crate::report::{DeviceInfo, DeviceKind};
-use crate::surface::Surface;
+use crate::surface::DualGraph;
 
 /// Limits that tests lower, instead of making meshes that reach them.
 #[derive(Debug, Clone, Copy, Default)]
@@ -191,35 +191,35 @@ impl Device for GpuDevice {
         &self.info
     }
 
-    fn open<'a>(&'a mut self, surface: &'a Surface, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
-        let energy_shifts = energy_shifts(surface, component_of_cluster)?;
+    fn open<'a>(&'a mut self, graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
+        let energy_shifts = energy_shifts(graph, component_of_cluster)?;
         let fault = self.fault.take();
         let connection = self.connection()?;
         connection.arm(fault);
-        let buffers = Buffers::new(connection, surface, &energy_shifts)?;
-        Ok(Box::new(GpuSteps::new(connection, surface, component_of_cluster, buffers, ())))
+        let buffers = Buffers::new(connection, graph, &energy_shifts)?;
+        Ok(Box::new(GpuSteps::new(connection, graph, component_of_cluster, buffers, ())))
     }
 
     fn open_merging<'a>(
         &'a mut self,
-        surface: &'a Surface,
+        graph: &'a DualGraph,
         component_of_cluster: &'a [u32],
     ) -> Result<Box<dyn MergeSteps + 'a>> {
-        let energy_shifts = energy_shifts(surface, component_of_cluster)?;
+        let energy_shifts = energy_shifts(graph, component_of_cluster)?;
         let fault = self.fault.take();
         let is_software = self.report.kind == AdapterKind::Software;
         let connection = self.connection()?;
         connection.arm(fault);
-        let buffers = Buffers::new(connection, surface, &energy_shifts)?;
+        let buffers = Buffers::new(connection, graph, &energy_shifts)?;
         let clusters = energy_shifts.len() as u32;
         let merging = Merging::new(connection, &buffers, clusters, is_software)?;
-        Ok(Box::new(GpuSteps::new(connection, surface, component_of_cluster, buffers, merging)))
+        Ok(Box::new(GpuSteps::new(connection, graph, component_of_cluster, buffers, merging)))
     }
 }
 
 /// The shift of each cluster's energy. An error when the surface contradicts itself or has no faces or clusters.
-fn energy_shifts(surface: &Surface, component_of_cluster: &[u32]) -> Result<Vec<u32>> {
-    let faces = surface.centroids.len();
+fn energy_shifts(graph: &DualGraph, component_of_cluster: &[u32]) -> Result<Vec<u32>> {
+    let faces = graph.centroids.len();
     let defect = |what: &str| Error::new(Kind::Internal, what);
     if faces == 0 || component_of_cluster.is_empty() {
         return Err(defect("there is nothing to cluster"));
@@ -227,15 +227,15 @@ fn energy_shifts(surface: &Surface, component_of_cluster: &[u32]) -> Result<Vec<
     if component_of_cluster.len() > faces {
         return Err(defect("there are more clusters than faces"));
     }
-    if surface.weights.len() != faces
-        || surface.neighbour_offsets.len() != faces + 1
-        || surface.neighbour_offsets[faces] as usize != surface.neighbours.len()
+    if graph.weights.len() != faces
+        || graph.neighbour_offsets.len() != faces + 1
+        || graph.neighbour_offsets[faces] as usize != graph.neighbours.len()
     {
-        return Err(defect("the arrays of the surface differ in length"));
+        return Err(defect("the arrays of the graph differ in length"));
     }
     component_of_cluster
         .iter()
-        .map(|&component| match surface.components.get(component as usize) {
+        .map(|&component| match graph.components.get(component as usize) {
             Some(component) if component.energy_shift <= 30 => Ok(component.energy_shift),
             Some(_) => Err(defect("a component's energy shift is above 30")),
             None => Err(defect("a cluster lies in a component that does not exist")),

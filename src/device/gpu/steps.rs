@@ -15,7 +15,7 @@ use crate::cluster::repair;
 use crate::device::cpu;
 use crate::device::{Cancel, Ending, FREE, LatticeEnergy, Step, Steps};
 use crate::error::{Error, Kind, Result};
-use crate::surface::Surface;
+use crate::surface::DualGraph;
 
 /// Turns in the first batch; even, as all batches of the growth are.
 const FIRST_BATCH: u32 = 8;
@@ -55,7 +55,7 @@ impl Work {
 /// A surface on the gpu; `M` is what hierarchies need besides ([`super::merging`]), or nothing.
 pub(super) struct GpuSteps<'a, M> {
     pub(super) connection: &'a Connection,
-    surface: &'a Surface,
+    graph: &'a DualGraph,
     component_of_cluster: &'a [u32],
     pub(super) buffers: Buffers,
     pub(super) merging: M,
@@ -79,7 +79,7 @@ pub(super) struct GpuSteps<'a, M> {
 impl<'a, M> GpuSteps<'a, M> {
     pub(super) fn new(
         connection: &'a Connection,
-        surface: &'a Surface,
+        graph: &'a DualGraph,
         component_of_cluster: &'a [u32],
         buffers: Buffers,
         merging: M,
@@ -87,7 +87,7 @@ impl<'a, M> GpuSteps<'a, M> {
         let clusters = component_of_cluster.len() as u32;
         Self {
             connection,
-            surface,
+            graph,
             component_of_cluster,
             buffers,
             merging,
@@ -347,7 +347,7 @@ impl<M> Steps for GpuSteps<'_, M> {
         let mut host = match self.host.take().filter(|_| goes_on) {
             Some(host) => host,
             None => {
-                let mut host = cpu::open(self.surface, self.component_of_cluster);
+                let mut host = cpu::open(self.graph, self.component_of_cluster);
                 host.set_labels(&self.labels()?)?;
                 host
             }
@@ -368,7 +368,7 @@ impl<M> Steps for GpuSteps<'_, M> {
 
     fn cut_off_faces(&mut self) -> Result<Vec<u32>> {
         let labels = self.labels()?;
-        Ok(repair::cut_off_faces(self.surface, self.clusters as usize, &labels))
+        Ok(repair::cut_off_faces(self.graph, self.clusters as usize, &labels))
     }
 
     fn regrow(&mut self, faces: &[u32], cancel: &Cancel) -> Result<()> {

@@ -1,0 +1,193 @@
+//! Coarse to fine: a start for flat clusterings that lies near a lower minimum, and costs less to reach.
+//!
+//! # Definition
+//!
+//! 1. *Coarsening.* Neighbouring faces are grouped ([`crate::surface::Coarse`]), then groups, until less than a fifth would
+//!    go. No group weighs more than 1/[`GROUPS_A_CLUSTER`] of the mean cluster of its component.
+//! 2. *Too many clusters.* On the coarsest graph, half as many again as are wanted start from stratified seeds, grow, and go
+//!    through the boundary phase ([`super::flat`]).
+//! 3. *Merging.* Every cluster finds its best dual edge ([`super::dual_edge`]); of the pairs that chose each other, the
+//!    cheaper half merge, and the boundary phase runs again, until there are as many clusters as wanted. No component goes
+//!    below its share.
+//! 4. *Refinement of the graph.* Labels go to the next finer graph, where the boundary phase runs; on the finest, they are
+//!    where the clustering starts.
+//!
+//! # Why
+//!
+//! A flat clustering from k seeds keeps the irregularities that it starts with: its moves shift borders, they never take a
+//! cluster from where there are too many to where there are too few. Merging does, at the price of some rounds, and where a
+//! cluster has sixteen groups instead of a hundred faces these are cheap. Hexagon ratios after refinement, means of four
+//! to six seed numbers, from stratified seeds and from this start:
+//!
+//! | | stratified | coarse to fine |
+//! |---|--:|--:|
+//! | bunny, 1,000 clusters | 1.0154 | 1.0096 |
+//! | bunny, 3,000 | 1.0750 | 1.0647 |
+//! | horse, 1,000 | 1.0064 | 1.0029 |
+//! | horse, 2,000 | 1.0374 | 1.0337 |
+//! | nefertiti, 1,000 | 1.0209 | 1.0183 |
+//! | igea, 5,000 | 1.0417 | 1.0378 |
+//!
+//! The largest of the six is below that of ACVD (Valette & Chassery 2004) on each, by 0.2 to 2 %.
+//!
+//! What was tried beside it, over the same meshes: a coarse graph without merging (0.2 to 0.7 % higher), merging on the
+//! finest graph only (lower by 0.1 % at most, at one and a half times the time), twice as many seeds (no better on coarse
+//! graphs), all mutual pairs at once (0.1 % higher), the cheapest quarter or third (no better), groups of an eighth of a
+//! cluster (0.1 to 0.2 % higher), refinement between the merges (0.05 to 0.3 % lower at one and a half times the time).
+
+use super::dual_edge::{Rank, Ties};
+use super::run::Run;
+use super::seeds::{self, SeedFaces};
+use crate::device::{Cancel, Device, MergeSteps};
+use crate::error::{Error, Kind, Result};
+use crate::surface::{Coarse, DualGraph, Surface};
+
+/// A group weighs no more than the mean cluster of its component over this.
+pub const GROUPS_A_CLUSTER: u64 = 16;
+
+/// What the device is given to do; needs none itself.
+#[derive(Debug)]
+pub struct CoarseStart {
+    /// Coarser and coarser graphs.
+    levels: Vec<Coarse>,
+    /// Too many seeds, on the coarsest.
+    seeds: SeedFaces,
+    /// How many clusters each component has in the end.
+    shares: Vec<usize>,
+}
+
+/// Where a flat clustering begins.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Start {
+    /// One label a face, or [`crate::device::FREE`]; internal order.
+    pub labels: Vec<u32>,
+    /// The component that each cluster lies in.
+    pub component_of_cluster: Vec<u32>,
+}
+
+impl CoarseStart {
+    /// Coarsens a surface for `clusters` clusters and chooses seeds on what comes out.
+    pub fn new(surface: &Surface, clusters: u64, seed: u64) -> Result<Self> {
+        let shares = seeds::shares(surface, clusters)?;
+        let heaviest: Vec<u64> = surface
+            .components
+            .iter()
+            .zip(&shares)
+            .map(|(component, &share)| component.weight / (GROUPS_A_CLUSTER * share as u64))
+            .collect();
+        let mut levels: Vec<Coarse> = Vec::new();
+        loop {
+            let graph = levels.last().map_or(&surface.graph, |level| &level.graph);
+            let coarse = graph.coarsened(&heaviest);
+            if coarse.graph.faces() as u64 * 5 > graph.faces() as u64 * 4 {
+                break;
+            }
+            levels.push(coarse);
+        }
+        let coarsest = levels.last().map_or(&surface.graph, |level| &level.graph);
+        let too_many: Vec<usize> = shares
+            .iter()
+            .zip(&coarsest.components)
+            .map(|(&share, component)| (share + share / 2).min(component.faces as usize))
+            .collect();
+        // a graph whose groups are that light has more of them than clusters
+        let seeds = seeds::stratified(coarsest, &too_many, seed);
+        Ok(Self { levels, seeds, shares })
+    }
+
+    /// Carries it out.
+    pub fn labels(&self, surface: &Surface, device: &mut dyn Device, cancel: &Cancel) -> Result<Start> {
+        let graph_of = |level: usize| match level.checked_sub(1) {
+            Some(level) => &self.levels[level].graph,
+            None => &surface.graph,
+        };
+        let coarsest = graph_of(self.levels.len());
+        let mut start = self.merged(coarsest, device, cancel)?;
+        for (level, coarse) in self.levels.iter().enumerate().rev() {
+            start.labels = coarse.refined(&start.labels);
+            if level > 0 {
+                let mut steps = device.open(graph_of(level), &start.component_of_cluster)?;
+                steps.set_labels(&start.labels)?;
+                steps.optimise_boundary(u32::MAX, cancel, &mut |_| {})?;
+                start.labels = steps.labels()?;
+            }
+        }
+        Ok(start)
+    }
+
+    /// Clusters of the coarsest graph, as many as wanted, numbered in the order of their first faces.
+    fn merged(&self, graph: &DualGraph, device: &mut dyn Device, cancel: &Cancel) -> Result<Start> {
+        let component_of_cluster = &self.seeds.component_of_cluster;
+        let mut steps = device.open_merging(graph, component_of_cluster)?;
+        steps.set_labels(&self.seeds.labels(graph.faces()))?;
+        steps.grow(cancel)?;
+        let mut surplus = vec![0usize; self.shares.len()];
+        component_of_cluster.iter().for_each(|&component| surplus[component as usize] += 1);
+        surplus.iter_mut().zip(&self.shares).for_each(|(surplus, share)| *surplus -= share);
+        loop {
+            let mut untold = |_| {};
+            let mut run = Run {
+                steps: steps.as_mut(),
+                cancel,
+                on_row: &mut untold,
+                round: None,
+                iteration: 0,
+                left: u32::MAX,
+                record: None,
+            };
+            run.optimise(false)?;
+            if surplus.iter().all(|&surplus| surplus == 0) {
+                break;
+            }
+            merge_cheaper_half(steps.as_mut(), component_of_cluster, &mut surplus)?;
+        }
+        let mut labels = steps.labels()?;
+        drop(steps);
+        let mut number_of_cluster = vec![u32::MAX; component_of_cluster.len()];
+        let mut components = Vec::with_capacity(self.shares.iter().sum());
+        for label in &mut labels {
+            let number = &mut number_of_cluster[*label as usize];
+            if *number == u32::MAX {
+                *number = components.len() as u32;
+                components.push(component_of_cluster[*label as usize]);
+            }
+            *label = *number;
+        }
+        Ok(Start { labels, component_of_cluster: components })
+    }
+}
+
+impl Start {
+    /// From one face a cluster.
+    pub fn from_seeds(seeds: SeedFaces, faces: usize) -> Self {
+        Self { labels: seeds.labels(faces), component_of_cluster: seeds.component_of_cluster }
+    }
+}
+
+/// Merges the cheaper half of the pairs that chose each other, at most as many in each component as it has to spare.
+fn merge_cheaper_half(steps: &mut dyn MergeSteps, component_of_cluster: &[u32], surplus: &mut [usize]) -> Result<()> {
+    let mut mutual = super::dual_edge::mutual(&steps.optimal_dual_edges(Ties::Hash)?);
+    mutual.retain(|pair: &Rank<u32>| surplus[component_of_cluster[pair.ends().0 as usize] as usize] > 0);
+    mutual.truncate(mutual.len().div_ceil(2));
+    mutual.retain(|pair| {
+        let surplus = &mut surplus[component_of_cluster[pair.ends().0 as usize] as usize];
+        let has_surplus = *surplus > 0;
+        *surplus -= usize::from(has_surplus);
+        has_surplus
+    });
+    if mutual.is_empty() {
+        return Err(Error::new(Kind::Internal, "no two clusters chose each other"));
+    }
+    let ends: Vec<u32> = mutual.iter().flat_map(|pair| [pair.ends().0, pair.ends().1]).collect();
+    let sums = steps.sums_of(&ends)?;
+    let pairs: Vec<(u32, u32)> = mutual
+        .iter()
+        .zip(sums.chunks_exact(2))
+        .map(|(pair, sums)| {
+            // the one with more faces keeps its number
+            let (low, high) = pair.ends();
+            if sums[1].faces > sums[0].faces { (low, high) } else { (high, low) }
+        })
+        .collect();
+    steps.merge(&pairs)
+}

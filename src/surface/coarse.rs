@@ -1,0 +1,237 @@
+//! Coarser graphs: connected groups of faces as faces, for clusterings that go from coarse to fine.
+//!
+//! A group is a face with those of its neighbours that belong to none yet, in internal order; then lone faces join the
+//! smallest group beside them. On triangles a group has 2.6 faces on average.
+
+use super::{Component, DualGraph};
+use crate::cluster::sums::ClusterSums;
+
+/// No group yet.
+const NONE: u32 = u32::MAX;
+
+/// Most faces that form a group; lone faces may add to it.
+const MOST_FACES: usize = 4;
+
+/// A coarser graph and where its faces lie.
+#[derive(Debug)]
+pub struct Coarse {
+    /// Each face of it is a group.
+    pub graph: DualGraph,
+    /// The group that each face of the finer graph is in.
+    pub group_of_face: Vec<u32>,
+}
+
+impl Coarse {
+    /// Labels of the finer graph from labels of this one.
+    pub fn refined(&self, labels: &[u32]) -> Vec<u32> {
+        self.group_of_face.iter().map(|&group| labels[group as usize]).collect()
+    }
+}
+
+impl DualGraph {
+    /// Groups neighbouring faces; `heaviest[c]` is the most that a group of component c may weigh, if it is not a single
+    /// face. Groups are connected and numbered in the order of their first faces.
+    pub fn coarsened(&self, heaviest: &[u64]) -> Coarse {
+        let mut groups = Groups::new(self.faces());
+        for (component, &heaviest) in self.components.iter().zip(heaviest) {
+            // no face weighs more, either
+            let heaviest = heaviest.min(1 << 31);
+            groups.form(self, component, heaviest);
+            groups.take_in_lone_faces(self, component, heaviest);
+        }
+        let group_of_face = groups.numbered();
+        let graph = self.contracted(&group_of_face);
+        Coarse { graph, group_of_face }
+    }
+
+    /// The graph of the groups, which are numbered in the order of their first faces.
+    fn contracted(&self, group_of_face: &[u32]) -> Self {
+        let groups = group_of_face.iter().max().map_or(0, |&last| last as usize + 1);
+        let mut sums = vec![ClusterSums::default(); groups];
+        // the faces of each group, one after the other
+        let mut first = vec![0u32; groups + 1];
+        for (face, &group) in group_of_face.iter().enumerate() {
+            sums[group as usize].add_face(self, face, 1);
+            first[group as usize + 1] += 1;
+        }
+        for group in 0..groups {
+            first[group + 1] += first[group];
+        }
+        let mut members = vec![0u32; self.faces()];
+        let mut next = first.clone();
+        for (face, &group) in group_of_face.iter().enumerate() {
+            members[next[group as usize] as usize] = face as u32;
+            next[group as usize] += 1;
+        }
+
+        let mut neighbours = Vec::with_capacity(self.neighbours.len() / 2);
+        let mut neighbour_offsets = Vec::with_capacity(groups + 1);
+        neighbour_offsets.push(0);
+        // the last group that listed each group
+        let mut listed_by = vec![NONE; groups];
+        for group in 0..groups as u32 {
+            listed_by[group as usize] = group;
+            for &face in &members[first[group as usize] as usize..first[group as usize + 1] as usize] {
+                for &near in self.neighbours_of(face) {
+                    let other = group_of_face[near as usize];
+                    if std::mem::replace(&mut listed_by[other as usize], group) != group {
+                        neighbours.push(other);
+                    }
+                }
+            }
+            neighbour_offsets.push(neighbours.len() as u32);
+        }
+
+        let mut components = Vec::with_capacity(self.components.len());
+        let mut first_face = 0;
+        for component in &self.components {
+            // a component's groups follow those of the ones before it
+            let end = match component.range().end {
+                end if end < self.faces() => group_of_face[end],
+                _ => groups as u32,
+            };
+            components.push(Component { first_face, faces: end - first_face, ..*component });
+            first_face = end;
+        }
+        Self {
+            centroids: sums.iter().map(|sums| sums.fit().map_or([0; 3], |(proxy, _)| proxy)).collect(),
+            weights: sums.iter().map(|sums| sums.weight as u32).collect(),
+            neighbour_offsets,
+            neighbours,
+            components,
+        }
+    }
+}
+
+/// Groups that are being formed.
+struct Groups {
+    group_of_face: Vec<u32>,
+    faces: Vec<u32>,
+    weights: Vec<u64>,
+}
+
+impl Groups {
+    fn new(faces: usize) -> Self {
+        Self { group_of_face: vec![NONE; faces], faces: Vec::new(), weights: Vec::new() }
+    }
+
+    /// Puts every face of a component into a group.
+    fn form(&mut self, graph: &DualGraph, component: &Component, heaviest: u64) {
+        for face in component.range() {
+            if self.group_of_face[face] != NONE {
+                continue;
+            }
+            let group = self.faces.len() as u32;
+            self.group_of_face[face] = group;
+            let mut faces = 1;
+            let mut weight = u64::from(graph.weights[face]);
+            for &near in graph.neighbours_of(face as u32) {
+                let near_weight = u64::from(graph.weights[near as usize]);
+                if faces == MOST_FACES {
+                    break;
+                }
+                if self.group_of_face[near as usize] == NONE && weight + near_weight <= heaviest {
+                    self.group_of_face[near as usize] = group;
+                    faces += 1;
+                    weight += near_weight;
+                }
+            }
+            self.faces.push(faces as u32);
+            self.weights.push(weight);
+        }
+    }
+
+    /// Lets groups of one face join the group with the fewest faces beside them, the smaller number of equal ones.
+    fn take_in_lone_faces(&mut self, graph: &DualGraph, component: &Component, heaviest: u64) {
+        for face in component.range() {
+            let lone = self.group_of_face[face] as usize;
+            if self.faces[lone] != 1 {
+                continue;
+            }
+            let groups =
+                graph.neighbours_of(face as u32).iter().map(|&near| self.group_of_face[near as usize] as usize);
+            let has_room = |group: &usize| *group != lone && self.weights[*group] + self.weights[lone] <= heaviest;
+            if let Some(group) = groups.filter(has_room).min_by_key(|&group| (self.faces[group], group)) {
+                self.group_of_face[face] = group as u32;
+                self.faces[group] += 1;
+                self.weights[group] += self.weights[lone];
+                self.faces[lone] = 0;
+            }
+        }
+    }
+
+    /// The group of each face, groups numbered in the order of their first faces.
+    fn numbered(self) -> Vec<u32> {
+        let Self { mut group_of_face, faces: mut number_of_group, .. } = self;
+        number_of_group.fill(NONE);
+        let mut groups = 0;
+        for group in &mut group_of_face {
+            let number = &mut number_of_group[*group as usize];
+            if *number == NONE {
+                *number = groups;
+                groups += 1;
+            }
+            *group = *number;
+        }
+        group_of_face
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::sample::{Sample, generate};
+    use crate::surface::Surface;
+
+    fn surface(sample: Sample, faces: u64) -> Surface {
+        Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface")
+    }
+
+    #[test]
+    fn groups_are_connected_light_and_keep_what_adds_up() {
+        for (sample, faces) in [(Sample::Sphere, 2000), (Sample::Plane, 900), (Sample::Parts, 500)] {
+            let surface = surface(sample, faces);
+            let heaviest: Vec<u64> = surface.components.iter().map(|component| component.weight / 12).collect();
+            let coarse = surface.coarsened(&heaviest);
+            let component_of_face = surface.component_of_face();
+            let component_of_group = coarse.graph.component_of_face();
+            let mut weights = vec![0u64; coarse.graph.faces()];
+            let mut sizes = vec![0u32; coarse.graph.faces()];
+            for face in 0..surface.faces() {
+                let group = coarse.group_of_face[face] as usize;
+                assert_eq!(component_of_group[group], component_of_face[face], "{sample:?}");
+                weights[group] += u64::from(surface.weights[face]);
+                sizes[group] += 1;
+            }
+            for (group, &weight) in weights.iter().enumerate() {
+                assert_eq!(weight, u64::from(coarse.graph.weights[group]), "{sample:?}");
+                assert!(weight <= heaviest[component_of_group[group] as usize] || sizes[group] == 1, "{sample:?}");
+            }
+            assert_eq!(
+                crate::cluster::repair::disconnected_clusters(&surface, weights.len(), &coarse.group_of_face),
+                0
+            );
+            // two groups are neighbours exactly if faces of them are
+            let mut expected: Vec<(u32, u32)> = (0..surface.faces() as u32)
+                .flat_map(|face| surface.neighbours_of(face).iter().map(move |&near| (face, near)))
+                .map(|(a, b)| (coarse.group_of_face[a as usize], coarse.group_of_face[b as usize]))
+                .filter(|(a, b)| a != b)
+                .collect();
+            expected.sort_unstable();
+            expected.dedup();
+            let mut found: Vec<(u32, u32)> = (0..coarse.graph.faces() as u32)
+                .flat_map(|group| coarse.graph.neighbours_of(group).iter().map(move |&near| (group, near)))
+                .collect();
+            found.sort_unstable();
+            assert_eq!(found, expected, "{sample:?}");
+            assert!(coarse.graph.faces() * 3 <= surface.faces() * 2, "{sample:?}");
+        }
+    }
+
+    #[test]
+    fn nothing_is_grouped_that_would_be_too_heavy() {
+        let surface = surface(Sample::Sphere, 300);
+        let coarse = surface.coarsened(&[1]);
+        assert_eq!(coarse.group_of_face, (0..surface.faces() as u32).collect::<Vec<_>>());
+        assert_eq!(coarse.graph.centroids, surface.centroids);
+    }
+}

@@ -1,0 +1,43 @@
+//! The dual graph of a surface on the integer lattice: all that algorithms and devices see of a mesh.
+
+use super::Component;
+
+/// Faces as nodes with a place and a weight, shared edges as edges.
+///
+/// A [`super::Surface`] has one whose nodes are its faces; [`coarsened`](Self::coarsened) makes smaller ones whose nodes
+/// are groups of faces. Everything is in internal order.
+#[derive(Debug)]
+pub struct DualGraph {
+    /// Face centroids on the lattice, |coordinate| < 2²⁷.
+    pub centroids: Vec<[i32; 3]>,
+    /// Face weights, at least 1. A component's weights sum to less than 2³⁴.
+    pub weights: Vec<u32>,
+    /// First neighbour of each face in `neighbours`, and one past the last: faces + 1 numbers.
+    pub neighbour_offsets: Vec<u32>,
+    /// Faces that share an edge with each face. Symmetric; a face may be listed twice, never itself.
+    pub neighbours: Vec<u32>,
+    /// The connected components, each a run of faces.
+    pub components: Vec<Component>,
+}
+
+impl DualGraph {
+    /// Number of faces.
+    pub fn faces(&self) -> usize {
+        self.weights.len()
+    }
+
+    /// The faces that share an edge with `face`.
+    pub fn neighbours_of(&self, face: u32) -> &[u32] {
+        let face = face as usize;
+        &self.neighbours[self.neighbour_offsets[face] as usize..self.neighbour_offsets[face + 1] as usize]
+    }
+
+    /// The component of each face.
+    pub fn component_of_face(&self) -> Vec<u32> {
+        let mut component_of_face = vec![0; self.faces()];
+        for (component, run) in self.components.iter().enumerate() {
+            component_of_face[run.range()].fill(component as u32);
+        }
+        component_of_face
+    }
+}
