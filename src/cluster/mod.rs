@@ -10,7 +10,7 @@
 //! | sums and proxies in exact integers | [`sums`] |
 //! | pieces of clusters | [`repair`] |
 //! | the labels of chosen iterations | [`record`] |
-//! | the flat algorithms that the paper compares with: ACVD, variational clustering | [`reference`] |
+//! | the flat algorithms that the paper compares with: ACVD, variational clustering | [`mod@reference`] |
 //!
 //! Drivers know devices only as [`crate::device::Steps`]; what a step computes is defined here, how is the device's.
 
