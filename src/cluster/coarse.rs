@@ -3,7 +3,8 @@
 //! # Definition
 //!
 //! 1. *Coarsening.* Neighbouring faces are grouped ([`crate::surface::Coarse`]), then groups, until less than a fifth would
-//!    go. No group weighs more than 1/[`GROUPS_A_CLUSTER`] of the mean cluster of its component.
+//!    go. No group weighs more than 1/[`GROUPS_A_CLUSTER`] of the mean cluster of its component, and a component that would be
+//!    left with fewer groups than two a cluster, because most of its faces weigh next to nothing, stays as it is.
 //! 2. *Too many clusters.* On the coarsest graph, half as many again as are wanted start from stratified seeds, grow, and go
 //!    through the boundary phase ([`super::flat`]).
 //! 3. *Merging.* Every cluster finds its best dual edge ([`super::dual_edge`]); of the pairs that chose each other, the
@@ -74,7 +75,7 @@ impl CoarseStart {
     /// Coarsens a surface for `clusters` clusters and chooses seeds on what comes out.
     pub fn new(surface: &Surface, clusters: u64, seed: u64) -> Result<Self> {
         let shares = seeds::shares(surface, clusters)?;
-        let heaviest: Vec<u64> = surface
+        let mut heaviest: Vec<u64> = surface
             .components
             .iter()
             .zip(&shares)
@@ -83,7 +84,17 @@ impl CoarseStart {
         let mut levels: Vec<Coarse> = Vec::new();
         loop {
             let graph = levels.last().map_or(&surface.graph, |level| &level.graph);
-            let coarse = graph.coarsened(&heaviest);
+            let mut coarse = graph.coarsened(&heaviest);
+            let mut has_too_few = false;
+            for (component, &share) in shares.iter().enumerate() {
+                if heaviest[component] > 0 && (coarse.graph.components[component].faces as usize) < 2 * share {
+                    heaviest[component] = 0;
+                    has_too_few = true;
+                }
+            }
+            if has_too_few {
+                coarse = graph.coarsened(&heaviest);
+            }
             if coarse.graph.faces() as u64 * 5 > graph.faces() as u64 * 4 {
                 break;
             }
@@ -95,7 +106,6 @@ impl CoarseStart {
             .zip(&coarsest.components)
             .map(|(&share, component)| (share + share / 2).min(component.faces as usize))
             .collect();
-        // a graph whose groups are that light has more of them than clusters
         let seeds = seeds::stratified(coarsest, &too_many, seed);
         Ok(Self { levels, seeds, shares })
     }
@@ -195,4 +205,50 @@ fn merge_cheaper_half(steps: &mut dyn MergeSteps, component_of_cluster: &[u32], 
         })
         .collect();
     steps.merge(&pairs)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::cpu::CpuDevice;
+    use crate::sample::{Sample, generate};
+
+    /// Some heavy faces among light ones: areas say little about how many faces there are.
+    fn uneven(sample: Sample, faces: u64) -> Surface {
+        let mut surface = Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface");
+        for component in 0..surface.components.len() {
+            let range = surface.components[component].range();
+            for face in range.clone() {
+                surface.graph.weights[face] = if face % 5 == 0 { 1 << 20 } else { 1 };
+            }
+            let weight = surface.weights[range].iter().map(|&weight| u64::from(weight)).sum();
+            surface.graph.components[component].weight = weight;
+        }
+        surface
+    }
+
+    #[test]
+    fn every_number_of_clusters_is_met_whatever_the_faces_weigh() {
+        for (sample, faces) in [(Sample::Sphere, 80), (Sample::Parts, 150), (Sample::Strip, 12), (Sample::Cube, 12)] {
+            let even = Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface");
+            for surface in [even, uneven(sample, faces)] {
+                for clusters in surface.components.len()..=surface.faces() {
+                    let plan = CoarseStart::new(&surface, clusters as u64, 3).expect("that many are possible");
+                    let start =
+                        plan.labels(&surface, &mut CpuDevice::new(), &Cancel::default()).expect("nobody cancels");
+                    assert_eq!(start.component_of_cluster.len(), clusters);
+                    let component_of_face = surface.component_of_face();
+                    let mut seen = vec![false; clusters];
+                    for (&label, &component) in start.labels.iter().zip(&component_of_face) {
+                        assert_eq!(start.component_of_cluster[label as usize], component);
+                        seen[label as usize] = true;
+                    }
+                    assert!(seen.iter().all(|&seen| seen), "{} {clusters}: a cluster is empty", sample.name());
+                    let mut shares = vec![0; surface.components.len()];
+                    start.component_of_cluster.iter().for_each(|&component| shares[component as usize] += 1);
+                    assert_eq!(shares, seeds::shares(&surface, clusters as u64).expect("as above"));
+                }
+            }
+        }
+    }
 }
