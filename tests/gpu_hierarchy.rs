@@ -10,7 +10,7 @@ use common::zoo;
 use gpu_support::{adapter, device, device_with};
 use tesserae::Kind;
 use tesserae::cluster::dual_edge::{End, Rank, Ties, exact_cost, packed_cost};
-use tesserae::cluster::hierarchy::{Options, Pairs, RoundRow, components_of_faces, hierarchical};
+use tesserae::cluster::hierarchy::{Options, Pairs, RoundRow, hierarchical};
 use tesserae::cluster::run::Row;
 use tesserae::cluster::sums::ClusterSums;
 use tesserae::device::cpu::CpuDevice;
@@ -53,7 +53,7 @@ struct Outcome {
 }
 
 fn run(device: &mut dyn Device, surface: &Surface, options: &Options) -> Result<Outcome> {
-    let components = components_of_faces(surface);
+    let components = surface.component_of_face();
     let mut steps = device.open_merging(surface, &components)?;
     let (mut rows, mut rounds) = (Vec::new(), Vec::new());
     let cancel = Cancel::default();
@@ -293,7 +293,7 @@ fn the_cheapest_dual_edge_is_so_by_exact_cost() {
 #[test]
 fn merges_keep_sums_and_labels_in_step_and_moves_are_counted_from_the_last() {
     let surface = surface(Sample::Knot, 2500);
-    let components = components_of_faces(&surface);
+    let components = surface.component_of_face();
     let all: Vec<u32> = (0..surface.faces() as u32).collect();
     let mut gpu = device();
     let mut cpu = CpuDevice::new();
@@ -383,7 +383,7 @@ fn what_a_device_cannot_do_is_refused_with_the_numbers() {
     assert!(error.message.contains(&needed.to_string()), "{error}");
 
     let small = surface(Sample::Cube, 48);
-    let components = components_of_faces(&small);
+    let components = small.component_of_face();
     let mut steps = gpu.open_merging(&small, &components).expect("it fits");
     steps.set_labels(&vec![FREE; small.faces()]).expect("set");
     assert_eq!(steps.optimal_dual_edges(Ties::Hash).expect("a search"), []);

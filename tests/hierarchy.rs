@@ -4,7 +4,7 @@ mod common;
 
 use common::{oracle, zoo};
 use tesserae::cluster::dual_edge::{End, Rank, Ties, exact_cost, packed_cost};
-use tesserae::cluster::hierarchy::{Options, Pairs, RoundRow, components_of_faces, hierarchical};
+use tesserae::cluster::hierarchy::{Options, Pairs, RoundRow, hierarchical};
 use tesserae::cluster::repair::disconnected_clusters;
 use tesserae::cluster::sums::ClusterSums;
 use tesserae::device::cpu::CpuDevice;
@@ -41,7 +41,7 @@ struct Outcome {
 }
 
 fn run(surface: &Surface, options: &Options) -> Outcome {
-    let components = components_of_faces(surface);
+    let components = surface.component_of_face();
     let mut device = CpuDevice::new();
     let mut steps = device.open_merging(surface, &components).expect("the cpu takes everything");
     let mut rounds = Vec::new();
@@ -222,7 +222,7 @@ fn cuts_have_exactly_the_clusters_asked_for_all_of_them_connected() {
 #[test]
 fn energies_of_rounds_are_those_of_their_labels_and_a_level_has_converged() {
     let surface = Surface::build(&generate(Sample::Knot, 3000).expect("a sample")).expect("a surface");
-    let component_of_cluster = components_of_faces(&surface);
+    let component_of_cluster = surface.component_of_face();
     // rounds that are cut short leave bids that the next ones must not act upon unseen
     for optimise_iterations in [None, Some(1), Some(2), Some(7), Some(30), Some(u32::MAX)] {
         let options = Options { clusters: Some(60), optimise_iterations, ..pml() };

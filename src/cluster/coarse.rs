@@ -36,10 +36,11 @@
 //! 2004) on all six, by 0.2 to 2 %. Connecting the clusters costs no energy here: with `allow_disconnected` the means are 0.001
 //! to 0.004 % higher, because the phases do not run again after a repair.
 //!
-//! What was tried beside it, over the same meshes: a coarse graph without merging (0.2 to 0.7 % higher), merging on the
-//! finest graph only (lower by 0.1 % at most, at one and a half times the time), twice as many seeds (no better on coarse
-//! graphs), all mutual pairs at once (0.1 % higher), the cheapest quarter or third (no better), groups of an eighth of a
-//! cluster (0.1 to 0.2 % higher), refinement between the merges (0.05 to 0.3 % lower at one and a half times the time).
+//! What was tried beside it, over the same meshes: a coarse graph without merging (0.3 to 0.7 % higher, as high on
+//! nefertiti), merging on the finest graph only (lower by 0.1 % at most, at one and a half times the time), twice as many
+//! seeds (no better on coarse graphs), all mutual pairs at once (0.1 % higher), the cheapest quarter or third (no better),
+//! groups of an eighth of a cluster (0.1 to 0.2 % higher), refinement between the merges (0.05 to 0.3 % lower at one and a
+//! half times the time).
 
 use super::dual_edge::{Rank, Ties};
 use super::run::Run;

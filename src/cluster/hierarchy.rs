@@ -109,7 +109,7 @@ pub struct RoundRow {
     pub is_level: bool,
 }
 
-/// Builds a hierarchy. The device was opened for it with one cluster a face ([`components_of_faces`]).
+/// Builds a hierarchy. The device was opened for it with one cluster a face, in the component of that face.
 ///
 /// `on_row` is told of every iteration of parallel rounds, `on_round` of every round. Labels are the last round's, internal
 /// order.
@@ -156,14 +156,6 @@ pub fn hierarchical(
         on_round(RoundRow { round, clusters: left, energy, merges, moves, is_level });
     }
     Ok((builder.tree, steps.labels()?))
-}
-
-/// The component of each face, which is that of the cluster it starts as.
-pub fn components_of_faces(surface: &Surface) -> Vec<u32> {
-    let component = |(number, component): (usize, &crate::surface::Component)| {
-        std::iter::repeat_n(number as u32, component.faces as usize)
-    };
-    surface.components.iter().enumerate().flat_map(component).collect()
 }
 
 /// Where to end. Refuses numbers that this surface cannot have.

@@ -5,7 +5,7 @@ use std::time::Instant;
 use serde_json::{Value, json};
 
 use super::{Clustered, Prepared, finite};
-use crate::cluster::hierarchy::{Options, RoundRow, components_of_faces, hierarchical};
+use crate::cluster::hierarchy::{Options, RoundRow, hierarchical};
 use crate::cluster::record::Record;
 use crate::cluster::run;
 use crate::device::{Cancel, Device};
@@ -48,7 +48,7 @@ pub(super) fn run(
     on_row: &mut dyn FnMut(Row),
 ) -> Result<Clustered> {
     let surface = &prepared.surface;
-    let component_of_cluster = components_of_faces(surface);
+    let component_of_cluster = surface.component_of_face();
     let opened = Instant::now();
     let mut steps = device.open_merging(surface, &component_of_cluster)?;
     let upload = opened.elapsed();

@@ -2,7 +2,6 @@
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
-use std::ops::Range;
 use std::sync::Arc;
 
 use axum::body::{Body, Bytes};
@@ -162,18 +161,6 @@ impl Files {
 }
 
 impl Blob {
-    #[allow(dead_code, reason = "for ranges")]
-    /// Bytes of the whole blob.
-    pub fn size(&self) -> u64 {
-        self.found.meta.size
-    }
-
-    #[allow(dead_code, reason = "for ranges")]
-    /// Which of them these are.
-    pub fn range(&self) -> Range<u64> {
-        self.found.range.clone()
-    }
-
     /// Number of bytes that will be read.
     pub fn length(&self) -> u64 {
         self.found.range.end - self.found.range.start

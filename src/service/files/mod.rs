@@ -179,8 +179,8 @@ impl Files {
         self.failures.load(Ordering::Relaxed)
     }
 
-    #[allow(dead_code, reason = "for the metrics")]
     /// Bytes in the folder: uploads, results and the store of jobs.
+    #[cfg(test)]
     pub fn used_bytes(&self) -> u64 {
         self.disk.used()
     }

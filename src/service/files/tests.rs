@@ -37,7 +37,7 @@ async fn blobs_of_every_size_come_back_whole_and_in_ranges() {
         if bytes > 9 {
             let range = Some(object_store::GetRange::Bounded(3..9));
             let blob = files.read(folder, "x", range).await.expect("there");
-            assert_eq!((blob.size(), blob.range()), (bytes as u64, 3..9));
+            assert_eq!(blob.length(), 6);
             let mut part = Vec::new();
             blob.into_reader().read_to_end(&mut part).expect("readable");
             assert_eq!(part, content[3..9]);
