@@ -4,41 +4,65 @@ use rayon::prelude::*;
 
 use super::clusters::Clusters;
 use super::labels::Labels;
+use super::watch::{Slack, Watch, boundary_slack};
 use super::{CHUNK, Move};
 use crate::surface::DualGraph;
 
-/// The moves that the faces want and the last-face rule allows.
-pub fn moves(graph: &DualGraph, labels: &Labels, clusters: &Clusters, due: &[u32], leaving: &mut Leaving) -> Vec<Move> {
-    let mut wanted: Vec<Move> = due
-        .par_chunks(CHUNK)
-        .flat_map_iter(|faces| faces.iter().filter_map(|&face| decide(graph, labels, clusters, face)))
-        .collect();
+/// What a face does.
+#[derive(Debug, Clone, Copy)]
+enum Decision {
+    /// It wants to move to a cluster.
+    Move(u32),
+    /// It stays, and need not be asked again before clusters have drifted that far.
+    Stay(Slack),
+}
+
+/// The moves that the faces that are due want and the last-face rule allows; the others rest.
+pub fn moves(
+    graph: &DualGraph,
+    labels: &Labels,
+    clusters: &Clusters,
+    watch: &mut Watch,
+    leaving: &mut Leaving,
+) -> Vec<Move> {
+    let due = watch.take_due();
+    let mut wanted = Vec::new();
+    let mut act = |watch: &mut Watch, face: u32, decision: Decision| match decision {
+        Decision::Move(to) => wanted.push(Move { face, from: labels.near_boundary(face), to }),
+        Decision::Stay(slack) => watch.rest(graph, labels, clusters, face, slack),
+    };
+    if due.len() <= 4 * CHUNK {
+        due.iter().for_each(|&face| act(watch, face, decide(graph, labels, clusters, face)));
+    } else {
+        let decisions: Vec<Decision> =
+            due.par_iter().with_min_len(CHUNK).map(|&face| decide(graph, labels, clusters, face)).collect();
+        due.iter().zip(decisions).for_each(|(&face, decision)| act(watch, face, decision));
+    }
     let kept_back = leaving.kept_back(&wanted, clusters);
     if !kept_back.is_empty() {
         wanted.retain(|leaver| kept_back.binary_search(&leaver.face).is_err());
+        kept_back.into_iter().for_each(|face| watch.add(face));
     }
     wanted
 }
 
-/// Where a face wants to go: to the neighbouring cluster whose proxy is nearest, if that is nearer than its own's; the
-/// smaller number where two are equally near.
-fn decide(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32) -> Option<Move> {
+/// Whether a face stays or wants to go: to the neighbouring cluster whose proxy is nearest, if that is nearer than its own's;
+/// the smaller number where two are equally near.
+fn decide(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32) -> Decision {
     let from = labels.near_boundary(face);
     let centroid = graph.centroids[face as usize];
-    let mut best = None;
+    let mut best = (u64::MAX, from);
     let mut last = from;
     for &near in graph.neighbours_of(face) {
         let cluster = labels.near_boundary(near);
         if cluster != from && cluster != last {
-            let offer = (clusters.squared_distance(centroid, cluster), cluster);
-            if best.is_none_or(|best| offer < best) {
-                best = Some(offer);
-            }
+            best = best.min((clusters.squared_distance(centroid, cluster), cluster));
             last = cluster;
         }
     }
-    let (distance, to) = best?;
-    (distance < clusters.squared_distance(centroid, from)).then_some(Move { face, from, to })
+    let (distance, to) = best;
+    let own = clusters.squared_distance(centroid, from);
+    if distance < own { Decision::Move(to) } else { Decision::Stay(boundary_slack(own, distance)) }
 }
 
 /// How many faces want to leave each cluster, and the smallest of them: for the last-face rule. Zero between uses.

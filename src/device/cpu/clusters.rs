@@ -5,6 +5,9 @@ use crate::cluster::sums::{ClusterSums, squared_distance};
 use crate::device::{FREE, LatticeEnergy};
 use crate::surface::DualGraph;
 
+/// More than any distance.
+const FAR: u64 = 1 << 30;
+
 /// Faces on their way from one cluster to another.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Change(ClusterSums);
@@ -18,6 +21,10 @@ pub struct Clusters {
     /// 2·P·S − M·|P|² of each cluster, in units of its component.
     explained: Vec<i128>,
     energy_shifts: Vec<u8>,
+    /// How far each proxy has moved, in lattice units, all its ways added up; more, where it lost too much weight.
+    drift: Vec<u64>,
+    /// A weight that each cluster does not fall below without a drift of [`FAR`].
+    least_weight: Vec<u64>,
     /// Σ explained << energy_shift.
     total: i128,
     changes: Changes,
@@ -33,6 +40,8 @@ impl Clusters {
             proxies: vec![[0; 3]; clusters],
             explained: vec![0; clusters],
             energy_shifts: component_of_cluster.iter().map(shift).collect(),
+            drift: vec![1; clusters],
+            least_weight: vec![0; clusters],
             total: 0,
             changes: Changes::all(clusters),
         }
@@ -47,6 +56,7 @@ impl Clusters {
             }
         }
         self.changes = Changes::all(self.sums.len());
+        self.least_weight.fill(0);
         self.refit();
     }
 
@@ -73,6 +83,17 @@ impl Clusters {
     /// Squared distance between a lattice point and a cluster's proxy, below 2⁵⁸.
     pub fn squared_distance(&self, point: [i32; 3], cluster: u32) -> u64 {
         squared_distance(point, self.proxies[cluster as usize])
+    }
+
+    /// How far a proxy has moved since the start, at least 1. It moves by [`FAR`] at once when its cluster gets lighter than
+    /// [`least_weight`](Self::least_weight) said.
+    pub fn drift(&self, cluster: u32) -> u64 {
+        self.drift[cluster as usize]
+    }
+
+    /// A weight that the cluster has at least.
+    pub fn least_weight(&self, cluster: u32) -> u64 {
+        self.least_weight[cluster as usize]
     }
 
     /// The clusters that gained or lost a face and that this reader has not yet seen.
@@ -103,8 +124,19 @@ impl Clusters {
             // a cluster without faces keeps its proxy, which nobody asks for
             let (proxy, explained) = self.sums[cluster].fit().unwrap_or((self.proxies[cluster], 0));
             self.total += (explained - self.explained[cluster]) << self.energy_shifts[cluster];
-            self.proxies[cluster] = proxy;
             self.explained[cluster] = explained;
+            // the root of a rounded square is off by far less than one
+            let way = squared_distance(proxy, self.proxies[cluster]);
+            self.drift[cluster] += if way > 0 { (way as f64).sqrt() as u64 + 1 } else { 0 };
+            self.proxies[cluster] = proxy;
+            let weight = self.sums[cluster].weight as u64;
+            let least = &mut self.least_weight[cluster];
+            if weight < *least {
+                self.drift[cluster] += FAR;
+            }
+            if weight < *least || weight / 2 > *least {
+                *least = weight - weight / 8;
+            }
         }
     }
 

@@ -5,6 +5,7 @@
 //! much as the border of the smaller cluster, not its area.
 
 use crate::device::FREE;
+use crate::surface::DualGraph;
 
 /// One label a face, internal order.
 #[derive(Debug)]
@@ -61,6 +62,19 @@ impl Labels {
             old = std::mem::replace(&mut self.merged_into[old as usize], label);
         }
         label
+    }
+
+    /// Brings the labels of some faces and of those beside them up to date.
+    pub fn refresh_around(&mut self, graph: &DualGraph, faces: &[u32]) {
+        if self.merged_into.is_empty() {
+            return;
+        }
+        for &face in faces {
+            self.refresh(face);
+            for &near in graph.neighbours_of(face) {
+                self.refresh(near);
+            }
+        }
     }
 
     /// Gives a face to a living cluster, or frees it.

@@ -1,6 +1,6 @@
 //! The cpu device: the steps of an algorithm on the threads of this machine.
 //!
-//! It looks only at faces whose decision can have changed (`frontier`), which makes the labels of every iteration equal
+//! It looks only at faces whose decision can have changed (`watch`), which makes the labels of every iteration equal
 //! to those of a plain sweep. Faces decide in parallel; what they decided is applied in one thread, because it is little.
 
 mod boundary;
@@ -12,6 +12,7 @@ mod grow;
 mod labels;
 mod pieces;
 mod refine;
+mod watch;
 
 use rayon::current_num_threads;
 
@@ -28,6 +29,7 @@ use frontier::Frontier;
 use grow::Growth;
 use labels::Labels;
 use refine::Bids;
+use watch::Watch;
 
 /// The threads of this machine, through rayon's global pool.
 #[derive(Debug)]
@@ -98,6 +100,9 @@ struct CpuSteps<'a> {
     frontier: Option<Frontier>,
     growth: Growth,
     leaving: Leaving,
+    /// Which faces are due in the boundary phase, and in refinement; once there was such a phase.
+    boundary_watch: Option<Watch>,
+    refinement_watch: Option<Watch>,
     bids: Bids,
     /// For walks through clusters: the last walk that came to each face.
     walked: Vec<u32>,
@@ -123,6 +128,8 @@ impl<'a> CpuSteps<'a> {
             frontier: None,
             growth: Growth::new(graph.faces()),
             leaving: Leaving::new(clusters),
+            boundary_watch: None,
+            refinement_watch: None,
             bids: Bids::new(graph.faces(), clusters),
             walked: Vec::new(),
             walk: 0,
@@ -138,6 +145,8 @@ impl<'a> CpuSteps<'a> {
         if self.frontier.is_none() {
             self.clusters.gather(self.graph, self.labels.all());
             self.bids = Bids::new(self.graph.faces(), self.clusters.len());
+            self.boundary_watch = None;
+            self.refinement_watch = None;
             self.frontier = Some(Frontier::collect(self.graph, &mut self.labels, self.clusters.len()));
         }
     }
@@ -149,6 +158,9 @@ impl<'a> CpuSteps<'a> {
             self.labels.set(face, to);
             self.clusters.transfer(self.graph, face, from, to);
             frontier.moved(self.graph, &mut self.labels, face);
+            for watch in [&mut self.boundary_watch, &mut self.refinement_watch].into_iter().flatten() {
+                watch.add_around(self.graph, face);
+            }
         }
         self.clusters.refit();
         if let Some(left) = &mut self.left {
@@ -183,18 +195,24 @@ impl<'a> CpuSteps<'a> {
     /// What all faces that are due want by the boundary test; None when nothing moves.
     fn boundary_moves(&mut self) -> Option<Vec<Move>> {
         let changed = self.clusters.take_changes(Reader::Boundary);
-        let due = self.frontier.as_mut()?.due(self.graph, &self.labels, &changed, &[]);
-        let moves = boundary::moves(self.graph, &self.labels, &self.clusters, due, &mut self.leaving);
+        let Self { graph, labels, clusters, frontier, boundary_watch, leaving, .. } = self;
+        let watch = waken(boundary_watch, &changed, graph, labels, clusters, frontier.as_ref()?);
+        let moves = boundary::moves(graph, labels, clusters, watch, leaving);
         (!moves.is_empty()).then_some(moves)
     }
 
     /// Lets the faces that are due bid, and `waiting` ones. Returns whether there are any bids.
     fn renew_bids(&mut self, waiting: Vec<u32>) -> bool {
         let changed = self.clusters.take_changes(Reader::Refinement);
-        let Some(frontier) = &mut self.frontier else { return false };
-        let due = frontier.due(self.graph, &self.labels, &changed, &waiting);
-        self.bids.renew(self.graph, &self.labels, &self.clusters, due);
-        !self.bids.is_empty()
+        let Self { graph, labels, clusters, frontier: Some(frontier), refinement_watch, bids, .. } = self else {
+            return false;
+        };
+        if let Some(watch) = refinement_watch {
+            waiting.into_iter().for_each(|face| watch.add(face));
+        }
+        let watch = waken(refinement_watch, &changed, graph, labels, clusters, frontier);
+        bids.renew(graph, labels, clusters, watch);
+        !bids.is_empty()
     }
 
     /// The faces that the last phase of refinement refused, or that still have bids because it was cut short, fit to bid
@@ -204,14 +222,7 @@ impl<'a> CpuSteps<'a> {
         if std::mem::take(&mut self.resumed) {
             return Vec::new();
         }
-        let waiting = self.bids.end();
-        for &face in &waiting {
-            self.labels.refresh(face);
-            for &near in self.graph.neighbours_of(face) {
-                self.labels.refresh(near);
-            }
-        }
-        waiting
+        self.bids.end()
     }
 
     /// Begins a walk over faces: none of them carries the returned number.
@@ -220,6 +231,26 @@ impl<'a> CpuSteps<'a> {
         self.walk += 1;
         self.walk
     }
+}
+
+/// The watch of a phase, with the faces due that can have changed their minds since it was last asked: the first time, all on
+/// boundaries. Their labels are up to date, and those around them.
+fn waken<'w>(
+    watch: &'w mut Option<Watch>,
+    changed: &[u32],
+    graph: &DualGraph,
+    labels: &mut Labels,
+    clusters: &Clusters,
+    frontier: &Frontier,
+) -> &'w mut Watch {
+    let watch = watch.get_or_insert_with(|| {
+        let mut watch = Watch::new(graph.faces(), clusters.len());
+        frontier.all().for_each(|face| watch.add(face));
+        watch
+    });
+    watch.wake(changed, clusters);
+    labels.refresh_around(graph, watch.due());
+    watch
 }
 
 impl Steps for CpuSteps<'_> {
@@ -359,7 +390,11 @@ impl MergeSteps for CpuSteps<'_> {
             self.clusters.merge(into, from);
         }
         for &(from, into) in pairs {
-            frontier.merged(self.graph, &mut self.labels, into, from);
+            let mut watches = [&mut self.boundary_watch, &mut self.refinement_watch];
+            frontier.merged(self.graph, &mut self.labels, into, from, |face| {
+                watches.iter_mut().filter_map(|watch| watch.as_mut()).for_each(|watch| watch.add_around(self.graph, face));
+            });
+            watches.into_iter().flatten().for_each(|watch| watch.forget(from));
         }
         self.clusters.refit();
         self.left = Some(Vec::new());

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::clusters::{Change, Clusters};
 use super::labels::Labels;
+use super::watch::{RefinementSlack, Slack, Watch};
 use super::{CHUNK, Move};
 use crate::cluster::refinement::{Side, bid, gain};
 use crate::surface::DualGraph;
@@ -93,24 +94,19 @@ impl Bids {
         self.open == 0
     }
 
-    /// Lets the faces that are due bid anew; the other bids stand.
-    pub fn renew(&mut self, graph: &DualGraph, labels: &Labels, clusters: &Clusters, due: &[u32]) {
-        if due.len() <= CHUNK {
-            for &face in due {
-                self.place(face, best_move(graph, labels, clusters, face));
-            }
-            return;
-        }
-        let chunks: Vec<Vec<(u32, Bid)>> = due
-            .par_chunks(CHUNK)
-            .map(|faces| {
-                let bid_of = |&face: &u32| (face, best_move(graph, labels, clusters, face));
-                let differs = |&(face, bid): &(u32, Bid)| bid != self.bid_of_face[face as usize];
-                faces.iter().map(bid_of).filter(differs).collect()
-            })
-            .collect();
-        for (face, bid) in chunks.into_iter().flatten() {
+    /// Lets the faces that are due bid anew; the other bids stand. Those that do not bid rest.
+    pub fn renew(&mut self, graph: &DualGraph, labels: &Labels, clusters: &Clusters, watch: &mut Watch) {
+        let due = watch.take_due();
+        let mut act = |face: u32, (bid, slack): (Bid, Slack)| {
             self.place(face, bid);
+            watch.rest(graph, labels, clusters, face, slack);
+        };
+        if due.len() <= 4 * CHUNK {
+            due.iter().for_each(|&face| act(face, best_move(graph, labels, clusters, face)));
+        } else {
+            let bids: Vec<(Bid, Slack)> =
+                due.par_iter().with_min_len(CHUNK).map(|&face| best_move(graph, labels, clusters, face)).collect();
+            due.iter().zip(bids).for_each(|(&face, bid)| act(face, bid));
         }
     }
 
@@ -224,7 +220,7 @@ impl Bids {
     /// Tests each exchange with all who make the move, then with the winner alone.
     fn judge(&mut self, graph: &DualGraph, clusters: &Clusters) {
         let mut exchanges = std::mem::take(&mut self.exchanges);
-        exchanges.par_iter_mut().with_min_len(CHUNK / 8).for_each(|Exchange { winner, verdict }| {
+        let judge = |Exchange { winner, verdict }: &mut Exchange| {
             let alone = Change::of(graph, winner.face);
             let mut together = Change::default();
             self.together(*winner).for_each(|moved| together.add(graph, moved.face));
@@ -235,7 +231,12 @@ impl Bids {
             } else {
                 Verdict::Refused
             };
-        });
+        };
+        if exchanges.len() <= CHUNK {
+            exchanges.iter_mut().for_each(judge);
+        } else {
+            exchanges.par_iter_mut().with_min_len(CHUNK / 8).for_each(judge);
+        }
         self.exchanges = exchanges;
     }
 
@@ -248,11 +249,12 @@ impl Bids {
     }
 }
 
-/// The bid of a face: for the neighbouring cluster with the largest positive gain, the smaller number of equal ones.
-fn best_move(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32) -> Bid {
+/// The bid of a face: for the neighbouring cluster with the largest positive gain, the smaller number of equal ones. And what
+/// it can bear before it may bid otherwise.
+fn best_move(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32) -> (Bid, Slack) {
     let from = labels.near_boundary(face);
     if clusters.sums(from).faces == 1 {
-        return Bid::default();
+        return (Bid::default(), None);
     }
     let centroid = graph.centroids[face as usize];
     let weight = graph.weights[face as usize];
@@ -261,18 +263,20 @@ fn best_move(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32)
         weight: clusters.sums(cluster).weight as u64,
     };
     let own = side(from);
+    let mut slack = RefinementSlack::new(weight, own.squared_distance, clusters.least_weight(from));
     let mut best: Option<(i64, std::cmp::Reverse<u32>)> = None;
     let mut last = from;
     for &neighbour in graph.neighbours_of(face) {
         let to = labels.near_boundary(neighbour);
         if to != from && to != last {
-            let offer = Some((gain(weight, own, side(to)), std::cmp::Reverse(to)));
-            best = best.max(offer);
+            let other = side(to);
+            best = best.max(Some((gain(weight, own, other), std::cmp::Reverse(to))));
+            slack.beside(other.squared_distance, clusters.least_weight(to));
             last = to;
         }
     }
     match best {
-        Some((gain, std::cmp::Reverse(to))) if gain > 0 => Bid { gain: bid(gain, weight), from, to },
-        _ => Bid::default(),
+        Some((gain, std::cmp::Reverse(to))) if gain > 0 => (Bid { gain: bid(gain, weight), from, to }, None),
+        _ => (Bid::default(), slack.get()),
     }
 }
