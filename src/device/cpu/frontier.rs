@@ -59,12 +59,12 @@ impl Frontier {
 
     /// Keeps the lists in step with a cluster that became part of another; `labels` already say so. Calls `visit` with its
     /// boundary faces.
-    pub fn merged(&mut self, graph: &DualGraph, labels: &mut Labels, into: u32, from: u32, mut visit: impl FnMut(u32)) {
+    pub fn merged(&mut self, graph: &DualGraph, labels: &mut Labels, into: u32, from: u32, mut visit: impl FnMut(&Labels, u32)) {
         for face in std::mem::take(&mut self.faces_of_cluster[from as usize]) {
             if self.listed_in[face as usize] == from {
                 labels.refresh(face);
                 self.list(graph, labels, face, into);
-                visit(face);
+                visit(labels, face);
             }
         }
     }

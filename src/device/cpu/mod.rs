@@ -159,7 +159,7 @@ impl<'a> CpuSteps<'a> {
             self.clusters.transfer(self.graph, face, from, to);
             frontier.moved(self.graph, &mut self.labels, face);
             for watch in [&mut self.boundary_watch, &mut self.refinement_watch].into_iter().flatten() {
-                watch.add_around(self.graph, face);
+                watch.moved(self.graph, &self.labels, face);
             }
         }
         self.clusters.refit();
@@ -248,8 +248,9 @@ fn waken<'w>(
         frontier.all().for_each(|face| watch.add(face));
         watch
     });
-    watch.wake(changed, clusters);
+    // faces on boundaries have labels that are up to date; those that were due then may have been merged away from them since
     labels.refresh_around(graph, watch.due());
+    watch.wake(changed, clusters);
     watch
 }
 
@@ -391,8 +392,10 @@ impl MergeSteps for CpuSteps<'_> {
         }
         for &(from, into) in pairs {
             let mut watches = [&mut self.boundary_watch, &mut self.refinement_watch];
-            frontier.merged(self.graph, &mut self.labels, into, from, |face| {
-                watches.iter_mut().filter_map(|watch| watch.as_mut()).for_each(|watch| watch.add_around(self.graph, face));
+            frontier.merged(self.graph, &mut self.labels, into, from, |labels, face| {
+                for watch in watches.iter_mut().filter_map(|watch| watch.as_mut()) {
+                    watch.merged(self.graph, labels, face);
+                }
             });
             watches.into_iter().flatten().for_each(|watch| watch.forget(from));
         }

@@ -28,6 +28,9 @@ struct Entry {
     look: u32,
 }
 
+/// Room that a cluster's entries get at first.
+const FEWEST: usize = 16;
+
 /// The faces that rest, and those that are due.
 #[derive(Debug)]
 pub struct Watch {
@@ -57,11 +60,27 @@ impl Watch {
         }
     }
 
-    /// So must those beside it.
-    pub fn add_around(&mut self, graph: &DualGraph, face: u32) {
+    /// A face has come to a cluster, as `labels` say: it must look again, and so must those beside it that see a cluster which
+    /// they did not see before.
+    pub fn moved(&mut self, graph: &DualGraph, labels: &Labels, face: u32) {
         self.add(face);
+        let cluster = labels.near_boundary(face);
         for &near in graph.neighbours_of(face) {
-            self.add(near);
+            let is_of = |other: &u32| *other != face && labels.near_boundary(*other) == cluster;
+            if labels.near_boundary(near) != cluster && !graph.neighbours_of(near).iter().any(is_of) {
+                self.add(near);
+            }
+        }
+    }
+
+    /// A boundary face has become part of another cluster, together with those around it.
+    pub fn merged(&mut self, graph: &DualGraph, labels: &Labels, face: u32) {
+        self.add(face);
+        let cluster = labels.near_boundary(face);
+        for &near in graph.neighbours_of(face) {
+            if labels.of(near) != cluster {
+                self.add(near);
+            }
         }
     }
 
@@ -113,9 +132,12 @@ impl Watch {
     /// Enters a face at a cluster.
     fn enter(&mut self, clusters: &Clusters, cluster: u32, face: u32, slack: Slack) {
         let entries = &mut self.at_cluster[cluster as usize];
-        if entries.len() == entries.capacity() && !entries.is_empty() {
+        if entries.len() == entries.capacity() {
             // void ones go before more memory is taken
             entries.retain(|entry| self.looks[entry.face as usize] == entry.look);
+            if 2 * entries.len() > entries.capacity() || entries.is_empty() {
+                entries.reserve_exact(entries.len().max(FEWEST));
+            }
         }
         let until = slack.map_or(0, |slack| clusters.drift(cluster) + slack);
         entries.push(Entry { until, face, look: self.looks[face as usize] });
