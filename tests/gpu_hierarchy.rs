@@ -29,7 +29,7 @@ fn pml() -> Options {
         collapse_fraction: None,
         optimise: true,
         refine: true,
-        optimise_iterations: None,
+        iterations_a_round: [4, u32::MAX],
         ties: Ties::Hash,
         pairs: Pairs::CheaperHalf,
         clusters: None,
@@ -126,11 +126,11 @@ fn larger_hierarchies_stops_and_mixtures_are_alike() {
         let surface = surface(sample, faces);
         for options in [
             Options { levels: vec![321, 40], ..pml() },
-            Options { levels: vec![321], clusters: Some(77), optimise_iterations: Some(3), ..pml() },
+            Options { levels: vec![321], clusters: Some(77), iterations_a_round: [3; 2], ..pml() },
             Options { clusters: Some(50), allow_disconnected: true, ..pml() },
             Options { sequential_at: 30, ..pml() },
-            Options { optimise_iterations: Some(30), pairs: Pairs::All, ..pml() },
-            Options { optimise_iterations: Some(u32::MAX), ..pml() },
+            Options { iterations_a_round: [30; 2], pairs: Pairs::All, ..pml() },
+            Options { iterations_a_round: [u32::MAX; 2], ..pml() },
         ] {
             let outcome = compare(&mut gpu, sample.name(), &surface, &options);
             let levels: Vec<u64> =

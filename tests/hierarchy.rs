@@ -20,7 +20,7 @@ fn pml() -> Options {
         collapse_fraction: None,
         optimise: true,
         refine: true,
-        optimise_iterations: None,
+        iterations_a_round: [4, u32::MAX],
         ties: Ties::Hash,
         pairs: Pairs::CheaperHalf,
         clusters: None,
@@ -224,8 +224,8 @@ fn energies_of_rounds_are_those_of_their_labels_and_a_level_has_converged() {
     let surface = Surface::build(&generate(Sample::Knot, 3000).expect("a sample")).expect("a surface");
     let component_of_cluster = surface.component_of_face();
     // rounds that are cut short leave bids that the next ones must not act upon unseen
-    for optimise_iterations in [None, Some(1), Some(2), Some(7), Some(30), Some(u32::MAX)] {
-        let options = Options { clusters: Some(60), optimise_iterations, ..pml() };
+    for iterations in [1, 2, 4, 7, 30, u32::MAX] {
+        let options = Options { clusters: Some(60), iterations_a_round: [iterations; 2], ..pml() };
         let Outcome { labels, rounds, .. } = run(&surface, &options);
         let last = rounds.last().expect("there are rounds");
         assert_eq!(last.clusters, 60);

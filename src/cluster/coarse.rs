@@ -42,15 +42,27 @@
 //! groups of an eighth of a cluster (0.1 to 0.2 % higher), refinement between the merges (0.05 to 0.3 % lower at one and a
 //! half times the time).
 
-use super::dual_edge::{Rank, Ties};
+use super::dual_edge::{self, Ties, from_into};
 use super::run::Run;
 use super::seeds::{self, SeedFaces};
-use crate::device::{Cancel, Device, MergeSteps};
+use crate::device::{Cancel, Device, MergeSteps, Steps};
 use crate::error::{Error, Kind, Result};
 use crate::surface::{Coarse, DualGraph, Surface};
 
-/// A group weighs no more than the mean cluster of its component over this.
-pub const GROUPS_A_CLUSTER: u64 = 16;
+/// What a start may cost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Effort {
+    /// A group weighs no more than the mean cluster of its component over this.
+    pub groups_a_cluster: u64,
+    /// Clusters to begin with beyond those that are wanted, in percent of those.
+    pub surplus_percent: usize,
+    /// Iterations at most between two rounds of merges.
+    pub iterations_a_round: u32,
+    /// Iterations at most on a coarse graph when there is nothing left to merge.
+    pub iterations_a_graph: u32,
+    /// Refine what the boundary phases on coarse graphs have converged to.
+    pub refine: bool,
+}
 
 /// What the device is given to do; needs none itself.
 #[derive(Debug)]
@@ -61,6 +73,7 @@ pub struct CoarseStart {
     seeds: SeedFaces,
     /// How many clusters each component has in the end.
     shares: Vec<usize>,
+    effort: Effort,
 }
 
 /// Where a flat clustering begins.
@@ -74,41 +87,41 @@ pub struct Start {
 
 impl CoarseStart {
     /// Coarsens a surface for `clusters` clusters and chooses seeds on what comes out.
-    pub fn new(surface: &Surface, clusters: u64, seed: u64) -> Result<Self> {
+    pub fn new(surface: &Surface, clusters: u64, seed: u64, effort: Effort) -> Result<Self> {
         let shares = seeds::shares(surface, clusters)?;
         let mut heaviest: Vec<u64> = surface
             .components
             .iter()
             .zip(&shares)
-            .map(|(component, &share)| component.weight / (GROUPS_A_CLUSTER * share as u64))
+            .map(|(component, &share)| component.weight / (effort.groups_a_cluster * share as u64))
             .collect();
         let mut levels: Vec<Coarse> = Vec::new();
         loop {
             let graph = levels.last().map_or(&surface.graph, |level| &level.graph);
-            let mut coarse = graph.coarsened(&heaviest);
+            let mut grouping = graph.grouped(&heaviest);
             let mut has_too_few = false;
-            for (component, &share) in shares.iter().enumerate() {
-                if heaviest[component] > 0 && (coarse.graph.components[component].faces as usize) < 2 * share {
-                    heaviest[component] = 0;
+            for ((groups, &share), heaviest) in grouping.groups_of_components().zip(&shares).zip(&mut heaviest) {
+                if *heaviest > 0 && (groups as usize) < 2 * share {
+                    *heaviest = 0;
                     has_too_few = true;
                 }
             }
             if has_too_few {
-                coarse = graph.coarsened(&heaviest);
+                grouping = graph.grouped(&heaviest);
             }
-            if coarse.graph.faces() as u64 * 5 > graph.faces() as u64 * 4 {
+            if u64::from(grouping.groups()) * 3 > graph.faces() as u64 * 2 {
                 break;
             }
-            levels.push(coarse);
+            levels.push(graph.contracted(grouping));
         }
         let coarsest = levels.last().map_or(&surface.graph, |level| &level.graph);
         let too_many: Vec<usize> = shares
             .iter()
             .zip(&coarsest.components)
-            .map(|(&share, component)| (share + share / 2).min(component.faces as usize))
+            .map(|(&share, component)| (share + share * effort.surplus_percent / 100).min(component.faces as usize))
             .collect();
         let seeds = seeds::stratified(coarsest, &too_many, seed);
-        Ok(Self { levels, seeds, shares })
+        Ok(Self { levels, seeds, shares, effort })
     }
 
     /// Carries it out.
@@ -124,11 +137,20 @@ impl CoarseStart {
             if level > 0 {
                 let mut steps = device.open(graph_of(level), &start.component_of_cluster)?;
                 steps.set_labels(&start.labels)?;
-                steps.optimise_boundary(u32::MAX, cancel, &mut |_| {})?;
+                self.optimise(steps.as_mut(), self.effort.iterations_a_graph, cancel)?;
                 start.labels = steps.labels()?;
             }
         }
         Ok(start)
+    }
+
+    /// The phases on a coarse graph.
+    fn optimise(&self, steps: &mut dyn Steps, iterations: u32, cancel: &Cancel) -> Result<()> {
+        let mut untold = |_| {};
+        let on_row = &mut untold;
+        let mut run = Run { steps, cancel, on_row, round: None, iteration: 0, left: iterations, record: None };
+        run.optimise(self.effort.refine)?;
+        Ok(())
     }
 
     /// Clusters of the coarsest graph, as many as wanted, numbered in the order of their first faces.
@@ -141,18 +163,10 @@ impl CoarseStart {
         component_of_cluster.iter().for_each(|&component| surplus[component as usize] += 1);
         surplus.iter_mut().zip(&self.shares).for_each(|(surplus, share)| *surplus -= share);
         loop {
-            let mut untold = |_| {};
-            let mut run = Run {
-                steps: steps.as_mut(),
-                cancel,
-                on_row: &mut untold,
-                round: None,
-                iteration: 0,
-                left: u32::MAX,
-                record: None,
-            };
-            run.optimise(false)?;
-            if surplus.iter().all(|&surplus| surplus == 0) {
+            let is_last = surplus.iter().all(|&surplus| surplus == 0);
+            let Effort { iterations_a_round, iterations_a_graph, .. } = self.effort;
+            self.optimise(steps.as_mut(), if is_last { iterations_a_graph } else { iterations_a_round }, cancel)?;
+            if is_last {
                 break;
             }
             merge_cheaper_half(steps.as_mut(), component_of_cluster, &mut surplus)?;
@@ -182,9 +196,9 @@ impl Start {
 
 /// Merges the cheaper half of the pairs that chose each other, at most as many in each component as it has to spare.
 fn merge_cheaper_half(steps: &mut dyn MergeSteps, component_of_cluster: &[u32], surplus: &mut [usize]) -> Result<()> {
-    let mut mutual = super::dual_edge::mutual(&steps.optimal_dual_edges(Ties::Hash)?);
-    mutual.retain(|pair: &Rank<u32>| surplus[component_of_cluster[pair.ends().0 as usize] as usize] > 0);
-    mutual.truncate(mutual.len().div_ceil(2));
+    let mut mutual = dual_edge::mutual(&steps.optimal_dual_edges(Ties::Hash)?);
+    mutual.retain(|pair| surplus[component_of_cluster[pair.ends().0 as usize] as usize] > 0);
+    dual_edge::keep_cheaper_half(&mut mutual);
     mutual.retain(|pair| {
         let surplus = &mut surplus[component_of_cluster[pair.ends().0 as usize] as usize];
         let has_surplus = *surplus > 0;
@@ -196,21 +210,15 @@ fn merge_cheaper_half(steps: &mut dyn MergeSteps, component_of_cluster: &[u32], 
     }
     let ends: Vec<u32> = mutual.iter().flat_map(|pair| [pair.ends().0, pair.ends().1]).collect();
     let sums = steps.sums_of(&ends)?;
-    let pairs: Vec<(u32, u32)> = mutual
-        .iter()
-        .zip(sums.chunks_exact(2))
-        .map(|(pair, sums)| {
-            // the one with more faces keeps its number
-            let (low, high) = pair.ends();
-            if sums[1].faces > sums[0].faces { (low, high) } else { (high, low) }
-        })
-        .collect();
+    let (sums, _) = sums.as_chunks::<2>();
+    let pairs: Vec<(u32, u32)> = mutual.iter().zip(sums).map(|(pair, sums)| from_into(pair.ends(), sums)).collect();
     steps.merge(&pairs)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cluster::quality::Quality;
     use crate::device::cpu::CpuDevice;
     use crate::sample::{Sample, generate};
 
@@ -234,7 +242,8 @@ mod tests {
             let even = Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface");
             for surface in [even, uneven(sample, faces)] {
                 for clusters in surface.components.len()..=surface.faces() {
-                    let plan = CoarseStart::new(&surface, clusters as u64, 3).expect("that many are possible");
+                    let plan = CoarseStart::new(&surface, clusters as u64, 3, Quality::Default.start())
+                        .expect("that many are possible");
                     let start =
                         plan.labels(&surface, &mut CpuDevice::new(), &Cancel::default()).expect("nobody cancels");
                     assert_eq!(start.component_of_cluster.len(), clusters);

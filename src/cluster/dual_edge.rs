@@ -13,7 +13,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::sums::squared_distance;
+use super::sums::{ClusterSums, squared_distance};
 use crate::device::DualEdge;
 
 /// Which of equally cheap dual edges is the best.
@@ -137,6 +137,20 @@ pub fn mutual(edges: &[DualEdge]) -> Vec<Rank<u32>> {
         .collect();
     mutual.sort_unstable();
     mutual
+}
+
+/// Keeps the pairs that cost no more than their median; they come the cheapest first.
+pub fn keep_cheaper_half(mutual: &mut Vec<Rank<u32>>) {
+    if !mutual.is_empty() {
+        let median = mutual[(mutual.len() - 1) / 2].cost;
+        mutual.truncate(mutual.partition_point(|pair| pair.cost <= median));
+    }
+}
+
+/// Two clusters that merge, the smaller number first, in the order in which the first becomes part of the second: the one with
+/// more faces keeps its number, the smaller number of equal ones. `sums` are theirs.
+pub fn from_into((low, high): (u32, u32), sums: &[ClusterSums; 2]) -> (u32, u32) {
+    if sums[1].faces > sums[0].faces { (low, high) } else { (high, low) }
 }
 
 #[cfg(test)]

@@ -12,7 +12,7 @@
 //! * *Sequential rounds* (ML): the dual edge with the smallest exact cost of all merges; with `collapse_fraction` P, one
 //!   after the other until P % of the clusters are gone (Chiosa & Kolb 2008).
 //! * *Optimisation*: the boundary phase and the refinement of [`super::flat`], on the merged clusters. They look only at what
-//!   has changed. Between stops, parallel rounds make at most [`ITERATIONS_A_ROUND`] iterations, and the next round goes on
+//!   has changed. Between stops, parallel rounds make only a few iterations ([`Quality`]: 4), and the next round goes on
 //!   where they ended. Then pieces that were cut off are given to their neighbours.
 //!
 //! Of two clusters that merge, the one with more faces keeps its number, the smaller number of equal ones. Clusters start
@@ -44,16 +44,13 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::dual_edge::{Rank, Ties, mutual};
+use super::dual_edge::{Rank, Ties, from_into, keep_cheaper_half, mutual};
 use super::run::{Row, Run};
 use super::sums::ClusterSums;
 use crate::device::{Cancel, LatticeEnergy, MergeSteps};
 use crate::error::{Error, Kind, Result};
 use crate::surface::Surface;
 use crate::tree::{FaceMove, Merge, Round, Tree};
-
-/// Iterations of optimisation in a parallel round between stops, unless another number is asked for.
-pub const ITERATIONS_A_ROUND: u32 = 4;
 
 /// Which of the pairs of clusters that chose each other merge in a parallel round.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
@@ -77,9 +74,8 @@ pub struct Options {
     pub optimise: bool,
     /// Refine what the boundary phase has converged to.
     pub refine: bool,
-    /// Iterations of optimisation a round, except at stops; when left out, [`ITERATIONS_A_ROUND`] in parallel rounds, and to
-    /// the end in sequential ones.
-    pub optimise_iterations: Option<u32>,
+    /// Iterations of optimisation a round, except at stops: parallel rounds, and sequential ones.
+    pub iterations_a_round: [u32; 2],
     /// Which pairs merge in parallel rounds.
     pub pairs: Pairs,
     /// Which of equally cheap dual edges is the best.
@@ -190,8 +186,7 @@ fn merge_mutual(steps: &mut dyn MergeSteps, options: &Options, at_most: u64, bui
         return Err(Error::new(Kind::Internal, "no two clusters chose each other"));
     }
     if options.pairs == Pairs::CheaperHalf {
-        let median = mutual[(mutual.len() - 1) / 2].cost;
-        mutual.truncate(mutual.partition_point(|pair| pair.cost <= median));
+        keep_cheaper_half(&mut mutual);
     }
     mutual.truncate(at_most as usize);
     let pairs: Vec<(u32, u32)> = mutual.iter().map(Rank::ends).collect();
@@ -213,20 +208,20 @@ fn merge_cheapest(steps: &mut dyn MergeSteps, ties: Ties, times: u64, builder: &
 fn merge(steps: &mut dyn MergeSteps, pairs: &[(u32, u32)], builder: &mut Builder<'_>) -> Result<()> {
     let ends: Vec<u32> = pairs.iter().flat_map(|&(low, high)| [low, high]).collect();
     let sums = steps.sums_of(&ends)?;
+    let (sums, _) = sums.as_chunks::<2>();
     let mut ordered = Vec::with_capacity(pairs.len());
-    for (&(low, high), sums) in pairs.iter().zip(sums.chunks_exact(2)) {
-        let (low, high) = ((low, sums[0]), (high, sums[1]));
-        let (into, from) = if high.1.faces > low.1.faces { (high, low) } else { (low, high) };
-        builder.merge(into, from);
-        ordered.push((from.0, into.0));
+    for (&(low, high), sums) in pairs.iter().zip(sums) {
+        let (from, into) = from_into((low, high), sums);
+        let with_sums = |cluster: u32| (cluster, sums[usize::from(cluster == high)]);
+        builder.merge(with_sums(into), with_sums(from));
+        ordered.push((from, into));
     }
     steps.merge(&ordered)
 }
 
 /// The phases after the merges of a round.
 fn optimise(run: &mut Run<'_>, options: &Options, is_level: bool, is_sequential: bool) -> Result<()> {
-    let between_stops = if is_sequential { u32::MAX } else { ITERATIONS_A_ROUND };
-    run.left = if is_level { u32::MAX } else { options.optimise_iterations.unwrap_or(between_stops) };
+    run.left = if is_level { u32::MAX } else { options.iterations_a_round[usize::from(is_sequential)] };
     if options.allow_disconnected {
         run.optimise(options.refine)?;
     } else if is_level {

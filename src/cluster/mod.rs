@@ -6,6 +6,7 @@
 //! | refinement by exact gains, beyond the paper | [`refinement`] |
 //! | parallel multilevel, multilevel and hierarchical clustering (P§4) | [`hierarchy`] |
 //! | where flat clusterings start | [`seeds`], [`coarse`] |
+//! | how much time to take for how low an energy | [`quality`] |
 //! | merge costs and their order | [`dual_edge`] |
 //! | sums and proxies in exact integers | [`sums`] |
 //! | pieces of clusters | [`repair`] |
@@ -18,6 +19,7 @@ pub mod coarse;
 pub mod dual_edge;
 pub mod flat;
 pub mod hierarchy;
+pub mod quality;
 pub mod record;
 pub mod reference;
 pub mod refinement;

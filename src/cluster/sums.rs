@@ -30,13 +30,15 @@ impl ClusterSums {
         self.faces = self.faces.wrapping_add_signed(sign as i32 * other.faces as i32);
     }
 
-    /// The proxy P, the lattice point nearest to S/M (per axis, halves up), and 2·P·S − M·|P|², what it explains of the
-    /// energy; |explained| < 2⁹¹. None without faces.
+    /// The proxy P, the lattice point nearest to S/M (per axis, halves up). None without faces.
+    pub fn proxy(&self) -> Option<[i32; 3]> {
+        let nearest = |s: i64| (2 * s + self.weight).div_euclid(2 * self.weight) as i32;
+        (self.faces > 0).then(|| self.centroid.map(nearest))
+    }
+
+    /// The proxy P and 2·P·S − M·|P|², what it explains of the energy; |explained| < 2⁹¹. None without faces.
     pub fn fit(&self) -> Option<([i32; 3], i128)> {
-        if self.faces == 0 {
-            return None;
-        }
-        let proxy = self.centroid.map(|s| (2 * s + self.weight).div_euclid(2 * self.weight) as i32);
+        let proxy = self.proxy()?;
         let mut along = 0;
         let mut square = 0;
         for axis in 0..3 {

@@ -51,8 +51,8 @@ pub(super) fn run(
 
     let mut iterations = Vec::new();
     let options = Options {
-        max_iterations: parameters.max_iterations,
-        refine: parameters.refine == Refine::On,
+        max_iterations: parameters.max_iterations.or(parameters.quality.max_iterations()),
+        refine: parameters.refine == Refine::On && parameters.quality.refines(),
         allow_disconnected: parameters.allow_disconnected,
     };
     let mut keep = |row: run::Row| {

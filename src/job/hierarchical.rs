@@ -30,7 +30,8 @@ pub(super) fn options(parameters: &Parameters) -> Options {
         collapse_fraction: parameters.collapse_fraction,
         optimise: parameters.optimizes(),
         refine: parameters.refine == Refine::On,
-        optimise_iterations: parameters.optimize_iterations,
+        iterations_a_round: [parameters.quality.iterations_a_round(), u32::MAX]
+            .map(|usual| parameters.optimize_iterations.unwrap_or(usual)),
         ties: parameters.ties,
         pairs: parameters.pairs,
         clusters: parameters.clusters,

@@ -146,7 +146,8 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
         Plan::Hierarchy(options)
     } else if parameters.seeds == Seeds::Coarse {
         // `check` has seen that there is a number
-        Plan::Coarse(CoarseStart::new(&surface, parameters.clusters.unwrap_or_default(), parameters.seed)?)
+        let clusters = parameters.clusters.unwrap_or_default();
+        Plan::Coarse(CoarseStart::new(&surface, clusters, parameters.seed, parameters.quality.start())?)
     } else {
         let clusters = parameters.clusters.unwrap_or_default();
         Plan::Flat(seeds::choose(&surface, clusters, &parameters.seeds, parameters.seed, listed.as_deref())?)
@@ -198,18 +199,17 @@ pub fn run(
 
     let Prepared { surface, parameters, .. } = prepared;
     let clusters = clustered.clusters;
-    let final_ = surface.source_energy(&clustered.labels, clusters);
+    let results = Results::of(surface, &clustered.labels, clusters, parameters.seeds == Seeds::Listed);
     let energy = Energy {
         functional: "cvd".to_owned(),
         weighted_by: prepared.weighted_by.clone(),
         initial: clustered.initial_energy.and_then(finite),
-        final_: finite(final_),
-        hexagon_ratio: surface.hexagon_ratio(&clustered.labels, clusters),
+        final_: finite(results.energy),
+        hexagon_ratio: results.hexagon_ratio,
     };
-    let disconnected_clusters = repair::disconnected_clusters(surface, clusters, &clustered.labels);
-    let labels = match (parameters.clusters, &clustered.tree) {
-        (None, Some(_)) => None,
-        _ => Some(labels_of_upload(surface, &clustered.labels, clusters, parameters.seeds == Seeds::Listed)?),
+    let (labels, labels_sha256) = match (parameters.clusters, &clustered.tree) {
+        (None, Some(_)) => (None, None),
+        _ => results.labels.map(|(labels, hash)| (Some(labels), Some(hash)))?,
     };
     let mut snapshots = std::mem::take(&mut clustered.snapshots);
     if let Some(labels) = &labels {
@@ -233,12 +233,12 @@ pub fn run(
         parameters: parameters.clone(),
         device: info,
         clusters: clusters as u64,
-        disconnected_clusters,
+        disconnected_clusters: results.disconnected_clusters,
         energy,
         iterations: clustered.iterations,
         levels: clustered.levels,
         timings_ms,
-        labels_sha256: labels.as_deref().map(labels_sha256),
+        labels_sha256,
         snapshots: snapshots.iterations(),
         warnings,
     };
@@ -247,6 +247,31 @@ pub fn run(
         None => None,
     };
     Ok(Outcome { labels, hierarchy, snapshots, report })
+}
+
+/// What is told of labels, found side by side.
+struct Results {
+    /// Source units.
+    energy: f64,
+    hexagon_ratio: Option<f64>,
+    disconnected_clusters: u64,
+    /// In upload order, and their hash.
+    labels: Result<(Vec<u32>, String)>,
+}
+
+impl Results {
+    fn of(surface: &Surface, internal: &[u32], clusters: usize, keep_numbers: bool) -> Self {
+        let labels = || {
+            let labels = labels_of_upload(surface, internal, clusters, keep_numbers)?;
+            let hash = labels_sha256(&labels);
+            Ok((labels, hash))
+        };
+        let ((energy, hexagon_ratio), (disconnected_clusters, labels)) = rayon::join(
+            || (surface.source_energy(internal, clusters), surface.hexagon_ratio(internal, clusters)),
+            || (repair::disconnected_clusters(surface, clusters, internal), labels()),
+        );
+        Self { energy, hexagon_ratio, disconnected_clusters, labels }
+    }
 }
 
 /// What an algorithm gave, before it is put into the order of the upload.

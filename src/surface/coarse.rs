@@ -3,11 +3,16 @@
 //! A group is a face with those of its neighbours that belong to none yet, in internal order; then lone faces join the
 //! smallest group beside them. On triangles a group has 2.6 faces on average.
 
+use rayon::prelude::*;
+
 use super::{Component, DualGraph};
 use crate::cluster::sums::ClusterSums;
 
 /// No group yet.
 const NONE: u32 = u32::MAX;
+
+/// Groups whose neighbours a thread finds at a time.
+const RUN: usize = 4096;
 
 /// Most faces that form a group; lone faces may add to it.
 const MOST_FACES: usize = 4;
@@ -28,10 +33,31 @@ impl Coarse {
     }
 }
 
+/// Groups of faces, numbered in the order of their first faces.
+#[derive(Debug)]
+pub struct Grouping {
+    group_of_face: Vec<u32>,
+    /// One past the last group of each component.
+    ends: Vec<u32>,
+}
+
+impl Grouping {
+    /// Number of groups.
+    pub fn groups(&self) -> u32 {
+        self.ends.last().copied().unwrap_or(0)
+    }
+
+    /// Groups of each component.
+    pub fn groups_of_components(&self) -> impl Iterator<Item = u32> + '_ {
+        let starts = std::iter::once(0).chain(self.ends.iter().copied());
+        self.ends.iter().zip(starts).map(|(end, start)| end - start)
+    }
+}
+
 impl DualGraph {
     /// Groups neighbouring faces; `heaviest[c]` is the most that a group of component c may weigh, if it is not a single
-    /// face. Groups are connected and numbered in the order of their first faces.
-    pub fn coarsened(&self, heaviest: &[u64]) -> Coarse {
+    /// face. Groups are connected.
+    pub fn grouped(&self, heaviest: &[u64]) -> Grouping {
         let mut groups = Groups::new(self.faces());
         for (component, &heaviest) in self.components.iter().zip(heaviest) {
             // no face weighs more, either
@@ -40,18 +66,22 @@ impl DualGraph {
             groups.take_in_lone_faces(self, component, heaviest);
         }
         let group_of_face = groups.numbered();
-        let graph = self.contracted(&group_of_face);
-        Coarse { graph, group_of_face }
+        // a component's faces follow those of the ones before it, and so do its groups
+        let mut ends = Vec::with_capacity(self.components.len());
+        for component in &self.components {
+            let last = group_of_face[component.range()].iter().max();
+            ends.push(last.map_or(ends.last().copied().unwrap_or(0), |last| last + 1));
+        }
+        Grouping { group_of_face, ends }
     }
 
-    /// The graph of the groups, which are numbered in the order of their first faces.
-    fn contracted(&self, group_of_face: &[u32]) -> Self {
-        let groups = group_of_face.iter().max().map_or(0, |&last| last as usize + 1);
-        let mut sums = vec![ClusterSums::default(); groups];
+    /// The graph whose faces are the groups.
+    pub fn contracted(&self, grouping: Grouping) -> Coarse {
+        let groups = grouping.groups() as usize;
+        let Grouping { group_of_face, ends } = grouping;
         // the faces of each group, one after the other
         let mut first = vec![0u32; groups + 1];
-        for (face, &group) in group_of_face.iter().enumerate() {
-            sums[group as usize].add_face(self, face, 1);
+        for &group in &group_of_face {
             first[group as usize + 1] += 1;
         }
         for group in 0..groups {
@@ -63,43 +93,80 @@ impl DualGraph {
             members[next[group as usize] as usize] = face as u32;
             next[group as usize] += 1;
         }
+        let faces_of = |group: usize| &members[first[group] as usize..first[group + 1] as usize];
+        let runs: Vec<Run> = (0..groups.div_ceil(RUN))
+            .into_par_iter()
+            .map(|run| {
+                let groups = run * RUN..((run + 1) * RUN).min(groups);
+                Run::of(self, &group_of_face, groups.map(|group| (group as u32, faces_of(group))))
+            })
+            .collect();
 
-        let mut neighbours = Vec::with_capacity(self.neighbours.len() / 2);
-        let mut neighbour_offsets = Vec::with_capacity(groups + 1);
-        neighbour_offsets.push(0);
-        // the last group that listed each group
-        let mut listed_by = vec![NONE; groups];
-        for group in 0..groups as u32 {
-            listed_by[group as usize] = group;
-            for &face in &members[first[group as usize] as usize..first[group as usize + 1] as usize] {
-                for &near in self.neighbours_of(face) {
-                    let other = group_of_face[near as usize];
-                    if std::mem::replace(&mut listed_by[other as usize], group) != group {
-                        neighbours.push(other);
-                    }
-                }
+        let starts = std::iter::once(0).chain(ends.iter().copied());
+        let components = self.components.iter().zip(ends.iter().zip(starts));
+        let components = components.map(|(component, (&end, first_face))| Component {
+            first_face,
+            faces: end - first_face,
+            ..*component
+        });
+        let mut graph = Self {
+            centroids: Vec::with_capacity(groups),
+            weights: Vec::with_capacity(groups),
+            neighbour_offsets: Vec::with_capacity(groups + 1),
+            neighbours: Vec::with_capacity(runs.iter().map(|run| run.neighbours.len()).sum()),
+            components: components.collect(),
+        };
+        graph.neighbour_offsets.push(0);
+        for run in runs {
+            let before = graph.neighbours.len() as u32;
+            graph.centroids.extend(run.centroids);
+            graph.weights.extend(run.weights);
+            graph.neighbour_offsets.extend(run.ends.into_iter().map(|end| before + end));
+            graph.neighbours.extend(run.neighbours);
+        }
+        Coarse { graph, group_of_face }
+    }
+}
+
+/// Some groups, one after the other, as faces of a graph.
+struct Run {
+    centroids: Vec<[i32; 3]>,
+    weights: Vec<u32>,
+    /// Ascending for each group.
+    neighbours: Vec<u32>,
+    /// Where the neighbours of each group end.
+    ends: Vec<u32>,
+}
+
+impl Run {
+    fn of<'a>(
+        graph: &DualGraph,
+        group_of_face: &[u32],
+        groups: impl ExactSizeIterator<Item = (u32, &'a [u32])>,
+    ) -> Self {
+        let mut run = Self {
+            centroids: Vec::with_capacity(groups.len()),
+            weights: Vec::with_capacity(groups.len()),
+            neighbours: Vec::with_capacity(6 * groups.len()),
+            ends: Vec::with_capacity(groups.len()),
+        };
+        let mut others: Vec<u32> = Vec::new();
+        for (group, faces) in groups {
+            let mut sums = ClusterSums::default();
+            others.clear();
+            for &face in faces {
+                sums.add_face(graph, face as usize, 1);
+                let beside = graph.neighbours_of(face).iter().map(|&near| group_of_face[near as usize]);
+                others.extend(beside.filter(|&other| other != group));
             }
-            neighbour_offsets.push(neighbours.len() as u32);
+            others.sort_unstable();
+            others.dedup();
+            run.neighbours.extend_from_slice(&others);
+            run.ends.push(run.neighbours.len() as u32);
+            run.centroids.push(sums.proxy().unwrap_or_default());
+            run.weights.push(sums.weight as u32);
         }
-
-        let mut components = Vec::with_capacity(self.components.len());
-        let mut first_face = 0;
-        for component in &self.components {
-            // a component's groups follow those of the ones before it
-            let end = match component.range().end {
-                end if end < self.faces() => group_of_face[end],
-                _ => groups as u32,
-            };
-            components.push(Component { first_face, faces: end - first_face, ..*component });
-            first_face = end;
-        }
-        Self {
-            centroids: sums.iter().map(|sums| sums.fit().map_or([0; 3], |(proxy, _)| proxy)).collect(),
-            weights: sums.iter().map(|sums| sums.weight as u32).collect(),
-            neighbour_offsets,
-            neighbours,
-            components,
-        }
+        run
     }
 }
 
@@ -191,7 +258,7 @@ mod tests {
         for (sample, faces) in [(Sample::Sphere, 2000), (Sample::Plane, 900), (Sample::Parts, 500)] {
             let surface = surface(sample, faces);
             let heaviest: Vec<u64> = surface.components.iter().map(|component| component.weight / 12).collect();
-            let coarse = surface.coarsened(&heaviest);
+            let coarse = surface.contracted(surface.grouped(&heaviest));
             let component_of_face = surface.component_of_face();
             let component_of_group = coarse.graph.component_of_face();
             let mut weights = vec![0u64; coarse.graph.faces()];
@@ -230,7 +297,7 @@ mod tests {
     #[test]
     fn nothing_is_grouped_that_would_be_too_heavy() {
         let surface = surface(Sample::Sphere, 300);
-        let coarse = surface.coarsened(&[1]);
+        let coarse = surface.contracted(surface.grouped(&[1]));
         assert_eq!(coarse.group_of_face, (0..surface.faces() as u32).collect::<Vec<_>>());
         assert_eq!(coarse.graph.centroids, surface.centroids);
     }

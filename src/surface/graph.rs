@@ -4,7 +4,7 @@ use super::Component;
 
 /// Faces as nodes with a place and a weight, shared edges as edges.
 ///
-/// A [`super::Surface`] has one whose nodes are its faces; [`coarsened`](Self::coarsened) makes smaller ones whose nodes
+/// A [`super::Surface`] has one whose nodes are its faces; [`contracted`](Self::contracted) makes smaller ones whose nodes
 /// are groups of faces. Everything is in internal order.
 #[derive(Debug)]
 pub struct DualGraph {

@@ -21,7 +21,7 @@ mod lattice;
 mod order;
 mod weld;
 
-pub use coarse::Coarse;
+pub use coarse::{Coarse, Grouping};
 pub use components::Component;
 pub use density::Wanted;
 pub use graph::DualGraph;

@@ -19,10 +19,7 @@ impl Frontier {
     /// The frontier of new labels; all faces labelled.
     pub fn collect(graph: &DualGraph, labels: &mut Labels, clusters: usize) -> Self {
         let faces = labels.len();
-        let mut frontier = Self {
-            faces_of_cluster: vec![Vec::new(); clusters],
-            listed_in: vec![FREE; faces],
-        };
+        let mut frontier = Self { faces_of_cluster: vec![Vec::new(); clusters], listed_in: vec![FREE; faces] };
         let all = labels.all();
         for face in 0..faces as u32 {
             let own = all[face as usize];
@@ -59,7 +56,14 @@ impl Frontier {
 
     /// Keeps the lists in step with a cluster that became part of another; `labels` already say so. Calls `visit` with its
     /// boundary faces.
-    pub fn merged(&mut self, graph: &DualGraph, labels: &mut Labels, into: u32, from: u32, mut visit: impl FnMut(&Labels, u32)) {
+    pub fn merged(
+        &mut self,
+        graph: &DualGraph,
+        labels: &mut Labels,
+        into: u32,
+        from: u32,
+        mut visit: impl FnMut(&Labels, u32),
+    ) {
         for face in std::mem::take(&mut self.faces_of_cluster[from as usize]) {
             if self.listed_in[face as usize] == from {
                 labels.refresh(face);
@@ -71,9 +75,7 @@ impl Frontier {
 
     /// Lists a face, and lets the labels around it be up to date.
     fn list(&mut self, graph: &DualGraph, labels: &mut Labels, face: u32, cluster: u32) {
-        for &near in graph.neighbours_of(face) {
-            labels.refresh(near);
-        }
+        labels.refresh_around(graph, &[face]);
         self.listed_in[face as usize] = cluster;
         let faces = &self.faces_of_cluster[cluster as usize];
         if faces.len() == faces.capacity() && faces.len() >= 8 {

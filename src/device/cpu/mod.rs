@@ -248,9 +248,9 @@ fn waken<'w>(
         frontier.all().for_each(|face| watch.add(face));
         watch
     });
-    // faces on boundaries have labels that are up to date; those that were due then may have been merged away from them since
-    labels.refresh_around(graph, watch.due());
     watch.wake(changed, clusters);
+    // one that rests no longer need be on a boundary, where labels are kept up to date
+    labels.refresh_around(graph, watch.due());
     watch
 }
 
@@ -266,13 +266,16 @@ impl Steps for CpuSteps<'_> {
     }
 
     fn grow(&mut self, cancel: &Cancel) -> Result<()> {
-        self.frontier = None;
         let labels = self.labels.all();
         let beside_free = |face: &u32| {
             labels[*face as usize] != FREE
                 && self.graph.neighbours_of(*face).iter().any(|&near| labels[near as usize] == FREE)
         };
+        if !labels.contains(&FREE) {
+            return Ok(());
+        }
         let frontier = (0..labels.len() as u32).filter(beside_free).collect();
+        self.frontier = None;
         self.growth.grow(self.graph, &mut self.labels, frontier, cancel)?;
         Ok(())
     }
@@ -352,6 +355,10 @@ impl Steps for CpuSteps<'_> {
             .map(|(&face, from)| Move { face, from, to: self.labels.of(face) })
             .filter(|moved| moved.to != moved.from)
             .collect();
+        // what each move changes is seen when they are made one after the other
+        for moved in &moves {
+            self.labels.set(moved.face, moved.from);
+        }
         self.apply(&moves);
         Ok(())
     }

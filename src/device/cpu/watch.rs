@@ -175,7 +175,10 @@ impl RefinementSlack {
     pub fn new(weight: u32, squared_distance: u64, least_weight: u64) -> Self {
         let weight = f64::from(weight);
         let least = least_weight as f64;
-        let root = if least > weight { (least / (least - weight)).sqrt() } else { f64::INFINITY };
+        if least <= weight {
+            return Self { weight, root: 1.0, own: 0.0, slack: f64::NEG_INFINITY };
+        }
+        let root = (least / (least - weight)).sqrt();
         Self { weight, root, own: root * (squared_distance as f64).sqrt(), slack: f64::INFINITY }
     }
 
@@ -186,9 +189,8 @@ impl RefinementSlack {
         self.slack = self.slack.min((other - self.own) / (1.0 + self.root));
     }
 
-    /// What is left.
+    /// What is left; none where the own cluster may become too light for a bound, and where the distances are too close.
     pub fn get(self) -> Slack {
-        // not a number where the own cluster is too light: any change wakes
-        (self.slack >= 1.0).then(|| (self.slack - 1.0) as u64)
+        (self.slack >= 1.0).then_some((self.slack - 1.0) as u64)
     }
 }
