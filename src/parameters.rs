@@ -400,6 +400,8 @@ mod tests {
             (json!({"algorithm": "pml", "seeds": "random"}), ["seeds", "pml"]),
             (json!({"algorithm": "ml", "seed": 3}), ["seed", "ml"]),
             (json!({"algorithm": "hr", "max_iterations": 3}), ["max_iterations", "hr"]),
+            (json!({"algorithm": "ml", "quality": "fast"}), ["quality", "ml"]),
+            (json!({"algorithm": "acvd", "clusters": 3, "quality": "best"}), ["quality", "acvd"]),
             (json!({"algorithm": "hr", "optimize_iterations": 3}), ["optimize_iterations", "hr"]),
             (
                 json!({"algorithm": "pml", "optimize": "none", "optimize_iterations": 3}),

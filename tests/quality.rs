@@ -7,6 +7,7 @@ use std::collections::{HashMap, HashSet};
 
 use cli_support::Folder;
 use common::zoo;
+use tesserae::cluster::quality::Quality;
 use tesserae::device::Cancel;
 use tesserae::device::cpu::CpuDevice;
 use tesserae::job::{self, Outcome, Request};
@@ -107,6 +108,10 @@ fn energy(mesh: &PolygonMesh, labels: &[u32], faces: std::ops::Range<usize>) -> 
     shapes.iter().map(|&(label, (area, centroid))| area * distance(label, centroid)).sum()
 }
 
+fn area_of(mesh: &PolygonMesh) -> f64 {
+    (0..mesh.faces.len()).map(|face| area_and_centroid(mesh, face).0).sum()
+}
+
 #[test]
 fn clusters_are_exactly_as_many_as_asked_for_and_each_is_one_piece() {
     for (name, mesh) in zoo::all() {
@@ -144,6 +149,30 @@ fn a_sphere_is_clustered_nearly_as_well_as_a_plane_by_regular_hexagons() {
         println!("{algorithm:?}: {ratio}");
         assert!((0.97..most).contains(&ratio), "{algorithm:?}: {ratio}");
     }
+}
+
+#[test]
+fn presets_keep_what_is_promised_and_pay_for_lower_energies() {
+    let mut energies = [0.0; 3];
+    for (sample, faces, clusters) in [(Sample::Sphere, 6000, 90), (Sample::Knot, 5000, 70), (Sample::Parts, 4000, 120)]
+    {
+        let mesh = generate(sample, faces).expect("a mesh");
+        for (quality, energy) in [Quality::Fast, Quality::Default, Quality::Best].into_iter().zip(&mut energies) {
+            for seed in 0..4 {
+                let parameters = Parameters { clusters: Some(clusters), quality, seed, ..Parameters::default() };
+                let outcome = run(&mesh, parameters);
+                let labels = outcome.labels.expect("labels");
+                let pieces = pieces(&mesh, &labels);
+                assert_eq!(pieces.len() as u64, clusters, "{quality:?}");
+                assert!(pieces.values().all(|&pieces| pieces == 1), "{quality:?}");
+                // relative to a scale of the mesh, so that all meshes count alike
+                *energy += outcome.report.energy.final_.expect("finite") / area_of(&mesh).powi(2) * clusters as f64;
+            }
+        }
+    }
+    let [fast, default, best] = energies;
+    assert!(fast > 1.005 * default, "fast is said to cost energy: {fast} {default}");
+    assert!(best < default, "best is said to be lower: {best} {default}");
 }
 
 #[test]

@@ -2,16 +2,17 @@
 //!
 //! # Definition
 //!
-//! 1. *Coarsening.* Neighbouring faces are grouped ([`crate::surface::Coarse`]), then groups, until less than a fifth would
-//!    go. No group weighs more than 1/[`GROUPS_A_CLUSTER`] of the mean cluster of its component, and a component that would be
-//!    left with fewer groups than two a cluster, because most of its faces weigh next to nothing, stays as it is.
-//! 2. *Too many clusters.* On the coarsest graph, half as many again as are wanted start from stratified seeds, grow, and go
-//!    through the boundary phase ([`super::flat`]).
-//! 3. *Merging.* Every cluster finds its best dual edge ([`super::dual_edge`]); of the pairs that chose each other, the
-//!    cheaper half merge, and the boundary phase runs again, until there are as many clusters as wanted. No component goes
-//!    below its share.
-//! 4. *Refinement of the graph.* Labels go to the next finer graph, where the boundary phase runs; on the finest, they are
-//!    where the clustering starts.
+//! Numbers are those of the default [`Effort`]; [`super::quality`] has the others.
+//!
+//! 1. *Coarsening.* Neighbouring faces are grouped ([`crate::surface::Coarse`]), then groups, until less than a third would
+//!    go. No group weighs more than 1/16 of the mean cluster of its component, and a component that would be left with fewer
+//!    groups than two a cluster, because most of its faces weigh next to nothing, stays as it is.
+//! 2. *Too many clusters.* On the coarsest graph, a third more than are wanted start from stratified seeds and grow.
+//! 3. *Merging.* The boundary phase ([`super::flat`]) makes four iterations. Every cluster finds its best dual edge
+//!    ([`super::dual_edge`]); of the pairs that chose each other, the cheaper half merge; and so on until there are as many
+//!    clusters as wanted. No component goes below its share. Then the boundary phase runs to its end.
+//! 4. *Back to the faces.* Labels go to the next finer graph, where the boundary phase runs; on the finest, they are where the
+//!    clustering starts.
 //!
 //! # Why
 //!
@@ -19,28 +20,30 @@
 //! cluster from where there are too many to where there are too few. Merging does, at the price of some rounds, and where a
 //! cluster has sixteen groups instead of a hundred faces these are cheap.
 //!
-//! Hexagon ratios after refinement, means of ten seed numbers (igea: three), and iterations on the faces:
+//! Hexagon ratios after refinement, means of ten seed numbers (igea: four), and iterations on the faces:
 //!
 //! | | random | Morton strata | farthest points | blue noise | coarse to fine |
 //! |---|--:|--:|--:|--:|--:|
-//! | bunny, 1,000 clusters | 1.0230, 262 | 1.0143, 198 | 1.0135, 190 | 1.0132, 183 | **1.0099**, 130 |
-//! | bunny, 3,000 | 1.0980, 124 | 1.0745, 96 | 1.0723, 80 | 1.0719, 77 | **1.0647**, 46 |
-//! | horse, 1,000 | 1.0158, 292 | 1.0063, 249 | 1.0055, 216 | 1.0051, 205 | **1.0030**, 189 |
-//! | horse, 2,000 | 1.0535, 230 | 1.0380, 163 | 1.0383, 147 | 1.0378, 137 | **1.0337**, 119 |
-//! | nefertiti, 1,000 | 1.1210, 441 | 1.0213, 322 | 1.0233, 279 | 1.0233, 232 | **1.0182**, 164 |
-//! | igea, 5,000 | 1.0520, 238 | 1.0417, 223 | 1.0422, 179 | 1.0410, 182 | **1.0380**, 145 |
+//! | bunny, 1,000 clusters | 1.0230, 262 | 1.0143, 198 | 1.0135, 190 | 1.0132, 183 | **1.0101**, 131 |
+//! | bunny, 3,000 | 1.0980, 124 | 1.0745, 96 | 1.0723, 80 | 1.0719, 77 | **1.0656**, 53 |
+//! | horse, 1,000 | 1.0158, 292 | 1.0063, 249 | 1.0055, 216 | 1.0051, 205 | **1.0038**, 168 |
+//! | horse, 2,000 | 1.0535, 230 | 1.0380, 163 | 1.0383, 147 | 1.0378, 137 | **1.0341**, 115 |
+//! | nefertiti, 1,000 | 1.1210, 441 | 1.0213, 322 | 1.0233, 279 | 1.0233, 232 | **1.0180**, 160 |
+//! | igea, 5,000 | 1.0520, 238 | 1.0417, 223 | 1.0422, 179 | 1.0410, 182 | **1.0383**, 132 |
 //!
 //! Farthest points take the face farthest from all seeds so far, over and over; blue noise takes random faces, by area, that
-//! are a distance apart, the largest that leaves k. Neither is kept: both need more than a sort, and end higher. Clustering
-//! takes about as long from each start. The highest of six seed numbers is still below the energy of ACVD (Valette & Chassery
-//! 2004) on all six, by 0.2 to 2 %. Connecting the clusters costs no energy here: with `allow_disconnected` the means are 0.001
-//! to 0.004 % higher, because the phases do not run again after a repair.
+//! are a distance apart, the largest that leaves k. Neither is kept: both need more than a sort, and end higher. The highest of
+//! ten seed numbers is still below the energy of ACVD (Valette & Chassery 2004) on all six, by 0.13 to 2 %. Connecting the
+//! clusters costs no energy here: with `allow_disconnected` the means are 0.001 to 0.004 % higher, because the phases do not run
+//! again after a repair.
 //!
-//! What was tried beside it, over the same meshes: a coarse graph without merging (0.3 to 0.7 % higher, as high on
-//! nefertiti), merging on the finest graph only (lower by 0.1 % at most, at one and a half times the time), twice as many
-//! seeds (no better on coarse graphs), all mutual pairs at once (0.1 % higher), the cheapest quarter or third (no better),
-//! groups of an eighth of a cluster (0.1 to 0.2 % higher), refinement between the merges (0.05 to 0.3 % lower at one and a
-//! half times the time).
+//! What was tried beside it, over the same meshes, four seed numbers: boundary phases that run to their ends before each merge
+//! and half as many clusters again (0.02 % lower on the bunny, 0.04 % on igea, at a third more instructions for the start); a
+//! coarse graph without merging (0.3 to 0.7 % higher, as high on nefertiti); merging on the finest graph only (lower by 0.1 %
+//! at most, at one and a half times the time); twice as many seeds (no better on coarse graphs); all mutual pairs at once (0.1 %
+//! higher); the cheapest quarter or third (no better); groups of an eighth of a cluster (0.1 to 0.2 % higher); refinement
+//! between the merges (0.1 to 0.6 % lower: [`super::quality::Quality::Best`]); no boundary phase on the faces before refinement
+//! (as low, and a third more instructions on the faces).
 
 use super::dual_edge::{self, Ties, from_into};
 use super::run::Run;

@@ -1,4 +1,19 @@
 //! Presets: how much time a clustering may take for how low an energy.
+//!
+//! Hexagon ratios of flat clusterings, means of ten seed numbers (igea: four), and that of ACVD (Valette & Chassery 2004, as it
+//! clusters faces) and pyacvd (vertex labels given to faces):
+//!
+//! | | fast | default | best | ACVD | pyacvd |
+//! |---|--:|--:|--:|--:|--:|
+//! | bunny, 1,000 clusters | 1.0278 | 1.0101 | 1.0079 | 1.0126 | 1.058 |
+//! | bunny, 3,000 | 1.0886 | 1.0656 | 1.0629 | 1.0768 | 1.141 |
+//! | horse, 1,000 | 1.0206 | 1.0038 | 1.0019 | 1.0059 | |
+//! | horse, 2,000 | 1.0524 | 1.0341 | 1.0324 | 1.0402 | 1.082 |
+//! | nefertiti, 1,000 | 1.0391 | 1.0180 | 1.0148 | 1.0480 | |
+//! | igea, 5,000 | 1.0547 | 1.0383 | 1.0363 | 1.0430 | 1.072 |
+//!
+//! Clustering the bunny into 1,000 takes 170 million instructions with fast, 354 with default and 645 with best, reading it
+//! and its topology aside.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -9,7 +24,7 @@ use super::coarse::Effort;
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Quality {
-    /// A few iterations from a simple start, without refinement
+    /// A few iterations and no refinement, on the faces and on coarser meshes
     Fast,
     /// To a minimum that lies as low as ACVD's or lower
     #[default]
@@ -24,9 +39,9 @@ impl Quality {
         match self {
             Quality::Fast => Effort {
                 groups_a_cluster: 8,
-                surplus_percent: 0,
-                iterations_a_round: 0,
-                iterations_a_graph: 4,
+                surplus_percent: 20,
+                iterations_a_round: 2,
+                iterations_a_graph: 3,
                 refine: false,
             },
             Quality::Default => Effort {
@@ -49,7 +64,7 @@ impl Quality {
     /// Iterations of flat clusterings, unless another number is asked for; None: to the end.
     pub fn max_iterations(self) -> Option<u32> {
         match self {
-            Quality::Fast => Some(2),
+            Quality::Fast => Some(3),
             Quality::Default | Quality::Best => None,
         }
     }
