@@ -1,4 +1,4 @@
-//! Which clusters gained or lost a face since somebody last asked.
+//! Which clusters gained or lost a face since somebody last asked; for pieces, which lost one.
 
 /// Those who act on changes, each in its own time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -9,13 +9,16 @@ pub enum Reader {
     Boundary,
     /// Refinement.
     Refinement,
-    /// The search for pieces that were cut off.
+    /// The search for pieces that were cut off. A cluster that only gains faces, each beside one that it had, stays whole.
     Pieces,
     /// The search for the cheapest dual edge.
     DualEdges,
 }
 
 const READERS: [Reader; 5] = [Reader::Proxies, Reader::Boundary, Reader::Refinement, Reader::Pieces, Reader::DualEdges];
+
+/// One bit for each reader.
+const ALL: u8 = (1 << READERS.len()) - 1;
 
 /// The changed clusters that each reader has not yet seen.
 #[derive(Debug)]
@@ -29,12 +32,21 @@ impl Changes {
     /// For `clusters` clusters, all of them changed.
     pub fn all(clusters: usize) -> Self {
         let everything: Vec<u32> = (0..clusters as u32).collect();
-        Self { unseen: READERS.map(|_| everything.clone()), is_unseen: vec![(1 << READERS.len()) - 1; clusters] }
+        Self { unseen: READERS.map(|_| everything.clone()), is_unseen: vec![ALL; clusters] }
     }
 
-    /// A cluster gained or lost a face.
-    pub fn add(&mut self, cluster: u32) {
-        let seen_by = !self.is_unseen[cluster as usize] & ((1 << READERS.len()) - 1);
+    /// A cluster gained a face.
+    pub fn gained(&mut self, cluster: u32) {
+        self.add(cluster, ALL & !(1 << Reader::Pieces as usize));
+    }
+
+    /// A cluster lost a face.
+    pub fn lost(&mut self, cluster: u32) {
+        self.add(cluster, ALL);
+    }
+
+    fn add(&mut self, cluster: u32, readers: u8) {
+        let seen_by = readers & !self.is_unseen[cluster as usize];
         if seen_by != 0 {
             for (reader, unseen) in self.unseen.iter_mut().enumerate() {
                 if seen_by & 1 << reader != 0 {

@@ -105,16 +105,16 @@ impl Clusters {
     pub fn transfer(&mut self, graph: &DualGraph, face: u32, from: u32, to: u32) {
         self.sums[from as usize].add_face(graph, face as usize, -1);
         self.sums[to as usize].add_face(graph, face as usize, 1);
-        self.changes.add(from);
-        self.changes.add(to);
+        self.changes.lost(from);
+        self.changes.gained(to);
     }
 
     /// Gives all of one cluster to another. Proxies follow in [`refit`](Self::refit).
     pub fn merge(&mut self, into: u32, from: u32) {
         let from_sums = std::mem::take(&mut self.sums[from as usize]);
         self.sums[into as usize].add(&from_sums, 1);
-        self.changes.add(from);
-        self.changes.add(into);
+        self.changes.gained(from);
+        self.changes.gained(into);
     }
 
     /// Fits the proxies of the clusters whose sums changed.

@@ -98,7 +98,13 @@ impl Frontier {
         for &face in &faces {
             self.listed_in[face as usize] = cluster;
         }
-        faces.shrink_to(2 * faces.len());
+        // as much room again, so that the next time is far away; not more, so that reading does not take longer than it must
+        let room = 2 * faces.len();
+        if faces.capacity() < room {
+            faces.reserve_exact(faces.len())
+        } else {
+            faces.shrink_to(room)
+        }
         self.faces_of_cluster[cluster as usize] = faces;
     }
 }

@@ -52,8 +52,9 @@ impl Labels {
 
     /// Brings the label of a face up to date, and returns it.
     pub fn refresh(&mut self, face: u32) -> u32 {
-        if self.merged_into.is_empty() {
-            return self.raw[face as usize];
+        let old = self.raw[face as usize];
+        if self.merged_into.is_empty() || old == FREE || self.merged_into[old as usize] == old {
+            return old;
         }
         let label = self.of(face);
         // shorten the path for all who come after

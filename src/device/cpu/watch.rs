@@ -28,9 +28,6 @@ struct Entry {
     look: u32,
 }
 
-/// Room that a cluster's entries get at first.
-const FEWEST: usize = 16;
-
 /// The faces that rest, and those that are due.
 #[derive(Debug)]
 pub struct Watch {
@@ -135,8 +132,9 @@ impl Watch {
         if entries.len() == entries.capacity() {
             // void ones go before more memory is taken
             entries.retain(|entry| self.looks[entry.face as usize] == entry.look);
-            if 2 * entries.len() > entries.capacity() || entries.is_empty() {
-                entries.reserve_exact(entries.len().max(FEWEST));
+            if 2 * entries.len() >= entries.capacity() {
+                let expected = 2 * clusters.sums(cluster).faces as usize;
+                entries.reserve_exact(entries.len().max(expected.clamp(4, 64)));
             }
         }
         let until = slack.map_or(0, |slack| clusters.drift(cluster) + slack);
