@@ -43,6 +43,7 @@ impl Quality {
                 iterations_a_round: 2,
                 iterations_a_graph: 3,
                 refine: false,
+                clusters_in_starts: 0,
             },
             Quality::Default => Effort {
                 groups_a_cluster: 16,
@@ -50,6 +51,7 @@ impl Quality {
                 iterations_a_round: 4,
                 iterations_a_graph: u32::MAX,
                 refine: false,
+                clusters_in_starts: 800,
             },
             Quality::Best => Effort {
                 groups_a_cluster: 16,
@@ -57,6 +59,7 @@ impl Quality {
                 iterations_a_round: u32::MAX,
                 iterations_a_graph: u32::MAX,
                 refine: true,
+                clusters_in_starts: 3200,
             },
         }
     }
