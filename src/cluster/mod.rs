@@ -8,6 +8,7 @@
 //! | where flat clusterings start | [`seeds`], [`coarse`] |
 //! | how much time to take for how low an energy | [`quality`] |
 //! | merge costs and their order | [`dual_edge`] |
+//! | moves of whole clusters, which leave local minima | [`teleport`] |
 //! | sums and proxies in exact integers | [`sums`] |
 //! | pieces of clusters | [`repair`] |
 //! | the labels of chosen iterations | [`record`] |
@@ -27,3 +28,4 @@ pub mod repair;
 pub mod run;
 pub mod seeds;
 pub mod sums;
+pub mod teleport;

@@ -29,7 +29,7 @@ pub enum Quality {
     /// To a minimum that lies as low as ACVD's or lower
     #[default]
     Default,
-    /// A start that is optimised further
+    /// A start that is optimised further, and from which clusters teleport
     Best,
 }
 
@@ -43,6 +43,7 @@ impl Quality {
                 iterations_a_round: 2,
                 iterations_a_graph: 3,
                 refine: false,
+                teleport_rounds: 0,
                 clusters_in_starts: 0,
             },
             Quality::Default => Effort {
@@ -51,6 +52,7 @@ impl Quality {
                 iterations_a_round: 4,
                 iterations_a_graph: u32::MAX,
                 refine: false,
+                teleport_rounds: 0,
                 clusters_in_starts: 800,
             },
             Quality::Best => Effort {
@@ -59,7 +61,8 @@ impl Quality {
                 iterations_a_round: u32::MAX,
                 iterations_a_graph: u32::MAX,
                 refine: true,
-                clusters_in_starts: 3200,
+                teleport_rounds: 12,
+                clusters_in_starts: 800,
             },
         }
     }

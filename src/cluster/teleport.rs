@@ -1,0 +1,199 @@
+//! Teleports: moves that leave a local minimum (Cohen-Steiner et al. 2004, section 3.4).
+//!
+//! Moves of faces shift borders; a cluster never goes from where there are too many to where there are too few. A teleport
+//! merges two clusters that lose little by it and splits one that gains much, so that the number stays. Many are made at the
+//! same time, far from each other; what follows from them is optimised, and if the energy did not fall, all are taken back.
+
+use super::dual_edge::{End, mutual, packed_cost};
+use super::sums::{ClusterSums, squared_distance};
+use crate::device::DualEdge;
+use crate::surface::DualGraph;
+
+/// A cluster falls into two.
+struct Split {
+    /// What the energy falls by, packed as merge costs are.
+    gain: u32,
+    cluster: u32,
+    /// The faces that leave it.
+    leaving: Vec<u32>,
+}
+
+/// Labels after at most `most` teleports: the cheapest merges of the pairs among `edges` that chose each other, and the splits
+/// that gain most. None when there is no such pair. Merges cost more than splits gain, always: what pays is that the clusters
+/// around both have it easier afterwards, which only optimisation shows.
+///
+/// Every face is labelled. Clusters of a teleport have no others beside them, and lie in one component.
+pub fn teleported(
+    graph: &DualGraph,
+    labels: &[u32],
+    component_of_cluster: &[u32],
+    edges: &[DualEdge],
+    most: usize,
+) -> Option<Vec<u32>> {
+    let members = Members::of(labels, component_of_cluster.len());
+    let shift = |cluster: u32| graph.components[component_of_cluster[cluster as usize] as usize].energy_shift;
+    let mut splits: Vec<Split> = (0..component_of_cluster.len() as u32)
+        .filter_map(|cluster| split(graph, members.faces_of(cluster), cluster, shift(cluster)))
+        .collect();
+    splits.sort_unstable_by_key(|split| (std::cmp::Reverse(split.gain), split.cluster));
+
+    let mut labels = labels.to_vec();
+    let mut is_taken = vec![false; component_of_cluster.len()];
+    let mut made = 0;
+    for pair in mutual(edges) {
+        let (into, from) = pair.ends();
+        if made == most {
+            break;
+        }
+        if is_taken[into as usize] || is_taken[from as usize] {
+            continue;
+        }
+        let component = component_of_cluster[into as usize];
+        let is_apart = |split: &&Split| {
+            let cluster = split.cluster as usize;
+            !is_taken[cluster] && component_of_cluster[cluster] == component && ![into, from].contains(&split.cluster)
+        };
+        let Some(split) = splits.iter().find(is_apart) else {
+            continue;
+        };
+        for cluster in [into, from, split.cluster] {
+            is_taken[cluster as usize] = true;
+            for &face in members.faces_of(cluster) {
+                for &near in graph.neighbours_of(face) {
+                    is_taken[labels[near as usize] as usize] = true;
+                }
+            }
+        }
+        for &face in members.faces_of(from) {
+            labels[face as usize] = into;
+        }
+        for &face in &split.leaving {
+            labels[face as usize] = from;
+        }
+        made += 1;
+    }
+    (made > 0).then_some(labels)
+}
+
+/// The better part of a cluster in two: from the two faces that are the farthest apart, by twice giving every face to the
+/// nearer centre. None when all its faces lie at one place.
+fn split(graph: &DualGraph, faces: &[u32], cluster: u32, energy_shift: u32) -> Option<Split> {
+    let sums_of = |faces: &mut dyn Iterator<Item = u32>| {
+        let mut sums = ClusterSums::default();
+        faces.for_each(|face| sums.add_face(graph, face as usize, 1));
+        sums
+    };
+    let whole = sums_of(&mut faces.iter().copied());
+    let centroid = |face: u32| graph.centroids[face as usize];
+    let farthest_from = |from: [i32; 3]| {
+        let farthest =
+            faces.iter().max_by_key(|&&face| (squared_distance(centroid(face), from), std::cmp::Reverse(face)));
+        farthest.map(|&face| centroid(face))
+    };
+    let first = farthest_from(whole.proxy()?)?;
+    let mut centres = [first, farthest_from(first)?];
+    let mut leaving: Vec<u32> = Vec::new();
+    let mut halves = [whole, ClusterSums::default()];
+    for _ in 0..3 {
+        let leaves =
+            |face: &u32| squared_distance(centroid(*face), centres[1]) < squared_distance(centroid(*face), centres[0]);
+        leaving = faces.iter().copied().filter(leaves).collect();
+        let half = sums_of(&mut leaving.iter().copied());
+        let mut rest = whole;
+        rest.add(&half, -1);
+        halves = [rest, half];
+        centres = [halves[0].proxy()?, halves[1].proxy()?];
+    }
+    let end = |side: usize| End { weight: halves[side].weight as u64, proxy: centres[side] };
+    Some(Split { gain: packed_cost(end(0), end(1), energy_shift), cluster, leaving })
+}
+
+/// The faces of each cluster.
+struct Members {
+    faces: Vec<u32>,
+    /// Where those of each cluster begin, and one past the last.
+    first: Vec<u32>,
+}
+
+impl Members {
+    fn of(labels: &[u32], clusters: usize) -> Self {
+        let mut first = vec![0u32; clusters + 1];
+        for &label in labels {
+            first[label as usize + 1] += 1;
+        }
+        for cluster in 0..clusters {
+            first[cluster + 1] += first[cluster];
+        }
+        let mut next = first.clone();
+        let mut faces = vec![0; labels.len()];
+        for (face, &label) in labels.iter().enumerate() {
+            let place = &mut next[label as usize];
+            faces[*place as usize] = face as u32;
+            *place += 1;
+        }
+        Self { faces, first }
+    }
+
+    fn faces_of(&self, cluster: u32) -> &[u32] {
+        let cluster = cluster as usize;
+        &self.faces[self.first[cluster] as usize..self.first[cluster + 1] as usize]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cluster::dual_edge::Ties;
+    use crate::cluster::repair;
+    use crate::cluster::seeds;
+    use crate::device::{Cancel, Device, MergeSteps, Steps, cpu::CpuDevice};
+    use crate::sample::{Sample, generate};
+    use crate::surface::Surface;
+
+    fn surface(sample: Sample, faces: u64) -> Surface {
+        Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface")
+    }
+
+    #[test]
+    fn a_teleport_fills_a_gap() {
+        // a strip in three clusters of which the first has half of the faces
+        let surface = surface(Sample::Strip, 64);
+        let labels: Vec<u32> = (0..64).map(|face| [0, 0, 1, 2][face / 16]).collect();
+        let component_of_cluster = [0; 3];
+        let mut device = CpuDevice::new();
+        let mut steps = device.open_merging(&surface, &component_of_cluster).expect("it opens");
+        steps.set_labels(&labels).expect("labels");
+        let edges = steps.optimal_dual_edges(Ties::Hash).expect("edges");
+        let teleported = teleported(&surface, &labels, &component_of_cluster, &edges, 1).expect("there is one");
+        assert_eq!(repair::disconnected_clusters(&surface, 3, &teleported), 0);
+        let mut sizes = [0; 3];
+        teleported.iter().for_each(|&label| sizes[label as usize] += 1);
+        sizes.sort_unstable();
+        assert_eq!(sizes, [16, 16, 32], "the large one is split in its middle, the small ones become one");
+        assert!(teleported[..32].iter().any(|&label| label != teleported[0]));
+        assert!(teleported[32..].iter().all(|&label| label == teleported[32]));
+    }
+
+    #[test]
+    fn components_keep_their_numbers_of_clusters() {
+        let surface = surface(Sample::Parts, 1500);
+        let shares = seeds::shares(&surface, 150).expect("that many are possible");
+        let start = seeds::stratified(&surface, &shares, 1);
+        let mut device = CpuDevice::new();
+        let mut steps = device.open_merging(&surface, &start.component_of_cluster).expect("it opens");
+        steps.set_labels(&start.labels(surface.faces())).expect("labels");
+        steps.grow(&Cancel::default()).expect("nobody cancels");
+        let labels = steps.labels().expect("labels");
+        let edges = steps.optimal_dual_edges(Ties::Hash).expect("edges");
+        let teleported =
+            teleported(&surface, &labels, &start.component_of_cluster, &edges, 1000).expect("there are some");
+        assert_ne!(teleported, labels);
+        let component_of_face = surface.component_of_face();
+        let mut is_used = vec![false; start.component_of_cluster.len()];
+        for (&label, &component) in teleported.iter().zip(&component_of_face) {
+            assert_eq!(start.component_of_cluster[label as usize], component);
+            is_used[label as usize] = true;
+        }
+        assert!(is_used.iter().all(|&used| used), "no cluster is empty");
+    }
+}
