@@ -24,6 +24,11 @@ pub trait Device: Send {
     /// What it is.
     fn info(&self) -> &DeviceInfo;
 
+    /// Another device like this one that may work at the same time, where that costs nothing: for small meshes.
+    fn another(&self) -> Option<Box<dyn Device>> {
+        None
+    }
+
     /// Brings a surface to the device, with all faces free.
     ///
     /// `component_of_cluster[c]` is the component of the surface that cluster `c` lies in: clusters never leave it.

@@ -2,7 +2,7 @@
 //!
 //! Jobs are claimed in the order of submission. Each holds a slot until it ends, so that no more meshes are in memory
 //! than there are slots, and waits for its share of [`memory`] before it is read; within that, meshes are read and results
-//! written on tokio's blocking threads while the one [`device_thread`] clusters. A job that fails, or panics, fails alone.
+//! written on tokio's blocking threads while the one [`device_thread`] clusters; [`small`] meshes have threads of their own. A job that fails, or panics, fails alone.
 //!
 //! An attempt at a job comes to one of three [`Verdict`]s. The job has ended; or it is released, because the device, the
 //! disk or the process failed and not the mesh; or it belongs to somebody else by now. What cannot be stored is stored once
@@ -11,6 +11,7 @@
 pub(super) mod device_thread;
 mod leases;
 mod memory;
+mod small;
 mod stages;
 
 use std::sync::Arc;
@@ -24,6 +25,7 @@ use tracing::Instrument;
 use self::device_thread::DeviceThread;
 use self::leases::{LEASE, Leases};
 use self::memory::Memory;
+use self::small::SmallMeshes;
 use self::stages::Log;
 use super::files::Files;
 use super::metrics::Metrics;
@@ -75,6 +77,7 @@ pub(super) struct Pipeline {
     time: Option<Duration>,
     slots: Arc<Semaphore>,
     memory: Memory,
+    small: SmallMeshes,
     leases: Arc<Leases>,
     metrics: Arc<Metrics>,
 }
@@ -95,9 +98,9 @@ type Claimed = (OwnedSemaphorePermit, Ticket, Job);
 
 impl Pipeline {
     /// A pipeline of these parts.
-    pub fn new(parts: Parts, costs: Costs) -> Self {
+    pub fn start(parts: Parts, costs: Costs) -> Result<Self> {
         let Parts { store, files, storage, device, metrics } = parts;
-        Self {
+        Ok(Self {
             store,
             files,
             storage,
@@ -106,9 +109,10 @@ impl Pipeline {
             time: costs.time,
             slots: Arc::new(Semaphore::new(costs.slots)),
             memory: Memory::new(costs.memory),
+            small: SmallMeshes::start()?,
             leases: Arc::default(),
             metrics,
-        }
+        })
     }
 
     /// Works on jobs until `stop`; jobs claimed by then end, or are released when `abort` breaks them off.

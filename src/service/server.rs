@@ -183,7 +183,7 @@ impl Server {
             memory: settings.work.memory_budget,
             time: settings.work.max_job(),
         };
-        let pipeline = Pipeline::new(parts, costs);
+        let pipeline = Pipeline::start(parts, costs)?;
         let shared = Arc::new(Shared {
             store,
             files,

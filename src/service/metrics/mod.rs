@@ -3,6 +3,7 @@
 //! Labels have few values, known beforehand: routes are templates, never paths, and no tenant, job or address is a label.
 //! `deploy/grafana.json` draws these; a test compares the names.
 
+mod busy;
 mod timed_store;
 
 use std::borrow::Cow;
@@ -19,6 +20,7 @@ use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Registry, Unit};
 
+use self::busy::Busy;
 pub(super) use self::timed_store::TimedStore;
 use super::health::{Health, Part, Severity};
 use super::store::{Job, State, Statistics};
@@ -96,6 +98,7 @@ pub(super) struct Metrics {
     iterations: Family<ByAlgorithm, Counter>,
     faces: Family<ByAlgorithm, Counter>,
     device_busy: Seconds,
+    device_works: Busy,
     device_lost: Counter,
     answers: Family<ByAnswer, Counter>,
     answer_seconds: Histograms<ByRoute>,
@@ -185,10 +188,11 @@ impl Metrics {
             faces: register!("faces", "Faces of jobs that succeeded", Family::default()),
             device_busy: register!(
                 "device_busy",
-                "Time that the device worked on jobs; its rate is the busy share",
+                "Time in which the device worked on a job, or several at once; its rate is the busy share",
                 Unit::Seconds,
                 Seconds::default()
             ),
+            device_works: Busy::default(),
             device_lost: register!(
                 "device_lost",
                 "Attempts at a job that ended because the device was lost",
@@ -328,9 +332,9 @@ impl Metrics {
         self.faces.get_or_create(&label).inc_by(report.input.faces);
     }
 
-    /// The device worked on a job for so long.
-    pub fn device_worked(&self, elapsed: Duration) {
-        self.device_busy.inc_by(elapsed.as_secs_f64());
+    /// The device works on a job until what this gives is dropped.
+    pub fn device_works(&self) -> busy::Working<'_> {
+        self.device_works.begin()
     }
 
     /// A request was answered.
@@ -393,6 +397,7 @@ impl Metrics {
         for (state, count) in State::ALL.into_iter().zip(now.jobs) {
             self.jobs.get_or_create(&ByState { state: state.name() }).set(count.cast_signed());
         }
+        self.device_busy.inner().store(self.device_works.seconds().to_bits(), Ordering::Relaxed);
         self.streams.set(now.streams.cast_signed());
         self.upload_bytes_in_flight.set(now.upload_bytes_in_flight.cast_signed());
         self.store_commits.inner().store(now.store.commits, Ordering::Relaxed);

@@ -13,6 +13,7 @@ use tokio_util::sync::CancellationToken;
 use tracing::Span;
 
 use super::device_thread::Task;
+use super::small::SMALL_BYTES;
 use super::{AGAIN, Pipeline, caught, memory};
 use crate::device::Cancel;
 use crate::error::{Error, Kind, Result};
@@ -92,7 +93,7 @@ impl Pipeline {
             _slot: slot.clone(),
         };
         let telling = tokio::spawn(tell(Arc::clone(&self.store), ticket, inbox, Arc::clone(log)));
-        let outcome = self.device.run(task, self.time).await?;
+        let outcome = self.device.run(task, &self.small, self.time).await?;
         telling.await.map_err(|error| {
             Error::new(Kind::Internal, format_args!("the events of the job were not written: {error}"))
         })??;
@@ -137,9 +138,10 @@ impl Pipeline {
         let read = reading.elapsed();
         let limits = self.limits;
         let span = tracing::info_span!("read");
-        blocking(move || {
+        let runtime = Handle::current();
+        let prepare = move || {
             let _entered = span.enter();
-            let (runtime, memory) = (Handle::current(), Mutex::new(Some(memory)));
+            let memory = Mutex::new(Some(memory));
             let admit = |faces| {
                 let Some(memory) = memory.lock().unwrap_or_else(PoisonError::into_inner).take() else {
                     return Ok(());
@@ -169,8 +171,11 @@ impl Pipeline {
                 prepared.timings.read = milliseconds(read);
                 Ok(prepared)
             })
-        })
-        .await?
+        };
+        match bytes <= SMALL_BYTES {
+            true => self.small.thread().await?.run(prepare).await,
+            false => blocking(prepare).await?,
+        }
     }
 }
 
