@@ -17,14 +17,14 @@ use tokio_util::io::ReaderStream;
 use utoipa::IntoParams;
 
 use super::access::Caller;
-use super::files::{self, Folder, blocking};
+use super::files::{self, blocking};
 use super::jobs::{find, tell_expiry};
 use super::openapi::{Binary, Problematic};
 use super::problem::Answer;
 use super::results::{attachment, stored as stored_blob, streamed, succeeded};
 use super::server::{App, Shared};
 use super::store::Job;
-use super::{negotiate, query};
+use super::{blobs, negotiate, query};
 use crate::error::{Error, Kind, Result};
 use crate::output::{LabelFormat, write_cut};
 use crate::tree::json::{Hierarchy, Limits};
@@ -112,10 +112,7 @@ pub(super) async fn hierarchy(
         Form::Linkage => {
             written(&shared, &job, "application/x-npy", |out, tree| Ok(tree.linkage()?.write_npy(out))).await?
         }
-        Form::Stored => {
-            let folder = Folder::Result(job.id, job.attempt);
-            stored_blob(&shared, folder, files::HIERARCHY, None, "application/octet-stream").await?
-        }
+        Form::Stored => stored_blob(&shared, &job, files::HIERARCHY, None, "application/octet-stream").await?,
     };
     let name = match form {
         Form::Json => "hierarchy.json",
@@ -160,7 +157,7 @@ pub(super) async fn turn(shared: &Shared) -> Result<tokio::sync::OwnedSemaphoreP
 
 /// A stored hierarchy and its length.
 async fn open(shared: &Shared, job: &Job) -> Result<(Box<dyn Read + Send>, u64)> {
-    let blob = shared.files.read(Folder::Result(job.id, job.attempt), files::HIERARCHY, None).await?;
+    let blob = blobs::result(&shared.files, shared.store.as_ref(), job, files::HIERARCHY, None).await?;
     let length = blob.length();
     Ok((blob.into_reader(), length))
 }

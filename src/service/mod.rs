@@ -11,7 +11,7 @@
 //! | what a request may ask for | `request`, `query` |
 //! | how bodies come in | `upload`, `intake` |
 //! | what happens to a job | `pipeline` |
-//! | how jobs are kept | `store`, and their files in `files` |
+//! | how jobs are kept | `store`, and their files in `files`; `blobs` knows which are where |
 //! | how long they are kept | `retention` |
 //! | what happens when the disk fails | `storage` |
 //! | asking twice for one job | `idempotency` |
@@ -32,6 +32,7 @@
 
 mod access;
 mod admission;
+mod blobs;
 mod conditional;
 mod events;
 mod faults;

@@ -11,12 +11,12 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::access::Caller;
-use super::files::{self, Folder};
+use super::files;
 use super::jobs::{find, tell_expiry};
 use super::problem::Answer;
 use super::server::{App, Shared};
 use super::store::{Job, State, Summary};
-use super::{hierarchy, negotiate, openapi::Problematic, query, snapshots};
+use super::{blobs, hierarchy, negotiate, openapi::Problematic, query, snapshots};
 use crate::error::{Error, Kind, Result};
 use crate::output::LabelFormat;
 
@@ -129,18 +129,17 @@ pub(super) async fn labels(
         .into());
     }
     let format = negotiate::label_format(&headers)?;
-    let folder = Folder::Result(job.id, job.attempt);
     // The raw numbers are what follows the header of the .npy file.
     let mut response = match (clusters, format) {
         (Some(clusters), format) => hierarchy::cut(&shared, &job, clusters, format).await?,
         (None, format) if iteration.is_some() => {
             snapshots::labels(&shared, &job, summary, iteration.unwrap_or_default(), format).await?
         }
-        (None, LabelFormat::Json) => stored(&shared, folder, files::LABELS_JSON, None, format.media_type()).await?,
-        (None, LabelFormat::Npy) => stored(&shared, folder, files::LABELS_NPY, None, format.media_type()).await?,
+        (None, LabelFormat::Json) => stored(&shared, &job, files::LABELS_JSON, None, format.media_type()).await?,
+        (None, LabelFormat::Npy) => stored(&shared, &job, files::LABELS_NPY, None, format.media_type()).await?,
         (None, LabelFormat::Raw) => {
             let numbers = Some(GetRange::Suffix(4 * summary.faces));
-            stored(&shared, folder, files::LABELS_NPY, numbers, format.media_type()).await?
+            stored(&shared, &job, files::LABELS_NPY, numbers, format.media_type()).await?
         }
     };
     let name = iteration.map_or_else(|| "labels".to_owned(), |iteration| format!("labels.iteration-{iteration}"));
@@ -165,8 +164,7 @@ pub(super) async fn labels(
 pub(super) async fn report(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer {
     let job = find(&shared, &caller, &id).await?;
     succeeded(&job)?;
-    let folder = Folder::Result(job.id, job.attempt);
-    let mut response = stored(&shared, folder, files::REPORT, None, "application/json").await?;
+    let mut response = stored(&shared, &job, files::REPORT, None, "application/json").await?;
     tell_expiry(&mut response, &shared, &job);
     Ok(response)
 }
@@ -191,12 +189,12 @@ pub(super) fn succeeded(job: &Job) -> Result<Summary> {
 /// A result, or a range of it, as a response that streams it.
 pub(super) async fn stored(
     shared: &Shared,
-    folder: Folder,
+    job: &Job,
     name: &str,
     range: Option<GetRange>,
     media_type: &'static str,
 ) -> Result<Response> {
-    let blob = shared.files.read(folder, name, range).await?;
+    let blob = blobs::result(&shared.files, shared.store.as_ref(), job, name, range).await?;
     Ok(streamed(blob.length(), blob.into_body(), media_type))
 }
 

@@ -7,7 +7,8 @@ use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use object_store::GetRange;
 
-use super::files::{self, Blob, Folder, blocking};
+use super::blobs;
+use super::files::{self, Blob, blocking};
 use super::hierarchy::turn;
 use super::server::Shared;
 use super::store::{Job, Summary};
@@ -22,14 +23,14 @@ pub(super) async fn labels(
     iteration: u32,
     format: LabelFormat,
 ) -> Result<Response> {
-    let folder = Folder::Result(job.id, job.attempt);
     let turn = turn(shared).await?;
-    let kept = list(shared, folder).await?;
+    let kept = list(shared, job).await?;
     let Some(row) = kept.iter().position(|&kept| kept == iteration) else {
         return Err(none_of(&kept, iteration));
     };
     let from_end = 4 * summary.faces * (kept.len() - row) as u64;
-    let rows = shared.files.read(folder, files::SNAPSHOTS, Some(GetRange::Suffix(from_end))).await?;
+    let range = Some(GetRange::Suffix(from_end));
+    let rows = blobs::result(&shared.files, shared.store.as_ref(), job, files::SNAPSHOTS, range).await?;
     let body = blocking(move || {
         let _turn = turn;
         let labels = first_row(rows, summary.faces)?;
@@ -43,8 +44,8 @@ pub(super) async fn labels(
 }
 
 /// The iterations whose labels were kept.
-async fn list(shared: &Shared, folder: Folder) -> Result<Vec<u32>> {
-    let json = match shared.files.read(folder, files::SNAPSHOT_LIST, None).await {
+async fn list(shared: &Shared, job: &Job) -> Result<Vec<u32>> {
+    let json = match blobs::result(&shared.files, shared.store.as_ref(), job, files::SNAPSHOT_LIST, None).await {
         Ok(list) => list.bytes().await?,
         Err(error) if error.kind == Kind::NotFound => return Ok(Vec::new()),
         Err(error) => return Err(error),

@@ -7,6 +7,7 @@ mod busy;
 mod timed_store;
 
 use std::borrow::Cow;
+use std::fmt;
 use std::sync::Mutex;
 use std::sync::PoisonError;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -24,6 +25,7 @@ use self::busy::Busy;
 pub(super) use self::timed_store::TimedStore;
 use super::health::{Health, Part, Severity};
 use super::store::{Job, State, Statistics};
+use crate::device::MemoryMeter;
 use crate::error::{Error, Kind, Result};
 use crate::report::{DeviceInfo, DeviceKind, Report};
 
@@ -119,6 +121,9 @@ pub(super) struct Metrics {
     webhooks: Family<ByOutcome, Counter>,
     webhooks_pending: Gauge,
     resident: Gauge,
+    device_memory: Gauge,
+    memory_meter: Mutex<Option<Meter>>,
+    disk_used: Gauge,
     /// Average seconds between claim and end of a job; none before the first.
     pace: Mutex<Option<f64>>,
 }
@@ -134,6 +139,17 @@ pub(super) struct Snapshot {
     pub upload_bytes_in_flight: u64,
     /// What the store counted.
     pub store: Statistics,
+    /// Bytes in the data folder.
+    pub disk_used: u64,
+}
+
+/// A [`MemoryMeter`] that can be printed.
+struct Meter(MemoryMeter);
+
+impl fmt::Debug for Meter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Meter")
+    }
 }
 
 impl Metrics {
@@ -262,6 +278,19 @@ impl Metrics {
                 Unit::Bytes,
                 Gauge::default()
             ),
+            device_memory: register!(
+                "device_memory",
+                "Memory of its own that the device has allocated; 0 where it has none, as on the cpu",
+                Unit::Bytes,
+                Gauge::default()
+            ),
+            memory_meter: Mutex::default(),
+            disk_used: register!(
+                "disk_used",
+                "Bytes of uploads, results and the store of jobs in the data folder",
+                Unit::Bytes,
+                Gauge::default()
+            ),
             pace: Mutex::default(),
             registry,
         };
@@ -330,6 +359,16 @@ impl Metrics {
         let rounds = report.levels.last().map_or(0, |row| row.round);
         self.iterations.get_or_create(&label).inc_by(u64::from(steps) + u64::from(rounds));
         self.faces.get_or_create(&label).inc_by(report.input.faces);
+    }
+
+    /// A device was opened, which tells of its memory so.
+    pub fn device_opened(&self, memory: MemoryMeter) {
+        *self.memory_meter.lock().unwrap_or_else(PoisonError::into_inner) = Some(Meter(memory));
+    }
+
+    fn device_memory(&self) -> Option<u64> {
+        let meter = self.memory_meter.lock().unwrap_or_else(PoisonError::into_inner).as_ref()?.0.clone();
+        meter()
     }
 
     /// The device works on a job until what this gives is dropped.
@@ -412,6 +451,8 @@ impl Metrics {
                 self.conditions.get_or_create(&label).set(i64::from(now == Some(severity)));
             }
         }
+        self.disk_used.set(now.disk_used.cast_signed());
+        self.device_memory.set(self.device_memory().unwrap_or(0).cast_signed());
         if let Some(bytes) = resident_bytes() {
             self.resident.set(bytes);
         }

@@ -93,6 +93,7 @@ impl DeviceThread {
         metrics: Arc<Metrics>,
     ) -> Result<Self> {
         let shared = Arc::new(Shared { reopen, or_cpu, health, metrics, life: Arc::default() });
+        shared.metrics.device_opened(device.memory_meter());
         let like = Mutex::new(device.another());
         let tasks = Mutex::new(spawn(Devices::new(Some(device), &shared))?);
         Ok(Self { shared, like, tasks, turn: tokio::sync::Mutex::default(), timeout })
@@ -279,6 +280,7 @@ impl Devices {
             Some(reopen) => match caught(|| reopen()) {
                 Ok(device) => {
                     tracing::info!(device = device.info().name, "the device was opened anew");
+                    self.shared.metrics.device_opened(device.memory_meter());
                     self.device = Some(device);
                     self.next_attempt = None;
                     self.shared.health.clear(Part::Device);

@@ -33,7 +33,8 @@ pub(super) async fn a_full_queue_refuses_until_a_job_starts(store: &dyn JobStore
     create(store).await;
     assert_eq!(store.check_room().await.expect_err("full").kind, Kind::QueueFull);
     let id = JobId::random();
-    let refused = store.create(NewJob { id, spec: spec("x"), idempotency: None }).await.expect_err("full");
+    let refused =
+        store.create(NewJob { id, spec: spec("x"), idempotency: None, upload: Vec::new() }).await.expect_err("full");
     assert_eq!(refused.kind, Kind::QueueFull);
     assert_eq!(store.get(id).await.expect("readable"), None);
     claim(store).await;
@@ -141,6 +142,55 @@ pub(super) async fn an_ended_job_cannot_be_cancelled_and_can_be_deleted(store: &
     assert!(pulses.changed().await.is_err(), "who waits is told");
     assert_eq!(store.delete(id).await.expect("asked"), Deletion::Unknown);
     assert_eq!(store.counts().await.expect("counted"), [0; 5]);
+}
+
+pub(super) async fn small_blobs_of_the_upload_stay_until_the_end_and_those_of_the_result_from_then_on(
+    store: &dyn JobStore,
+) {
+    let blob = |name: &str, bytes: Vec<u8>| SmallBlob { name: name.to_owned(), bytes: bytes.into() };
+    let upload = [blob("mesh", (0..200_000).map(|at| at as u8).collect()), blob("ü/β", Vec::new())];
+    let result = [blob("report", b"{}".to_vec()), blob("mesh", vec![7; 70_000])];
+    assert!(store.takes(0) && store.takes(SMALL_BLOBS) && !store.takes(SMALL_BLOBS + 1));
+    let add = async || {
+        let spec = Spec { is_small: true, ..spec("x") };
+        let new = NewJob { id: JobId::random(), spec, idempotency: None, upload: upload.to_vec() };
+        let id = new.id;
+        assert!(matches!(store.create(new).await, Ok(Created::New(_))));
+        id
+    };
+    let keeps = async |id: JobId, blobs: &[SmallBlob]| {
+        for name in ["mesh", "ü/β", "report", "nothing"] {
+            let found = store.blob(id, name).await.expect("readable");
+            let expected = blobs.iter().find(|blob| blob.name == name).map(|blob| &blob.bytes);
+            assert_eq!(found.as_ref(), expected, "{name}");
+        }
+    };
+    let (succeeded, cancelled) = (add().await, add().await);
+    keeps(succeeded, &upload).await;
+    let (ticket, _) = claim(store).await;
+    store.release(ticket, Release::Free).await.expect("released");
+    let (ticket, _) = claim(store).await;
+    keeps(succeeded, &upload).await;
+    let stale = Ticket { attempt: 1, ..ticket };
+    let progress = Progress { iterations: 3, ..Progress::default() };
+    let rest = Some((vec![What::Iteration("{}".to_owned())], progress));
+    let summary = Summary { is_small: true, ..SUMMARY };
+    let ending = Ending { end: End::Succeeded(summary), rest, result: result.to_vec() };
+    assert_eq!(store.end(stale, ending.clone()).await.expect_err("stale").kind, Kind::Conflict);
+    keeps(succeeded, &upload).await;
+    store.end(ticket, ending).await.expect("ended");
+    keeps(succeeded, &result).await;
+    let job = get(store, succeeded).await;
+    assert_eq!((job.state, job.summary, job.progress), (State::Succeeded, Some(summary), progress));
+    let all = events(store, succeeded, 0, 9).await;
+    assert_eq!(all.iter().map(|event| event.seq).collect::<Vec<_>>(), [1, 2, 3, 4, 5, 6]);
+    assert_eq!(all[4].what, What::Iteration("{}".to_owned()));
+    assert_eq!(all[5].what, What::End(State::Succeeded, None));
+    store.cancel(cancelled).await.expect("asked");
+    keeps(cancelled, &[]).await;
+    keeps(succeeded, &result).await;
+    store.delete(succeeded).await.expect("deleted");
+    keeps(succeeded, &[]).await;
 }
 
 pub(super) async fn unknown_jobs_are_unknown_everywhere(store: &dyn JobStore) {

@@ -6,8 +6,8 @@ use std::time::{Duration, SystemTime};
 use async_trait::async_trait;
 
 use super::{
-    Created, Deletion, End, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob, Page, Progress, Release,
-    Rules, Spec, State, Summary, Ticket, What,
+    Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob, Page, Progress,
+    Release, Rules, SMALL_BLOBS, SmallBlob, Spec, State, Summary, Ticket, What,
 };
 use crate::error::{Error, Kind};
 use crate::mesh::Format;
@@ -44,6 +44,8 @@ pub(in crate::service) async fn run(subject: &dyn Subject) {
     life::a_queued_job_is_cancelled_at_once(make(9).await.as_ref()).await;
     life::a_running_job_is_asked_to_end(make(9).await.as_ref()).await;
     life::an_ended_job_cannot_be_cancelled_and_can_be_deleted(make(9).await.as_ref()).await;
+    life::small_blobs_of_the_upload_stay_until_the_end_and_those_of_the_result_from_then_on(make(9).await.as_ref())
+        .await;
     life::unknown_jobs_are_unknown_everywhere(make(9).await.as_ref()).await;
     lists::pages_hold_every_job_once(make(99).await.as_ref()).await;
     lists::a_tenant_sees_only_its_own_jobs(make(99).await.as_ref()).await;
@@ -78,6 +80,7 @@ fn spec(name: &str) -> Spec {
         buffers: vec!["a b.bin".to_owned(), "ü/β.bin".to_owned()],
         listed_seeds: true,
         has_weights: true,
+        is_small: false,
     }
 }
 
@@ -86,7 +89,7 @@ async fn create(store: &dyn JobStore) -> Job {
 }
 
 async fn add(store: &dyn JobStore, id: JobId, spec: Spec) -> Job {
-    match store.create(NewJob { id, spec, idempotency: None }).await.expect("created") {
+    match store.create(NewJob { id, spec, idempotency: None, upload: Vec::new() }).await.expect("created") {
         Created::New(job) => job,
         Created::Known(job) => panic!("no key was given: {job:?}"),
     }
@@ -104,12 +107,13 @@ async fn events(store: &dyn JobStore, id: JobId, after: u64, limit: usize) -> Ve
     store.events(id, after, limit).await.expect("readable").expect("a job")
 }
 
-const SUMMARY: Summary = Summary { faces: 12, clusters: 7, has_labels: true };
+const SUMMARY: Summary = Summary { faces: 12, clusters: 7, has_labels: true, is_small: false };
 
 fn with_key(tenant: &str, key: &str, request: &str) -> NewJob {
     NewJob {
         id: JobId::random(),
         spec: Spec { tenant: tenant.to_owned(), ..spec("x") },
         idempotency: Some(Idempotency { key: key.to_owned(), request: request.to_owned() }),
+        upload: Vec::new(),
     }
 }
