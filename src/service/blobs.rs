@@ -22,7 +22,7 @@ pub(super) async fn result(
     name: &str,
     range: Option<GetRange>,
 ) -> Result<Blob> {
-    match job.summary {
+    match &job.summary {
         Some(summary) if summary.is_small => small(files, store, job, name, range).await,
         _ => files.read(Folder::Result(job.id, job.attempt), name, range).await,
     }

@@ -251,7 +251,7 @@ impl Pipeline {
                 let kind = if let End::Failed(error) = &ending.end { Some(error.kind) } else { None };
                 let state = ending.end.state();
                 self.metrics.ended(job, state, started.elapsed(), kind);
-                may_have_files = !matches!(ending.end, End::Succeeded(summary) if summary.is_small);
+                may_have_files = !matches!(&ending.end, End::Succeeded(summary) if summary.is_small);
                 ending.rest = log.rest();
                 loop {
                     match self.store.end(ticket, ending.clone()).await {

@@ -19,7 +19,7 @@ use crate::output::{LabelFormat, write_labels};
 pub(super) async fn labels(
     shared: &Shared,
     job: &Job,
-    summary: Summary,
+    summary: &Summary,
     iteration: u32,
     format: LabelFormat,
 ) -> Result<Response> {
@@ -31,11 +31,12 @@ pub(super) async fn labels(
     let from_end = 4 * summary.faces * (kept.len() - row) as u64;
     let range = Some(GetRange::Suffix(from_end));
     let rows = blobs::result(&shared.files, shared.store.as_ref(), job, files::SNAPSHOTS, range).await?;
+    let (faces, clusters) = (summary.faces, summary.clusters);
     let body = blocking(move || {
         let _turn = turn;
-        let labels = first_row(rows, summary.faces)?;
+        let labels = first_row(rows, faces)?;
         let mut body = Vec::new();
-        write_labels(&mut body, format, summary.clusters, &labels)
+        write_labels(&mut body, format, clusters, &labels)
             .map_err(|error| Error::io("labels cannot be written", error))?;
         Ok::<_, Error>(body)
     })

@@ -166,7 +166,7 @@ pub(in crate::service) struct Blob(Source);
 #[derive(Debug)]
 enum Source {
     Found(Box<GetResult>),
-    Held(Bytes),
+    Held { bytes: Bytes, start: u64 },
 }
 
 impl Files {
@@ -183,7 +183,8 @@ impl Files {
         self.may_read()?;
         let range = range.map_or(Ok(0..bytes.len() as u64), |range| range.as_range(bytes.len() as u64));
         let range = range.map_err(|error| Error::new(Kind::Io, format_args!("a file is too short: {error}")))?;
-        Ok(Blob(Source::Held(bytes.slice(range.start as usize..range.end as usize))))
+        let bytes = bytes.slice(range.start as usize..range.end as usize);
+        Ok(Blob(Source::Held { bytes, start: range.start }))
     }
 
     fn may_read(&self) -> Result<()> {
@@ -197,7 +198,15 @@ impl Blob {
     pub fn length(&self) -> u64 {
         match &self.0 {
             Source::Found(found) => found.range.end - found.range.start,
-            Source::Held(bytes) => bytes.len() as u64,
+            Source::Held { bytes, .. } => bytes.len() as u64,
+        }
+    }
+
+    /// Where they begin in the whole blob.
+    pub fn start(&self) -> u64 {
+        match &self.0 {
+            Source::Found(found) => found.range.start,
+            Source::Held { start, .. } => *start,
         }
     }
 
@@ -205,7 +214,7 @@ impl Blob {
     pub fn into_body(self) -> Body {
         let length = self.length();
         match self.0 {
-            Source::Held(bytes) => Body::from(bytes),
+            Source::Held { bytes, .. } => Body::from(bytes),
             Source::Found(found) => match file(found) {
                 Ok(file) => {
                     let file = tokio::fs::File::from_std(file).take(length);
@@ -220,7 +229,7 @@ impl Blob {
     pub fn into_reader(self) -> Box<dyn Read + Send> {
         let length = self.length();
         match self.0 {
-            Source::Held(bytes) => Box::new(io::Cursor::new(bytes)),
+            Source::Held { bytes, .. } => Box::new(io::Cursor::new(bytes)),
             Source::Found(found) => match file(found) {
                 Ok(file) => Box::new(file.take(length)),
                 Err(found) => {
@@ -235,7 +244,7 @@ impl Blob {
     /// All bytes.
     pub async fn bytes(self) -> Result<Bytes> {
         match self.0 {
-            Source::Held(bytes) => Ok(bytes),
+            Source::Held { bytes, .. } => Ok(bytes),
             Source::Found(found) => found.bytes().await.map_err(cannot_read),
         }
     }

@@ -190,7 +190,7 @@ async fn a_sweep_leaves_what_jobs_know_of() {
     write(coming_in.blob(MESH), b"mesh").await.expect("written");
     let claimed = store.claim(1, std::time::Duration::from_secs(60)).await.expect("claimable");
     let ticket = claimed[0].0;
-    let summary = Summary { faces: 1, clusters: 1, has_labels: true, is_small: false };
+    let summary = Summary { faces: 1, clusters: 1, has_labels: true, labels_sha256: None, is_small: false };
     store.finish(ticket, End::Succeeded(summary)).await.expect("finished");
     write(files.result(succeeded, 1, REPORT), b"{}").await.expect("written");
     write(files.result(succeeded, 7, REPORT), b"{}").await.expect("written");

@@ -291,7 +291,13 @@ fn write(
     report.timings_ms.write = milliseconds(writing.elapsed());
     report.timings_ms.total = milliseconds(started.elapsed());
     let has_labels = labels.is_some();
-    let summary = Summary { faces: report.input.faces, clusters: report.clusters, has_labels, is_small: false };
+    let summary = Summary {
+        faces: report.input.faces,
+        clusters: report.clusters,
+        has_labels,
+        labels_sha256: report.labels_sha256.clone(),
+        is_small: false,
+    };
     blobs.push(blob(files::REPORT).fill(|out| {
         serde_json::to_writer(&mut *out, &report)?;
         out.write_all(b"\n")

@@ -170,7 +170,7 @@ pub(super) struct Progress {
 }
 
 /// What is known about the result of a job without opening it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Summary {
     /// Faces of the mesh, each with a label.
     pub faces: u64,
@@ -178,6 +178,9 @@ pub(super) struct Summary {
     pub clusters: u64,
     /// Whether there are labels at that number: not for a whole hierarchy.
     pub has_labels: bool,
+    /// The report's `labels_sha256`.
+    #[serde(default)]
+    pub labels_sha256: Option<String>,
     /// Whether the result is small blobs, which the store keeps.
     #[serde(default)]
     pub is_small: bool,

@@ -175,7 +175,7 @@ pub(super) async fn small_blobs_of_the_upload_stay_until_the_end_and_those_of_th
     let progress = Progress { iterations: 3, ..Progress::default() };
     let rest = Some((vec![What::Iteration("{}".to_owned())], progress));
     let summary = Summary { is_small: true, ..SUMMARY };
-    let ending = Ending { end: End::Succeeded(summary), rest, result: result.to_vec() };
+    let ending = Ending { end: End::Succeeded(summary.clone()), rest, result: result.to_vec() };
     assert_eq!(store.end(stale, ending.clone()).await.expect_err("stale").kind, Kind::Conflict);
     keeps(succeeded, &upload).await;
     store.end(ticket, ending).await.expect("ended");
