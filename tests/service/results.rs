@@ -115,11 +115,11 @@ async fn deletion_removes_the_results() {
     assert!(service.files().iter().any(|file| file.ends_with("labels.npy")));
     for job in [&small, &large] {
         assert_eq!(service.delete(path(job)).send().await.expect("answered").status(), 204);
-        service.keeps_no("").await;
         for name in ["self", "events", "labels", "report"] {
             refused(service.get(text(&job["urls"][name])), 404, "not-found").await;
         }
     }
+    service.keeps_no("").await;
 }
 
 #[tokio::test]
