@@ -15,7 +15,7 @@
 //! | how long they are kept | `retention` |
 //! | what happens when the disk fails | `storage` |
 //! | asking twice for one job | `idempotency` |
-//! | a resource | `jobs`, `events`, `results`, `hierarchy`, `info` |
+//! | a resource | `jobs`, `events`, `results`, `hierarchy`, `info`; `encoded` for what is made when it is asked for |
 //! | what errors look like | `problem` |
 //! | what `/readyz` knows | `health` |
 //! | who may ask | `access` |
@@ -34,6 +34,7 @@ mod access;
 mod admission;
 mod blobs;
 mod conditional;
+mod encoded;
 mod events;
 mod faults;
 mod files;

@@ -140,7 +140,11 @@ pub(super) async fn labels(
         (None, format) if iteration.is_some() => {
             snapshots::labels(&shared, &job, &summary, iteration.unwrap_or_default(), format).await?
         }
-        (None, LabelFormat::Json) => stored(&shared, &job, files::LABELS_JSON, None, format.media_type()).await?,
+        (None, LabelFormat::Json) => {
+            let numbers = Some(GetRange::Suffix(4 * summary.faces));
+            let numbers = blobs::result(&shared.files, shared.store.as_ref(), &job, files::LABELS_NPY, numbers).await?;
+            snapshots::labels_of(&shared, numbers, &summary, format).await?
+        }
         (None, LabelFormat::Npy) => stored(&shared, &job, files::LABELS_NPY, None, format.media_type()).await?,
         (None, LabelFormat::Raw) => {
             let numbers = Some(GetRange::Suffix(4 * summary.faces));

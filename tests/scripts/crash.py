@@ -135,10 +135,11 @@ def kinds():
                                ("terrain", 1200, ["--clusters", "25", "--seeds", "random", "--seed", "7"]),
                                ("torus", 800, ["--algorithm", "pml", "--clusters", "12"]),
                                # so large that uploads and results are files, which the others are not
-                               ("plane", 36000, ["--clusters", "300", "--max-iterations", "9"])]:
+                               ("plane", 24000, ["--clusters", "300", "--max-iterations", "9", "--snapshots", "2,5,8"])]:
         mesh, report = WORK / f"{name}.obj", WORK / f"{name}.json"
         subprocess.run([BINARY, "sample", name, "--faces", str(faces), mesh], check=True, stdout=subprocess.DEVNULL)
-        subprocess.run([BINARY, "cluster", mesh, *flags, "--device", "cpu", "--report", report], check=True,
+        subprocess.run([BINARY, "cluster", mesh, *flags, "--device", "cpu", "--report", report,
+                        "--labels", WORK / f"{name}.npy"], check=True,
                        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         query = "&".join(f"{flag[2:].replace('-', '_')}={value}" for flag, value in zip(flags[::2], flags[1::2]))
         made.append((query, mesh.read_bytes(), json.loads(report.read_text())["labels_sha256"]))

@@ -71,7 +71,7 @@ async fn the_same_labels_have_the_same_tag_whoever_made_them() {
 
 #[tokio::test]
 async fn parts_of_a_result_make_the_whole() {
-    let (service, job) = with_job("clusters=9", 60_000).await;
+    let (service, job) = with_job("clusters=9", 80_000).await;
     let get = || service.get(&format!("{}/labels", path(&job))).header("accept", "application/octet-stream");
     let whole = get().send().await.expect("answered");
     assert_eq!(whole.headers()["accept-ranges"], "bytes");

@@ -110,7 +110,7 @@ async fn a_flat_clustering_is_not_cut_and_has_no_hierarchy() {
 async fn deletion_removes_the_results() {
     let (service, small) = done().await;
     assert!(service.files().is_empty(), "what is small is kept with its job: {:?}", service.files());
-    let large = service.submit("clusters=5", sphere(50_000)).await;
+    let large = service.submit("clusters=5", sphere(80_000)).await;
     service.ended(&large).await;
     assert!(service.files().iter().any(|file| file.ends_with("labels.npy")));
     for job in [&small, &large] {

@@ -44,10 +44,8 @@ pub(super) const MESH: &str = "mesh";
 pub(super) const SEEDS: &str = "seeds";
 /// Name of the weights among a job's uploads.
 pub(super) const WEIGHTS: &str = "weights";
-/// Name of the labels as `.npy` among a job's results.
+/// Name of the labels as `.npy` among a job's results; other forms are made of it.
 pub(super) const LABELS_NPY: &str = "labels.npy";
-/// Name of the labels as JSON among a job's results.
-pub(super) const LABELS_JSON: &str = "labels.json";
 /// Name of the labels of iterations among a job's results: `.npy`, a row an iteration.
 pub(super) const SNAPSHOTS: &str = "snapshots.npy";
 /// Name of the list of those iterations among a job's results.

@@ -1,6 +1,7 @@
 //! The stages of one job.
 
 use std::collections::HashMap;
+use std::io::Write;
 use std::iter;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -276,9 +277,8 @@ fn write(
     let writing = Instant::now();
     let mut blobs = Vec::new();
     if let Some(labels) = &labels {
-        for (format, name) in [(LabelFormat::Npy, files::LABELS_NPY), (LabelFormat::Json, files::LABELS_JSON)] {
-            blobs.push(blob(name).fill(|out| write_labels(out, format, report.clusters, labels))?);
-        }
+        let write = |out: &mut dyn Write| write_labels(out, LabelFormat::Npy, report.clusters, labels);
+        blobs.push(blob(files::LABELS_NPY).fill(write)?);
     }
     if !report.snapshots.is_empty() {
         let faces = report.input.faces;
