@@ -2,22 +2,25 @@
 
     python memory.py BINARY [JOBS [FACES [GROWTH]]]
 
-CLIENTS clients on loopback submit JOBS (500) meshes of FACES (300) faces, each job is kept for a second after its end. Prints
-the memory after a tenth, a quarter, a half and all of them, in memory only and with a data folder, and what is left on disk.
-Fails when the memory at the end is more than GROWTH (1.2) times that after a quarter, and 4 MB more.
+CLIENTS clients on loopback submit JOBS (1000) meshes of FACES (300) faces, each job is kept for a second after its end. Prints
+the memory after a tenth, a quarter, a half and all of them, when all are forgotten, in memory only and with a data folder, and
+what is left on disk. Fails when the memory at the end is more than GROWTH (1.2) times that after a quarter, and 4 MB more.
 """
 
 import http.client
+import json
 import pathlib
 import subprocess
 import sys
 import tempfile
 import threading
+import time
+import urllib.request
 
 from service import Service, resident
 
 BINARY = pathlib.Path(sys.argv[1]).resolve()
-JOBS, FACES = (int(sys.argv[at]) if len(sys.argv) > at else default for at, default in [(2, 500), (3, 300)])
+JOBS, FACES = (int(sys.argv[at]) if len(sys.argv) > at else default for at, default in [(2, 1000), (3, 300)])
 GROWTH = float(sys.argv[4]) if len(sys.argv) > 4 else 1.2
 CLIENTS = 8
 SPARE_MB = 4
@@ -45,6 +48,13 @@ def submit(service, mesh, jobs):
     assert not failures, failures[0]
 
 
+def wait_until_forgotten(service):
+    deadline = time.monotonic() + 120
+    while json.load(urllib.request.urlopen(service.url + "/v1/jobs?limit=1", timeout=10))["jobs"]:
+        assert time.monotonic() < deadline, "jobs are not forgotten"
+        time.sleep(0.1)
+
+
 def measure(name, mesh, *arguments):
     with Service(BINARY, "--device", "cpu", "--log", "warn", "--retention", "1", "--max-request-rate", "0",
                  *arguments) as service:
@@ -53,6 +63,7 @@ def measure(name, mesh, *arguments):
             jobs = int(JOBS * share)
             submit(service, mesh, jobs - done)
             done = jobs
+            wait_until_forgotten(service)
             memory.append(resident(service.process))
         told = ", ".join(f"{int(JOBS * share)}: {megabytes:.1f} MB" for share, megabytes in zip((0.1, 0.25, 0.5, 1), memory))
         print(f"{name}: memory after jobs: {told}")
