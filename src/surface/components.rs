@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use super::adjacency::Links;
+
 /// A set of faces connected across shared edges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Component {
@@ -25,12 +27,12 @@ impl Component {
 /// The component of each face, numbered in the order of their smallest face, and how many there are.
 ///
 /// Union-find in which the smaller face becomes the root.
-pub fn label(faces: usize, links: &[(u32, u32)]) -> (Vec<u32>, usize) {
+pub fn label(faces: usize, links: &Links<'_>) -> (Vec<u32>, usize) {
     let mut parent: Vec<u32> = (0..faces as u32).collect();
-    for &(a, b) in links {
+    links.each_pair(|a, b| {
         let (a, b) = (root(&mut parent, a), root(&mut parent, b));
         parent[a.max(b) as usize] = a.min(b);
-    }
+    });
     let mut count = 0;
     for face in 0..faces {
         // a parent is never larger than its child, so it already holds its component's number

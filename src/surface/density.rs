@@ -46,7 +46,7 @@ impl Density {
         mesh: &PolygonMesh,
         weld: &Weld,
         frame: &Frame,
-        geometry: &[FaceGeometry],
+        geometry: &[(FaceGeometry, f64)],
         wanted: Wanted<'_>,
     ) -> Result<Option<Self>> {
         if !wanted.is_any() {
@@ -108,9 +108,9 @@ impl Density {
 }
 
 /// (κ / root mean square of κ)^exponent of each face, from κ².
-fn factors(squared: &[f64], geometry: &[FaceGeometry], exponent: f64) -> Vec<f64> {
+fn factors(squared: &[f64], geometry: &[(FaceGeometry, f64)], exponent: f64) -> Vec<f64> {
     let (mut weighted, mut area) = (0.0, 0.0);
-    for (squared, face) in squared.iter().zip(geometry) {
+    for (squared, (face, _)) in squared.iter().zip(geometry) {
         weighted += face.area * squared;
         area += face.area;
     }

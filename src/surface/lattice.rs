@@ -38,15 +38,14 @@ pub struct FaceGeometry {
 }
 
 impl Frame {
-    /// The frame of the vertices that faces use.
-    pub fn of(mesh: &PolygonMesh) -> Self {
+    /// The frame of some positions.
+    pub fn of<'a>(positions: impl Iterator<Item = &'a [f64; 3]>) -> Self {
         let mut low = [f64::INFINITY; 3];
         let mut high = [f64::NEG_INFINITY; 3];
-        for &corner in mesh.faces.all_corners() {
-            let position = mesh.positions[corner as usize];
+        for position in positions {
             for axis in 0..3 {
-                low[axis] = low[axis].min(position[axis]);
-                high[axis] = high[axis].max(position[axis]);
+                low[axis] = if position[axis] < low[axis] { position[axis] } else { low[axis] };
+                high[axis] = if position[axis] > high[axis] { position[axis] } else { high[axis] };
             }
         }
         // halves first: the sum and the difference of two finite numbers may not be finite
@@ -164,9 +163,15 @@ fn square(a: [f64; 3]) -> f64 {
 }
 
 /// The nearest lattice point.
+#[inline]
 pub fn round_centroid(centroid: [f64; 3]) -> [i32; 3] {
-    const MOST: f64 = ((1 << COORDINATE_BITS) - 1) as f64;
-    centroid.map(|coordinate| (coordinate + 0.5).floor().clamp(-MOST, MOST) as i32)
+    const MOST: i32 = (1 << COORDINATE_BITS) - 1;
+    centroid.map(|coordinate| {
+        // the floor, without a call; what is beyond an i32 stays there
+        let up = coordinate + 0.5;
+        let towards_zero = up as i32;
+        towards_zero.saturating_sub(i32::from(up < f64::from(towards_zero))).clamp(-MOST, MOST)
+    })
 }
 
 /// How areas become weights.
@@ -184,8 +189,11 @@ pub fn scales(geometry: &[FaceGeometry], runs: &[Range<usize>]) -> Scales {
         .iter()
         .map(|run| {
             let faces = &geometry[run.clone()];
-            let sum: f64 = faces.iter().map(|face| face.area).sum();
-            let largest = faces.iter().map(|face| face.area).fold(0.0, f64::max);
+            let (mut sum, mut largest) = (0.0, 0.0);
+            for face in faces {
+                sum += face.area;
+                largest = if face.area > largest { face.area } else { largest };
+            }
             // x < 2^frexp(x).1
             (sum > 0.0).then(|| (WEIGHT_SUM_BITS - libm::frexp(sum).1).min(WEIGHT_BITS - libm::frexp(largest).1))
         })
@@ -198,8 +206,28 @@ pub fn scales(geometry: &[FaceGeometry], runs: &[Range<usize>]) -> Scales {
     Scales { exponents, finest }
 }
 
-/// The weight of an area: nearest integer, at least 1.
-pub fn round_weight(area: f64, exponent: i32) -> u32 {
-    let scaled = libm::ldexp(area, exponent);
-    ((scaled + 0.5).floor() as u32).max(1)
+/// What areas are multiplied by to become weights: a power of two.
+#[derive(Debug, Clone, Copy)]
+pub struct Scale {
+    exponent: i32,
+    /// 2^exponent, where that is a normal f64.
+    factor: Option<f64>,
+}
+
+impl Scale {
+    /// 2^exponent.
+    pub fn new(exponent: i32) -> Self {
+        let is_normal = (f64::MIN_EXP - 1..f64::MAX_EXP).contains(&exponent);
+        Self { exponent, factor: is_normal.then(|| libm::ldexp(1.0, exponent)) }
+    }
+
+    /// The weight of an area: nearest integer, at least 1.
+    #[inline]
+    pub fn weight(self, area: f64) -> u32 {
+        let scaled = match self.factor {
+            Some(factor) => area * factor,
+            None => libm::ldexp(area, self.exponent),
+        };
+        ((scaled + 0.5) as u32).max(1)
+    }
 }

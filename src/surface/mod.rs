@@ -26,7 +26,7 @@ pub use components::Component;
 pub use density::Wanted;
 pub use graph::DualGraph;
 
-use std::ops::Deref;
+use std::ops::{Deref, Range};
 
 use rayon::prelude::*;
 
@@ -35,8 +35,10 @@ use crate::device::LatticeEnergy;
 use crate::error::{Error, Result};
 use crate::mesh::PolygonMesh;
 use crate::tree::Merge;
+use adjacency::Links;
 use density::Density;
-use lattice::{FaceGeometry, Frame};
+use lattice::{FaceGeometry, Frame, Scale, Scales};
+use weld::UNUSED;
 
 /// A mesh on the integer lattice, faces in an internal order chosen for locality.
 #[derive(Debug)]
@@ -107,59 +109,77 @@ impl Surface {
                 1u32 << 31
             )));
         }
-        let weld = weld::weld(mesh);
-        let adjacency::Links { mut pairs, crowded, mut counts } = adjacency::links(&mesh.faces, &weld);
-        counts.welded_vertices = u64::from(weld.vertices);
+        // from within the pool, the many parallel steps wake nobody
+        rayon::scope(|_| Self::build_in_pool(mesh, bridge, wanted))
+    }
 
-        let frame = Frame::of(mesh);
-        let geometry: Vec<(FaceGeometry, f64)> =
-            (0..faces).into_par_iter().map(|face| frame.face(mesh, face)).collect();
-        let moment_inside_faces = geometry.iter().map(|(_, inside)| inside).sum();
-        let mut geometry: Vec<FaceGeometry> = geometry.into_iter().map(|(face, _)| face).collect();
-        counts.zero_area_faces = geometry.iter().filter(|face| face.area <= 0.0).count() as u64;
+    fn build_in_pool(mesh: &PolygonMesh, bridge: bool, wanted: Wanted<'_>) -> Result<Self> {
+        let faces = mesh.faces.len();
+        let connect = || {
+            let (weld, positions) = weld::weld(mesh);
+            let links = Links::new(&mesh.faces, positions, weld.vertices);
+            let components = components::label(faces, &links);
+            (weld, links, components)
+        };
+        let ((weld, mut links, (mut component_of_face, mut component_count)), mut laid) =
+            rayon::join(connect, || Laid::new(mesh, Frame::of(mesh.positions.iter())));
+        if weld.has_unused {
+            let used = mesh.positions.iter().zip(&weld.position_of_vertex).filter(|(_, position)| **position != UNUSED);
+            let frame = Frame::of(used.map(|(position, _)| position));
+            if frame != laid.frame {
+                drop(laid);
+                laid = Laid::new(mesh, frame);
+            }
+        }
+        let Laid { frame, mut geometry, along_curve, moment_inside_faces, zero_area_faces } = laid;
         let density = Density::of(mesh, &weld, &frame, &geometry, wanted)?;
-        for (face, density) in geometry.iter_mut().zip(density.iter().flat_map(|density| &density.of_face)) {
+        for ((face, _), density) in geometry.iter_mut().zip(density.iter().flat_map(|density| &density.of_face)) {
             face.area *= density;
         }
-
-        let (mut component_of_face, mut component_count) = components::label(faces, &pairs);
-        counts.components = component_count as u64;
+        let mut counts = Counts {
+            components: component_count as u64,
+            welded_vertices: u64::from(weld.vertices),
+            zero_area_faces,
+            ..links.counts
+        };
+        drop(weld);
         if bridge && component_count > 1 {
-            pairs.extend(bridge::bridges(&geometry, &component_of_face, component_count));
-            (component_of_face, component_count) = components::label(faces, &pairs);
+            links.bridge(bridge::bridges(&geometry, &component_of_face, component_count));
+            (component_of_face, component_count) = components::label(faces, &links);
         }
-        let upload_face = order::internal_order(&geometry, &component_of_face, component_count);
-        let geometry: Vec<FaceGeometry> = upload_face.par_iter().map(|&face| geometry[face as usize]).collect();
-        let (neighbour_offsets, neighbours) = adjacency::compressed(&pairs, &upload_face);
-        drop(pairs);
-        counts.duplicate_faces =
-            adjacency::duplicates(mesh, &weld, &crowded, &upload_face, &neighbour_offsets, &neighbours);
 
+        let upload_face = order::by_component(along_curve, &component_of_face, component_count);
         let runs = components::runs(&component_of_face, &upload_face, component_count);
-        let scales = lattice::scales(&geometry, &runs);
-        let centroids: Vec<[i32; 3]> = geometry.par_iter().map(|face| lattice::round_centroid(face.centroid)).collect();
-        let mut weights = Vec::with_capacity(faces);
-        let mut components = Vec::with_capacity(runs.len());
-        let mut moment = 0i128;
-        for (run, &exponent) in runs.iter().zip(&scales.exponents) {
-            let energy_shift = (scales.finest - exponent) as u32;
-            let mut weight = 0u64;
-            for face in run.clone() {
-                let w = lattice::round_weight(geometry[face].area, exponent);
-                let square: i64 = centroids[face].iter().map(|&g| i64::from(g) * i64::from(g)).sum();
-                moment += (i128::from(w) * i128::from(square)) << energy_shift;
-                weight += u64::from(w);
-                weights.push(w);
-            }
-            components.push(Component { first_face: run.start as u32, faces: run.len() as u32, weight, energy_shift });
-        }
+        drop(component_of_face);
+        let gather = || {
+            let (mut ordered, mut centroids) = (Vec::new(), Vec::new());
+            let place = |&face: &u32| {
+                let (face, _) = geometry[face as usize];
+                (face, lattice::round_centroid(face.centroid))
+            };
+            upload_face.par_iter().with_min_len(4096).map(place).unzip_into_vecs(&mut ordered, &mut centroids);
+            (ordered, centroids)
+        };
+        let (rows, (ordered, centroids)) = rayon::join(|| links.compressed(&upload_face), gather);
+        drop(geometry);
+        counts.duplicate_faces = links.duplicates(&rows.repeating);
+        drop(links);
+
+        let scales = lattice::scales(&ordered, &runs);
+        let weighed = Weighed::new(&ordered, &centroids, runs, &scales);
         Ok(Self {
-            graph: DualGraph { centroids, weights, neighbour_offsets, neighbours, components },
+            graph: DualGraph {
+                centroids,
+                weights: weighed.weights,
+                neighbour_offsets: rows.offsets,
+                neighbours: rows.neighbours,
+                components: weighed.components,
+            },
             upload_face,
             counts,
-            geometry,
+            geometry: ordered,
             frame,
-            moment,
+            moment: weighed.moment,
             weight_exponent: scales.finest,
             moment_inside_faces,
             density_unit: density.map(|density| density.unit),
@@ -260,6 +280,78 @@ impl Surface {
         let tiling = 5.0 / (18.0 * 3.0f64.sqrt()) * area * area / clusters as f64;
         let visible = tiling - self.moment_inside_faces;
         (visible > tiling / 2.0).then(|| self.lattice_energy(labels, clusters) / visible)
+    }
+}
+
+/// The faces on the lattice, before rounding, upload order.
+struct Laid {
+    frame: Frame,
+    /// Centroid and area, and the moment inside.
+    geometry: Vec<(FaceGeometry, f64)>,
+    /// The faces along a curve through their centroids.
+    along_curve: Vec<u32>,
+    moment_inside_faces: f64,
+    zero_area_faces: u64,
+}
+
+impl Laid {
+    fn new(mesh: &PolygonMesh, frame: Frame) -> Self {
+        let faces = mesh.faces.len();
+        let geometry: Vec<(FaceGeometry, f64)> =
+            (0..faces).into_par_iter().with_min_len(4096).map(|face| frame.face(mesh, face)).collect();
+        let (mut moment_inside_faces, mut zero_area_faces) = (0.0, 0);
+        for (face, inside) in &geometry {
+            moment_inside_faces += inside;
+            zero_area_faces += u64::from(face.area <= 0.0);
+        }
+        let along_curve = order::along_curve(faces, |face| order::morton_key(geometry[face as usize].0.centroid));
+        Self { frame, geometry, along_curve, moment_inside_faces, zero_area_faces }
+    }
+}
+
+/// The weights of the faces, internal order, and what they sum up to.
+struct Weighed {
+    weights: Vec<u32>,
+    components: Vec<Component>,
+    /// Σ over faces of `w·|g|² << energy_shift`.
+    moment: i128,
+}
+
+impl Weighed {
+    fn new(geometry: &[FaceGeometry], centroids: &[[i32; 3]], runs: Vec<Range<usize>>, scales: &Scales) -> Self {
+        /// Faces that are worth a second thread.
+        const PIECE: usize = 1 << 14;
+        let mut weights = vec![0; geometry.len()];
+        let mut components = Vec::with_capacity(runs.len());
+        let mut moment = 0i128;
+        for (run, &exponent) in runs.into_iter().zip(&scales.exponents) {
+            let energy_shift = (scales.finest - exponent) as u32;
+            let scale = Scale::new(exponent);
+            let weigh = |(weights, first): (&mut [u32], usize)| {
+                let (mut moment, mut sum) = (0i128, 0u64);
+                for (at, weight) in weights.iter_mut().enumerate() {
+                    let face = first + at;
+                    *weight = scale.weight(geometry[face].area);
+                    let square: i64 = centroids[face].iter().map(|&g| i64::from(g) * i64::from(g)).sum();
+                    moment += i128::from(*weight) * i128::from(square);
+                    sum += u64::from(*weight);
+                }
+                (moment, sum)
+            };
+            let weights = &mut weights[run.clone()];
+            let (of_run, weight) = if run.len() <= PIECE {
+                weigh((weights, run.start))
+            } else {
+                weights
+                    .par_chunks_mut(PIECE)
+                    .enumerate()
+                    .map(|(piece, weights)| weigh((weights, run.start + piece * PIECE)))
+                    .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1))
+            };
+            moment += of_run << energy_shift;
+            components.push(Component { first_face: run.start as u32, faces: run.len() as u32, weight, energy_shift });
+        }
+        Self { weights, components, moment }
     }
 }
 
