@@ -4,9 +4,9 @@
 //! one edge. Two faces of an edge are linked, more than two are linked as a chain by face number (never all pairs, which
 //! would be quadratic).
 //!
-//! A bucket has six half-edges on average. Up to sixteen are compared all with all, which takes fewer cycles than sorting
-//! them: nothing in it depends on a branch that cannot be foreseen. Buckets with more, and those with edges of anything
-//! but one or two faces, are sorted.
+//! A bucket has six half-edges on average, and is a list through the memory that later holds the links. Its half-edges
+//! meet in a table with a place for each upper end: nothing there depends on a branch that cannot be foreseen, and nothing
+//! is sorted but large buckets and those with an edge of more than two faces.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -37,6 +37,9 @@ const NONE: u32 = u32::MAX;
 /// Two faces, which [`Links::chained`] names.
 const CHAINED: u32 = u32::MAX - 1;
 
+/// Ranges of vertices whose half-edges are linked at the same time: each looks at all half-edges.
+const MOST_RANGES: usize = 4;
+
 /// The half-edges of a mesh.
 #[derive(Debug)]
 struct Edges<'a> {
@@ -45,6 +48,8 @@ struct Edges<'a> {
     positions: Vec<u32>,
     /// The face of each corner, where faces are not all triangles.
     face_of_corner: Vec<u32>,
+    /// Whether a face has two corners at one position. Only such a face can run along an edge twice.
+    has_degenerate: bool,
 }
 
 impl<'a> Links<'a> {
@@ -55,18 +60,25 @@ impl<'a> Links<'a> {
     ///
     /// `positions` has a number below `vertices` for each corner.
     pub fn new(faces: &'a Faces, positions: Vec<u32>, vertices: u32) -> Self {
-        let edges = Edges::new(faces, positions);
+        let mut edges = Edges::new(faces, positions);
+        let degenerate_faces = edges.degenerate_faces();
+        edges.has_degenerate = degenerate_faces > 0;
         let linked: Vec<AtomicU32> =
             (0..edges.positions.len()).into_par_iter().with_min_len(1 << 14).map(|_| NONE.into()).collect();
         let vertices = vertices as usize;
-        // each range looks at all half-edges, so there are no more than can be worked on at a time
-        let ranges = rayon::current_num_threads().min(vertices.div_ceil(1 << 12)).max(1);
+        let ranges = rayon::current_num_threads().min(MOST_RANGES).min(vertices.div_ceil(1 << 12)).max(1);
         let bound = |range: usize| (vertices * range / ranges) as u32;
         let found: Vec<Found> = (0..ranges)
             .into_par_iter()
-            .map(|range| Buckets::new(&edges, bound(range)..bound(range + 1)).link(&edges, &linked))
+            .map(|range| {
+                let buckets = Buckets::new(&edges, &linked, bound(range)..bound(range + 1));
+                match faces.are_triangles() {
+                    true => buckets.link::<true>(vertices),
+                    false => buckets.link::<false>(vertices),
+                }
+            })
             .collect();
-        let mut counts = Counts { degenerate_faces: edges.degenerate_faces(), ..Counts::default() };
+        let mut counts = Counts { degenerate_faces, ..Counts::default() };
         let (mut chained, mut crowded) = (Vec::new(), Vec::new());
         for found in found {
             chained.extend(found.chained);
@@ -86,19 +98,15 @@ impl<'a> Links<'a> {
 
     /// Calls `link(a, b)` for each pair of linked faces, a > b.
     pub fn each_pair(&self, mut link: impl FnMut(u32, u32)) {
-        for corner in 0..self.linked.len() as u32 {
-            match self.linked[corner as usize].load(Ordering::Relaxed) {
-                NONE => {}
-                CHAINED => {
-                    let [before, _] = self.chain_at(corner);
-                    link(self.edges.face(corner), before);
-                }
-                other => {
-                    let face = self.edges.face(corner);
-                    if other < face {
-                        link(face, other);
-                    }
-                }
+        let mut link_corner = |face: u32, corner: usize| match self.linked[corner].load(Ordering::Relaxed) {
+            CHAINED => link(face, self.chain_at(corner as u32)[0]),
+            // none is larger than any face
+            other if other < face => link(face, other),
+            _ => {}
+        };
+        for face in 0..self.edges.faces.len() {
+            for corner in self.edges.faces.first_corner(face)..self.edges.faces.first_corner(face + 1) {
+                link_corner(face as u32, corner);
             }
         }
         self.bridges.iter().filter(|(face, other)| other < face).for_each(|&(face, other)| link(face, other));
@@ -166,11 +174,11 @@ impl<'a> Links<'a> {
                 .zip(upload_face.par_chunks(PIECE))
                 .flat_map_iter(|(neighbours, faces)| {
                     let mut repeating = Vec::new();
+                    let positions = self.edges.positions.as_chunks::<3>().0;
+                    let linked = self.linked.as_chunks::<3>().0;
                     for (row, &face) in neighbours.as_chunks_mut::<3>().0.iter_mut().zip(faces) {
-                        let first = 3 * face as usize;
-                        let positions = &self.edges.positions[first..first + 3];
-                        let order = by_ends([positions[0], positions[1], positions[2]]);
-                        let linked = &self.linked[first..first + 3];
+                        let order = by_ends(positions[face as usize]);
+                        let linked = &linked[face as usize];
                         *row = order.map(|corner| internal(linked[corner].load(Ordering::Relaxed)));
                         let [a, b, c] = *row;
                         if (a == b) | (b == c) | (c == a) {
@@ -296,7 +304,7 @@ impl<'a> Edges<'a> {
                 face_of_corner.resize(faces.first_corner(face + 1), face as u32);
             }
         }
-        Self { faces, positions, face_of_corner }
+        Self { faces, positions, face_of_corner, has_degenerate: false }
     }
 
     /// The positions of a face's corners.
@@ -308,6 +316,19 @@ impl<'a> Edges<'a> {
     #[inline]
     fn face(&self, corner: u32) -> u32 {
         if self.face_of_corner.is_empty() { corner / 3 } else { self.face_of_corner[corner as usize] }
+    }
+
+    /// The end of the half-edge at `corner` that is not `low`.
+    #[inline]
+    fn other_end<const TRIANGLES: bool>(&self, corner: u32, low: u32) -> u32 {
+        let before = if TRIANGLES || self.face_of_corner.is_empty() {
+            if corner.is_multiple_of(3) { corner + 2 } else { corner - 1 }
+        } else {
+            let face = self.face_of_corner[corner as usize] as usize;
+            let first = self.faces.first_corner(face) as u32;
+            if corner == first { self.faces.first_corner(face + 1) as u32 - 1 } else { corner - 1 }
+        };
+        self.positions[corner as usize] ^ self.positions[before as usize] ^ low
     }
 
     /// Calls `edge(low, high, corner)` for each half-edge that has two different ends.
@@ -361,17 +382,50 @@ impl<'a> Edges<'a> {
 }
 
 /// The half-edges whose lower end is in a range of positions, a bucket for each.
-struct Buckets {
-    /// Where each bucket begins, and the end of the last.
-    starts: Vec<u32>,
-    /// The upper end of each half-edge; [`MOST_COMPARED`] more than there are.
-    high: Vec<u32>,
-    /// The corner at which each half-edge ends; as many.
-    corner: Vec<u32>,
+///
+/// A bucket is a list through `linked`: until an edge's links are known, each half-edge has the one before it there.
+struct Buckets<'a> {
+    edges: &'a Edges<'a>,
+    linked: &'a [AtomicU32],
+    /// First position of the range.
+    first: u32,
+    /// The last half-edge of each bucket.
+    last: Vec<u32>,
 }
 
-/// Largest bucket that is compared all with all.
-const MOST_COMPARED: usize = 16;
+/// Largest bucket that is not sorted.
+const MOST_UNSORTED: usize = 32;
+
+/// What is known of an edge whose lower end is that of the current bucket: the lower end, how many half-edges it has (at
+/// most 3), and their corners, combined by exclusive or. Lower ends and corners have 31 bits.
+#[derive(Clone, Copy, Default)]
+struct Edge(u64);
+
+impl Edge {
+    /// Without half-edges, unless it is of the bucket of `low`.
+    #[inline]
+    fn in_bucket(self, low: u32) -> Self {
+        let is_stale = self.0 >> 33 != u64::from(low);
+        if is_stale { Self(u64::from(low) << 33) } else { self }
+    }
+
+    #[inline]
+    fn uses(self) -> u64 {
+        self.0 >> 31 & 3
+    }
+
+    /// All corners but `corner`, combined.
+    #[inline]
+    fn others(self, corner: u32) -> u32 {
+        (self.0 as u32 ^ corner) & (u32::MAX >> 1)
+    }
+
+    /// With one more half-edge; no more than three times.
+    #[inline]
+    fn with(self, corner: u32) -> Self {
+        Self((self.0 + (1 << 31)) ^ u64::from(corner))
+    }
+}
 
 /// What is found in a range of positions besides plain links.
 #[derive(Default)]
@@ -384,103 +438,71 @@ struct Found {
     sorted: Vec<(u32, u32, u32)>,
 }
 
-impl Buckets {
-    fn new(edges: &Edges<'_>, range: Range<u32>) -> Self {
+impl<'a> Buckets<'a> {
+    fn new(edges: &'a Edges<'_>, linked: &'a [AtomicU32], range: Range<u32>) -> Self {
         let (first, length) = (range.start, range.end - range.start);
-        let mut starts = vec![0u32; length as usize + 1];
-        edges.each(|low, _, _| {
+        let mut last = vec![NONE; length as usize];
+        edges.each(|low, _, corner| {
             let bucket = low.wrapping_sub(first);
             if bucket < length {
-                starts[bucket as usize] += 1;
+                let before = std::mem::replace(&mut last[bucket as usize], corner);
+                linked[corner as usize].store(before, Ordering::Relaxed);
             }
         });
-        let mut end = 0;
-        for start in &mut starts {
-            end += std::mem::replace(start, end);
-        }
-        let mut high = vec![0; end as usize + MOST_COMPARED];
-        let mut corners = vec![0; end as usize + MOST_COMPARED];
-        edges.each(|low, other, corner| {
-            let bucket = low.wrapping_sub(first);
-            if bucket < length {
-                let slot = starts[bucket as usize] as usize;
-                starts[bucket as usize] += 1;
-                high[slot] = other;
-                corners[slot] = corner;
-            }
-        });
-        // each start is now the next one's
-        starts.rotate_right(1);
-        starts[0] = 0;
-        Self { starts, high, corner: corners }
+        Self { edges, linked, first, last }
     }
 
-    /// Notes the links of the half-edges.
-    fn link(&self, edges: &Edges<'_>, linked: &[AtomicU32]) -> Found {
+    /// Puts the links of the half-edges in place of the lists.
+    fn link<const TRIANGLES: bool>(&self, positions: usize) -> Found {
+        let edges = self.edges;
+        let face = |corner: u32| if TRIANGLES { corner / 3 } else { edges.face(corner) };
         let mut found = Found::default();
-        for ends in self.starts.windows(2) {
-            let bucket = ends[0] as usize..ends[1] as usize;
-            let is_plain = match bucket.len() {
-                0..=8 => self.compare::<8>(bucket.clone(), edges, linked, &mut found),
-                9..=MOST_COMPARED => self.compare::<MOST_COMPARED>(bucket.clone(), edges, linked, &mut found),
-                _ => false,
-            };
-            if !is_plain {
-                self.sort(bucket, edges, linked, &mut found);
+        let mut edge_at = vec![Edge::default(); positions];
+        let (mut ends, mut corners) = ([0; MOST_UNSORTED], [0; MOST_UNSORTED]);
+        for (low, &last) in (self.first..).zip(&self.last) {
+            let mut count = 0;
+            let mut is_plain = true;
+            let mut corner = last;
+            while corner != NONE && is_plain && count < MOST_UNSORTED {
+                let end = edges.other_end::<TRIANGLES>(corner, low);
+                (ends[count], corners[count]) = (end, corner);
+                let known = &mut edge_at[end as usize];
+                let edge = known.in_bucket(low);
+                *known = edge.with(corner);
+                is_plain = edge.uses() < 2;
+                if edges.has_degenerate && edge.uses() == 1 {
+                    is_plain &= face(edge.others(0)) != face(corner);
+                }
+                corner = self.linked[corner as usize].load(Ordering::Relaxed);
+                count += 1;
+            }
+            if !is_plain || corner != NONE {
+                ends[..count].iter().for_each(|&end| edge_at[end as usize] = Edge::default());
+                self.sort(low, last, &mut found);
+                continue;
+            }
+            for (&end, &corner) in ends[..count].iter().zip(&corners) {
+                let edge = edge_at[end as usize];
+                let is_pair = edge.uses() == 2;
+                let link = if is_pair { face(edge.others(corner)) } else { NONE };
+                self.linked[corner as usize].store(link, Ordering::Relaxed);
+                found.boundary_edges += u64::from(!is_pair);
             }
         }
         found
     }
 
-    /// Links a bucket of at most N half-edges by comparing all with all, unless an edge in it is not one of one or two
-    /// different faces.
-    #[inline]
-    fn compare<const N: usize>(
-        &self,
-        bucket: Range<usize>,
-        edges: &Edges<'_>,
-        linked: &[AtomicU32],
-        found: &mut Found,
-    ) -> bool {
-        let (first, length) = (bucket.start, bucket.len());
-        let (Some(high), Some(corner)) =
-            (self.high[first..].first_chunk::<N>(), self.corner[first..].first_chunk::<N>())
-        else {
-            return false;
-        };
-        let high: [u32; N] = std::array::from_fn(|at| if at < length { high[at] } else { NONE });
-        // how many half-edges each edge has, itself included, and the sum of their corners
-        let (mut count, mut sum) = ([0u32; N], [0u32; N]);
-        for other in 0..N {
-            for at in 0..N {
-                let is_same = u32::from(high[at] == high[other]);
-                count[at] += is_same;
-                sum[at] = sum[at].wrapping_add(is_same.wrapping_neg() & corner[other]);
-            }
-        }
-        let mut faces = [NONE; N];
-        let mut is_plain = true;
-        for at in 0..length {
-            let is_pair = count[at] == 2;
-            let other = edges.face(if is_pair { sum[at].wrapping_sub(corner[at]) } else { 0 });
-            is_plain &= count[at] <= 2 && !(is_pair && other == edges.face(corner[at]));
-            faces[at] = if is_pair { other } else { NONE };
-        }
-        if is_plain {
-            for at in 0..length {
-                linked[corner[at] as usize].store(faces[at], Ordering::Relaxed);
-                found.boundary_edges += u64::from(count[at] == 1);
-            }
-        }
-        is_plain
-    }
-
     /// Links a bucket of any kind.
     #[cold]
-    fn sort(&self, bucket: Range<usize>, edges: &Edges<'_>, linked: &[AtomicU32], found: &mut Found) {
+    fn sort(&self, low: u32, last: u32, found: &mut Found) {
         let Found { chained, crowded, sorted, .. } = found;
         sorted.clear();
-        sorted.extend(bucket.map(|at| (self.high[at], edges.face(self.corner[at]), self.corner[at])));
+        let mut corner = last;
+        while corner != NONE {
+            sorted.push((self.edges.other_end::<false>(corner, low), self.edges.face(corner), corner));
+            // what does not stand for an edge stays without a link
+            corner = self.linked[corner as usize].swap(NONE, Ordering::Relaxed);
+        }
         sorted.sort_unstable();
         for edge in sorted.chunk_by(|a, b| a.0 == b.0) {
             let mut solid_faces = 0;
@@ -501,7 +523,7 @@ impl Buckets {
                         CHAINED
                     }
                 };
-                linked[corner as usize].store(link, Ordering::Relaxed);
+                self.linked[corner as usize].store(link, Ordering::Relaxed);
                 faces += 1;
                 before = face;
                 here = next;

@@ -14,7 +14,7 @@
 //!
 //! Scalar f64 with + − × ÷ √ in a fixed order.
 
-use super::lattice::{FaceGeometry, Frame};
+use super::lattice::{AREA, FaceGeometry, Frame};
 use super::weld::Weld;
 use crate::mesh::PolygonMesh;
 
@@ -22,12 +22,7 @@ use crate::mesh::PolygonMesh;
 type Symmetric = [f64; 6];
 
 /// κ² of each face in lattice units, upload order.
-pub fn squared_curvatures(
-    mesh: &PolygonMesh,
-    weld: &Weld,
-    frame: &Frame,
-    geometry: &[(FaceGeometry, f64)],
-) -> Vec<f64> {
+pub fn squared_curvatures(mesh: &PolygonMesh, weld: &Weld, frame: &Frame, geometry: &[FaceGeometry]) -> Vec<f64> {
     let vertex = |corner: u32| weld.position_of_vertex[corner as usize] as usize;
     let vertices = weld.vertices as usize;
     let tensors = normal_tensors(mesh, weld, frame);
@@ -45,12 +40,12 @@ pub fn squared_curvatures(
         if length > 0.0 { bend / (2.0 * length) } else { 0.0 }
     };
     let mut sums = vec![(0.0, 0.0); vertices];
-    for (face, (geometry, _)) in geometry.iter().enumerate() {
+    for (face, geometry) in geometry.iter().enumerate() {
         let curvature = rough(face);
         for &corner in mesh.faces.corners(face) {
             let (weighted, area) = &mut sums[vertex(corner)];
-            *weighted += geometry.area * curvature;
-            *area += geometry.area;
+            *weighted += geometry[AREA] * curvature;
+            *area += geometry[AREA];
         }
     }
     let mean = |corner: u32| {
@@ -102,7 +97,7 @@ mod tests {
     /// κ of each face in source units.
     fn curvatures(mesh: &PolygonMesh) -> Vec<f64> {
         let frame = Frame::of(mesh.positions.iter());
-        let geometry: Vec<_> = (0..mesh.faces.len()).map(|face| frame.face(mesh, face)).collect();
+        let geometry = frame.faces(mesh, |_| None);
         let squared = squared_curvatures(mesh, &weld::weld(mesh).0, &frame, &geometry);
         squared.into_iter().map(|squared| libm::ldexp(squared.sqrt(), frame.exponent)).collect()
     }

@@ -37,7 +37,7 @@ use crate::mesh::PolygonMesh;
 use crate::tree::Merge;
 use adjacency::Links;
 use density::Density;
-use lattice::{FaceGeometry, Frame, Scale, Scales};
+use lattice::{AREA, FaceGeometry, Frame, Scale, Scales};
 use weld::UNUSED;
 
 /// A mesh on the integer lattice, faces in an internal order chosen for locality.
@@ -121,55 +121,47 @@ impl Surface {
             let components = components::label(faces, &links);
             (weld, links, components)
         };
-        let ((weld, mut links, (mut component_of_face, mut component_count)), mut laid) =
-            rayon::join(connect, || Laid::new(mesh, Frame::of(mesh.positions.iter())));
+        let along_curve =
+            |frame: &Frame| order::along_curve(faces, |faces, visit| frame.each_centroid(mesh, faces, visit));
+        let lay = || {
+            let frame = Frame::of(mesh.positions.iter());
+            (frame, along_curve(&frame))
+        };
+        let ((weld, mut links, mut components), (mut frame, mut sorted)) = rayon::join(connect, lay);
         if weld.has_unused {
             let used = mesh.positions.iter().zip(&weld.position_of_vertex).filter(|(_, position)| **position != UNUSED);
-            let frame = Frame::of(used.map(|(position, _)| position));
-            if frame != laid.frame {
-                drop(laid);
-                laid = Laid::new(mesh, frame);
+            let of_used = Frame::of(used.map(|(position, _)| position));
+            if of_used != frame {
+                frame = of_used;
+                sorted = along_curve(&frame);
             }
         }
-        let Laid { frame, mut geometry, along_curve, moment_inside_faces, zero_area_faces } = laid;
-        let density = Density::of(mesh, &weld, &frame, &geometry, wanted)?;
-        for ((face, _), density) in geometry.iter_mut().zip(density.iter().flat_map(|density| &density.of_face)) {
-            face.area *= density;
-        }
-        let mut counts = Counts {
-            components: component_count as u64,
-            welded_vertices: u64::from(weld.vertices),
-            zero_area_faces,
-            ..links.counts
-        };
+        let mut counts =
+            Counts { components: components.count as u64, welded_vertices: u64::from(weld.vertices), ..links.counts };
+        let density = Density::of(mesh, &weld, &frame, wanted)?;
         drop(weld);
-        if bridge && component_count > 1 {
-            links.bridge(bridge::bridges(&geometry, &component_of_face, component_count));
-            (component_of_face, component_count) = components::label(faces, &links);
+        let density_of = |face: usize| density.as_ref().map(|density| density.of_face[face]);
+        if bridge && components.count > 1 {
+            links.bridge(bridge::bridges(&frame.faces(mesh, density_of), &components));
+            components = components::label(faces, &links);
         }
 
-        let upload_face = order::by_component(along_curve, &component_of_face, component_count);
-        let runs = components::runs(&component_of_face, &upload_face, component_count);
-        drop(component_of_face);
+        let upload_face = order::by_component(sorted, &components);
+        let runs = components.runs(&upload_face);
+        drop(components);
         let gather = || {
-            let (mut ordered, mut centroids) = (Vec::new(), Vec::new());
-            let place = |&face: &u32| {
-                let (face, _) = geometry[face as usize];
-                (face, lattice::round_centroid(face.centroid))
-            };
-            upload_face.par_iter().with_min_len(4096).map(place).unzip_into_vecs(&mut ordered, &mut centroids);
-            (ordered, centroids)
+            let gathered = Gathered::new(mesh, &frame, &upload_face, density_of);
+            let scales = lattice::scales(&gathered.geometry, &runs);
+            (gathered, scales)
         };
-        let (rows, (ordered, centroids)) = rayon::join(|| links.compressed(&upload_face), gather);
-        drop(geometry);
+        let (rows, (gathered, scales)) = rayon::join(|| links.compressed(&upload_face), gather);
+        counts.zero_area_faces = gathered.zero_area_faces;
         counts.duplicate_faces = links.duplicates(&rows.repeating);
         drop(links);
-
-        let scales = lattice::scales(&ordered, &runs);
-        let weighed = Weighed::new(&ordered, &centroids, runs, &scales);
+        let weighed = Weighed::new(&gathered, &runs, &scales);
         Ok(Self {
             graph: DualGraph {
-                centroids,
+                centroids: gathered.centroids,
                 weights: weighed.weights,
                 neighbour_offsets: rows.offsets,
                 neighbours: rows.neighbours,
@@ -177,11 +169,11 @@ impl Surface {
             },
             upload_face,
             counts,
-            geometry: ordered,
+            geometry: gathered.geometry,
             frame,
             moment: weighed.moment,
             weight_exponent: scales.finest,
-            moment_inside_faces,
+            moment_inside_faces: gathered.moment_inside_faces,
             density_unit: density.map(|density| density.unit),
         })
     }
@@ -250,9 +242,9 @@ impl Surface {
         for (face, &label) in self.geometry.iter().zip(labels) {
             let sum = &mut sums[label as usize];
             for axis in 0..3 {
-                sum[axis] += face.area * face.centroid[axis];
+                sum[axis] += face[AREA] * face[axis];
             }
-            sum[3] += face.area;
+            sum[3] += face[AREA];
         }
         for sum in &mut sums {
             let area = if sum[3] > 0.0 { sum[3] } else { 1.0 };
@@ -263,8 +255,8 @@ impl Surface {
         let mut energy = 0.0;
         for (face, &label) in self.geometry.iter().zip(labels) {
             let proxy = &sums[label as usize];
-            let d: [f64; 3] = std::array::from_fn(|axis| face.centroid[axis] - proxy[axis]);
-            energy += face.area * (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+            let d: [f64; 3] = std::array::from_fn(|axis| face[axis] - proxy[axis]);
+            energy += face[AREA] * (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
         }
         energy
     }
@@ -276,36 +268,57 @@ impl Surface {
         if self.density_unit.is_some() {
             return None;
         }
-        let area: f64 = self.geometry.iter().map(|face| face.area).sum();
+        let area: f64 = self.geometry.iter().map(|face| face[AREA]).sum();
         let tiling = 5.0 / (18.0 * 3.0f64.sqrt()) * area * area / clusters as f64;
         let visible = tiling - self.moment_inside_faces;
         (visible > tiling / 2.0).then(|| self.lattice_energy(labels, clusters) / visible)
     }
 }
 
-/// The faces on the lattice, before rounding, upload order.
-struct Laid {
-    frame: Frame,
-    /// Centroid and area, and the moment inside.
-    geometry: Vec<(FaceGeometry, f64)>,
-    /// The faces along a curve through their centroids.
-    along_curve: Vec<u32>,
+/// Faces of a piece that is worth a second thread. Sums go by piece, whatever the number of threads.
+const PIECE: usize = 1 << 12;
+
+/// The faces on the lattice, internal order.
+struct Gathered {
+    geometry: Vec<FaceGeometry>,
+    centroids: Vec<[i32; 3]>,
     moment_inside_faces: f64,
     zero_area_faces: u64,
 }
 
-impl Laid {
-    fn new(mesh: &PolygonMesh, frame: Frame) -> Self {
-        let faces = mesh.faces.len();
-        let geometry: Vec<(FaceGeometry, f64)> =
-            (0..faces).into_par_iter().with_min_len(4096).map(|face| frame.face(mesh, face)).collect();
-        let (mut moment_inside_faces, mut zero_area_faces) = (0.0, 0);
-        for (face, inside) in &geometry {
-            moment_inside_faces += inside;
-            zero_area_faces += u64::from(face.area <= 0.0);
+impl Gathered {
+    fn new(
+        mesh: &PolygonMesh,
+        frame: &Frame,
+        upload_face: &[u32],
+        density: impl Fn(usize) -> Option<f64> + Sync,
+    ) -> Self {
+        let mut geometry = vec![[0.0; 4]; upload_face.len()];
+        let mut centroids = vec![[0; 3]; upload_face.len()];
+        let sums: Vec<(f64, u64)> = geometry
+            .par_chunks_mut(PIECE)
+            .zip(centroids.par_chunks_mut(PIECE))
+            .zip(upload_face.par_chunks(PIECE))
+            .map(|((geometry, centroids), faces)| {
+                let (mut inside, mut without_area) = (0.0, 0);
+                frame.each_face(mesh, faces, |at, mut of_face, inside_face| {
+                    inside += inside_face;
+                    without_area += u64::from(of_face[AREA] <= 0.0);
+                    if let Some(density) = density(faces[at] as usize) {
+                        of_face[AREA] *= density;
+                    }
+                    centroids[at] = lattice::round_centroid([of_face[0], of_face[1], of_face[2]]);
+                    geometry[at] = of_face;
+                });
+                (inside, without_area)
+            })
+            .collect();
+        Self {
+            geometry,
+            centroids,
+            moment_inside_faces: sums.iter().map(|sum| sum.0).sum(),
+            zero_area_faces: sums.iter().map(|sum| sum.1).sum(),
         }
-        let along_curve = order::along_curve(faces, |face| order::morton_key(geometry[face as usize].0.centroid));
-        Self { frame, geometry, along_curve, moment_inside_faces, zero_area_faces }
     }
 }
 
@@ -318,20 +331,18 @@ struct Weighed {
 }
 
 impl Weighed {
-    fn new(geometry: &[FaceGeometry], centroids: &[[i32; 3]], runs: Vec<Range<usize>>, scales: &Scales) -> Self {
-        /// Faces that are worth a second thread.
-        const PIECE: usize = 1 << 14;
+    fn new(Gathered { geometry, centroids, .. }: &Gathered, runs: &[Range<usize>], scales: &Scales) -> Self {
         let mut weights = vec![0; geometry.len()];
         let mut components = Vec::with_capacity(runs.len());
         let mut moment = 0i128;
-        for (run, &exponent) in runs.into_iter().zip(&scales.exponents) {
+        for (run, &exponent) in runs.iter().zip(&scales.exponents) {
             let energy_shift = (scales.finest - exponent) as u32;
             let scale = Scale::new(exponent);
             let weigh = |(weights, first): (&mut [u32], usize)| {
                 let (mut moment, mut sum) = (0i128, 0u64);
                 for (at, weight) in weights.iter_mut().enumerate() {
                     let face = first + at;
-                    *weight = scale.weight(geometry[face].area);
+                    *weight = scale.weight(geometry[face][AREA]);
                     let square: i64 = centroids[face].iter().map(|&g| i64::from(g) * i64::from(g)).sum();
                     moment += i128::from(*weight) * i128::from(square);
                     sum += u64::from(*weight);
