@@ -190,22 +190,12 @@ impl<'a> Links<'a> {
                 .collect();
             return Rows { offsets, neighbours, repeating };
         }
+        let is_plain = self.edges.faces.are_triangles() && self.chained.is_empty() && self.bridges.is_empty();
         let pieces: Vec<Piece> = upload_face
             .par_chunks(PIECE)
-            .map(|faces| {
-                let mut piece = Piece::default();
-                let (mut row, mut edges, mut sorted) = (Vec::new(), Vec::new(), Vec::new());
-                for &face in faces {
-                    self.row(face, &mut row, &mut edges);
-                    piece.neighbours.extend(row.iter().map(|&face| internal(face)));
-                    piece.ends.push(piece.neighbours.len() as u32);
-                    sorted.clone_from(&row);
-                    sorted.sort_unstable();
-                    if sorted.windows(2).any(|pair| pair[0] == pair[1]) {
-                        piece.repeating.push(face);
-                    }
-                }
-                piece
+            .map(|faces| match is_plain {
+                true => self.rows_of_triangles(faces, internal),
+                false => self.rows_of_any(faces, internal),
             })
             .collect();
         let mut rows = Rows {
@@ -221,6 +211,50 @@ impl<'a> Links<'a> {
             rows.repeating.extend(piece.repeating);
         }
         rows
+    }
+
+    /// The rows of faces of at most three neighbours, one a half-edge.
+    fn rows_of_triangles(&self, faces: &[u32], internal: impl Fn(u32) -> u32) -> Piece {
+        let positions = self.edges.positions.as_chunks::<3>().0;
+        let linked = self.linked.as_chunks::<3>().0;
+        let mut piece = Piece { neighbours: vec![0; 3 * faces.len()], ..Piece::default() };
+        let mut end = 0;
+        for &face in faces {
+            let first = end;
+            for corner in by_ends(positions[face as usize]) {
+                let other = linked[face as usize][corner].load(Ordering::Relaxed);
+                let is_there = other != NONE;
+                piece.neighbours[end] = internal(if is_there { other } else { face });
+                end += usize::from(is_there);
+            }
+            piece.ends.push(end as u32);
+            let repeats = match piece.neighbours[first..end] {
+                [a, b] => a == b,
+                [a, b, c] => (a == b) | (b == c) | (c == a),
+                _ => false,
+            };
+            if repeats {
+                piece.repeating.push(face);
+            }
+        }
+        piece.neighbours.truncate(end);
+        piece
+    }
+
+    /// The rows of faces of any kind.
+    fn rows_of_any(&self, faces: &[u32], internal: impl Fn(u32) -> u32) -> Piece {
+        let mut piece = Piece::default();
+        let (mut row, mut edges) = (Vec::new(), Vec::new());
+        for &face in faces {
+            self.row(face, &mut row, &mut edges);
+            piece.neighbours.extend(row.iter().map(|&face| internal(face)));
+            piece.ends.push(piece.neighbours.len() as u32);
+            row.sort_unstable();
+            if row.windows(2).any(|pair| pair[0] == pair[1]) {
+                piece.repeating.push(face);
+            }
+        }
+        piece
     }
 
     /// Counts extra copies of faces with the same set of corner positions; degenerate faces are left out.

@@ -82,7 +82,8 @@ impl Frame {
         if let [_, _, _] = corners {
             let triangle = Triangle { corners: [position(0), position(1), position(2)] };
             let [x, y, z] = triangle.centroid();
-            return ([x, y, z, triangle.area()], triangle.moment());
+            let area = triangle.area();
+            return ([x, y, z, area], triangle.moment(area));
         }
         let fan = |corner: usize| Triangle { corners: [position(0), position(corner), position(corner + 1)] };
         let mut area = 0.0;
@@ -111,7 +112,8 @@ impl Frame {
         let inside = (1..corners.len().saturating_sub(1))
             .map(|corner| {
                 let triangle = fan(corner);
-                triangle.moment() + triangle.area() * square(sub(triangle.centroid(), centroid))
+                let area = triangle.area();
+                triangle.moment(area) + area * square(sub(triangle.centroid(), centroid))
             })
             .sum();
         let [x, y, z] = centroid;
@@ -136,7 +138,8 @@ impl Frame {
     pub fn each_face(&self, mesh: &PolygonMesh, faces: &[u32], mut visit: impl FnMut(usize, FaceGeometry, f64)) {
         let four = self.fours(mesh, faces, |at, triangles| {
             let [x, y, z] = triangles.centroid();
-            let (area, moment) = (triangles.area(), triangles.moment());
+            let area = triangles.area();
+            let moment = triangles.moment(area);
             (0..4).for_each(|lane| {
                 visit(at + lane, [x.0[lane], y.0[lane], z.0[lane], area.0[lane]], moment.0[lane]);
             });
@@ -213,20 +216,23 @@ struct Triangle<T> {
 }
 
 impl<T: Real> Triangle<T> {
+    #[inline]
     fn centroid(&self) -> [T; 3] {
         let [a, b, c] = self.corners;
         std::array::from_fn(|axis| (a[axis] + b[axis] + c[axis]) / T::from(3.0))
     }
 
+    #[inline]
     fn area(&self) -> T {
         let [a, b, c] = self.corners;
         square(doubled_normal(a, b, c)).sqrt() / T::from(2.0)
     }
 
-    /// Second moment of area about the centroid.
-    fn moment(&self) -> T {
+    /// Second moment of area about the centroid, of a triangle of this area.
+    #[inline]
+    fn moment(&self, area: T) -> T {
         let [a, b, c] = self.corners;
-        self.area() * (square(sub(b, a)) + square(sub(c, b)) + square(sub(a, c))) / T::from(36.0)
+        area * (square(sub(b, a)) + square(sub(c, b)) + square(sub(a, c))) / T::from(36.0)
     }
 }
 
