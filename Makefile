@@ -69,6 +69,11 @@ deploy: $(VENV)/ready  ## check Dockerfile, compose files and systemd unit
 fuzz-parsers:  ## fuzz every parser, FUZZ_SECONDS (60) each; needs `cargo install cargo-fuzz`
 	fuzz/run.sh $(or $(FUZZ_SECONDS),60)
 
+.PHONY: bench
+bench:  ## measure the stages before the clustering (FILTER=topology: a part of them)
+	@deploy/install-missing.sh build
+	cargo bench --locked --bench stages -- $(FILTER)
+
 .PHONY: readme
 readme: debug-binary $(VENV)/ready  ## write settings and output of the commands into the README, after a change of labels
 	UPDATE_README=1 cargo test --locked --test readme
