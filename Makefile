@@ -26,12 +26,13 @@ run:  ## install what is missing, build, and serve on http://127.0.0.1:8080 (TES
 
 .PHONY: test
 test: lint  ## install what is missing and check everything, on cpu and on a software gpu
-	@$(MAKE) --no-print-directory unit end-to-end crash fuzz deploy
+	@$(MAKE) --no-print-directory unit end-to-end memory crash fuzz deploy
 
 .PHONY: lint
 lint: install-test  ## formatting, clippy and documentation, warnings denied
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
+	cargo rustc --locked --lib --profile check -- --cfg fuzzing -D warnings
 	RUSTDOCFLAGS="-D warnings -A rustdoc::private-intra-doc-links" cargo doc --locked --no-deps --document-private-items
 
 .PHONY: unit
@@ -42,6 +43,15 @@ unit: install-test  ## the tests of the crate
 end-to-end: debug-binary $(VENV)/ready  ## service and command line from outside, results scored independently
 	$(VENV)/bin/python tests/scripts/end_to_end.py $(TARGET)/debug/tesserae $(TESSERAE_TEST_MESHES)
 	$(VENV)/bin/python tests/scripts/readme.py $(TARGET)/debug/tesserae
+
+.PHONY: memory
+memory: debug-binary  ## whether memory stays the same over many jobs (MEMORY_JOBS=1000)
+	python3 tests/scripts/memory.py $(TARGET)/debug/tesserae $(or $(MEMORY_JOBS),1000)
+
+.PHONY: throughput
+throughput:  ## measure small jobs a second
+	cargo build --release --locked
+	python3 tests/scripts/throughput.py $(TARGET)/release/tesserae
 
 .PHONY: crash
 crash: debug-binary  ## kill the service at random moments under load (KILLS=100 within CRASH_SECONDS=60), and count
@@ -58,6 +68,11 @@ deploy: $(VENV)/ready  ## check Dockerfile, compose files and systemd unit
 .PHONY: fuzz-parsers
 fuzz-parsers:  ## fuzz every parser, FUZZ_SECONDS (60) each; needs `cargo install cargo-fuzz`
 	fuzz/run.sh $(or $(FUZZ_SECONDS),60)
+
+.PHONY: bench
+bench:  ## measure the stages before the clustering (FILTER=topology: a part of them)
+	@deploy/install-missing.sh build
+	cargo bench --locked --bench stages -- $(FILTER)
 
 .PHONY: readme
 readme: debug-binary $(VENV)/ready  ## write settings and output of the commands into the README, after a change of labels

@@ -181,6 +181,67 @@ impl Collector {
     }
 }
 
+/// Takes webhooks, and leaves it to the test to answer.
+fn receiver() -> (String, std::sync::mpsc::Receiver<(String, TcpStream)>) {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("bound");
+    let address = listener.local_addr().expect("an address").to_string();
+    let (sender, deliveries) = std::sync::mpsc::channel();
+    std::thread::spawn(move || {
+        for stream in listener.incoming() {
+            let mut stream = BufReader::new(stream.expect("accepted"));
+            let mut head = String::new();
+            while !head.ends_with("\r\n\r\n") && stream.read_line(&mut head).unwrap_or(0) > 0 {}
+            if sender.send((head, stream.into_inner())).is_err() {
+                return;
+            }
+        }
+    });
+    (address, deliveries)
+}
+
+#[test]
+fn a_webhook_is_told_after_the_service_was_killed_while_it_told_it() {
+    let (address, deliveries) = receiver();
+    let next = || deliveries.recv_timeout(std::time::Duration::from_secs(120)).expect("told");
+    let id = |head: &str| {
+        let line = head.lines().find(|line| line.to_ascii_lowercase().starts_with("webhook-id: "));
+        line.expect("an id").to_owned()
+    };
+    let folder = Folder::new();
+    folder.write("secret", "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw");
+    folder.sample("sphere", 300, "sphere.obj");
+    let mesh = folder.read("sphere.obj");
+    let host = format!("http://{address}");
+    let settings = ["--data-dir", "data", "--webhook-hosts", &host, "--webhook-secret", "secret"];
+    let service = Running::with(&folder, &settings);
+    let mut stream = TcpStream::connect(&service.address).expect("it listens");
+    let query = format!("clusters=5&webhook={host}/");
+    let length = mesh.len();
+    write!(stream, "POST /v1/jobs?{query} HTTP/1.0\r\nContent-Type: model/obj\r\nContent-Length: {length}\r\n\r\n")
+        .expect("it reads");
+    stream.write_all(&mesh).expect("it reads");
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).expect("it answers");
+    assert!(answer.starts_with("HTTP/1.0 202 "), "{answer}");
+    let (first, unanswered) = next();
+    service.end("-KILL");
+    drop(unanswered);
+
+    let service = Running::with(&folder, &settings);
+    let (second, mut stream) = next();
+    assert_eq!(id(&first), id(&second), "the same end");
+    stream.write_all(b"HTTP/1.1 200 OK\r\nContent-Length: 0\r\nConnection: close\r\n\r\n").expect("answered");
+    let started = std::time::Instant::now();
+    while !service.get("/metrics").contains("\ntesserae_webhooks_pending 0\n") {
+        assert!(started.elapsed() < std::time::Duration::from_secs(120), "it is not settled");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    assert_eq!(service.end("-TERM").0, Some(0));
+    let service = Running::with(&folder, &settings);
+    assert!(service.get("/metrics").contains("\ntesserae_webhooks_pending 0\n"), "what was told is not told again");
+    assert_eq!(service.end("-TERM").0, Some(0));
+}
+
 #[test]
 fn spans_of_a_request_and_of_its_job_reach_the_collector_as_one_trace() {
     use opentelemetry_proto::tonic::collector::trace::v1::ExportTraceServiceRequest;

@@ -19,10 +19,24 @@ use crate::surface::DualGraph;
 /// The label of a face that belongs to no cluster (the paper's "null" cluster, P§5.2).
 pub const FREE: u32 = u32::MAX;
 
+/// Tells how many bytes of its own memory a device has allocated; none when it has none, or cannot tell. May be asked at any
+/// time, by any thread.
+pub type MemoryMeter = Arc<dyn Fn() -> Option<u64> + Send + Sync>;
+
 /// Something that can cluster.
 pub trait Device: Send {
     /// What it is.
     fn info(&self) -> &DeviceInfo;
+
+    /// Another device like this one that may work at the same time, where that costs nothing: for small meshes.
+    fn another(&self) -> Option<Box<dyn Device>> {
+        None
+    }
+
+    /// Tells of its memory.
+    fn memory_meter(&self) -> MemoryMeter {
+        Arc::new(|| None)
+    }
 
     /// Brings a surface to the device, with all faces free.
     ///

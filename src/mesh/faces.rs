@@ -74,6 +74,11 @@ impl Faces {
         if self.offsets.is_empty() { self.corners.len() / 3 } else { self.offsets.len() - 1 }
     }
 
+    /// Whether every face is a triangle.
+    pub fn are_triangles(&self) -> bool {
+        self.offsets.is_empty()
+    }
+
     /// Whether there is no face.
     pub fn is_empty(&self) -> bool {
         self.len() == 0

@@ -1,15 +1,18 @@
 //! Results that the client has already, or wants a part of: ETag, If-None-Match, Range (RFC 9110 §13 and §14).
 //!
 //! A layer around the routes of results. A result never changes while its job is there, and an id is never used again:
-//! path, query and media type say which bytes they are, so the tag is made of these, and no result is read for it.
+//! path, query and media type say which bytes they are, so the tag is made of these, and no result is read for it. Labels
+//! whose digest is known have a tag made of that instead, which is the same wherever and whenever they were made.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use axum::body::{Body, BodyDataStream, Bytes, HttpBody};
 use axum::extract::Request;
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use futures_util::future::BoxFuture;
 use futures_util::{StreamExt, stream};
 use sha2::{Digest, Sha256};
 
@@ -18,6 +21,17 @@ use crate::error::{Error, Kind};
 
 /// What compression adds to a tag, because compressed bytes are other bytes.
 const CODINGS: [&str; 2] = ["gzip", "zstd"];
+
+/// Put into the extensions of a response: the SHA-256 of the labels that it holds, and nothing else but their number.
+#[derive(Debug, Clone)]
+pub(super) struct Content(pub String);
+
+/// Put into the extensions of a response: how to get at a part of its body without reading the rest.
+#[derive(Clone)]
+pub(super) struct Parts(pub Arc<ReadPart>);
+
+/// Reads a part of a body.
+type ReadPart = dyn Fn(Range<u64>) -> BoxFuture<'static, Result<Body, Error>> + Send + Sync;
 
 /// Answers with nothing, a part or all of a result.
 pub(super) async fn results(request: Request, next: Next) -> Response {
@@ -28,8 +42,11 @@ pub(super) async fn results(request: Request, next: Next) -> Response {
         return response;
     }
     let media_type = response.headers().get(header::CONTENT_TYPE).map_or(&b""[..], HeaderValue::as_bytes);
-    let digest =
-        Sha256::new().chain_update(uri.path_and_query().map_or("", |path| path.as_str())).chain_update(media_type);
+    let what = match response.extensions().get() {
+        Some(Content(digest)) => digest.as_str(),
+        None => uri.path_and_query().map_or("", |path| path.as_str()),
+    };
+    let digest = Sha256::new().chain_update(what).chain_update(media_type);
     let tag: String = digest.finalize()[..16].iter().map(|byte| format!("{byte:02x}")).collect();
     let headers = response.headers_mut();
     if let Ok(value) = HeaderValue::try_from(format!("\"{tag}\"")) {
@@ -49,7 +66,7 @@ pub(super) async fn results(request: Request, next: Next) -> Response {
     }
     match (is_get, length(&response), asked.get(header::RANGE)) {
         (true, Some(length), Some(range)) if if_range(&asked, &tag) => match parse(range, length) {
-            Some(Ok(range)) => part(response, range, length),
+            Some(Ok(range)) => part(response, range, length).await.unwrap_or_else(Failure::into_response),
             Some(Err(error)) => Failure { complete_length: Some(length), ..error.into() }.into_response(),
             None => response,
         },
@@ -128,14 +145,18 @@ fn parse(range: &HeaderValue, length: u64) -> Option<Result<Range<u64>, Error>> 
 }
 
 /// A part of a response.
-fn part(response: Response, range: Range<u64>, length: u64) -> Response {
+async fn part(response: Response, range: Range<u64>, length: u64) -> Result<Response, Failure> {
     let (mut parts, body) = response.into_parts();
     parts.status = StatusCode::PARTIAL_CONTENT;
     parts.headers.insert(header::CONTENT_LENGTH, (range.end - range.start).into());
     if let Ok(value) = HeaderValue::try_from(format!("bytes {}-{}/{length}", range.start, range.end - 1)) {
         parts.headers.insert(header::CONTENT_RANGE, value);
     }
-    Response::from_parts(parts, Body::from_stream(slice(body.into_data_stream(), range)))
+    let body = match parts.extensions.remove() {
+        Some(Parts(part)) => part(range).await?,
+        None => Body::from_stream(slice(body.into_data_stream(), range)),
+    };
+    Ok(Response::from_parts(parts, body))
 }
 
 /// Some bytes of a stream: those before are read and dropped, those after are not read.

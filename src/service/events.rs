@@ -2,7 +2,7 @@
 //!
 //! A stream holds no events of its own but reads the job's log by number, a page at a time, and waits for the job's
 //! pulse when it has read all. So nothing is lost between the past and the present, a reader that drops can go on
-//! anywhere, and a slow one costs a page of memory.
+//! anywhere, and a slow one costs a page of memory. A stream whose token is taken back ends.
 
 use std::collections::VecDeque;
 use std::convert::Infallible;
@@ -91,6 +91,8 @@ pub(super) async fn stream(Extract(shared): App, caller: Caller, Path(id): Path<
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
     let reader = Reader {
+        tokens: shared.access.changes(),
+        caller,
         keep_alive: shared.settings.keep_alive(),
         shared,
         id,
@@ -110,6 +112,9 @@ struct Reader {
     after: u64,
     page: VecDeque<Event>,
     pulses: watch::Receiver<Pulse>,
+    /// Who reads, and what changes when that may be over.
+    caller: Caller,
+    tokens: watch::Receiver<()>,
     keep_alive: Duration,
     /// Whether the last event was the last one.
     closing: bool,
@@ -119,7 +124,7 @@ impl Reader {
     /// The next event, once there is one; none at the end.
     async fn next(&mut self) -> Option<Sent> {
         loop {
-            if self.closing {
+            if self.closing || (self.tokens.has_changed().unwrap_or(false) && !self.may_read()) {
                 return None;
             }
             if let Some(event) = self.page.pop_front() {
@@ -136,6 +141,8 @@ impl Reader {
                     tokio::select! {
                         biased;
                         changed = self.pulses.changed() => changed.ok()?,
+                        // looked at above
+                        _ = self.tokens.changed() => self.tokens.mark_changed(),
                         () = stop.cancelled() => {
                             self.closing = true;
                             return Some(Sent::default().retry(RETRY).comment("the service is stopping"));
@@ -149,6 +156,12 @@ impl Reader {
                 }
             }
         }
+    }
+
+    /// Whether the token that the stream was opened with is still there.
+    fn may_read(&mut self) -> bool {
+        self.tokens.borrow_and_update();
+        self.shared.access.still_knows(&self.caller)
     }
 
     /// An event as it is sent.

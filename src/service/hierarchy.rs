@@ -1,30 +1,27 @@
 //! The hierarchy of a job: the tree in its forms, and labels cut from it.
 //!
-//! Everything comes from the stored hierarchy, without clustering again. A hierarchy is in memory only while it is cut or
-//! written, and only so many are at a time: what is large goes to a file without a name first and from there to the
-//! client, who may take as long as it likes.
+//! Everything comes from the stored hierarchy, without clustering again.
 
 #![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
 
-use std::io::{BufWriter, Read, Seek, Write};
+use std::io::{Read, Write};
 
-use axum::body::Body;
 use axum::extract::{Path, State as Extract};
-use axum::http::{HeaderMap, HeaderValue, Uri, header};
-use axum::response::{IntoResponse, Response};
+use axum::http::{HeaderMap, HeaderValue, Uri};
+use axum::response::Response;
 use serde::Deserialize;
-use tokio_util::io::ReaderStream;
 use utoipa::IntoParams;
 
 use super::access::Caller;
-use super::files::{self, Folder, blocking};
+use super::encoded::{self, encoded};
+use super::files;
 use super::jobs::{find, tell_expiry};
 use super::openapi::{Binary, Problematic};
 use super::problem::Answer;
-use super::results::{attachment, stored as stored_blob, streamed, succeeded};
+use super::results::{attachment, stored as stored_blob, succeeded};
 use super::server::{App, Shared};
 use super::store::Job;
-use super::{negotiate, query};
+use super::{blobs, negotiate, query};
 use crate::error::{Error, Kind, Result};
 use crate::output::{LabelFormat, write_cut};
 use crate::tree::json::{Hierarchy, Limits};
@@ -112,10 +109,7 @@ pub(super) async fn hierarchy(
         Form::Linkage => {
             written(&shared, &job, "application/x-npy", |out, tree| Ok(tree.linkage()?.write_npy(out))).await?
         }
-        Form::Stored => {
-            let folder = Folder::Result(job.id, job.attempt);
-            stored_blob(&shared, folder, files::HIERARCHY, None, "application/octet-stream").await?
-        }
+        Form::Stored => stored_blob(&shared, &job, files::HIERARCHY, None, "application/octet-stream").await?,
     };
     let name = match form {
         Form::Json => "hierarchy.json",
@@ -129,21 +123,18 @@ pub(super) async fn hierarchy(
 
 /// The labels at any number of clusters, with headers that say what they are.
 pub(super) async fn cut(shared: &Shared, job: &Job, clusters: u64, format: LabelFormat) -> Result<Response> {
-    let turn = turn(shared).await?;
+    let turn = encoded::turn(shared).await?;
     let (file, length) = open(shared, job).await?;
-    let (body, kind, energy) = blocking(move || {
-        let _turn = turn;
+    let write = move |out: &mut dyn Write| {
         let (_, cut) = stored::cut(file, length, u64::MAX, clusters).map_err(|error| match error.kind {
             // the number is sound, this hierarchy has no such state
             Kind::InvalidParameter => Error::new(Kind::Conflict, error.message),
             _ => Error::new(Kind::Internal, error.message),
         })?;
-        let mut body = Vec::new();
-        write_cut(&mut body, format, &cut).map_err(|error| Error::io("labels cannot be written", error))?;
-        Ok::<_, Error>((body, cut.kind(), cut.energy))
-    })
-    .await??;
-    let mut response = ([(header::CONTENT_TYPE, format.media_type())], Body::from(body)).into_response();
+        write_cut(out, format, &cut).map_err(encoded::cannot)?;
+        Ok((cut.kind(), cut.energy))
+    };
+    let (mut response, (kind, energy)) = encoded(shared, Some(turn), format.media_type(), write).await?;
     let headers = response.headers_mut();
     headers.insert("tesserae-cut", HeaderValue::from_static(kind));
     if let Ok(value) = HeaderValue::try_from(format!("{energy:e}")) {
@@ -152,15 +143,9 @@ pub(super) async fn cut(shared: &Shared, job: &Job, clusters: u64, format: Label
     Ok(response)
 }
 
-/// The right to have a hierarchy, or other labels than those that are files, in memory.
-pub(super) async fn turn(shared: &Shared) -> Result<tokio::sync::OwnedSemaphorePermit> {
-    let turn = shared.hierarchies.clone().acquire_owned().await;
-    turn.map_err(|error| Error::new(Kind::Internal, format_args!("no hierarchy can be read: {error}")))
-}
-
 /// A stored hierarchy and its length.
 async fn open(shared: &Shared, job: &Job) -> Result<(Box<dyn Read + Send>, u64)> {
-    let blob = shared.files.read(Folder::Result(job.id, job.attempt), files::HIERARCHY, None).await?;
+    let blob = blobs::result(&shared.files, shared.store.as_ref(), job, files::HIERARCHY, None).await?;
     let length = blob.length();
     Ok((blob.into_reader(), length))
 }
@@ -172,22 +157,12 @@ async fn written(
     media_type: &'static str,
     write: impl FnOnce(&mut dyn Write, &Stored) -> Result<std::io::Result<()>> + Send + 'static,
 ) -> Result<Response> {
-    let turn = turn(shared).await?;
+    let turn = encoded::turn(shared).await?;
     let (stored, length) = open(shared, job).await?;
-    let folder = shared.files.scratch();
-    let (file, bytes) = blocking(move || {
-        let _turn = turn;
+    let write = move |out: &mut dyn Write| {
         // this service wrote it
         let tree = Stored::read(stored, length, u64::MAX).map_err(|error| Error::new(Kind::Internal, error.message))?;
-        let cannot = |error| Error::io("the hierarchy cannot be written", error);
-        let mut out = BufWriter::with_capacity(1 << 18, tempfile::tempfile_in(folder).map_err(cannot)?);
-        write(&mut out, &tree)?.map_err(cannot)?;
-        let mut file = out.into_inner().map_err(|error| cannot(error.into_error()))?;
-        let bytes = file.stream_position().map_err(cannot)?;
-        file.rewind().map_err(cannot)?;
-        Ok::<_, Error>((file, bytes))
-    })
-    .await??;
-    let body = Body::from_stream(ReaderStream::new(tokio::fs::File::from_std(file)));
-    Ok(streamed(bytes, body, media_type))
+        write(out, &tree)?.map_err(encoded::cannot)
+    };
+    Ok(encoded(shared, Some(turn), media_type, write).await?.0)
 }

@@ -160,6 +160,7 @@ pub(super) async fn metrics(Extract(shared): App) -> Answer {
         streams: shared.traffic.open_streams(),
         upload_bytes_in_flight: shared.traffic.uploads.held(),
         store: shared.store.statistics(),
+        disk_used: shared.files.used_bytes(),
     };
     let text = shared.metrics.text(now, &shared.health)?;
     Ok(([(header::CONTENT_TYPE, metrics::MEDIA_TYPE)], text).into_response())

@@ -343,7 +343,7 @@ pub(super) async fn create(Extract(shared): App, caller: Caller, request: Reques
 
 /// Makes a job of an upload, or finds the one that was made of it before.
 async fn accept(shared: Arc<Shared>, tenant: Tenant, upload: Upload, key: Option<String>) -> Result<Job, Failure> {
-    let Upload { folder, spec, digests } = upload;
+    let Upload { mut folder, mut spec, digests } = upload;
     let is_known = match &key {
         Some(key) => shared.store.knows_key(&tenant.name, key).await?,
         None => false,
@@ -354,7 +354,9 @@ async fn accept(shared: Arc<Shared>, tenant: Tenant, upload: Upload, key: Option
     };
     let idempotency = key.map(|key| idempotency::idempotency(key, &spec, &digests)).transpose()?;
     let id = folder.id();
-    match shared.store.create(NewJob { id, spec, idempotency }).await {
+    let upload = folder.settle(|bytes| shared.store.takes(bytes)).await?;
+    spec.is_small = !upload.is_empty();
+    match shared.store.create(NewJob { id, spec, idempotency, upload }).await {
         Ok(Created::New(job)) => {
             folder.keep();
             tracing::info!(job = %id, bytes = job.spec.bytes, "accepted");
@@ -463,7 +465,7 @@ pub(super) async fn remove(Extract(shared): App, caller: Caller, Path(id): Path<
         }
         Deletion::Live => {
             let job = shared.store.cancel(id).await?.ok_or_else(|| no_such_job(id))?;
-            if job.started_at.is_none() {
+            if job.started_at.is_none() && !job.spec.is_small {
                 // never claimed: nobody else removes it
                 shared.files.remove_upload(id).await;
             }

@@ -11,11 +11,11 @@
 //! | what a request may ask for | `request`, `query` |
 //! | how bodies come in | `upload`, `intake` |
 //! | what happens to a job | `pipeline` |
-//! | how jobs are kept | `store`, and their files in `files` |
+//! | how jobs are kept | `store`, and their files in `files`; `blobs` knows which are where |
 //! | how long they are kept | `retention` |
 //! | what happens when the disk fails | `storage` |
 //! | asking twice for one job | `idempotency` |
-//! | a resource | `jobs`, `events`, `results`, `hierarchy`, `info` |
+//! | a resource | `jobs`, `events`, `results`, `hierarchy`, `info`; `encoded` for what is made when it is asked for |
 //! | what errors look like | `problem` |
 //! | what `/readyz` knows | `health` |
 //! | who may ask | `access` |
@@ -32,7 +32,9 @@
 
 mod access;
 mod admission;
+mod blobs;
 mod conditional;
+mod encoded;
 mod events;
 mod faults;
 mod files;

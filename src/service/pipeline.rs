@@ -2,7 +2,7 @@
 //!
 //! Jobs are claimed in the order of submission. Each holds a slot until it ends, so that no more meshes are in memory
 //! than there are slots, and waits for its share of [`memory`] before it is read; within that, meshes are read and results
-//! written on tokio's blocking threads while the one [`device_thread`] clusters. A job that fails, or panics, fails alone.
+//! written on tokio's blocking threads while the one [`device_thread`] clusters; [`small`] meshes have threads of their own. A job that fails, or panics, fails alone.
 //!
 //! An attempt at a job comes to one of three [`Verdict`]s. The job has ended; or it is released, because the device, the
 //! disk or the process failed and not the mesh; or it belongs to somebody else by now. What cannot be stored is stored once
@@ -11,6 +11,7 @@
 pub(super) mod device_thread;
 mod leases;
 mod memory;
+mod small;
 mod stages;
 
 use std::sync::Arc;
@@ -24,11 +25,12 @@ use tracing::Instrument;
 use self::device_thread::DeviceThread;
 use self::leases::{LEASE, Leases};
 use self::memory::Memory;
-use self::stages::Log;
+use self::small::SmallMeshes;
+use self::stages::{Log, Written};
 use super::files::Files;
 use super::metrics::Metrics;
 use super::storage::Storage;
-use super::store::{End, Job, JobStore, Release, State, Summary, Ticket};
+use super::store::{End, Ending, Job, JobStore, Release, State, Summary, Ticket};
 use super::trace::TraceParent;
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Limits;
@@ -75,6 +77,7 @@ pub(super) struct Pipeline {
     time: Option<Duration>,
     slots: Arc<Semaphore>,
     memory: Memory,
+    small: SmallMeshes,
     leases: Arc<Leases>,
     metrics: Arc<Metrics>,
 }
@@ -83,7 +86,7 @@ pub(super) struct Pipeline {
 #[derive(Debug)]
 enum Verdict {
     /// The job has ended.
-    Ended(End),
+    Ended(Ending),
     /// It is to be tried again.
     Released(Release),
     /// It is not this process's any more.
@@ -95,9 +98,9 @@ type Claimed = (OwnedSemaphorePermit, Ticket, Job);
 
 impl Pipeline {
     /// A pipeline of these parts.
-    pub fn new(parts: Parts, costs: Costs) -> Self {
+    pub fn start(parts: Parts, costs: Costs) -> Result<Self> {
         let Parts { store, files, storage, device, metrics } = parts;
-        Self {
+        Ok(Self {
             store,
             files,
             storage,
@@ -106,9 +109,10 @@ impl Pipeline {
             time: costs.time,
             slots: Arc::new(Semaphore::new(costs.slots)),
             memory: Memory::new(costs.memory),
+            small: SmallMeshes::start()?,
             leases: Arc::default(),
             metrics,
-        }
+        })
     }
 
     /// Works on jobs until `stop`; jobs claimed by then end, or are released when `abort` breaks them off.
@@ -204,7 +208,7 @@ impl Pipeline {
         let outcome = tokio::select! {
             biased;
             outcome = self.cluster(&slot, ticket, &job, &cancel, &log, broken_off) => outcome.map_err(judge),
-            () = self.cancel_requested(&job) => Err(Verdict::Ended(End::Cancelled)),
+            () = self.cancel_requested(&job) => Err(Verdict::Ended(End::Cancelled.into())),
             () = lease.lost() => Err(Verdict::Lost),
             () = abort.cancelled() => Err(self.stopped()),
         };
@@ -218,7 +222,9 @@ impl Pipeline {
                 let written = self.write(slot, &job, outcome, started).instrument(span).await;
                 self.metrics.written(&job, writing.elapsed());
                 match written {
-                    Ok(summary) => Verdict::Ended(End::Succeeded(summary)),
+                    Ok(Written { summary, small }) => {
+                        Verdict::Ended(Ending { end: End::Succeeded(summary), rest: None, result: small })
+                    }
                     Err(error) => judge(error),
                 }
             }
@@ -238,16 +244,19 @@ impl Pipeline {
         abort: &CancellationToken,
     ) {
         let milliseconds = started.elapsed().as_millis() as u64;
-        let has_result = matches!(verdict, Verdict::Ended(End::Succeeded(_)));
+        let mut may_have_files = true;
         let state = match verdict {
-            Verdict::Ended(end) => {
-                log_end(&end, milliseconds);
-                let kind = if let End::Failed(error) = &end { Some(error.kind) } else { None };
-                self.metrics.ended(job, end.state(), started.elapsed(), kind);
+            Verdict::Ended(mut ending) => {
+                log_end(&ending.end, milliseconds);
+                let kind = if let End::Failed(error) = &ending.end { Some(error.kind) } else { None };
+                let state = ending.end.state();
+                self.metrics.ended(job, state, started.elapsed(), kind);
+                may_have_files = !matches!(&ending.end, End::Succeeded(summary) if summary.is_small);
+                ending.rest = log.rest();
                 loop {
-                    match self.finish(ticket, end.clone(), log).await {
+                    match self.store.end(ticket, ending.clone()).await {
                         Err(error) if self.may_try_again(&error, abort).await => {}
-                        outcome => break outcome.map(|()| end.state()),
+                        outcome => break outcome.map(|()| state),
                     }
                 }
             }
@@ -268,29 +277,15 @@ impl Pipeline {
             }
             Verdict::Lost => Err(Error::new(Kind::Conflict, "the job is not this process's any more")),
         };
-        if !has_result || state.is_err() {
+        if may_have_files && state != Ok(State::Succeeded) {
             self.files.remove_result(job.id, ticket.attempt).await;
         }
         match state {
-            Ok(state) if state.is_ended() => self.files.remove_upload(job.id).await,
+            Ok(state) if state.is_ended() && !job.spec.is_small => self.files.remove_upload(job.id).await,
             Ok(_) => {}
             Err(error) if error.kind == Kind::Conflict => tracing::warn!("nothing of this attempt counts: {error}"),
             Err(error) => tracing::error!(%error, "the end of a job cannot be stored; it will be run again"),
         }
-    }
-
-    /// Ends a job with the last of its events: in one transaction, as a rule.
-    async fn finish(&self, ticket: Ticket, end: End, log: &Log) -> Result<()> {
-        let Some((rows, progress)) = log.rest() else {
-            return self.store.finish(ticket, end).await;
-        };
-        // asked for at once, so that the store takes them together, in this order
-        let (appended, finished) =
-            tokio::join!(self.store.append(ticket, rows, progress), self.store.finish(ticket, end));
-        if let (Err(error), Ok(())) = (appended, &finished) {
-            tracing::error!(%error, "the last events of a job were not stored");
-        }
-        finished
     }
 
     /// Waits a while when the disk failed; whether to try again then: until it is time to go.
@@ -321,10 +316,10 @@ impl Pipeline {
     fn stopped(&self) -> Verdict {
         match self.store.is_durable() {
             true => Verdict::Released(Release::Free),
-            false => Verdict::Ended(End::Failed(Error::new(
-                Kind::Unavailable,
-                "the service was stopped before the job ended, and keeps no jobs; submit it again",
-            ))),
+            false => {
+                let why = "the service was stopped before the job ended, and keeps no jobs; submit it again";
+                Verdict::Ended(End::Failed(Error::new(Kind::Unavailable, why)).into())
+            }
         }
     }
 }
@@ -332,14 +327,14 @@ impl Pipeline {
 /// What an attempt comes to that ended with an error.
 fn judge(error: Error) -> Verdict {
     match error.kind {
-        Kind::Cancelled => Verdict::Ended(End::Cancelled),
+        Kind::Cancelled => Verdict::Ended(End::Cancelled.into()),
         Kind::Conflict => Verdict::Lost,
         Kind::DeviceLost => Verdict::Released(Release::Failed(error)),
         _ if error.is_of_storage() => {
             tracing::warn!(%error, "the disk failed");
             Verdict::Released(Release::Free)
         }
-        _ => Verdict::Ended(End::Failed(error)),
+        _ => Verdict::Ended(End::Failed(error).into()),
     }
 }
 

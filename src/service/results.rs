@@ -2,21 +2,26 @@
 
 #![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
 
+use std::ops::Range;
+use std::sync::Arc;
+
 use axum::body::Body;
 use axum::extract::{Path, State as Extract};
 use axum::http::{HeaderMap, Uri, header};
 use axum::response::{IntoResponse, Response};
+use futures_util::future::BoxFuture;
 use object_store::GetRange;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::access::Caller;
-use super::files::{self, Folder};
+use super::conditional::{Content, Parts};
+use super::files;
 use super::jobs::{find, tell_expiry};
 use super::problem::Answer;
 use super::server::{App, Shared};
 use super::store::{Job, State, Summary};
-use super::{hierarchy, negotiate, openapi::Problematic, query, snapshots};
+use super::{blobs, hierarchy, negotiate, openapi::Problematic, query, snapshots};
 use crate::error::{Error, Kind, Result};
 use crate::output::LabelFormat;
 
@@ -129,21 +134,27 @@ pub(super) async fn labels(
         .into());
     }
     let format = negotiate::label_format(&headers)?;
-    let folder = Folder::Result(job.id, job.attempt);
     // The raw numbers are what follows the header of the .npy file.
     let mut response = match (clusters, format) {
         (Some(clusters), format) => hierarchy::cut(&shared, &job, clusters, format).await?,
         (None, format) if iteration.is_some() => {
-            snapshots::labels(&shared, &job, summary, iteration.unwrap_or_default(), format).await?
+            snapshots::labels(&shared, &job, &summary, iteration.unwrap_or_default(), format).await?
         }
-        (None, LabelFormat::Json) => stored(&shared, folder, files::LABELS_JSON, None, format.media_type()).await?,
-        (None, LabelFormat::Npy) => stored(&shared, folder, files::LABELS_NPY, None, format.media_type()).await?,
+        (None, LabelFormat::Json) => {
+            let numbers = Some(GetRange::Suffix(4 * summary.faces));
+            let numbers = blobs::result(&shared.files, shared.store.as_ref(), &job, files::LABELS_NPY, numbers).await?;
+            snapshots::labels_of(&shared, numbers, &summary, format).await?
+        }
+        (None, LabelFormat::Npy) => stored(&shared, &job, files::LABELS_NPY, None, format.media_type()).await?,
         (None, LabelFormat::Raw) => {
             let numbers = Some(GetRange::Suffix(4 * summary.faces));
-            stored(&shared, folder, files::LABELS_NPY, numbers, format.media_type()).await?
+            stored(&shared, &job, files::LABELS_NPY, numbers, format.media_type()).await?
         }
     };
     let name = iteration.map_or_else(|| "labels".to_owned(), |iteration| format!("labels.iteration-{iteration}"));
+    if let Some(digest) = summary.labels_sha256.filter(|_| clusters.is_none() && iteration.is_none()) {
+        response.extensions_mut().insert(Content(digest));
+    }
     attachment(&mut response, &job, &format!("{name}.{}", format.extension()));
     tell_expiry(&mut response, &shared, &job);
     Ok(response)
@@ -165,8 +176,7 @@ pub(super) async fn labels(
 pub(super) async fn report(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer {
     let job = find(&shared, &caller, &id).await?;
     succeeded(&job)?;
-    let folder = Folder::Result(job.id, job.attempt);
-    let mut response = stored(&shared, folder, files::REPORT, None, "application/json").await?;
+    let mut response = stored(&shared, &job, files::REPORT, None, "application/json").await?;
     tell_expiry(&mut response, &shared, &job);
     Ok(response)
 }
@@ -175,7 +185,7 @@ pub(super) async fn report(Extract(shared): App, caller: Caller, Path(id): Path<
 pub(super) fn succeeded(job: &Job) -> Result<Summary> {
     let conflict = |message: String| Err(Error::new(Kind::Conflict, message));
     match (job.state, &job.summary) {
-        (State::Succeeded, Some(summary)) => Ok(*summary),
+        (State::Succeeded, Some(summary)) => Ok(summary.clone()),
         (State::Failed, _) => conflict(format!(
             "the job failed and has no result: {}",
             job.problem.as_ref().map_or("", |problem| &problem.message)
@@ -191,13 +201,22 @@ pub(super) fn succeeded(job: &Job) -> Result<Summary> {
 /// A result, or a range of it, as a response that streams it.
 pub(super) async fn stored(
     shared: &Shared,
-    folder: Folder,
+    job: &Job,
     name: &str,
     range: Option<GetRange>,
     media_type: &'static str,
 ) -> Result<Response> {
-    let blob = shared.files.read(folder, name, range).await?;
-    Ok(streamed(blob.length(), blob.into_body(), media_type))
+    let (files, store) = (Arc::clone(&shared.files), Arc::clone(&shared.store));
+    let blob = blobs::result(&files, store.as_ref(), job, name, range).await?;
+    let (job, name, start) = (job.clone(), name.to_owned(), blob.start());
+    let part = move |range: Range<u64>| -> BoxFuture<'static, Result<Body>> {
+        let (files, store, job, name) = (Arc::clone(&files), Arc::clone(&store), job.clone(), name.clone());
+        let range = GetRange::Bounded(start + range.start..start + range.end);
+        Box::pin(async move { Ok(blobs::result(&files, store.as_ref(), &job, &name, Some(range)).await?.into_body()) })
+    };
+    let mut response = streamed(blob.length(), blob.into_body(), media_type);
+    response.extensions_mut().insert(Parts(Arc::new(part)));
+    Ok(response)
 }
 
 /// A body of known length as a response.

@@ -2,11 +2,12 @@
 
 use std::time::{Duration, Instant, SystemTime};
 
+use futures_util::future::try_join_all;
 use tokio_util::sync::CancellationToken;
 
 use super::files::Files;
 use super::store::{Deletion, JobStore};
-use crate::error::Result;
+use crate::error::{Error, Result};
 
 /// Jobs that are forgotten before the next look at the time.
 const AT_ONCE: usize = 100;
@@ -48,13 +49,16 @@ async fn expire(files: &Files, store: &dyn JobStore, retention: Duration) -> Res
     };
     loop {
         let old = store.ended_before(before, AT_ONCE).await?;
-        for id in &old {
+        // at once: they share a transaction, as many jobs may end as begin
+        try_join_all(old.iter().map(async |id| {
             // the job first: without it, its files are nobody's and would be swept away
             if store.delete(*id).await? == Deletion::Deleted {
                 files.remove(*id).await;
                 tracing::info!(job = %id, "forgotten");
             }
-        }
+            Ok::<_, Error>(())
+        }))
+        .await?;
         if old.len() < AT_ONCE {
             return Ok(());
         }

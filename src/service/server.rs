@@ -48,8 +48,8 @@ use crate::error::{Error, Result};
 /// Time for what is left to do after the grace period: ending jobs that were told to stop, sending last answers.
 const LAST_MOMENT: Duration = Duration::from_secs(2);
 
-/// Hierarchies that are in memory at a time to be cut or written: other requests wait for their turn.
-const HIERARCHIES_IN_MEMORY: usize = 2;
+/// Hierarchies and other large results that are in memory at a time, to be cut or written: other requests wait for their turn.
+const ENCODED_AT_ONCE: usize = 2;
 
 /// Bytes of an answer from which on it is compressed for who can read that.
 const COMPRESSED_FROM: u64 = 1024;
@@ -74,8 +74,8 @@ pub(super) struct Shared {
     pub health: Arc<Health>,
     /// Cancelled once the service is to stop.
     pub stop: CancellationToken,
-    /// Hierarchies that may be in memory at a time.
-    pub hierarchies: Arc<Semaphore>,
+    /// Large results that may be in memory at a time.
+    pub encoding: Arc<Semaphore>,
     /// Who may ask.
     pub access: Access,
     /// What is going on.
@@ -183,7 +183,7 @@ impl Server {
             memory: settings.work.memory_budget,
             time: settings.work.max_job(),
         };
-        let pipeline = Pipeline::new(parts, costs);
+        let pipeline = Pipeline::start(parts, costs)?;
         let shared = Arc::new(Shared {
             store,
             files,
@@ -191,7 +191,7 @@ impl Server {
             device: description,
             health,
             stop: CancellationToken::new(),
-            hierarchies: Arc::new(Semaphore::new(HIERARCHIES_IN_MEMORY)),
+            encoding: Arc::new(Semaphore::new(ENCODED_AT_ONCE)),
             traffic: Traffic::new(&settings.traffic),
             access: Access::open(&settings.access)?,
             admission: Arc::default(),

@@ -42,7 +42,7 @@ pub struct Settings {
     #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS", value_name = "N", default_value_t = Settings::default().max_queued_jobs)]
     pub max_queued_jobs: usize,
 
-    /// Meshes in memory at a time: one is read and one written while the device works on a third
+    /// Jobs that are worked on at a time: some are read and some written while the device works on others, as memory allows
     #[arg(long, env = "TESSERAE_MESHES_IN_MEMORY", value_name = "N", default_value_t = Settings::default().meshes_in_memory,
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1024))]
     pub meshes_in_memory: usize,
@@ -92,7 +92,7 @@ impl Default for Settings {
             max_upload_bytes: limits.max_bytes,
             max_faces: limits.max_faces,
             max_queued_jobs: 1024,
-            meshes_in_memory: 3,
+            meshes_in_memory: 8,
             max_wait: 60,
             keep_alive: 15,
             grace_period: 10,

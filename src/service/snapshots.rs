@@ -1,50 +1,53 @@
 //! The labels of iterations that a job kept: one file, a row an iteration, and the list of those iterations beside it.
 
-use std::io::Read;
+use std::io::{Read, Write};
 
-use axum::body::Body;
-use axum::http::header;
-use axum::response::{IntoResponse, Response};
+use axum::response::Response;
 use object_store::GetRange;
 
-use super::files::{self, Blob, Folder, blocking};
-use super::hierarchy::turn;
+use super::blobs;
+use super::encoded::{self, encoded};
+use super::files::{self, Blob};
 use super::server::Shared;
 use super::store::{Job, Summary};
 use crate::error::{Error, Kind, Result};
 use crate::output::{LabelFormat, write_labels};
 
+/// Faces up to which labels are so small that nobody waits for others who encode them.
+const SMALL: u64 = 1 << 16;
+
 /// The labels after an iteration of a flat clustering.
 pub(super) async fn labels(
     shared: &Shared,
     job: &Job,
-    summary: Summary,
+    summary: &Summary,
     iteration: u32,
     format: LabelFormat,
 ) -> Result<Response> {
-    let folder = Folder::Result(job.id, job.attempt);
-    let turn = turn(shared).await?;
-    let kept = list(shared, folder).await?;
+    let kept = list(shared, job).await?;
     let Some(row) = kept.iter().position(|&kept| kept == iteration) else {
         return Err(none_of(&kept, iteration));
     };
     let from_end = 4 * summary.faces * (kept.len() - row) as u64;
-    let rows = shared.files.read(folder, files::SNAPSHOTS, Some(GetRange::Suffix(from_end))).await?;
-    let body = blocking(move || {
-        let _turn = turn;
-        let labels = first_row(rows, summary.faces)?;
-        let mut body = Vec::new();
-        write_labels(&mut body, format, summary.clusters, &labels)
-            .map_err(|error| Error::io("labels cannot be written", error))?;
-        Ok::<_, Error>(body)
-    })
-    .await??;
-    Ok(([(header::CONTENT_TYPE, format.media_type())], Body::from(body)).into_response())
+    let range = Some(GetRange::Suffix(from_end));
+    let rows = blobs::result(&shared.files, shared.store.as_ref(), job, files::SNAPSHOTS, range).await?;
+    labels_of(shared, rows, summary, format).await
+}
+
+/// Labels from where they begin in a blob, in some form.
+pub(super) async fn labels_of(shared: &Shared, rows: Blob, summary: &Summary, format: LabelFormat) -> Result<Response> {
+    let (faces, clusters) = (summary.faces, summary.clusters);
+    let turn = if faces > SMALL { Some(encoded::turn(shared).await?) } else { None };
+    let rows = rows.into_reader();
+    let write = move |out: &mut dyn Write| {
+        write_labels(out, format, clusters, &first_row(rows, faces)?).map_err(encoded::cannot)
+    };
+    Ok(encoded(shared, turn, format.media_type(), write).await?.0)
 }
 
 /// The iterations whose labels were kept.
-async fn list(shared: &Shared, folder: Folder) -> Result<Vec<u32>> {
-    let json = match shared.files.read(folder, files::SNAPSHOT_LIST, None).await {
+async fn list(shared: &Shared, job: &Job) -> Result<Vec<u32>> {
+    let json = match blobs::result(&shared.files, shared.store.as_ref(), job, files::SNAPSHOT_LIST, None).await {
         Ok(list) => list.bytes().await?,
         Err(error) if error.kind == Kind::NotFound => return Ok(Vec::new()),
         Err(error) => return Err(error),
@@ -69,10 +72,9 @@ fn none_of(kept: &[u32], iteration: u32) -> Error {
 }
 
 /// The first of some rows.
-fn first_row(rows: Blob, faces: u64) -> Result<Vec<u32>> {
+fn first_row(mut rows: Box<dyn Read + Send>, faces: u64) -> Result<Vec<u32>> {
     let mut bytes = vec![0; 4 * faces as usize];
-    rows.into_reader()
-        .read_exact(&mut bytes)
+    rows.read_exact(&mut bytes)
         .map_err(|error| Error::new(Kind::Internal, format_args!("the snapshots end early: {error}")))?;
     Ok(bytes.as_chunks().0.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect())
 }

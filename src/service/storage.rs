@@ -57,7 +57,7 @@ impl Storage {
                 tried = Instant::now();
                 self.look().await;
             } else {
-                self.look_at_room();
+                self.look_at_room().await;
             }
         }
     }
@@ -73,13 +73,16 @@ impl Storage {
         let works = folder.is_ok() && store.is_ok();
         self.say(Part::Store, store);
         match folder {
-            Ok(()) => self.look_at_room(),
+            Ok(()) => self.look_at_room().await,
             failed => self.say(Part::Disk, failed),
         }
         self.works.send_if_modified(|before| std::mem::replace(before, works) != works);
     }
 
-    fn look_at_room(&self) {
+    async fn look_at_room(&self) {
+        if let Ok(bytes) = self.store.free_bytes().await {
+            self.files.free_in_store(bytes);
+        }
         self.say(Part::Disk, self.files.check_room(0));
     }
 

@@ -14,7 +14,7 @@ use axum::http::{HeaderMap, header};
 use futures_util::{Stream, StreamExt};
 use sha2::{Digest, Sha256};
 
-use super::files::{self, BlobWriter, Files, Incoming};
+use super::files::{self, Files, Incoming};
 use super::intake::{self, Content, Encoding, Rules};
 use super::request::Wanted;
 use super::store::Spec;
@@ -97,12 +97,12 @@ async fn raw(
     files: &Arc<Files>,
 ) -> Result<Upload> {
     let format = agreed(format, wanted.format)?;
-    let folder = files.incoming();
+    let mut folder = files.incoming();
     let early = |head: &[u8]| match format {
         Some(format) => format.check_head(head, length),
         None => Format::recognise(None, head)?.check_head(head, length),
     };
-    let mesh = save(content, folder.blob(files::MESH), early).await?;
+    let mesh = save(content, &mut folder, files::MESH, early).await?;
     let format = mesh.format(format, None)?;
     tracing::debug!(bytes = mesh.bytes, path = parts.uri.path(), "received a mesh");
     let (parameters, webhook) = wanted.finish(false)?;
@@ -117,6 +117,7 @@ async fn raw(
         buffers: Vec::new(),
         listed_seeds: false,
         has_weights: false,
+        is_small: false,
     };
     Ok(Upload { folder, spec, digests: vec![mesh.digest] })
 }
@@ -187,10 +188,11 @@ impl Saved {
 }
 
 /// Writes a stream to a new blob. `early` sees the first bytes as soon as they are there and may refuse them.
-async fn save<S>(mut stream: S, mut blob: BlobWriter, early: impl Fn(&[u8]) -> Result<()>) -> Result<Saved>
+async fn save<S>(mut stream: S, folder: &mut Incoming, name: &str, early: impl Fn(&[u8]) -> Result<()>) -> Result<Saved>
 where
     S: Stream<Item = Result<Bytes>> + Unpin,
 {
+    let mut blob = folder.blob(name);
     let mut saved = Saved { bytes: 0, head: Vec::new(), digest: [0; 32] };
     let mut digest = Sha256::new();
     while let Some(chunk) = stream.next().await {
@@ -206,7 +208,7 @@ where
         digest.update(&chunk);
         blob.write(&chunk).await?;
     }
-    blob.finish().await?;
+    folder.add(blob).await?;
     saved.digest = digest.finalize().into();
     Ok(saved)
 }

@@ -1,164 +1,593 @@
 //! Which faces share an edge.
 //!
-//! Half-edges are put into one bucket for each lower end vertex, the buckets sorted by the upper end and the face. The
-//! faces of one edge then lie side by side: two are linked, more than two are linked as a chain by face number (never
-//! all pairs, which would be quadratic).
+//! Half-edges are put into one bucket for each lower end vertex; within a bucket, those with the same upper end belong to
+//! one edge. Two faces of an edge are linked, more than two are linked as a chain by face number (never all pairs, which
+//! would be quadratic).
+//!
+//! A bucket has six half-edges on average, and is a list through the memory that later holds the links. Its half-edges
+//! meet in a table with a place for each upper end: nothing there depends on a branch that cannot be foreseen, and nothing
+//! is sorted but large buckets and those with an edge of more than two faces.
 
-use crate::mesh::{Faces, PolygonMesh};
+use std::ops::Range;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use rayon::prelude::*;
 
 use super::Counts;
-use super::weld::Weld;
+use crate::mesh::Faces;
 
-/// What [`links`] finds.
-pub struct Links {
-    /// Pairs of faces that share an edge, by upload face.
-    pub pairs: Vec<(u32, u32)>,
+/// Which faces are linked, by upload face.
+#[derive(Debug)]
+pub struct Links<'a> {
+    edges: Edges<'a>,
+    /// For each corner, about the edge that ends there: the face it links to, [`NONE`], or [`CHAINED`].
+    linked: Vec<AtomicU32>,
+    /// The inner half-edges of chains, sorted: the corner, and the faces before and after.
+    chained: Vec<(u32, [u32; 2])>,
+    /// Further links, both directions of each, sorted by face.
+    bridges: Vec<(u32, u32)>,
     /// Faces of edges that have more than two, maybe several times.
-    pub crowded: Vec<u32>,
+    crowded: Vec<u32>,
     /// Edges and degenerate faces; the other counts are 0.
     pub counts: Counts,
 }
 
-/// Finds the pairs of faces that share an edge, and counts edges and degenerate faces.
-///
-/// An edge between corners at one position is none. For the counts, an edge that a face runs along twice, there and
-/// back, is no edge of that face: it belongs to a degenerate spike.
-pub fn links(faces: &Faces, weld: &Weld) -> Links {
-    let mut counts = Counts::default();
-    let position = |corner: u32| weld.position_of_vertex[corner as usize];
-    let mut first = vec![0u32; weld.vertices as usize + 1];
-    for face in 0..faces.len() {
-        for_each_edge(faces.corners(face), position, |low, _| first[low as usize + 1] += 1);
-    }
-    for vertex in 1..first.len() {
-        first[vertex] += first[vertex - 1];
-    }
-    let mut next = first.clone();
-    let mut half_edges = vec![(0u32, 0u32); first[first.len() - 1] as usize];
-    let mut distinct = Vec::new();
-    for face in 0..faces.len() {
-        let corners = faces.corners(face);
-        for_each_edge(corners, position, |low, high| {
-            half_edges[next[low as usize] as usize] = (high, face as u32);
-            next[low as usize] += 1;
-        });
-        counts.degenerate_faces += u64::from(has_repeated_position(corners, position, &mut distinct));
-    }
-    drop(next);
+/// No face: at a boundary, or where another half-edge of the face stands for the edge.
+const NONE: u32 = u32::MAX;
+/// Two faces, which [`Links::chained`] names.
+const CHAINED: u32 = u32::MAX - 1;
 
-    let mut pairs = Vec::with_capacity(half_edges.len() / 2);
-    let mut crowded = Vec::new();
-    for bucket in first.windows(2) {
-        let bucket = &mut half_edges[bucket[0] as usize..bucket[1] as usize];
-        bucket.sort_unstable();
-        for edge in bucket.chunk_by(|a, b| a.0 == b.0) {
-            let mut previous = None;
-            let mut faces = 0;
-            let mut solid_faces = 0;
-            for uses in edge.chunk_by(|a, b| a.1 == b.1) {
-                let face = uses[0].1;
-                if let Some(previous) = previous.replace(face) {
-                    pairs.push((previous, face));
+/// Ranges of vertices whose half-edges are linked at the same time: each looks at all half-edges.
+const MOST_RANGES: usize = 4;
+
+/// The half-edges of a mesh.
+#[derive(Debug)]
+struct Edges<'a> {
+    faces: &'a Faces,
+    /// The position of each corner.
+    positions: Vec<u32>,
+    /// The face of each corner, where faces are not all triangles.
+    face_of_corner: Vec<u32>,
+    /// Whether a face has two corners at one position. Only such a face can run along an edge twice.
+    has_degenerate: bool,
+}
+
+impl<'a> Links<'a> {
+    /// Finds the pairs of faces that share an edge, and counts edges and degenerate faces.
+    ///
+    /// An edge between corners at one position is none. For the counts, an edge that a face runs along twice, there and
+    /// back, is no edge of that face: it belongs to a degenerate spike.
+    ///
+    /// `positions` has a number below `vertices` for each corner.
+    pub fn new(faces: &'a Faces, positions: Vec<u32>, vertices: u32) -> Self {
+        let mut edges = Edges::new(faces, positions);
+        let degenerate_faces = edges.degenerate_faces();
+        edges.has_degenerate = degenerate_faces > 0;
+        let linked: Vec<AtomicU32> =
+            (0..edges.positions.len()).into_par_iter().with_min_len(1 << 14).map(|_| NONE.into()).collect();
+        let vertices = vertices as usize;
+        let ranges = rayon::current_num_threads().min(MOST_RANGES).min(vertices.div_ceil(1 << 12)).max(1);
+        let bound = |range: usize| (vertices * range / ranges) as u32;
+        let found: Vec<Found> = (0..ranges)
+            .into_par_iter()
+            .map(|range| {
+                let buckets = Buckets::new(&edges, &linked, bound(range)..bound(range + 1));
+                match faces.are_triangles() {
+                    true => buckets.link::<true>(vertices),
+                    false => buckets.link::<false>(vertices),
                 }
-                faces += 1;
+            })
+            .collect();
+        let mut counts = Counts { degenerate_faces, ..Counts::default() };
+        let (mut chained, mut crowded) = (Vec::new(), Vec::new());
+        for found in found {
+            chained.extend(found.chained);
+            crowded.extend(found.crowded);
+            counts.boundary_edges += found.boundary_edges;
+            counts.non_manifold_edges += found.non_manifold_edges;
+        }
+        chained.sort_unstable();
+        Self { edges, linked, chained, bridges: Vec::new(), crowded, counts }
+    }
+
+    /// Links further pairs of faces; they come last in the rows.
+    pub fn bridge(&mut self, pairs: Vec<(u32, u32)>) {
+        self.bridges = pairs.into_iter().flat_map(|(a, b)| [(a, b), (b, a)]).collect();
+        self.bridges.sort_by_key(|&(face, _)| face);
+    }
+
+    /// Calls `link(a, b)` for each pair of linked faces, a > b.
+    pub fn each_pair(&self, mut link: impl FnMut(u32, u32)) {
+        let mut link_corner = |face: u32, corner: usize| match self.linked[corner].load(Ordering::Relaxed) {
+            CHAINED => link(face, self.chain_at(corner as u32)[0]),
+            // none is larger than any face
+            other if other < face => link(face, other),
+            _ => {}
+        };
+        for face in 0..self.edges.faces.len() {
+            for corner in self.edges.faces.first_corner(face)..self.edges.faces.first_corner(face + 1) {
+                link_corner(face as u32, corner);
+            }
+        }
+        self.bridges.iter().filter(|(face, other)| other < face).for_each(|&(face, other)| link(face, other));
+    }
+
+    /// The faces before and after that of an inner half-edge of a chain.
+    #[cold]
+    fn chain_at(&self, corner: u32) -> [u32; 2] {
+        let at = self.chained.partition_point(|&(other, _)| other < corner);
+        self.chained[at].1
+    }
+
+    /// Whether every face has exactly three neighbours, one for each half-edge.
+    fn is_closed(&self) -> bool {
+        let Counts { boundary_edges, non_manifold_edges, degenerate_faces, .. } = self.counts;
+        self.edges.faces.are_triangles()
+            && boundary_edges + non_manifold_edges + degenerate_faces == 0
+            && self.bridges.is_empty()
+    }
+
+    /// The faces that `face` is linked to, by lower and upper end of the shared edge, into `row`.
+    fn row(&self, face: u32, row: &mut Vec<u32>, edges: &mut Vec<(u32, u32, u32)>) {
+        row.clear();
+        let first = self.edges.faces.first_corner(face as usize);
+        let end = self.edges.faces.first_corner(face as usize + 1);
+        let linked = |corner: usize| self.linked[corner].load(Ordering::Relaxed);
+        if let &[a, b, c] = &self.edges.positions[first..end] {
+            for corner in by_ends([a, b, c]) {
+                self.push(first + corner, linked(first + corner), row);
+            }
+        } else {
+            edges.clear();
+            self.edges.each_of(first..end, |low, high, corner| edges.push((low, high, corner)));
+            edges.sort_unstable();
+            for &mut (_, _, corner) in edges {
+                self.push(corner as usize, linked(corner as usize), row);
+            }
+        }
+        let bridges = self.bridges.partition_point(|&(other, _)| other < face);
+        row.extend(self.bridges[bridges..].iter().take_while(|bridge| bridge.0 == face).map(|bridge| bridge.1));
+    }
+
+    fn push(&self, corner: usize, linked: u32, row: &mut Vec<u32>) {
+        match linked {
+            NONE => {}
+            CHAINED => row.extend(self.chain_at(corner as u32)),
+            face => row.push(face),
+        }
+    }
+
+    /// The links as compressed rows in internal order.
+    pub fn compressed(&self, upload_face: &[u32]) -> Rows {
+        /// Faces of a piece.
+        const PIECE: usize = 4096;
+        let mut internal = vec![0u32; upload_face.len()];
+        for (face, &upload) in upload_face.iter().enumerate() {
+            internal[upload as usize] = face as u32;
+        }
+        let internal = |face: u32| internal[face as usize];
+        if self.is_closed() {
+            let offsets = (0..=upload_face.len() as u32).map(|face| 3 * face).collect();
+            let mut neighbours = vec![0u32; 3 * upload_face.len()];
+            let repeating = neighbours
+                .par_chunks_mut(3 * PIECE)
+                .zip(upload_face.par_chunks(PIECE))
+                .flat_map_iter(|(neighbours, faces)| {
+                    let mut repeating = Vec::new();
+                    let positions = self.edges.positions.as_chunks::<3>().0;
+                    let linked = self.linked.as_chunks::<3>().0;
+                    for (row, &face) in neighbours.as_chunks_mut::<3>().0.iter_mut().zip(faces) {
+                        let order = by_ends(positions[face as usize]);
+                        let linked = &linked[face as usize];
+                        *row = order.map(|corner| internal(linked[corner].load(Ordering::Relaxed)));
+                        let [a, b, c] = *row;
+                        if (a == b) | (b == c) | (c == a) {
+                            repeating.push(face);
+                        }
+                    }
+                    repeating
+                })
+                .collect();
+            return Rows { offsets, neighbours, repeating };
+        }
+        let is_plain = self.edges.faces.are_triangles() && self.chained.is_empty() && self.bridges.is_empty();
+        let pieces: Vec<Piece> = upload_face
+            .par_chunks(PIECE)
+            .map(|faces| match is_plain {
+                true => self.rows_of_triangles(faces, internal),
+                false => self.rows_of_any(faces, internal),
+            })
+            .collect();
+        let mut rows = Rows {
+            offsets: Vec::with_capacity(upload_face.len() + 1),
+            neighbours: Vec::with_capacity(pieces.iter().map(|piece| piece.neighbours.len()).sum()),
+            repeating: Vec::new(),
+        };
+        rows.offsets.push(0);
+        for piece in pieces {
+            let first = rows.neighbours.len() as u32;
+            rows.offsets.extend(piece.ends.iter().map(|end| first + end));
+            rows.neighbours.extend(piece.neighbours);
+            rows.repeating.extend(piece.repeating);
+        }
+        rows
+    }
+
+    /// The rows of faces of at most three neighbours, one a half-edge.
+    fn rows_of_triangles(&self, faces: &[u32], internal: impl Fn(u32) -> u32) -> Piece {
+        let positions = self.edges.positions.as_chunks::<3>().0;
+        let linked = self.linked.as_chunks::<3>().0;
+        let mut piece = Piece { neighbours: vec![0; 3 * faces.len()], ..Piece::default() };
+        let mut end = 0;
+        for &face in faces {
+            let first = end;
+            for corner in by_ends(positions[face as usize]) {
+                let other = linked[face as usize][corner].load(Ordering::Relaxed);
+                let is_there = other != NONE;
+                piece.neighbours[end] = internal(if is_there { other } else { face });
+                end += usize::from(is_there);
+            }
+            piece.ends.push(end as u32);
+            let repeats = match piece.neighbours[first..end] {
+                [a, b] => a == b,
+                [a, b, c] => (a == b) | (b == c) | (c == a),
+                _ => false,
+            };
+            if repeats {
+                piece.repeating.push(face);
+            }
+        }
+        piece.neighbours.truncate(end);
+        piece
+    }
+
+    /// The rows of faces of any kind.
+    fn rows_of_any(&self, faces: &[u32], internal: impl Fn(u32) -> u32) -> Piece {
+        let mut piece = Piece::default();
+        let (mut row, mut edges) = (Vec::new(), Vec::new());
+        for &face in faces {
+            self.row(face, &mut row, &mut edges);
+            piece.neighbours.extend(row.iter().map(|&face| internal(face)));
+            piece.ends.push(piece.neighbours.len() as u32);
+            row.sort_unstable();
+            if row.windows(2).any(|pair| pair[0] == pair[1]) {
+                piece.repeating.push(face);
+            }
+        }
+        piece
+    }
+
+    /// Counts extra copies of faces with the same set of corner positions; degenerate faces are left out.
+    ///
+    /// Copies share all their edges. So a face can be one only if it shares several edges with one neighbour (`repeating`),
+    /// or an edge with more than one face; only such faces are compared.
+    pub fn duplicates(&self, repeating: &[u32]) -> u64 {
+        let mut suspects = [repeating, &self.crowded].concat();
+        suspects.sort_unstable();
+        suspects.dedup();
+        let mut sets: Vec<Vec<u32>> = suspects
+            .iter()
+            .filter_map(|&face| {
+                let mut set = self.edges.corners(face as usize).to_vec();
+                let corners = set.len();
+                set.sort_unstable();
+                set.dedup();
+                (set.len() == corners).then_some(set)
+            })
+            .collect();
+        sets.sort_unstable();
+        sets.windows(2).filter(|pair| pair[0] == pair[1]).count() as u64
+    }
+}
+
+/// Links as compressed rows.
+pub struct Rows {
+    /// First neighbour of each face in `neighbours`, and one past the last.
+    pub offsets: Vec<u32>,
+    /// Linked faces, internal numbers.
+    pub neighbours: Vec<u32>,
+    /// Upload faces that are linked to one face more than once.
+    pub repeating: Vec<u32>,
+}
+
+/// Rows of some faces.
+#[derive(Default)]
+struct Piece {
+    neighbours: Vec<u32>,
+    ends: Vec<u32>,
+    repeating: Vec<u32>,
+}
+
+/// The corners of a triangle in the order of the edges that end there, by lower and then by upper position: the edge
+/// opposite the largest position comes first. Those of a degenerate triangle come in any order.
+#[inline]
+fn by_ends([a, b, c]: [u32; 3]) -> [usize; 3] {
+    // the edge that ends at a corner lies opposite the next corner
+    let rank = [(b < c) as usize + (b < a) as usize, (c < a) as usize + (c < b) as usize];
+    const ORDERS: [[usize; 3]; 9] = {
+        let mut orders = [[0, 1, 2]; 9];
+        let mut all = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+        let mut at = 0;
+        while at < 6 {
+            let order = &mut all[at];
+            let (mut of_first, mut of_second) = (0, 0);
+            let mut place = 0;
+            while place < 3 {
+                if order[place] == 0 {
+                    of_first = place;
+                }
+                if order[place] == 1 {
+                    of_second = place;
+                }
+                place += 1;
+            }
+            orders[3 * of_first + of_second] = *order;
+            at += 1;
+        }
+        orders
+    };
+    ORDERS[3 * rank[0] + rank[1]]
+}
+
+impl<'a> Edges<'a> {
+    fn new(faces: &'a Faces, positions: Vec<u32>) -> Self {
+        let mut face_of_corner = Vec::new();
+        if !faces.are_triangles() {
+            face_of_corner.reserve_exact(positions.len());
+            for face in 0..faces.len() {
+                face_of_corner.resize(faces.first_corner(face + 1), face as u32);
+            }
+        }
+        Self { faces, positions, face_of_corner, has_degenerate: false }
+    }
+
+    /// The positions of a face's corners.
+    fn corners(&self, face: usize) -> &[u32] {
+        &self.positions[self.faces.first_corner(face)..self.faces.first_corner(face + 1)]
+    }
+
+    /// The face of a corner.
+    #[inline]
+    fn face(&self, corner: u32) -> u32 {
+        if self.face_of_corner.is_empty() { corner / 3 } else { self.face_of_corner[corner as usize] }
+    }
+
+    /// The end of the half-edge at `corner` that is not `low`.
+    #[inline]
+    fn other_end<const TRIANGLES: bool>(&self, corner: u32, low: u32) -> u32 {
+        let before = if TRIANGLES || self.face_of_corner.is_empty() {
+            if corner.is_multiple_of(3) { corner + 2 } else { corner - 1 }
+        } else {
+            let face = self.face_of_corner[corner as usize] as usize;
+            let first = self.faces.first_corner(face) as u32;
+            if corner == first { self.faces.first_corner(face + 1) as u32 - 1 } else { corner - 1 }
+        };
+        self.positions[corner as usize] ^ self.positions[before as usize] ^ low
+    }
+
+    /// Calls `edge(low, high, corner)` for each half-edge that has two different ends.
+    #[inline]
+    fn each(&self, mut edge: impl FnMut(u32, u32, u32)) {
+        if self.face_of_corner.is_empty() {
+            for (corners, first) in self.positions.as_chunks::<3>().0.iter().zip((0..).step_by(3)) {
+                let &[a, b, c] = corners;
+                for (from, to, corner) in [(c, a, first), (a, b, first + 1), (b, c, first + 2)] {
+                    if from != to {
+                        edge(from.min(to), from.max(to), corner);
+                    }
+                }
+            }
+        } else {
+            for face in 0..self.faces.len() {
+                self.each_of(self.faces.first_corner(face)..self.faces.first_corner(face + 1), &mut edge);
+            }
+        }
+    }
+
+    /// The same for one face, given by its corners.
+    fn each_of(&self, corners: Range<usize>, mut edge: impl FnMut(u32, u32, u32)) {
+        let first = corners.start as u32;
+        let corners = &self.positions[corners];
+        let Some(&last) = corners.last() else { return };
+        let mut from = last;
+        for (&to, corner) in corners.iter().zip(first..) {
+            if from != to {
+                edge(from.min(to), from.max(to), corner);
+            }
+            from = to;
+        }
+    }
+
+    /// Number of faces with two corners at one position.
+    fn degenerate_faces(&self) -> u64 {
+        if self.face_of_corner.is_empty() {
+            let is_degenerate = |&[a, b, c]: &[u32; 3]| u64::from((a == b) | (b == c) | (c == a));
+            return self.positions.as_chunks().0.iter().map(is_degenerate).sum();
+        }
+        let mut distinct = Vec::new();
+        let is_degenerate = |face: &usize| {
+            distinct.clear();
+            distinct.extend_from_slice(self.corners(*face));
+            distinct.sort_unstable();
+            distinct.windows(2).any(|pair| pair[0] == pair[1])
+        };
+        (0..self.faces.len()).filter(is_degenerate).count() as u64
+    }
+}
+
+/// The half-edges whose lower end is in a range of positions, a bucket for each.
+///
+/// A bucket is a list through `linked`: until an edge's links are known, each half-edge has the one before it there.
+struct Buckets<'a> {
+    edges: &'a Edges<'a>,
+    linked: &'a [AtomicU32],
+    /// First position of the range.
+    first: u32,
+    /// The last half-edge of each bucket.
+    last: Vec<u32>,
+}
+
+/// Largest bucket that is not sorted.
+const MOST_UNSORTED: usize = 32;
+
+/// What is known of an edge whose lower end is that of the current bucket: the lower end, how many half-edges it has (at
+/// most 3), and their corners, combined by exclusive or. Lower ends and corners have 31 bits.
+#[derive(Clone, Copy, Default)]
+struct Edge(u64);
+
+impl Edge {
+    /// Without half-edges, unless it is of the bucket of `low`.
+    #[inline]
+    fn in_bucket(self, low: u32) -> Self {
+        let is_stale = self.0 >> 33 != u64::from(low);
+        if is_stale { Self(u64::from(low) << 33) } else { self }
+    }
+
+    #[inline]
+    fn uses(self) -> u64 {
+        self.0 >> 31 & 3
+    }
+
+    /// All corners but `corner`, combined.
+    #[inline]
+    fn others(self, corner: u32) -> u32 {
+        (self.0 as u32 ^ corner) & (u32::MAX >> 1)
+    }
+
+    /// With one more half-edge; no more than three times.
+    #[inline]
+    fn with(self, corner: u32) -> Self {
+        Self((self.0 + (1 << 31)) ^ u64::from(corner))
+    }
+}
+
+/// What is found in a range of positions besides plain links.
+#[derive(Default)]
+struct Found {
+    chained: Vec<(u32, [u32; 2])>,
+    crowded: Vec<u32>,
+    boundary_edges: u64,
+    non_manifold_edges: u64,
+    /// Half-edges of a bucket: upper end, face, corner.
+    sorted: Vec<(u32, u32, u32)>,
+}
+
+impl<'a> Buckets<'a> {
+    fn new(edges: &'a Edges<'_>, linked: &'a [AtomicU32], range: Range<u32>) -> Self {
+        let (first, length) = (range.start, range.end - range.start);
+        let mut last = vec![NONE; length as usize];
+        edges.each(|low, _, corner| {
+            let bucket = low.wrapping_sub(first);
+            if bucket < length {
+                let before = std::mem::replace(&mut last[bucket as usize], corner);
+                linked[corner as usize].store(before, Ordering::Relaxed);
+            }
+        });
+        Self { edges, linked, first, last }
+    }
+
+    /// Puts the links of the half-edges in place of the lists.
+    fn link<const TRIANGLES: bool>(&self, positions: usize) -> Found {
+        let edges = self.edges;
+        let face = |corner: u32| if TRIANGLES { corner / 3 } else { edges.face(corner) };
+        let mut found = Found::default();
+        let mut edge_at = vec![Edge::default(); positions];
+        let (mut ends, mut corners) = ([0; MOST_UNSORTED], [0; MOST_UNSORTED]);
+        for (low, &last) in (self.first..).zip(&self.last) {
+            let mut count = 0;
+            let mut is_plain = true;
+            let mut corner = last;
+            while corner != NONE && is_plain && count < MOST_UNSORTED {
+                let end = edges.other_end::<TRIANGLES>(corner, low);
+                (ends[count], corners[count]) = (end, corner);
+                let known = &mut edge_at[end as usize];
+                let edge = known.in_bucket(low);
+                *known = edge.with(corner);
+                is_plain = edge.uses() < 2;
+                if edges.has_degenerate && edge.uses() == 1 {
+                    is_plain &= face(edge.others(0)) != face(corner);
+                }
+                corner = self.linked[corner as usize].load(Ordering::Relaxed);
+                count += 1;
+            }
+            if !is_plain || corner != NONE {
+                ends[..count].iter().for_each(|&end| edge_at[end as usize] = Edge::default());
+                self.sort(low, last, &mut found);
+                continue;
+            }
+            for (&end, &corner) in ends[..count].iter().zip(&corners) {
+                let edge = edge_at[end as usize];
+                let is_pair = edge.uses() == 2;
+                let link = if is_pair { face(edge.others(corner)) } else { NONE };
+                self.linked[corner as usize].store(link, Ordering::Relaxed);
+                found.boundary_edges += u64::from(!is_pair);
+            }
+        }
+        found
+    }
+
+    /// Links a bucket of any kind.
+    #[cold]
+    fn sort(&self, low: u32, last: u32, found: &mut Found) {
+        let Found { chained, crowded, sorted, .. } = found;
+        sorted.clear();
+        let mut corner = last;
+        while corner != NONE {
+            sorted.push((self.edges.other_end::<false>(corner, low), self.edges.face(corner), corner));
+            // what does not stand for an edge stays without a link
+            corner = self.linked[corner as usize].swap(NONE, Ordering::Relaxed);
+        }
+        sorted.sort_unstable();
+        for edge in sorted.chunk_by(|a, b| a.0 == b.0) {
+            let mut solid_faces = 0;
+            let mut firsts = edge.chunk_by(|a, b| a.1 == b.1).map(|uses| {
                 solid_faces += uses.len() % 2;
+                (uses[0].1, uses[0].2)
+            });
+            let mut before = NONE;
+            let mut faces = 0;
+            let mut here = firsts.next();
+            while let Some((face, corner)) = here {
+                let next = firsts.next();
+                let after = next.map_or(NONE, |(face, _)| face);
+                let link = match (before, after) {
+                    (NONE, other) | (other, NONE) => other,
+                    both => {
+                        chained.push((corner, both.into()));
+                        CHAINED
+                    }
+                };
+                self.linked[corner as usize].store(link, Ordering::Relaxed);
+                faces += 1;
+                before = face;
+                here = next;
             }
             if faces > 2 {
-                crowded.extend(edge.iter().map(|&(_, face)| face));
+                crowded.extend(edge.iter().map(|&(_, face, _)| face));
             }
-            counts.boundary_edges += u64::from(solid_faces == 1);
-            counts.non_manifold_edges += u64::from(solid_faces > 2);
+            found.boundary_edges += u64::from(solid_faces == 1);
+            found.non_manifold_edges += u64::from(solid_faces > 2);
         }
-    }
-    Links { pairs, crowded, counts }
-}
-
-/// Calls `edge(low, high)` for each edge of a corner loop that has two different ends.
-fn for_each_edge(corners: &[u32], position: impl Fn(u32) -> u32, mut edge: impl FnMut(u32, u32)) {
-    let Some(&last) = corners.last() else { return };
-    let mut a = position(last);
-    for &corner in corners {
-        let b = position(corner);
-        if a != b {
-            edge(a.min(b), a.max(b));
-        }
-        a = b;
     }
 }
 
-/// Whether two corners of a face lie at one position. `scratch` saves an allocation a face.
-fn has_repeated_position(corners: &[u32], position: impl Fn(u32) -> u32, scratch: &mut Vec<u32>) -> bool {
-    if let &[a, b, c] = corners {
-        let [a, b, c] = [position(a), position(b), position(c)];
-        return a == b || b == c || c == a;
-    }
-    scratch.clear();
-    scratch.extend(corners.iter().map(|&corner| position(corner)));
-    scratch.sort_unstable();
-    scratch.windows(2).any(|pair| pair[0] == pair[1])
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-/// The links as compressed rows in internal order: the first neighbour of each face, and the neighbours.
-pub fn compressed(links: &[(u32, u32)], upload_face: &[u32]) -> (Vec<u32>, Vec<u32>) {
-    let faces = upload_face.len();
-    let mut internal = vec![0u32; faces];
-    for (face, &upload) in upload_face.iter().enumerate() {
-        internal[upload as usize] = face as u32;
-    }
-    let mut offsets = vec![0u32; faces + 1];
-    for &(a, b) in links {
-        offsets[internal[a as usize] as usize + 1] += 1;
-        offsets[internal[b as usize] as usize + 1] += 1;
-    }
-    for face in 0..faces {
-        offsets[face + 1] += offsets[face];
-    }
-    let mut next = offsets.clone();
-    let mut neighbours = vec![0u32; 2 * links.len()];
-    for &(a, b) in links {
-        let (a, b) = (internal[a as usize], internal[b as usize]);
-        for (face, neighbour) in [(a, b), (b, a)] {
-            neighbours[next[face as usize] as usize] = neighbour;
-            next[face as usize] += 1;
+    #[test]
+    fn corners_come_in_the_order_of_their_edges() {
+        for corners in [[1, 2, 3], [1, 3, 2], [2, 1, 3], [2, 3, 1], [3, 1, 2], [3, 2, 1]] {
+            let edge = |corner: usize| {
+                let (from, to) = (corners[(corner + 2) % 3], corners[corner]);
+                (from.min(to), from.max(to))
+            };
+            assert!(by_ends(corners).map(edge).is_sorted(), "{corners:?}");
+        }
+        for corners in [[1, 1, 2], [1, 2, 1], [2, 1, 1], [1, 2, 2], [2, 1, 2], [2, 2, 1], [1, 1, 1]] {
+            let mut order = by_ends(corners);
+            order.sort_unstable();
+            assert_eq!(order, [0, 1, 2], "{corners:?}");
         }
     }
-    (offsets, neighbours)
-}
-
-/// Counts extra copies of faces with the same set of corner positions; degenerate faces are left out.
-///
-/// Copies share all their edges. So a face can be one only if it shares several edges with one neighbour, or an edge
-/// with more than one face (`crowded`, by upload face); only such faces are compared.
-pub fn duplicates(
-    mesh: &PolygonMesh,
-    weld: &Weld,
-    crowded: &[u32],
-    upload_face: &[u32],
-    offsets: &[u32],
-    neighbours: &[u32],
-) -> u64 {
-    let mut suspects = crowded.to_vec();
-    let mut row = Vec::new();
-    for (face, &upload) in upload_face.iter().enumerate() {
-        row.clear();
-        row.extend_from_slice(&neighbours[offsets[face] as usize..offsets[face + 1] as usize]);
-        row.sort_unstable();
-        if row.windows(2).any(|pair| pair[0] == pair[1]) {
-            suspects.push(upload);
-        }
-    }
-    suspects.sort_unstable();
-    suspects.dedup();
-    let mut sets: Vec<Vec<u32>> = suspects
-        .iter()
-        .filter_map(|&face| {
-            let corners = mesh.faces.corners(face as usize);
-            let mut set: Vec<u32> = corners.iter().map(|&corner| weld.position_of_vertex[corner as usize]).collect();
-            set.sort_unstable();
-            set.dedup();
-            (set.len() == corners.len()).then_some(set)
-        })
-        .collect();
-    sets.sort_unstable();
-    sets.windows(2).filter(|pair| pair[0] == pair[1]).count() as u64
 }

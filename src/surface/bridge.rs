@@ -6,9 +6,9 @@
 //! twice, and of those a minimum spanning tree by distance is taken. So there is one bridge less than components, no
 //! component has more than six, and the cost is that of sorting.
 
-use super::components::root;
-use super::lattice::FaceGeometry;
-use super::order::{morton_key, sort_by_key};
+use super::components::{Components, root};
+use super::lattice::{AREA, FaceGeometry};
+use super::order::along_curve;
 
 /// Shifts of the lattice for each curve, as parts of its width: thirds cut cells of all sizes elsewhere.
 const SHIFTS: [f64; 3] = [0.0, 1.0 / 3.0, 2.0 / 3.0];
@@ -16,20 +16,22 @@ const SHIFTS: [f64; 3] = [0.0, 1.0 / 3.0, 2.0 / 3.0];
 const REACH: f64 = (1 << 27) as f64;
 
 /// Pairs of faces (upload numbers) that join all components into one.
-pub fn bridges(geometry: &[FaceGeometry], component_of_face: &[u32], components: usize) -> Vec<(u32, u32)> {
+pub fn bridges(geometry: &[FaceGeometry], components: &Components) -> Vec<(u32, u32)> {
+    let Components { of_face: component_of_face, count: components } = components;
+    let components = *components;
     let proxies = proxies(geometry, component_of_face, components);
     let representatives = representatives(geometry, component_of_face, &proxies);
     let mut candidates: Vec<(f64, u32, u32)> = Vec::new();
     for shift in SHIFTS {
-        let mut keyed: Vec<(u64, u32)> = proxies
-            .iter()
-            .enumerate()
-            // at half size, so that the shifted lattice holds them
-            .map(|(component, proxy)| (morton_key(proxy.map(|x| (x + REACH * shift) / 2.0)), component as u32))
-            .collect();
-        sort_by_key(&mut keyed);
-        candidates.extend(keyed.windows(2).map(|pair| {
-            let (a, b) = (pair[0].1.min(pair[1].1), pair[0].1.max(pair[1].1));
+        // at half size, so that the shifted lattice holds them
+        let shifted = |components: &[u32], visit: &mut dyn FnMut(usize, [f64; 3])| {
+            for (at, &component) in components.iter().enumerate() {
+                visit(at, proxies[component as usize].map(|x| (x + REACH * shift) / 2.0));
+            }
+        };
+        let sorted = along_curve(components, shifted);
+        candidates.extend(sorted.windows(2).map(|pair| {
+            let (a, b) = (pair[0].min(pair[1]), pair[0].max(pair[1]));
             (square_between(proxies[a as usize], proxies[b as usize]), a, b)
         }));
     }
@@ -51,10 +53,10 @@ fn proxies(geometry: &[FaceGeometry], component_of_face: &[u32], components: usi
     let mut weighted = vec![[0.0f64; 4]; components];
     let mut plain = vec![[0.0f64; 4]; components];
     for (face, &component) in geometry.iter().zip(component_of_face) {
-        for (sums, weight) in [(&mut weighted, face.area), (&mut plain, 1.0)] {
+        for (sums, weight) in [(&mut weighted, face[AREA]), (&mut plain, 1.0)] {
             let sum = &mut sums[component as usize];
             for axis in 0..3 {
-                sum[axis] += weight * face.centroid[axis];
+                sum[axis] += weight * face[axis];
             }
             sum[3] += weight;
         }
@@ -71,7 +73,7 @@ fn proxies(geometry: &[FaceGeometry], component_of_face: &[u32], components: usi
 fn representatives(geometry: &[FaceGeometry], component_of_face: &[u32], proxies: &[[f64; 3]]) -> Vec<u32> {
     let mut nearest = vec![(f64::INFINITY, 0u32); proxies.len()];
     for (face, (geometry, &component)) in geometry.iter().zip(component_of_face).enumerate() {
-        let distance = square_between(geometry.centroid, proxies[component as usize]);
+        let distance = square_between([geometry[0], geometry[1], geometry[2]], proxies[component as usize]);
         let best = &mut nearest[component as usize];
         if distance < best.0 {
             *best = (distance, face as u32);

@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use super::adjacency::Links;
+
 /// A set of faces connected across shared edges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Component {
@@ -22,15 +24,24 @@ impl Component {
     }
 }
 
-/// The component of each face, numbered in the order of their smallest face, and how many there are.
+/// Which face is in which component.
+#[derive(Debug)]
+pub struct Components {
+    /// The component of each face, numbered in the order of their smallest face.
+    pub of_face: Vec<u32>,
+    /// How many there are.
+    pub count: usize,
+}
+
+/// Finds the components.
 ///
 /// Union-find in which the smaller face becomes the root.
-pub fn label(faces: usize, links: &[(u32, u32)]) -> (Vec<u32>, usize) {
+pub fn label(faces: usize, links: &Links<'_>) -> Components {
     let mut parent: Vec<u32> = (0..faces as u32).collect();
-    for &(a, b) in links {
+    links.each_pair(|a, b| {
         let (a, b) = (root(&mut parent, a), root(&mut parent, b));
         parent[a.max(b) as usize] = a.min(b);
-    }
+    });
     let mut count = 0;
     for face in 0..faces {
         // a parent is never larger than its child, so it already holds its component's number
@@ -42,7 +53,7 @@ pub fn label(faces: usize, links: &[(u32, u32)]) -> (Vec<u32>, usize) {
             parent[up]
         };
     }
-    (parent, count as usize)
+    Components { of_face: parent, count: count as usize }
 }
 
 /// The root of a member's tree; halves the path on the way.
@@ -58,13 +69,19 @@ pub fn root(parent: &mut [u32], mut face: u32) -> u32 {
     }
 }
 
-/// The run of internal faces that each component occupies.
-pub fn runs(component_of_face: &[u32], upload_face: &[u32], count: usize) -> Vec<Range<usize>> {
-    let mut runs = Vec::with_capacity(count);
-    let mut start = 0;
-    for run in upload_face.chunk_by(|&a, &b| component_of_face[a as usize] == component_of_face[b as usize]) {
-        runs.push(start..start + run.len());
-        start += run.len();
+impl Components {
+    /// The run of internal faces that each component occupies.
+    pub fn runs(&self, upload_face: &[u32]) -> Vec<Range<usize>> {
+        if self.count == 1 {
+            return std::iter::once(0..upload_face.len()).collect();
+        }
+        let component = |face: u32| self.of_face[face as usize];
+        let mut runs = Vec::with_capacity(self.count);
+        let mut start = 0;
+        for run in upload_face.chunk_by(|&a, &b| component(a) == component(b)) {
+            runs.push(start..start + run.len());
+            start += run.len();
+        }
+        runs
     }
-    runs
 }

@@ -14,7 +14,7 @@
 //!
 //! Scalar f64 with + − × ÷ √ in a fixed order.
 
-use super::lattice::{FaceGeometry, Frame};
+use super::lattice::{AREA, FaceGeometry, Frame};
 use super::weld::Weld;
 use crate::mesh::PolygonMesh;
 
@@ -44,8 +44,8 @@ pub fn squared_curvatures(mesh: &PolygonMesh, weld: &Weld, frame: &Frame, geomet
         let curvature = rough(face);
         for &corner in mesh.faces.corners(face) {
             let (weighted, area) = &mut sums[vertex(corner)];
-            *weighted += geometry.area * curvature;
-            *area += geometry.area;
+            *weighted += geometry[AREA] * curvature;
+            *area += geometry[AREA];
         }
     }
     let mean = |corner: u32| {
@@ -96,9 +96,9 @@ mod tests {
 
     /// κ of each face in source units.
     fn curvatures(mesh: &PolygonMesh) -> Vec<f64> {
-        let frame = Frame::of(mesh);
-        let geometry: Vec<FaceGeometry> = (0..mesh.faces.len()).map(|face| frame.face(mesh, face).0).collect();
-        let squared = squared_curvatures(mesh, &weld::weld(mesh), &frame, &geometry);
+        let frame = Frame::of(mesh.positions.iter());
+        let geometry = frame.faces(mesh, |_| None);
+        let squared = squared_curvatures(mesh, &weld::weld(mesh).0, &frame, &geometry);
         squared.into_iter().map(|squared| libm::ldexp(squared.sqrt(), frame.exponent)).collect()
     }
 

@@ -6,7 +6,7 @@
 //! face that counts less than a unit of the lattice counts one unit (some 2³³ are shared by the faces of a component).
 
 use super::curvature;
-use super::lattice::{FaceGeometry, Frame};
+use super::lattice::{AREA, FaceGeometry, Frame};
 use super::weld::Weld;
 use crate::error::{Error, Result};
 use crate::mesh::PolygonMesh;
@@ -42,13 +42,7 @@ pub struct Density {
 
 impl Density {
     /// What is wanted, on a mesh. Weights must be one a face or one a vertex, finite and above 0.
-    pub fn of(
-        mesh: &PolygonMesh,
-        weld: &Weld,
-        frame: &Frame,
-        geometry: &[FaceGeometry],
-        wanted: Wanted<'_>,
-    ) -> Result<Option<Self>> {
+    pub fn of(mesh: &PolygonMesh, weld: &Weld, frame: &Frame, wanted: Wanted<'_>) -> Result<Option<Self>> {
         if !wanted.is_any() {
             return Ok(None);
         }
@@ -57,8 +51,9 @@ impl Density {
             None => Self { of_face: vec![1.0; mesh.faces.len()], unit: 1.0 },
         };
         if let Some(exponent) = wanted.curvature_exponent {
-            let squared = curvature::squared_curvatures(mesh, weld, frame, geometry);
-            for (density, factor) in density.of_face.iter_mut().zip(factors(&squared, geometry, exponent)) {
+            let geometry = frame.faces(mesh, |_| None);
+            let squared = curvature::squared_curvatures(mesh, weld, frame, &geometry);
+            for (density, factor) in density.of_face.iter_mut().zip(factors(&squared, &geometry, exponent)) {
                 *density *= factor;
             }
             density.normalise();
@@ -111,8 +106,8 @@ impl Density {
 fn factors(squared: &[f64], geometry: &[FaceGeometry], exponent: f64) -> Vec<f64> {
     let (mut weighted, mut area) = (0.0, 0.0);
     for (squared, face) in squared.iter().zip(geometry) {
-        weighted += face.area * squared;
-        area += face.area;
+        weighted += face[AREA] * squared;
+        area += face[AREA];
     }
     if !(weighted > 0.0 && area > 0.0) {
         return vec![1.0; squared.len()];

@@ -8,23 +8,18 @@ one follows the end of the last. Prints figures; tests nothing.
 
 import http.client
 import pathlib
-import re
 import subprocess
 import sys
 import tempfile
 import threading
 import time
+import urllib.request
 
-from service import Service
+from service import Service, resident
 
 BINARY = pathlib.Path(sys.argv[1]).resolve()
 JOBS, CLIENTS, FACES = (int(sys.argv[at]) if len(sys.argv) > at else default
                         for at, default in [(2, 2000), (3, 8), (4, 5000)])
-
-
-def resident(process):
-    status = pathlib.Path(f"/proc/{process.pid}/status").read_text()
-    return int(re.search(r"VmRSS:\s+(\d+)", status)[1]) // 1024
 
 
 def client(address, mesh, jobs, failures):
@@ -38,9 +33,17 @@ def client(address, mesh, jobs, failures):
             return
 
 
+def counted(service):
+    """Commits of the store, changes in them, and seconds spent on them."""
+    text = urllib.request.urlopen(service.url + "/metrics", timeout=10).read().decode()
+    values = dict(line.rsplit(" ", 1) for line in text.splitlines() if line and line[0] != "#")
+    return [float(values[f"tesserae_store_{name}_total"]) for name in ("commits", "commands", "commit_seconds")]
+
+
 def measure(name, mesh, *arguments):
     with Service(BINARY, "--device", "cpu", "--log", "warn", "--max-request-rate", "1000000", *arguments) as service:
-        memory = [resident(service.process)]
+        memory = [round(resident(service.process))]
+        before = counted(service)
         started = time.monotonic()
         for _ in range(4):
             failures = []
@@ -51,9 +54,13 @@ def measure(name, mesh, *arguments):
             for thread in threads:
                 thread.join()
             assert not failures, failures[0]
-            memory.append(resident(service.process))
+            memory.append(round(resident(service.process)))
         seconds = time.monotonic() - started
         print(f"{name}: {JOBS / seconds:.0f} jobs/s; memory after each quarter: {memory[1:]} MB, {memory[0]} at the start")
+        commits, changes, busy = (now - then for now, then in zip(counted(service), before))
+        if commits:
+            print(f"    the store: {commits / seconds:.0f} commits/s with {changes / commits:.1f} changes each, "
+                  f"{changes / JOBS:.1f} changes a job, busy {100 * busy / seconds:.0f} %")
 
 
 def main():

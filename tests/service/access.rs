@@ -156,6 +156,32 @@ async fn the_file_is_read_again_and_a_broken_one_changes_nothing() {
 }
 
 #[tokio::test]
+async fn a_token_that_is_taken_back_ends_its_streams_and_no_others() {
+    let (folder, [mine, ..]) = tokens();
+    let path = folder.path().join("tokens.json");
+    let other = TokenFile::change(&path, |file| Ok(file.add("mine")?.reveal())).expect("made");
+    let (device, gate) = Held::behind_gate();
+    let service = Service::with(|settings| settings.access.tokens = Some(path.clone()), device).await;
+    let job = json(submit(&service, "clusters=5").bearer_auth(&mine)).await;
+    let stream = async |token: &str| {
+        let request = service.get(text(&job["urls"]["events"])).bearer_auth(token);
+        request.send().await.expect("answered")
+    };
+    let (mut ends, mut stays) = (stream(&mine).await, stream(&other).await);
+    for stream in [&mut ends, &mut stays] {
+        assert!(stream.chunk().await.expect("an event").is_some());
+    }
+    let id = mine["tess_".len()..].split('_').next().expect("an id").to_owned();
+    TokenFile::change(&path, |file| Ok(file.revoke(&id).map(ToOwned::to_owned))).expect("changed");
+    // the job does not go on, so nothing else ends a stream
+    let rest = tokio::time::timeout(PATIENCE, ends.text()).await.expect("it ends").expect("in order");
+    assert!(!rest.contains("event: end"), "{rest}");
+    gate.open();
+    let rest = stays.text().await.expect("in order");
+    assert!(rest.contains("event: end"), "{rest}");
+}
+
+#[tokio::test]
 async fn quotas_of_the_file_hold_for_their_tenant_only() {
     let (folder, [mine, theirs, _]) = tokens();
     TokenFile::change(&folder.path().join("tokens.json"), |file| {

@@ -14,7 +14,7 @@ use crate::support::*;
 #[tokio::test]
 async fn an_idle_service_stops_at_once_and_keeps_results_where_it_was_told_to() {
     let mut service = Service::with(|settings| settings.grace_period = 3600, Box::new(CpuDevice::new())).await;
-    let job = service.submit("clusters=5", sphere(300)).await;
+    let job = service.submit("clusters=5", sphere(80_000)).await;
     service.ended(&job).await;
     service.keeps_no("uploads").await;
     let files = service.files();

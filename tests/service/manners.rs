@@ -52,8 +52,26 @@ async fn a_result_that_the_client_has_is_not_sent_again() {
 }
 
 #[tokio::test]
+async fn the_same_labels_have_the_same_tag_whoever_made_them() {
+    let tag = async |service: &Service, job: &Value, accept: &str| {
+        let request = service.get(text(&job["urls"]["labels"])).header("accept", accept);
+        request.send().await.expect("answered").headers()["etag"].to_str().expect("text").to_owned()
+    };
+    let (one, first) = with_job("clusters=9", 600).await;
+    let (other, again) = with_job("clusters=9", 600).await;
+    let different = other.submit("clusters=8", sphere(600)).await;
+    other.ended(&different).await;
+    let mut tags = std::collections::BTreeSet::new();
+    for accept in ["application/json", "application/x-npy", "application/octet-stream"] {
+        assert_eq!(tag(&one, &first, accept).await, tag(&other, &again, accept).await, "{accept}");
+        assert!(tags.insert(tag(&one, &first, accept).await));
+        assert!(tags.insert(tag(&other, &different, accept).await));
+    }
+}
+
+#[tokio::test]
 async fn parts_of_a_result_make_the_whole() {
-    let (service, job) = with_job("clusters=9", 60_000).await;
+    let (service, job) = with_job("clusters=9", 80_000).await;
     let get = || service.get(&format!("{}/labels", path(&job))).header("accept", "application/octet-stream");
     let whole = get().send().await.expect("answered");
     assert_eq!(whole.headers()["accept-ranges"], "bytes");

@@ -40,6 +40,8 @@ async fn work_shows_in_the_metrics() {
     assert!(metric(&service, "tesserae_iterations_total{algorithm=\"bb\"}").await > 0.0);
     assert!(metric(&service, "tesserae_faces_total{algorithm=\"bb\"}").await >= 300.0);
     assert!(metric(&service, "tesserae_resident_memory_bytes").await > 1e6);
+    assert!(metric(&service, "tesserae_disk_used_bytes").await > 10_000.0, "uploads and results");
+    assert_eq!(metric(&service, "tesserae_device_memory_bytes").await, 0.0, "the cpu has none of its own");
     // neither jobs nor paths are labels
     assert!(!text.contains(text_of(&job)) && !text.contains("/v1/jobs/nothing"), "{text}");
 }

@@ -108,13 +108,18 @@ async fn a_flat_clustering_is_not_cut_and_has_no_hierarchy() {
 
 #[tokio::test]
 async fn deletion_removes_the_results() {
-    let (service, job) = done().await;
+    let (service, small) = done().await;
+    assert!(service.files().is_empty(), "what is small is kept with its job: {:?}", service.files());
+    let large = service.submit("clusters=5", sphere(80_000)).await;
+    service.ended(&large).await;
     assert!(service.files().iter().any(|file| file.ends_with("labels.npy")));
-    assert_eq!(service.delete(path(&job)).send().await.expect("answered").status(), 204);
-    service.keeps_no("").await;
-    for name in ["self", "events", "labels", "report"] {
-        refused(service.get(text(&job["urls"][name])), 404, "not-found").await;
+    for job in [&small, &large] {
+        assert_eq!(service.delete(path(job)).send().await.expect("answered").status(), 204);
+        for name in ["self", "events", "labels", "report"] {
+            refused(service.get(text(&job["urls"][name])), 404, "not-found").await;
+        }
     }
+    service.keeps_no("").await;
 }
 
 #[tokio::test]

@@ -61,6 +61,10 @@ impl Device for CpuDevice {
         &self.info
     }
 
+    fn another(&self) -> Option<Box<dyn Device>> {
+        Some(Box::new(Self { info: self.info.clone() }))
+    }
+
     fn open<'a>(&'a mut self, graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
         Ok(open(graph, component_of_cluster))
     }

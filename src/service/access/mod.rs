@@ -12,6 +12,7 @@ use std::time::{Duration, SystemTime};
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, header};
+use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
 use self::tokens::{Tenant, Tokens};
@@ -36,6 +37,8 @@ const METRICS: &str = "/metrics";
 pub(super) struct Caller {
     /// The tenant; none for a path that needs no token.
     pub tenant: Option<Tenant>,
+    /// The id of its token, where there are tokens.
+    token: Option<String>,
 }
 
 impl<S: Send + Sync> FromRequestParts<S> for Caller {
@@ -47,6 +50,11 @@ impl<S: Send + Sync> FromRequestParts<S> for Caller {
 }
 
 impl Caller {
+    /// One of whom nothing is asked.
+    pub fn anybody() -> Self {
+        Self { tenant: None, token: None }
+    }
+
     /// The tenant whose jobs it may see.
     pub fn tenant(&self) -> Result<&Tenant> {
         self.tenant.as_ref().ok_or_else(missing)
@@ -62,6 +70,7 @@ fn missing() -> Error {
 #[derive(Debug)]
 pub(super) struct Access {
     file: Option<TokensInFile>,
+    changes: watch::Sender<()>,
 }
 
 /// The tokens, and the file that they were read from.
@@ -85,20 +94,20 @@ impl Access {
             }
             None => None,
         };
-        Ok(Self { file })
+        Ok(Self { file, changes: watch::Sender::default() })
     }
 
     /// Who sent a request with these headers to `path`; an error for one who may not.
     pub fn caller(&self, path: &str, headers: &HeaderMap) -> Result<Caller> {
         let Some(file) = &self.file else {
             let local = Tenant { name: LOCAL_TENANT.to_owned(), quotas: Default::default(), metrics: true };
-            return Ok(Caller { tenant: Some(local) });
+            return Ok(Caller { tenant: Some(local), token: None });
         };
         if OPEN.contains(&path) {
-            return Ok(Caller { tenant: None });
+            return Ok(Caller::anybody());
         }
         let tokens = Arc::clone(&file.tokens.read().unwrap_or_else(PoisonError::into_inner));
-        let tenant = tokens.tenant(bearer(headers)?).cloned().ok_or_else(|| {
+        let (tenant, token) = tokens.tenant(bearer(headers)?).ok_or_else(|| {
             Error::new(Kind::Unauthorized, "the token is not known here: it was mistyped or taken back")
         })?;
         if path == METRICS && !tenant.metrics {
@@ -111,7 +120,20 @@ impl Access {
                 ),
             ));
         }
-        Ok(Caller { tenant: Some(tenant) })
+        Ok(Caller { tenant: Some(tenant.clone()), token: Some(token.to_owned()) })
+    }
+
+    /// Whether who sent a request some time ago may still ask.
+    pub fn still_knows(&self, caller: &Caller) -> bool {
+        let (Some(file), Some(token), Some(tenant)) = (&self.file, &caller.token, &caller.tenant) else {
+            return true;
+        };
+        file.tokens.read().unwrap_or_else(PoisonError::into_inner).has(token, &tenant.name)
+    }
+
+    /// Changes whenever the tokens may have.
+    pub fn changes(&self) -> watch::Receiver<()> {
+        self.changes.subscribe()
     }
 
     /// Reads the file of tokens again whenever it changes, until `stop`. One that cannot be read changes nothing.
@@ -128,6 +150,7 @@ impl Access {
                 Ok(tokens) => {
                     tracing::info!(tokens = tokens.len(), "read {} again", file.path.display());
                     *file.tokens.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(tokens);
+                    self.changes.send_replace(());
                     health.clear(Part::Tokens);
                 }
                 Err(error) => health.degrade(Part::Tokens, format!("the tokens are as they were before: {error}")),

@@ -240,13 +240,18 @@ impl Tokens {
         Ok(Self { by_id: file.index()? })
     }
 
-    /// Whose token it is. Takes as long for a wrong token as for a right one.
-    pub fn tenant(&self, token: &str) -> Option<&Tenant> {
+    /// Whose token it is, and its id. Takes as long for a wrong token as for a right one.
+    pub fn tenant<'t>(&self, token: &'t str) -> Option<(&Tenant, &'t str)> {
         let (id, secret) = token.strip_prefix(PREFIX).and_then(|rest| rest.split_once('_'))?;
         let known = self.by_id.get(id);
         let (salt, expected) = known.map_or((&[0; 16][..], [0; 32]), |known| (&known.salt, known.digest));
         let is_equal = bool::from(digest(salt, secret).ct_eq(&expected));
-        known.filter(|_| is_equal).map(|known| &known.tenant)
+        known.filter(|_| is_equal).map(|known| (&known.tenant, id))
+    }
+
+    /// Whether the token of that id is still there, and the tenant's.
+    pub fn has(&self, id: &str, tenant: &str) -> bool {
+        self.by_id.get(id).is_some_and(|known| known.tenant.name == tenant)
     }
 
     /// Number of tokens.
@@ -282,7 +287,7 @@ mod tests {
 
     fn ask(file: &TokenFile, token: &str) -> Option<String> {
         let tokens = Tokens::of(file).expect("valid");
-        tokens.tenant(token).map(|tenant| tenant.name.clone())
+        tokens.tenant(token).map(|(tenant, _)| tenant.name.clone())
     }
 
     #[test]

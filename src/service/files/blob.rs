@@ -15,6 +15,7 @@ use tokio_util::io::{ReaderStream, SyncIoBridge};
 
 use super::{FaultPoint, Files, Folder, storage_error};
 use crate::error::{Error, Kind, Result};
+use crate::service::store::SmallBlob;
 
 /// Bytes that are held before they are written: a smaller blob is written at once.
 const PART: usize = 1 << 20;
@@ -25,7 +26,8 @@ const CHUNK: usize = 1 << 16;
 /// A blob in the making; without [`finish`](Self::finish) nothing is left of it.
 pub(in crate::service) struct BlobWriter {
     files: Arc<Files>,
-    path: BlobPath,
+    folder: Folder,
+    name: String,
     /// Whether it is refused when there is no room to spare.
     is_upload: bool,
     buffer: Vec<u8>,
@@ -34,8 +36,23 @@ pub(in crate::service) struct BlobWriter {
 }
 
 impl BlobWriter {
-    pub(super) fn new(files: Arc<Files>, path: BlobPath, is_upload: bool) -> Self {
-        Self { files, path, is_upload, buffer: Vec::new(), parts: None, written: 0 }
+    pub(super) fn new(files: Arc<Files>, folder: Folder, name: &str, is_upload: bool) -> Self {
+        Self { files, folder, name: name.to_owned(), is_upload, buffer: Vec::new(), parts: None, written: 0 }
+    }
+
+    /// Bytes so far.
+    pub(super) fn bytes(&self) -> u64 {
+        self.written + self.buffer.len() as u64
+    }
+
+    /// The blob, of which nothing was written to the disk yet, as one for the store.
+    pub(super) fn into_small(mut self) -> Result<SmallBlob> {
+        let bytes = self.take_buffer().map_err(|error| self.files.noted(error))?;
+        Ok(SmallBlob { name: self.name, bytes })
+    }
+
+    fn path(&self) -> BlobPath {
+        self.folder.blob(&self.name)
     }
 
     /// Takes the next bytes.
@@ -68,7 +85,7 @@ impl BlobWriter {
             parts.complete().await.map_err(cannot_store)?;
         } else {
             let bytes = self.take_buffer()?;
-            self.files.blobs.put(&self.path, bytes.into()).await.map_err(cannot_store)?;
+            self.files.blobs.put(&self.path(), bytes.into()).await.map_err(cannot_store)?;
         }
         self.files.disk.written(self.written);
         Ok(())
@@ -76,9 +93,10 @@ impl BlobWriter {
 
     async fn write_part(&mut self) -> Result<()> {
         let bytes = self.take_buffer()?;
+        let path = self.path();
         let parts = match &mut self.parts {
             Some(parts) => parts,
-            none => none.insert(self.files.blobs.put_multipart(&self.path).await.map_err(cannot_store)?),
+            none => none.insert(self.files.blobs.put_multipart(&path).await.map_err(cannot_store)?),
         };
         parts.put_part(bytes.into()).await.map_err(cannot_store)
     }
@@ -143,67 +161,103 @@ impl Write for BlockingWriter {
 
 /// A blob that is there, or a range of it.
 #[derive(Debug)]
-pub(in crate::service) struct Blob {
-    found: GetResult,
+pub(in crate::service) struct Blob(Source);
+
+#[derive(Debug)]
+enum Source {
+    Found(Box<GetResult>),
+    Held { bytes: Bytes, start: u64 },
 }
 
 impl Files {
     /// Opens a blob, or a range of one.
     pub async fn read(&self, folder: Folder, name: &str, range: Option<GetRange>) -> Result<Blob> {
+        self.may_read()?;
         let options = GetOptions { range, ..GetOptions::default() };
+        let found = self.blobs.get_opts(&folder.blob(name), options).await;
+        found.map(|found| Blob(Source::Found(Box::new(found)))).map_err(|error| self.noted(cannot_read(error)))
+    }
+
+    /// A small blob that the store kept, or a range of it.
+    pub fn held(&self, bytes: &Bytes, range: Option<GetRange>) -> Result<Blob> {
+        self.may_read()?;
+        let range = range.map_or(Ok(0..bytes.len() as u64), |range| range.as_range(bytes.len() as u64));
+        let range = range.map_err(|error| Error::new(Kind::Io, format_args!("a file is too short: {error}")))?;
+        let bytes = bytes.slice(range.start as usize..range.end as usize);
+        Ok(Blob(Source::Held { bytes, start: range.start }))
+    }
+
+    fn may_read(&self) -> Result<()> {
         let hit = self.faults.hit(FaultPoint::ReadBlob).map_err(|error| storage_error("a file cannot be read", error));
-        let found = match hit {
-            Ok(()) => self.blobs.get_opts(&folder.blob(name), options).await.map_err(cannot_read),
-            Err(error) => Err(error),
-        };
-        found.map(|found| Blob { found }).map_err(|error| self.noted(error))
+        hit.map_err(|error| self.noted(error))
     }
 }
 
 impl Blob {
     /// Number of bytes that will be read.
     pub fn length(&self) -> u64 {
-        self.found.range.end - self.found.range.start
+        match &self.0 {
+            Source::Found(found) => found.range.end - found.range.start,
+            Source::Held { bytes, .. } => bytes.len() as u64,
+        }
+    }
+
+    /// Where they begin in the whole blob.
+    pub fn start(&self) -> u64 {
+        match &self.0 {
+            Source::Found(found) => found.range.start,
+            Source::Held { start, .. } => *start,
+        }
     }
 
     /// The bytes as the body of an answer.
     pub fn into_body(self) -> Body {
         let length = self.length();
-        match self.into_file() {
-            Ok(file) => {
-                let file = tokio::fs::File::from_std(file).take(length);
-                Body::from_stream(ReaderStream::with_capacity(file, CHUNK))
-            }
-            Err(found) => Body::from_stream(found.into_stream()),
+        match self.0 {
+            Source::Held { bytes, .. } => Body::from(bytes),
+            Source::Found(found) => match file(found) {
+                Ok(file) => {
+                    let file = tokio::fs::File::from_std(file).take(length);
+                    Body::from_stream(ReaderStream::with_capacity(file, CHUNK))
+                }
+                Err(found) => Body::from_stream(found.into_stream()),
+            },
         }
     }
 
     /// The bytes for a thread that may block; to be called on the runtime.
     pub fn into_reader(self) -> Box<dyn Read + Send> {
         let length = self.length();
-        match self.into_file() {
-            Ok(file) => Box::new(file.take(length)),
-            Err(found) => {
-                let stream = futures_util::StreamExt::map(found.into_stream(), |chunk| chunk.map_err(io::Error::other));
-                Box::new(SyncIoBridge::new(tokio_util::io::StreamReader::new(stream)))
-            }
+        match self.0 {
+            Source::Held { bytes, .. } => Box::new(io::Cursor::new(bytes)),
+            Source::Found(found) => match file(found) {
+                Ok(file) => Box::new(file.take(length)),
+                Err(found) => {
+                    let stream =
+                        futures_util::StreamExt::map(found.into_stream(), |chunk| chunk.map_err(io::Error::other));
+                    Box::new(SyncIoBridge::new(tokio_util::io::StreamReader::new(stream)))
+                }
+            },
         }
     }
 
     /// All bytes.
     pub async fn bytes(self) -> Result<Bytes> {
-        self.found.bytes().await.map_err(cannot_read)
-    }
-
-    /// A file where the bytes begin, for a blob that is one.
-    fn into_file(self) -> Result<File, Box<GetResult>> {
-        match self.found.payload {
-            GetResultPayload::File(mut file, path) => match file.seek(SeekFrom::Start(self.found.range.start)) {
-                Ok(_) => Ok(file),
-                Err(_) => Err(Box::new(GetResult { payload: GetResultPayload::File(file, path), ..self.found })),
-            },
-            GetResultPayload::Stream(_) => Err(Box::new(self.found)),
+        match self.0 {
+            Source::Held { bytes, .. } => Ok(bytes),
+            Source::Found(found) => found.bytes().await.map_err(cannot_read),
         }
+    }
+}
+
+/// A file where the bytes begin, for a blob that is one.
+fn file(found: Box<GetResult>) -> Result<File, Box<GetResult>> {
+    match found.payload {
+        GetResultPayload::File(mut file, path) => match file.seek(SeekFrom::Start(found.range.start)) {
+            Ok(_) => Ok(file),
+            Err(_) => Err(Box::new(GetResult { payload: GetResultPayload::File(file, path), ..*found })),
+        },
+        GetResultPayload::Stream(_) => Err(found),
     }
 }
 

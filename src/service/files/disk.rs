@@ -24,12 +24,14 @@ pub(super) struct Disk {
     limits: DiskLimits,
     /// Bytes of all blobs.
     blobs: AtomicU64,
+    /// Bytes of the store of jobs that it will use again.
+    free_in_store: AtomicU64,
 }
 
 impl Disk {
     pub fn new(root: PathBuf, limits: DiskLimits) -> Self {
         let blobs = ["uploads", "results"].iter().map(|folder| size(&root.join(folder))).sum();
-        Self { root, limits, blobs: AtomicU64::new(blobs) }
+        Self { root, limits, blobs: AtomicU64::new(blobs), free_in_store: AtomicU64::new(0) }
     }
 
     /// Refuses `more` bytes for which there is no room.
@@ -65,13 +67,18 @@ impl Disk {
         let _ = self.blobs.fetch_update(Ordering::Relaxed, Ordering::Relaxed, less);
     }
 
-    /// Bytes of the blobs and the store of jobs.
+    /// So many bytes of the store of jobs are free.
+    pub fn free_in_store(&self, bytes: u64) {
+        self.free_in_store.store(bytes, Ordering::Relaxed);
+    }
+
+    /// Bytes of the blobs and of what is in the store of jobs.
     pub fn used(&self) -> u64 {
         let database: u64 = ["jobs.sqlite3", "jobs.sqlite3-wal"]
             .iter()
             .filter_map(|name| Some(self.root.join(name).metadata().ok()?.len()))
             .sum();
-        self.blobs.load(Ordering::Relaxed) + database
+        (self.blobs.load(Ordering::Relaxed) + database).saturating_sub(self.free_in_store.load(Ordering::Relaxed))
     }
 }
 

@@ -8,6 +8,9 @@
 //! DIR/scratch/…                     what an answer is made of while it is sent
 //! ```
 //!
+//! An upload or a result of a few hundred kilobytes becomes no file: it is handed back as small blobs, for the store to
+//! keep with the job. Files cost the disk more than what is in them: for each a place, a name, and two waits.
+//!
 //! Nothing that a client says becomes part of a path. A blob is whole or not there, and in a folder of the operator's it is
 //! on the disk when its writing returns. Whether it means anything, the store of jobs decides: an upload before its job was
 //! accepted, and the result of an attempt before it was finished, are swept away after a crash.
@@ -23,6 +26,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use futures_util::future::try_join_all;
 use object_store::local::LocalFileSystem;
 use object_store::path::Path as BlobPath;
 use tempfile::TempDir;
@@ -31,7 +35,7 @@ pub(super) use self::blob::{Blob, BlobWriter, BlockingWriter};
 use self::disk::Disk;
 pub(super) use self::disk::DiskLimits;
 use super::faults::{FaultPoint, Faults};
-use super::store::JobId;
+use super::store::{JobId, SMALL_BLOBS, SmallBlob};
 use crate::error::{Error, Kind, Result};
 
 /// Name of the mesh among a job's uploads.
@@ -40,10 +44,8 @@ pub(super) const MESH: &str = "mesh";
 pub(super) const SEEDS: &str = "seeds";
 /// Name of the weights among a job's uploads.
 pub(super) const WEIGHTS: &str = "weights";
-/// Name of the labels as `.npy` among a job's results.
+/// Name of the labels as `.npy` among a job's results; other forms are made of it.
 pub(super) const LABELS_NPY: &str = "labels.npy";
-/// Name of the labels as JSON among a job's results.
-pub(super) const LABELS_JSON: &str = "labels.json";
 /// Name of the labels of iterations among a job's results: `.npy`, a row an iteration.
 pub(super) const SNAPSHOTS: &str = "snapshots.npy";
 /// Name of the list of those iterations among a job's results.
@@ -144,12 +146,12 @@ impl Files {
     pub fn incoming(self: &Arc<Self>) -> Incoming {
         let id = JobId::random();
         self.lock_incoming().insert(id);
-        Incoming { files: Arc::clone(self), id, kept: false }
+        Incoming { files: Arc::clone(self), id, held: Vec::new(), has_files: false, kept: false }
     }
 
     /// Starts a blob of a result.
     pub fn result(self: &Arc<Self>, job: JobId, attempt: u32, name: &str) -> BlobWriter {
-        BlobWriter::new(Arc::clone(self), Folder::Result(job, attempt).blob(name), false)
+        BlobWriter::new(Arc::clone(self), Folder::Result(job, attempt), name, false)
     }
 
     /// Removes the upload of a job.
@@ -180,9 +182,13 @@ impl Files {
     }
 
     /// Bytes in the folder: uploads, results and the store of jobs.
-    #[cfg(test)]
     pub fn used_bytes(&self) -> u64 {
         self.disk.used()
+    }
+
+    /// So many bytes of the store of jobs are free for it to use again.
+    pub fn free_in_store(&self, bytes: u64) {
+        self.disk.free_in_store(bytes);
     }
 
     /// Whether the folder is there and takes a file; says what is wrong. Blocks.
@@ -321,10 +327,13 @@ fn same_file(one: &std::fs::Metadata, other: &std::fs::Metadata) -> bool {
 }
 
 /// The blobs of an upload that is coming in; gone when dropped, as when the client hangs up, unless they are kept.
-#[derive(Debug)]
 pub(super) struct Incoming {
     files: Arc<Files>,
     id: JobId,
+    /// Whole blobs, as long as all are small together.
+    held: Vec<BlobWriter>,
+    /// Whether they were not, and are files.
+    has_files: bool,
     kept: bool,
 }
 
@@ -334,15 +343,52 @@ impl Incoming {
         self.id
     }
 
-    /// Starts a blob.
+    /// Starts a blob, to be [added](Self::add) when it is whole.
     pub fn blob(&self, name: &str) -> BlobWriter {
-        BlobWriter::new(Arc::clone(&self.files), Folder::Upload(self.id).blob(name), true)
+        BlobWriter::new(Arc::clone(&self.files), Folder::Upload(self.id), name, true)
+    }
+
+    /// Makes a blob part of the upload.
+    pub async fn add(&mut self, blob: BlobWriter) -> Result<()> {
+        self.held.push(blob);
+        if self.has_files || !are_small(&self.held) {
+            self.has_files = true;
+            for blob in self.held.drain(..) {
+                blob.finish().await?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Ends the upload: gives its blobs if they are small and `takes` them, or else makes files of them and gives none.
+    pub async fn settle(&mut self, takes: impl FnOnce(u64) -> bool) -> Result<Vec<SmallBlob>> {
+        settle(std::mem::take(&mut self.held), takes).await
     }
 
     /// The job was accepted: the blobs are its upload.
     pub fn keep(mut self) {
         self.kept = true;
     }
+}
+
+impl std::fmt::Debug for Incoming {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Incoming").field("id", &self.id).finish_non_exhaustive()
+    }
+}
+
+/// Ends blobs that belong together: gives them if they are small and `takes` them, or else makes files of them, which wait
+/// for the disk together, and gives none.
+pub(super) async fn settle(blobs: Vec<BlobWriter>, takes: impl FnOnce(u64) -> bool) -> Result<Vec<SmallBlob>> {
+    if are_small(&blobs) && takes(blobs.iter().map(BlobWriter::bytes).sum()) {
+        return blobs.into_iter().map(BlobWriter::into_small).collect();
+    }
+    try_join_all(blobs.into_iter().map(BlobWriter::finish)).await?;
+    Ok(Vec::new())
+}
+
+fn are_small(blobs: &[BlobWriter]) -> bool {
+    blobs.iter().map(BlobWriter::bytes).sum::<u64>() <= SMALL_BLOBS
 }
 
 impl Drop for Incoming {

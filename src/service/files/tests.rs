@@ -83,6 +83,44 @@ async fn an_upload_that_is_not_kept_leaves_nothing() {
 }
 
 #[tokio::test]
+async fn blobs_that_are_small_together_become_no_files_and_others_do() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let files = open(folder.path(), DiskLimits::default(), Faults::default());
+    let limit = SMALL_BLOBS as usize;
+    for (sizes, takes, is_small) in [
+        (vec![limit], true, true),
+        (vec![1, 0, limit - 1], true, true),
+        (vec![limit], false, false),
+        (vec![limit + 1], true, false),
+        (vec![1, limit, 2 << 20, 1], true, false),
+    ] {
+        let mut incoming = files.incoming();
+        for (name, size) in ["a", "b", "c", "d"].iter().zip(&sizes) {
+            let mut blob = incoming.blob(name);
+            blob.write(&content(*size)).await.expect("written");
+            incoming.add(blob).await.expect("added");
+        }
+        let small = incoming.settle(|bytes| takes && bytes == sizes.iter().sum::<usize>() as u64).await;
+        let small = small.expect("settled");
+        assert_eq!(!small.is_empty(), is_small, "{sizes:?}");
+        for ((name, size), at) in ["a", "b", "c", "d"].iter().zip(&sizes).zip(0..) {
+            let bytes = match is_small {
+                true => {
+                    assert_eq!(small[at].name, *name);
+                    let ranged = files.held(&small[at].bytes, Some(object_store::GetRange::Suffix(7)));
+                    let ranged = ranged.expect("there").bytes().await.expect("readable");
+                    assert_eq!(ranged, content(*size)[size.saturating_sub(7)..]);
+                    small[at].bytes.to_vec()
+                }
+                false => read(&files, Folder::Upload(incoming.id()), name).await,
+            };
+            assert!(bytes == content(*size), "{sizes:?}");
+        }
+        assert_eq!(folder.path().join(Folder::Upload(incoming.id()).path()).exists(), !is_small);
+    }
+}
+
+#[tokio::test]
 async fn uploads_are_refused_before_the_folder_is_full_and_results_are_not() {
     let folder = tempfile::tempdir().expect("a folder");
     let limits = DiskLimits { max_bytes: Some(3 << 20), min_free_bytes: 0 };
@@ -152,7 +190,7 @@ async fn a_sweep_leaves_what_jobs_know_of() {
     write(coming_in.blob(MESH), b"mesh").await.expect("written");
     let claimed = store.claim(1, std::time::Duration::from_secs(60)).await.expect("claimable");
     let ticket = claimed[0].0;
-    let summary = Summary { faces: 1, clusters: 1, has_labels: true };
+    let summary = Summary { faces: 1, clusters: 1, has_labels: true, labels_sha256: None, is_small: false };
     store.finish(ticket, End::Succeeded(summary)).await.expect("finished");
     write(files.result(succeeded, 1, REPORT), b"{}").await.expect("written");
     write(files.result(succeeded, 7, REPORT), b"{}").await.expect("written");

@@ -3,9 +3,11 @@
 //! Labels have few values, known beforehand: routes are templates, never paths, and no tenant, job or address is a label.
 //! `deploy/grafana.json` draws these; a test compares the names.
 
+mod busy;
 mod timed_store;
 
 use std::borrow::Cow;
+use std::fmt;
 use std::sync::Mutex;
 use std::sync::PoisonError;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -19,9 +21,11 @@ use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Registry, Unit};
 
+use self::busy::Busy;
 pub(super) use self::timed_store::TimedStore;
 use super::health::{Health, Part, Severity};
 use super::store::{Job, State, Statistics};
+use crate::device::MemoryMeter;
 use crate::error::{Error, Kind, Result};
 use crate::report::{DeviceInfo, DeviceKind, Report};
 
@@ -96,6 +100,7 @@ pub(super) struct Metrics {
     iterations: Family<ByAlgorithm, Counter>,
     faces: Family<ByAlgorithm, Counter>,
     device_busy: Seconds,
+    device_works: Busy,
     device_lost: Counter,
     answers: Family<ByAnswer, Counter>,
     answer_seconds: Histograms<ByRoute>,
@@ -116,6 +121,9 @@ pub(super) struct Metrics {
     webhooks: Family<ByOutcome, Counter>,
     webhooks_pending: Gauge,
     resident: Gauge,
+    device_memory: Gauge,
+    memory_meter: Mutex<Option<Meter>>,
+    disk_used: Gauge,
     /// Average seconds between claim and end of a job; none before the first.
     pace: Mutex<Option<f64>>,
 }
@@ -131,6 +139,17 @@ pub(super) struct Snapshot {
     pub upload_bytes_in_flight: u64,
     /// What the store counted.
     pub store: Statistics,
+    /// Bytes in the data folder.
+    pub disk_used: u64,
+}
+
+/// A [`MemoryMeter`] that can be printed.
+struct Meter(MemoryMeter);
+
+impl fmt::Debug for Meter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Meter")
+    }
 }
 
 impl Metrics {
@@ -185,10 +204,11 @@ impl Metrics {
             faces: register!("faces", "Faces of jobs that succeeded", Family::default()),
             device_busy: register!(
                 "device_busy",
-                "Time that the device worked on jobs; its rate is the busy share",
+                "Time in which the device worked on a job, or several at once; its rate is the busy share",
                 Unit::Seconds,
                 Seconds::default()
             ),
+            device_works: Busy::default(),
             device_lost: register!(
                 "device_lost",
                 "Attempts at a job that ended because the device was lost",
@@ -255,6 +275,19 @@ impl Metrics {
             resident: register!(
                 "resident_memory",
                 "Memory of the process that is in use",
+                Unit::Bytes,
+                Gauge::default()
+            ),
+            device_memory: register!(
+                "device_memory",
+                "Memory of its own that the device has allocated; 0 where it has none, as on the cpu",
+                Unit::Bytes,
+                Gauge::default()
+            ),
+            memory_meter: Mutex::default(),
+            disk_used: register!(
+                "disk_used",
+                "Bytes of uploads, results and the store of jobs in the data folder",
                 Unit::Bytes,
                 Gauge::default()
             ),
@@ -328,9 +361,19 @@ impl Metrics {
         self.faces.get_or_create(&label).inc_by(report.input.faces);
     }
 
-    /// The device worked on a job for so long.
-    pub fn device_worked(&self, elapsed: Duration) {
-        self.device_busy.inc_by(elapsed.as_secs_f64());
+    /// A device was opened, which tells of its memory so.
+    pub fn device_opened(&self, memory: MemoryMeter) {
+        *self.memory_meter.lock().unwrap_or_else(PoisonError::into_inner) = Some(Meter(memory));
+    }
+
+    fn device_memory(&self) -> Option<u64> {
+        let meter = self.memory_meter.lock().unwrap_or_else(PoisonError::into_inner).as_ref()?.0.clone();
+        meter()
+    }
+
+    /// The device works on a job until what this gives is dropped.
+    pub fn device_works(&self) -> busy::Working<'_> {
+        self.device_works.begin()
     }
 
     /// A request was answered.
@@ -393,6 +436,7 @@ impl Metrics {
         for (state, count) in State::ALL.into_iter().zip(now.jobs) {
             self.jobs.get_or_create(&ByState { state: state.name() }).set(count.cast_signed());
         }
+        self.device_busy.inner().store(self.device_works.seconds().to_bits(), Ordering::Relaxed);
         self.streams.set(now.streams.cast_signed());
         self.upload_bytes_in_flight.set(now.upload_bytes_in_flight.cast_signed());
         self.store_commits.inner().store(now.store.commits, Ordering::Relaxed);
@@ -407,6 +451,8 @@ impl Metrics {
                 self.conditions.get_or_create(&label).set(i64::from(now == Some(severity)));
             }
         }
+        self.disk_used.set(now.disk_used.cast_signed());
+        self.device_memory.set(self.device_memory().unwrap_or(0).cast_signed());
         if let Some(bytes) = resident_bytes() {
             self.resident.set(bytes);
         }

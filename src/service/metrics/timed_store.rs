@@ -5,11 +5,12 @@ use std::time::{Duration, Instant, SystemTime};
 
 use async_trait::async_trait;
 use tokio::sync::watch;
+use tokio_util::bytes::Bytes;
 
 use super::Metrics;
 use crate::error::Result;
 use crate::service::store::{
-    Created, Deletion, End, Event, Job, JobId, JobStore, ListQuery, NewJob, Page, Progress, Pulse, Release, State,
+    Created, Deletion, Ending, Event, Job, JobId, JobStore, ListQuery, NewJob, Page, Progress, Pulse, Release, State,
     Statistics, Ticket, What,
 };
 
@@ -82,8 +83,20 @@ impl JobStore for TimedStore {
         self.timed("append", self.store.append(ticket, events, progress)).await
     }
 
-    async fn finish(&self, ticket: Ticket, end: End) -> Result<()> {
-        self.timed("finish", self.store.finish(ticket, end)).await
+    async fn end(&self, ticket: Ticket, ending: Ending) -> Result<()> {
+        self.timed("finish", self.store.end(ticket, ending)).await
+    }
+
+    fn takes(&self, bytes: u64) -> bool {
+        self.store.takes(bytes)
+    }
+
+    async fn blob(&self, id: JobId, name: &str) -> Result<Option<Bytes>> {
+        self.timed("blob", self.store.blob(id, name)).await
+    }
+
+    async fn free_bytes(&self) -> Result<u64> {
+        self.timed("free_bytes", self.store.free_bytes()).await
     }
 
     async fn cancel(&self, id: JobId) -> Result<Option<Job>> {

@@ -4,6 +4,8 @@
 //! shows no sign of life is left to itself, with its thread, and another thread begins anew. Where the cpu is allowed to
 //! stand in, it takes meshes that lost the device before, and all of them while there is no device. A device that cannot
 //! be opened, with nothing to stand in, makes the service not ready, and no job is begun until it can.
+//!
+//! A device that may be asked for [several](Device::another) meshes at a time works on small ones beside the thread.
 
 use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -13,6 +15,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, oneshot};
 
 use super::caught;
+use super::small::{SMALL_FACES, SmallMeshes};
 use super::stages::Slot;
 use crate::device::cpu::CpuDevice;
 use crate::device::{Cancel, Device};
@@ -54,6 +57,8 @@ struct Submitted {
 /// The way to the thread. It ends when this is dropped.
 pub(in crate::service) struct DeviceThread {
     shared: Arc<Shared>,
+    /// For small meshes, which then need not wait for others.
+    like: Mutex<Option<Box<dyn Device>>>,
     tasks: Mutex<mpsc::Sender<Submitted>>,
     /// Held by who has the thread work: the others do not time it.
     turn: tokio::sync::Mutex<()>,
@@ -88,8 +93,10 @@ impl DeviceThread {
         metrics: Arc<Metrics>,
     ) -> Result<Self> {
         let shared = Arc::new(Shared { reopen, or_cpu, health, metrics, life: Arc::default() });
+        shared.metrics.device_opened(device.memory_meter());
+        let like = Mutex::new(device.another());
         let tasks = Mutex::new(spawn(Devices::new(Some(device), &shared))?);
-        Ok(Self { shared, tasks, turn: tokio::sync::Mutex::default(), timeout })
+        Ok(Self { shared, like, tasks, turn: tokio::sync::Mutex::default(), timeout })
     }
 
     /// A flag to stop a task by. Looking at it is a sign of life.
@@ -97,14 +104,20 @@ impl DeviceThread {
         Cancel::counting(Arc::clone(&self.shared.life))
     }
 
-    /// Clusters a mesh, after those that came before. [`Kind::DeviceLost`] when the device was lost, or seems to be.
+    /// Clusters a mesh, after those that came before, or on one of the threads for small ones. [`Kind::DeviceLost`] when the device was lost, or seems to be.
     /// [`Kind::TimeLimit`] when it takes longer than `limit`, not counting the time that it waits for others.
-    pub(super) async fn run(&self, task: Task, limit: Option<Duration>) -> Result<Outcome> {
+    pub(super) async fn run(&self, task: Task, small: &SmallMeshes, limit: Option<Duration>) -> Result<Outcome> {
+        if let Some(device) = self.another().filter(|_| task.prepared.surface.faces() <= SMALL_FACES) {
+            let thread = small.thread().await?;
+            let shared = Arc::clone(&self.shared);
+            return within(limit, thread.run(move || task.run_on(device, &shared.metrics))).await;
+        }
         let _turn = self.turn.lock().await;
-        let Some(limit) = limit else {
-            return self.submit(Some(task)).await;
-        };
-        tokio::time::timeout(limit, self.submit(Some(task))).await.unwrap_or_else(|_| Err(too_slow(limit)))
+        within(limit, self.submit(Some(task))).await
+    }
+
+    fn another(&self) -> Option<Box<dyn Device>> {
+        self.like.lock().unwrap_or_else(PoisonError::into_inner).as_ref()?.another()
     }
 
     /// Completes once there is a device, or something to stand in for it.
@@ -152,6 +165,14 @@ impl DeviceThread {
     }
 }
 
+/// What `work` comes to, unless that takes longer than `limit`.
+async fn within(limit: Option<Duration>, work: impl Future<Output = Result<Outcome>>) -> Result<Outcome> {
+    match limit {
+        Some(limit) => tokio::time::timeout(limit, work).await.unwrap_or_else(|_| Err(too_slow(limit))),
+        None => work.await,
+    }
+}
+
 /// The error of a job that takes too long.
 fn too_slow(limit: Duration) -> Error {
     Error::new(
@@ -172,12 +193,7 @@ fn spawn(mut devices: Devices) -> Result<mpsc::Sender<Submitted>> {
         .spawn(move || {
             while let Some(Submitted { task, reply }) = queue.blocking_recv() {
                 let outcome = match task {
-                    Some(task) => {
-                        let started = Instant::now();
-                        let outcome = task.run(&mut devices);
-                        devices.shared.metrics.device_worked(started.elapsed());
-                        outcome
-                    }
+                    Some(task) => task.run(&mut devices),
                     None => devices.open().map(drop).and(Err(Error::cancelled())),
                 };
                 let _ = reply.send(outcome);
@@ -212,9 +228,10 @@ impl Devices {
     }
 
     fn run(&mut self, task: &mut Task) -> Result<Outcome> {
-        let Task { prepared, cancel, on_row, is_retry, .. } = task;
-        let mut run = |device: &mut dyn Device| job::run(prepared, device, cancel, &mut **on_row);
-        if let Some(cpu) = self.cpu.as_mut().filter(|_| prepared.parameters.algorithm.is_sequential() || *is_retry) {
+        let (is_sequential, is_retry) = (task.prepared.parameters.algorithm.is_sequential(), task.is_retry);
+        let metrics = Arc::clone(&self.shared.metrics);
+        let mut run = |device: &mut dyn Device| task.cluster(device, &metrics);
+        if let Some(cpu) = self.cpu.as_mut().filter(|_| is_sequential || is_retry) {
             return run(cpu);
         }
         let opened = self.open();
@@ -263,6 +280,7 @@ impl Devices {
             Some(reopen) => match caught(|| reopen()) {
                 Ok(device) => {
                     tracing::info!(device = device.info().name, "the device was opened anew");
+                    self.shared.metrics.device_opened(device.memory_meter());
                     self.device = Some(device);
                     self.next_attempt = None;
                     self.shared.health.clear(Part::Device);
@@ -287,5 +305,17 @@ impl Task {
         let _entered = span.enter();
         // All of the job's rows are told, and its place is free, before its outcome is known.
         caught(|| devices.run(&mut self))
+    }
+
+    /// The same on a device of its own.
+    fn run_on(mut self, mut device: Box<dyn Device>, metrics: &Metrics) -> Result<Outcome> {
+        let span = self.span.clone();
+        let _entered = span.enter();
+        caught(|| self.cluster(device.as_mut(), metrics))
+    }
+
+    fn cluster(&mut self, device: &mut dyn Device, metrics: &Metrics) -> Result<Outcome> {
+        let _working = metrics.device_works();
+        job::run(&self.prepared, device, &self.cancel, &mut *self.on_row)
     }
 }

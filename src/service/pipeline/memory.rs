@@ -1,12 +1,14 @@
 //! Memory for meshes: jobs wait for it rather than being killed for it.
 //!
 //! A job takes two steps: the bytes of its files before they are read, and what its faces will take before anything is
-//! built of them. One job at a time is between the two, so that no two wait for what the other has.
+//! built of them. One job at a time is between the two, so that no two wait for what the other has. Small meshes, which are
+//! many, take at once what they will likely need, and wait for nobody's turn.
 
 use std::sync::Arc;
 
 use tokio::sync::{Mutex, OwnedMutexGuard, OwnedSemaphorePermit, Semaphore};
 
+use super::small::{SMALL_BYTES, SMALL_FACES};
 use crate::error::{Error, Kind, Result};
 
 /// Memory is counted in pieces of so many bytes.
@@ -15,8 +17,11 @@ const UNIT: u64 = 64 << 10;
 /// Bytes that a face takes at the peak of a job, with its vertices, its edges and its labels (see `mesh::allowance`).
 const BYTES_A_FACE: u64 = 250;
 
+/// Bytes that the faces of a small mesh take at the most.
+const SMALL: u64 = SMALL_FACES as u64 * BYTES_A_FACE;
+
 /// The budget.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Memory {
     total: u64,
     left: Arc<Semaphore>,
@@ -26,11 +31,11 @@ pub(super) struct Memory {
 /// Memory of a job that is reading its mesh.
 #[derive(Debug)]
 pub(super) struct Reading {
-    total: u64,
+    memory: Memory,
     bytes: u64,
-    left: Arc<Semaphore>,
     held: OwnedSemaphorePermit,
-    _turn: OwnedMutexGuard<()>,
+    /// None for a mesh that is small as far as is known, which holds [`SMALL`] bytes for its faces already.
+    turn: Option<OwnedMutexGuard<()>>,
 }
 
 /// Memory of a job; free again when dropped.
@@ -50,9 +55,14 @@ impl Memory {
     /// Waits for the bytes of a job's files.
     pub async fn read(&self, bytes: u64) -> Result<Reading> {
         check(self.total, bytes, "its files")?;
-        let turn = Arc::clone(&self.reading).lock_owned().await;
-        let held = acquire(&self.left, bytes).await?;
-        Ok(Reading { total: self.total, bytes, left: Arc::clone(&self.left), held, _turn: turn })
+        let is_small = bytes <= SMALL_BYTES && bytes + SMALL <= self.total;
+        let turn = if is_small { None } else { Some(self.turn().await) };
+        let held = acquire(&self.left, if is_small { bytes + SMALL } else { bytes }).await?;
+        Ok(Reading { memory: self.clone(), bytes, held, turn })
+    }
+
+    async fn turn(&self) -> OwnedMutexGuard<()> {
+        Arc::clone(&self.reading).lock_owned().await
     }
 }
 
@@ -60,9 +70,22 @@ impl Reading {
     /// Waits for what so many faces will take.
     pub async fn build(mut self, faces: u64) -> Result<Held> {
         let more = faces.saturating_mul(BYTES_A_FACE);
-        check(self.total, self.bytes.saturating_add(more), format_args!("its {faces} faces"))?;
-        self.held.merge(acquire(&self.left, more).await?);
-        Ok(Held { _permit: self.held })
+        let all = self.bytes.saturating_add(more);
+        check(self.memory.total, all, format_args!("its {faces} faces"))?;
+        let held = match self.turn {
+            None if more <= SMALL => self.held,
+            None => {
+                // not small after all: who waits for a turn must hold nothing that others wait for
+                drop(self.held);
+                let _turn = self.memory.turn().await;
+                acquire(&self.memory.left, all).await?
+            }
+            Some(_turn) => {
+                self.held.merge(acquire(&self.memory.left, more).await?);
+                self.held
+            }
+        };
+        Ok(Held { _permit: held })
     }
 }
 
@@ -100,32 +123,54 @@ mod tests {
 
     use super::*;
 
+    /// Bytes of files that are not small.
+    const LARGE: u64 = 2 * SMALL_BYTES;
+
     #[tokio::test]
     async fn jobs_wait_for_memory_in_turn() {
-        let memory = Memory::new(Some(100 * UNIT));
-        let faces = 60 * UNIT / BYTES_A_FACE;
-        let first = memory.read(10 * UNIT).await.expect("it fits").build(faces).await.expect("it fits");
-        let reading = memory.read(10 * UNIT).await.expect("it fits");
-        assert!(memory.read(0).now_or_never().is_none(), "one at a time reads");
+        let memory = Memory::new(Some(10 * LARGE));
+        let faces = 6 * LARGE / BYTES_A_FACE;
+        let first = memory.read(LARGE).await.expect("it fits").build(faces).await.expect("it fits");
+        let reading = memory.read(LARGE).await.expect("it fits");
+        assert!(memory.read(LARGE).now_or_never().is_none(), "one at a time reads");
+        let small = memory.read(1).now_or_never().expect("but for small ones").expect("it fits");
+        small.build(SMALL_FACES as u64).now_or_never().expect("at once").expect("it fits");
         let mut second = Box::pin(reading.build(faces));
         assert!(second.as_mut().now_or_never().is_none(), "the first has it");
         drop(first);
         let second = second.await.expect("it fits now");
-        memory.read(UNIT).await.expect("the turn is free");
+        memory.read(LARGE).await.expect("the turn is free");
         drop(second);
-        assert_eq!(memory.left.available_permits(), 100);
+        assert_eq!(memory.left.available_permits() as u64, 10 * LARGE / UNIT);
+    }
+
+    #[tokio::test]
+    async fn small_files_with_many_faces_wait_like_others_and_hold_nothing_meanwhile() {
+        let memory = Memory::new(Some(10 * LARGE));
+        let faces = 6 * LARGE / BYTES_A_FACE;
+        let small = memory.read(1).await.expect("it fits");
+        let large = memory.read(9 * LARGE).await.expect("it fits beside it");
+        let mut small = Box::pin(small.build(faces));
+        assert!(small.as_mut().now_or_never().is_none(), "it is not its turn");
+        let large = large.build(LARGE / BYTES_A_FACE).now_or_never().expect("nobody holds it").expect("it fits");
+        assert!(small.as_mut().now_or_never().is_none(), "the other has it");
+        drop(large);
+        drop(small.await.expect("it fits now"));
+        assert_eq!(memory.left.available_permits() as u64, 10 * LARGE / UNIT);
     }
 
     #[tokio::test]
     async fn what_will_never_fit_is_refused_with_the_numbers() {
-        let memory = Memory::new(Some(100 * UNIT));
-        let error = memory.read(101 * UNIT).await.expect_err("too much");
-        assert_eq!(error.kind, Kind::TooLarge);
-        assert!(error.message.contains(&(100 * UNIT).to_string()), "{error}");
-        let error = memory.read(0).await.expect("it fits").build(1 << 40).await.expect_err("too much");
-        assert!(error.message.contains(&(1u64 << 40).to_string()), "{error}");
-        assert_eq!(memory.left.available_permits(), 100);
-        memory.read(100 * UNIT).await.expect("the turn is free");
+        for units in [10, 100] {
+            let memory = Memory::new(Some(units * UNIT));
+            let error = memory.read((units + 1) * UNIT).await.expect_err("too much");
+            assert_eq!(error.kind, Kind::TooLarge);
+            assert!(error.message.contains(&(units * UNIT).to_string()), "{error}");
+            let error = memory.read(0).await.expect("it fits").build(1 << 40).await.expect_err("too much");
+            assert!(error.message.contains(&(1u64 << 40).to_string()), "{error}");
+            assert_eq!(memory.left.available_permits() as u64, units);
+            memory.read(units * UNIT).await.expect("the turn is free");
+        }
     }
 
     #[test]

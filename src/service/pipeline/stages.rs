@@ -1,18 +1,19 @@
 //! The stages of one job.
 
 use std::collections::HashMap;
+use std::io::Write;
 use std::iter;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
-use futures_util::future::try_join_all;
 use tokio::runtime::Handle;
 use tokio::sync::{OwnedSemaphorePermit, mpsc};
 use tokio_util::sync::CancellationToken;
 use tracing::Span;
 
 use super::device_thread::Task;
+use super::small::SMALL_BYTES;
 use super::{AGAIN, Pipeline, caught, memory};
 use crate::device::Cancel;
 use crate::error::{Error, Kind, Result};
@@ -20,8 +21,9 @@ use crate::job::{self, Outcome, Prepared, milliseconds};
 use crate::mesh::Resources;
 use crate::output::{LabelFormat, write_labels, write_snapshots};
 use crate::report::Row;
-use crate::service::files::{self, BlobWriter, BlockingWriter, Folder, blocking};
-use crate::service::store::{Job, JobStore, Progress, Summary, Ticket, What};
+use crate::service::blobs;
+use crate::service::files::{self, BlobWriter, BlockingWriter, blocking, settle};
+use crate::service::store::{Job, JobStore, Progress, SmallBlob, Summary, Ticket, What};
 
 /// The place of a mesh in memory, shared by all that works on it.
 #[derive(Debug, Clone)]
@@ -92,7 +94,7 @@ impl Pipeline {
             _slot: slot.clone(),
         };
         let telling = tokio::spawn(tell(Arc::clone(&self.store), ticket, inbox, Arc::clone(log)));
-        let outcome = self.device.run(task, self.time).await?;
+        let outcome = self.device.run(task, &self.small, self.time).await?;
         telling.await.map_err(|error| {
             Error::new(Kind::Internal, format_args!("the events of the job were not written: {error}"))
         })??;
@@ -100,23 +102,27 @@ impl Pipeline {
     }
 
     /// From labels to files. Must not be dropped in the middle: it would go on, and leave files that nobody knows of.
-    pub(super) async fn write(&self, slot: Slot, job: &Job, outcome: Outcome, started: Instant) -> Result<Summary> {
+    pub(super) async fn write(&self, slot: Slot, job: &Job, outcome: Outcome, started: Instant) -> Result<Written> {
         let files = Arc::clone(&self.files);
         let (id, attempt) = (job.id, job.attempt);
-        blocking(move || {
+        let (mut summary, blobs) = blocking(move || {
             let _slot = slot;
             caught(|| write(outcome, |name| BlockingWriter::new(files.result(id, attempt, name)), started))
         })
-        .await?
+        .await??;
+        let small = settle(blobs, |bytes| self.store.takes(bytes)).await?;
+        summary.is_small = !small.is_empty();
+        Ok(Written { summary, small })
     }
 
     /// Reads the mesh, when there is memory for it.
     async fn prepare(&self, job: &Job, slot: Slot, broken_off: CancellationToken) -> Result<Prepared> {
         let spec = job.spec.clone();
-        let folder = Folder::Upload(job.id);
+        let upload =
+            async |name: &str| blobs::upload(&self.files, self.store.as_ref(), job, name).await.map_err(upload_is_gone);
         let mut uploads = Vec::new();
         for name in iter::once(files::MESH.to_owned()).chain((0..spec.buffers.len()).map(files::buffer)) {
-            uploads.push(self.files.read(folder, &name, None).await.map_err(upload_is_gone)?);
+            uploads.push(upload(&name).await?);
         }
         // a buffer is there twice while the mesh is read: as it was sent, and as the reader has it
         let bytes = uploads.iter().enumerate().map(|(at, upload)| upload.length() * if at > 0 { 2 } else { 1 }).sum();
@@ -127,19 +133,20 @@ impl Pipeline {
             contents.push(upload.bytes().await.map_err(upload_is_gone)?);
         }
         let seeds = match spec.listed_seeds {
-            true => Some(self.files.read(folder, files::SEEDS, None).await.map_err(upload_is_gone)?.bytes().await?),
+            true => Some(upload(files::SEEDS).await?.bytes().await?),
             false => None,
         };
         let weights = match spec.has_weights {
-            true => Some(self.files.read(folder, files::WEIGHTS, None).await.map_err(upload_is_gone)?.bytes().await?),
+            true => Some(upload(files::WEIGHTS).await?.bytes().await?),
             false => None,
         };
         let read = reading.elapsed();
         let limits = self.limits;
         let span = tracing::info_span!("read");
-        blocking(move || {
+        let runtime = Handle::current();
+        let prepare = move || {
             let _entered = span.enter();
-            let (runtime, memory) = (Handle::current(), Mutex::new(Some(memory)));
+            let memory = Mutex::new(Some(memory));
             let admit = |faces| {
                 let Some(memory) = memory.lock().unwrap_or_else(PoisonError::into_inner).take() else {
                     return Ok(());
@@ -169,8 +176,11 @@ impl Pipeline {
                 prepared.timings.read = milliseconds(read);
                 Ok(prepared)
             })
-        })
-        .await?
+        };
+        match bytes <= SMALL_BYTES {
+            true => self.small.thread().await?.run(prepare).await,
+            false => blocking(prepare).await?,
+        }
     }
 }
 
@@ -250,15 +260,25 @@ fn event(row: Row, progress: &mut Progress) -> Result<What> {
     .map_err(not_json)
 }
 
-/// Writes the result of a job. It means nothing until the job has ended with it.
-fn write(outcome: Outcome, blob: impl Fn(&str) -> BlockingWriter, started: Instant) -> Result<Summary> {
+/// A result that was written. It means nothing until the job has ended with it.
+pub(super) struct Written {
+    pub summary: Summary,
+    /// All of it, where it is small.
+    pub small: Vec<SmallBlob>,
+}
+
+/// Writes the result of a job to blobs, which are still to be settled.
+fn write(
+    outcome: Outcome,
+    blob: impl Fn(&str) -> BlockingWriter,
+    started: Instant,
+) -> Result<(Summary, Vec<BlobWriter>)> {
     let Outcome { labels, hierarchy, snapshots, mut report } = outcome;
     let writing = Instant::now();
     let mut blobs = Vec::new();
     if let Some(labels) = &labels {
-        for (format, name) in [(LabelFormat::Npy, files::LABELS_NPY), (LabelFormat::Json, files::LABELS_JSON)] {
-            blobs.push(blob(name).fill(|out| write_labels(out, format, report.clusters, labels))?);
-        }
+        let write = |out: &mut dyn Write| write_labels(out, LabelFormat::Npy, report.clusters, labels);
+        blobs.push(blob(files::LABELS_NPY).fill(write)?);
     }
     if !report.snapshots.is_empty() {
         let faces = report.input.faces;
@@ -270,14 +290,19 @@ fn write(outcome: Outcome, blob: impl Fn(&str) -> BlockingWriter, started: Insta
     }
     report.timings_ms.write = milliseconds(writing.elapsed());
     report.timings_ms.total = milliseconds(started.elapsed());
-    let summary = Summary { faces: report.input.faces, clusters: report.clusters, has_labels: labels.is_some() };
+    let has_labels = labels.is_some();
+    let summary = Summary {
+        faces: report.input.faces,
+        clusters: report.clusters,
+        has_labels,
+        labels_sha256: report.labels_sha256.clone(),
+        is_small: false,
+    };
     blobs.push(blob(files::REPORT).fill(|out| {
         serde_json::to_writer(&mut *out, &report)?;
         out.write_all(b"\n")
     })?);
-    // at once: they wait for the disk together
-    Handle::current().block_on(try_join_all(blobs.into_iter().map(BlobWriter::finish)))?;
-    Ok(summary)
+    Ok((summary, blobs))
 }
 
 fn not_json(error: serde_json::Error) -> Error {

@@ -8,14 +8,18 @@ use std::time::{Duration, SystemTime};
 
 use async_trait::async_trait;
 use tokio::sync::watch;
+use tokio_util::bytes::Bytes;
 
 use super::cursor::{cursor_of, number_of};
 use super::{
-    Created, Deletion, End, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob, Page, Progress, Pulse,
-    Release, Rules, State, Statistics, Ticket, What, given_up, lease_is_over, no_such_job, not_yours, queue_is_full,
-    reused_key,
+    Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob, Page, Progress, Pulse,
+    Release, Rules, SMALL_BLOBS, SmallBlob, State, Statistics, Ticket, What, given_up, lease_is_over, no_such_job,
+    not_yours, queue_is_full, reused_key,
 };
 use crate::error::Result;
+
+/// Bytes of all small blobs at the most: what comes after that goes to files.
+const BLOBS: u64 = 64 << 20;
 
 /// A store that forgets everything when the process ends.
 #[derive(Debug)]
@@ -40,6 +44,8 @@ struct Inner {
     created: u64,
     /// Ended jobs whose webhook was not settled, in the order of their ends.
     untold: Vec<JobId>,
+    /// Bytes of all small blobs.
+    blob_bytes: u64,
 }
 
 #[derive(Debug)]
@@ -50,6 +56,7 @@ struct Entry {
     uncounted: u32,
     lease_until: SystemTime,
     idempotency: Option<Idempotency>,
+    blobs: Vec<SmallBlob>,
     events: Vec<Event>,
     pulse: watch::Sender<Pulse>,
 }
@@ -66,7 +73,8 @@ impl MemoryStore {
     }
 
     /// Ends a job.
-    fn end(&self, inner: &mut Inner, id: JobId, end: End) {
+    fn end_job(&self, inner: &mut Inner, id: JobId, end: End) {
+        inner.keep(id, Vec::new());
         let Some(entry) = inner.jobs.get_mut(&id) else { return };
         let ended_at = SystemTime::now();
         entry.job.ended_at = Some(ended_at);
@@ -95,11 +103,11 @@ impl MemoryStore {
         let counted = entry.job.attempt.saturating_sub(entry.uncounted);
         match release {
             _ if entry.job.cancel_requested => {
-                self.end(inner, id, End::Cancelled);
+                self.end_job(inner, id, End::Cancelled);
                 return State::Cancelled;
             }
             Release::Failed(error) if counted >= self.rules.max_attempts => {
-                self.end(inner, id, End::Failed(given_up(counted.into(), &error)));
+                self.end_job(inner, id, End::Failed(given_up(counted.into(), &error)));
                 return State::Failed;
             }
             Release::Failed(_) => {}
@@ -124,6 +132,15 @@ impl Inner {
             .flatten()
             .map(|before| before as u64 + 1);
         job
+    }
+
+    /// Replaces the small blobs of a job.
+    fn keep(&mut self, id: JobId, blobs: Vec<SmallBlob>) {
+        let bytes = |blobs: &[SmallBlob]| blobs.iter().map(|blob| blob.bytes.len() as u64).sum::<u64>();
+        if let Some(entry) = self.jobs.get_mut(&id) {
+            self.blob_bytes = self.blob_bytes + bytes(&blobs) - bytes(&entry.blobs);
+            entry.blobs = blobs;
+        }
     }
 
     /// The running job that a ticket is valid for.
@@ -173,7 +190,7 @@ impl JobStore for MemoryStore {
     }
 
     async fn create(&self, new: NewJob) -> Result<Created> {
-        let NewJob { id, spec, idempotency } = new;
+        let NewJob { id, spec, idempotency, upload } = new;
         let mut inner = self.lock();
         let key = idempotency.as_ref().map(|wanted| (spec.tenant.clone(), wanted.key.clone()));
         if let Some(known) = key.as_ref().and_then(|key| inner.jobs.get(inner.keys.get(key)?)) {
@@ -207,6 +224,7 @@ impl JobStore for MemoryStore {
             uncounted: 0,
             lease_until: created_at,
             idempotency,
+            blobs: Vec::new(),
             events: Vec::new(),
             pulse: watch::Sender::default(),
         };
@@ -218,6 +236,7 @@ impl JobStore for MemoryStore {
         }
         let job = inner.tell(&entry);
         inner.jobs.insert(id, entry);
+        inner.keep(id, upload);
         self.arrivals.send_modify(|count| *count += 1);
         Ok(Created::New(job))
     }
@@ -309,11 +328,30 @@ impl JobStore for MemoryStore {
         Ok(())
     }
 
-    async fn finish(&self, ticket: Ticket, end: End) -> Result<()> {
+    async fn end(&self, ticket: Ticket, ending: Ending) -> Result<()> {
         let mut inner = self.lock();
-        inner.claimed(ticket)?;
-        self.end(&mut inner, ticket.job, end);
+        let entry = inner.claimed(ticket)?;
+        if let Some((events, progress)) = ending.rest {
+            entry.job.progress = progress;
+            entry.append(events);
+        }
+        self.end_job(&mut inner, ticket.job, ending.end);
+        inner.keep(ticket.job, ending.result);
         Ok(())
+    }
+
+    fn takes(&self, bytes: u64) -> bool {
+        bytes <= SMALL_BLOBS && self.lock().blob_bytes + bytes <= BLOBS
+    }
+
+    async fn blob(&self, id: JobId, name: &str) -> Result<Option<Bytes>> {
+        let inner = self.lock();
+        let blob = inner.jobs.get(&id).and_then(|entry| entry.blobs.iter().find(|blob| blob.name == name));
+        Ok(blob.map(|blob| blob.bytes.clone()))
+    }
+
+    async fn free_bytes(&self) -> Result<u64> {
+        Ok(0)
     }
 
     async fn cancel(&self, id: JobId) -> Result<Option<Job>> {
@@ -328,7 +366,7 @@ impl JobStore for MemoryStore {
                 if let Ok(place) = inner.queue.binary_search(&entry.number) {
                     inner.queue.remove(place);
                 }
-                self.end(inner, id, End::Cancelled);
+                self.end_job(inner, id, End::Cancelled);
             }
             State::Running => {
                 entry.job.cancel_requested = true;
@@ -347,6 +385,7 @@ impl JobStore for MemoryStore {
             Some(entry) if !entry.job.state.is_ended() => return Ok(Deletion::Live),
             Some(_) => {}
         }
+        inner.keep(id, Vec::new());
         if let Some(entry) = inner.jobs.remove(&id) {
             inner.numbers.remove(&entry.number);
             if let Some(ended_at) = entry.job.ended_at {

@@ -35,6 +35,7 @@ use std::time::{Duration, SystemTime};
 use async_trait::async_trait;
 use serde::{Deserialize, Serialize};
 use tokio::sync::watch;
+use tokio_util::bytes::Bytes;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
@@ -147,6 +148,9 @@ pub(super) struct Spec {
     pub listed_seeds: bool,
     /// Whether weights came with the mesh.
     pub has_weights: bool,
+    /// Whether all of these are small blobs, which the store keeps.
+    #[serde(default)]
+    pub is_small: bool,
 }
 
 /// How far a running job is.
@@ -166,7 +170,7 @@ pub(super) struct Progress {
 }
 
 /// What is known about the result of a job without opening it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Summary {
     /// Faces of the mesh, each with a label.
     pub faces: u64,
@@ -174,6 +178,24 @@ pub(super) struct Summary {
     pub clusters: u64,
     /// Whether there are labels at that number: not for a whole hierarchy.
     pub has_labels: bool,
+    /// The report's `labels_sha256`.
+    #[serde(default)]
+    pub labels_sha256: Option<String>,
+    /// Whether the result is small blobs, which the store keeps.
+    #[serde(default)]
+    pub is_small: bool,
+}
+
+/// Bytes of all small blobs of an upload, or of a result, at the most.
+pub(super) const SMALL_BLOBS: u64 = 256 << 10;
+
+/// A file of a job that is so small that it is kept with the job: that costs no file, and no wait for the disk of its own.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct SmallBlob {
+    /// Its name; unique among those of the job.
+    pub name: String,
+    /// What it holds.
+    pub bytes: Bytes,
 }
 
 /// A job to be added.
@@ -185,6 +207,8 @@ pub(super) struct NewJob {
     pub spec: Spec,
     /// By what the client knows it again when it asks twice.
     pub idempotency: Option<Idempotency>,
+    /// Small blobs of its upload, kept until it ends.
+    pub upload: Vec<SmallBlob>,
 }
 
 /// The `Idempotency-Key` of a request, and the request it stands for.
@@ -245,6 +269,23 @@ pub(super) enum End {
     Failed(Error),
     /// Because someone asked for it.
     Cancelled,
+}
+
+/// The end of a running job, and what comes with it, in one step.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Ending {
+    /// How it ends.
+    pub end: End,
+    /// The last events before that, and the progress after them.
+    pub rest: Option<(Vec<What>, Progress)>,
+    /// Small blobs of the result.
+    pub result: Vec<SmallBlob>,
+}
+
+impl From<End> for Ending {
+    fn from(end: End) -> Self {
+        Self { end, rest: None, result: Vec::new() }
+    }
 }
 
 /// A job as it is now.
@@ -389,8 +430,23 @@ pub(super) trait JobStore: fmt::Debug + Send + Sync {
     /// Appends events and replaces the progress.
     async fn append(&self, ticket: Ticket, events: Vec<What>, progress: Progress) -> Result<()>;
 
-    /// Ends a running job.
-    async fn finish(&self, ticket: Ticket, end: End) -> Result<()>;
+    /// Ends a running job. Small blobs of its upload go.
+    async fn end(&self, ticket: Ticket, ending: Ending) -> Result<()>;
+
+    /// Ends a running job about which nothing else is to be said.
+    #[cfg(test)]
+    async fn finish(&self, ticket: Ticket, end: End) -> Result<()> {
+        self.end(ticket, end.into()).await
+    }
+
+    /// Whether blobs of so many bytes together are small, and better kept here than in files.
+    fn takes(&self, bytes: u64) -> bool;
+
+    /// A small blob of a job; none when there is no such blob, or job.
+    async fn blob(&self, id: JobId, name: &str) -> Result<Option<Bytes>>;
+
+    /// Bytes on disk that the store has taken and will use again before it takes more.
+    async fn free_bytes(&self) -> Result<u64>;
 
     /// Asks for the end of a job: a queued one is cancelled at once, a running one when its worker gives in, an ended
     /// one stays as it is. The job after that; none when there is no such job.
@@ -486,7 +542,8 @@ pub(super) mod tests {
             buffers: Vec::new(),
             listed_seeds: false,
             has_weights: false,
+            is_small: false,
         };
-        NewJob { id: JobId::random(), spec, idempotency: None }
+        NewJob { id: JobId::random(), spec, idempotency: None, upload: Vec::new() }
     }
 }

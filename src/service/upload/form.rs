@@ -83,13 +83,13 @@ impl Form {
             "buffer" => self.add_buffer(field).await,
             "seeds" => {
                 once("seeds", self.seeds.is_some())?;
-                let seeds = save(content(field), self.folder.blob(files::SEEDS), |_| Ok(())).await?;
+                let seeds = save(content(field), &mut self.folder, files::SEEDS, |_| Ok(())).await?;
                 self.seeds = Some(seeds.digest);
                 Ok(())
             }
             "weights" => {
                 once("weights", self.weights.is_some())?;
-                let saved = save(content(field), self.folder.blob(files::WEIGHTS), |_| Ok(())).await?;
+                let saved = save(content(field), &mut self.folder, files::WEIGHTS, |_| Ok(())).await?;
                 self.weights = Some(saved.digest);
                 job::check_head_of_weights(&saved.head)
             }
@@ -112,7 +112,7 @@ impl Form {
             Some(format) => format.check_head(head, None),
             None => Format::recognise(file_name.as_deref(), head)?.check_head(head, None),
         };
-        let saved = save(content(field), self.folder.blob(files::MESH), early).await?;
+        let saved = save(content(field), &mut self.folder, files::MESH, early).await?;
         self.mesh = Some(Mesh { saved, file_name, format });
         Ok(())
     }
@@ -130,8 +130,8 @@ impl Form {
                 "there are more parts named buffer than the limit of {MAX_BUFFERS}"
             )));
         }
-        let blob = self.folder.blob(&files::buffer(self.buffers.len()));
-        self.digests.push(save(content(field), blob, |_| Ok(())).await?.digest);
+        let blob = files::buffer(self.buffers.len());
+        self.digests.push(save(content(field), &mut self.folder, &blob, |_| Ok(())).await?.digest);
         self.buffers.push(name);
         Ok(())
     }
@@ -164,6 +164,7 @@ impl Form {
             buffers: self.buffers,
             listed_seeds: self.seeds.is_some(),
             has_weights: self.weights.is_some(),
+            is_small: false,
         };
         let digests =
             [mesh.saved.digest].into_iter().chain(self.seeds).chain(self.weights).chain(self.digests).collect();

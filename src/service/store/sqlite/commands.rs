@@ -7,8 +7,8 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row as _, SqliteConnection, query};
 
 use super::super::{
-    Created, Deletion, End, Job, JobId, NewJob, Progress, Pulse, Release, Rules, State, Summary, Ticket, What,
-    given_up, lease_is_over, no_such_job, not_yours, queue_is_full, reused_key,
+    Created, Deletion, End, Ending, Job, JobId, NewJob, Progress, Pulse, Release, Rules, SmallBlob, State, Summary,
+    Ticket, What, given_up, lease_is_over, no_such_job, not_yours, queue_is_full, reused_key,
 };
 use super::rows::{self, column, count, jobs, json, micros};
 use super::writer::{Abort, Batch, Command};
@@ -22,7 +22,7 @@ impl Command for Create {
     type Output = Created;
 
     async fn apply(&self, batch: &mut Batch<'_>) -> Result<Created, Abort> {
-        let Self(NewJob { id, spec, idempotency }, rules) = self;
+        let Self(NewJob { id, spec, idempotency, upload }, rules) = self;
         if let Some(wanted) = idempotency {
             let known = query(jobs!("WHERE tenant = ?1 AND idempotency_key = ?2"))
                 .bind(&spec.tenant)
@@ -44,8 +44,8 @@ impl Command for Create {
         let created_at = rows::now();
         let progress = Progress::default();
         let inserted = query(
-            "INSERT INTO jobs (id, tenant, state, spec, progress, idempotency_key, request_digest, created_at) \
-             VALUES (?1, ?2, 'queued', ?3, ?4, ?5, ?6, ?7)",
+            "INSERT INTO jobs (id, tenant, state, spec, progress, idempotency_key, request_digest, created_at, last_seq) \
+             VALUES (?1, ?2, 'queued', ?3, ?4, ?5, ?6, ?7, 1)",
         )
         .bind(id.to_string())
         .bind(&spec.tenant)
@@ -57,7 +57,8 @@ impl Command for Create {
         .execute(&mut *batch.connection)
         .await?;
         let mut row = Live { id: *id, number: inserted.last_insert_rowid(), last_seq: 0, cancel_requested: false };
-        row.append(batch, &[What::State(State::Queued)]).await?;
+        keep(batch, row.number, upload).await?;
+        row.tell(batch, &[What::State(State::Queued)]).await?;
         batch.effects.arrivals += 1;
         Ok(Created::New(Job {
             id: *id,
@@ -95,8 +96,8 @@ impl Command for Claim {
     async fn apply(&self, batch: &mut Batch<'_>) -> Result<Self::Output, Abort> {
         let now = rows::now();
         let found = query(
-            "UPDATE jobs SET state = 'running', attempt = attempt + 1, started_at = ?1, lease_until = ?2 \
-             WHERE number IN (SELECT number FROM jobs WHERE state = 'queued' ORDER BY number LIMIT ?3) \
+            "UPDATE jobs SET state = 'running', attempt = attempt + 1, started_at = ?1, lease_until = ?2, \
+             last_seq = last_seq + 1 WHERE number IN (SELECT number FROM jobs WHERE state = 'queued' ORDER BY number LIMIT ?3) \
              RETURNING *, NULL AS queue_position",
         )
         .bind(micros(now))
@@ -108,7 +109,9 @@ impl Command for Claim {
         for row in found {
             let job = rows::job(&row)?;
             let mut live = Live::from_row(job.id, &row)?;
-            live.append(batch, &[What::State(State::Running)]).await?;
+            // counted above
+            live.last_seq -= 1;
+            live.tell(batch, &[What::State(State::Running)]).await?;
             claimed.push((live.number, Ticket { job: job.id, attempt: job.attempt }, job));
         }
         claimed.sort_by_key(|(number, ..)| *number);
@@ -157,17 +160,19 @@ impl Command for Append {
 
     async fn apply(&self, batch: &mut Batch<'_>) -> Result<(), Abort> {
         let (mut live, _) = claimed(batch.connection, self.ticket).await?;
-        query("UPDATE jobs SET progress = ?1 WHERE number = ?2")
+        live.tell(batch, &self.events).await?;
+        query("UPDATE jobs SET progress = ?1, last_seq = ?2 WHERE number = ?3")
             .bind(json(&self.progress)?)
+            .bind(live.last_seq)
             .bind(live.number)
             .execute(&mut *batch.connection)
             .await?;
-        live.append(batch, &self.events).await
+        Ok(())
     }
 }
 
 /// Ends a running job.
-pub(super) struct Finish(pub Ticket, pub End);
+pub(super) struct Finish(pub Ticket, pub Ending);
 
 #[async_trait]
 impl Command for Finish {
@@ -175,7 +180,8 @@ impl Command for Finish {
 
     async fn apply(&self, batch: &mut Batch<'_>) -> Result<(), Abort> {
         let (mut live, _) = claimed(batch.connection, self.0).await?;
-        live.end(batch, &self.1).await
+        live.end_with(batch, &self.1).await?;
+        keep(batch, live.number, &self.1.result).await
     }
 }
 
@@ -238,8 +244,8 @@ impl Command for Cancel {
                 .execute(&mut *batch.connection)
                 .await?;
             match state {
-                State::Queued => live.end(batch, &End::Cancelled).await?,
-                _ => live.append(batch, &[]).await?,
+                State::Queued => live.end(batch, End::Cancelled).await?,
+                _ => live.pulse(batch, false),
             }
         }
         Ok(find(batch.connection, self.0).await?.map(|row| rows::job(&row)).transpose()?)
@@ -265,7 +271,11 @@ impl Command for Delete {
             return Ok(Deletion::Live);
         }
         let number: i64 = column(&row, "number")?;
-        for statement in ["DELETE FROM events WHERE job = ?1", "DELETE FROM jobs WHERE number = ?1"] {
+        for statement in [
+            "DELETE FROM events WHERE job = ?1",
+            "DELETE FROM blobs WHERE job = ?1",
+            "DELETE FROM jobs WHERE number = ?1",
+        ] {
             query(statement).bind(number).execute(&mut *batch.connection).await?;
         }
         batch.effects.deleted.push(self.0);
@@ -323,8 +333,8 @@ impl Live {
         })
     }
 
-    /// Appends events, and wakes those who wait.
-    async fn append(&mut self, batch: &mut Batch<'_>, events: &[What]) -> Result<(), Abort> {
+    /// Appends events, and wakes those who wait. The row's `last_seq` is for the caller to write.
+    async fn tell(&mut self, batch: &mut Batch<'_>, events: &[What]) -> Result<(), Abort> {
         let first = self.last_seq + 1;
         self.last_seq += events.len() as i64;
         match events {
@@ -353,42 +363,47 @@ impl Live {
                 .await?;
             }
         }
-        if !events.is_empty() {
-            query("UPDATE jobs SET last_seq = ?1 WHERE number = ?2")
-                .bind(self.last_seq)
-                .bind(self.number)
-                .execute(&mut *batch.connection)
-                .await?;
-        }
         self.pulse(batch, false);
         Ok(())
     }
 
-    /// Ends the job.
-    async fn end(&mut self, batch: &mut Batch<'_>, end: &End) -> Result<(), Abort> {
-        let (state, problem, summary): (_, Option<&Error>, Option<&Summary>) = match end {
+    /// Ends the job, with nothing else to say.
+    async fn end(&mut self, batch: &mut Batch<'_>, end: End) -> Result<(), Abort> {
+        self.end_with(batch, &end.into()).await
+    }
+
+    /// Ends the job; small blobs of its upload go.
+    async fn end_with(&mut self, batch: &mut Batch<'_>, ending: &Ending) -> Result<(), Abort> {
+        let (state, problem, summary): (_, Option<&Error>, Option<&Summary>) = match &ending.end {
             End::Succeeded(summary) => (State::Succeeded, None, Some(summary)),
             End::Failed(error) => (State::Failed, Some(error), None),
             End::Cancelled => (State::Cancelled, None, None),
         };
+        let (mut events, progress) = ending.rest.clone().map_or((Vec::new(), None), |(rows, last)| (rows, Some(last)));
+        events.push(What::End(state, problem.cloned()));
+        self.tell(batch, &events).await?;
         // The place among the untold is drawn anew, behind all others, and only with a webhook.
         let ended = query(
             "UPDATE jobs SET state = ?1, problem = ?2, summary = ?3, ended_at = ?4, lease_until = NULL, \
-             untold = CASE WHEN spec ->> 'webhook' IS NULL THEN NULL \
+             progress = coalesce(?5, progress), last_seq = ?6, untold = CASE WHEN spec ->> 'webhook' IS NULL THEN NULL \
              ELSE (SELECT coalesce(max(untold), 0) + 1 FROM jobs WHERE untold IS NOT NULL) END \
-             WHERE number = ?5 RETURNING untold",
+             WHERE number = ?7 RETURNING untold, spec ->> 'is_small' AS has_blobs",
         )
         .bind(state.name())
         .bind(problem.map(json).transpose()?)
         .bind(summary.map(json).transpose()?)
         .bind(micros(rows::now()))
+        .bind(progress.as_ref().map(json).transpose()?)
+        .bind(self.last_seq)
         .bind(self.number)
         .fetch_one(&mut *batch.connection)
         .await?;
         if ended.try_get::<Option<i64>, _>("untold")?.is_some() {
             batch.effects.endings += 1;
         }
-        self.append(batch, &[What::End(state, problem.cloned())]).await?;
+        if ended.try_get::<Option<i64>, _>("has_blobs")? == Some(1) {
+            query("DELETE FROM blobs WHERE job = ?1").bind(self.number).execute(&mut *batch.connection).await?;
+        }
         self.pulse(batch, true);
         Ok(())
     }
@@ -402,7 +417,7 @@ impl Live {
         rules: &Rules,
     ) -> Result<State, Abort> {
         if self.cancel_requested {
-            self.end(batch, &End::Cancelled).await?;
+            self.end(batch, End::Cancelled).await?;
             return Ok(State::Cancelled);
         }
         let uncounted = match release {
@@ -410,18 +425,22 @@ impl Live {
             Release::Failed(error) => {
                 let counted = count(row, "attempt")?.saturating_sub(count(row, "uncounted")?);
                 if counted >= u64::from(rules.max_attempts) {
-                    self.end(batch, &End::Failed(given_up(counted, error))).await?;
+                    self.end(batch, End::Failed(given_up(counted, error))).await?;
                     return Ok(State::Failed);
                 }
                 0
             }
         };
-        query("UPDATE jobs SET state = 'queued', lease_until = NULL, uncounted = uncounted + ?1 WHERE number = ?2")
-            .bind(uncounted)
-            .bind(self.number)
-            .execute(&mut *batch.connection)
-            .await?;
-        self.append(batch, &[What::State(State::Queued)]).await?;
+        self.tell(batch, &[What::State(State::Queued)]).await?;
+        query(
+            "UPDATE jobs SET state = 'queued', lease_until = NULL, uncounted = uncounted + ?1, last_seq = ?2 \
+             WHERE number = ?3",
+        )
+        .bind(uncounted)
+        .bind(self.last_seq)
+        .bind(self.number)
+        .execute(&mut *batch.connection)
+        .await?;
         batch.effects.arrivals += 1;
         Ok(State::Queued)
     }
@@ -430,6 +449,19 @@ impl Live {
         let last_seq = self.last_seq.unsigned_abs();
         batch.effects.pulses.push((self.id, Pulse { last_seq, cancel_requested: self.cancel_requested, ended }));
     }
+}
+
+/// Keeps small blobs of a job.
+async fn keep(batch: &mut Batch<'_>, number: i64, blobs: &[SmallBlob]) -> Result<(), Abort> {
+    for SmallBlob { name, bytes } in blobs {
+        query("INSERT INTO blobs (job, name, bytes) VALUES (?1, ?2, ?3)")
+            .bind(number)
+            .bind(name)
+            .bind(&bytes[..])
+            .execute(&mut *batch.connection)
+            .await?;
+    }
+    Ok(())
 }
 
 /// The row of a job, with its place in the queue.

@@ -4,7 +4,10 @@ use sqlx::migrate::{MigrateError, Migration, MigrationType, Migrator};
 use sqlx::{SqlSafeStr as _, SqliteConnection};
 
 /// Every migration: what it does, and its SQL.
-const MIGRATIONS: [(&str, &str); 1] = [("jobs and events", include_str!("migrations/0001_jobs.sql"))];
+const MIGRATIONS: [(&str, &str); 2] = [
+    ("jobs and events", include_str!("migrations/0001_jobs.sql")),
+    ("small blobs", include_str!("migrations/0002_blobs.sql")),
+];
 
 /// Brings the tables up to date. Fails on those of a later version of the service, and changes nothing then.
 pub(super) async fn migrate(mut connection: SqliteConnection) -> Result<SqliteConnection, MigrateError> {

@@ -1,0 +1,35 @@
+//! Where the blobs of a job are found: small ones with the job in the store, others in files.
+
+use object_store::GetRange;
+
+use super::files::{Blob, Files, Folder};
+use super::store::{Job, JobStore};
+use crate::error::{Error, Kind, Result};
+
+/// A blob of the upload of a job.
+pub(super) async fn upload(files: &Files, store: &dyn JobStore, job: &Job, name: &str) -> Result<Blob> {
+    match job.spec.is_small {
+        true => small(files, store, job, name, None).await,
+        false => files.read(Folder::Upload(job.id), name, None).await,
+    }
+}
+
+/// A blob of the result of a job, or a range of it. [`Kind::NotFound`] for a job without one.
+pub(super) async fn result(
+    files: &Files,
+    store: &dyn JobStore,
+    job: &Job,
+    name: &str,
+    range: Option<GetRange>,
+) -> Result<Blob> {
+    match &job.summary {
+        Some(summary) if summary.is_small => small(files, store, job, name, range).await,
+        _ => files.read(Folder::Result(job.id, job.attempt), name, range).await,
+    }
+}
+
+async fn small(files: &Files, store: &dyn JobStore, job: &Job, name: &str, range: Option<GetRange>) -> Result<Blob> {
+    let bytes = store.blob(job.id, name).await?;
+    let bytes = bytes.ok_or_else(|| Error::new(Kind::NotFound, "the file is gone: its job was deleted"))?;
+    files.held(&bytes, range)
+}

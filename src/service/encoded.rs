@@ -1,0 +1,61 @@
+//! Results that are made when they are asked for, from what is stored: hierarchies, cuts, labels in other forms.
+//!
+//! What one is made of is in memory only while it is made, and only so many large ones are at a time. What is made streams to
+//! the client, who may take as long as it likes: if it is large, from a file without a name.
+
+use std::io::{self, BufWriter, Seek, Write};
+
+use axum::body::Body;
+use axum::response::Response;
+use tempfile::{SpooledData, spooled_tempfile_in};
+use tokio::sync::OwnedSemaphorePermit;
+use tokio_util::io::ReaderStream;
+
+use super::files::blocking;
+use super::results::streamed;
+use super::server::Shared;
+use crate::error::{Error, Kind, Result};
+
+/// Bytes of an answer that is held in memory.
+const HELD: usize = 1 << 18;
+
+/// The right to have a large result in memory.
+pub(super) async fn turn(shared: &Shared) -> Result<OwnedSemaphorePermit> {
+    let turn = shared.encoding.clone().acquire_owned().await;
+    turn.map_err(|error| Error::new(Kind::Internal, format_args!("no result can be read: {error}")))
+}
+
+/// What `write` makes, on a thread that may block, as a response; and what else it says. Small results need no turn.
+pub(super) async fn encoded<T: Send + 'static>(
+    shared: &Shared,
+    turn: Option<OwnedSemaphorePermit>,
+    media_type: &'static str,
+    write: impl FnOnce(&mut dyn Write) -> Result<T> + Send + 'static,
+) -> Result<(Response, T)> {
+    let folder = shared.files.scratch();
+    let (length, body, said) = blocking(move || {
+        let _turn = turn;
+        let mut out = BufWriter::with_capacity(1 << 16, spooled_tempfile_in(HELD, folder));
+        let said = write(&mut out)?;
+        let file = out.into_inner().map_err(|error| cannot(error.into_error()))?;
+        Ok::<_, Error>(match file.into_inner() {
+            SpooledData::InMemory(bytes) => {
+                let bytes = bytes.into_inner();
+                (bytes.len() as u64, Body::from(bytes), said)
+            }
+            SpooledData::OnDisk(mut file) => {
+                let length = file.stream_position().map_err(cannot)?;
+                file.rewind().map_err(cannot)?;
+                let file = tokio::fs::File::from_std(file);
+                (length, Body::from_stream(ReaderStream::with_capacity(file, 1 << 16)), said)
+            }
+        })
+    })
+    .await??;
+    Ok((streamed(length, body, media_type), said))
+}
+
+/// The error of a result that cannot be written.
+pub(super) fn cannot(error: io::Error) -> Error {
+    Error::io("the result cannot be written", error)
+}

@@ -1,0 +1,131 @@
+//! Small meshes: one thread works on each, several meshes at a time.
+//!
+//! Threads that share a small mesh spend more time on handing it to each other than on working on it: 5,000 faces take one
+//! thread about as long as two (measured), so two meshes at a time are done twice as fast. Here are pools of rayon's with one
+//! thread each; what asks for more threads there goes on by itself. Which device may be asked for several meshes at a time,
+//! the device says ([`Device::another`](crate::device::Device::another)).
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::available_parallelism;
+
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
+
+use super::caught;
+use crate::error::{Error, Kind, Result};
+
+/// Faces of the largest small mesh.
+pub(super) const SMALL_FACES: usize = 8192;
+
+/// Bytes of the largest files that are taken for a small mesh before its faces are known.
+pub(super) const SMALL_BYTES: u64 = 1 << 20;
+
+/// Threads that work on a mesh each.
+#[derive(Debug)]
+pub(super) struct SmallMeshes {
+    threads: Arc<Threads>,
+    places: Arc<Semaphore>,
+}
+
+#[derive(Debug)]
+struct Threads {
+    pools: Vec<ThreadPool>,
+    /// Those without work.
+    idle: Mutex<Vec<usize>>,
+}
+
+/// A thread, taken until this is dropped or what it runs has ended.
+#[derive(Debug)]
+pub(super) struct Thread {
+    threads: Arc<Threads>,
+    index: usize,
+    _place: OwnedSemaphorePermit,
+}
+
+impl SmallMeshes {
+    /// As many threads as there are processors, but two at least, so that no mesh waits for the reading of another.
+    pub fn start() -> Result<Self> {
+        let count = available_parallelism().map_or(2, |count| count.get().max(2));
+        let pool = |index| {
+            let builder = ThreadPoolBuilder::new().num_threads(1).thread_name(move |_| format!("small-{index}"));
+            builder.build().map_err(|error| {
+                Error::new(Kind::Io, format_args!("a thread for small meshes cannot be started: {error}"))
+            })
+        };
+        let pools = (0..count).map(pool).collect::<Result<_>>()?;
+        let threads = Threads { pools, idle: Mutex::new((0..count).collect()) };
+        Ok(Self { threads: Arc::new(threads), places: Arc::new(Semaphore::new(count)) })
+    }
+
+    /// A thread without work, once there is one.
+    pub async fn thread(&self) -> Result<Thread> {
+        let place = Arc::clone(&self.places).acquire_owned().await.map_err(|_| gone())?;
+        let index = self.threads.idle().pop().ok_or_else(gone)?;
+        Ok(Thread { threads: Arc::clone(&self.threads), index, _place: place })
+    }
+}
+
+impl Thread {
+    /// Runs `work`. A panic becomes an error. Goes on when the future is dropped.
+    pub async fn run<T: Send + 'static>(self, work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<T> {
+        let (reply, outcome) = oneshot::channel();
+        let threads = Arc::clone(&self.threads);
+        threads.pools[self.index].spawn(move || {
+            let outcome = caught(work);
+            drop(self);
+            // Nobody may be waiting any more.
+            let _ = reply.send(outcome);
+        });
+        outcome.await.map_err(|_| gone())?
+    }
+}
+
+fn gone() -> Error {
+    Error::new(Kind::Internal, "the threads for small meshes are gone")
+}
+
+impl Threads {
+    fn idle(&self) -> MutexGuard<'_, Vec<usize>> {
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Drop for Thread {
+    fn drop(&mut self) {
+        // before the place, which tells others that there is one
+        self.threads.idle().push(self.index);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn meshes_run_at_once_on_a_thread_each_and_a_panic_leaves_them_to_others() {
+        let small = SmallMeshes::start().expect("threads");
+        let count = small.threads.pools.len();
+        let together = Arc::new(std::sync::Barrier::new(count));
+        for _ in 0..3 {
+            let all = (0..count).map(async |_| {
+                let together = Arc::clone(&together);
+                let work = move || {
+                    assert_eq!(rayon::current_num_threads(), 1);
+                    together.wait();
+                    Ok(std::thread::current().id())
+                };
+                small.thread().await?.run(work).await
+            });
+            let mut threads = futures_util::future::try_join_all(all).await.expect("run");
+            threads.sort_by_key(|id| format!("{id:?}"));
+            threads.dedup();
+            assert_eq!(threads.len(), count);
+            for _ in 0..count {
+                let thread = small.thread().await.expect("a thread");
+                let failed = thread.run(|| -> Result<()> { panic!("on purpose") }).await.expect_err("a panic");
+                assert_eq!(failed.kind, Kind::Internal);
+            }
+        }
+        assert_eq!(small.threads.idle().len(), count);
+    }
+}

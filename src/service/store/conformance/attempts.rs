@@ -1,0 +1,118 @@
+//! Jobs that are claimed more than once: releases, leases, and a crash.
+
+use super::*;
+
+pub(super) async fn a_released_job_runs_again_in_its_place(store: &dyn JobStore) {
+    let first = create(store).await.id;
+    let second = create(store).await.id;
+    let mut arrivals = store.arrivals();
+    let (ticket, _) = claim(store).await;
+    let row = vec![What::Iteration("{}".to_owned())];
+    store.append(ticket, row.clone(), Progress::default()).await.expect("appended");
+    arrivals.borrow_and_update();
+    assert_eq!(store.release(ticket, Release::Free).await, Ok(State::Queued));
+    assert!(arrivals.has_changed().expect("still there"), "a worker is told");
+    assert_eq!(get(store, first).await.queue_position, Some(1));
+    assert_eq!(get(store, second).await.queue_position, Some(2));
+    for stale in [store.finish(ticket, End::Cancelled).await, store.append(ticket, row, Progress::default()).await] {
+        assert_eq!(stale.expect_err("released").kind, Kind::Conflict);
+    }
+    assert_eq!(store.release(ticket, Release::Free).await.expect_err("released").kind, Kind::Conflict);
+
+    let claimed = store.claim(9, LEASE).await.expect("claimable");
+    assert_eq!(claimed.iter().map(|(ticket, _)| ticket.job).collect::<Vec<_>>(), [first, second]);
+    assert_eq!((claimed[0].0.attempt, claimed[0].1.attempt), (2, 2));
+    store.finish(claimed[0].0, End::Succeeded(SUMMARY)).await.expect("finished");
+    let whats: Vec<_> = events(store, first, 0, 99).await;
+    assert_eq!(whats.iter().map(|event| event.seq).collect::<Vec<_>>(), (1..=6).collect::<Vec<_>>());
+    assert_eq!(whats[3].what, What::State(State::Queued));
+    assert_eq!(whats[4].what, What::State(State::Running));
+}
+
+pub(super) async fn a_job_that_fails_too_often_is_given_up(store: &dyn JobStore) {
+    let id = create(store).await.id;
+    let failure = || Release::Failed(Error::new(Kind::DeviceLost, "the card fell out"));
+    for attempt in 1..=4 {
+        let (ticket, _) = claim(store).await;
+        assert_eq!(ticket.attempt, attempt);
+        // the second attempt is broken off without fault
+        let release = if attempt == 2 { Release::Free } else { failure() };
+        let expected = if attempt == 4 { State::Failed } else { State::Queued };
+        assert_eq!(store.release(ticket, release).await, Ok(expected), "attempt {attempt}");
+    }
+    let job = get(store, id).await;
+    assert_eq!(job.state, State::Failed);
+    let problem = job.problem.expect("a reason");
+    assert_eq!(problem.kind, Kind::Poison);
+    assert!(problem.message.contains("3 attempts") && problem.message.contains("the card fell out"), "{problem}");
+    assert!(store.claim(1, LEASE).await.expect("claimable").is_empty());
+}
+
+pub(super) async fn a_lease_that_is_over_is_reclaimed(store: &dyn JobStore) {
+    let lost = create(store).await.id;
+    let kept = create(store).await.id;
+    let now = SystemTime::now();
+    let tickets: Vec<_> =
+        store.claim(2, LEASE).await.expect("claimable").into_iter().map(|(ticket, _)| ticket).collect();
+    assert_eq!(store.reclaim(now).await, Ok(vec![]));
+    assert_eq!(store.heartbeat(&tickets[1..], now + 3 * LEASE).await, Ok(vec![]));
+    assert_eq!(store.reclaim(now + 2 * LEASE).await, Ok(vec![tickets[0]]));
+    assert_eq!(get(store, lost).await.state, State::Queued);
+    assert_eq!(get(store, kept).await.state, State::Running);
+    assert_eq!(store.heartbeat(&tickets, now + 3 * LEASE).await, Ok(vec![tickets[0]]));
+    assert_eq!(claim(store).await.0, Ticket { job: lost, attempt: 2 });
+    assert_eq!(store.heartbeat(&tickets, now + 3 * LEASE).await, Ok(vec![tickets[0]]), "another one's by now");
+}
+
+pub(super) async fn a_released_job_that_was_to_end_ends(store: &dyn JobStore) {
+    let id = create(store).await.id;
+    let (ticket, _) = claim(store).await;
+    store.cancel(id).await.expect("asked");
+    assert_eq!(store.release(ticket, Release::Free).await, Ok(State::Cancelled));
+    assert_eq!(get(store, id).await.state, State::Cancelled);
+}
+
+/// Everything that was answered is there after a crash; what ran waits again, which counts.
+pub(super) async fn a_crash_loses_nothing(subject: &dyn Subject) {
+    let store = subject.empty(RULES).await;
+    let ended = create(store.as_ref()).await.id;
+    let (ticket, _) = claim(store.as_ref()).await;
+    let progress = Progress { iterations: 7, energy: Some(0.1), ..Progress::default() };
+    let rows = (0..300).map(|row| What::Iteration(format!("{{\"iteration\":{row},\"name\":\"ü\\\"\"}}"))).collect();
+    store.append(ticket, rows, progress).await.expect("appended");
+    store.finish(ticket, End::Failed(Error::new(Kind::InvalidMesh, "x"))).await.expect("finished");
+    let Created::New(keyed) = store.create(with_key("a", "k", "digest")).await.expect("created") else {
+        panic!("the key is new")
+    };
+    let (held, _) = claim(store.as_ref()).await;
+    let asked_to_end = create(store.as_ref()).await.id;
+    claim(store.as_ref()).await;
+    store.cancel(asked_to_end).await.expect("asked");
+    let waiting = create(store.as_ref()).await;
+    let before = (get(store.as_ref(), ended).await, events(store.as_ref(), ended, 0, 999).await);
+
+    let Some(again) = subject.after_crash(RULES).await else { return };
+    let again = again.as_ref();
+    assert_eq!((get(again, ended).await, events(again, ended, 0, 999).await), before);
+    assert_eq!(get(again, waiting.id).await, Job { queue_position: Some(2), ..waiting.clone() });
+    assert_eq!(get(again, asked_to_end).await.state, State::Cancelled);
+    let job = get(again, keyed.id).await;
+    assert_eq!((job.state, job.queue_position, job.attempt), (State::Queued, Some(1), 1));
+    assert_eq!(again.create(with_key("a", "k", "digest")).await, Ok(Created::Known(job)));
+    let stale = again.finish(held, End::Succeeded(SUMMARY)).await;
+    assert_eq!(stale.expect_err("the claim is over").kind, Kind::Conflict);
+    let (ticket, _) = claim(again).await;
+    assert_eq!(ticket, Ticket { job: keyed.id, attempt: 2 });
+    let seqs: Vec<_> = events(again, keyed.id, 0, 9).await.into_iter().map(|event| (event.seq, event.what)).collect();
+    let states = [State::Queued, State::Running, State::Queued, State::Running].map(What::State);
+    assert_eq!(seqs, (1..).zip(states).collect::<Vec<_>>(), "numbers go on");
+    // crashes count
+    again.release(ticket, Release::Failed(Error::new(Kind::Internal, "x"))).await.expect("released");
+    let (ticket, _) = claim(again).await;
+    let end = again.release(ticket, Release::Failed(Error::new(Kind::Internal, "x"))).await;
+    assert_eq!(end, Ok(State::Failed));
+    // and numbers of jobs are not used again
+    let next = create(again).await;
+    let page = again.list(&ListQuery { limit: 1, ..ListQuery::default() }).await.expect("listed");
+    assert_eq!(page.jobs[0].id, next.id);
+}

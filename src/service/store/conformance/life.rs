@@ -1,0 +1,205 @@
+//! The life of a job, from its creation to its deletion.
+
+use super::*;
+
+pub(super) async fn a_new_job_is_as_it_was_created(store: &dyn JobStore) {
+    let id = JobId::random();
+    let job = add(store, id, spec("größe.gltf")).await;
+    assert_eq!((job.id, job.state), (id, State::Queued));
+    assert_eq!(job.spec, spec("größe.gltf"));
+    assert_eq!(job.queue_position, Some(1));
+    assert_eq!(job.started_at, None);
+    assert_eq!(get(store, id).await, job);
+    assert_eq!(create(store).await.queue_position, Some(2));
+    assert_eq!(events(store, id, 0, 9).await, [Event { seq: 1, what: What::State(State::Queued) }]);
+}
+
+pub(super) async fn jobs_are_claimed_in_order_and_once(store: &dyn JobStore) {
+    let first = create(store).await;
+    let second = create(store).await;
+    let (ticket, job) = claim(store).await;
+    assert_eq!((ticket.job, job.id), (first.id, first.id));
+    assert_eq!((job.state, job.queue_position), (State::Running, None));
+    assert!(job.started_at.is_some());
+    assert_eq!(get(store, second.id).await.queue_position, Some(1));
+    assert_eq!(claim(store).await.0.job, second.id);
+    assert!(store.claim(1, LEASE).await.expect("claimable").is_empty());
+    assert_eq!(store.counts().await.expect("counted"), [0, 2, 0, 0, 0]);
+}
+
+pub(super) async fn a_full_queue_refuses_until_a_job_starts(store: &dyn JobStore) {
+    create(store).await;
+    store.check_room().await.expect("room for one more");
+    create(store).await;
+    assert_eq!(store.check_room().await.expect_err("full").kind, Kind::QueueFull);
+    let id = JobId::random();
+    let refused =
+        store.create(NewJob { id, spec: spec("x"), idempotency: None, upload: Vec::new() }).await.expect_err("full");
+    assert_eq!(refused.kind, Kind::QueueFull);
+    assert_eq!(store.get(id).await.expect("readable"), None);
+    claim(store).await;
+    create(store).await;
+}
+
+pub(super) async fn events_are_numbered_and_read_from_anywhere(store: &dyn JobStore) {
+    let id = create(store).await.id;
+    let (ticket, _) = claim(store).await;
+    let mut pulses = store.watch(id).await.expect("watchable").expect("a job");
+    let before = *pulses.borrow_and_update();
+    assert_eq!((before.last_seq, before.ended), (2, false));
+    let rows =
+        |range: std::ops::Range<u32>| range.map(|row| What::Iteration(format!("{{\"iteration\":{row}}}"))).collect();
+    let progress =
+        Progress { iterations: 3, phase: Some(Phase::Boundary), rounds: 2, clusters_left: Some(70), energy: Some(0.1) };
+    store.append(ticket, rows(0..2), Progress::default()).await.expect("appended");
+    store.append(ticket, rows(2..4), progress).await.expect("appended");
+    assert!(pulses.has_changed().expect("still there"));
+    assert_eq!(pulses.borrow_and_update().last_seq, 6);
+    assert_eq!(get(store, id).await.progress, progress);
+
+    let all = events(store, id, 0, 99).await;
+    assert_eq!(all.iter().map(|event| event.seq).collect::<Vec<_>>(), [1, 2, 3, 4, 5, 6]);
+    assert_eq!(all[1].what, What::State(State::Running));
+    assert_eq!(all[5].what, What::Iteration("{\"iteration\":3}".to_owned()));
+    assert_eq!(events(store, id, 3, 2).await, all[3..5]);
+    assert_eq!(events(store, id, 6, 9).await, []);
+    assert_eq!(events(store, id, u64::MAX, usize::MAX).await, []);
+}
+
+pub(super) async fn every_end_is_told(store: &dyn JobStore) {
+    let error = Error::new(Kind::InvalidMesh, "line 3: \"x\" is no number");
+    for (end, state, problem, summary) in [
+        (End::Succeeded(SUMMARY), State::Succeeded, None, Some(SUMMARY)),
+        (End::Failed(error.clone()), State::Failed, Some(error.clone()), None),
+        (End::Cancelled, State::Cancelled, None, None),
+    ] {
+        let id = create(store).await.id;
+        let pulses = store.watch(id).await.expect("watchable").expect("a job");
+        let (ticket, _) = claim(store).await;
+        store.finish(ticket, end).await.expect("finished");
+        let job = get(store, id).await;
+        assert_eq!((job.state, &job.problem, job.summary), (state, &problem, summary));
+        assert!(job.ended_at >= job.started_at && job.started_at >= Some(job.created_at));
+        assert!(pulses.borrow().ended);
+        let last = events(store, id, 2, 9).await;
+        assert_eq!(last.len(), 1);
+        assert_eq!(last[0].what, What::End(state, problem));
+    }
+}
+
+pub(super) async fn a_ticket_that_is_over_writes_nothing(store: &dyn JobStore) {
+    let id = create(store).await.id;
+    let (ticket, _) = claim(store).await;
+    let other = Ticket { attempt: ticket.attempt + 1, ..ticket };
+    for stale in [other, ticket] {
+        if stale == ticket {
+            store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
+        }
+        let before = (get(store, id).await, events(store, id, 0, 99).await);
+        let row = vec![What::Iteration("{}".to_owned())];
+        let appended = store.append(stale, row, Progress::default()).await;
+        assert_eq!(appended.expect_err("stale").kind, Kind::Conflict);
+        let finished = store.finish(stale, End::Cancelled).await;
+        assert_eq!(finished.expect_err("stale").kind, Kind::Conflict);
+        assert_eq!((get(store, id).await, events(store, id, 0, 99).await), before);
+    }
+}
+
+pub(super) async fn a_queued_job_is_cancelled_at_once(store: &dyn JobStore) {
+    let first = create(store).await.id;
+    let second = create(store).await.id;
+    let cancelled = store.cancel(first).await.expect("asked").expect("a job");
+    assert_eq!(cancelled.state, State::Cancelled);
+    assert_eq!(get(store, first).await, cancelled);
+    assert_eq!(get(store, second).await.queue_position, Some(1));
+    assert_eq!(claim(store).await.0.job, second);
+    assert_eq!(events(store, first, 1, 9).await[0].what, What::End(State::Cancelled, None));
+}
+
+pub(super) async fn a_running_job_is_asked_to_end(store: &dyn JobStore) {
+    let id = create(store).await.id;
+    let (ticket, _) = claim(store).await;
+    let mut pulses = store.watch(id).await.expect("watchable").expect("a job");
+    let job = store.cancel(id).await.expect("asked").expect("a job");
+    assert_eq!((job.state, job.cancel_requested), (State::Running, true));
+    pulses.wait_for(|pulse| pulse.cancel_requested && !pulse.ended).await.expect("told");
+    assert_eq!(store.delete(id).await.expect("asked"), Deletion::Live);
+    store.finish(ticket, End::Cancelled).await.expect("finished");
+    assert_eq!(get(store, id).await.state, State::Cancelled);
+}
+
+pub(super) async fn an_ended_job_cannot_be_cancelled_and_can_be_deleted(store: &dyn JobStore) {
+    let id = create(store).await.id;
+    assert_eq!(store.delete(id).await.expect("asked"), Deletion::Live);
+    let (ticket, _) = claim(store).await;
+    store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
+    let job = store.cancel(id).await.expect("asked").expect("a job");
+    assert_eq!((job.state, job.cancel_requested), (State::Succeeded, false));
+    let mut pulses = store.watch(id).await.expect("watchable").expect("a job");
+    pulses.borrow_and_update();
+    assert_eq!(store.delete(id).await.expect("asked"), Deletion::Deleted);
+    assert_eq!(store.get(id).await.expect("readable"), None);
+    assert!(pulses.changed().await.is_err(), "who waits is told");
+    assert_eq!(store.delete(id).await.expect("asked"), Deletion::Unknown);
+    assert_eq!(store.counts().await.expect("counted"), [0; 5]);
+}
+
+pub(super) async fn small_blobs_of_the_upload_stay_until_the_end_and_those_of_the_result_from_then_on(
+    store: &dyn JobStore,
+) {
+    let blob = |name: &str, bytes: Vec<u8>| SmallBlob { name: name.to_owned(), bytes: bytes.into() };
+    let upload = [blob("mesh", (0..200_000).map(|at| at as u8).collect()), blob("ü/β", Vec::new())];
+    let result = [blob("report", b"{}".to_vec()), blob("mesh", vec![7; 70_000])];
+    assert!(store.takes(0) && store.takes(SMALL_BLOBS) && !store.takes(SMALL_BLOBS + 1));
+    let add = async || {
+        let spec = Spec { is_small: true, ..spec("x") };
+        let new = NewJob { id: JobId::random(), spec, idempotency: None, upload: upload.to_vec() };
+        let id = new.id;
+        assert!(matches!(store.create(new).await, Ok(Created::New(_))));
+        id
+    };
+    let keeps = async |id: JobId, blobs: &[SmallBlob]| {
+        for name in ["mesh", "ü/β", "report", "nothing"] {
+            let found = store.blob(id, name).await.expect("readable");
+            let expected = blobs.iter().find(|blob| blob.name == name).map(|blob| &blob.bytes);
+            assert_eq!(found.as_ref(), expected, "{name}");
+        }
+    };
+    let (succeeded, cancelled) = (add().await, add().await);
+    keeps(succeeded, &upload).await;
+    let (ticket, _) = claim(store).await;
+    store.release(ticket, Release::Free).await.expect("released");
+    let (ticket, _) = claim(store).await;
+    keeps(succeeded, &upload).await;
+    let stale = Ticket { attempt: 1, ..ticket };
+    let progress = Progress { iterations: 3, ..Progress::default() };
+    let rest = Some((vec![What::Iteration("{}".to_owned())], progress));
+    let summary = Summary { is_small: true, ..SUMMARY };
+    let ending = Ending { end: End::Succeeded(summary.clone()), rest, result: result.to_vec() };
+    assert_eq!(store.end(stale, ending.clone()).await.expect_err("stale").kind, Kind::Conflict);
+    keeps(succeeded, &upload).await;
+    store.end(ticket, ending).await.expect("ended");
+    keeps(succeeded, &result).await;
+    let job = get(store, succeeded).await;
+    assert_eq!((job.state, job.summary, job.progress), (State::Succeeded, Some(summary), progress));
+    let all = events(store, succeeded, 0, 9).await;
+    assert_eq!(all.iter().map(|event| event.seq).collect::<Vec<_>>(), [1, 2, 3, 4, 5, 6]);
+    assert_eq!(all[4].what, What::Iteration("{}".to_owned()));
+    assert_eq!(all[5].what, What::End(State::Succeeded, None));
+    store.cancel(cancelled).await.expect("asked");
+    keeps(cancelled, &[]).await;
+    keeps(succeeded, &result).await;
+    store.delete(succeeded).await.expect("deleted");
+    keeps(succeeded, &[]).await;
+}
+
+pub(super) async fn unknown_jobs_are_unknown_everywhere(store: &dyn JobStore) {
+    let id = JobId::random();
+    assert_eq!(store.get(id).await.expect("readable"), None);
+    assert_eq!(store.cancel(id).await.expect("asked"), None);
+    assert_eq!(store.events(id, 0, 9).await.expect("readable"), None);
+    assert!(store.watch(id).await.expect("watchable").is_none());
+    let ticket = Ticket { job: id, attempt: 1 };
+    let finished = store.finish(ticket, End::Cancelled).await;
+    assert_eq!(finished.expect_err("unknown").kind, Kind::NotFound);
+}

@@ -1,0 +1,118 @@
+//! Which jobs are found: pages, tenants, ages, and ends that are to be told.
+
+use super::*;
+
+pub(super) async fn pages_hold_every_job_once(store: &dyn JobStore) {
+    let mut newest_first = Vec::new();
+    for _ in 0..7 {
+        newest_first.insert(0, create(store).await.id);
+    }
+    let mut query = ListQuery { limit: 3, ..ListQuery::default() };
+    let mut seen = Vec::new();
+    loop {
+        let page = store.list(&query).await.expect("listed");
+        seen.extend(page.jobs.iter().map(|job| job.id));
+        // What is added or deleted between pages moves nothing.
+        create(store).await;
+        let Some(next) = page.next else { break };
+        assert_eq!(page.jobs.len(), 3);
+        query.cursor = Some(next);
+    }
+    assert_eq!(seen, newest_first);
+
+    let (_, running) = claim(store).await;
+    let only =
+        store.list(&ListQuery { state: Some(State::Running), limit: 1, ..ListQuery::default() }).await.expect("listed");
+    assert_eq!(only.jobs, [running]);
+    assert_eq!(only.next, None);
+    let queued = store
+        .list(&ListQuery { state: Some(State::Queued), limit: 100, ..ListQuery::default() })
+        .await
+        .expect("listed");
+    assert_eq!(queued.jobs.len(), 9);
+    assert_eq!(queued.jobs[8].queue_position, Some(1));
+    assert_eq!(queued.jobs[0].queue_position, Some(9));
+}
+
+pub(super) async fn a_tenant_sees_only_its_own_jobs(store: &dyn JobStore) {
+    let mut mine = Vec::new();
+    for turn in 0..5 {
+        let tenant = ["mine", "Mine"][turn % 2].to_owned();
+        let job = add(store, JobId::random(), Spec { tenant, ..spec("x") }).await;
+        if turn % 2 == 0 {
+            mine.insert(0, job.id);
+        }
+    }
+    let (_, running) = claim(store).await;
+    assert_eq!(running.spec.tenant, "mine");
+    assert_eq!(store.queued_of("mine").await.expect("counted"), 2);
+    assert_eq!(store.queued_of("nobody").await.expect("counted"), 0);
+    let list = |state, cursor, limit| ListQuery { tenant: Some("mine".to_owned()), state, cursor, limit };
+    let first = store.list(&list(None, None, 2)).await.expect("listed");
+    let rest = store.list(&list(None, first.next, 2)).await.expect("listed");
+    assert_eq!(first.jobs.iter().chain(&rest.jobs).map(|job| job.id).collect::<Vec<_>>(), mine);
+    assert_eq!(rest.next, None, "what others have is no next page");
+    let queued = store.list(&list(Some(State::Queued), None, 9)).await.expect("listed");
+    assert_eq!(queued.jobs.iter().map(|job| job.id).collect::<Vec<_>>(), mine[..2]);
+    let nobody = ListQuery { tenant: Some("nobody".to_owned()), limit: 9, ..ListQuery::default() };
+    assert_eq!(store.list(&nobody).await.expect("listed"), Page::default());
+}
+
+pub(super) async fn a_foreign_cursor_is_refused(store: &dyn JobStore) {
+    for cursor in ["", "7", "%%", "AAAA", "ü"] {
+        let query = ListQuery { cursor: Some(cursor.to_owned()), limit: 5, ..ListQuery::default() };
+        let refused = store.list(&query).await.expect_err(cursor);
+        assert_eq!(refused.kind, Kind::InvalidParameter, "{cursor}");
+    }
+}
+
+pub(super) async fn ended_jobs_are_found_by_their_age(store: &dyn JobStore) {
+    let mut ended = Vec::new();
+    for _ in 0..3 {
+        create(store).await;
+        let (ticket, _) = claim(store).await;
+        store.finish(ticket, End::Cancelled).await.expect("finished");
+        ended.push(ticket.job);
+    }
+    create(store).await;
+    let later = SystemTime::now() + LEASE;
+    let all = store.ended_before(later, 99).await.expect("readable");
+    assert_eq!(all.len(), 3);
+    assert!(ended.iter().all(|id| all.contains(id)));
+    assert_eq!(store.ended_before(later, 2).await.expect("readable"), all[..2]);
+    assert_eq!(store.ended_before(SystemTime::now() - LEASE, 9).await, Ok(vec![]));
+    store.delete(all[0]).await.expect("deleted");
+    assert_eq!(store.ended_before(later, 99).await.expect("readable"), all[1..]);
+}
+
+pub(super) async fn every_end_with_a_webhook_is_untold_until_settled(store: &dyn JobStore) {
+    let mut endings = store.endings();
+    assert!(endings.has_changed().expect("still there"), "the teller looks before it waits");
+    endings.borrow_and_update();
+    let hooked = || Spec { webhook: Some("https://a.example/x?y=1".to_owned()), ..spec("x") };
+    let mut ids = Vec::new();
+    for _ in 0..4 {
+        ids.push(add(store, JobId::random(), hooked()).await.id);
+    }
+    let silent = create(store).await.id;
+    assert_eq!(store.untold().await.expect("readable"), []);
+    store.cancel(ids[3]).await.expect("asked");
+    assert!(endings.has_changed().expect("still there"));
+    let mut ended = vec![ids[3]];
+    for end in [End::Succeeded(SUMMARY), End::Failed(Error::new(Kind::InvalidMesh, "x")), End::Cancelled] {
+        let (ticket, _) = claim(store).await;
+        endings.borrow_and_update();
+        store.finish(ticket, end).await.expect("finished");
+        assert!(endings.has_changed().expect("still there"));
+        ended.push(ticket.job);
+    }
+    let (ticket, _) = claim(store).await;
+    assert_eq!(ticket.job, silent);
+    store.finish(ticket, End::Cancelled).await.expect("finished");
+    assert_eq!(store.untold().await.expect("readable"), ended, "without a webhook there is nobody to tell");
+    store.settle_webhook(ended[1]).await.expect("settled");
+    store.settle_webhook(ended[1]).await.expect("settled again");
+    store.settle_webhook(JobId::random()).await.expect("nothing");
+    store.delete(ended[0]).await.expect("deleted");
+    assert_eq!(store.untold().await.expect("readable"), ended[2..]);
+}

@@ -1,0 +1,119 @@
+//! What every store must do: one suite, run on each.
+
+use std::sync::Arc;
+use std::time::{Duration, SystemTime};
+
+use async_trait::async_trait;
+
+use super::{
+    Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob, Page, Progress,
+    Release, Rules, SMALL_BLOBS, SmallBlob, Spec, State, Summary, Ticket, What,
+};
+use crate::error::{Error, Kind};
+use crate::mesh::Format;
+use crate::parameters::Parameters;
+use crate::report::Phase;
+
+mod at_once;
+mod attempts;
+mod life;
+mod lists;
+
+/// What is tested.
+#[async_trait]
+pub(in crate::service) trait Subject: Sync {
+    /// An empty store.
+    async fn empty(&self, rules: Rules) -> Box<dyn JobStore>;
+
+    /// What the last store that [`empty`](Self::empty) made has on disk right now, opened as after a crash; none when a
+    /// crash leaves nothing.
+    async fn after_crash(&self, _rules: Rules) -> Option<Box<dyn JobStore>> {
+        None
+    }
+}
+
+/// Runs the whole suite.
+pub(in crate::service) async fn run(subject: &dyn Subject) {
+    let make = async |max_queued| subject.empty(Rules { max_queued, ..RULES }).await;
+    life::a_new_job_is_as_it_was_created(make(9).await.as_ref()).await;
+    life::jobs_are_claimed_in_order_and_once(make(9).await.as_ref()).await;
+    life::a_full_queue_refuses_until_a_job_starts(make(2).await.as_ref()).await;
+    life::events_are_numbered_and_read_from_anywhere(make(9).await.as_ref()).await;
+    life::every_end_is_told(make(9).await.as_ref()).await;
+    life::a_ticket_that_is_over_writes_nothing(make(9).await.as_ref()).await;
+    life::a_queued_job_is_cancelled_at_once(make(9).await.as_ref()).await;
+    life::a_running_job_is_asked_to_end(make(9).await.as_ref()).await;
+    life::an_ended_job_cannot_be_cancelled_and_can_be_deleted(make(9).await.as_ref()).await;
+    life::small_blobs_of_the_upload_stay_until_the_end_and_those_of_the_result_from_then_on(make(9).await.as_ref())
+        .await;
+    life::unknown_jobs_are_unknown_everywhere(make(9).await.as_ref()).await;
+    lists::pages_hold_every_job_once(make(99).await.as_ref()).await;
+    lists::a_tenant_sees_only_its_own_jobs(make(99).await.as_ref()).await;
+    lists::every_end_with_a_webhook_is_untold_until_settled(make(99).await.as_ref()).await;
+    lists::a_foreign_cursor_is_refused(make(9).await.as_ref()).await;
+    at_once::arrivals_wake_a_worker(Arc::from(make(9).await)).await;
+    at_once::many_at_once_lose_nothing(Arc::from(make(1000).await)).await;
+    at_once::a_key_stands_for_one_request(make(9).await.as_ref()).await;
+    at_once::the_same_key_at_once_gives_one_job(Arc::from(make(1000).await)).await;
+    attempts::a_released_job_runs_again_in_its_place(make(9).await.as_ref()).await;
+    attempts::a_job_that_fails_too_often_is_given_up(make(9).await.as_ref()).await;
+    attempts::a_lease_that_is_over_is_reclaimed(make(9).await.as_ref()).await;
+    attempts::a_released_job_that_was_to_end_ends(make(9).await.as_ref()).await;
+    lists::ended_jobs_are_found_by_their_age(make(9).await.as_ref()).await;
+    attempts::a_crash_loses_nothing(subject).await;
+}
+
+const RULES: Rules = Rules { max_queued: 9, max_attempts: 3 };
+
+/// Long enough that no lease ends by itself.
+const LEASE: Duration = Duration::from_secs(3600);
+
+fn spec(name: &str) -> Spec {
+    Spec {
+        tenant: "größe & co".to_owned(),
+        trace_parent: Some("00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01".to_owned()),
+        webhook: None,
+        parameters: Parameters { clusters: Some(7), seed: u64::MAX, ..Parameters::default() },
+        file_name: Some(name.to_owned()),
+        format: Format::Gltf,
+        bytes: 1 << 40,
+        buffers: vec!["a b.bin".to_owned(), "ü/β.bin".to_owned()],
+        listed_seeds: true,
+        has_weights: true,
+        is_small: false,
+    }
+}
+
+async fn create(store: &dyn JobStore) -> Job {
+    add(store, JobId::random(), spec("mesh.gltf")).await
+}
+
+async fn add(store: &dyn JobStore, id: JobId, spec: Spec) -> Job {
+    match store.create(NewJob { id, spec, idempotency: None, upload: Vec::new() }).await.expect("created") {
+        Created::New(job) => job,
+        Created::Known(job) => panic!("no key was given: {job:?}"),
+    }
+}
+
+async fn claim(store: &dyn JobStore) -> (Ticket, Job) {
+    store.claim(1, LEASE).await.expect("claimable").pop().expect("a job")
+}
+
+async fn get(store: &dyn JobStore, id: JobId) -> Job {
+    store.get(id).await.expect("readable").expect("a job")
+}
+
+async fn events(store: &dyn JobStore, id: JobId, after: u64, limit: usize) -> Vec<Event> {
+    store.events(id, after, limit).await.expect("readable").expect("a job")
+}
+
+const SUMMARY: Summary = Summary { faces: 12, clusters: 7, has_labels: true, labels_sha256: None, is_small: false };
+
+fn with_key(tenant: &str, key: &str, request: &str) -> NewJob {
+    NewJob {
+        id: JobId::random(),
+        spec: Spec { tenant: tenant.to_owned(), ..spec("x") },
+        idempotency: Some(Idempotency { key: key.to_owned(), request: request.to_owned() }),
+        upload: Vec::new(),
+    }
+}
