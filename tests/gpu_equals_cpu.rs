@@ -8,10 +8,13 @@ use std::time::{Duration, Instant};
 
 use common::zoo;
 use gpu_support::{ALL, PLAIN, cluster_counts, device, run, seeds};
+use tesserae::cluster::coarse::CoarseStart;
 use tesserae::cluster::flat::Options;
+use tesserae::cluster::quality::Quality;
 use tesserae::cluster::run::Row;
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::gpu::GpuDevice;
+use tesserae::device::{Cancel, Device};
 use tesserae::mesh::{self, Format, Limits, NoResources};
 use tesserae::parameters::Seeds;
 use tesserae::sample::{Sample, generate};
@@ -133,6 +136,23 @@ fn real_meshes_are_clustered_alike() {
                 compare(&mut gpu, &path.display().to_string(), &surface, what, ALL);
             }
         }
+    }
+}
+
+#[test]
+fn coarse_starts_are_alike_whatever_the_quality() {
+    let mut gpu = device();
+    for (sample, faces, clusters) in [(Sample::Knot, 3000, 40), (Sample::Parts, 1200, 60)] {
+        let surface = Surface::build(&generate(sample, faces).expect("a sample")).expect("a surface");
+        let mut starts = Vec::new();
+        for quality in [Quality::Fast, Quality::Default, Quality::Best] {
+            let plan = CoarseStart::new(&surface, clusters, 7, quality.start()).expect("so many are possible");
+            let on = |device: &mut dyn Device| plan.labels(&surface, device, &Cancel::default()).expect("it runs");
+            let start = on(&mut CpuDevice::new());
+            assert_eq!(on(&mut gpu), start, "{} {quality:?}", sample.name());
+            starts.push(start.labels);
+        }
+        assert!(starts[0] != starts[1] && starts[1] != starts[2], "the presets differ");
     }
 }
 

@@ -146,7 +146,7 @@ mod tests {
     use crate::cluster::dual_edge::Ties;
     use crate::cluster::repair;
     use crate::cluster::seeds;
-    use crate::device::{Cancel, Device, MergeSteps, Steps, cpu::CpuDevice};
+    use crate::device::{Cancel, Device, cpu::CpuDevice};
     use crate::sample::{Sample, generate};
     use crate::surface::Surface;
 
