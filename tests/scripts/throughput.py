@@ -70,7 +70,6 @@ def main():
         mesh = mesh.read_bytes()
         measure("in memory", mesh)
         measure("durable", mesh, "--data-dir", f"{folder}/data")
-        measure("durable, 16 meshes in memory", mesh, "--data-dir", f"{folder}/more", "--meshes-in-memory", "16")
 
 
 if __name__ == "__main__":
