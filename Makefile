@@ -70,9 +70,24 @@ fuzz-parsers:  ## fuzz every parser, FUZZ_SECONDS (60) each; needs `cargo instal
 	fuzz/run.sh $(or $(FUZZ_SECONDS),60)
 
 .PHONY: bench
-bench:  ## measure the stages before the clustering (FILTER=topology: a part of them)
+bench: bench-stages bench-peers  ## measure the stages, and everything beside pyacvd, higra and scikit-learn
+
+.PHONY: bench-stages
+bench-stages:  ## measure the stages before the clustering (FILTER=topology: a part of them)
 	@deploy/install-missing.sh build
 	cargo bench --locked --bench stages -- $(FILTER)
+
+.PHONY: bench-peers
+bench-peers: $(TARGET)/bench-venv/ready  ## the same work by us and by peers, in turns: target/bench/peers.md and .json
+	@deploy/install-missing.sh build
+	cargo build --release --locked
+	$(TARGET)/bench-venv/bin/python benches/peers.py $(TARGET)/release/tesserae $(TARGET)/bench $(TESSERAE_TEST_MESHES)
+
+$(TARGET)/bench-venv/ready: benches/requirements.txt | install-test
+	@echo "installing into $(TARGET)/bench-venv: $$(grep -v '^#' $< | tr '\n' ' ')"
+	python3 -m venv $(TARGET)/bench-venv
+	$(TARGET)/bench-venv/bin/pip install --quiet --disable-pip-version-check -r $<
+	touch $@
 
 .PHONY: readme
 readme: debug-binary $(VENV)/ready  ## write settings and output of the commands into the README, after a change of labels

@@ -86,8 +86,8 @@ pub struct Parameters {
     #[arg(long, value_enum, default_value_t)]
     pub optimize: Optimize,
 
-    /// Hierarchies: at most this many iterations of optimisation a round, except at levels and at the end; when left out, 4 in
-    /// parallel rounds (2 with quality fast, 16 with best) and as many as it takes in those of ml
+    /// Hierarchies: at most this many iterations of optimisation a round, except at levels and at the end; when left out, 2 in
+    /// parallel rounds (1 with quality fast, 16 with best) and as many as it takes in those of ml
     #[arg(long, value_name = "N")]
     #[schema(minimum = 1)]
     pub optimize_iterations: Option<u32>,

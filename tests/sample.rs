@@ -73,6 +73,7 @@ fn areas(mesh: &PolygonMesh) -> Vec<f64> {
 fn closed_shapes_are_manifolds_of_the_right_genus_wound_outwards() {
     for (sample, characteristic) in [
         (Sample::Sphere, 2),
+        (Sample::Icosphere, 2),
         (Sample::Torus, 0),
         (Sample::Knot, 0),
         (Sample::Parts, 9 * 2),
@@ -123,6 +124,7 @@ fn the_number_of_faces_is_close_to_the_request() {
         }
     }
     assert_eq!(made(Sample::Sphere, 1001).faces.len(), 1002);
+    assert_eq!(made(Sample::Icosphere, 1200).faces.len(), 1280);
     assert_eq!(made(Sample::Strip, 1001).faces.len(), 1001);
     assert_eq!(made(Sample::Cube, 1200).faces.len(), 1200);
 }
@@ -264,8 +266,9 @@ fn samples_are_the_same_on_every_machine() {
 }
 
 /// SHA-256 of the OBJ followed by the GLB of every sample at 2,000 faces.
-const PINNED: [(&str, &str); 9] = [
+const PINNED: [(&str, &str); 10] = [
     ("sphere", "e1fdf902aa1eb2b1e15930db5c970d0456d3362035a9e3305f41c0c5e5f3e915"),
+    ("icosphere", ""),
     ("torus", "038bd55f0c348052dcc763012a6f04801faf4fbdf26bac3feed3e8695367aac7"),
     ("knot", "1cf57eea5fb8c5f9d1d1eb07aa8e46291bc8c8278c866147fc70b49ebdf59247"),
     ("terrain", "66481e457051df50d6a0ad822d0a8a85150a8c18abf760e992856fe4c026b5bc"),

@@ -83,8 +83,8 @@ impl Quality {
     /// Iterations of optimisation in a parallel round of a hierarchy between stops, unless another number is asked for.
     pub fn iterations_a_round(self) -> u32 {
         match self {
-            Quality::Fast => 2,
-            Quality::Default => 4,
+            Quality::Fast => 1,
+            Quality::Default => 2,
             Quality::Best => 16,
         }
     }

@@ -6,6 +6,7 @@
 
 mod boxes;
 mod flat;
+mod icosphere;
 mod knot;
 mod parts;
 mod patch;
@@ -22,11 +23,13 @@ use crate::mesh::{Faces, Format, Part, PolygonMesh};
 /// The largest number of faces that a sample is made with; what a mesh may have by default.
 pub const MAX_FACES: u64 = 50_000_000;
 
-/// A shape. From some 1,500 faces on (200 for all but `cube`), the number of faces is within 10 % of the request.
+/// A shape. From some 1,500 faces on (200 for all but `cube` and `icosphere`), the number of faces is within 10 % of the request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Sample {
     /// Unit sphere of nearly equal triangles; closed; the number of faces, rounded up to even
     Sphere,
+    /// Unit sphere, the triangles of an icosahedron divided evenly; closed; the nearest 20·m² faces
+    Icosphere,
     /// Torus; closed, genus 1; 2·u·v faces
     Torus,
     /// Trefoil knot with bumps; closed, genus 1; 2·u·v faces
@@ -47,8 +50,9 @@ pub enum Sample {
 
 impl Sample {
     /// Every shape.
-    pub const ALL: [Sample; 9] = [
+    pub const ALL: [Sample; 10] = [
         Sample::Sphere,
+        Sample::Icosphere,
         Sample::Torus,
         Sample::Knot,
         Sample::Terrain,
@@ -63,6 +67,7 @@ impl Sample {
     pub fn name(self) -> &'static str {
         match self {
             Sample::Sphere => "sphere",
+            Sample::Icosphere => "icosphere",
             Sample::Torus => "torus",
             Sample::Knot => "knot",
             Sample::Terrain => "terrain",
@@ -78,6 +83,7 @@ impl Sample {
     pub fn fewest_faces(self) -> u64 {
         match self {
             Sample::Sphere => 6,
+            Sample::Icosphere => 20,
             Sample::Torus => 18,
             Sample::Knot => 72,
             Sample::Terrain | Sample::Plane => 2,
@@ -106,6 +112,7 @@ pub fn generate(sample: Sample, faces: u64) -> Result<PolygonMesh> {
     }
     Ok(match sample {
         Sample::Sphere => whole(sample, sphere::sphere(faces)),
+        Sample::Icosphere => whole(sample, icosphere::icosphere(faces)),
         Sample::Torus => whole(sample, torus::torus(faces)),
         Sample::Knot => whole(sample, knot::knot(faces)),
         Sample::Terrain => whole(sample, terrain::terrain(faces)),

@@ -147,6 +147,33 @@ def check_command_line():
         check_result(f"command line, {mesh.name}", mesh, labels, report, clusters)
 
 
+def check_density_and_snapshots():
+    """Weights draw clusters, as many as the field says; labels that are kept have the energies of their iterations."""
+    mesh, clusters = sample("icosphere", 20_000), 300
+    vertices, corners, first = loaded = score.load(mesh)
+    upper = vertices[corners].reshape(-1, 3, 3)[:, :, 2].mean(1) > 0
+    weights = WORK / "weights.npy"
+    np.save(weights, np.where(upper, 16.0, 1.0))
+    report, labels = cluster(mesh, clusters, "--weights", weights)
+    assert report["energy"]["weighted_by"] == ["weights"], report["energy"]
+    labels = np.load(labels)
+    inside = [len(np.setdiff1d(labels[side], labels[~side])) for side in (upper, ~upper)]
+    # sixteen times the density: clusters of half the width, four to one
+    assert 3.3 < inside[0] / inside[1] < 4.7, inside
+    even, _ = cluster(mesh, clusters)
+    assert even["labels_sha256"] != report["labels_sha256"]
+
+    report, labels = cluster(mesh, clusters, "--snapshots", "0,3,5", "--quality", "best")
+    assert report["snapshots"] == [0, 3, 5], report["snapshots"]
+    for iteration in report["snapshots"]:
+        kept = np.load(labels.with_name(f"labels.iteration-{iteration}.npy"))
+        scored = score.score(loaded, kept)["energy"]
+        assert close(scored, report["iterations"][iteration]["energy"]), iteration
+    assert report["energy"]["final"] < even["energy"]["final"], "best is not lower"
+    assert report["energy"]["hexagon_ratio"] < 1.02, report["energy"]
+    print(f"  {inside[0]} clusters in the dense half of a sphere, {inside[1]} in the other", flush=True)
+
+
 def check_hierarchies():
     """Cuts scored, and the linkage matrices of nested trees as scipy sees them."""
     meshes = [(real("stanford-bunny.obj", lambda: sample("knot", 70_000)), [2000, 1000]), (sample("quads", 6_000), [300, 77])]
@@ -260,6 +287,6 @@ def describe(mesh):
 
 
 if __name__ == "__main__":
-    for check in (check_command_line, check_service, check_hierarchies, check_energies, check_cpu_against_gpu):
+    for check in (check_command_line, check_density_and_snapshots, check_service, check_hierarchies, check_energies, check_cpu_against_gpu):
         print(check.__name__.replace("_", " "), flush=True)
         check()

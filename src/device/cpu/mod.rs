@@ -196,11 +196,14 @@ impl<'a> CpuSteps<'a> {
         }
     }
 
-    /// What all faces that are due want by the boundary test; None when nothing moves.
-    fn boundary_moves(&mut self) -> Option<Vec<Move>> {
+    /// What all faces that are due want by the boundary test; None when nothing moves. For a phase of so many iterations.
+    fn boundary_moves(&mut self, iterations: u32) -> Option<Vec<Move>> {
         let changed = self.clusters.take_changes(Reader::Boundary);
         let Self { graph, labels, clusters, frontier, boundary_watch, leaving, .. } = self;
-        let watch = waken(boundary_watch, &changed, graph, labels, clusters, frontier.as_ref()?);
+        let frontier = frontier.as_ref()?;
+        let watch =
+            boundary_watch.get_or_insert_with(|| Watch::new(frontier, graph.faces(), clusters.len(), iterations));
+        watch.wake(graph, labels, frontier, &changed, clusters);
         let moves = boundary::moves(graph, labels, clusters, watch, leaving);
         (!moves.is_empty()).then_some(moves)
     }
@@ -211,10 +214,10 @@ impl<'a> CpuSteps<'a> {
         let Self { graph, labels, clusters, frontier: Some(frontier), refinement_watch, bids, .. } = self else {
             return false;
         };
-        if let Some(watch) = refinement_watch {
-            waiting.into_iter().for_each(|face| watch.add(face));
-        }
-        let watch = waken(refinement_watch, &changed, graph, labels, clusters, frontier);
+        let watch =
+            refinement_watch.get_or_insert_with(|| Watch::new(frontier, graph.faces(), clusters.len(), u32::MAX));
+        waiting.into_iter().for_each(|face| watch.add(face));
+        watch.wake(graph, labels, frontier, &changed, clusters);
         bids.renew(graph, labels, clusters, watch);
         !bids.is_empty()
     }
@@ -235,27 +238,6 @@ impl<'a> CpuSteps<'a> {
         self.walk += 1;
         self.walk
     }
-}
-
-/// The watch of a phase, with the faces due that can have changed their minds since it was last asked: the first time, all on
-/// boundaries. Their labels are up to date, and those around them.
-fn waken<'w>(
-    watch: &'w mut Option<Watch>,
-    changed: &[u32],
-    graph: &DualGraph,
-    labels: &mut Labels,
-    clusters: &Clusters,
-    frontier: &Frontier,
-) -> &'w mut Watch {
-    let watch = watch.get_or_insert_with(|| {
-        let mut watch = Watch::new(graph.faces(), clusters.len());
-        frontier.all().for_each(|face| watch.add(face));
-        watch
-    });
-    watch.wake(changed, clusters);
-    // one that rests no longer need be on a boundary, where labels are kept up to date
-    labels.refresh_around(graph, watch.due());
-    watch
 }
 
 impl Steps for CpuSteps<'_> {
@@ -297,7 +279,8 @@ impl Steps for CpuSteps<'_> {
     ) -> Result<Ending> {
         // a boundary phase remembers nothing that it could go on without
         self.resumed = false;
-        self.optimise(max_iterations, cancel, on_iteration, Self::boundary_moves)
+        self.boundary_watch.take_if(|watch| !watch.suits(max_iterations));
+        self.optimise(max_iterations, cancel, on_iteration, |steps| steps.boundary_moves(max_iterations))
     }
 
     fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending> {

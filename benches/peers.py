@@ -1,0 +1,295 @@
+"""Tesserae beside the peers that install from a package index, in alternation, in one run.
+
+    python peers.py BINARY OUT_DIR [MESH_DIR]       writes OUT_DIR/peers.md and OUT_DIR/peers.json
+
+Times are minima over the runs, in milliseconds, from positions and indices in memory to labels in memory: for tesserae the
+stages `topology`, `upload`, `cluster` and `download` of the report; for pyacvd the making of its clustering object and
+`cluster`; for higra and scikit-learn the call alone, without the graph of the faces. Whole processes are timed from outside.
+Energies are of face labels, scored by tests/scripts/score.py; pyacvd labels vertices, and a face takes the label that most of
+its corners have (of three different ones the first).
+
+The real meshes are used where MESH_DIR has them; samples of tesserae otherwise.
+"""
+
+import datetime
+import http.client
+import json
+import os
+import pathlib
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent / "tests" / "scripts"))
+
+import higra
+import numpy as np
+import pyacvd
+import pyvista
+import score
+from linkage import dual_edges
+from service import Service
+from sklearn.cluster import AgglomerativeClustering
+
+BINARY = pathlib.Path(sys.argv[1]).resolve()
+OUT = pathlib.Path(sys.argv[2])
+MESHES = pathlib.Path(sys.argv[3]) if len(sys.argv) > 3 else None
+FOLDER = pathlib.Path(tempfile.mkdtemp(prefix="tesserae-bench-"))
+RUNS = int(os.environ.get("RUNS", 7))
+
+
+LAUNCH = """
+import os, resource, sys, time
+started = time.perf_counter()
+status = os.spawnv(os.P_WAIT, sys.argv[1], sys.argv[1:])
+took = time.perf_counter() - started
+print(took * 1e3, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024)
+sys.exit(status)
+"""
+
+
+def real(name, shape, faces):
+    """A real mesh, or a sample where there is none."""
+    if MESHES and (MESHES / name).exists():
+        return MESHES / name
+    path = FOLDER / f"{shape}-{faces}.glb"
+    subprocess.run([BINARY, "sample", shape, "--faces", str(faces), path], check=True, stderr=subprocess.DEVNULL)
+    return path
+
+
+def subdivided(path, times):
+    """The mesh with every triangle in four, so many times."""
+    vertices, corners, _ = score.load(path)
+    faces = corners.reshape(-1, 3)
+    for _ in range(times):
+        edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+        ends, middle = np.unique(edges, axis=0, return_inverse=True)
+        a, b, c = middle.reshape(3, -1) + len(vertices)
+        vertices = np.concatenate([vertices, (vertices[ends[:, 0]] + vertices[ends[:, 1]]) / 2])
+        p, q, r = faces.T
+        faces = np.concatenate([np.stack(s, 1) for s in [(p, a, c), (a, q, b), (c, b, r), (a, b, c)]])
+    out = FOLDER / f"{path.stem}-{len(faces)}.obj"
+    with open(out, "w") as file:
+        np.savetxt(file, vertices, "v %.9g %.9g %.9g")
+        np.savetxt(file, faces + 1, "f %d %d %d")
+    return out
+
+
+def tesserae(path, clusters, *arguments):
+    """One run: milliseconds from memory to memory, milliseconds of the whole process, labels, report, peak in bytes."""
+    labels, report = FOLDER / "labels.npy", FOLDER / "report.json"
+    k = ["--clusters", str(clusters)] if clusters else []
+    out = ["--labels", labels] if clusters else []
+    command = [BINARY, "cluster", path, *k, *out, "--report", report, "--device", "cpu", *arguments]
+    # from a small process: one inherits the peak of the process that it is forked from
+    told = subprocess.run([sys.executable, "-S", "-c", LAUNCH, *map(str, command)], check=True, capture_output=True, text=True)
+    whole, peak = map(float, told.stdout.split())
+    report = json.loads(report.read_text())
+    stages = report["timings_ms"]
+    inner = sum(stages[name] for name in ("topology", "upload", "cluster", "download"))
+    return inner, whole, np.load(labels) if clusters else None, report, peak
+
+
+def faces_of(vertex_labels, faces):
+    a, b, c = vertex_labels[faces].T
+    labels = np.where(b == c, b, a)
+    return np.unique(labels, return_inverse=True)[1]
+
+
+class Mesh:
+    """A mesh as the peers want it."""
+
+    def __init__(self, path):
+        self.path = path
+        self.scored = score.load(path)
+        vertices, corners, first = self.scored
+        unique, weld = np.unique(vertices[corners] + 0.0, axis=0, return_inverse=True)
+        self.faces = weld.reshape(-1, 3)
+        quads = np.column_stack([np.full(len(self.faces), 3), self.faces]).ravel()
+        self.poly = pyvista.PolyData(unique, quads)
+
+    def pyacvd(self, clusters):
+        started = time.perf_counter()
+        clustering = pyacvd.Clustering(self.poly)
+        clustering.cluster(clusters)
+        return (time.perf_counter() - started) * 1e3, faces_of(np.asarray(clustering.clusters), self.faces)
+
+    def dual(self):
+        """Edges, centroids and areas of the faces."""
+        vertices, corners, first = self.scored
+        a, b, c = (vertices[corners.reshape(-1, 3)[:, i]] for i in range(3))
+        area = np.sqrt((np.cross(b - a, c - a) ** 2).sum(1)) / 2
+        return dual_edges(corners, first, vertices), (a + b + c) / 3, area
+
+    def higra(self):
+        pairs, centroid, area = self.dual()
+        graph = higra.UndirectedGraph(len(area))
+        graph.add_edges(pairs[:, 0], pairs[:, 1])
+        started = time.perf_counter()
+        tree, _ = higra.binary_partition_tree_ward_linkage(graph, centroid, area)
+        return (time.perf_counter() - started) * 1e3, tree
+
+    def higra_energy(self, tree, clusters):
+        parents, top = tree.parents(), np.arange(tree.num_vertices())
+        last = tree.num_vertices() - (clusters - 1)
+        for node in range(tree.num_vertices() - 1, -1, -1):
+            if parents[node] < last:
+                top[node] = top[parents[node]]
+        return score.score(self.scored, np.unique(top[: len(self.faces)], return_inverse=True)[1])["energy"]
+
+
+ROWS = []
+
+
+def row(work, mesh, peer, theirs, ours, energy=None, note=""):
+    """A row of the table: their time and ours, and our energy over theirs."""
+    ROWS.append({"work": work, "mesh": mesh, "peer": peer, "peer_ms": theirs, "tesserae_ms": ours,
+                 "time_ratio": ours / theirs if theirs else None, "energy_ratio": energy, "note": note})
+    ratio = f", {ours / theirs:.2f} of its time" if theirs else ""
+    energy = f", {energy:.4f} of its energy" if energy else ""
+    beside = f"{peer} {theirs:.1f} ms, " if theirs else ""
+    print(f"{work}, {mesh}: {beside}tesserae {ours:.1f} ms{ratio}{energy} {note}", flush=True)
+
+
+def flat(mesh, name, clusters):
+    """pyacvd beside the three presets and our own ACVD."""
+    presets = {"fast": [], "default": [], "best": []}
+    theirs, labels, acvd = [], None, []
+    runs = RUNS if len(mesh.faces) < 500_000 else max(2, RUNS // 3)
+    for _ in range(runs):
+        ms, labels = mesh.pyacvd(clusters)
+        theirs.append(ms)
+        for quality, times in presets.items():
+            if quality == "best" and len(times) == 2:
+                continue
+            times.append(tesserae(mesh.path, clusters, "--quality", quality))
+        if len(acvd) < 2:
+            acvd.append(tesserae(mesh.path, clusters, "--algorithm", "acvd"))
+    theirs_energy = score.score(mesh.scored, labels)["energy"]
+    acvd_energy = score.score(mesh.scored, acvd[0][2])["energy"]
+    for quality, times in presets.items():
+        scored = score.score(mesh.scored, times[0][2])
+        assert scored["clusters"] == clusters and scored["disconnected_clusters"] == 0, scored
+        ours = min(time[0] for time in times)
+        row(f"flat, {quality}", f"{name} {clusters}", "pyacvd", min(theirs), ours, scored["energy"] / theirs_energy)
+        row(f"flat, {quality}", f"{name} {clusters}", "own acvd", min(run[0] for run in acvd), ours,
+            scored["energy"] / acvd_energy)
+
+
+def hierarchies(mesh, name, clusters):
+    """higra's and scikit-learn's Ward beside trees without and with optimisation."""
+    runs = 3 if len(mesh.faces) < 500_000 else 1
+    theirs, nested, full = [], [], []
+    for _ in range(runs):
+        ms, tree = mesh.higra()
+        theirs.append(ms)
+        nested.append(tesserae(mesh.path, None, "--algorithm", "pml", "--optimize", "none"))
+        full.append(tesserae(mesh.path, None, "--algorithm", "pml", "--levels", str(clusters)))
+    energy = mesh.higra_energy(tree, clusters)
+    at = tesserae(mesh.path, clusters, "--algorithm", "pml", "--optimize", "none")[2]
+    level = next(level for level in full[0][3]["levels"] if level["clusters"] == clusters)["energy"]
+    row("whole hierarchy, no optimisation", name, "higra", min(theirs), min(run[0] for run in nested),
+        score.score(mesh.scored, at)["energy"] / energy, f"energies at {clusters}")
+    row("whole hierarchy, optimised", name, "higra", min(theirs), min(run[0] for run in full), level / energy,
+        f"energies at {clusters}")
+    if len(mesh.faces) < 200_000:
+        pairs, centroid, _ = mesh.dual()
+        from scipy.sparse import coo_matrix
+        graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(centroid),) * 2)
+        started = time.perf_counter()
+        AgglomerativeClustering(n_clusters=clusters, connectivity=graph + graph.T, compute_full_tree=True).fit(centroid)
+        row("whole hierarchy, no optimisation", name, "scikit-learn", (time.perf_counter() - started) * 1e3,
+            min(run[0] for run in nested))
+
+
+PYACVD_PROGRAM = """
+import sys, numpy, pyvista, pyacvd
+clustering = pyacvd.Clustering(pyvista.read(sys.argv[1]))
+clustering.cluster(int(sys.argv[2]))
+numpy.save(sys.argv[3], clustering.clusters)
+"""
+
+
+def whole_process(path, name, clusters):
+    theirs, ours = [], []
+    for _ in range(RUNS):
+        started = time.perf_counter()
+        subprocess.run([sys.executable, "-c", PYACVD_PROGRAM, path, str(clusters), FOLDER / "peer.npy"], check=True)
+        theirs.append((time.perf_counter() - started) * 1e3)
+        ours.append(tesserae(path, clusters)[1])
+    row("whole process, OBJ to labels", f"{name} {clusters}", "python + pyacvd", min(theirs), min(ours))
+
+
+def over_http(path, name, clusters):
+    """POST to labels in hand on loopback, `Prefer: wait`, one connection."""
+    body, times = path.read_bytes(), []
+    with Service(BINARY, "--device", "cpu") as service:
+        connection = http.client.HTTPConnection(service.url.removeprefix("http://"))
+        for _ in range(3 * RUNS):
+            started = time.perf_counter()
+            connection.request("POST", f"/v1/jobs?clusters={clusters}", body,
+                               {"Content-Type": "model/gltf-binary", "Prefer": "wait=30"})
+            job = json.loads(connection.getresponse().read())
+            connection.request("GET", f"/v1/jobs/{job['id']}/labels", headers={"Accept": "application/octet-stream"})
+            assert len(connection.getresponse().read()) % 4 == 0
+            times.append((time.perf_counter() - started) * 1e3)
+    row("POST to labels over HTTP, p50", f"{name} {clusters}", "–", None, statistics.median(times))
+
+
+def memory_and_growth():
+    """Peak memory and time a face as meshes grow, clusters in proportion."""
+    base = None
+    for faces in (100_000, 1_000_000, *([10_000_000] if os.environ.get("LARGE") else [])):
+        path = FOLDER / f"sphere-{faces}.glb"
+        subprocess.run([BINARY, "sample", "sphere", "--faces", str(faces), path], check=True, stderr=subprocess.DEVNULL)
+        runs = [tesserae(path, faces // 100) for _ in range(2)]
+        ns = min(run[0] for run in runs) * 1e6 / faces
+        base = base or ns
+        row("growth, sphere", f"{faces:,} faces, {faces // 100:,} clusters", "–", None, min(run[0] for run in runs),
+            note=f"{ns:.0f} ns a face ({ns / base:.2f} of the smallest), peak {runs[0][4] / faces:.0f} bytes a face")
+        path.unlink()
+
+
+def machine():
+    cpu = next((line.split(":")[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")), "")
+    versions = {module: __import__("importlib.metadata").metadata.version(module)
+                for module in ("pyacvd", "higra", "scikit-learn", "numpy")}
+    version = subprocess.run([BINARY, "--version"], capture_output=True, text=True, check=True).stdout.strip()
+    return {"date": datetime.date.today().isoformat(), "cpu": cpu, "cores": os.cpu_count(), "system": platform.platform(),
+            "load_before": os.getloadavg()[0], "tesserae": version, "peers": versions, "runs": RUNS}
+
+
+def main():
+    OUT.mkdir(parents=True, exist_ok=True)
+    described = machine()
+    bunny = real("stanford-bunny.obj", "knot", 69_000)
+    igea = real("igea.glb", "terrain", 268_000)
+    large = subdivided(bunny, 2) if bunny.suffix == ".obj" else real("", "knot", 1_100_000)
+    for path, name, clusters in [(bunny, bunny.stem, 1000), (igea, igea.stem, 5000), (large, large.stem, 10000)]:
+        mesh = Mesh(path)
+        flat(mesh, name, clusters)
+        if name != igea.stem:
+            hierarchies(mesh, name, clusters)
+    if bunny.suffix == ".obj":
+        whole_process(bunny, bunny.stem, 1000)
+    glb = real("stanford-bunny.glb", "knot", 69_000)
+    over_http(glb, glb.stem, 1000)
+    memory_and_growth()
+
+    (OUT / "peers.json").write_text(json.dumps({"machine": described, "rows": ROWS}, indent=1) + "\n")
+    table = ["| work | mesh | peer | peer ms | tesserae ms | of its time | of its energy | |", "|---|---|---|--:|--:|--:|--:|---|"]
+    show = lambda value, form: format(value, form) if value else ""
+    for r in ROWS:
+        table.append(f"| {r['work']} | {r['mesh']} | {r['peer']} | {show(r['peer_ms'], '.1f')} | {r['tesserae_ms']:.1f} "
+                     f"| {show(r['time_ratio'], '.2f')} | {show(r['energy_ratio'], '.4f')} | {r['note']} |")
+    facts = [f"{key}: {value}" for key, value in described.items()]
+    (OUT / "peers.md").write_text("# Tesserae beside its peers\n\n" + "  \n".join(facts) + "\n\n" + __doc__.split("\n\n")[2]
+                                  + "\n\n" + "\n".join(table) + "\n")
+    print(f"written to {OUT / 'peers.md'}")
+
+
+main()
