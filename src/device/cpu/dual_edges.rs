@@ -51,7 +51,7 @@ fn for_each_neighbour(
     mut visit: impl FnMut(u32),
 ) {
     let mut last = cluster;
-    for face in frontier.boundary_of(labels, cluster) {
+    for face in frontier.boundary_of(cluster) {
         for &near in graph.neighbours_of(face) {
             let other = labels.near_boundary(near);
             if other != cluster && other != last {

@@ -33,13 +33,13 @@ impl Frontier {
 
     /// The boundary faces of all clusters, and maybe some more; some maybe twice.
     pub fn all(&self) -> impl Iterator<Item = u32> + '_ {
-        self.faces_of_cluster.iter().flatten().copied()
+        (0..self.faces_of_cluster.len() as u32).flat_map(|cluster| self.boundary_of(cluster))
     }
 
-    /// The boundary faces of a cluster, and maybe some more of its faces.
-    pub fn boundary_of<'a>(&'a self, labels: &'a Labels, cluster: u32) -> impl Iterator<Item = u32> + 'a {
+    /// The boundary faces of a cluster, and maybe some more of its faces; some maybe twice.
+    pub fn boundary_of(&self, cluster: u32) -> impl Iterator<Item = u32> + '_ {
         let faces = &self.faces_of_cluster[cluster as usize];
-        faces.iter().copied().filter(move |&face| labels.near_boundary(face) == cluster)
+        faces.iter().copied().filter(move |&face| self.listed_in[face as usize] == cluster)
     }
 
     /// Keeps the lists in step with a face that has moved; `labels` already say so.

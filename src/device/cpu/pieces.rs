@@ -21,7 +21,7 @@ pub fn cut_off(
     let mut pieces: Vec<Vec<u32>> = Vec::new();
     for &cluster in clusters {
         pieces.clear();
-        for start in frontier.boundary_of(labels, cluster) {
+        for start in frontier.boundary_of(cluster) {
             if walked[start as usize] != walk {
                 pieces.push(piece(graph, labels, cluster, start, walked, walk));
             }

@@ -140,7 +140,7 @@ impl Watch {
     /// and those beside them.
     fn add_all(&mut self, graph: &DualGraph, labels: &Labels, frontier: &Frontier, changed: &[u32]) {
         for &cluster in changed {
-            for face in frontier.boundary_of(labels, cluster) {
+            for face in frontier.boundary_of(cluster) {
                 self.add(face);
                 for &near in graph.neighbours_of(face) {
                     if labels.near_boundary(near) != cluster {
