@@ -87,7 +87,7 @@ def tesserae(path, clusters, *arguments):
     command = [BINARY, "cluster", path, *k, *out, "--report", report, "--device", "cpu", *arguments]
     # from a small process: one inherits the peak of the process that it is forked from
     told = subprocess.run([sys.executable, "-S", "-c", LAUNCH, *map(str, command)], check=True, capture_output=True, text=True)
-    whole, peak = map(float, told.stdout.split())
+    whole, peak = map(float, told.stdout.splitlines()[-1].split())
     report = json.loads(report.read_text())
     stages = report["timings_ms"]
     inner = sum(stages[name] for name in ("topology", "upload", "cluster", "download"))
