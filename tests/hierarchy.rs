@@ -224,8 +224,16 @@ fn energies_of_rounds_are_those_of_their_labels_and_a_level_has_converged() {
     let surface = Surface::build(&generate(Sample::Knot, 3000).expect("a sample")).expect("a surface");
     let component_of_cluster = surface.component_of_face();
     // rounds that are cut short leave bids that the next ones must not act upon unseen
-    for iterations in [1, 2, 4, 7, 30, u32::MAX] {
-        let options = Options { clusters: Some(60), iterations_a_round: [iterations; 2], ..pml() };
+    for (iterations, sequential_at) in [1, 2, 4, 7, 30, u32::MAX].into_iter().flat_map(|n| [(n, 0), (n, u64::MAX)]) {
+        // rounds of several merges one after the other, too
+        let collapse_fraction = (sequential_at > 0).then_some(50.0);
+        let options = Options {
+            clusters: Some(60),
+            iterations_a_round: [iterations; 2],
+            sequential_at,
+            collapse_fraction,
+            ..pml()
+        };
         let Outcome { labels, rounds, .. } = run(&surface, &options);
         let last = rounds.last().expect("there are rounds");
         assert_eq!(last.clusters, 60);

@@ -87,6 +87,9 @@ const TELEPORTS_OF: usize = 20;
 /// Rounds of teleports at most.
 const MOST_TELEPORT_ROUNDS: u64 = 12;
 
+/// Starts have no more faces of the coarsest graph together than this, or than the mesh has; one there is in any case.
+const FACES_IN_STARTS: u64 = 20_000;
+
 /// Starts at most.
 const MOST_STARTS: u64 = 16;
 
@@ -99,6 +102,7 @@ pub struct CoarseStart {
     seeds: Vec<SeedFaces>,
     /// How many clusters each component has in the end.
     shares: Vec<usize>,
+    teleport_rounds: u64,
     effort: Effort,
 }
 
@@ -146,10 +150,18 @@ impl CoarseStart {
             .zip(&coarsest.components)
             .map(|(&share, component)| (share + share * effort.surplus_percent / 100).min(component.faces as usize))
             .collect();
-        let starts = (effort.clusters_in_starts / clusters).clamp(1, MOST_STARTS);
-        let seeds = (0..starts).map(|start| seeds::stratified(coarsest, &too_many, seed.wrapping_add(start << 32)));
+        let affordable = (surface.faces() as u64).max(FACES_IN_STARTS) / coarsest.faces() as u64;
+        let repeats = (effort.clusters_in_starts / clusters).min(MOST_STARTS).min(affordable);
+        let seeds =
+            (0..repeats.max(1)).map(|start| seeds::stratified(coarsest, &too_many, seed.wrapping_add(start << 32)));
         let seeds = seeds.collect();
-        Ok(Self { levels, seeds, shares, effort })
+        Ok(Self {
+            levels,
+            seeds,
+            shares,
+            teleport_rounds: (effort.teleport_rounds + repeats).min(MOST_TELEPORT_ROUNDS),
+            effort,
+        })
     }
 
     /// Carries it out.
@@ -236,10 +248,8 @@ impl CoarseStart {
         cancel: &Cancel,
     ) -> Result<(LatticeEnergy, Vec<u32>)> {
         let mut best = (steps.energy()?, steps.labels()?);
-        let clusters = self.shares.iter().sum::<usize>();
-        let mut most = clusters.div_ceil(TELEPORTS_OF);
-        let Effort { teleport_rounds, clusters_in_starts, .. } = self.effort;
-        for _ in 0..(teleport_rounds + clusters_in_starts / clusters as u64).min(MOST_TELEPORT_ROUNDS) {
+        let mut most = self.shares.iter().sum::<usize>().div_ceil(TELEPORTS_OF);
+        for _ in 0..self.teleport_rounds {
             let edges = steps.optimal_dual_edges(Ties::Hash)?;
             let Some(labels) = teleport::teleported(graph, &best.1, component_of_cluster, &edges, most) else {
                 break;

@@ -4,10 +4,16 @@
 //! merges two clusters that lose little by it and splits one that gains much, so that the number stays. Many are made at the
 //! same time, far from each other; what follows from them is optimised, and if the energy did not fall, all are taken back.
 
+use std::cmp::Reverse;
+use std::collections::VecDeque;
+
 use super::dual_edge::{End, mutual, packed_cost};
 use super::sums::{ClusterSums, squared_distance};
 use crate::device::DualEdge;
 use crate::surface::DualGraph;
+
+/// Splits that are looked at for a pair, so that many pairs do not look at many that are taken.
+const LOOKS: usize = 64;
 
 /// A cluster falls into two.
 struct Split {
@@ -32,10 +38,14 @@ pub fn teleported(
 ) -> Option<Vec<u32>> {
     let members = Members::of(labels, component_of_cluster.len());
     let shift = |cluster: u32| graph.components[component_of_cluster[cluster as usize] as usize].energy_shift;
-    let mut splits: Vec<Split> = (0..component_of_cluster.len() as u32)
-        .filter_map(|cluster| split(graph, members.faces_of(cluster), cluster, shift(cluster)))
-        .collect();
-    splits.sort_unstable_by_key(|split| (std::cmp::Reverse(split.gain), split.cluster));
+    let mut splits: Vec<VecDeque<Split>> = graph.components.iter().map(|_| VecDeque::new()).collect();
+    for cluster in 0..component_of_cluster.len() as u32 {
+        let split = split(graph, members.faces_of(cluster), cluster, shift(cluster));
+        splits[component_of_cluster[cluster as usize] as usize].extend(split);
+    }
+    for splits in &mut splits {
+        splits.make_contiguous().sort_unstable_by_key(|split| (Reverse(split.gain), split.cluster));
+    }
 
     let mut labels = labels.to_vec();
     let mut is_taken = vec![false; component_of_cluster.len()];
@@ -48,12 +58,12 @@ pub fn teleported(
         if is_taken[into as usize] || is_taken[from as usize] {
             continue;
         }
-        let component = component_of_cluster[into as usize];
-        let is_apart = |split: &&Split| {
-            let cluster = split.cluster as usize;
-            !is_taken[cluster] && component_of_cluster[cluster] == component && ![into, from].contains(&split.cluster)
-        };
-        let Some(split) = splits.iter().find(is_apart) else {
+        let splits = &mut splits[component_of_cluster[into as usize] as usize];
+        while splits.front().is_some_and(|split| is_taken[split.cluster as usize]) {
+            splits.pop_front();
+        }
+        let is_apart = |split: &&Split| !is_taken[split.cluster as usize] && ![into, from].contains(&split.cluster);
+        let Some(split) = splits.iter().take(LOOKS).find(is_apart) else {
             continue;
         };
         for cluster in [into, from, split.cluster] {
@@ -86,8 +96,7 @@ fn split(graph: &DualGraph, faces: &[u32], cluster: u32, energy_shift: u32) -> O
     let whole = sums_of(&mut faces.iter().copied());
     let centroid = |face: u32| graph.centroids[face as usize];
     let farthest_from = |from: [i32; 3]| {
-        let farthest =
-            faces.iter().max_by_key(|&&face| (squared_distance(centroid(face), from), std::cmp::Reverse(face)));
+        let farthest = faces.iter().max_by_key(|&&face| (squared_distance(centroid(face), from), Reverse(face)));
         farthest.map(|&face| centroid(face))
     };
     let first = farthest_from(whole.proxy()?)?;

@@ -41,7 +41,7 @@ pub fn moves(
     let kept_back = leaving.kept_back(&wanted, clusters);
     if !kept_back.is_empty() {
         wanted.retain(|leaver| kept_back.binary_search(&leaver.face).is_err());
-        kept_back.into_iter().for_each(|face| watch.add(face));
+        kept_back.into_iter().for_each(|face| watch.kept_back(face));
     }
     wanted
 }

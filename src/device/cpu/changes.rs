@@ -45,6 +45,14 @@ impl Changes {
         self.add(cluster, ALL);
     }
 
+    /// A cluster became part of another. Pieces that nobody has looked for yet go with it.
+    pub fn merged(&mut self, into: u32, from: u32) {
+        let pieces = 1 << Reader::Pieces as usize;
+        let unseen = self.is_unseen[from as usize] & pieces;
+        self.add(from, ALL & !pieces);
+        self.add(into, ALL & !pieces | unseen);
+    }
+
     fn add(&mut self, cluster: u32, readers: u8) {
         let seen_by = readers & !self.is_unseen[cluster as usize];
         if seen_by != 0 {

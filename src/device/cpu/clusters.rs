@@ -113,8 +113,7 @@ impl Clusters {
     pub fn merge(&mut self, into: u32, from: u32) {
         let from_sums = std::mem::take(&mut self.sums[from as usize]);
         self.sums[into as usize].add(&from_sums, 1);
-        self.changes.gained(from);
-        self.changes.gained(into);
+        self.changes.merged(into, from);
     }
 
     /// Fits the proxies of the clusters whose sums changed.

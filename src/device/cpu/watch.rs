@@ -30,7 +30,7 @@ struct Entry {
     look: u32,
 }
 
-/// Phases of fewer iterations do not let faces rest: entering them costs more than asking again.
+/// Boundary phases of fewer iterations do not let faces rest: entering them costs more than asking again.
 const FEW: u32 = 8;
 
 /// The faces that rest, and those that are due.
@@ -76,6 +76,14 @@ impl Watch {
         }
     }
 
+    /// A face was kept back by the last-face rule: its cluster has lost all others.
+    pub fn kept_back(&mut self, face: u32) {
+        // where nobody rests it is due with its cluster
+        if self.lets_rest {
+            self.add(face);
+        }
+    }
+
     /// A face has come to a cluster, as `labels` say: it must look again, and so must those beside it that see a cluster which
     /// they did not see before.
     pub fn moved(&mut self, graph: &DualGraph, labels: &Labels, face: u32) {
@@ -106,8 +114,8 @@ impl Watch {
         }
     }
 
-    /// Wakes the faces for which these clusters have drifted too far. The labels of all faces that are due are brought up to
-    /// date, and those around them.
+    /// Lets the faces be due that can have changed their minds because these clusters gained or lost a face. The labels of
+    /// all that are due are up to date then, and those around them.
     pub fn wake(
         &mut self,
         graph: &DualGraph,
@@ -116,10 +124,17 @@ impl Watch {
         changed: &[u32],
         clusters: &Clusters,
     ) {
-        if !self.lets_rest {
-            // faces on boundaries are up to date
-            return self.add_all(graph, labels, frontier, changed);
+        if self.lets_rest {
+            self.wake_drifted(changed, clusters);
+            // one that rests no longer need be on a boundary, where labels are kept up to date
+            labels.refresh_around(graph, &self.due);
+        } else {
+            self.add_all(graph, labels, frontier, changed);
         }
+    }
+
+    /// The faces are due for which these clusters have drifted too far.
+    fn wake_drifted(&mut self, changed: &[u32], clusters: &Clusters) {
         for &cluster in changed {
             let drift = clusters.drift(cluster);
             let mut entries = std::mem::take(&mut self.at_cluster[cluster as usize]);
@@ -132,8 +147,6 @@ impl Watch {
             });
             self.at_cluster[cluster as usize] = entries;
         }
-        // one that rests no longer need be on a boundary
-        labels.refresh_around(graph, &self.due);
     }
 
     /// All faces are due that can have changed their minds because these clusters gained or lost a face: their boundary faces

@@ -133,7 +133,10 @@ impl Access {
 
     /// Changes whenever the tokens may have.
     pub fn changes(&self) -> watch::Receiver<()> {
-        self.changes.subscribe()
+        let mut changes = self.changes.subscribe();
+        // what changed since the caller was let in is not missed
+        changes.mark_changed();
+        changes
     }
 
     /// Reads the file of tokens again whenever it changes, until `stop`. One that cannot be read changes nothing.
