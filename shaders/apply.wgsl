@@ -25,6 +25,7 @@ fn apply(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
                 let weight = weight_of(faces[face]);
                 add_to_cluster(own, -sum, -weight, -1i);
                 add_to_cluster(wish, sum, weight, 1i);
+                atomicStore(&clusters[own].whole, 0u);
                 labels[face] = wish;
                 atomicAdd(&moved, 1u);
             }

@@ -86,6 +86,7 @@ fn decide(own: u32) -> Wide {
         let then = atomicLoad(&clusters[into].count) + change.count;
         settle_cluster(own, sum_of(own) - change.sum, weight_in(own) - change.weight, left);
         settle_cluster(into, sum_of(into) + change.sum, weight_in(into) + change.weight, then);
+        atomicStore(&clusters[own].whole, 0u);
         atomicAdd(&moved, change.count);
     } else {
         verdict = REFUSED;

@@ -14,6 +14,8 @@ fn unite(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     let ending = entries[2u * pair];
     let into = entries[2u * pair + 1u];
     add_to_cluster(into, sum_of(ending), weight_in(ending), i32(atomicLoad(&clusters[ending].count)));
+    // pieces that nobody has looked for yet go with it
+    atomicMin(&clusters[into].whole, atomicLoad(&clusters[ending].whole));
     for (var word = 0u; word < 6u; word++) {
         atomicStore(&clusters[ending].sum[word], 0u);
     }

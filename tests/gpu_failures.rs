@@ -64,7 +64,14 @@ fn a_lost_device_is_an_error_and_the_next_job_works() {
     let (surface, seeds) = example();
     let mut gpu = device();
     let expected = run(&mut gpu, &surface, &seeds, ALL).expect("a run");
-    for point in [FaultPoint::Upload, FaultPoint::Grow, FaultPoint::Boundary, FaultPoint::Refine, FaultPoint::Labels] {
+    for point in [
+        FaultPoint::Upload,
+        FaultPoint::Grow,
+        FaultPoint::Boundary,
+        FaultPoint::Refine,
+        FaultPoint::Pieces,
+        FaultPoint::Labels,
+    ] {
         gpu.inject(Fault::Lose(point));
         let error = run(&mut gpu, &surface, &seeds, ALL).expect_err("lost");
         assert_eq!(error.kind, Kind::DeviceLost, "{point:?}: {error}");
@@ -79,7 +86,8 @@ fn a_refused_call_is_an_error_and_the_next_job_works() {
     let (surface, seeds) = example();
     let mut gpu = device();
     let expected = run(&mut gpu, &surface, &seeds, ALL).expect("a run");
-    for point in [FaultPoint::Upload, FaultPoint::Boundary, FaultPoint::Refine, FaultPoint::Labels] {
+    for point in [FaultPoint::Upload, FaultPoint::Boundary, FaultPoint::Refine, FaultPoint::Pieces, FaultPoint::Labels]
+    {
         gpu.inject(Fault::Misuse(point));
         let error = run(&mut gpu, &surface, &seeds, ALL).expect_err("refused");
         assert_eq!(error.kind, Kind::Internal, "{point:?}: {error}");

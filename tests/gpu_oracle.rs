@@ -5,6 +5,8 @@ mod gpu_support;
 
 use common::{oracle, zoo};
 use gpu_support::{cluster_counts, device, seeds};
+use tesserae::cluster::repair;
+use tesserae::device::cpu::CpuDevice;
 use tesserae::device::{Cancel, Device, Ending, FREE, Step};
 use tesserae::parameters::Seeds;
 use tesserae::sample::{Sample, generate};
@@ -156,6 +158,85 @@ fn faces_that_no_cluster_reaches_stay_free() {
     let grown = steps.labels().expect("labels");
     assert_eq!(grown, oracle::grow(&surface, &labels));
     assert!(grown.contains(&FREE) && grown.iter().filter(|&&label| label == 0).count() > 1);
+}
+
+/// Labels in patches of all sizes, so that clusters are in many pieces, many of them equally large.
+fn patches(surface: &Surface, clusters: u64, next: &mut impl FnMut(u64) -> u64) -> Vec<u32> {
+    let mut labels = vec![FREE; surface.faces()];
+    for start in 0..surface.faces() as u32 {
+        let cluster = next(clusters) as u32;
+        let mut patch = vec![start];
+        for _ in 0..next(30) {
+            let near = surface.neighbours_of(patch[next(patch.len() as u64) as usize]);
+            patch.extend(near.get(next(3) as usize));
+        }
+        patch.iter().for_each(|&face| labels[face as usize] = cluster);
+    }
+    labels
+}
+
+#[test]
+fn pieces_are_cut_off_and_grown_over_as_a_walk_finds_them() {
+    let mut gpu = device();
+    let mut next = numbers(21);
+    let mut found = 0;
+    for (sample, faces) in [(Sample::Knot, 2500), (Sample::Quads, 3000), (Sample::Strip, 700)] {
+        let surface = surface(sample, faces);
+        for clusters in [1, 2, 7, 300] {
+            let context = format!("{} k={clusters}", sample.name());
+            let components = vec![0; clusters];
+            let mut cpu = CpuDevice::new();
+            let mut steps = gpu.open(&surface, &components).expect("it fits");
+            let mut on_cpu = cpu.open(&surface, &components).expect("it fits");
+            // twice: what is known of the pieces of earlier labels is forgotten
+            for _ in 0..2 {
+                let mut labels = patches(&surface, clusters as u64, &mut next);
+                let cut_off = repair::cut_off_faces(&surface, clusters, &labels);
+                for steps in [&mut steps, &mut on_cpu] {
+                    steps.set_labels(&labels).expect("set");
+                    assert_eq!(steps.repair(&Cancel::default()).expect("a repair"), cut_off.len() as u64, "{context}");
+                }
+                cut_off.iter().for_each(|&face| labels[face as usize] = FREE);
+                let labels = oracle::grow(&surface, &labels);
+                assert_eq!(steps.labels().expect("labels"), labels, "{context}");
+                assert_eq!(on_cpu.labels().expect("labels"), labels, "{context}");
+                let energy = steps.energy().expect("energy").explained;
+                assert_eq!(energy, oracle::explained(&surface, &components, &labels), "{context}");
+                assert_eq!(steps.repair(&Cancel::default()).expect("a repair"), 0, "{context}: all are whole");
+                found += cut_off.len();
+            }
+        }
+    }
+    assert!(found > 5000, "{found}");
+}
+
+#[test]
+fn pieces_that_moves_cut_off_are_found() {
+    let surface = surface(Sample::Knot, 2500);
+    let components = vec![0; 60];
+    let mut next = numbers(5);
+    let mut gpu = device();
+    let mut steps = gpu.open(&surface, &components).expect("it fits");
+    steps.set_labels(&patches(&surface, 60, &mut next)).expect("set");
+    let mut found = [0; 2];
+    for _ in 0..6 {
+        steps.repair(&Cancel::default()).expect("a repair");
+        assert_eq!(steps.repair(&Cancel::default()).expect("a repair"), 0, "all are whole");
+        for (refines, found) in found.iter_mut().enumerate() {
+            if refines == 1 {
+                steps.refine(1, &Cancel::default(), &mut |_| {}).expect("refine");
+            } else {
+                steps.optimise_boundary(1, &Cancel::default(), &mut |_| {}).expect("optimise");
+            }
+            let mut labels = steps.labels().expect("labels");
+            let cut_off = repair::cut_off_faces(&surface, 60, &labels);
+            assert_eq!(steps.repair(&Cancel::default()).expect("a repair"), cut_off.len() as u64);
+            cut_off.iter().for_each(|&face| labels[face as usize] = FREE);
+            assert_eq!(steps.labels().expect("labels"), oracle::grow(&surface, &labels));
+            *found += cut_off.len();
+        }
+    }
+    assert!(found.iter().all(|&found| found > 0), "{found:?}");
 }
 
 #[test]

@@ -10,5 +10,6 @@ struct Cluster {
     staying: atomic<u32>,
     // Smallest face that wants to leave.
     first_leaver: atomic<u32>,
-    unused: u32,
+    // 1: known to be in one piece; it has lost no face since.
+    whole: atomic<u32>,
 }

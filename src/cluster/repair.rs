@@ -1,4 +1,4 @@
-//! Pieces of clusters, found by walking the whole mesh: the plain way, for checks and for devices without a better one.
+//! Pieces of clusters, found by walking the whole mesh: the plain way, for checks.
 
 use crate::device::FREE;
 use crate::surface::DualGraph;

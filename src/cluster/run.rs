@@ -71,13 +71,12 @@ impl Run<'_> {
 
     /// Gives the pieces that were cut off from their cluster to their neighbours. Returns whether there were any.
     pub fn repair(&mut self) -> Result<bool> {
-        let cut_off = self.steps.cut_off_faces()?;
-        if !cut_off.is_empty() {
-            self.steps.regrow(&cut_off, self.cancel)?;
+        let cut_off = self.steps.repair(self.cancel)?;
+        if cut_off > 0 {
             self.iteration += 1;
-            self.tell(Phase::Repair, cut_off.len() as u64)?;
+            self.tell(Phase::Repair, cut_off)?;
         }
-        Ok(!cut_off.is_empty())
+        Ok(cut_off > 0)
     }
 
     /// Optimises and repairs until nothing is cut off; after [`MAX_REPAIRS`] repairs, by connected refinement.

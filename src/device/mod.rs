@@ -92,13 +92,10 @@ pub trait Steps {
     /// were refused stay so. Nothing else may be changed in between.
     fn resume(&mut self);
 
-    /// The faces outside the piece with the most faces (of equally large ones, that with the smallest face) of each
-    /// cluster, sorted. All faces must be labelled.
-    fn cut_off_faces(&mut self) -> Result<Vec<u32>>;
-
-    /// Frees the given faces and grows the clusters over them, as [`grow`](Self::grow) does. No cluster may lose all its
-    /// faces.
-    fn regrow(&mut self, faces: &[u32], cancel: &Cancel) -> Result<()>;
+    /// Frees the faces outside the piece with the most faces (of equally large ones, that with the smallest face) of each
+    /// cluster, and grows the clusters over them, as [`grow`](Self::grow) does. Returns how many that were. All faces must be
+    /// labelled.
+    fn repair(&mut self, cancel: &Cancel) -> Result<u64>;
 
     /// The current labels.
     fn labels(&mut self) -> Result<Vec<u32>>;

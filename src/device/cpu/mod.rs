@@ -238,6 +238,43 @@ impl<'a> CpuSteps<'a> {
         self.walk += 1;
         self.walk
     }
+
+    /// The faces outside the largest piece of each cluster that has lost some since it was last asked, sorted.
+    fn cut_off_faces(&mut self) -> Vec<u32> {
+        self.gather();
+        let walk = self.next_walk();
+        let changed = self.clusters.take_changes(Reader::Pieces);
+        let Some(frontier) = &self.frontier else { return Vec::new() };
+        pieces::cut_off(self.graph, &self.labels, frontier, &changed, &mut self.walked, walk)
+    }
+
+    /// Frees faces and grows the clusters over them.
+    fn regrow(&mut self, faces: &[u32], cancel: &Cancel) -> Result<()> {
+        let from: Vec<u32> = faces.iter().map(|&face| self.labels.refresh(face)).collect();
+        for &face in faces {
+            self.labels.set(face, FREE);
+        }
+        let mut beside: Vec<u32> = faces
+            .iter()
+            .flat_map(|&face| self.graph.neighbours_of(face).iter().copied())
+            .filter(|&near| self.labels.of(near) != FREE)
+            .collect();
+        beside.sort_unstable();
+        beside.dedup();
+        self.growth.grow(self.graph, &mut self.labels, beside, cancel)?;
+        let moves: Vec<Move> = faces
+            .iter()
+            .zip(from)
+            .map(|(&face, from)| Move { face, from, to: self.labels.of(face) })
+            .filter(|moved| moved.to != moved.from)
+            .collect();
+        // what each move changes is seen when they are made one after the other
+        for moved in &moves {
+            self.labels.set(moved.face, moved.from);
+        }
+        self.apply(&moves);
+        Ok(())
+    }
 }
 
 impl Steps for CpuSteps<'_> {
@@ -314,40 +351,12 @@ impl Steps for CpuSteps<'_> {
         self.resumed = true;
     }
 
-    fn cut_off_faces(&mut self) -> Result<Vec<u32>> {
-        self.gather();
-        let walk = self.next_walk();
-        let changed = self.clusters.take_changes(Reader::Pieces);
-        let Some(frontier) = &self.frontier else { return Ok(Vec::new()) };
-        Ok(pieces::cut_off(self.graph, &self.labels, frontier, &changed, &mut self.walked, walk))
-    }
-
-    fn regrow(&mut self, faces: &[u32], cancel: &Cancel) -> Result<()> {
-        self.gather();
-        let from: Vec<u32> = faces.iter().map(|&face| self.labels.refresh(face)).collect();
-        for &face in faces {
-            self.labels.set(face, FREE);
+    fn repair(&mut self, cancel: &Cancel) -> Result<u64> {
+        let cut_off = self.cut_off_faces();
+        if !cut_off.is_empty() {
+            self.regrow(&cut_off, cancel)?;
         }
-        let mut beside: Vec<u32> = faces
-            .iter()
-            .flat_map(|&face| self.graph.neighbours_of(face).iter().copied())
-            .filter(|&near| self.labels.of(near) != FREE)
-            .collect();
-        beside.sort_unstable();
-        beside.dedup();
-        self.growth.grow(self.graph, &mut self.labels, beside, cancel)?;
-        let moves: Vec<Move> = faces
-            .iter()
-            .zip(from)
-            .map(|(&face, from)| Move { face, from, to: self.labels.of(face) })
-            .filter(|moved| moved.to != moved.from)
-            .collect();
-        // what each move changes is seen when they are made one after the other
-        for moved in &moves {
-            self.labels.set(moved.face, moved.from);
-        }
-        self.apply(&moves);
-        Ok(())
+        Ok(cut_off.len() as u64)
     }
 
     fn labels(&mut self) -> Result<Vec<u32>> {

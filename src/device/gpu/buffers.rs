@@ -61,6 +61,11 @@ pub(super) struct Bindings {
     pub(super) join: wgpu::BindGroup,
     pub(super) judge: wgpu::BindGroup,
     pub(super) deal: wgpu::BindGroup,
+    pub(super) link: wgpu::BindGroup,
+    pub(super) hook: wgpu::BindGroup,
+    pub(super) weigh: wgpu::BindGroup,
+    pub(super) elect: wgpu::BindGroup,
+    pub(super) cut: wgpu::BindGroup,
 }
 
 /// What the turns of a batch know, and those between batches; a uniform that dispatches see at different offsets.
@@ -164,6 +169,8 @@ impl Buffers {
 
         let bind = |compiled: &Compiled, storage: &[&wgpu::Buffer]| bind(connection, compiled, &turns.buffer, storage);
         let kernels = &connection.kernels;
+        // between phases nobody wishes or offers: the search for pieces has its trees there, and their sizes
+        let (parents, sizes) = (&wishes, &offers);
         let bindings = Bindings {
             grow: [
                 bind(&kernels.grow, &[&offsets, &neighbours, &labels, &wishes, &ring]),
@@ -179,6 +186,11 @@ impl Buffers {
             join: bind(&kernels.join, &[&packed, &labels, &offers, &markets, &joining]),
             judge: bind(&kernels.judge, &[&packed, &sums, &joining, &proxies, &markets, &ring, &next_dispatch]),
             deal: bind(&kernels.deal, &[&labels, &offers, &markets]),
+            link: bind(&kernels.link, &[&offsets, &neighbours, &labels, &sums, parents, sizes]),
+            hook: bind(&kernels.hook, &[&offsets, &neighbours, &labels, parents]),
+            weigh: bind(&kernels.weigh, &[&labels, parents, sizes, &markets]),
+            elect: bind(&kernels.elect, &[&labels, parents, sizes, &markets, &sums]),
+            cut: bind(&kernels.cut, &[parents, &markets, &labels, &ring]),
         };
         connection.check()?;
 

@@ -43,6 +43,11 @@ pub(super) struct Kernels {
     pub(super) join: Compiled,
     pub(super) judge: Compiled,
     pub(super) deal: Compiled,
+    pub(super) link: Compiled,
+    pub(super) hook: Compiled,
+    pub(super) weigh: Compiled,
+    pub(super) elect: Compiled,
+    pub(super) cut: Compiled,
 }
 
 /// The compiled kernels of hierarchies.
@@ -125,6 +130,11 @@ impl Connection {
             join: compile(&device, &kernels::JOIN),
             judge: compile(&device, &kernels::JUDGE),
             deal: compile(&device, &kernels::DEAL),
+            link: compile(&device, &kernels::LINK),
+            hook: compile(&device, &kernels::HOOK),
+            weigh: compile(&device, &kernels::WEIGH),
+            elect: compile(&device, &kernels::ELECT),
+            cut: compile(&device, &kernels::CUT),
         };
         let connection = Self {
             device,

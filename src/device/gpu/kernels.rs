@@ -78,6 +78,7 @@ const SUMS_WGSL: &str = include_str!("../../../shaders/shared/sums.wgsl");
 const BITS_WGSL: &str = include_str!("../../../shaders/shared/bits.wgsl");
 const DUAL_EDGE_WGSL: &str = include_str!("../../../shaders/shared/dual_edge.wgsl");
 const CHOICE_WGSL: &str = include_str!("../../../shaders/shared/choice.wgsl");
+const PIECE_WGSL: &str = include_str!("../../../shaders/shared/piece.wgsl");
 const FOUND_WGSL: &str = include_str!("../../../shaders/shared/found.wgsl");
 const BEST_WGSL: &str = include_str!("../../../shaders/shared/best.wgsl");
 const ENERGY_WGSL: &str = include_str!("../../../shaders/shared/energy.wgsl");
@@ -226,6 +227,61 @@ pub const DEAL: Kernel = Kernel {
     workgroup_size: WORKGROUP,
 };
 
+/// Pieces: links faces with neighbours of their cluster.
+pub const LINK: Kernel = Kernel {
+    name: "link",
+    sources: &[TURN_WGSL, CLUSTER_WGSL, include_str!("../../../shaders/link.wgsl")],
+    bindings: &[
+        TURN,
+        OFFSETS,
+        NEIGHBOURS,
+        LABELS,
+        CLUSTERS,
+        binding("parents", Access::Write, 4),
+        binding("sizes", Access::Write, 4),
+    ],
+    workgroup_size: WORKGROUP,
+};
+
+/// Pieces: joins what is linked.
+pub const HOOK: Kernel = Kernel {
+    name: "hook",
+    sources: &[TURN_WGSL, PIECE_WGSL, include_str!("../../../shaders/hook.wgsl")],
+    bindings: &[TURN, OFFSETS, NEIGHBOURS, LABELS, binding("parents", Access::Write, 4)],
+    workgroup_size: WORKGROUP,
+};
+
+/// Pieces: counts their faces.
+pub const WEIGH: Kernel = Kernel {
+    name: "weigh",
+    sources: &[TURN_WGSL, MARKET_WGSL, PIECE_WGSL, include_str!("../../../shaders/weigh.wgsl")],
+    bindings: &[TURN, LABELS, binding("parents", Access::Write, 4), binding("sizes", Access::Write, 4), MARKETS],
+    workgroup_size: WORKGROUP,
+};
+
+/// Pieces: chooses the one that each cluster keeps.
+pub const ELECT: Kernel = Kernel {
+    name: "elect",
+    sources: &[TURN_WGSL, CLUSTER_WGSL, MARKET_WGSL, include_str!("../../../shaders/elect.wgsl")],
+    bindings: &[
+        TURN,
+        LABELS,
+        binding("parents", Access::Read, 4),
+        binding("sizes", Access::Read, 4),
+        MARKETS,
+        CLUSTERS,
+    ],
+    workgroup_size: WORKGROUP,
+};
+
+/// Pieces: frees the faces of all others.
+pub const CUT: Kernel = Kernel {
+    name: "cut",
+    sources: &[TURN_WGSL, SLOT_WGSL, MARKET_WGSL, include_str!("../../../shaders/cut.wgsl")],
+    bindings: &[TURN, binding("parents", Access::Read, 4), MARKETS, binding("labels", Access::Write, 4), RING],
+    workgroup_size: WORKGROUP,
+};
+
 /// Optimal dual edges: finds the cheapest cost at each cluster.
 pub const PRICE: Kernel = Kernel {
     name: "price",
@@ -355,6 +411,11 @@ pub const KERNELS: &[&Kernel] = &[
     &JOIN,
     &JUDGE,
     &DEAL,
+    &LINK,
+    &HOOK,
+    &WEIGH,
+    &ELECT,
+    &CUT,
     &PRICE,
     &BREAK_TIES,
     &PREFER,

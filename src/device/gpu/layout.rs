@@ -77,8 +77,8 @@ pub struct Cluster {
     pub staying: u32,
     /// Smallest face that wants to leave.
     pub first_leaver: u32,
-    /// Padding.
-    pub unused: u32,
+    /// Whether it is known to be in one piece.
+    pub whole: u32,
 }
 
 /// The bid of a face. The host clears it at the beginning of a refinement.
@@ -233,7 +233,7 @@ pub const STRUCTS: &[Struct] = &[
             ("count", offset_of!(Cluster, count)),
             ("staying", offset_of!(Cluster, staying)),
             ("first_leaver", offset_of!(Cluster, first_leaver)),
-            ("unused", offset_of!(Cluster, unused)),
+            ("whole", offset_of!(Cluster, whole)),
         ],
     },
     Struct {

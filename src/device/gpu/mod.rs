@@ -4,7 +4,8 @@
 //!
 //! Every number that decides a label is an integer, and WGSL specifies integers exactly. Threads influence each other only
 //! through sums, extremes and counts, which do not depend on an order; a kernel reads none of those that it writes itself,
-//! with the exception of the carry, which `shaders/shared/add.wgsl` explains. Ties go to the smaller cluster or face. So an
+//! with the exception of the carry, which `shaders/shared/add.wgsl` explains, and of the trees of faces that become pieces,
+//! which end the same in whatever order they are hooked together (`shaders/hook.wgsl`). Ties go to the smaller cluster or face. So an
 //! iteration is a function of the labels before it, the one that [`crate::cluster`] defines, on every device. (A refusal in
 //! the refinement is remembered as the turn in which it happened, and stands until a cluster around the face has changed in
 //! that turn or later; the cpu keeps a list instead, which says the same.)
@@ -17,6 +18,7 @@
 //! | sums from labels | 1: `gather` (a thread for 8 faces) |
 //! | an iteration of the boundary phase | 3: `propose`, `apply` (a thread a face), `fit` (a thread a cluster) |
 //! | an iteration of the refinement | 5: `bid`, `choose`, `join` (a thread a face), `judge` (a thread a cluster), `deal` (a thread a face) |
+//! | pieces | 6: `fit`, `link`, `hook` (a thread a face), `weigh` (a thread for 8 faces), `elect`, `cut` (a thread a face) |
 //! | optimal dual edges | 5: `fit`, `price`, `break_ties`, `prefer` (a thread a face), `list_choices` (a thread a cluster) |
 //! | the cheapest dual edge | 3: `fit`, `search` (a thread a face, one candidate a workgroup), `reduce` (one workgroup) |
 //! | a merge | 2: `unite` (a thread a pair), `relabel` (a thread a face) |
@@ -26,10 +28,9 @@
 //! In the growth and the phases, those with a thread a face are dispatched indirectly: when there is nothing left to do,
 //! `settle`, `fit` or `judge` sets the number of workgroups of all that is still queued to zero; what is left then is
 //! `settle`'s one thread, or `fit` and `judge` looking at one number. Within a growth or a phase only the ring
-//! comes back: 32 bytes a turn, while the next batch runs. Between them the labels do, after the first growth and wherever
-//! pieces that were cut off are looked for and mended, which the host does. A hierarchy reads besides, in each round, 12 bytes for each cluster
-//! that is left and each face that moved, 36 for each that merges, and the labels where it looks for pieces; for the
-//! cheapest dual edge 64 bytes.
+//! comes back: 32 bytes a turn, while the next batch runs. Between them the labels do after the first growth, and where pieces
+//! that were cut off are looked for, the number of their faces. A hierarchy reads besides, in each round, 12 bytes for each
+//! cluster that is left and each face that moved, and 36 for each that merges; for the cheapest dual edge 64 bytes.
 //!
 //! The steps of a hierarchy are sweeps over all faces, or all clusters that there ever were, whatever is left of them: a round costs a
 //! few passes over the mesh, and so does merging a single pair. That is little for the parallel kind, which has some 50
@@ -40,7 +41,7 @@
 //!
 //! | for each | bytes |
 //! |---|---|
-//! | face | 40 and 4 for each neighbour, so 52 in a closed triangle mesh: centroid and weight 16, neighbours 4 + 12, label 4, wish 4, offer 12 |
+//! | face | 40 and 4 for each neighbour, so 52 in a closed triangle mesh: centroid and weight 16, neighbours 4 + 12, label 4, wish 4, offer 12 (where pieces are looked for, wish and offer are their trees and sizes) |
 //! | cluster | 144: sums 48, sums of those that join 48, proxy and energy shift 16, bidding 32 |
 //! | face of a hierarchy | 16 more: label after the last merge 4, list of findings 12 |
 //! | cluster of a hierarchy | 20 more: choice 12, merged cluster 4, list of the host 4 |
@@ -107,6 +108,8 @@ pub enum FaultPoint {
     Boundary,
     /// Before a batch of the refinement is queued.
     Refine,
+    /// Before pieces are looked for.
+    Pieces,
     /// Before the labels are read.
     Labels,
     /// Before dual edges are searched.

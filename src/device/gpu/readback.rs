@@ -4,7 +4,7 @@ use std::sync::mpsc::{Receiver, channel};
 
 use bytemuck::Pod;
 
-use super::buffers::BETWEEN;
+use super::buffers::{BETWEEN, RING};
 use super::layout::Slot;
 use super::steps::GpuSteps;
 use crate::error::{Error, Kind, Result};
@@ -36,6 +36,13 @@ impl<M> GpuSteps<'_, M> {
         let mut slots: Vec<Slot> = self.read(target, batch.submission, &batch.mapped, bytemuck::pod_collect_to_vec)?;
         slots.truncate(batch.turns as usize);
         Ok(slots)
+    }
+
+    /// Submits what is encoded, and reads the state between batches.
+    pub(super) fn read_between(&self, encoder: wgpu::CommandEncoder) -> Result<Slot> {
+        let batch = self.queue_reading(encoder, RING + 1, 0)?;
+        let slots = self.collect(batch)?;
+        Ok(slots[BETWEEN as usize])
     }
 
     /// Submits what is encoded, and reads the state between batches and the first items of a buffer as they are then.

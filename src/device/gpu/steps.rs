@@ -11,7 +11,6 @@ use super::buffers::{BETWEEN, Buffers, RING, upload};
 use super::connection::{Compiled, Connection};
 use super::layout::Slot;
 use super::readback::Batch;
-use crate::cluster::repair;
 use crate::device::cpu;
 use crate::device::{Cancel, Ending, FREE, LatticeEnergy, Step, Steps};
 use crate::error::{Error, Kind, Result};
@@ -296,9 +295,7 @@ impl<M> Steps for GpuSteps<'_, M> {
             return Ok(energy);
         }
         let encoder = self.encode_fit();
-        let batch = self.queue_reading(encoder, RING + 1, 0)?;
-        let slots = self.collect(batch)?;
-        let explained = slots[BETWEEN as usize].explained();
+        let explained = self.read_between(encoder)?.explained();
         Ok(*self.energy.insert(LatticeEnergy { explained }))
     }
 
@@ -366,18 +363,30 @@ impl<M> Steps for GpuSteps<'_, M> {
         }
     }
 
-    fn cut_off_faces(&mut self) -> Result<Vec<u32>> {
-        let labels = self.labels()?;
-        Ok(repair::cut_off_faces(self.graph, self.clusters as usize, &labels))
-    }
-
-    fn regrow(&mut self, faces: &[u32], cancel: &Cancel) -> Result<()> {
-        let mut labels = self.labels()?;
-        for &face in faces {
-            labels[face as usize] = FREE;
+    fn repair(&mut self, cancel: &Cancel) -> Result<u64> {
+        self.connection.reach(FaultPoint::Pieces);
+        let mut encoder = self.encode_fit();
+        let kernels = &self.connection.kernels;
+        let Buffers { bindings, face_groups, gather_groups, .. } = &self.buffers;
+        {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+            for (compiled, bindings, groups) in [
+                (&kernels.link, &bindings.link, face_groups),
+                (&kernels.hook, &bindings.hook, face_groups),
+                (&kernels.weigh, &bindings.weigh, gather_groups),
+                (&kernels.elect, &bindings.elect, face_groups),
+                (&kernels.cut, &bindings.cut, face_groups),
+            ] {
+                self.dispatch(&mut pass, compiled, bindings, BETWEEN, Some(*groups));
+            }
         }
-        self.replace_labels(&labels)?;
-        self.grow(cancel)
+        let slot = self.read_between(encoder)?;
+        if slot.moves == 0 {
+            self.energy = Some(LatticeEnergy { explained: slot.explained() });
+        } else {
+            self.grow(cancel)?;
+        }
+        Ok(u64::from(slot.moves))
     }
 
     fn labels(&mut self) -> Result<Vec<u32>> {

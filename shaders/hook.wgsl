@@ -1,0 +1,35 @@
+// Pieces, second step: for each two neighbours of a cluster, the root of the one tree is hooked to the root of the other, the
+// larger to the smaller. So each tree ends as a whole piece with its smallest face as root, whoever comes first; who finds
+// that somebody else hooked the root meanwhile looks for it again, and that happens once a root at most.
+
+@group(0) @binding(0) var<uniform> turn: Turn;
+@group(0) @binding(1) var<storage, read> neighbour_offsets: array<u32>;
+@group(0) @binding(2) var<storage, read> neighbours: array<u32>;
+@group(0) @binding(3) var<storage, read> labels: array<u32>;
+@group(0) @binding(4) var<storage, read_write> parents: array<atomic<u32>>;
+
+@compute @workgroup_size(WORKGROUP)
+fn hook(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+    let face = thread_number(turn, group, local);
+    if face >= turn.faces || atomicLoad(&parents[face]) == FREE {
+        return;
+    }
+    let own = labels[face];
+    let end = neighbour_offsets[face + 1u];
+    for (var at = neighbour_offsets[face]; at < end; at++) {
+        let near = neighbours[at];
+        if near < face && labels[near] == own {
+            var a = root_of(face);
+            var b = root_of(near);
+            while a != b {
+                let high = max(a, b);
+                let low = min(a, b);
+                if atomicCompareExchangeWeak(&parents[high], high, low).exchanged {
+                    break;
+                }
+                a = root_of(high);
+                b = root_of(low);
+            }
+        }
+    }
+}
