@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::Failure;
 use crate::error::{Error, Result};
+use crate::tree::stored::Input;
 
 /// A file to read, or standard input (`-`).
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -23,14 +24,14 @@ impl From<PathBuf> for Source {
 }
 
 impl Source {
-    /// The content as a stream, and its length.
-    pub fn open(&self) -> Result<(Box<dyn Read>, u64)> {
+    /// The content front to back, and its length.
+    pub fn open(&self) -> Result<(Box<dyn Input>, u64)> {
         match self {
             // only a regular file knows its length
             Source::File(path) if fs::metadata(path).is_ok_and(|file| file.is_file()) => File::open(path)
                 .and_then(|file| {
                     let length = file.metadata()?.len();
-                    Ok((Box::new(file) as Box<dyn Read>, length))
+                    Ok((Box::new(file) as Box<dyn Input>, length))
                 })
                 .map_err(|error| Error::io(format_args!("cannot read {path:?}"), error)),
             Source::Stdin | Source::File(_) => {

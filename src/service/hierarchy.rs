@@ -4,7 +4,7 @@
 
 #![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
 
-use std::io::{Read, Write};
+use std::io::Write;
 
 use axum::extract::{Path, State as Extract};
 use axum::http::{HeaderMap, HeaderValue, Uri};
@@ -25,7 +25,7 @@ use super::{blobs, negotiate, query};
 use crate::error::{Error, Kind, Result};
 use crate::output::{LabelFormat, write_cut};
 use crate::tree::json::{Hierarchy, Limits};
-use crate::tree::stored::{self, Stored};
+use crate::tree::stored::{self, Input, Stored};
 
 /// The query of the hierarchy.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -144,7 +144,7 @@ pub(super) async fn cut(shared: &Shared, job: &Job, clusters: u64, format: Label
 }
 
 /// A stored hierarchy and its length.
-async fn open(shared: &Shared, job: &Job) -> Result<(Box<dyn Read + Send>, u64)> {
+async fn open(shared: &Shared, job: &Job) -> Result<(Box<dyn Input + Send>, u64)> {
     let blob = blobs::result(&shared.files, shared.store.as_ref(), job, files::HIERARCHY, None).await?;
     let length = blob.length();
     Ok((blob.into_reader(), length))

@@ -64,7 +64,7 @@ pub struct FaceMove {
 }
 
 /// One round of merges and the optimisation after it.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Round {
     /// Number of clusters after it.
     pub clusters: u32,
@@ -119,10 +119,32 @@ impl Tree {
     pub fn labels_at(&self, clusters: u64) -> Result<Cut> {
         check_range(self.faces, self.roots(), clusters)?;
         let plan = CutPlan::of(&self.rounds, self.faces, clusters as u32);
-        let mut replay = Replay::new(self.faces, plan);
-        self.merges[..plan.merges()].iter().try_for_each(|merge| replay.merge(merge.into, merge.from, merge.cost))?;
-        self.moves[..plan.moves].iter().try_for_each(|moved| replay.give(*moved))?;
-        replay.finish()
+        let mut replay = Replay::new(self.faces);
+        for round in 0..plan.rounds {
+            self.replay(round, &mut replay)?;
+        }
+        let on_top = &self.merges[self.start_of(plan.rounds).0..][..plan.extra_merges];
+        on_top.iter().try_for_each(|merge| replay.merge(merge.into, merge.from))?;
+        plan.finish(replay, on_top.iter().fold(plan.energy, |energy, merge| energy + merge.cost))
+    }
+
+    /// Where the merges and the moves of a round begin.
+    fn start_of(&self, round: usize) -> (usize, usize) {
+        let before = round.checked_sub(1).and_then(|before| self.rounds.get(before));
+        before.map_or((0, 0), |before| (before.merges_end as usize, before.moves_end as usize))
+    }
+
+    /// The merges and the moves of a round.
+    fn records_of(&self, round: usize) -> (&[Merge], &[FaceMove]) {
+        let (start, end) = (self.start_of(round), self.start_of(round + 1));
+        (&self.merges[start.0..end.0], &self.moves[start.1..end.1])
+    }
+
+    /// Does the merges and the moves of a round again.
+    fn replay(&self, round: usize, replay: &mut Replay) -> Result<()> {
+        let (merges, moves) = self.records_of(round);
+        merges.iter().try_for_each(|merge| replay.merge(merge.into, merge.from))?;
+        moves.iter().try_for_each(|moved| replay.give(*moved))
     }
 }
 

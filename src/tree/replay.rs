@@ -18,36 +18,28 @@ pub(super) fn check_range(faces: u32, roots: u32, clusters: u64) -> Result<()> {
 pub(super) struct CutPlan {
     clusters: u32,
     /// Rounds that are replayed as a whole.
-    rounds: u32,
-    /// Their merges.
-    merges: usize,
-    /// Their moves.
-    pub moves: usize,
+    pub rounds: usize,
     /// Merges of the next round on top.
-    extra_merges: u32,
+    pub extra_merges: usize,
     /// Energy after the rounds.
-    energy: f64,
+    pub energy: f64,
 }
 
 impl CutPlan {
     /// For a number of clusters that the rounds have.
     pub fn of(rounds: &[Round], faces: u32, clusters: u32) -> Self {
         let whole = rounds.partition_point(|round| round.clusters >= clusters);
-        let start = Round { clusters: faces, energy: 0.0, merges_end: 0, moves_end: 0 };
-        let last = whole.checked_sub(1).map_or(start, |last| rounds[last]);
-        Self {
-            clusters,
-            rounds: whole as u32,
-            merges: last.merges_end as usize,
-            moves: last.moves_end as usize,
-            extra_merges: last.clusters - clusters,
-            energy: last.energy,
-        }
+        let last = whole.checked_sub(1).map_or(Round { clusters: faces, ..Round::default() }, |last| rounds[last]);
+        Self { clusters, rounds: whole, extra_merges: (last.clusters - clusters) as usize, energy: last.energy }
     }
 
-    /// All merges that are replayed.
-    pub fn merges(&self) -> usize {
-        self.merges + self.extra_merges as usize
+    /// The cut, when all of it was replayed; its energy is that after the rounds and the costs of the merges on top.
+    pub fn finish(self, replay: Replay, energy: f64) -> Result<Cut> {
+        let (labels, clusters) = replay.into_labels();
+        if clusters != self.clusters {
+            return contradiction("clusters with faces", format_args!("{clusters} of {}", self.clusters));
+        }
+        Ok(Cut { labels, rounds: self.rounds as u32, extra_merges: self.extra_merges as u32, energy })
     }
 }
 
@@ -55,8 +47,6 @@ impl CutPlan {
 /// cluster by what it was when the round ended, and that cluster's later merges hold for the face too.
 #[derive(Debug)]
 pub(super) struct Replay {
-    plan: CutPlan,
-    energy: f64,
     merged: usize,
     /// What each cluster has become part of; itself while it lives.
     parent: Vec<u32>,
@@ -64,26 +54,23 @@ pub(super) struct Replay {
 }
 
 impl Replay {
-    pub fn new(faces: u32, plan: CutPlan) -> Self {
-        Self {
-            plan,
-            energy: plan.energy,
-            merged: 0,
-            parent: (0..faces).collect(),
-            cluster_of_face: (0..faces).collect(),
-        }
+    /// From the start, where every face is a cluster.
+    pub fn new(faces: u32) -> Self {
+        Self::starting_from((0..faces).collect(), 0)
+    }
+
+    /// From the state after so many merges, in which each face is in this cluster; all below the number of faces.
+    pub fn starting_from(cluster_of_face: Vec<u32>, merged: usize) -> Self {
+        Self { merged, parent: (0..cluster_of_face.len() as u32).collect(), cluster_of_face }
     }
 
     /// A merge of two living clusters.
-    pub fn merge(&mut self, into: u32, from: u32, cost: f64) -> Result<()> {
+    pub fn merge(&mut self, into: u32, from: u32) -> Result<()> {
         let lives = |cluster: u32| self.parent.get(cluster as usize) == Some(&cluster);
         if !lives(into) || !lives(from) || into == from {
             return contradiction("merge", self.merged);
         }
         self.parent[from as usize] = into;
-        if self.merged >= self.plan.merges {
-            self.energy += cost;
-        }
         self.merged += 1;
         Ok(())
     }
@@ -98,8 +85,16 @@ impl Replay {
         }
     }
 
-    pub fn finish(mut self) -> Result<Cut> {
-        let CutPlan { clusters, rounds, extra_merges, .. } = self.plan;
+    /// The living cluster that each face is in.
+    pub fn clusters(&mut self) -> &[u32] {
+        for cluster in &mut self.cluster_of_face {
+            *cluster = root(&mut self.parent, *cluster);
+        }
+        &self.cluster_of_face
+    }
+
+    /// Clusters numbered by the first face that is in them, for each face, and how many there are.
+    fn into_labels(mut self) -> (Vec<u32>, u32) {
         let mut number_of_cluster = vec![u32::MAX; self.parent.len()];
         let mut seen = 0;
         for label in &mut self.cluster_of_face {
@@ -110,10 +105,7 @@ impl Replay {
             }
             *label = *number;
         }
-        if seen != clusters {
-            return contradiction("clusters with faces", format_args!("{seen} of {clusters}"));
-        }
-        Ok(Cut { labels: self.cluster_of_face, rounds, extra_merges, energy: self.energy })
+        (self.cluster_of_face, seen)
     }
 }
 

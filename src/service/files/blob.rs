@@ -16,6 +16,7 @@ use tokio_util::io::{ReaderStream, SyncIoBridge};
 use super::{FaultPoint, Files, Folder, storage_error};
 use crate::error::{Error, Kind, Result};
 use crate::service::store::SmallBlob;
+use crate::tree::stored::Input;
 
 /// Bytes that are held before they are written: a smaller blob is written at once.
 const PART: usize = 1 << 20;
@@ -226,7 +227,7 @@ impl Blob {
     }
 
     /// The bytes for a thread that may block; to be called on the runtime.
-    pub fn into_reader(self) -> Box<dyn Read + Send> {
+    pub fn into_reader(self) -> Box<dyn Input + Send> {
         let length = self.length();
         match self.0 {
             Source::Held { bytes, .. } => Box::new(io::Cursor::new(bytes)),
@@ -249,6 +250,8 @@ impl Blob {
         }
     }
 }
+
+impl<T> Input for SyncIoBridge<T> where SyncIoBridge<T>: Read {}
 
 /// A file where the bytes begin, for a blob that is one.
 fn file(found: Box<GetResult>) -> Result<File, Box<GetResult>> {

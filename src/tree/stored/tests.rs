@@ -1,7 +1,12 @@
 //! Files that are whole, cut short, damaged or made to do harm.
 
+use std::cell::Cell;
+use std::io::{Cursor, Read};
+
+use super::blocks::{BLOCK, SUM};
 use super::*;
 use crate::tree::tests::small;
+use crate::tree::{FaceMove, Merge};
 
 fn file() -> Vec<u8> {
     let mut bytes = Vec::new();
@@ -24,13 +29,75 @@ fn read(bytes: &[u8], max_faces: u64) -> Result<Stored> {
     stored
 }
 
-/// A file with the right checksum.
-fn summed(mut bytes: Vec<u8>) -> Vec<u8> {
-    let end = bytes.len() - SUM;
-    let sum = Sha256::digest(&bytes[..end]);
-    bytes[end..].copy_from_slice(&sum);
+/// The content of a file.
+fn content(file: &[u8]) -> Vec<u8> {
+    file.chunks(BLOCK + SUM).flat_map(|block| &block[..block.len() - SUM]).copied().collect()
+}
+
+/// A file with the right checksums.
+fn summed(content: &[u8]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut out = BlockWriter::new(&mut bytes);
+    out.put(content).and_then(|()| out.finish()).expect("a vector takes everything");
     bytes
 }
+
+/// A hierarchy of many rounds and moves, with checkpoints and some blocks.
+fn long() -> Stored {
+    let faces = 20_000;
+    let (mut merges, mut moves, mut rounds) = (Vec::new(), Vec::new(), Vec::new());
+    let mut lives = vec![true; faces as usize];
+    let mut living: Vec<u32> = (0..faces).collect();
+    while living.len() > 1 {
+        for &[into, from] in living.as_chunks().0.iter().step_by(2) {
+            let cost = f64::from(into) + 0.5;
+            let (energy, weight) = (2.0 * cost, f64::from(from));
+            merges.push(Merge { into, from, cost, energy, faces: 2, weight, proxy: [cost, 0.0, -1.0] });
+            lives[from as usize] = false;
+        }
+        living.retain(|&cluster| lives[cluster as usize]);
+        // a living cluster keeps the face that it is named by
+        moves.extend((1..faces).step_by(3).filter(|&face| !lives[face as usize]).map(|face| {
+            let to = living[(face as usize + rounds.len()) % living.len()];
+            FaceMove { face, to }
+        }));
+        let clusters = living.len() as u32;
+        let (merges_end, moves_end) = (merges.len() as u32, moves.len() as u64);
+        rounds.push(Round { clusters, energy: f64::from(faces - clusters), merges_end, moves_end });
+    }
+    Stored { header: small().header, tree: Tree { faces, merges, moves, rounds } }
+}
+
+/// Counts what is read of a file.
+struct Counted<'a> {
+    file: Cursor<&'a [u8]>,
+    read: &'a Cell<usize>,
+}
+
+impl Read for Counted<'_> {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        let count = self.file.read(into)?;
+        self.read.set(self.read.get() + count);
+        Ok(count)
+    }
+}
+
+impl Input for Counted<'_> {
+    fn skip(&mut self, bytes: u64) -> io::Result<()> {
+        self.file.skip(bytes)
+    }
+}
+
+/// Takes what it cannot skip.
+struct Stream<'a>(&'a [u8]);
+
+impl Read for Stream<'_> {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        self.0.read(into)
+    }
+}
+
+impl Input for Stream<'_> {}
 
 #[test]
 fn what_was_written_is_read() {
@@ -80,11 +147,12 @@ fn a_flipped_bit_is_noticed_wherever_it_is() {
 fn a_hostile_file_with_a_right_checksum_is_refused_or_harmless() {
     let bytes = file();
     let (mut refused, mut harmless) = (0, 0);
-    for at in 0..bytes.len() - SUM {
+    let bytes = content(&bytes);
+    for at in 0..bytes.len() {
         for value in [0, 1, 2, 6, 7, 0x7f, 0x80, 0xff] {
             let mut changed = bytes.clone();
             changed[at] = value;
-            match read(&summed(changed), 1000) {
+            match read(&summed(&changed), 1000) {
                 Err(_) => refused += 1,
                 Ok(stored) => {
                     harmless += 1;
@@ -111,9 +179,60 @@ fn more_faces_than_allowed_are_refused() {
 #[test]
 fn counts_beyond_the_file_allocate_nothing() {
     for (at, size) in [(12, 4), (16, 4), (20, 4), (24, 4), (32, 8)] {
-        let mut bytes = file();
+        let mut bytes = content(&file());
         bytes[at..at + size].fill(0xff);
-        let error = read(&summed(bytes), 1000).expect_err("too much");
+        let error = read(&summed(&bytes), 1000).expect_err("too much");
         assert!(error.message.contains("bytes") || error.message.contains("faces"), "{error}");
     }
+}
+
+#[test]
+fn a_cut_reads_its_checkpoint_and_what_follows_it_and_no_more() {
+    let stored = long();
+    let mut bytes = Vec::new();
+    stored.write(&mut bytes).expect("a vector takes everything");
+    assert_eq!(read(&bytes, 1 << 20), Ok(stored.clone()));
+    let length = bytes.len() as u64;
+    let Tree { faces, rounds, .. } = &stored.tree;
+    let has_checkpoint = stored.checkpoints();
+    assert!(bytes.len() > 8 * BLOCK && has_checkpoint.iter().filter(|&&has| has).count() > 3);
+    let most = rounds.iter().flat_map(|round| [round.clusters, round.clusters + 1]).filter(|most| most < faces);
+    for clusters in most.chain([*faces]).map(u64::from) {
+        let of_tree = stored.tree.labels_at(clusters);
+        let count = Cell::new(0);
+        let counted = Counted { file: Cursor::new(&bytes), read: &count };
+        assert_eq!(cut(counted, length, 1 << 20, clusters).map(|(_, cut)| cut), of_tree, "{clusters}");
+        assert_eq!(cut(Stream(&bytes), length, 1 << 20, clusters).map(|(_, cut)| cut), of_tree, "{clusters}");
+        assert_eq!(cut(bytes.as_slice(), length, 1 << 20, clusters).map(|(_, cut)| cut), of_tree, "{clusters}");
+        // the head, the checkpoint, the records up to the next one, the first of them of a round of merges of half the
+        // faces, and the rest of the blocks at both ends
+        let between = (LABEL + 2 * BETWEEN_CHECKPOINTS as usize) * *faces as usize;
+        assert!(count.get() <= between + 3 * (BLOCK + SUM), "{clusters}: {} of {length}", count.get());
+    }
+}
+
+#[test]
+fn blocks_that_changed_places_and_checkpoints_of_another_run_are_refused() {
+    let mut bytes = Vec::new();
+    long().write(&mut bytes).expect("a vector takes everything");
+    let mut swapped = bytes.clone();
+    let (first, second) = swapped.split_at_mut(2 * (BLOCK + SUM));
+    first[BLOCK + SUM..].swap_with_slice(&mut second[..BLOCK + SUM]);
+    let error = Stored::read(swapped.as_slice(), swapped.len() as u64, 1 << 20).expect_err("in another order");
+    assert!(error.message.contains("checksum"), "{error}");
+
+    let mut changed = content(&bytes);
+    let nodes = long().tree.merges.len() * NODE;
+    let moved = changed.len() - nodes;
+    // the checkpoint of the last round that has one is followed by the records of those that have none
+    let last = long().checkpoints().iter().rposition(|&has| has).expect("there are some") + 1;
+    let rest: u64 = (last..long().tree.rounds.len())
+        .map(|round| extent(&long().tree.rounds, round))
+        .map(|(merges, moves)| merges * PAIR as u64 + moves * MOVE as u64)
+        .sum();
+    let end = moved - rest as usize;
+    changed[end - 4..end].copy_from_slice(&19_999_u32.to_le_bytes());
+    let changed = summed(&changed);
+    let error = Stored::read(changed.as_slice(), changed.len() as u64, 1 << 20).expect_err("a false checkpoint");
+    assert!(error.message.contains("checkpoint of round"), "{error}");
 }

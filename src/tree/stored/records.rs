@@ -1,0 +1,106 @@
+//! The records of the file and their bytes.
+
+use super::super::{FaceMove, Merge, Round};
+
+pub(super) const ROUND: usize = 32;
+pub(super) const PAIR: usize = 16;
+pub(super) const MOVE: usize = 8;
+pub(super) const LABEL: usize = 4;
+pub(super) const NODE: usize = 44;
+
+/// A number at an offset within a record, whose length the caller knows.
+pub(super) fn u32_at(record: &[u8], at: usize) -> u32 {
+    u32::from_le_bytes([record[at], record[at + 1], record[at + 2], record[at + 3]])
+}
+
+pub(super) fn u64_at(record: &[u8], at: usize) -> u64 {
+    u64::from(u32_at(record, at)) | u64::from(u32_at(record, at + 4)) << 32
+}
+
+fn f64_at(record: &[u8], at: usize) -> f64 {
+    f64::from_bits(u64_at(record, at))
+}
+
+/// Puts parts of a record one after the other.
+fn record<const N: usize>(parts: &[&[u8]]) -> [u8; N] {
+    let mut bytes = [0; N];
+    let mut rest = bytes.as_mut_slice();
+    for part in parts {
+        let (place, after) = rest.split_at_mut(part.len());
+        place.copy_from_slice(part);
+        rest = after;
+    }
+    bytes
+}
+
+/// A round, and whether labels are kept after it.
+pub(super) fn round_bytes(round: &Round, is_kept: bool) -> [u8; ROUND] {
+    let Round { clusters, merges_end, moves_end, energy } = round;
+    record(&[
+        &clusters.to_le_bytes(),
+        &merges_end.to_le_bytes(),
+        &moves_end.to_le_bytes(),
+        &energy.to_le_bytes(),
+        &u32::from(is_kept).to_le_bytes(),
+    ])
+}
+
+/// What [`round_bytes`] made; nothing for bytes that it does not make.
+pub(super) fn round_of(record: &[u8; ROUND]) -> Option<(Round, bool)> {
+    let round = Round {
+        clusters: u32_at(record, 0),
+        merges_end: u32_at(record, 4),
+        moves_end: u64_at(record, 8),
+        energy: f64_at(record, 16),
+    };
+    match (u32_at(record, 24), u32_at(record, 28)) {
+        (is_kept @ 0..=1, 0) => Some((round, is_kept == 1)),
+        _ => None,
+    }
+}
+
+/// The part of a merge that cuts need.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Pair {
+    pub into: u32,
+    pub from: u32,
+    pub cost: f64,
+}
+
+impl Pair {
+    pub fn bytes(merge: &Merge) -> [u8; PAIR] {
+        record(&[&merge.into.to_le_bytes(), &merge.from.to_le_bytes(), &merge.cost.to_le_bytes()])
+    }
+
+    pub fn of(record: &[u8; PAIR]) -> Self {
+        Self { into: u32_at(record, 0), from: u32_at(record, 4), cost: f64_at(record, 8) }
+    }
+
+    /// The merge, its node still to be read.
+    pub fn merge(self) -> Merge {
+        let Self { into, from, cost } = self;
+        Merge { into, from, cost, energy: 0.0, faces: 0, weight: 0.0, proxy: [0.0; 3] }
+    }
+}
+
+pub(super) fn move_bytes(moved: &FaceMove) -> [u8; MOVE] {
+    record(&[&moved.face.to_le_bytes(), &moved.to.to_le_bytes()])
+}
+
+pub(super) fn move_of(record: &[u8; MOVE]) -> FaceMove {
+    FaceMove { face: u32_at(record, 0), to: u32_at(record, 4) }
+}
+
+/// The part of a merge that describes what it made.
+pub(super) fn node_bytes(merge: &Merge) -> [u8; NODE] {
+    let [x, y, z] = merge.proxy.map(f64::to_le_bytes);
+    record(&[&merge.faces.to_le_bytes(), &merge.energy.to_le_bytes(), &merge.weight.to_le_bytes(), &x, &y, &z])
+}
+
+/// Completes a merge.
+pub(super) fn complete(merge: &mut Merge, record: &[u8; NODE]) {
+    merge.faces = u32_at(record, 0);
+    merge.energy = f64_at(record, 4);
+    merge.weight = f64_at(record, 12);
+    merge.proxy = [20, 28, 36].map(|at| f64_at(record, at));
+}
