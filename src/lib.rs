@@ -18,6 +18,7 @@
 //! | hierarchies: their file, their JSON, cuts, scipy's matrix | [`tree`] |
 //! | pictures of reports | [`plot`] |
 //! | the paper's tables and figure, measured anew | [`evaluate`] |
+//! | what a device takes for each stage | [`bench`] |
 //! | one job from bytes to results | [`job`] |
 //! | the HTTP service | [`service`] |
 //! | the command line | [`cli`] |
@@ -34,6 +35,7 @@
 //! 5. [`cluster`] knows no wgpu type, [`device`] knows no file format, and nothing below [`service`] knows of HTTP.
 //! 6. Nothing that input reaches panics.
 
+pub mod bench;
 pub mod cli;
 pub mod cluster;
 pub mod device;
@@ -42,6 +44,7 @@ pub mod evaluate;
 #[cfg(fuzzing)]
 pub mod fuzzing;
 pub mod job;
+mod markdown;
 pub mod mesh;
 pub mod output;
 pub mod parameters;

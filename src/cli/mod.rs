@@ -5,6 +5,7 @@
 //! drivers may add lines of their own). Progress goes to standard error, and only to a terminal. A reader of standard
 //! output that stops reading is no error.
 
+mod bench;
 mod cluster;
 mod cut;
 mod device;
@@ -55,6 +56,8 @@ enum Command {
     Plot(plot::Arguments),
     /// Make measurements anew that were published, to compare
     Evaluate(evaluate::Arguments),
+    /// Measure what a device takes for each stage of a job
+    Bench(bench::Arguments),
     /// Serve jobs over HTTP
     Serve(Box<serve::Arguments>),
     /// Make, list and take back the tokens that a service asks for
@@ -74,6 +77,7 @@ pub fn main() -> ExitCode {
         Command::Cut(arguments) => cut::run(&arguments),
         Command::Plot(arguments) => plot::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
+        Command::Bench(arguments) => bench::run(&arguments),
         Command::Serve(arguments) => serve::run(*arguments),
         Command::Token(arguments) => token::run(&arguments),
         Command::Health(arguments) => health::run(&arguments),

@@ -7,9 +7,9 @@ use utoipa::ToSchema;
 
 use super::Device;
 use super::cpu::CpuDevice;
-use super::gpu::GpuDevice;
 use super::gpu::adapter::{self, Found};
 pub use super::gpu::adapter::{AdapterKind, AdapterReport};
+use super::gpu::{GpuDevice, Overrides};
 use crate::error::{Error, Kind, Result};
 
 /// Meshes with fewer faces go to the cpu without a look at the adapters: looking costs 20 to 370 ms.
@@ -70,6 +70,14 @@ pub fn open(choice: DeviceChoice, adapter: Option<&str>, faces: Option<u64>) -> 
         }
         (DeviceChoice::Auto, None) => open_auto(&adapter::enumerate()),
     }
+}
+
+/// Opens a gpu to be timed: the one of that number or name, else the fastest, software where there is no other.
+pub fn open_timed(adapter: Option<&str>) -> Result<(AdapterKind, GpuDevice)> {
+    let found = adapter::enumerate();
+    let found = choose(&found, adapter)?;
+    let device = GpuDevice::with_overrides(found, Overrides { timed: true, ..Overrides::default() })?;
+    Ok((found.report.kind, device))
 }
 
 fn open_auto(found: &[Found]) -> Result<Box<dyn Device>> {

@@ -7,6 +7,7 @@ use super::printed::MODELS;
 use super::runs::{MeshFile, Runner, Timed};
 use super::statements::Statement;
 use super::{FlatRow, TreeRow};
+use crate::markdown::{line, processor, table_head};
 use crate::parameters::Algorithm;
 use crate::report::{DeviceInfo, DeviceKind};
 
@@ -99,7 +100,7 @@ fn table_1(out: &mut String, devices: &[DeviceInfo], rows: &[FlatRow<'_>]) {
             head.extend(["paper: ACVD, cpu", "paper: BB, gpu"].map(str::to_owned));
         }
         head.extend(columns.iter().map(|&(flat, device)| format!("{}, {}", flat.name(), kind(&devices[device]))));
-        table(out, &head);
+        table_head(out, &head);
         for FlatRow { printed, runs } in rows {
             let mut cells = vec![format!("{}, {}", printed.model, printed.clusters)];
             if is_time {
@@ -133,7 +134,7 @@ fn table_2(out: &mut String, devices: &[DeviceInfo], rows: &[TreeRow<'_>]) {
         head.extend(
             columns.iter().map(|&(algorithm, device)| format!("{}, {}", name(algorithm), kind(&devices[device]))),
         );
-        table(out, &head);
+        table_head(out, &head);
         for TreeRow { printed, runs } in rows {
             let mut cells = vec![printed.model.to_owned()];
             if is_time {
@@ -161,7 +162,7 @@ fn figure_6(out: &mut String, figure: &Figure) {
     );
     let mut head = vec!["clusters".to_owned()];
     head.extend(figure.curves.iter().map(|curve| curve.name.clone()));
-    table(out, &head);
+    table_head(out, &head);
     for clusters in NUMBERS {
         let mut cells = vec![clusters.to_string()];
         cells.extend(figure.curves.iter().map(|curve| match curve.at(clusters) {
@@ -170,19 +171,6 @@ fn figure_6(out: &mut String, figure: &Figure) {
         }));
         line(out, &cells);
     }
-}
-
-/// The head of a table: text to the left, numbers to the right.
-fn table(out: &mut String, head: &[String]) {
-    line(out, head);
-    let _ = writeln!(out, "|---|{}", "--:|".repeat(head.len() - 1));
-}
-
-fn line<S: AsRef<str>>(out: &mut String, cells: &[S]) {
-    for cell in cells {
-        let _ = write!(out, "| {} ", cell.as_ref().replace('|', "\\|"));
-    }
-    out.push_str("|\n");
 }
 
 fn energy(timed: &Timed) -> String {
@@ -202,11 +190,4 @@ fn kind(device: &DeviceInfo) -> &'static str {
         DeviceKind::Cpu => "cpu",
         DeviceKind::Gpu => "gpu",
     }
-}
-
-/// What the processor calls itself, where the system tells.
-fn processor() -> String {
-    let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let name = text.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
-    name.map_or_else(|| "processor unknown".to_owned(), |(_, name)| name.trim().to_owned())
 }

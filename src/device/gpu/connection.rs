@@ -8,6 +8,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 use super::adapter::Found;
+use super::clock::{self, Clock, Profile};
 use super::kernels::{self, Access, Kernel};
 use super::{Fault, FaultPoint, Overrides};
 use crate::error::{Error, Kind, Result};
@@ -27,6 +28,8 @@ pub(super) struct Connection {
     name: String,
     health: Arc<Health>,
     fault: Mutex<Option<Fault>>,
+    /// Where passes are timed.
+    clock: Option<Clock>,
 }
 
 /// The compiled kernels.
@@ -89,9 +92,11 @@ impl Connection {
     pub(super) fn open(found: &Found, overrides: Overrides) -> Result<Self> {
         let name = found.report.name.clone();
         let mut limits = found.adapter.limits();
+        const NONE: wgpu::Features = wgpu::Features::empty();
+        let is_timed = overrides.timed && found.adapter.features().contains(clock::FEATURES);
         let request = found.adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("tesserae"),
-            required_features: wgpu::Features::SHADER_INT64,
+            required_features: wgpu::Features::SHADER_INT64 | if is_timed { clock::FEATURES } else { NONE },
             required_limits: limits.clone(),
             ..Default::default()
         });
@@ -136,6 +141,7 @@ impl Connection {
             elect: compile(&device, &kernels::ELECT),
             cut: compile(&device, &kernels::CUT),
         };
+        let clock = is_timed.then(|| Clock::new(&device, &queue));
         let connection = Self {
             device,
             queue,
@@ -145,6 +151,7 @@ impl Connection {
             name,
             health,
             fault: Mutex::new(None),
+            clock,
         };
         connection.check()?;
         Ok(connection)
@@ -171,6 +178,65 @@ impl Connection {
         });
         self.check()?;
         Ok(kernels)
+    }
+
+    /// Begins a pass, timed where there is a clock.
+    pub(super) fn pass<'e>(&self, encoder: &'e mut wgpu::CommandEncoder, stage: &'static str) -> wgpu::ComputePass<'e> {
+        let timestamp_writes = self.clock.as_ref().and_then(|clock| clock.around(stage));
+        encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some(stage), timestamp_writes })
+    }
+
+    /// Notes a dispatch, where there is a clock.
+    pub(super) fn count(&self, kernel: &Kernel) {
+        if let Some(clock) = &self.clock {
+            clock.count(kernel.name);
+        }
+    }
+
+    /// What was done since somebody asked last, where there is a clock. To be asked while nothing runs.
+    pub(super) fn take_profile(&self) -> Result<Option<Profile>> {
+        let Some(clock) = &self.clock else { return Ok(None) };
+        let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let (done, queries) = clock.take(&mut encoder);
+        let submission = self.queue.submit([encoder.finish()]);
+        queries.slice(..).map_async(wgpu::MapMode::Read, |_| {});
+        self.wait(submission)?;
+        let ticks: Vec<[u64; 2]> = match queries.slice(..).get_mapped_range() {
+            Ok(view) => bytemuck::pod_collect_to_vec(&view),
+            Err(_) => return self.break_down("its timestamps could not be read").map(|()| None),
+        };
+        queries.unmap();
+        Ok(Some(clock.profile(done, &ticks)))
+    }
+
+    /// Bytes a second, read and written, of copies of `bytes` from one buffer to another; none without a clock.
+    pub(super) fn copy_bandwidth(&self, bytes: u64) -> Result<Option<f64>> {
+        /// Copies that are timed.
+        const COPIES: u64 = 8;
+        let Some(clock) = &self.clock else { return Ok(None) };
+        let buffer = |label| {
+            self.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size: bytes,
+                usage: wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            })
+        };
+        let (from, to) = (buffer("copied"), buffer("copy"));
+        let copy = |copies: u64| {
+            let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+            clock.between_passes(&mut encoder, "copy", |encoder| {
+                (0..copies).for_each(|_| encoder.copy_buffer_to_buffer(&from, 0, &to, 0, None));
+            });
+            self.queue.submit([encoder.finish()]);
+        };
+        // the first use of a buffer clears it
+        copy(1);
+        self.take_profile()?;
+        copy(COPIES);
+        let stages = self.take_profile()?.map(|profile| profile.stages).unwrap_or_default();
+        let seconds = stages.first().map_or(0.0, |copies| copies.milliseconds / 1e3);
+        Ok((seconds > 0.0).then(|| (2 * COPIES * bytes) as f64 / seconds))
     }
 
     /// Whether something has gone wrong.

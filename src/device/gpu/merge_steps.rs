@@ -25,7 +25,7 @@ const FEW_MOVES: usize = 4096;
 impl GpuSteps<'_, Merging> {
     /// Encodes kernels of the hierarchy, one after the other, between batches.
     fn encode(&self, encoder: &mut wgpu::CommandEncoder, work: &[(&Compiled, &wgpu::BindGroup, Dispatch)]) {
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        let mut pass = self.connection.pass(encoder, "merge");
         for &(compiled, bindings, groups) in work {
             self.dispatch(&mut pass, compiled, bindings, BETWEEN, Some(groups));
         }

@@ -59,6 +59,7 @@
 
 pub mod adapter;
 mod buffers;
+mod clock;
 mod connection;
 pub mod kernels;
 pub mod layout;
@@ -71,6 +72,7 @@ use std::sync::{Arc, Mutex};
 
 use self::adapter::{AdapterKind, AdapterReport, Found};
 use self::buffers::Buffers;
+pub use self::clock::{Profile, StageTime};
 use self::connection::{Connection, lock};
 use self::merging::Merging;
 use self::steps::GpuSteps;
@@ -79,14 +81,22 @@ use crate::error::{Error, Kind, Result};
 use crate::report::{DeviceInfo, DeviceKind};
 use crate::surface::DualGraph;
 
-/// Limits that tests lower, instead of making meshes that reach them.
+/// How an adapter is opened otherwise than usual: limits that tests lower, instead of making meshes that reach them, and
+/// timestamps, which are not free.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Overrides {
     /// Workgroups in a dimension of a dispatch.
     pub workgroups_per_dimension: Option<u32>,
     /// Bytes that a kernel sees of a buffer.
     pub binding_size: Option<u64>,
+    /// Whether passes are timed and dispatches counted, for [`GpuDevice::take_profile`].
+    pub timed: bool,
 }
+
+/// Bytes a face of a closed triangle mesh that a boundary iteration over all faces has to read or write at least once:
+/// `propose` reads centroid and weight 16, where the row begins 4, neighbours 12, label 4, and writes the wish 4; `apply` reads
+/// wish and label 8. Labels and proxies of neighbours, which are read again and again, count once.
+pub const SWEEP_BYTES_A_FACE: u64 = 48;
 
 /// A failure that a test asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -159,6 +169,18 @@ impl GpuDevice {
             connection: Some(connection),
             fault: None,
         })
+    }
+
+    /// What was done since this was asked last; none where the device was not opened `timed`, or has no timestamps.
+    pub fn take_profile(&mut self) -> Result<Option<Profile>> {
+        self.connection()?.take_profile()
+    }
+
+    /// Bytes a second, those read and those written, of copies within the device's memory, of buffers of 256 MiB where they
+    /// can be as large; none where there are no timestamps.
+    pub fn copy_bandwidth(&mut self) -> Result<Option<f64>> {
+        let connection = self.connection()?;
+        connection.copy_bandwidth(connection.limits.max_buffer_size.min(1 << 28))
     }
 
     /// Makes something fail once, in the next surface that is opened.

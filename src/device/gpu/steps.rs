@@ -42,6 +42,15 @@ impl Work {
         }
     }
 
+    /// For who asks what the passes took.
+    fn name(self) -> &'static str {
+        match self {
+            Work::Grow => "grow",
+            Work::Boundary => "boundary",
+            Work::Refine => "refine",
+        }
+    }
+
     fn fault_point(self) -> FaultPoint {
         match self {
             Work::Grow => FaultPoint::Grow,
@@ -194,7 +203,7 @@ impl<'a, M> GpuSteps<'a, M> {
             encoder.clear_buffer(&self.buffers.offers, 0, None);
         }
         {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+            let mut pass = self.connection.pass(&mut encoder, work.name());
             let clusters = Some(self.buffers.cluster_groups);
             for slot in 0..turns {
                 let mut dispatch =
@@ -232,7 +241,7 @@ impl<'a, M> GpuSteps<'a, M> {
             encoder.clear_buffer(&buffers.clusters, 0, None);
         }
         {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+            let mut pass = self.connection.pass(&mut encoder, "fit");
             if !self.gathered {
                 let groups = Some(buffers.gather_groups);
                 let bindings = &buffers.bindings.gather;
@@ -258,6 +267,7 @@ impl<'a, M> GpuSteps<'a, M> {
         slot: u32,
         groups: Option<[u32; 3]>,
     ) {
+        self.connection.count(compiled.kernel);
         pass.set_pipeline(&compiled.pipeline);
         pass.set_bind_group(0, bindings, &[self.buffers.turns.offset(slot)]);
         match groups {
@@ -369,7 +379,7 @@ impl<M> Steps for GpuSteps<'_, M> {
         let kernels = &self.connection.kernels;
         let Buffers { bindings, face_groups, gather_groups, .. } = &self.buffers;
         {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+            let mut pass = self.connection.pass(&mut encoder, "pieces");
             for (compiled, bindings, groups) in [
                 (&kernels.link, &bindings.link, face_groups),
                 (&kernels.hook, &bindings.hook, face_groups),

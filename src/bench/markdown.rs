@@ -1,0 +1,81 @@
+//! Measurements as Markdown.
+
+use std::fmt::Write;
+
+use super::{Measurements, Row};
+use crate::markdown::{line, table_head};
+use crate::report::DeviceKind;
+
+/// Writes everything.
+pub(super) fn report(measurements: &Measurements) -> String {
+    let Measurements { tesserae, processor, threads, device, copy_bytes_a_second, rows } = measurements;
+    let mut out = "# What a device takes\n\n".to_owned();
+    let (arch, os) = (std::env::consts::ARCH, std::env::consts::OS);
+    let _ = writeln!(out, "- tesserae {tesserae}");
+    let _ = writeln!(out, "- machine: {processor}, {threads} threads, {arch}, {os}");
+    let _ = writeln!(out, "- device: {}, {}, {}", device.name, device.backend, device.driver);
+    match copy_bytes_a_second {
+        Some(copy) => {
+            let _ = writeln!(out, "- copies within its memory: {:.1} GB/s, read and written", copy / 1e9);
+        }
+        None if device.kind == DeviceKind::Gpu => out.push_str("- it has no timestamps: all times are the host's\n"),
+        None => {}
+    }
+    out.push_str(
+        "\nTimes in ms; `device` is clustering as the device's own timestamps have it, `cluster` as the host does.\n\n",
+    );
+    let is_gpu = device.kind == DeviceKind::Gpu;
+    let mut cells = vec!["mesh", "faces", "clusters", "algorithm", "parse", "topology", "upload", "cluster"];
+    if is_gpu {
+        cells.extend(["device", "on the cpu", "same labels"]);
+    }
+    cells.extend(["labels back", "iterations", "energy", "hexagonal"]);
+    if is_gpu {
+        cells.extend(["sweep", "of copy"]);
+    }
+    table_head(&mut out, &cells);
+    for row in rows.iter().filter(|row| row.refused.is_none()) {
+        line(&mut out, &figures(row, is_gpu));
+    }
+    for row in rows {
+        if let Some(why) = &row.refused {
+            let _ = writeln!(out, "\nNot run: {}, {} faces, {}: {why}", row.mesh, row.faces, row.algorithm);
+        }
+    }
+    if rows.iter().any(|row| !row.stages.is_empty()) {
+        stages(&mut out, rows);
+    }
+    out
+}
+
+fn figures(row: &Row, is_gpu: bool) -> Vec<String> {
+    let or = |number: Option<f64>, text: fn(f64) -> String| number.map_or_else(|| "–".to_owned(), text);
+    let ms = |number: f64| format!("{number:.1}");
+    let mut cells = vec![row.mesh.clone(), row.faces.to_string(), row.clusters.to_string(), row.algorithm.clone()];
+    cells.extend([row.parse, row.topology, row.upload, row.cluster].map(ms));
+    if is_gpu {
+        let same = row.same_as_cpu.map_or("–", |same| if same { "yes" } else { "**no**" });
+        cells.extend([or(row.device, ms), or(row.cluster_on_cpu, ms), same.to_owned()]);
+    }
+    cells.extend([ms(row.download), row.iterations.to_string()]);
+    cells.extend([or(row.energy, |x| format!("{x:.5e}")), or(row.hexagon_ratio, |x| format!("{x:.4}"))]);
+    if is_gpu {
+        cells.push(or(row.sweep.map(|sweep| sweep.milliseconds), |x| format!("{x:.3}")));
+        cells.push(or(row.sweep.map(|sweep| sweep.share_of_copy), |x| format!("{:.0} %", 100.0 * x)));
+    }
+    cells
+}
+
+/// Where the device's time went, and how often it was asked.
+fn stages(out: &mut String, rows: &[Row]) {
+    out.push_str("\n## On the device\n\nMilliseconds and passes of each stage; dispatches of all kernels, with or without work.\n\n");
+    table_head(out, &["mesh, faces, algorithm", "stages", "dispatches"]);
+    for row in rows.iter().filter(|row| !row.stages.is_empty()) {
+        let stage = |stage: &super::StageTime| format!("{} {:.2} ({})", stage.stage, stage.milliseconds, stage.passes);
+        let stages: Vec<String> = row.stages.iter().map(stage).collect();
+        let dispatches: u64 = row.dispatches.values().sum();
+        let each: Vec<String> = row.dispatches.iter().map(|(kernel, count)| format!("{kernel} {count}")).collect();
+        let what = format!("{}, {}, {}", row.mesh, row.faces, row.algorithm);
+        line(out, &[what, stages.join(", "), format!("{dispatches}: {}", each.join(", "))]);
+    }
+}

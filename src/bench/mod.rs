@@ -1,0 +1,291 @@
+//! What a device takes for each stage of a job: on samples of growing size and on mesh files, from the upload's bytes to
+//! labels, with the time that a gpu itself measures beside that of the host. Needs nothing but this program.
+//!
+//! | what | where |
+//! |---|---|
+//! | what is run: meshes, sizes, algorithms | `work` |
+//! | the results as Markdown | `markdown` |
+//!
+//! A gpu's labels are compared with the cpu's, unless that would take too long.
+
+mod markdown;
+mod work;
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use serde::Serialize;
+
+pub use work::{Mesh, Work};
+
+use crate::device::cpu::CpuDevice;
+use crate::device::gpu::{GpuDevice, SWEEP_BYTES_A_FACE, StageTime};
+use crate::device::{Cancel, Device};
+use crate::error::{Error, Kind, Result};
+use crate::job::{self, Outcome, Prepared, milliseconds};
+use crate::report::DeviceInfo;
+
+/// The device that is measured.
+#[derive(Debug)]
+pub enum Measured {
+    /// The threads of this machine.
+    Cpu(CpuDevice),
+    /// A gpu, opened to be timed.
+    Gpu(Box<GpuDevice>),
+}
+
+impl Measured {
+    fn device(&mut self) -> &mut dyn Device {
+        match self {
+            Measured::Cpu(cpu) => cpu,
+            Measured::Gpu(gpu) => gpu.as_mut(),
+        }
+    }
+}
+
+/// How to measure.
+#[derive(Debug, Clone, Copy)]
+pub struct Plan {
+    /// How often each job is run; the fastest run is told.
+    pub repeats: u32,
+    /// Largest mesh, in faces, whose labels are compared with the cpu's.
+    pub compare_up_to: u64,
+}
+
+/// What was measured.
+#[derive(Debug, Serialize)]
+pub struct Measurements {
+    /// Version of this program, and whether its times mean anything.
+    pub tesserae: String,
+    /// The processor of the machine.
+    pub processor: String,
+    /// Threads that the cpu device has.
+    pub threads: usize,
+    /// The device.
+    pub device: DeviceInfo,
+    /// Bytes a second of copies within the device's memory, those read and those written; none without timestamps.
+    pub copy_bytes_a_second: Option<f64>,
+    /// The jobs.
+    pub rows: Vec<Row>,
+}
+
+/// A job, and what it took; times in milliseconds.
+#[derive(Debug, Serialize)]
+pub struct Row {
+    /// The mesh.
+    pub mesh: String,
+    /// Its faces.
+    pub faces: u64,
+    /// Algorithm and what else is not as usual.
+    pub algorithm: String,
+    /// Number of clusters.
+    pub clusters: u64,
+    /// Why there is nothing else: it did not fit on the device, say.
+    pub refused: Option<String>,
+    /// From bytes to faces and positions.
+    pub parse: f64,
+    /// Topology, lattice, order, start.
+    pub topology: f64,
+    /// Bringing it to the device.
+    pub upload: f64,
+    /// Clustering, as the host sees it.
+    pub cluster: f64,
+    /// Bringing the labels back, and checking them.
+    pub download: f64,
+    /// Clustering, as the device sees it: the sum of `stages`.
+    pub device: Option<f64>,
+    /// Passes on the device, by what they did.
+    pub stages: Vec<StageTime>,
+    /// Dispatches of each kernel.
+    pub dispatches: BTreeMap<&'static str, u64>,
+    /// Iterations in which something moved.
+    pub iterations: u64,
+    /// In the end, source units.
+    pub energy: Option<f64>,
+    /// Over that of a flat tiling by hexagons.
+    pub hexagon_ratio: Option<f64>,
+    /// Clustering on the cpu device of this machine.
+    pub cluster_on_cpu: Option<f64>,
+    /// Whether that gave the same labels, or the same tree.
+    pub same_as_cpu: Option<bool>,
+    /// One boundary iteration over all faces.
+    pub sweep: Option<Sweep>,
+}
+
+/// One boundary iteration over all faces.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Sweep {
+    /// Bytes that have to be read or written at least once.
+    pub bytes: u64,
+    /// What it took on the device, milliseconds.
+    pub milliseconds: f64,
+    /// Its bytes a second, over those of a copy.
+    pub share_of_copy: f64,
+}
+
+/// Runs everything. `on_stage` is told what is being done. A job that does not fit is told as such, and those of larger
+/// meshes with the same algorithm are left out.
+pub fn run(
+    work: &[Work],
+    measured: &mut Measured,
+    plan: Plan,
+    cancel: &Cancel,
+    on_stage: &mut dyn FnMut(String),
+) -> Result<Measurements> {
+    let build = if cfg!(debug_assertions) { " (a debug build: its times say nothing)" } else { "" };
+    let copy_bytes_a_second = match measured {
+        Measured::Cpu(_) => None,
+        Measured::Gpu(gpu) => gpu.copy_bandwidth()?,
+    };
+    let mut measurements = Measurements {
+        tesserae: format!("{}{build}", env!("CARGO_PKG_VERSION")),
+        processor: crate::markdown::processor(),
+        threads: rayon::current_num_threads(),
+        device: measured.device().info().clone(),
+        copy_bytes_a_second,
+        rows: Vec::new(),
+    };
+    for work in work {
+        let is_beyond = |row: &Row| row.refused.is_some() && row.algorithm == work.name() && work.is_larger(row.faces);
+        if measurements.rows.iter().any(is_beyond) {
+            continue;
+        }
+        on_stage(format!("{}, {}", work.mesh, work.name()));
+        let row = measure(work, measured, plan, copy_bytes_a_second, cancel)?;
+        measurements.rows.push(row);
+    }
+    Ok(measurements)
+}
+
+impl Measurements {
+    /// As a report in Markdown.
+    pub fn markdown(&self) -> String {
+        markdown::report(self)
+    }
+
+    /// An error when a device's labels were not the cpu's.
+    pub fn check(&self) -> Result<()> {
+        match self.rows.iter().find(|row| row.same_as_cpu == Some(false)) {
+            None => Ok(()),
+            Some(Row { mesh, algorithm, clusters, .. }) => Err(Error::new(
+                Kind::Internal,
+                format_args!("the labels are not the cpu's: {mesh}, {algorithm}, {clusters} clusters"),
+            )),
+        }
+    }
+}
+
+/// One job: run on the device, on the cpu if it shall be compared, and its sweep.
+fn measure(
+    work: &Work,
+    measured: &mut Measured,
+    plan: Plan,
+    copy_bytes_a_second: Option<f64>,
+    cancel: &Cancel,
+) -> Result<Row> {
+    let (faces, prepared) = work.prepare()?;
+    let clusters = work.clusters(faces).unwrap_or(prepared.surface.components.len() as u64);
+    let mut row = Row::new(work, faces, clusters);
+    (row.parse, row.topology) = (prepared.timings.parse, prepared.timings.topology);
+    let mut best: Option<Outcome> = None;
+    for _ in 0..plan.repeats {
+        let started = Instant::now();
+        let outcome = match job::run(&prepared, measured.device(), cancel, &mut |_| {}) {
+            Ok(outcome) => outcome,
+            Err(error) if matches!(error.kind, Kind::DeviceUnsuitable | Kind::TooLarge | Kind::DeviceLost) => {
+                row.refused = Some(error.message);
+                return Ok(row);
+            }
+            Err(error) => return Err(error),
+        };
+        let profile = match measured {
+            Measured::Cpu(_) => None,
+            Measured::Gpu(gpu) => gpu.take_profile()?,
+        };
+        tracing::debug!(total_ms = milliseconds(started.elapsed()), "ran");
+        let timings = &outcome.report.timings_ms;
+        if best.as_ref().is_some_and(|best| best.report.timings_ms.cluster <= timings.cluster) {
+            continue;
+        }
+        (row.upload, row.cluster, row.download) = (timings.upload, timings.cluster, timings.download);
+        if let Some(profile) = profile {
+            let sum = profile.stages.iter().map(|stage| stage.milliseconds).sum();
+            row.device = (profile.untimed_passes == 0).then_some(sum);
+            (row.stages, row.dispatches) = (profile.stages, profile.dispatches);
+        }
+        best = Some(outcome);
+    }
+    let Some(best) = best else { return Ok(row) };
+    row.iterations = best.report.iterations.iter().filter(|iteration| iteration.moves > 0).count() as u64;
+    row.energy = best.report.energy.final_;
+    row.hexagon_ratio = best.report.energy.hexagon_ratio;
+    if let Measured::Gpu(gpu) = measured {
+        if faces <= plan.compare_up_to {
+            let on_cpu = job::run(&prepared, &mut CpuDevice::new(), cancel, &mut |_| {})?;
+            row.cluster_on_cpu = Some(on_cpu.report.timings_ms.cluster);
+            row.same_as_cpu = Some(on_cpu.labels == best.labels && on_cpu.hierarchy == best.hierarchy);
+        }
+        if let (Some(labels), Some(copy)) = (&best.labels, copy_bytes_a_second) {
+            row.sweep = sweep(gpu, &prepared, clusters, labels, copy, cancel)?;
+        }
+    }
+    Ok(row)
+}
+
+/// Times one boundary iteration that starts from `labels`.
+fn sweep(
+    gpu: &mut GpuDevice,
+    prepared: &Prepared,
+    clusters: u64,
+    labels: &[u32],
+    copy_bytes_a_second: f64,
+    cancel: &Cancel,
+) -> Result<Option<Sweep>> {
+    let surface = &prepared.surface;
+    let internal: Vec<u32> = surface.upload_face.iter().map(|&face| labels[face as usize]).collect();
+    let mut component_of_cluster = vec![0; clusters as usize];
+    for (component, of_component) in surface.components.iter().enumerate() {
+        internal[of_component.range()]
+            .iter()
+            .for_each(|&label| component_of_cluster[label as usize] = component as u32);
+    }
+    {
+        let mut steps = gpu.open(&surface.graph, &component_of_cluster)?;
+        steps.set_labels(&internal)?;
+        steps.optimise_boundary(1, cancel, &mut |_| {})?;
+    }
+    let profile = gpu.take_profile()?.unwrap_or_default();
+    // turns beyond the first are queued before it is known, and have nothing to do
+    let boundary = profile.stages.iter().find(|stage| stage.stage == "boundary");
+    Ok(boundary.filter(|boundary| boundary.milliseconds > 0.0).map(|boundary| {
+        let bytes = SWEEP_BYTES_A_FACE * surface.faces() as u64;
+        let milliseconds = boundary.milliseconds;
+        Sweep { bytes, milliseconds, share_of_copy: bytes as f64 / (milliseconds / 1e3) / copy_bytes_a_second }
+    }))
+}
+
+impl Row {
+    fn new(work: &Work, faces: u64, clusters: u64) -> Self {
+        Self {
+            mesh: work.mesh.to_string(),
+            faces,
+            algorithm: work.name(),
+            clusters,
+            refused: None,
+            parse: 0.0,
+            topology: 0.0,
+            upload: 0.0,
+            cluster: 0.0,
+            download: 0.0,
+            device: None,
+            stages: Vec::new(),
+            dispatches: BTreeMap::new(),
+            iterations: 0,
+            energy: None,
+            hexagon_ratio: None,
+            cluster_on_cpu: None,
+            same_as_cpu: None,
+            sweep: None,
+        }
+    }
+}

@@ -1,0 +1,136 @@
+//! `tesserae bench`: what a device takes for each stage of a job.
+
+use std::path::PathBuf;
+
+use super::Failure;
+use super::device::DeviceArguments;
+use super::files::Target;
+use super::progress::Progress;
+use super::signals;
+use crate::bench::{self, Measured, Mesh, Plan, Work};
+use crate::device::Cancel;
+use crate::device::cpu::CpuDevice;
+use crate::device::select::{self, AdapterKind, DeviceChoice};
+use crate::parameters::Optimize;
+use crate::sample::MAX_FACES;
+
+/// Faces of the samples on a gpu: as far as it holds them.
+const ON_GPU: [u64; 5] = [100_000, 1_000_000, 4_000_000, 10_000_000, 28_000_000];
+
+/// Faces of the samples on processors.
+const ON_CPU: [u64; 2] = [100_000, 1_000_000];
+
+/// Faces of the samples on a software gpu.
+const ON_SOFTWARE: [u64; 1] = [20_000];
+
+/// Largest sample of which a whole hierarchy is made.
+const MOST_FOR_HIERARCHY: u64 = 1_000_000;
+
+/// Arguments of `tesserae bench`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Measures flat clusterings and whole hierarchies of samples of growing size, and of the meshes that are named: what reading,
+topology, transfers and clustering take, what the gpu itself says of its passes (timestamp queries), how often each kernel
+was dispatched, and one boundary iteration over all faces beside the card's own copies. A gpu's labels are compared with the
+cpu's; others are an error. Sizes that do not fit are told as such. Needs no network and no other file.
+
+Examples:
+  tesserae bench --device gpu --markdown gpu.md --json gpu.json
+  tesserae bench --device gpu --mesh bunny.glb:1000 --mesh armadillo.glb:2000 --faces 1000000
+  tesserae bench --device cpu --faces 100000,1000000")]
+pub struct Arguments {
+    #[command(flatten)]
+    device: DeviceArguments,
+
+    /// Faces of the samples, about; by default as many sizes as suit the device
+    #[arg(long, value_name = "N,…", value_delimiter = ',', value_parser = clap::value_parser!(u64).range(100..=MAX_FACES))]
+    faces: Option<Vec<u64>>,
+
+    /// A mesh file, and the number of clusters to cut it into; may be given several times
+    #[arg(long = "mesh", value_name = "FILE:K", value_parser = mesh_and_clusters)]
+    meshes: Vec<(PathBuf, u64)>,
+
+    /// How often each job is run; the fastest run is told
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
+    repeats: u32,
+
+    /// Largest mesh, in faces, that is clustered on the cpu too, to compare the labels
+    #[arg(long, value_name = "N", default_value_t = 4_000_000)]
+    compare_up_to: u64,
+
+    /// Where to write the tables: a file, or - for standard output
+    #[arg(long, value_name = "OUT.md", default_value = "-")]
+    markdown: PathBuf,
+
+    /// Where to write all figures (JSON): a file, or - for standard output
+    #[arg(long, value_name = "OUT.json")]
+    json: Option<PathBuf>,
+}
+
+/// Takes `FILE:K` apart.
+fn mesh_and_clusters(text: &str) -> Result<(PathBuf, u64), String> {
+    let apart = text.rsplit_once(':').and_then(|(file, clusters)| Some((file, clusters.parse().ok()?)));
+    match apart {
+        Some((file, clusters)) if clusters > 0 && !file.is_empty() => Ok((file.into(), clusters)),
+        _ => Err("a mesh is FILE:K, with the number of clusters after the colon".to_owned()),
+    }
+}
+
+/// Measures and writes.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if let Some(message) = arguments.device.contradiction() {
+        return Err(Failure::Usage("bench", message));
+    }
+    let markdown = Target::from(arguments.markdown.clone());
+    let json = arguments.json.clone().map(Target::from);
+    if json.as_ref() == Some(&markdown) {
+        return Err(Failure::Usage("bench", "--json and --markdown write to the same place".to_owned()));
+    }
+    markdown.check()?;
+    json.as_ref().map_or(Ok(()), Target::check)?;
+    let cancel = Cancel::default();
+    signals::cancel_when_asked(cancel.clone());
+    let (mut measured, sizes) = open(&arguments.device)?;
+    let sizes = arguments.faces.as_deref().unwrap_or(sizes);
+    let plan = Plan { repeats: arguments.repeats, compare_up_to: arguments.compare_up_to };
+    let progress = Progress::new(None);
+    let work = work(sizes, &arguments.meshes);
+    let measurements = bench::run(&work, &mut measured, plan, &cancel, &mut |stage| progress.stage(stage))?;
+    progress.finish();
+    if let Some(json) = json {
+        json.write(|out| {
+            serde_json::to_writer_pretty(&mut *out, &measurements)?;
+            out.write_all(b"\n")
+        })?;
+    }
+    markdown.write(|out| out.write_all(measurements.markdown().as_bytes()))?;
+    Ok(measurements.check()?)
+}
+
+/// The device, and the sizes of samples that suit it. `auto` takes a gpu where there is one.
+fn open(device: &DeviceArguments) -> Result<(Measured, &'static [u64]), Failure> {
+    let has_gpu = || select::auto_adapter(&select::adapters()).is_some();
+    if device.device == DeviceChoice::Cpu || device.is_auto() && !has_gpu() {
+        return Ok((Measured::Cpu(CpuDevice::new()), &ON_CPU));
+    }
+    let (kind, gpu) = select::open_timed(device.adapter.as_deref())?;
+    Ok((Measured::Gpu(Box::new(gpu)), if kind == AdapterKind::Software { &ON_SOFTWARE } else { &ON_GPU }))
+}
+
+/// Everything that is run: the files first.
+fn work(sizes: &[u64], meshes: &[(PathBuf, u64)]) -> Vec<Work> {
+    let mut work = Vec::new();
+    for (path, clusters) in meshes {
+        let mesh = Mesh::File(path.clone());
+        work.push(Work::flat(mesh.clone(), Some(*clusters), 1));
+        work.push(Work::hierarchy(mesh.clone(), Optimize::None));
+        work.push(Work::hierarchy(mesh, Optimize::On));
+    }
+    for &faces in sizes {
+        work.extend([100, 1000].map(|faces_a_cluster| Work::flat(Mesh::Knot(faces), None, faces_a_cluster)));
+        if faces <= MOST_FOR_HIERARCHY {
+            work.extend([Optimize::None, Optimize::On].map(|optimize| Work::hierarchy(Mesh::Knot(faces), optimize)));
+        }
+    }
+    work
+}
