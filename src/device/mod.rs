@@ -169,9 +169,9 @@ pub struct Cancel {
 }
 
 impl Cancel {
-    /// A flag that counts in `looks` how often it is looked at.
-    pub fn counting(looks: Arc<AtomicU64>) -> Self {
-        Self { asked: Arc::default(), looks }
+    /// The same flag, of which `looks` counts how often it is looked at.
+    pub fn counting(&self, looks: Arc<AtomicU64>) -> Self {
+        Self { asked: Arc::clone(&self.asked), looks }
     }
 
     /// Asks to stop.

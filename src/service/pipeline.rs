@@ -32,6 +32,7 @@ use super::metrics::Metrics;
 use super::storage::Storage;
 use super::store::{End, Ending, Job, JobStore, Release, State, Summary, Ticket};
 use super::trace::TraceParent;
+use crate::device::Cancel;
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Limits;
 
@@ -200,7 +201,7 @@ impl Pipeline {
         self.metrics.claimed(&job);
         tracing::info!(format = job.spec.format.name(), bytes = job.spec.bytes, "started");
         let lease = self.leases.hold(ticket);
-        let cancel = self.device.cancel();
+        let cancel = Cancel::default();
         let slot = stages::Slot::new(slot);
         let log = Arc::<Log>::default();
         let broken_off = CancellationToken::new();

@@ -144,7 +144,8 @@ async fn a_mesh_that_will_never_fit_in_memory_fails_with_the_numbers() {
     }
 }
 
-/// A cpu that calls itself a gpu and is lost, or stands still at a gate, as often as said.
+/// A cpu that calls itself a gpu and is lost, or stands still at a gate, as often as said. One with a gate has small meshes
+/// worked on beside it, which pass.
 struct Faulty {
     cpu: CpuDevice,
     info: DeviceInfo,
@@ -176,6 +177,10 @@ impl Faulty {
 impl Device for Faulty {
     fn info(&self) -> &DeviceInfo {
         &self.info
+    }
+
+    fn another(&self) -> Option<Box<dyn Device>> {
+        self.still.as_ref().map(|_| Box::new(CpuDevice::new()) as Box<dyn Device>)
     }
 
     fn open<'a>(&'a mut self, graph: &'a DualGraph, components: &'a [u32]) -> tesserae::Result<Box<dyn Steps + 'a>> {
@@ -255,11 +260,22 @@ async fn a_job_that_always_loses_the_device_is_given_up() {
 }
 
 #[tokio::test]
-async fn a_device_that_stands_still_is_left_to_itself() {
+async fn a_device_that_stands_still_is_left_to_itself_also_while_small_meshes_go_on_beside_it() {
     let gate = Gate::default();
     let (service, (_, opened)) = with_losses(0, false, Some(gate.clone())).await;
-    let job = service.submit("clusters=5", sphere(300)).await;
-    let ended = service.ended(&job).await;
+    let job = service.submit("clusters=5", sphere(10_000)).await;
+    service.reaches(&job, "running").await;
+    let small = sphere(3000);
+    let beside = async {
+        loop {
+            let small = service.submit("clusters=200", small.clone()).await;
+            assert_eq!(service.ended(&small).await["state"], "succeeded");
+        }
+    };
+    let ended = tokio::select! {
+        ended = service.ended(&job) => ended,
+        () = beside => unreachable!(),
+    };
     assert_eq!(ended["state"], "succeeded", "{ended}");
     assert_eq!(opened.load(Ordering::SeqCst), 1);
     gate.open();

@@ -35,7 +35,7 @@ const REOPEN: Duration = Duration::from_secs(10);
 pub(super) struct Task {
     /// The mesh.
     pub prepared: Prepared,
-    /// Asks to stop; made by [`DeviceThread::cancel`].
+    /// Asks to stop. For the thread of the device, looking at it is a sign of life.
     pub cancel: Cancel,
     /// Whether an earlier attempt at this mesh failed, maybe with the device.
     pub is_retry: bool,
@@ -59,10 +59,18 @@ pub(in crate::service) struct DeviceThread {
     shared: Arc<Shared>,
     /// For small meshes, which then need not wait for others.
     like: Mutex<Option<Box<dyn Device>>>,
-    tasks: Mutex<mpsc::Sender<Submitted>>,
+    thread: Mutex<Thread>,
     /// Held by who has the thread work: the others do not time it.
     turn: tokio::sync::Mutex<()>,
     timeout: Duration,
+}
+
+/// A thread that was started.
+#[derive(Clone)]
+struct Thread {
+    tasks: mpsc::Sender<Submitted>,
+    /// Counts its signs of life, and nobody else's: not those of small meshes beside it, nor of one that was left to itself.
+    life: Arc<AtomicU64>,
 }
 
 /// What threads have in common.
@@ -71,8 +79,6 @@ struct Shared {
     or_cpu: bool,
     health: Arc<Health>,
     metrics: Arc<Metrics>,
-    /// Counts signs of life.
-    life: Arc<AtomicU64>,
 }
 
 impl fmt::Debug for DeviceThread {
@@ -92,16 +98,11 @@ impl DeviceThread {
         health: Arc<Health>,
         metrics: Arc<Metrics>,
     ) -> Result<Self> {
-        let shared = Arc::new(Shared { reopen, or_cpu, health, metrics, life: Arc::default() });
+        let shared = Arc::new(Shared { reopen, or_cpu, health, metrics });
         shared.metrics.device_opened(device.memory_meter());
         let like = Mutex::new(device.another());
-        let tasks = Mutex::new(spawn(Devices::new(Some(device), &shared))?);
-        Ok(Self { shared, like, tasks, turn: tokio::sync::Mutex::default(), timeout })
-    }
-
-    /// A flag to stop a task by. Looking at it is a sign of life.
-    pub(super) fn cancel(&self) -> Cancel {
-        Cancel::counting(Arc::clone(&self.shared.life))
+        let thread = Mutex::new(Thread::start(Devices::new(Some(device), &shared))?);
+        Ok(Self { shared, like, thread, turn: tokio::sync::Mutex::default(), timeout })
     }
 
     /// Clusters a mesh, after those that came before, or on one of the threads for small ones. [`Kind::DeviceLost`] when the device was lost, or seems to be.
@@ -132,18 +133,18 @@ impl DeviceThread {
     async fn submit(&self, task: Option<Task>) -> Result<Outcome> {
         let gone = || Error::new(Kind::Internal, "the thread of the device is gone");
         let (reply, mut outcome) = oneshot::channel();
-        let tasks = self.tasks.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let Thread { tasks, life } = self.thread.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let work = async {
             tasks.send(Submitted { task, reply }).await.map_err(|_| gone())?;
             (&mut outcome).await.map_err(|_| gone())?
         };
         tokio::select! {
             outcome = work => outcome,
-            () = self.lifeless() => {
+            () = self.lifeless(&life) => {
                 tracing::error!(timeout = ?self.timeout, "the device shows no sign of life; its thread is left to itself");
                 self.shared.lost("it showed no sign of life");
-                let thread = spawn(Devices::new(None, &self.shared))?;
-                *self.tasks.lock().unwrap_or_else(PoisonError::into_inner) = thread;
+                let thread = Thread::start(Devices::new(None, &self.shared))?;
+                *self.thread.lock().unwrap_or_else(PoisonError::into_inner) = thread;
                 Err(Error::new(
                     Kind::DeviceLost,
                     format_args!("the device showed no sign of life for {:?} (the service's --device-timeout)", self.timeout),
@@ -153,11 +154,11 @@ impl DeviceThread {
     }
 
     /// Completes when there was no sign of life for too long.
-    async fn lifeless(&self) {
+    async fn lifeless(&self, life: &AtomicU64) {
         let mut seen = None;
         loop {
-            let life = self.shared.life.load(Ordering::Relaxed);
-            if seen.replace(life) == Some(life) {
+            let looks = life.load(Ordering::Relaxed);
+            if seen.replace(looks) == Some(looks) {
                 return;
             }
             tokio::time::sleep(self.timeout).await;
@@ -185,22 +186,28 @@ fn too_slow(limit: Duration) -> Error {
     )
 }
 
-/// Starts a thread.
-fn spawn(mut devices: Devices) -> Result<mpsc::Sender<Submitted>> {
-    let (tasks, mut queue) = mpsc::channel::<Submitted>(1);
-    std::thread::Builder::new()
-        .name("device".to_owned())
-        .spawn(move || {
-            while let Some(Submitted { task, reply }) = queue.blocking_recv() {
-                let outcome = match task {
-                    Some(task) => task.run(&mut devices),
-                    None => devices.open().map(drop).and(Err(Error::cancelled())),
-                };
-                let _ = reply.send(outcome);
-            }
-        })
-        .map_err(|error| Error::io("the thread of the device cannot be started", error))?;
-    Ok(tasks)
+impl Thread {
+    fn start(mut devices: Devices) -> Result<Self> {
+        let (tasks, mut queue) = mpsc::channel::<Submitted>(1);
+        let life = Arc::<AtomicU64>::default();
+        let looks = Arc::clone(&life);
+        std::thread::Builder::new()
+            .name("device".to_owned())
+            .spawn(move || {
+                while let Some(Submitted { task, reply }) = queue.blocking_recv() {
+                    let outcome = match task {
+                        Some(mut task) => {
+                            task.cancel = task.cancel.counting(Arc::clone(&looks));
+                            task.run(&mut devices)
+                        }
+                        None => devices.open().map(drop).and(Err(Error::cancelled())),
+                    };
+                    let _ = reply.send(outcome);
+                }
+            })
+            .map_err(|error| Error::io("the thread of the device cannot be started", error))?;
+        Ok(Self { tasks, life })
+    }
 }
 
 impl Shared {
