@@ -156,10 +156,12 @@ async fn the_file_is_read_again_and_a_broken_one_changes_nothing() {
 }
 
 #[tokio::test]
-async fn a_token_that_is_taken_back_ends_its_streams_and_no_others() {
+async fn a_token_that_is_taken_back_or_replaced_ends_its_streams_and_no_others() {
     let (folder, [mine, ..]) = tokens();
     let path = folder.path().join("tokens.json");
-    let other = TokenFile::change(&path, |file| Ok(file.add("mine")?.reveal())).expect("made");
+    let another = || TokenFile::change(&path, |file| Ok(file.add("mine")?.reveal())).expect("made");
+    let (leaked, other) = (another(), another());
+    let id = |token: &str| token.split('_').nth(1).expect("an id").to_owned();
     let (device, gate) = Held::behind_gate();
     let service = Service::with(|settings| settings.access.tokens = Some(path.clone()), device).await;
     let job = json(submit(&service, "clusters=5").bearer_auth(&mine)).await;
@@ -167,15 +169,32 @@ async fn a_token_that_is_taken_back_ends_its_streams_and_no_others() {
         let request = service.get(text(&job["urls"]["events"])).bearer_auth(token);
         request.send().await.expect("answered")
     };
-    let (mut ends, mut stays) = (stream(&mine).await, stream(&other).await);
-    for stream in [&mut ends, &mut stays] {
+    let (mut taken_back, mut replaced, mut stays) = (stream(&mine).await, stream(&leaked).await, stream(&other).await);
+    for stream in [&mut taken_back, &mut replaced, &mut stays] {
         assert!(stream.chunk().await.expect("an event").is_some());
     }
-    let id = mine["tess_".len()..].split('_').next().expect("an id").to_owned();
-    TokenFile::change(&path, |file| Ok(file.revoke(&id).map(ToOwned::to_owned))).expect("changed");
     // the job does not go on, so nothing else ends a stream
-    let rest = tokio::time::timeout(PATIENCE, ends.text()).await.expect("it ends").expect("in order");
-    assert!(!rest.contains("event: end"), "{rest}");
+    let ends = async |stream: reqwest::Response| {
+        let rest = tokio::time::timeout(PATIENCE, stream.text()).await.expect("it ends").expect("in order");
+        assert!(!rest.contains("event: end"), "{rest}");
+    };
+    TokenFile::change(&path, |file| Ok(file.revoke(&id(&mine)).map(ToOwned::to_owned))).expect("changed");
+    ends(taken_back).await;
+    // the same id and tenant, with the secret of a token of another file
+    let elsewhere = folder.path().join("elsewhere.json");
+    let new = TokenFile::change(&elsewhere, |file| Ok(file.add("mine")?.reveal())).expect("made");
+    let read = |path: &Path| -> Value { serde_json::from_slice(&std::fs::read(path).expect("a file")).expect("JSON") };
+    let (mut file, from) = (read(&path), read(&elsewhere)["tenants"]["mine"]["tokens"][0].clone());
+    let entries = file["tenants"]["mine"]["tokens"].as_array_mut().expect("a list");
+    let entry = entries.iter_mut().find(|entry| entry["id"] == id(&leaked)).expect("an entry");
+    for field in ["salt", "sha256"] {
+        entry[field] = from[field].clone();
+    }
+    std::fs::write(&path, file.to_string()).expect("written");
+    ends(replaced).await;
+    let new = new.replace(&id(&new), &id(&leaked));
+    assert_eq!(service.get("/v1/jobs").bearer_auth(new).send().await.expect("answered").status(), 200);
+    refused(service.get("/v1/jobs").bearer_auth(leaked), 401, "unauthorized").await;
     gate.open();
     let rest = stays.text().await.expect("in order");
     assert!(rest.contains("event: end"), "{rest}");

@@ -5,7 +5,7 @@
 
 pub(super) mod tokens;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
 use std::time::{Duration, SystemTime};
 
@@ -15,7 +15,7 @@ use axum::http::{HeaderMap, header};
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
-use self::tokens::{Tenant, Tokens};
+use self::tokens::{Tenant, TokenName, Tokens};
 use super::files::blocking;
 use super::health::{Health, Part};
 use super::problem::Failure;
@@ -37,8 +37,8 @@ const METRICS: &str = "/metrics";
 pub(super) struct Caller {
     /// The tenant; none for a path that needs no token.
     pub tenant: Option<Tenant>,
-    /// The id of its token, where there are tokens.
-    token: Option<String>,
+    /// Its token, where there are tokens.
+    token: Option<TokenName>,
 }
 
 impl<S: Send + Sync> FromRequestParts<S> for Caller {
@@ -77,6 +77,8 @@ pub(super) struct Access {
 #[derive(Debug)]
 struct TokensInFile {
     path: PathBuf,
+    /// When it was read first.
+    first: Stamp,
     tokens: RwLock<Arc<Tokens>>,
 }
 
@@ -88,9 +90,11 @@ impl Access {
     pub fn open(settings: &AccessSettings) -> Result<Self> {
         let file = match &settings.tokens {
             Some(path) => {
+                // before it is read: what changes meanwhile is read again
+                let first = stamp(path);
                 let tokens = Arc::new(Tokens::read(path)?);
                 tracing::info!(tokens = tokens.len(), "read {}", path.display());
-                Some(TokensInFile { path: path.clone(), tokens: RwLock::new(tokens) })
+                Some(TokensInFile { path: path.clone(), first, tokens: RwLock::new(tokens) })
             }
             None => None,
         };
@@ -120,7 +124,7 @@ impl Access {
                 ),
             ));
         }
-        Ok(Caller { tenant: Some(tenant.clone()), token: Some(token.to_owned()) })
+        Ok(Caller { tenant: Some(tenant.clone()), token: Some(token) })
     }
 
     /// Whether who sent a request some time ago may still ask.
@@ -142,9 +146,10 @@ impl Access {
     /// Reads the file of tokens again whenever it changes, until `stop`. One that cannot be read changes nothing.
     pub async fn follow(&self, health: &Health, stop: CancellationToken) {
         let Some(file) = &self.file else { return };
-        let mut seen = file.stamp().await;
+        let mut seen = file.first;
         while stop.run_until_cancelled(tokio::time::sleep(LOOK_EVERY)).await.is_some() {
-            let stamp = file.stamp().await;
+            let path = file.path.clone();
+            let stamp = blocking(move || stamp(&path)).await.ok().flatten();
             if stamp == seen {
                 continue;
             }
@@ -163,11 +168,9 @@ impl Access {
     }
 }
 
-impl TokensInFile {
-    async fn stamp(&self) -> Stamp {
-        let metadata = tokio::fs::metadata(&self.path).await.ok()?;
-        Some((metadata.modified().ok(), metadata.len()))
-    }
+fn stamp(path: &Path) -> Stamp {
+    let metadata = std::fs::metadata(path).ok()?;
+    Some((metadata.modified().ok(), metadata.len()))
 }
 
 /// The token of a request (RFC 6750 §2.1).

@@ -218,6 +218,20 @@ struct Known {
     tenant: Tenant,
 }
 
+/// Which token somebody showed: its id, and what the file knows of its secret, which is another one when the token is
+/// replaced under the same id.
+#[derive(Clone, PartialEq, Eq)]
+pub(in crate::service) struct TokenName {
+    id: String,
+    digest: [u8; 32],
+}
+
+impl fmt::Debug for TokenName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("TokenName").field("id", &self.id).finish_non_exhaustive()
+    }
+}
+
 /// A tenant of the service.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::service) struct Tenant {
@@ -240,18 +254,19 @@ impl Tokens {
         Ok(Self { by_id: file.index()? })
     }
 
-    /// Whose token it is, and its id. Takes as long for a wrong token as for a right one.
-    pub fn tenant<'t>(&self, token: &'t str) -> Option<(&Tenant, &'t str)> {
+    /// Whose token it is, and which one. Takes as long for a wrong token as for a right one.
+    pub fn tenant(&self, token: &str) -> Option<(&Tenant, TokenName)> {
         let (id, secret) = token.strip_prefix(PREFIX).and_then(|rest| rest.split_once('_'))?;
         let known = self.by_id.get(id);
         let (salt, expected) = known.map_or((&[0; 16][..], [0; 32]), |known| (&known.salt, known.digest));
         let is_equal = bool::from(digest(salt, secret).ct_eq(&expected));
-        known.filter(|_| is_equal).map(|known| (&known.tenant, id))
+        known.filter(|_| is_equal).map(|known| (&known.tenant, TokenName { id: id.to_owned(), digest: known.digest }))
     }
 
-    /// Whether the token of that id is still there, and the tenant's.
-    pub fn has(&self, id: &str, tenant: &str) -> bool {
-        self.by_id.get(id).is_some_and(|known| known.tenant.name == tenant)
+    /// Whether that token is still there, and the tenant's.
+    pub fn has(&self, token: &TokenName, tenant: &str) -> bool {
+        let known = self.by_id.get(&token.id);
+        known.is_some_and(|known| known.digest == token.digest && known.tenant.name == tenant)
     }
 
     /// Number of tokens.
