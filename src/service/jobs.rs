@@ -444,7 +444,7 @@ pub(super) async fn show(Extract(shared): App, caller: Caller, Path(id): Path<St
 /// Cancel or delete a job
 ///
 /// A job that has not ended is cancelled: it ends soon and stays in the list. One that has ended is deleted with its
-/// results.
+/// results; what its webhook is still to be told is told all the same.
 #[utoipa::path(
     delete, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "deleteJob",
     params(("id" = String, Path, format = "uuid", description = "Id of the job")),

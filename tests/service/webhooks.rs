@@ -1,6 +1,7 @@
 //! Ends of jobs that are told, to whom they may be told.
 
 use std::net::SocketAddr;
+use std::path::Path;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -8,6 +9,7 @@ use hmac::{Hmac, KeyInit as _, Mac as _};
 use sha2::Sha256;
 use tempfile::TempDir;
 use tesserae::device::cpu::CpuDevice;
+use tesserae::service::Settings;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
@@ -55,12 +57,15 @@ async fn service(hosts: Vec<String>) -> (Service, TempDir) {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("secret");
     std::fs::write(&path, format!("whsec_{SECRET}\n")).expect("written");
-    let hosts = hosts.iter().map(|host| host.parse().expect("a host")).collect();
-    let change = |settings: &mut tesserae::service::Settings| {
-        settings.webhooks.webhook_hosts = hosts;
-        settings.webhooks.webhook_secret = Some(path);
-    };
-    (Service::with(change, Box::new(CpuDevice::new())).await, folder)
+    (Service::with(allowing(hosts, &path), Box::new(CpuDevice::new())).await, folder)
+}
+
+/// Settings that allow webhooks to these hosts.
+fn allowing(hosts: Vec<String>, secret: &Path) -> impl FnOnce(&mut Settings) {
+    move |settings| {
+        settings.webhooks.webhook_hosts = hosts.iter().map(|host| host.parse().expect("a host")).collect();
+        settings.webhooks.webhook_secret = Some(secret.to_owned());
+    }
 }
 
 fn header<'a>(request: &'a str, name: &str) -> &'a str {
@@ -113,6 +118,30 @@ async fn a_receiver_that_fails_is_asked_again_and_one_that_is_gone_is_not() {
     for (outcome, count) in [("failed", 1.0), ("given_up", 1.0), ("delivered", 0.0)] {
         assert_eq!(metric(&service, &format!("tesserae_webhooks_total{{outcome=\"{outcome}\"}}")).await, count);
     }
+}
+
+#[tokio::test]
+async fn an_end_is_told_also_when_the_job_is_deleted_before_the_receiver_takes_it() {
+    let (address, mut deliveries) = receiver(&[503, 503, 200]).await;
+    let hosts = vec![format!("http://{address}")];
+    let (service, folder) = service(hosts.clone()).await;
+    let job = service.submit(&format!("clusters=5&webhook=http://{address}/"), sphere(300)).await;
+    let refused = deliveries.recv().await.expect("told");
+    assert_eq!(service.delete(path(&job)).send().await.expect("answered").status(), 204);
+    assert_eq!(service.get(path(&job)).send().await.expect("answered").status(), 404);
+    assert_eq!(metric(&service, "tesserae_webhooks_pending").await, 1.0);
+    // after a restart, too, and where the host was not allowed for a while
+    let service = service.again(|_| {}).await;
+    until(async || metric(&service, "tesserae_webhooks_total{outcome=\"failed\"}").await == 1.0).await;
+    let service = service.again(allowing(hosts, &folder.path().join("secret"))).await;
+    for _ in 0..2 {
+        let again = deliveries.recv().await.expect("told again");
+        assert_eq!(header(&again, "webhook-id"), text(&job["id"]));
+        let body = |request: &str| request.split_once("\r\n\r\n").expect("a body").1.to_owned();
+        assert_eq!(body(&again), body(&refused), "nothing of it is lost with the job");
+    }
+    until(async || metric(&service, "tesserae_webhooks_pending").await == 0.0).await;
+    assert_eq!(metric(&service, "tesserae_webhooks_total{outcome=\"delivered\"}").await, 1.0);
 }
 
 #[tokio::test]

@@ -10,8 +10,8 @@ use tokio_util::bytes::Bytes;
 use super::Metrics;
 use crate::error::Result;
 use crate::service::store::{
-    Created, Deletion, Ending, Event, Job, JobId, JobStore, ListQuery, NewJob, Page, Progress, Pulse, Release, State,
-    Statistics, Ticket, What,
+    Created, Deletion, Ending, Event, Job, JobId, JobStore, ListQuery, NewJob, Notice, Page, Progress, Pulse, Release,
+    State, Statistics, Ticket, What,
 };
 
 /// Another store, timed.
@@ -129,6 +129,10 @@ impl JobStore for TimedStore {
 
     async fn untold(&self) -> Result<Vec<JobId>> {
         self.timed("untold", self.store.untold()).await
+    }
+
+    async fn notice(&self, id: JobId) -> Result<Option<Notice>> {
+        self.timed("notice", self.store.notice(id)).await
     }
 
     async fn settle_webhook(&self, id: JobId) -> Result<()> {

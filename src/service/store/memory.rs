@@ -12,9 +12,9 @@ use tokio_util::bytes::Bytes;
 
 use super::cursor::{cursor_of, number_of};
 use super::{
-    Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob, Page, Progress, Pulse,
-    Release, Rules, SMALL_BLOBS, SmallBlob, State, Statistics, Ticket, What, given_up, lease_is_over, no_such_job,
-    not_yours, queue_is_full, reused_key,
+    Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob, Notice, Page,
+    Progress, Pulse, Release, Rules, SMALL_BLOBS, SmallBlob, State, Statistics, Ticket, What, given_up, lease_is_over,
+    no_such_job, not_yours, queue_is_full, reused_key,
 };
 use crate::error::Result;
 
@@ -42,8 +42,8 @@ struct Inner {
     /// Jobs by tenant and key.
     keys: HashMap<(String, String), JobId>,
     created: u64,
-    /// Ended jobs whose webhook was not settled, in the order of their ends.
-    untold: Vec<JobId>,
+    /// Ends whose webhook was not settled, in their order.
+    untold: Vec<Notice>,
     /// Bytes of all small blobs.
     blob_bytes: u64,
 }
@@ -91,8 +91,15 @@ impl MemoryStore {
         }
         entry.append([What::End(entry.job.state, entry.job.problem.clone())]);
         inner.ended.insert((ended_at, id));
-        if entry.job.spec.webhook.is_some() {
-            inner.untold.push(id);
+        if let Some(webhook) = entry.job.spec.webhook.clone() {
+            inner.untold.push(Notice {
+                job: id,
+                webhook,
+                trace_parent: entry.job.spec.trace_parent.clone(),
+                state: entry.job.state,
+                problem: entry.job.problem.clone(),
+                ended_at,
+            });
             self.endings.send_modify(|count| *count += 1);
         }
     }
@@ -394,7 +401,6 @@ impl JobStore for MemoryStore {
             if let Some(wanted) = entry.idempotency {
                 inner.keys.remove(&(entry.job.spec.tenant, wanted.key));
             }
-            inner.untold.retain(|other| *other != id);
         }
         Ok(Deletion::Deleted)
     }
@@ -431,11 +437,15 @@ impl JobStore for MemoryStore {
     }
 
     async fn untold(&self) -> Result<Vec<JobId>> {
-        Ok(self.lock().untold.clone())
+        Ok(self.lock().untold.iter().map(|notice| notice.job).collect())
+    }
+
+    async fn notice(&self, id: JobId) -> Result<Option<Notice>> {
+        Ok(self.lock().untold.iter().find(|notice| notice.job == id).cloned())
     }
 
     async fn settle_webhook(&self, id: JobId) -> Result<()> {
-        self.lock().untold.retain(|other| *other != id);
+        self.lock().untold.retain(|notice| notice.job != id);
         Ok(())
     }
 

@@ -359,6 +359,24 @@ pub(super) struct Pulse {
     pub ended: bool,
 }
 
+/// The end of a job that a webhook is to tell. It is kept apart from the job and outlasts it: who was promised to be told
+/// is told, also when the job is deleted or forgotten before that.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Notice {
+    /// The job.
+    pub job: JobId,
+    /// Where it is to be told.
+    pub webhook: String,
+    /// The `traceparent` of the request that the job came with.
+    pub trace_parent: Option<String>,
+    /// The state that the job ended in.
+    pub state: State,
+    /// Why it failed.
+    pub problem: Option<Error>,
+    /// When it ended.
+    pub ended_at: SystemTime,
+}
+
 /// A page of the list of jobs.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Page {
@@ -452,7 +470,7 @@ pub(super) trait JobStore: fmt::Debug + Send + Sync {
     /// one stays as it is. The job after that; none when there is no such job.
     async fn cancel(&self, id: JobId) -> Result<Option<Job>>;
 
-    /// Forgets an ended job, its events and its key.
+    /// Forgets an ended job, its events and its key. That its end is to be told stays.
     async fn delete(&self, id: JobId) -> Result<Deletion>;
 
     /// Jobs that ended before a moment, at most `limit`, the longest ended first.
@@ -470,8 +488,12 @@ pub(super) trait JobStore: fmt::Debug + Send + Sync {
     /// Changes whenever a job with a webhook ended: what the teller of ends waits for. Marked as changed from the start.
     fn endings(&self) -> watch::Receiver<u64>;
 
-    /// Ended jobs whose webhook was not settled yet, in the order of their ends. Outlasts the process where jobs do.
+    /// Jobs whose webhook was not settled yet, in the order of their ends, also those that were deleted since. Outlasts
+    /// the process where jobs do.
     async fn untold(&self) -> Result<Vec<JobId>>;
+
+    /// What is to be told about one of the [untold](Self::untold); none for another job.
+    async fn notice(&self, id: JobId) -> Result<Option<Notice>>;
 
     /// The webhook of a job was delivered or given up: it is told no more. Nothing happens for an unknown job.
     async fn settle_webhook(&self, id: JobId) -> Result<()>;

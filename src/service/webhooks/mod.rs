@@ -3,7 +3,7 @@
 //! Which ends are still to be told is known by the store, so that a restart loses none: [`Teller`] asks it at the start
 //! and whenever a job with a webhook ended. A delivery is signed as [Standard Webhooks](https://www.standardwebhooks.com)
 //! says, tried again with growing pauses, and given up a day after the end of the job, or when the receiver answers 410.
-//! An end may be told twice: `webhook-id` is the id of the job, by which receivers know it again.
+//! Deleting the job changes nothing about that. An end may be told twice: `webhook-id` is the id of the job, by which receivers know it again.
 
 mod target;
 
@@ -27,7 +27,7 @@ use super::jobs;
 use super::metrics::Metrics;
 use super::problem::Problem;
 use super::settings::WebhookSettings;
-use super::store::{Job, JobId, JobStore, State};
+use super::store::{JobId, JobStore, Notice, State};
 use super::timestamp::rfc3339;
 use crate::error::{Error, Kind, Result};
 
@@ -82,7 +82,7 @@ struct Data<'a> {
     id: JobId,
     state: State,
     problem: Option<Problem>,
-    /// Path of the job on this service.
+    /// Path of the job on this service, where it is as long as nobody deletes it.
     url: &'a str,
 }
 
@@ -162,9 +162,6 @@ impl Teller {
 
     /// Tells ends until `stop`.
     pub async fn run(self, stop: CancellationToken) {
-        if self.webhooks.sender.is_none() {
-            return;
-        }
         let this = Arc::new(self);
         let mut attempts = Attempts::new();
         let mut endings = this.store.endings();
@@ -240,44 +237,42 @@ impl Teller {
 
     /// Tells the end of a job once.
     async fn attempt(&self, id: JobId) -> Outcome {
-        let job = match self.store.get(id).await {
-            Ok(Some(job)) => job,
+        let notice = match self.store.notice(id).await {
+            Ok(Some(notice)) => notice,
             Ok(None) => return Outcome::GivenUp,
             Err(_) => return Outcome::Failed,
         };
-        let (Some(sender), Some(webhook)) = (&self.webhooks.sender, &job.spec.webhook) else {
-            return Outcome::GivenUp;
-        };
-        // the list may be shorter than when the job was accepted
-        let sent = match self.webhooks.targets.check(webhook) {
-            Ok(url) => sender.send(url, &job).await,
-            Err(error) => {
-                tracing::warn!(job = %id, "a webhook is not told any more: {error}");
-                return Outcome::GivenUp;
-            }
-        };
-        let why = match sent {
+        let why = match self.send(&notice).await {
             Ok(status) if status.is_success() => return Outcome::Delivered,
             Ok(StatusCode::GONE) => return Outcome::GivenUp,
             Ok(status) => format!("the receiver answered {status}"),
             Err(error) => error.message,
         };
-        let age = job.ended_at.and_then(|ended| ended.elapsed().ok()).unwrap_or_default();
+        let age = notice.ended_at.elapsed().unwrap_or_default();
         tracing::warn!(job = %id, seconds_since_end = age.as_secs(), "a webhook was not delivered: {why}");
         if age > GIVEN_UP_AFTER { Outcome::GivenUp } else { Outcome::Failed }
+    }
+
+    /// Sends a notice, if that is allowed now: the list of hosts may be another than when the job was accepted, and may
+    /// be the same again later.
+    async fn send(&self, notice: &Notice) -> Result<StatusCode> {
+        let url = self.webhooks.targets.check(&notice.webhook)?;
+        let sender = self.webhooks.sender.as_ref();
+        let sender = sender.ok_or_else(|| Error::new(Kind::Unavailable, "there is no secret to sign it with"))?;
+        sender.send(url, notice).await
     }
 }
 
 impl Sender {
-    async fn send(&self, url: Url, job: &Job) -> Result<StatusCode> {
-        let path = jobs::path(job.id);
+    async fn send(&self, url: Url, notice: &Notice) -> Result<StatusCode> {
+        let path = jobs::path(notice.job);
         let message = Message {
             kind: "job.ended",
-            timestamp: rfc3339(job.ended_at.unwrap_or(job.created_at)),
+            timestamp: rfc3339(notice.ended_at),
             data: Data {
-                id: job.id,
-                state: job.state,
-                problem: job.problem.as_ref().map(|error| Problem::new(error, &path)),
+                id: notice.job,
+                state: notice.state,
+                problem: notice.problem.as_ref().map(|error| Problem::new(error, &path)),
                 url: &path,
             },
         };
@@ -286,15 +281,15 @@ impl Sender {
         };
         let body = serde_json::to_string(&message).map_err(|error| internal(&error))?;
         let timestamp = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
-        let signature = sign(&self.key, job.id, timestamp, &body).ok_or_else(|| internal(&"no key"))?;
+        let signature = sign(&self.key, notice.job, timestamp, &body).ok_or_else(|| internal(&"no key"))?;
         let mut request = self
             .client
             .post(url)
             .header("content-type", "application/json")
-            .header("webhook-id", job.id.to_string())
+            .header("webhook-id", notice.job.to_string())
             .header("webhook-timestamp", timestamp)
             .header("webhook-signature", signature);
-        if let Some(parent) = &job.spec.trace_parent {
+        if let Some(parent) = &notice.trace_parent {
             request = request.header("traceparent", parent);
         }
         let response = request.body(body).send().await;

@@ -113,6 +113,27 @@ pub(super) async fn every_end_with_a_webhook_is_untold_until_settled(store: &dyn
     store.settle_webhook(ended[1]).await.expect("settled");
     store.settle_webhook(ended[1]).await.expect("settled again");
     store.settle_webhook(JobId::random()).await.expect("nothing");
-    store.delete(ended[0]).await.expect("deleted");
+    assert_eq!(store.untold().await.expect("readable"), [&ended[..1], &ended[2..]].concat());
+    // what was promised outlasts the job
+    for (id, state, problem) in
+        [(ended[0], State::Cancelled, None), (ended[2], State::Failed, Some(Error::new(Kind::InvalidMesh, "x")))]
+    {
+        let job = get(store, id).await;
+        store.delete(id).await.expect("deleted");
+        let notice = Notice {
+            job: id,
+            webhook: job.spec.webhook.expect("hooked"),
+            trace_parent: job.spec.trace_parent,
+            state,
+            problem,
+            ended_at: job.ended_at.expect("ended"),
+        };
+        assert_eq!(store.notice(id).await.expect("readable"), Some(notice));
+    }
+    assert_eq!(store.untold().await.expect("readable"), [&ended[..1], &ended[2..]].concat());
+    store.settle_webhook(ended[0]).await.expect("settled");
     assert_eq!(store.untold().await.expect("readable"), ended[2..]);
+    for id in [ended[0], silent, JobId::random()] {
+        assert_eq!(store.notice(id).await.expect("readable"), None);
+    }
 }

@@ -6,8 +6,8 @@ use std::time::{Duration, SystemTime};
 use async_trait::async_trait;
 
 use super::{
-    Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob, Page, Progress,
-    Release, Rules, SMALL_BLOBS, SmallBlob, Spec, State, Summary, Ticket, What,
+    Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob, Notice, Page,
+    Progress, Release, Rules, SMALL_BLOBS, SmallBlob, Spec, State, Summary, Ticket, What,
 };
 use crate::error::{Error, Kind};
 use crate::mesh::Format;

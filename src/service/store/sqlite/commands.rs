@@ -291,10 +291,7 @@ impl Command for SettleWebhook {
     type Output = ();
 
     async fn apply(&self, batch: &mut Batch<'_>) -> Result<(), Abort> {
-        query("UPDATE jobs SET untold = NULL WHERE id = ?1")
-            .bind(self.0.to_string())
-            .execute(&mut *batch.connection)
-            .await?;
+        query("DELETE FROM notices WHERE job = ?1").bind(self.0.to_string()).execute(&mut *batch.connection).await?;
         Ok(())
     }
 }
@@ -382,12 +379,10 @@ impl Live {
         let (mut events, progress) = ending.rest.clone().map_or((Vec::new(), None), |(rows, last)| (rows, Some(last)));
         events.push(What::End(state, problem.cloned()));
         self.tell(batch, &events).await?;
-        // The place among the untold is drawn anew, behind all others, and only with a webhook.
         let ended = query(
             "UPDATE jobs SET state = ?1, problem = ?2, summary = ?3, ended_at = ?4, lease_until = NULL, \
-             progress = coalesce(?5, progress), last_seq = ?6, untold = CASE WHEN spec ->> 'webhook' IS NULL THEN NULL \
-             ELSE (SELECT coalesce(max(untold), 0) + 1 FROM jobs WHERE untold IS NOT NULL) END \
-             WHERE number = ?7 RETURNING untold, spec ->> 'is_small' AS has_blobs",
+             progress = coalesce(?5, progress), last_seq = ?6 WHERE number = ?7 \
+             RETURNING spec ->> 'webhook' IS NOT NULL AS has_webhook, spec ->> 'is_small' AS has_blobs",
         )
         .bind(state.name())
         .bind(problem.map(json).transpose()?)
@@ -398,7 +393,15 @@ impl Live {
         .bind(self.number)
         .fetch_one(&mut *batch.connection)
         .await?;
-        if ended.try_get::<Option<i64>, _>("untold")?.is_some() {
+        if ended.try_get::<i64, _>("has_webhook")? == 1 {
+            query(
+                "INSERT INTO notices (job, webhook, trace_parent, state, problem, ended_at) \
+                 SELECT id, spec ->> 'webhook', spec ->> 'trace_parent', state, problem, ended_at FROM jobs \
+                 WHERE number = ?1",
+            )
+            .bind(self.number)
+            .execute(&mut *batch.connection)
+            .await?;
             batch.effects.endings += 1;
         }
         if ended.try_get::<Option<i64>, _>("has_blobs")? == Some(1) {

@@ -29,8 +29,8 @@ use self::commands::{
 use self::rows::{column, count, jobs};
 use self::writer::{Abort, Listeners, Writer};
 use super::{
-    Created, Deletion, Ending, Event, Job, JobId, JobStore, ListQuery, NewJob, Page, Progress, Pulse, Release, Rules,
-    SMALL_BLOBS, State, Statistics, Ticket, What, cursor, queue_is_full,
+    Created, Deletion, Ending, Event, Job, JobId, JobStore, ListQuery, NewJob, Notice, Page, Progress, Pulse, Release,
+    Rules, SMALL_BLOBS, State, Statistics, Ticket, What, cursor, queue_is_full,
 };
 use crate::error::{Error, Kind, Result};
 use crate::service::faults::Faults;
@@ -298,9 +298,14 @@ impl JobStore for SqliteStore {
     }
 
     async fn untold(&self) -> Result<Vec<JobId>> {
+        let found = query("SELECT job FROM notices ORDER BY place").fetch_all(&self.readers).await;
+        found.map_err(database_error)?.iter().map(|row| column::<&str>(row, "job")?.parse()).collect()
+    }
+
+    async fn notice(&self, id: JobId) -> Result<Option<Notice>> {
         let found =
-            query("SELECT id FROM jobs WHERE untold IS NOT NULL ORDER BY untold").fetch_all(&self.readers).await;
-        found.map_err(database_error)?.iter().map(|row| column::<&str>(row, "id")?.parse()).collect()
+            query("SELECT * FROM notices WHERE job = ?1").bind(id.to_string()).fetch_optional(&self.readers).await;
+        found.map_err(database_error)?.map(|row| rows::notice(&row)).transpose()
     }
 
     async fn settle_webhook(&self, id: JobId) -> Result<()> {

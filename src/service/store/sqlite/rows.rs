@@ -7,7 +7,7 @@ use serde::de::DeserializeOwned;
 use sqlx::Row as _;
 use sqlx::sqlite::SqliteRow;
 
-use super::super::{Event, Job, State, What};
+use super::super::{Event, Job, Notice, State, What};
 use crate::error::{Error, Kind, Result};
 
 /// A point in time as it is stored: microseconds since 1970.
@@ -86,6 +86,19 @@ pub(super) fn job(row: &SqliteRow) -> Result<Job> {
         created_at: time(column(row, "created_at")?),
         started_at: moment("started_at")?,
         ended_at: moment("ended_at")?,
+    })
+}
+
+/// What is to be told, from a row of `notices`.
+pub(super) fn notice(row: &SqliteRow) -> Result<Notice> {
+    let problem: Option<&str> = column(row, "problem")?;
+    Ok(Notice {
+        job: column::<&str>(row, "job")?.parse().map_err(|error| unreadable("job", &error))?,
+        webhook: column(row, "webhook")?,
+        trace_parent: column(row, "trace_parent")?,
+        state: state_of(column(row, "state")?)?,
+        problem: problem.map(|text| from_json("problem", text)).transpose()?,
+        ended_at: time(column(row, "ended_at")?),
     })
 }
 

@@ -1,6 +1,7 @@
 use std::io::ErrorKind;
 use std::sync::Mutex;
 
+use sqlx::Connection as _;
 use tempfile::TempDir;
 
 use super::*;
@@ -116,6 +117,53 @@ async fn a_command_that_fails_takes_no_other_with_it() {
     }
     assert_eq!(created, 36);
     assert_eq!(store.counts().await.expect("counted")[0], 37);
+}
+
+/// Tables as they were before ends to be told had one of their own.
+#[tokio::test]
+async fn an_end_that_was_to_be_told_before_an_update_is_told_after_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join(NAME);
+    let options = SqliteConnectOptions::new().filename(&path).create_if_missing(true);
+    let connection = options.connect().await.expect("it opens");
+    let mut connection = schema::migrate_to(2, connection).await.expect("made");
+    let error = Error::new(Kind::InvalidMesh, "x");
+    let mut told = Vec::new();
+    for (untold, webhook, state, problem) in [
+        (Some(2), Some("https://b.example/"), State::Succeeded, None),
+        (None, None, State::Succeeded, None),
+        (Some(1), Some("https://a.example/"), State::Failed, Some(error)),
+        (None, Some("https://c.example/"), State::Succeeded, None),
+    ] {
+        let NewJob { id, mut spec, .. } = new_job();
+        spec.webhook = webhook.map(ToOwned::to_owned);
+        query(
+            "INSERT INTO jobs (id, tenant, state, spec, progress, problem, untold, created_at, ended_at) \
+             VALUES (?1, ?2, ?3, ?4, '{}', ?5, ?6, 1, 2)",
+        )
+        .bind(id.to_string())
+        .bind(&spec.tenant)
+        .bind(state.name())
+        .bind(rows::json(&spec).expect("JSON"))
+        .bind(problem.as_ref().map(|problem| rows::json(problem).expect("JSON")))
+        .bind(untold)
+        .execute(&mut connection)
+        .await
+        .expect("written");
+        if let (Some(place), Some(webhook)) = (untold, spec.webhook) {
+            let ended_at = rows::time(2);
+            told.push((place, Notice { job: id, webhook, trace_parent: None, state, problem, ended_at }));
+        }
+    }
+    connection.close().await.expect("closed");
+    told.sort_by_key(|(place, _)| *place);
+    let store = SqliteStore::open(&path, RULES, Faults::default()).await.expect("it opens");
+    let untold = store.untold().await.expect("readable");
+    assert_eq!(untold, told.iter().map(|(_, notice)| notice.job).collect::<Vec<_>>());
+    for (id, (_, expected)) in untold.into_iter().zip(told) {
+        assert_eq!(store.notice(id).await.expect("readable"), Some(expected));
+    }
+    assert_eq!(store.list(&ListQuery { limit: 9, ..ListQuery::default() }).await.expect("listed").jobs.len(), 4);
 }
 
 #[tokio::test]
