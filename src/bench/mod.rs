@@ -5,9 +5,11 @@
 //! |---|---|
 //! | what is run: meshes, sizes, algorithms | `work` |
 //! | the results as Markdown | `markdown` |
+//! | which device suits which size | `calibration` |
 //!
 //! A gpu's labels are compared with the cpu's, unless that would take too long.
 
+mod calibration;
 mod markdown;
 mod work;
 
@@ -16,6 +18,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 
+pub use calibration::faces_for_gpu;
 pub use work::{Mesh, Work};
 
 use crate::device::cpu::CpuDevice;

@@ -106,7 +106,9 @@ impl Work {
             parameters: &parameters,
             seeds: None,
             weights: None,
-        })?;
+        });
+        let prepared =
+            prepared.map_err(|error| Error::new(error.kind, format_args!("{}: {}", self.mesh, error.message)))?;
         Ok((prepared.input.faces, prepared))
     }
 }

@@ -4,6 +4,8 @@ use std::sync::Arc;
 
 use super::device::DeviceArguments;
 use super::{Failure, signals};
+use crate::bench;
+use crate::device::Cancel;
 use crate::device::select::DeviceChoice;
 use crate::error::Error;
 use crate::report::{DeviceInfo, DeviceKind};
@@ -43,11 +45,15 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         Ok(limit) => tracing::debug!(limit, "open files"),
         Err(error) => tracing::warn!(%error, "the number of open files cannot be raised"),
     }
-    let device = arguments.device.open_for_any()?;
+    let mut device = arguments.device.open_for_any()?;
     let description = DeviceDescription {
         chosen: chosen(&arguments.device, device.info()),
         info: device.info().clone(),
-        or_cpu: arguments.device.is_auto(),
+        cpu_below_faces: match (arguments.device.is_auto(), device.info().kind) {
+            (true, DeviceKind::Gpu) => Some(bench::faces_for_gpu(device.as_mut(), &Cancel::default())?),
+            (true, DeviceKind::Cpu) => Some(0),
+            (false, _) => None,
+        },
     };
     let choice = arguments.device.clone();
     let reopen: service::Reopen = Arc::new(move || choice.open_for_any());

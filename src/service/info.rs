@@ -26,9 +26,10 @@ pub struct DeviceDescription {
     /// How it was chosen, for people.
     #[schema(example = "auto: there is no GPU")]
     pub chosen: String,
-    /// Whether the cpu does what this device cannot, or is slow at.
-    #[serde(skip)]
-    pub or_cpu: bool,
+    /// Meshes with fewer faces are clustered by the processor, as is what the device cannot do or is slow at; null when it
+    /// takes no part, or is the device.
+    #[schema(example = 200_000)]
+    pub cpu_below_faces: Option<u64>,
 }
 
 /// Formats that are read and written.

@@ -169,7 +169,7 @@ impl Server {
             storage: Arc::clone(&storage),
             device: DeviceThread::start(
                 device,
-                description.or_cpu,
+                description.cpu_below_faces,
                 reopen,
                 timeout,
                 Arc::clone(&health),

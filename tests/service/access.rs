@@ -255,7 +255,7 @@ async fn other_machines_are_not_listened_to_without_tokens() {
     let description = tesserae::service::DeviceDescription {
         info: tesserae::device::Device::info(&CpuDevice::new()).clone(),
         chosen: String::new(),
-        or_cpu: false,
+        cpu_below_faces: None,
     };
     let settings = Settings { listen: "0.0.0.0:0".parse().expect("an address"), ..Settings::default() };
     let refused = Server::bind(settings, device(), description).await.expect_err("refused");

@@ -19,7 +19,7 @@ async fn with_faults(change: impl FnOnce(&mut Settings)) -> (Service, Faults) {
     let faults = Faults::default();
     let extras = Extras { faults: faults.clone(), ..Extras::default() };
     let data = Arc::new(tempfile::tempdir().expect("a folder"));
-    (Service::on(data, change, Box::new(CpuDevice::new()), false, extras).await, faults)
+    (Service::on(data, change, Box::new(CpuDevice::new()), None, extras).await, faults)
 }
 
 async fn ready(service: &Service, is_ready: bool) -> Value {
@@ -211,7 +211,8 @@ async fn with_losses(losses: usize, or_cpu: bool, still: Option<Gate>) -> (Servi
     });
     let extras = Extras { reopen: Some(reopen), ..Extras::default() };
     let data = Arc::new(tempfile::tempdir().expect("a folder"));
-    let service = Service::on(data, |settings| settings.work.device_timeout = 1, device, or_cpu, extras).await;
+    let service =
+        Service::on(data, |settings| settings.work.device_timeout = 1, device, or_cpu.then_some(0), extras).await;
     (service, counts)
 }
 
@@ -292,7 +293,7 @@ async fn a_device_that_cannot_be_opened_makes_the_service_wait_for_it() {
     });
     let extras = Extras { reopen: Some(reopen), ..Extras::default() };
     let data = Arc::new(tempfile::tempdir().expect("a folder"));
-    let service = Service::on(data, |settings| settings.work.max_attempts = 4, device, false, extras).await;
+    let service = Service::on(data, |settings| settings.work.max_attempts = 4, device, None, extras).await;
     let job = service.submit("clusters=5", sphere(300)).await;
     let why = ready(&service, false).await;
     assert!(text(&why["detail"]).contains("no driver"), "{why}");

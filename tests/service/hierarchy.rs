@@ -217,15 +217,30 @@ impl Device for Limited {
 async fn what_a_gpu_cannot_do_is_done_by_the_cpu_if_the_choice_was_left_to_the_service() {
     for algorithm in ["pml", "ml", "hr"] {
         let query = format!("algorithm={algorithm}&clusters=9");
-        let free = Service::with_choice(|_| {}, Limited::boxed(), true).await;
+        let free = Service::with_choice(|_| {}, Limited::boxed(), Some(0)).await;
         let job = free.submit(&query, sphere(300)).await;
         assert_eq!(free.ended(&job).await["state"], "succeeded");
         let report = json(free.get(text(&job["urls"]["report"]))).await;
         assert_eq!(report["device"]["kind"], "cpu");
-        let bound = Service::with_choice(|_| {}, Limited::boxed(), false).await;
+        let bound = Service::with_choice(|_| {}, Limited::boxed(), None).await;
         let job = bound.submit(&query, sphere(300)).await;
         let problem = &bound.ended(&job).await["problem"];
         assert_eq!(problem["type"], "/problems/device-unsuitable");
         assert!(text(&problem["detail"]).contains("no hierarchies"));
+    }
+}
+
+#[tokio::test]
+async fn meshes_that_the_cpu_is_faster_with_go_to_the_cpu_if_the_choice_was_left_to_the_service() {
+    for (below, kinds) in [(Some(1000), ["cpu", "gpu"]), (Some(0), ["gpu", "gpu"]), (Some(u64::MAX), ["cpu", "cpu"])] {
+        let service = Service::with_choice(|_| {}, Limited::boxed(), below).await;
+        for (faces, kind) in [300, 1200].into_iter().zip(kinds) {
+            let job = service.submit("clusters=9", sphere(faces)).await;
+            assert_eq!(service.ended(&job).await["state"], "succeeded");
+            let report = json(service.get(text(&job["urls"]["report"]))).await;
+            assert_eq!(report["device"]["kind"], kind, "{faces} faces, the cpu below {below:?}");
+        }
+        let device = json(service.get("/v1/device")).await;
+        assert_eq!(device["cpu_below_faces"], serde_json::json!(below));
     }
 }

@@ -37,13 +37,17 @@ impl Service {
 
     /// One with changed settings and a device.
     pub async fn with(change: impl FnOnce(&mut Settings), device: Box<dyn Device>) -> Self {
-        Self::with_choice(change, device, false).await
+        Self::with_choice(change, device, None).await
     }
 
-    /// One whose device was chosen by name or, with `or_cpu`, left to the service.
-    pub async fn with_choice(change: impl FnOnce(&mut Settings), device: Box<dyn Device>, or_cpu: bool) -> Self {
+    /// One whose device was chosen by name or, with a number, left to the service.
+    pub async fn with_choice(
+        change: impl FnOnce(&mut Settings),
+        device: Box<dyn Device>,
+        cpu_below_faces: Option<u64>,
+    ) -> Self {
         let data = Arc::new(tempfile::tempdir().expect("a folder"));
-        Self::on(data, change, device, or_cpu, Extras::default()).await
+        Self::on(data, change, device, cpu_below_faces, Extras::default()).await
     }
 
     /// One that works in a folder that may have been worked in before.
@@ -51,7 +55,7 @@ impl Service {
         data: Arc<TempDir>,
         change: impl FnOnce(&mut Settings),
         device: Box<dyn Device>,
-        or_cpu: bool,
+        cpu_below_faces: Option<u64>,
         extras: Extras,
     ) -> Self {
         let mut settings = Settings {
@@ -60,7 +64,8 @@ impl Service {
             ..Settings::default()
         };
         change(&mut settings);
-        let description = DeviceDescription { info: device.info().clone(), chosen: "by the test".to_owned(), or_cpu };
+        let description =
+            DeviceDescription { info: device.info().clone(), chosen: "by the test".to_owned(), cpu_below_faces };
         let server = Server::bind_with(settings, device, description, extras).await.expect("bound");
         let address = server.address();
         let (stop, stopped) = oneshot::channel();
@@ -74,7 +79,7 @@ impl Service {
     /// Stops the server and starts another one, with changed settings, in the same folder.
     pub async fn again(mut self, change: impl FnOnce(&mut Settings)) -> Self {
         self.stopped().await;
-        Self::on(Arc::clone(&self.data), change, Box::new(CpuDevice::new()), false, Extras::default()).await
+        Self::on(Arc::clone(&self.data), change, Box::new(CpuDevice::new()), None, Extras::default()).await
     }
 
     /// The folder it works in.

@@ -76,7 +76,8 @@ struct Thread {
 /// What threads have in common.
 struct Shared {
     reopen: Option<Reopen>,
-    or_cpu: bool,
+    /// None when the cpu takes no part.
+    cpu_below_faces: Option<u64>,
     health: Arc<Health>,
     metrics: Arc<Metrics>,
 }
@@ -88,19 +89,21 @@ impl fmt::Debug for DeviceThread {
 }
 
 impl DeviceThread {
-    /// Starts the thread. With `or_cpu` the cpu does what the device cannot, or is slow at. A device without a sign of
+    /// Starts the thread. With a number, the cpu clusters meshes with fewer faces, and does what the device cannot, or is slow at. A device without a sign of
     /// life for `timeout` counts as lost; `reopen` opens another one.
     pub fn start(
         device: Box<dyn Device>,
-        or_cpu: bool,
+        cpu_below_faces: Option<u64>,
         reopen: Option<Reopen>,
         timeout: Duration,
         health: Arc<Health>,
         metrics: Arc<Metrics>,
     ) -> Result<Self> {
-        let shared = Arc::new(Shared { reopen, or_cpu, health, metrics });
+        let shared = Arc::new(Shared { reopen, cpu_below_faces, health, metrics });
         shared.metrics.device_opened(device.memory_meter());
-        let like = Mutex::new(device.another());
+        let takes_small = cpu_below_faces.is_some_and(|faces| faces > SMALL_FACES as u64);
+        let cpu = || takes_small.then(|| Box::new(CpuDevice::new()) as Box<dyn Device>);
+        let like = Mutex::new(device.another().or_else(cpu));
         let thread = Mutex::new(Thread::start(Devices::new(Some(device), &shared))?);
         Ok(Self { shared, like, thread, turn: tokio::sync::Mutex::default(), timeout })
     }
@@ -230,15 +233,17 @@ struct Devices {
 impl Devices {
     fn new(device: Option<Box<dyn Device>>, shared: &Arc<Shared>) -> Self {
         let needs_cpu = device.as_ref().is_none_or(|device| device.info().kind == DeviceKind::Gpu);
-        let cpu = (shared.or_cpu && needs_cpu).then(CpuDevice::new);
+        let cpu = (shared.cpu_below_faces.is_some() && needs_cpu).then(CpuDevice::new);
         Self { shared: Arc::clone(shared), device, cpu, next_attempt: None }
     }
 
     fn run(&mut self, task: &mut Task) -> Result<Outcome> {
-        let (is_sequential, is_retry) = (task.prepared.parameters.algorithm.is_sequential(), task.is_retry);
+        let Prepared { surface, parameters, .. } = &task.prepared;
+        let is_few = self.shared.cpu_below_faces.is_some_and(|faces| (surface.faces() as u64) < faces);
+        let suits_cpu = parameters.algorithm.is_sequential() || task.is_retry || is_few;
         let metrics = Arc::clone(&self.shared.metrics);
         let mut run = |device: &mut dyn Device| task.cluster(device, &metrics);
-        if let Some(cpu) = self.cpu.as_mut().filter(|_| is_sequential || is_retry) {
+        if let Some(cpu) = self.cpu.as_mut().filter(|_| suits_cpu) {
             return run(cpu);
         }
         let opened = self.open();
