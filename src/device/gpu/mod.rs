@@ -52,6 +52,13 @@
 //! face in a closed triangle mesh, the largest of its buffers 48: that binding holds 2.7 million faces. What does not fit is
 //! refused.
 //!
+//! # Compiled kernels
+//!
+//! The driver compiles the kernels when a connection is opened (those of hierarchies when the first is asked for), and Mesa's
+//! and NVIDIA's keep what they compiled on disk, in `$XDG_CACHE_HOME` or `~/.cache`, for the next process. On llvmpipe that
+//! takes the command line on a mesh of 300 faces from 2.4 s of processor time to 0.4 s. `deploy/` names a folder that can be
+//! written and stays. wgpu's own pipeline cache, for which the caller vouches (`unsafe`), would keep the same a second time.
+//!
 //! # When something fails
 //!
 //! Everything that wgpu reports becomes an error of the call that notices ([`Kind::DeviceLost`] for a lost device and for
