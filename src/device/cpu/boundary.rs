@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::clusters::Clusters;
 use super::labels::Labels;
 use super::watch::{Slack, Watch, boundary_slack};
-use super::{CHUNK, Move};
+use super::{BATCH, CHUNK, Move};
 use crate::surface::DualGraph;
 
 /// What a face does.
@@ -34,9 +34,11 @@ pub fn moves(
     if due.len() <= 4 * CHUNK {
         due.iter().for_each(|&face| act(watch, face, decide(graph, labels, clusters, face)));
     } else {
-        let decisions: Vec<Decision> =
-            due.par_iter().with_min_len(CHUNK).map(|&face| decide(graph, labels, clusters, face)).collect();
-        due.iter().zip(decisions).for_each(|(&face, decision)| act(watch, face, decision));
+        for due in due.chunks(BATCH) {
+            let decisions: Vec<Decision> =
+                due.par_iter().with_min_len(CHUNK).map(|&face| decide(graph, labels, clusters, face)).collect();
+            due.iter().zip(decisions).for_each(|(&face, decision)| act(watch, face, decision));
+        }
     }
     let kept_back = leaving.kept_back(&wanted, clusters);
     if !kept_back.is_empty() {

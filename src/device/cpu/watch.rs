@@ -33,6 +33,9 @@ struct Entry {
 /// Boundary phases of fewer iterations do not let faces rest: entering them costs more than asking again.
 const FEW: u32 = 8;
 
+/// So many faces that are due are sorted, so that those beside each other in memory are asked one after the other.
+const MANY: usize = 4096;
+
 /// The faces that rest, and those that are due.
 #[derive(Debug)]
 pub struct Watch {
@@ -169,7 +172,11 @@ impl Watch {
         for &face in &self.due {
             self.is_due[face as usize] = false;
         }
-        std::mem::take(&mut self.due)
+        let mut due = std::mem::take(&mut self.due);
+        if due.len() > MANY {
+            due.sort_unstable();
+        }
+        due
     }
 
     /// Lets a face rest that has looked. One that sees no cluster but its own rests until it is [`add`](Self::add)ed.
