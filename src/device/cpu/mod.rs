@@ -14,6 +14,8 @@ mod pieces;
 mod refine;
 mod watch;
 
+use std::sync::atomic::AtomicU32;
+
 use rayon::current_num_threads;
 
 use super::{Cancel, Device, DualEdge, Ending, FREE, LatticeEnergy, MergeSteps, Step, Steps};
@@ -112,7 +114,7 @@ struct CpuSteps<'a> {
     refinement_watch: Option<Watch>,
     bids: Bids,
     /// For walks through clusters: the last walk that came to each face.
-    walked: Vec<u32>,
+    walked: Vec<AtomicU32>,
     walk: u32,
     /// Clusters that may have faces, ascending.
     living: Vec<u32>,
@@ -237,7 +239,7 @@ impl<'a> CpuSteps<'a> {
 
     /// Begins a walk over faces: none of them carries the returned number.
     fn next_walk(&mut self) -> u32 {
-        self.walked.resize(self.graph.faces(), 0);
+        self.walked.resize_with(self.graph.faces(), AtomicU32::default);
         self.walk += 1;
         self.walk
     }
@@ -248,7 +250,7 @@ impl<'a> CpuSteps<'a> {
         let walk = self.next_walk();
         let changed = self.clusters.take_changes(Reader::Pieces);
         let Some(frontier) = &self.frontier else { return Vec::new() };
-        pieces::cut_off(self.graph, &self.labels, frontier, &changed, &mut self.walked, walk)
+        pieces::cut_off(self.graph, &self.labels, &self.clusters, frontier, &changed, &self.walked, walk)
     }
 
     /// Frees faces and grows the clusters over them.

@@ -1,76 +1,140 @@
 //! Pieces of clusters: those that were cut off, among the clusters that changed, and those that a move would cut off.
 
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use rayon::prelude::*;
+
+use super::clusters::Clusters;
 use super::frontier::Frontier;
 use super::labels::Labels;
 use crate::surface::DualGraph;
 
+/// For walks over faces: the last walk that came to each.
+pub type Walked = [AtomicU32];
+
+/// Whether a walk comes to a face for the first time, and may go there. Only one thread walks over the faces of a cluster, so
+/// nobody else comes to the same ones.
+fn comes_to(walked: &Walked, walk: u32, face: u32, may_go: impl FnOnce() -> bool) -> bool {
+    let last = &walked[face as usize];
+    let comes = last.load(Ordering::Relaxed) != walk && may_go();
+    if comes {
+        last.store(walk, Ordering::Relaxed);
+    }
+    comes
+}
+
+/// Clusters that one thread looks at before it may get help.
+const CLUSTERS_A_PIECE_OF_WORK: usize = 64;
+
 /// The faces outside the piece with the most faces (of equally large ones, that with the smallest face) of each of the
-/// given clusters, sorted.
+/// given clusters, each given once, sorted.
 ///
 /// A cluster in several pieces has boundary faces in each, so walks from its boundary faces find them all. `walked` has
 /// one number a face, none of them `walk` on entry.
 pub fn cut_off(
     graph: &DualGraph,
     labels: &Labels,
+    clusters: &Clusters,
     frontier: &Frontier,
-    clusters: &[u32],
-    walked: &mut [u32],
+    of_clusters: &[u32],
+    walked: &Walked,
     walk: u32,
 ) -> Vec<u32> {
-    let mut cut_off = Vec::new();
-    let mut pieces: Vec<Vec<u32>> = Vec::new();
-    for &cluster in clusters {
-        pieces.clear();
-        for start in frontier.boundary_of(cluster) {
-            if walked[start as usize] != walk {
-                pieces.push(piece(graph, labels, cluster, start, walked, walk));
+    let mut cut_off: Vec<u32> = of_clusters
+        .par_chunks(CLUSTERS_A_PIECE_OF_WORK)
+        .flat_map_iter(|of_clusters| {
+            let (mut cut_off, mut pieces) = (Vec::new(), Pieces::default());
+            for &cluster in of_clusters {
+                let all = clusters.sums(cluster).faces as usize;
+                pieces.find(graph, labels, cluster, frontier.boundary_of(cluster), all, walked, walk);
+                pieces.all_but_largest(&mut cut_off);
             }
-        }
-        if pieces.len() > 1 {
-            let smallest_face = |piece: &[u32]| piece.iter().copied().min();
-            pieces.sort_by_key(|piece| (piece.len(), std::cmp::Reverse(smallest_face(piece))));
-            pieces.pop();
-            cut_off.extend(pieces.drain(..).flatten());
-        }
-    }
+            cut_off
+        })
+        .collect();
     cut_off.sort_unstable();
     cut_off
 }
 
-/// The faces of a cluster that are connected with `start`.
-fn piece(graph: &DualGraph, labels: &Labels, cluster: u32, start: u32, walked: &mut [u32], walk: u32) -> Vec<u32> {
-    walked[start as usize] = walk;
-    let mut faces = vec![start];
-    let mut next = 0;
-    while let Some(&face) = faces.get(next) {
-        next += 1;
-        for &near in graph.neighbours_of(face) {
-            if walked[near as usize] != walk && labels.of(near) == cluster {
-                walked[near as usize] = walk;
-                faces.push(near);
+/// The pieces of a cluster.
+#[derive(Default)]
+struct Pieces {
+    /// The faces, piece by piece.
+    faces: Vec<u32>,
+    /// Where each piece ends.
+    ends: Vec<usize>,
+}
+
+impl Pieces {
+    /// Finds the pieces of a cluster of so many faces in all.
+    #[expect(clippy::too_many_arguments, reason = "a walk needs to know all of it")]
+    fn find(
+        &mut self,
+        graph: &DualGraph,
+        labels: &Labels,
+        cluster: u32,
+        boundary: impl Iterator<Item = u32>,
+        all: usize,
+        walked: &Walked,
+        walk: u32,
+    ) {
+        self.faces.clear();
+        self.ends.clear();
+        for start in boundary {
+            if self.faces.len() == all {
+                return;
+            }
+            if !comes_to(walked, walk, start, || true) {
+                continue;
+            }
+            let mut next = self.faces.len();
+            self.faces.push(start);
+            while let Some(&face) = self.faces.get(next) {
+                next += 1;
+                for &near in graph.neighbours_of(face) {
+                    if comes_to(walked, walk, near, || labels.of(near) == cluster) {
+                        self.faces.push(near);
+                    }
+                }
+            }
+            self.ends.push(next);
+        }
+    }
+
+    /// Appends the faces of all pieces but the one with the most faces, of equally large ones that with the smallest face.
+    fn all_but_largest(&self, cut_off: &mut Vec<u32>) {
+        if self.ends.len() < 2 {
+            return;
+        }
+        let starts = std::iter::once(&0).chain(&self.ends);
+        let pieces: Vec<&[u32]> = starts.zip(&self.ends).map(|(&start, &end)| &self.faces[start..end]).collect();
+        let smallest_face = |piece: &[u32]| piece.iter().copied().min();
+        let largest =
+            (0..pieces.len()).max_by_key(|&at| (pieces[at].len(), std::cmp::Reverse(smallest_face(pieces[at]))));
+        for (at, piece) in pieces.iter().enumerate() {
+            if Some(at) != largest {
+                cut_off.extend_from_slice(piece);
             }
         }
     }
-    faces
 }
 
 /// Whether a cluster stays connected when it loses one of its faces, given that it is connected. `walked` and `walk` are as
 /// for [`cut_off`].
-pub fn stays_connected(graph: &DualGraph, labels: &Labels, face: u32, walked: &mut [u32], walk: u32) -> bool {
+pub fn stays_connected(graph: &DualGraph, labels: &Labels, face: u32, walked: &Walked, walk: u32) -> bool {
     let cluster = labels.of(face);
     let is_own = |near: &&u32| labels.of(**near) == cluster;
     let mut own: Vec<u32> = graph.neighbours_of(face).iter().filter(is_own).copied().collect();
     own.sort_unstable();
     own.dedup();
     let Some(start) = own.pop() else { return true };
-    walked[face as usize] = walk;
-    walked[start as usize] = walk;
+    comes_to(walked, walk, face, || true);
+    comes_to(walked, walk, start, || true);
     let mut queue = std::collections::VecDeque::from([start]);
     while !own.is_empty() {
         let Some(reached) = queue.pop_front() else { return false };
         for &near in graph.neighbours_of(reached) {
-            if walked[near as usize] != walk && labels.of(near) == cluster {
-                walked[near as usize] = walk;
+            if comes_to(walked, walk, near, || labels.of(near) == cluster) {
                 own.retain(|&wanted| wanted != near);
                 queue.push_back(near);
             }
