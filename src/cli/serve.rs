@@ -5,8 +5,8 @@ use std::sync::Arc;
 use super::device::DeviceArguments;
 use super::{Failure, signals};
 use crate::bench;
-use crate::device::Cancel;
-use crate::device::select::DeviceChoice;
+use crate::device::select::{DeviceChoice, FACES_FOR_GPU};
+use crate::device::{Cancel, Device};
 use crate::error::Error;
 use crate::report::{DeviceInfo, DeviceKind};
 use crate::service::{self, DeviceDescription, Extras, LogSettings, Settings};
@@ -50,7 +50,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         chosen: chosen(&arguments.device, device.info()),
         info: device.info().clone(),
         cpu_below_faces: match (arguments.device.is_auto(), device.info().kind) {
-            (true, DeviceKind::Gpu) => Some(bench::faces_for_gpu(device.as_mut(), &Cancel::default())?),
+            (true, DeviceKind::Gpu) => Some(calibrated(device.as_mut())),
             (true, DeviceKind::Cpu) => Some(0),
             (false, _) => None,
         },
@@ -70,6 +70,15 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     runtime.shutdown_background();
     drop(logging);
     Ok(served?)
+}
+
+/// The smallest mesh, in faces, that a gpu is faster with than the cpu. A gpu that fails now may be well later, so it is given
+/// the chance.
+fn calibrated(gpu: &mut dyn Device) -> u64 {
+    bench::faces_for_gpu(gpu, &Cancel::default()).unwrap_or_else(|error| {
+        tracing::warn!(%error, faces = FACES_FOR_GPU, "the gpu cannot be measured; it gets the larger meshes");
+        FACES_FOR_GPU
+    })
 }
 
 /// Why it is this device, for people.
