@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use futures_util::{StreamExt as _, stream};
 use reqwest::Body;
 use reqwest::multipart::{Form, Part};
 use tesserae::device::cpu::CpuDevice;
@@ -18,7 +19,7 @@ async fn small() -> Service {
 /// A body without a declared length.
 fn chunked(pieces: usize) -> Body {
     let pieces = (0..pieces).map(|_| Ok::<_, std::io::Error>(b"# a line of a comment\n".repeat(500)));
-    Body::wrap_stream(futures_util::stream::iter(pieces))
+    Body::wrap_stream(stream::iter(pieces))
 }
 
 /// Sends bytes as they are and gives what comes back until the connection closes.
@@ -151,7 +152,7 @@ async fn endless_part_headers_are_cut_off() {
         Ok::<_, std::io::Error>(line)
     });
     let request = service.post("/v1/jobs?clusters=2").header("content-type", "multipart/form-data; boundary=b");
-    let body = Body::wrap_stream(futures_util::stream::iter(endless));
+    let body = Body::wrap_stream(stream::iter(endless));
     let detail = refused(request.body(body), 400, "bad-request").await;
     assert!(detail.contains("headers of a part"), "{detail}");
 }
@@ -200,4 +201,80 @@ async fn odd_paths_and_methods_get_problem_documents() {
         let detail = problem(response, 405, "method-not-allowed").await;
         assert!(detail.contains(allow.to_str().expect("text")), "{detail}");
     }
+}
+
+/// Spoils bytes in some places: they end early, bits turn, a piece comes again, a number becomes large.
+fn spoiled(sound: &[u8], seed: u64) -> Vec<u8> {
+    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+    let mut below = |bound: usize| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state % bound.max(1) as u64) as usize
+    };
+    let mut bytes = sound.to_vec();
+    for _ in 0..=below(3) {
+        let at = below(bytes.len());
+        match below(5) {
+            0 => bytes.truncate(at),
+            1 => bytes.iter_mut().skip(at).take(1).for_each(|byte| *byte ^= 1 << below(8)),
+            2 => {
+                let piece = bytes[at..bytes.len().min(at + below(200))].to_vec();
+                let to = below(bytes.len());
+                bytes.splice(to..to, piece);
+            }
+            3 => bytes.iter_mut().skip(at / 4 * 4).take(4).for_each(|byte| *byte = 0xff),
+            _ => {
+                let to = bytes.len().min(at + below(50));
+                bytes.splice(at..to, *b"99999999999");
+            }
+        }
+    }
+    bytes
+}
+
+#[tokio::test]
+async fn spoiled_uploads_by_the_thousand_are_answered_each_and_leave_nothing() {
+    const EACH: u64 = 750;
+    let service = Service::with(|settings| settings.traffic.max_request_rate = 0, Box::new(CpuDevice::new())).await;
+    let before = service.submit("clusters=5", sphere(300)).await;
+    let labels = async |job: &serde_json::Value| {
+        service.ended(job).await;
+        json(service.get(text(&job["urls"]["report"]))).await["labels_sha256"].clone()
+    };
+    let expected = labels(&before).await;
+    let mut form = b"--b\r\nContent-Disposition: form-data; name=\"parameters\"\r\n\r\n{\"clusters\": 3}\r\n--b\r\n\
+        Content-Disposition: form-data; name=\"mesh\"; filename=\"a.glb\"\r\n\r\n"
+        .to_vec();
+    form.extend(sphere_glb(60));
+    form.extend(b"\r\n--b--\r\n");
+    let compressed = zstd::encode_all(&sphere(60)[..], 3).expect("compressed");
+    let kinds = [
+        ("model/obj", "identity", "?clusters=3", sphere(60)),
+        ("model/gltf-binary", "identity", "?clusters=3", sphere_glb(60)),
+        ("multipart/form-data; boundary=b", "identity", "", form),
+        ("model/obj", "zstd", "?clusters=3", compressed),
+    ];
+    for (content_type, encoding, query, sound) in kinds {
+        let send = async |body: Vec<u8>| {
+            let request = service.post(&format!("/v1/jobs{query}")).header("content-type", content_type);
+            let request = request.header("content-encoding", encoding).header("prefer", "wait=60");
+            request.body(body).send().await.expect("answered")
+        };
+        assert_eq!(send(sound.clone()).await.status(), 200, "{content_type} {encoding}");
+        let answers = stream::iter(0..EACH).map(async |seed| {
+            let answer = send(spoiled(&sound, seed)).await;
+            let status = answer.status().as_u16();
+            let media_type = answer.headers()["content-type"].clone();
+            assert!(status == 200 || (400..500).contains(&status), "seed {seed}: {:?}", answer.text().await);
+            assert_eq!(media_type == "application/problem+json", status != 200, "seed {seed}");
+            u64::from(status != 200)
+        });
+        let refused: u64 = answers.buffer_unordered(16).collect::<Vec<_>>().await.into_iter().sum();
+        assert!((EACH / 4..=EACH).contains(&refused), "{refused} of {EACH} were refused: {content_type} {encoding}");
+    }
+    assert_eq!(labels(&service.submit("clusters=5", sphere(300)).await).await, expected);
+    assert_eq!(json(service.get("/readyz")).await["status"], "ok");
+    service.keeps_no("uploads").await;
+    service.keeps_no("scratch").await;
 }
