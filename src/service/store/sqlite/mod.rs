@@ -38,6 +38,10 @@ use crate::service::faults::Faults;
 /// Connections that read.
 const READERS: u32 = 4;
 
+/// Memory that a connection that reads keeps of the file, in KiB: four of them fill it in the first thousands of jobs, and
+/// what they read is in the system's memory anyway.
+const READ_CACHE: u32 = 512;
+
 /// Size to which the write-ahead log is cut back after it grew larger.
 const LOG_BYTES: u32 = 64 << 20;
 
@@ -65,7 +69,7 @@ impl SqliteStore {
             .disable_statement_logging();
         let connection = connect(options.clone().create_if_missing(true)).await.map_err(|error| cannot(&error))?;
         let connection = schema::migrate(connection).await.map_err(|error| cannot(&error))?;
-        let reading = options.clone().read_only(true);
+        let reading = options.clone().read_only(true).pragma("cache_size", format!("-{READ_CACHE}"));
         let readers = SqlitePoolOptions::new()
             .max_connections(READERS)
             // a file in this process does not go away; to look costs each query a second one
