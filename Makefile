@@ -65,6 +65,10 @@ fuzz: debug-binary $(VENV)/ready  ## the service against its OpenAPI document
 deploy: $(VENV)/ready  ## check Dockerfile, compose files and systemd unit
 	deploy/check.sh $(abspath $(VENV))/bin
 
+.PHONY: image
+image:  ## build the container image and try it as compose.yaml runs it (ENGINE=docker)
+	deploy/try-image.sh $(or $(ENGINE),docker)
+
 .PHONY: fuzz-parsers
 fuzz-parsers:  ## fuzz every parser, FUZZ_SECONDS (60) each; needs `cargo install cargo-fuzz`
 	fuzz/run.sh $(or $(FUZZ_SECONDS),60)
