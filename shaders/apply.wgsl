@@ -7,14 +7,18 @@
 @group(0) @binding(3) var<storage, read_write> labels: array<u32>;
 @group(0) @binding(4) var<storage, read_write> clusters: array<Cluster>;
 @group(0) @binding(5) var<storage, read_write> ring: array<Slot>;
+@group(0) @binding(6) var<storage, read> neighbours: array<u32>;
+@group(0) @binding(7) var<storage, read_write> origins: array<atomic<u32>>;
+@group(0) @binding(8) var<storage, read_write> lists: Lists;
 
 var<workgroup> moved: atomic<u32>;
 
 @compute @workgroup_size(WORKGROUP)
 fn apply(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let face = thread_number(turn, group, local);
-    if face < turn.faces {
-        let wish = wishes[face];
+    let thread = thread_number(turn, group, local);
+    let face = listed_face(thread);
+    if face != FREE {
+        let wish = wishes[thread];
         if wish != FREE {
             let own = labels[face];
             // `staying` and `first_leaver` were completed by `propose`; nothing here writes them
@@ -28,10 +32,17 @@ fn apply(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
                 atomicStore(&clusters[own].whole, 0u);
                 labels[face] = wish;
                 atomicAdd(&moved, 1u);
+                // those of its neighbours that saw no other cluster see one now
+                let end = neighbours[face + 1u];
+                for (var at = neighbours[face]; at < end; at++) {
+                    if claim(neighbours[at], own) {
+                        add_newcomer(neighbours[at]);
+                    }
+                }
             }
         }
     }
-    workgroupBarrier();
+    list_newcomers(local);
     if local == 0u {
         let here = atomicLoad(&moved);
         if here != 0u {

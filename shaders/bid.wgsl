@@ -1,15 +1,15 @@
-// First step of an iteration of the refinement: every face finds the cluster to which its move gains most, and tells both
+// First step of an iteration of the refinement: every listed face finds the cluster to which its move gains most, and tells both
 // clusters how much.
 
 @group(0) @binding(0) var<uniform> turn: Turn;
 @group(0) @binding(1) var<storage, read> faces: array<vec4<i32>>;
-@group(0) @binding(2) var<storage, read> neighbour_offsets: array<u32>;
-@group(0) @binding(3) var<storage, read> neighbours: array<u32>;
-@group(0) @binding(4) var<storage, read> labels: array<u32>;
-@group(0) @binding(5) var<storage, read> proxies: array<vec4<i32>>;
-@group(0) @binding(6) var<storage, read_write> clusters: array<Cluster>;
-@group(0) @binding(7) var<storage, read_write> markets: array<Market>;
-@group(0) @binding(8) var<storage, read_write> offers: array<Offer>;
+@group(0) @binding(2) var<storage, read> neighbours: array<u32>;
+@group(0) @binding(3) var<storage, read> labels: array<u32>;
+@group(0) @binding(4) var<storage, read> proxies: array<vec4<i32>>;
+@group(0) @binding(5) var<storage, read_write> clusters: array<Cluster>;
+@group(0) @binding(6) var<storage, read_write> markets: array<Market>;
+@group(0) @binding(7) var<storage, read_write> offers: array<Offer>;
+@group(0) @binding(8) var<storage, read_write> lists: Lists;
 
 // distance·weight / rest, the quotient of the last two a fraction of 32 bits and below 1.
 fn scaled(distance: u64, weight: u64, rest: u64) -> u64 {
@@ -46,9 +46,13 @@ fn packed(gain: i64, weight: u32) -> u32 {
 
 @compute @workgroup_size(WORKGROUP)
 fn bid(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let face = thread_number(turn, group, local);
-    if face >= turn.faces {
+    let face = listed_face(thread_number(turn, group, local));
+    if face == FREE {
         return;
+    }
+    if turn.number == 1u {
+        // what was refused in another phase
+        offers[face].refused_in = 0u;
     }
     let own = labels[face];
     var best = FREE;
@@ -57,8 +61,8 @@ fn bid(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index)
         let refused_in = offers[face].refused_in;
         var is_due = refused_in == 0u || markets[own].changed_in >= refused_in;
         var least = 0x7fffffffffffffffli;
-        let end = neighbour_offsets[face + 1u];
-        for (var at = neighbour_offsets[face]; at < end; at++) {
+        let end = neighbours[face + 1u];
+        for (var at = neighbours[face]; at < end; at++) {
             let label = labels[neighbours[at]];
             if label != own && label != best && label != FREE {
                 is_due |= markets[label].changed_in >= refused_in;

@@ -5,13 +5,14 @@
 @group(0) @binding(2) var<storage, read> offers: array<Offer>;
 @group(0) @binding(3) var<storage, read_write> markets: array<Market>;
 @group(0) @binding(4) var<storage, read_write> ring: array<Slot>;
+@group(0) @binding(5) var<storage, read_write> lists: Lists;
 
 var<workgroup> bidding: atomic<u32>;
 
 @compute @workgroup_size(WORKGROUP)
 fn choose(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let face = thread_number(turn, group, local);
-    if face < turn.faces {
+    let face = listed_face(thread_number(turn, group, local));
+    if face != FREE {
         let offer = offers[face];
         if offer.cluster != FREE {
             let own = labels[face];

@@ -4,11 +4,12 @@
 @group(0) @binding(1) var<storage, read_write> labels: array<u32>;
 @group(0) @binding(2) var<storage, read_write> offers: array<Offer>;
 @group(0) @binding(3) var<storage, read_write> markets: array<Market>;
+@group(0) @binding(4) var<storage, read_write> lists: Lists;
 
 @compute @workgroup_size(WORKGROUP)
 fn deal(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let face = thread_number(turn, group, local);
-    if face >= turn.faces {
+    let face = listed_face(thread_number(turn, group, local));
+    if face == FREE {
         return;
     }
     let wanted = offers[face].cluster;

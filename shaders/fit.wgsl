@@ -7,18 +7,24 @@
 @group(0) @binding(3) var<storage, read_write> markets: array<Market>;
 @group(0) @binding(4) var<storage, read_write> ring: array<Slot>;
 @group(0) @binding(5) var<storage, read_write> next_dispatch: array<u32, 3>;
+@group(0) @binding(6) var<storage, read_write> lists: Lists;
 
 @compute @workgroup_size(WORKGROUP)
 fn fit(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let cluster = thread_number(turn, group, local);
+    let thread = thread_number(turn, group, local);
+    let cluster = living_cluster(thread);
     // complete since `apply`; nothing here writes it
     let live = turn.forced != 0u || atomicLoad(&ring[turn.slot].moves) != 0u;
-    if !live && cluster == 0u {
-        next_dispatch = array<u32, 3>(0u, 0u, 0u);
+    if thread == 0u {
+        if live {
+            cover_list();
+        } else {
+            cover_nothing();
+        }
     }
     var energy = Wide(0li, 0li);
     var shift = 0u;
-    if live && cluster < turn.clusters {
+    if live && cluster != FREE {
         let weight = weight_in(cluster);
         if weight != 0li {
             let sum = sum_of(cluster);

@@ -3,10 +3,9 @@
 // that somebody else hooked the root meanwhile looks for it again, and that happens once a root at most.
 
 @group(0) @binding(0) var<uniform> turn: Turn;
-@group(0) @binding(1) var<storage, read> neighbour_offsets: array<u32>;
-@group(0) @binding(2) var<storage, read> neighbours: array<u32>;
-@group(0) @binding(3) var<storage, read> labels: array<u32>;
-@group(0) @binding(4) var<storage, read_write> parents: array<atomic<u32>>;
+@group(0) @binding(1) var<storage, read> neighbours: array<u32>;
+@group(0) @binding(2) var<storage, read> labels: array<u32>;
+@group(0) @binding(3) var<storage, read_write> parents: array<atomic<u32>>;
 
 @compute @workgroup_size(WORKGROUP)
 fn hook(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
@@ -15,8 +14,8 @@ fn hook(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         return;
     }
     let own = labels[face];
-    let end = neighbour_offsets[face + 1u];
-    for (var at = neighbour_offsets[face]; at < end; at++) {
+    let end = neighbours[face + 1u];
+    for (var at = neighbours[face]; at < end; at++) {
         let near = neighbours[at];
         if near < face && labels[near] == own {
             var a = root_of(face);

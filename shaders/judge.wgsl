@@ -10,6 +10,7 @@
 @group(0) @binding(5) var<storage, read_write> markets: array<Market>;
 @group(0) @binding(6) var<storage, read_write> ring: array<Slot>;
 @group(0) @binding(7) var<storage, read_write> next_dispatch: array<u32, 3>;
+@group(0) @binding(8) var<storage, read_write> lists: Lists;
 
 // Faces on their way.
 struct Change {
@@ -98,15 +99,20 @@ fn decide(own: u32) -> Wide {
 
 @compute @workgroup_size(WORKGROUP)
 fn judge(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let cluster = thread_number(turn, group, local);
+    let thread = thread_number(turn, group, local);
+    let cluster = living_cluster(thread);
     // complete since `choose`; nothing here writes it
     let live = atomicLoad(&ring[turn.slot].bids) != 0u;
-    if !live && cluster == 0u {
-        next_dispatch = array<u32, 3>(0u, 0u, 0u);
+    if thread == 0u {
+        if live {
+            cover_list();
+        } else {
+            cover_nothing();
+        }
     }
     var energy = Wide(0li, 0li);
     var shift = 0u;
-    if live && cluster < turn.clusters {
+    if live && cluster != FREE {
         if markets[cluster].dealt_in == turn.number {
             // both clusters lie in one component: the shift is the same
             shift = u32(proxies[cluster].w);

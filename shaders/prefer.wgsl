@@ -2,17 +2,17 @@
 // also the one with the smaller ends. `cost` and `tie` are complete since `break_ties`; nothing here writes them.
 
 @group(0) @binding(0) var<uniform> turn: Turn;
-@group(0) @binding(1) var<storage, read> neighbour_offsets: array<u32>;
-@group(0) @binding(2) var<storage, read> neighbours: array<u32>;
-@group(0) @binding(3) var<storage, read> labels: array<u32>;
-@group(0) @binding(4) var<storage, read> proxies: array<vec4<i32>>;
-@group(0) @binding(5) var<storage, read_write> clusters: array<Cluster>;
-@group(0) @binding(6) var<storage, read_write> choices: array<Choice>;
+@group(0) @binding(1) var<storage, read> neighbours: array<u32>;
+@group(0) @binding(2) var<storage, read> labels: array<u32>;
+@group(0) @binding(3) var<storage, read> proxies: array<vec4<i32>>;
+@group(0) @binding(4) var<storage, read_write> clusters: array<Cluster>;
+@group(0) @binding(5) var<storage, read_write> choices: array<Choice>;
+@group(0) @binding(6) var<storage, read_write> lists: Lists;
 
 @compute @workgroup_size(WORKGROUP)
 fn prefer(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let face = thread_number(turn, group, local);
-    if face >= turn.faces {
+    let face = listed_face(thread_number(turn, group, local));
+    if face == FREE {
         return;
     }
     let own = labels[face];
@@ -20,8 +20,8 @@ fn prefer(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
         return;
     }
     var best = 0u;
-    let end = neighbour_offsets[face + 1u];
-    for (var at = neighbour_offsets[face]; at < end; at++) {
+    let end = neighbours[face + 1u];
+    for (var at = neighbours[face]; at < end; at++) {
         let other = labels[neighbours[at]];
         if other != own
             && other != FREE

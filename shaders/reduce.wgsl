@@ -3,11 +3,13 @@
 
 @group(0) @binding(0) var<uniform> turn: Turn;
 @group(0) @binding(1) var<storage, read_write> bests: array<Best>;
+@group(0) @binding(2) var<storage, read_write> lists: Lists;
 
 @compute @workgroup_size(WORKGROUP)
 fn reduce(@builtin(local_invocation_index) local: u32) {
     var best = NO_CANDIDATE;
-    for (var at = local; at < turn.entries; at += WORKGROUP) {
+    // one for each workgroup of `search`
+    for (var at = local; at * WORKGROUP < lists.due; at += WORKGROUP) {
         let cost = bests[at].cost;
         let next = Candidate(
             (u64(cost[3]) << 32u) | u64(cost[2]),

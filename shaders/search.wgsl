@@ -2,12 +2,12 @@
 // workgroup's faces, by exact cost.
 
 @group(0) @binding(0) var<uniform> turn: Turn;
-@group(0) @binding(1) var<storage, read> neighbour_offsets: array<u32>;
-@group(0) @binding(2) var<storage, read> neighbours: array<u32>;
-@group(0) @binding(3) var<storage, read> labels: array<u32>;
-@group(0) @binding(4) var<storage, read> proxies: array<vec4<i32>>;
-@group(0) @binding(5) var<storage, read_write> clusters: array<Cluster>;
-@group(0) @binding(6) var<storage, read_write> bests: array<Best>;
+@group(0) @binding(1) var<storage, read> neighbours: array<u32>;
+@group(0) @binding(2) var<storage, read> labels: array<u32>;
+@group(0) @binding(3) var<storage, read> proxies: array<vec4<i32>>;
+@group(0) @binding(4) var<storage, read_write> clusters: array<Cluster>;
+@group(0) @binding(5) var<storage, read_write> bests: array<Best>;
+@group(0) @binding(6) var<storage, read_write> lists: Lists;
 
 // Bits of a digit of the long division: a remainder below the divisor's 2³⁵ and a digit fit into 64 bits.
 const DIGIT: u32 = 29u;
@@ -60,13 +60,13 @@ fn candidate(own: u32, other: u32) -> Candidate {
 
 @compute @workgroup_size(WORKGROUP)
 fn search(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let face = thread_number(turn, group, local);
+    let face = listed_face(thread_number(turn, group, local));
     var best = NO_CANDIDATE;
-    if face < turn.faces {
+    if face != FREE {
         let own = labels[face];
         if own != FREE {
-            let end = neighbour_offsets[face + 1u];
-            for (var at = neighbour_offsets[face]; at < end; at++) {
+            let end = neighbours[face + 1u];
+            for (var at = neighbours[face]; at < end; at++) {
                 let other = labels[neighbours[at]];
                 // the faces of the other cluster look at it, too
                 if own < other && other != FREE {

@@ -9,14 +9,14 @@ use std::collections::BTreeSet;
 use common::zoo;
 use gpu_support::{adapter, device, device_with};
 use tesserae::Kind;
-use tesserae::cluster::dual_edge::{End, Rank, Ties, exact_cost, packed_cost};
+use tesserae::cluster::dual_edge::{End, Rank, Ties, exact_cost, mutual, packed_cost};
 use tesserae::cluster::hierarchy::{Options, Pairs, RoundRow, hierarchical};
 use tesserae::cluster::run::Row;
 use tesserae::cluster::sums::ClusterSums;
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::gpu::adapter::AdapterKind;
 use tesserae::device::gpu::{Fault, FaultPoint, GpuDevice, Overrides};
-use tesserae::device::{Cancel, Device, DualEdge, FREE};
+use tesserae::device::{Cancel, Device, DualEdge, Ending, FREE};
 use tesserae::error::Result;
 use tesserae::sample::{Sample, generate};
 use tesserae::surface::{Component, Surface};
@@ -332,6 +332,47 @@ fn merges_keep_sums_and_labels_in_step_and_moves_are_counted_from_the_last() {
     let labels = on_gpu.labels().expect("labels");
     let gone = all.iter().copied().find(|cluster| !labels.contains(cluster)).expect("some merged");
     assert_eq!(on_gpu.sums_of(&[gone]).expect("sums"), [ClusterSums::default()]);
+}
+
+#[test]
+fn moves_since_a_merge_are_all_known_whatever_made_them() {
+    let surface = surface(Sample::Knot, 2500);
+    let components = surface.component_of_face();
+    let all: Vec<u32> = (0..surface.faces() as u32).collect();
+    let mut gpu = device();
+    let mut cpu = CpuDevice::new();
+    let mut told = Vec::new();
+    for device in [&mut gpu as &mut dyn Device, &mut cpu] {
+        let cancel = Cancel::default();
+        let mut steps = device.open_merging(&surface, &components).expect("it fits");
+        steps.set_labels(&all).expect("set");
+        let mut found = Vec::new();
+        for _ in 0..6 {
+            let edges = steps.optimal_dual_edges(Ties::Hash).expect("a search");
+            let pairs: Vec<(u32, u32)> = mutual(&edges).iter().map(Rank::ends).collect();
+            steps.merge(&pairs).expect("a merge");
+            steps.optimise_boundary(2, &cancel, &mut |_| {}).expect("optimise");
+            let mut cut_off = steps.repair(&cancel).expect("a repair");
+            if steps.refine_connected(3, &cancel, &mut |_| {}).expect("refine") == Ending::IterationLimit {
+                steps.resume();
+                steps.refine_connected(2, &cancel, &mut |_| {}).expect("refine");
+            }
+            steps.optimise_boundary(1, &cancel, &mut |_| {}).expect("optimise");
+            // what is asked for in between takes nothing off the list
+            steps.optimal_dual_edges(Ties::Hash).expect("a search");
+            steps.refine(2, &cancel, &mut |_| {}).expect("refine");
+            cut_off += steps.repair(&cancel).expect("a repair");
+            steps.refine_connected(1, &cancel, &mut |_| {}).expect("refine");
+            found.push((cut_off, steps.moves_since_merge().expect("moves"), steps.labels().expect("labels")));
+        }
+        told.push(found);
+    }
+    for (round, (on_gpu, on_cpu)) in told[0].iter().zip(&told[1]).enumerate() {
+        assert!(on_gpu == on_cpu, "round {round}");
+    }
+    assert!(told[0].iter().any(|(cut_off, ..)| *cut_off > 0), "something was cut off");
+    let moved: usize = told[0].iter().map(|(_, moves, _)| moves.len()).sum();
+    assert!(moved > 100, "{moved}");
 }
 
 #[test]

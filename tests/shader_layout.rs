@@ -7,7 +7,9 @@ use std::path::Path;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, StorageAccess, TypeInner};
 use tesserae::device::gpu::kernels::{Access, Binding, KERNELS, Kernel};
-use tesserae::device::gpu::layout::{GATHER_RUN, STRUCTS, Struct, TIES_BY_HASH, TIES_BY_LARGEST_ID, WORKGROUP};
+use tesserae::device::gpu::layout::{
+    GATHER_RUN, STRUCTS, Struct, TIES_BY_HASH, TIES_BY_LARGEST_ID, UNLISTED, WORKGROUP,
+};
 
 fn module(kernel: &Kernel) -> Module {
     naga::front::wgsl::parse_str(&kernel.source())
@@ -117,6 +119,7 @@ fn shared_structs_and_constants_are_the_same_on_both_sides() {
                 Some("RUN") => ("RUN", GATHER_RUN),
                 Some("TIES_BY_HASH") => ("TIES_BY_HASH", TIES_BY_HASH),
                 Some("TIES_BY_LARGEST_ID") => ("TIES_BY_LARGEST_ID", TIES_BY_LARGEST_ID),
+                Some("UNLISTED") => ("UNLISTED", UNLISTED),
                 Some("FREE") => ("FREE", tesserae::device::FREE),
                 _ => continue,
             };
@@ -127,7 +130,7 @@ fn shared_structs_and_constants_are_the_same_on_both_sides() {
             constants.insert(name);
         }
     }
-    assert_eq!(constants.len(), 5, "only {constants:?} are used");
+    assert_eq!(constants.len(), 6, "only {constants:?} are used");
     assert_eq!(seen.len(), STRUCTS.len(), "only {seen:?} are used");
 }
 

@@ -3,6 +3,9 @@
 // A free face's label, and the wish of a face that stays where it is.
 const FREE: u32 = 0xffffffffu;
 
+// The origin of a face that is not listed. That of a listed one is the label that it had when it was, or after the last merge.
+const UNLISTED: u32 = 0xfffffffeu;
+
 // Threads in a workgroup.
 const WORKGROUP: u32 = 256u;
 
@@ -10,11 +13,11 @@ const WORKGROUP: u32 = 256u;
 struct Turn {
     // Where in the ring the turn's numbers go.
     slot: u32,
-    // 1: fit and measure even though nothing moved, and let the dispatches that follow run.
+    // 1: between batches. Fit and measure even though nothing moved, and let the dispatches that follow run.
     forced: u32,
     // Number of faces.
     faces: u32,
-    // Number of clusters.
+    // Number of clusters that are left.
     clusters: u32,
     // Workgroups in a full row of a dispatch; a dispatch of fewer is one row.
     row: u32,

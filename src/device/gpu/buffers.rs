@@ -1,6 +1,6 @@
 //! The buffers of a surface on the device, and the bind groups over them.
 
-use std::mem::size_of;
+use std::mem::{offset_of, size_of};
 
 use bytemuck::{Pod, Zeroable};
 
@@ -8,7 +8,8 @@ use super::FaultPoint;
 use super::connection::{Compiled, Connection};
 use super::kernels::Access;
 use super::layout::{
-    Cluster, Dispatch, Face, GATHER_RUN, Market, Offer, Proxy, Slot, TIES_BY_HASH, TIES_BY_LARGEST_ID, Turn, WORKGROUP,
+    Cluster, Dispatch, Face, GATHER_RUN, Lists, Market, Offer, Proxy, Slot, TIES_BY_HASH, TIES_BY_LARGEST_ID, Turn,
+    WORKGROUP,
 };
 use crate::cluster::dual_edge::Ties;
 use crate::device::FREE;
@@ -21,6 +22,9 @@ pub(super) const RING: u32 = 64;
 /// The turn, and the slot of the ring, of the state between batches.
 pub(super) const BETWEEN: u32 = RING;
 
+/// Words in front of the entries of the lists.
+const LIST_HEAD: u64 = (offset_of!(Lists, entries) / 4) as u64;
+
 /// Items that are brought to the device at once.
 const UPLOAD: usize = 1 << 20;
 
@@ -28,12 +32,14 @@ const UPLOAD: usize = 1 << 20;
 #[derive(Debug)]
 pub(super) struct Buffers {
     pub(super) faces: u32,
-    pub(super) neighbour_offsets: wgpu::Buffer,
     pub(super) neighbours: wgpu::Buffer,
     pub(super) labels: wgpu::Buffer,
     pub(super) clusters: wgpu::Buffer,
     pub(super) proxies: wgpu::Buffer,
-    pub(super) offers: wgpu::Buffer,
+    /// Labels while they grow.
+    pub(super) wishes: wgpu::Buffer,
+    pub(super) origins: wgpu::Buffer,
+    pub(super) lists: wgpu::Buffer,
     pub(super) turns: Turns,
     pub(super) ring: wgpu::Buffer,
     pub(super) next_dispatch: wgpu::Buffer,
@@ -52,6 +58,9 @@ pub(super) struct Bindings {
     /// From `labels` to `wishes`, and back.
     pub(super) grow: [wgpu::BindGroup; 2],
     pub(super) settle: wgpu::BindGroup,
+    pub(super) enlist: wgpu::BindGroup,
+    pub(super) weed: wgpu::BindGroup,
+    pub(super) line_up: wgpu::BindGroup,
     pub(super) gather: wgpu::BindGroup,
     pub(super) propose: wgpu::BindGroup,
     pub(super) apply: wgpu::BindGroup,
@@ -119,17 +128,19 @@ impl Buffers {
         let storage = wgpu::BufferUsages::STORAGE;
         let (into, out) = (wgpu::BufferUsages::COPY_DST, wgpu::BufferUsages::COPY_SRC);
         let create = |what, items: u64, size: usize, usage| create(connection, what, items.max(1) * size as u64, usage);
-        check_groups(connection, faces)?;
+        check_groups(connection, faces, graph.neighbours.len() as u64)?;
 
         let packed = create("faces", faces, size_of::<Face>(), storage | into)?;
-        let offsets = create("neighbour offsets", faces + 1, 4, storage | into)?;
-        let degrees = graph.neighbours.len() as u64;
-        let neighbours = create("neighbours", degrees, 4, storage | into)?;
+        // where those of each face begin, and one past the last, and then they
+        let begin = faces + 1;
+        let neighbours = create("neighbours", begin + graph.neighbours.len() as u64, 4, storage | into)?;
         let labels = create("labels", faces, 4, storage | into | out)?;
-        let wishes = create("wishes", faces, 4, storage)?;
+        let wishes = create("wishes", faces, 4, storage | into)?;
         let sums = create("clusters", clusters, size_of::<Cluster>(), storage | into)?;
         let proxies = create("proxies", clusters, size_of::<Proxy>(), storage | into)?;
-        let offers = create("offers", faces, size_of::<Offer>(), storage | into)?;
+        let offers = create("offers", faces, size_of::<Offer>(), storage)?;
+        let origins = create("origins", faces, 4, storage | into | out)?;
+        let lists = create("lists", LIST_HEAD + 2 * faces + clusters, 4, storage | into | out)?;
         let markets = create("markets", clusters, size_of::<Market>(), storage)?;
         let joining = create("joining", clusters, size_of::<Cluster>(), storage)?;
         let slots = u64::from(RING) + 1;
@@ -159,13 +170,18 @@ impl Buffers {
             chunk.extend(centroids.iter().zip(weights).map(|(&[x, y, z], weight)| [x, y, z, weight.cast_signed()]));
             upload(queue, &packed, at * UPLOAD, &chunk);
         }
-        upload(queue, &offsets, 0, &graph.neighbour_offsets);
-        upload(queue, &neighbours, 0, &graph.neighbours);
+        let mut chunk: Vec<u32> = Vec::with_capacity(UPLOAD.min(graph.neighbour_offsets.len()));
+        for (at, offsets) in graph.neighbour_offsets.chunks(UPLOAD).enumerate() {
+            chunk.clear();
+            chunk.extend(offsets.iter().map(|&offset| offset + begin as u32));
+            upload(queue, &neighbours, at * UPLOAD, &chunk);
+        }
+        upload(queue, &neighbours, begin as usize, &graph.neighbours);
         let positions: Vec<Proxy> = energy_shifts.iter().map(|shift| [0, 0, 0, shift.cast_signed()]).collect();
         upload(queue, &proxies, 0, &positions);
-        upload(queue, &labels, 0, &vec![FREE; graph.centroids.len()]);
-
-        turns.number(queue, 1);
+        for buffer in [&labels, &origins] {
+            upload(queue, buffer, 0, &vec![FREE; graph.centroids.len()]);
+        }
 
         let bind = |compiled: &Compiled, storage: &[&wgpu::Buffer]| bind(connection, compiled, &turns.buffer, storage);
         let kernels = &connection.kernels;
@@ -173,35 +189,39 @@ impl Buffers {
         let (parents, sizes) = (&wishes, &offers);
         let bindings = Bindings {
             grow: [
-                bind(&kernels.grow, &[&offsets, &neighbours, &labels, &wishes, &ring]),
-                bind(&kernels.grow, &[&offsets, &neighbours, &wishes, &labels, &ring]),
+                bind(&kernels.grow, &[&neighbours, &labels, &wishes, &ring, &lists, &packed, &sums]),
+                bind(&kernels.grow, &[&neighbours, &wishes, &labels, &ring, &lists, &packed, &sums]),
             ],
-            settle: bind(&kernels.settle, &[&ring, &next_dispatch]),
+            settle: bind(&kernels.settle, &[&ring, &lists, &next_dispatch]),
+            enlist: bind(&kernels.enlist, &[&neighbours, &labels, &origins, &lists]),
+            weed: bind(&kernels.weed, &[&neighbours, &labels, &origins, &lists]),
+            line_up: bind(&kernels.line_up, &[&lists, &next_dispatch]),
             gather: bind(&kernels.gather, &[&packed, &labels, &sums]),
-            propose: bind(&kernels.propose, &[&packed, &offsets, &neighbours, &labels, &proxies, &wishes, &sums]),
-            apply: bind(&kernels.apply, &[&packed, &wishes, &labels, &sums, &ring]),
-            fit: bind(&kernels.fit, &[&sums, &proxies, &markets, &ring, &next_dispatch]),
-            bid: bind(&kernels.bid, &[&packed, &offsets, &neighbours, &labels, &proxies, &sums, &markets, &offers]),
-            choose: bind(&kernels.choose, &[&labels, &offers, &markets, &ring]),
-            join: bind(&kernels.join, &[&packed, &labels, &offers, &markets, &joining]),
-            judge: bind(&kernels.judge, &[&packed, &sums, &joining, &proxies, &markets, &ring, &next_dispatch]),
-            deal: bind(&kernels.deal, &[&labels, &offers, &markets]),
-            link: bind(&kernels.link, &[&offsets, &neighbours, &labels, &sums, parents, sizes]),
-            hook: bind(&kernels.hook, &[&offsets, &neighbours, &labels, parents]),
+            propose: bind(&kernels.propose, &[&packed, &neighbours, &labels, &proxies, &wishes, &sums, &lists]),
+            apply: bind(&kernels.apply, &[&packed, &wishes, &labels, &sums, &ring, &neighbours, &origins, &lists]),
+            fit: bind(&kernels.fit, &[&sums, &proxies, &markets, &ring, &next_dispatch, &lists]),
+            bid: bind(&kernels.bid, &[&packed, &neighbours, &labels, &proxies, &sums, &markets, &offers, &lists]),
+            choose: bind(&kernels.choose, &[&labels, &offers, &markets, &ring, &lists]),
+            join: bind(&kernels.join, &[&packed, &labels, &offers, &markets, &joining, &neighbours, &origins, &lists]),
+            judge: bind(&kernels.judge, &[&packed, &sums, &joining, &proxies, &markets, &ring, &next_dispatch, &lists]),
+            deal: bind(&kernels.deal, &[&labels, &offers, &markets, &lists]),
+            link: bind(&kernels.link, &[&neighbours, &labels, &sums, parents, sizes]),
+            hook: bind(&kernels.hook, &[&neighbours, &labels, parents]),
             weigh: bind(&kernels.weigh, &[&labels, parents, sizes, &markets]),
             elect: bind(&kernels.elect, &[&labels, parents, sizes, &markets, &sums]),
-            cut: bind(&kernels.cut, &[parents, &markets, &labels, &ring]),
+            cut: bind(&kernels.cut, &[parents, &markets, &labels, &ring, &packed, &sums, &origins, &lists]),
         };
         connection.check()?;
 
-        Ok(Self {
+        let mut buffers = Self {
             faces: faces as u32,
-            neighbour_offsets: offsets,
             neighbours,
             labels,
             clusters: sums,
             proxies,
-            offers,
+            wishes,
+            origins,
+            lists,
             turns,
             ring,
             next_dispatch,
@@ -210,7 +230,18 @@ impl Buffers {
             face_groups: groups(faces, row),
             gather_groups: groups(faces.div_ceil(u64::from(GATHER_RUN)), row),
             cluster_groups: groups(clusters, row),
-        })
+        };
+        let all: Vec<u32> = (0..clusters as u32).collect();
+        buffers.list_clusters(queue, &all);
+        Ok(buffers)
+    }
+
+    /// Lets dispatches with a thread a cluster go over these only.
+    pub(super) fn list_clusters(&mut self, queue: &wgpu::Queue, living: &[u32]) {
+        upload(queue, &self.lists, LIST_HEAD as usize + 2 * self.faces as usize, living);
+        self.turns.common.clusters = living.len() as u32;
+        self.cluster_groups = groups(living.len() as u64, self.turns.common.row);
+        self.turns.number(queue, 1);
     }
 }
 
@@ -233,14 +264,25 @@ pub(super) fn groups(threads: u64, row: u32) -> Dispatch {
     [groups.min(u64::from(row)) as u32, rows as u32, 1]
 }
 
-/// Refuses more faces than can be counted in u32 by the threads of a dispatch, whose last row may be half empty.
-fn check_groups(connection: &Connection, faces: u64) -> Result<()> {
+/// Refuses more faces than can be counted in u32 by the threads of a dispatch, whose last row may be half empty, and more
+/// neighbours than can be with them.
+fn check_groups(connection: &Connection, faces: u64, neighbours: u64) -> Result<()> {
     let row = u64::from(connection.limits.max_compute_workgroups_per_dimension);
     let limit = (row * row * u64::from(WORKGROUP)).min(1 << 31);
     if faces > limit {
         return Err(Error::new(
             Kind::DeviceUnsuitable,
             format_args!("the gpu {} takes at most {limit} faces, use the cpu device: {faces}", connection.name()),
+        ));
+    }
+    let limit = u64::from(u32::MAX);
+    if faces + 1 + neighbours > limit {
+        return Err(Error::new(
+            Kind::DeviceUnsuitable,
+            format_args!(
+                "the gpu {} takes at most {limit} faces and neighbours of faces, use the cpu device: {faces} and {neighbours}",
+                connection.name()
+            ),
         ));
     }
     Ok(())

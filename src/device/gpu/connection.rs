@@ -37,6 +37,9 @@ pub(super) struct Connection {
 pub(super) struct Kernels {
     pub(super) grow: Compiled,
     pub(super) settle: Compiled,
+    pub(super) enlist: Compiled,
+    pub(super) weed: Compiled,
+    pub(super) line_up: Compiled,
     pub(super) gather: Compiled,
     pub(super) propose: Compiled,
     pub(super) apply: Compiled,
@@ -126,6 +129,9 @@ impl Connection {
         let kernels = Kernels {
             grow: compile(&device, &kernels::GROW),
             settle: compile(&device, &kernels::SETTLE),
+            enlist: compile(&device, &kernels::ENLIST),
+            weed: compile(&device, &kernels::WEED),
+            line_up: compile(&device, &kernels::LINE_UP),
             gather: compile(&device, &kernels::GATHER),
             propose: compile(&device, &kernels::PROPOSE),
             apply: compile(&device, &kernels::APPLY),

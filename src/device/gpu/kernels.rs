@@ -4,7 +4,7 @@
 use std::mem::size_of;
 
 use super::layout::{
-    Best, Choice, Cluster, Dispatch, Face, Found, Market, Offer, Picked, Proxy, Slot, Turn, WORKGROUP,
+    Best, Choice, Cluster, Dispatch, Face, Found, Lists, Market, Offer, Picked, Proxy, Slot, Turn, WORKGROUP,
 };
 
 /// A compute shader with one entry point of the same name.
@@ -55,7 +55,6 @@ const fn binding(name: &'static str, access: Access, stride: usize) -> Binding {
 
 const TURN: Binding = binding("turn", Access::Turn, size_of::<Turn>());
 const FACES: Binding = binding("faces", Access::Read, size_of::<Face>());
-const OFFSETS: Binding = binding("neighbour_offsets", Access::Read, 4);
 const NEIGHBOURS: Binding = binding("neighbours", Access::Read, 4);
 const LABELS: Binding = binding("labels", Access::Read, 4);
 const PROXIES: Binding = binding("proxies", Access::Read, size_of::<Proxy>());
@@ -66,11 +65,17 @@ const CHOICES: Binding = binding("choices", Access::Write, size_of::<Choice>());
 const FOUND: Binding = binding("found", Access::Write, size_of::<Found>());
 const BESTS: Binding = binding("bests", Access::Write, size_of::<Best>());
 const ENTRIES: Binding = binding("entries", Access::Read, 4);
+const LISTS: Binding = binding("lists", Access::Write, size_of::<Lists>());
+const ORIGINS: Binding = binding("origins", Access::Write, 4);
 const NEXT_DISPATCH: Binding = binding("next_dispatch", Access::Write, size_of::<Dispatch>());
 
 const TURN_WGSL: &str = include_str!("../../../shaders/shared/turn.wgsl");
 const SLOT_WGSL: &str = include_str!("../../../shaders/shared/slot.wgsl");
 const CLUSTER_WGSL: &str = include_str!("../../../shaders/shared/cluster.wgsl");
+const LISTS_WGSL: &str = include_str!("../../../shaders/shared/lists.wgsl");
+const COVER_WGSL: &str = include_str!("../../../shaders/shared/cover.wgsl");
+const KEEP_WGSL: &str = include_str!("../../../shaders/shared/keep.wgsl");
+const NEWCOMERS_WGSL: &str = include_str!("../../../shaders/shared/newcomers.wgsl");
 const MARKET_WGSL: &str = include_str!("../../../shaders/shared/market.wgsl");
 const FACE_WGSL: &str = include_str!("../../../shaders/shared/face.wgsl");
 const ADD_WGSL: &str = include_str!("../../../shaders/shared/add.wgsl");
@@ -86,14 +91,24 @@ const ENERGY_WGSL: &str = include_str!("../../../shaders/shared/energy.wgsl");
 /// Grows the clusters by one ring of faces.
 pub const GROW: Kernel = Kernel {
     name: "grow",
-    sources: &[TURN_WGSL, SLOT_WGSL, include_str!("../../../shaders/grow.wgsl")],
+    sources: &[
+        TURN_WGSL,
+        SLOT_WGSL,
+        CLUSTER_WGSL,
+        FACE_WGSL,
+        ADD_WGSL,
+        LISTS_WGSL,
+        include_str!("../../../shaders/grow.wgsl"),
+    ],
     bindings: &[
         TURN,
-        OFFSETS,
         NEIGHBOURS,
         binding("labels_before", Access::Read, 4),
         binding("labels_after", Access::Write, 4),
         RING,
+        LISTS,
+        FACES,
+        CLUSTERS,
     ],
     workgroup_size: WORKGROUP,
 };
@@ -101,8 +116,32 @@ pub const GROW: Kernel = Kernel {
 /// Ends the growth when a pass changed nothing.
 pub const SETTLE: Kernel = Kernel {
     name: "settle",
-    sources: &[TURN_WGSL, SLOT_WGSL, include_str!("../../../shaders/settle.wgsl")],
-    bindings: &[TURN, RING, NEXT_DISPATCH],
+    sources: &[TURN_WGSL, SLOT_WGSL, LISTS_WGSL, COVER_WGSL, include_str!("../../../shaders/settle.wgsl")],
+    bindings: &[TURN, RING, LISTS, NEXT_DISPATCH],
+    workgroup_size: 1,
+};
+
+/// Lists the faces on boundaries.
+pub const ENLIST: Kernel = Kernel {
+    name: "enlist",
+    sources: &[TURN_WGSL, LISTS_WGSL, KEEP_WGSL, include_str!("../../../shaders/enlist.wgsl")],
+    bindings: &[TURN, NEIGHBOURS, LABELS, ORIGINS, LISTS],
+    workgroup_size: WORKGROUP,
+};
+
+/// Takes those off the list that no longer are on one.
+pub const WEED: Kernel = Kernel {
+    name: "weed",
+    sources: &[TURN_WGSL, LISTS_WGSL, KEEP_WGSL, include_str!("../../../shaders/weed.wgsl")],
+    bindings: &[TURN, NEIGHBOURS, LABELS, ORIGINS, LISTS],
+    workgroup_size: WORKGROUP,
+};
+
+/// Takes the new list into use.
+pub const LINE_UP: Kernel = Kernel {
+    name: "line_up",
+    sources: &[TURN_WGSL, LISTS_WGSL, COVER_WGSL, include_str!("../../../shaders/line_up.wgsl")],
+    bindings: &[TURN, LISTS, NEXT_DISPATCH],
     workgroup_size: 1,
 };
 
@@ -117,16 +156,35 @@ pub const GATHER: Kernel = Kernel {
 /// Boundary phase: finds the faces that want to move.
 pub const PROPOSE: Kernel = Kernel {
     name: "propose",
-    sources: &[TURN_WGSL, CLUSTER_WGSL, FACE_WGSL, include_str!("../../../shaders/propose.wgsl")],
-    bindings: &[TURN, FACES, OFFSETS, NEIGHBOURS, LABELS, PROXIES, binding("wishes", Access::Write, 4), CLUSTERS],
+    sources: &[TURN_WGSL, CLUSTER_WGSL, FACE_WGSL, LISTS_WGSL, include_str!("../../../shaders/propose.wgsl")],
+    bindings: &[TURN, FACES, NEIGHBOURS, LABELS, PROXIES, binding("wishes", Access::Write, 4), CLUSTERS, LISTS],
     workgroup_size: WORKGROUP,
 };
 
 /// Boundary phase: moves them.
 pub const APPLY: Kernel = Kernel {
     name: "apply",
-    sources: &[TURN_WGSL, SLOT_WGSL, CLUSTER_WGSL, FACE_WGSL, ADD_WGSL, include_str!("../../../shaders/apply.wgsl")],
-    bindings: &[TURN, FACES, binding("wishes", Access::Read, 4), binding("labels", Access::Write, 4), CLUSTERS, RING],
+    sources: &[
+        TURN_WGSL,
+        SLOT_WGSL,
+        CLUSTER_WGSL,
+        FACE_WGSL,
+        ADD_WGSL,
+        LISTS_WGSL,
+        NEWCOMERS_WGSL,
+        include_str!("../../../shaders/apply.wgsl"),
+    ],
+    bindings: &[
+        TURN,
+        FACES,
+        binding("wishes", Access::Read, 4),
+        binding("labels", Access::Write, 4),
+        CLUSTERS,
+        RING,
+        NEIGHBOURS,
+        ORIGINS,
+        LISTS,
+    ],
     workgroup_size: WORKGROUP,
 };
 
@@ -140,9 +198,19 @@ pub const FIT: Kernel = Kernel {
         MARKET_WGSL,
         SUMS_WGSL,
         ENERGY_WGSL,
+        LISTS_WGSL,
+        COVER_WGSL,
         include_str!("../../../shaders/fit.wgsl"),
     ],
-    bindings: &[TURN, CLUSTERS, binding("proxies", Access::Write, size_of::<Proxy>()), MARKETS, RING, NEXT_DISPATCH],
+    bindings: &[
+        TURN,
+        CLUSTERS,
+        binding("proxies", Access::Write, size_of::<Proxy>()),
+        MARKETS,
+        RING,
+        NEXT_DISPATCH,
+        LISTS,
+    ],
     workgroup_size: WORKGROUP,
 };
 
@@ -156,18 +224,19 @@ pub const BID: Kernel = Kernel {
         FACE_WGSL,
         SUMS_WGSL,
         BITS_WGSL,
+        LISTS_WGSL,
         include_str!("../../../shaders/bid.wgsl"),
     ],
     bindings: &[
         TURN,
         FACES,
-        OFFSETS,
         NEIGHBOURS,
         LABELS,
         PROXIES,
         CLUSTERS,
         MARKETS,
         binding("offers", Access::Write, size_of::<Offer>()),
+        LISTS,
     ],
     workgroup_size: WORKGROUP,
 };
@@ -175,16 +244,35 @@ pub const BID: Kernel = Kernel {
 /// Refinement: finds the best bid at each cluster.
 pub const CHOOSE: Kernel = Kernel {
     name: "choose",
-    sources: &[TURN_WGSL, SLOT_WGSL, MARKET_WGSL, include_str!("../../../shaders/choose.wgsl")],
-    bindings: &[TURN, LABELS, binding("offers", Access::Read, size_of::<Offer>()), MARKETS, RING],
+    sources: &[TURN_WGSL, SLOT_WGSL, MARKET_WGSL, LISTS_WGSL, include_str!("../../../shaders/choose.wgsl")],
+    bindings: &[TURN, LABELS, binding("offers", Access::Read, size_of::<Offer>()), MARKETS, RING, LISTS],
     workgroup_size: WORKGROUP,
 };
 
 /// Refinement: finds who wins and who joins.
 pub const JOIN: Kernel = Kernel {
     name: "join",
-    sources: &[TURN_WGSL, CLUSTER_WGSL, MARKET_WGSL, FACE_WGSL, ADD_WGSL, include_str!("../../../shaders/join.wgsl")],
-    bindings: &[TURN, FACES, LABELS, binding("offers", Access::Read, size_of::<Offer>()), MARKETS, CLUSTERS],
+    sources: &[
+        TURN_WGSL,
+        CLUSTER_WGSL,
+        MARKET_WGSL,
+        FACE_WGSL,
+        ADD_WGSL,
+        LISTS_WGSL,
+        NEWCOMERS_WGSL,
+        include_str!("../../../shaders/join.wgsl"),
+    ],
+    bindings: &[
+        TURN,
+        FACES,
+        LABELS,
+        binding("offers", Access::Write, size_of::<Offer>()),
+        MARKETS,
+        CLUSTERS,
+        NEIGHBOURS,
+        ORIGINS,
+        LISTS,
+    ],
     workgroup_size: WORKGROUP,
 };
 
@@ -199,6 +287,8 @@ pub const JUDGE: Kernel = Kernel {
         FACE_WGSL,
         SUMS_WGSL,
         ENERGY_WGSL,
+        LISTS_WGSL,
+        COVER_WGSL,
         include_str!("../../../shaders/judge.wgsl"),
     ],
     bindings: &[
@@ -210,6 +300,7 @@ pub const JUDGE: Kernel = Kernel {
         MARKETS,
         RING,
         NEXT_DISPATCH,
+        LISTS,
     ],
     workgroup_size: WORKGROUP,
 };
@@ -217,12 +308,13 @@ pub const JUDGE: Kernel = Kernel {
 /// Refinement: brings the labels up to date.
 pub const DEAL: Kernel = Kernel {
     name: "deal",
-    sources: &[TURN_WGSL, MARKET_WGSL, include_str!("../../../shaders/deal.wgsl")],
+    sources: &[TURN_WGSL, MARKET_WGSL, LISTS_WGSL, include_str!("../../../shaders/deal.wgsl")],
     bindings: &[
         TURN,
         binding("labels", Access::Write, 4),
         binding("offers", Access::Write, size_of::<Offer>()),
         MARKETS,
+        LISTS,
     ],
     workgroup_size: WORKGROUP,
 };
@@ -233,7 +325,6 @@ pub const LINK: Kernel = Kernel {
     sources: &[TURN_WGSL, CLUSTER_WGSL, include_str!("../../../shaders/link.wgsl")],
     bindings: &[
         TURN,
-        OFFSETS,
         NEIGHBOURS,
         LABELS,
         CLUSTERS,
@@ -247,7 +338,7 @@ pub const LINK: Kernel = Kernel {
 pub const HOOK: Kernel = Kernel {
     name: "hook",
     sources: &[TURN_WGSL, PIECE_WGSL, include_str!("../../../shaders/hook.wgsl")],
-    bindings: &[TURN, OFFSETS, NEIGHBOURS, LABELS, binding("parents", Access::Write, 4)],
+    bindings: &[TURN, NEIGHBOURS, LABELS, binding("parents", Access::Write, 4)],
     workgroup_size: WORKGROUP,
 };
 
@@ -277,8 +368,28 @@ pub const ELECT: Kernel = Kernel {
 /// Pieces: frees the faces of all others.
 pub const CUT: Kernel = Kernel {
     name: "cut",
-    sources: &[TURN_WGSL, SLOT_WGSL, MARKET_WGSL, include_str!("../../../shaders/cut.wgsl")],
-    bindings: &[TURN, binding("parents", Access::Read, 4), MARKETS, binding("labels", Access::Write, 4), RING],
+    sources: &[
+        TURN_WGSL,
+        SLOT_WGSL,
+        MARKET_WGSL,
+        CLUSTER_WGSL,
+        FACE_WGSL,
+        ADD_WGSL,
+        LISTS_WGSL,
+        NEWCOMERS_WGSL,
+        include_str!("../../../shaders/cut.wgsl"),
+    ],
+    bindings: &[
+        TURN,
+        binding("parents", Access::Read, 4),
+        MARKETS,
+        binding("labels", Access::Write, 4),
+        RING,
+        FACES,
+        CLUSTERS,
+        ORIGINS,
+        LISTS,
+    ],
     workgroup_size: WORKGROUP,
 };
 
@@ -293,9 +404,10 @@ pub const PRICE: Kernel = Kernel {
         BITS_WGSL,
         DUAL_EDGE_WGSL,
         CHOICE_WGSL,
+        LISTS_WGSL,
         include_str!("../../../shaders/price.wgsl"),
     ],
-    bindings: &[TURN, OFFSETS, NEIGHBOURS, LABELS, PROXIES, CLUSTERS, CHOICES],
+    bindings: &[TURN, NEIGHBOURS, LABELS, PROXIES, CLUSTERS, CHOICES, LISTS],
     workgroup_size: WORKGROUP,
 };
 
@@ -310,9 +422,10 @@ pub const BREAK_TIES: Kernel = Kernel {
         BITS_WGSL,
         DUAL_EDGE_WGSL,
         CHOICE_WGSL,
+        LISTS_WGSL,
         include_str!("../../../shaders/break_ties.wgsl"),
     ],
-    bindings: &[TURN, OFFSETS, NEIGHBOURS, LABELS, PROXIES, CLUSTERS, CHOICES],
+    bindings: &[TURN, NEIGHBOURS, LABELS, PROXIES, CLUSTERS, CHOICES, LISTS],
     workgroup_size: WORKGROUP,
 };
 
@@ -327,17 +440,25 @@ pub const PREFER: Kernel = Kernel {
         BITS_WGSL,
         DUAL_EDGE_WGSL,
         CHOICE_WGSL,
+        LISTS_WGSL,
         include_str!("../../../shaders/prefer.wgsl"),
     ],
-    bindings: &[TURN, OFFSETS, NEIGHBOURS, LABELS, PROXIES, CLUSTERS, CHOICES],
+    bindings: &[TURN, NEIGHBOURS, LABELS, PROXIES, CLUSTERS, CHOICES, LISTS],
     workgroup_size: WORKGROUP,
 };
 
 /// Optimal dual edges: lists them.
 pub const LIST_CHOICES: Kernel = Kernel {
     name: "list_choices",
-    sources: &[TURN_WGSL, SLOT_WGSL, CHOICE_WGSL, FOUND_WGSL, include_str!("../../../shaders/list_choices.wgsl")],
-    bindings: &[TURN, CHOICES, FOUND, RING],
+    sources: &[
+        TURN_WGSL,
+        SLOT_WGSL,
+        CHOICE_WGSL,
+        FOUND_WGSL,
+        LISTS_WGSL,
+        include_str!("../../../shaders/list_choices.wgsl"),
+    ],
+    bindings: &[TURN, CHOICES, FOUND, RING, LISTS],
     workgroup_size: WORKGROUP,
 };
 
@@ -352,17 +473,18 @@ pub const SEARCH: Kernel = Kernel {
         BITS_WGSL,
         DUAL_EDGE_WGSL,
         BEST_WGSL,
+        LISTS_WGSL,
         include_str!("../../../shaders/search.wgsl"),
     ],
-    bindings: &[TURN, OFFSETS, NEIGHBOURS, LABELS, PROXIES, CLUSTERS, BESTS],
+    bindings: &[TURN, NEIGHBOURS, LABELS, PROXIES, CLUSTERS, BESTS, LISTS],
     workgroup_size: WORKGROUP,
 };
 
 /// Cheapest dual edge: finds that of all workgroups.
 pub const REDUCE: Kernel = Kernel {
     name: "reduce",
-    sources: &[TURN_WGSL, BEST_WGSL, include_str!("../../../shaders/reduce.wgsl")],
-    bindings: &[TURN, BESTS],
+    sources: &[TURN_WGSL, BEST_WGSL, LISTS_WGSL, include_str!("../../../shaders/reduce.wgsl")],
+    bindings: &[TURN, BESTS, LISTS],
     workgroup_size: WORKGROUP,
 };
 
@@ -378,15 +500,15 @@ pub const UNITE: Kernel = Kernel {
 pub const RELABEL: Kernel = Kernel {
     name: "relabel",
     sources: &[TURN_WGSL, include_str!("../../../shaders/relabel.wgsl")],
-    bindings: &[TURN, binding("merged_into", Access::Read, 4), binding("labels", Access::Write, 4)],
+    bindings: &[TURN, binding("merged_into", Access::Read, 4), binding("labels", Access::Write, 4), ORIGINS],
     workgroup_size: WORKGROUP,
 };
 
 /// Lists the faces that moved since the last merge.
 pub const LIST_MOVES: Kernel = Kernel {
     name: "list_moves",
-    sources: &[TURN_WGSL, SLOT_WGSL, FOUND_WGSL, include_str!("../../../shaders/list_moves.wgsl")],
-    bindings: &[TURN, LABELS, binding("merged_labels", Access::Read, 4), FOUND, RING],
+    sources: &[TURN_WGSL, SLOT_WGSL, FOUND_WGSL, LISTS_WGSL, include_str!("../../../shaders/list_moves.wgsl")],
+    bindings: &[TURN, LABELS, binding("origins", Access::Read, 4), FOUND, RING, LISTS],
     workgroup_size: WORKGROUP,
 };
 
@@ -402,6 +524,9 @@ pub const PICK_SUMS: Kernel = Kernel {
 pub const KERNELS: &[&Kernel] = &[
     &GROW,
     &SETTLE,
+    &ENLIST,
+    &WEED,
+    &LINE_UP,
     &GATHER,
     &PROPOSE,
     &APPLY,

@@ -13,6 +13,9 @@ pub const WORKGROUP: u32 = 256;
 /// Faces that one thread of `gather` takes.
 pub const GATHER_RUN: u32 = 8;
 
+/// The origin of a face that is not listed.
+pub const UNLISTED: u32 = u32::MAX - 1;
+
 /// [`Turn::ties`] for [`Ties::Hash`](crate::cluster::dual_edge::Ties::Hash).
 pub const TIES_BY_HASH: u32 = 0;
 
@@ -25,11 +28,11 @@ pub const TIES_BY_LARGEST_ID: u32 = 1;
 pub struct Turn {
     /// Where in the ring its numbers go.
     pub slot: u32,
-    /// 1: `fit` works even though nothing moved.
+    /// 1: between batches; `fit` works even though nothing moved.
     pub forced: u32,
     /// Number of faces.
     pub faces: u32,
-    /// Number of clusters.
+    /// Number of clusters that are left.
     pub clusters: u32,
     /// Workgroups in a full row of a dispatch.
     pub row: u32,
@@ -125,6 +128,22 @@ pub struct Choice {
     pub tie: u32,
     /// The neighbour.
     pub other: u32,
+}
+
+/// What dispatches go over. Only the device looks inside; the host writes the clusters that are left.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Lists {
+    /// Faces that are listed.
+    pub length: u32,
+    /// Faces that have been kept so far.
+    pub kept: u32,
+    /// Faces that dispatches go over.
+    pub due: u32,
+    /// Where in the entries they are.
+    pub first: u32,
+    /// The first of two entries a face and one a cluster.
+    pub entries: [u32; 1],
 }
 
 /// Something that the device lists for the host.
@@ -266,6 +285,17 @@ pub const STRUCTS: &[Struct] = &[
             ("cost", offset_of!(Choice, cost)),
             ("tie", offset_of!(Choice, tie)),
             ("other", offset_of!(Choice, other)),
+        ],
+    },
+    Struct {
+        name: "Lists",
+        size: size_of::<Lists>(),
+        members: &[
+            ("length", offset_of!(Lists, length)),
+            ("kept", offset_of!(Lists, kept)),
+            ("due", offset_of!(Lists, due)),
+            ("first", offset_of!(Lists, first)),
+            ("entries", offset_of!(Lists, entries)),
         ],
     },
     Struct {

@@ -1,7 +1,7 @@
 //! The steps of hierarchical clustering on one surface.
 //!
-//! All searches are plain sweeps over the faces, of which the host reads what it needs to know: a round of the parallel
-//! kind costs as many bytes as clusters are left and faces have moved, a search for the cheapest dual edge 64.
+//! Searches go over the faces on boundaries and the clusters that are left, and the host reads what it needs to know: a round
+//! of the parallel kind costs as many bytes as clusters are left and faces have moved, a search for the cheapest dual edge 64.
 
 use super::FaultPoint;
 use super::buffers::{BETWEEN, upload};
@@ -14,9 +14,9 @@ use crate::cluster::sums::ClusterSums;
 use crate::device::{DualEdge, FREE, LatticeEnergy, MergeSteps};
 use crate::error::{Error, Kind, Result};
 
-/// Faces times clusters up to which a software gpu merges one pair at a time: each merge sweeps over all faces several
-/// times. On llvmpipe and two cores, a knot to the top takes 6 s for 2,002 faces and 37 s for 4,096 without optimisation, 19 s
-/// for 1,008 and 68 s for 2,002 with it.
+/// Faces times clusters up to which a software gpu merges one pair at a time: each merge relabels all
+/// faces, and with optimisation looks for pieces among them. On llvmpipe, a knot of 2,002 faces to the top takes 9 s of processor
+/// time without optimisation, one of 1,008 faces 17 s with it.
 const SOFTWARE_LIMIT: u64 = 1 << 24;
 
 /// Moves that are read along with their number; more are read once that is known.
@@ -24,11 +24,22 @@ const FEW_MOVES: usize = 4096;
 
 impl GpuSteps<'_, Merging> {
     /// Encodes kernels of the hierarchy, one after the other, between batches.
-    fn encode(&self, encoder: &mut wgpu::CommandEncoder, work: &[(&Compiled, &wgpu::BindGroup, Dispatch)]) {
+    fn encode(&self, encoder: &mut wgpu::CommandEncoder, work: &[(&Compiled, &wgpu::BindGroup, Option<Dispatch>)]) {
         let mut pass = self.connection.pass(encoder, "merge");
         for &(compiled, bindings, groups) in work {
-            self.dispatch(&mut pass, compiled, bindings, BETWEEN, Some(groups));
+            self.dispatch(&mut pass, compiled, bindings, BETWEEN, groups);
         }
+    }
+
+    /// Encodes proxies and energy, and takes faces off the list that are no longer on a boundary.
+    fn encode_weeding(&mut self) -> wgpu::CommandEncoder {
+        let mut encoder = self.encode_fit();
+        let (kernels, bindings) = (&self.connection.kernels, &self.buffers.bindings);
+        self.encode(
+            &mut encoder,
+            &[(&kernels.weed, &bindings.weed, None), (&kernels.line_up, &bindings.line_up, Some([1, 1, 1]))],
+        );
+        encoder
     }
 
     /// Submits what is encoded and reads the list that it leaves, `likely` entries at once and the others if there are more.
@@ -63,20 +74,18 @@ impl MergeSteps for GpuSteps<'_, Merging> {
         self.connection.reach(FaultPoint::DualEdges);
         let kernels = self.connection.merge_kernels()?;
         self.buffers.turns.announce(&self.connection.queue, 0, ties);
-        let mut encoder = self.encode_fit();
-        let Merging { choices, bindings, .. } = &self.merging;
-        encoder.clear_buffer(choices, 0, None);
-        let faces = self.buffers.face_groups;
+        let mut encoder = self.encode_weeding();
+        let Merging { bindings, .. } = &self.merging;
         self.encode(
             &mut encoder,
             &[
-                (&kernels.price, &bindings.price, faces),
-                (&kernels.break_ties, &bindings.break_ties, faces),
-                (&kernels.prefer, &bindings.prefer, faces),
-                (&kernels.list_choices, &bindings.list_choices, self.buffers.cluster_groups),
+                (&kernels.price, &bindings.price, None),
+                (&kernels.break_ties, &bindings.break_ties, None),
+                (&kernels.prefer, &bindings.prefer, None),
+                (&kernels.list_choices, &bindings.list_choices, Some(self.buffers.cluster_groups)),
             ],
         );
-        let (slot, mut list) = self.download_list(encoder, self.living_at_most as usize)?;
+        let (slot, mut list) = self.download_list(encoder, self.living.len())?;
         self.keep_energy(&slot);
         list.sort_unstable_by_key(|found| found.subject);
         let edge = |found: &Found| DualEdge { cluster: found.subject, other: found.first, cost: found.second };
@@ -85,29 +94,26 @@ impl MergeSteps for GpuSteps<'_, Merging> {
 
     /// Refuses on a software gpu when faces times clusters are more than 2²⁴.
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {
-        if self.merging.is_software && u64::from(self.buffers.faces) * u64::from(self.living_at_most) > SOFTWARE_LIMIT {
+        if self.merging.is_software && u64::from(self.buffers.faces) * self.living.len() as u64 > SOFTWARE_LIMIT {
             return Err(Error::new(
                 Kind::DeviceUnsuitable,
                 format_args!(
                     "the software gpu {} would take too long to merge {} clusters of {} faces one by one, use the cpu \
                      device; faces times clusters may be {SOFTWARE_LIMIT}",
                     self.connection.name(),
-                    self.living_at_most,
+                    self.living.len(),
                     self.buffers.faces
                 ),
             ));
         }
         self.connection.reach(FaultPoint::DualEdges);
         let kernels = self.connection.merge_kernels()?;
-        self.buffers.turns.announce(&self.connection.queue, self.merging.searchers, ties);
-        let mut encoder = self.encode_fit();
+        self.buffers.turns.announce(&self.connection.queue, 0, ties);
+        let mut encoder = self.encode_weeding();
         let Merging { bests, bindings, .. } = &self.merging;
         self.encode(
             &mut encoder,
-            &[
-                (&kernels.search, &bindings.search, self.buffers.face_groups),
-                (&kernels.reduce, &bindings.reduce, [1, 1, 1]),
-            ],
+            &[(&kernels.search, &bindings.search, None), (&kernels.reduce, &bindings.reduce, Some([1, 1, 1]))],
         );
         let (slot, best) = self.download::<Best>(encoder, bests, 1)?;
         self.keep_energy(&slot);
@@ -129,19 +135,23 @@ impl MergeSteps for GpuSteps<'_, Merging> {
         upload(queue, &self.merging.entries, 0, &entries);
         self.buffers.turns.announce(queue, pairs.len() as u32, Ties::Hash);
         let mut encoder = if self.gathered { self.encoder() } else { self.encode_fit() };
-        let Merging { merged_into, merged_labels, bindings, .. } = &self.merging;
-        encoder.clear_buffer(merged_into, 0, None);
+        let Merging { merged_into, bindings, .. } = &self.merging;
+        if !self.has_merged {
+            encoder.clear_buffer(merged_into, 0, None);
+        }
         self.encode(
             &mut encoder,
             &[
-                (&kernels.unite, &bindings.unite, self.merging.groups(pairs.len())),
-                (&kernels.relabel, &bindings.relabel, self.buffers.face_groups),
+                (&kernels.unite, &bindings.unite, Some(self.merging.groups(pairs.len()))),
+                (&kernels.relabel, &bindings.relabel, Some(self.buffers.face_groups)),
             ],
         );
-        encoder.copy_buffer_to_buffer(&self.buffers.labels, 0, merged_labels, 0, None);
         queue.submit([encoder.finish()]);
         self.has_merged = true;
-        self.living_at_most -= pairs.len() as u32;
+        let mut gone: Vec<u32> = pairs.iter().map(|&(from, _)| from).collect();
+        gone.sort_unstable();
+        self.living.retain(|cluster| gone.binary_search(cluster).is_err());
+        self.buffers.list_clusters(&self.connection.queue, &self.living);
         // the sums are right, the proxies not: whoever needs them fits
         self.energy = None;
         self.connection.check()
@@ -156,7 +166,10 @@ impl MergeSteps for GpuSteps<'_, Merging> {
             self.buffers.turns.announce(&self.connection.queue, chunk.len() as u32, Ties::Hash);
             let mut encoder = if self.gathered { self.encoder() } else { self.encode_fit() };
             let Merging { picked, bindings, .. } = &self.merging;
-            self.encode(&mut encoder, &[(&kernels.pick_sums, &bindings.pick_sums, self.merging.groups(chunk.len()))]);
+            self.encode(
+                &mut encoder,
+                &[(&kernels.pick_sums, &bindings.pick_sums, Some(self.merging.groups(chunk.len())))],
+            );
             let (_, found) = self.download::<Picked>(encoder, picked, chunk.len())?;
             sums.extend(found.iter().map(Picked::sums));
         }
@@ -168,10 +181,16 @@ impl MergeSteps for GpuSteps<'_, Merging> {
             return Ok(Vec::new());
         }
         let kernels = self.connection.merge_kernels()?;
-        let mut encoder = self.encoder();
+        let mut encoder = if self.gathered { self.encoder() } else { self.encode_fit() };
         encoder.clear_buffer(&self.buffers.ring, 0, None);
-        let bindings = &self.merging.bindings.list_moves;
-        self.encode(&mut encoder, &[(&kernels.list_moves, bindings, self.buffers.face_groups)]);
+        let Merging { bindings, .. } = &self.merging;
+        self.encode(
+            &mut encoder,
+            &[
+                (&self.connection.kernels.settle, &self.buffers.bindings.settle, Some([1, 1, 1])),
+                (&kernels.list_moves, &bindings.list_moves, None),
+            ],
+        );
         let (_, mut list) = self.download_list(encoder, FEW_MOVES.min(self.buffers.faces as usize))?;
         list.sort_unstable_by_key(|found| found.subject);
         Ok(list.iter().map(|found| (found.subject, found.first, found.second)).collect())

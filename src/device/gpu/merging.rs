@@ -13,19 +13,14 @@ const PICKED: u64 = 1 << 18;
 /// The further buffers of a hierarchy.
 #[derive(Debug)]
 pub(super) struct Merging {
-    pub(super) choices: wgpu::Buffer,
     pub(super) found: wgpu::Buffer,
     pub(super) bests: wgpu::Buffer,
     /// A list of the host's: pairs that merge, or clusters whose sums it wants.
     pub(super) entries: wgpu::Buffer,
     pub(super) merged_into: wgpu::Buffer,
-    /// The labels after the last merge.
-    pub(super) merged_labels: wgpu::Buffer,
     pub(super) picked: wgpu::Buffer,
     /// Sums that fit into `picked`, and clusters into `entries`.
     pub(super) most_picked: usize,
-    /// Workgroups that `search` runs, each with an entry in `bests`.
-    pub(super) searchers: u32,
     pub(super) bindings: MergeBindings,
     row: u32,
     /// Whether the device is a driver that computes on the cpu.
@@ -56,48 +51,43 @@ impl Merging {
         let create = |what, items: u64, size: usize, usage| create(connection, what, items.max(1) * size as u64, usage);
         let (faces, clusters) = (u64::from(buffers.faces), u64::from(clusters));
         let [columns, rows, _] = buffers.face_groups;
-        let searchers = columns * rows;
         let most_picked = clusters.min(PICKED);
 
-        let choices = create("choices", clusters, size_of::<Choice>(), storage | into)?;
+        let choices = create("choices", clusters, size_of::<Choice>(), storage)?;
         // the longest list is that of all faces; there are no more clusters than faces
         let found = create("list", faces, size_of::<Found>(), storage | out)?;
-        let bests = create("best dual edges", u64::from(searchers), size_of::<Best>(), storage | out)?;
+        let bests = create("best dual edges", u64::from(columns) * u64::from(rows), size_of::<Best>(), storage | out)?;
         // pairs are half as many as clusters
         let entries = create("entries", clusters.max(2), 4, storage | into)?;
         let merged_into = create("merged clusters", clusters, 4, storage | into)?;
-        let merged_labels = create("merged labels", faces, 4, storage | into)?;
         let picked = create("sums for the host", most_picked, size_of::<Picked>(), storage | out)?;
 
-        let Buffers { neighbour_offsets, neighbours, labels, clusters: sums, proxies, ring, .. } = buffers;
+        let Buffers { neighbours, labels, clusters: sums, proxies, ring, origins, lists, .. } = buffers;
         let bind = |compiled: &Compiled, storage: &[&wgpu::Buffer]| {
             bind(connection, compiled, buffers.turns.buffer(), storage)
         };
-        let edges = |compiled, result| bind(compiled, &[neighbour_offsets, neighbours, labels, proxies, sums, result]);
+        let edges = |compiled, result| bind(compiled, &[neighbours, labels, proxies, sums, result, lists]);
         let MergeKernels { price, break_ties, prefer, list_choices, .. } = kernels;
         let bindings = MergeBindings {
             price: edges(price, &choices),
             break_ties: edges(break_ties, &choices),
             prefer: edges(prefer, &choices),
-            list_choices: bind(list_choices, &[&choices, &found, ring]),
+            list_choices: bind(list_choices, &[&choices, &found, ring, lists]),
             search: edges(&kernels.search, &bests),
-            reduce: bind(&kernels.reduce, &[&bests]),
+            reduce: bind(&kernels.reduce, &[&bests, lists]),
             unite: bind(&kernels.unite, &[&entries, sums, &merged_into]),
-            relabel: bind(&kernels.relabel, &[&merged_into, labels]),
-            list_moves: bind(&kernels.list_moves, &[labels, &merged_labels, &found, ring]),
+            relabel: bind(&kernels.relabel, &[&merged_into, labels, origins]),
+            list_moves: bind(&kernels.list_moves, &[labels, origins, &found, ring, lists]),
             pick_sums: bind(&kernels.pick_sums, &[&entries, sums, &picked]),
         };
         connection.check()?;
         Ok(Self {
-            choices,
             found,
             bests,
             entries,
             merged_into,
-            merged_labels,
             picked,
             most_picked: most_picked as usize,
-            searchers,
             bindings,
             row: connection.limits.max_compute_workgroups_per_dimension,
             is_software,

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use super::FaultPoint;
 use super::buffers::{BETWEEN, Buffers, RING, upload};
 use super::connection::{Compiled, Connection};
-use super::layout::Slot;
+use super::layout::{Slot, UNLISTED};
 use super::readback::Batch;
 use crate::device::cpu;
 use crate::device::{Cancel, Ending, FREE, LatticeEnergy, Step, Steps};
@@ -68,14 +68,14 @@ pub(super) struct GpuSteps<'a, M> {
     pub(super) buffers: Buffers,
     pub(super) merging: M,
     pub(super) clusters: u32,
-    /// Whether the sums belong to the labels.
+    /// Whether sums and lists belong to the labels.
     pub(super) gathered: bool,
     /// Energy of the labels, once known.
     pub(super) energy: Option<LatticeEnergy>,
     /// Whether clusters merged since the labels were set.
     pub(super) has_merged: bool,
-    /// No more clusters than that have faces.
-    pub(super) living_at_most: u32,
+    /// The clusters that may have faces, ascending.
+    pub(super) living: Vec<u32>,
     /// Number of the next turn, while a phase goes on that stopped at its limit.
     resumed_at: Option<u32>,
     /// Number of the turn after the last.
@@ -103,14 +103,14 @@ impl<'a, M> GpuSteps<'a, M> {
             gathered: false,
             energy: None,
             has_merged: false,
-            living_at_most: clusters,
+            living: (0..clusters).collect(),
             resumed_at: None,
             next_turn: 1,
             host: None,
         }
     }
 
-    /// Replaces all labels, whatever merged before.
+    /// Replaces all labels, whatever merged before; no face has moved since.
     fn replace_labels(&mut self, labels: &[u32]) -> Result<()> {
         if labels.len() != self.buffers.faces as usize {
             return Err(Error::new(
@@ -126,9 +126,19 @@ impl<'a, M> GpuSteps<'a, M> {
             ));
         }
         upload(&self.connection.queue, &self.buffers.labels, 0, labels);
+        let mut encoder = self.encoder();
+        encoder.copy_buffer_to_buffer(&self.buffers.labels, 0, &self.buffers.origins, 0, None);
+        self.connection.queue.submit([encoder.finish()]);
         self.gathered = false;
         self.energy = None;
         self.connection.check()
+    }
+
+    /// The labels that all faces had after the last merge; `labels` are those that they have.
+    fn origins(&self, labels: &[u32]) -> Result<Vec<u32>> {
+        let (_, origins) = self.download::<u32>(self.encoder(), &self.buffers.origins, labels.len())?;
+        let origin = |(&origin, &label): (&u32, &u32)| if origin == UNLISTED { label } else { origin };
+        Ok(origins.iter().zip(labels).map(origin).collect())
     }
 
     /// Runs turns until one has nothing left to do (true) or `limit` of them moved something (false). `on_turn` is told of
@@ -137,8 +147,6 @@ impl<'a, M> GpuSteps<'a, M> {
     /// Turns are numbered from 1, or on from the last where a refinement goes on: a face remembers the turn that refused it.
     fn run(&mut self, work: Work, limit: u32, cancel: &Cancel, mut on_turn: impl FnMut(&Slot)) -> Result<bool> {
         let resumed_at = self.resumed_at.take().filter(|_| work == Work::Refine);
-        let queue = &self.connection.queue;
-        queue.write_buffer(&self.buffers.next_dispatch, 0, bytemuck::bytes_of(&self.buffers.face_groups));
         // turns that may still move something, those on their way taken off
         let mut left = limit;
         let mut number = resumed_at.unwrap_or(1);
@@ -191,6 +199,19 @@ impl<'a, M> GpuSteps<'a, M> {
         }
     }
 
+    /// Grows the clusters over the free faces, which are listed after what is encoded.
+    fn grow_listed(&mut self, mut encoder: wgpu::CommandEncoder, cancel: &Cancel) -> Result<()> {
+        let Buffers { labels, wishes, .. } = &self.buffers;
+        // passes go from one to the other and back, and look at listed faces only
+        encoder.copy_buffer_to_buffer(labels, 0, wishes, 0, None);
+        self.connection.queue.submit([encoder.finish()]);
+        self.energy = None;
+        // every pass but the last labels a face
+        let even_limit = u32::MAX - 1;
+        self.run(Work::Grow, even_limit, cancel, |_| {})?;
+        Ok(())
+    }
+
     /// Queues a batch, and the reading of its slots.
     fn submit(&self, work: Work, number: u32, turns: u32, staging: usize) -> Result<Batch> {
         let kernels = &self.connection.kernels;
@@ -199,12 +220,14 @@ impl<'a, M> GpuSteps<'a, M> {
         self.buffers.turns.number(&self.connection.queue, number);
         let mut encoder = self.encoder();
         encoder.clear_buffer(&self.buffers.ring, 0, None);
-        if work == Work::Refine && number == 1 {
-            encoder.clear_buffer(&self.buffers.offers, 0, None);
-        }
         {
             let mut pass = self.connection.pass(&mut encoder, work.name());
             let clusters = Some(self.buffers.cluster_groups);
+            // after a merge the list is what the host asks for moves
+            if work != Work::Grow && !self.has_merged {
+                self.dispatch(&mut pass, &kernels.weed, &bindings.weed, 0, None);
+                self.dispatch(&mut pass, &kernels.line_up, &bindings.line_up, 0, Some([1, 1, 1]));
+            }
             for slot in 0..turns {
                 let mut dispatch =
                     |compiled, bindings, groups| self.dispatch(&mut pass, compiled, bindings, slot, groups);
@@ -231,10 +254,12 @@ impl<'a, M> GpuSteps<'a, M> {
         self.queue_reading(encoder, turns, staging)
     }
 
-    /// Encodes proxies and energy of the labels as they are, after summing them up if that was not done.
+    /// Encodes proxies and energy of the labels as they are, after summing them up and listing the faces on boundaries if that
+    /// was not done. Dispatches go over the listed faces afterwards.
     pub(super) fn encode_fit(&mut self) -> wgpu::CommandEncoder {
         let kernels = &self.connection.kernels;
         let buffers = &self.buffers;
+        let bindings = &buffers.bindings;
         let mut encoder = self.encoder();
         encoder.clear_buffer(&buffers.ring, 0, None);
         if !self.gathered {
@@ -243,12 +268,11 @@ impl<'a, M> GpuSteps<'a, M> {
         {
             let mut pass = self.connection.pass(&mut encoder, "fit");
             if !self.gathered {
-                let groups = Some(buffers.gather_groups);
-                let bindings = &buffers.bindings.gather;
-                self.dispatch(&mut pass, &kernels.gather, bindings, BETWEEN, groups);
+                self.dispatch(&mut pass, &kernels.gather, &bindings.gather, BETWEEN, Some(buffers.gather_groups));
+                self.dispatch(&mut pass, &kernels.enlist, &bindings.enlist, BETWEEN, Some(buffers.face_groups));
+                self.dispatch(&mut pass, &kernels.line_up, &bindings.line_up, BETWEEN, Some([1, 1, 1]));
             }
-            let groups = Some(buffers.cluster_groups);
-            self.dispatch(&mut pass, &kernels.fit, &buffers.bindings.fit, BETWEEN, groups);
+            self.dispatch(&mut pass, &kernels.fit, &bindings.fit, BETWEEN, Some(buffers.cluster_groups));
         }
         self.gathered = true;
         encoder
@@ -284,20 +308,18 @@ fn ending(is_over: bool) -> Ending {
 
 impl<M> Steps for GpuSteps<'_, M> {
     fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
-        self.has_merged = false;
-        self.living_at_most = self.clusters;
+        if std::mem::take(&mut self.has_merged) {
+            self.living = (0..self.clusters).collect();
+            self.buffers.list_clusters(&self.connection.queue, &self.living);
+        }
         self.resumed_at = None;
         self.host = None;
         self.replace_labels(labels)
     }
 
     fn grow(&mut self, cancel: &Cancel) -> Result<()> {
-        self.gathered = false;
-        self.energy = None;
-        // every pass but the last labels a face
-        let even_limit = u32::MAX - 1;
-        self.run(Work::Grow, even_limit, cancel, |_| {})?;
-        Ok(())
+        let encoder = self.encode_fit();
+        self.grow_listed(encoder, cancel)
     }
 
     fn energy(&mut self) -> Result<LatticeEnergy> {
@@ -350,18 +372,21 @@ impl<M> Steps for GpuSteps<'_, M> {
         cancel: &Cancel,
         on_iteration: &mut dyn FnMut(Step),
     ) -> Result<Ending> {
+        let before = self.labels()?;
+        let origins = if self.has_merged { self.origins(&before)? } else { Vec::new() };
         let goes_on = self.resumed_at.take().is_some();
         let mut host = match self.host.take().filter(|_| goes_on) {
             Some(host) => host,
             None => {
                 let mut host = cpu::open(self.graph, self.component_of_cluster);
-                host.set_labels(&self.labels()?)?;
+                host.set_labels(&before)?;
                 host
             }
         };
         let ending = host.refine_connected(max_iterations, cancel, on_iteration)?;
         let labels = host.labels()?;
         self.replace_labels(&labels)?;
+        upload(&self.connection.queue, &self.buffers.origins, 0, &origins);
         self.host = (ending == Ending::IterationLimit).then_some(host);
         Ok(ending)
     }
@@ -386,6 +411,7 @@ impl<M> Steps for GpuSteps<'_, M> {
                 (&kernels.weigh, &bindings.weigh, gather_groups),
                 (&kernels.elect, &bindings.elect, face_groups),
                 (&kernels.cut, &bindings.cut, face_groups),
+                (&kernels.settle, &bindings.settle, &[1, 1, 1]),
             ] {
                 self.dispatch(&mut pass, compiled, bindings, BETWEEN, Some(*groups));
             }
@@ -394,7 +420,7 @@ impl<M> Steps for GpuSteps<'_, M> {
         if slot.moves == 0 {
             self.energy = Some(LatticeEnergy { explained: slot.explained() });
         } else {
-            self.grow(cancel)?;
+            self.grow_listed(self.encoder(), cancel)?;
         }
         Ok(u64::from(slot.moves))
     }
