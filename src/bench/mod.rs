@@ -111,14 +111,14 @@ pub struct Row {
     pub cluster_on_cpu: Option<f64>,
     /// Whether that gave the same labels, or the same tree.
     pub same_as_cpu: Option<bool>,
-    /// One boundary iteration over all faces.
+    /// Sums and lists from labels.
     pub sweep: Option<Sweep>,
 }
 
-/// One boundary iteration over all faces.
+/// Sums and lists from labels: a pass over all faces.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct Sweep {
-    /// Bytes that have to be read or written at least once.
+    /// Bytes that its kernels read and write, as [`crate::device::gpu`] counts them.
     pub bytes: u64,
     /// What it took on the device, milliseconds.
     pub milliseconds: f64,
@@ -229,20 +229,19 @@ fn measure(
             row.same_as_cpu = Some(on_cpu.labels == best.labels && on_cpu.hierarchy == best.hierarchy);
         }
         if let (Some(labels), Some(copy)) = (&best.labels, copy_bytes_a_second) {
-            row.sweep = sweep(gpu, &prepared, clusters, labels, copy, cancel)?;
+            row.sweep = sweep(gpu, &prepared, clusters, labels, copy)?;
         }
     }
     Ok(row)
 }
 
-/// Times one boundary iteration that starts from `labels`.
+/// Times the sums and lists of `labels`.
 fn sweep(
     gpu: &mut GpuDevice,
     prepared: &Prepared,
     clusters: u64,
     labels: &[u32],
     copy_bytes_a_second: f64,
-    cancel: &Cancel,
 ) -> Result<Option<Sweep>> {
     let surface = &prepared.surface;
     let internal: Vec<u32> = surface.upload_face.iter().map(|&face| labels[face as usize]).collect();
@@ -255,14 +254,13 @@ fn sweep(
     {
         let mut steps = gpu.open(&surface.graph, &component_of_cluster)?;
         steps.set_labels(&internal)?;
-        steps.optimise_boundary(1, cancel, &mut |_| {})?;
+        steps.energy()?;
     }
     let profile = gpu.take_profile()?.unwrap_or_default();
-    // turns beyond the first are queued before it is known, and have nothing to do
-    let boundary = profile.stages.iter().find(|stage| stage.stage == "boundary");
-    Ok(boundary.filter(|boundary| boundary.milliseconds > 0.0).map(|boundary| {
+    let gather = profile.stages.iter().find(|stage| stage.stage == "gather");
+    Ok(gather.filter(|gather| gather.milliseconds > 0.0).map(|gather| {
         let bytes = SWEEP_BYTES_A_FACE * surface.faces() as u64;
-        let milliseconds = boundary.milliseconds;
+        let milliseconds = gather.milliseconds;
         Sweep { bytes, milliseconds, share_of_copy: bytes as f64 / (milliseconds / 1e3) / copy_bytes_a_second }
     }))
 }

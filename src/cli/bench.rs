@@ -31,7 +31,7 @@ const MOST_FOR_HIERARCHY: u64 = 1_000_000;
 #[command(after_help = "\
 Measures flat clusterings and whole hierarchies of samples of growing size, and of the meshes that are named: what reading,
 topology, transfers and clustering take, what the gpu itself says of its passes (timestamp queries), how often each kernel
-was dispatched, and one boundary iteration over all faces beside the card's own copies. A gpu's labels are compared with the
+was dispatched, and a pass over all faces (sums and lists from labels) beside the card's own copies. A gpu's labels are compared with the
 cpu's; others are an error. Sizes that do not fit are told as such. Needs no network and no other file.
 
 Examples:

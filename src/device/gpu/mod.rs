@@ -138,10 +138,8 @@ pub struct Overrides {
     pub timed: bool,
 }
 
-/// Bytes a face of a closed triangle mesh that a boundary iteration over all faces has to read or write at least once:
-/// `propose` reads centroid and weight 16, where the row begins 4, neighbours 12, label 4, and writes the wish 4; `apply` reads
-/// wish and label 8. Labels and proxies of neighbours, which are read again and again, count once.
-pub const SWEEP_BYTES_A_FACE: u64 = 48;
+/// Bytes a face of a closed triangle mesh of a sweep over the mesh: sums and lists from labels, in the table above.
+pub const SWEEP_BYTES_A_FACE: u64 = 64;
 
 /// A failure that a test asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

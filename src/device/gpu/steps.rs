@@ -266,7 +266,7 @@ impl<'a, M> GpuSteps<'a, M> {
             encoder.clear_buffer(&buffers.clusters, 0, None);
         }
         {
-            let mut pass = self.connection.pass(&mut encoder, "fit");
+            let mut pass = self.connection.pass(&mut encoder, if self.gathered { "fit" } else { "gather" });
             if !self.gathered {
                 self.dispatch(&mut pass, &kernels.gather, &bindings.gather, BETWEEN, Some(buffers.gather_groups));
                 self.dispatch(&mut pass, &kernels.enlist, &bindings.enlist, BETWEEN, Some(buffers.face_groups));
