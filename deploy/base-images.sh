@@ -7,6 +7,10 @@
 # Needs mmdebstrap, root, and a Rust toolchain of the version that the Dockerfile names.
 set -euo pipefail
 cd "$(dirname "$0")"
+[ $# -gt 0 ] || {
+    echo "usage: deploy/base-images.sh ENGINE…" >&2
+    exit 2
+}
 engine=("$@")
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
@@ -38,9 +42,7 @@ sed -n 's/^FROM \([^ ]*\).*/\1/p' Dockerfile | sort -u | while read -r image; do
         ;;
     esac
     echo "making $image"
-    mmdebstrap --quiet --variant=minbase --include="$packages" "$suite" "$root" \
-        "deb http://deb.debian.org/debian $suite main" "deb http://deb.debian.org/debian $suite-updates main" \
-        "deb http://deb.debian.org/debian-security $suite-security main"
+    mmdebstrap --quiet --variant=minbase --include="$packages" "$suite" "$root" </dev/null
     case $image in
     rust:*)
         sysroot=$(rustc --print sysroot)

@@ -75,7 +75,11 @@ fn stages(out: &mut String, rows: &[Row]) {
         let stages: Vec<String> = row.stages.iter().map(stage).collect();
         let dispatches: u64 = row.dispatches.values().sum();
         let each: Vec<String> = row.dispatches.iter().map(|(kernel, count)| format!("{kernel} {count}")).collect();
+        let untimed = match row.untimed_passes {
+            0 => String::new(),
+            passes => format!(" and {passes} passes that were not timed"),
+        };
         let what = format!("{}, {}, {}", row.mesh, row.faces, row.algorithm);
-        line(out, &[what, stages.join(", "), format!("{dispatches}: {}", each.join(", "))]);
+        line(out, &[what, stages.join(", ") + &untimed, format!("{dispatches}: {}", each.join(", "))]);
     }
 }

@@ -14,7 +14,6 @@ mod markdown;
 mod work;
 
 use std::collections::BTreeMap;
-use std::time::Instant;
 
 use serde::Serialize;
 
@@ -25,7 +24,7 @@ use crate::device::cpu::CpuDevice;
 use crate::device::gpu::{GpuDevice, SWEEP_BYTES_A_FACE, StageTime};
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
-use crate::job::{self, Outcome, Prepared, milliseconds};
+use crate::job::{self, Outcome, Prepared};
 use crate::report::DeviceInfo;
 
 /// The device that is measured.
@@ -83,7 +82,7 @@ pub struct Row {
     pub algorithm: String,
     /// Number of clusters.
     pub clusters: u64,
-    /// Why there is nothing else: it did not fit on the device, say.
+    /// Why there is no time of clustering: it did not fit on the device, say.
     pub refused: Option<String>,
     /// From bytes to faces and positions.
     pub parse: f64,
@@ -99,6 +98,8 @@ pub struct Row {
     pub device: Option<f64>,
     /// Passes on the device, by what they did.
     pub stages: Vec<StageTime>,
+    /// Passes beyond those that can be timed; `device` is none then.
+    pub untimed_passes: u64,
     /// Dispatches of each kernel.
     pub dispatches: BTreeMap<&'static str, u64>,
     /// Iterations in which something moved.
@@ -109,7 +110,9 @@ pub struct Row {
     pub hexagon_ratio: Option<f64>,
     /// Clustering on the cpu device of this machine.
     pub cluster_on_cpu: Option<f64>,
-    /// Whether that gave the same labels, or the same tree.
+    /// Whether all runs gave the same labels, or the same tree.
+    pub same_each_time: bool,
+    /// Whether the cpu's were the same.
     pub same_as_cpu: Option<bool>,
     /// Sums and lists from labels.
     pub sweep: Option<Sweep>,
@@ -126,54 +129,73 @@ pub struct Sweep {
     pub share_of_copy: f64,
 }
 
-/// Runs everything. `on_stage` is told what is being done. A job that does not fit is told as such, and those of larger
-/// meshes with the same algorithm are left out.
+/// Runs everything; what was measured is given even when something fails, with the error. `on_stage` is told what is being done.
+/// A job that does not fit is told as such, and those of larger meshes with the same algorithm are left out.
 pub fn run(
     work: &[Work],
     measured: &mut Measured,
     plan: Plan,
     cancel: &Cancel,
     on_stage: &mut dyn FnMut(String),
-) -> Result<Measurements> {
+) -> (Measurements, Result<()>) {
     let build = if cfg!(debug_assertions) { " (a debug build: its times say nothing)" } else { "" };
-    let copy_bytes_a_second = match measured {
-        Measured::Cpu(_) => None,
-        Measured::Gpu(gpu) => gpu.copy_bandwidth()?,
-    };
     let mut measurements = Measurements {
         tesserae: format!("{}{build}", env!("CARGO_PKG_VERSION")),
         processor: crate::markdown::processor(),
         threads: rayon::current_num_threads(),
         device: measured.device().info().clone(),
-        copy_bytes_a_second,
+        copy_bytes_a_second: None,
         rows: Vec::new(),
     };
-    for work in work {
-        let is_beyond = |row: &Row| row.refused.is_some() && row.algorithm == work.name() && work.is_larger(row.faces);
-        if measurements.rows.iter().any(is_beyond) {
-            continue;
-        }
-        on_stage(format!("{}, {}", work.mesh, work.name()));
-        let row = measure(work, measured, plan, copy_bytes_a_second, cancel)?;
-        measurements.rows.push(row);
-    }
-    Ok(measurements)
+    let outcome = measurements.fill(work, measured, plan, cancel, on_stage);
+    (measurements, outcome)
 }
 
 impl Measurements {
+    fn fill(
+        &mut self,
+        work: &[Work],
+        measured: &mut Measured,
+        plan: Plan,
+        cancel: &Cancel,
+        on_stage: &mut dyn FnMut(String),
+    ) -> Result<()> {
+        if let Measured::Gpu(gpu) = measured {
+            self.copy_bytes_a_second = gpu.copy_bandwidth()?;
+        }
+        for work in work {
+            let is_beyond =
+                |row: &Row| row.refused.is_some() && row.algorithm == work.name() && work.is_larger(row.faces);
+            if self.rows.iter().any(is_beyond) {
+                continue;
+            }
+            on_stage(format!("{}, {}", work.mesh, work.name()));
+            self.rows.push(measure(work, measured, plan, self.copy_bytes_a_second, cancel)?);
+        }
+        Ok(())
+    }
+
     /// As a report in Markdown.
     pub fn markdown(&self) -> String {
         markdown::report(self)
     }
 
-    /// An error when a device's labels were not the cpu's.
+    /// An error when labels were not the cpu's, or not the same each time, and when no job ran.
     pub fn check(&self) -> Result<()> {
-        match self.rows.iter().find(|row| row.same_as_cpu == Some(false)) {
-            None => Ok(()),
-            Some(Row { mesh, algorithm, clusters, .. }) => Err(Error::new(
+        if let Some(Row { mesh, algorithm, clusters, .. }) =
+            self.rows.iter().find(|row| row.same_as_cpu == Some(false) || !row.same_each_time)
+        {
+            return Err(Error::new(
                 Kind::Internal,
                 format_args!("the labels are not the cpu's: {mesh}, {algorithm}, {clusters} clusters"),
-            )),
+            ));
+        }
+        let refusals: Vec<&str> = self.rows.iter().filter_map(|row| row.refused.as_deref()).collect();
+        match refusals.first() {
+            Some(why) if refusals.len() == self.rows.len() => {
+                Err(Error::new(Kind::DeviceUnsuitable, format_args!("no job ran: {why}")))
+            }
+            _ => Ok(()),
         }
     }
 }
@@ -192,12 +214,14 @@ fn measure(
     (row.parse, row.topology) = (prepared.timings.parse, prepared.timings.topology);
     let mut best: Option<Outcome> = None;
     for _ in 0..plan.repeats {
-        let started = Instant::now();
+        if let Measured::Gpu(gpu) = measured {
+            // what earlier jobs left
+            gpu.take_profile()?;
+        }
         let outcome = match job::run(&prepared, measured.device(), cancel, &mut |_| {}) {
             Ok(outcome) => outcome,
             Err(error) if matches!(error.kind, Kind::DeviceUnsuitable | Kind::TooLarge | Kind::DeviceLost) => {
-                row.refused = Some(error.message);
-                return Ok(row);
+                return Ok(Row { refused: Some(error.message), ..Row::new(work, faces, clusters) });
             }
             Err(error) => return Err(error),
         };
@@ -205,15 +229,18 @@ fn measure(
             Measured::Cpu(_) => None,
             Measured::Gpu(gpu) => gpu.take_profile()?,
         };
-        tracing::debug!(total_ms = milliseconds(started.elapsed()), "ran");
         let timings = &outcome.report.timings_ms;
-        if best.as_ref().is_some_and(|best| best.report.timings_ms.cluster <= timings.cluster) {
-            continue;
+        if let Some(best) = &best {
+            row.same_each_time &= best.labels == outcome.labels && best.hierarchy == outcome.hierarchy;
+            if best.report.timings_ms.cluster <= timings.cluster {
+                continue;
+            }
         }
         (row.upload, row.cluster, row.download) = (timings.upload, timings.cluster, timings.download);
         if let Some(profile) = profile {
             let sum = profile.stages.iter().map(|stage| stage.milliseconds).sum();
             row.device = (profile.untimed_passes == 0).then_some(sum);
+            row.untimed_passes = profile.untimed_passes;
             (row.stages, row.dispatches) = (profile.stages, profile.dispatches);
         }
         best = Some(outcome);
@@ -280,11 +307,13 @@ impl Row {
             download: 0.0,
             device: None,
             stages: Vec::new(),
+            untimed_passes: 0,
             dispatches: BTreeMap::new(),
             iterations: 0,
             energy: None,
             hexagon_ratio: None,
             cluster_on_cpu: None,
+            same_each_time: true,
             same_as_cpu: None,
             sweep: None,
         }

@@ -1,13 +1,15 @@
 //! `tesserae serve`: the HTTP service in this process.
 
-use std::sync::Arc;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, mpsc};
+use std::time::Duration;
 
 use super::device::DeviceArguments;
 use super::{Failure, signals};
 use crate::bench;
 use crate::device::select::{DeviceChoice, FACES_FOR_GPU};
 use crate::device::{Cancel, Device};
-use crate::error::Error;
+use crate::error::{Error, Kind};
 use crate::report::{DeviceInfo, DeviceKind};
 use crate::service::{self, DeviceDescription, Extras, LogSettings, Settings};
 
@@ -45,15 +47,19 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         Ok(limit) => tracing::debug!(limit, "open files"),
         Err(error) => tracing::warn!(%error, "the number of open files cannot be raised"),
     }
-    let mut device = arguments.device.open_for_any()?;
+    let device = arguments.device.open_for_any()?;
+    let (device, cpu_below_faces) = match (arguments.device.is_auto(), device.info().kind) {
+        (true, DeviceKind::Gpu) => {
+            let (device, faces) = calibrated(device, &arguments.device)?;
+            (device, Some(faces))
+        }
+        (true, DeviceKind::Cpu) => (device, Some(0)),
+        (false, _) => (device, None),
+    };
     let description = DeviceDescription {
         chosen: chosen(&arguments.device, device.info()),
         info: device.info().clone(),
-        cpu_below_faces: match (arguments.device.is_auto(), device.info().kind) {
-            (true, DeviceKind::Gpu) => Some(calibrated(device.as_mut())),
-            (true, DeviceKind::Cpu) => Some(0),
-            (false, _) => None,
-        },
+        cpu_below_faces,
     };
     let choice = arguments.device.clone();
     let reopen: service::Reopen = Arc::new(move || choice.open_for_any());
@@ -72,13 +78,38 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     Ok(served?)
 }
 
-/// The smallest mesh, in faces, that a gpu is faster with than the cpu. A gpu that fails now may be well later, so it is given
-/// the chance.
-fn calibrated(gpu: &mut dyn Device) -> u64 {
-    bench::faces_for_gpu(gpu, &Cancel::default()).unwrap_or_else(|error| {
-        tracing::warn!(%error, faces = FACES_FOR_GPU, "the gpu cannot be measured; it gets the larger meshes");
-        FACES_FOR_GPU
-    })
+/// More faces than any mesh has.
+const NO_MESH: u64 = 1 << 32;
+
+/// How long the measuring of a gpu may take.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// A gpu, and the smallest mesh, in faces, that it is faster with than the cpu. One that does not answer is opened anew and
+/// gets the larger meshes, as does one that fails: it may be well later. One whose labels are wrong gets none.
+fn calibrated(mut gpu: Box<dyn Device>, choice: &DeviceArguments) -> Result<(Box<dyn Device>, u64), Error> {
+    let (told, outcome) = mpsc::channel();
+    let measure = move || {
+        let cancel = Cancel::default();
+        let faces = catch_unwind(AssertUnwindSafe(|| bench::faces_for_gpu(gpu.as_mut(), &cancel)));
+        // nobody listens any more when it took too long
+        let _ = told.send((gpu, faces));
+    };
+    std::thread::Builder::new()
+        .name("calibration".to_owned())
+        .spawn(measure)
+        .map_err(|error| Error::io("a thread cannot be started", error))?;
+    let why = match outcome.recv_timeout(PATIENCE) {
+        Ok((gpu, Ok(Ok(faces)))) => return Ok((gpu, faces)),
+        Ok((gpu, Ok(Err(error)))) if error.kind == Kind::DeviceUnsuitable => {
+            tracing::error!(%error, "the gpu is not used");
+            return Ok((gpu, NO_MESH));
+        }
+        Ok((_, Ok(Err(error)))) => error.message,
+        Ok((_, Err(_))) => "its driver panicked".to_owned(),
+        Err(_) => format!("it did not answer within {PATIENCE:?}"),
+    };
+    tracing::warn!(why, faces = FACES_FOR_GPU, "the gpu cannot be measured; it gets the larger meshes");
+    Ok((choice.open_for_any()?, FACES_FOR_GPU))
 }
 
 /// Why it is this device, for people.

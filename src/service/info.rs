@@ -26,8 +26,8 @@ pub struct DeviceDescription {
     /// How it was chosen, for people.
     #[schema(example = "auto: there is no GPU")]
     pub chosen: String,
-    /// Meshes with fewer faces are clustered by the processor, as is what the device cannot do or is slow at; null when it
-    /// takes no part, or is the device.
+    /// Meshes with fewer faces are clustered by the processor, as is what the device cannot do or is slow at; null when the
+    /// device was asked for by name, and the processor takes no part.
     #[schema(example = 200_000)]
     pub cpu_below_faces: Option<u64>,
 }

@@ -43,12 +43,15 @@ impl CutPlan {
     }
 }
 
+/// A cluster that ended before the replay began.
+const GONE: u32 = u32::MAX;
+
 /// A replay of merges and moves. Merges come in order, as do moves; the two need not be in step, because a move names a
 /// cluster by what it was when the round ended, and that cluster's later merges hold for the face too.
 #[derive(Debug)]
 pub(super) struct Replay {
     merged: usize,
-    /// What each cluster has become part of; itself while it lives.
+    /// What each cluster has become part of; itself while it lives, [`GONE`] where it is not known.
     parent: Vec<u32>,
     cluster_of_face: Vec<u32>,
 }
@@ -56,12 +59,27 @@ pub(super) struct Replay {
 impl Replay {
     /// From the start, where every face is a cluster.
     pub fn new(faces: u32) -> Self {
-        Self::starting_from((0..faces).collect(), 0)
+        Self { merged: 0, parent: (0..faces).collect(), cluster_of_face: (0..faces).collect() }
     }
 
-    /// From the state after so many merges, in which each face is in this cluster; all below the number of faces.
-    pub fn starting_from(cluster_of_face: Vec<u32>, merged: usize) -> Self {
-        Self { merged, parent: (0..cluster_of_face.len() as u32).collect(), cluster_of_face }
+    /// From the state after a round, in which each face is in this cluster.
+    pub fn starting_from(cluster_of_face: Vec<u32>, round: &Round) -> Result<Self> {
+        let mut parent = vec![GONE; cluster_of_face.len()];
+        let mut clusters = 0;
+        for &cluster in &cluster_of_face {
+            match parent.get_mut(cluster as usize) {
+                Some(parent) if *parent == GONE => {
+                    *parent = cluster;
+                    clusters += 1;
+                }
+                Some(_) => {}
+                None => return contradiction("cluster in a checkpoint", cluster),
+            }
+        }
+        if clusters != round.clusters {
+            return contradiction("clusters in a checkpoint", clusters);
+        }
+        Ok(Self { merged: round.merges_end as usize, parent, cluster_of_face })
     }
 
     /// A merge of two living clusters.
@@ -77,7 +95,7 @@ impl Replay {
 
     pub fn give(&mut self, FaceMove { face, to }: FaceMove) -> Result<()> {
         match self.cluster_of_face.get_mut(face as usize) {
-            Some(cluster) if (to as usize) < self.parent.len() => {
+            Some(cluster) if self.parent.get(to as usize).is_some_and(|&parent| parent != GONE) => {
                 *cluster = to;
                 Ok(())
             }

@@ -23,7 +23,9 @@
 //! # Why checkpoints
 //!
 //! A cut starts at the last checkpoint before it and reads only what lies between: however long the run was, that is one
-//! label a face and records of little more than [`BETWEEN_CHECKPOINTS`] bytes a face. Blocks before and after are not read.
+//! label a face and records of fewer than [`BETWEEN_CHECKPOINTS`] bytes a face and of one round more. Besides it reads the list
+//! of rounds, which is short for parallel hierarchies, and has 32 bytes a face for those that merge one pair a round. Blocks
+//! before and after are not read.
 
 use std::io::{self, Write};
 
@@ -147,12 +149,15 @@ impl Stored {
         let header = reader.header(&sizes)?;
         let (rounds, has_checkpoint) = reader.rounds(&sizes)?;
         let mut tree = Tree { faces: sizes.faces, merges: room(sizes.merges)?, moves: room(sizes.moves)?, rounds };
-        let mut replay = Replay::new(sizes.faces);
+        // up to the last checkpoint, for which there are as many bytes in the file
+        let mut replay = (sizes.checkpoints > 0).then(|| Replay::new(sizes.faces));
+        let last = has_checkpoint.iter().rposition(|&has| has);
         for (round, &has_checkpoint) in has_checkpoint.iter().enumerate() {
             let (merges, moves) = extent(&tree.rounds, round);
             reader.append(&mut tree.merges, merges, |record| Pair::of(record).merge())?;
             reader.append(&mut tree.moves, moves, records::move_of)?;
-            tree.replay(round, &mut replay)?;
+            let Some(replay) = replay.as_mut().filter(|_| last >= Some(round)) else { continue };
+            tree.replay(round, replay)?;
             if has_checkpoint {
                 let mut expected = replay.clusters().iter();
                 reader.each::<LABEL>(sizes.faces.into(), |labels| {
@@ -163,6 +168,7 @@ impl Stored {
                 })?;
             }
         }
+        drop(replay);
         let mut merges = tree.merges.iter_mut();
         reader.each::<NODE>(sizes.merges, |nodes| {
             nodes.iter().zip(&mut merges).for_each(|(node, merge)| records::complete(merge, node));
@@ -174,7 +180,8 @@ impl Stored {
 }
 
 /// A cut of a hierarchy in a file, without the tree ever being in memory; see [`Tree::labels_at`] and [`Stored::read`].
-/// Only what the cut needs is read, and only that is compared with its checksums.
+/// Only what the cut needs is read, and only that is compared with its checksums. Whether a checkpoint is what the merges and
+/// moves before it make, only [`Stored::read`] looks.
 pub fn cut(from: impl Input, length: u64, max_faces: u64, clusters: u64) -> Result<(Header, Cut)> {
     let mut reader = Reader(BlockReader::new(from, length));
     let sizes = reader.sizes(length, max_faces)?;
@@ -186,10 +193,12 @@ pub fn cut(from: impl Input, length: u64, max_faces: u64, clusters: u64) -> Resu
         None => (0, Replay::new(sizes.faces)),
         Some(last) => {
             let checkpoints = has_checkpoint[..last].iter().filter(|&&has| has).count() as u64;
-            let Round { merges_end, moves_end, .. } = rounds[last];
+            let round @ Round { merges_end, moves_end, .. } = &rounds[last];
             let labels = checkpoints * u64::from(sizes.faces) * LABEL as u64;
-            reader.skip(u64::from(merges_end) * PAIR as u64 + moves_end * MOVE as u64 + labels)?;
-            (last + 1, Replay::starting_from(reader.checkpoint(sizes.faces)?, merges_end as usize))
+            reader.skip(u64::from(*merges_end) * PAIR as u64 + moves_end * MOVE as u64 + labels)?;
+            let mut clusters = room(sizes.faces.into())?;
+            reader.append::<LABEL, _>(&mut clusters, sizes.faces.into(), |label| u32::from_le_bytes(*label))?;
+            (last + 1, Replay::starting_from(clusters, round)?)
         }
     };
     for round in start..plan.rounds {
@@ -315,16 +324,6 @@ impl<R: Input> Reader<R> {
             return contradiction("checkpoints", checkpoints);
         }
         Ok((rounds, has_checkpoint))
-    }
-
-    /// The cluster of each face.
-    fn checkpoint(&mut self, faces: u32) -> Result<Vec<u32>> {
-        let mut clusters = room(faces.into())?;
-        self.append::<LABEL, _>(&mut clusters, faces.into(), |label| u32::from_le_bytes(*label))?;
-        match clusters.iter().find(|&&cluster| cluster >= faces) {
-            None => Ok(clusters),
-            Some(cluster) => contradiction("cluster in a checkpoint", cluster),
-        }
     }
 
     fn skip(&mut self, bytes: u64) -> Result<()> {

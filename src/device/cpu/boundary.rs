@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::clusters::Clusters;
 use super::labels::Labels;
 use super::watch::{Slack, Watch, boundary_slack};
-use super::{BATCH, CHUNK, Move};
+use super::{CHUNK, Move, batch};
 use crate::surface::DualGraph;
 
 /// What a face does.
@@ -34,7 +34,7 @@ pub fn moves(
     if due.len() <= 4 * CHUNK {
         due.iter().for_each(|&face| act(watch, face, decide(graph, labels, clusters, face)));
     } else {
-        for due in due.chunks(BATCH) {
+        for due in due.chunks(batch()) {
             let decisions: Vec<Decision> =
                 due.par_iter().with_min_len(CHUNK).map(|&face| decide(graph, labels, clusters, face)).collect();
             due.iter().zip(decisions).for_each(|(&face, decision)| act(watch, face, decision));

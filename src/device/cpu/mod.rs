@@ -88,8 +88,10 @@ pub fn open<'a>(graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Box<dy
 /// Faces a thread takes at a time.
 const CHUNK: usize = 1024;
 
-/// Faces that are asked before what they said is acted on: as many as the caches hold what is known of.
-const BATCH: usize = 16 * CHUNK;
+/// Faces that are asked before what they said is acted on: as many as the caches hold what is known of, some for each thread.
+fn batch() -> usize {
+    CHUNK * current_num_threads().saturating_mul(2).max(16)
+}
 
 /// A face that moves from one cluster to another.
 #[derive(Debug, Clone, Copy)]

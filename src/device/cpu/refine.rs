@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::clusters::{Change, Clusters};
 use super::labels::Labels;
 use super::watch::{RefinementSlack, Slack, Watch};
-use super::{BATCH, CHUNK, Move};
+use super::{CHUNK, Move, batch};
 use crate::cluster::refinement::{Side, bid, gain};
 use crate::surface::DualGraph;
 
@@ -104,7 +104,7 @@ impl Bids {
         if due.len() <= 4 * CHUNK {
             due.iter().for_each(|&face| act(face, best_move(graph, labels, clusters, face)));
         } else {
-            for due in due.chunks(BATCH) {
+            for due in due.chunks(batch()) {
                 let bids: Vec<(Bid, Slack)> =
                     due.par_iter().with_min_len(CHUNK).map(|&face| best_move(graph, labels, clusters, face)).collect();
                 due.iter().zip(bids).for_each(|(&face, bid)| act(face, bid));

@@ -138,8 +138,9 @@ pub struct Overrides {
     pub timed: bool,
 }
 
-/// Bytes a face of a closed triangle mesh of a sweep over the mesh: sums and lists from labels, in the table above.
-pub const SWEEP_BYTES_A_FACE: u64 = 64;
+/// Bytes a face of a closed triangle mesh that a sweep over the mesh, sums and lists from labels, reads and writes: those in the
+/// table above, but for the labels of neighbours and the second reading of where a row begins, which come from the caches.
+pub const SWEEP_BYTES_A_FACE: u64 = 48;
 
 /// A failure that a test asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

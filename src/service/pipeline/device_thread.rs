@@ -244,7 +244,10 @@ impl Devices {
         let metrics = Arc::clone(&self.shared.metrics);
         let mut run = |device: &mut dyn Device| task.cluster(device, &metrics);
         if let Some(cpu) = self.cpu.as_mut().filter(|_| suits_cpu) {
-            return run(cpu);
+            let outcome = run(cpu);
+            // a device that was lost is opened even when no mesh needs it now, so that nobody is told it is lost for ever
+            let _ = self.open();
+            return outcome;
         }
         let opened = self.open();
         let outcome = match opened {

@@ -1,6 +1,8 @@
 //! Bytes in blocks, each with a checksum of its own, so that a part of a file can be read and trusted without the rest.
 //!
-//! A block is 2¹⁶ bytes of content, the last one fewer, and the SHA-256 of its number (u64, little-endian) and of them.
+//! A block is 2¹⁶ bytes of content, the last one fewer, and a SHA-256: of the block's number (u64, little-endian), of the sum
+//! of the first block (zeros in that one) and of the content. So blocks of two files do not mix: the first block tells files
+//! apart.
 
 use std::fs::File;
 use std::io::{self, Cursor, Read, Seek, Take, Write};
@@ -17,14 +19,21 @@ pub(super) const SUM: usize = 32;
 /// Blocks that are read or written, and summed side by side, at once.
 const AT_ONCE: usize = 16;
 
+/// Blocks that are summed by the caller itself: threads that cluster meanwhile need not be asked.
+const FEW: usize = 2;
+
 /// Length of a file with so much content.
 pub(super) fn framed(content: u128) -> u128 {
     content + content.div_ceil(BLOCK as u128) * SUM as u128
 }
 
-/// The checksum of a block.
-fn sum(number: u64, content: &[u8]) -> [u8; SUM] {
-    Sha256::new().chain_update(number.to_le_bytes()).chain_update(content).finalize().into()
+/// A checksum.
+type Sum = [u8; SUM];
+
+/// The checksum of a block; `first` is that of the first block.
+fn sum(number: u64, first: &Sum, content: &[u8]) -> Sum {
+    let first = if number == 0 { &[0; SUM] } else { first };
+    Sha256::new().chain_update(number.to_le_bytes()).chain_update(first).chain_update(content).finalize().into()
 }
 
 /// What hierarchies are read from: front to back, some of it left out.
@@ -88,6 +97,8 @@ pub(super) struct BlockReader<R> {
     left: u64,
     /// The next block of the file.
     next: u64,
+    /// The checksum of the first block, once that was read.
+    first: Sum,
     raw: Vec<u8>,
     /// Content that was read and checked; of it, so much was given.
     content: Vec<u8>,
@@ -97,7 +108,7 @@ pub(super) struct BlockReader<R> {
 impl<R: Input> BlockReader<R> {
     /// For a file of `length` bytes.
     pub fn new(from: R, length: u64) -> Self {
-        Self { from, left: length, next: 0, raw: Vec::new(), content: Vec::new(), given: 0 }
+        Self { from, left: length, next: 0, first: [0; SUM], raw: Vec::new(), content: Vec::new(), given: 0 }
     }
 
     /// The first bytes of the file, before anything is known of it and checked; as many as there are, up to N.
@@ -119,12 +130,20 @@ impl<R: Input> BlockReader<R> {
         self.raw.resize(length.max(peeked), 0);
         self.from.read_exact(&mut self.raw[peeked..])?;
         self.left -= self.raw.len() as u64;
-        let first = self.next;
-        let is_whole = self.raw.par_chunks(BLOCK + SUM).enumerate().all(|(nth, block)| {
+        if self.next == 0 {
+            let first = self.raw.chunks(BLOCK + SUM).next().and_then(|block| block.last_chunk());
+            self.first = *first.ok_or(Unreadable::Damaged)?;
+        }
+        let is_whole = |(block, number): (&[u8], u64)| {
             let split = block.split_last_chunk::<SUM>();
-            split.is_some_and(|(content, stated)| sum(first + nth as u64, content) == *stated)
-        });
-        if !is_whole {
+            split.is_some_and(|(content, stated)| sum(number, &self.first, content) == *stated)
+        };
+        let numbered = |(nth, block)| (block, self.next + nth as u64);
+        let are_whole = match self.raw.len() <= FEW * (BLOCK + SUM) {
+            true => self.raw.chunks(BLOCK + SUM).enumerate().map(|(nth, block)| numbered((nth, block))).all(is_whole),
+            false => self.raw.par_chunks(BLOCK + SUM).enumerate().map(numbered).all(is_whole),
+        };
+        if !are_whole {
             return Err(Unreadable::Damaged);
         }
         for block in self.raw.chunks(BLOCK + SUM) {
@@ -157,6 +176,7 @@ impl<R: Input> BlockReader<R> {
 
     /// Leaves out the next bytes. Blocks of which nothing is given are not read.
     pub fn skip(&mut self, bytes: u64) -> Result<(), Unreadable> {
+        debug_assert!(self.raw.is_empty() || bytes < BLOCK as u64, "what was peeked at would be lost");
         let held = (self.content.len() - self.given) as u64;
         if bytes <= held {
             self.given += bytes as usize;
@@ -181,12 +201,13 @@ impl<R: Input> BlockReader<R> {
 pub(super) struct BlockWriter<'a> {
     out: &'a mut dyn Write,
     next: u64,
+    first: Sum,
     content: Vec<u8>,
 }
 
 impl<'a> BlockWriter<'a> {
     pub fn new(out: &'a mut dyn Write) -> Self {
-        Self { out, next: 0, content: Vec::with_capacity(AT_ONCE * BLOCK) }
+        Self { out, next: 0, first: [0; SUM], content: Vec::with_capacity(AT_ONCE * BLOCK) }
     }
 
     pub fn put(&mut self, mut bytes: &[u8]) -> io::Result<()> {
@@ -201,9 +222,11 @@ impl<'a> BlockWriter<'a> {
     }
 
     fn pass_on(&mut self) -> io::Result<()> {
-        let first = self.next;
+        if let (0, Some(content)) = (self.next, self.content.chunks(BLOCK).next()) {
+            self.first = sum(0, &self.first, content);
+        }
         let blocks = self.content.par_chunks(BLOCK).enumerate();
-        let sums: Vec<_> = blocks.map(|(nth, content)| sum(first + nth as u64, content)).collect();
+        let sums: Vec<Sum> = blocks.map(|(nth, content)| sum(self.next + nth as u64, &self.first, content)).collect();
         for (content, sum) in self.content.chunks(BLOCK).zip(&sums) {
             self.out.write_all(content)?;
             self.out.write_all(sum)?;

@@ -235,4 +235,18 @@ fn blocks_that_changed_places_and_checkpoints_of_another_run_are_refused() {
     let changed = summed(&changed);
     let error = Stored::read(changed.as_slice(), changed.len() as u64, 1 << 20).expect_err("a false checkpoint");
     assert!(error.message.contains("checkpoint of round"), "{error}");
+    // a cut notices clusters that are not there
+    let error = cut(changed.as_slice(), changed.len() as u64, 1 << 20, 1).expect_err("a cluster too many");
+    assert!(error.message.contains("clusters in a checkpoint"), "{error}");
+
+    // the same sizes, other energies
+    let mut other = long();
+    other.tree.rounds[0].energy += 1.0;
+    let mut of_other = Vec::new();
+    other.write(&mut of_other).expect("a vector takes everything");
+    assert_eq!(of_other.len(), bytes.len());
+    let half = (BLOCK + SUM) * 4;
+    let mixed = [&bytes[..half], &of_other[half..]].concat();
+    let error = Stored::read(mixed.as_slice(), mixed.len() as u64, 1 << 20).expect_err("of two files");
+    assert!(error.message.contains("checksum"), "{error}");
 }
