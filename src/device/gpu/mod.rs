@@ -63,6 +63,8 @@
 //! a round a face; the cpu device, which looks only at what changed, is the one for it. A software gpu refuses it above 2²⁴ faces
 //! times clusters.
 //!
+//! Where the ring has told of no moves, the host asks for none, nor for pieces.
+//!
 //! Within a growth or a phase only the ring comes back: 2 KiB for a batch of up to 64 turns, while the next one runs. Between them
 //! the labels do after the first growth, and where pieces that were cut off are looked for, the number of their faces, with a
 //! ring. A hierarchy reads besides, in each round, 12 bytes for each cluster that is left and for each face that moved (for 4096 of

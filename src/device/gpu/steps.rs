@@ -74,6 +74,10 @@ pub(super) struct GpuSteps<'a, M> {
     pub(super) energy: Option<LatticeEnergy>,
     /// Whether clusters merged since the labels were set.
     pub(super) has_merged: bool,
+    /// Whether faces may have moved since the last merge.
+    pub(super) has_moved: bool,
+    /// Whether they may have since pieces were last looked for.
+    may_be_cut: bool,
     /// The clusters that may have faces, ascending.
     pub(super) living: Vec<u32>,
     /// Number of the next turn, while a phase goes on that stopped at its limit.
@@ -103,6 +107,8 @@ impl<'a, M> GpuSteps<'a, M> {
             gathered: false,
             energy: None,
             has_merged: false,
+            has_moved: true,
+            may_be_cut: true,
             living: (0..clusters).collect(),
             resumed_at: None,
             next_turn: 1,
@@ -131,6 +137,8 @@ impl<'a, M> GpuSteps<'a, M> {
         self.connection.queue.submit([encoder.finish()]);
         self.gathered = false;
         self.energy = None;
+        self.has_moved = true;
+        self.may_be_cut = true;
         self.connection.check()
     }
 
@@ -185,6 +193,8 @@ impl<'a, M> GpuSteps<'a, M> {
                 if slot.moves == 0 {
                     left += 1;
                 } else {
+                    self.has_moved = true;
+                    self.may_be_cut = true;
                     on_turn(&slot);
                 }
             }
@@ -399,6 +409,9 @@ impl<M> Steps for GpuSteps<'_, M> {
     }
 
     fn repair(&mut self, cancel: &Cancel) -> Result<u64> {
+        if !self.may_be_cut {
+            return Ok(0);
+        }
         self.connection.reach(FaultPoint::Pieces);
         let mut encoder = self.encode_fit();
         let kernels = &self.connection.kernels;
@@ -422,6 +435,7 @@ impl<M> Steps for GpuSteps<'_, M> {
         } else {
             self.grow_listed(self.encoder(), cancel)?;
         }
+        self.may_be_cut = false;
         Ok(u64::from(slot.moves))
     }
 
