@@ -234,7 +234,7 @@ impl<'a, M> GpuSteps<'a, M> {
             let mut pass = self.connection.pass(&mut encoder, work.name());
             let clusters = Some(self.buffers.cluster_groups);
             // after a merge the list is what the host asks for moves
-            if work != Work::Grow && !self.has_merged {
+            if !self.has_merged {
                 self.dispatch(&mut pass, &kernels.weed, &bindings.weed, 0, None);
                 self.dispatch(&mut pass, &kernels.line_up, &bindings.line_up, 0, Some([1, 1, 1]));
             }
