@@ -2,8 +2,8 @@
 //!
 //! A stream holds no events of its own but reads the job's log by number, a page at a time, and waits for the job's
 //! pulse when it has read all. So nothing is lost between the past and the present, a reader that drops can go on
-//! anywhere, and a slow one costs a page of memory. A stream whose token is taken back
-//! or replaced ends.
+//! anywhere, and a slow one costs a page of memory. A stream whose token is taken back or
+//! replaced ends.
 
 use std::collections::VecDeque;
 use std::convert::Infallible;
