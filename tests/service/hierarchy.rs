@@ -235,7 +235,7 @@ async fn meshes_that_the_cpu_is_faster_with_go_to_the_cpu_if_the_choice_was_left
     for (below, kinds) in [(Some(1000), ["cpu", "gpu"]), (Some(0), ["gpu", "gpu"]), (Some(1 << 31), ["cpu", "cpu"])] {
         let service = Service::with_choice(|_| {}, Limited::boxed(), below).await;
         for (faces, kind) in [300, 1200].into_iter().zip(kinds) {
-            let job = service.submit("clusters=9", sphere(faces)).await;
+            let job = service.submit("clusters=9&seeds=morton", sphere(faces)).await;
             assert_eq!(service.ended(&job).await["state"], "succeeded");
             let report = json(service.get(text(&job["urls"]["report"]))).await;
             assert_eq!(report["device"]["kind"], kind, "{faces} faces, the cpu below {below:?}");

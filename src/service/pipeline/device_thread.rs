@@ -245,8 +245,10 @@ impl Devices {
         let mut run = |device: &mut dyn Device| task.cluster(device, &metrics);
         if let Some(cpu) = self.cpu.as_mut().filter(|_| suits_cpu) {
             let outcome = run(cpu);
-            // a device that was lost is opened even when no mesh needs it now, so that nobody is told it is lost for ever
-            let _ = self.open();
+            if is_few {
+                // a device that was lost is opened though no mesh needs it now, or nobody would hear that it is well again
+                let _ = self.open();
+            }
             return outcome;
         }
         let opened = self.open();
