@@ -18,7 +18,7 @@
 //! | hierarchies: their file, their JSON, cuts, scipy's matrix | [`tree`] |
 //! | pictures of reports | [`plot`] |
 //! | the paper's tables and figure, measured anew | [`evaluate`] |
-//! | what a device takes for each stage | [`bench`] |
+//! | what a device takes for each stage | [`mod@bench`] |
 //! | one job from bytes to results | [`job`] |
 //! | the HTTP service | [`service`] |
 //! | the command line | [`cli`] |

@@ -17,7 +17,7 @@
 //! | | 16·M + 8·V + 4·F·C | for each round its merges: into u32, from u32, cost f64; its moves: face u32, the cluster it goes to u32; its checkpoint, if it has one: for each face the living cluster that it is in, u32 |
 //! | | 44·M | what each merge made: faces u32, energy f64, weight f64, proxy 3 × f64 |
 //!
-//! What the numbers mean is said at [`Round`], [`Merge`] and [`FaceMove`]. The file is this content in blocks, each with a
+//! What the numbers mean is said at [`Round`], [`super::Merge`] and [`super::FaceMove`]. The file is this content in blocks, each with a
 //! checksum ([`blocks`]), and nothing else.
 //!
 //! # Why checkpoints
