@@ -212,8 +212,12 @@ fn wrong_flags_are_usage_errors_that_say_what_to_do() {
 fn files_that_are_no_hierarchies_are_refused_in_one_line() {
     let folder = with_hierarchy(&["--algorithm", "pml", "-k", "100"]);
     let good = folder.read("knot.tsr");
-    let mut damaged = good.clone();
-    damaged[good.len() / 2] ^= 1;
+    let damaged_at = |at: usize| {
+        let mut damaged = good.clone();
+        damaged[at] ^= 1;
+        damaged
+    };
+    let damaged = damaged_at(100);
     for (bytes, word) in [
         (&good[..good.len() - 1], "bytes"),
         (&good[..20], "ends early"),
@@ -223,6 +227,9 @@ fn files_that_are_no_hierarchies_are_refused_in_one_line() {
         folder.write("bad.tsr", bytes);
         folder.run(&["cut", "bad.tsr", "-k", "200", "--labels", "x.npy"]).expect_failure(&[word]);
     }
+    // what no cut needs is looked at by who reads all of it
+    folder.write("bad.tsr", damaged_at(good.len() - 40));
+    folder.run(&["cut", "bad.tsr", "--hierarchy", "x.json"]).expect_failure(&["checksum"]);
     folder.run(&["cut", "knot.tsr", "-k", "200", "--max-faces", "99"]).expect_failure(&["limit of 99"]);
     folder.run(&["cut", "no.tsr", "-k", "200"]).expect_failure(&["no.tsr"]);
     let done = folder.run_with_input(&["cut", "-", "-k", "200", "--labels", "x.npy"], &good);
