@@ -187,7 +187,9 @@ impl Measurements {
         {
             return Err(Error::new(
                 Kind::Internal,
-                format_args!("the labels are not the cpu's: {mesh}, {algorithm}, {clusters} clusters"),
+                format_args!(
+                    "the labels are not the cpu's, or not the same each time: {mesh}, {algorithm}, {clusters} clusters"
+                ),
             ));
         }
         let refusals: Vec<&str> = self.rows.iter().filter_map(|row| row.refused.as_deref()).collect();
@@ -317,5 +319,36 @@ impl Row {
             same_as_cpu: None,
             sweep: None,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn measured(change: impl FnOnce(&mut Row)) -> Measurements {
+        let mut row = Row::new(&Work::flat(Mesh::Knot(100), None, 10), 100, 10);
+        row.same_as_cpu = Some(true);
+        change(&mut row);
+        Measurements {
+            tesserae: String::new(),
+            processor: String::new(),
+            threads: 1,
+            device: CpuDevice::new().info().clone(),
+            copy_bytes_a_second: None,
+            rows: vec![row],
+        }
+    }
+
+    #[test]
+    fn labels_that_differ_are_an_error_and_so_is_a_device_on_which_nothing_ran() {
+        assert_eq!(measured(|_| {}).check(), Ok(()));
+        assert_eq!(measured(|row| row.same_as_cpu = None).check(), Ok(()));
+        let differs = measured(|row| row.same_as_cpu = Some(false)).check().expect_err("other labels");
+        assert!(differs.message.contains("knot, bb, 10 faces a cluster, 10 clusters"), "{differs}");
+        let wavers = measured(|row| row.same_each_time = false).check().expect_err("other labels each time");
+        assert_eq!(wavers.kind, Kind::Internal);
+        let refused = measured(|row| row.refused = Some("it is too large".to_owned())).check().expect_err("no job");
+        assert_eq!((refused.kind, refused.message.as_str()), (Kind::DeviceUnsuitable, "no job ran: it is too large"));
     }
 }

@@ -89,8 +89,8 @@ impl fmt::Debug for DeviceThread {
 }
 
 impl DeviceThread {
-    /// Starts the thread. With a number, the cpu clusters meshes with fewer faces, and does what the device cannot, or is slow at. A device without a sign of
-    /// life for `timeout` counts as lost; `reopen` opens another one.
+    /// Starts the thread. With `cpu_below_faces`, the cpu clusters meshes with fewer faces, and does what the device cannot, or
+    /// is slow at. A device without a sign of life for `timeout` counts as lost; `reopen` opens another one.
     pub fn start(
         device: Box<dyn Device>,
         cpu_below_faces: Option<u64>,
