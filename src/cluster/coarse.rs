@@ -280,9 +280,10 @@ impl Start {
 
 /// Merges the cheaper half of the pairs that chose each other, at most as many in each component as it has to spare.
 fn merge_cheaper_half(steps: &mut dyn MergeSteps, component_of_cluster: &[u32], surplus: &mut [usize]) -> Result<()> {
-    let mut mutual = dual_edge::mutual(&steps.optimal_dual_edges(Ties::Hash)?);
+    let mut mutual = steps.mutual_dual_edges(Ties::Hash)?;
     mutual.retain(|pair| surplus[component_of_cluster[pair.ends().0 as usize] as usize] > 0);
     dual_edge::keep_cheaper_half(&mut mutual);
+    mutual.sort_unstable();
     mutual.retain(|pair| {
         let surplus = &mut surplus[component_of_cluster[pair.ends().0 as usize] as usize];
         let has_surplus = *surplus > 0;

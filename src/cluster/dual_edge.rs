@@ -139,11 +139,13 @@ pub fn mutual(edges: &[DualEdge]) -> Vec<Rank<u32>> {
     mutual
 }
 
-/// Keeps the pairs that cost no more than their median; they come the cheapest first.
+/// Keeps the pairs that cost no more than their median, in any order.
 pub fn keep_cheaper_half(mutual: &mut Vec<Rank<u32>>) {
     if !mutual.is_empty() {
-        let median = mutual[(mutual.len() - 1) / 2].cost;
-        mutual.truncate(mutual.partition_point(|pair| pair.cost <= median));
+        let middle = (mutual.len() - 1) / 2;
+        let (_, median, _) = mutual.select_nth_unstable(middle);
+        let most = median.cost;
+        mutual.retain(|pair| pair.cost <= most);
     }
 }
 

@@ -42,10 +42,11 @@
 //! Without optimisation no face ever moves, and the tree is nested: parallel hierarchical clustering, or with sequential
 //! rounds exact greedy Ward clustering on the lattice (Garland et al. 2001).
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::dual_edge::{Rank, Ties, from_into, keep_cheaper_half, mutual};
+use super::dual_edge::{Rank, Ties, from_into, keep_cheaper_half};
 use super::run::{Row, Run};
 use super::sums::ClusterSums;
 use crate::device::{Cancel, LatticeEnergy, MergeSteps};
@@ -121,7 +122,7 @@ pub fn hierarchical(
     let faces = surface.faces() as u64;
     let target = check(surface, options)?;
     steps.set_labels(&(0..faces as u32).collect::<Vec<_>>())?;
-    let mut builder = Builder::new(surface);
+    let mut builder = Builder::new(surface, (faces - target) as usize);
     let mut iteration = 0;
     let mut left = faces;
     while left > target {
@@ -182,13 +183,14 @@ pub fn check(surface: &Surface, options: &Options) -> Result<u64> {
 
 /// Merges pairs that chose each other, the cheapest first, at most so many; returns how many.
 fn merge_mutual(steps: &mut dyn MergeSteps, options: &Options, at_most: u64, builder: &mut Builder<'_>) -> Result<u64> {
-    let mut mutual = mutual(&steps.optimal_dual_edges(options.ties)?);
+    let mut mutual = steps.mutual_dual_edges(options.ties)?;
     if mutual.is_empty() {
         return Err(Error::new(Kind::Internal, "no two clusters chose each other"));
     }
     if options.pairs == Pairs::CheaperHalf {
         keep_cheaper_half(&mut mutual);
     }
+    mutual.par_sort_unstable();
     mutual.truncate(at_most as usize);
     let pairs: Vec<(u32, u32)> = mutual.iter().map(Rank::ends).collect();
     merge(steps, &pairs, builder)?;
@@ -210,13 +212,8 @@ fn merge(steps: &mut dyn MergeSteps, pairs: &[(u32, u32)], builder: &mut Builder
     let ends: Vec<u32> = pairs.iter().flat_map(|&(low, high)| [low, high]).collect();
     let sums = steps.sums_of(&ends)?;
     let (sums, _) = sums.as_chunks::<2>();
-    let mut ordered = Vec::with_capacity(pairs.len());
-    for (&(low, high), sums) in pairs.iter().zip(sums) {
-        let (from, into) = from_into((low, high), sums);
-        let with_sums = |cluster: u32| (cluster, sums[usize::from(cluster == high)]);
-        builder.merge(with_sums(into), with_sums(from));
-        ordered.push((from, into));
-    }
+    let ordered: Vec<(u32, u32)> = pairs.iter().zip(sums).map(|(&ends, sums)| from_into(ends, sums)).collect();
+    builder.merge(&ordered, sums);
     steps.merge(&ordered)
 }
 
@@ -234,6 +231,9 @@ fn optimise(run: &mut Run<'_>, options: &Options, is_level: bool, is_sequential:
     Ok(())
 }
 
+/// Merges that a thread records at a time.
+const MERGES_A_THREAD: usize = 256;
+
 /// Keeps the record of a run.
 struct Builder<'a> {
     surface: &'a Surface,
@@ -243,22 +243,25 @@ struct Builder<'a> {
 }
 
 impl<'a> Builder<'a> {
-    fn new(surface: &'a Surface) -> Self {
+    /// For so many merges.
+    fn new(surface: &'a Surface, merges: usize) -> Self {
         let faces = surface.faces() as u32;
         let moments = (0..faces).map(|face| surface.moment_of(face)).collect();
-        Self { surface, tree: Tree { faces, ..Tree::default() }, moments }
+        Self { surface, tree: Tree { faces, merges: Vec::with_capacity(merges), ..Tree::default() }, moments }
     }
 
-    /// Records a merge; clusters with their sums before it.
-    fn merge(&mut self, into: (u32, ClusterSums), from: (u32, ClusterSums)) {
-        let moment = self.moments[into.0 as usize] + std::mem::take(&mut self.moments[from.0 as usize]);
-        self.moments[into.0 as usize] = moment;
-        let merged = self.surface.merged(&into.1, &from.1, moment, into.0);
-        self.tree.merges.push(Merge {
-            into: self.surface.upload_face[into.0 as usize],
-            from: self.surface.upload_face[from.0 as usize],
-            ..merged
+    /// Records merges (from, into), with the sums of both ends before, in either order.
+    fn merge(&mut self, pairs: &[(u32, u32)], sums: &[[ClusterSums; 2]]) {
+        for &(from, into) in pairs {
+            self.moments[into as usize] += std::mem::take(&mut self.moments[from as usize]);
+        }
+        let Self { surface, tree, moments } = self;
+        let records = pairs.par_iter().zip(sums).with_min_len(MERGES_A_THREAD).map(|(&(from, into), [a, b])| Merge {
+            into: surface.upload_face[into as usize],
+            from: surface.upload_face[from as usize],
+            ..surface.merged(a, b, moments[into as usize], into)
         });
+        tree.merges.par_extend(records);
     }
 
     /// Records moves: (face, from, to).

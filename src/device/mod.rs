@@ -10,7 +10,7 @@ pub mod select;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use crate::cluster::dual_edge::Ties;
+use crate::cluster::dual_edge::{Rank, Ties, mutual};
 use crate::cluster::sums::ClusterSums;
 use crate::error::{Error, Result};
 use crate::report::DeviceInfo;
@@ -105,6 +105,11 @@ pub trait Steps {
 pub trait MergeSteps: Steps {
     /// The best dual edge (P§5.4) of each cluster that has faces and neighbours, in the order of the clusters.
     fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>>;
+
+    /// The pairs of clusters that chose each other as ends of their best dual edges, in no particular order.
+    fn mutual_dual_edges(&mut self, ties: Ties) -> Result<Vec<Rank<u32>>> {
+        Ok(mutual(&self.optimal_dual_edges(ties)?))
+    }
 
     /// The two ends of the dual edge with the smallest exact cost of all, the smaller number first.
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>>;

@@ -1,5 +1,7 @@
 //! Sums and proxies of the clusters, in exact integers (DESIGN §3).
 
+use rayon::prelude::*;
+
 use super::changes::{Changes, Reader};
 use crate::cluster::sums::{ClusterSums, squared_distance};
 use crate::device::{FREE, LatticeEnergy};
@@ -7,6 +9,9 @@ use crate::surface::DualGraph;
 
 /// More than any distance.
 const FAR: u64 = 1 << 30;
+
+/// Clusters that a thread fits at a time.
+const FITS_A_THREAD: usize = 512;
 
 /// Faces on their way from one cluster to another.
 #[derive(Debug, Clone, Copy, Default)]
@@ -118,10 +123,13 @@ impl Clusters {
 
     /// Fits the proxies of the clusters whose sums changed.
     pub fn refit(&mut self) {
-        for cluster in self.changes.take(Reader::Proxies) {
+        let changed = self.changes.take(Reader::Proxies);
+        let fit = |&cluster: &u32| (cluster, self.sums[cluster as usize].fit());
+        let fits: Vec<_> = changed.par_iter().with_min_len(FITS_A_THREAD).map(fit).collect();
+        for (cluster, fit) in fits {
             let cluster = cluster as usize;
             // a cluster without faces keeps its proxy, which nobody asks for
-            let (proxy, explained) = self.sums[cluster].fit().unwrap_or((self.proxies[cluster], 0));
+            let (proxy, explained) = fit.unwrap_or((self.proxies[cluster], 0));
             self.total += (explained - self.explained[cluster]) << self.energy_shifts[cluster];
             self.explained[cluster] = explained;
             // the root of a rounded square is off by far less than one

@@ -6,6 +6,7 @@
 mod boundary;
 mod changes;
 mod clusters;
+mod contraction;
 mod dual_edges;
 mod frontier;
 mod grow;
@@ -19,7 +20,7 @@ use std::sync::atomic::AtomicU32;
 use rayon::current_num_threads;
 
 use super::{Cancel, Device, DualEdge, Ending, FREE, LatticeEnergy, MergeSteps, Step, Steps};
-use crate::cluster::dual_edge::{Rank, Ties};
+use crate::cluster::dual_edge::{Rank, Ties, mutual};
 use crate::cluster::sums::ClusterSums;
 use crate::error::Result;
 use crate::report::{DeviceInfo, DeviceKind};
@@ -27,6 +28,7 @@ use crate::surface::DualGraph;
 use boundary::Leaving;
 use changes::Reader;
 use clusters::Clusters;
+use contraction::Contraction;
 use frontier::Frontier;
 use grow::Growth;
 use labels::Labels;
@@ -105,9 +107,15 @@ struct Move {
 struct CpuSteps<'a> {
     graph: &'a DualGraph,
     labels: Labels,
-    /// The sums of `labels`, while there is a frontier.
+    /// The sums of `labels`, once they are summed up.
     clusters: Clusters,
-    /// The frontier of `labels`; None after they were changed from outside.
+    /// Whether `clusters` are in step with `labels`; not after they were changed from outside.
+    are_summed: bool,
+    /// Whether each face is a cluster, but for merges.
+    are_faces: bool,
+    /// The graph of clusters that began as faces, from the first search for dual edges until there is a frontier.
+    contraction: Option<Contraction>,
+    /// The frontier of `labels`, once it was needed.
     frontier: Option<Frontier>,
     growth: Growth,
     leaving: Leaving,
@@ -136,6 +144,9 @@ impl<'a> CpuSteps<'a> {
             graph,
             labels: Labels::new(graph.faces()),
             clusters: Clusters::new(graph, component_of_cluster),
+            are_summed: false,
+            are_faces: false,
+            contraction: None,
             frontier: None,
             growth: Growth::new(graph.faces()),
             leaving: Leaving::new(clusters),
@@ -151,15 +162,42 @@ impl<'a> CpuSteps<'a> {
         }
     }
 
-    /// Brings sums and frontier in step with labels that were changed from outside.
-    fn gather(&mut self) {
-        if self.frontier.is_none() {
+    /// Forgets what was known of labels that are changed from outside.
+    fn forget(&mut self) {
+        self.are_summed = false;
+        self.are_faces = false;
+        self.contraction = None;
+        self.frontier = None;
+    }
+
+    /// Brings the sums in step with labels that were changed from outside.
+    fn sum(&mut self) {
+        if !self.are_summed {
             self.clusters.gather(self.graph, self.labels.all());
             self.bids = Bids::new(self.graph.faces(), self.clusters.len());
             self.boundary_watch = None;
             self.refinement_watch = None;
+            self.are_summed = true;
+        }
+    }
+
+    /// Brings sums and frontier in step with the labels.
+    fn gather(&mut self) {
+        self.sum();
+        if self.frontier.is_none() {
+            self.contraction = None;
             self.frontier = Some(Frontier::collect(self.graph, &mut self.labels, self.clusters.len()));
         }
+    }
+
+    /// The graph of clusters, as long as it says all.
+    fn contraction(&mut self) -> Option<(&mut Contraction, &Clusters)> {
+        if !self.are_faces || self.frontier.is_some() {
+            return None;
+        }
+        self.sum();
+        let contraction = self.contraction.get_or_insert_with(|| Contraction::new(self.graph));
+        Some((contraction, &self.clusters))
     }
 
     /// Lets faces go where they want.
@@ -288,7 +326,8 @@ impl Steps for CpuSteps<'_> {
     fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
         self.resumed = false;
         self.labels.replace(labels);
-        self.frontier = None;
+        self.forget();
+        self.are_faces = labels.len() == self.clusters.len() && (0..).zip(labels).all(|(face, &label)| label == face);
         self.living = (0..self.clusters.len() as u32).collect();
         self.queue = None;
         self.left = None;
@@ -305,13 +344,13 @@ impl Steps for CpuSteps<'_> {
             return Ok(());
         }
         let frontier = (0..labels.len() as u32).filter(beside_free).collect();
-        self.frontier = None;
+        self.forget();
         self.growth.grow(self.graph, &mut self.labels, frontier, cancel)?;
         Ok(())
     }
 
     fn energy(&mut self) -> Result<LatticeEnergy> {
-        self.gather();
+        self.sum();
         Ok(self.clusters.energy())
     }
 
@@ -373,6 +412,9 @@ impl Steps for CpuSteps<'_> {
 
 impl MergeSteps for CpuSteps<'_> {
     fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
+        if let Some((contraction, clusters)) = self.contraction() {
+            return Ok(contraction.best(clusters, ties));
+        }
         self.gather();
         let Some(frontier) = &self.frontier else { return Ok(Vec::new()) };
         self.living.retain(|&cluster| self.clusters.sums(cluster).faces > 0);
@@ -385,6 +427,13 @@ impl MergeSteps for CpuSteps<'_> {
         Ok(self.living.iter().zip(best).filter_map(edge).collect())
     }
 
+    fn mutual_dual_edges(&mut self, ties: Ties) -> Result<Vec<Rank<u32>>> {
+        match self.contraction() {
+            Some((contraction, clusters)) => Ok(contraction.mutual(clusters, ties)),
+            None => Ok(mutual(&self.optimal_dual_edges(ties)?)),
+        }
+    }
+
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {
         self.gather();
         let Some(frontier) = &self.frontier else { return Ok(None) };
@@ -394,13 +443,17 @@ impl MergeSteps for CpuSteps<'_> {
     }
 
     fn merge(&mut self, pairs: &[(u32, u32)]) -> Result<()> {
-        self.gather();
-        let Some(frontier) = &mut self.frontier else { return Ok(()) };
+        if let Some(contraction) = &mut self.contraction {
+            contraction.merge(&self.clusters, pairs);
+        } else {
+            self.gather();
+        }
         for &(from, into) in pairs {
             self.labels.merge(self.clusters.len(), into, from);
             self.clusters.merge(into, from);
         }
         for &(from, into) in pairs {
+            let Some(frontier) = &mut self.frontier else { break };
             let mut watches = [&mut self.boundary_watch, &mut self.refinement_watch];
             frontier.merged(self.graph, &mut self.labels, into, from, |labels, face| {
                 for watch in watches.iter_mut().filter_map(|watch| watch.as_mut()) {
@@ -415,7 +468,7 @@ impl MergeSteps for CpuSteps<'_> {
     }
 
     fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<ClusterSums>> {
-        self.gather();
+        self.sum();
         Ok(clusters.iter().map(|&cluster| *self.clusters.sums(cluster)).collect())
     }
 
