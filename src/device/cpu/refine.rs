@@ -8,8 +8,8 @@ use rayon::prelude::*;
 
 use super::clusters::{Change, Clusters};
 use super::labels::Labels;
-use super::watch::{RefinementSlack, Slack, Watch};
-use super::{CHUNK, Move, batch};
+use super::watch::{Answer, RefinementSlack, Slack, Watch};
+use super::{CHUNK, Move};
 use crate::cluster::refinement::{Side, bid, gain};
 use crate::surface::DualGraph;
 
@@ -23,6 +23,13 @@ struct Bid {
     gain: u32,
     from: u32,
     to: u32,
+}
+
+impl Bid {
+    /// Whether it is another bid, or one and none.
+    fn differs(self, other: Self) -> bool {
+        self != other && (self.gain > 0 || other.gain > 0)
+    }
 }
 
 /// A winning bid.
@@ -96,26 +103,18 @@ impl Bids {
 
     /// Lets the faces that are due bid anew; the other bids stand. Those that do not bid rest.
     pub fn renew(&mut self, graph: &DualGraph, labels: &Labels, clusters: &Clusters, watch: &mut Watch) {
-        let due = watch.take_due();
-        let mut act = |face: u32, (bid, slack): (Bid, Slack)| {
-            self.place(face, bid);
-            watch.rest(graph, labels, clusters, face, slack);
-        };
-        if due.len() <= 4 * CHUNK {
-            due.iter().for_each(|&face| act(face, best_move(graph, labels, clusters, face)));
-        } else {
-            for due in due.chunks(batch()) {
-                let bids: Vec<(Bid, Slack)> =
-                    due.par_iter().with_min_len(CHUNK).map(|&face| best_move(graph, labels, clusters, face)).collect();
-                due.iter().zip(bids).for_each(|(&face, bid)| act(face, bid));
-            }
-        }
+        let news = watch.ask(graph, labels, clusters, |face| {
+            let (bid, slack) = best_move(graph, labels, clusters, face);
+            let is_news = bid.differs(self.bid_of_face[face as usize]);
+            Answer { wish: is_news.then_some((face, bid)), rest: Some(slack) }
+        });
+        news.into_iter().for_each(|(face, bid)| self.place(face, bid));
     }
 
     /// Replaces the bid of a face.
     fn place(&mut self, face: u32, new: Bid) {
         let old = std::mem::replace(&mut self.bid_of_face[face as usize], new);
-        if old == new || old.gain == 0 && new.gain == 0 {
+        if !old.differs(new) {
             return;
         }
         let ends = |bid: Bid| if bid.gain > 0 { [bid.from, bid.to] } else { [NONE; 2] };

@@ -10,11 +10,18 @@
 //!
 //! In refinement of the bunny in 1,000 clusters, 24,000 faces on boundaries are asked 94,000 times in 121 iterations: 24,000 of
 //! them at first, 8,000 because they or faces beside them moved, the others because a proxy had drifted. A third of the
-//! instructions of such a phase are for entering faces, a third for asking them.
+//! instructions of such a phase are for entering faces, a third for asking them; all threads do both where faces are many.
+//! Which thread finds first that a face is due decides nothing but the order in which faces are asked.
+
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
+
+use rayon::current_num_threads;
+use rayon::prelude::*;
 
 use super::clusters::Clusters;
 use super::frontier::Frontier;
 use super::labels::Labels;
+use super::{CHUNK, batch};
 use crate::surface::DualGraph;
 
 /// How far each cluster that a face sees may drift before the face must look again; None: any change wakes it.
@@ -30,11 +37,29 @@ struct Entry {
     look: u32,
 }
 
+/// What some faces said.
+struct Asked<T> {
+    wishes: Vec<T>,
+    /// Where they rest: cluster and entry, for each part of the clusters.
+    entries_of_part: Vec<Vec<(u32, Entry)>>,
+}
+
+impl Entry {
+    /// Whether the face has not come up since it was entered.
+    fn is_current(&self, looks: &[AtomicU32]) -> bool {
+        looks[self.face as usize].load(Relaxed) == self.look
+    }
+}
+
 /// Boundary phases of fewer iterations do not let faces rest: entering them costs more than asking again.
 const FEW: u32 = 8;
 
-/// So many faces that are due are sorted, so that those beside each other in memory are asked one after the other.
-const MANY: usize = 4096;
+/// Faces that are asked, and clusters that are gone through, by one thread; more by all.
+const FEW_FACES: usize = 2048;
+const FEW_CLUSTERS: usize = 128;
+
+/// Parts of the clusters at which faces are entered at the same time, a thread.
+const PARTS: usize = 2;
 
 /// The faces that rest, and those that are due.
 #[derive(Debug)]
@@ -43,9 +68,18 @@ pub struct Watch {
     lets_rest: bool,
     at_cluster: Vec<Vec<Entry>>,
     /// How often each face came up.
-    looks: Vec<u32>,
-    is_due: Vec<bool>,
+    looks: Vec<AtomicU32>,
+    is_due: Vec<AtomicBool>,
     due: Vec<u32>,
+}
+
+/// What a face says that is asked.
+#[derive(Debug)]
+pub struct Answer<T> {
+    /// What it wants, if that is news.
+    pub wish: Option<T>,
+    /// How long it rests; it does not if there is nothing here.
+    pub rest: Option<Slack>,
 }
 
 impl Watch {
@@ -56,8 +90,8 @@ impl Watch {
         let mut watch = Self {
             lets_rest,
             at_cluster: if lets_rest { vec![Vec::new(); clusters] } else { Vec::new() },
-            looks: vec![0; faces],
-            is_due: vec![false; faces],
+            looks: (0..faces).map(|_| AtomicU32::new(0)).collect(),
+            is_due: (0..faces).map(|_| AtomicBool::new(false)).collect(),
             due: Vec::new(),
         };
         if lets_rest {
@@ -73,10 +107,20 @@ impl Watch {
 
     /// A face must look again.
     pub fn add(&mut self, face: u32) {
-        if !std::mem::replace(&mut self.is_due[face as usize], true) {
-            self.looks[face as usize] = self.looks[face as usize].wrapping_add(1);
+        if self.claim(face) {
             self.due.push(face);
         }
+    }
+
+    /// Makes a face due. Whether it was not: then whoever asks has to put it on the list.
+    fn claim(&self, face: u32) -> bool {
+        let is_due = &self.is_due[face as usize];
+        if is_due.load(Relaxed) || is_due.swap(true, Relaxed) {
+            return false;
+        }
+        let looks = &self.looks[face as usize];
+        looks.store(looks.load(Relaxed).wrapping_add(1), Relaxed);
+        true
     }
 
     /// A face was kept back by the last-face rule: its cluster has lost all others.
@@ -138,79 +182,115 @@ impl Watch {
 
     /// The faces are due for which these clusters have drifted too far.
     fn wake_drifted(&mut self, changed: &[u32], clusters: &Clusters) {
+        let mut at_cluster = std::mem::take(&mut self.at_cluster);
+        let woken = self.drifted(changed, 0, &mut at_cluster, clusters);
+        self.at_cluster = at_cluster;
+        self.due.extend(woken);
+    }
+
+    /// The faces that were not due, for which some of the clusters from `first` on have drifted too far; they are now.
+    fn drifted(&self, changed: &[u32], first: u32, at_cluster: &mut [Vec<Entry>], clusters: &Clusters) -> Vec<u32> {
+        if changed.len() > FEW_CLUSTERS {
+            let (lower, upper) = changed.split_at(changed.len() / 2);
+            let (at_lower, at_upper) = at_cluster.split_at_mut((upper[0] - first) as usize);
+            let (mut woken, others) = rayon::join(
+                || self.drifted(lower, first, at_lower, clusters),
+                || self.drifted(upper, upper[0], at_upper, clusters),
+            );
+            woken.extend(others);
+            return woken;
+        }
+        let mut woken = Vec::new();
         for &cluster in changed {
             let drift = clusters.drift(cluster);
-            let mut entries = std::mem::take(&mut self.at_cluster[cluster as usize]);
-            entries.retain(|entry| {
+            at_cluster[(cluster - first) as usize].retain(|entry| {
                 let rests = drift <= entry.until;
-                if !rests && self.looks[entry.face as usize] == entry.look {
-                    self.add(entry.face);
+                if !rests && entry.is_current(&self.looks) && self.claim(entry.face) {
+                    woken.push(entry.face);
                 }
                 rests
             });
-            self.at_cluster[cluster as usize] = entries;
         }
+        woken
     }
 
     /// All faces are due that can have changed their minds because these clusters gained or lost a face: their boundary faces
     /// and those beside them.
     fn add_all(&mut self, graph: &DualGraph, labels: &Labels, frontier: &Frontier, changed: &[u32]) {
-        for &cluster in changed {
-            for face in frontier.boundary_of(cluster) {
-                self.add(face);
-                for &near in graph.neighbours_of(face) {
-                    if labels.near_boundary(near) != cluster {
-                        self.add(near);
+        let wake = |clusters: &[u32]| {
+            let mut woken = Vec::new();
+            for &cluster in clusters {
+                for face in frontier.boundary_of(cluster) {
+                    if self.claim(face) {
+                        woken.push(face);
+                    }
+                    for &near in graph.neighbours_of(face) {
+                        if labels.near_boundary(near) != cluster && self.claim(near) {
+                            woken.push(near);
+                        }
                     }
                 }
             }
-        }
+            woken
+        };
+        let woken: Vec<Vec<u32>> = if changed.len() <= FEW_CLUSTERS {
+            vec![wake(changed)]
+        } else {
+            changed.par_chunks(FEW_CLUSTERS).map(wake).collect()
+        };
+        woken.into_iter().for_each(|woken| self.due.extend(woken));
     }
 
-    /// The faces that are due, each once; they no longer are.
-    pub fn take_due(&mut self) -> Vec<u32> {
-        for &face in &self.due {
-            self.is_due[face as usize] = false;
-        }
+    /// Asks all faces that are due what they want, and lets them rest that say so.
+    pub fn ask<T: Send + Sync>(
+        &mut self,
+        graph: &DualGraph,
+        labels: &Labels,
+        clusters: &Clusters,
+        decide: impl Fn(u32) -> Answer<T> + Sync,
+    ) -> Vec<T> {
         let mut due = std::mem::take(&mut self.due);
-        if due.len() > MANY {
-            due.sort_unstable();
-        }
-        due
-    }
-
-    /// Lets a face rest that has looked. One that sees no cluster but its own rests until it is [`add`](Self::add)ed.
-    pub fn rest(&mut self, graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32, slack: Slack) {
-        if !self.lets_rest {
-            return;
-        }
-        let own = labels.near_boundary(face);
-        let mut last = own;
-        for &near in graph.neighbours_of(face) {
-            let other = labels.near_boundary(near);
-            if other != own && other != last {
-                self.enter(clusters, other, face, slack);
-                last = other;
+        due.iter().for_each(|&face| *self.is_due[face as usize].get_mut() = false);
+        let mut wishes = Vec::new();
+        if due.len() <= FEW_FACES {
+            for face in due {
+                let Answer { wish, rest } = decide(face);
+                wishes.extend(wish);
+                let Self { lets_rest, at_cluster, looks, .. } = self;
+                for_each_entry(graph, labels, clusters, looks, face, rest.filter(|_| *lets_rest), |cluster, entry| {
+                    enter(clusters, looks, cluster, &mut at_cluster[cluster as usize], entry);
+                });
             }
+            return wishes;
         }
-        if last != own {
-            self.enter(clusters, own, face, slack);
+        // those beside each other in memory are asked one after the other
+        due.par_sort_unstable();
+        let part = self.at_cluster.len().div_ceil(PARTS * current_num_threads()).max(1);
+        let parts = self.at_cluster.len().div_ceil(part);
+        for due in due.chunks(batch()) {
+            let ask = |faces: &[u32]| {
+                let mut asked = Asked { wishes: Vec::new(), entries_of_part: vec![Vec::new(); parts] };
+                for &face in faces {
+                    let Answer { wish, rest } = decide(face);
+                    asked.wishes.extend(wish);
+                    let rest = rest.filter(|_| self.lets_rest);
+                    for_each_entry(graph, labels, clusters, &self.looks, face, rest, |cluster, entry| {
+                        asked.entries_of_part[cluster as usize / part].push((cluster, entry));
+                    });
+                }
+                asked
+            };
+            let mut all_asked: Vec<Asked<T>> = due.par_chunks(CHUNK).map(ask).collect();
+            all_asked.iter_mut().for_each(|asked| wishes.append(&mut asked.wishes));
+            let looks = &self.looks;
+            self.at_cluster.par_chunks_mut(part).enumerate().for_each(|(number, at_cluster)| {
+                for &(cluster, entry) in all_asked.iter().flat_map(|asked| &asked.entries_of_part[number]) {
+                    let entries = &mut at_cluster[cluster as usize - number * part];
+                    enter(clusters, looks, cluster, entries, entry);
+                }
+            });
         }
-    }
-
-    /// Enters a face at a cluster.
-    fn enter(&mut self, clusters: &Clusters, cluster: u32, face: u32, slack: Slack) {
-        let entries = &mut self.at_cluster[cluster as usize];
-        if entries.len() == entries.capacity() {
-            // void ones go before more memory is taken
-            entries.retain(|entry| self.looks[entry.face as usize] == entry.look);
-            if 2 * entries.len() >= entries.capacity() {
-                let expected = 2 * clusters.sums(cluster).faces as usize;
-                entries.reserve_exact(entries.len().max(expected.clamp(4, 64)));
-            }
-        }
-        let until = slack.map_or(0, |slack| clusters.drift(cluster) + slack);
-        entries.push(Entry { until, face, look: self.looks[face as usize] });
+        wishes
     }
 
     /// A cluster has become part of another: nobody sees it any more.
@@ -219,6 +299,50 @@ impl Watch {
             self.at_cluster[cluster as usize] = Vec::new();
         }
     }
+}
+
+/// Calls `visit` with the entry of a face at each cluster that it sees, if it rests. One that sees no cluster but its own rests
+/// until it is [`Watch::add`]ed.
+fn for_each_entry(
+    graph: &DualGraph,
+    labels: &Labels,
+    clusters: &Clusters,
+    looks: &[AtomicU32],
+    face: u32,
+    rest: Option<Slack>,
+    mut visit: impl FnMut(u32, Entry),
+) {
+    let Some(slack) = rest else { return };
+    let look = looks[face as usize].load(Relaxed);
+    let mut at = |cluster: u32| {
+        let until = slack.map_or(0, |slack| clusters.drift(cluster) + slack);
+        visit(cluster, Entry { until, face, look });
+    };
+    let own = labels.near_boundary(face);
+    let mut last = own;
+    for &near in graph.neighbours_of(face) {
+        let other = labels.near_boundary(near);
+        if other != own && other != last {
+            at(other);
+            last = other;
+        }
+    }
+    if last != own {
+        at(own);
+    }
+}
+
+/// Puts an entry to those at a cluster.
+fn enter(clusters: &Clusters, looks: &[AtomicU32], cluster: u32, entries: &mut Vec<Entry>, entry: Entry) {
+    if entries.len() == entries.capacity() {
+        // void ones go before more memory is taken
+        entries.retain(|entry| entry.is_current(looks));
+        if 2 * entries.len() >= entries.capacity() {
+            let expected = 2 * clusters.sums(cluster).faces as usize;
+            entries.reserve_exact(entries.len().max(expected.clamp(4, 64)));
+        }
+    }
+    entries.push(entry);
 }
 
 /// What a face can bear that stays because the proxy of its cluster is no further than any other: half of what they lie
