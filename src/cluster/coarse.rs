@@ -53,6 +53,8 @@
 //! rounds: 0.15 to 0.5 % lower for twice the instructions of the whole clustering); no boundary phase on the faces before refinement
 //! (as low, and a third more instructions on the faces).
 
+use rayon::prelude::*;
+
 use super::dual_edge::{self, Ties, from_into};
 use super::run::Run;
 use super::seeds::{self, SeedFaces};
@@ -171,9 +173,19 @@ impl CoarseStart {
             None => &surface.graph,
         };
         let coarsest = graph_of(self.levels.len());
+        // where another device costs nothing, each start has one
+        let others: Option<Vec<Box<dyn Device>>> = self.seeds.iter().map(|_| device.another()).collect();
+        let started: Vec<Result<(LatticeEnergy, Start)>> = match others {
+            Some(others) => {
+                let start =
+                    |(seeds, mut device): (_, Box<dyn Device>)| self.merged(coarsest, seeds, device.as_mut(), cancel);
+                self.seeds.par_iter().zip(others).map(start).collect()
+            }
+            None => self.seeds.iter().map(|seeds| self.merged(coarsest, seeds, device, cancel)).collect(),
+        };
         let mut best: Option<(LatticeEnergy, Start)> = None;
-        for seeds in &self.seeds {
-            let (energy, start) = self.merged(coarsest, seeds, device, cancel)?;
+        for started in started {
+            let (energy, start) = started?;
             if best.as_ref().is_none_or(|(best, _)| energy > *best) {
                 best = Some((energy, start));
             }
