@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-pub use calibration::faces_for_gpu;
+pub use calibration::{PATIENCE, calibrated};
 pub use work::{Mesh, Work};
 
 use crate::device::cpu::CpuDevice;

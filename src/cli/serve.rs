@@ -1,15 +1,12 @@
 //! `tesserae serve`: the HTTP service in this process.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, mpsc};
-use std::time::Duration;
+use std::sync::Arc;
 
 use super::device::DeviceArguments;
 use super::{Failure, signals};
 use crate::bench;
-use crate::device::select::{DeviceChoice, FACES_FOR_GPU};
-use crate::device::{Cancel, Device};
-use crate::error::{Error, Kind};
+use crate::device::select::DeviceChoice;
+use crate::error::Error;
 use crate::report::{DeviceInfo, DeviceKind};
 use crate::service::{self, DeviceDescription, Extras, LogSettings, Settings};
 
@@ -50,7 +47,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     let device = arguments.device.open_for_any()?;
     let (device, cpu_below_faces) = match (arguments.device.is_auto(), device.info().kind) {
         (true, DeviceKind::Gpu) => {
-            let (device, faces) = calibrated(device, &arguments.device)?;
+            let (device, faces) = bench::calibrated(device, bench::PATIENCE, || arguments.device.open_for_any())?;
             (device, Some(faces))
         }
         (true, DeviceKind::Cpu) => (device, Some(0)),
@@ -76,40 +73,6 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     runtime.shutdown_background();
     drop(logging);
     Ok(served?)
-}
-
-/// More faces than any mesh has.
-const NO_MESH: u64 = 1 << 32;
-
-/// How long the measuring of a gpu may take.
-const PATIENCE: Duration = Duration::from_secs(20);
-
-/// A gpu, and the smallest mesh, in faces, that it is faster with than the cpu. One that does not answer is opened anew and
-/// gets the larger meshes, as does one that fails: it may be well later. One whose labels are wrong gets none.
-fn calibrated(mut gpu: Box<dyn Device>, choice: &DeviceArguments) -> Result<(Box<dyn Device>, u64), Error> {
-    let (told, outcome) = mpsc::channel();
-    let measure = move || {
-        let cancel = Cancel::default();
-        let faces = catch_unwind(AssertUnwindSafe(|| bench::faces_for_gpu(gpu.as_mut(), &cancel)));
-        // nobody listens any more when it took too long
-        let _ = told.send((gpu, faces));
-    };
-    std::thread::Builder::new()
-        .name("calibration".to_owned())
-        .spawn(measure)
-        .map_err(|error| Error::io("a thread cannot be started", error))?;
-    let why = match outcome.recv_timeout(PATIENCE) {
-        Ok((gpu, Ok(Ok(faces)))) => return Ok((gpu, faces)),
-        Ok((gpu, Ok(Err(error)))) if error.kind == Kind::DeviceUnsuitable => {
-            tracing::error!(%error, "the gpu is not used");
-            return Ok((gpu, NO_MESH));
-        }
-        Ok((_, Ok(Err(error)))) => error.message,
-        Ok((_, Err(_))) => "its driver panicked".to_owned(),
-        Err(_) => format!("it did not answer within {PATIENCE:?}"),
-    };
-    tracing::warn!(why, faces = FACES_FOR_GPU, "the gpu cannot be measured; it gets the larger meshes");
-    Ok((choice.open_for_any()?, FACES_FOR_GPU))
 }
 
 /// Why it is this device, for people.

@@ -6,7 +6,7 @@ use super::Component;
 ///
 /// A [`super::Surface`] has one whose nodes are its faces; [`contracted`](Self::contracted) makes smaller ones whose nodes
 /// are groups of faces. Everything is in internal order.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct DualGraph {
     /// Face centroids on the lattice, |coordinate| < 2²⁷.
     pub centroids: Vec<[i32; 3]>,
