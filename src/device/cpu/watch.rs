@@ -253,7 +253,7 @@ impl Watch {
         due.iter().for_each(|&face| *self.is_due[face as usize].get_mut() = false);
         let mut wishes = Vec::new();
         if due.len() <= FEW_FACES {
-            for face in due {
+            for &face in &due {
                 let Answer { wish, rest } = decide(face);
                 wishes.extend(wish);
                 let Self { lets_rest, at_cluster, looks, .. } = self;
@@ -261,6 +261,8 @@ impl Watch {
                     enter(clusters, looks, cluster, &mut at_cluster[cluster as usize], entry);
                 });
             }
+            due.clear();
+            self.due = due;
             return wishes;
         }
         // those beside each other in memory are asked one after the other
@@ -290,6 +292,8 @@ impl Watch {
                 }
             });
         }
+        due.clear();
+        self.due = due;
         wishes
     }
 
