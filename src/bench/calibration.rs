@@ -23,7 +23,7 @@ const RUNS: u32 = 3;
 /// What is said where a gpu never is faster: the most faces that a mesh can have.
 const NEVER: u64 = 1 << 31;
 
-/// In place of the smallest mesh for a gpu that is not used: more faces than any has.
+/// In place of the smallest mesh for a gpu that is wrong, which is told apart from one that is slow.
 const NO_MESH: u64 = 1 << 32;
 
 /// How long a gpu may take to be measured.

@@ -28,7 +28,8 @@ pub trait Device: Send {
     /// What it is.
     fn info(&self) -> &DeviceInfo;
 
-    /// Another device like this one that may work at the same time, where that costs nothing: for small meshes.
+    /// Another device like this one that may work at the same time, where that costs nothing: for small meshes, and for several
+    /// starts of one clustering.
     fn another(&self) -> Option<Box<dyn Device>> {
         None
     }

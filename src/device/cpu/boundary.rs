@@ -3,7 +3,7 @@
 use super::Move;
 use super::clusters::Clusters;
 use super::labels::Labels;
-use super::watch::{Answer, Watch, boundary_slack};
+use super::watch::{Answer, Rest, Watch, boundary_slack};
 use crate::surface::DualGraph;
 
 /// The moves that the faces that are due want and the last-face rule allows; the others rest.
@@ -40,9 +40,9 @@ fn decide(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32) ->
     let (distance, to) = best;
     let own = clusters.squared_distance(centroid, from);
     if distance < own {
-        Answer { wish: Some(Move { face, from, to }), rest: None }
+        Answer { wish: Some(Move { face, from, to }), rest: Rest::No }
     } else {
-        Answer { wish: None, rest: Some(boundary_slack(own, distance)) }
+        Answer { wish: None, rest: Rest::For(boundary_slack(own, distance)) }
     }
 }
 

@@ -10,8 +10,11 @@ use crate::surface::DualGraph;
 /// More than any distance.
 const FAR: u64 = 1 << 30;
 
-/// Clusters that a thread fits at a time.
-const FITS_A_THREAD: usize = 512;
+/// Clusters that one thread fits; more are fitted by all.
+const FEW: usize = 512;
+
+/// Fits that are kept until they are taken over.
+const FITS: usize = 1 << 15;
 
 /// Faces on their way from one cluster to another.
 #[derive(Debug, Clone, Copy, Default)]
@@ -124,26 +127,35 @@ impl Clusters {
     /// Fits the proxies of the clusters whose sums changed.
     pub fn refit(&mut self) {
         let changed = self.changes.take(Reader::Proxies);
-        let fit = |&cluster: &u32| (cluster, self.sums[cluster as usize].fit());
-        let fits: Vec<_> = changed.par_iter().with_min_len(FITS_A_THREAD).map(fit).collect();
-        for (cluster, fit) in fits {
-            let cluster = cluster as usize;
-            // a cluster without faces keeps its proxy, which nobody asks for
-            let (proxy, explained) = fit.unwrap_or((self.proxies[cluster], 0));
-            self.total += (explained - self.explained[cluster]) << self.energy_shifts[cluster];
-            self.explained[cluster] = explained;
-            // the root of a rounded square is off by far less than one
-            let way = squared_distance(proxy, self.proxies[cluster]);
-            self.drift[cluster] += if way > 0 { (way as f64).sqrt() as u64 + 1 } else { 0 };
-            self.proxies[cluster] = proxy;
-            let weight = self.sums[cluster].weight as u64;
-            let least = &mut self.least_weight[cluster];
-            if weight < *least {
-                self.drift[cluster] += FAR;
-            }
-            if weight < *least || weight / 2 > *least {
-                *least = weight - weight / 8;
-            }
+        if changed.len() <= FEW {
+            changed.into_iter().for_each(|cluster| self.keep_fit(cluster, self.sums[cluster as usize].fit()));
+            return;
+        }
+        for changed in changed.chunks(FITS) {
+            let fits = changed.par_iter().with_min_len(FEW).map(|&cluster| self.sums[cluster as usize].fit());
+            let fits: Vec<Option<([i32; 3], i128)>> = fits.collect();
+            changed.iter().zip(fits).for_each(|(&cluster, fit)| self.keep_fit(cluster, fit));
+        }
+    }
+
+    /// Takes over what [`ClusterSums::fit`] says of a cluster.
+    fn keep_fit(&mut self, cluster: u32, fit: Option<([i32; 3], i128)>) {
+        let cluster = cluster as usize;
+        // a cluster without faces keeps its proxy, which nobody asks for
+        let (proxy, explained) = fit.unwrap_or((self.proxies[cluster], 0));
+        self.total += (explained - self.explained[cluster]) << self.energy_shifts[cluster];
+        self.explained[cluster] = explained;
+        // the root of a rounded square is off by far less than one
+        let way = squared_distance(proxy, self.proxies[cluster]);
+        self.drift[cluster] += if way > 0 { (way as f64).sqrt() as u64 + 1 } else { 0 };
+        self.proxies[cluster] = proxy;
+        let weight = self.sums[cluster].weight as u64;
+        let least = &mut self.least_weight[cluster];
+        if weight < *least {
+            self.drift[cluster] += FAR;
+        }
+        if weight < *least || weight / 2 > *least {
+            *least = weight - weight / 8;
         }
     }
 

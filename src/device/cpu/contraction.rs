@@ -1,7 +1,7 @@
 //! The graph of clusters, contracted as they merge: who lies beside whom, and what merging with them costs.
 //!
-//! It stands for the faces as long as none of them moves: in hierarchies without optimisation, and until the first
-//! optimisation of the others. A round then costs in proportion to the clusters that are left, however long their borders are,
+//! It stands for the faces as long as none of them moves: in hierarchies without optimisation, and in the first round of the
+//! others. A round then costs in proportion to the clusters that are left, however long their borders are,
 //! and only the dual edges of clusters that have just merged are priced.
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -45,7 +45,9 @@ pub struct Contraction {
     grown: Vec<u32>,
     /// Nodes that have ended.
     ended: usize,
-    /// How the best dual edges were chosen.
+    /// Edges when those were last let go that nobody needs.
+    settled: usize,
+    /// Which of equally cheap dual edges is the best.
     ties: Ties,
     /// Whether the rows and the best dual edges are those after the last merges.
     is_current: bool,
@@ -71,7 +73,7 @@ struct Edge {
 
 impl Contraction {
     /// Of clusters that are a face each.
-    pub fn new(graph: &DualGraph) -> Self {
+    pub fn new(graph: &DualGraph, ties: Ties) -> Self {
         let faces = graph.faces() as u32;
         let node = |face: u32| Node {
             start: graph.neighbour_offsets[face as usize] as usize,
@@ -88,14 +90,20 @@ impl Contraction {
             fates: (0..faces).collect(),
             grown: (0..faces).collect(),
             ended: 0,
-            ties: Ties::default(),
+            settled: graph.neighbours.len(),
+            ties,
             is_current: false,
         }
     }
 
+    /// Which of equally cheap dual edges is the best.
+    pub fn ties(&self) -> Ties {
+        self.ties
+    }
+
     /// The best dual edge of each cluster that has neighbours, in the order of the clusters.
-    pub fn best(&mut self, clusters: &Clusters, ties: Ties) -> Vec<DualEdge> {
-        self.update(clusters, ties);
+    pub fn best(&mut self, clusters: &Clusters) -> Vec<DualEdge> {
+        self.update(clusters);
         let Self { nodes, cluster_of_node, .. } = self;
         let edge = |(node, &cluster): (&Node, &u32)| {
             let Edge { other, cost } = node.best;
@@ -105,8 +113,8 @@ impl Contraction {
     }
 
     /// The pairs of clusters that chose each other, in no particular order.
-    pub fn mutual(&mut self, clusters: &Clusters, ties: Ties) -> Vec<Rank<u32>> {
-        self.update(clusters, ties);
+    pub fn mutual(&mut self, clusters: &Clusters) -> Vec<Rank<u32>> {
+        self.update(clusters);
         let Self { nodes, cluster_of_node, .. } = self;
         let pair = |(number, node): (usize, &Node)| {
             let Edge { other, cost } = node.best;
@@ -121,10 +129,11 @@ impl Contraction {
     /// do not know of it yet.
     pub fn merge(&mut self, clusters: &Clusters, pairs: &[(u32, u32)]) {
         // a row may name nodes that ended one merge ago, not two
-        self.update(clusters, self.ties);
+        self.update(clusters);
         self.grown.iter().for_each(|&node| self.fates[node as usize] = UNCHANGED);
         self.grown.clear();
-        if self.ended > self.nodes.len() / 4 {
+        // the second where a cluster with a long row grows little by little
+        if self.ended > self.nodes.len() / 4 || self.edges.len() > 2 * self.settled + self.nodes.len() {
             self.compact();
         }
         let mut end = self.edges.len();
@@ -152,9 +161,8 @@ impl Contraction {
     }
 
     /// Brings the rows in step with the last merges, and finds the best dual edges.
-    fn update(&mut self, clusters: &Clusters, ties: Ties) {
-        let others_win = std::mem::replace(&mut self.ties, ties) != ties;
-        if self.is_current && !others_win {
+    fn update(&mut self, clusters: &Clusters) {
+        if self.is_current {
             return;
         }
         for &node in &self.grown {
@@ -162,10 +170,10 @@ impl Contraction {
             let weight = clusters.sums(cluster).weight as u64;
             self.ends[node as usize] = End { weight, proxy: clusters.proxy(cluster) };
         }
-        let Self { nodes, cluster_of_node, ends, edges, fates, .. } = self;
-        let context = Context { cluster_of_node, ends, edges, fates, clusters, ties };
+        let Self { nodes, cluster_of_node, ends, edges, fates, ties, .. } = self;
+        let context = Context { cluster_of_node, ends, edges, fates, clusters, ties: *ties };
         nodes.par_iter_mut().enumerate().with_min_len(CHUNK).for_each_init(Vec::new, |long, (number, node)| {
-            node.update(number as u32, context, others_win, long);
+            node.update(number as u32, context, long);
         });
         self.is_current = true;
     }
@@ -203,6 +211,7 @@ impl Contraction {
             Node { start, best: renumbered(node.best), ..node }
         };
         self.nodes = left.into_par_iter().with_min_len(CHUNK).map(settle).collect();
+        self.settled = edges.len();
         self.edges = edges;
     }
 }
@@ -236,8 +245,8 @@ impl Node {
     }
 
     /// Replaces neighbours that have ended by what they became part of, each once, prices the dual edges of those that grew,
-    /// and finds the best of all; looks at all edges `anew`, if asked.
-    fn update(&mut self, number: u32, context: Context<'_>, anew: bool, long: &mut Vec<Edge>) {
+    /// and finds the best of all.
+    fn update(&mut self, number: u32, context: Context<'_>, long: &mut Vec<Edge>) {
         let Context { cluster_of_node, ends, edges, fates, clusters, .. } = context;
         if self.has_ended {
             return;
@@ -245,7 +254,7 @@ impl Node {
         let row = self.row(edges);
         let has_grown = fates[number as usize] != UNCHANGED;
         let is_untouched = |edge: &AtomicU64| fates[Edge::unpacked(edge.load(Relaxed)).other as usize] == UNCHANGED;
-        if !has_grown && !anew && row.iter().all(is_untouched) {
+        if !has_grown && row.iter().all(is_untouched) {
             return;
         }
         let shift = clusters.energy_shift(cluster_of_node[number as usize]);
@@ -314,26 +323,27 @@ mod tests {
     use super::*;
     use crate::cluster::dual_edge::mutual;
     use crate::sample::{Sample, generate};
-    use crate::surface::Surface;
+    use crate::surface::{Component, Surface};
 
     /// Clusters and their contraction, and what the faces themselves say about them.
     struct Both<'a> {
         graph: &'a DualGraph,
+        ties: Ties,
         labels: Vec<u32>,
         clusters: Clusters,
         contraction: Contraction,
     }
 
     impl<'a> Both<'a> {
-        fn new(graph: &'a DualGraph) -> Self {
+        fn new(graph: &'a DualGraph, ties: Ties) -> Self {
             let labels: Vec<u32> = (0..graph.faces() as u32).collect();
             let mut clusters = Clusters::new(graph, &graph.component_of_face());
             clusters.gather(graph, &labels);
-            Self { graph, labels, clusters, contraction: Contraction::new(graph) }
+            Self { graph, ties, labels, clusters, contraction: Contraction::new(graph, ties) }
         }
 
         /// The best dual edges, found among all edges of all faces.
-        fn expected(&self, ties: Ties) -> Vec<DualEdge> {
+        fn expected(&self) -> Vec<DualEdge> {
             let end = |cluster: u32| End {
                 weight: self.clusters.sums(cluster).weight as u64,
                 proxy: self.clusters.proxy(cluster),
@@ -344,7 +354,7 @@ mod tests {
                 for &near in self.graph.neighbours_of(face) {
                     let other = self.labels[near as usize];
                     let cost = packed_cost(end(cluster), end(other), self.clusters.energy_shift(cluster));
-                    let rank = Rank::new(cost, cluster, other, ties);
+                    let rank = Rank::new(cost, cluster, other, self.ties);
                     let best = &mut best[cluster as usize];
                     if other != cluster && best.is_none_or(|(best, _)| rank < best) {
                         *best = Some((rank, DualEdge { cluster, other, cost }));
@@ -355,10 +365,10 @@ mod tests {
         }
 
         /// Merges, after making sure that what is found is right; returns the best dual edges before.
-        fn merge(&mut self, ties: Ties, choose: impl Fn(&[DualEdge]) -> Vec<(u32, u32)>) -> Vec<DualEdge> {
-            let edges = self.expected(ties);
-            assert_eq!(self.contraction.best(&self.clusters, ties), edges);
-            let mut pairs = self.contraction.mutual(&self.clusters, ties);
+        fn merge(&mut self, choose: impl Fn(&[DualEdge]) -> Vec<(u32, u32)>) -> Vec<DualEdge> {
+            let edges = self.expected();
+            assert_eq!(self.contraction.best(&self.clusters), edges);
+            let mut pairs = self.contraction.mutual(&self.clusters);
             pairs.sort_unstable();
             assert_eq!(pairs, mutual(&edges));
             let pairs = choose(&edges);
@@ -378,12 +388,12 @@ mod tests {
         {
             let surface = Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface");
             for ties in [Ties::Hash, Ties::LargestId] {
-                let mut both = Both::new(&surface.graph);
+                let mut both = Both::new(&surface.graph, ties);
                 let mut edges = surface.faces();
                 while edges > 0 {
                     let choose =
                         |edges: &[DualEdge]| mutual(edges).iter().map(Rank::ends).map(|(a, b)| (b, a)).collect();
-                    edges = both.merge(ties, choose).len();
+                    edges = both.merge(choose).len();
                 }
                 let left = surface.components.len();
                 assert_eq!(both.contraction.nodes.len() - both.contraction.ended, left, "{}", sample.name());
@@ -394,13 +404,11 @@ mod tests {
     #[test]
     fn a_cluster_with_many_neighbours_is_no_exception() {
         let surface = Surface::build(&generate(Sample::Sphere, 3000).expect("a mesh")).expect("a surface");
-        let mut both = Both::new(&surface.graph);
+        let mut both = Both::new(&surface.graph, Ties::Hash);
         let hub = 700;
         let mut most = 0;
-        for round in 0..900 {
-            // other ties now and then: all edges are looked at anew
-            let ties = if round % 50 == 49 { Ties::LargestId } else { Ties::Hash };
-            both.merge(ties, |edges| {
+        for _ in 0..900 {
+            both.merge(|edges| {
                 let at = edges.binary_search_by_key(&hub, |edge| edge.cluster).expect("the hub has neighbours");
                 vec![(edges[at].other, hub)]
             });
@@ -408,5 +416,31 @@ mod tests {
             most = most.max(both.contraction.nodes[node as usize].len as usize);
         }
         assert!(most > SHORT, "{most} neighbours");
+    }
+
+    #[test]
+    fn a_star_takes_no_more_memory_than_its_edges() {
+        let leaves = 3000;
+        let around = (0..leaves as i32).map(|leaf| [leaf * leaf % 997, leaf, 7 * leaf % 31]);
+        let graph = DualGraph {
+            centroids: std::iter::once([500, 1500, 0]).chain(around).collect(),
+            weights: vec![1; leaves + 1],
+            neighbour_offsets: std::iter::once(0).chain((0..=leaves as u32).map(|leaf| leaves as u32 + leaf)).collect(),
+            neighbours: (1..=leaves as u32).chain(std::iter::repeat_n(0, leaves)).collect(),
+            components: vec![Component {
+                first_face: 0,
+                faces: leaves as u32 + 1,
+                weight: leaves as u64 + 1,
+                energy_shift: 0,
+            }],
+        };
+        let mut both = Both::new(&graph, Ties::Hash);
+        let mut most = 0;
+        for _ in 0..leaves / 3 {
+            let merged = both.merge(|edges| mutual(edges).iter().map(Rank::ends).map(|(a, b)| (b, a)).collect());
+            assert!(merged.len() > 1);
+            most = most.max(both.contraction.edges.capacity());
+        }
+        assert!(most < 20 * leaves, "room for {most} edges");
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! A merge relabels only the faces that others can see: the boundary faces of the cluster that ends, and their
 //! neighbours. What lies deeper keeps the old name, and [`Labels::of`] looks up what became of it. So a merge costs as
-//! much as the border of the smaller cluster, not its area.
+//! much as the border of the smaller cluster, not its area. Where a contraction stands for the faces nobody looks at borders,
+//! and all of them keep their old names until there is a frontier.
 
 use crate::device::FREE;
 use crate::surface::DualGraph;
@@ -83,7 +84,8 @@ impl Labels {
         self.raw[face as usize] = label;
     }
 
-    /// Lets a cluster of `clusters` become part of another. The faces near its boundary must be refreshed.
+    /// Lets a cluster of `clusters` become part of another. Where there is a frontier, the faces near its boundary must be
+    /// refreshed.
     pub fn merge(&mut self, clusters: usize, into: u32, from: u32) {
         if self.merged_into.is_empty() {
             self.merged_into.extend(0..clusters as u32);

@@ -1,7 +1,8 @@
 //! The cpu device: the steps of an algorithm on the threads of this machine.
 //!
 //! It looks only at faces whose decision can have changed (`watch`), which makes the labels of every iteration equal
-//! to those of a plain sweep. Faces decide in parallel; what they decided is applied in one thread, because it is little.
+//! to those of a plain sweep. Faces decide in parallel; those that move do so in one thread, because they are few. While each
+//! cluster still is what merges made of faces that were one each, the contracted graph of the clusters stands for the faces.
 
 mod boundary;
 mod changes;
@@ -111,9 +112,10 @@ struct CpuSteps<'a> {
     clusters: Clusters,
     /// Whether `clusters` are in step with `labels`; not after they were changed from outside.
     are_summed: bool,
-    /// Whether each face is a cluster, but for merges.
-    are_faces: bool,
-    /// The graph of clusters that began as faces, from the first search for dual edges until there is a frontier.
+    /// Whether each face was a cluster when the labels were set; clusters may have merged since.
+    began_as_faces: bool,
+    /// The graph of clusters that began as faces and are summed up, from the first search for dual edges until there is a
+    /// frontier.
     contraction: Option<Contraction>,
     /// The frontier of `labels`, once it was needed.
     frontier: Option<Frontier>,
@@ -145,7 +147,7 @@ impl<'a> CpuSteps<'a> {
             labels: Labels::new(graph.faces()),
             clusters: Clusters::new(graph, component_of_cluster),
             are_summed: false,
-            are_faces: false,
+            began_as_faces: false,
             contraction: None,
             frontier: None,
             growth: Growth::new(graph.faces()),
@@ -165,7 +167,7 @@ impl<'a> CpuSteps<'a> {
     /// Forgets what was known of labels that are changed from outside.
     fn forget(&mut self) {
         self.are_summed = false;
-        self.are_faces = false;
+        self.began_as_faces = false;
         self.contraction = None;
         self.frontier = None;
     }
@@ -191,13 +193,13 @@ impl<'a> CpuSteps<'a> {
     }
 
     /// The graph of clusters, as long as it says all.
-    fn contraction(&mut self) -> Option<(&mut Contraction, &Clusters)> {
-        if !self.are_faces || self.frontier.is_some() {
+    fn contraction(&mut self, ties: Ties) -> Option<(&mut Contraction, &Clusters)> {
+        if !self.began_as_faces || self.frontier.is_some() {
             return None;
         }
         self.sum();
-        let contraction = self.contraction.get_or_insert_with(|| Contraction::new(self.graph));
-        Some((contraction, &self.clusters))
+        let contraction = self.contraction.get_or_insert_with(|| Contraction::new(self.graph, ties));
+        (contraction.ties() == ties).then_some((contraction, &self.clusters))
     }
 
     /// Lets faces go where they want.
@@ -327,7 +329,8 @@ impl Steps for CpuSteps<'_> {
         self.resumed = false;
         self.labels.replace(labels);
         self.forget();
-        self.are_faces = labels.len() == self.clusters.len() && (0..).zip(labels).all(|(face, &label)| label == face);
+        self.began_as_faces =
+            labels.len() == self.clusters.len() && (0..).zip(labels).all(|(face, &label)| label == face);
         self.living = (0..self.clusters.len() as u32).collect();
         self.queue = None;
         self.left = None;
@@ -412,8 +415,8 @@ impl Steps for CpuSteps<'_> {
 
 impl MergeSteps for CpuSteps<'_> {
     fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
-        if let Some((contraction, clusters)) = self.contraction() {
-            return Ok(contraction.best(clusters, ties));
+        if let Some((contraction, clusters)) = self.contraction(ties) {
+            return Ok(contraction.best(clusters));
         }
         self.gather();
         let Some(frontier) = &self.frontier else { return Ok(Vec::new()) };
@@ -428,8 +431,8 @@ impl MergeSteps for CpuSteps<'_> {
     }
 
     fn mutual_dual_edges(&mut self, ties: Ties) -> Result<Vec<Rank<u32>>> {
-        match self.contraction() {
-            Some((contraction, clusters)) => Ok(contraction.mutual(clusters, ties)),
+        match self.contraction(ties) {
+            Some((contraction, clusters)) => Ok(contraction.mutual(clusters)),
             None => Ok(mutual(&self.optimal_dual_edges(ties)?)),
         }
     }
@@ -452,15 +455,16 @@ impl MergeSteps for CpuSteps<'_> {
             self.labels.merge(self.clusters.len(), into, from);
             self.clusters.merge(into, from);
         }
-        for &(from, into) in pairs {
-            let Some(frontier) = &mut self.frontier else { break };
-            let mut watches = [&mut self.boundary_watch, &mut self.refinement_watch];
-            frontier.merged(self.graph, &mut self.labels, into, from, |labels, face| {
-                for watch in watches.iter_mut().filter_map(|watch| watch.as_mut()) {
-                    watch.merged(self.graph, labels, face);
-                }
-            });
-            watches.into_iter().flatten().for_each(|watch| watch.forget(from));
+        if let Some(frontier) = &mut self.frontier {
+            for &(from, into) in pairs {
+                let mut watches = [&mut self.boundary_watch, &mut self.refinement_watch];
+                frontier.merged(self.graph, &mut self.labels, into, from, |labels, face| {
+                    for watch in watches.iter_mut().filter_map(|watch| watch.as_mut()) {
+                        watch.merged(self.graph, labels, face);
+                    }
+                });
+                watches.into_iter().flatten().for_each(|watch| watch.forget(from));
+            }
         }
         self.clusters.refit();
         self.left = Some(Vec::new());

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::clusters::{Change, Clusters};
 use super::labels::Labels;
-use super::watch::{Answer, RefinementSlack, Slack, Watch};
+use super::watch::{Answer, RefinementSlack, Rest, Slack, Watch};
 use super::{CHUNK, Move};
 use crate::cluster::refinement::{Side, bid, gain};
 use crate::surface::DualGraph;
@@ -106,7 +106,7 @@ impl Bids {
         let news = watch.ask(graph, labels, clusters, |face| {
             let (bid, slack) = best_move(graph, labels, clusters, face);
             let is_news = bid.differs(self.bid_of_face[face as usize]);
-            Answer { wish: is_news.then_some((face, bid)), rest: Some(slack) }
+            Answer { wish: is_news.then_some((face, bid)), rest: Rest::For(slack) }
         });
         news.into_iter().for_each(|(face, bid)| self.place(face, bid));
     }

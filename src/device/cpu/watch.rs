@@ -37,19 +37,15 @@ struct Entry {
     look: u32,
 }
 
-/// What some faces said.
-struct Asked<T> {
-    wishes: Vec<T>,
-    /// Where they rest: cluster and entry, for each part of the clusters.
-    entries_of_part: Vec<Vec<(u32, Entry)>>,
-}
-
 impl Entry {
     /// Whether the face has not come up since it was entered.
     fn is_current(&self, looks: &[AtomicU32]) -> bool {
         looks[self.face as usize].load(Relaxed) == self.look
     }
 }
+
+/// The cluster at which an entry belongs, and the entry.
+type Placed = (u32, Entry);
 
 /// Boundary phases of fewer iterations do not let faces rest: entering them costs more than asking again.
 const FEW: u32 = 8;
@@ -78,8 +74,17 @@ pub struct Watch {
 pub struct Answer<T> {
     /// What it wants, if that is news.
     pub wish: Option<T>,
-    /// How long it rests; it does not if there is nothing here.
-    pub rest: Option<Slack>,
+    /// Whether it rests.
+    pub rest: Rest,
+}
+
+/// Whether a face rests.
+#[derive(Debug, Clone, Copy)]
+pub enum Rest {
+    /// It moves, and is due with that.
+    No,
+    /// Until a cluster that it sees has drifted so far.
+    For(Slack),
 }
 
 impl Watch {
@@ -249,51 +254,44 @@ impl Watch {
         clusters: &Clusters,
         decide: impl Fn(u32) -> Answer<T> + Sync,
     ) -> Vec<T> {
-        let mut due = std::mem::take(&mut self.due);
-        due.iter().for_each(|&face| *self.is_due[face as usize].get_mut() = false);
-        let mut wishes = Vec::new();
-        if due.len() <= FEW_FACES {
-            for &face in &due {
-                let Answer { wish, rest } = decide(face);
-                wishes.extend(wish);
-                let Self { lets_rest, at_cluster, looks, .. } = self;
-                for_each_entry(graph, labels, clusters, looks, face, rest.filter(|_| *lets_rest), |cluster, entry| {
-                    enter(clusters, looks, cluster, &mut at_cluster[cluster as usize], entry);
+        let Self { lets_rest, at_cluster, looks, is_due, due } = self;
+        due.iter().for_each(|&face| *is_due[face as usize].get_mut() = false);
+        let looks: &[AtomicU32] = looks;
+        let ask = |face: u32, wishes: &mut Vec<T>, entries: &mut Vec<Placed>| {
+            let Answer { wish, rest } = decide(face);
+            wishes.extend(wish);
+            if let (true, Rest::For(slack)) = (*lets_rest, rest) {
+                let look = looks[face as usize].load(Relaxed);
+                for_each_cluster(graph, labels, face, |cluster| {
+                    let until = slack.map_or(0, |slack| clusters.drift(cluster) + slack);
+                    entries.push((cluster, Entry { until, face, look }));
                 });
             }
-            due.clear();
-            self.due = due;
-            return wishes;
-        }
-        // those beside each other in memory are asked one after the other
-        due.par_sort_unstable();
-        let part = self.at_cluster.len().div_ceil(PARTS * current_num_threads()).max(1);
-        let parts = self.at_cluster.len().div_ceil(part);
-        for due in due.chunks(batch()) {
-            let ask = |faces: &[u32]| {
-                let mut asked = Asked { wishes: Vec::new(), entries_of_part: vec![Vec::new(); parts] };
-                for &face in faces {
-                    let Answer { wish, rest } = decide(face);
-                    asked.wishes.extend(wish);
-                    let rest = rest.filter(|_| self.lets_rest);
-                    for_each_entry(graph, labels, clusters, &self.looks, face, rest, |cluster, entry| {
-                        asked.entries_of_part[cluster as usize / part].push((cluster, entry));
-                    });
+        };
+        let mut wishes = Vec::new();
+        if due.len() <= FEW_FACES {
+            let mut entries = Vec::new();
+            for &face in &*due {
+                ask(face, &mut wishes, &mut entries);
+                for (cluster, entry) in entries.drain(..) {
+                    enter(clusters, looks, cluster, &mut at_cluster[cluster as usize], entry);
                 }
-                asked
-            };
-            let mut all_asked: Vec<Asked<T>> = due.par_chunks(CHUNK).map(ask).collect();
-            all_asked.iter_mut().for_each(|asked| wishes.append(&mut asked.wishes));
-            let looks = &self.looks;
-            self.at_cluster.par_chunks_mut(part).enumerate().for_each(|(number, at_cluster)| {
-                for &(cluster, entry) in all_asked.iter().flat_map(|asked| &asked.entries_of_part[number]) {
-                    let entries = &mut at_cluster[cluster as usize - number * part];
-                    enter(clusters, looks, cluster, entries, entry);
-                }
-            });
+            }
+        } else {
+            // those beside each other in memory are asked one after the other
+            due.par_sort_unstable();
+            for due in due.chunks(batch()) {
+                let asked = due.par_chunks(CHUNK).map(|faces| {
+                    let mut asked = (Vec::new(), Vec::new());
+                    faces.iter().for_each(|&face| ask(face, &mut asked.0, &mut asked.1));
+                    asked
+                });
+                let (said, entries): (Vec<Vec<T>>, Vec<Vec<Placed>>) = asked.unzip();
+                wishes.extend(said.into_iter().flatten());
+                enter_all(clusters, looks, at_cluster, &entries);
+            }
         }
         due.clear();
-        self.due = due;
         wishes
     }
 
@@ -305,35 +303,37 @@ impl Watch {
     }
 }
 
-/// Calls `visit` with the entry of a face at each cluster that it sees, if it rests. One that sees no cluster but its own rests
-/// until it is [`Watch::add`]ed.
-fn for_each_entry(
-    graph: &DualGraph,
-    labels: &Labels,
-    clusters: &Clusters,
-    looks: &[AtomicU32],
-    face: u32,
-    rest: Option<Slack>,
-    mut visit: impl FnMut(u32, Entry),
-) {
-    let Some(slack) = rest else { return };
-    let look = looks[face as usize].load(Relaxed);
-    let mut at = |cluster: u32| {
-        let until = slack.map_or(0, |slack| clusters.drift(cluster) + slack);
-        visit(cluster, Entry { until, face, look });
-    };
+/// Calls `visit` with each cluster that a face sees: those beside it, some of them maybe twice, and its own. One that sees no
+/// cluster but its own rests until it is [`Watch::add`]ed.
+fn for_each_cluster(graph: &DualGraph, labels: &Labels, face: u32, mut visit: impl FnMut(u32)) {
     let own = labels.near_boundary(face);
     let mut last = own;
     for &near in graph.neighbours_of(face) {
         let other = labels.near_boundary(near);
         if other != own && other != last {
-            at(other);
+            visit(other);
             last = other;
         }
     }
     if last != own {
-        at(own);
+        visit(own);
     }
+}
+
+/// Enters faces at clusters, some of those at a time.
+fn enter_all(clusters: &Clusters, looks: &[AtomicU32], at_cluster: &mut [Vec<Entry>], entries: &[Vec<Placed>]) {
+    let numbers = || entries.iter().flatten().map(|&(cluster, _)| cluster as usize);
+    // faces that are asked together see clusters whose numbers are close to each other
+    let (Some(first), Some(last)) = (numbers().min(), numbers().max()) else { return };
+    let part = (last + 1 - first).div_ceil(PARTS * current_num_threads());
+    at_cluster[first..=last].par_chunks_mut(part).enumerate().for_each(|(number, at_cluster)| {
+        let first = first + number * part;
+        for &(cluster, entry) in entries.iter().flatten() {
+            if let Some(entries) = (cluster as usize).checked_sub(first).and_then(|at| at_cluster.get_mut(at)) {
+                enter(clusters, looks, cluster, entries, entry);
+            }
+        }
+    });
 }
 
 /// Puts an entry to those at a cluster.
