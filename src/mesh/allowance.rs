@@ -2,9 +2,9 @@
 //!
 //! A format can say much in few bytes: one mesh at many places, zeros without bytes, compressed zeros, one name for very
 //! many faces. Each of these is counted before anything is built, and may be a multiple of the bytes sent and, so that
-//! small scenes pass, a constant. At the peak of a job a face takes some 200 bytes (250 where none shares a vertex) and a
-//! part some 350 with its lines in the report; so a file takes at most some 700 bytes a byte, most of it for faces that
-//! are placed over and over, and 150 MB. Whatever is refused here passes when it is written out, for then it has more
+//! small scenes pass, a constant. At the peak of a job a face takes some 200 bytes (250 where none shares a vertex, 650 in a
+//! hierarchy) and a part some 350 with its lines in the report; so a file takes at most some 700 bytes a byte (1,500 in a
+//! hierarchy), most of it for faces that are placed over and over, and 150 MB (350). Whatever is refused here passes when it is written out, for then it has more
 //! bytes.
 
 use super::Part;

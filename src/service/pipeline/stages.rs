@@ -142,6 +142,7 @@ impl Pipeline {
         };
         let read = reading.elapsed();
         let limits = self.limits;
+        let is_hierarchical = spec.parameters.algorithm.is_hierarchical();
         let span = tracing::info_span!("read");
         let runtime = Handle::current();
         let prepare = move || {
@@ -153,7 +154,7 @@ impl Pipeline {
                 };
                 let held = runtime.block_on(async {
                     tokio::select! {
-                        held = memory.build(faces) => held,
+                        held = memory.build(faces, is_hierarchical) => held,
                         () = broken_off.cancelled() => Err(Error::cancelled()),
                     }
                 });
