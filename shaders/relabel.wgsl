@@ -1,23 +1,18 @@
-// A merge, second step: the faces follow their clusters. From here on moves count.
+// A merge, second step, while clusters are small: all faces follow their clusters. From here on moves count.
 
 @group(0) @binding(0) var<uniform> turn: Turn;
-// 0 for a cluster that never ended, else one more than the one it became part of.
-@group(0) @binding(1) var<storage, read> merged_into: array<u32>;
-@group(0) @binding(2) var<storage, read_write> labels: array<u32>;
-@group(0) @binding(3) var<storage, read_write> origins: array<u32>;
+@group(0) @binding(1) var<storage, read_write> labels: array<atomic<u32>>;
+@group(0) @binding(2) var<storage, read_write> origins: array<u32>;
+@group(0) @binding(3) var<storage, read_write> lists: Lists;
 
 @compute @workgroup_size(WORKGROUP)
 fn relabel(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
     let face = thread_number(turn, group, local);
-    if face < turn.faces && labels[face] != FREE {
-        var label = labels[face];
-        let into = merged_into[label];
-        if into != 0u {
-            label = into - 1u;
-            labels[face] = label;
-        }
-        if origins[face] != UNLISTED {
-            origins[face] = label;
-        }
+    if face >= turn.faces {
+        return;
+    }
+    let label = refresh(face);
+    if label != FREE && origins[face] != UNLISTED {
+        origins[face] = label;
     }
 }

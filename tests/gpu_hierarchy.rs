@@ -100,6 +100,11 @@ fn parallel_hierarchies_of_the_zoo_are_alike() {
         compare(&mut gpu, &name, &surface, &Options { optimise: false, ..pml() });
         compare(&mut gpu, &name, &surface, &Options { refine: false, ..pml() });
     }
+    let mut near = device_with(Overrides { always_near: true, ..Overrides::default() });
+    for (name, surface) in small_zoo(700) {
+        compare(&mut near, &name, &surface, &pml());
+        compare(&mut near, &name, &surface, &Options { refine: false, pairs: Pairs::All, ..pml() });
+    }
     // otherwise the comparison says little
     assert_eq!(Vec::from_iter(phases), ["Boundary", "Refine", "Repair"]);
 }
@@ -113,6 +118,10 @@ fn sequential_hierarchies_of_the_zoo_are_alike() {
             compare(&mut gpu, &name, &surface, &Options { ties, optimise: false, ..ml() });
         }
     }
+    let mut near = device_with(Overrides { always_near: true, ..Overrides::default() });
+    for (name, surface) in small_zoo(130) {
+        compare(&mut near, &name, &surface, &ml());
+    }
     let fifth = Options { collapse_fraction: Some(20.0), ..ml() };
     compare(&mut gpu, "knot", &surface(Sample::Knot, 300), &fifth);
     let outcome = compare(&mut gpu, "knot", &surface(Sample::Knot, 300), &ml());
@@ -122,6 +131,7 @@ fn sequential_hierarchies_of_the_zoo_are_alike() {
 #[test]
 fn larger_hierarchies_stops_and_mixtures_are_alike() {
     let mut gpu = device();
+    let mut near = device_with(Overrides { always_near: true, ..Overrides::default() });
     for (sample, faces) in [(Sample::Knot, 2000), (Sample::Parts, 1500), (Sample::Quads, 1000)] {
         let surface = surface(sample, faces);
         for options in [
@@ -133,6 +143,7 @@ fn larger_hierarchies_stops_and_mixtures_are_alike() {
             Options { iterations_a_round: [u32::MAX; 2], ..pml() },
         ] {
             let outcome = compare(&mut gpu, sample.name(), &surface, &options);
+            assert!(run(&mut near, &surface, &options).expect("the gpu runs") == outcome, "{sample:?} {options:?}");
             let levels: Vec<u64> =
                 outcome.rounds.iter().filter(|round| round.is_level).map(|round| round.clusters).collect();
             assert!(options.levels.iter().all(|level| levels.contains(level)), "{levels:?}");

@@ -24,7 +24,7 @@ fn bindings(module: &Module) -> Vec<(u32, String, Access, u32)> {
             AddressSpace::Uniform => Access::Turn,
             AddressSpace::Storage { access } if access.contains(StorageAccess::STORE) => Access::Write,
             AddressSpace::Storage { .. } => Access::Read,
-            AddressSpace::WorkGroup => continue,
+            AddressSpace::WorkGroup | AddressSpace::Private => continue,
             ref other => panic!("unexpected address space {other:?}"),
         };
         let place = variable.binding.as_ref().expect("a binding");

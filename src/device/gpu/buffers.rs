@@ -25,6 +25,11 @@ pub(super) const BETWEEN: u32 = RING;
 /// Words in front of the entries of the lists.
 const LIST_HEAD: u64 = (offset_of!(Lists, entries) / 4) as u64;
 
+const BEHIND: usize = offset_of!(Lists, behind) / 4;
+
+/// Where the search for pieces is told what to go over, before the place for its doubts.
+const EVERYWHERE: usize = offset_of!(Lists, everywhere) / 4;
+
 /// Items that are brought to the device at once.
 const UPLOAD: usize = 1 << 20;
 
@@ -36,8 +41,11 @@ pub(super) struct Buffers {
     pub(super) labels: wgpu::Buffer,
     pub(super) clusters: wgpu::Buffer,
     pub(super) proxies: wgpu::Buffer,
-    /// Labels while they grow.
+    /// Labels while they grow, and the trees of pieces.
     pub(super) wishes: wgpu::Buffer,
+    /// Also the sizes of pieces.
+    pub(super) offers: wgpu::Buffer,
+    pub(super) markets: wgpu::Buffer,
     pub(super) origins: wgpu::Buffer,
     pub(super) lists: wgpu::Buffer,
     pub(super) turns: Turns,
@@ -121,8 +129,13 @@ impl Turns {
 }
 
 impl Buffers {
-    /// Brings a surface to the device, all faces free.
-    pub(super) fn new(connection: &Connection, graph: &DualGraph, energy_shifts: &[u32]) -> Result<Self> {
+    /// Brings a surface to the device, all faces free. Clusters that may merge need more room in the lists.
+    pub(super) fn new(
+        connection: &Connection,
+        graph: &DualGraph,
+        energy_shifts: &[u32],
+        is_merging: bool,
+    ) -> Result<Self> {
         let faces = graph.centroids.len() as u64;
         let clusters = energy_shifts.len() as u64;
         let storage = wgpu::BufferUsages::STORAGE;
@@ -140,7 +153,8 @@ impl Buffers {
         let proxies = create("proxies", clusters, size_of::<Proxy>(), storage | into)?;
         let offers = create("offers", faces, size_of::<Offer>(), storage)?;
         let origins = create("origins", faces, 4, storage | into | out)?;
-        let lists = create("lists", LIST_HEAD + 2 * faces + clusters, 4, storage | into | out)?;
+        let lists =
+            create("lists", LIST_HEAD + if is_merging { 3 } else { 2 } * faces + clusters, 4, storage | into | out)?;
         let markets = create("markets", clusters, size_of::<Market>(), storage)?;
         let joining = create("joining", clusters, size_of::<Cluster>(), storage)?;
         let slots = u64::from(RING) + 1;
@@ -205,10 +219,10 @@ impl Buffers {
             join: bind(&kernels.join, &[&packed, &labels, &offers, &markets, &joining, &neighbours, &origins, &lists]),
             judge: bind(&kernels.judge, &[&packed, &sums, &joining, &proxies, &markets, &ring, &next_dispatch, &lists]),
             deal: bind(&kernels.deal, &[&labels, &offers, &markets, &lists]),
-            link: bind(&kernels.link, &[&neighbours, &labels, &sums, parents, sizes]),
-            hook: bind(&kernels.hook, &[&neighbours, &labels, parents]),
-            weigh: bind(&kernels.weigh, &[&labels, parents, sizes, &markets]),
-            elect: bind(&kernels.elect, &[&labels, parents, sizes, &markets, &sums]),
+            link: bind(&kernels.link, &[&neighbours, &labels, &sums, parents, sizes, &origins, &lists]),
+            hook: bind(&kernels.hook, &[&neighbours, &labels, parents, &origins, &lists]),
+            weigh: bind(&kernels.weigh, &[&labels, parents, sizes, &markets, &lists]),
+            elect: bind(&kernels.elect, &[&labels, parents, sizes, &markets, &sums, &lists]),
             cut: bind(&kernels.cut, &[parents, &markets, &labels, &ring, &packed, &sums, &origins, &lists]),
         };
         connection.check()?;
@@ -220,6 +234,8 @@ impl Buffers {
             clusters: sums,
             proxies,
             wishes,
+            offers,
+            markets,
             origins,
             lists,
             turns,
@@ -242,6 +258,22 @@ impl Buffers {
         self.turns.common.clusters = living.len() as u32;
         self.cluster_groups = groups(living.len() as u64, self.turns.common.row);
         self.turns.number(queue, 1);
+    }
+
+    /// Says whether labels away from listed faces may not be up to date.
+    pub(super) fn leave_behind(&self, queue: &wgpu::Queue, are_behind: bool) {
+        upload(queue, &self.lists, BEHIND, &[u32::from(are_behind)]);
+    }
+
+    /// Encodes that each cluster is part of no other.
+    pub(super) fn clear_merges(&self, encoder: &mut wgpu::CommandEncoder, clusters: u32) {
+        let first = LIST_HEAD + 3 * u64::from(self.faces);
+        encoder.clear_buffer(&self.lists, 4 * first, Some(4 * u64::from(clusters)));
+    }
+
+    /// Lets the next search for pieces go over all faces, or over the listed ones.
+    pub(super) fn search(&self, queue: &wgpu::Queue, everywhere: bool) {
+        upload(queue, &self.lists, EVERYWHERE, &[u32::from(everywhere), 0]);
     }
 }
 

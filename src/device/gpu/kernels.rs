@@ -3,9 +3,12 @@
 
 use std::mem::size_of;
 
-use super::layout::{
-    Best, Choice, Cluster, Dispatch, Face, Found, Lists, Market, Offer, Picked, Proxy, Slot, Turn, WORKGROUP,
-};
+mod merging;
+mod pieces;
+
+use super::layout::{Best, Choice, Cluster, Dispatch, Face, Found, Lists, Market, Offer, Proxy, Slot, Turn, WORKGROUP};
+pub use merging::*;
+pub use pieces::*;
 
 /// A compute shader with one entry point of the same name.
 #[derive(Debug)]
@@ -57,6 +60,7 @@ const TURN: Binding = binding("turn", Access::Turn, size_of::<Turn>());
 const FACES: Binding = binding("faces", Access::Read, size_of::<Face>());
 const NEIGHBOURS: Binding = binding("neighbours", Access::Read, 4);
 const LABELS: Binding = binding("labels", Access::Read, 4);
+const WRITTEN_LABELS: Binding = binding("labels", Access::Write, 4);
 const PROXIES: Binding = binding("proxies", Access::Read, size_of::<Proxy>());
 const CLUSTERS: Binding = binding("clusters", Access::Write, size_of::<Cluster>());
 const MARKETS: Binding = binding("markets", Access::Write, size_of::<Market>());
@@ -83,7 +87,8 @@ const SUMS_WGSL: &str = include_str!("../../../shaders/shared/sums.wgsl");
 const BITS_WGSL: &str = include_str!("../../../shaders/shared/bits.wgsl");
 const DUAL_EDGE_WGSL: &str = include_str!("../../../shaders/shared/dual_edge.wgsl");
 const CHOICE_WGSL: &str = include_str!("../../../shaders/shared/choice.wgsl");
-const PIECE_WGSL: &str = include_str!("../../../shaders/shared/piece.wgsl");
+const MERGED_WGSL: &str = include_str!("../../../shaders/shared/merged.wgsl");
+const AROUND_WGSL: &str = include_str!("../../../shaders/shared/around.wgsl");
 const FOUND_WGSL: &str = include_str!("../../../shaders/shared/found.wgsl");
 const BEST_WGSL: &str = include_str!("../../../shaders/shared/best.wgsl");
 const ENERGY_WGSL: &str = include_str!("../../../shaders/shared/energy.wgsl");
@@ -171,6 +176,8 @@ pub const APPLY: Kernel = Kernel {
         FACE_WGSL,
         ADD_WGSL,
         LISTS_WGSL,
+        MERGED_WGSL,
+        AROUND_WGSL,
         NEWCOMERS_WGSL,
         include_str!("../../../shaders/apply.wgsl"),
     ],
@@ -178,7 +185,7 @@ pub const APPLY: Kernel = Kernel {
         TURN,
         FACES,
         binding("wishes", Access::Read, 4),
-        binding("labels", Access::Write, 4),
+        WRITTEN_LABELS,
         CLUSTERS,
         RING,
         NEIGHBOURS,
@@ -259,13 +266,15 @@ pub const JOIN: Kernel = Kernel {
         FACE_WGSL,
         ADD_WGSL,
         LISTS_WGSL,
+        MERGED_WGSL,
+        AROUND_WGSL,
         NEWCOMERS_WGSL,
         include_str!("../../../shaders/join.wgsl"),
     ],
     bindings: &[
         TURN,
         FACES,
-        LABELS,
+        WRITTEN_LABELS,
         binding("offers", Access::Write, size_of::<Offer>()),
         MARKETS,
         CLUSTERS,
@@ -309,214 +318,7 @@ pub const JUDGE: Kernel = Kernel {
 pub const DEAL: Kernel = Kernel {
     name: "deal",
     sources: &[TURN_WGSL, MARKET_WGSL, LISTS_WGSL, include_str!("../../../shaders/deal.wgsl")],
-    bindings: &[
-        TURN,
-        binding("labels", Access::Write, 4),
-        binding("offers", Access::Write, size_of::<Offer>()),
-        MARKETS,
-        LISTS,
-    ],
-    workgroup_size: WORKGROUP,
-};
-
-/// Pieces: links faces with neighbours of their cluster.
-pub const LINK: Kernel = Kernel {
-    name: "link",
-    sources: &[TURN_WGSL, CLUSTER_WGSL, include_str!("../../../shaders/link.wgsl")],
-    bindings: &[
-        TURN,
-        NEIGHBOURS,
-        LABELS,
-        CLUSTERS,
-        binding("parents", Access::Write, 4),
-        binding("sizes", Access::Write, 4),
-    ],
-    workgroup_size: WORKGROUP,
-};
-
-/// Pieces: joins what is linked.
-pub const HOOK: Kernel = Kernel {
-    name: "hook",
-    sources: &[TURN_WGSL, PIECE_WGSL, include_str!("../../../shaders/hook.wgsl")],
-    bindings: &[TURN, NEIGHBOURS, LABELS, binding("parents", Access::Write, 4)],
-    workgroup_size: WORKGROUP,
-};
-
-/// Pieces: counts their faces.
-pub const WEIGH: Kernel = Kernel {
-    name: "weigh",
-    sources: &[TURN_WGSL, MARKET_WGSL, PIECE_WGSL, include_str!("../../../shaders/weigh.wgsl")],
-    bindings: &[TURN, LABELS, binding("parents", Access::Write, 4), binding("sizes", Access::Write, 4), MARKETS],
-    workgroup_size: WORKGROUP,
-};
-
-/// Pieces: chooses the one that each cluster keeps.
-pub const ELECT: Kernel = Kernel {
-    name: "elect",
-    sources: &[TURN_WGSL, CLUSTER_WGSL, MARKET_WGSL, include_str!("../../../shaders/elect.wgsl")],
-    bindings: &[
-        TURN,
-        LABELS,
-        binding("parents", Access::Read, 4),
-        binding("sizes", Access::Read, 4),
-        MARKETS,
-        CLUSTERS,
-    ],
-    workgroup_size: WORKGROUP,
-};
-
-/// Pieces: frees the faces of all others.
-pub const CUT: Kernel = Kernel {
-    name: "cut",
-    sources: &[
-        TURN_WGSL,
-        SLOT_WGSL,
-        MARKET_WGSL,
-        CLUSTER_WGSL,
-        FACE_WGSL,
-        ADD_WGSL,
-        LISTS_WGSL,
-        NEWCOMERS_WGSL,
-        include_str!("../../../shaders/cut.wgsl"),
-    ],
-    bindings: &[
-        TURN,
-        binding("parents", Access::Read, 4),
-        MARKETS,
-        binding("labels", Access::Write, 4),
-        RING,
-        FACES,
-        CLUSTERS,
-        ORIGINS,
-        LISTS,
-    ],
-    workgroup_size: WORKGROUP,
-};
-
-/// Optimal dual edges: finds the cheapest cost at each cluster.
-pub const PRICE: Kernel = Kernel {
-    name: "price",
-    sources: &[
-        TURN_WGSL,
-        CLUSTER_WGSL,
-        FACE_WGSL,
-        SUMS_WGSL,
-        BITS_WGSL,
-        DUAL_EDGE_WGSL,
-        CHOICE_WGSL,
-        LISTS_WGSL,
-        include_str!("../../../shaders/price.wgsl"),
-    ],
-    bindings: &[TURN, NEIGHBOURS, LABELS, PROXIES, CLUSTERS, CHOICES, LISTS],
-    workgroup_size: WORKGROUP,
-};
-
-/// Optimal dual edges: finds the best tie among the cheapest.
-pub const BREAK_TIES: Kernel = Kernel {
-    name: "break_ties",
-    sources: &[
-        TURN_WGSL,
-        CLUSTER_WGSL,
-        FACE_WGSL,
-        SUMS_WGSL,
-        BITS_WGSL,
-        DUAL_EDGE_WGSL,
-        CHOICE_WGSL,
-        LISTS_WGSL,
-        include_str!("../../../shaders/break_ties.wgsl"),
-    ],
-    bindings: &[TURN, NEIGHBOURS, LABELS, PROXIES, CLUSTERS, CHOICES, LISTS],
-    workgroup_size: WORKGROUP,
-};
-
-/// Optimal dual edges: finds the neighbour.
-pub const PREFER: Kernel = Kernel {
-    name: "prefer",
-    sources: &[
-        TURN_WGSL,
-        CLUSTER_WGSL,
-        FACE_WGSL,
-        SUMS_WGSL,
-        BITS_WGSL,
-        DUAL_EDGE_WGSL,
-        CHOICE_WGSL,
-        LISTS_WGSL,
-        include_str!("../../../shaders/prefer.wgsl"),
-    ],
-    bindings: &[TURN, NEIGHBOURS, LABELS, PROXIES, CLUSTERS, CHOICES, LISTS],
-    workgroup_size: WORKGROUP,
-};
-
-/// Optimal dual edges: lists them.
-pub const LIST_CHOICES: Kernel = Kernel {
-    name: "list_choices",
-    sources: &[
-        TURN_WGSL,
-        SLOT_WGSL,
-        CHOICE_WGSL,
-        FOUND_WGSL,
-        LISTS_WGSL,
-        include_str!("../../../shaders/list_choices.wgsl"),
-    ],
-    bindings: &[TURN, CHOICES, FOUND, RING, LISTS],
-    workgroup_size: WORKGROUP,
-};
-
-/// Cheapest dual edge: finds that of each workgroup's faces.
-pub const SEARCH: Kernel = Kernel {
-    name: "search",
-    sources: &[
-        TURN_WGSL,
-        CLUSTER_WGSL,
-        FACE_WGSL,
-        SUMS_WGSL,
-        BITS_WGSL,
-        DUAL_EDGE_WGSL,
-        BEST_WGSL,
-        LISTS_WGSL,
-        include_str!("../../../shaders/search.wgsl"),
-    ],
-    bindings: &[TURN, NEIGHBOURS, LABELS, PROXIES, CLUSTERS, BESTS, LISTS],
-    workgroup_size: WORKGROUP,
-};
-
-/// Cheapest dual edge: finds that of all workgroups.
-pub const REDUCE: Kernel = Kernel {
-    name: "reduce",
-    sources: &[TURN_WGSL, BEST_WGSL, LISTS_WGSL, include_str!("../../../shaders/reduce.wgsl")],
-    bindings: &[TURN, BESTS, LISTS],
-    workgroup_size: WORKGROUP,
-};
-
-/// Merge: adds up the sums of the pairs.
-pub const UNITE: Kernel = Kernel {
-    name: "unite",
-    sources: &[TURN_WGSL, CLUSTER_WGSL, ADD_WGSL, SUMS_WGSL, include_str!("../../../shaders/unite.wgsl")],
-    bindings: &[TURN, ENTRIES, CLUSTERS, binding("merged_into", Access::Write, 4)],
-    workgroup_size: WORKGROUP,
-};
-
-/// Merge: brings the labels up to date.
-pub const RELABEL: Kernel = Kernel {
-    name: "relabel",
-    sources: &[TURN_WGSL, include_str!("../../../shaders/relabel.wgsl")],
-    bindings: &[TURN, binding("merged_into", Access::Read, 4), binding("labels", Access::Write, 4), ORIGINS],
-    workgroup_size: WORKGROUP,
-};
-
-/// Lists the faces that moved since the last merge.
-pub const LIST_MOVES: Kernel = Kernel {
-    name: "list_moves",
-    sources: &[TURN_WGSL, SLOT_WGSL, FOUND_WGSL, LISTS_WGSL, include_str!("../../../shaders/list_moves.wgsl")],
-    bindings: &[TURN, LABELS, binding("origins", Access::Read, 4), FOUND, RING, LISTS],
-    workgroup_size: WORKGROUP,
-};
-
-/// Copies the sums of some clusters.
-pub const PICK_SUMS: Kernel = Kernel {
-    name: "pick_sums",
-    sources: &[TURN_WGSL, CLUSTER_WGSL, include_str!("../../../shaders/pick_sums.wgsl")],
-    bindings: &[TURN, ENTRIES, CLUSTERS, binding("picked", Access::Write, size_of::<Picked>())],
+    bindings: &[TURN, WRITTEN_LABELS, binding("offers", Access::Write, size_of::<Offer>()), MARKETS, LISTS],
     workgroup_size: WORKGROUP,
 };
 
@@ -536,9 +338,14 @@ pub const KERNELS: &[&Kernel] = &[
     &JOIN,
     &JUDGE,
     &DEAL,
+    &EXPLORE,
     &LINK,
     &HOOK,
     &WEIGH,
+    &TALLY,
+    &MARK_GAPS,
+    &DOUBT,
+    &DECIDE,
     &ELECT,
     &CUT,
     &PRICE,
@@ -549,6 +356,9 @@ pub const KERNELS: &[&Kernel] = &[
     &REDUCE,
     &UNITE,
     &RELABEL,
+    &RELABEL_NEAR,
+    &FOLLOW,
+    &MIRROR,
     &LIST_MOVES,
     &PICK_SUMS,
 ];

@@ -8,8 +8,8 @@ use super::buffers::Buffers;
 use super::layout::Lists;
 use super::merging::Merging;
 use super::steps::GpuSteps;
-use super::{GpuDevice, energy_shifts};
-use crate::cluster::dual_edge::{Rank, Ties, mutual};
+use super::{GpuDevice, Overrides, energy_shifts};
+use crate::cluster::dual_edge::{Rank, Ties, keep_cheaper_half, mutual};
 use crate::cluster::seeds;
 use crate::device::{Cancel, MergeSteps, Steps};
 use crate::sample::{Sample, generate};
@@ -46,7 +46,8 @@ fn the_list_has_the_faces_on_boundaries_and_few_others() {
     let graph = &surface.graph;
     let seeds = seeds::stratified(graph, &[60], 1);
     let components = &seeds.component_of_cluster;
-    let buffers = Buffers::new(connection, graph, &energy_shifts(graph, components).expect("shifts")).expect("it fits");
+    let shifts = energy_shifts(graph, components).expect("shifts");
+    let buffers = Buffers::new(connection, graph, &shifts, true).expect("it fits");
     let merging = Merging::new(connection, &buffers, 60, true).expect("it fits");
     let mut steps = GpuSteps::new(connection, graph, components, buffers, merging);
     let cancel = Cancel::default();
@@ -75,4 +76,86 @@ fn the_list_has_the_faces_on_boundaries_and_few_others() {
         steps.repair(&cancel).expect("a repair");
         few(listed(&mut steps, graph, "round"), steps.labels().expect("labels"), "round");
     }
+}
+
+/// What the late rounds of a hierarchy look at.
+#[derive(Debug, Default)]
+struct Late {
+    rounds: usize,
+    /// Faces listed, summed over the rounds.
+    listed: usize,
+    /// Faces whose labels merges wrote.
+    relabelled: usize,
+    /// Faces that changed their cluster by merging.
+    merged: usize,
+    moves: usize,
+    cut_off: u64,
+    /// Searches for pieces that went over all faces.
+    everywhere: usize,
+}
+
+/// Carries out the rounds of a hierarchy of a knot, those from 27 clusters on counted. Pieces are looked for near moves.
+fn late_rounds(faces: u64) -> Late {
+    let found = enumerate().into_iter().filter(|found| found.report.usable).min_by_key(|found| found.report.kind);
+    let overrides = Overrides { always_near: true, ..Overrides::default() };
+    let mut device = GpuDevice::with_overrides(&found.expect("a Vulkan driver"), overrides).expect("it opens");
+    let connection = device.connection().expect("it is open");
+    let surface = Surface::build(&generate(Sample::Knot, faces).expect("a sample")).expect("a surface");
+    let graph = &surface.graph;
+    let components = surface.component_of_face();
+    let shifts = energy_shifts(graph, &components).expect("shifts");
+    let buffers = Buffers::new(connection, graph, &shifts, true).expect("it fits");
+    let merging = Merging::new(connection, &buffers, shifts.len() as u32, true).expect("it fits");
+    let mut steps = GpuSteps::new(connection, graph, &components, buffers, merging);
+    let cancel = Cancel::default();
+    let raw = |steps: &GpuSteps<'_, Merging>| {
+        steps.download::<u32>(steps.encoder(), &steps.buffers.labels, graph.faces()).expect("labels").1
+    };
+    let word = |steps: &GpuSteps<'_, Merging>, at: usize| {
+        let words = steps.download::<u32>(steps.encoder(), &steps.buffers.lists, size_of::<Lists>() / 4);
+        words.expect("the list").1[at / 4]
+    };
+    steps.set_labels(&(0..graph.faces() as u32).collect::<Vec<_>>()).expect("set");
+    let mut late = Late::default();
+    while steps.living.len() > 1 {
+        let mut mutual = mutual(&steps.optimal_dual_edges(Ties::Hash).expect("edges"));
+        keep_cheaper_half(&mut mutual);
+        let pairs: Vec<(u32, u32)> = mutual.iter().map(Rank::ends).collect();
+        let is_late = steps.living.len() <= 27;
+        let ends: Vec<u32> = pairs.iter().map(|&(_, from)| from).collect();
+        let merged: u32 = steps.sums_of(&ends).expect("sums").iter().map(|sums| sums.faces).sum();
+        let before = raw(&steps);
+        steps.merge(&pairs.iter().map(|&(into, from)| (from, into)).collect::<Vec<_>>()).expect("a merge");
+        let relabelled = before.iter().zip(raw(&steps)).filter(|&(&before, after)| before != after).count();
+        steps.optimise_boundary(2, &cancel, &mut |_| {}).expect("optimise");
+        let looks_for_pieces = steps.may_be_cut;
+        let cut_off = steps.repair(&cancel).expect("a repair");
+        if is_late {
+            late.rounds += 1;
+            late.listed += word(&steps, offset_of!(Lists, length)) as usize;
+            late.relabelled += relabelled;
+            late.merged += merged as usize;
+            late.moves += steps.moves_since_merge().expect("moves").len();
+            late.cut_off += cut_off;
+            late.everywhere += usize::from(looks_for_pieces && word(&steps, offset_of!(Lists, everywhere)) != 0);
+        }
+    }
+    let stale = raw(&steps);
+    let labels = steps.labels().expect("labels");
+    assert!(labels.iter().all(|&label| label == steps.living[0]), "one cluster");
+    assert!(stale.iter().zip(labels).filter(|&(&stale, label)| stale != label).count() > graph.faces() / 2);
+    late
+}
+
+#[test]
+fn late_rounds_look_at_boundaries_and_not_at_the_mesh() {
+    let (small, large) = (late_rounds(6000), late_rounds(24_000));
+    let context = format!("{small:?} {large:?}");
+    // as many clusters, of four times as many faces each: their boundaries are twice as long
+    assert!(small.rounds > 10 && large.rounds.abs_diff(small.rounds) < 5, "{context}");
+    assert!(large.moves > 1000, "{context}");
+    assert!(large.listed < 3 * small.listed, "{context}");
+    assert!(large.relabelled < 3 * small.relabelled && 2 * large.relabelled < large.merged, "{context}");
+    // most of them without a doubt
+    assert!(4 * (small.everywhere + large.everywhere) < small.rounds + large.rounds, "{context}");
 }

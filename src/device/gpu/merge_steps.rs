@@ -14,9 +14,9 @@ use crate::cluster::sums::ClusterSums;
 use crate::device::{DualEdge, FREE, LatticeEnergy, MergeSteps};
 use crate::error::{Error, Kind, Result};
 
-/// Faces times clusters up to which a software gpu merges one pair at a time: each merge relabels all
-/// faces, and with optimisation looks for pieces among them. On llvmpipe, a knot of 2,002 faces to the top takes 9 s of processor
-/// time without optimisation, one of 1,008 faces 16 s with it.
+/// Faces times clusters up to which a software gpu merges one pair at a time: each time all listed faces are searched, in
+/// dispatches that have their price. On llvmpipe, a knot of 2,002 faces to the top takes 9 s of processor time without
+/// optimisation, one of 1,008 faces 19 s with it.
 const SOFTWARE_LIMIT: u64 = 1 << 24;
 
 /// Moves that are read along with their number; more are read once that is known.
@@ -135,20 +135,32 @@ impl MergeSteps for GpuSteps<'_, Merging> {
         upload(queue, &self.merging.entries, 0, &entries);
         self.buffers.turns.announce(queue, pairs.len() as u32, Ties::Hash);
         let mut encoder = if self.gathered { self.encoder() } else { self.encode_fit() };
-        let Merging { merged_into, bindings, .. } = &self.merging;
+        let are_large = self.are_large();
+        if are_large && !self.are_behind {
+            self.buffers.leave_behind(queue, true);
+        }
+        let Merging { bindings, .. } = &self.merging;
         if !self.has_merged {
-            encoder.clear_buffer(merged_into, 0, None);
+            self.buffers.clear_merges(&mut encoder, self.clusters);
         }
         self.encode(
             &mut encoder,
             &[
+                (&self.connection.kernels.settle, &self.buffers.bindings.settle, Some([1, 1, 1])),
                 (&kernels.unite, &bindings.unite, Some(self.merging.groups(pairs.len()))),
-                (&kernels.relabel, &bindings.relabel, Some(self.buffers.face_groups)),
+                if are_large {
+                    (&kernels.relabel_near, &bindings.relabel_near, None)
+                } else {
+                    (&kernels.relabel, &bindings.relabel, Some(self.buffers.face_groups))
+                },
             ],
         );
         queue.submit([encoder.finish()]);
         self.has_merged = true;
+        self.are_behind |= are_large;
+        self.merged_whole = !self.may_be_cut;
         self.has_moved = false;
+        self.moves = 0;
         let mut gone: Vec<u32> = pairs.iter().map(|&(from, _)| from).collect();
         gone.sort_unstable();
         self.living.retain(|cluster| gone.binary_search(cluster).is_err());

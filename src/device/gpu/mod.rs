@@ -17,6 +17,11 @@
 //! gone, before each batch of a flat clustering and once in each round of a hierarchy. The clusters that are left are listed, too, by
 //! the host, which knows which ones merge. In the table a *listed face* and a *cluster* is one of those.
 //!
+//! In a hierarchy clusters begin *small*, with most faces listed, and end *large*: with 64 faces each or more. Then a merge tells
+//! the listed faces and those beside them only; others keep the label of a cluster that has ended until somebody needs it
+//! (`shaders/shared/merged.wgsl`): a face that comes to be listed brings those around it up to date, and before all are
+//! read, all are. Pieces are then looked for *near* what moved, if that is one face in 64 or less ([`pieces`]).
+//!
 //! | step | dispatches |
 //! |---|---|
 //! | sums and lists from labels | 3: `gather` (a thread for 8 faces), `enlist` (a thread a face), `line_up` (one thread) |
@@ -25,10 +30,12 @@
 //! | before a batch of a flat clustering | 2: `weed` (a thread a listed face), `line_up` (one thread) |
 //! | an iteration of the boundary phase | 3: `propose`, `apply` (a thread a listed face), `fit` (a thread a cluster) |
 //! | an iteration of the refinement | 5: `bid`, `choose`, `join` (a thread a listed face), `judge` (a thread a cluster), `deal` (a thread a listed face) |
-//! | pieces | 7: `fit`, `link`, `hook` (a thread a face), `weigh` (a thread for 8 faces), `elect`, `cut` (a thread a face), `settle` (one thread) |
+//! | pieces | 7: `fit`, `link`, `hook` (a thread a face), `weigh` (a thread for 8 faces), `elect`, `cut` (a thread a face), `settle` (one thread); before, once labels are not up to date, `follow` (a thread a face) |
+//! | pieces near what moved | 21: `fit`, `explore`, `settle`, `link`, `hook`, `weigh`, `tally`, `mark_gaps`, `hook`, `doubt` (a thread a listed face), `decide` (a thread a cluster), five more that have no workgroups unless there are doubts, `elect`, `cut`, `settle`, `weed`, `line_up` |
+//! | before a growth after merges | 1: `mirror` (a thread a listed face), once labels are not up to date |
 //! | optimal dual edges | 7: `fit`, `weed`, `line_up`, `price`, `break_ties`, `prefer` (a thread a listed face), `list_choices` (a thread a cluster) |
 //! | the cheapest dual edge | 5: `fit`, `weed`, `line_up`, `search` (a thread a listed face, one candidate a workgroup), `reduce` (one workgroup) |
-//! | a merge | 2: `unite` (a thread a pair), `relabel` (a thread a face) |
+//! | a merge | 3: `settle`, `unite` (a thread a pair), and `relabel` (a thread a face) while clusters are small, `relabel_near` (a thread a listed face) when they are large |
 //! | sums of some clusters | 1 for 2¹⁸ of them: `pick_sums` (a thread each) |
 //! | faces that moved since a merge | 2: `settle` (one thread), `list_moves` (a thread a listed face) |
 //!
@@ -51,17 +58,19 @@
 //! | an iteration of the refinement | 152, and 60 if it bids | 16 | |
 //! | `weed` | 44 | | |
 //! | optimal dual edges, with `weed` | 344 | 120 | |
-//! | a merge | | | 12, and 4 if it is listed, 4 if its cluster ends |
-//! | pieces | | 84 | 28 where its cluster is known to be whole, else some 130 |
+//! | a merge of small clusters | | | 12, and 4 if it is listed, 4 if its cluster ends |
+//! | a merge of large ones | 60 | | |
+//! | pieces | | 84 | 28 where its cluster is known to be whole, else some 140 |
+//! | pieces near what moved | 330, and up to 64 faces around each that moved are listed for it | 88 | |
 //! | a pass of the growth | 12, and 32 if it is free | | |
 //! | sums and lists from labels | | 48 | 64 |
 //!
-//! So an iteration costs in proportion to the boundaries and to the clusters that are left. Two things in a round of a
-//! hierarchy are left that go over the mesh, both without waiting for anything: `relabel`, which reads 12 bytes of each face
-//! (without it, all who read a label would have to look up what became of the cluster), and pieces, which look at
-//! all faces of the clusters that have lost one since the last time, and at 28 bytes of the others. The sequential kind has
-//! a round a face; the cpu device, which looks only at what changed, is the one for it. A software gpu refuses it above 2²⁴ faces
-//! times clusters.
+//! So an iteration costs in proportion to the boundaries and to the clusters that are left, and so do the rounds of a hierarchy
+//! of large clusters, unless more than one face in 64 has moved. On the bunny, 69,451 faces, that many do move in most rounds with
+//! fewer than 1,000 clusters (2,100 in the one that leaves 16), while nine in ten clusters lose a face: pieces are looked for among
+//! all faces there until a handful are left. As boundaries grow with the root of the number of faces, larger meshes come to it
+//! earlier. The sequential kind has a round a face, each over all listed faces; the cpu device, which looks only at what changed, is
+//! the one for it. A software gpu refuses it above 2²⁴ faces times clusters.
 //!
 //! Where the ring has told of no moves, the host asks for none, nor for pieces.
 //!
@@ -73,7 +82,8 @@
 //!
 //! On a software gpu (llvmpipe, two busy cores) a hierarchy of the bunny, 69,451 faces, takes 8.3 s of processor time to the top; it
 //! took 16.9 s while all faces and all clusters that there ever were had a thread in every step, and the host looked for
-//! pieces. 1,000 clusters of it take 2.2 s from seeds and 1.7 s from a coarse start, then 3.1 s and 2.6 s.
+//! pieces. (Telling only listed faces of merges, and looking for pieces near moves, is no difference there, nor for igea, 268,686
+//! faces, 43 s: early rounds decide. It is one for the last rounds of larger meshes.) 1,000 clusters of it take 2.2 s from seeds and 1.7 s from a coarse start, then 3.1 s and 2.6 s.
 //!
 //! Left out: summing up what the threads of a workgroup bring to one cluster before it goes to memory that all share. On
 //! llvmpipe that makes 3 clusters of the bunny 28 % slower and 1,000 clusters 11 %; whether it pays where few clusters are
@@ -116,6 +126,7 @@ pub mod layout;
 mod list_tests;
 mod merge_steps;
 mod merging;
+mod pieces;
 mod readback;
 mod steps;
 
@@ -140,6 +151,8 @@ pub struct Overrides {
     pub workgroups_per_dimension: Option<u32>,
     /// Bytes that a kernel sees of a buffer.
     pub binding_size: Option<u64>,
+    /// Whether hierarchies look for pieces near faces that moved, however many did, and not only where that is less work.
+    pub always_near: bool,
     /// Whether passes are timed and dispatches counted, for [`GpuDevice::take_profile`].
     pub timed: bool,
 }
@@ -287,7 +300,7 @@ impl Device for GpuDevice {
         let fault = self.fault.take();
         let connection = self.connection()?;
         connection.arm(fault);
-        let buffers = Buffers::new(connection, graph, &energy_shifts)?;
+        let buffers = Buffers::new(connection, graph, &energy_shifts, false)?;
         Ok(Box::new(GpuSteps::new(connection, graph, component_of_cluster, buffers, ())))
     }
 
@@ -301,7 +314,7 @@ impl Device for GpuDevice {
         let is_software = self.report.kind == AdapterKind::Software;
         let connection = self.connection()?;
         connection.arm(fault);
-        let buffers = Buffers::new(connection, graph, &energy_shifts)?;
+        let buffers = Buffers::new(connection, graph, &energy_shifts, true)?;
         let clusters = energy_shifts.len() as u32;
         let merging = Merging::new(connection, &buffers, clusters, is_software)?;
         Ok(Box::new(GpuSteps::new(connection, graph, component_of_cluster, buffers, merging)))

@@ -10,6 +10,7 @@ use super::FaultPoint;
 use super::buffers::{BETWEEN, Buffers, RING, upload};
 use super::connection::{Compiled, Connection};
 use super::layout::{Slot, UNLISTED};
+use super::merging::MaybeMerging;
 use super::readback::Batch;
 use crate::device::cpu;
 use crate::device::{Cancel, Ending, FREE, LatticeEnergy, Step, Steps};
@@ -27,7 +28,7 @@ const LONG_BATCH: Duration = Duration::from_millis(100);
 
 /// What a turn does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Work {
+pub(super) enum Work {
     Grow,
     Boundary,
     Refine,
@@ -74,10 +75,16 @@ pub(super) struct GpuSteps<'a, M> {
     pub(super) energy: Option<LatticeEnergy>,
     /// Whether clusters merged since the labels were set.
     pub(super) has_merged: bool,
+    /// Whether labels away from listed faces may name clusters that have become part of others.
+    pub(super) are_behind: bool,
     /// Whether faces may have moved since the last merge.
     pub(super) has_moved: bool,
+    /// How many did, at most.
+    pub(super) moves: u64,
     /// Whether they may have since pieces were last looked for.
-    may_be_cut: bool,
+    pub(super) may_be_cut: bool,
+    /// Whether every cluster was in one piece after the last merge.
+    pub(super) merged_whole: bool,
     /// The clusters that may have faces, ascending.
     pub(super) living: Vec<u32>,
     /// Number of the next turn, while a phase goes on that stopped at its limit.
@@ -88,7 +95,7 @@ pub(super) struct GpuSteps<'a, M> {
     host: Option<Box<dyn Steps + 'a>>,
 }
 
-impl<'a, M> GpuSteps<'a, M> {
+impl<'a, M: MaybeMerging> GpuSteps<'a, M> {
     pub(super) fn new(
         connection: &'a Connection,
         graph: &'a DualGraph,
@@ -107,8 +114,11 @@ impl<'a, M> GpuSteps<'a, M> {
             gathered: false,
             energy: None,
             has_merged: false,
+            are_behind: false,
             has_moved: true,
+            moves: 0,
             may_be_cut: true,
+            merged_whole: false,
             living: (0..clusters).collect(),
             resumed_at: None,
             next_turn: 1,
@@ -138,6 +148,7 @@ impl<'a, M> GpuSteps<'a, M> {
         self.gathered = false;
         self.energy = None;
         self.has_moved = true;
+        self.moves += labels.len() as u64;
         self.may_be_cut = true;
         self.connection.check()
     }
@@ -153,7 +164,13 @@ impl<'a, M> GpuSteps<'a, M> {
     /// each that did, in order. Batches of the growth have an even number of turns, so that the labels end where they began.
     ///
     /// Turns are numbered from 1, or on from the last where a refinement goes on: a face remembers the turn that refused it.
-    fn run(&mut self, work: Work, limit: u32, cancel: &Cancel, mut on_turn: impl FnMut(&Slot)) -> Result<bool> {
+    pub(super) fn run(
+        &mut self,
+        work: Work,
+        limit: u32,
+        cancel: &Cancel,
+        mut on_turn: impl FnMut(&Slot),
+    ) -> Result<bool> {
         let resumed_at = self.resumed_at.take().filter(|_| work == Work::Refine);
         // turns that may still move something, those on their way taken off
         let mut left = limit;
@@ -194,6 +211,7 @@ impl<'a, M> GpuSteps<'a, M> {
                     left += 1;
                 } else {
                     self.has_moved = true;
+                    self.moves += u64::from(slot.moves);
                     self.may_be_cut = true;
                     on_turn(&slot);
                 }
@@ -207,19 +225,6 @@ impl<'a, M> GpuSteps<'a, M> {
             before = next;
             staging = 1 - staging;
         }
-    }
-
-    /// Grows the clusters over the free faces, which are listed after what is encoded.
-    fn grow_listed(&mut self, mut encoder: wgpu::CommandEncoder, cancel: &Cancel) -> Result<()> {
-        let Buffers { labels, wishes, .. } = &self.buffers;
-        // passes go from one to the other and back, and look at listed faces only
-        encoder.copy_buffer_to_buffer(labels, 0, wishes, 0, None);
-        self.connection.queue.submit([encoder.finish()]);
-        self.energy = None;
-        // every pass but the last labels a face
-        let even_limit = u32::MAX - 1;
-        self.run(Work::Grow, even_limit, cancel, |_| {})?;
-        Ok(())
     }
 
     /// Queues a batch, and the reading of its slots.
@@ -309,6 +314,20 @@ impl<'a, M> GpuSteps<'a, M> {
             None => pass.dispatch_workgroups_indirect(&self.buffers.next_dispatch, 0),
         }
     }
+
+    /// Encodes one kernel, between batches, with as many workgroups as a buffer says then.
+    pub(super) fn dispatch_as_told(
+        &self,
+        pass: &mut wgpu::ComputePass<'_>,
+        compiled: &Compiled,
+        bindings: &wgpu::BindGroup,
+        groups: &wgpu::Buffer,
+    ) {
+        self.connection.count(compiled.kernel);
+        pass.set_pipeline(&compiled.pipeline);
+        pass.set_bind_group(0, bindings, &[self.buffers.turns.offset(BETWEEN)]);
+        pass.dispatch_workgroups_indirect(groups, 0);
+    }
 }
 
 /// What the end of a run means.
@@ -316,11 +335,13 @@ fn ending(is_over: bool) -> Ending {
     if is_over { Ending::Converged } else { Ending::IterationLimit }
 }
 
-impl<M> Steps for GpuSteps<'_, M> {
+impl<M: MaybeMerging> Steps for GpuSteps<'_, M> {
     fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
         if std::mem::take(&mut self.has_merged) {
             self.living = (0..self.clusters).collect();
             self.buffers.list_clusters(&self.connection.queue, &self.living);
+            self.are_behind = false;
+            self.buffers.leave_behind(&self.connection.queue, false);
         }
         self.resumed_at = None;
         self.host = None;
@@ -412,35 +433,25 @@ impl<M> Steps for GpuSteps<'_, M> {
         if !self.may_be_cut {
             return Ok(0);
         }
-        self.connection.reach(FaultPoint::Pieces);
-        let mut encoder = self.encode_fit();
-        let kernels = &self.connection.kernels;
-        let Buffers { bindings, face_groups, gather_groups, .. } = &self.buffers;
-        {
-            let mut pass = self.connection.pass(&mut encoder, "pieces");
-            for (compiled, bindings, groups) in [
-                (&kernels.link, &bindings.link, face_groups),
-                (&kernels.hook, &bindings.hook, face_groups),
-                (&kernels.weigh, &bindings.weigh, gather_groups),
-                (&kernels.elect, &bindings.elect, face_groups),
-                (&kernels.cut, &bindings.cut, face_groups),
-                (&kernels.settle, &bindings.settle, &[1, 1, 1]),
-            ] {
-                self.dispatch(&mut pass, compiled, bindings, BETWEEN, Some(*groups));
-            }
-        }
-        let slot = self.read_between(encoder)?;
-        if slot.moves == 0 {
-            self.energy = Some(LatticeEnergy { explained: slot.explained() });
-        } else {
+        let freed = self.free_pieces()?;
+        if freed != 0 {
             self.grow_listed(self.encoder(), cancel)?;
         }
         self.may_be_cut = false;
-        Ok(u64::from(slot.moves))
+        Ok(freed)
     }
 
     fn labels(&mut self) -> Result<Vec<u32>> {
         self.connection.reach(FaultPoint::Labels);
-        Ok(self.download(self.encoder(), &self.buffers.labels, self.buffers.faces as usize)?.1)
+        let mut encoder = self.encoder();
+        if self.are_behind
+            && let Some(merging) = self.merging.merging()
+        {
+            let kernels = self.connection.merge_kernels()?;
+            let mut pass = self.connection.pass(&mut encoder, "labels");
+            let groups = Some(self.buffers.face_groups);
+            self.dispatch(&mut pass, &kernels.follow, &merging.bindings.follow, BETWEEN, groups);
+        }
+        Ok(self.download(encoder, &self.buffers.labels, self.buffers.faces as usize)?.1)
     }
 }

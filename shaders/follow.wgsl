@@ -1,0 +1,13 @@
+// Brings the labels of all faces up to date.
+
+@group(0) @binding(0) var<uniform> turn: Turn;
+@group(0) @binding(1) var<storage, read_write> labels: array<atomic<u32>>;
+@group(0) @binding(2) var<storage, read_write> lists: Lists;
+
+@compute @workgroup_size(WORKGROUP)
+fn follow(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+    let face = thread_number(turn, group, local);
+    if face < turn.faces {
+        refresh(face);
+    }
+}
