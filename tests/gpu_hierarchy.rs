@@ -7,7 +7,7 @@ mod gpu_support;
 use std::collections::BTreeSet;
 
 use common::zoo;
-use gpu_support::{adapter, device, device_with};
+use gpu_support::{ALL, adapter, device, device_with, run as run_flat, seeds};
 use tesserae::Kind;
 use tesserae::cluster::dual_edge::{End, Rank, Ties, exact_cost, mutual, packed_cost};
 use tesserae::cluster::hierarchy::{Options, Pairs, RoundRow, hierarchical};
@@ -18,6 +18,7 @@ use tesserae::device::gpu::adapter::AdapterKind;
 use tesserae::device::gpu::{Fault, FaultPoint, GpuDevice, Overrides};
 use tesserae::device::{Cancel, Device, DualEdge, Ending, FREE};
 use tesserae::error::Result;
+use tesserae::parameters::Seeds;
 use tesserae::sample::{Sample, generate};
 use tesserae::surface::{Component, Surface};
 use tesserae::tree::Tree;
@@ -149,6 +150,26 @@ fn larger_hierarchies_stops_and_mixtures_are_alike() {
             assert!(options.levels.iter().all(|level| levels.contains(level)), "{levels:?}");
         }
     }
+}
+
+#[test]
+fn what_other_jobs_left_in_buffers_does_not_show() {
+    let mut gpu = device();
+    let mut kept = Vec::new();
+    for (round, faces) in [2000, 1700, 1200, 500, 900].into_iter().enumerate() {
+        let surface = surface(Sample::Knot, faces);
+        let options = Options { sequential_at: 8, levels: vec![40], ..pml() };
+        compare(&mut gpu, &format!("job {round}"), &surface, &options);
+        kept.push(gpu.spoil_spare_buffers().expect("it works"));
+        let seeds = seeds(&surface, 40, &Seeds::Random, 3);
+        let expected = run_flat(&mut CpuDevice::new(), &surface, &seeds, ALL).expect("the cpu runs");
+        assert!(run_flat(&mut gpu, &surface, &seeds, ALL).expect("the gpu runs") == expected, "job {round}");
+        kept.push(gpu.spoil_spare_buffers().expect("it works"));
+    }
+    // there was garbage, and buffers served again: those of 2,000 faces for 1,700 and 1,200, not for 500
+    let (hierarchies, flat): (Vec<u64>, Vec<u64>) = kept.chunks(2).map(|pair| (pair[0], pair[1])).unzip();
+    assert!(flat.iter().zip(&hierarchies).all(|(flat, hierarchy)| *flat > 25_000 && flat < hierarchy), "{kept:?}");
+    assert!(flat[2] > 64 * 1500 + 30_000 && 2 * flat[3] < flat[2], "{kept:?}");
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::mem::{offset_of, size_of};
 use bytemuck::{Pod, Zeroable};
 
 use super::FaultPoint;
-use super::connection::{Compiled, Connection};
+use super::connection::{Compiled, Connection, lock};
 use super::kernels::Access;
 use super::layout::{
     Cluster, Dispatch, Face, GATHER_RUN, Lists, Market, Offer, Proxy, Slot, TIES_BY_HASH, TIES_BY_LARGEST_ID, Turn,
@@ -140,7 +140,9 @@ impl Buffers {
         let clusters = energy_shifts.len() as u64;
         let storage = wgpu::BufferUsages::STORAGE;
         let (into, out) = (wgpu::BufferUsages::COPY_DST, wgpu::BufferUsages::COPY_SRC);
-        let create = |what, items: u64, size: usize, usage| create(connection, what, items.max(1) * size as u64, usage);
+        let create = |what: &'static str, items: u64, size: usize, usage| {
+            create(connection, what, items.max(1) * size as u64, usage)
+        };
         check_groups(connection, faces, graph.neighbours.len() as u64)?;
 
         let packed = create("faces", faces, size_of::<Face>(), storage | into)?;
@@ -177,6 +179,11 @@ impl Buffers {
         connection.check()?;
 
         let queue = &connection.queue;
+        // whatever else is read was written before, for this surface
+        let mut encoder = connection.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        encoder.clear_buffer(&joining, 0, None);
+        encoder.clear_buffer(&lists, 0, Some(4 * LIST_HEAD));
+        queue.submit([encoder.finish()]);
         let mut chunk: Vec<Face> = Vec::with_capacity(UPLOAD.min(graph.centroids.len()));
         for (at, centroids) in graph.centroids.chunks(UPLOAD).enumerate() {
             let weights = &graph.weights[at * UPLOAD..];
@@ -320,10 +327,11 @@ fn check_groups(connection: &Connection, faces: u64, neighbours: u64) -> Result<
     Ok(())
 }
 
-/// A buffer; refuses one that is larger than the device allows.
+/// A buffer, into which anything may be copied; refuses one that is larger than the device allows. Those that the host does not map may be left from another
+/// surface, with what was in them; there is one of each kind.
 pub(super) fn create(
     connection: &Connection,
-    what: &str,
+    what: &'static str,
     bytes: u64,
     usage: wgpu::BufferUsages,
 ) -> Result<wgpu::Buffer> {
@@ -343,12 +351,21 @@ pub(super) fn create(
             ),
         ));
     }
-    Ok(connection.device.create_buffer(&wgpu::BufferDescriptor {
+    let is_shared = !usage.contains(wgpu::BufferUsages::MAP_READ);
+    let mut pool = lock(&connection.pool);
+    if is_shared && let Some(buffer) = pool.take(what, bytes) {
+        return Ok(buffer);
+    }
+    let buffer = connection.device.create_buffer(&wgpu::BufferDescriptor {
         label: Some(what),
         size: bytes,
-        usage,
+        usage: if is_shared { usage | wgpu::BufferUsages::COPY_DST } else { usage },
         mapped_at_creation: false,
-    }))
+    });
+    if is_shared {
+        pool.lend(what, &buffer);
+    }
+    Ok(buffer)
 }
 
 /// Binds `turns` and, in the order of the kernel's table, its storage buffers.

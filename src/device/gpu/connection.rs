@@ -10,6 +10,7 @@ use std::time::Duration;
 use super::adapter::Found;
 use super::clock::{self, Clock, Profile};
 use super::kernels::{self, Access, Kernel};
+use super::pool::Pool;
 use super::{Fault, FaultPoint, Overrides};
 use crate::error::{Error, Kind, Result};
 
@@ -24,6 +25,8 @@ pub(super) struct Connection {
     /// The device's limits, lowered by [`Overrides`].
     pub(super) limits: wgpu::Limits,
     pub(super) kernels: Kernels,
+    /// What the last surface left for the next.
+    pub(super) pool: Mutex<Pool>,
     /// From [`Overrides`].
     pub(super) always_near: bool,
     merge_kernels: OnceLock<MergeKernels>,
@@ -163,6 +166,7 @@ impl Connection {
             queue,
             limits,
             kernels,
+            pool: Mutex::default(),
             always_near: overrides.always_near,
             merge_kernels: OnceLock::new(),
             name,

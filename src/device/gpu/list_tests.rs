@@ -11,7 +11,7 @@ use super::steps::GpuSteps;
 use super::{GpuDevice, Overrides, energy_shifts};
 use crate::cluster::dual_edge::{Rank, Ties, keep_cheaper_half, mutual};
 use crate::cluster::seeds;
-use crate::device::{Cancel, MergeSteps, Steps};
+use crate::device::{Cancel, Device, MergeSteps, Steps};
 use crate::sample::{Sample, generate};
 use crate::surface::{DualGraph, Surface};
 
@@ -76,6 +76,26 @@ fn the_list_has_the_faces_on_boundaries_and_few_others() {
         steps.repair(&cancel).expect("a repair");
         few(listed(&mut steps, graph, "round"), steps.labels().expect("labels"), "round");
     }
+}
+
+#[test]
+fn buffers_serve_again_and_what_was_in_them_is_not_read() {
+    let found = enumerate().into_iter().filter(|found| found.report.usable).min_by_key(|found| found.report.kind);
+    let mut device = GpuDevice::new(&found.expect("a Vulkan driver")).expect("it opens");
+    let surface = Surface::build(&generate(Sample::Knot, 3000).expect("a sample")).expect("a surface");
+    let graph = &surface.graph;
+    let components = vec![0; 30];
+    assert_eq!(device.spoil_spare_buffers().expect("it is open"), 0, "nothing was left yet");
+    drop(device.open(graph, &components).expect("it fits"));
+    let left = device.spoil_spare_buffers().expect("it is open");
+    assert!(left > 52 * graph.faces() as u64, "{left}");
+
+    let connection = device.connection().expect("it is open");
+    let shifts = energy_shifts(graph, &components).expect("shifts");
+    let buffers = Buffers::new(connection, graph, &shifts, false).expect("it fits");
+    let steps = GpuSteps::new(connection, graph, &components, buffers, ());
+    let (_, garbage) = steps.download::<u32>(steps.encoder(), &steps.buffers.ring, 1).expect("garbage");
+    assert_eq!(garbage, [0xa5a5_a5a5], "nobody has written there for this surface: it is the same buffer");
 }
 
 /// What the late rounds of a hierarchy look at.

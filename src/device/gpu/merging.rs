@@ -76,7 +76,9 @@ impl Merging {
         let kernels = connection.merge_kernels()?;
         let storage = wgpu::BufferUsages::STORAGE;
         let (into, out) = (wgpu::BufferUsages::COPY_DST, wgpu::BufferUsages::COPY_SRC);
-        let create = |what, items: u64, size: usize, usage| create(connection, what, items.max(1) * size as u64, usage);
+        let create = |what: &'static str, items: u64, size: usize, usage| {
+            create(connection, what, items.max(1) * size as u64, usage)
+        };
         let (faces, clusters) = (u64::from(buffers.faces), u64::from(clusters));
         let [columns, rows, _] = buffers.face_groups;
         let most_picked = clusters.min(PICKED);
@@ -120,6 +122,10 @@ impl Merging {
             list_moves: bind(&kernels.list_moves, &[labels, origins, &found, ring, lists]),
             pick_sums: bind(&kernels.pick_sums, &[&entries, sums, &picked]),
         };
+        // a search leaves them cleared
+        let mut encoder = connection.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        encoder.clear_buffer(&choices, 0, None);
+        connection.queue.submit([encoder.finish()]);
         connection.check()?;
         Ok(Self {
             found,

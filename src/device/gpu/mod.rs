@@ -20,7 +20,7 @@
 //! In a hierarchy clusters begin *small*, with most faces listed, and end *large*: with 64 faces each or more. Then a merge tells
 //! the listed faces and those beside them only; others keep the label of a cluster that has ended until somebody needs it
 //! (`shaders/shared/merged.wgsl`): a face that comes to be listed brings those around it up to date, and before all are
-//! read, all are. Pieces are then looked for *near* what moved, if that is one face in 64 or less ([`pieces`]).
+//! read, all are. Pieces are then looked for *near* what moved, if that is one face in 64 or less (`pieces.rs`).
 //!
 //! | step | dispatches |
 //! |---|---|
@@ -82,8 +82,9 @@
 //!
 //! On a software gpu (llvmpipe, two busy cores) a hierarchy of the bunny, 69,451 faces, takes 8.3 s of processor time to the top; it
 //! took 16.9 s while all faces and all clusters that there ever were had a thread in every step, and the host looked for
-//! pieces. (Telling only listed faces of merges, and looking for pieces near moves, is no difference there, nor for igea, 268,686
-//! faces, 43 s: early rounds decide. It is one for the last rounds of larger meshes.) 1,000 clusters of it take 2.2 s from seeds and 1.7 s from a coarse start, then 3.1 s and 2.6 s.
+//! pieces. 1,000 clusters of it take 2.2 s from seeds and 1.7 s from a coarse start, then 3.1 s and 2.6 s. That merges tell only
+//! listed faces, and that pieces are looked for near moves, makes no difference to a whole hierarchy there, nor to that of igea
+//! (268,686 faces, 43 s): early rounds decide.
 //!
 //! Left out: summing up what the threads of a workgroup bring to one cluster before it goes to memory that all share. On
 //! llvmpipe that makes 3 clusters of the bunny 28 % slower and 1,000 clusters 11 %; whether it pays where few clusters are
@@ -103,6 +104,9 @@
 //! portable device offers, 128 MiB, holds 8 million faces. A hierarchy starts with a cluster a face, which makes 244 bytes a
 //! face in a closed triangle mesh, the largest of its buffers 48: that binding holds 2.7 million faces. What does not fit is
 //! refused.
+//!
+//! Buffers stay for the next surface, which takes those that have room for it and not more than twice as much as it needs; the
+//! others are freed before it is brought to the device. 256 MiB are kept at most (`pool.rs`).
 //!
 //! # Compiled kernels
 //!
@@ -127,6 +131,7 @@ mod list_tests;
 mod merge_steps;
 mod merging;
 mod pieces;
+mod pool;
 mod readback;
 mod steps;
 
@@ -246,6 +251,17 @@ impl GpuDevice {
         connection.copy_bandwidth(connection.limits.max_buffer_size.min(1 << 28))
     }
 
+    /// Fills the buffers that are kept for the next surface with garbage, for tests; returns how many bytes.
+    pub fn spoil_spare_buffers(&mut self) -> Result<u64> {
+        let connection = self.connection()?;
+        let mut bytes = 0;
+        for buffer in lock(&connection.pool).spare() {
+            connection.queue.write_buffer(buffer, 0, &vec![0xa5; buffer.size() as usize]);
+            bytes += buffer.size();
+        }
+        Ok(bytes)
+    }
+
     /// Makes something fail once, in the next surface that is opened.
     pub fn inject(&mut self, fault: Fault) {
         self.fault = Some(fault);
@@ -300,7 +316,9 @@ impl Device for GpuDevice {
         let fault = self.fault.take();
         let connection = self.connection()?;
         connection.arm(fault);
+        lock(&connection.pool).take_back();
         let buffers = Buffers::new(connection, graph, &energy_shifts, false)?;
+        lock(&connection.pool).drop_spare();
         Ok(Box::new(GpuSteps::new(connection, graph, component_of_cluster, buffers, ())))
     }
 
@@ -314,9 +332,11 @@ impl Device for GpuDevice {
         let is_software = self.report.kind == AdapterKind::Software;
         let connection = self.connection()?;
         connection.arm(fault);
+        lock(&connection.pool).take_back();
         let buffers = Buffers::new(connection, graph, &energy_shifts, true)?;
         let clusters = energy_shifts.len() as u32;
         let merging = Merging::new(connection, &buffers, clusters, is_software)?;
+        lock(&connection.pool).drop_spare();
         Ok(Box::new(GpuSteps::new(connection, graph, component_of_cluster, buffers, merging)))
     }
 }

@@ -21,7 +21,7 @@ const LARGE: u64 = 64;
 impl<M: MaybeMerging> GpuSteps<'_, M> {
     /// Grows the clusters over the free faces, which are listed after what is encoded.
     pub(super) fn grow_listed(&mut self, mut encoder: wgpu::CommandEncoder, cancel: &Cancel) -> Result<()> {
-        let Buffers { labels, wishes, .. } = &self.buffers;
+        let Buffers { faces, labels, wishes, .. } = &self.buffers;
         // passes go from one to the other and back, and look at listed faces only
         if self.are_behind
             && let Some(merging) = self.merging.merging()
@@ -30,7 +30,7 @@ impl<M: MaybeMerging> GpuSteps<'_, M> {
             let mut pass = self.connection.pass(&mut encoder, "grow");
             self.dispatch(&mut pass, &kernels.mirror, &merging.bindings.mirror, BETWEEN, None);
         } else {
-            encoder.copy_buffer_to_buffer(labels, 0, wishes, 0, None);
+            encoder.copy_buffer_to_buffer(labels, 0, wishes, 0, Some(4 * u64::from(*faces)));
         }
         self.connection.queue.submit([encoder.finish()]);
         self.energy = None;

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use super::FaultPoint;
 use super::buffers::{BETWEEN, Buffers, RING, upload};
-use super::connection::{Compiled, Connection};
+use super::connection::{Compiled, Connection, lock};
 use super::layout::{Slot, UNLISTED};
 use super::merging::MaybeMerging;
 use super::readback::Batch;
@@ -143,7 +143,8 @@ impl<'a, M: MaybeMerging> GpuSteps<'a, M> {
         }
         upload(&self.connection.queue, &self.buffers.labels, 0, labels);
         let mut encoder = self.encoder();
-        encoder.copy_buffer_to_buffer(&self.buffers.labels, 0, &self.buffers.origins, 0, None);
+        let bytes = 4 * u64::from(self.buffers.faces);
+        encoder.copy_buffer_to_buffer(&self.buffers.labels, 0, &self.buffers.origins, 0, Some(bytes));
         self.connection.queue.submit([encoder.finish()]);
         self.gathered = false;
         self.energy = None;
@@ -327,6 +328,12 @@ impl<'a, M: MaybeMerging> GpuSteps<'a, M> {
         pass.set_pipeline(&compiled.pipeline);
         pass.set_bind_group(0, bindings, &[self.buffers.turns.offset(BETWEEN)]);
         pass.dispatch_workgroups_indirect(groups, 0);
+    }
+}
+
+impl<M> Drop for GpuSteps<'_, M> {
+    fn drop(&mut self) {
+        lock(&self.connection.pool).take_back();
     }
 }
 

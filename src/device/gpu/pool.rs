@@ -1,0 +1,71 @@
+//! Buffers that the last surface left, for the next one: making one takes the driver longer than using it again, and wgpu clears
+//! each new one.
+//!
+//! What is in them is from another job. A buffer is read only where it was written for this surface, or cleared (see
+//! [`Buffers::new`](super::buffers::Buffers::new)); a test fills them with garbage in between. No client can read them.
+
+use std::collections::BTreeMap;
+
+/// Bytes that are kept at most: the buffers of a flat clustering of 4 million faces, or of a hierarchy of a million. Where a
+/// surface needed more, nothing is kept.
+const MOST_KEPT: u64 = 256 << 20;
+
+/// Buffers by what they are for.
+#[derive(Debug, Default)]
+pub(super) struct Pool {
+    /// Those that nobody uses.
+    spare: BTreeMap<&'static str, wgpu::Buffer>,
+    /// Those of the surface that is open.
+    lent: BTreeMap<&'static str, wgpu::Buffer>,
+}
+
+/// Whether a buffer of `size` bytes may serve for `needed` bytes: not if more than half of it would lie idle.
+fn suits(size: u64, needed: u64) -> bool {
+    (needed..=2 * needed).contains(&size)
+}
+
+impl Pool {
+    /// A buffer for something, if the last surface left one that suits. Otherwise that one is freed, before another is made.
+    pub fn take(&mut self, what: &'static str, needed: u64) -> Option<wgpu::Buffer> {
+        let buffer = self.spare.remove(what).filter(|buffer| suits(buffer.size(), needed))?;
+        self.lend(what, &buffer);
+        Some(buffer)
+    }
+
+    /// Notes that a surface uses a buffer.
+    pub fn lend(&mut self, what: &'static str, buffer: &wgpu::Buffer) {
+        self.lent.insert(what, buffer.clone());
+    }
+
+    /// Frees what the surface that was opened has no use for.
+    pub fn drop_spare(&mut self) {
+        self.spare.clear();
+    }
+
+    /// Takes back what the surface used that is being closed, or could not be opened.
+    pub fn take_back(&mut self) {
+        if self.lent.is_empty() {
+            return;
+        }
+        let lent = std::mem::take(&mut self.lent);
+        let bytes: u64 = lent.values().map(wgpu::Buffer::size).sum();
+        self.spare = if bytes <= MOST_KEPT { lent } else { BTreeMap::new() };
+    }
+
+    /// Those that nobody uses.
+    pub fn spare(&self) -> impl Iterator<Item = &wgpu::Buffer> {
+        self.spare.values()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_buffer_serves_again_unless_most_of_it_would_lie_idle() {
+        for (size, needed, expected) in [(99, 100, false), (100, 100, true), (200, 100, true), (201, 100, false)] {
+            assert_eq!(suits(size, needed), expected, "{size} for {needed}");
+        }
+    }
+}
