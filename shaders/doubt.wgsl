@@ -1,8 +1,11 @@
 // Pieces in a hierarchy: whether what is known of listed faces tells them all. A piece that goes on among other faces is open.
 //
-// Let two open pieces of a cluster not hang together. A way led from the one to the other through the cluster as it was after
-// the last merge, in one piece. It leaves the first piece by a listed face beside a gap, and comes through that gap to a
-// listed face of another open piece. So where every gap has one open piece beside it, all open pieces of a cluster are one.
+// Let two open pieces of a cluster not hang together. What hangs together with an open piece has faces that are not listed; those
+// never moved, and were of the cluster after the last merge, when it was in one piece. So a way led through it from the one
+// to the other. It leaves what hangs together with the first by a face beside one that left the cluster, or that a
+// closed piece has: beside a gap. That face is listed, as its neighbour left (beside a closed piece it would be part of it). Through
+// gaps the way comes to a listed face of another open piece. So where every gap has one open piece beside it, all open pieces of
+// a cluster are one.
 // The others are whole, and if none of them has as many faces as are left for that one, it is the largest.
 
 @group(0) @binding(0) var<uniform> turn: Turn;

@@ -29,7 +29,8 @@ fn weigh(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
         if face == FREE || atomicLoad(&parents[face]) == FREE {
             continue;
         }
-        let next = root_of(face);
+        // `root_of` would turn other faces, too, maybe after they were turned to their roots
+        let next = end_of(face);
         atomicStore(&parents[face], next);
         // that of a root is where it belongs
         if next != face && atomicLoad(&sizes[face]) == OPEN {

@@ -18,3 +18,14 @@ fn root_of(face: u32) -> u32 {
     }
     return above;
 }
+
+// The same, on a way that nobody changes but to its end: turns nothing, so that a face may be turned to what was found.
+fn end_of(face: u32) -> u32 {
+    var at = face;
+    var above = atomicLoad(&parents[at]);
+    while above != at {
+        at = above;
+        above = atomicLoad(&parents[at]);
+    }
+    return at;
+}

@@ -175,7 +175,7 @@ impl CoarseStart {
         let coarsest = graph_of(self.levels.len());
         // where another device costs nothing, each start has one
         let others: Option<Vec<Box<dyn Device>>> = self.seeds.iter().map(|_| device.another()).collect();
-        let started: Vec<Result<(LatticeEnergy, Start)>> = match others {
+        let started: Result<Vec<(LatticeEnergy, Start)>> = match others {
             Some(others) => {
                 let start =
                     |(seeds, mut device): (_, Box<dyn Device>)| self.merged(coarsest, seeds, device.as_mut(), cancel);
@@ -184,8 +184,7 @@ impl CoarseStart {
             None => self.seeds.iter().map(|seeds| self.merged(coarsest, seeds, device, cancel)).collect(),
         };
         let mut best: Option<(LatticeEnergy, Start)> = None;
-        for started in started {
-            let (energy, start) = started?;
+        for (energy, start) in started? {
             if best.as_ref().is_none_or(|(best, _)| energy > *best) {
                 best = Some((energy, start));
             }

@@ -327,8 +327,8 @@ fn check_groups(connection: &Connection, faces: u64, neighbours: u64) -> Result<
     Ok(())
 }
 
-/// A buffer, into which anything may be copied; refuses one that is larger than the device allows. Those that the host does not map may be left from another
-/// surface, with what was in them; there is one of each kind.
+/// A buffer, into which anything may be copied; refuses one that is larger than the device allows. Those that the host does not
+/// map may be left from another surface, with what was in them; there is one of each kind.
 pub(super) fn create(
     connection: &Connection,
     what: &'static str,

@@ -183,6 +183,18 @@ impl Connection {
         &self.name
     }
 
+    /// Makes the buffers of a surface, of those that the last one left where they serve. The others are freed then, as are all when
+    /// that fails.
+    pub(super) fn lend<T>(&self, make: impl FnOnce() -> Result<T>) -> Result<T> {
+        let made = make();
+        let mut pool = lock(&self.pool);
+        if made.is_err() {
+            pool.take_back();
+        }
+        pool.drop_spare();
+        made
+    }
+
     /// The kernels of hierarchies, which are compiled when the first one is asked for.
     pub(super) fn merge_kernels(&self) -> Result<&MergeKernels> {
         let kernels = self.merge_kernels.get_or_init(|| MergeKernels {

@@ -11,6 +11,7 @@ use super::steps::GpuSteps;
 use super::{GpuDevice, Overrides, energy_shifts};
 use crate::cluster::dual_edge::{Rank, Ties, keep_cheaper_half, mutual};
 use crate::cluster::seeds;
+use crate::device::cpu::CpuDevice;
 use crate::device::{Cancel, Device, MergeSteps, Steps};
 use crate::sample::{Sample, generate};
 use crate::surface::{DualGraph, Surface};
@@ -112,6 +113,8 @@ struct Late {
     cut_off: u64,
     /// Searches for pieces that went over all faces.
     everywhere: usize,
+    /// The same in earlier rounds.
+    everywhere_before: usize,
 }
 
 /// Carries out the rounds of a hierarchy of a knot, those from 27 clusters on counted. Pieces are looked for near moves.
@@ -135,7 +138,11 @@ fn late_rounds(faces: u64) -> Late {
         let words = steps.download::<u32>(steps.encoder(), &steps.buffers.lists, size_of::<Lists>() / 4);
         words.expect("the list").1[at / 4]
     };
-    steps.set_labels(&(0..graph.faces() as u32).collect::<Vec<_>>()).expect("set");
+    let every_face: Vec<u32> = (0..graph.faces() as u32).collect();
+    let mut cpu = CpuDevice::new();
+    let mut on_cpu = cpu.open_merging(graph, &components).expect("the cpu");
+    steps.set_labels(&every_face).expect("set");
+    on_cpu.set_labels(&every_face).expect("set");
     let mut late = Late::default();
     while steps.living.len() > 1 {
         let mut mutual = mutual(&steps.optimal_dual_edges(Ties::Hash).expect("edges"));
@@ -145,19 +152,28 @@ fn late_rounds(faces: u64) -> Late {
         let ends: Vec<u32> = pairs.iter().map(|&(_, from)| from).collect();
         let merged: u32 = steps.sums_of(&ends).expect("sums").iter().map(|sums| sums.faces).sum();
         let before = raw(&steps);
-        steps.merge(&pairs.iter().map(|&(into, from)| (from, into)).collect::<Vec<_>>()).expect("a merge");
+        let turned: Vec<(u32, u32)> = pairs.iter().map(|&(into, from)| (from, into)).collect();
+        steps.merge(&turned).expect("a merge");
+        on_cpu.merge(&turned).expect("a merge");
         let relabelled = before.iter().zip(raw(&steps)).filter(|&(&before, after)| before != after).count();
         steps.optimise_boundary(2, &cancel, &mut |_| {}).expect("optimise");
+        on_cpu.optimise_boundary(2, &cancel, &mut |_| {}).expect("optimise");
         let looks_for_pieces = steps.may_be_cut;
         let cut_off = steps.repair(&cancel).expect("a repair");
-        if is_late {
+        assert_eq!(on_cpu.repair(&cancel).expect("a repair"), cut_off);
+        let moves = steps.moves_since_merge().expect("moves");
+        assert_eq!(moves, on_cpu.moves_since_merge().expect("moves"));
+        let everywhere = usize::from(looks_for_pieces && word(&steps, offset_of!(Lists, everywhere)) != 0);
+        if !is_late {
+            late.everywhere_before += everywhere;
+        } else {
             late.rounds += 1;
             late.listed += word(&steps, offset_of!(Lists, length)) as usize;
             late.relabelled += relabelled;
             late.merged += merged as usize;
-            late.moves += steps.moves_since_merge().expect("moves").len();
+            late.moves += moves.len();
             late.cut_off += cut_off;
-            late.everywhere += usize::from(looks_for_pieces && word(&steps, offset_of!(Lists, everywhere)) != 0);
+            late.everywhere += everywhere;
         }
     }
     let stale = raw(&steps);
@@ -176,6 +192,7 @@ fn late_rounds_look_at_boundaries_and_not_at_the_mesh() {
     assert!(large.moves > 1000, "{context}");
     assert!(large.listed < 3 * small.listed, "{context}");
     assert!(large.relabelled < 3 * small.relabelled && 2 * large.relabelled < large.merged, "{context}");
-    // most of them without a doubt
+    // most of them without a doubt, which others had, so that the search among all faces was tried, too
+    assert!(small.everywhere_before + large.everywhere_before > 0, "{context}");
     assert!(4 * (small.everywhere + large.everywhere) < small.rounds + large.rounds, "{context}");
 }

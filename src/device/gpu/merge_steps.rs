@@ -121,7 +121,13 @@ impl MergeSteps for GpuSteps<'_, Merging> {
     }
 
     fn merge(&mut self, pairs: &[(u32, u32)]) -> Result<()> {
-        self.check_clusters(pairs.iter().flat_map(|&(from, into)| [from, into]))?;
+        // one that became part of itself, or of one that has ended, would be looked for without end
+        let is_living = |cluster: u32| self.living.binary_search(&cluster).is_ok();
+        if let Some((from, into)) =
+            pairs.iter().find(|&&(from, into)| from == into || !is_living(from) || !is_living(into))
+        {
+            return Err(Error::new(Kind::Internal, format_args!("cluster {from} cannot become part of {into}")));
+        }
         if pairs.len() > self.clusters as usize / 2 {
             return Err(Error::new(
                 Kind::Internal,

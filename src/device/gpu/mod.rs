@@ -4,11 +4,12 @@
 //!
 //! Every number that decides a label is an integer, and WGSL specifies integers exactly. Threads influence each other only
 //! through sums, extremes and counts, which do not depend on an order; a kernel reads none of those that it writes itself,
-//! with the exception of the carry, which `shaders/shared/add.wgsl` explains, and of the trees of faces that become pieces,
-//! which end the same in whatever order they are hooked together (`shaders/hook.wgsl`). Ties go to the smaller cluster or face. So an
-//! iteration is a function of the labels before it, the one that [`crate::cluster`] defines, on every device. (A refusal in
-//! the refinement is remembered as the turn in which it happened, and stands until a cluster around the face has changed in
-//! that turn or later; the cpu keeps a list instead, which says the same.)
+//! with the exception of the carry, which `shaders/shared/add.wgsl` explains, of the trees of faces that become pieces,
+//! which end the same in whatever order they are hooked together (`shaders/hook.wgsl`), of gaps, at which the later of two pieces
+//! finds the earlier (`shaders/doubt.wgsl`), and of labels that are brought up to date, to the same by all who do. Ties go to the
+//! smaller cluster or face. So an iteration is a function of the labels before it, the one that [`crate::cluster`] defines, on
+//! every device. (A refusal in the refinement is remembered as the turn in which it happened, and stands until a cluster
+//! around the face has changed in that turn or later; the cpu keeps a list instead, which says the same.)
 //!
 //! # What runs
 //!
@@ -31,7 +32,7 @@
 //! | an iteration of the boundary phase | 3: `propose`, `apply` (a thread a listed face), `fit` (a thread a cluster) |
 //! | an iteration of the refinement | 5: `bid`, `choose`, `join` (a thread a listed face), `judge` (a thread a cluster), `deal` (a thread a listed face) |
 //! | pieces | 7: `fit`, `link`, `hook` (a thread a face), `weigh` (a thread for 8 faces), `elect`, `cut` (a thread a face), `settle` (one thread); before, once labels are not up to date, `follow` (a thread a face) |
-//! | pieces near what moved | 21: `fit`, `explore`, `settle`, `link`, `hook`, `weigh`, `tally`, `mark_gaps`, `hook`, `doubt` (a thread a listed face), `decide` (a thread a cluster), five more that have no workgroups unless there are doubts, `elect`, `cut`, `settle`, `weed`, `line_up` |
+//! | pieces near what moved | 20: `fit`, `explore`, `settle`, `link`, `hook`, `weigh`, `tally`, `mark_gaps`, `hook`, `doubt` (a thread a listed face), `decide` (a thread a cluster), `follow`, `link`, `hook`, `weigh`, which have no workgroups unless there are doubts, `elect`, `cut`, `settle`, `weed`, `line_up` |
 //! | before a growth after merges | 1: `mirror` (a thread a listed face), once labels are not up to date |
 //! | optimal dual edges | 7: `fit`, `weed`, `line_up`, `price`, `break_ties`, `prefer` (a thread a listed face), `list_choices` (a thread a cluster) |
 //! | the cheapest dual edge | 5: `fit`, `weed`, `line_up`, `search` (a thread a listed face, one candidate a workgroup), `reduce` (one workgroup) |
@@ -106,7 +107,7 @@
 //! refused.
 //!
 //! Buffers stay for the next surface, which takes those that have room for it and not more than twice as much as it needs; the
-//! others are freed before it is brought to the device. 256 MiB are kept at most (`pool.rs`).
+//! others are freed when it is there. 256 MiB are kept at most (`pool.rs`).
 //!
 //! # Compiled kernels
 //!
@@ -316,9 +317,7 @@ impl Device for GpuDevice {
         let fault = self.fault.take();
         let connection = self.connection()?;
         connection.arm(fault);
-        lock(&connection.pool).take_back();
-        let buffers = Buffers::new(connection, graph, &energy_shifts, false)?;
-        lock(&connection.pool).drop_spare();
+        let buffers = connection.lend(|| Buffers::new(connection, graph, &energy_shifts, false))?;
         Ok(Box::new(GpuSteps::new(connection, graph, component_of_cluster, buffers, ())))
     }
 
@@ -332,11 +331,11 @@ impl Device for GpuDevice {
         let is_software = self.report.kind == AdapterKind::Software;
         let connection = self.connection()?;
         connection.arm(fault);
-        lock(&connection.pool).take_back();
-        let buffers = Buffers::new(connection, graph, &energy_shifts, true)?;
-        let clusters = energy_shifts.len() as u32;
-        let merging = Merging::new(connection, &buffers, clusters, is_software)?;
-        lock(&connection.pool).drop_spare();
+        let (buffers, merging) = connection.lend(|| {
+            let buffers = Buffers::new(connection, graph, &energy_shifts, true)?;
+            let merging = Merging::new(connection, &buffers, energy_shifts.len() as u32, is_software)?;
+            Ok((buffers, merging))
+        })?;
         Ok(Box::new(GpuSteps::new(connection, graph, component_of_cluster, buffers, merging)))
     }
 }
