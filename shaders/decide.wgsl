@@ -17,8 +17,7 @@ fn decide(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
         second_search = array<u32, 3>(0u, 0u, 0u);
         if in_doubt {
             lists.everywhere = 1u;
-            let groups = (turn.faces + WORKGROUP - 1u) / WORKGROUP;
-            second_search = array<u32, 3>(min(groups, turn.row), (groups + turn.row - 1u) / turn.row, 1u);
+            second_search = cover(turn.faces);
             next_dispatch = second_search;
         }
     }

@@ -5,8 +5,7 @@
 // to the other. It leaves what hangs together with the first by a face beside one that left the cluster, or that a
 // closed piece has: beside a gap. That face is listed, as its neighbour left (beside a closed piece it would be part of it). Through
 // gaps the way comes to a listed face of another open piece. So where every gap has one open piece beside it, all open pieces of
-// a cluster are one.
-// The others are whole, and if none of them has as many faces as are left for that one, it is the largest.
+// a cluster are one. The others are whole, and if none of them has as many faces as are left for that one, it is the largest.
 
 @group(0) @binding(0) var<uniform> turn: Turn;
 @group(0) @binding(1) var<storage, read> neighbours: array<u32>;

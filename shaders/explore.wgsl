@@ -15,12 +15,12 @@ const AROUND: u32 = 64u;
 var<private> found: array<u32, AROUND>;
 var<private> found_count: u32;
 
-// Lists the faces of a cluster beside a face, of those that are not.
+// Lists the faces of a cluster beside a face that is listed, of those that are not. Labels beside it are up to date.
 fn list_beside(face: u32, cluster: u32) {
     let end = neighbours[face + 1u];
     for (var at = neighbours[face]; at < end && found_count < AROUND; at++) {
         let near = neighbours[at];
-        if now_part_of(atomicLoad(&labels[near])) == cluster && claim(near, cluster) {
+        if atomicLoad(&labels[near]) == cluster && claim(near, cluster) {
             refresh_around(near);
             add_newcomer(near);
             found[found_count] = near;
@@ -39,7 +39,7 @@ fn explore_around(face: u32) {
     let end = neighbours[face + 1u];
     for (var at = neighbours[face]; at < end; at++) {
         // they are listed, being beside another cluster now
-        if now_part_of(atomicLoad(&labels[neighbours[at]])) == left {
+        if atomicLoad(&labels[neighbours[at]]) == left {
             list_beside(neighbours[at], left);
         }
     }

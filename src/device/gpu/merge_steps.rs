@@ -15,8 +15,8 @@ use crate::device::{DualEdge, FREE, LatticeEnergy, MergeSteps};
 use crate::error::{Error, Kind, Result};
 
 /// Faces times clusters up to which a software gpu merges one pair at a time: each time all listed faces are searched, in
-/// dispatches that have their price. On llvmpipe, a knot of 2,002 faces to the top takes 9 s of processor time without
-/// optimisation, one of 1,008 faces 19 s with it.
+/// dispatches that have their price. On llvmpipe, a knot of 2,002 faces to the top takes 12 s of processor time without
+/// optimisation, one of 1,008 faces 27 s with it (two busy cores).
 const SOFTWARE_LIMIT: u64 = 1 << 24;
 
 /// Moves that are read along with their number; more are read once that is known.

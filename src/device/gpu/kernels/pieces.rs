@@ -109,7 +109,7 @@ pub const DOUBT: Kernel = Kernel {
 /// In a hierarchy: lets all faces be looked at where they do not.
 pub const DECIDE: Kernel = Kernel {
     name: "decide",
-    sources: &[TURN_WGSL, MARKET_WGSL, LISTS_WGSL, include_str!("../../../../shaders/decide.wgsl")],
+    sources: &[TURN_WGSL, MARKET_WGSL, LISTS_WGSL, COVER_WGSL, include_str!("../../../../shaders/decide.wgsl")],
     bindings: &[TURN, MARKETS, NEXT_DISPATCH, binding("second_search", Access::Write, size_of::<Dispatch>()), LISTS],
     workgroup_size: WORKGROUP,
 };
