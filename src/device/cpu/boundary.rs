@@ -3,7 +3,7 @@
 use super::Move;
 use super::clusters::Clusters;
 use super::labels::Labels;
-use super::watch::{Answer, Rest, Watch, boundary_slack};
+use super::watch::{Answer, Seen, Watch, boundary_slack};
 use crate::surface::DualGraph;
 
 /// The moves that the faces that are due want and the last-face rule allows; the others rest.
@@ -14,11 +14,11 @@ pub fn moves(
     watch: &mut Watch,
     leaving: &mut Leaving,
 ) -> Vec<Move> {
-    let mut wanted = watch.ask(graph, labels, clusters, |face| decide(graph, labels, clusters, face));
+    let mut wanted = watch.ask(|face| decide(graph, labels, clusters, face));
     let kept_back = leaving.kept_back(&wanted, clusters);
     if !kept_back.is_empty() {
         wanted.retain(|leaver| kept_back.binary_search(&leaver.face).is_err());
-        kept_back.into_iter().for_each(|face| watch.kept_back(face));
+        kept_back.into_iter().for_each(|face| watch.add(face));
     }
     wanted
 }
@@ -29,20 +29,15 @@ fn decide(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32) ->
     let from = labels.near_boundary(face);
     let centroid = graph.centroids[face as usize];
     let mut best = (u64::MAX, from);
-    let mut last = from;
-    for &near in graph.neighbours_of(face) {
-        let cluster = labels.near_boundary(near);
-        if cluster != from && cluster != last {
-            best = best.min((clusters.squared_distance(centroid, cluster), cluster));
-            last = cluster;
-        }
-    }
+    let seen = Seen::around(graph, labels, clusters, face, from, |cluster| {
+        best = best.min((clusters.squared_distance(centroid, cluster), cluster));
+    });
     let (distance, to) = best;
     let own = clusters.squared_distance(centroid, from);
     if distance < own {
-        Answer { wish: Some(Move { face, from, to }), rest: Rest::No }
+        Answer { wish: Some(Move { face, from, to }), rest: seen.due() }
     } else {
-        Answer { wish: None, rest: Rest::For(boundary_slack(own, distance)) }
+        Answer { wish: None, rest: seen.rest(boundary_slack(own, distance)) }
     }
 }
 

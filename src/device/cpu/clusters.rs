@@ -29,7 +29,8 @@ pub struct Clusters {
     /// 2·P·S − M·|P|² of each cluster, in units of its component.
     explained: Vec<i128>,
     energy_shifts: Vec<u8>,
-    /// How far each proxy has moved, in lattice units, all its ways added up; more, where it lost too much weight.
+    /// How far each proxy has moved, in lattice units, all its ways added up and rounded up beyond them, so that each change
+    /// adds to it; more, where the cluster lost too much weight.
     drift: Vec<u64>,
     /// A weight that each cluster does not fall below without a drift of [`FAR`].
     least_weight: Vec<u64>,
@@ -147,7 +148,7 @@ impl Clusters {
         self.explained[cluster] = explained;
         // the root of a rounded square is off by far less than one
         let way = squared_distance(proxy, self.proxies[cluster]);
-        self.drift[cluster] += if way > 0 { (way as f64).sqrt() as u64 + 1 } else { 0 };
+        self.drift[cluster] += (way as f64).sqrt() as u64 + 1;
         self.proxies[cluster] = proxy;
         let weight = self.sums[cluster].weight as u64;
         let least = &mut self.least_weight[cluster];

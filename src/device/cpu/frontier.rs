@@ -36,6 +36,11 @@ impl Frontier {
         (0..self.faces_of_cluster.len() as u32).flat_map(|cluster| self.boundary_of(cluster))
     }
 
+    /// How many faces the list of a cluster has.
+    pub fn listed(&self, cluster: u32) -> usize {
+        self.faces_of_cluster[cluster as usize].len()
+    }
+
     /// The boundary faces of a cluster, and maybe some more of its faces; some maybe twice.
     pub fn boundary_of(&self, cluster: u32) -> impl Iterator<Item = u32> + '_ {
         let faces = &self.faces_of_cluster[cluster as usize];

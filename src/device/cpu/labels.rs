@@ -5,8 +5,19 @@
 //! much as the border of the smaller cluster, not its area. Where a contraction stands for the faces nobody looks at borders,
 //! and all of them keep their old names until there is a frontier.
 
+use rayon::prelude::*;
+
 use crate::device::FREE;
 use crate::surface::DualGraph;
+
+/// A pass over so many faces costs less than what a merge otherwise does.
+const FACES_A_MERGE: usize = 256;
+
+/// The same for a face and those beside it that are brought up to date.
+const FACES_AROUND: usize = 8;
+
+/// Faces that a thread relabels at a time.
+const PIECE: usize = 1 << 14;
 
 /// One label a face, internal order.
 #[derive(Debug)]
@@ -15,18 +26,21 @@ pub struct Labels {
     raw: Vec<u32>,
     /// What each cluster became part of; itself while it lives. Empty until clusters merge.
     merged_into: Vec<u32>,
+    /// Whether all labels are those of living clusters.
+    are_new: bool,
 }
 
 impl Labels {
     /// All faces free.
     pub fn new(faces: usize) -> Self {
-        Self { raw: vec![FREE; faces], merged_into: Vec::new() }
+        Self { raw: vec![FREE; faces], merged_into: Vec::new(), are_new: true }
     }
 
     /// Replaces all labels by those of living clusters.
     pub fn replace(&mut self, labels: &[u32]) {
         self.raw.copy_from_slice(labels);
         self.merged_into.clear();
+        self.are_new = true;
     }
 
     /// Number of faces.
@@ -43,7 +57,7 @@ impl Labels {
     /// The label of any face.
     pub fn of(&self, face: u32) -> u32 {
         let mut label = self.raw[face as usize];
-        if !self.merged_into.is_empty() && label != FREE {
+        if !self.are_new && label != FREE {
             while self.merged_into[label as usize] != label {
                 label = self.merged_into[label as usize];
             }
@@ -54,7 +68,7 @@ impl Labels {
     /// Brings the label of a face up to date, and returns it.
     pub fn refresh(&mut self, face: u32) -> u32 {
         let old = self.raw[face as usize];
-        if self.merged_into.is_empty() || old == FREE || self.merged_into[old as usize] == old {
+        if self.are_new || old == FREE || self.merged_into[old as usize] == old {
             return old;
         }
         let label = self.of(face);
@@ -68,7 +82,10 @@ impl Labels {
 
     /// Brings the labels of some faces and of those beside them up to date.
     pub fn refresh_around(&mut self, graph: &DualGraph, faces: &[u32]) {
-        if self.merged_into.is_empty() {
+        if FACES_AROUND * faces.len() >= self.raw.len() {
+            self.renew();
+        }
+        if self.are_new {
             return;
         }
         for &face in faces {
@@ -84,22 +101,47 @@ impl Labels {
         self.raw[face as usize] = label;
     }
 
-    /// Lets a cluster of `clusters` become part of another. Where there is a frontier, the faces near its boundary must be
-    /// refreshed.
-    pub fn merge(&mut self, clusters: usize, into: u32, from: u32) {
+    /// Lets clusters of `clusters` become part of others, each the first of its pair of the second, which lives. Where there is a
+    /// frontier, the faces near the boundaries of the former must be refreshed.
+    pub fn merge(&mut self, clusters: usize, pairs: &[(u32, u32)]) {
         if self.merged_into.is_empty() {
             self.merged_into.extend(0..clusters as u32);
         }
-        self.merged_into[from as usize] = into;
+        for &(from, into) in pairs {
+            self.merged_into[from as usize] = into;
+        }
+        self.are_new = false;
+    }
+
+    /// Brings all labels up to date, if so many merges are worth that.
+    pub fn renew_after(&mut self, merges: usize) {
+        if FACES_A_MERGE * merges >= self.raw.len() {
+            self.renew();
+        }
     }
 
     /// All labels, up to date.
     pub fn all(&mut self) -> &[u32] {
-        if !self.merged_into.is_empty() {
-            for face in 0..self.raw.len() as u32 {
-                self.refresh(face);
-            }
-        }
+        self.renew();
         &self.raw
+    }
+
+    /// Brings all labels up to date.
+    fn renew(&mut self) {
+        if std::mem::replace(&mut self.are_new, true) {
+            return;
+        }
+        let merged_into = &mut self.merged_into;
+        // those that clusters merged into lately live, or merged earlier
+        for cluster in 0..merged_into.len() {
+            let mut into = merged_into[cluster];
+            while merged_into[into as usize] != into {
+                into = merged_into[into as usize];
+            }
+            merged_into[cluster] = into;
+        }
+        self.raw.par_chunks_mut(PIECE).for_each(|labels| {
+            labels.iter_mut().filter(|label| **label != FREE).for_each(|label| *label = merged_into[*label as usize]);
+        });
     }
 }

@@ -243,13 +243,12 @@ impl<'a> CpuSteps<'a> {
         }
     }
 
-    /// What all faces that are due want by the boundary test; None when nothing moves. For a phase of so many iterations.
-    fn boundary_moves(&mut self, iterations: u32) -> Option<Vec<Move>> {
+    /// What all faces that are due want by the boundary test; None when nothing moves.
+    fn boundary_moves(&mut self) -> Option<Vec<Move>> {
         let changed = self.clusters.take_changes(Reader::Boundary);
         let Self { graph, labels, clusters, frontier, boundary_watch, leaving, .. } = self;
         let frontier = frontier.as_ref()?;
-        let watch =
-            boundary_watch.get_or_insert_with(|| Watch::new(frontier, graph.faces(), clusters.len(), iterations));
+        let watch = boundary_watch.get_or_insert_with(|| Watch::new(frontier, graph.faces()));
         watch.wake(graph, labels, frontier, &changed, clusters);
         let moves = boundary::moves(graph, labels, clusters, watch, leaving);
         (!moves.is_empty()).then_some(moves)
@@ -261,8 +260,7 @@ impl<'a> CpuSteps<'a> {
         let Self { graph, labels, clusters, frontier: Some(frontier), refinement_watch, bids, .. } = self else {
             return false;
         };
-        let watch =
-            refinement_watch.get_or_insert_with(|| Watch::new(frontier, graph.faces(), clusters.len(), u32::MAX));
+        let watch = refinement_watch.get_or_insert_with(|| Watch::new(frontier, graph.faces()));
         waiting.into_iter().for_each(|face| watch.add(face));
         watch.wake(graph, labels, frontier, &changed, clusters);
         bids.renew(graph, labels, clusters, watch);
@@ -365,8 +363,7 @@ impl Steps for CpuSteps<'_> {
     ) -> Result<Ending> {
         // a boundary phase remembers nothing that it could go on without
         self.resumed = false;
-        self.boundary_watch.take_if(|watch| !watch.suits(max_iterations));
-        self.optimise(max_iterations, cancel, on_iteration, |steps| steps.boundary_moves(max_iterations))
+        self.optimise(max_iterations, cancel, on_iteration, Self::boundary_moves)
     }
 
     fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending> {
@@ -451,19 +448,17 @@ impl MergeSteps for CpuSteps<'_> {
         } else {
             self.gather();
         }
-        for &(from, into) in pairs {
-            self.labels.merge(self.clusters.len(), into, from);
-            self.clusters.merge(into, from);
-        }
+        self.labels.merge(self.clusters.len(), pairs);
+        pairs.iter().for_each(|&(from, into)| self.clusters.merge(into, from));
         if let Some(frontier) = &mut self.frontier {
+            self.labels.renew_after(pairs.len());
+            let mut watches = [&mut self.boundary_watch, &mut self.refinement_watch];
             for &(from, into) in pairs {
-                let mut watches = [&mut self.boundary_watch, &mut self.refinement_watch];
                 frontier.merged(self.graph, &mut self.labels, into, from, |labels, face| {
                     for watch in watches.iter_mut().filter_map(|watch| watch.as_mut()) {
                         watch.merged(self.graph, labels, face);
                     }
                 });
-                watches.into_iter().flatten().for_each(|watch| watch.forget(from));
             }
         }
         self.clusters.refit();

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::clusters::{Change, Clusters};
 use super::labels::Labels;
-use super::watch::{Answer, RefinementSlack, Rest, Slack, Watch};
+use super::watch::{Answer, RefinementSlack, Resting, Seen, Watch};
 use super::{CHUNK, Move};
 use crate::cluster::refinement::{Side, bid, gain};
 use crate::surface::DualGraph;
@@ -103,10 +103,10 @@ impl Bids {
 
     /// Lets the faces that are due bid anew; the other bids stand. Those that do not bid rest.
     pub fn renew(&mut self, graph: &DualGraph, labels: &Labels, clusters: &Clusters, watch: &mut Watch) {
-        let news = watch.ask(graph, labels, clusters, |face| {
-            let (bid, slack) = best_move(graph, labels, clusters, face);
+        let news = watch.ask(|face| {
+            let (bid, rest) = best_move(graph, labels, clusters, face);
             let is_news = bid.differs(self.bid_of_face[face as usize]);
-            Answer { wish: is_news.then_some((face, bid)), rest: Rest::For(slack) }
+            Answer { wish: is_news.then_some((face, bid)), rest }
         });
         news.into_iter().for_each(|(face, bid)| self.place(face, bid));
     }
@@ -250,34 +250,29 @@ impl Bids {
     }
 }
 
-/// The bid of a face: for the neighbouring cluster with the largest positive gain, the smaller number of equal ones. And what
-/// it can bear before it may bid otherwise.
-fn best_move(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32) -> (Bid, Slack) {
+/// The bid of a face: for the neighbouring cluster with the largest positive gain, the smaller number of equal ones. And how
+/// long it will not bid otherwise.
+fn best_move(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32) -> (Bid, Resting) {
     let from = labels.near_boundary(face);
-    if clusters.sums(from).faces == 1 {
-        return (Bid::default(), None);
-    }
     let centroid = graph.centroids[face as usize];
     let weight = graph.weights[face as usize];
-    let side = |cluster| Side {
-        squared_distance: clusters.squared_distance(centroid, cluster),
-        weight: clusters.sums(cluster).weight as u64,
-    };
+    let distance = |cluster| clusters.squared_distance(centroid, cluster);
+    let mut slack = RefinementSlack::new(weight, distance(from), clusters.least_weight(from));
+    let seen = Seen::around(graph, labels, clusters, face, from, |to| {
+        slack.beside(distance(to), clusters.least_weight(to));
+    });
+    if slack.is_clear() || clusters.sums(from).faces == 1 {
+        return (Bid::default(), seen.rest(slack.get()));
+    }
+    let side = |cluster| Side { squared_distance: distance(cluster), weight: clusters.sums(cluster).weight as u64 };
     let own = side(from);
-    let mut slack = RefinementSlack::new(weight, own.squared_distance, clusters.least_weight(from));
     let mut best: Option<(i64, std::cmp::Reverse<u32>)> = None;
-    let mut last = from;
-    for &neighbour in graph.neighbours_of(face) {
-        let to = labels.near_boundary(neighbour);
-        if to != from && to != last {
-            let other = side(to);
-            best = best.max(Some((gain(weight, own, other), std::cmp::Reverse(to))));
-            slack.beside(other.squared_distance, clusters.least_weight(to));
-            last = to;
-        }
-    }
-    match best {
-        Some((gain, std::cmp::Reverse(to))) if gain > 0 => (Bid { gain: bid(gain, weight), from, to }, None),
-        _ => (Bid::default(), slack.get()),
-    }
+    Seen::around(graph, labels, clusters, face, from, |to| {
+        best = best.max(Some((gain(weight, own, side(to)), std::cmp::Reverse(to))));
+    });
+    let bid = match best {
+        Some((gain, std::cmp::Reverse(to))) if gain > 0 => Bid { gain: bid(gain, weight), from, to },
+        _ => Bid::default(),
+    };
+    (bid, seen.rest(0))
 }
