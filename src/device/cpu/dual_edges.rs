@@ -15,6 +15,9 @@ use crate::surface::DualGraph;
 /// Clusters a thread takes at a time.
 const CHUNK: usize = 256;
 
+/// Packed costs are in the order of the costs wherever these differ by a smaller factor.
+const MARGIN: f64 = 1.0 + 1e-6;
+
 /// The best dual edge of each of the given clusters, in their order; None for one without neighbours.
 pub fn optimal(
     graph: &DualGraph,
@@ -29,12 +32,19 @@ pub fn optimal(
         .with_min_len(CHUNK)
         .map(|&cluster| {
             let shift = clusters.energy_shift(cluster);
+            let own = end(clusters, cluster);
             let mut best: Option<Rank<u32>> = None;
+            let mut limit = f64::INFINITY;
             for_each_neighbour(graph, labels, frontier, cluster, |other| {
-                let cost = packed_cost(end(clusters, cluster), end(clusters, other), shift);
-                let rank = Rank::new(cost, cluster, other, ties);
+                let beside = end(clusters, other);
+                let about = own.cost_about(beside);
+                if about > limit {
+                    return;
+                }
+                let rank = Rank::new(packed_cost(own, beside, shift), cluster, other, ties);
                 if best.is_none_or(|best| rank < best) {
                     best = Some(rank);
+                    limit = about * MARGIN;
                 }
             });
             best
