@@ -105,15 +105,14 @@ impl Watch {
         }
     }
 
-    /// A face has come to a cluster, as `labels` say: it must look again, and so must those beside it that see a cluster which
-    /// they did not see before.
+    /// A face has come to a cluster, as `labels` say: it must look again, and so must those beside it that did not see this one
+    /// when they last looked, or rest by the sum over several clusters, which must not become the sum over others.
     pub fn moved(&mut self, graph: &DualGraph, labels: &Labels, face: u32) {
         self.add(face);
         let cluster = labels.near_boundary(face);
         for &near in graph.neighbours_of(face) {
-            let is_of = |other: &u32| *other != face && labels.near_boundary(*other) == cluster;
-            let is_news = || labels.near_boundary(near) != cluster && !graph.neighbours_of(near).iter().any(is_of);
-            if self.sees_several(near) || is_news() {
+            let saw = self.rest_of_face[near as usize].others;
+            if saw == SEVERAL || saw != cluster && labels.near_boundary(near) != cluster {
                 self.add(near);
             }
         }
@@ -124,15 +123,10 @@ impl Watch {
         self.add(face);
         let cluster = labels.near_boundary(face);
         for &near in graph.neighbours_of(face) {
-            if self.sees_several(near) || labels.of(near) != cluster {
+            if self.rest_of_face[near as usize].others == SEVERAL || labels.of(near) != cluster {
                 self.add(near);
             }
         }
-    }
-
-    /// Whether the face may rest by the sum over several clusters, which must not become another one's.
-    fn sees_several(&self, face: u32) -> bool {
-        self.rest_of_face[face as usize].others == SEVERAL
     }
 
     /// Lets the faces be due that can have changed their minds because these clusters gained or lost a face. The labels of
