@@ -15,7 +15,7 @@
 
 use rayon::prelude::*;
 
-use super::clusters::Clusters;
+use super::clusters::{Clusters, DRIFT_BITS};
 use super::frontier::Frontier;
 use super::labels::Labels;
 use super::{CHUNK, batch};
@@ -45,18 +45,18 @@ pub struct Watch {
 /// How long a face rests: until the proxies of the clusters that it sees have together drifted further than `until`.
 #[derive(Debug, Clone, Copy)]
 pub struct Resting {
-    until: u64,
+    until: u32,
     own: u32,
-    others: u32,
+    others: [u32; 2],
 }
 
 /// Less than any drift: due, and on the list of those that are.
-const LISTED: u64 = 0;
+const LISTED: u32 = 0;
 
 /// Less than any drift: due.
-const DUE: u64 = 1;
+const DUE: u32 = 1;
 
-/// In place of the one other cluster that a face sees: there is none, or there are several.
+/// In place of another cluster that a face sees: there is no further one, or, in place of the first, there are more than two.
 const NOBODY: u32 = u32::MAX;
 const SEVERAL: u32 = u32::MAX - 1;
 
@@ -73,8 +73,8 @@ pub struct Answer<T> {
 #[derive(Debug, Clone, Copy)]
 pub struct Seen {
     own: u32,
-    others: u32,
-    /// How far their proxies have drifted, together.
+    others: [u32; 2],
+    /// How far their proxies have drifted, together; of several, as [`drift_of_several`] adds them up.
     drift: u64,
 }
 
@@ -84,7 +84,7 @@ impl Watch {
         let mut watch = Self {
             near: vec![0; faces.div_ceil(64)],
             boundary: 0,
-            rest_of_face: vec![Resting { until: DUE, own: NOBODY, others: NOBODY }; faces],
+            rest_of_face: vec![Resting { until: DUE, own: NOBODY, others: [NOBODY; 2] }; faces],
             due: Vec::new(),
         };
         frontier.all().for_each(|face| watch.mark(face));
@@ -112,7 +112,7 @@ impl Watch {
         let cluster = labels.near_boundary(face);
         for &near in graph.neighbours_of(face) {
             let saw = self.rest_of_face[near as usize].others;
-            if saw == SEVERAL || saw != cluster && labels.near_boundary(near) != cluster {
+            if saw[0] == SEVERAL || !saw.contains(&cluster) && labels.near_boundary(near) != cluster {
                 self.add(near);
             }
         }
@@ -123,7 +123,7 @@ impl Watch {
         self.add(face);
         let cluster = labels.near_boundary(face);
         for &near in graph.neighbours_of(face) {
-            if self.rest_of_face[near as usize].others == SEVERAL || labels.of(near) != cluster {
+            if self.rest_of_face[near as usize].others[0] == SEVERAL || labels.of(near) != cluster {
                 self.add(near);
             }
         }
@@ -219,7 +219,7 @@ impl Watch {
     /// Keeps how long a face rests.
     fn keep(&mut self, face: u32, rest: Resting) {
         self.rest_of_face[face as usize] = rest;
-        if rest.others == NOBODY {
+        if rest.others[0] == NOBODY {
             self.near[face as usize / 64] &= !(1 << (face % 64));
         }
     }
@@ -229,12 +229,14 @@ impl Resting {
     /// Whether it is over.
     #[inline]
     fn is_over(&self, graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32) -> bool {
+        let drift = |cluster| clusters.drift(cluster);
         let drift = match self.others {
-            NOBODY => DUE + 1,
-            SEVERAL => drift_of_several(graph, labels, clusters, face, self.own),
-            other => clusters.drift(self.own) + clusters.drift(other),
+            [NOBODY, _] => return self.until <= DUE,
+            [SEVERAL, _] => drift_of_several(graph, labels, clusters, face, self.own),
+            [other, NOBODY] => drift(self.own) + drift(other),
+            [one, two] => drift(self.own) + drift(one) + drift(two),
         };
-        self.until < drift
+        u64::from(self.until) < drift
     }
 }
 
@@ -250,35 +252,50 @@ impl Seen {
         own: u32,
         mut visit: impl FnMut(u32),
     ) -> Self {
-        let mut seen = Self { own, others: NOBODY, drift: clusters.drift(own) };
-        let mut last = own;
+        let mut others = [NOBODY; 2];
+        let mut drift = clusters.drift(own);
+        let mut are_more = false;
         for &near in graph.neighbours_of(face) {
             let other = labels.near_boundary(near);
-            if other != own && other != last {
-                visit(other);
-                last = other;
-                seen.others = if seen.others == NOBODY { other } else { SEVERAL };
-                seen.drift += clusters.drift(other);
+            if other == own || others.contains(&other) {
+                continue;
+            }
+            visit(other);
+            drift += clusters.drift(other);
+            match others {
+                [NOBODY, _] => others[0] = other,
+                [_, NOBODY] => others[1] = other,
+                _ => are_more = true,
             }
         }
-        seen
+        if are_more {
+            others[0] = SEVERAL;
+            drift = drift_of_several(graph, labels, clusters, face, own);
+        }
+        Self { own, others, drift }
     }
 
-    /// The face rests until the proxies of all these clusters have together drifted further than `slack`. With 0, any change to
-    /// one of them wakes it.
+    /// The face rests until the proxies of all these clusters have together drifted further than `slack`, lattice units. With 0,
+    /// any change to one of them wakes it.
+    #[inline]
     pub fn rest(self, slack: u64) -> Resting {
         let Self { own, others, drift } = self;
-        // a face that sees nobody rests until a face beside it moves
-        Resting { until: if others == NOBODY { u64::MAX } else { drift + slack }, own, others }
+        let until = match others {
+            // until a face beside it moves
+            [NOBODY, _] => u32::MAX,
+            // drifts that come near what u32 can hold let nobody rest
+            _ => u32::try_from(drift + (slack >> DRIFT_BITS)).unwrap_or(DUE),
+        };
+        Resting { until, own, others }
     }
 
     /// The face does not rest.
     pub fn due(self) -> Resting {
-        Resting { until: DUE, ..self.rest(0) }
+        Resting { until: DUE, own: self.own, others: self.others }
     }
 }
 
-/// How far the proxies of the clusters have drifted that a face sees, as [`Seen`] adds them up.
+/// How far the proxies of the clusters have drifted that a face sees, some of them maybe counted twice.
 #[cold]
 fn drift_of_several(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32, own: u32) -> u64 {
     let mut drift = clusters.drift(own);
