@@ -1,8 +1,13 @@
 //! The boundary faces of each cluster: where pieces and dual edges are looked for.
 
+use rayon::prelude::*;
+
 use super::labels::Labels;
 use crate::device::FREE;
 use crate::surface::DualGraph;
+
+/// Faces that a thread looks at to find those on boundaries.
+const PIECE: usize = 1 << 13;
 
 /// One list of boundary faces a cluster.
 ///
@@ -18,17 +23,29 @@ pub struct Frontier {
 impl Frontier {
     /// The frontier of new labels; all faces labelled.
     pub fn collect(graph: &DualGraph, labels: &mut Labels, clusters: usize) -> Self {
-        let faces = labels.len();
-        let mut frontier = Self { faces_of_cluster: vec![Vec::new(); clusters], listed_in: vec![FREE; faces] };
         let all = labels.all();
-        for face in 0..faces as u32 {
+        let is_boundary = |face: &u32| {
+            let own = all[*face as usize];
+            graph.neighbours_of(*face).iter().any(|&near| all[near as usize] != own)
+        };
+        let pieces = all.len().div_ceil(PIECE);
+        let found = (0..pieces).into_par_iter().map(|piece| {
+            let faces = (piece * PIECE) as u32..((piece + 1) * PIECE).min(all.len()) as u32;
+            faces.filter(is_boundary).collect()
+        });
+        let found: Vec<Vec<u32>> = found.collect();
+        let mut listed_of_cluster = vec![0; clusters];
+        found.iter().flatten().for_each(|&face| listed_of_cluster[all[face as usize] as usize] += 1);
+        // as much room again, as when a list is pruned
+        let mut faces_of_cluster: Vec<Vec<u32>> =
+            listed_of_cluster.into_iter().map(|listed: usize| Vec::with_capacity(2 * listed)).collect();
+        let mut listed_in = vec![FREE; all.len()];
+        for face in found.into_iter().flatten() {
             let own = all[face as usize];
-            if graph.neighbours_of(face).iter().any(|&near| all[near as usize] != own) {
-                frontier.listed_in[face as usize] = own;
-                frontier.faces_of_cluster[own as usize].push(face);
-            }
+            listed_in[face as usize] = own;
+            faces_of_cluster[own as usize].push(face);
         }
-        frontier
+        Self { faces_of_cluster, listed_in }
     }
 
     /// The boundary faces of all clusters, and maybe some more; some maybe twice.
