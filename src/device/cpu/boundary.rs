@@ -28,7 +28,7 @@ pub fn moves(
 fn decide(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32) -> Answer<Move> {
     let from = labels.near_boundary(face);
     let centroid = graph.centroids[face as usize];
-    let mut best = (u64::MAX, from);
+    let mut best = (i64::MAX.cast_unsigned(), from);
     let seen = Seen::around(graph, labels, clusters, face, from, |cluster| {
         best = best.min((clusters.squared_distance(centroid, cluster), cluster));
     });
