@@ -73,10 +73,9 @@ pub(super) fn run(
     };
     drop(steps);
     let cluster = started.elapsed() - upload;
-    let clusters = start.component_of_cluster.len();
     Ok(Clustered {
-        clusters,
-        initial_energy: Some(surface.source_energy(&clustering.initial, clusters)),
+        device: device.info().clone(),
+        clusters: start.component_of_cluster.len(),
         tree: None,
         iterations,
         levels: Vec::new(),
@@ -84,6 +83,7 @@ pub(super) fn run(
         snapshots: record,
         upload,
         cluster,
+        initial: Some(clustering.initial),
         labels: clustering.labels,
     })
 }

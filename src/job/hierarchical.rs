@@ -69,18 +69,14 @@ pub(super) fn run(
             (told.borrow_mut())(Row::Round(level));
         }
     };
-    let (tree, mut labels) =
-        hierarchical(surface, options, steps.as_mut(), cancel, &mut keep_iteration, &mut keep_round)?;
+    let (tree, labels) = hierarchical(surface, options, steps.as_mut(), cancel, &mut keep_iteration, &mut keep_round)?;
     drop(steps);
     let cluster = started.elapsed();
-    let clusters = number(&mut labels);
-    if clusters as u64 != target {
-        return Err(Error::new(Kind::Internal, format_args!("{clusters} of {target} clusters have faces")));
-    }
     Ok(Clustered {
+        device: device.info().clone(),
         labels,
-        clusters,
-        initial_energy: None,
+        clusters: target as usize,
+        initial: None,
         tree: Some(tree),
         iterations,
         levels: levels.rows,
@@ -110,8 +106,8 @@ pub(super) fn header(input: &Input, parameters: &Parameters) -> Result<Header> {
     })
 }
 
-/// Gives clusters the numbers 0 … K − 1, by the first face that carries them; returns K.
-fn number(labels: &mut [u32]) -> usize {
+/// Gives clusters the numbers 0 … K − 1, by the first face that carries them. Checks that there are as many as expected.
+pub(super) fn number(labels: &mut [u32], expected: usize) -> Result<()> {
     let mut number_of_cluster: Vec<Option<u32>> = vec![None; labels.len()];
     let mut seen = 0;
     for label in labels {
@@ -120,7 +116,10 @@ fn number(labels: &mut [u32]) -> usize {
             seen - 1
         });
     }
-    seen as usize
+    if seen as usize != expected {
+        return Err(Error::new(Kind::Internal, format_args!("{seen} of {expected} clusters have faces")));
+    }
+    Ok(())
 }
 
 /// The rows of the report: every round while there are few clusters, and enough of them above.
@@ -193,7 +192,9 @@ mod tests {
     #[test]
     fn clusters_are_numbered_by_their_first_faces() {
         let mut labels = [4, 4, 1, 0, 1];
-        assert_eq!(number(&mut labels), 3);
+        assert_eq!(number(&mut labels, 3), Ok(()));
         assert_eq!(labels, [0, 0, 1, 2, 1]);
+        let error = number(&mut labels, 4).expect_err("there are three");
+        assert!(error.message.contains("3 of 4"), "{error}");
     }
 }

@@ -1,14 +1,17 @@
 //! One job from bytes to results: what the command line and the service both do.
 //!
-//! Three stages, so that the service can overlap them for neighbouring jobs: [`prepare`] (parse, topology, seeds) and
-//! the encoding of results ([`crate::output`]) belong on the cpu pool, [`run`] on the thread of the device.
+//! Stages, so that the service can overlap them for neighbouring jobs: [`cluster`] belongs on the thread of the device; what
+//! comes before ([`prepare`]: parse, topology, seeds) and after ([`finish`], and the encoding of results, [`crate::output`])
+//! on the cpu pool.
 
+mod finish;
 mod flat;
 mod hierarchical;
 mod npy;
 mod seed_list;
 mod weight_list;
 
+pub use finish::{finish, labels_sha256};
 #[cfg(fuzzing)]
 pub(crate) use seed_list::parse as parse_seeds;
 pub use weight_list::check_head as check_head_of_weights;
@@ -17,17 +20,15 @@ pub(crate) use weight_list::parse as parse_weights;
 
 use std::time::{Duration, Instant};
 
-use sha2::{Digest, Sha256};
-
 use crate::cluster::coarse::CoarseStart;
+use crate::cluster::hierarchy;
 use crate::cluster::record::Record;
 use crate::cluster::seeds::{self, SeedFaces};
-use crate::cluster::{hierarchy, repair};
 use crate::device::{Cancel, Device};
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::mesh::{self, Admit, Format, Limits, PolygonMesh, Resources};
 use crate::parameters::{Algorithm, Optimize, Parameters, Refine, Seeds};
-use crate::report::{Energy, Input, Iteration, Level, Report, Row, Timings, WeightedBy};
+use crate::report::{DeviceInfo, Input, Iteration, Level, Report, Row, Timings, WeightedBy};
 use crate::surface::{Surface, Wanted};
 use crate::tree::Tree;
 use crate::tree::stored::Stored;
@@ -181,105 +182,40 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
     Ok(Prepared { surface, plan, input, parameters, weighted_by, warnings, timings })
 }
 
-/// Clusters a prepared mesh. `on_row` is told of every row of the report as it comes.
+/// Clusters a prepared mesh, and finishes. `on_row` is told of every row of the report as it comes.
 pub fn run(
     prepared: &Prepared,
     device: &mut dyn Device,
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
 ) -> Result<Outcome> {
+    finish(prepared, cluster(prepared, device, cancel, on_row)?)
+}
+
+/// The part of a job that needs the device. `on_row` is told of every row of the report as it comes.
+pub fn cluster(
+    prepared: &Prepared,
+    device: &mut dyn Device,
+    cancel: &Cancel,
+    on_row: &mut dyn FnMut(Row),
+) -> Result<Clustered> {
     cancel.check()?;
-    let info = device.info().clone();
-    let mut clustered = match &prepared.plan {
-        Plan::Flat(seeds) => flat::run(prepared, flat::From::Seeds(seeds), device, cancel, on_row)?,
-        Plan::Coarse(start) => flat::run(prepared, flat::From::Coarse(start), device, cancel, on_row)?,
-        Plan::Hierarchy(options) => hierarchical::run(prepared, options, device, cancel, on_row)?,
-    };
-    let ended = Instant::now();
-
-    let Prepared { surface, parameters, .. } = prepared;
-    let clusters = clustered.clusters;
-    let results = Results::of(surface, &clustered.labels, clusters, parameters.seeds == Seeds::Listed);
-    let energy = Energy {
-        functional: "cvd".to_owned(),
-        weighted_by: prepared.weighted_by.clone(),
-        initial: clustered.initial_energy.and_then(finite),
-        final_: finite(results.energy),
-        hexagon_ratio: results.hexagon_ratio,
-    };
-    let (labels, labels_sha256) = match (parameters.clusters, &clustered.tree) {
-        (None, Some(_)) => (None, None),
-        _ => results.labels.map(|(labels, hash)| (Some(labels), Some(hash)))?,
-    };
-    let mut snapshots = std::mem::take(&mut clustered.snapshots);
-    if let Some(labels) = &labels {
-        let mut number_of_cluster = vec![0; clusters];
-        for (&face, &label) in surface.upload_face.iter().zip(&clustered.labels) {
-            number_of_cluster[label as usize] = labels[face as usize];
-        }
-        snapshots.renumber(&surface.upload_face, &number_of_cluster);
-    }
-    let timings_ms = Timings {
-        upload: milliseconds(clustered.upload),
-        cluster: milliseconds(clustered.cluster),
-        download: milliseconds(ended.elapsed()),
-        ..prepared.timings
-    };
-    let mut warnings = prepared.warnings.clone();
-    warnings.append(&mut clustered.warnings);
-    let report = Report {
-        input: prepared.input.clone(),
-        algorithm: parameters.algorithm,
-        parameters: parameters.clone(),
-        device: info,
-        clusters: clusters as u64,
-        disconnected_clusters: results.disconnected_clusters,
-        energy,
-        iterations: clustered.iterations,
-        levels: clustered.levels,
-        timings_ms,
-        labels_sha256,
-        snapshots: snapshots.iterations(),
-        warnings,
-    };
-    let hierarchy = match clustered.tree {
-        Some(tree) => Some(Stored { header: hierarchical::header(&prepared.input, parameters)?, tree }),
-        None => None,
-    };
-    Ok(Outcome { labels, hierarchy, snapshots, report })
-}
-
-/// What is told of labels, found side by side.
-struct Results {
-    /// Source units.
-    energy: f64,
-    hexagon_ratio: Option<f64>,
-    disconnected_clusters: u64,
-    /// In upload order, and their hash.
-    labels: Result<(Vec<u32>, String)>,
-}
-
-impl Results {
-    fn of(surface: &Surface, internal: &[u32], clusters: usize, keep_numbers: bool) -> Self {
-        let labels = || {
-            let labels = labels_of_upload(surface, internal, clusters, keep_numbers)?;
-            let hash = labels_sha256(&labels);
-            Ok((labels, hash))
-        };
-        let ((energy, hexagon_ratio), (disconnected_clusters, labels)) = rayon::join(
-            || (surface.source_energy(internal, clusters), surface.hexagon_ratio(internal, clusters)),
-            || (repair::disconnected_clusters(surface, clusters, internal), labels()),
-        );
-        Self { energy, hexagon_ratio, disconnected_clusters, labels }
+    match &prepared.plan {
+        Plan::Flat(seeds) => flat::run(prepared, flat::From::Seeds(seeds), device, cancel, on_row),
+        Plan::Coarse(start) => flat::run(prepared, flat::From::Coarse(start), device, cancel, on_row),
+        Plan::Hierarchy(options) => hierarchical::run(prepared, options, device, cancel, on_row),
     }
 }
 
-/// What an algorithm gave, before it is put into the order of the upload.
-struct Clustered {
-    /// One label a face below `clusters`, internal order.
+/// What a device gave: labels as it numbers them, of faces in internal order. [`finish`] makes the results of it.
+#[derive(Debug)]
+pub struct Clustered {
+    device: DeviceInfo,
+    /// One a face: below `clusters`, or of a hierarchy, any that the clusters had.
     labels: Vec<u32>,
     clusters: usize,
-    initial_energy: Option<f64>,
+    /// The labels after the growth, of flat clusterings.
+    initial: Option<Vec<u32>>,
     tree: Option<Tree>,
     iterations: Vec<Iteration>,
     levels: Vec<Level>,
@@ -305,41 +241,6 @@ fn describe(mesh: &PolygonMesh, surface: &Surface) -> Input {
         duplicate_faces: counts.duplicate_faces,
         parts: mesh.parts.clone(),
     }
-}
-
-/// Labels in upload order: those of listed seeds keep their numbers, others are numbered by the first face that
-/// carries them. Checks that every cluster has a face.
-fn labels_of_upload(surface: &Surface, internal: &[u32], clusters: usize, keep_numbers: bool) -> Result<Vec<u32>> {
-    let mut labels = vec![0; internal.len()];
-    for (&face, &label) in surface.upload_face.iter().zip(internal) {
-        labels[face as usize] = label;
-    }
-    let mut number_of_cluster: Vec<Option<u32>> = vec![None; clusters];
-    let mut seen = 0;
-    for label in &mut labels {
-        let number = number_of_cluster[*label as usize].get_or_insert_with(|| {
-            let number = if keep_numbers { *label } else { seen };
-            seen += 1;
-            number
-        });
-        *label = *number;
-    }
-    if seen as usize != clusters {
-        return Err(Error::new(Kind::Internal, format_args!("{seen} of {clusters} clusters have faces")));
-    }
-    Ok(labels)
-}
-
-/// SHA-256 of labels as u32 little-endian, lower-case hexadecimal.
-pub fn labels_sha256(labels: &[u32]) -> String {
-    let mut hash = Sha256::new();
-    let mut bytes = Vec::with_capacity(4 * 16_384);
-    for chunk in labels.chunks(16_384) {
-        bytes.clear();
-        bytes.extend(chunk.iter().flat_map(|label| label.to_le_bytes()));
-        hash.update(&bytes);
-    }
-    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// JSON has no infinities.

@@ -1,12 +1,12 @@
-//! Failures on purpose: named points at which a test makes the service fail as a disk or a device would.
+//! Failures on purpose: named points at which a test makes the service fail as a disk or a device would, or wait.
 //!
 //! In builds without debug assertions nothing can be armed, and a point costs nothing.
 
 use std::io;
 #[cfg(debug_assertions)]
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
-/// Where something can be made to fail.
+/// Where something can be made to fail, or to wait.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FaultPoint {
     /// Before a transaction of the store is committed.
@@ -17,6 +17,8 @@ pub enum FaultPoint {
     ReadBlob,
     /// Before the folder is looked at.
     ProbeFolder,
+    /// When the device is done with a job, before results are made of what it gave.
+    Finish,
 }
 
 /// The faults that are armed; clones share them.
@@ -24,6 +26,34 @@ pub enum FaultPoint {
 pub struct Faults {
     #[cfg(debug_assertions)]
     armed: Arc<Mutex<Vec<Armed>>>,
+    #[cfg(debug_assertions)]
+    held: Arc<Held>,
+}
+
+/// Points at which everything waits, and how many wait there.
+#[cfg(debug_assertions)]
+#[derive(Debug, Default)]
+struct Held {
+    points: Mutex<Vec<(FaultPoint, usize)>>,
+    changed: Condvar,
+}
+
+#[cfg(debug_assertions)]
+impl Held {
+    fn points(&self) -> MutexGuard<'_, Vec<(FaultPoint, usize)>> {
+        self.points.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits as long as the point is held.
+    fn pass(&self, at: FaultPoint) {
+        let mut points = self.points();
+        if let Some((_, waiting)) = points.iter_mut().find(|(point, _)| *point == at) {
+            *waiting += 1;
+        }
+        while points.iter().any(|(point, _)| *point == at) {
+            points = self.changed.wait(points).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
 }
 
 #[cfg(debug_assertions)]
@@ -44,15 +74,30 @@ impl Faults {
         self.armed.lock().unwrap_or_else(PoisonError::into_inner).push(armed);
     }
 
-    /// Nothing fails any more.
+    /// From now on, everything that comes to `point` waits there. Not for points on the runtime's own threads.
+    #[cfg(debug_assertions)]
+    pub fn hold(&self, point: FaultPoint) {
+        self.held.points().push((point, 0));
+    }
+
+    /// How many wait at a point.
+    #[cfg(debug_assertions)]
+    pub fn waiting(&self, at: FaultPoint) -> usize {
+        self.held.points().iter().find(|(point, _)| *point == at).map_or(0, |(_, waiting)| *waiting)
+    }
+
+    /// Nothing fails any more, or waits.
     #[cfg(debug_assertions)]
     pub fn disarm(&self) {
         self.armed.lock().unwrap_or_else(PoisonError::into_inner).clear();
+        self.held.points().clear();
+        self.held.changed.notify_all();
     }
 
-    /// An error when a fault is armed for this point.
+    /// An error when a fault is armed for this point; waits first when it is held.
     #[cfg(debug_assertions)]
     pub(super) fn hit(&self, point: FaultPoint) -> io::Result<()> {
+        self.held.pass(point);
         let mut armed = self.armed.lock().unwrap_or_else(PoisonError::into_inner);
         for fault in armed.iter_mut().filter(|fault| fault.point == point) {
             if fault.passes > 0 {

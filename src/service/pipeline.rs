@@ -1,7 +1,7 @@
 //! From the queue to results: read → cluster → write, for several jobs at a time.
 //!
 //! Jobs are claimed in the order of submission. Each holds a slot until it ends, so that no more meshes are in memory
-//! than there are slots, and waits for its share of [`memory`] before it is read; within that, meshes are read and results
+//! than there are slots, and waits for its share of [`memory`] before it is read; within that, meshes are read and results made and
 //! written on tokio's blocking threads while the one [`device_thread`] clusters; [`small`] meshes have threads of their own. A job that fails, or panics, fails alone.
 //!
 //! An attempt at a job comes to one of three [`Verdict`]s. The job has ended; or it is released, because the device, the

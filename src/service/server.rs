@@ -151,7 +151,7 @@ impl Server {
         let files = Arc::new(Files::open(settings.data_dir.as_deref(), settings.storage.disk(), faults.clone())?);
         let rules = Rules { max_queued: settings.max_queued_jobs, max_attempts: settings.work.max_attempts };
         let store: Arc<dyn JobStore> = match files.database() {
-            Some(path) => Arc::new(SqliteStore::open(&path, rules, faults).await?),
+            Some(path) => Arc::new(SqliteStore::open(&path, rules, faults.clone()).await?),
             None => Arc::new(MemoryStore::new(rules)),
         };
         let metrics = Arc::new(Metrics::new(&description.info));
@@ -174,6 +174,7 @@ impl Server {
                 timeout,
                 Arc::clone(&health),
                 Arc::clone(&metrics),
+                faults,
             )?,
             metrics: Arc::clone(&metrics),
         };

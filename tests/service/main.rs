@@ -12,6 +12,7 @@ mod limits;
 mod manners;
 mod metrics;
 mod openapi;
+mod overlap;
 mod results;
 mod support;
 mod upload;

@@ -1,5 +1,8 @@
 //! The one thread that works with the device: it takes prepared meshes one after the other.
 //!
+//! Its turn at a job ends when the device has given what it has to give: results are made of that on the cpu pool, while the
+//! thread is at the next job.
+//!
 //! What can go wrong with a device is dealt with here. One that was lost is opened anew before the next mesh. One that
 //! shows no sign of life is left to itself, with its thread, and another thread begins anew. Where the cpu is allowed to
 //! stand in, it takes meshes that lost the device before, and all of them while there is no device. A device that cannot
@@ -20,8 +23,10 @@ use super::stages::Slot;
 use crate::device::cpu::CpuDevice;
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
-use crate::job::{self, Outcome, Prepared};
+use crate::job::{self, Clustered, Outcome, Prepared};
 use crate::report::{DeviceKind, Row};
+use crate::service::faults::{FaultPoint, Faults};
+use crate::service::files::blocking;
 use crate::service::health::{Health, Part, Severity};
 use crate::service::metrics::Metrics;
 
@@ -44,14 +49,22 @@ pub(super) struct Task {
     /// Where the lines of the log belong.
     pub span: tracing::Span,
     /// Freed when the mesh is: other meshes wait for its place in memory.
-    pub _slot: Slot,
+    pub slot: Slot,
 }
 
-/// A task and whoever waits for its outcome, who may be gone.
+/// A mesh that the device is done with.
+struct Done {
+    prepared: Prepared,
+    clustered: Clustered,
+    /// As that of the [`Task`].
+    _slot: Slot,
+}
+
+/// A task and whoever waits for what becomes of it, who may be gone.
 struct Submitted {
     /// None to only look after the device.
     task: Option<Task>,
-    reply: oneshot::Sender<Result<Outcome>>,
+    reply: oneshot::Sender<Result<Done>>,
 }
 
 /// The way to the thread. It ends when this is dropped.
@@ -80,6 +93,7 @@ struct Shared {
     cpu_below_faces: Option<u64>,
     health: Arc<Health>,
     metrics: Arc<Metrics>,
+    faults: Faults,
 }
 
 impl fmt::Debug for DeviceThread {
@@ -98,8 +112,9 @@ impl DeviceThread {
         timeout: Duration,
         health: Arc<Health>,
         metrics: Arc<Metrics>,
+        faults: Faults,
     ) -> Result<Self> {
-        let shared = Arc::new(Shared { reopen, cpu_below_faces, health, metrics });
+        let shared = Arc::new(Shared { reopen, cpu_below_faces, health, metrics, faults });
         shared.metrics.device_opened(device.memory_meter());
         let takes_small = cpu_below_faces.is_some_and(|faces| faces > SMALL_FACES as u64);
         let cpu = || takes_small.then(|| Box::new(CpuDevice::new()) as Box<dyn Device>);
@@ -108,16 +123,24 @@ impl DeviceThread {
         Ok(Self { shared, like, thread, turn: tokio::sync::Mutex::default(), timeout })
     }
 
-    /// Clusters a mesh, after those that came before, or on one of the threads for small ones. [`Kind::DeviceLost`] when the device was lost, or seems to be.
-    /// [`Kind::TimeLimit`] when it takes longer than `limit`, not counting the time that it waits for others.
+    /// Clusters a mesh, after those that came before, or on one of the threads for small ones, and makes results of that beside
+    /// the next. [`Kind::DeviceLost`] when the device was lost, or seems to be. [`Kind::TimeLimit`] when it takes longer than
+    /// `limit`, not counting the time that it waits for others.
     pub(super) async fn run(&self, task: Task, small: &SmallMeshes, limit: Option<Duration>) -> Result<Outcome> {
         if let Some(device) = self.another().filter(|_| task.prepared.surface.faces() <= SMALL_FACES) {
             let thread = small.thread().await?;
-            let shared = Arc::clone(&self.shared);
-            return within(limit, thread.run(move || task.run_on(device, &shared.metrics))).await;
+            let (shared, span) = (Arc::clone(&self.shared), task.span.clone());
+            let work = move || span.in_scope(|| task.run_on(device, &shared.metrics)?.finish(&shared.faults));
+            return within(limit, thread.run(work)).await;
         }
-        let _turn = self.turn.lock().await;
-        within(limit, self.submit(Some(task))).await
+        let turn = self.turn.lock().await;
+        let work = async {
+            let done = self.submit(Some(task)).await;
+            drop(turn);
+            let (done, faults, span) = (done?, self.shared.faults.clone(), tracing::info_span!("finish"));
+            blocking(move || caught(|| span.in_scope(|| done.finish(&faults)))).await?
+        };
+        within(limit, work).await
     }
 
     fn another(&self) -> Option<Box<dyn Device>> {
@@ -133,7 +156,7 @@ impl DeviceThread {
         }
     }
 
-    async fn submit(&self, task: Option<Task>) -> Result<Outcome> {
+    async fn submit(&self, task: Option<Task>) -> Result<Done> {
         let gone = || Error::new(Kind::Internal, "the thread of the device is gone");
         let (reply, mut outcome) = oneshot::channel();
         let Thread { tasks, life } = self.thread.lock().unwrap_or_else(PoisonError::into_inner).clone();
@@ -237,7 +260,7 @@ impl Devices {
         Self { shared: Arc::clone(shared), device, cpu, next_attempt: None }
     }
 
-    fn run(&mut self, task: &mut Task) -> Result<Outcome> {
+    fn run(&mut self, task: &mut Task) -> Result<Clustered> {
         let Prepared { surface, parameters, .. } = &task.prepared;
         let is_few = self.shared.cpu_below_faces.is_some_and(|faces| (surface.faces() as u64) < faces);
         let suits_cpu = parameters.algorithm.is_sequential() || task.is_retry || is_few;
@@ -317,22 +340,32 @@ impl Devices {
 }
 
 impl Task {
-    fn run(mut self, devices: &mut Devices) -> Result<Outcome> {
-        let span = self.span.clone();
-        let _entered = span.enter();
-        // All of the job's rows are told, and its place is free, before its outcome is known.
-        caught(|| devices.run(&mut self))
+    fn run(self, devices: &mut Devices) -> Result<Done> {
+        self.done(|task| devices.run(task))
     }
 
     /// The same on a device of its own.
-    fn run_on(mut self, mut device: Box<dyn Device>, metrics: &Metrics) -> Result<Outcome> {
-        let span = self.span.clone();
-        let _entered = span.enter();
-        caught(|| self.cluster(device.as_mut(), metrics))
+    fn run_on(self, mut device: Box<dyn Device>, metrics: &Metrics) -> Result<Done> {
+        self.done(|task| task.cluster(device.as_mut(), metrics))
     }
 
-    fn cluster(&mut self, device: &mut dyn Device, metrics: &Metrics) -> Result<Outcome> {
+    /// All of the job's rows are told, and if it failed its place is free, before that is known.
+    fn done(mut self, work: impl FnOnce(&mut Self) -> Result<Clustered>) -> Result<Done> {
+        let span = self.span.clone();
+        let clustered = span.in_scope(|| caught(|| work(&mut self)))?;
+        Ok(Done { prepared: self.prepared, clustered, _slot: self.slot })
+    }
+
+    fn cluster(&mut self, device: &mut dyn Device, metrics: &Metrics) -> Result<Clustered> {
         let _working = metrics.device_works();
-        job::run(&self.prepared, device, &self.cancel, &mut *self.on_row)
+        job::cluster(&self.prepared, device, &self.cancel, &mut *self.on_row)
+    }
+}
+
+impl Done {
+    /// Makes results, and frees the mesh.
+    fn finish(self, faults: &Faults) -> Result<Outcome> {
+        faults.hit(FaultPoint::Finish).map_err(|error| Error::io("the results cannot be made", error))?;
+        job::finish(&self.prepared, self.clustered)
     }
 }

@@ -91,7 +91,7 @@ impl Pipeline {
             // Unbounded, so that the device never waits; the report holds the same rows anyway.
             on_row: Box::new(move |row| drop(rows.send(row))),
             span: tracing::info_span!("cluster"),
-            _slot: slot.clone(),
+            slot: slot.clone(),
         };
         let telling = tokio::spawn(tell(Arc::clone(&self.store), ticket, inbox, Arc::clone(log)));
         let outcome = self.device.run(task, &self.small, self.time).await?;

@@ -1,0 +1,132 @@
+//! From what the device gave to results: labels in upload order and their hash, energies from source positions, the report.
+//!
+//! Needs no device, so that this can go on while the device works on the next mesh.
+
+use std::time::Instant;
+
+use sha2::{Digest, Sha256};
+
+use super::{Clustered, Outcome, Prepared, finite, hierarchical, milliseconds};
+use crate::cluster::repair;
+use crate::error::{Error, Kind, Result};
+use crate::parameters::Seeds;
+use crate::report::{Energy, Report, Timings};
+use crate::surface::Surface;
+use crate::tree::stored::Stored;
+
+/// Makes the results of what a device gave for this mesh.
+pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
+    let started = Instant::now();
+    let Prepared { surface, parameters, .. } = prepared;
+    let Clustered { mut labels, clusters, initial, tree, mut snapshots, .. } = clustered;
+    if tree.is_some() {
+        hierarchical::number(&mut labels, clusters)?;
+    }
+    let initial_energy = initial.and_then(|labels| finite(surface.source_energy(&labels, clusters)));
+    let results = Results::of(surface, &labels, clusters, parameters.seeds == Seeds::Listed);
+    let internal = labels;
+    let energy = Energy {
+        functional: "cvd".to_owned(),
+        weighted_by: prepared.weighted_by.clone(),
+        initial: initial_energy,
+        final_: finite(results.energy),
+        hexagon_ratio: results.hexagon_ratio,
+    };
+    let (labels, labels_sha256) = match (parameters.clusters, &tree) {
+        (None, Some(_)) => (None, None),
+        _ => results.labels.map(|(labels, hash)| (Some(labels), Some(hash)))?,
+    };
+    if let Some(labels) = &labels {
+        let mut number_of_cluster = vec![0; clusters];
+        for (&face, &label) in surface.upload_face.iter().zip(&internal) {
+            number_of_cluster[label as usize] = labels[face as usize];
+        }
+        snapshots.renumber(&surface.upload_face, &number_of_cluster);
+    }
+    let hierarchy = match tree {
+        Some(tree) => Some(Stored { header: hierarchical::header(&prepared.input, parameters)?, tree }),
+        None => None,
+    };
+    let timings_ms = Timings {
+        upload: milliseconds(clustered.upload),
+        cluster: milliseconds(clustered.cluster),
+        download: milliseconds(started.elapsed()),
+        ..prepared.timings
+    };
+    let report = Report {
+        input: prepared.input.clone(),
+        algorithm: parameters.algorithm,
+        parameters: parameters.clone(),
+        device: clustered.device,
+        clusters: clusters as u64,
+        disconnected_clusters: results.disconnected_clusters,
+        energy,
+        iterations: clustered.iterations,
+        levels: clustered.levels,
+        timings_ms,
+        labels_sha256,
+        snapshots: snapshots.iterations(),
+        warnings: [prepared.warnings.clone(), clustered.warnings].concat(),
+    };
+    Ok(Outcome { labels, hierarchy, snapshots, report })
+}
+
+/// What is told of labels, found side by side.
+struct Results {
+    /// Source units.
+    energy: f64,
+    hexagon_ratio: Option<f64>,
+    disconnected_clusters: u64,
+    /// In upload order, and their hash.
+    labels: Result<(Vec<u32>, String)>,
+}
+
+impl Results {
+    fn of(surface: &Surface, internal: &[u32], clusters: usize, keep_numbers: bool) -> Self {
+        let labels = || {
+            let labels = labels_of_upload(surface, internal, clusters, keep_numbers)?;
+            let hash = labels_sha256(&labels);
+            Ok((labels, hash))
+        };
+        let ((energy, hexagon_ratio), (disconnected_clusters, labels)) = rayon::join(
+            || (surface.source_energy(internal, clusters), surface.hexagon_ratio(internal, clusters)),
+            || (repair::disconnected_clusters(surface, clusters, internal), labels()),
+        );
+        Self { energy, hexagon_ratio, disconnected_clusters, labels }
+    }
+}
+
+/// Labels in upload order: those of listed seeds keep their numbers, others are numbered by the first face that
+/// carries them. Checks that every cluster has a face.
+fn labels_of_upload(surface: &Surface, internal: &[u32], clusters: usize, keep_numbers: bool) -> Result<Vec<u32>> {
+    let mut labels = vec![0; internal.len()];
+    for (&face, &label) in surface.upload_face.iter().zip(internal) {
+        labels[face as usize] = label;
+    }
+    let mut number_of_cluster: Vec<Option<u32>> = vec![None; clusters];
+    let mut seen = 0;
+    for label in &mut labels {
+        let number = number_of_cluster[*label as usize].get_or_insert_with(|| {
+            let number = if keep_numbers { *label } else { seen };
+            seen += 1;
+            number
+        });
+        *label = *number;
+    }
+    if seen as usize != clusters {
+        return Err(Error::new(Kind::Internal, format_args!("{seen} of {clusters} clusters have faces")));
+    }
+    Ok(labels)
+}
+
+/// SHA-256 of labels as u32 little-endian, lower-case hexadecimal.
+pub fn labels_sha256(labels: &[u32]) -> String {
+    let mut hash = Sha256::new();
+    let mut bytes = Vec::with_capacity(4 * 16_384);
+    for chunk in labels.chunks(16_384) {
+        bytes.clear();
+        bytes.extend(chunk.iter().flat_map(|label| label.to_le_bytes()));
+        hash.update(&bytes);
+    }
+    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}

@@ -1,0 +1,94 @@
+//! Neighbouring jobs: what one does before and after the device has it goes on while the device is at another.
+
+use std::sync::Arc;
+
+use tesserae::device::cpu::CpuDevice;
+use tesserae::device::{Device, MergeSteps, Steps};
+use tesserae::report::DeviceInfo;
+use tesserae::service::{Extras, FaultPoint, Faults, Settings};
+use tesserae::surface::DualGraph;
+
+use crate::support::*;
+
+/// A service that can be held at named points.
+async fn held(change: impl FnOnce(&mut Settings), device: Box<dyn Device>) -> (Service, Faults) {
+    let faults = Faults::default();
+    let extras = Extras { faults: faults.clone(), ..Extras::default() };
+    let data = Arc::new(tempfile::tempdir().expect("a folder"));
+    (Service::on(data, change, device, None, extras).await, faults)
+}
+
+fn cpu() -> Box<dyn Device> {
+    Box::new(Plain(CpuDevice::new()))
+}
+
+#[tokio::test]
+async fn results_are_made_while_the_device_is_at_the_next_mesh() {
+    let (service, faults) = held(|_| {}, cpu()).await;
+    faults.hold(FaultPoint::Finish);
+    let first = service.submit("clusters=5", sphere(300)).await;
+    let second = service.submit("clusters=7", sphere(500)).await;
+    // the device is through with both though no result of the first is there
+    until(async || faults.waiting(FaultPoint::Finish) == 2).await;
+    for job in [&first, &second] {
+        assert_eq!(service.job(job).await["state"], "running");
+    }
+    let busy = metric(&service, "tesserae_device_busy_seconds_total").await;
+    assert!(busy > 0.0);
+    assert_eq!(metric(&service, "tesserae_device_busy_seconds_total").await, busy, "it has nothing to do");
+    faults.disarm();
+    for (job, clusters) in [(first, 5), (second, 7)] {
+        assert_eq!(service.ended(&job).await["state"], "succeeded");
+        let report = json(service.get(text(&job["urls"]["report"]))).await;
+        assert_eq!(report["clusters"], clusters);
+        assert!(report["timings_ms"]["download"].as_f64() > Some(0.0), "{report}");
+    }
+}
+
+#[tokio::test]
+async fn a_job_that_is_cancelled_while_its_results_are_made_keeps_its_place_until_its_mesh_is_gone() {
+    let (service, faults) = held(|settings| settings.meshes_in_memory = 1, cpu()).await;
+    faults.hold(FaultPoint::Finish);
+    let job = service.submit("clusters=5", sphere(300)).await;
+    until(async || faults.waiting(FaultPoint::Finish) == 1).await;
+    let answer = service.delete(path(&job)).send().await.expect("answered");
+    assert_eq!(answer.status(), 202);
+    assert_eq!(service.ended(&job).await["state"], "cancelled");
+    let next = service.submit("clusters=5", sphere(300)).await;
+    assert_eq!(service.job(&next).await["state"], "queued");
+    faults.disarm();
+    assert_eq!(service.ended(&next).await["state"], "succeeded");
+}
+
+#[tokio::test]
+async fn time_for_a_job_includes_that_for_its_results() {
+    let (service, faults) = held(|settings| settings.work.max_job_seconds = 1, cpu()).await;
+    faults.hold(FaultPoint::Finish);
+    let job = service.submit("clusters=5", sphere(300)).await;
+    let ended = service.ended(&job).await;
+    assert_eq!(ended["problem"]["type"], "/problems/time-limit", "{ended}");
+    faults.disarm();
+    let next = service.submit("clusters=5", sphere(300)).await;
+    assert_eq!(service.ended(&next).await["state"], "succeeded");
+}
+
+/// A cpu that works on one mesh at a time, small ones too.
+struct Plain(CpuDevice);
+
+impl Device for Plain {
+    fn info(&self) -> &DeviceInfo {
+        self.0.info()
+    }
+
+    fn open<'a>(&'a mut self, graph: &'a DualGraph, components: &'a [u32]) -> tesserae::Result<Box<dyn Steps + 'a>> {
+        self.0.open(graph, components)
+    }
+
+    fn open_merging<'a>(
+        &'a mut self,
+        graph: &'a DualGraph,
+        components: &'a [u32],
+    ) -> tesserae::Result<Box<dyn MergeSteps + 'a>> {
+        self.0.open_merging(graph, components)
+    }
+}
