@@ -15,7 +15,7 @@ use super::{Fault, FaultPoint, Overrides};
 use crate::error::{Error, Kind, Result};
 
 /// How long a batch may take before the device counts as lost.
-const PATIENCE: Duration = Duration::from_secs(120);
+pub(super) const PATIENCE: Duration = Duration::from_secs(120);
 
 /// An open device of wgpu.
 #[derive(Debug)]
@@ -244,7 +244,7 @@ impl Connection {
         self.wait(submission)?;
         let ticks: Vec<[u64; 2]> = match queries.slice(..).get_mapped_range() {
             Ok(view) => bytemuck::pod_collect_to_vec(&view),
-            Err(_) => return self.break_down("its timestamps could not be read").map(|()| None),
+            Err(_) => return Err(self.break_down("its timestamps could not be read")),
         };
         queries.unmap();
         Ok(Some(clock.profile(done, &ticks)))
@@ -311,15 +311,15 @@ impl Connection {
     fn poll(&self, how: wgpu::PollType) -> Result<()> {
         match catch_unwind(AssertUnwindSafe(|| self.device.poll(how))) {
             Ok(Ok(_)) => Ok(()),
-            Ok(Err(error)) => self.break_down(&one_line(&error.to_string())),
-            Err(_) => self.break_down("waiting for it failed"),
+            Ok(Err(error)) => Err(self.break_down(&one_line(&error.to_string()))),
+            Err(_) => Err(self.break_down("waiting for it failed")),
         }
     }
 
-    /// Notes that the device is lost.
-    pub(super) fn break_down(&self, message: &str) -> Result<()> {
+    /// Notes that the device is lost; the error that says so.
+    pub(super) fn break_down(&self, message: &str) -> Error {
         lock(&self.health.lost).get_or_insert_with(|| message.to_owned());
-        Err(self.lost(message))
+        self.lost(message)
     }
 
     fn lost(&self, message: &str) -> Error {

@@ -5,6 +5,7 @@ use std::mem::{offset_of, size_of};
 
 use super::adapter::enumerate;
 use super::buffers::Buffers;
+use super::connection::lock;
 use super::layout::Lists;
 use super::merging::Merging;
 use super::steps::GpuSteps;
@@ -97,6 +98,31 @@ fn buffers_serve_again_and_what_was_in_them_is_not_read() {
     let steps = GpuSteps::new(connection, graph, &components, buffers, ());
     let (_, garbage) = steps.download::<u32>(steps.encoder(), &steps.buffers.ring, 1).expect("garbage");
     assert_eq!(garbage, [0xa5a5_a5a5], "nobody has written there for this surface: it is the same buffer");
+}
+
+#[test]
+fn the_host_reads_through_one_buffer_that_grows_and_outlasts_the_surface() {
+    let found = enumerate().into_iter().filter(|found| found.report.usable).min_by_key(|found| found.report.kind);
+    let mut device = GpuDevice::new(&found.expect("a Vulkan driver")).expect("it opens");
+    let surface = Surface::build(&generate(Sample::Knot, 3000).expect("a sample")).expect("a surface");
+    let components = vec![0; 30];
+    let read = |device: &mut GpuDevice, expected: u32, items: usize| {
+        let connection = device.connection().expect("it is open");
+        let shifts = energy_shifts(&surface.graph, &components).expect("shifts");
+        let buffers = Buffers::new(connection, &surface.graph, &shifts, false).expect("it fits");
+        let mut steps = GpuSteps::new(connection, &surface.graph, &components, buffers, ());
+        steps.set_labels(&vec![expected; surface.faces()]).expect("set");
+        let (_, labels) = steps.download::<u32>(steps.encoder(), &steps.buffers.labels, items).expect("labels");
+        assert_eq!(labels, vec![expected; items]);
+        drop(steps);
+        lock(&connection.pool).for_host().expect("it is kept").clone()
+    };
+    let small = read(&mut device, 1, 100);
+    let large = read(&mut device, 2, 2000);
+    assert!(large != small && large.size() >= 8000);
+    for (expected, items) in [(3, 1), (4, 2000), (5, 700)] {
+        assert_eq!(read(&mut device, expected, items), large);
+    }
 }
 
 /// What the late rounds of a hierarchy look at.

@@ -99,7 +99,8 @@
 //! | cluster | 148: sums 48, sums of those that join 48, proxy and energy shift 16, bidding 32, list 4 |
 //! | face of a hierarchy | 12 more: list of findings |
 //! | cluster of a hierarchy | 20 more: choice 12, merged cluster 4, list of the host 4 |
-//! | surface | 23 KiB: the ring, its two copies for the host, 65 turns; in a hierarchy up to 9 MiB more for sums that the host reads, and what it reads at a time |
+//! | surface | 23 KiB: the ring, its two copies for the host, 65 turns; in a hierarchy up to 9 MiB more for sums that the host reads |
+//! | face, in memory that the host reads | 4 for its label; 12 in a hierarchy, for the longest list |
 //!
 //! The largest buffers are the faces and the neighbours with 16 bytes a face each: the smallest binding that a
 //! portable device offers, 128 MiB, holds 8 million faces. A hierarchy starts with a cluster a face, which makes 244 bytes a

@@ -6,8 +6,8 @@
 
 use std::collections::BTreeMap;
 
-/// Bytes that are kept at most: the buffers of a flat clustering of 4 million faces, or of a hierarchy of a million. Where a
-/// surface needed more, nothing is kept.
+/// Bytes that are kept at most: the buffers of a flat clustering of nearly 4 million faces, or of a hierarchy of a million. Where
+/// a surface needed more, nothing is kept.
 const MOST_KEPT: u64 = 256 << 20;
 
 /// Buffers by what they are for.
@@ -17,6 +17,8 @@ pub(super) struct Pool {
     spare: BTreeMap<&'static str, wgpu::Buffer>,
     /// Those of the surface that is open.
     lent: BTreeMap<&'static str, wgpu::Buffer>,
+    /// What the host reads through, unless it is reading. Grows with what is read.
+    for_host: Option<wgpu::Buffer>,
 }
 
 /// Whether a buffer of `size` bytes may serve for `needed` bytes: not if more than half of it would lie idle.
@@ -48,13 +50,34 @@ impl Pool {
             return;
         }
         let lent = std::mem::take(&mut self.lent);
-        let bytes: u64 = lent.values().map(wgpu::Buffer::size).sum();
-        self.spare = if bytes <= MOST_KEPT { lent } else { BTreeMap::new() };
+        let bytes: u64 = lent.values().chain(&self.for_host).map(wgpu::Buffer::size).sum();
+        if bytes <= MOST_KEPT {
+            self.spare = lent;
+        } else {
+            (self.spare, self.for_host) = Default::default();
+        }
+    }
+
+    /// The buffer that the host reads through, if it is there and large enough. It comes back by
+    /// [`keep_for_host`](Self::keep_for_host), unmapped.
+    pub fn take_for_host(&mut self, needed: u64) -> Option<wgpu::Buffer> {
+        self.for_host.take().filter(|buffer| buffer.size() >= needed)
+    }
+
+    /// Keeps the buffer that the host has read through.
+    pub fn keep_for_host(&mut self, buffer: wgpu::Buffer) {
+        self.for_host = Some(buffer);
+    }
+
+    /// The buffer that the host reads through, unless it is reading.
+    #[cfg(test)]
+    pub fn for_host(&self) -> Option<&wgpu::Buffer> {
+        self.for_host.as_ref()
     }
 
     /// Those that nobody uses.
     pub fn spare(&self) -> impl Iterator<Item = &wgpu::Buffer> {
-        self.spare.values()
+        self.spare.values().chain(&self.for_host)
     }
 }
 

@@ -1,13 +1,16 @@
 //! How results come back from the device: copies into memory that the host can map, and the wait for them.
+//!
+//! That is one buffer, which grows to what is read at once and serves the next surfaces (`pool.rs`), and two for the ring.
 
 use std::sync::mpsc::{Receiver, channel};
 
 use bytemuck::Pod;
 
 use super::buffers::{BETWEEN, RING};
+use super::connection::{PATIENCE, lock};
 use super::layout::Slot;
 use super::steps::GpuSteps;
-use crate::error::{Error, Kind, Result};
+use crate::error::Result;
 
 /// Is told when a buffer has been mapped.
 type Mapped = Receiver<Result<(), wgpu::BufferAsyncError>>;
@@ -27,12 +30,12 @@ impl<M> GpuSteps<'_, M> {
         encoder.copy_buffer_to_buffer(&self.buffers.ring, 0, target, 0, None);
         let submission = self.connection.queue.submit([encoder.finish()]);
         self.connection.check()?;
-        Ok(Batch { turns, staging, submission, mapped: map(target) })
+        Ok(Batch { turns, staging, submission, mapped: map(target.slice(..)) })
     }
 
     /// Waits for a batch and reads its slots; the last one is the state between batches.
     pub(super) fn collect(&self, batch: Batch) -> Result<Vec<Slot>> {
-        let target = &self.buffers.staging[batch.staging];
+        let target = self.buffers.staging[batch.staging].slice(..);
         let mut slots: Vec<Slot> = self.read(target, batch.submission, &batch.mapped, bytemuck::pod_collect_to_vec)?;
         slots.truncate(batch.turns as usize);
         Ok(slots)
@@ -54,53 +57,63 @@ impl<M> GpuSteps<'_, M> {
     ) -> Result<(Slot, Vec<T>)> {
         let slot_bytes = size_of::<Slot>();
         let bytes = (items * size_of::<T>()) as u64;
-        let staging = self.connection.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("for the host"),
-            size: slot_bytes as u64 + bytes,
-            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
+        let staging = self.for_host(slot_bytes as u64 + bytes);
+        let target = staging.slice(..slot_bytes as u64 + bytes);
         let slot_at = u64::from(BETWEEN) * slot_bytes as u64;
         encoder.copy_buffer_to_buffer(&self.buffers.ring, slot_at, &staging, 0, slot_bytes as u64);
         encoder.copy_buffer_to_buffer(buffer, 0, &staging, slot_bytes as u64, bytes);
         let submission = self.connection.queue.submit([encoder.finish()]);
         self.connection.check()?;
-        let mapped = map(&staging);
-        self.read(&staging, submission, &mapped, |view| {
+        let mapped = map(target);
+        let read = self.read(target, submission, &mapped, |view| {
             let (slot, items) = view.split_at(slot_bytes);
             (bytemuck::pod_read_unaligned(slot), bytemuck::pod_collect_to_vec(items))
+        })?;
+        lock(&self.connection.pool).keep_for_host(staging);
+        Ok(read)
+    }
+
+    /// A buffer of so many bytes, or more, that the host can read.
+    fn for_host(&self, bytes: u64) -> wgpu::Buffer {
+        let kept = lock(&self.connection.pool).take_for_host(bytes);
+        kept.unwrap_or_else(|| {
+            self.connection.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("for the host"),
+                size: bytes,
+                usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            })
         })
     }
 
-    /// Waits for a submission and a mapping after it, and looks into the buffer.
+    /// Waits for a submission and a mapping after it, and looks into what is mapped.
     fn read<T>(
         &self,
-        buffer: &wgpu::Buffer,
+        target: wgpu::BufferSlice<'_>,
         submission: wgpu::SubmissionIndex,
         mapped: &Mapped,
         look: impl FnOnce(&[u8]) -> T,
     ) -> Result<T> {
         self.connection.wait(submission)?;
-        let lost = || Error::new(Kind::DeviceLost, "the gpu did not give its results");
-        match mapped.try_recv() {
+        let unreadable = || self.connection.break_down("its memory could not be read");
+        // who polls first calls back: maybe another thread, which is about to
+        match mapped.recv_timeout(PATIENCE) {
             Ok(Ok(())) => {}
-            Ok(Err(_)) | Err(_) => {
-                return self.connection.break_down("its memory could not be read").and(Err(lost()));
-            }
+            Ok(Err(_)) | Err(_) => return Err(unreadable()),
         }
         let seen = {
-            let view = buffer.slice(..).get_mapped_range().map_err(|_| lost())?;
+            let view = target.get_mapped_range().map_err(|_| unreadable())?;
             look(&view)
         };
-        buffer.unmap();
+        target.buffer().unmap();
         Ok(seen)
     }
 }
 
-/// Asks for a buffer to be mapped as soon as what was submitted so far is done.
-fn map(buffer: &wgpu::Buffer) -> Mapped {
+/// Asks for part of a buffer to be mapped as soon as what was submitted so far is done.
+fn map(target: wgpu::BufferSlice<'_>) -> Mapped {
     let (sender, receiver) = channel();
-    buffer.slice(..).map_async(wgpu::MapMode::Read, move |outcome| {
+    target.map_async(wgpu::MapMode::Read, move |outcome| {
         // nobody listens any more when another error came first
         let _ = sender.send(outcome);
     });
