@@ -188,7 +188,7 @@ pub struct Timings {
     pub parse: f64,
     /// Welding, adjacency, components, lattice, order.
     pub topology: f64,
-    /// Bringing the mesh to the device.
+    /// Bringing the mesh to the device, apart from what was brought while it worked on another.
     pub upload: f64,
     /// Growth, optimisation and repair.
     pub cluster: f64,

@@ -10,7 +10,7 @@ use crate::cluster::reference::acvd::acvd;
 use crate::cluster::reference::variational::variational;
 use crate::cluster::run;
 use crate::cluster::seeds::SeedFaces;
-use crate::device::{Cancel, Device, Ending};
+use crate::device::{Cancel, Device, Ending, Uploaded};
 use crate::error::{Error, Kind, Result};
 use crate::parameters::{Algorithm, Refine};
 use crate::report::{DeviceKind, Iteration, Row};
@@ -26,6 +26,7 @@ pub(super) enum From<'a> {
 pub(super) fn run(
     prepared: &Prepared,
     from: From<'_>,
+    uploaded: Option<Uploaded>,
     device: &mut dyn Device,
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
@@ -46,6 +47,7 @@ pub(super) fn run(
         From::Coarse(start) => start.labels(surface, device, cancel)?,
     };
     let opened = Instant::now();
+    uploaded.into_iter().for_each(|uploaded| device.receive(uploaded));
     let mut steps = device.open(surface, &start.component_of_cluster)?;
     let upload = opened.elapsed();
 

@@ -254,7 +254,7 @@ pub fn sphere_glb(faces: u64) -> Vec<u8> {
 }
 
 /// A gate that is shut or open.
-#[derive(Clone, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Gate(Arc<(Mutex<bool>, Condvar)>);
 
 impl Gate {

@@ -6,10 +6,10 @@ use bytemuck::{Pod, Zeroable};
 
 use super::FaultPoint;
 use super::connection::{Compiled, Connection, lock};
+use super::fixed::Fixed;
 use super::kernels::Access;
 use super::layout::{
-    Cluster, Dispatch, Face, GATHER_RUN, Lists, Market, Offer, Proxy, Slot, TIES_BY_HASH, TIES_BY_LARGEST_ID, Turn,
-    WORKGROUP,
+    Cluster, Dispatch, GATHER_RUN, Lists, Market, Offer, Proxy, Slot, TIES_BY_HASH, TIES_BY_LARGEST_ID, Turn, WORKGROUP,
 };
 use crate::cluster::dual_edge::Ties;
 use crate::device::FREE;
@@ -129,10 +129,12 @@ impl Turns {
 }
 
 impl Buffers {
-    /// Brings a surface to the device, all faces free. Clusters that may merge need more room in the lists.
+    /// Brings a surface to the device, or what is left to bring of it, all faces free. Clusters that may merge need more room in
+    /// the lists.
     pub(super) fn new(
         connection: &Connection,
         graph: &DualGraph,
+        ahead: Option<Fixed>,
         energy_shifts: &[u32],
         is_merging: bool,
     ) -> Result<Self> {
@@ -143,12 +145,17 @@ impl Buffers {
         let create = |what: &'static str, items: u64, size: usize, usage| {
             create(connection, what, items.max(1) * size as u64, usage)
         };
-        check_groups(connection, faces, graph.neighbours.len() as u64)?;
+        check_groups(connection, graph)?;
 
-        let packed = create("faces", faces, size_of::<Face>(), storage | into)?;
-        // where those of each face begin, and one past the last, and then they
-        let begin = faces + 1;
-        let neighbours = create("neighbours", begin + graph.neighbours.len() as u64, 4, storage | into)?;
+        connection.reach(FaultPoint::Upload);
+        let fixed = match ahead {
+            Some(fixed) => fixed,
+            None => Fixed::bring(connection, graph)?,
+        };
+        let Fixed { faces: packed, neighbours, .. } = fixed;
+        for (what, buffer) in Fixed::NAMES.into_iter().zip([&packed, &neighbours]) {
+            lock(&connection.pool).lend(what, buffer);
+        }
         let labels = create("labels", faces, 4, storage | into | out)?;
         let wishes = create("wishes", faces, 4, storage | into)?;
         let sums = create("clusters", clusters, size_of::<Cluster>(), storage | into)?;
@@ -175,7 +182,6 @@ impl Buffers {
             create("staging", slots, size_of::<Slot>(), mapped)?,
             create("staging", slots, size_of::<Slot>(), mapped)?,
         ];
-        connection.reach(FaultPoint::Upload);
         connection.check()?;
 
         let queue = &connection.queue;
@@ -184,25 +190,9 @@ impl Buffers {
         encoder.clear_buffer(&joining, 0, None);
         encoder.clear_buffer(&lists, 0, Some(4 * LIST_HEAD));
         queue.submit([encoder.finish()]);
-        let mut chunk: Vec<Face> = Vec::with_capacity(UPLOAD.min(graph.centroids.len()));
-        for (at, centroids) in graph.centroids.chunks(UPLOAD).enumerate() {
-            let weights = &graph.weights[at * UPLOAD..];
-            chunk.clear();
-            chunk.extend(centroids.iter().zip(weights).map(|(&[x, y, z], weight)| [x, y, z, weight.cast_signed()]));
-            upload(queue, &packed, at * UPLOAD, &chunk);
-        }
-        let mut chunk: Vec<u32> = Vec::with_capacity(UPLOAD.min(graph.neighbour_offsets.len()));
-        for (at, offsets) in graph.neighbour_offsets.chunks(UPLOAD).enumerate() {
-            chunk.clear();
-            chunk.extend(offsets.iter().map(|&offset| offset + begin as u32));
-            upload(queue, &neighbours, at * UPLOAD, &chunk);
-        }
-        upload(queue, &neighbours, begin as usize, &graph.neighbours);
         let positions: Vec<Proxy> = energy_shifts.iter().map(|shift| [0, 0, 0, shift.cast_signed()]).collect();
         upload(queue, &proxies, 0, &positions);
-        for buffer in [&labels, &origins] {
-            upload(queue, buffer, 0, &vec![FREE; graph.centroids.len()]);
-        }
+        set_free(connection, &labels, &origins, graph.centroids.len());
 
         let bind = |compiled: &Compiled, storage: &[&wgpu::Buffer]| bind(connection, compiled, &turns.buffer, storage);
         let kernels = &connection.kernels;
@@ -296,6 +286,25 @@ pub(super) fn upload<T: Pod>(queue: &wgpu::Queue, buffer: &wgpu::Buffer, first: 
     }
 }
 
+/// Makes all faces free: writes that for some, and doubles it on the device, to and fro between both buffers.
+fn set_free(connection: &Connection, labels: &wgpu::Buffer, origins: &wgpu::Buffer, faces: usize) {
+    /// Faces that it is written for.
+    const WRITTEN: usize = 1 << 12;
+    let mut free = faces.min(WRITTEN);
+    upload(&connection.queue, labels, 0, &vec![FREE; free]);
+    let mut encoder = connection.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+    loop {
+        encoder.copy_buffer_to_buffer(labels, 0, origins, 0, 4 * free as u64);
+        let more = free.min(faces - free);
+        if more == 0 {
+            break;
+        }
+        encoder.copy_buffer_to_buffer(origins, 0, labels, 4 * free as u64, 4 * more as u64);
+        free += more;
+    }
+    connection.queue.submit([encoder.finish()]);
+}
+
 /// Workgroups for so many threads, in rows of `row`.
 pub(super) fn groups(threads: u64, row: u32) -> Dispatch {
     let groups = threads.div_ceil(u64::from(WORKGROUP)).max(1);
@@ -305,7 +314,8 @@ pub(super) fn groups(threads: u64, row: u32) -> Dispatch {
 
 /// Refuses more faces than can be counted in u32 by the threads of a dispatch, whose last row may be half empty, and more
 /// neighbours than can be with them.
-fn check_groups(connection: &Connection, faces: u64, neighbours: u64) -> Result<()> {
+pub(super) fn check_groups(connection: &Connection, graph: &DualGraph) -> Result<()> {
+    let (faces, neighbours) = (graph.centroids.len() as u64, graph.neighbours.len() as u64);
     let row = u64::from(connection.limits.max_compute_workgroups_per_dimension);
     let limit = (row * row * u64::from(WORKGROUP)).min(1 << 31);
     if faces > limit {
@@ -327,9 +337,24 @@ fn check_groups(connection: &Connection, faces: u64, neighbours: u64) -> Result<
     Ok(())
 }
 
-/// A buffer, into which anything may be copied; refuses one that is larger than the device allows. Those that the host does not
-/// map may be left from another surface, with what was in them; there is one of each kind.
+/// A buffer of the surface that is being opened, into which anything may be copied. Those that the host does not map may be left
+/// from another surface, with what was in them; there is one of each kind. Fails like [`allocate`].
 pub(super) fn create(
+    connection: &Connection,
+    what: &'static str,
+    bytes: u64,
+    usage: wgpu::BufferUsages,
+) -> Result<wgpu::Buffer> {
+    let buffer = allocate(connection, what, bytes, usage)?;
+    if !usage.contains(wgpu::BufferUsages::MAP_READ) {
+        lock(&connection.pool).lend(what, &buffer);
+    }
+    Ok(buffer)
+}
+
+/// A buffer, of those that the last surface left or another one. Fails when it is larger than the device allows, and when there is
+/// no memory for it.
+pub(super) fn allocate(
     connection: &Connection,
     what: &'static str,
     bytes: u64,
@@ -352,20 +377,15 @@ pub(super) fn create(
         ));
     }
     let is_shared = !usage.contains(wgpu::BufferUsages::MAP_READ);
-    let mut pool = lock(&connection.pool);
-    if is_shared && let Some(buffer) = pool.take(what, bytes) {
+    if is_shared && let Some(buffer) = lock(&connection.pool).take(what, bytes) {
         return Ok(buffer);
     }
-    let buffer = connection.device.create_buffer(&wgpu::BufferDescriptor {
+    connection.buffer(&wgpu::BufferDescriptor {
         label: Some(what),
         size: bytes,
         usage: if is_shared { usage | wgpu::BufferUsages::COPY_DST } else { usage },
         mapped_at_creation: false,
-    });
-    if is_shared {
-        pool.lend(what, &buffer);
-    }
-    Ok(buffer)
+    })
 }
 
 /// Binds `turns` and, in the order of the kernel's table, its storage buffers.

@@ -4,6 +4,7 @@
 //! waits for the device checks. A connection that failed once is not used again: the next surface opens another one.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
@@ -33,6 +34,10 @@ pub(super) struct Connection {
     name: String,
     health: Arc<Health>,
     fault: Mutex<Option<Fault>>,
+    /// One for another thread.
+    fault_ahead: Mutex<Option<Fault>>,
+    /// Whether a fault leaves no memory for the next buffer.
+    is_exhausted: AtomicBool,
     /// Where passes are timed.
     clock: Option<Clock>,
 }
@@ -171,7 +176,9 @@ impl Connection {
             merge_kernels: OnceLock::new(),
             name,
             health,
-            fault: Mutex::new(None),
+            fault: Mutex::default(),
+            fault_ahead: Mutex::default(),
+            is_exhausted: AtomicBool::default(),
             clock,
         };
         connection.check()?;
@@ -188,10 +195,10 @@ impl Connection {
     pub(super) fn lend<T>(&self, make: impl FnOnce() -> Result<T>) -> Result<T> {
         let made = make();
         let mut pool = lock(&self.pool);
-        if made.is_err() {
-            pool.take_back();
+        match made {
+            Ok(_) => pool.drop_spare(),
+            Err(_) => pool.free_all(),
         }
-        pool.drop_spare();
         made
     }
 
@@ -280,6 +287,28 @@ impl Connection {
         Ok((seconds > 0.0).then(|| (2 * COPIES * bytes) as f64 / seconds))
     }
 
+    /// Does something that may go wrong without harm to others: what wgpu tells of it is the error of this call, and no failure
+    /// of the connection. That is a matter of the thread, and others may be at work meanwhile.
+    pub(super) fn guarded<T>(&self, work: impl FnOnce() -> Result<T>) -> Result<T> {
+        let kinds = [wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::OutOfMemory];
+        let scopes = kinds.map(|kind| self.device.push_error_scope(kind));
+        let done = work();
+        // the last that was opened goes first
+        let told: Vec<_> = scopes.into_iter().rev().filter_map(|scope| pollster::block_on(scope.pop())).collect();
+        match told.first() {
+            Some(error) => Err(failure(&self.name, error)),
+            None => done,
+        }
+    }
+
+    /// Makes a buffer. Where that fails, as for want of memory, it is an error of this call, and no failure of the connection.
+    pub(super) fn buffer(&self, descriptor: &wgpu::BufferDescriptor<'_>) -> Result<wgpu::Buffer> {
+        if self.is_exhausted.swap(false, Ordering::SeqCst) {
+            return Err(failure(&self.name, &wgpu::Error::OutOfMemory { source: "on purpose".into() }));
+        }
+        self.guarded(|| Ok(self.device.create_buffer(descriptor)))
+    }
+
     /// Whether something has gone wrong.
     pub(super) fn is_broken(&self) -> bool {
         self.check().is_err()
@@ -331,12 +360,16 @@ impl Connection {
         *lock(&self.fault) = fault;
     }
 
+    /// Arms a fault for who brings surfaces ahead of their turn.
+    pub(super) fn arm_ahead(&self, fault: Fault) {
+        *lock(&self.fault_ahead) = Some(fault);
+    }
+
     /// Where faults are injected.
     pub(super) fn reach(&self, point: FaultPoint) {
-        let armed = lock(&self.fault).take_if(|fault| match *fault {
-            Fault::Lose(at) | Fault::Misuse(at) => at == point,
-        });
-        match armed {
+        let faults = if point == FaultPoint::Ahead { &self.fault_ahead } else { &self.fault };
+        match lock(faults).take_if(|fault| fault.point() == point) {
+            Some(Fault::Exhaust(_)) => self.is_exhausted.store(true, Ordering::SeqCst),
             Some(Fault::Lose(_)) => self.device.destroy(),
             Some(Fault::Misuse(_)) => {
                 // more than any device allows

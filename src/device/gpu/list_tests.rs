@@ -2,6 +2,7 @@
 //! Vulkan driver, as the tests of the device do.
 
 use std::mem::{offset_of, size_of};
+use std::sync::Arc;
 
 use super::adapter::enumerate;
 use super::buffers::Buffers;
@@ -13,7 +14,7 @@ use super::{GpuDevice, Overrides, energy_shifts};
 use crate::cluster::dual_edge::{Rank, Ties, keep_cheaper_half, mutual};
 use crate::cluster::seeds;
 use crate::device::cpu::CpuDevice;
-use crate::device::{Cancel, Device, MergeSteps, Steps};
+use crate::device::{Cancel, Device, FREE, MergeSteps, Steps};
 use crate::sample::{Sample, generate};
 use crate::surface::{DualGraph, Surface};
 
@@ -49,7 +50,7 @@ fn the_list_has_the_faces_on_boundaries_and_few_others() {
     let seeds = seeds::stratified(graph, &[60], 1);
     let components = &seeds.component_of_cluster;
     let shifts = energy_shifts(graph, components).expect("shifts");
-    let buffers = Buffers::new(connection, graph, &shifts, true).expect("it fits");
+    let buffers = Buffers::new(connection, graph, None, &shifts, true).expect("it fits");
     let merging = Merging::new(connection, &buffers, 60, true).expect("it fits");
     let mut steps = GpuSteps::new(connection, graph, components, buffers, merging);
     let cancel = Cancel::default();
@@ -94,10 +95,46 @@ fn buffers_serve_again_and_what_was_in_them_is_not_read() {
 
     let connection = device.connection().expect("it is open");
     let shifts = energy_shifts(graph, &components).expect("shifts");
-    let buffers = Buffers::new(connection, graph, &shifts, false).expect("it fits");
+    let buffers = Buffers::new(connection, graph, None, &shifts, false).expect("it fits");
     let steps = GpuSteps::new(connection, graph, &components, buffers, ());
     let (_, garbage) = steps.download::<u32>(steps.encoder(), &steps.buffers.ring, 1).expect("garbage");
     assert_eq!(garbage, [0xa5a5_a5a5], "nobody has written there for this surface: it is the same buffer");
+}
+
+#[test]
+fn two_surfaces_take_turns_with_the_buffers_that_are_filled_ahead() {
+    let found = enumerate().into_iter().filter(|found| found.report.usable).min_by_key(|found| found.report.kind);
+    let mut device = GpuDevice::new(&found.expect("a Vulkan driver")).expect("it opens");
+    let uploader = device.uploader().expect("a gpu has memory of its own");
+    let surface = Surface::build(&generate(Sample::Knot, 3000).expect("a sample")).expect("a surface");
+    let components = vec![0; 30];
+    let pool = Arc::clone(device.connection.as_ref().expect("it is open"));
+    let mut filled: Vec<wgpu::Buffer> = Vec::new();
+    let mut uploaded = uploader.upload(&surface.graph).expect("there is room");
+    for _ in 0..6 {
+        device.receive(uploaded);
+        let steps = device.open(&surface.graph, &components).expect("it fits");
+        uploaded = uploader.upload(&surface.graph).expect("there is room");
+        let faces = lock(&pool.pool).ahead().expect("it waits").faces.clone();
+        drop(steps);
+        assert!(filled.last() != Some(&faces), "the surface that is open has it");
+        filled.push(faces);
+    }
+    assert!(filled.iter().all(|buffer| filled[..2].contains(buffer)), "{filled:?}");
+    drop(uploaded);
+    assert!(lock(&pool.pool).ahead().is_none(), "nobody wants it any more");
+}
+
+#[test]
+fn faces_are_free_in_a_new_surface_of_any_size() {
+    let found = enumerate().into_iter().filter(|found| found.report.usable).min_by_key(|found| found.report.kind);
+    let mut device = GpuDevice::new(&found.expect("a Vulkan driver")).expect("it opens");
+    for faces in [12, 4096, 4098, 16_384, 50_000] {
+        let surface = Surface::build(&generate(Sample::Strip, faces).expect("a sample")).expect("a surface");
+        device.spoil_spare_buffers().expect("it is open");
+        let mut steps = device.open(&surface.graph, &[0, 0]).expect("it fits");
+        assert!(steps.labels().expect("labels").iter().all(|&label| label == FREE), "{faces} faces");
+    }
 }
 
 #[test]
@@ -109,7 +146,7 @@ fn the_host_reads_through_one_buffer_that_grows_and_outlasts_the_surface() {
     let read = |device: &mut GpuDevice, expected: u32, items: usize| {
         let connection = device.connection().expect("it is open");
         let shifts = energy_shifts(&surface.graph, &components).expect("shifts");
-        let buffers = Buffers::new(connection, &surface.graph, &shifts, false).expect("it fits");
+        let buffers = Buffers::new(connection, &surface.graph, None, &shifts, false).expect("it fits");
         let mut steps = GpuSteps::new(connection, &surface.graph, &components, buffers, ());
         steps.set_labels(&vec![expected; surface.faces()]).expect("set");
         let (_, labels) = steps.download::<u32>(steps.encoder(), &steps.buffers.labels, items).expect("labels");
@@ -153,7 +190,7 @@ fn late_rounds(faces: u64) -> Late {
     let graph = &surface.graph;
     let components = surface.component_of_face();
     let shifts = energy_shifts(graph, &components).expect("shifts");
-    let buffers = Buffers::new(connection, graph, &shifts, true).expect("it fits");
+    let buffers = Buffers::new(connection, graph, None, &shifts, true).expect("it fits");
     let merging = Merging::new(connection, &buffers, shifts.len() as u32, true).expect("it fits");
     let mut steps = GpuSteps::new(connection, graph, &components, buffers, merging);
     let cancel = Cancel::default();

@@ -75,6 +75,11 @@
 //!
 //! Where the ring has told of no moves, the host asks for none, nor for pieces.
 //!
+//! When a surface is opened, what never changes of it goes to the device: 20 bytes a face and 4 for each neighbour, 32 a face of a
+//! closed triangle mesh, and 20 for each cluster. In a service another thread brings the former while the device works on the
+//! job before (`ahead.rs`), a mesh at most: so the memory of the device holds that much more, and the same again where two such
+//! meshes take turns. Nothing is transferred to make faces free. A start's labels follow, 4 bytes a face.
+//!
 //! Within a growth or a phase only the ring comes back: 2 KiB for a batch of up to 64 turns, while the next one runs. Between them
 //! the labels do after the first growth, and where pieces that were cut off are looked for, the number of their faces, with a
 //! ring. A hierarchy reads besides, in each round, 12 bytes for each cluster that is left and for each face that moved (for 4096 of
@@ -108,7 +113,8 @@
 //! refused.
 //!
 //! Buffers stay for the next surface, which takes those that have room for it and not more than twice as much as it needs; the
-//! others are freed when it is there. 256 MiB are kept at most (`pool.rs`).
+//! others are freed when it is there. 256 MiB are kept at most (`pool.rs`). A surface that is brought ahead of its turn is given up
+//! where there is no room for it.
 //!
 //! # Compiled kernels
 //!
@@ -123,9 +129,11 @@
 //! memory that ran out), and the next surface gets a new connection. [`GpuDevice::inject`] makes it happen.
 
 pub mod adapter;
+mod ahead;
 mod buffers;
 mod clock;
 mod connection;
+mod fixed;
 pub mod kernels;
 pub mod layout;
 #[cfg(test)]
@@ -140,12 +148,13 @@ mod steps;
 use std::sync::{Arc, Mutex};
 
 use self::adapter::{AdapterKind, AdapterReport, Found};
+use self::ahead::{Ahead, Ticket};
 use self::buffers::Buffers;
 pub use self::clock::{Profile, StageTime};
 use self::connection::{Connection, lock};
 use self::merging::Merging;
 use self::steps::GpuSteps;
-use super::{Device, MemoryMeter, MergeSteps, Steps};
+use super::{Device, MemoryMeter, MergeSteps, Steps, Uploaded, Uploader};
 use crate::error::{Error, Kind, Result};
 use crate::report::{DeviceInfo, DeviceKind};
 use crate::surface::DualGraph;
@@ -175,13 +184,26 @@ pub enum Fault {
     Lose(FaultPoint),
     /// wgpu refuses a call.
     Misuse(FaultPoint),
+    /// There is no memory for the next buffer.
+    Exhaust(FaultPoint),
+}
+
+impl Fault {
+    /// Where it happens.
+    fn point(self) -> FaultPoint {
+        match self {
+            Self::Lose(point) | Self::Misuse(point) | Self::Exhaust(point) => point,
+        }
+    }
 }
 
 /// Where it happens.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FaultPoint {
-    /// Before a surface is brought to the device.
+    /// Before a surface is brought to the device, when it is opened.
     Upload,
+    /// Before a surface is brought to the device ahead of its turn.
+    Ahead,
     /// Before a batch of the growth is queued.
     Grow,
     /// Before a batch of the boundary phase is queued.
@@ -204,9 +226,11 @@ pub struct GpuDevice {
     report: AdapterReport,
     info: DeviceInfo,
     overrides: Overrides,
-    connection: Option<Connection>,
-    /// That of the connection, for [`Device::memory_meter`].
-    opened: Arc<Mutex<Option<wgpu::Device>>>,
+    connection: Option<Arc<Connection>>,
+    /// The same, for others: [`Device::memory_meter`] and [`Device::uploader`].
+    opened: Arc<Mutex<Option<Arc<Connection>>>>,
+    /// For what was brought of the surface that is opened next.
+    ticket: Option<Ticket>,
     fault: Option<Fault>,
 }
 
@@ -225,7 +249,7 @@ impl GpuDevice {
                 format_args!("the gpu {} cannot cluster: {reason}", report.name),
             ));
         }
-        let connection = Connection::open(found, overrides)?;
+        let connection = Arc::new(Connection::open(found, overrides)?);
         Ok(Self {
             info: DeviceInfo {
                 kind: DeviceKind::Gpu,
@@ -235,8 +259,9 @@ impl GpuDevice {
             },
             report,
             overrides,
-            opened: Arc::new(Mutex::new(Some(connection.device.clone()))),
+            opened: Arc::new(Mutex::new(Some(Arc::clone(&connection)))),
             connection: Some(connection),
+            ticket: None,
             fault: None,
         })
     }
@@ -264,9 +289,12 @@ impl GpuDevice {
         Ok(bytes)
     }
 
-    /// Makes something fail once, in the next surface that is opened.
+    /// Makes something fail once: in the next surface that is opened, or brought ahead of its turn.
     pub fn inject(&mut self, fault: Fault) {
-        self.fault = Some(fault);
+        match (fault.point(), &self.connection) {
+            (FaultPoint::Ahead, Some(connection)) => connection.arm_ahead(fault),
+            _ => self.fault = Some(fault),
+        }
     }
 
     /// Whether an adapter that was found anew is this one, though others came or went.
@@ -276,7 +304,7 @@ impl GpuDevice {
 
     /// The connection, another one if the last broke. The adapter may have gone with the device, so it is looked for anew.
     fn connection(&mut self) -> Result<&Connection> {
-        if self.connection.as_ref().is_some_and(Connection::is_broken) {
+        if self.connection.as_ref().is_some_and(|connection| connection.is_broken()) {
             self.connection = None;
             *lock(&self.opened) = None;
         }
@@ -292,10 +320,10 @@ impl GpuDevice {
                         Error::new(Kind::DeviceLost, format_args!("the gpu is gone: {}", self.report.name))
                     })?;
                 tracing::warn!(adapter = self.report.name, "opening the lost gpu again");
-                Connection::open(found, self.overrides)?
+                Arc::new(Connection::open(found, self.overrides)?)
             }
         };
-        lock(&self.opened).get_or_insert_with(|| connection.device.clone());
+        lock(&self.opened).get_or_insert_with(|| Arc::clone(&connection));
         Ok(self.connection.insert(connection))
     }
 }
@@ -308,17 +336,26 @@ impl Device for GpuDevice {
     fn memory_meter(&self) -> MemoryMeter {
         let opened = Arc::clone(&self.opened);
         Arc::new(move || {
-            let device = lock(&opened).clone();
-            Some(device?.generate_allocator_report()?.total_reserved_bytes)
+            let connection = lock(&opened).clone();
+            Some(connection?.device.generate_allocator_report()?.total_reserved_bytes)
         })
+    }
+
+    fn uploader(&self) -> Option<Arc<dyn Uploader>> {
+        Some(Arc::new(Ahead { opened: Arc::clone(&self.opened) }))
+    }
+
+    fn receive(&mut self, uploaded: Uploaded) {
+        self.ticket = uploaded.downcast().ok().map(|ticket| *ticket);
     }
 
     fn open<'a>(&'a mut self, graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
         let energy_shifts = energy_shifts(graph, component_of_cluster)?;
-        let fault = self.fault.take();
+        let (fault, ticket) = (self.fault.take(), self.ticket.take());
         let connection = self.connection()?;
         connection.arm(fault);
-        let buffers = connection.lend(|| Buffers::new(connection, graph, &energy_shifts, false))?;
+        let ahead = ticket.and_then(|ticket| ticket.redeem(connection, graph));
+        let buffers = connection.lend(|| Buffers::new(connection, graph, ahead, &energy_shifts, false))?;
         Ok(Box::new(GpuSteps::new(connection, graph, component_of_cluster, buffers, ())))
     }
 
@@ -328,12 +365,13 @@ impl Device for GpuDevice {
         component_of_cluster: &'a [u32],
     ) -> Result<Box<dyn MergeSteps + 'a>> {
         let energy_shifts = energy_shifts(graph, component_of_cluster)?;
-        let fault = self.fault.take();
+        let (fault, ticket) = (self.fault.take(), self.ticket.take());
         let is_software = self.report.kind == AdapterKind::Software;
         let connection = self.connection()?;
         connection.arm(fault);
+        let ahead = ticket.and_then(|ticket| ticket.redeem(connection, graph));
         let (buffers, merging) = connection.lend(|| {
-            let buffers = Buffers::new(connection, graph, &energy_shifts, true)?;
+            let buffers = Buffers::new(connection, graph, ahead, &energy_shifts, true)?;
             let merging = Merging::new(connection, &buffers, energy_shifts.len() as u32, is_software)?;
             Ok((buffers, merging))
         })?;

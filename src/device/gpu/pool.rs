@@ -1,10 +1,15 @@
 //! Buffers that the last surface left, for the next one: each new one is an allocation of the driver's, and wgpu clears it. On
 //! llvmpipe, whose memory is the host's, bringing small surfaces there takes the same with and without; no card was at hand.
 //!
+//! What was brought ahead of its turn (`ahead.rs`) waits here, too. When its surface is opened, the buffers of the last one that it
+//! has made superfluous stay for the next that is brought ahead: two take turns.
+//!
 //! What is in them is from another job. A buffer is read only where it was written for this surface, or cleared (see
 //! [`Buffers::new`](super::buffers::Buffers::new)); a test fills them with garbage in between. No client can read them.
 
 use std::collections::BTreeMap;
+
+use super::fixed::Fixed;
 
 /// Bytes that are kept at most: the buffers of a flat clustering of nearly 4 million faces, or of a hierarchy of a million. Where
 /// a surface needed more, nothing is kept.
@@ -19,6 +24,10 @@ pub(super) struct Pool {
     lent: BTreeMap<&'static str, wgpu::Buffer>,
     /// What the host reads through, unless it is reading. Grows with what is read.
     for_host: Option<wgpu::Buffer>,
+    /// What was brought of a surface that is not open yet, and its number.
+    ahead: Option<(u64, Fixed)>,
+    /// Number of what was brought last.
+    last: u64,
 }
 
 /// Whether a buffer of `size` bytes may serve for `needed` bytes: not if more than half of it would lie idle.
@@ -29,9 +38,7 @@ fn suits(size: u64, needed: u64) -> bool {
 impl Pool {
     /// A buffer for something, if the last surface left one that suits. Otherwise that one is freed, before another is made.
     pub fn take(&mut self, what: &'static str, needed: u64) -> Option<wgpu::Buffer> {
-        let buffer = self.spare.remove(what).filter(|buffer| suits(buffer.size(), needed))?;
-        self.lend(what, &buffer);
-        Some(buffer)
+        self.spare.remove(what).filter(|buffer| suits(buffer.size(), needed))
     }
 
     /// Notes that a surface uses a buffer.
@@ -39,9 +46,26 @@ impl Pool {
         self.lent.insert(what, buffer.clone());
     }
 
-    /// Frees what the surface that was opened has no use for.
+    /// Frees what the surface that was opened has no use for; not what the next that is brought ahead may have.
     pub fn drop_spare(&mut self) {
-        self.spare.clear();
+        self.spare.retain(|what, _| Fixed::NAMES.contains(what));
+    }
+
+    /// Frees everything, but what a surface that is open uses.
+    pub fn free_all(&mut self) {
+        *self = Self { last: self.last, ..Self::default() };
+    }
+
+    /// Keeps what was brought of a surface ahead of its turn, instead of what was before; gives its number.
+    pub fn keep_ahead(&mut self, fixed: Fixed) -> u64 {
+        self.last += 1;
+        self.ahead = Some((self.last, fixed));
+        self.last
+    }
+
+    /// What was brought ahead under a number, if it is still here.
+    pub fn take_ahead(&mut self, number: u64) -> Option<Fixed> {
+        self.ahead.take_if(|(kept, _)| *kept == number).map(|(_, fixed)| fixed)
     }
 
     /// Takes back what the surface used that is being closed, or could not be opened.
@@ -67,6 +91,12 @@ impl Pool {
     /// Keeps the buffer that the host has read through.
     pub fn keep_for_host(&mut self, buffer: wgpu::Buffer) {
         self.for_host = Some(buffer);
+    }
+
+    /// What was brought ahead.
+    #[cfg(test)]
+    pub fn ahead(&self) -> Option<&Fixed> {
+        self.ahead.as_ref().map(|(_, fixed)| fixed)
     }
 
     /// The buffer that the host reads through, unless it is reading.

@@ -1,7 +1,10 @@
 //! The one thread that works with the device: it takes prepared meshes one after the other.
 //!
-//! Its turn at a job ends when the device has given what it has to give: results are made of that on the cpu pool, while the
-//! thread is at the next job.
+//! What needs no turn at the device goes on beside it. While the thread is at one job, the mesh of the next is brought to the
+//! device by another thread, where the device has an [`Uploader`]: one mesh at most, and none that the cpu will take, or that
+//! failed before. Its turn ends when the device has given what it has to give: results are made of that on the cpu pool. What
+//! was brought ahead belongs to its [`Task`], and is freed with it; where it cannot be brought, or the device was lost since, the
+//! mesh is brought at its turn.
 //!
 //! What can go wrong with a device is dealt with here. One that was lost is opened anew before the next mesh. One that
 //! shows no sign of life is left to itself, with its thread, and another thread begins anew. Where the cpu is allowed to
@@ -12,7 +15,7 @@
 
 use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use tokio::sync::{mpsc, oneshot};
@@ -21,7 +24,7 @@ use super::caught;
 use super::small::{SMALL_FACES, SmallMeshes};
 use super::stages::Slot;
 use crate::device::cpu::CpuDevice;
-use crate::device::{Cancel, Device};
+use crate::device::{Cancel, Device, Uploaded, Uploader};
 use crate::error::{Error, Kind, Result};
 use crate::job::{self, Clustered, Outcome, Prepared};
 use crate::report::{DeviceKind, Row};
@@ -39,7 +42,9 @@ const REOPEN: Duration = Duration::from_secs(10);
 /// A mesh to be clustered.
 pub(super) struct Task {
     /// The mesh.
-    pub prepared: Prepared,
+    pub prepared: Arc<Prepared>,
+    /// What of it is on the device already.
+    pub uploaded: Option<Uploaded>,
     /// Asks to stop. For the thread of the device, looking at it is a sign of life.
     pub cancel: Cancel,
     /// Whether an earlier attempt at this mesh failed, maybe with the device.
@@ -54,7 +59,7 @@ pub(super) struct Task {
 
 /// A mesh that the device is done with.
 struct Done {
-    prepared: Prepared,
+    prepared: Arc<Prepared>,
     clustered: Clustered,
     /// As that of the [`Task`].
     _slot: Slot,
@@ -73,6 +78,8 @@ pub(in crate::service) struct DeviceThread {
     /// For small meshes, which then need not wait for others.
     like: Mutex<Option<Box<dyn Device>>>,
     thread: Mutex<Thread>,
+    /// Held by who waits for the turn, and brings a mesh to the device meanwhile. The others wait for this.
+    next: tokio::sync::Mutex<()>,
     /// Held by who has the thread work: the others do not time it.
     turn: tokio::sync::Mutex<()>,
     timeout: Duration,
@@ -94,6 +101,12 @@ struct Shared {
     health: Arc<Health>,
     metrics: Arc<Metrics>,
     faults: Faults,
+    /// That of the device; none where it has none, and while it is lost.
+    uploader: Mutex<Option<Arc<dyn Uploader>>>,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl fmt::Debug for DeviceThread {
@@ -114,26 +127,32 @@ impl DeviceThread {
         metrics: Arc<Metrics>,
         faults: Faults,
     ) -> Result<Self> {
-        let shared = Arc::new(Shared { reopen, cpu_below_faces, health, metrics, faults });
-        shared.metrics.device_opened(device.memory_meter());
+        let shared = Arc::new(Shared { reopen, cpu_below_faces, health, metrics, faults, uploader: Mutex::default() });
+        shared.opened(device.as_ref());
         let takes_small = cpu_below_faces.is_some_and(|faces| faces > SMALL_FACES as u64);
         let cpu = || takes_small.then(|| Box::new(CpuDevice::new()) as Box<dyn Device>);
         let like = Mutex::new(device.another().or_else(cpu));
         let thread = Mutex::new(Thread::start(Devices::new(Some(device), &shared))?);
-        Ok(Self { shared, like, thread, turn: tokio::sync::Mutex::default(), timeout })
+        let (next, turn) = Default::default();
+        Ok(Self { shared, like, thread, next, turn, timeout })
     }
 
     /// Clusters a mesh, after those that came before, or on one of the threads for small ones, and makes results of that beside
     /// the next. [`Kind::DeviceLost`] when the device was lost, or seems to be. [`Kind::TimeLimit`] when it takes longer than
     /// `limit`, not counting the time that it waits for others.
-    pub(super) async fn run(&self, task: Task, small: &SmallMeshes, limit: Option<Duration>) -> Result<Outcome> {
+    pub(super) async fn run(&self, mut task: Task, small: &SmallMeshes, limit: Option<Duration>) -> Result<Outcome> {
         if let Some(device) = self.another().filter(|_| task.prepared.surface.faces() <= SMALL_FACES) {
             let thread = small.thread().await?;
             let (shared, span) = (Arc::clone(&self.shared), task.span.clone());
             let work = move || span.in_scope(|| task.run_on(device, &shared.metrics)?.finish(&shared.faults));
             return within(limit, thread.run(work)).await;
         }
+        let next = self.next.lock().await;
+        if self.turn.try_lock().is_err() {
+            self.upload(&mut task).await;
+        }
         let turn = self.turn.lock().await;
+        drop(next);
         let work = async {
             let done = self.submit(Some(task)).await;
             drop(turn);
@@ -143,8 +162,29 @@ impl DeviceThread {
         within(limit, work).await
     }
 
+    /// Brings a mesh to the device, if it is one for that and there is a way. Whatever goes wrong, it will be brought at its turn.
+    async fn upload(&self, task: &mut Task) {
+        let uploader = lock(&self.shared.uploader).clone();
+        let Some(uploader) = uploader.filter(|_| !self.shared.is_for_cpu(task)) else { return };
+        let (prepared, slot) = (Arc::clone(&task.prepared), task.slot.clone());
+        let upload = blocking(move || {
+            let _slot = slot;
+            caught(|| uploader.upload(&prepared.surface))
+        });
+        match tokio::time::timeout(self.timeout, upload).await {
+            Ok(Ok(Ok(uploaded))) => {
+                self.shared.metrics.uploaded_ahead();
+                task.uploaded = Some(uploaded);
+            }
+            Ok(Ok(Err(error)) | Err(error)) => {
+                tracing::debug!(%error, "the mesh could not be brought to the device ahead of its turn");
+            }
+            Err(_) => tracing::debug!("the mesh could not be brought to the device in time"),
+        }
+    }
+
     fn another(&self) -> Option<Box<dyn Device>> {
-        self.like.lock().unwrap_or_else(PoisonError::into_inner).as_ref()?.another()
+        lock(&self.like).as_ref()?.another()
     }
 
     /// Completes once there is a device, or something to stand in for it.
@@ -159,7 +199,7 @@ impl DeviceThread {
     async fn submit(&self, task: Option<Task>) -> Result<Done> {
         let gone = || Error::new(Kind::Internal, "the thread of the device is gone");
         let (reply, mut outcome) = oneshot::channel();
-        let Thread { tasks, life } = self.thread.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let Thread { tasks, life } = lock(&self.thread).clone();
         let work = async {
             tasks.send(Submitted { task, reply }).await.map_err(|_| gone())?;
             (&mut outcome).await.map_err(|_| gone())?
@@ -170,7 +210,7 @@ impl DeviceThread {
                 tracing::error!(timeout = ?self.timeout, "the device shows no sign of life; its thread is left to itself");
                 self.shared.lost("it showed no sign of life");
                 let thread = Thread::start(Devices::new(None, &self.shared))?;
-                *self.thread.lock().unwrap_or_else(PoisonError::into_inner) = thread;
+                *lock(&self.thread) = thread;
                 Err(Error::new(
                     Kind::DeviceLost,
                     format_args!("the device showed no sign of life for {:?} (the service's --device-timeout)", self.timeout),
@@ -237,7 +277,23 @@ impl Thread {
 }
 
 impl Shared {
+    /// Whether the cpu is faster with a mesh.
+    fn is_few(&self, task: &Task) -> bool {
+        self.cpu_below_faces.is_some_and(|faces| (task.prepared.surface.faces() as u64) < faces)
+    }
+
+    /// Whether the cpu takes a mesh, if it takes part.
+    fn is_for_cpu(&self, task: &Task) -> bool {
+        task.prepared.parameters.algorithm.is_sequential() || task.is_retry || self.is_few(task)
+    }
+
+    fn opened(&self, device: &dyn Device) {
+        self.metrics.device_opened(device.memory_meter());
+        *lock(&self.uploader) = device.uploader();
+    }
+
     fn lost(&self, how: &str) {
+        *lock(&self.uploader) = None;
         self.health.degrade(Part::Device, format!("the device was lost and is opened anew: {how}"));
     }
 }
@@ -261,9 +317,8 @@ impl Devices {
     }
 
     fn run(&mut self, task: &mut Task) -> Result<Clustered> {
-        let Prepared { surface, parameters, .. } = &task.prepared;
-        let is_few = self.shared.cpu_below_faces.is_some_and(|faces| (surface.faces() as u64) < faces);
-        let suits_cpu = parameters.algorithm.is_sequential() || task.is_retry || is_few;
+        let is_few = self.shared.is_few(task);
+        let suits_cpu = self.shared.is_for_cpu(task);
         let metrics = Arc::clone(&self.shared.metrics);
         let mut run = |device: &mut dyn Device| task.cluster(device, &metrics);
         if let Some(cpu) = self.cpu.as_mut().filter(|_| suits_cpu) {
@@ -320,7 +375,7 @@ impl Devices {
             Some(reopen) => match caught(|| reopen()) {
                 Ok(device) => {
                     tracing::info!(device = device.info().name, "the device was opened anew");
-                    self.shared.metrics.device_opened(device.memory_meter());
+                    self.shared.opened(device.as_ref());
                     self.device = Some(device);
                     self.next_attempt = None;
                     self.shared.health.clear(Part::Device);
@@ -358,7 +413,7 @@ impl Task {
 
     fn cluster(&mut self, device: &mut dyn Device, metrics: &Metrics) -> Result<Clustered> {
         let _working = metrics.device_works();
-        job::cluster(&self.prepared, device, &self.cancel, &mut *self.on_row)
+        job::cluster(&self.prepared, self.uploaded.take(), device, &self.cancel, &mut *self.on_row)
     }
 }
 

@@ -85,7 +85,8 @@ impl Pipeline {
 
         let (rows, inbox) = mpsc::unbounded_channel();
         let task = Task {
-            prepared,
+            prepared: Arc::new(prepared),
+            uploaded: None,
             cancel: cancel.clone(),
             is_retry: ticket.attempt > 1,
             // Unbounded, so that the device never waits; the report holds the same rows anyway.
