@@ -163,6 +163,25 @@ fn what_was_brought_to_a_lost_device_is_brought_to_the_next() {
 }
 
 #[test]
+fn where_there_is_no_memory_what_is_kept_is_freed_and_the_surface_is_opened_again() {
+    let (surface, seeds) = example();
+    let mut gpu = device();
+    let expected = run(&mut gpu, &surface, &seeds, ALL).expect("a run");
+    let uploader = gpu.uploader().expect("a gpu has memory of its own");
+    let next = uploader.upload(&surface.graph).expect("there is room");
+    gpu.inject(Fault::Exhaust(FaultPoint::Upload));
+    // another size, so that buffers are made
+    let other = Surface::build(&generate(Sample::Knot, 600).expect("a sample")).expect("a surface");
+    drop(gpu.open(&other, &[0]).expect("there is room without the other"));
+    gpu.receive(next);
+    assert!(run(&mut gpu, &surface, &seeds, ALL).expect("a run") == expected);
+    assert!(gpu.spoil_spare_buffers().expect("it works") > 0);
+    gpu.rest();
+    assert_eq!(gpu.spoil_spare_buffers().expect("it works"), 0);
+    assert!(run(&mut gpu, &surface, &seeds, ALL).expect("a run") == expected);
+}
+
+#[test]
 fn what_was_given_up_for_a_surface_that_does_not_fit_is_not_mistaken_for_what_came_later() {
     let (surface, seeds) = example();
     let mut heavier = surface.graph.clone();

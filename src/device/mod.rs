@@ -62,6 +62,9 @@ pub trait Device: Send {
         drop(uploaded);
     }
 
+    /// Frees what it keeps for the next surface. To be told when none is likely to come soon.
+    fn rest(&mut self) {}
+
     /// Brings a surface to the device, with all faces free.
     ///
     /// `component_of_cluster[c]` is the component of the surface that cluster `c` lies in: clusters never leave it.

@@ -98,6 +98,8 @@ pub struct Extras {
     pub reopen: Option<Reopen>,
     /// Failures on purpose.
     pub faults: Faults,
+    /// Time without work after which the device [rests](Device::rest); half a minute when none.
+    pub idle: Option<Duration>,
 }
 
 impl fmt::Debug for Extras {
@@ -147,11 +149,11 @@ impl Server {
         let cannot = |error| Error::io(format_args!("cannot listen on {}", settings.listen), error);
         let listener = TcpListener::bind(settings.listen).await.map_err(cannot)?;
         let address = listener.local_addr().map_err(cannot)?;
-        let Extras { reopen, faults } = extras;
+        let faults = extras.faults.clone();
         let files = Arc::new(Files::open(settings.data_dir.as_deref(), settings.storage.disk(), faults.clone())?);
         let rules = Rules { max_queued: settings.max_queued_jobs, max_attempts: settings.work.max_attempts };
         let store: Arc<dyn JobStore> = match files.database() {
-            Some(path) => Arc::new(SqliteStore::open(&path, rules, faults.clone()).await?),
+            Some(path) => Arc::new(SqliteStore::open(&path, rules, faults).await?),
             None => Arc::new(MemoryStore::new(rules)),
         };
         let metrics = Arc::new(Metrics::new(&description.info));
@@ -170,11 +172,10 @@ impl Server {
             device: DeviceThread::start(
                 device,
                 description.cpu_below_faces,
-                reopen,
+                extras,
                 timeout,
                 Arc::clone(&health),
                 Arc::clone(&metrics),
-                faults,
             )?,
             metrics: Arc::clone(&metrics),
         };

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
 
 use serde_json::Value;
 use tesserae::device::cpu::CpuDevice;
@@ -194,6 +195,24 @@ async fn a_job_that_is_cancelled_frees_what_was_brought_of_its_mesh() {
 }
 
 #[tokio::test]
+async fn a_device_without_work_rests_and_works_again() {
+    let seen = Arc::<Seen>::default();
+    seen.gate.open();
+    let extras = Extras { idle: Some(Duration::from_millis(1)), ..Extras::default() };
+    let data = Arc::new(tempfile::tempdir().expect("a folder"));
+    let service = Service::on(data, |_| {}, Watched::boxed(&seen), None, extras).await;
+    let mut jobs = Vec::new();
+    for (query, mesh) in QUERIES.into_iter().zip(meshes()) {
+        let job = service.submit(query, mesh).await;
+        assert_eq!(service.ended(&job).await["state"], "succeeded");
+        jobs.push(job);
+        let before = seen.rested.load(Ordering::SeqCst);
+        until(async || seen.rested.load(Ordering::SeqCst) > before).await;
+    }
+    assert_right(&service, &jobs).await;
+}
+
+#[tokio::test]
 async fn what_the_cpu_will_take_is_not_brought_to_the_device() {
     let seen = Arc::<Seen>::default();
     let device = Watched::boxed(&seen);
@@ -220,6 +239,7 @@ struct Seen {
     uploads: AtomicUsize,
     received: AtomicUsize,
     opened_anew: AtomicUsize,
+    rested: AtomicUsize,
     /// Faces of the surfaces whose upload was begun.
     faces: std::sync::Mutex<Vec<usize>>,
     /// Uploads that will fail, and devices that will be lost behind the gate.
@@ -290,6 +310,11 @@ impl Device for Watched {
     fn receive(&mut self, uploaded: Uploaded) {
         self.seen.received.fetch_add(1, Ordering::SeqCst);
         self.gpu.receive(uploaded.downcast::<Counted>().expect("counted").uploaded);
+    }
+
+    fn rest(&mut self) {
+        self.seen.rested.fetch_add(1, Ordering::SeqCst);
+        self.gpu.rest();
     }
 
     fn open<'a>(&'a mut self, graph: &'a DualGraph, components: &'a [u32]) -> tesserae::Result<Box<dyn Steps + 'a>> {

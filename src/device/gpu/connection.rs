@@ -191,15 +191,26 @@ impl Connection {
     }
 
     /// Makes the buffers of a surface, of those that the last one left where they serve. The others are freed then, as are all when
-    /// that fails.
-    pub(super) fn lend<T>(&self, make: impl FnOnce() -> Result<T>) -> Result<T> {
-        let made = make();
-        let mut pool = lock(&self.pool);
+    /// that fails. When it fails for want of memory, it is tried once more after that.
+    pub(super) fn lend<T>(&self, mut make: impl FnMut() -> Result<T>) -> Result<T> {
+        let mut made = make();
+        // the device counts as lost, and is there
+        if made.as_ref().is_err_and(|error| error.kind == Kind::DeviceLost) && !self.is_broken() {
+            self.free();
+            made = make();
+        }
         match made {
-            Ok(_) => pool.drop_spare(),
-            Err(_) => pool.free_all(),
+            Ok(_) => lock(&self.pool).drop_spare(),
+            Err(_) => self.free(),
         }
         made
+    }
+
+    /// Frees what is kept for other surfaces. Only while none is open.
+    pub(super) fn free(&self) {
+        lock(&self.pool).free_all();
+        // what was freed is gone once nothing uses it any more, and somebody looks
+        let _ = self.poll(wgpu::PollType::Wait { submission_index: None, timeout: Some(PATIENCE) });
     }
 
     /// The kernels of hierarchies, which are compiled when the first one is asked for.

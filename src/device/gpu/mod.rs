@@ -113,8 +113,9 @@
 //! refused.
 //!
 //! Buffers stay for the next surface, which takes those that have room for it and not more than twice as much as it needs; the
-//! others are freed when it is there. 256 MiB are kept at most (`pool.rs`). A surface that is brought ahead of its turn is given up
-//! where there is no room for it.
+//! others are freed when it is there. 256 MiB are kept at most (`pool.rs`); nothing where a surface did not fit, and once the
+//! device [rests](Device::rest). A surface that is brought ahead of its turn is given up where there is no room for it, or for the
+//! one that is opened before it: that one is tried again once all that is kept has been freed.
 //!
 //! # Compiled kernels
 //!
@@ -349,13 +350,19 @@ impl Device for GpuDevice {
         self.ticket = uploaded.downcast().ok().map(|ticket| *ticket);
     }
 
+    fn rest(&mut self) {
+        if let Some(connection) = &self.connection {
+            connection.free();
+        }
+    }
+
     fn open<'a>(&'a mut self, graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
         let energy_shifts = energy_shifts(graph, component_of_cluster)?;
         let (fault, ticket) = (self.fault.take(), self.ticket.take());
         let connection = self.connection()?;
         connection.arm(fault);
-        let ahead = ticket.and_then(|ticket| ticket.redeem(connection, graph));
-        let buffers = connection.lend(|| Buffers::new(connection, graph, ahead, &energy_shifts, false))?;
+        let mut ahead = ticket.and_then(|ticket| ticket.redeem(connection, graph));
+        let buffers = connection.lend(|| Buffers::new(connection, graph, ahead.take(), &energy_shifts, false))?;
         Ok(Box::new(GpuSteps::new(connection, graph, component_of_cluster, buffers, ())))
     }
 
@@ -369,9 +376,9 @@ impl Device for GpuDevice {
         let is_software = self.report.kind == AdapterKind::Software;
         let connection = self.connection()?;
         connection.arm(fault);
-        let ahead = ticket.and_then(|ticket| ticket.redeem(connection, graph));
+        let mut ahead = ticket.and_then(|ticket| ticket.redeem(connection, graph));
         let (buffers, merging) = connection.lend(|| {
-            let buffers = Buffers::new(connection, graph, ahead, &energy_shifts, true)?;
+            let buffers = Buffers::new(connection, graph, ahead.take(), &energy_shifts, true)?;
             let merging = Merging::new(connection, &buffers, energy_shifts.len() as u32, is_software)?;
             Ok((buffers, merging))
         })?;

@@ -51,7 +51,7 @@ impl Pool {
         self.spare.retain(|what, _| Fixed::NAMES.contains(what));
     }
 
-    /// Frees everything, but what a surface that is open uses.
+    /// Frees everything. Only while no surface is open.
     pub fn free_all(&mut self) {
         *self = Self { last: self.last, ..Self::default() };
     }

@@ -11,14 +11,17 @@
 //! stand in, it takes meshes that lost the device before, and all of them while there is no device. A device that cannot
 //! be opened, with nothing to stand in, makes the service not ready, and no job is begun until it can.
 //!
+//! A device that has had nothing to do for half a minute [rests](Device::rest): it frees what it keeps for the next mesh.
+//!
 //! A device that may be asked for [several](Device::another) meshes at a time works on small ones beside the thread.
 
 use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use tokio::sync::{mpsc, oneshot};
+use tokio::sync::oneshot;
 
 use super::caught;
 use super::small::{SMALL_FACES, SmallMeshes};
@@ -32,12 +35,16 @@ use crate::service::faults::{FaultPoint, Faults};
 use crate::service::files::blocking;
 use crate::service::health::{Health, Part, Severity};
 use crate::service::metrics::Metrics;
+use crate::service::server::Extras;
 
 /// Opens the device of the service anew.
 pub type Reopen = Arc<dyn Fn() -> Result<Box<dyn Device>> + Send + Sync>;
 
 /// Time between two attempts to open a device that could not be opened.
 const REOPEN: Duration = Duration::from_secs(10);
+
+/// Time without work after which a device rests, unless a test says otherwise.
+const IDLE: Duration = Duration::from_secs(30);
 
 /// A mesh to be clustered.
 pub(super) struct Task {
@@ -95,12 +102,11 @@ struct Thread {
 
 /// What threads have in common.
 struct Shared {
-    reopen: Option<Reopen>,
+    extras: Extras,
     /// None when the cpu takes no part.
     cpu_below_faces: Option<u64>,
     health: Arc<Health>,
     metrics: Arc<Metrics>,
-    faults: Faults,
     /// That of the device; none where it has none, and while it is lost.
     uploader: Mutex<Option<Arc<dyn Uploader>>>,
 }
@@ -117,17 +123,16 @@ impl fmt::Debug for DeviceThread {
 
 impl DeviceThread {
     /// Starts the thread. With `cpu_below_faces`, the cpu clusters meshes with fewer faces, and does what the device cannot, or
-    /// is slow at. A device without a sign of life for `timeout` counts as lost; `reopen` opens another one.
+    /// is slow at. A device without a sign of life for `timeout` counts as lost; what reopens it is among the extras.
     pub fn start(
         device: Box<dyn Device>,
         cpu_below_faces: Option<u64>,
-        reopen: Option<Reopen>,
+        extras: Extras,
         timeout: Duration,
         health: Arc<Health>,
         metrics: Arc<Metrics>,
-        faults: Faults,
     ) -> Result<Self> {
-        let shared = Arc::new(Shared { reopen, cpu_below_faces, health, metrics, faults, uploader: Mutex::default() });
+        let shared = Arc::new(Shared { extras, cpu_below_faces, health, metrics, uploader: Mutex::default() });
         shared.opened(device.as_ref());
         let takes_small = cpu_below_faces.is_some_and(|faces| faces > SMALL_FACES as u64);
         let cpu = || takes_small.then(|| Box::new(CpuDevice::new()) as Box<dyn Device>);
@@ -144,7 +149,7 @@ impl DeviceThread {
         if let Some(device) = self.another().filter(|_| task.prepared.surface.faces() <= SMALL_FACES) {
             let thread = small.thread().await?;
             let (shared, span) = (Arc::clone(&self.shared), task.span.clone());
-            let work = move || span.in_scope(|| task.run_on(device, &shared.metrics)?.finish(&shared.faults));
+            let work = move || span.in_scope(|| task.run_on(device, &shared.metrics)?.finish(&shared.extras.faults));
             return within(limit, thread.run(work)).await;
         }
         let next = self.next.lock().await;
@@ -156,7 +161,7 @@ impl DeviceThread {
         let work = async {
             let done = self.submit(Some(task)).await;
             drop(turn);
-            let (done, faults, span) = (done?, self.shared.faults.clone(), tracing::info_span!("finish"));
+            let (done, faults, span) = (done?, self.shared.extras.faults.clone(), tracing::info_span!("finish"));
             blocking(move || caught(|| span.in_scope(|| done.finish(&faults)))).await?
         };
         within(limit, work).await
@@ -171,6 +176,7 @@ impl DeviceThread {
             let _slot = slot;
             caught(|| uploader.upload(&prepared.surface))
         });
+        // one that shows no sign of life has nobody wait for it
         match tokio::time::timeout(self.timeout, upload).await {
             Ok(Ok(Ok(uploaded))) => {
                 self.shared.metrics.uploaded_ahead();
@@ -201,7 +207,7 @@ impl DeviceThread {
         let (reply, mut outcome) = oneshot::channel();
         let Thread { tasks, life } = lock(&self.thread).clone();
         let work = async {
-            tasks.send(Submitted { task, reply }).await.map_err(|_| gone())?;
+            tasks.send(Submitted { task, reply }).map_err(|_| gone())?;
             (&mut outcome).await.map_err(|_| gone())?
         };
         tokio::select! {
@@ -254,13 +260,23 @@ fn too_slow(limit: Duration) -> Error {
 
 impl Thread {
     fn start(mut devices: Devices) -> Result<Self> {
-        let (tasks, mut queue) = mpsc::channel::<Submitted>(1);
+        // who sends has the turn, or has given up waiting: there are never many
+        let (tasks, queue) = mpsc::channel::<Submitted>();
         let life = Arc::<AtomicU64>::default();
         let looks = Arc::clone(&life);
         std::thread::Builder::new()
             .name("device".to_owned())
             .spawn(move || {
-                while let Some(Submitted { task, reply }) = queue.blocking_recv() {
+                loop {
+                    let Submitted { task, reply } = match queue.recv_timeout(devices.shared.extras.idle.unwrap_or(IDLE))
+                    {
+                        Ok(submitted) => submitted,
+                        Err(RecvTimeoutError::Timeout) => {
+                            devices.rest();
+                            continue;
+                        }
+                        Err(RecvTimeoutError::Disconnected) => break,
+                    };
                     let outcome = match task {
                         Some(mut task) => {
                             task.cancel = task.cancel.counting(Arc::clone(&looks));
@@ -347,7 +363,7 @@ impl Devices {
             }
             (Err(error), _) if error.kind == Kind::DeviceLost => {
                 self.shared.lost(&error.message);
-                if self.shared.reopen.is_some() {
+                if self.shared.extras.reopen.is_some() {
                     self.device = None;
                 }
                 Err(error)
@@ -361,13 +377,21 @@ impl Devices {
         }
     }
 
+    fn rest(&mut self) {
+        let Some(device) = &mut self.device else { return };
+        let _ = caught(|| {
+            device.rest();
+            Ok(())
+        });
+    }
+
     /// Opens the device, if it is not.
     fn open(&mut self) -> Result<()> {
         if self.device.is_some() {
             return Ok(());
         }
         let refuse = |why: &str| Error::new(Kind::DeviceLost, format_args!("the device cannot be opened again: {why}"));
-        let error = match &self.shared.reopen {
+        let error = match &self.shared.extras.reopen {
             // not at every mesh: looking for a device takes its time
             _ if self.next_attempt.is_some_and(|next| Instant::now() < next) => {
                 return Err(refuse("it could not be a moment ago"));
