@@ -175,6 +175,15 @@ fn where_there_is_no_memory_what_is_kept_is_freed_and_the_surface_is_opened_agai
     drop(gpu.open(&other, &[0]).expect("there is room without the other"));
     gpu.receive(next);
     assert!(run(&mut gpu, &surface, &seeds, ALL).expect("a run") == expected);
+    // none for what the host reads, either
+    gpu.rest();
+    let next = uploader.upload(&surface.graph).expect("there is room");
+    gpu.inject(Fault::Exhaust(FaultPoint::Labels));
+    let mut steps = gpu.open(&other, &[0]).expect("it fits");
+    assert_eq!(steps.labels().expect("there is room without the other").len(), other.faces());
+    drop(steps);
+    gpu.receive(next);
+    assert!(run(&mut gpu, &surface, &seeds, ALL).expect("a run") == expected);
     assert!(gpu.spoil_spare_buffers().expect("it works") > 0);
     gpu.rest();
     assert_eq!(gpu.spoil_spare_buffers().expect("it works"), 0);

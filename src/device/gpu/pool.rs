@@ -63,6 +63,11 @@ impl Pool {
         self.last
     }
 
+    /// Frees what was brought ahead; whether there was anything.
+    pub fn give_up_ahead(&mut self) -> bool {
+        self.ahead.take().is_some()
+    }
+
     /// What was brought ahead under a number, if it is still here.
     pub fn take_ahead(&mut self, number: u64) -> Option<Fixed> {
         self.ahead.take_if(|(kept, _)| *kept == number).map(|(_, fixed)| fixed)

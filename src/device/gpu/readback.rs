@@ -57,7 +57,7 @@ impl<M> GpuSteps<'_, M> {
     ) -> Result<(Slot, Vec<T>)> {
         let slot_bytes = size_of::<Slot>();
         let bytes = (items * size_of::<T>()) as u64;
-        let staging = self.for_host(slot_bytes as u64 + bytes);
+        let staging = self.for_host(slot_bytes as u64 + bytes)?;
         let target = staging.slice(..slot_bytes as u64 + bytes);
         let slot_at = u64::from(BETWEEN) * slot_bytes as u64;
         encoder.copy_buffer_to_buffer(&self.buffers.ring, slot_at, &staging, 0, slot_bytes as u64);
@@ -73,17 +73,23 @@ impl<M> GpuSteps<'_, M> {
         Ok(read)
     }
 
-    /// A buffer of so many bytes, or more, that the host can read.
-    fn for_host(&self, bytes: u64) -> wgpu::Buffer {
-        let kept = lock(&self.connection.pool).take_for_host(bytes);
-        kept.unwrap_or_else(|| {
-            self.connection.device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some("for the host"),
-                size: bytes,
-                usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
-                mapped_at_creation: false,
-            })
-        })
+    /// A buffer of so many bytes, or more, that the host can read. Where there is no memory for it, what was brought of the next
+    /// surface is given up.
+    fn for_host(&self, bytes: u64) -> Result<wgpu::Buffer> {
+        let pool = &self.connection.pool;
+        if let Some(kept) = lock(pool).take_for_host(bytes) {
+            return Ok(kept);
+        }
+        let descriptor = wgpu::BufferDescriptor {
+            label: Some("for the host"),
+            size: bytes,
+            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        };
+        match self.connection.buffer(&descriptor) {
+            Err(_) if lock(pool).give_up_ahead() => self.connection.buffer(&descriptor),
+            made => made,
+        }
     }
 
     /// Waits for a submission and a mapping after it, and looks into what is mapped.
