@@ -338,7 +338,7 @@ pub(super) fn check_groups(connection: &Connection, graph: &DualGraph) -> Result
 }
 
 /// A buffer of the surface that is being opened, into which anything may be copied. Those that the host does not map may be left
-/// from another surface, with what was in them; there is one of each kind. Fails like [`allocate`].
+/// from another surface, with what was in them. Fails like [`allocate`].
 pub(super) fn create(
     connection: &Connection,
     what: &'static str,
@@ -352,7 +352,7 @@ pub(super) fn create(
     Ok(buffer)
 }
 
-/// A buffer, of those that the last surface left or another one. Fails when it is larger than the device allows, and when there is
+/// A buffer, one that a surface left or a new one. Fails when it is larger than the device allows, and when there is
 /// no memory for it.
 pub(super) fn allocate(
     connection: &Connection,

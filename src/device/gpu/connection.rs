@@ -190,8 +190,8 @@ impl Connection {
         &self.name
     }
 
-    /// Makes the buffers of a surface, of those that the last one left where they serve. The others are freed then, as are all when
-    /// that fails. When it fails for want of memory, it is tried once more after that.
+    /// Makes the buffers of a surface, of those that others left where they serve. When that fails, all that is kept is freed; and
+    /// when it failed for want of memory, it is tried once more.
     pub(super) fn lend<T>(&self, mut make: impl FnMut() -> Result<T>) -> Result<T> {
         let mut made = make();
         // the device counts as lost, and is there
@@ -200,7 +200,7 @@ impl Connection {
             made = make();
         }
         match made {
-            Ok(_) => lock(&self.pool).drop_spare(),
+            Ok(_) => lock(&self.pool).surface_opened(),
             Err(_) => self.free(),
         }
         made

@@ -102,6 +102,26 @@ fn buffers_serve_again_and_what_was_in_them_is_not_read() {
 }
 
 #[test]
+fn buffers_of_a_surface_outlast_coarse_ones_until_nobody_wants_them_for_long() {
+    let found = enumerate().into_iter().filter(|found| found.report.usable).min_by_key(|found| found.report.kind);
+    let mut device = GpuDevice::new(&found.expect("a Vulkan driver")).expect("it opens");
+    let surface = |faces| Surface::build(&generate(Sample::Knot, faces).expect("a sample")).expect("a surface");
+    let (coarse, fine) = (surface(500), surface(5000));
+    let mut kept_after = |surface: &Surface| {
+        drop(device.open(&surface.graph, &[0; 30]).expect("it fits"));
+        device.spoil_spare_buffers().expect("it is open")
+    };
+    let alone = kept_after(&coarse);
+    let both = kept_after(&fine);
+    assert!(both > alone + 64 * 4500, "{both} after {alone}");
+    for _ in 0..3 {
+        assert_eq!([kept_after(&coarse), kept_after(&fine)], [both; 2], "nothing was made anew, or freed");
+    }
+    let kept: Vec<u64> = (0..40).map(|_| kept_after(&coarse)).collect();
+    assert_eq!((kept[20], kept[39]), (both, alone), "{kept:?}");
+}
+
+#[test]
 fn two_surfaces_take_turns_with_the_buffers_that_are_filled_ahead() {
     let found = enumerate().into_iter().filter(|found| found.report.usable).min_by_key(|found| found.report.kind);
     let mut device = GpuDevice::new(&found.expect("a Vulkan driver")).expect("it opens");

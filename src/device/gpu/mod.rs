@@ -112,8 +112,8 @@
 //! face in a closed triangle mesh, the largest of its buffers 48: that binding holds 2.7 million faces. What does not fit is
 //! refused.
 //!
-//! Buffers stay for the next surface, which takes those that have room for it and not more than twice as much as it needs; the
-//! others are freed when it is there. 256 MiB are kept at most (`pool.rs`); nothing where a surface did not fit, and once the
+//! Buffers stay for the next surfaces, which take those that have room for them and not more than twice as much as they need: 256
+//! MiB at most, and those that one of the last 32 surfaces used (`pool.rs`); nothing where a surface did not fit, and once the
 //! device [rests](Device::rest). A surface that is brought ahead of its turn is given up where there is no room for it, or for the
 //! one that is opened before it: that one is tried again once all that is kept has been freed.
 //!

@@ -1,27 +1,41 @@
-//! Buffers that the last surface left, for the next one: each new one is an allocation of the driver's, and wgpu clears it. On
+//! Buffers that surfaces left, for the next ones: each new one is an allocation of the driver's, and wgpu clears it. On
 //! llvmpipe, whose memory is the host's, bringing small surfaces there takes the same with and without; no card was at hand.
 //!
-//! What was brought ahead of its turn (`ahead.rs`) waits here, too. When its surface is opened, the buffers of the last one that it
-//! has made superfluous stay for the next that is brought ahead: two take turns.
+//! A job opens several surfaces, coarse ones before its own, and the next job the like: so what one has no use for is kept for a
+//! while. What was brought ahead of its turn (`ahead.rs`) waits here, too; its buffers and those of the surface that is open
+//! take turns.
 //!
 //! What is in them is from another job. A buffer is read only where it was written for this surface, or cleared (see
 //! [`Buffers::new`](super::buffers::Buffers::new)); a test fills them with garbage in between. No client can read them.
 
-use std::collections::BTreeMap;
-
 use super::fixed::Fixed;
 
-/// Bytes that are kept at most: the buffers of a flat clustering of nearly 4 million faces, or of a hierarchy of a million. Where
-/// a surface needed more, nothing is kept.
+/// Bytes that are kept at most: the buffers of a flat clustering of nearly 4 million faces, or of a hierarchy of a million. Of a
+/// surface that needed more, nothing is kept.
 const MOST_KEPT: u64 = 256 << 20;
+
+/// How many surfaces may be opened without a use for a buffer before it is freed: those of a few jobs.
+const KEPT_FOR: u64 = 32;
+
+/// A buffer.
+#[derive(Debug)]
+struct Pooled {
+    /// What it is for.
+    what: &'static str,
+    buffer: wgpu::Buffer,
+    /// Surfaces that had been opened when it was last used.
+    used: u64,
+}
 
 /// Buffers by what they are for.
 #[derive(Debug, Default)]
 pub(super) struct Pool {
-    /// Those that nobody uses.
-    spare: BTreeMap<&'static str, wgpu::Buffer>,
+    /// Those that nobody uses; what came back last is last.
+    spare: Vec<Pooled>,
     /// Those of the surface that is open.
-    lent: BTreeMap<&'static str, wgpu::Buffer>,
+    lent: Vec<Pooled>,
+    /// Surfaces that have been opened.
+    opened: u64,
     /// What the host reads through, unless it is reading. Grows with what is read.
     for_host: Option<wgpu::Buffer>,
     /// What was brought of a surface that is not open yet, and its number.
@@ -36,24 +50,30 @@ fn suits(size: u64, needed: u64) -> bool {
 }
 
 impl Pool {
-    /// A buffer for something, if the last surface left one that suits. Otherwise that one is freed, before another is made.
+    /// A buffer for something, if one was left that suits: the smallest.
     pub fn take(&mut self, what: &'static str, needed: u64) -> Option<wgpu::Buffer> {
-        self.spare.remove(what).filter(|buffer| suits(buffer.size(), needed))
+        let suit = self.spare.iter().enumerate().filter(|(_, spare)| {
+            let size = spare.buffer.size();
+            spare.what == what && suits(size, needed)
+        });
+        let (at, _) = suit.min_by_key(|(_, spare)| spare.buffer.size())?;
+        Some(self.spare.remove(at).buffer)
     }
 
     /// Notes that a surface uses a buffer.
     pub fn lend(&mut self, what: &'static str, buffer: &wgpu::Buffer) {
-        self.lent.insert(what, buffer.clone());
+        self.lent.push(Pooled { what, buffer: buffer.clone(), used: self.opened });
     }
 
-    /// Frees what the surface that was opened has no use for; not what the next that is brought ahead may have.
-    pub fn drop_spare(&mut self) {
-        self.spare.retain(|what, _| Fixed::NAMES.contains(what));
+    /// Notes that a surface was opened; frees what none had a use for in a long time.
+    pub fn surface_opened(&mut self) {
+        self.opened += 1;
+        self.spare.retain(|spare| spare.used + KEPT_FOR > self.opened);
     }
 
     /// Frees everything. Only while no surface is open.
     pub fn free_all(&mut self) {
-        *self = Self { last: self.last, ..Self::default() };
+        *self = Self { opened: self.opened, last: self.last, ..Self::default() };
     }
 
     /// Keeps what was brought of a surface ahead of its turn, instead of what was before; gives its number.
@@ -73,18 +93,22 @@ impl Pool {
         self.ahead.take_if(|(kept, _)| *kept == number).map(|(_, fixed)| fixed)
     }
 
-    /// Takes back what the surface used that is being closed, or could not be opened.
+    /// Takes back what the surface used that is being closed. What came back longest ago is freed where that makes too much.
     pub fn take_back(&mut self) {
-        if self.lent.is_empty() {
-            return;
+        let mut returned = std::mem::take(&mut self.lent);
+        let for_host = self.for_host.as_ref().map_or(0, wgpu::Buffer::size);
+        if bytes(&returned) + for_host > MOST_KEPT {
+            (returned, self.for_host) = Default::default();
         }
-        let lent = std::mem::take(&mut self.lent);
-        let bytes: u64 = lent.values().chain(&self.for_host).map(wgpu::Buffer::size).sum();
-        if bytes <= MOST_KEPT {
-            self.spare = lent;
-        } else {
-            (self.spare, self.for_host) = Default::default();
-        }
+        self.spare.append(&mut returned);
+        let mut surplus = (bytes(&self.spare) + for_host).saturating_sub(MOST_KEPT);
+        let freed = self.spare.iter().take_while(|spare| {
+            let is_surplus = surplus > 0;
+            surplus = surplus.saturating_sub(spare.buffer.size());
+            is_surplus
+        });
+        let freed = freed.count();
+        self.spare.drain(..freed);
     }
 
     /// The buffer that the host reads through, if it is there and large enough. It comes back by
@@ -112,8 +136,12 @@ impl Pool {
 
     /// Those that nobody uses.
     pub fn spare(&self) -> impl Iterator<Item = &wgpu::Buffer> {
-        self.spare.values().chain(&self.for_host)
+        self.spare.iter().map(|spare| &spare.buffer).chain(&self.for_host)
     }
+}
+
+fn bytes(buffers: &[Pooled]) -> u64 {
+    buffers.iter().map(|pooled| pooled.buffer.size()).sum()
 }
 
 #[cfg(test)]
