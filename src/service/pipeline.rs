@@ -13,6 +13,7 @@ mod leases;
 mod memory;
 mod small;
 mod stages;
+mod task;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};

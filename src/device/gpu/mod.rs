@@ -77,8 +77,9 @@
 //!
 //! When a surface is opened, what never changes of it goes to the device: 20 bytes a face and 4 for each neighbour, 32 a face of a
 //! closed triangle mesh, and 20 for each cluster. In a service another thread brings the former while the device works on the
-//! job before (`ahead.rs`), a mesh at most: so the memory of the device holds that much more, and the same again where two such
-//! meshes take turns. Nothing is transferred to make faces free. A start's labels follow, 4 bytes a face.
+//! job before (`ahead.rs`), for one mesh at most: so the memory of the device holds that much more. Nothing is transferred to
+//! make faces free. A start's labels follow, 4 bytes a face. On llvmpipe, where all of this is done by the processors that do the
+//! device's work, jobs of igea take as long with as without; no card was at hand.
 //!
 //! Within a growth or a phase only the ring comes back: 2 KiB for a batch of up to 64 turns, while the next one runs. Between them
 //! the labels do after the first growth, and where pieces that were cut off are looked for, the number of their faces, with a

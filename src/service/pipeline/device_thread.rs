@@ -25,13 +25,12 @@ use tokio::sync::oneshot;
 
 use super::caught;
 use super::small::{SMALL_FACES, SmallMeshes};
-use super::stages::Slot;
+use super::task::{Done, Task};
 use crate::device::cpu::CpuDevice;
-use crate::device::{Cancel, Device, Uploaded, Uploader};
+use crate::device::{Device, Uploader};
 use crate::error::{Error, Kind, Result};
-use crate::job::{self, Clustered, Outcome, Prepared};
-use crate::report::{DeviceKind, Row};
-use crate::service::faults::{FaultPoint, Faults};
+use crate::job::{Clustered, Outcome};
+use crate::report::DeviceKind;
 use crate::service::files::blocking;
 use crate::service::health::{Health, Part, Severity};
 use crate::service::metrics::Metrics;
@@ -45,32 +44,6 @@ const REOPEN: Duration = Duration::from_secs(10);
 
 /// Time without work after which a device rests, unless a test says otherwise.
 const IDLE: Duration = Duration::from_secs(30);
-
-/// A mesh to be clustered.
-pub(super) struct Task {
-    /// The mesh.
-    pub prepared: Arc<Prepared>,
-    /// What of it is on the device already.
-    pub uploaded: Option<Uploaded>,
-    /// Asks to stop. For the thread of the device, looking at it is a sign of life.
-    pub cancel: Cancel,
-    /// Whether an earlier attempt at this mesh failed, maybe with the device.
-    pub is_retry: bool,
-    /// Is told of every row of the report.
-    pub on_row: Box<dyn FnMut(Row) + Send>,
-    /// Where the lines of the log belong.
-    pub span: tracing::Span,
-    /// Freed when the mesh is: other meshes wait for its place in memory.
-    pub slot: Slot,
-}
-
-/// A mesh that the device is done with.
-struct Done {
-    prepared: Arc<Prepared>,
-    clustered: Clustered,
-    /// As that of the [`Task`].
-    _slot: Slot,
-}
 
 /// A task and whoever waits for what becomes of it, who may be gone.
 struct Submitted {
@@ -280,7 +253,7 @@ impl Thread {
                     let outcome = match task {
                         Some(mut task) => {
                             task.cancel = task.cancel.counting(Arc::clone(&looks));
-                            task.run(&mut devices)
+                            task.run(|task| devices.run(task))
                         }
                         None => devices.open().map(drop).and(Err(Error::cancelled())),
                     };
@@ -415,36 +388,5 @@ impl Devices {
             None => self.shared.health.fail(Part::Device, error.message.clone()),
         }
         Err(error)
-    }
-}
-
-impl Task {
-    fn run(self, devices: &mut Devices) -> Result<Done> {
-        self.done(|task| devices.run(task))
-    }
-
-    /// The same on a device of its own.
-    fn run_on(self, mut device: Box<dyn Device>, metrics: &Metrics) -> Result<Done> {
-        self.done(|task| task.cluster(device.as_mut(), metrics))
-    }
-
-    /// All of the job's rows are told, and if it failed its place is free, before that is known.
-    fn done(mut self, work: impl FnOnce(&mut Self) -> Result<Clustered>) -> Result<Done> {
-        let span = self.span.clone();
-        let clustered = span.in_scope(|| caught(|| work(&mut self)))?;
-        Ok(Done { prepared: self.prepared, clustered, _slot: self.slot })
-    }
-
-    fn cluster(&mut self, device: &mut dyn Device, metrics: &Metrics) -> Result<Clustered> {
-        let _working = metrics.device_works();
-        job::cluster(&self.prepared, self.uploaded.take(), device, &self.cancel, &mut *self.on_row)
-    }
-}
-
-impl Done {
-    /// Makes results, and frees the mesh.
-    fn finish(self, faults: &Faults) -> Result<Outcome> {
-        faults.hit(FaultPoint::Finish).map_err(|error| Error::io("the results cannot be made", error))?;
-        job::finish(&self.prepared, self.clustered)
     }
 }

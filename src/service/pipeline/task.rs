@@ -1,0 +1,67 @@
+//! A mesh on its way through the device, and what is done with it there and after.
+
+use std::sync::Arc;
+
+use super::caught;
+use super::stages::Slot;
+use crate::device::{Cancel, Device, Uploaded};
+use crate::error::{Error, Result};
+use crate::job::{self, Clustered, Outcome, Prepared};
+use crate::report::Row;
+use crate::service::faults::{FaultPoint, Faults};
+use crate::service::metrics::Metrics;
+
+/// A mesh to be clustered.
+pub(super) struct Task {
+    /// The mesh.
+    pub prepared: Arc<Prepared>,
+    /// What of it is on the device already.
+    pub uploaded: Option<Uploaded>,
+    /// Asks to stop. For the thread of the device, looking at it is a sign of life.
+    pub cancel: Cancel,
+    /// Whether an earlier attempt at this mesh failed, maybe with the device.
+    pub is_retry: bool,
+    /// Is told of every row of the report.
+    pub on_row: Box<dyn FnMut(Row) + Send>,
+    /// Where the lines of the log belong.
+    pub span: tracing::Span,
+    /// Freed when the mesh is: other meshes wait for its place in memory.
+    pub slot: Slot,
+}
+
+/// A mesh that the device is done with.
+pub(super) struct Done {
+    prepared: Arc<Prepared>,
+    clustered: Clustered,
+    /// As that of the [`Task`].
+    _slot: Slot,
+}
+
+impl Task {
+    /// Has `work` done on it, on a device. All of the job's rows are told, and if it failed its place is free, before that is
+    /// known.
+    pub fn run(mut self, work: impl FnOnce(&mut Self) -> Result<Clustered>) -> Result<Done> {
+        let span = self.span.clone();
+        let clustered = span.in_scope(|| caught(|| work(&mut self)))?;
+        Ok(Done { prepared: self.prepared, clustered, _slot: self.slot })
+    }
+
+    /// The same on a device of its own.
+    pub fn run_on(self, mut device: Box<dyn Device>, metrics: &Metrics) -> Result<Done> {
+        self.run(|task| task.cluster(device.as_mut(), metrics))
+    }
+
+    /// What a device has to do with it.
+    pub fn cluster(&mut self, device: &mut dyn Device, metrics: &Metrics) -> Result<Clustered> {
+        let _working = metrics.device_works();
+        job::cluster(&self.prepared, self.uploaded.take(), device, &self.cancel, &mut *self.on_row)
+    }
+}
+
+impl Done {
+    /// Makes results, and frees the mesh.
+    pub fn finish(self, faults: &Faults) -> Result<Outcome> {
+        faults.hit(FaultPoint::Finish).map_err(|error| Error::io("the results cannot be made", error))?;
+        job::finish(&self.prepared, self.clustered)
+    }
+}
