@@ -156,10 +156,14 @@ fn what_was_brought_to_a_lost_device_is_brought_to_the_next() {
     gpu.inject(Fault::Lose(FaultPoint::Boundary));
     assert_eq!(run(&mut gpu, &example.0, &example.1, ALL).map(drop).map_err(|error| error.kind), Err(Kind::DeviceLost));
     assert_eq!(uploader.upload(&example.0.graph).map(drop).map_err(|error| error.kind), Err(Kind::DeviceLost));
-    gpu.receive(uploaded);
     assert!(run(&mut gpu, &example.0, &example.1, ALL).expect("it works again").1 == expected);
-    gpu.receive(uploader.upload(&example.0.graph).expect("to the device that is open now"));
-    assert!(run(&mut gpu, &example.0, &example.1, ALL).expect("a run").1 == expected);
+    let mut heavier = example.0.graph.clone();
+    heavier.weights.iter_mut().step_by(7).for_each(|weight| *weight *= 2);
+    let other = uploader.upload(&heavier).expect("to the device that is open now");
+    gpu.receive(uploaded);
+    assert!(run(&mut gpu, &example.0, &example.1, ALL).expect("a run").1 == expected, "not what this device has");
+    gpu.receive(other);
+    assert!(run(&mut gpu, &example.0, &example.1, ALL).expect("a run").1 != expected, "which it still had");
 }
 
 #[test]
