@@ -22,13 +22,12 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
     if tree.is_some() {
         hierarchical::number(&mut labels, clusters)?;
     }
-    let initial_energy = initial.and_then(|labels| finite(surface.source_energy(&labels, clusters)));
-    let results = Results::of(surface, &labels, clusters, parameters.seeds == Seeds::Listed);
+    let results = Results::of(surface, initial.as_deref(), &labels, clusters, parameters.seeds == Seeds::Listed);
     let internal = labels;
     let energy = Energy {
         functional: "cvd".to_owned(),
         weighted_by: prepared.weighted_by.clone(),
-        initial: initial_energy,
+        initial: results.initial_energy.and_then(finite),
         final_: finite(results.energy),
         hexagon_ratio: results.hexagon_ratio,
     };
@@ -74,6 +73,7 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
 /// What is told of labels, found side by side.
 struct Results {
     /// Source units.
+    initial_energy: Option<f64>,
     energy: f64,
     hexagon_ratio: Option<f64>,
     disconnected_clusters: u64,
@@ -82,17 +82,19 @@ struct Results {
 }
 
 impl Results {
-    fn of(surface: &Surface, internal: &[u32], clusters: usize, keep_numbers: bool) -> Self {
+    fn of(surface: &Surface, initial: Option<&[u32]>, internal: &[u32], clusters: usize, keep_numbers: bool) -> Self {
         let labels = || {
             let labels = labels_of_upload(surface, internal, clusters, keep_numbers)?;
             let hash = labels_sha256(&labels);
             Ok((labels, hash))
         };
-        let ((energy, hexagon_ratio), (disconnected_clusters, labels)) = rayon::join(
-            || (surface.source_energy(internal, clusters), surface.hexagon_ratio(internal, clusters)),
-            || (repair::disconnected_clusters(surface, clusters, internal), labels()),
-        );
-        Self { energy, hexagon_ratio, disconnected_clusters, labels }
+        let energies = || {
+            let initial = initial.map(|labels| surface.source_energy(labels, clusters));
+            (initial, surface.energy_and_hexagon_ratio(internal, clusters))
+        };
+        let ((initial_energy, (energy, hexagon_ratio)), (disconnected_clusters, labels)) =
+            rayon::join(energies, || (repair::disconnected_clusters(surface, clusters, internal), labels()));
+        Self { initial_energy, energy, hexagon_ratio, disconnected_clusters, labels }
     }
 }
 

@@ -243,7 +243,11 @@ impl Surface {
     /// Σ area·|centroid − P|² with P the area-weighted mean of the cluster's centroids (P§6, Eq. 4); area × density where
     /// there is one.
     pub fn source_energy(&self, labels: &[u32], clusters: usize) -> f64 {
-        libm::ldexp(self.lattice_energy(labels, clusters), -4 * self.frame.exponent) * self.density_unit()
+        self.in_source_units(self.lattice_energy(labels, clusters))
+    }
+
+    fn in_source_units(&self, lattice_energy: f64) -> f64 {
+        libm::ldexp(lattice_energy, -4 * self.frame.exponent) * self.density_unit()
     }
 
     /// [`source_energy`](Self::source_energy) in lattice units, which never overflow.
@@ -271,17 +275,16 @@ impl Surface {
         energy
     }
 
-    /// Energy of labels over that of a flat tiling of the same area by `clusters` regular hexagons, less what lies inside
-    /// the faces: `5/(18√3)·A²/k − inside`. None when that difference leaves less than half of the tiling's energy, and with
-    /// a density, for which such a tiling is no measure.
-    pub fn hexagon_ratio(&self, labels: &[u32], clusters: usize) -> Option<f64> {
-        if self.density_unit.is_some() {
-            return None;
-        }
+    /// [`source_energy`](Self::source_energy), and that over the energy of a flat tiling of the same area by `clusters` regular
+    /// hexagons, less what lies inside the faces: `5/(18√3)·A²/k − inside`. None when that difference leaves less than half of the
+    /// tiling's energy, and with a density, for which such a tiling is no measure.
+    pub fn energy_and_hexagon_ratio(&self, labels: &[u32], clusters: usize) -> (f64, Option<f64>) {
+        let energy = self.lattice_energy(labels, clusters);
         let area: f64 = self.geometry.iter().map(|face| face[AREA]).sum();
         let tiling = 5.0 / (18.0 * 3.0f64.sqrt()) * area * area / clusters as f64;
         let visible = tiling - self.moment_inside_faces;
-        (visible > tiling / 2.0).then(|| self.lattice_energy(labels, clusters) / visible)
+        let is_measure = self.density_unit.is_none() && visible > tiling / 2.0;
+        (self.in_source_units(energy), is_measure.then(|| energy / visible))
     }
 }
 

@@ -43,11 +43,6 @@ impl Labels {
         self.are_new = true;
     }
 
-    /// Number of faces.
-    pub fn len(&self) -> usize {
-        self.raw.len()
-    }
-
     /// The label of a face that lies on a boundary or beside one that does: those are kept up to date.
     pub fn near_boundary(&self, face: u32) -> u32 {
         debug_assert_eq!(self.raw[face as usize], self.of(face));
