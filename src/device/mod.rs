@@ -29,7 +29,8 @@ pub type Uploaded = Box<dyn Any + Send>;
 
 /// Brings surfaces to a device while it works on others, from any thread.
 pub trait Uploader: Send + Sync {
-    /// Brings what never changes of a surface, instead of what it brought before and the device has not [taken](Device::receive).
+    /// Brings what never changes of a surface. What it brought before stays, as long as the device has not
+    /// [taken](Device::receive) it and there is room.
     ///
     /// An error, as when there is no room for it beside the surface that is open, is nobody's failure: the surface is brought
     /// when it is opened.

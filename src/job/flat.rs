@@ -47,7 +47,9 @@ pub(super) fn run(
         From::Coarse(start) => start.labels(surface, device, cancel)?,
     };
     let opened = Instant::now();
-    uploaded.into_iter().for_each(|uploaded| device.receive(uploaded));
+    if let Some(uploaded) = uploaded {
+        device.receive(uploaded);
+    }
     let mut steps = device.open(surface, &start.component_of_cluster)?;
     let upload = opened.elapsed();
 

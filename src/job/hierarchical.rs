@@ -52,7 +52,9 @@ pub(super) fn run(
     let surface = &prepared.surface;
     let component_of_cluster = surface.component_of_face();
     let opened = Instant::now();
-    uploaded.into_iter().for_each(|uploaded| device.receive(uploaded));
+    if let Some(uploaded) = uploaded {
+        device.receive(uploaded);
+    }
     let mut steps = device.open_merging(surface, &component_of_cluster)?;
     let upload = opened.elapsed();
 

@@ -1,11 +1,14 @@
 //! Surfaces that are brought to the device ahead of their turn, by another thread than the one that works with it.
 //!
-//! What was brought waits in the pool of its connection ([`Pool`](super::pool::Pool)), one surface at most, and whoever had it
-//! brought has a [`Ticket`]. The device takes it when it opens the surface; it is gone when the ticket is dropped, when
-//! memory runs short, and with the connection. Then it is brought when the surface is opened, as if nothing had been.
+//! What was brought waits in the pool of its connection ([`Pool`](super::pool::Pool)), two surfaces at most, and whoever had one
+//! brought has a [`Ticket`]. The device takes it when it opens the surface; it is gone when the ticket is dropped, when two more
+//! were brought since, when memory runs short, and with the connection. Then it is brought when the surface is opened, as if
+//! nothing had been.
 //!
 //! What goes wrong here is nobody else's: wgpu tells the thread that met it ([`Connection::guarded`]), so that the job that is
-//! running does not learn of it. Only where the device is lost is it lost for that one, too.
+//! running does not learn of it. It may take memory that the job needs next: that gets it back where it makes a buffer
+//! ([`Connection::needed_buffer`]). Where wgpu does so itself, for labels and lists of merges, a device without any left is lost;
+//! so it is without this, and then the job runs again.
 
 use std::fmt;
 use std::sync::{Arc, Mutex};
@@ -40,6 +43,7 @@ impl Uploader for Ahead {
     fn upload(&self, graph: &DualGraph) -> Result<Uploaded> {
         let opened = lock(&self.opened).clone();
         let connection = opened.ok_or_else(|| Error::new(Kind::DeviceLost, "the gpu is not open"))?;
+        let bringing = lock(&connection.bringing);
         connection.check()?;
         check_groups(&connection, graph)?;
         let fixed = connection.guarded(|| {
@@ -47,6 +51,7 @@ impl Uploader for Ahead {
             Fixed::bring(&connection, graph)
         })?;
         let number = lock(&connection.pool).keep_ahead(fixed);
+        drop(bringing);
         Ok(Box::new(Ticket { connection, number }))
     }
 }

@@ -26,7 +26,7 @@ pub(super) struct Connection {
     /// The device's limits, lowered by [`Overrides`].
     pub(super) limits: wgpu::Limits,
     pub(super) kernels: Kernels,
-    /// What the last surface left for the next.
+    /// What surfaces left for the next ones, and what was brought ahead.
     pub(super) pool: Mutex<Pool>,
     /// From [`Overrides`].
     pub(super) always_near: bool,
@@ -34,6 +34,8 @@ pub(super) struct Connection {
     name: String,
     health: Arc<Health>,
     fault: Mutex<Option<Fault>>,
+    /// Held by who brings a surface ahead of its turn, and by who must have memory.
+    pub(super) bringing: Mutex<()>,
     /// One for another thread.
     fault_ahead: Mutex<Option<Fault>>,
     /// Whether a fault leaves no memory for the next buffer.
@@ -177,6 +179,7 @@ impl Connection {
             name,
             health,
             fault: Mutex::default(),
+            bringing: Mutex::default(),
             fault_ahead: Mutex::default(),
             is_exhausted: AtomicBool::default(),
             clock,
@@ -196,6 +199,7 @@ impl Connection {
         let mut made = make();
         // the device counts as lost, and is there
         if made.as_ref().is_err_and(|error| error.kind == Kind::DeviceLost) && !self.is_broken() {
+            let _alone = lock(&self.bringing);
             self.free();
             made = make();
         }
@@ -209,7 +213,24 @@ impl Connection {
     /// Frees what is kept for other surfaces. Only while none is open.
     pub(super) fn free(&self) {
         lock(&self.pool).free_all();
-        // what was freed is gone once nothing uses it any more, and somebody looks
+        self.settle_freed();
+    }
+
+    /// Makes a buffer that the surface that is open cannot do without: where there is no memory, what it does not use is freed first.
+    pub(super) fn needed_buffer(&self, descriptor: &wgpu::BufferDescriptor<'_>) -> Result<wgpu::Buffer> {
+        self.buffer(descriptor).or_else(|error| {
+            if self.is_broken() {
+                return Err(error);
+            }
+            let _alone = lock(&self.bringing);
+            lock(&self.pool).free_unused();
+            self.settle_freed();
+            self.buffer(descriptor)
+        })
+    }
+
+    /// What was freed is gone once nothing uses it any more, and somebody looks.
+    fn settle_freed(&self) {
         let _ = self.poll(wgpu::PollType::Wait { submission_index: None, timeout: Some(PATIENCE) });
     }
 

@@ -146,6 +146,30 @@ fn two_surfaces_take_turns_with_the_buffers_that_are_filled_ahead() {
 }
 
 #[test]
+fn what_was_brought_of_a_surface_waits_through_coarser_ones_and_the_upload_of_the_next() {
+    let found = enumerate().into_iter().filter(|found| found.report.usable).min_by_key(|found| found.report.kind);
+    let mut device = GpuDevice::new(&found.expect("a Vulkan driver")).expect("it opens");
+    let uploader = device.uploader().expect("a gpu has memory of its own");
+    let surface = |faces| Surface::build(&generate(Sample::Knot, faces).expect("a sample")).expect("a surface");
+    let (coarse, first, second) = (surface(500), surface(3000), surface(3000));
+    let pool = Arc::clone(device.connection.as_ref().expect("it is open"));
+    let brought = |surface: &Surface| {
+        let uploaded = uploader.upload(&surface.graph).expect("there is room");
+        let faces = lock(&pool.pool).ahead().expect("it waits").faces.clone();
+        (uploaded, faces)
+    };
+    let (of_first, faces_of_first) = brought(&first);
+    drop(device.open(&coarse.graph, &[0; 30]).expect("it fits"));
+    let (of_second, faces_of_second) = brought(&second);
+    for (uploaded, surface, faces) in [(of_first, &first, faces_of_first), (of_second, &second, faces_of_second)] {
+        device.receive(uploaded);
+        let steps = device.open(&surface.graph, &[0; 30]).expect("it fits");
+        assert!(lock(&pool.pool).lends(&faces), "it was brought anew");
+        drop(steps);
+    }
+}
+
+#[test]
 fn faces_are_free_in_a_new_surface_of_any_size() {
     let found = enumerate().into_iter().filter(|found| found.report.usable).min_by_key(|found| found.report.kind);
     let mut device = GpuDevice::new(&found.expect("a Vulkan driver")).expect("it opens");

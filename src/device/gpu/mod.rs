@@ -77,9 +77,10 @@
 //!
 //! When a surface is opened, what never changes of it goes to the device: 20 bytes a face and 4 for each neighbour, 32 a face of a
 //! closed triangle mesh, and 20 for each cluster. In a service another thread brings the former while the device works on the
-//! job before (`ahead.rs`), for one mesh at most: so the memory of the device holds that much more. Nothing is transferred to
-//! make faces free. A start's labels follow, 4 bytes a face. On llvmpipe, where all of this is done by the processors that do the
-//! device's work, jobs of igea take as long with as without; no card was at hand.
+//! job before (`ahead.rs`): so the memory of the device holds that much more, for two meshes while the job at the device is at
+//! coarser surfaces than its own, and pieces of up to 16 MiB on their way. Nothing is transferred to make faces free. A start's
+//! labels follow, 4 bytes a face. On llvmpipe, where all of this is done by the processors that do the device's work, jobs of
+//! igea take as long with as without; no card was at hand.
 //!
 //! Within a growth or a phase only the ring comes back: 2 KiB for a batch of up to 64 turns, while the next one runs. Between them
 //! the labels do after the first growth, and where pieces that were cut off are looked for, the number of their faces, with a
@@ -330,6 +331,13 @@ impl GpuDevice {
     }
 }
 
+impl Drop for GpuDevice {
+    fn drop(&mut self) {
+        // others may go on asking for it: what it kept shall not stay for them
+        *lock(&self.opened) = None;
+    }
+}
+
 impl Device for GpuDevice {
     fn info(&self) -> &DeviceInfo {
         &self.info
@@ -352,14 +360,14 @@ impl Device for GpuDevice {
     }
 
     fn rest(&mut self) {
-        if let Some(connection) = &self.connection {
+        if let Some(connection) = self.connection.as_ref().filter(|connection| !connection.is_broken()) {
             connection.free();
         }
     }
 
     fn open<'a>(&'a mut self, graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
-        let energy_shifts = energy_shifts(graph, component_of_cluster)?;
         let (fault, ticket) = (self.fault.take(), self.ticket.take());
+        let energy_shifts = energy_shifts(graph, component_of_cluster)?;
         let connection = self.connection()?;
         connection.arm(fault);
         let mut ahead = ticket.and_then(|ticket| ticket.redeem(connection, graph));
@@ -372,8 +380,8 @@ impl Device for GpuDevice {
         graph: &'a DualGraph,
         component_of_cluster: &'a [u32],
     ) -> Result<Box<dyn MergeSteps + 'a>> {
-        let energy_shifts = energy_shifts(graph, component_of_cluster)?;
         let (fault, ticket) = (self.fault.take(), self.ticket.take());
+        let energy_shifts = energy_shifts(graph, component_of_cluster)?;
         let is_software = self.report.kind == AdapterKind::Software;
         let connection = self.connection()?;
         connection.arm(fault);

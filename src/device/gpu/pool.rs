@@ -14,6 +14,9 @@ use super::fixed::Fixed;
 /// surface that needed more, nothing is kept.
 const MOST_KEPT: u64 = 256 << 20;
 
+/// Surfaces that wait at most: that of the job at the device, which may be at coarser ones still, and that of the next.
+const MOST_AHEAD: usize = 2;
+
 /// How many surfaces may be opened without a use for a buffer before it is freed: those of a few jobs.
 const KEPT_FOR: u64 = 32;
 
@@ -38,8 +41,8 @@ pub(super) struct Pool {
     opened: u64,
     /// What the host reads through, unless it is reading. Grows with what is read.
     for_host: Option<wgpu::Buffer>,
-    /// What was brought of a surface that is not open yet, and its number.
-    ahead: Option<(u64, Fixed)>,
+    /// What was brought of surfaces that are not open yet, and their numbers, ascending.
+    ahead: Vec<(u64, Fixed)>,
     /// Number of what was brought last.
     last: u64,
 }
@@ -76,29 +79,35 @@ impl Pool {
         *self = Self { opened: self.opened, last: self.last, ..Self::default() };
     }
 
-    /// Keeps what was brought of a surface ahead of its turn, instead of what was before; gives its number.
-    pub fn keep_ahead(&mut self, fixed: Fixed) -> u64 {
-        self.last += 1;
-        self.ahead = Some((self.last, fixed));
-        self.last
+    /// Frees what nobody uses, and what was brought ahead.
+    pub fn free_unused(&mut self) {
+        self.spare.clear();
+        self.ahead.clear();
+        self.for_host = None;
     }
 
-    /// Frees what was brought ahead; whether there was anything.
-    pub fn give_up_ahead(&mut self) -> bool {
-        self.ahead.take().is_some()
+    /// Keeps what was brought of a surface ahead of its turn, instead of the oldest where that makes too many; gives its number.
+    pub fn keep_ahead(&mut self, fixed: Fixed) -> u64 {
+        if self.ahead.len() == MOST_AHEAD {
+            self.ahead.remove(0);
+        }
+        self.last += 1;
+        self.ahead.push((self.last, fixed));
+        self.last
     }
 
     /// What was brought ahead under a number, if it is still here.
     pub fn take_ahead(&mut self, number: u64) -> Option<Fixed> {
-        self.ahead.take_if(|(kept, _)| *kept == number).map(|(_, fixed)| fixed)
+        let at = self.ahead.iter().position(|(kept, _)| *kept == number)?;
+        Some(self.ahead.remove(at).1)
     }
 
     /// Takes back what the surface used that is being closed. What came back longest ago is freed where that makes too much.
     pub fn take_back(&mut self) {
         let mut returned = std::mem::take(&mut self.lent);
-        let for_host = self.for_host.as_ref().map_or(0, wgpu::Buffer::size);
+        let mut for_host = self.for_host.as_ref().map_or(0, wgpu::Buffer::size);
         if bytes(&returned) + for_host > MOST_KEPT {
-            (returned, self.for_host) = Default::default();
+            (returned, self.for_host, for_host) = Default::default();
         }
         self.spare.append(&mut returned);
         let mut surplus = (bytes(&self.spare) + for_host).saturating_sub(MOST_KEPT);
@@ -122,10 +131,16 @@ impl Pool {
         self.for_host = Some(buffer);
     }
 
-    /// What was brought ahead.
+    /// What was brought ahead last.
     #[cfg(test)]
     pub fn ahead(&self) -> Option<&Fixed> {
-        self.ahead.as_ref().map(|(_, fixed)| fixed)
+        self.ahead.last().map(|(_, fixed)| fixed)
+    }
+
+    /// Whether a surface that is open uses a buffer.
+    #[cfg(test)]
+    pub fn lends(&self, buffer: &wgpu::Buffer) -> bool {
+        self.lent.iter().any(|lent| lent.buffer == *buffer)
     }
 
     /// The buffer that the host reads through, unless it is reading.

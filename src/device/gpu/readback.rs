@@ -73,8 +73,7 @@ impl<M> GpuSteps<'_, M> {
         Ok(read)
     }
 
-    /// A buffer of so many bytes, or more, that the host can read. Where there is no memory for it, what was brought of the next
-    /// surface is given up.
+    /// A buffer of so many bytes, or more, that the host can read.
     fn for_host(&self, bytes: u64) -> Result<wgpu::Buffer> {
         let pool = &self.connection.pool;
         if let Some(kept) = lock(pool).take_for_host(bytes) {
@@ -86,10 +85,7 @@ impl<M> GpuSteps<'_, M> {
             usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
         };
-        match self.connection.buffer(&descriptor) {
-            Err(_) if lock(pool).give_up_ahead() => self.connection.buffer(&descriptor),
-            made => made,
-        }
+        self.connection.needed_buffer(&descriptor)
     }
 
     /// Waits for a submission and a mapping after it, and looks into what is mapped.

@@ -217,7 +217,7 @@ impl Metrics {
             ),
             uploads_ahead: register!(
                 "uploads_ahead",
-                "Meshes brought to the device while it worked on another job",
+                "Meshes brought to the device while it worked on another job, used or not",
                 Counter::default()
             ),
             answers: register!("http_requests", "Requests answered, by route template", Family::default()),

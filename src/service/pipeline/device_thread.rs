@@ -1,8 +1,8 @@
 //! The one thread that works with the device: it takes prepared meshes one after the other.
 //!
 //! What needs no turn at the device goes on beside it. While the thread is at one job, the mesh of the next is brought to the
-//! device by another thread, where the device has an [`Uploader`]: one mesh at most, and none that the cpu will take, or that
-//! failed before. Its turn ends when the device has given what it has to give: results are made of that on the cpu pool. What
+//! device by another thread, where the device has an [`Uploader`]: one mesh at a time, and none that is small or for a sequential
+//! algorithm, as the cpu may take those, or that failed before. Its turn ends when the device has given what it has to give: results are made of that on the cpu pool. What
 //! was brought ahead belongs to its [`Task`], and is freed with it; where it cannot be brought, or the device was lost since, the
 //! mesh is brought at its turn.
 //!
@@ -21,6 +21,7 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use rayon::{ThreadPool, ThreadPoolBuilder};
 use tokio::sync::oneshot;
 
 use super::caught;
@@ -62,6 +63,8 @@ pub(in crate::service) struct DeviceThread {
     next: tokio::sync::Mutex<()>,
     /// Held by who has the thread work: the others do not time it.
     turn: tokio::sync::Mutex<()>,
+    /// One thread that brings meshes to the device: wgpu remembers each thread that it is used on.
+    uploads: ThreadPool,
     timeout: Duration,
 }
 
@@ -82,6 +85,8 @@ struct Shared {
     metrics: Arc<Metrics>,
     /// That of the device; none where it has none, and while it is lost.
     uploader: Mutex<Option<Arc<dyn Uploader>>>,
+    /// Threads that were left to themselves: what one of those meets is no news any more.
+    left: AtomicU64,
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -105,14 +110,24 @@ impl DeviceThread {
         health: Arc<Health>,
         metrics: Arc<Metrics>,
     ) -> Result<Self> {
-        let shared = Arc::new(Shared { extras, cpu_below_faces, health, metrics, uploader: Mutex::default() });
+        let shared = Arc::new(Shared {
+            extras,
+            cpu_below_faces,
+            health,
+            metrics,
+            uploader: Mutex::default(),
+            left: AtomicU64::default(),
+        });
         shared.opened(device.as_ref());
         let takes_small = cpu_below_faces.is_some_and(|faces| faces > SMALL_FACES as u64);
         let cpu = || takes_small.then(|| Box::new(CpuDevice::new()) as Box<dyn Device>);
         let like = Mutex::new(device.another().or_else(cpu));
         let thread = Mutex::new(Thread::start(Devices::new(Some(device), &shared))?);
+        let uploads = ThreadPoolBuilder::new().num_threads(1).thread_name(|_| "upload".to_owned()).build();
+        let uploads = uploads
+            .map_err(|error| Error::new(Kind::Io, format_args!("the thread for uploads cannot be started: {error}")))?;
         let (next, turn) = Default::default();
-        Ok(Self { shared, like, thread, next, turn, timeout })
+        Ok(Self { shared, like, thread, next, turn, uploads, timeout })
     }
 
     /// Clusters a mesh, after those that came before, or on one of the threads for small ones, and makes results of that beside
@@ -145,20 +160,24 @@ impl DeviceThread {
         let uploader = lock(&self.shared.uploader).clone();
         let Some(uploader) = uploader.filter(|_| !self.shared.is_for_cpu(task)) else { return };
         let (prepared, slot) = (Arc::clone(&task.prepared), task.slot.clone());
-        let upload = blocking(move || {
+        let (reply, uploaded) = oneshot::channel();
+        self.uploads.spawn(move || {
             let _slot = slot;
-            caught(|| uploader.upload(&prepared.surface))
+            // nobody may be waiting any more
+            let _ = reply.send(caught(|| uploader.upload(&prepared.surface)));
         });
-        // one that shows no sign of life has nobody wait for it
-        match tokio::time::timeout(self.timeout, upload).await {
+        match tokio::time::timeout(self.timeout, uploaded).await {
             Ok(Ok(Ok(uploaded))) => {
                 self.shared.metrics.uploaded_ahead();
                 task.uploaded = Some(uploaded);
             }
-            Ok(Ok(Err(error)) | Err(error)) => {
+            Ok(Ok(Err(error))) => {
                 tracing::debug!(%error, "the mesh could not be brought to the device ahead of its turn");
             }
-            Err(_) => tracing::debug!("the mesh could not be brought to the device in time"),
+            Ok(Err(_)) | Err(_) => {
+                tracing::warn!("a mesh could not be brought to the device in time; none will be ahead of its turn");
+                *lock(&self.shared.uploader) = None;
+            }
         }
     }
 
@@ -188,6 +207,7 @@ impl DeviceThread {
             () = self.lifeless(&life) => {
                 tracing::error!(timeout = ?self.timeout, "the device shows no sign of life; its thread is left to itself");
                 self.shared.lost("it showed no sign of life");
+                self.shared.left.fetch_add(1, Ordering::SeqCst);
                 let thread = Thread::start(Devices::new(None, &self.shared))?;
                 *lock(&self.thread) = thread;
                 Err(Error::new(
@@ -224,7 +244,7 @@ fn too_slow(limit: Duration) -> Error {
     Error::new(
         Kind::TimeLimit,
         format_args!(
-            "the job took longer on the device than a job may, {} s (the service's --max-job-seconds); try a smaller mesh, \
+            "the job took longer, on the device and for its results, than a job may, {} s (the service's --max-job-seconds); try a smaller mesh, \
              or fewer iterations (max_iterations)",
             limit.as_secs()
         ),
@@ -240,16 +260,16 @@ impl Thread {
         std::thread::Builder::new()
             .name("device".to_owned())
             .spawn(move || {
-                loop {
-                    let Submitted { task, reply } = match queue.recv_timeout(devices.shared.extras.idle.unwrap_or(IDLE))
-                    {
-                        Ok(submitted) => submitted,
-                        Err(RecvTimeoutError::Timeout) => {
-                            devices.rest();
-                            continue;
-                        }
-                        Err(RecvTimeoutError::Disconnected) => break,
-                    };
+                let idle = devices.shared.extras.idle.unwrap_or(IDLE);
+                let next = |devices: &mut Devices| match queue.recv_timeout(idle) {
+                    Ok(submitted) => Some(submitted),
+                    Err(RecvTimeoutError::Disconnected) => None,
+                    Err(RecvTimeoutError::Timeout) => {
+                        devices.rest();
+                        queue.recv().ok()
+                    }
+                };
+                while let Some(Submitted { task, reply }) = next(&mut devices) {
                     let outcome = match task {
                         Some(mut task) => {
                             task.cancel = task.cancel.counting(Arc::clone(&looks));
@@ -296,13 +316,21 @@ struct Devices {
     cpu: Option<CpuDevice>,
     /// When a device that cannot be opened is tried again.
     next_attempt: Option<Instant>,
+    /// Threads that had been left to themselves when it was made.
+    left: u64,
 }
 
 impl Devices {
     fn new(device: Option<Box<dyn Device>>, shared: &Arc<Shared>) -> Self {
         let needs_cpu = device.as_ref().is_none_or(|device| device.info().kind == DeviceKind::Gpu);
         let cpu = (shared.cpu_below_faces.is_some() && needs_cpu).then(CpuDevice::new);
-        Self { shared: Arc::clone(shared), device, cpu, next_attempt: None }
+        let left = shared.left.load(Ordering::SeqCst);
+        Self { shared: Arc::clone(shared), device, cpu, next_attempt: None, left }
+    }
+
+    /// Whether its thread has been left to itself.
+    fn is_left(&self) -> bool {
+        self.shared.left.load(Ordering::SeqCst) != self.left
     }
 
     fn run(&mut self, task: &mut Task) -> Result<Clustered> {
@@ -335,6 +363,9 @@ impl Devices {
                 run(cpu)
             }
             (Err(error), _) if error.kind == Kind::DeviceLost => {
+                if self.is_left() {
+                    return Err(error);
+                }
                 self.shared.lost(&error.message);
                 if self.shared.extras.reopen.is_some() {
                     self.device = None;

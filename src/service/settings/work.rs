@@ -10,7 +10,7 @@ pub struct WorkSettings {
           value_parser = clap::value_parser!(u32).range(1..))]
     pub max_attempts: u32,
 
-    /// Time that the device may take for a job, in seconds; 0 for any
+    /// Time that a job may take on the device and until its results are made, in seconds; 0 for any
     #[arg(long, env = "TESSERAE_MAX_JOB_SECONDS", value_name = "SECONDS", default_value_t = WorkSettings::default().max_job_seconds)]
     pub max_job_seconds: u64,
 
