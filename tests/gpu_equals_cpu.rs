@@ -222,11 +222,13 @@ fn what_was_brought_ahead_is_what_is_used_once_and_nothing_that_was_given_up() {
     assert_eq!(run(&mut gpu, &surface, &seeds, ALL).expect("a run"), otherwise, "what was brought is used");
     assert_eq!(run(&mut gpu, &surface, &seeds, ALL).expect("a run"), expected, "once");
     let given_up = upload(&heavier);
-    let last = upload(&surface);
+    let (first, second) = (upload(&heavier), upload(&surface));
     gpu.receive(given_up);
-    assert_eq!(run(&mut gpu, &surface, &seeds, ALL).expect("a run"), expected, "not what another replaced");
-    gpu.receive(last);
-    assert_eq!(run(&mut gpu, &surface, &seeds, ALL).expect("a run"), expected, "but that");
+    assert_eq!(run(&mut gpu, &surface, &seeds, ALL).expect("a run"), expected, "not what two others replaced");
+    gpu.receive(first);
+    assert_eq!(run(&mut gpu, &surface, &seeds, ALL).expect("a run"), otherwise, "but the first of those");
+    gpu.receive(second);
+    assert_eq!(run(&mut gpu, &surface, &seeds, ALL).expect("a run"), expected, "and the second");
     gpu.receive(upload(&Surface::build(&generate(Sample::Knot, 800).expect("a sample")).expect("a surface")));
     assert_eq!(run(&mut gpu, &surface, &seeds, ALL).expect("a run"), expected, "not that of another size");
 }

@@ -203,10 +203,10 @@ async fn a_device_without_work_rests_and_works_again() {
     let service = Service::on(data, |_| {}, Watched::boxed(&seen), None, extras).await;
     let mut jobs = Vec::new();
     for (query, mesh) in QUERIES.into_iter().zip(meshes()) {
+        let before = seen.rested.load(Ordering::SeqCst);
         let job = service.submit(query, mesh).await;
         assert_eq!(service.ended(&job).await["state"], "succeeded");
         jobs.push(job);
-        let before = seen.rested.load(Ordering::SeqCst);
         until(async || seen.rested.load(Ordering::SeqCst) > before).await;
     }
     assert_right(&service, &jobs).await;
