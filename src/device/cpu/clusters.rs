@@ -7,11 +7,8 @@ use crate::cluster::sums::{ClusterSums, squared_distance};
 use crate::device::{FREE, LatticeEnergy};
 use crate::surface::DualGraph;
 
-/// Drifts are in units of so many bits, so that three of them and a bound fit 16 bytes.
-pub const DRIFT_BITS: u32 = 4;
-
-/// More than any distance, as a drift.
-const FAR: u32 = 1 << (30 - DRIFT_BITS);
+/// More than any distance.
+const FAR: u64 = 1 << 30;
 
 /// Clusters that one thread fits; more are fitted by all.
 const FEW: usize = 512;
@@ -32,9 +29,9 @@ pub struct Clusters {
     /// 2·P·S − M·|P|² of each cluster, in units of its component.
     explained: Vec<i128>,
     energy_shifts: Vec<u8>,
-    /// How far each proxy has moved, all its ways added up and rounded up beyond them, so that each change adds to it; more,
-    /// where the cluster lost too much weight. In units of 2^[`DRIFT_BITS`] of the lattice's.
-    drift: Vec<u32>,
+    /// How far each proxy has moved, in lattice units, all its ways added up and rounded up beyond them, so that each change
+    /// adds to it; more, where the cluster lost too much weight.
+    drift: Vec<u64>,
     /// A weight that each cluster does not fall below without a drift of [`FAR`].
     least_weight: Vec<u64>,
     /// Σ explained << energy_shift.
@@ -97,11 +94,11 @@ impl Clusters {
         squared_distance(point, self.proxies[cluster as usize])
     }
 
-    /// How far a proxy has moved since the start, at least 1. It moves by [`FAR`] at once when its cluster gets lighter than
-    /// [`least_weight`](Self::least_weight) said. Grows with each change, as long as u32 can hold it; nobody rests then.
+    /// How far a proxy has moved since the start, at least 1; every change adds to it. It moves by [`FAR`] at once when its
+    /// cluster gets lighter than [`least_weight`](Self::least_weight) said.
     #[inline]
     pub fn drift(&self, cluster: u32) -> u64 {
-        u64::from(self.drift[cluster as usize])
+        self.drift[cluster as usize]
     }
 
     /// A weight that the cluster has at least.
@@ -152,13 +149,12 @@ impl Clusters {
         self.explained[cluster] = explained;
         // the root of a rounded square is off by far less than one
         let way = squared_distance(proxy, self.proxies[cluster]);
-        let way = ((way as f64).sqrt() as u64 >> DRIFT_BITS) as u32 + 1;
-        self.drift[cluster] = self.drift[cluster].saturating_add(way);
+        self.drift[cluster] += (way as f64).sqrt() as u64 + 1;
         self.proxies[cluster] = proxy;
         let weight = self.sums[cluster].weight as u64;
         let least = &mut self.least_weight[cluster];
         if weight < *least {
-            self.drift[cluster] = self.drift[cluster].saturating_add(FAR);
+            self.drift[cluster] += FAR;
         }
         if weight < *least || weight / 2 > *least {
             *least = weight - weight / 8;

@@ -15,7 +15,7 @@ use crate::surface::DualGraph;
 /// Clusters a thread takes at a time.
 const CHUNK: usize = 256;
 
-/// Packed costs are in the order of the costs wherever these differ by a smaller factor.
+/// Costs that differ by this factor or more have packed costs in the same order: those tell 1 + 2⁻²⁴ apart.
 const MARGIN: f64 = 1.0 + 1e-6;
 
 /// The best dual edge of each of the given clusters, in their order; None for one without neighbours.

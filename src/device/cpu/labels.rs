@@ -127,7 +127,7 @@ impl Labels {
             return;
         }
         let merged_into = &mut self.merged_into;
-        // those that clusters merged into lately live, or merged earlier
+        // what a cluster merged into may have merged since
         for cluster in 0..merged_into.len() {
             let mut into = merged_into[cluster];
             while merged_into[into as usize] != into {

@@ -261,7 +261,7 @@ impl<'a> CpuSteps<'a> {
             return false;
         };
         let watch = refinement_watch.get_or_insert_with(|| Watch::new(frontier, graph.faces()));
-        waiting.into_iter().for_each(|face| watch.add(face));
+        waiting.into_iter().chain(bids.at(&changed)).for_each(|face| watch.add(face));
         watch.wake(graph, labels, frontier, &changed, clusters);
         bids.renew(graph, labels, clusters, watch);
         !bids.is_empty()

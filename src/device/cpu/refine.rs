@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::clusters::{Change, Clusters};
 use super::labels::Labels;
-use super::watch::{Answer, RefinementSlack, Resting, Seen, Watch};
+use super::watch::{Answer, RefinementSlack, Resting, Seen, Watch, others};
 use super::{CHUNK, Move};
 use crate::cluster::refinement::{Side, bid, gain};
 use crate::surface::DualGraph;
@@ -99,6 +99,12 @@ impl Bids {
     /// Whether nobody would improve.
     pub fn is_empty(&self) -> bool {
         self.open == 0
+    }
+
+    /// The faces that bid to leave or to enter some clusters, some of them maybe twice. When those change they must bid anew, also
+    /// where they see nobody any more.
+    pub fn at<'a>(&'a self, clusters: &'a [u32]) -> impl Iterator<Item = u32> + 'a {
+        clusters.iter().flat_map(|&cluster| self.at_cluster[cluster as usize].iter().copied())
     }
 
     /// Lets the faces that are due bid anew; the other bids stand. Those that do not bid rest.
@@ -267,9 +273,9 @@ fn best_move(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32)
     let side = |cluster| Side { squared_distance: distance(cluster), weight: clusters.sums(cluster).weight as u64 };
     let own = side(from);
     let mut best: Option<(i64, std::cmp::Reverse<u32>)> = None;
-    Seen::around(graph, labels, clusters, face, from, |to| {
+    for to in others(graph, labels, face, from) {
         best = best.max(Some((gain(weight, own, side(to)), std::cmp::Reverse(to))));
-    });
+    }
     let bid = match best {
         Some((gain, std::cmp::Reverse(to))) if gain > 0 => Bid { gain: bid(gain, weight), from, to },
         _ => Bid::default(),

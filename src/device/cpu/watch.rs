@@ -5,7 +5,9 @@
 //! inequality, as Elkan 2003 and Hamerly 2010 use it for k-means). What it can bear, its *slack*, is how far the proxies of
 //! all clusters that it sees may drift, added up. Skipping is exact: labels equal those of a plain sweep after every iteration.
 //!
-//! Faces that were moved are always due, and so are the faces beside them that see a cluster which they did not see before.
+//! Faces that were moved are always due, and so are the faces beside them that see a cluster which they did not see before, or
+//! several. What a face said that rests stands until it is asked again, though it may come to lie inside its cluster meanwhile:
+//! who keeps that, as refinement keeps bids, [adds](Watch::add) such faces when their clusters change.
 //!
 //! Where many clusters have changed, all faces that may lie on a boundary are gone through in the order of memory; where few
 //! have, their boundary faces and those beside them. Clustering the bunny into 1,000, coarse graphs included, goes through
@@ -15,7 +17,7 @@
 
 use rayon::prelude::*;
 
-use super::clusters::{Clusters, DRIFT_BITS};
+use super::clusters::Clusters;
 use super::frontier::Frontier;
 use super::labels::Labels;
 use super::{CHUNK, batch};
@@ -38,23 +40,24 @@ pub struct Watch {
     /// Number of bits that are set, or were when all were last gone through.
     boundary: usize,
     rest_of_face: Vec<Resting>,
-    /// Faces that are due, each once, and marked [`LISTED`]. Others may be, too, until those are looked for.
+    /// Faces that are due, each once; all that are marked [`LISTED`] are here. Others may be due, too, until those are looked for.
     due: Vec<u32>,
 }
 
 /// How long a face rests: until the proxies of the clusters that it sees have together drifted further than `until`.
 #[derive(Debug, Clone, Copy)]
 pub struct Resting {
-    until: u32,
+    until: u64,
+    /// The cluster that it was in, which may have ended since.
     own: u32,
     others: [u32; 2],
 }
 
 /// Less than any drift: due, and on the list of those that are.
-const LISTED: u32 = 0;
+const LISTED: u64 = 0;
 
 /// Less than any drift: due.
-const DUE: u32 = 1;
+const DUE: u64 = 1;
 
 /// In place of another cluster that a face sees: there is no further one, or, in place of the first, there are more than two.
 const NOBODY: u32 = u32::MAX;
@@ -143,7 +146,10 @@ impl Watch {
         if DETOUR * (listed + self.due.len()) < self.boundary {
             let mut wake = |face: u32| {
                 let resting = &mut self.rest_of_face[face as usize];
-                if resting.until != LISTED && resting.is_over(graph, labels, clusters, face) {
+                // one with many neighbours, which comes up for each of them, is rather asked once
+                let is_over =
+                    |resting: &Resting| resting.others[0] == SEVERAL || resting.is_over(graph, labels, clusters, face);
+                if resting.until != LISTED && is_over(resting) {
                     resting.until = LISTED;
                     self.due.push(face);
                 }
@@ -236,13 +242,13 @@ impl Resting {
             [other, NOBODY] => drift(self.own) + drift(other),
             [one, two] => drift(self.own) + drift(one) + drift(two),
         };
-        u64::from(self.until) < drift
+        self.until < drift
     }
 }
 
 impl Seen {
-    /// Looks at what is around a face of some cluster. Calls `visit` with each other cluster that it sees, with some of them maybe
-    /// twice.
+    /// Looks at what is around a face of some cluster. Calls `visit` with each other cluster that it sees, with those beyond two
+    /// maybe several times.
     #[inline]
     pub fn around(
         graph: &DualGraph,
@@ -275,40 +281,38 @@ impl Seen {
         Self { own, others, drift }
     }
 
-    /// The face rests until the proxies of all these clusters have together drifted further than `slack`, lattice units. With 0,
-    /// any change to one of them wakes it.
+    /// The face rests until the proxies of all these clusters have together drifted further than `slack`. With 0, any change to
+    /// one of them wakes it.
     #[inline]
     pub fn rest(self, slack: u64) -> Resting {
         let Self { own, others, drift } = self;
-        let until = match others {
-            // until a face beside it moves
-            [NOBODY, _] => u32::MAX,
-            // drifts that come near what u32 can hold let nobody rest
-            _ => u32::try_from(drift + (slack >> DRIFT_BITS)).unwrap_or(DUE),
-        };
-        Resting { until, own, others }
+        // a face that sees nobody rests until one beside it moves
+        Resting { until: if others[0] == NOBODY { u64::MAX } else { drift + slack }, own, others }
     }
 
     /// The face does not rest.
     pub fn due(self) -> Resting {
-        Resting { until: DUE, own: self.own, others: self.others }
+        Resting { until: DUE, ..self.rest(0) }
     }
 }
 
-/// How far the proxies of the clusters have drifted that a face sees, some of them maybe counted twice.
-#[cold]
-fn drift_of_several(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32, own: u32) -> u64 {
-    let mut drift = clusters.drift(own);
+/// The clusters that a face sees beside its own, those that it shares several edges with maybe several times.
+pub fn others<'a>(graph: &'a DualGraph, labels: &'a Labels, face: u32, own: u32) -> impl Iterator<Item = u32> + 'a {
     let mut last = own;
-    for &near in graph.neighbours_of(face) {
-        // nobody may have kept it up to date, if the face lies on no boundary any more
-        let other = labels.of(near);
-        if other != own && other != last {
-            drift += clusters.drift(other);
+    // nobody may have kept their labels up to date, if the face lies on no boundary any more
+    graph.neighbours_of(face).iter().map(|&near| labels.of(near)).filter(move |&other| {
+        let is_other = other != own && other != last;
+        if is_other {
             last = other;
         }
-    }
-    drift
+        is_other
+    })
+}
+
+/// How far the proxies of its own and of the [`others`] that a face sees have drifted, added up.
+#[cold]
+fn drift_of_several(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32, own: u32) -> u64 {
+    clusters.drift(own) + others(graph, labels, face, own).map(|other| clusters.drift(other)).sum::<u64>()
 }
 
 /// The places of the ones of a number.
