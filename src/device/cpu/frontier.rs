@@ -107,7 +107,7 @@ impl Frontier {
     }
 
     /// Drops the faces of a list that no longer belong there.
-    fn prune(&mut self, graph: &DualGraph, labels: &Labels, cluster: u32) {
+    pub fn prune(&mut self, graph: &DualGraph, labels: &Labels, cluster: u32) {
         let mut faces = std::mem::take(&mut self.faces_of_cluster[cluster as usize]);
         faces.retain(|&face| {
             if self.listed_in[face as usize] != cluster {

@@ -480,3 +480,39 @@ impl MergeSteps for CpuSteps<'_> {
         Ok(moved.filter(|&(_, from, to)| from != to).collect())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::{Sample, generate};
+    use crate::surface::Surface;
+
+    #[test]
+    fn a_bid_goes_with_the_last_face_that_it_was_for() {
+        let surface = Surface::build(&generate(Sample::Strip, 400).expect("a mesh")).expect("a surface");
+        let graph = &surface.graph;
+        let first = (0..400).find(|&face| graph.neighbours_of(face).len() == 1).expect("a strip has ends");
+        let mut strip = vec![first];
+        while let Some(&next) = graph.neighbours_of(strip[strip.len() - 1]).iter().find(|near| !strip.contains(near)) {
+            strip.push(next);
+        }
+        // the end of a long cluster lies nearer the middle of the short one beside it; far away are many more
+        let cluster_at = |at: usize| if at < 21 { 0 } else { (at as u32 - 21) / 4 + 1 };
+        let mut labels = vec![0; strip.len()];
+        strip.iter().enumerate().for_each(|(at, &face)| labels[face as usize] = cluster_at(at));
+        let component_of_cluster = vec![0; cluster_at(399) as usize + 1];
+        let mut steps = CpuSteps::new(graph, &component_of_cluster);
+        steps.set_labels(&labels).expect("nothing can fail");
+        steps.gather();
+        assert!(steps.renew_bids(Vec::new()));
+        let (end, beside) = (strip[20], strip[21]);
+        assert!(steps.bids.at(&[0]).any(|face| face == end), "the end would go");
+        steps.apply(&[Move { face: beside, from: 1, to: 0 }]);
+        if let Some(frontier) = &mut steps.frontier {
+            frontier.prune(graph, &steps.labels, 0);
+            assert!(frontier.boundary_of(0).all(|face| face != end), "it is an end no more");
+        }
+        steps.renew_bids(Vec::new());
+        assert!(steps.bids.at(&[0]).all(|face| face != end), "it has nowhere to go");
+    }
+}
