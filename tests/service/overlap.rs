@@ -1,7 +1,6 @@
 //! Neighbouring jobs: what one does before and after the device has it goes on while the device is at another.
 
 use std::sync::Arc;
-
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 

@@ -2,9 +2,9 @@
 //!
 //! A merge relabels only the faces that others can see: the boundary faces of the cluster that ends, and their
 //! neighbours. What lies deeper keeps the old name, and [`Labels::of`] looks up what became of it. So a merge costs as
-//! much as the border of the smaller cluster, not its area. Where that would be more than a pass through memory, all labels are brought
-//! up to date at once, by all threads. Where a contraction stands for the faces nobody looks at borders,
-//! and all of them keep their old names until there is a frontier.
+//! much as the border of the smaller cluster, not its area. Where that would be more than a pass through memory, all labels
+//! are brought up to date at once, by all threads. Where a contraction stands for the faces nobody looks at borders, and all
+//! of them keep their old names until there is a frontier.
 
 use rayon::prelude::*;
 

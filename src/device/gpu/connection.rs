@@ -216,7 +216,8 @@ impl Connection {
         self.settle_freed();
     }
 
-    /// Makes a buffer that the surface that is open cannot do without: where there is no memory, what it does not use is freed first.
+    /// Makes a buffer that the surface that is open cannot do without: where there is no memory, what it does not use is freed
+    /// first.
     pub(super) fn needed_buffer(&self, descriptor: &wgpu::BufferDescriptor<'_>) -> Result<wgpu::Buffer> {
         self.buffer(descriptor).or_else(|error| {
             if self.is_broken() {

@@ -18,6 +18,12 @@ use crate::device::{Cancel, Device, FREE, MergeSteps, Steps};
 use crate::sample::{Sample, generate};
 use crate::surface::{DualGraph, Surface};
 
+/// The best adapter, opened.
+fn device(overrides: Overrides) -> GpuDevice {
+    let found = enumerate().into_iter().filter(|found| found.report.usable).min_by_key(|found| found.report.kind);
+    GpuDevice::with_overrides(&found.expect("a Vulkan driver"), overrides).expect("it opens")
+}
+
 /// The faces with a neighbour of another cluster.
 fn boundary(graph: &DualGraph, labels: &[u32]) -> Vec<u32> {
     let differs = |face: u32, near: u32| labels[near as usize] != labels[face as usize];
@@ -42,8 +48,7 @@ fn listed(steps: &mut GpuSteps<'_, Merging>, graph: &DualGraph, context: &str) -
 
 #[test]
 fn the_list_has_the_faces_on_boundaries_and_few_others() {
-    let found = enumerate().into_iter().filter(|found| found.report.usable).min_by_key(|found| found.report.kind);
-    let mut device = GpuDevice::new(&found.expect("a Vulkan driver")).expect("it opens");
+    let mut device = device(Overrides::default());
     let connection = device.connection().expect("it is open");
     let surface = Surface::build(&generate(Sample::Knot, 6000).expect("a sample")).expect("a surface");
     let graph = &surface.graph;
@@ -83,8 +88,7 @@ fn the_list_has_the_faces_on_boundaries_and_few_others() {
 
 #[test]
 fn buffers_serve_again_and_what_was_in_them_is_not_read() {
-    let found = enumerate().into_iter().filter(|found| found.report.usable).min_by_key(|found| found.report.kind);
-    let mut device = GpuDevice::new(&found.expect("a Vulkan driver")).expect("it opens");
+    let mut device = device(Overrides::default());
     let surface = Surface::build(&generate(Sample::Knot, 3000).expect("a sample")).expect("a surface");
     let graph = &surface.graph;
     let components = vec![0; 30];
@@ -103,8 +107,7 @@ fn buffers_serve_again_and_what_was_in_them_is_not_read() {
 
 #[test]
 fn buffers_of_a_surface_outlast_coarse_ones_until_nobody_wants_them_for_long() {
-    let found = enumerate().into_iter().filter(|found| found.report.usable).min_by_key(|found| found.report.kind);
-    let mut device = GpuDevice::new(&found.expect("a Vulkan driver")).expect("it opens");
+    let mut device = device(Overrides::default());
     let surface = |faces| Surface::build(&generate(Sample::Knot, faces).expect("a sample")).expect("a surface");
     let (coarse, fine) = (surface(500), surface(5000));
     let mut kept_after = |surface: &Surface| {
@@ -123,8 +126,7 @@ fn buffers_of_a_surface_outlast_coarse_ones_until_nobody_wants_them_for_long() {
 
 #[test]
 fn two_surfaces_take_turns_with_the_buffers_that_are_filled_ahead() {
-    let found = enumerate().into_iter().filter(|found| found.report.usable).min_by_key(|found| found.report.kind);
-    let mut device = GpuDevice::new(&found.expect("a Vulkan driver")).expect("it opens");
+    let mut device = device(Overrides::default());
     let uploader = device.uploader().expect("a gpu has memory of its own");
     let surface = Surface::build(&generate(Sample::Knot, 3000).expect("a sample")).expect("a surface");
     let components = vec![0; 30];
@@ -147,8 +149,7 @@ fn two_surfaces_take_turns_with_the_buffers_that_are_filled_ahead() {
 
 #[test]
 fn what_was_brought_of_a_surface_waits_through_coarser_ones_and_the_upload_of_the_next() {
-    let found = enumerate().into_iter().filter(|found| found.report.usable).min_by_key(|found| found.report.kind);
-    let mut device = GpuDevice::new(&found.expect("a Vulkan driver")).expect("it opens");
+    let mut device = device(Overrides::default());
     let uploader = device.uploader().expect("a gpu has memory of its own");
     let surface = |faces| Surface::build(&generate(Sample::Knot, faces).expect("a sample")).expect("a surface");
     let (coarse, first, second) = (surface(500), surface(3000), surface(3000));
@@ -171,8 +172,7 @@ fn what_was_brought_of_a_surface_waits_through_coarser_ones_and_the_upload_of_th
 
 #[test]
 fn faces_are_free_in_a_new_surface_of_any_size() {
-    let found = enumerate().into_iter().filter(|found| found.report.usable).min_by_key(|found| found.report.kind);
-    let mut device = GpuDevice::new(&found.expect("a Vulkan driver")).expect("it opens");
+    let mut device = device(Overrides::default());
     for faces in [12, 4096, 4098, 16_384, 50_000] {
         let surface = Surface::build(&generate(Sample::Strip, faces).expect("a sample")).expect("a surface");
         device.spoil_spare_buffers().expect("it is open");
@@ -183,8 +183,7 @@ fn faces_are_free_in_a_new_surface_of_any_size() {
 
 #[test]
 fn the_host_reads_through_one_buffer_that_grows_and_outlasts_the_surface() {
-    let found = enumerate().into_iter().filter(|found| found.report.usable).min_by_key(|found| found.report.kind);
-    let mut device = GpuDevice::new(&found.expect("a Vulkan driver")).expect("it opens");
+    let mut device = device(Overrides::default());
     let surface = Surface::build(&generate(Sample::Knot, 3000).expect("a sample")).expect("a surface");
     let components = vec![0; 30];
     let read = |device: &mut GpuDevice, expected: u32, items: usize| {
@@ -226,9 +225,7 @@ struct Late {
 
 /// Carries out the rounds of a hierarchy of a knot, those from 27 clusters on counted. Pieces are looked for near moves.
 fn late_rounds(faces: u64) -> Late {
-    let found = enumerate().into_iter().filter(|found| found.report.usable).min_by_key(|found| found.report.kind);
-    let overrides = Overrides { always_near: true, ..Overrides::default() };
-    let mut device = GpuDevice::with_overrides(&found.expect("a Vulkan driver"), overrides).expect("it opens");
+    let mut device = device(Overrides { always_near: true, ..Overrides::default() });
     let connection = device.connection().expect("it is open");
     let surface = Surface::build(&generate(Sample::Knot, faces).expect("a sample")).expect("a surface");
     let graph = &surface.graph;

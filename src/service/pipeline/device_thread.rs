@@ -2,9 +2,9 @@
 //!
 //! What needs no turn at the device goes on beside it. While the thread is at one job, the mesh of the next is brought to the
 //! device by another thread, where the device has an [`Uploader`]: one mesh at a time, and none that is small or for a sequential
-//! algorithm, as the cpu may take those, or that failed before. Its turn ends when the device has given what it has to give: results are made of that on the cpu pool. What
-//! was brought ahead belongs to its [`Task`], and is freed with it; where it cannot be brought, or the device was lost since, the
-//! mesh is brought at its turn.
+//! algorithm, as the cpu may take those, or that failed before. Its turn ends when the device has given what it has to give:
+//! results are made of that on the cpu pool. What was brought ahead belongs to its [`Task`], and is freed with it; where it
+//! cannot be brought, or the device was lost since, the mesh is brought at its turn.
 //!
 //! What can go wrong with a device is dealt with here. One that was lost is opened anew before the next mesh. One that
 //! shows no sign of life is left to itself, with its thread, and another thread begins anew. Where the cpu is allowed to
@@ -244,8 +244,8 @@ fn too_slow(limit: Duration) -> Error {
     Error::new(
         Kind::TimeLimit,
         format_args!(
-            "the job took longer, on the device and for its results, than a job may, {} s (the service's --max-job-seconds); try a smaller mesh, \
-             or fewer iterations (max_iterations)",
+            "the job took longer, on the device and for its results, than a job may, {} s (the service's --max-job-seconds); \
+             try a smaller mesh, or fewer iterations (max_iterations)",
             limit.as_secs()
         ),
     )
