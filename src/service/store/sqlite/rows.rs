@@ -2,12 +2,12 @@
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use rusqlite::Row;
+use rusqlite::types::FromSql;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use sqlx::Row as _;
-use sqlx::sqlite::SqliteRow;
 
-use super::super::{Event, Job, Notice, State, What};
+use super::super::{Event, Job, JobId, Notice, Pulse, State, What};
 use crate::error::{Error, Kind, Result};
 
 /// A point in time as it is stored: microseconds since 1970.
@@ -42,15 +42,23 @@ fn unreadable(column: &str, error: &dyn std::fmt::Display) -> Error {
 }
 
 /// A column of a row.
-pub(super) fn column<'r, T>(row: &'r SqliteRow, name: &'static str) -> Result<T>
-where
-    T: sqlx::Decode<'r, sqlx::Sqlite> + sqlx::Type<sqlx::Sqlite>,
-{
-    row.try_get(name).map_err(|error| unreadable(name, &error))
+pub(super) fn column<T: FromSql>(row: &Row<'_>, name: &'static str) -> Result<T> {
+    row.get(name).map_err(|error| unreadable(name, &error))
+}
+
+/// A column of text, or none where it is null.
+fn optional_text<'r>(row: &'r Row<'_>, name: &'static str) -> Result<Option<&'r str>> {
+    let value = row.get_ref(name).map_err(|error| unreadable(name, &error))?;
+    value.as_str_or_null().map_err(|error| unreadable(name, &error))
+}
+
+/// A column of text.
+pub(super) fn text<'r>(row: &'r Row<'_>, name: &'static str) -> Result<&'r str> {
+    optional_text(row, name)?.ok_or_else(|| unreadable(name, &"it is null"))
 }
 
 /// A column that counts.
-pub(super) fn count(row: &SqliteRow, name: &'static str) -> Result<u64> {
+pub(super) fn count(row: &Row<'_>, name: &'static str) -> Result<u64> {
     let count: i64 = column(row, name)?;
     u64::try_from(count).map_err(|error| unreadable(name, &error))
 }
@@ -68,47 +76,57 @@ macro_rules! jobs {
 pub(super) use jobs;
 
 /// A job, from a row that [`jobs!`] selected.
-pub(super) fn job(row: &SqliteRow) -> Result<Job> {
-    let optional = |name| -> Result<Option<&str>> { column(row, name) };
+pub(super) fn job(row: &Row<'_>) -> Result<Job> {
     let moment = |name| -> Result<Option<SystemTime>> { Ok(column::<Option<i64>>(row, name)?.map(time)) };
-    let id: &str = column(row, "id")?;
-    let state: &str = column(row, "state")?;
     Ok(Job {
-        id: id.parse().map_err(|error| unreadable("id", &error))?,
-        state: state_of(state)?,
-        spec: from_json("spec", column(row, "spec")?)?,
+        id: id(row, "id")?,
+        state: state(row)?,
+        spec: from_json("spec", text(row, "spec")?)?,
         queue_position: column::<Option<i64>>(row, "queue_position")?.and_then(|place| place.try_into().ok()),
-        attempt: attempt(row)?,
-        progress: from_json("progress", column(row, "progress")?)?,
+        attempt: column(row, "attempt")?,
+        progress: from_json("progress", text(row, "progress")?)?,
         cancel_requested: column(row, "cancel_requested")?,
-        problem: optional("problem")?.map(|text| from_json("problem", text)).transpose()?,
-        summary: optional("summary")?.map(|text| from_json("summary", text)).transpose()?,
+        problem: optional_text(row, "problem")?.map(|text| from_json("problem", text)).transpose()?,
+        summary: optional_text(row, "summary")?.map(|text| from_json("summary", text)).transpose()?,
         created_at: time(column(row, "created_at")?),
         started_at: moment("started_at")?,
         ended_at: moment("ended_at")?,
     })
 }
 
+/// What wakes those who wait for a job, from the columns `last_seq`, `cancel_requested` and `state`.
+pub(super) fn pulse(row: &Row<'_>) -> Result<Pulse> {
+    Ok(Pulse {
+        last_seq: count(row, "last_seq")?,
+        cancel_requested: column(row, "cancel_requested")?,
+        ended: state(row)?.is_ended(),
+    })
+}
+
 /// What is to be told, from a row of `notices`.
-pub(super) fn notice(row: &SqliteRow) -> Result<Notice> {
-    let problem: Option<&str> = column(row, "problem")?;
+pub(super) fn notice(row: &Row<'_>) -> Result<Notice> {
     Ok(Notice {
-        job: column::<&str>(row, "job")?.parse().map_err(|error| unreadable("job", &error))?,
+        job: id(row, "job")?,
         webhook: column(row, "webhook")?,
         trace_parent: column(row, "trace_parent")?,
-        state: state_of(column(row, "state")?)?,
-        problem: problem.map(|text| from_json("problem", text)).transpose()?,
+        state: state(row)?,
+        problem: optional_text(row, "problem")?.map(|text| from_json("problem", text)).transpose()?,
         ended_at: time(column(row, "ended_at")?),
     })
 }
 
-/// The column `attempt`.
-pub(super) fn attempt(row: &SqliteRow) -> Result<u32> {
-    u32::try_from(count(row, "attempt")?).map_err(|error| unreadable("attempt", &error))
+/// A column that names a job.
+pub(super) fn id(row: &Row<'_>, name: &'static str) -> Result<JobId> {
+    text(row, name)?.parse().map_err(|error| unreadable(name, &error))
+}
+
+/// The column `state`.
+pub(super) fn state(row: &Row<'_>) -> Result<State> {
+    state_of(text(row, "state")?)
 }
 
 /// The state of that name.
-pub(super) fn state_of(name: &str) -> Result<State> {
+fn state_of(name: &str) -> Result<State> {
     State::ALL.into_iter().find(|state| state.name() == name).ok_or_else(|| unreadable("state", &name))
 }
 
@@ -123,10 +141,9 @@ pub(super) fn split(what: &What) -> Result<(&'static str, String)> {
 }
 
 /// An event, from the columns `seq`, `kind` and `data`.
-pub(super) fn event(row: &SqliteRow) -> Result<Event> {
-    let kind: &str = column(row, "kind")?;
-    let data: &str = column(row, "data")?;
-    let what = match kind {
+pub(super) fn event(row: &Row<'_>) -> Result<Event> {
+    let data = text(row, "data")?;
+    let what = match text(row, "kind")? {
         "state" => What::State(state_of(data)?),
         "iteration" => What::Iteration(data.to_owned()),
         "round" => What::Round(data.to_owned()),

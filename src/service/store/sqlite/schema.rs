@@ -1,28 +1,69 @@
 //! The tables, and how they came to be: each migration is run once, in order, and never changed after a release.
+//!
+//! The version of the tables is the number of migrations that were run. It stands in the head of the file
+//! (`PRAGMA user_version`) and is written by the transaction that changes the tables. Earlier it was kept as rows of a table,
+//! `_sqlx_migrations`; a file that has it is taken over, and the table goes: what is not kept up must not be believed.
 
-use sqlx::migrate::{MigrateError, Migration, MigrationType, Migrator};
-use sqlx::{SqlSafeStr as _, SqliteConnection};
+use rusqlite::{Connection, TransactionBehavior};
 
-/// Every migration: what it does, and its SQL.
-const MIGRATIONS: [(&str, &str); 3] = [
-    ("jobs and events", include_str!("migrations/0001_jobs.sql")),
-    ("small blobs", include_str!("migrations/0002_blobs.sql")),
-    ("ends to be told", include_str!("migrations/0003_notices.sql")),
+/// Every migration's SQL.
+const MIGRATIONS: [&str; 3] = [
+    include_str!("migrations/0001_jobs.sql"),
+    include_str!("migrations/0002_blobs.sql"),
+    include_str!("migrations/0003_notices.sql"),
 ];
 
+/// Why the tables cannot be brought up to date.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum MigrateError {
+    /// The database failed.
+    #[error(transparent)]
+    Database(#[from] rusqlite::Error),
+    /// They were made by a later version of the service.
+    #[error(
+        "its tables are of version {found}, and this version of tesserae knows them up to {known}: start the version that \
+         wrote them, or a later one"
+    )]
+    TooNew { found: u32, known: u32 },
+}
+
 /// Brings the tables up to date. Fails on those of a later version of the service, and changes nothing then.
-pub(super) async fn migrate(connection: SqliteConnection) -> Result<SqliteConnection, MigrateError> {
-    migrate_to(MIGRATIONS.len(), connection).await
+pub(super) fn migrate(connection: &mut Connection) -> Result<(), MigrateError> {
+    migrate_to(MIGRATIONS.len() as u32, connection)
 }
 
 /// Brings the tables up to a version.
-pub(super) async fn migrate_to(
-    version: usize,
-    mut connection: SqliteConnection,
-) -> Result<SqliteConnection, MigrateError> {
-    let migrations = (1..).zip(MIGRATIONS).take(version).map(|(version, (description, sql))| {
-        Migration::new(version, description.into(), MigrationType::Simple, sql.into_sql_str(), false)
-    });
-    Migrator::with_migrations(migrations.collect()).run_direct(None, &mut connection, false).await?;
-    Ok(connection)
+pub(super) fn migrate_to(known: u32, connection: &mut Connection) -> Result<(), MigrateError> {
+    let by_rows = version_by_rows(connection)?;
+    let found = by_rows.unwrap_or(version(connection)?);
+    if found > known {
+        return Err(MigrateError::TooNew { found, known });
+    }
+    if by_rows.is_some() {
+        advance(connection, found, "DROP TABLE _sqlx_migrations")?;
+    }
+    for (version, sql) in (1..=known).zip(MIGRATIONS).skip(found as usize) {
+        advance(connection, version, sql)?;
+    }
+    Ok(())
+}
+
+/// Changes the tables to those of a version.
+fn advance(connection: &mut Connection, version: u32, sql: &str) -> rusqlite::Result<()> {
+    let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+    transaction.execute_batch(sql)?;
+    transaction.pragma_update(None, "user_version", version)?;
+    transaction.commit()
+}
+
+fn version(connection: &Connection) -> rusqlite::Result<u32> {
+    connection.pragma_query_value(None, "user_version", |row| row.get(0))
+}
+
+/// The version as it was kept earlier; none where it is not.
+fn version_by_rows(connection: &Connection) -> rusqlite::Result<Option<u32>> {
+    match connection.table_exists(None, "_sqlx_migrations")? {
+        true => connection.query_row("SELECT coalesce(max(version), 0) FROM _sqlx_migrations", [], |row| row.get(0)),
+        false => Ok(None),
+    }
 }

@@ -1,7 +1,6 @@
 use std::io::ErrorKind;
 use std::sync::Mutex;
 
-use sqlx::Connection as _;
 use tempfile::TempDir;
 
 use super::*;
@@ -83,12 +82,10 @@ async fn a_full_database_is_no_room_and_takes_jobs_again_later() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join(NAME);
     SqliteStore::open(&path, RULES, Faults::default()).await.expect("it opens").close().await;
-    let options = SqliteConnectOptions::new().filename(&path).pragma("max_page_count", "1");
-    let connection = options.clone().connect().await.expect("it opens");
-    let listeners = Arc::<Listeners>::default();
+    let connection = connections::writing(&path, false).expect("it opens");
+    connection.pragma_update(None, "max_page_count", 1).expect("set");
     // Whoever opens the file anew after the failure finds room.
-    let roomy = SqliteConnectOptions::new().filename(&path);
-    let writer = Writer::start(connection, roomy, listeners, Faults::default());
+    let writer = Writer::start(connection, path, Arc::default(), Faults::default()).expect("it starts");
     let mut large = new_job();
     large.spec.buffers = vec!["x".repeat(1 << 20)];
     let error = writer.carry_out(Create(large.clone(), RULES)).await.expect_err("no room");
@@ -119,14 +116,72 @@ async fn a_command_that_fails_takes_no_other_with_it() {
     assert_eq!(store.counts().await.expect("counted")[0], 37);
 }
 
+/// A command with a defect.
+struct Panic;
+
+impl writer::Command for Panic {
+    type Output = ();
+
+    fn apply(&self, batch: &mut writer::Batch<'_>) -> Result<(), connections::Abort> {
+        connections::execute(batch.connection, "DELETE FROM jobs", [])?;
+        panic!("on purpose")
+    }
+}
+
+#[tokio::test]
+async fn a_command_that_panics_fails_alone_and_leaves_nothing() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let faults = Faults::default();
+    let path = folder.path().join(NAME);
+    let store = Arc::new(SqliteStore::open(&path, RULES, faults.clone()).await.expect("it opens"));
+    faults.hold(FaultPoint::Commit);
+    let first = Arc::clone(&store);
+    let first = tokio::spawn(async move { first.create(new_job()).await.map(drop) });
+    while faults.waiting(FaultPoint::Commit) == 0 {
+        tokio::task::yield_now().await;
+    }
+    // asked for while the writer waits, so that they share a transaction
+    let (before, defect, after, ()) = tokio::join!(
+        biased;
+        store.create(new_job()),
+        store.writer.carry_out(Panic),
+        store.create(new_job()),
+        async { faults.disarm() },
+    );
+    assert_eq!(first.await.expect("no panic"), Ok(()));
+    assert_eq!(defect.expect_err("a defect").kind, Kind::Internal);
+    assert!(before.is_ok() && after.is_ok());
+    assert_eq!(store.counts().await.expect("counted")[0], 3);
+    assert_eq!(store.statistics().failures, 2, "once together, once alone");
+    store.create(new_job()).await.expect("the writer is still there");
+}
+
+#[tokio::test]
+async fn closing_carries_out_what_was_asked_for_and_leaves_one_file() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join(NAME);
+    let faults = Faults::default();
+    let store = SqliteStore::open(&path, RULES, faults.clone()).await.expect("it opens");
+    store.create(new_job()).await.expect("created");
+    faults.hold(FaultPoint::Commit);
+    let (created, (), ()) = tokio::join!(biased; store.create(new_job()), store.close(), async { faults.disarm() });
+    created.expect("asked for before");
+    assert_eq!(store.create(new_job()).await.expect_err("closed").kind, Kind::Unavailable);
+    assert_eq!(store.counts().await.expect_err("closed").kind, Kind::Unavailable);
+    let left: Vec<_> =
+        std::fs::read_dir(folder.path()).expect("readable").map(|entry| entry.expect("one").file_name()).collect();
+    assert_eq!(left, [NAME]);
+    let again = SqliteStore::open(&path, RULES, Faults::default()).await.expect("it opens");
+    assert_eq!(again.counts().await.expect("counted")[0], 2);
+}
+
 /// Tables as they were before ends to be told had one of their own.
 #[tokio::test]
 async fn an_end_that_was_to_be_told_before_an_update_is_told_after_it() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join(NAME);
-    let options = SqliteConnectOptions::new().filename(&path).create_if_missing(true);
-    let connection = options.connect().await.expect("it opens");
-    let mut connection = schema::migrate_to(2, connection).await.expect("made");
+    let mut connection = connections::writing(&path, true).expect("it opens");
+    schema::migrate_to(2, &mut connection).expect("made");
     let error = Error::new(Kind::InvalidMesh, "x");
     let mut told = Vec::new();
     for (untold, webhook, state, problem) in [
@@ -137,25 +192,18 @@ async fn an_end_that_was_to_be_told_before_an_update_is_told_after_it() {
     ] {
         let NewJob { id, mut spec, .. } = new_job();
         spec.webhook = webhook.map(ToOwned::to_owned);
-        query(
-            "INSERT INTO jobs (id, tenant, state, spec, progress, problem, untold, created_at, ended_at) \
-             VALUES (?1, ?2, ?3, ?4, '{}', ?5, ?6, 1, 2)",
-        )
-        .bind(id.to_string())
-        .bind(&spec.tenant)
-        .bind(state.name())
-        .bind(rows::json(&spec).expect("JSON"))
-        .bind(problem.as_ref().map(|problem| rows::json(problem).expect("JSON")))
-        .bind(untold)
-        .execute(&mut connection)
-        .await
-        .expect("written");
+        let sql = "INSERT INTO jobs (id, tenant, state, spec, progress, problem, untold, created_at, ended_at) \
+                   VALUES (?1, ?2, ?3, ?4, '{}', ?5, ?6, 1, 2)";
+        let problem_json = problem.as_ref().map(|problem| rows::json(problem).expect("JSON"));
+        let spec_json = rows::json(&spec).expect("JSON");
+        let row = params![id.to_string(), spec.tenant, state.name(), spec_json, problem_json, untold];
+        connection.execute(sql, row).expect("written");
         if let (Some(place), Some(webhook)) = (untold, spec.webhook) {
             let ended_at = rows::time(2);
             told.push((place, Notice { job: id, webhook, trace_parent: None, state, problem, ended_at }));
         }
     }
-    connection.close().await.expect("closed");
+    connection.close().expect("closed");
     told.sort_by_key(|(place, _)| *place);
     let store = SqliteStore::open(&path, RULES, Faults::default()).await.expect("it opens");
     let untold = store.untold().await.expect("readable");
@@ -166,19 +214,79 @@ async fn an_end_that_was_to_be_told_before_an_update_is_told_after_it() {
     assert_eq!(store.list(&ListQuery { limit: 9, ..ListQuery::default() }).await.expect("listed").jobs.len(), 4);
 }
 
+/// The bookkeeping of migrations as a table of sqlx's, with the checksums that it had for the first three.
+const BY_ROWS: &str = "
+CREATE TABLE _sqlx_migrations (
+    version BIGINT PRIMARY KEY,
+    description TEXT NOT NULL,
+    installed_on TIMESTAMP NOT NULL DEFAULT CURRENT_TIMESTAMP,
+    success BOOLEAN NOT NULL,
+    checksum BLOB NOT NULL,
+    execution_time BIGINT NOT NULL
+);
+INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) VALUES
+    (1, 'jobs and events', 1, x'AF1D01B559AF86D06BB2905040BBC0CAF5A681658210F5CC9813A60E8ADC4CA4A14914534767A14E53663A566CEA42DB', 1234567),
+    (2, 'small blobs', 1, x'38CF0710A226B78C9BED54EC4E33DEDA3B4A4D04FC831ECFF721954874498F34EDF4634CAA19FC556E71150ED82833A2', 234567),
+    (3, 'ends to be told', 1, x'90B6465808734AD7AEFDC4D10D483A94E5DAF8963397B0E82E4E8864CF2FFBC85EE7F8FC3248AB61D3C9038D1A09BFA3', 345678);
+";
+
+/// A file as it was written when migrations were rows of a table, with tables of a version.
+fn with_rows(path: &Path, version: u32) -> Connection {
+    let mut connection = connections::writing(path, true).expect("it opens");
+    schema::migrate_to(version, &mut connection).expect("made");
+    connection.execute_batch(BY_ROWS).expect("written");
+    connection.execute("DELETE FROM _sqlx_migrations WHERE version > ?1", [version]).expect("written");
+    connection.pragma_update(None, "user_version", 0).expect("written");
+    connection
+}
+
 #[tokio::test]
-async fn tables_of_a_later_version_are_refused() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join(NAME);
-    let store = SqliteStore::open(&path, RULES, Faults::default()).await.expect("it opens");
-    query(
-        "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) \
-           VALUES (9999, 'later', 1, x'00', 0)",
-    )
-    .execute(&mut SqliteConnectOptions::new().filename(&path).connect().await.expect("it opens"))
-    .await
-    .expect("written");
-    store.close().await;
-    let error = SqliteStore::open(&path, RULES, Faults::default()).await.expect_err("too new");
-    assert!(error.message.contains("9999") && error.message.contains(NAME), "{error}");
+async fn a_file_with_the_earlier_bookkeeping_is_taken_over_with_its_jobs() {
+    for version in [2, 3] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join(NAME);
+        let NewJob { id, spec, .. } = new_job();
+        let connection = with_rows(&path, version);
+        let sql =
+            "INSERT INTO jobs (id, tenant, state, spec, progress, created_at) VALUES (?1, ?2, 'queued', ?3, '{}', 1)";
+        let row = params![id.to_string(), spec.tenant, rows::json(&spec).expect("JSON")];
+        connection.execute(sql, row).expect("written");
+        connection.close().expect("closed");
+        for _ in 0..2 {
+            let store = SqliteStore::open(&path, RULES, Faults::default()).await.expect("it opens");
+            assert_eq!(store.get(id).await.expect("readable").map(|job| job.spec), Some(spec.clone()));
+            assert_eq!(store.untold().await, Ok(vec![]), "there is a table for it");
+            store.close().await;
+        }
+        let connection = Connection::open(&path).expect("it opens");
+        let version: u32 = connection.pragma_query_value(None, "user_version", |row| row.get(0)).expect("readable");
+        assert_eq!(version, 3);
+        assert_eq!(connection.table_exists(None, "_sqlx_migrations"), Ok(false), "nobody keeps it up");
+    }
+}
+
+#[tokio::test]
+async fn tables_of_a_later_version_are_refused_and_left_alone() {
+    for (by_rows, later) in [
+        (false, "PRAGMA user_version = 9999"),
+        (true, "INSERT INTO _sqlx_migrations VALUES (9999, 'later', CURRENT_TIMESTAMP, 1, x'00', 0)"),
+    ] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join(NAME);
+        let connection = match by_rows {
+            true => with_rows(&path, 3),
+            false => {
+                SqliteStore::open(&path, RULES, Faults::default()).await.expect("it opens").close().await;
+                connections::writing(&path, false).expect("it opens")
+            }
+        };
+        connection.execute_batch(later).expect("written");
+        connection.close().expect("closed");
+        let before = std::fs::read(&path).expect("readable");
+        let error = SqliteStore::open(&path, RULES, Faults::default()).await.expect_err("too new");
+        for part in ["9999", NAME, "up to 3"] {
+            assert!(error.message.contains(part), "{error}");
+        }
+        assert!(std::fs::read(&path).expect("readable") == before);
+    }
 }

@@ -1,23 +1,24 @@
-//! The one writer: everything that changes a job goes through it, many changes in one transaction.
+//! The one writer: everything that changes a job goes through it, many changes in one transaction, on a thread of its own.
 //!
 //! A commit waits for the disk. Whatever was asked for during that wait goes into the next transaction together (group
 //! commit), so that commits cost little where there is much to do and nobody waits longer than two of them. Answers are
 //! given, and waiters woken, after the commit. When a transaction fails, its commands are tried once more, each in one of
-//! its own: one that the database refuses takes no other with it.
+//! its own: one that the database refuses, or that panics, takes no other with it.
 
-use std::sync::Arc;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
 use std::time::Instant;
+use std::{io, iter, slice, thread};
 
-use async_trait::async_trait;
-use sqlx::sqlite::SqliteConnectOptions;
-use sqlx::{Connection as _, SqliteConnection};
-use tokio::sync::{mpsc, oneshot, watch};
+use rusqlite::{Connection, TransactionBehavior};
+use tokio::sync::{oneshot, watch};
 use tokio_util::sync::CancellationToken;
 
 use super::super::pulses::Pulses;
 use super::super::{JobId, Pulse, Statistics};
-use super::{connect, database_error};
+use super::connections::{self, Abort, closed};
 use crate::error::{Error, Kind, Result};
 use crate::service::faults::{FaultPoint, Faults};
 
@@ -25,41 +26,19 @@ use crate::service::faults::{FaultPoint, Faults};
 const BATCH: usize = 256;
 
 /// Something that changes jobs, as SQL.
-#[async_trait]
-pub(super) trait Command: Send + Sync + 'static {
+pub(super) trait Command: Send + 'static {
     /// What it tells whoever asked for it.
     type Output: Send;
 
     /// Does it. What may be [refused](Abort::Refused) is refused before anything is written; may be called again after
     /// the transaction failed.
-    async fn apply(&self, batch: &mut Batch<'_>) -> Result<Self::Output, Abort>;
-}
-
-/// Why a command was not carried out.
-#[derive(Debug)]
-pub(super) enum Abort {
-    /// It is not allowed; nothing was written.
-    Refused(Error),
-    /// The database failed, and the transaction with it.
-    Broken(sqlx::Error),
-}
-
-impl From<Error> for Abort {
-    fn from(error: Error) -> Self {
-        Self::Refused(error)
-    }
-}
-
-impl From<sqlx::Error> for Abort {
-    fn from(error: sqlx::Error) -> Self {
-        Self::Broken(error)
-    }
+    fn apply(&self, batch: &mut Batch<'_>) -> Result<Self::Output, Abort>;
 }
 
 /// The transaction that a command is part of.
 pub(super) struct Batch<'c> {
     /// Where to write.
-    pub connection: &'c mut SqliteConnection,
+    pub connection: &'c Connection,
     /// Whom to wake afterwards.
     pub effects: Effects,
 }
@@ -126,48 +105,47 @@ impl Counters {
 /// The way to the writer.
 #[derive(Debug)]
 pub(super) struct Writer {
-    commands: mpsc::UnboundedSender<Box<dyn Pending>>,
-    closing: CancellationToken,
+    /// None once it was closed. Unbounded, but whoever sends a command waits for its answer: there are no more than there
+    /// are askers.
+    commands: Mutex<Option<mpsc::Sender<Box<dyn Pending>>>>,
     closed: CancellationToken,
     pub counters: Arc<Counters>,
 }
 
 impl Writer {
-    /// Starts the writer on an open connection; `options` open another one after a failure.
-    pub fn start(
-        connection: SqliteConnection,
-        options: SqliteConnectOptions,
-        listeners: Arc<Listeners>,
-        faults: Faults,
-    ) -> Self {
-        // Unbounded, but whoever sends a command waits for its answer: there are no more than there are askers.
-        let (commands, inbox) = mpsc::unbounded_channel();
-        let (closing, closed) = (CancellationToken::new(), CancellationToken::new());
+    /// Starts the writer on an open connection to the file at `path`; after a failure it opens another one.
+    pub fn start(connection: Connection, path: PathBuf, listeners: Arc<Listeners>, faults: Faults) -> io::Result<Self> {
+        let (commands, inbox) = mpsc::channel();
+        let closed = CancellationToken::new();
         let counters = Arc::<Counters>::default();
-        let worker =
-            Worker { connection: Some(connection), options, listeners, faults, counters: Arc::clone(&counters) };
-        let stop = closing.clone();
+        let worker = Worker { connection: Some(connection), path, listeners, faults, counters: Arc::clone(&counters) };
         let done = closed.clone().drop_guard();
-        tokio::spawn(async move {
-            worker.run(inbox, stop).await;
+        thread::Builder::new().name("store-writer".to_owned()).spawn(move || {
+            worker.run(&inbox);
             drop(done);
-        });
-        Self { commands, closing, closed, counters }
+        })?;
+        Ok(Self { commands: Mutex::new(Some(commands)), closed, counters })
     }
 
     /// Has a command carried out, and waits until that is on the disk.
     pub async fn carry_out<C: Command>(&self, command: C) -> Result<C::Output> {
         let (reply, answer) = oneshot::channel();
-        let asked = Asked { command, outcome: None, reply: Some(reply) };
-        let gone = || Error::new(Kind::Unavailable, "the store of jobs is closed");
-        self.commands.send(Box::new(asked)).map_err(|_| gone())?;
-        answer.await.map_err(|_| gone())?
+        self.send(Box::new(Asked { command, outcome: None, reply: Some(reply) }))?;
+        answer.await.map_err(|_| closed())?
+    }
+
+    fn send(&self, command: Box<dyn Pending>) -> Result<()> {
+        self.commands().as_ref().and_then(|commands| commands.send(command).ok()).ok_or_else(closed)
     }
 
     /// Carries out what was asked for, and closes the connection.
     pub async fn close(&self) {
-        self.closing.cancel();
+        drop(self.commands().take());
         self.closed.cancelled().await;
+    }
+
+    fn commands(&self) -> MutexGuard<'_, Option<mpsc::Sender<Box<dyn Pending>>>> {
+        self.commands.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -178,22 +156,25 @@ struct Asked<C: Command> {
     reply: Option<oneshot::Sender<Result<C::Output>>>,
 }
 
-#[async_trait]
 trait Pending: Send {
     /// Carries the command out, and keeps the answer. An error means that the transaction failed.
-    async fn apply(&mut self, batch: &mut Batch<'_>) -> Result<(), sqlx::Error>;
+    fn apply(&mut self, batch: &mut Batch<'_>) -> Result<()>;
 
     /// Gives the answer: the one that was kept, or why the transaction failed.
     fn settle(&mut self, failed: Option<Error>);
 }
 
-#[async_trait]
 impl<C: Command> Pending for Asked<C> {
-    async fn apply(&mut self, batch: &mut Batch<'_>) -> Result<(), sqlx::Error> {
-        let outcome = match self.command.apply(batch).await {
-            Ok(output) => Ok(output),
-            Err(Abort::Refused(error)) => Err(error),
-            Err(Abort::Broken(error)) => return Err(error),
+    fn apply(&mut self, batch: &mut Batch<'_>) -> Result<()> {
+        // What it left half done goes with the transaction.
+        let outcome = match catch_unwind(AssertUnwindSafe(|| self.command.apply(batch))) {
+            Ok(Ok(output)) => Ok(output),
+            Ok(Err(Abort::Refused(error))) => Err(error),
+            Ok(Err(Abort::Broken(error))) => return Err(error),
+            Err(_) => {
+                let why = "a change of a job ran into a defect of the service; its log says more";
+                return Err(Error::new(Kind::Internal, why));
+            }
         };
         self.outcome = Some(outcome);
         Ok(())
@@ -214,55 +195,47 @@ impl<C: Command> Pending for Asked<C> {
 
 struct Worker {
     /// None after a failure, until the next command.
-    connection: Option<SqliteConnection>,
-    options: SqliteConnectOptions,
+    connection: Option<Connection>,
+    path: PathBuf,
     listeners: Arc<Listeners>,
     faults: Faults,
     counters: Arc<Counters>,
 }
 
 impl Worker {
-    async fn run(mut self, mut inbox: mpsc::UnboundedReceiver<Box<dyn Pending>>, closing: CancellationToken) {
+    /// Works until nobody can ask for anything any more.
+    fn run(mut self, inbox: &mpsc::Receiver<Box<dyn Pending>>) {
         let mut batch = Vec::new();
-        loop {
-            let received = tokio::select! {
-                biased;
-                received = inbox.recv_many(&mut batch, BATCH) => received,
-                () = closing.cancelled() => 0,
-            };
-            if received == 0 {
-                break;
-            }
-            self.carry_out(&mut batch).await;
+        while let Ok(command) = inbox.recv() {
+            batch.extend(iter::once(command).chain(inbox.try_iter()).take(BATCH));
+            self.carry_out(&mut batch);
             batch.clear();
         }
-        if let Some(connection) = self.connection.take()
-            && let Err(error) = connection.close().await
-        {
+        if let Some(Err((_, error))) = self.connection.take().map(Connection::close) {
             tracing::warn!(%error, "the database was not closed in order; it is whole all the same");
         }
     }
 
-    async fn carry_out(&mut self, batch: &mut [Box<dyn Pending>]) {
-        let Err(error) = self.commit(batch).await else {
+    fn carry_out(&mut self, batch: &mut [Box<dyn Pending>]) {
+        let Err(error) = self.commit(batch) else {
             batch.iter_mut().for_each(|command| command.settle(None));
             return;
         };
         if let [command] = batch {
-            command.settle(Some(database_error(error)));
+            command.settle(Some(error));
             return;
         }
         tracing::debug!(%error, commands = batch.len(), "a transaction failed; its commands are tried one by one");
         for command in batch {
-            let failed = self.commit(std::slice::from_mut(command)).await.err();
-            command.settle(failed.map(database_error));
+            let failed = self.commit(slice::from_mut(command)).err();
+            command.settle(failed);
         }
     }
 
     /// One transaction, and what is told after it.
-    async fn commit(&mut self, batch: &mut [Box<dyn Pending>]) -> Result<(), sqlx::Error> {
+    fn commit(&mut self, batch: &mut [Box<dyn Pending>]) -> Result<()> {
         let started = Instant::now();
-        let outcome = self.transaction(batch).await;
+        let outcome = self.transaction(batch);
         self.counters.busy_us.fetch_add(started.elapsed().as_micros() as u64, Ordering::Relaxed);
         match outcome {
             Ok(effects) => {
@@ -274,27 +247,27 @@ impl Worker {
             Err(error) => {
                 self.counters.failures.fetch_add(1, Ordering::Relaxed);
                 // Whatever state it is in: the next transaction gets a new one.
-                if let Some(connection) = self.connection.take() {
-                    let _ = connection.close().await;
-                }
+                self.connection = None;
                 Err(error)
             }
         }
     }
 
-    async fn transaction(&mut self, batch: &mut [Box<dyn Pending>]) -> Result<Effects, sqlx::Error> {
+    fn transaction(&mut self, batch: &mut [Box<dyn Pending>]) -> Result<Effects> {
         let connection = match &mut self.connection {
             Some(connection) => connection,
-            none => none.insert(connect(self.options.clone()).await?),
+            none => none.insert(connections::writing(&self.path, false)?),
         };
-        let mut transaction = connection.begin_with("BEGIN IMMEDIATE").await?;
-        let mut all = Batch { connection: &mut transaction, effects: Effects::default() };
+        let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        let mut all = Batch { connection: &transaction, effects: Effects::default() };
         for command in batch {
-            command.apply(&mut all).await?;
+            command.apply(&mut all)?;
         }
         let effects = all.effects;
-        self.faults.hit(FaultPoint::Commit).map_err(sqlx::Error::Io)?;
-        transaction.commit().await?;
+        self.faults
+            .hit(FaultPoint::Commit)
+            .map_err(|error| Error::new(Kind::of_storage(&error), format_args!("the store of jobs failed: {error}")))?;
+        transaction.commit()?;
         Ok(effects)
     }
 }

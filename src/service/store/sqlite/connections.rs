@@ -1,0 +1,220 @@
+//! Connections to the file: the one that writes, and those that read; and how statements are run on them.
+//!
+//! SQLite is called where one is: a statement that was prepared before takes some microseconds, less than the way to another
+//! thread and back. So the writer's thread runs what changes something, and a task that asks for a few rows reads them
+//! itself; what may be much, or far from memory, is read on a thread for blocking work. Knows no table.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use rusqlite::config::DbConfig;
+use rusqlite::{Connection, ErrorCode, OpenFlags, Params, Row};
+use tokio::sync::Semaphore;
+
+use crate::error::{Error, Kind, Result};
+use crate::service::files::blocking;
+
+/// Connections that read.
+const READERS: u32 = 4;
+
+/// Memory that a connection that reads keeps of the file, in KiB: four of them fill it in the first thousands of jobs, and
+/// what they read is in the system's memory anyway.
+const READ_CACHE: i32 = 512;
+
+/// Size to which the write-ahead log is cut back after it grew larger.
+const LOG_BYTES: u32 = 64 << 20;
+
+/// For how long a connection waits for another one's lock.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// Statements that a connection keeps prepared: more than there are.
+const STATEMENTS: usize = 64;
+
+/// Why something was not done.
+#[derive(Debug)]
+pub(super) enum Abort {
+    /// It is not allowed; nothing was written.
+    Refused(Error),
+    /// The database failed, and the transaction with it.
+    Broken(Error),
+}
+
+impl From<Error> for Abort {
+    fn from(error: Error) -> Self {
+        Self::Refused(error)
+    }
+}
+
+impl From<rusqlite::Error> for Abort {
+    fn from(error: rusqlite::Error) -> Self {
+        Self::Broken(error.into())
+    }
+}
+
+impl From<Abort> for Error {
+    fn from(abort: Abort) -> Self {
+        match abort {
+            Abort::Refused(error) | Abort::Broken(error) => error,
+        }
+    }
+}
+
+impl From<rusqlite::Error> for Error {
+    /// Whether there is no room, or the file cannot be reached, or something is broken.
+    fn from(error: rusqlite::Error) -> Self {
+        use ErrorCode::*;
+        let kind = match error.sqlite_error_code() {
+            Some(DiskFull) => Kind::InsufficientStorage,
+            Some(
+                PermissionDenied | DatabaseBusy | DatabaseLocked | OutOfMemory | ReadOnly | SystemIoFailure
+                | CannotOpen,
+            ) => Kind::Unavailable,
+            _ => Kind::Internal,
+        };
+        Self::new(kind, format_args!("the store of jobs failed: {error}"))
+    }
+}
+
+/// The error of a store that was closed.
+pub(super) fn closed() -> Error {
+    Error::new(Kind::Unavailable, "the store of jobs is closed")
+}
+
+/// Opens the connection that writes, and makes the file if that may be.
+pub(super) fn writing(path: &Path, may_create: bool) -> rusqlite::Result<Connection> {
+    let mut flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    flags.set(OpenFlags::SQLITE_OPEN_CREATE, may_create);
+    let connection = open(path, flags)?;
+    connection.pragma_update(None, "journal_mode", "WAL")?;
+    connection.pragma_update(None, "synchronous", "FULL")?;
+    connection.pragma_update(None, "journal_size_limit", LOG_BYTES)?;
+    Ok(connection)
+}
+
+fn open(path: &Path, flags: OpenFlags) -> rusqlite::Result<Connection> {
+    let connection = Connection::open_with_flags(path, flags)?;
+    connection.busy_timeout(PATIENCE)?;
+    connection.set_prepared_statement_cache_capacity(STATEMENTS);
+    // Plans do not depend on what is bound; without this, some statements are prepared anew whenever something else is.
+    connection.set_db_config(DbConfig::SQLITE_DBCONFIG_ENABLE_QPSG, true)?;
+    Ok(connection)
+}
+
+/// Connections that read.
+#[derive(Debug)]
+pub(super) struct Readers {
+    path: PathBuf,
+    /// One for each connection that may be.
+    places: Arc<Semaphore>,
+    idle: Mutex<Vec<Connection>>,
+}
+
+impl Readers {
+    /// For the file at `path`, which is there.
+    pub fn open(path: &Path) -> rusqlite::Result<Self> {
+        let places = Arc::new(Semaphore::new(READERS as usize));
+        let readers = Self { path: path.to_owned(), places, idle: Mutex::default() };
+        readers.give_back(readers.connection()?);
+        Ok(readers)
+    }
+
+    /// Reads a few rows that are found by an index, here and now.
+    pub async fn read<T>(&self, work: impl FnOnce(&Connection) -> Result<T, Abort>) -> Result<T> {
+        let _place = self.places.acquire().await.map_err(|_| closed())?;
+        self.work(work)
+    }
+
+    /// Reads what may be much, where that holds nobody up.
+    pub async fn read_much<T: Send + 'static>(
+        self: &Arc<Self>,
+        work: impl FnOnce(&Connection) -> Result<T, Abort> + Send + 'static,
+    ) -> Result<T> {
+        let place = Arc::clone(&self.places).acquire_owned().await.map_err(|_| closed())?;
+        let this = Arc::clone(self);
+        blocking(move || {
+            // kept to the end, also when nobody waits for it any more
+            let _place = place;
+            this.work(work)
+        })
+        .await?
+    }
+
+    /// Waits for those who read, and closes the connections.
+    pub async fn close(&self) {
+        let _all = self.places.acquire_many(READERS).await;
+        self.places.close();
+        self.idle().clear();
+    }
+
+    fn work<T>(&self, work: impl FnOnce(&Connection) -> Result<T, Abort>) -> Result<T> {
+        let idle = self.idle().pop();
+        let connection = match idle {
+            Some(connection) => connection,
+            None => self.connection()?,
+        };
+        let outcome = work(&connection);
+        // one that failed is not used again
+        if !matches!(outcome, Err(Abort::Broken(_))) {
+            self.give_back(connection);
+        }
+        Ok(outcome?)
+    }
+
+    fn connection(&self) -> rusqlite::Result<Connection> {
+        let connection = open(&self.path, OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX)?;
+        connection.pragma_update(None, "cache_size", -READ_CACHE)?;
+        Ok(connection)
+    }
+
+    fn give_back(&self, connection: Connection) {
+        self.idle().push(connection);
+    }
+
+    fn idle(&self) -> MutexGuard<'_, Vec<Connection>> {
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Runs a statement; the number of rows that it changed.
+pub(super) fn execute(connection: &Connection, sql: &str, parameters: impl Params) -> Result<usize, Abort> {
+    Ok(connection.prepare_cached(sql)?.execute(parameters)?)
+}
+
+/// What `read` makes of the rows of a query.
+pub(super) fn all<T>(
+    connection: &Connection,
+    sql: &str,
+    parameters: impl Params,
+    mut read: impl FnMut(&Row<'_>) -> Result<T>,
+) -> Result<Vec<T>, Abort> {
+    let mut statement = connection.prepare_cached(sql)?;
+    let mut rows = statement.query(parameters)?;
+    let mut found = Vec::new();
+    while let Some(row) = rows.next()? {
+        found.push(read(row)?);
+    }
+    Ok(found)
+}
+
+/// What `read` makes of the first row of a query, if there is one.
+pub(super) fn first<T>(
+    connection: &Connection,
+    sql: &str,
+    parameters: impl Params,
+    read: impl FnOnce(&Row<'_>) -> Result<T>,
+) -> Result<Option<T>, Abort> {
+    let mut statement = connection.prepare_cached(sql)?;
+    let mut rows = statement.query(parameters)?;
+    Ok(rows.next()?.map(read).transpose()?)
+}
+
+/// What `read` makes of the row of a query that always has one.
+pub(super) fn one<T>(
+    connection: &Connection,
+    sql: &str,
+    parameters: impl Params,
+    read: impl FnOnce(&Row<'_>) -> Result<T>,
+) -> Result<T, Abort> {
+    first(connection, sql, parameters, read)?.ok_or_else(|| rusqlite::Error::QueryReturnedNoRows.into())
+}
