@@ -72,7 +72,15 @@ impl From<rusqlite::Error> for Error {
             ) => Kind::Unavailable,
             _ => Kind::Internal,
         };
-        Self::new(kind, format_args!("the store of jobs failed: {error}"))
+        Self::new(kind, format_args!("the store of jobs failed: {}", message(&error)))
+    }
+}
+
+/// What the database says, without the SQL that it was said about.
+pub(super) fn message(error: &rusqlite::Error) -> String {
+    match error {
+        rusqlite::Error::SqlInputError { msg, .. } => msg.clone(),
+        _ => error.to_string(),
     }
 }
 

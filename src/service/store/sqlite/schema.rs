@@ -6,6 +6,8 @@
 
 use rusqlite::{Connection, TransactionBehavior};
 
+use super::connections::message;
+
 /// Every migration's SQL.
 const MIGRATIONS: [&str; 3] = [
     include_str!("migrations/0001_jobs.sql"),
@@ -17,7 +19,7 @@ const MIGRATIONS: [&str; 3] = [
 #[derive(Debug, thiserror::Error)]
 pub(super) enum MigrateError {
     /// The database failed.
-    #[error(transparent)]
+    #[error("{}", message(.0))]
     Database(#[from] rusqlite::Error),
     /// They were made by a later version of the service.
     #[error(
@@ -35,7 +37,11 @@ pub(super) fn migrate(connection: &mut Connection) -> Result<(), MigrateError> {
 /// Brings the tables up to a version.
 pub(super) fn migrate_to(known: u32, connection: &mut Connection) -> Result<(), MigrateError> {
     let by_rows = version_by_rows(connection)?;
-    let found = by_rows.unwrap_or(version(connection)?);
+    let found = match version(connection)? {
+        0 => by_rows.unwrap_or(0),
+        // an earlier build that was tried on this file left an empty table behind
+        version => version,
+    };
     if found > known {
         return Err(MigrateError::TooNew { found, known });
     }
