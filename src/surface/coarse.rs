@@ -55,6 +55,19 @@ impl Grouping {
 }
 
 impl DualGraph {
+    /// So many groups there are at least, whatever [`grouped`](Self::grouped) makes of the faces.
+    pub fn least_groups(&self, heaviest: &[u64]) -> u64 {
+        let of_component = |(component, &heaviest): (&Component, &u64)| match heaviest {
+            0 => u64::from(component.faces),
+            // a face that is heavier is a group of its own
+            _ => {
+                let weights = self.weights[component.range()].iter();
+                weights.map(|&weight| u64::from(weight).min(heaviest)).sum::<u64>().div_ceil(heaviest)
+            }
+        };
+        self.components.iter().zip(heaviest).map(of_component).sum()
+    }
+
     /// Groups neighbouring faces; `heaviest[c]` is the most that a group of component c may weigh, if it is not a single
     /// face. Groups are connected.
     pub fn grouped(&self, heaviest: &[u64]) -> Grouping {
@@ -291,6 +304,8 @@ mod tests {
             found.sort_unstable();
             assert_eq!(found, expected, "{sample:?}");
             assert!(coarse.graph.faces() * 3 <= surface.faces() * 2, "{sample:?}");
+            let least = surface.least_groups(&heaviest);
+            assert!(least >= 12 && least <= coarse.graph.faces() as u64, "{sample:?}: {least}");
         }
     }
 
