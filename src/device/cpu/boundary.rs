@@ -29,11 +29,11 @@ fn decide(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32) ->
     let from = labels.near_boundary(face);
     let centroid = graph.centroids[face as usize];
     let mut best = (i64::MAX.cast_unsigned(), from);
-    let seen = Seen::around(graph, labels, clusters, face, from, |cluster| {
-        best = best.min((clusters.squared_distance(centroid, cluster), cluster));
+    let seen = Seen::around(graph, labels, clusters, face, from, |cluster, place| {
+        best = best.min((place.squared_distance(centroid), cluster));
     });
     let (distance, to) = best;
-    let own = clusters.squared_distance(centroid, from);
+    let own = clusters.place(from).squared_distance(centroid);
     if distance < own {
         Answer { wish: Some(Move { face, from, to }), rest: seen.due() }
     } else {

@@ -20,20 +20,38 @@ const FITS: usize = 1 << 15;
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Change(ClusterSums);
 
+/// What faces look at of a cluster.
+#[derive(Debug, Clone, Copy)]
+pub struct Place {
+    /// P = S / M rounded to nearest, halves up.
+    proxy: [i32; 3],
+    /// How far the proxy has moved, in lattice units, all its ways added up and rounded up beyond them, so that each change
+    /// adds to it; at least 2. It moves by [`FAR`] at once when the cluster gets lighter than `least_weight` said.
+    pub drift: u64,
+    /// A weight that the cluster has at least.
+    pub least_weight: u64,
+}
+
+impl Place {
+    /// In place of a cluster: it never moves.
+    const NOWHERE: Self = Self { proxy: [0; 3], drift: 0, least_weight: 0 };
+
+    /// Squared distance between a lattice point and the proxy, below 2⁵⁸.
+    #[inline]
+    pub fn squared_distance(&self, point: [i32; 3]) -> u64 {
+        squared_distance(point, self.proxy)
+    }
+}
+
 /// All clusters of a clustering.
 #[derive(Debug)]
 pub struct Clusters {
     sums: Vec<ClusterSums>,
-    /// P = S / M rounded to nearest, halves up. What a face compares; kept apart from the sums to stay in cache.
-    proxies: Vec<[i32; 3]>,
+    /// What faces look at; kept apart from the sums to stay in cache. Before them comes [`Place::NOWHERE`].
+    places: Vec<Place>,
     /// 2·P·S − M·|P|² of each cluster, in units of its component.
     explained: Vec<i128>,
     energy_shifts: Vec<u8>,
-    /// How far each proxy has moved, in lattice units, all its ways added up and rounded up beyond them, so that each change
-    /// adds to it; more, where the cluster lost too much weight.
-    drift: Vec<u64>,
-    /// A weight that each cluster does not fall below without a drift of [`FAR`].
-    least_weight: Vec<u64>,
     /// Σ explained << energy_shift.
     total: i128,
     changes: Changes,
@@ -46,11 +64,9 @@ impl Clusters {
         let clusters = component_of_cluster.len();
         Self {
             sums: vec![ClusterSums::default(); clusters],
-            proxies: vec![[0; 3]; clusters],
+            places: places(clusters),
             explained: vec![0; clusters],
             energy_shifts: component_of_cluster.iter().map(shift).collect(),
-            drift: vec![1; clusters],
-            least_weight: vec![0; clusters],
             total: 0,
             changes: Changes::all(clusters),
         }
@@ -65,7 +81,7 @@ impl Clusters {
             }
         }
         self.changes = Changes::all(self.sums.len());
-        self.least_weight.fill(0);
+        self.places.iter_mut().for_each(|place| place.least_weight = 0);
         self.refit();
     }
 
@@ -81,7 +97,7 @@ impl Clusters {
 
     /// The proxy of a cluster that has faces.
     pub fn proxy(&self, cluster: u32) -> [i32; 3] {
-        self.proxies[cluster as usize]
+        self.place(cluster).proxy
     }
 
     /// The component's energy shift of a cluster.
@@ -89,21 +105,16 @@ impl Clusters {
         u32::from(self.energy_shifts[cluster as usize])
     }
 
-    /// Squared distance between a lattice point and a cluster's proxy, below 2⁵⁸.
-    pub fn squared_distance(&self, point: [i32; 3], cluster: u32) -> u64 {
-        squared_distance(point, self.proxies[cluster as usize])
-    }
-
-    /// How far a proxy has moved since the start, at least 1; every change adds to it. It moves by [`FAR`] at once when its
-    /// cluster gets lighter than [`least_weight`](Self::least_weight) said.
+    /// What faces look at of a cluster.
     #[inline]
-    pub fn drift(&self, cluster: u32) -> u64 {
-        self.drift[cluster as usize]
+    pub fn place(&self, cluster: u32) -> &Place {
+        &self.places[cluster as usize + 1]
     }
 
-    /// A weight that the cluster has at least.
-    pub fn least_weight(&self, cluster: u32) -> u64 {
-        self.least_weight[cluster as usize]
+    /// The same for the number after the cluster's; 0 is nowhere.
+    #[inline]
+    pub fn place_before(&self, next: u32) -> Option<&Place> {
+        self.places.get(next as usize)
     }
 
     /// The clusters that gained or lost a face and that this reader has not yet seen.
@@ -143,21 +154,21 @@ impl Clusters {
     /// Takes over what [`ClusterSums::fit`] says of a cluster.
     fn keep_fit(&mut self, cluster: u32, fit: Option<([i32; 3], i128)>) {
         let cluster = cluster as usize;
+        let place = &mut self.places[cluster + 1];
         // a cluster without faces keeps its proxy, which nobody asks for
-        let (proxy, explained) = fit.unwrap_or((self.proxies[cluster], 0));
+        let (proxy, explained) = fit.unwrap_or((place.proxy, 0));
         self.total += (explained - self.explained[cluster]) << self.energy_shifts[cluster];
         self.explained[cluster] = explained;
         // the root of a rounded square is off by far less than one
-        let way = squared_distance(proxy, self.proxies[cluster]);
-        self.drift[cluster] += (way as f64).sqrt() as u64 + 1;
-        self.proxies[cluster] = proxy;
+        let way = squared_distance(proxy, place.proxy);
+        place.drift += (way as f64).sqrt() as u64 + 1;
+        place.proxy = proxy;
         let weight = self.sums[cluster].weight as u64;
-        let least = &mut self.least_weight[cluster];
-        if weight < *least {
-            self.drift[cluster] += FAR;
+        if weight < place.least_weight {
+            place.drift += FAR;
         }
-        if weight < *least || weight / 2 > *least {
-            *least = weight - weight / 8;
+        if weight < place.least_weight || weight / 2 > place.least_weight {
+            place.least_weight = weight - weight / 8;
         }
     }
 
@@ -177,6 +188,13 @@ impl Clusters {
     pub fn energy(&self) -> LatticeEnergy {
         LatticeEnergy { explained: self.total }
     }
+}
+
+/// Places of so many clusters that have no faces yet.
+fn places(clusters: usize) -> Vec<Place> {
+    let mut places = vec![Place { drift: 2, ..Place::NOWHERE }; clusters + 1];
+    places[0] = Place::NOWHERE;
+    places
 }
 
 impl Change {

@@ -6,18 +6,13 @@ use crate::error::Result;
 use crate::surface::DualGraph;
 
 /// What growth needs to remember; kept between growths to save its memory.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Growth {
-    /// The smallest label offered to each free face in the current pass; [`FREE`] between passes.
+    /// The smallest label offered to each free face in the current pass; [`FREE`] between passes. Empty until something grows.
     offered: Vec<u32>,
 }
 
 impl Growth {
-    /// For `faces` faces.
-    pub fn new(faces: usize) -> Self {
-        Self { offered: vec![FREE; faces] }
-    }
-
     /// Labels all free faces that can be reached from the labelled faces in `frontier`, which must hold all those
     /// beside a free face. Returns the faces it labelled.
     ///
@@ -30,6 +25,7 @@ impl Growth {
         mut frontier: Vec<u32>,
         cancel: &Cancel,
     ) -> Result<Vec<u32>> {
+        self.offered.resize(graph.faces(), FREE);
         let mut grown = Vec::new();
         while !frontier.is_empty() {
             cancel.check()?;

@@ -150,11 +150,11 @@ impl<'a> CpuSteps<'a> {
             began_as_faces: false,
             contraction: None,
             frontier: None,
-            growth: Growth::new(graph.faces()),
+            growth: Growth::default(),
             leaving: Leaving::new(clusters),
             boundary_watch: None,
             refinement_watch: None,
-            bids: Bids::new(graph.faces(), clusters),
+            bids: Bids::default(),
             walked: Vec::new(),
             walk: 0,
             living: (0..clusters as u32).collect(),
@@ -176,7 +176,7 @@ impl<'a> CpuSteps<'a> {
     fn sum(&mut self) {
         if !self.are_summed {
             self.clusters.gather(self.graph, self.labels.all());
-            self.bids = Bids::new(self.graph.faces(), self.clusters.len());
+            self.bids = Bids::default();
             self.boundary_watch = None;
             self.refinement_watch = None;
             self.are_summed = true;

@@ -47,8 +47,8 @@ enum Verdict {
     Refused,
 }
 
-/// The bids of a phase.
-#[derive(Debug)]
+/// The bids of a phase. Empty until somebody is asked for one.
+#[derive(Debug, Default)]
 pub struct Bids {
     bid_of_face: Vec<Bid>,
     /// Number of bids.
@@ -68,21 +68,6 @@ pub struct Bids {
 }
 
 impl Bids {
-    /// No bids yet.
-    pub fn new(faces: usize, clusters: usize) -> Self {
-        Self {
-            bid_of_face: vec![Bid::default(); faces],
-            open: 0,
-            bidders: Vec::new(),
-            at_cluster: vec![Vec::new(); clusters],
-            best: vec![NONE; clusters],
-            changed: Vec::new(),
-            is_changed: vec![false; clusters],
-            exchanges: Vec::new(),
-            refused: Vec::new(),
-        }
-    }
-
     /// Ends the last phase, when another begins. Returns the faces that were refused in it, or still have bids because it
     /// was cut short: they may bid again. Nobody has a bid any more: what happened since did not renew them.
     pub fn end(&mut self) -> Vec<u32> {
@@ -104,11 +89,15 @@ impl Bids {
     /// The faces that bid to leave or to enter some clusters, some of them maybe twice. When those change they must bid anew, also
     /// where they see nobody any more.
     pub fn at<'a>(&'a self, clusters: &'a [u32]) -> impl Iterator<Item = u32> + 'a {
-        clusters.iter().flat_map(|&cluster| self.at_cluster[cluster as usize].iter().copied())
+        clusters.iter().filter_map(|&cluster| self.at_cluster.get(cluster as usize)).flatten().copied()
     }
 
     /// Lets the faces that are due bid anew; the other bids stand. Those that do not bid rest.
     pub fn renew(&mut self, graph: &DualGraph, labels: &Labels, clusters: &Clusters, watch: &mut Watch) {
+        self.bid_of_face.resize(graph.faces(), Bid::default());
+        self.at_cluster.resize_with(clusters.len(), Vec::new);
+        self.best.resize(clusters.len(), NONE);
+        self.is_changed.resize(clusters.len(), false);
         let news = watch.ask(|face| {
             let (bid, rest) = best_move(graph, labels, clusters, face);
             let is_news = bid.differs(self.bid_of_face[face as usize]);
@@ -262,15 +251,18 @@ fn best_move(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32)
     let from = labels.near_boundary(face);
     let centroid = graph.centroids[face as usize];
     let weight = graph.weights[face as usize];
-    let distance = |cluster| clusters.squared_distance(centroid, cluster);
-    let mut slack = RefinementSlack::new(weight, distance(from), clusters.least_weight(from));
-    let seen = Seen::around(graph, labels, clusters, face, from, |to| {
-        slack.beside(distance(to), clusters.least_weight(to));
+    let own = clusters.place(from);
+    let mut slack = RefinementSlack::new(weight, own.squared_distance(centroid), own.least_weight);
+    let seen = Seen::around(graph, labels, clusters, face, from, |_, place| {
+        slack.beside(place.squared_distance(centroid), place.least_weight);
     });
     if slack.is_clear() || clusters.sums(from).faces == 1 {
         return (Bid::default(), seen.rest(slack.get()));
     }
-    let side = |cluster| Side { squared_distance: distance(cluster), weight: clusters.sums(cluster).weight as u64 };
+    let side = |cluster| Side {
+        squared_distance: clusters.place(cluster).squared_distance(centroid),
+        weight: clusters.sums(cluster).weight as u64,
+    };
     let own = side(from);
     let mut best: Option<(i64, std::cmp::Reverse<u32>)> = None;
     for to in others(graph, labels, face, from) {

@@ -17,7 +17,7 @@
 
 use rayon::prelude::*;
 
-use super::clusters::Clusters;
+use super::clusters::{Clusters, Place};
 use super::frontier::Frontier;
 use super::labels::Labels;
 use super::{CHUNK, batch};
@@ -48,8 +48,10 @@ pub struct Watch {
 #[derive(Debug, Clone, Copy)]
 pub struct Resting {
     until: u64,
-    /// The cluster that it was in, which may have ended since.
+    /// The number after that of the cluster that it was in, which may have ended since.
     own: u32,
+    /// Those after the others' numbers: [`NOBODY`] where there is no further one, [`SEVERAL`] in place of the first where there
+    /// are more than two.
     others: [u32; 2],
 }
 
@@ -59,9 +61,10 @@ const LISTED: u64 = 0;
 /// Less than any drift: due.
 const DUE: u64 = 1;
 
-/// In place of another cluster that a face sees: there is no further one, or, in place of the first, there are more than two.
-const NOBODY: u32 = u32::MAX;
-const SEVERAL: u32 = u32::MAX - 1;
+/// After the number of no cluster.
+const NOBODY: u32 = 0;
+/// After the number of none, either: clusters are fewer.
+const SEVERAL: u32 = u32::MAX;
 
 /// What a face says that is asked.
 #[derive(Debug)]
@@ -72,7 +75,7 @@ pub struct Answer<T> {
     pub rest: Resting,
 }
 
-/// The clusters that a face sees.
+/// The clusters that a face sees, as [`Resting`] names them.
 #[derive(Debug, Clone, Copy)]
 pub struct Seen {
     own: u32,
@@ -87,7 +90,8 @@ impl Watch {
         let mut watch = Self {
             near: vec![0; faces.div_ceil(64)],
             boundary: 0,
-            rest_of_face: vec![Resting { until: DUE, own: NOBODY, others: [NOBODY; 2] }; faces],
+            // whatever cluster there is, it has drifted further
+            rest_of_face: vec![Resting { until: DUE, own: 1, others: [NOBODY; 2] }; faces],
             due: Vec::new(),
         };
         frontier.all().for_each(|face| watch.mark(face));
@@ -115,7 +119,7 @@ impl Watch {
         let cluster = labels.near_boundary(face);
         for &near in graph.neighbours_of(face) {
             let saw = self.rest_of_face[near as usize].others;
-            if saw[0] == SEVERAL || !saw.contains(&cluster) && labels.near_boundary(near) != cluster {
+            if saw[0] == SEVERAL || !saw.contains(&(cluster + 1)) && labels.near_boundary(near) != cluster {
                 self.add(near);
             }
         }
@@ -232,15 +236,13 @@ impl Watch {
 }
 
 impl Resting {
-    /// Whether it is over.
+    /// Whether it is over. A face that sees nobody rests without end.
     #[inline]
     fn is_over(&self, graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32) -> bool {
-        let drift = |cluster| clusters.drift(cluster);
-        let drift = match self.others {
-            [NOBODY, _] => return self.until <= DUE,
-            [SEVERAL, _] => drift_of_several(graph, labels, clusters, face, self.own),
-            [other, NOBODY] => drift(self.own) + drift(other),
-            [one, two] => drift(self.own) + drift(one) + drift(two),
+        let [own, one, two] = [self.own, self.others[0], self.others[1]].map(|next| clusters.place_before(next));
+        let drift = match (own, one, two) {
+            (Some(own), Some(one), Some(two)) => own.drift + one.drift + two.drift,
+            _ => drift_of_several(graph, labels, clusters, face, self.own - 1),
         };
         self.until < drift
     }
@@ -256,21 +258,22 @@ impl Seen {
         clusters: &Clusters,
         face: u32,
         own: u32,
-        mut visit: impl FnMut(u32),
+        mut visit: impl FnMut(u32, &Place),
     ) -> Self {
         let mut others = [NOBODY; 2];
-        let mut drift = clusters.drift(own);
+        let mut drift = clusters.place(own).drift;
         let mut are_more = false;
         for &near in graph.neighbours_of(face) {
             let other = labels.near_boundary(near);
-            if other == own || others.contains(&other) {
+            if other == own || others.contains(&(other + 1)) {
                 continue;
             }
-            visit(other);
-            drift += clusters.drift(other);
+            let place = clusters.place(other);
+            visit(other, place);
+            drift += place.drift;
             match others {
-                [NOBODY, _] => others[0] = other,
-                [_, NOBODY] => others[1] = other,
+                [NOBODY, _] => others[0] = other + 1,
+                [_, NOBODY] => others[1] = other + 1,
                 _ => are_more = true,
             }
         }
@@ -278,7 +281,7 @@ impl Seen {
             others[0] = SEVERAL;
             drift = drift_of_several(graph, labels, clusters, face, own);
         }
-        Self { own, others, drift }
+        Self { own: own + 1, others, drift }
     }
 
     /// The face rests until the proxies of all these clusters have together drifted further than `slack`. With 0, any change to
@@ -312,7 +315,8 @@ pub fn others<'a>(graph: &'a DualGraph, labels: &'a Labels, face: u32, own: u32)
 /// How far the proxies of its own and of the [`others`] that a face sees have drifted, added up.
 #[cold]
 fn drift_of_several(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32, own: u32) -> u64 {
-    clusters.drift(own) + others(graph, labels, face, own).map(|other| clusters.drift(other)).sum::<u64>()
+    let others = others(graph, labels, face, own).map(|other| clusters.place(other).drift);
+    clusters.place(own).drift + others.sum::<u64>()
 }
 
 /// The places of the ones of a number.
@@ -342,7 +346,7 @@ fn root(squared_distance: u64) -> f64 {
 /// What a face can bear that bids for nothing: its gain stays below zero while `√α·(d_a + x) ≤ √β·(d_b − y)` where its own
 /// cluster drifts by x and another by y, with `α = M_a/(M_a − w)` and `β = M_b/(M_b + w)`, both of which only change for the
 /// worse when a cluster gets lighter; so they are taken for the least weights that the clusters may have before all that see
-/// them are woken ([`Clusters::least_weight`]). As √β ≤ 1 ≤ √α, that is so while `√α·(x + y) ≤ √β·d_b − √α·d_a`.
+/// them are woken ([`Place::least_weight`]). As √β ≤ 1 ≤ √α, that is so while `√α·(x + y) ≤ √β·d_b − √α·d_a`.
 #[derive(Debug, Clone, Copy)]
 pub struct RefinementSlack {
     weight: f64,
