@@ -45,6 +45,7 @@ pub mod evaluate;
 pub mod fuzzing;
 pub mod job;
 mod markdown;
+mod memory;
 pub mod mesh;
 pub mod output;
 pub mod parameters;

@@ -3,6 +3,8 @@
 mod cli_support;
 
 use std::collections::BTreeSet;
+use std::process::Stdio;
+use std::time::Duration;
 
 use cli_support::Folder;
 use sha2::{Digest, Sha256};
@@ -311,9 +313,37 @@ fn devices_and_links_stay_what_they_are() {
 }
 
 #[cfg(target_os = "linux")]
+/// The system clears every page that a process comes to: 250 bytes a face, where what is given back goes to the system.
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+#[test]
+fn memory_that_is_given_back_is_used_again() {
+    let folder = Folder::new();
+    let faces = 300_000;
+    folder.sample("sphere", faces, "sphere.glb");
+    let command =
+        ["cluster", "sphere.glb", "-k", "3000", "--quality", "fast", "--device", "cpu", "--labels", "sphere.npy"];
+    let mut child = folder.tesserae(&command).stdout(Stdio::null()).spawn().expect("the binary runs");
+    // state, and the page faults that needed no disk; both are there until somebody waits for the process
+    let stat = || {
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", child.id())).expect("it is not waited for");
+        let (_, fields) = stat.rsplit_once(") ").expect("a name in parentheses");
+        let fields: Vec<String> = fields.split(' ').map(str::to_owned).collect();
+        (fields[0].clone(), fields[7].parse::<u64>().expect("a number"))
+    };
+    let faults = loop {
+        let (state, faults) = stat();
+        if state == "Z" {
+            break faults;
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    };
+    assert!(child.wait().expect("it ended").success());
+    let bytes_a_face = faults * 4096 / faces;
+    assert!(bytes_a_face < 200, "{bytes_a_face}");
+}
+
 #[test]
 fn a_reader_that_leaves_is_no_error_and_a_full_disk_is_one() {
-    use std::process::Stdio;
     let folder = Folder::new();
     folder.sample("sphere", 20_000, "s.obj");
     let mut child = folder
@@ -338,7 +368,7 @@ fn a_reader_that_leaves_is_no_error_and_a_full_disk_is_one() {
 #[cfg(target_os = "linux")]
 #[test]
 fn an_interrupt_ends_the_work_with_one_line_and_no_files() {
-    use std::process::{Command, Stdio};
+    use std::process::Command;
     const SIGINT: u64 = 1 << (2 - 1);
     let folder = Folder::new();
     folder.sample("plane", 1_000_000, "plane.glb");

@@ -29,6 +29,7 @@ use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::error::Error;
+use crate::memory;
 
 /// The command line of `tesserae`.
 #[derive(Debug, Parser)]
@@ -72,7 +73,12 @@ enum Command {
 
 /// Runs the command that the arguments of this process ask for.
 pub fn main() -> ExitCode {
-    let outcome = match Cli::parse().command {
+    let command = Cli::parse().command;
+    match command {
+        Command::Serve(_) => memory::keep_between_jobs(),
+        _ => memory::keep(),
+    }
+    let outcome = match command {
         Command::Cluster(arguments) => cluster::run(&arguments),
         Command::Cut(arguments) => cut::run(&arguments),
         Command::Plot(arguments) => plot::run(&arguments),
