@@ -58,7 +58,7 @@ use rayon::prelude::*;
 use super::dual_edge::{self, Ties, from_into};
 use super::run::Run;
 use super::seeds::{self, SeedFaces};
-use super::teleport;
+use super::teleport::Teleports;
 use crate::device::{Cancel, Device, LatticeEnergy, MergeSteps, Steps};
 use crate::error::{Error, Kind, Result};
 use crate::surface::{Coarse, DualGraph, Surface};
@@ -76,7 +76,7 @@ pub struct Effort {
     pub iterations_a_graph: u32,
     /// Refine what the boundary phases on coarse graphs have converged to.
     pub refine: bool,
-    /// Rounds of teleports ([`teleport`]) on the coarsest graph, for any number of clusters.
+    /// Rounds of teleports ([`super::teleport`]) on the coarsest graph, for any number of clusters.
     pub teleport_rounds: u64,
     /// Starts are made from several seed numbers as long as they have no more clusters than this together; the one with the
     /// lowest energy goes on. Each has as many rounds of teleports more, [`MOST_TELEPORT_ROUNDS`] at most.
@@ -254,7 +254,8 @@ impl CoarseStart {
         Ok((energy, Start { labels, component_of_cluster: components }))
     }
 
-    /// Teleports clusters, as long as that lowers the energy and effort allows. Labels and what they explain.
+    /// Teleports clusters, as long as that lowers the energy and effort allows. Labels and what they explain; the device may be
+    /// left with others.
     fn teleported(
         &self,
         graph: &DualGraph,
@@ -264,9 +265,17 @@ impl CoarseStart {
     ) -> Result<(LatticeEnergy, Vec<u32>)> {
         let mut best = (steps.energy()?, steps.labels()?);
         let mut most = self.shares.iter().sum::<usize>().div_ceil(TELEPORTS_OF);
+        // those of the best labels, where they were looked for before
+        let mut known: Option<Teleports<'_>> = None;
         for _ in 0..self.teleport_rounds {
-            let edges = steps.optimal_dual_edges(Ties::Hash)?;
-            let Some(labels) = teleport::teleported(graph, &best.1, component_of_cluster, &edges, most) else {
+            let teleports = match known.take() {
+                Some(teleports) => teleports,
+                None => {
+                    let edges = steps.optimal_dual_edges(Ties::Hash)?;
+                    Teleports::of(graph, &best.1, component_of_cluster, &edges)
+                }
+            };
+            let Some(labels) = teleports.made(&best.1, most) else {
                 break;
             };
             steps.set_labels(&labels)?;
@@ -274,12 +283,11 @@ impl CoarseStart {
             let energy = steps.energy()?;
             if energy > best.0 {
                 best = (energy, steps.labels()?);
-            } else {
-                if most == 1 {
-                    break;
-                }
+            } else if most > 1 {
                 most /= 2;
-                steps.set_labels(&best.1)?;
+                known = Some(teleports);
+            } else {
+                break;
             }
         }
         Ok(best)

@@ -5,7 +5,8 @@
 //! same time, far from each other; what follows from them is optimised, and if the energy did not fall, all are taken back.
 
 use std::cmp::Reverse;
-use std::collections::VecDeque;
+
+use rayon::prelude::*;
 
 use super::dual_edge::{End, mutual, packed_cost};
 use super::sums::{ClusterSums, squared_distance};
@@ -15,109 +16,137 @@ use crate::surface::DualGraph;
 /// Splits that are looked at for a pair, so that many pairs do not look at many that are taken.
 const LOOKS: usize = 64;
 
+/// Clusters that a thread splits at a time.
+const CHUNK: usize = 64;
+
+/// The teleports that a clustering allows.
+#[derive(Debug)]
+pub struct Teleports<'a> {
+    graph: &'a DualGraph,
+    component_of_cluster: &'a [u32],
+    members: Members,
+    /// The pairs of clusters that chose each other, the cheapest first.
+    pairs: Vec<(u32, u32)>,
+    /// The splits of each component, those that gain most first.
+    splits: Vec<Vec<Split>>,
+}
+
 /// A cluster falls into two.
+#[derive(Debug)]
 struct Split {
     /// What the energy falls by, packed as merge costs are.
     gain: u32,
     cluster: u32,
-    /// The faces that leave it.
-    leaving: Vec<u32>,
+    /// The faces that are nearer to the second leave it.
+    centres: [[i32; 3]; 2],
 }
 
-/// Labels after at most `most` teleports: the cheapest merges of the pairs among `edges` that chose each other, and the splits
-/// that gain most. None when there is no such pair. Merges cost more than splits gain, always: what pays is that the clusters
-/// around both have it easier afterwards, which only optimisation shows.
-///
-/// Every face is labelled. Clusters of a teleport have no others beside them, and lie in one component.
-pub fn teleported(
-    graph: &DualGraph,
-    labels: &[u32],
-    component_of_cluster: &[u32],
-    edges: &[DualEdge],
-    most: usize,
-) -> Option<Vec<u32>> {
-    let members = Members::of(labels, component_of_cluster.len());
-    let shift = |cluster: u32| graph.components[component_of_cluster[cluster as usize] as usize].energy_shift;
-    let mut splits: Vec<VecDeque<Split>> = graph.components.iter().map(|_| VecDeque::new()).collect();
-    for cluster in 0..component_of_cluster.len() as u32 {
-        let split = split(graph, members.faces_of(cluster), cluster, shift(cluster));
-        splits[component_of_cluster[cluster as usize] as usize].extend(split);
-    }
-    for splits in &mut splits {
-        splits.make_contiguous().sort_unstable_by_key(|split| (Reverse(split.gain), split.cluster));
+impl<'a> Teleports<'a> {
+    /// Those of some labels: every face is labelled, `edges` are the optimal dual edges.
+    pub fn of(graph: &'a DualGraph, labels: &[u32], component_of_cluster: &'a [u32], edges: &[DualEdge]) -> Self {
+        let members = Members::of(labels, component_of_cluster.len());
+        let split = |cluster: u32| {
+            let component = component_of_cluster[cluster as usize] as usize;
+            let split = Split::of(graph, members.faces_of(cluster), cluster, graph.components[component].energy_shift);
+            split.map(|split| (component, split))
+        };
+        let all = (0..component_of_cluster.len() as u32).into_par_iter().with_min_len(CHUNK);
+        let all: Vec<(usize, Split)> = all.filter_map(split).collect();
+        let mut splits: Vec<Vec<Split>> = graph.components.iter().map(|_| Vec::new()).collect();
+        all.into_iter().for_each(|(component, split)| splits[component].push(split));
+        for splits in &mut splits {
+            splits.sort_unstable_by_key(|split| (Reverse(split.gain), split.cluster));
+        }
+        let pairs = mutual(edges).iter().map(|pair| pair.ends()).collect();
+        Self { graph, component_of_cluster, members, pairs, splits }
     }
 
-    let mut labels = labels.to_vec();
-    let mut is_taken = vec![false; component_of_cluster.len()];
-    let mut made = 0;
-    for pair in mutual(edges) {
-        let (into, from) = pair.ends();
-        if made == most {
-            break;
-        }
-        if is_taken[into as usize] || is_taken[from as usize] {
-            continue;
-        }
-        let splits = &mut splits[component_of_cluster[into as usize] as usize];
-        while splits.front().is_some_and(|split| is_taken[split.cluster as usize]) {
-            splits.pop_front();
-        }
-        let is_apart = |split: &&Split| !is_taken[split.cluster as usize] && ![into, from].contains(&split.cluster);
-        let Some(split) = splits.iter().take(LOOKS).find(is_apart) else {
-            continue;
-        };
-        for cluster in [into, from, split.cluster] {
-            is_taken[cluster as usize] = true;
-            for &face in members.faces_of(cluster) {
-                for &near in graph.neighbours_of(face) {
-                    is_taken[labels[near as usize] as usize] = true;
+    /// The labels after at most `most` of them: the cheapest merges, and the splits that gain most. None when there is no such
+    /// pair. Merges cost more than splits gain, always: what pays is that the clusters around both have it easier afterwards,
+    /// which only optimisation shows.
+    ///
+    /// Clusters of a teleport have no others beside them, and lie in one component.
+    pub fn made(&self, labels: &[u32], most: usize) -> Option<Vec<u32>> {
+        let mut labels = labels.to_vec();
+        let mut is_taken = vec![false; self.component_of_cluster.len()];
+        let mut first_free = vec![0; self.splits.len()];
+        let mut made = 0;
+        for &(into, from) in &self.pairs {
+            if made == most {
+                break;
+            }
+            if is_taken[into as usize] || is_taken[from as usize] {
+                continue;
+            }
+            let component = self.component_of_cluster[into as usize] as usize;
+            let (splits, first) = (&self.splits[component], &mut first_free[component]);
+            *first += splits[*first..].iter().take_while(|split| is_taken[split.cluster as usize]).count();
+            let is_apart = |split: &&Split| !is_taken[split.cluster as usize] && ![into, from].contains(&split.cluster);
+            let Some(split) = splits[*first..].iter().take(LOOKS).find(is_apart) else {
+                continue;
+            };
+            for cluster in [into, from, split.cluster] {
+                is_taken[cluster as usize] = true;
+                for &face in self.members.faces_of(cluster) {
+                    for &near in self.graph.neighbours_of(face) {
+                        is_taken[labels[near as usize] as usize] = true;
+                    }
                 }
             }
+            for &face in self.members.faces_of(from) {
+                labels[face as usize] = into;
+            }
+            for &face in self.members.faces_of(split.cluster) {
+                if leaves(self.graph, split.centres, face) {
+                    labels[face as usize] = from;
+                }
+            }
+            made += 1;
         }
-        for &face in members.faces_of(from) {
-            labels[face as usize] = into;
-        }
-        for &face in &split.leaving {
-            labels[face as usize] = from;
-        }
-        made += 1;
+        (made > 0).then_some(labels)
     }
-    (made > 0).then_some(labels)
 }
 
-/// The better part of a cluster in two: from the two faces that are the farthest apart, by twice giving every face to the
-/// nearer centre. None when all its faces lie at one place.
-fn split(graph: &DualGraph, faces: &[u32], cluster: u32, energy_shift: u32) -> Option<Split> {
-    let sums_of = |faces: &mut dyn Iterator<Item = u32>| {
-        let mut sums = ClusterSums::default();
-        faces.for_each(|face| sums.add_face(graph, face as usize, 1));
-        sums
-    };
-    let whole = sums_of(&mut faces.iter().copied());
-    let centroid = |face: u32| graph.centroids[face as usize];
-    let farthest_from = |from: [i32; 3]| {
-        let farthest = faces.iter().max_by_key(|&&face| (squared_distance(centroid(face), from), Reverse(face)));
-        farthest.map(|&face| centroid(face))
-    };
-    let first = farthest_from(whole.proxy()?)?;
-    let mut centres = [first, farthest_from(first)?];
-    let mut leaving: Vec<u32> = Vec::new();
-    let mut halves = [whole, ClusterSums::default()];
-    for _ in 0..3 {
-        let leaves =
-            |face: &u32| squared_distance(centroid(*face), centres[1]) < squared_distance(centroid(*face), centres[0]);
-        leaving = faces.iter().copied().filter(leaves).collect();
-        let half = sums_of(&mut leaving.iter().copied());
-        let mut rest = whole;
-        rest.add(&half, -1);
-        halves = [rest, half];
-        centres = [halves[0].proxy()?, halves[1].proxy()?];
+/// Whether a face is nearer to the second centre.
+fn leaves(graph: &DualGraph, centres: [[i32; 3]; 2], face: u32) -> bool {
+    let [stay, leave] = centres.map(|centre| squared_distance(graph.centroids[face as usize], centre));
+    leave < stay
+}
+
+impl Split {
+    /// From the two faces that are the farthest apart, by twice giving every face to the nearer centre. None when all faces
+    /// lie at one place.
+    fn of(graph: &DualGraph, faces: &[u32], cluster: u32, energy_shift: u32) -> Option<Self> {
+        let sums_of = |faces: &mut dyn Iterator<Item = u32>| {
+            let mut sums = ClusterSums::default();
+            faces.for_each(|face| sums.add_face(graph, face as usize, 1));
+            sums
+        };
+        let whole = sums_of(&mut faces.iter().copied());
+        let centroid = |face: u32| graph.centroids[face as usize];
+        let farthest_from = |from: [i32; 3]| {
+            let farthest = faces.iter().max_by_key(|&&face| (squared_distance(centroid(face), from), Reverse(face)));
+            farthest.map(|&face| centroid(face))
+        };
+        let first = farthest_from(whole.proxy()?)?;
+        let mut next = [first, farthest_from(first)?];
+        let mut centres = next;
+        let mut halves = [whole, ClusterSums::default()];
+        for _ in 0..3 {
+            centres = next;
+            let half = sums_of(&mut faces.iter().copied().filter(|&face| leaves(graph, centres, face)));
+            let mut rest = whole;
+            rest.add(&half, -1);
+            halves = [rest, half];
+            next = [halves[0].proxy()?, halves[1].proxy()?];
+        }
+        let end = |side: usize| End { weight: halves[side].weight as u64, proxy: next[side] };
+        Some(Self { gain: packed_cost(end(0), end(1), energy_shift), cluster, centres })
     }
-    let end = |side: usize| End { weight: halves[side].weight as u64, proxy: centres[side] };
-    Some(Split { gain: packed_cost(end(0), end(1), energy_shift), cluster, leaving })
 }
 
 /// The faces of each cluster.
+#[derive(Debug)]
 struct Members {
     faces: Vec<u32>,
     /// Where those of each cluster begin, and one past the last.
@@ -173,7 +202,8 @@ mod tests {
         let mut steps = device.open_merging(&surface, &component_of_cluster).expect("it opens");
         steps.set_labels(&labels).expect("labels");
         let edges = steps.optimal_dual_edges(Ties::Hash).expect("edges");
-        let teleported = teleported(&surface, &labels, &component_of_cluster, &edges, 1).expect("there is one");
+        let teleports = Teleports::of(&surface, &labels, &component_of_cluster, &edges);
+        let teleported = teleports.made(&labels, 1).expect("there is one");
         assert_eq!(repair::disconnected_clusters(&surface, 3, &teleported), 0);
         let mut sizes = [0; 3];
         teleported.iter().for_each(|&label| sizes[label as usize] += 1);
@@ -198,8 +228,8 @@ mod tests {
         steps.grow(&Cancel::default()).expect("nobody cancels");
         let labels = steps.labels().expect("labels");
         let edges = steps.optimal_dual_edges(Ties::Hash).expect("edges");
-        let teleported =
-            teleported(&surface, &labels, &start.component_of_cluster, &edges, 1000).expect("there are some");
+        let teleports = Teleports::of(&surface, &labels, &start.component_of_cluster, &edges);
+        let teleported = teleports.made(&labels, 1000).expect("there are some");
         assert_ne!(teleported, labels);
         let component_of_face = surface.component_of_face();
         let mut is_used = vec![false; start.component_of_cluster.len()];
