@@ -196,9 +196,9 @@ impl Watch {
 
     /// Asks all faces that are due what they want, and lets them rest that say so.
     pub fn ask<T: Send>(&mut self, decide: impl Fn(u32) -> Answer<T> + Sync) -> Vec<T> {
-        let due = std::mem::take(&mut self.due);
-        let mut wishes = Vec::new();
-        for due in due.chunks(batch()) {
+        let mut asked = std::mem::take(&mut self.due);
+        let mut wishes = Vec::with_capacity(asked.len() / 8);
+        for due in asked.chunks(batch()) {
             if due.len() <= FEW_FACES {
                 for &face in due {
                     let Answer { wish, rest } = decide(face);
@@ -207,7 +207,7 @@ impl Watch {
                 }
                 continue;
             }
-            let asked = due.par_chunks(CHUNK).map(|faces| {
+            let said = due.par_chunks(CHUNK).map(|faces| {
                 let mut wishes = Vec::new();
                 let mut rests = Vec::with_capacity(faces.len());
                 for &face in faces {
@@ -217,12 +217,14 @@ impl Watch {
                 }
                 (wishes, rests)
             });
-            let asked: Vec<(Vec<T>, Vec<Resting>)> = asked.collect();
-            for (faces, (said, rests)) in due.chunks(CHUNK).zip(asked) {
-                wishes.extend(said);
+            let said: Vec<(Vec<T>, Vec<Resting>)> = said.collect();
+            for (faces, (wanted, rests)) in due.chunks(CHUNK).zip(said) {
+                wishes.extend(wanted);
                 faces.iter().zip(rests).for_each(|(&face, rest)| self.keep(face, rest));
             }
         }
+        asked.clear();
+        self.due = asked;
         wishes
     }
 
