@@ -45,23 +45,20 @@ impl Changes {
         self.add(cluster, ALL);
     }
 
-    /// A cluster became part of another. Pieces that nobody has looked for yet go with it.
+    /// A cluster became part of another. Pieces that nobody has looked for yet go with it. What ended needs no proxy.
     pub fn merged(&mut self, into: u32, from: u32) {
-        let pieces = 1 << Reader::Pieces as usize;
+        let (pieces, proxies) = (1 << Reader::Pieces as usize, 1 << Reader::Proxies as usize);
         let unseen = self.is_unseen[from as usize] & pieces;
-        self.add(from, ALL & !pieces);
+        self.add(from, ALL & !(pieces | proxies));
         self.add(into, ALL & !pieces | unseen);
     }
 
     fn add(&mut self, cluster: u32, readers: u8) {
-        let seen_by = readers & !self.is_unseen[cluster as usize];
-        if seen_by != 0 {
-            for (reader, unseen) in self.unseen.iter_mut().enumerate() {
-                if seen_by & 1 << reader != 0 {
-                    unseen.push(cluster);
-                }
-            }
-            self.is_unseen[cluster as usize] |= seen_by;
+        let mut seen_by = readers & !self.is_unseen[cluster as usize];
+        self.is_unseen[cluster as usize] |= readers;
+        while seen_by != 0 {
+            self.unseen[seen_by.trailing_zeros() as usize].push(cluster);
+            seen_by &= seen_by - 1;
         }
     }
 

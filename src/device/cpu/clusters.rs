@@ -135,6 +135,12 @@ impl Clusters {
         let from_sums = std::mem::take(&mut self.sums[from as usize]);
         self.sums[into as usize].add(&from_sums, 1);
         self.changes.merged(into, from);
+        // so that what ended needs no fit
+        let from = from as usize;
+        self.total -= std::mem::take(&mut self.explained[from]) << self.energy_shifts[from];
+        let ended = &mut self.places[from + 1];
+        ended.least_weight = 0;
+        ended.drift += FAR;
     }
 
     /// Fits the proxies of the clusters whose sums changed.

@@ -443,17 +443,20 @@ impl MergeSteps for CpuSteps<'_> {
     }
 
     fn merge(&mut self, pairs: &[(u32, u32)]) -> Result<()> {
+        // clusters that lie close together one after the other
+        let mut pairs = pairs.to_vec();
+        pairs.sort_unstable_by_key(|&(_, into)| into);
         if let Some(contraction) = &mut self.contraction {
-            contraction.merge(&self.clusters, pairs);
+            contraction.merge(&self.clusters, &pairs);
         } else {
             self.gather();
         }
-        self.labels.merge(self.clusters.len(), pairs);
+        self.labels.merge(self.clusters.len(), &pairs);
         pairs.iter().for_each(|&(from, into)| self.clusters.merge(into, from));
         if let Some(frontier) = &mut self.frontier {
             self.labels.renew_after(pairs.len());
             let mut watches = [&mut self.boundary_watch, &mut self.refinement_watch];
-            for &(from, into) in pairs {
+            for &(from, into) in &pairs {
                 frontier.merged(self.graph, &mut self.labels, into, from, |labels, face| {
                     for watch in watches.iter_mut().filter_map(|watch| watch.as_mut()) {
                         watch.merged(self.graph, labels, face);
