@@ -43,11 +43,8 @@ const MARGIN: f32 = 1.0 + 1.0 / (1 << 18) as f32;
 /// them have ended, so that those that are left lie close together.
 #[derive(Debug)]
 pub struct Contraction {
+    nodes: Vec<Node>,
     rows: Vec<Row>,
-    /// The best dual edge of each node.
-    best: Vec<Edge>,
-    fates: Vec<Fate>,
-    places: Vec<Place>,
     cluster_of_node: Vec<u32>,
     /// The node of each cluster that has not ended.
     node_of_cluster: Vec<u32>,
@@ -67,6 +64,15 @@ pub struct Contraction {
     ties: Ties,
     /// Whether the best dual edges are those after the last merges.
     is_current: bool,
+}
+
+/// What others ask about a node: all of it lies together, because they come in no order.
+#[derive(Debug, Clone, Copy)]
+#[repr(align(32))]
+struct Node {
+    place: Place,
+    fate: Fate,
+    best: Edge,
 }
 
 /// The neighbours of a node: those that it had when it last looked.
@@ -120,13 +126,16 @@ impl Contraction {
             len: graph.neighbours_of(face).len() as u32,
             looked: 0,
         };
+        let node = |face: u32| Node {
+            place: Place { weight: 0.0, proxy: [0; 3] },
+            fate: Fate { into: face, grown: 1 },
+            best: Edge::LOST,
+        };
         let mut edges = Vec::with_capacity(room(graph.neighbours.len(), graph.faces()));
         edges.extend(graph.neighbours.iter().map(|&other| AtomicU64::new(Edge { other, about: 0.0 }.packed())));
         Self {
             rows: (0..faces).map(row).collect(),
-            best: vec![Edge::LOST; graph.faces()],
-            fates: (0..faces).map(|face| Fate { into: face, grown: 1 }).collect(),
-            places: vec![Place { weight: 0.0, proxy: [0; 3] }; graph.faces()],
+            nodes: (0..faces).map(node).collect(),
             cluster_of_node: (0..faces).collect(),
             node_of_cluster: (0..faces).collect(),
             settled: edges.len(),
@@ -149,14 +158,15 @@ impl Contraction {
     pub fn best(&mut self, clusters: &Clusters) -> Vec<DualEdge> {
         self.update(clusters);
         let context = self.context(clusters);
-        let edge = |(node, edge): (usize, &Edge)| {
-            (edge.other != NOBODY).then(|| DualEdge {
-                cluster: context.cluster_of_node[node],
-                other: context.cluster_of_node[edge.other as usize],
-                cost: context.price(node as u32, edge.other),
+        let edge = |(number, node): (usize, &Node)| {
+            let other = node.best.other;
+            (other != NOBODY).then(|| DualEdge {
+                cluster: context.cluster_of_node[number],
+                other: context.cluster_of_node[other as usize],
+                cost: context.price(number as u32, other),
             })
         };
-        self.best.par_iter().enumerate().with_min_len(CHUNK).filter_map(edge).collect()
+        self.nodes.par_iter().enumerate().with_min_len(CHUNK).filter_map(edge).collect()
     }
 
     /// The pairs of clusters that chose each other, in no particular order.
@@ -179,9 +189,9 @@ impl Contraction {
             let [into, from] = [into, from].map(|cluster| self.node_of_cluster[cluster as usize]);
             let rows = [into, from].map(|node| self.rows[node as usize]);
             self.grown.push(Grown { node: into, rows });
-            self.fates[from as usize].into = into;
-            self.fates[into as usize].grown = self.round;
-            self.best[from as usize] = Edge::NONE;
+            let ended = &mut self.nodes[from as usize];
+            (ended.fate.into, ended.best) = (into, Edge::NONE);
+            self.nodes[into as usize].fate.grown = self.round;
             self.rows[into as usize] = Row { start: end, len: 0, looked: self.round };
             end += (rows[0].len + rows[1].len) as usize;
         }
@@ -202,26 +212,26 @@ impl Contraction {
         let mut lost = Vec::new();
         if self.round == 0 {
             self.round = 1;
-            self.places = self.cluster_of_node.iter().map(|&cluster| place(cluster)).collect();
+            self.nodes.iter_mut().zip(&self.cluster_of_node).for_each(|(node, &cluster)| node.place = place(cluster));
             lost = (0..self.rows.len() as u32).collect();
         }
         for grown in &grown {
-            self.places[grown.node as usize] = place(self.cluster_of_node[grown.node as usize]);
+            self.nodes[grown.node as usize].place = place(self.cluster_of_node[grown.node as usize]);
         }
         let context = self.context(clusters);
         let looks: Vec<Look> = grown.par_chunks(CHUNK).map(|grown| context.look_of_grown(grown)).collect();
         for look in &looks {
             self.take(&look.found);
             for &node in &look.lost {
-                if std::mem::replace(&mut self.best[node as usize], Edge::LOST) != Edge::LOST {
+                if std::mem::replace(&mut self.nodes[node as usize].best, Edge::LOST) != Edge::LOST {
                     lost.push(node);
                 }
             }
         }
         for &(node, edge) in looks.iter().flat_map(|look| &look.offers) {
-            let best = self.best[node as usize];
+            let best = self.nodes[node as usize].best;
             if best != Edge::LOST && self.context(clusters).prefers(node, edge, best) {
-                self.best[node as usize] = edge;
+                self.nodes[node as usize].best = edge;
             }
         }
         let context = self.context(clusters);
@@ -235,7 +245,7 @@ impl Contraction {
         for &Found { node, len, best } in found {
             let row = &mut self.rows[node as usize];
             (row.len, row.looked) = (len, self.round);
-            self.best[node as usize] = best;
+            self.nodes[node as usize].best = best;
         }
     }
 
@@ -244,9 +254,11 @@ impl Contraction {
     /// A new pair has such a node: one that took an offer chose a grown one.
     fn pair_up(&mut self, clusters: &Clusters, looked: impl Iterator<Item = u32>) {
         let mut pairs = std::mem::take(&mut self.pairs);
+        let choice = |node: u32| self.nodes[node as usize].best.other;
+        // who looked without having grown did so because its choice had
+        let has_grown = |node: u32| self.nodes[node as usize].fate.grown == self.round;
+        pairs.retain(|&(_, [a, b])| choice(a) == b && choice(b) == a && !has_grown(a) && !has_grown(b));
         let has_looked = |node: u32| self.rows[node as usize].looked == self.round;
-        let choice = |node: u32| self.best[node as usize].other;
-        pairs.retain(|&(_, [a, b])| choice(a) == b && choice(b) == a && !has_looked(a) && !has_looked(b));
         let context = self.context(clusters);
         for node in looked {
             let other = choice(node);
@@ -260,26 +272,19 @@ impl Contraction {
 
     /// Lets go of nodes that have ended, and of edges that nobody needs. The best dual edges are current.
     fn compact(&mut self) {
-        let Self { rows, fates, edges, .. } = self;
+        let Self { nodes, rows, edges, .. } = self;
         let mut new_number = vec![NOBODY; rows.len()];
         let mut left = Vec::with_capacity(rows.len() - self.ended);
         let mut end = 0;
-        for (number, row) in rows.iter().enumerate().filter(|&(number, _)| fates[number].into == number as u32) {
+        for (number, row) in rows.iter().enumerate().filter(|&(number, _)| nodes[number].fate.into == number as u32) {
             let new = left.len();
             new_number[number] = new as u32;
             self.node_of_cluster[self.cluster_of_node[number] as usize] = new as u32;
             self.cluster_of_node[new] = self.cluster_of_node[number];
-            self.places[new] = self.places[number];
-            self.best[new] = self.best[number];
             left.push((number as u32, *row, end));
             end += row.len as usize;
         }
         self.cluster_of_node.truncate(left.len());
-        self.places.truncate(left.len());
-        self.best.truncate(left.len());
-        self.best.iter_mut().filter(|best| best.other != NOBODY).for_each(|best| {
-            best.other = new_number[best.other as usize];
-        });
         self.pairs.iter_mut().flat_map(|(_, nodes)| nodes).for_each(|node| *node = new_number[*node as usize]);
 
         let mut settled = Vec::with_capacity(room(end, left.len()));
@@ -288,16 +293,24 @@ impl Contraction {
             let mut looked = row.looked;
             for (target, edge) in settled[start..].iter().zip(row.of(edges)) {
                 let Edge { other, about } = Edge::unpacked(edge.load(Relaxed));
-                if !fates[other as usize].is_as_in(other, row.looked) {
+                if !nodes[other as usize].fate.is_as_in(other, row.looked) {
                     looked = 0;
                 }
-                let other = new_number[living(fates, other) as usize];
+                let other = new_number[living(nodes, other) as usize];
                 target.store(Edge { other, about }.packed(), Relaxed);
             }
             Row { start, looked, ..row }
         };
         self.rows = left.par_iter().with_min_len(CHUNK).map(settle).collect();
-        self.fates = (0..).zip(&left).map(|(new, &(old, ..))| Fate { into: new, ..fates[old as usize] }).collect();
+        let renewed = |(new, &(old, ..)): (u32, &(u32, Row, usize))| {
+            let mut node = nodes[old as usize];
+            node.fate.into = new;
+            if node.best.other != NOBODY {
+                node.best.other = new_number[node.best.other as usize];
+            }
+            node
+        };
+        self.nodes = (0..).zip(&left).map(renewed).collect();
         self.ended = 0;
         self.settled = end;
         self.edges = settled;
@@ -305,10 +318,8 @@ impl Contraction {
 
     fn context<'a>(&'a self, clusters: &'a Clusters) -> Context<'a> {
         Context {
+            nodes: &self.nodes,
             rows: &self.rows,
-            best: &self.best,
-            fates: &self.fates,
-            places: &self.places,
             cluster_of_node: &self.cluster_of_node,
             edges: &self.edges,
             round: self.round,
@@ -324,20 +335,21 @@ fn room(settled: usize, nodes: usize) -> usize {
 }
 
 /// What a node became part of; itself while it lives.
-fn living(fates: &[Fate], mut node: u32) -> u32 {
-    while fates[node as usize].into != node {
-        node = fates[node as usize].into;
+fn living(nodes: &[Node], mut node: u32) -> u32 {
+    loop {
+        let into = nodes[node as usize].fate.into;
+        if into == node {
+            return node;
+        }
+        node = into;
     }
-    node
 }
 
 /// What a look for the best dual edge reads. It writes the row of who looks.
 #[derive(Clone, Copy)]
 struct Context<'a> {
+    nodes: &'a [Node],
     rows: &'a [Row],
-    best: &'a [Edge],
-    fates: &'a [Fate],
-    places: &'a [Place],
     cluster_of_node: &'a [u32],
     edges: &'a [AtomicU64],
     round: u32,
@@ -385,12 +397,12 @@ impl Context<'_> {
     }
 
     fn about(&self, node: u32, other: u32) -> f32 {
-        self.places[node as usize].cost_about(self.places[other as usize])
+        self.nodes[node as usize].place.cost_about(self.nodes[other as usize].place)
     }
 
     /// Lets nodes that grew look among the neighbours of both that they were.
     fn look_of_grown(&self, grown: &[Grown]) -> Look {
-        let Self { best, fates, edges, round, .. } = *self;
+        let Self { nodes, edges, round, .. } = *self;
         let mut look = Look { found: Vec::with_capacity(grown.len()), ..Look::default() };
         let mut seen = Seen::default();
         for &Grown { node, rows } in grown {
@@ -399,16 +411,16 @@ impl Context<'_> {
             let mut cheapest = Cheapest::default();
             seen.begin((rows[0].len + rows[1].len) as usize);
             for edge in rows.iter().flat_map(|row| row.of(edges)) {
-                let other = living(fates, Edge::unpacked(edge.load(Relaxed)).other);
+                let other = living(nodes, Edge::unpacked(edge.load(Relaxed)).other);
                 if other == node || !seen.is_new(other) {
                     continue;
                 }
                 let about = self.about(node, other);
                 target[kept].store(cheapest.add(Edge { other, about }), Relaxed);
                 kept += 1;
-                if fates[other as usize].grown != round {
-                    let its = best[other as usize];
-                    if !fates[its.other as usize].is_as_in(its.other, round - 1) {
+                let Node { fate, best: its, .. } = nodes[other as usize];
+                if fate.grown != round {
+                    if !nodes[its.other as usize].fate.is_as_in(its.other, round - 1) {
                         look.lost.push(other);
                     } else if about <= its.about * MARGIN {
                         look.offers.push((other, Edge { other: node, about }));
@@ -422,7 +434,7 @@ impl Context<'_> {
 
     /// Lets nodes look that did not grow.
     fn look_of_lost(&self, lost: &[u32]) -> Vec<Found> {
-        let Self { rows, fates, edges, .. } = *self;
+        let Self { nodes, rows, edges, .. } = *self;
         let mut seen = Seen::default();
         let look = |&node: &u32| {
             let row = rows[node as usize];
@@ -433,8 +445,8 @@ impl Context<'_> {
             for at in 0..edges.len() {
                 let mut edge = Edge::unpacked(edges[at].load(Relaxed));
                 // two that were as they are cannot be one
-                if !fates[edge.other as usize].is_as_in(edge.other, row.looked) {
-                    let other = living(fates, edge.other);
+                if !nodes[edge.other as usize].fate.is_as_in(edge.other, row.looked) {
+                    let other = living(nodes, edge.other);
                     if !seen.is_new(other) {
                         continue;
                     }
