@@ -27,6 +27,8 @@ pub struct Labels {
     raw: Vec<u32>,
     /// What each cluster became part of; itself while it lives. Empty until clusters merge.
     merged_into: Vec<u32>,
+    /// The clusters that ended since all labels were those of living ones.
+    ended: Vec<u32>,
     /// Whether all labels are those of living clusters.
     are_new: bool,
 }
@@ -34,13 +36,14 @@ pub struct Labels {
 impl Labels {
     /// All faces free.
     pub fn new(faces: usize) -> Self {
-        Self { raw: vec![FREE; faces], merged_into: Vec::new(), are_new: true }
+        Self { raw: vec![FREE; faces], merged_into: Vec::new(), ended: Vec::new(), are_new: true }
     }
 
     /// Replaces all labels by those of living clusters.
     pub fn replace(&mut self, labels: &[u32]) {
         self.raw.copy_from_slice(labels);
         self.merged_into.clear();
+        self.ended.clear();
         self.are_new = true;
     }
 
@@ -105,6 +108,7 @@ impl Labels {
         }
         for &(from, into) in pairs {
             self.merged_into[from as usize] = into;
+            self.ended.push(from);
         }
         self.are_new = false;
     }
@@ -128,13 +132,9 @@ impl Labels {
             return;
         }
         let merged_into = &mut self.merged_into;
-        // what a cluster merged into may have merged since
-        for cluster in 0..merged_into.len() {
-            let mut into = merged_into[cluster];
-            while merged_into[into as usize] != into {
-                into = merged_into[into as usize];
-            }
-            merged_into[cluster] = into;
+        // what a cluster merged into may have merged since: the last comes first
+        for cluster in std::mem::take(&mut self.ended).into_iter().rev() {
+            merged_into[cluster as usize] = merged_into[merged_into[cluster as usize] as usize];
         }
         self.raw.par_chunks_mut(PIECE).for_each(|labels| {
             labels.iter_mut().filter(|label| **label != FREE).for_each(|label| *label = merged_into[*label as usize]);
