@@ -1,4 +1,4 @@
-//! Which clusters gained or lost a face since somebody last asked; for pieces, which lost one.
+//! Which clusters gained or lost a face since somebody last asked; for pieces, which may be in several.
 
 /// Those who act on changes, each in its own time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -9,7 +9,7 @@ pub enum Reader {
     Boundary,
     /// Refinement.
     Refinement,
-    /// The search for pieces that were cut off. A cluster that only gains faces, each beside one that it had, stays whole.
+    /// The search for pieces that were cut off. Who lets a face move says which clusters that may leave in pieces.
     Pieces,
     /// The search for the cheapest dual edge.
     DualEdges,
@@ -35,14 +35,19 @@ impl Changes {
         Self { unseen: READERS.map(|_| everything.clone()), is_unseen: vec![ALL; clusters] }
     }
 
-    /// A cluster gained a face.
-    pub fn gained(&mut self, cluster: u32) {
+    /// A cluster gained or lost a face.
+    pub fn changed(&mut self, cluster: u32) {
         self.add(cluster, ALL & !(1 << Reader::Pieces as usize));
     }
 
-    /// A cluster lost a face.
-    pub fn lost(&mut self, cluster: u32) {
-        self.add(cluster, ALL);
+    /// A cluster may be in pieces.
+    pub fn may_be_in_pieces(&mut self, cluster: u32) {
+        self.add(cluster, 1 << Reader::Pieces as usize);
+    }
+
+    /// Whether a cluster is known to be in one piece.
+    pub fn is_whole(&self, cluster: u32) -> bool {
+        self.is_unseen[cluster as usize] & 1 << Reader::Pieces as usize == 0
     }
 
     /// A cluster became part of another. Pieces that nobody has looked for yet go with it. What ended needs no proxy.

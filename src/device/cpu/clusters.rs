@@ -122,12 +122,23 @@ impl Clusters {
         self.changes.take(reader)
     }
 
-    /// Moves a face's share from one cluster to another. Proxies follow in [`refit`](Self::refit).
+    /// Moves a face's share from one cluster to another. Proxies follow in [`refit`](Self::refit). Whether the clusters are still
+    /// whole others must say.
     pub fn transfer(&mut self, graph: &DualGraph, face: u32, from: u32, to: u32) {
         self.sums[from as usize].add_face(graph, face as usize, -1);
         self.sums[to as usize].add_face(graph, face as usize, 1);
-        self.changes.lost(from);
-        self.changes.gained(to);
+        self.changes.changed(from);
+        self.changes.changed(to);
+    }
+
+    /// Says that a cluster may be in pieces.
+    pub fn may_be_in_pieces(&mut self, cluster: u32) {
+        self.changes.may_be_in_pieces(cluster);
+    }
+
+    /// Whether a cluster is known to be in one piece, as one without faces is too.
+    pub fn is_whole(&self, cluster: u32) -> bool {
+        self.changes.is_whole(cluster)
     }
 
     /// Gives all of one cluster to another. Proxies follow in [`refit`](Self::refit).

@@ -208,6 +208,12 @@ impl<'a> CpuSteps<'a> {
         for &Move { face, from, to } in moves {
             self.labels.set(face, to);
             self.clusters.transfer(self.graph, face, from, to);
+            if self.clusters.is_whole(from) && !pieces::stays_whole(self.graph, &self.labels, face, from) {
+                self.clusters.may_be_in_pieces(from);
+            }
+            if !pieces::is_beside(self.graph, &self.labels, face, to) {
+                self.clusters.may_be_in_pieces(to);
+            }
             frontier.moved(self.graph, &mut self.labels, face);
             for watch in [&mut self.boundary_watch, &mut self.refinement_watch].into_iter().flatten() {
                 watch.moved(self.graph, &self.labels, face);
@@ -284,13 +290,13 @@ impl<'a> CpuSteps<'a> {
         self.walk
     }
 
-    /// The faces outside the largest piece of each cluster that has lost some since it was last asked, sorted.
+    /// The faces outside the largest piece of each cluster, sorted.
     fn cut_off_faces(&mut self) -> Vec<u32> {
         self.gather();
         let walk = self.next_walk();
-        let changed = self.clusters.take_changes(Reader::Pieces);
+        let unsure = self.clusters.take_changes(Reader::Pieces);
         let Some(frontier) = &self.frontier else { return Vec::new() };
-        pieces::cut_off(self.graph, &self.labels, &self.clusters, frontier, &changed, &self.walked, walk)
+        pieces::cut_off(self.graph, &self.labels, &self.clusters, frontier, &unsure, &self.walked, walk)
     }
 
     /// Frees faces and grows the clusters over them.
@@ -316,6 +322,7 @@ impl<'a> CpuSteps<'a> {
         // what each move changes is seen when they are made one after the other
         for moved in &moves {
             self.labels.set(moved.face, moved.from);
+            self.clusters.may_be_in_pieces(moved.from);
         }
         self.apply(&moves);
         Ok(())
@@ -486,6 +493,8 @@ impl MergeSteps for CpuSteps<'_> {
 
 #[cfg(test)]
 mod tests {
+    use std::cmp::Reverse;
+
     use super::*;
     use crate::sample::{Sample, generate};
     use crate::surface::Surface;
@@ -517,5 +526,79 @@ mod tests {
         }
         steps.renew_bids(Vec::new());
         assert!(steps.bids.at(&[0]).all(|face| face != end), "it has nowhere to go");
+    }
+
+    /// The faces outside the largest piece of each cluster, sorted, found among all.
+    fn all_but_largest(graph: &DualGraph, labels: &[u32]) -> Vec<u32> {
+        let mut pieces: Vec<(u32, Vec<u32>)> = Vec::new();
+        let mut is_found = vec![false; labels.len()];
+        for start in 0..labels.len() as u32 {
+            if std::mem::replace(&mut is_found[start as usize], true) {
+                continue;
+            }
+            let cluster = labels[start as usize];
+            let mut piece = vec![start];
+            let mut next = 0;
+            while let Some(&face) = piece.get(next) {
+                next += 1;
+                for &near in graph.neighbours_of(face) {
+                    if labels[near as usize] == cluster && !std::mem::replace(&mut is_found[near as usize], true) {
+                        piece.push(near);
+                    }
+                }
+            }
+            pieces.push((cluster, piece));
+        }
+        // the largest of each cluster first; they began with their smallest face
+        pieces.sort_by_key(|(cluster, piece)| (*cluster, Reverse(piece.len()), piece[0]));
+        let others = pieces.chunk_by(|a, b| a.0 == b.0).flat_map(|of_cluster| &of_cluster[1..]);
+        let mut faces: Vec<u32> = others.flat_map(|(_, piece)| piece.iter().copied()).collect();
+        faces.sort_unstable();
+        faces
+    }
+
+    #[test]
+    fn whatever_faces_move_all_pieces_are_found() {
+        let mut state = 1u64;
+        let mut random = |below: usize| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as usize % below
+        };
+        let mut cut_off = 0;
+        for (sample, faces) in [(Sample::Sphere, 1500), (Sample::Strip, 300), (Sample::Cube, 600), (Sample::Parts, 900)]
+        {
+            let surface = Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface");
+            let graph = &surface.graph;
+            let mut steps = CpuSteps::new(graph, &graph.component_of_face());
+            steps.set_labels(&(0..graph.faces() as u32).collect::<Vec<_>>()).expect("nothing can fail");
+            for _ in 0..14 {
+                let mutual = steps.mutual_dual_edges(Ties::Hash).expect("nothing can fail");
+                let pairs: Vec<(u32, u32)> = mutual.iter().map(Rank::ends).collect();
+                steps.merge(&pairs).expect("nothing can fail");
+                steps.gather();
+                for _ in 0..3 {
+                    let labels = steps.labels.all().to_vec();
+                    let mut left: Vec<u32> =
+                        (0..labels.len() as u32).map(|cluster| steps.clusters.sums(cluster).faces).collect();
+                    let mut moves = Vec::new();
+                    for face in 0..labels.len() as u32 {
+                        let near = graph.neighbours_of(face);
+                        let from = labels[face as usize];
+                        let to = labels[near[random(near.len())] as usize];
+                        if to != from && left[from as usize] > 1 && random(3) == 0 {
+                            left[from as usize] -= 1;
+                            moves.push(Move { face, from, to });
+                        }
+                    }
+                    steps.apply(&moves);
+                }
+                let expected = all_but_largest(graph, steps.labels.all());
+                assert_eq!(steps.cut_off_faces(), expected, "{}", sample.name());
+                cut_off += expected.len();
+                steps.regrow(&expected, &Cancel::default()).expect("nothing can fail");
+                assert!(all_but_largest(graph, steps.labels.all()).is_empty(), "{}", sample.name());
+            }
+        }
+        assert!(cut_off > 1000, "{cut_off} faces");
     }
 }
