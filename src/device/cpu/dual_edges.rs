@@ -10,6 +10,7 @@ use super::clusters::Clusters;
 use super::frontier::Frontier;
 use super::labels::Labels;
 use crate::cluster::dual_edge::{End, Rank, Ties, exact_cost, packed_cost};
+use crate::device::FREE;
 use crate::surface::DualGraph;
 
 /// Clusters a thread takes at a time.
@@ -18,39 +19,41 @@ const CHUNK: usize = 256;
 /// Costs that differ by this factor or more have packed costs in the same order: those tell 1 + 2⁻²⁴ apart.
 const MARGIN: f64 = 1.0 + 1e-6;
 
-/// The best dual edge of each of the given clusters, in their order; None for one without neighbours.
-pub fn optimal(
+/// The neighbour that each of the given clusters would best merge with, in their order; [`FREE`] for one without neighbours.
+pub fn choose(
     graph: &DualGraph,
     labels: &Labels,
     clusters: &Clusters,
     frontier: &Frontier,
     living: &[u32],
     ties: Ties,
-) -> Vec<Option<Rank<u32>>> {
+) -> Vec<u32> {
     living
         .par_iter()
         .with_min_len(CHUNK)
         .map(|&cluster| {
-            let shift = clusters.energy_shift(cluster);
             let own = end(clusters, cluster);
-            let mut best: Option<Rank<u32>> = None;
-            let mut limit = f64::INFINITY;
+            let rank = |other: u32| Rank::new(price(clusters, cluster, other), cluster, other, ties);
+            let (mut best, mut cost) = (FREE, f64::INFINITY);
             for_each_neighbour(graph, labels, frontier, cluster, |other| {
-                let beside = end(clusters, other);
-                let about = own.cost_about(beside);
-                if about > limit {
-                    return;
-                }
-                let rank = Rank::new(packed_cost(own, beside, shift), cluster, other, ties);
-                if best.is_none_or(|best| rank < best) {
-                    best = Some(rank);
-                    limit = about * MARGIN;
+                let about = own.cost_about(end(clusters, other));
+                // packed costs are for those that are nearly the same
+                if about <= cost * MARGIN && other != best && (about * MARGIN < cost || rank(other) < rank(best)) {
+                    (best, cost) = (other, about);
                 }
             });
             best
         })
         .collect()
 }
+
+/// The packed cost of merging two clusters.
+pub fn price(clusters: &Clusters, cluster: u32, other: u32) -> u32 {
+    packed_cost(end(clusters, cluster), end(clusters, other), clusters.energy_shift(cluster))
+}
+
+/// Slots for neighbours that were visited lately.
+const LATELY: usize = 16;
 
 /// Calls `visit` with the clusters beside a cluster; with one that shares several dual edges, maybe several times.
 fn for_each_neighbour(
@@ -60,13 +63,15 @@ fn for_each_neighbour(
     cluster: u32,
     mut visit: impl FnMut(u32),
 ) {
-    let mut last = cluster;
+    // none of those that are visited
+    let mut lately = [cluster; LATELY];
     for face in frontier.boundary_of(cluster) {
         for &near in graph.neighbours_of(face) {
             let other = labels.near_boundary(near);
-            if other != cluster && other != last {
+            let slot = &mut lately[other as usize % LATELY];
+            if other != cluster && other != *slot {
+                *slot = other;
                 visit(other);
-                last = other;
             }
         }
     }
