@@ -709,15 +709,15 @@ mod tests {
 
     #[test]
     fn costs_that_single_precision_does_not_tell_apart_go_by_packed_costs() {
-        // far away in one of two places: the distances of all neighbours differ by some 2⁻²⁴
+        // far away in one of two places, all as heavy: distances and weights differ by some 2⁻²⁴
         let side = 14;
-        let mut state = 3;
+        let (mut state, mut weight_state) = (3, 9);
         let mut centroid = |face: u32| {
             let far = if (face / side + face % side).is_multiple_of(2) { 60_000_000 } else { -60_000_000 };
             [far + random(&mut state, 9) as i32, random(&mut state, 5000) as i32, 0]
         };
         let centroids = (0..side * side).map(&mut centroid).collect();
-        let weights = (0..side * side).map(|_| 1 << 24).collect();
+        let weights = (0..side * side).map(|_| (1 << 26) + random(&mut weight_state, 64) as u32).collect();
         let graph = graph_of(centroids, weights, &grid(side, 0), &[(side * side, 0)]);
         to_the_top(&graph, &mut 2);
     }
