@@ -15,24 +15,25 @@ pub enum Reader {
     DualEdges,
 }
 
-const READERS: [Reader; 5] = [Reader::Proxies, Reader::Boundary, Reader::Refinement, Reader::Pieces, Reader::DualEdges];
+const READERS: usize = 5;
 
 /// One bit for each reader.
-const ALL: u8 = (1 << READERS.len()) - 1;
+const ALL: u8 = (1 << READERS) - 1;
 
 /// The changed clusters that each reader has not yet seen.
 #[derive(Debug)]
 pub struct Changes {
-    unseen: [Vec<u32>; READERS.len()],
+    unseen: [Vec<u32>; READERS],
     /// One bit a reader: whether the cluster is in its list.
     is_unseen: Vec<u8>,
+    /// One bit a reader: whether it has never asked. To it all is news, and its list stays empty.
+    never_asked: u8,
 }
 
 impl Changes {
     /// For `clusters` clusters, all of them changed.
     pub fn all(clusters: usize) -> Self {
-        let everything: Vec<u32> = (0..clusters as u32).collect();
-        Self { unseen: READERS.map(|_| everything.clone()), is_unseen: vec![ALL; clusters] }
+        Self { unseen: Default::default(), is_unseen: vec![0; clusters], never_asked: ALL }
     }
 
     /// A cluster gained or lost a face.
@@ -47,7 +48,7 @@ impl Changes {
 
     /// Whether a cluster is known to be in one piece.
     pub fn is_whole(&self, cluster: u32) -> bool {
-        self.is_unseen[cluster as usize] & 1 << Reader::Pieces as usize == 0
+        (self.is_unseen[cluster as usize] | self.never_asked) & 1 << Reader::Pieces as usize == 0
     }
 
     /// A cluster became part of another. Pieces that nobody has looked for yet go with it. What ended needs no proxy.
@@ -59,8 +60,8 @@ impl Changes {
     }
 
     fn add(&mut self, cluster: u32, readers: u8) {
-        let mut seen_by = readers & !self.is_unseen[cluster as usize];
-        self.is_unseen[cluster as usize] |= readers;
+        let mut seen_by = readers & !self.never_asked & !self.is_unseen[cluster as usize];
+        self.is_unseen[cluster as usize] |= seen_by;
         while seen_by != 0 {
             self.unseen[seen_by.trailing_zeros() as usize].push(cluster);
             seen_by &= seen_by - 1;
@@ -70,6 +71,10 @@ impl Changes {
     /// The changed clusters that a reader has not seen, in ascending order: clusters with close numbers lie close
     /// together, so who visits them finds them in memory order. From now on it has seen them.
     pub fn take(&mut self, reader: Reader) -> Vec<u32> {
+        if self.never_asked & 1 << reader as usize != 0 {
+            self.never_asked &= !(1 << reader as usize);
+            return (0..self.is_unseen.len() as u32).collect();
+        }
         let mut unseen = std::mem::take(&mut self.unseen[reader as usize]);
         unseen.sort_unstable();
         for &cluster in &unseen {
