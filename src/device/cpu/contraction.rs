@@ -18,12 +18,15 @@
 //! best. Only edges that are nearer to each other than that are compared by their packed costs and the tie rule, and pairs
 //! that chose each other are priced.
 
+mod look;
+
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use rayon::prelude::*;
 
+use self::look::{Context, Found, Look};
 use super::clusters::Clusters;
-use crate::cluster::dual_edge::{End, Rank, Ties, packed_cost};
+use crate::cluster::dual_edge::{Rank, Ties};
 use crate::device::DualEdge;
 use crate::surface::DualGraph;
 
@@ -345,191 +348,6 @@ fn living(nodes: &[Node], mut node: u32) -> u32 {
     }
 }
 
-/// What a look for the best dual edge reads. It writes the row of who looks.
-#[derive(Clone, Copy)]
-struct Context<'a> {
-    nodes: &'a [Node],
-    rows: &'a [Row],
-    cluster_of_node: &'a [u32],
-    edges: &'a [AtomicU64],
-    round: u32,
-    clusters: &'a Clusters,
-    ties: Ties,
-}
-
-/// What a node finds that looks: its edges, of so many now, and the best of them.
-#[derive(Debug, Clone, Copy)]
-struct Found {
-    node: u32,
-    len: u32,
-    best: Edge,
-}
-
-/// What nodes that grew find.
-#[derive(Debug, Default)]
-struct Look {
-    found: Vec<Found>,
-    /// Neighbours whose best dual edge led to somebody who merged; some maybe twice.
-    lost: Vec<u32>,
-    /// Edges of other neighbours to nodes that grew, where they may be better than the best.
-    offers: Vec<(u32, Edge)>,
-}
-
-impl Context<'_> {
-    /// The packed cost of merging two nodes.
-    fn price(&self, node: u32, other: u32) -> u32 {
-        let [cluster, other] = [node, other].map(|node| self.cluster_of_node[node as usize]);
-        let end = |cluster: u32| End {
-            weight: self.clusters.sums(cluster).weight as u64,
-            proxy: self.clusters.proxy(cluster),
-        };
-        packed_cost(end(cluster), end(other), self.clusters.energy_shift(cluster))
-    }
-
-    /// Whether one edge of a node is better than another.
-    fn prefers(&self, node: u32, edge: Edge, than: Edge) -> bool {
-        if edge.about > than.about * MARGIN || than.about > edge.about * MARGIN {
-            return edge.about < than.about;
-        }
-        let cluster = |node: u32| self.cluster_of_node[node as usize];
-        let rank = |other: u32| Rank::new(self.price(node, other), cluster(node), cluster(other), self.ties);
-        rank(edge.other) < rank(than.other)
-    }
-
-    fn about(&self, node: u32, other: u32) -> f32 {
-        self.nodes[node as usize].place.cost_about(self.nodes[other as usize].place)
-    }
-
-    /// Lets nodes that grew look among the neighbours of both that they were.
-    fn look_of_grown(&self, grown: &[Grown]) -> Look {
-        let Self { nodes, edges, round, .. } = *self;
-        let mut look = Look { found: Vec::with_capacity(grown.len()), ..Look::default() };
-        let mut seen = Seen::default();
-        for &Grown { node, rows } in grown {
-            let target = &edges[self.rows[node as usize].start..];
-            let mut kept = 0;
-            let mut cheapest = Cheapest::default();
-            seen.begin((rows[0].len + rows[1].len) as usize);
-            for edge in rows.iter().flat_map(|row| row.of(edges)) {
-                let other = living(nodes, Edge::unpacked(edge.load(Relaxed)).other);
-                if other == node || !seen.is_new(other) {
-                    continue;
-                }
-                let about = self.about(node, other);
-                target[kept].store(cheapest.add(Edge { other, about }), Relaxed);
-                kept += 1;
-                let Node { fate, best: its, .. } = nodes[other as usize];
-                if fate.grown != round {
-                    if !nodes[its.other as usize].fate.is_as_in(its.other, round - 1) {
-                        look.lost.push(other);
-                    } else if about <= its.about * MARGIN {
-                        look.offers.push((other, Edge { other: node, about }));
-                    }
-                }
-            }
-            look.found.push(self.found(node, &target[..kept], cheapest));
-        }
-        look
-    }
-
-    /// Lets nodes look that did not grow.
-    fn look_of_lost(&self, lost: &[u32]) -> Vec<Found> {
-        let Self { nodes, rows, edges, .. } = *self;
-        let mut seen = Seen::default();
-        let look = |&node: &u32| {
-            let row = rows[node as usize];
-            let edges = row.of(edges);
-            let mut kept = 0;
-            let mut cheapest = Cheapest::default();
-            seen.begin(edges.len());
-            for at in 0..edges.len() {
-                let mut edge = Edge::unpacked(edges[at].load(Relaxed));
-                // two that were as they are cannot be one
-                if !nodes[edge.other as usize].fate.is_as_in(edge.other, row.looked) {
-                    let other = living(nodes, edge.other);
-                    if !seen.is_new(other) {
-                        continue;
-                    }
-                    edge = Edge { other, about: self.about(node, other) };
-                }
-                edges[kept].store(cheapest.add(edge), Relaxed);
-                kept += 1;
-            }
-            self.found(node, &edges[..kept], cheapest)
-        };
-        lost.iter().map(look).collect()
-    }
-
-    /// The best of the edges that a node has now.
-    fn found(&self, node: u32, edges: &[AtomicU64], cheapest: Cheapest) -> Found {
-        let mut best = Edge::unpacked(cheapest.first);
-        if Edge::unpacked(cheapest.second).about <= best.about * MARGIN {
-            for edge in edges.iter().map(|edge| Edge::unpacked(edge.load(Relaxed))) {
-                if edge.other != best.other && self.prefers(node, edge, best) {
-                    best = edge;
-                }
-            }
-        }
-        Found { node, len: edges.len() as u32, best }
-    }
-}
-
-/// The two cheapest edges of a row to single precision, packed.
-#[derive(Debug, Clone, Copy)]
-struct Cheapest {
-    first: u64,
-    second: u64,
-}
-
-impl Default for Cheapest {
-    fn default() -> Self {
-        Self { first: Edge::NONE.packed(), second: Edge::NONE.packed() }
-    }
-}
-
-impl Cheapest {
-    /// Looks at an edge, and returns it packed.
-    fn add(&mut self, edge: Edge) -> u64 {
-        let packed = edge.packed();
-        self.second = self.second.min(packed.max(self.first));
-        self.first = self.first.min(packed);
-        packed
-    }
-}
-
-/// The nodes that a look has come to, in a table of which half is empty at least.
-#[derive(Debug, Default)]
-struct Seen {
-    slots: Vec<u32>,
-    shift: u32,
-}
-
-impl Seen {
-    /// Forgets all, and makes room for so many.
-    fn begin(&mut self, at_most: usize) {
-        let slots = (2 * at_most).next_power_of_two().max(16);
-        self.shift = 32 - slots.trailing_zeros();
-        self.slots.clear();
-        self.slots.resize(slots, NOBODY);
-    }
-
-    /// Whether it comes to a node for the first time.
-    fn is_new(&mut self, node: u32) -> bool {
-        // multiples of the golden ratio spread evenly (Knuth, TAOCP 6.4)
-        let mut at = (node.wrapping_mul(0x9e37_79b9) >> self.shift) as usize;
-        loop {
-            match self.slots[at] {
-                NOBODY => {
-                    self.slots[at] = node;
-                    return true;
-                }
-                there if there == node => return false,
-                _ => at = (at + 1) % self.slots.len(),
-            }
-        }
-    }
-}
-
 impl Row {
     fn of<'a>(&self, edges: &'a [AtomicU64]) -> &'a [AtomicU64] {
         &edges[self.start..][..self.len as usize]
@@ -575,7 +393,7 @@ impl Edge {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cluster::dual_edge::mutual;
+    use crate::cluster::dual_edge::{End, mutual, packed_cost};
     use crate::sample::{Sample, generate};
     use crate::surface::{Component, Surface};
 

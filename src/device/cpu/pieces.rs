@@ -1,4 +1,5 @@
-//! Pieces of clusters: those that were cut off, among the clusters that changed, and those that a move would cut off.
+//! Pieces of clusters: those that were cut off, among the clusters that may be in several; which may be, when a face has left;
+//! and those that a move would cut off.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
