@@ -34,7 +34,7 @@ pub struct Parameters {
     pub clusters: Option<u64>,
 
     /// How much time to take for how low an energy, for bb and pml: fast (bb ends 1.5 to 2 percent higher, in half the
-    /// time), default, or best (0.4 to 1 percent lower, in four times the time)
+    /// time), default, or best (0.4 to 1 percent lower, in three times the time)
     #[arg(long, value_enum, default_value_t)]
     pub quality: Quality,
 
