@@ -305,7 +305,8 @@ def main():
     igea = real("igea.glb", "terrain", 268_000)
     large = subdivided(bunny, 2) if bunny.suffix == ".obj" else real("", "knot", 1_100_000)
     glb = real("stanford-bunny.glb", "knot", 69_000)
-    with Service(BINARY, "--device", "cpu") as service:
+    # the connection waits while peers have their turns
+    with Service(BINARY, "--device", "cpu", "--header-timeout", "3600") as service:
         client = Client(service)
         for path, name, clusters in [(bunny, bunny.stem, 1000), (igea, igea.stem, 5000), (large, large.stem, 10000)]:
             mesh = Mesh(path)

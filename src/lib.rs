@@ -23,6 +23,7 @@
 //! | the HTTP service | [`service`] |
 //! | the command line | [`cli`] |
 //! | meshes made from nothing | [`sample`] |
+//! | what the allocator keeps | `memory` |
 //!
 //! # Invariants
 //!

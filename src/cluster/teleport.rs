@@ -61,7 +61,7 @@ impl<'a> Teleports<'a> {
         Self { graph, component_of_cluster, members, pairs, splits }
     }
 
-    /// The labels after at most `most` of them: the cheapest merges, and the splits that gain most. None when there is no such
+    /// The labels, those that these are of, after at most `most` of them: the cheapest merges, and the splits that gain most. None when there is no such
     /// pair. Merges cost more than splits gain, always: what pays is that the clusters around both have it easier afterwards,
     /// which only optimisation shows.
     ///

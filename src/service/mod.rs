@@ -27,8 +27,8 @@
 //! | routes, layers, start and stop | `server` |
 //!
 //! Handlers return errors of the crate; one layer makes problem documents of them. Nothing here blocks the runtime:
-//! meshes are read and results written on blocking threads, clustering has a thread of its own. Names that clients give
-//! are for people; no path is made of them.
+//! meshes are read and results written on blocking threads, clustering has a thread of its own, and where a few rows of the store
+//! are read at once, the runtime goes on at another thread. Names that clients give are for people; no path is made of them.
 
 mod access;
 mod admission;

@@ -26,7 +26,8 @@ pub struct Place {
     /// P = S / M rounded to nearest, halves up.
     proxy: [i32; 3],
     /// How far the proxy has moved, in lattice units, all its ways added up and rounded up beyond them, so that each change
-    /// adds to it; at least 2. It moves by [`FAR`] at once when the cluster gets lighter than `least_weight` said.
+    /// adds to it; at least 2. It moves by [`FAR`] at once when the cluster gets lighter than `least_weight` said,
+    /// or ends.
     pub drift: u64,
     /// A weight that the cluster has at least.
     pub least_weight: u64,
@@ -111,7 +112,7 @@ impl Clusters {
         &self.places[cluster as usize + 1]
     }
 
-    /// The same for the number after the cluster's; 0 is nowhere.
+    /// The same for the number after the cluster's. 0 is after that of none and nowhere; None for a number beyond all.
     #[inline]
     pub fn place_before(&self, next: u32) -> Option<&Place> {
         self.places.get(next as usize)

@@ -211,7 +211,7 @@ impl<'a> CpuSteps<'a> {
         for &Move { face, from, to } in moves {
             self.labels.set(face, to);
             self.clusters.transfer(self.graph, face, from, to);
-            if self.clusters.is_whole(from) && !pieces::stays_whole(self.graph, &self.labels, face, from) {
+            if self.clusters.is_whole(from) && !pieces::surely_stays_whole(self.graph, &self.labels, face, from) {
                 self.clusters.may_be_in_pieces(from);
             }
             if !pieces::is_beside(self.graph, &self.labels, face, to) {

@@ -132,8 +132,8 @@ const STEPS: usize = 3;
 /// Whether a cluster that was connected surely still is, now that a face has left it: whether there is a short way around
 /// the face between those of the cluster that lie beside it, which each way over the face can go instead.
 ///
-/// Some 3 % of the faces that leave a cluster of the bunny have none, while a hierarchy is made with optimisation.
-pub fn stays_whole(graph: &DualGraph, labels: &Labels, face: u32, cluster: u32) -> bool {
+/// Some 3 % of the faces that leave a cluster have none (bunny, whole hierarchy with optimisation, defaults).
+pub fn surely_stays_whole(graph: &DualGraph, labels: &Labels, face: u32, cluster: u32) -> bool {
     let is_own = |near: &u32| labels.of(*near) == cluster;
     let mut own = graph.neighbours_of(face).iter().copied().filter(is_own);
     let Some((first, second)) = own.next().zip(own.next()) else { return true };

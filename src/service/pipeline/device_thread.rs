@@ -11,8 +11,7 @@
 //! stand in, it takes meshes that lost the device before, and all of them while there is no device. A device that cannot
 //! be opened, with nothing to stand in, makes the service not ready, and no job is begun until it can.
 //!
-//! A device that has had nothing to do for half a minute [rests](Device::rest): it frees what it keeps for the next mesh, and the
-//! allocator gives the system what it kept for that.
+//! A device that has had nothing to do for half a minute [rests](Device::rest): it frees what it keeps for the next mesh.
 //!
 //! A device that may be asked for [several](Device::another) meshes at a time works on small ones beside the thread.
 
@@ -32,7 +31,6 @@ use crate::device::cpu::CpuDevice;
 use crate::device::{Device, Uploader};
 use crate::error::{Error, Kind, Result};
 use crate::job::{Clustered, Outcome};
-use crate::memory;
 use crate::report::DeviceKind;
 use crate::service::files::blocking;
 use crate::service::health::{Health, Part, Severity};
@@ -268,7 +266,6 @@ impl Thread {
                     Err(RecvTimeoutError::Disconnected) => None,
                     Err(RecvTimeoutError::Timeout) => {
                         devices.rest();
-                        memory::give_back();
                         queue.recv().ok()
                     }
                 };

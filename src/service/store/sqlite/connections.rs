@@ -10,7 +10,9 @@ use std::time::Duration;
 
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, ErrorCode, OpenFlags, Params, Row};
+use tokio::runtime::{Handle, RuntimeFlavor};
 use tokio::sync::Semaphore;
+use tokio::task::block_in_place;
 
 use crate::error::{Error, Kind, Result};
 use crate::service::files::blocking;
@@ -127,10 +129,14 @@ impl Readers {
         Ok(readers)
     }
 
-    /// Reads a few rows that are found by an index, here and now.
+    /// Reads a few rows that are found by an index, here and now. It seldom waits; where it does, for a lock or a disk, the
+    /// others that this thread would have worked at go on at another.
     pub async fn read<T>(&self, work: impl FnOnce(&Connection) -> Result<T, Abort>) -> Result<T> {
         let _place = self.places.acquire().await.map_err(|_| closed())?;
-        self.work(work)
+        match Handle::current().runtime_flavor() {
+            RuntimeFlavor::CurrentThread => self.work(work),
+            _ => block_in_place(|| self.work(work)),
+        }
     }
 
     /// Reads what may be much, where that holds nobody up.

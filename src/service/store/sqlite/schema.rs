@@ -26,7 +26,7 @@ pub(super) enum MigrateError {
         "its tables are of version {found}, and this version of tesserae knows them up to {known}: start the version that \
          wrote them, or a later one"
     )]
-    TooNew { found: u32, known: u32 },
+    TooNew { found: i64, known: u32 },
 }
 
 /// Brings the tables up to date. Fails on those of a later version of the service, and changes nothing then.
@@ -42,13 +42,14 @@ pub(super) fn migrate_to(known: u32, connection: &mut Connection) -> Result<(), 
         // an earlier build that was tried on this file left an empty table behind
         version => version,
     };
-    if found > known {
+    // what is no number of migrations was not written by this service
+    let Some(current) = u32::try_from(found).ok().filter(|&found| found <= known) else {
         return Err(MigrateError::TooNew { found, known });
-    }
+    };
     if by_rows.is_some() {
-        advance(connection, found, "DROP TABLE _sqlx_migrations")?;
+        advance(connection, current, "DROP TABLE _sqlx_migrations")?;
     }
-    for (version, sql) in (1..=known).zip(MIGRATIONS).skip(found as usize) {
+    for (version, sql) in (1..=known).zip(MIGRATIONS).skip(current as usize) {
         advance(connection, version, sql)?;
     }
     Ok(())
@@ -62,12 +63,12 @@ fn advance(connection: &mut Connection, version: u32, sql: &str) -> rusqlite::Re
     transaction.commit()
 }
 
-fn version(connection: &Connection) -> rusqlite::Result<u32> {
+fn version(connection: &Connection) -> rusqlite::Result<i64> {
     connection.pragma_query_value(None, "user_version", |row| row.get(0))
 }
 
 /// The version as it was kept earlier; none where it is not.
-fn version_by_rows(connection: &Connection) -> rusqlite::Result<Option<u32>> {
+fn version_by_rows(connection: &Connection) -> rusqlite::Result<Option<i64>> {
     match connection.table_exists(None, "_sqlx_migrations")? {
         true => connection.query_row("SELECT coalesce(max(version), 0) FROM _sqlx_migrations", [], |row| row.get(0)),
         false => Ok(None),
