@@ -13,7 +13,7 @@
 //!
 //! # Which dual edges are priced
 //!
-//! Rows keep costs in single precision ([`Place::cost_about`]), off by 2⁻²⁰ of them at most. An edge that by those costs
+//! Rows keep costs in single precision ([`RoughEnd::cost_about`]), off by 2⁻²⁰ of them at most. An edge that by those costs
 //! more than [`MARGIN`] times as much as another costs more by packed costs too, which tell 1 + 2⁻²⁴ apart: it is not the
 //! best. Only edges that are nearer to each other than that are compared by their packed costs and the tie rule, and pairs
 //! that chose each other are priced.
@@ -35,6 +35,9 @@ const CHUNK: usize = 1024;
 
 /// In place of a node: none.
 const NOBODY: u32 = u32::MAX;
+
+/// Before the first round: no node grew then, so whoever looked then knows no cost.
+const NEVER: u32 = 0;
 
 /// Costs in single precision that differ by more than this factor are in the order of the packed costs: their errors of
 /// 2⁻²⁰ leave more than 2⁻¹⁹ of it.
@@ -73,7 +76,7 @@ pub struct Contraction {
 #[derive(Debug, Clone, Copy)]
 #[repr(align(32))]
 struct Node {
-    place: Place,
+    end: RoughEnd,
     fate: Fate,
     best: Edge,
 }
@@ -85,7 +88,7 @@ struct Row {
     start: usize,
     /// Its edges.
     len: u32,
-    /// The round in which the node last looked; 0 when each cost must be found anew.
+    /// The round in which the node last looked; [`NEVER`] when each cost must be found anew.
     looked: u32,
 }
 
@@ -115,7 +118,7 @@ struct Edge {
 
 /// A cluster as an end of a dual edge, to single precision.
 #[derive(Debug, Clone, Copy)]
-struct Place {
+struct RoughEnd {
     weight: f32,
     proxy: [i32; 3],
 }
@@ -127,11 +130,11 @@ impl Contraction {
         let row = |face: u32| Row {
             start: graph.neighbour_offsets[face as usize] as usize,
             len: graph.neighbours_of(face).len() as u32,
-            looked: 0,
+            looked: NEVER,
         };
         let node = |face: u32| Node {
-            place: Place { weight: 0.0, proxy: [0; 3] },
-            fate: Fate { into: face, grown: 1 },
+            end: RoughEnd { weight: 0.0, proxy: [0; 3] },
+            fate: Fate { into: face, grown: NEVER + 1 },
             best: Edge::LOST,
         };
         let mut edges = Vec::with_capacity(room(graph.neighbours.len(), graph.faces()));
@@ -145,7 +148,7 @@ impl Contraction {
             edges,
             grown: Vec::new(),
             pairs: Vec::new(),
-            round: 0,
+            round: NEVER,
             ended: 0,
             ties,
             is_current: false,
@@ -210,16 +213,16 @@ impl Contraction {
         }
         self.is_current = true;
         let grown = std::mem::take(&mut self.grown);
-        let place =
-            |cluster: u32| Place { weight: clusters.sums(cluster).weight as f32, proxy: clusters.proxy(cluster) };
+        let end =
+            |cluster: u32| RoughEnd { weight: clusters.sums(cluster).weight as f32, proxy: clusters.proxy(cluster) };
         let mut lost = Vec::new();
-        if self.round == 0 {
-            self.round = 1;
-            self.nodes.iter_mut().zip(&self.cluster_of_node).for_each(|(node, &cluster)| node.place = place(cluster));
+        if self.round == NEVER {
+            self.round += 1;
+            self.nodes.iter_mut().zip(&self.cluster_of_node).for_each(|(node, &cluster)| node.end = end(cluster));
             lost = (0..self.rows.len() as u32).collect();
         }
         for grown in &grown {
-            self.nodes[grown.node as usize].place = place(self.cluster_of_node[grown.node as usize]);
+            self.nodes[grown.node as usize].end = end(self.cluster_of_node[grown.node as usize]);
         }
         let context = self.context(clusters);
         let looks: Vec<Look> = grown.par_chunks(CHUNK).map(|grown| context.look_of_grown(grown)).collect();
@@ -297,7 +300,7 @@ impl Contraction {
             for (target, edge) in settled[start..].iter().zip(row.of(edges)) {
                 let Edge { other, about } = Edge::unpacked(edge.load(Relaxed));
                 if !nodes[other as usize].fate.is_as_in(other, row.looked) {
-                    looked = 0;
+                    looked = NEVER;
                 }
                 let other = new_number[living(nodes, other) as usize];
                 target.store(Edge { other, about }.packed(), Relaxed);
@@ -361,7 +364,7 @@ impl Fate {
     }
 }
 
-impl Place {
+impl RoughEnd {
     /// M₁M₂·|P₁−P₂|²/(M₁+M₂) in units of the clusters' component, off by 12·2⁻²⁴ of it at most: each conversion and each
     /// operation adds 2⁻²⁴ to what the errors of both sides add up to, and nothing is subtracted but integers.
     fn cost_about(self, other: Self) -> f32 {
@@ -391,228 +394,4 @@ impl Edge {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::cluster::dual_edge::{End, mutual, packed_cost};
-    use crate::sample::{Sample, generate};
-    use crate::surface::{Component, Surface};
-
-    /// Clusters and their contraction, and what the faces themselves say about them.
-    struct Both<'a> {
-        graph: &'a DualGraph,
-        ties: Ties,
-        labels: Vec<u32>,
-        clusters: Clusters,
-        contraction: Contraction,
-    }
-
-    impl<'a> Both<'a> {
-        fn new(graph: &'a DualGraph, ties: Ties) -> Self {
-            let labels: Vec<u32> = (0..graph.faces() as u32).collect();
-            let mut clusters = Clusters::new(graph, &graph.component_of_face());
-            clusters.gather(graph, &labels);
-            Self { graph, ties, labels, clusters, contraction: Contraction::new(graph, ties) }
-        }
-
-        /// The best dual edges, found among all edges of all faces.
-        fn expected(&self) -> Vec<DualEdge> {
-            let end = |cluster: u32| End {
-                weight: self.clusters.sums(cluster).weight as u64,
-                proxy: self.clusters.proxy(cluster),
-            };
-            let mut best: Vec<Option<(Rank<u32>, DualEdge)>> = vec![None; self.graph.faces()];
-            for face in 0..self.graph.faces() as u32 {
-                let cluster = self.labels[face as usize];
-                for &near in self.graph.neighbours_of(face) {
-                    let other = self.labels[near as usize];
-                    let cost = packed_cost(end(cluster), end(other), self.clusters.energy_shift(cluster));
-                    let rank = Rank::new(cost, cluster, other, self.ties);
-                    let best = &mut best[cluster as usize];
-                    if other != cluster && best.is_none_or(|(best, _)| rank < best) {
-                        *best = Some((rank, DualEdge { cluster, other, cost }));
-                    }
-                }
-            }
-            best.into_iter().flatten().map(|(_, edge)| edge).collect()
-        }
-
-        /// Merges, after making sure that what is found is right; returns the best dual edges before.
-        fn merge(&mut self, choose: impl FnOnce(&[DualEdge]) -> Vec<(u32, u32)>) -> Vec<DualEdge> {
-            let edges = self.expected();
-            assert_eq!(self.contraction.best(&self.clusters), edges);
-            let mut pairs = self.contraction.mutual(&self.clusters);
-            pairs.sort_unstable();
-            assert_eq!(pairs, mutual(&edges));
-            let pairs = choose(&edges);
-            self.contraction.merge(&self.clusters, &pairs);
-            for &(from, into) in &pairs {
-                self.clusters.merge(into, from);
-                self.labels.iter_mut().filter(|label| **label == from).for_each(|label| *label = into);
-            }
-            self.clusters.refit();
-            edges
-        }
-    }
-
-    /// Faces with such dual edges between them, in components of so many with such energy shifts.
-    fn graph_of(
-        centroids: Vec<[i32; 3]>,
-        weights: Vec<u32>,
-        edges: &[[u32; 2]],
-        components: &[(u32, u32)],
-    ) -> DualGraph {
-        let mut directed: Vec<[u32; 2]> = edges.iter().flat_map(|&[a, b]| [[a, b], [b, a]]).collect();
-        directed.sort_unstable();
-        directed.dedup();
-        let first = |face: usize| directed.partition_point(|edge| (edge[0] as usize) < face) as u32;
-        let mut first_face = 0;
-        let mut component = |&(faces, energy_shift): &(u32, u32)| {
-            let range = first_face as usize..(first_face + faces) as usize;
-            let weight = weights[range].iter().map(|&weight| u64::from(weight)).sum();
-            first_face += faces;
-            Component { first_face: first_face - faces, faces, weight, energy_shift }
-        };
-        DualGraph {
-            components: components.iter().map(&mut component).collect(),
-            neighbour_offsets: (0..=centroids.len()).map(first).collect(),
-            neighbours: directed.iter().map(|edge| edge[1]).collect(),
-            centroids,
-            weights,
-        }
-    }
-
-    /// The dual edges of a grid of squares, from such a face on.
-    fn grid(side: u32, first: u32) -> Vec<[u32; 2]> {
-        let face = |x: u32, y: u32| first + y * side + x;
-        let across = (0..side).flat_map(|y| (1..side).map(move |x| [face(x - 1, y), face(x, y)]));
-        let along = (1..side).flat_map(|y| (0..side).map(move |x| [face(x, y - 1), face(x, y)]));
-        across.chain(along).collect()
-    }
-
-    /// A number below a limit, other ones at each call.
-    fn random(state: &mut u64, below: u64) -> u64 {
-        *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (*state >> 33) % below
-    }
-
-    /// Some of the best dual edges, whether or not they were chosen from both sides, none of them beside another.
-    fn some(edges: &[DualEdge], state: &mut u64) -> Vec<(u32, u32)> {
-        let mut taken = std::collections::HashSet::new();
-        let mut pairs = Vec::new();
-        for edge in edges {
-            let is_free = !taken.contains(&edge.cluster) && !taken.contains(&edge.other);
-            if is_free && (pairs.is_empty() || random(state, 3) == 0) {
-                taken.extend([edge.cluster, edge.other]);
-                let turned = random(state, 2) == 0;
-                pairs.push(if turned { (edge.other, edge.cluster) } else { (edge.cluster, edge.other) });
-            }
-        }
-        pairs
-    }
-
-    fn to_the_top(graph: &DualGraph, state: &mut u64) {
-        for ties in [Ties::Hash, Ties::LargestId] {
-            let mut both = Both::new(graph, ties);
-            while !both.merge(|edges| some(edges, state)).is_empty() {}
-        }
-    }
-
-    #[test]
-    fn whatever_merges_on_a_grid_of_equal_squares_ties_go_by_the_rule() {
-        let side = 18;
-        let centroids = (0..side * side).map(|face| [1000 * (face % side) as i32, 1000 * (face / side) as i32, 0]);
-        let graph = graph_of(centroids.collect(), vec![7; (side * side) as usize], &grid(side, 0), &[(side * side, 0)]);
-        to_the_top(&graph, &mut 1);
-    }
-
-    #[test]
-    fn costs_that_single_precision_does_not_tell_apart_go_by_packed_costs() {
-        // far away in one of two places, all as heavy: distances and weights differ by some 2⁻²⁴
-        let side = 14;
-        let (mut state, mut weight_state) = (3, 9);
-        let mut centroid = |face: u32| {
-            let far = if (face / side + face % side).is_multiple_of(2) { 60_000_000 } else { -60_000_000 };
-            [far + random(&mut state, 9) as i32, random(&mut state, 5000) as i32, 0]
-        };
-        let centroids = (0..side * side).map(&mut centroid).collect();
-        let weights = (0..side * side).map(|_| (1 << 26) + random(&mut weight_state, 64) as u32).collect();
-        let graph = graph_of(centroids, weights, &grid(side, 0), &[(side * side, 0)]);
-        to_the_top(&graph, &mut 2);
-    }
-
-    #[test]
-    fn folds_in_which_clusters_touch_that_lie_apart_are_no_exception() {
-        // neighbours anywhere, so that a merge can bring a neighbour nearer to a third than either part was
-        let mut state = 5;
-        let (faces, parts) = (150, 3);
-        let axis = |state: &mut u64| random(state, 1 << 27) as i32 - (1 << 26);
-        let centroids = (0..faces * parts).map(|_| std::array::from_fn(|_| axis(&mut state))).collect();
-        let weights = (0..faces * parts).map(|_| 1 + (random(&mut state, 1 << 29) >> random(&mut state, 29)) as u32);
-        let weights = weights.collect();
-        let mut edges = Vec::new();
-        for part in 0..parts {
-            for face in 1..faces {
-                for _ in 0..2 {
-                    let other = random(&mut state, u64::from(face)) as u32;
-                    edges.push([part * faces + other, part * faces + face]);
-                }
-            }
-        }
-        let components: Vec<(u32, u32)> = (0..parts).map(|part| (faces, 7 * part)).collect();
-        to_the_top(&graph_of(centroids, weights, &edges, &components), &mut 4);
-    }
-
-    #[test]
-    fn merged_to_the_top_the_best_dual_edges_are_those_of_the_faces() {
-        for (sample, faces) in [(Sample::Sphere, 1500), (Sample::Strip, 400), (Sample::Cube, 600), (Sample::Parts, 900)]
-        {
-            let surface = Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface");
-            for ties in [Ties::Hash, Ties::LargestId] {
-                let mut both = Both::new(&surface.graph, ties);
-                let mut edges = surface.faces();
-                while edges > 0 {
-                    let choose =
-                        |edges: &[DualEdge]| mutual(edges).iter().map(Rank::ends).map(|(a, b)| (b, a)).collect();
-                    edges = both.merge(choose).len();
-                }
-                let left = surface.components.len();
-                assert_eq!(both.contraction.rows.len() - both.contraction.ended, left, "{}", sample.name());
-            }
-        }
-    }
-
-    #[test]
-    fn a_cluster_with_many_neighbours_is_no_exception() {
-        let surface = Surface::build(&generate(Sample::Sphere, 3000).expect("a mesh")).expect("a surface");
-        let mut both = Both::new(&surface.graph, Ties::Hash);
-        let hub = 700;
-        let mut most = 0;
-        for _ in 0..900 {
-            both.merge(|edges| {
-                let at = edges.binary_search_by_key(&hub, |edge| edge.cluster).expect("the hub has neighbours");
-                vec![(edges[at].other, hub)]
-            });
-            both.contraction.update(&both.clusters);
-            let node = both.contraction.node_of_cluster[hub as usize];
-            most = most.max(both.contraction.rows[node as usize].len as usize);
-        }
-        assert!(most > 64, "{most} neighbours");
-    }
-
-    #[test]
-    fn a_star_takes_no_more_memory_than_its_edges() {
-        let leaves = 3000;
-        let around = (0..leaves as i32).map(|leaf| [leaf * leaf % 997, leaf, 7 * leaf % 31]);
-        let centroids = std::iter::once([500, 1500, 0]).chain(around).collect();
-        let spokes: Vec<[u32; 2]> = (1..=leaves as u32).map(|leaf| [0, leaf]).collect();
-        let graph = graph_of(centroids, vec![1; leaves + 1], &spokes, &[(leaves as u32 + 1, 0)]);
-        let mut both = Both::new(&graph, Ties::Hash);
-        let mut most = 0;
-        for _ in 0..leaves / 3 {
-            let merged = both.merge(|edges| mutual(edges).iter().map(Rank::ends).map(|(a, b)| (b, a)).collect());
-            assert!(merged.len() > 1);
-            most = most.max(both.contraction.edges.capacity());
-        }
-        assert!(most < 20 * leaves, "room for {most} edges");
-    }
-}
+mod tests;

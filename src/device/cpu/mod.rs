@@ -21,7 +21,7 @@ use std::sync::atomic::AtomicU32;
 use rayon::current_num_threads;
 
 use super::{Cancel, Device, DualEdge, Ending, FREE, LatticeEnergy, MergeSteps, Step, Steps};
-use crate::cluster::dual_edge::{Rank, Ties};
+use crate::cluster::dual_edge::{Rank, Ties, mutual};
 use crate::cluster::sums::ClusterSums;
 use crate::error::Result;
 use crate::report::{DeviceInfo, DeviceKind};
@@ -130,8 +130,6 @@ struct CpuSteps<'a> {
     walk: u32,
     /// Clusters that may have faces, ascending.
     living: Vec<u32>,
-    /// What each living cluster last chose to merge with, or [`FREE`].
-    choices: Vec<u32>,
     /// Once the cheapest dual edge was asked for.
     queue: Option<dual_edges::Queue>,
     /// Once clusters merged: the faces that moved since the last merge, with the cluster they left.
@@ -160,7 +158,6 @@ impl<'a> CpuSteps<'a> {
             walked: Vec::new(),
             walk: 0,
             living: (0..clusters as u32).collect(),
-            choices: Vec::new(),
             queue: None,
             left: None,
             resumed: false,
@@ -284,14 +281,6 @@ impl<'a> CpuSteps<'a> {
             return Vec::new();
         }
         self.bids.end()
-    }
-
-    /// The neighbour that each living cluster would best merge with, or [`FREE`] where it has none.
-    fn choose_dual_edges(&mut self, ties: Ties) -> Vec<u32> {
-        self.gather();
-        let Some(frontier) = &self.frontier else { return Vec::new() };
-        self.living.retain(|&cluster| self.clusters.sums(cluster).faces > 0);
-        dual_edges::choose(self.graph, &self.labels, &self.clusters, frontier, &self.living, ties)
     }
 
     /// Begins a walk over faces: none of them carries the returned number.
@@ -433,7 +422,10 @@ impl MergeSteps for CpuSteps<'_> {
         if let Some((contraction, clusters)) = self.contraction(ties) {
             return Ok(contraction.best(clusters));
         }
-        let chosen = self.choose_dual_edges(ties);
+        self.gather();
+        let Some(frontier) = &self.frontier else { return Ok(Vec::new()) };
+        self.living.retain(|&cluster| self.clusters.sums(cluster).faces > 0);
+        let chosen = dual_edges::choose(self.graph, &self.labels, &self.clusters, frontier, &self.living, ties);
         let edge = |(&cluster, &other): (&u32, &u32)| {
             let cost = || dual_edges::price(&self.clusters, cluster, other);
             (other != FREE).then(|| DualEdge { cluster, other, cost: cost() })
@@ -445,18 +437,7 @@ impl MergeSteps for CpuSteps<'_> {
         if let Some((contraction, clusters)) = self.contraction(ties) {
             return Ok(contraction.mutual(clusters));
         }
-        let chosen = self.choose_dual_edges(ties);
-        self.choices.resize(self.clusters.len(), FREE);
-        for (&cluster, &other) in self.living.iter().zip(&chosen) {
-            self.choices[cluster as usize] = other;
-        }
-        let is_mutual = |&(&cluster, &other): &(&u32, &u32)| {
-            other != FREE && cluster < other && self.choices[other as usize] == cluster
-        };
-        let pair = |(&low, &high): (&u32, &u32)| {
-            Rank::new(dual_edges::price(&self.clusters, low, high), low, high, Ties::Hash)
-        };
-        Ok(self.living.iter().zip(&chosen).filter(is_mutual).map(pair).collect())
+        Ok(mutual(&self.optimal_dual_edges(ties)?))
     }
 
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {
@@ -510,113 +491,4 @@ impl MergeSteps for CpuSteps<'_> {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::cmp::Reverse;
-
-    use super::*;
-    use crate::sample::{Sample, generate};
-    use crate::surface::Surface;
-
-    #[test]
-    fn a_bid_goes_with_the_last_face_that_it_was_for() {
-        let surface = Surface::build(&generate(Sample::Strip, 400).expect("a mesh")).expect("a surface");
-        let graph = &surface.graph;
-        let first = (0..400).find(|&face| graph.neighbours_of(face).len() == 1).expect("a strip has ends");
-        let mut strip = vec![first];
-        while let Some(&next) = graph.neighbours_of(strip[strip.len() - 1]).iter().find(|near| !strip.contains(near)) {
-            strip.push(next);
-        }
-        // the end of a long cluster lies nearer the middle of the short one beside it; far away are many more
-        let cluster_at = |at: usize| if at < 21 { 0 } else { (at as u32 - 21) / 4 + 1 };
-        let mut labels = vec![0; strip.len()];
-        strip.iter().enumerate().for_each(|(at, &face)| labels[face as usize] = cluster_at(at));
-        let component_of_cluster = vec![0; cluster_at(399) as usize + 1];
-        let mut steps = CpuSteps::new(graph, &component_of_cluster);
-        steps.set_labels(&labels).expect("nothing can fail");
-        steps.gather();
-        assert!(steps.renew_bids(Vec::new()));
-        let (end, beside) = (strip[20], strip[21]);
-        assert!(steps.bids.at(&[0]).any(|face| face == end), "the end would go");
-        steps.apply(&[Move { face: beside, from: 1, to: 0 }]);
-        if let Some(frontier) = &mut steps.frontier {
-            frontier.prune(graph, &steps.labels, 0);
-            assert!(frontier.boundary_of(0).all(|face| face != end), "it is an end no more");
-        }
-        steps.renew_bids(Vec::new());
-        assert!(steps.bids.at(&[0]).all(|face| face != end), "it has nowhere to go");
-    }
-
-    /// The faces outside the largest piece of each cluster, sorted, found among all.
-    fn all_but_largest(graph: &DualGraph, labels: &[u32]) -> Vec<u32> {
-        let mut pieces: Vec<(u32, Vec<u32>)> = Vec::new();
-        let mut is_found = vec![false; labels.len()];
-        for start in 0..labels.len() as u32 {
-            if std::mem::replace(&mut is_found[start as usize], true) {
-                continue;
-            }
-            let cluster = labels[start as usize];
-            let mut piece = vec![start];
-            let mut next = 0;
-            while let Some(&face) = piece.get(next) {
-                next += 1;
-                for &near in graph.neighbours_of(face) {
-                    if labels[near as usize] == cluster && !std::mem::replace(&mut is_found[near as usize], true) {
-                        piece.push(near);
-                    }
-                }
-            }
-            pieces.push((cluster, piece));
-        }
-        // the largest of each cluster first; they began with their smallest face
-        pieces.sort_by_key(|(cluster, piece)| (*cluster, Reverse(piece.len()), piece[0]));
-        let others = pieces.chunk_by(|a, b| a.0 == b.0).flat_map(|of_cluster| &of_cluster[1..]);
-        let mut faces: Vec<u32> = others.flat_map(|(_, piece)| piece.iter().copied()).collect();
-        faces.sort_unstable();
-        faces
-    }
-
-    #[test]
-    fn whatever_faces_move_all_pieces_are_found() {
-        let mut state = 1u64;
-        let mut random = |below: usize| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 33) as usize % below
-        };
-        let mut cut_off = 0;
-        for (sample, faces) in [(Sample::Sphere, 1500), (Sample::Strip, 300), (Sample::Cube, 600), (Sample::Parts, 900)]
-        {
-            let surface = Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface");
-            let graph = &surface.graph;
-            let mut steps = CpuSteps::new(graph, &graph.component_of_face());
-            steps.set_labels(&(0..graph.faces() as u32).collect::<Vec<_>>()).expect("nothing can fail");
-            for _ in 0..14 {
-                let mutual = steps.mutual_dual_edges(Ties::Hash).expect("nothing can fail");
-                let pairs: Vec<(u32, u32)> = mutual.iter().map(Rank::ends).collect();
-                steps.merge(&pairs).expect("nothing can fail");
-                steps.gather();
-                for _ in 0..3 {
-                    let labels = steps.labels.all().to_vec();
-                    let mut left: Vec<u32> =
-                        (0..labels.len() as u32).map(|cluster| steps.clusters.sums(cluster).faces).collect();
-                    let mut moves = Vec::new();
-                    for face in 0..labels.len() as u32 {
-                        let near = graph.neighbours_of(face);
-                        let from = labels[face as usize];
-                        let to = labels[near[random(near.len())] as usize];
-                        if to != from && left[from as usize] > 1 && random(3) == 0 {
-                            left[from as usize] -= 1;
-                            moves.push(Move { face, from, to });
-                        }
-                    }
-                    steps.apply(&moves);
-                }
-                let expected = all_but_largest(graph, steps.labels.all());
-                assert_eq!(steps.cut_off_faces(), expected, "{}", sample.name());
-                cut_off += expected.len();
-                steps.regrow(&expected, &Cancel::default()).expect("nothing can fail");
-                assert!(all_but_largest(graph, steps.labels.all()).is_empty(), "{}", sample.name());
-            }
-        }
-        assert!(cut_off > 1000, "{cut_off} faces");
-    }
-}
+mod tests;

@@ -126,6 +126,9 @@ const NEARBY: usize = 16;
 /// Faces that are looked at for a way around one that left.
 const LOOKS: usize = 32;
 
+/// Neighbours of each of them that are: large polygons have more.
+const BESIDE: usize = 16;
+
 /// Steps of a way around a face from one side; from the other it is two.
 const STEPS: usize = 3;
 
@@ -142,7 +145,7 @@ pub fn surely_stays_whole(graph: &DualGraph, labels: &Labels, face: u32, cluster
     for step in [0, 1] {
         let from = if step == 0 { 0..1 } else { 1..found };
         for at in from {
-            for near in graph.neighbours_of(nearby[at]).iter().copied().filter(is_own) {
+            for near in graph.neighbours_of(nearby[at]).iter().take(BESIDE).copied().filter(is_own) {
                 if found < NEARBY && near != first {
                     nearby[found] = near;
                     found += 1;
@@ -171,7 +174,7 @@ fn leads_to(
     if steps == 0 {
         return false;
     }
-    graph.neighbours_of(face).iter().any(|&near| {
+    graph.neighbours_of(face).iter().take(BESIDE).any(|&near| {
         if near == before || *looks == 0 || !is_own(&near) {
             return false;
         }

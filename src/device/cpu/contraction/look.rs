@@ -3,8 +3,9 @@
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use super::{Edge, Grown, MARGIN, NOBODY, Node, Row, living};
-use crate::cluster::dual_edge::{End, Rank, Ties, packed_cost};
+use crate::cluster::dual_edge::{Rank, Ties};
 use crate::device::cpu::clusters::Clusters;
+use crate::device::cpu::dual_edges;
 
 /// What a look for the best dual edge reads. It writes the row of who looks.
 #[derive(Clone, Copy)]
@@ -40,11 +41,7 @@ impl Context<'_> {
     /// The packed cost of merging two nodes.
     pub(super) fn price(&self, node: u32, other: u32) -> u32 {
         let [cluster, other] = [node, other].map(|node| self.cluster_of_node[node as usize]);
-        let end = |cluster: u32| End {
-            weight: self.clusters.sums(cluster).weight as u64,
-            proxy: self.clusters.proxy(cluster),
-        };
-        packed_cost(end(cluster), end(other), self.clusters.energy_shift(cluster))
+        dual_edges::price(self.clusters, cluster, other)
     }
 
     /// Whether one edge of a node is better than another.
@@ -58,7 +55,7 @@ impl Context<'_> {
     }
 
     fn about(&self, node: u32, other: u32) -> f32 {
-        self.nodes[node as usize].place.cost_about(self.nodes[other as usize].place)
+        self.nodes[node as usize].end.cost_about(self.nodes[other as usize].end)
     }
 
     /// Lets nodes that grew look among the neighbours of both that they were.

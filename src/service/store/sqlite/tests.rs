@@ -156,6 +156,21 @@ async fn a_command_that_panics_fails_alone_and_leaves_nothing() {
     store.create(new_job()).await.expect("the writer is still there");
 }
 
+#[tokio::test(flavor = "multi_thread", worker_threads = 1)]
+async fn a_read_that_waits_leaves_the_runtimes_only_thread_to_others() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join(NAME);
+    let _store = SqliteStore::open(&path, RULES, Faults::default()).await.expect("it opens");
+    let readers = Readers::open(&path).expect("it opens");
+    let waits = |_: &Connection| {
+        let (tell, told) = std::sync::mpsc::channel();
+        tokio::spawn(async move { tell.send(()) });
+        Ok(told.recv_timeout(Duration::from_secs(10)))
+    };
+    let told = tokio::spawn(async move { readers.read(waits).await }).await.expect("no panic");
+    assert_eq!(told.expect("read"), Ok(()), "another task had its turn");
+}
+
 #[tokio::test]
 async fn closing_carries_out_what_was_asked_for_and_leaves_one_file() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -282,9 +297,12 @@ async fn a_file_of_somebody_elses_is_refused_in_one_line() {
 
 #[tokio::test]
 async fn tables_of_a_later_version_are_refused_and_left_alone() {
-    for (by_rows, later) in [
-        (false, "PRAGMA user_version = 9999"),
-        (true, "INSERT INTO _sqlx_migrations VALUES (9999, 'later', CURRENT_TIMESTAMP, 1, x'00', 0)"),
+    for (by_rows, found, later) in [
+        (false, "9999", "PRAGMA user_version = 9999"),
+        (false, "-1", "PRAGMA user_version = -1"),
+        (true, "9999", "INSERT INTO _sqlx_migrations VALUES (9999, 'later', CURRENT_TIMESTAMP, 1, x'00', 0)"),
+        // whose last 32 bits are those of a known version
+        (true, "4294967298", "UPDATE _sqlx_migrations SET version = 4294967298 WHERE version = 3"),
     ] {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join(NAME);
@@ -299,7 +317,7 @@ async fn tables_of_a_later_version_are_refused_and_left_alone() {
         connection.close().expect("closed");
         let before = std::fs::read(&path).expect("readable");
         let error = SqliteStore::open(&path, RULES, Faults::default()).await.expect_err("too new");
-        for part in ["9999", NAME, "up to 3"] {
+        for part in [&format!("version {found},"), NAME, "up to 3"] {
             assert!(error.message.contains(part), "{error}");
         }
         assert!(std::fs::read(&path).expect("readable") == before);
