@@ -21,7 +21,7 @@ use std::sync::atomic::AtomicU32;
 use rayon::current_num_threads;
 
 use super::{Cancel, Device, DualEdge, Ending, FREE, LatticeEnergy, MergeSteps, Step, Steps};
-use crate::cluster::dual_edge::{Rank, Ties, mutual};
+use crate::cluster::dual_edge::{Rank, Ties};
 use crate::cluster::sums::ClusterSums;
 use crate::error::Result;
 use crate::report::{DeviceInfo, DeviceKind};
@@ -130,6 +130,8 @@ struct CpuSteps<'a> {
     walk: u32,
     /// Clusters that may have faces, ascending.
     living: Vec<u32>,
+    /// What each living cluster last chose to merge with, or [`FREE`].
+    choices: Vec<u32>,
     /// Once the cheapest dual edge was asked for.
     queue: Option<dual_edges::Queue>,
     /// Once clusters merged: the faces that moved since the last merge, with the cluster they left.
@@ -158,6 +160,7 @@ impl<'a> CpuSteps<'a> {
             walked: Vec::new(),
             walk: 0,
             living: (0..clusters as u32).collect(),
+            choices: Vec::new(),
             queue: None,
             left: None,
             resumed: false,
@@ -281,6 +284,14 @@ impl<'a> CpuSteps<'a> {
             return Vec::new();
         }
         self.bids.end()
+    }
+
+    /// The neighbour that each living cluster would best merge with, or [`FREE`] where it has none.
+    fn choose_dual_edges(&mut self, ties: Ties) -> Vec<u32> {
+        self.gather();
+        let Some(frontier) = &self.frontier else { return Vec::new() };
+        self.living.retain(|&cluster| self.clusters.sums(cluster).faces > 0);
+        dual_edges::choose(self.graph, &self.labels, &self.clusters, frontier, &self.living, ties)
     }
 
     /// Begins a walk over faces: none of them carries the returned number.
@@ -422,10 +433,7 @@ impl MergeSteps for CpuSteps<'_> {
         if let Some((contraction, clusters)) = self.contraction(ties) {
             return Ok(contraction.best(clusters));
         }
-        self.gather();
-        let Some(frontier) = &self.frontier else { return Ok(Vec::new()) };
-        self.living.retain(|&cluster| self.clusters.sums(cluster).faces > 0);
-        let chosen = dual_edges::choose(self.graph, &self.labels, &self.clusters, frontier, &self.living, ties);
+        let chosen = self.choose_dual_edges(ties);
         let edge = |(&cluster, &other): (&u32, &u32)| {
             let cost = || dual_edges::price(&self.clusters, cluster, other);
             (other != FREE).then(|| DualEdge { cluster, other, cost: cost() })
@@ -437,7 +445,19 @@ impl MergeSteps for CpuSteps<'_> {
         if let Some((contraction, clusters)) = self.contraction(ties) {
             return Ok(contraction.mutual(clusters));
         }
-        Ok(mutual(&self.optimal_dual_edges(ties)?))
+        // as `dual_edge::mutual` finds them among the best of all; only the pairs are priced
+        let chosen = self.choose_dual_edges(ties);
+        self.choices.resize(self.clusters.len(), FREE);
+        for (&cluster, &other) in self.living.iter().zip(&chosen) {
+            self.choices[cluster as usize] = other;
+        }
+        let is_mutual = |&(&cluster, &other): &(&u32, &u32)| {
+            other != FREE && cluster < other && self.choices[other as usize] == cluster
+        };
+        let pair = |(&low, &high): (&u32, &u32)| {
+            Rank::new(dual_edges::price(&self.clusters, low, high), low, high, Ties::Hash)
+        };
+        Ok(self.living.iter().zip(&chosen).filter(is_mutual).map(pair).collect())
     }
 
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {
