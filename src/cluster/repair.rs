@@ -1,7 +1,10 @@
-//! Pieces of clusters, found by walking the whole mesh: the plain way, for checks.
+//! Pieces of clusters, found by going through the whole mesh: the plain way, for checks.
+
+use std::hint::select_unpredictable;
 
 use crate::device::FREE;
 use crate::surface::DualGraph;
+use crate::surface::sets::{NO_SET, Sets};
 
 /// The connected pieces of equally labelled faces.
 struct Pieces {
@@ -12,31 +15,22 @@ struct Pieces {
 }
 
 impl Pieces {
-    /// Walks the pieces of all labelled faces, each from its smallest face.
+    /// Finds the pieces of all labelled faces.
     fn find(graph: &DualGraph, labels: &[u32]) -> Self {
-        let mut piece_of_face = vec![FREE; labels.len()];
-        let mut pieces: Vec<(u32, u32)> = Vec::new();
-        let mut stack = Vec::new();
-        for start in 0..labels.len() {
-            let label = labels[start];
-            if piece_of_face[start] != FREE || label == FREE {
-                continue;
-            }
-            let piece = pieces.len() as u32;
-            piece_of_face[start] = piece;
-            stack.push(start as u32);
-            let mut faces = 0;
-            while let Some(face) = stack.pop() {
-                faces += 1;
-                for &neighbour in graph.neighbours_of(face) {
-                    let neighbour = neighbour as usize;
-                    if piece_of_face[neighbour] == FREE && labels[neighbour] == label {
-                        piece_of_face[neighbour] = piece;
-                        stack.push(neighbour as u32);
-                    }
-                }
-            }
-            pieces.push((label, faces));
+        let mut sets = Sets::default();
+        let mut piece_of_face = vec![NO_SET; labels.len()];
+        for (face, &label) in labels.iter().enumerate().filter(|(_, label)| **label != FREE) {
+            let beside = graph.neighbours_of(face as u32).iter().map(|&near| near as usize);
+            let beside = beside.map(|near| select_unpredictable(labels[near] == label, piece_of_face[near], NO_SET));
+            piece_of_face[face] = sets.of_face(beside);
+        }
+        let (numbers, count) = sets.numbered();
+        let mut pieces = vec![(FREE, 0); count];
+        for (piece, &label) in piece_of_face.iter_mut().zip(labels).filter(|(_, label)| **label != FREE) {
+            *piece = numbers[*piece as usize];
+            let (of_piece, faces) = &mut pieces[*piece as usize];
+            *of_piece = label;
+            *faces += 1;
         }
         Self { piece_of_face, pieces }
     }

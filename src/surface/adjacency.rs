@@ -96,20 +96,20 @@ impl<'a> Links<'a> {
         self.bridges.sort_by_key(|&(face, _)| face);
     }
 
-    /// Calls `link(a, b)` for each pair of linked faces, a > b.
-    pub fn each_pair(&self, mut link: impl FnMut(u32, u32)) {
-        let mut link_corner = |face: u32, corner: usize| match self.linked[corner].load(Ordering::Relaxed) {
-            CHAINED => link(face, self.chain_at(corner as u32)[0]),
-            // none is larger than any face
-            other if other < face => link(face, other),
-            _ => {}
-        };
-        for face in 0..self.edges.faces.len() {
-            for corner in self.edges.faces.first_corner(face)..self.edges.faces.first_corner(face + 1) {
-                link_corner(face as u32, corner);
-            }
-        }
-        self.bridges.iter().filter(|(face, other)| other < face).for_each(|&(face, other)| link(face, other));
+    /// For each corner of a face the face that it is linked to, in a chain the one before; where there is none, no face's number.
+    /// Without [`bridges`](Self::bridges).
+    #[inline]
+    pub fn beside(&self, face: usize) -> impl Iterator<Item = u32> + '_ {
+        let corners = self.edges.faces.first_corner(face)..self.edges.faces.first_corner(face + 1);
+        corners.clone().zip(&self.linked[corners]).map(|(corner, linked)| match linked.load(Ordering::Relaxed) {
+            CHAINED => self.chain_at(corner as u32)[0],
+            other => other,
+        })
+    }
+
+    /// Further pairs of linked faces, both directions of each.
+    pub fn bridges(&self) -> &[(u32, u32)] {
+        &self.bridges
     }
 
     /// The faces before and after that of an inner half-edge of a chain.

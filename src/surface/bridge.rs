@@ -6,9 +6,10 @@
 //! twice, and of those a minimum spanning tree by distance is taken. So there is one bridge less than components, no
 //! component has more than six, and the cost is that of sorting.
 
-use super::components::{Components, root};
+use super::components::Components;
 use super::lattice::{AREA, FaceGeometry};
 use super::order::along_curve;
+use super::sets::root;
 
 /// Shifts of the lattice for each curve, as parts of its width: thirds cut cells of all sizes elsewhere.
 const SHIFTS: [f64; 3] = [0.0, 1.0 / 3.0, 2.0 / 3.0];

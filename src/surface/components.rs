@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::adjacency::Links;
+use super::sets::{NO_SET, Sets};
 
 /// A set of faces connected across shared edges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,39 +35,20 @@ pub struct Components {
 }
 
 /// Finds the components.
-///
-/// Union-find in which the smaller face becomes the root.
 pub fn label(faces: usize, links: &Links<'_>) -> Components {
-    let mut parent: Vec<u32> = (0..faces as u32).collect();
-    links.each_pair(|a, b| {
-        let (a, b) = (root(&mut parent, a), root(&mut parent, b));
-        parent[a.max(b) as usize] = a.min(b);
-    });
-    let mut count = 0;
+    let mut sets = Sets::default();
+    let mut of_face = vec![NO_SET; faces];
     for face in 0..faces {
-        // a parent is never larger than its child, so it already holds its component's number
-        let up = parent[face] as usize;
-        parent[face] = if up == face {
-            count += 1;
-            count - 1
-        } else {
-            parent[up]
-        };
+        // those that come later have no set yet, and what is no face has none either
+        let beside = links.beside(face).map(|other| of_face.get(other as usize).copied().unwrap_or(NO_SET));
+        of_face[face] = sets.of_face(beside);
     }
-    Components { of_face: parent, count: count as usize }
-}
-
-/// The root of a member's tree; halves the path on the way.
-pub fn root(parent: &mut [u32], mut face: u32) -> u32 {
-    loop {
-        let up = parent[face as usize];
-        if up == face {
-            return face;
-        }
-        let above = parent[up as usize];
-        parent[face as usize] = above;
-        face = above;
+    for &(face, other) in links.bridges() {
+        sets.join(of_face[face as usize], of_face[other as usize]);
     }
+    let (numbers, count) = sets.numbered();
+    of_face.iter_mut().for_each(|set| *set = numbers[*set as usize]);
+    Components { of_face, count }
 }
 
 impl Components {

@@ -5,6 +5,7 @@
 //! the cache; only where there are any does the numbering look them up.
 
 use std::hash::{BuildHasher, RandomState};
+use std::hint::select_unpredictable;
 
 use rayon::prelude::*;
 
@@ -53,10 +54,9 @@ fn number(faces: &Faces, numbers: &mut [u32], count: &mut u32, first: impl Fn(u3
     corners
         .map(|&vertex| {
             let number = &mut numbers[first(vertex) as usize];
-            if *number == UNUSED {
-                *number = *count;
-                *count += 1;
-            }
+            let is_first = *number == UNUSED;
+            *number = select_unpredictable(is_first, *count, *number);
+            *count += u32::from(is_first);
             *number
         })
         .collect()

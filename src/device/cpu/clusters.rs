@@ -112,10 +112,10 @@ impl Clusters {
         &self.places[cluster as usize + 1]
     }
 
-    /// The same for the number after the cluster's. 0 is after that of none and nowhere; None for a number beyond all.
+    /// The same for the number after the cluster's. 0 is after that of none, and nowhere.
     #[inline]
-    pub fn place_before(&self, next: u32) -> Option<&Place> {
-        self.places.get(next as usize)
+    pub fn place_before(&self, next: u32) -> &Place {
+        &self.places[next as usize]
     }
 
     /// The clusters that gained or lost a face and that this reader has not yet seen.

@@ -31,17 +31,17 @@ pub fn choose(
     living
         .par_iter()
         .with_min_len(CHUNK)
-        .map(|&cluster| {
+        .map_init(Vec::new, |others, &cluster| {
             let own = end(clusters, cluster);
             let rank = |other: u32| Rank::new(price(clusters, cluster, other), cluster, other, ties);
             let (mut best, mut cost) = (FREE, f64::INFINITY);
-            for_each_neighbour(graph, labels, frontier, cluster, |other| {
+            for &other in &*find_neighbours(graph, labels, frontier, cluster, others) {
                 let about = own.cost_about(end(clusters, other));
                 // packed costs are for those that are nearly the same
                 if about <= cost * MARGIN && other != best && (about * MARGIN < cost || rank(other) < rank(best)) {
                     (best, cost) = (other, about);
                 }
-            });
+            }
             best
         })
         .collect()
@@ -52,29 +52,44 @@ pub fn price(clusters: &Clusters, cluster: u32, other: u32) -> u32 {
     packed_cost(end(clusters, cluster), end(clusters, other), clusters.energy_shift(cluster))
 }
 
-/// Slots for neighbours that were visited lately.
+/// Slots for neighbours that were found lately.
 const LATELY: usize = 16;
 
-/// Calls `visit` with the clusters beside a cluster; with one that shares several dual edges, maybe several times.
-fn for_each_neighbour(
+/// The clusters beside a cluster; one that shares several dual edges with it maybe several times. They are put into `others`, in
+/// place of whatever was there.
+///
+/// Which neighbours of a face lie in other clusters follows no pattern: nothing here branches on it.
+fn find_neighbours<'a>(
     graph: &DualGraph,
     labels: &Labels,
     frontier: &Frontier,
     cluster: u32,
-    mut visit: impl FnMut(u32),
-) {
-    // none of those that are visited
-    let mut lately = [cluster; LATELY];
+    others: &'a mut Vec<u32>,
+) -> &'a mut [u32] {
+    let mut found = 0;
     for face in frontier.boundary_of(cluster) {
-        for &near in graph.neighbours_of(face) {
-            let other = labels.near_boundary(near);
-            let slot = &mut lately[other as usize % LATELY];
-            if other != cluster && other != *slot {
-                *slot = other;
-                visit(other);
-            }
+        let beside = graph.neighbours_of(face);
+        if others.len() < found + beside.len() {
+            others.resize(2 * (found + beside.len()), FREE);
         }
+        let (others, mut count) = (&mut others[found..][..beside.len()], 0);
+        for &near in beside {
+            let other = labels.near_boundary(near);
+            others[count] = other;
+            count += usize::from(other != cluster);
+        }
+        found += count;
     }
+    // none of those that are found
+    let mut lately = [cluster; LATELY];
+    let mut kept = 0;
+    for at in 0..found {
+        let other = others[at];
+        let before = std::mem::replace(&mut lately[other as usize % LATELY], other);
+        others[kept] = other;
+        kept += usize::from(other != before);
+    }
+    &mut others[..kept]
 }
 
 fn end(clusters: &Clusters, cluster: u32) -> End {
@@ -120,11 +135,9 @@ impl Queue {
         }
         let mut others = Vec::new();
         for &cluster in changed.iter().filter(|&&cluster| clusters.sums(cluster).faces > 0) {
-            others.clear();
-            for_each_neighbour(graph, labels, frontier, cluster, |other| others.push(other));
+            let others = find_neighbours(graph, labels, frontier, cluster, &mut others);
             others.sort_unstable();
-            others.dedup();
-            for &other in &others {
+            for other in others.chunk_by(|a, b| a == b).map(|equal| equal[0]) {
                 // an edge between two changed clusters is queued once
                 if other < cluster && changed.binary_search(&other).is_ok() {
                     continue;

@@ -15,6 +15,8 @@
 //! some 240 instructions each. A sum of drifts wakes a quarter fewer than a bound for each cluster did, and needs no lists of who
 //! rests at which cluster.
 
+use std::hint::select_unpredictable;
+
 use rayon::prelude::*;
 
 use super::clusters::{Clusters, Place};
@@ -176,12 +178,13 @@ impl Watch {
                 let mut due = Vec::new();
                 for (word, (bits, rests)) in words.iter().zip(rests.chunks(64)).enumerate() {
                     boundary += bits.count_ones();
+                    let (mut of_word, mut count) = ([0; 64], 0);
                     for bit in ones(*bits) {
                         let face = (64 * (WORDS * part + word) + bit) as u32;
-                        if rests[bit].is_over(graph, labels, clusters, face) {
-                            due.push(face);
-                        }
+                        of_word[count] = face;
+                        count += usize::from(rests[bit].is_over(graph, labels, clusters, face));
                     }
+                    due.extend_from_slice(&of_word[..count]);
                 }
                 (boundary as usize, due)
             });
@@ -241,18 +244,17 @@ impl Resting {
     /// Whether it is over. A face that sees nobody rests without end.
     #[inline]
     fn is_over(&self, graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32) -> bool {
-        let [own, one, two] = [self.own, self.others[0], self.others[1]].map(|next| clusters.place_before(next));
-        let drift = match (own, one, two) {
-            (Some(own), Some(one), Some(two)) => own.drift + one.drift + two.drift,
-            _ => drift_of_several(graph, labels, clusters, face, self.own - 1),
+        let drift = match self.others {
+            [SEVERAL, _] => drift_of_several(graph, labels, clusters, face, self.own - 1),
+            [one, two] => [self.own, one, two].map(|next| clusters.place_before(next).drift).iter().sum(),
         };
         self.until < drift
     }
 }
 
 impl Seen {
-    /// Looks at what is around a face of some cluster. Calls `visit` with each other cluster that it sees, with those beyond two
-    /// maybe several times.
+    /// Looks at what is around a face of some cluster. Calls `visit` with each other cluster that it sees; where there are more than
+    /// two, with some maybe several times.
     #[inline]
     pub fn around(
         graph: &DualGraph,
@@ -263,25 +265,25 @@ impl Seen {
         mut visit: impl FnMut(u32, &Place),
     ) -> Self {
         let mut others = [NOBODY; 2];
-        let mut drift = clusters.place(own).drift;
         let mut are_more = false;
+        // which neighbours are in other clusters follows no pattern: nothing here branches on it
         for &near in graph.neighbours_of(face) {
-            let other = labels.near_boundary(near);
-            if other == own || others.contains(&(other + 1)) {
-                continue;
-            }
-            let place = clusters.place(other);
-            visit(other, place);
-            drift += place.drift;
-            match others {
-                [NOBODY, _] => others[0] = other + 1,
-                [_, NOBODY] => others[1] = other + 1,
-                _ => are_more = true,
-            }
+            let next = labels.near_boundary(near) + 1;
+            let is_new = (next != own + 1) & (next != others[0]) & (next != others[1]);
+            are_more |= is_new & (others[1] != NOBODY);
+            others =
+                [select_unpredictable(is_new, next, others[0]), select_unpredictable(is_new, others[0], others[1])];
         }
         if are_more {
+            self::others(graph, labels, face, own).for_each(|other| visit(other, clusters.place(other)));
             others[0] = SEVERAL;
-            drift = drift_of_several(graph, labels, clusters, face, own);
+            return Self { own: own + 1, others, drift: drift_of_several(graph, labels, clusters, face, own) };
+        }
+        let mut drift = clusters.place(own).drift;
+        for next in others.into_iter().take_while(|&next| next != NOBODY) {
+            let place = clusters.place(next - 1);
+            visit(next - 1, place);
+            drift += place.drift;
         }
         Self { own: own + 1, others, drift }
     }
