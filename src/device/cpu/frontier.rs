@@ -77,7 +77,7 @@ impl Frontier {
         self.list(graph, labels, face, to);
         for &near in graph.neighbours_of(face) {
             let cluster = labels.near_boundary(near);
-            if cluster != to && cluster != FREE && self.listed_in[near as usize] != cluster {
+            if (cluster != to) & (cluster != FREE) & (self.listed_in[near as usize] != cluster) {
                 self.list(graph, labels, near, cluster);
             }
         }

@@ -1,5 +1,7 @@
 //! Initial growth (P§5.3): breadth first, the smallest cluster wins a contested face.
 
+use std::hint::select_unpredictable;
+
 use super::labels::Labels;
 use crate::device::{Cancel, FREE};
 use crate::error::Result;
@@ -33,13 +35,13 @@ impl Growth {
             for &face in &frontier {
                 let label = labels.of(face);
                 for &near in graph.neighbours_of(face) {
-                    if labels.of(near) == FREE {
-                        let offer = &mut self.offered[near as usize];
-                        if *offer == FREE {
-                            grown.push(near);
-                        }
-                        *offer = label.min(*offer);
-                    }
+                    // which neighbours are free, or have an offer, follows no pattern: nothing here branches on it
+                    let is_free = labels.of(near) == FREE;
+                    let offer = &mut self.offered[near as usize];
+                    let is_first = is_free & (*offer == FREE);
+                    *offer = select_unpredictable(is_free, label.min(*offer), *offer);
+                    grown.push(near);
+                    grown.truncate(grown.len() - usize::from(!is_first));
                 }
             }
             frontier.clear();

@@ -120,8 +120,9 @@ impl Watch {
         self.add(face);
         let cluster = labels.near_boundary(face);
         for &near in graph.neighbours_of(face) {
-            let saw = self.rest_of_face[near as usize].others;
-            if saw[0] == SEVERAL || !saw.contains(&(cluster + 1)) && labels.near_boundary(near) != cluster {
+            let [one, two] = self.rest_of_face[near as usize].others;
+            let saw = (one == cluster + 1) | (two == cluster + 1) | (labels.near_boundary(near) == cluster);
+            if (one == SEVERAL) | !saw {
                 self.add(near);
             }
         }
@@ -160,15 +161,23 @@ impl Watch {
                     self.due.push(face);
                 }
             };
+            let mut found = Vec::new();
             for &cluster in changed {
+                let mut count = 0;
+                // as where dual edges are looked for: which neighbours lie in other clusters follows no pattern
                 for face in frontier.boundary_of(cluster) {
-                    wake(face);
-                    for &near in graph.neighbours_of(face) {
-                        if labels.near_boundary(near) != cluster {
-                            wake(near);
-                        }
+                    let beside = graph.neighbours_of(face);
+                    if found.len() <= count + beside.len() {
+                        found.resize(2 * (count + beside.len() + 1), 0);
+                    }
+                    found[count] = face;
+                    count += 1;
+                    for &near in beside {
+                        found[count] = near;
+                        count += usize::from(labels.near_boundary(near) != cluster);
                     }
                 }
+                found[..count].iter().copied().for_each(&mut wake);
             }
         } else {
             let Self { near, rest_of_face, .. } = self;
