@@ -28,7 +28,7 @@ use crate::device::{Cancel, Device, Uploaded};
 use crate::error::{Error, Result};
 use crate::mesh::{self, Admit, Format, Limits, PolygonMesh, Resources};
 use crate::parameters::{Algorithm, Optimize, Parameters, Refine, Seeds};
-use crate::report::{DeviceInfo, Input, Iteration, Level, Report, Row, Timings, WeightedBy};
+use crate::report::{DeviceInfo, DeviceKind, Input, Iteration, Level, Report, Row, Timings, WeightedBy};
 use crate::surface::{Surface, Wanted};
 use crate::tree::Tree;
 use crate::tree::stored::Stored;
@@ -148,7 +148,8 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
     } else if parameters.seeds == Seeds::Coarse {
         // `check` has seen that there is a number
         let clusters = parameters.clusters.unwrap_or_default();
-        Plan::Coarse(CoarseStart::new(&surface, clusters, parameters.seed, parameters.quality.start())?)
+        let start = || CoarseStart::new(&surface, clusters, parameters.seed, parameters.quality.start());
+        Plan::Coarse(rayon::scope(|_| start())?)
     } else {
         let clusters = parameters.clusters.unwrap_or_default();
         Plan::Flat(seeds::choose(&surface, clusters, &parameters.seeds, parameters.seed, listed.as_deref())?)
@@ -187,25 +188,33 @@ pub fn run(
     prepared: &Prepared,
     device: &mut dyn Device,
     cancel: &Cancel,
-    on_row: &mut dyn FnMut(Row),
+    on_row: &mut (dyn FnMut(Row) + Send),
 ) -> Result<Outcome> {
     finish(prepared, cluster(prepared, None, device, cancel, on_row)?)
 }
 
 /// The part of a job that needs the device, which may have the surface already. `on_row` is told of every row of the report as it
 /// comes.
+///
+/// The cpu works from within rayon's pool, the current one or else the global: each of its many short parallel steps would
+/// otherwise wake the pool and wait for it, which took an eighth of the whole time. A gpu is waited for outside.
 pub fn cluster(
     prepared: &Prepared,
     uploaded: Option<Uploaded>,
     device: &mut dyn Device,
     cancel: &Cancel,
-    on_row: &mut dyn FnMut(Row),
+    on_row: &mut (dyn FnMut(Row) + Send),
 ) -> Result<Clustered> {
     cancel.check()?;
-    match &prepared.plan {
+    let kind = device.info().kind;
+    let work = || match &prepared.plan {
         Plan::Flat(seeds) => flat::run(prepared, flat::From::Seeds(seeds), uploaded, device, cancel, on_row),
         Plan::Coarse(start) => flat::run(prepared, flat::From::Coarse(start), uploaded, device, cancel, on_row),
         Plan::Hierarchy(options) => hierarchical::run(prepared, options, uploaded, device, cancel, on_row),
+    };
+    match kind {
+        DeviceKind::Cpu => rayon::scope(|_| work()),
+        DeviceKind::Gpu => work(),
     }
 }
 

@@ -122,10 +122,8 @@ impl DeviceThread {
         let takes_small = cpu_below_faces.is_some_and(|faces| faces > SMALL_FACES as u64);
         let cpu = || takes_small.then(|| Box::new(CpuDevice::new()) as Box<dyn Device>);
         let like = Mutex::new(device.another().or_else(cpu));
-        let thread = Mutex::new(Thread::start(Devices::new(Some(device), &shared))?);
-        let uploads = ThreadPoolBuilder::new().num_threads(1).thread_name(|_| "upload".to_owned()).build();
-        let uploads = uploads
-            .map_err(|error| Error::new(Kind::Io, format_args!("the thread for uploads cannot be started: {error}")))?;
+        let thread = Mutex::new(Thread::start(Devices::new(Some(device), &shared)?)?);
+        let uploads = pool(1, |_| "upload".to_owned())?;
         let (next, turn) = Default::default();
         Ok(Self { shared, like, thread, next, turn, uploads, timeout })
     }
@@ -208,7 +206,7 @@ impl DeviceThread {
                 tracing::error!(timeout = ?self.timeout, "the device shows no sign of life; its thread is left to itself");
                 self.shared.lost("it showed no sign of life");
                 self.shared.left.fetch_add(1, Ordering::SeqCst);
-                let thread = Thread::start(Devices::new(None, &self.shared))?;
+                let thread = Thread::start(Devices::new(None, &self.shared)?)?;
                 *lock(&self.thread) = thread;
                 Err(Error::new(
                     Kind::DeviceLost,
@@ -229,6 +227,12 @@ impl DeviceThread {
             tokio::time::sleep(self.timeout).await;
         }
     }
+}
+
+/// A pool of so many threads; of 0, as many as there are processors.
+fn pool(threads: usize, name: impl FnMut(usize) -> String + 'static) -> Result<ThreadPool> {
+    let pool = ThreadPoolBuilder::new().num_threads(threads).thread_name(name).build();
+    pool.map_err(|error| Error::new(Kind::Io, format_args!("threads of the device cannot be started: {error}")))
 }
 
 /// What `work` comes to, unless that takes longer than `limit`.
@@ -314,6 +318,8 @@ struct Devices {
     device: Option<Box<dyn Device>>,
     /// For what the device cannot do.
     cpu: Option<CpuDevice>,
+    /// Where the cpu clusters: apart from the pool in which other meshes are read, so that none of those holds it up.
+    workers: Arc<ThreadPool>,
     /// When a device that cannot be opened is tried again.
     next_attempt: Option<Instant>,
     /// Threads that had been left to themselves when it was made.
@@ -321,11 +327,12 @@ struct Devices {
 }
 
 impl Devices {
-    fn new(device: Option<Box<dyn Device>>, shared: &Arc<Shared>) -> Self {
+    fn new(device: Option<Box<dyn Device>>, shared: &Arc<Shared>) -> Result<Self> {
         let needs_cpu = device.as_ref().is_none_or(|device| device.info().kind == DeviceKind::Gpu);
         let cpu = (shared.cpu_below_faces.is_some() && needs_cpu).then(CpuDevice::new);
         let left = shared.left.load(Ordering::SeqCst);
-        Self { shared: Arc::clone(shared), device, cpu, next_attempt: None, left }
+        let workers = Arc::new(pool(0, |index| format!("cluster-{index}"))?);
+        Ok(Self { shared: Arc::clone(shared), device, cpu, workers, next_attempt: None, left })
     }
 
     /// Whether its thread has been left to itself.
@@ -337,7 +344,11 @@ impl Devices {
         let is_few = self.shared.is_few(task);
         let suits_cpu = self.shared.is_for_cpu(task);
         let metrics = Arc::clone(&self.shared.metrics);
-        let mut run = |device: &mut dyn Device| task.cluster(device, &metrics);
+        let workers = Arc::clone(&self.workers);
+        let mut run = |device: &mut dyn Device| match device.info().kind {
+            DeviceKind::Cpu => workers.install(|| task.cluster(device, &metrics)),
+            DeviceKind::Gpu => task.cluster(device, &metrics),
+        };
         if let Some(cpu) = self.cpu.as_mut().filter(|_| suits_cpu) {
             let outcome = run(cpu);
             if is_few {
