@@ -140,20 +140,13 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
     let parsed = Instant::now();
     let weights = weights.or(weights_of_attribute);
     let density = Wanted { weights: weights.as_deref(), curvature_exponent: parameters.curvature_exponent };
-    let surface = Surface::build_with(&mesh, parameters.bridge_components, density)?;
-    let plan = if parameters.algorithm.is_hierarchical() {
-        let options = hierarchical::options(&parameters);
-        hierarchy::check(&surface, &options)?;
-        Plan::Hierarchy(options)
-    } else if parameters.seeds == Seeds::Coarse {
-        // `check` has seen that there is a number
-        let clusters = parameters.clusters.unwrap_or_default();
-        let start = || CoarseStart::new(&surface, clusters, parameters.seed, parameters.quality.start());
-        Plan::Coarse(rayon::scope(|_| start())?)
-    } else {
-        let clusters = parameters.clusters.unwrap_or_default();
-        Plan::Flat(seeds::choose(&surface, clusters, &parameters.seeds, parameters.seed, listed.as_deref())?)
+    // all of it from within the pool, as in `where_it_works`
+    let lay = || {
+        let surface = Surface::build_with(&mesh, parameters.bridge_components, density)?;
+        let plan = plan(&surface, &parameters, listed.as_deref())?;
+        Ok::<_, Error>((surface, plan))
     };
+    let (surface, plan) = rayon::scope(|_| lay())?;
     let input = describe(&mesh, &surface);
     let mut warnings = mesh.warnings;
     if surface.counts.zero_area_faces > 0 {
@@ -183,6 +176,23 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
     Ok(Prepared { surface, plan, input, parameters, weighted_by, warnings, timings })
 }
 
+/// What an algorithm is told before it starts.
+fn plan(surface: &Surface, parameters: &Parameters, listed: Option<&[u32]>) -> Result<Plan> {
+    if parameters.algorithm.is_hierarchical() {
+        let options = hierarchical::options(parameters);
+        hierarchy::check(surface, &options)?;
+        return Ok(Plan::Hierarchy(options));
+    }
+    // `check` has seen that there is a number
+    let clusters = parameters.clusters.unwrap_or_default();
+    Ok(match parameters.seeds {
+        Seeds::Coarse => {
+            Plan::Coarse(CoarseStart::new(surface, clusters, parameters.seed, parameters.quality.start())?)
+        }
+        _ => Plan::Flat(seeds::choose(surface, clusters, &parameters.seeds, parameters.seed, listed)?),
+    })
+}
+
 /// Clusters a prepared mesh, and finishes. `on_row` is told of every row of the report as it comes.
 pub fn run(
     prepared: &Prepared,
@@ -190,14 +200,11 @@ pub fn run(
     cancel: &Cancel,
     on_row: &mut (dyn FnMut(Row) + Send),
 ) -> Result<Outcome> {
-    finish(prepared, cluster(prepared, None, device, cancel, on_row)?)
+    where_it_works(device.info().kind, || finish(prepared, cluster(prepared, None, device, cancel, on_row)?))
 }
 
 /// The part of a job that needs the device, which may have the surface already. `on_row` is told of every row of the report as it
 /// comes.
-///
-/// The cpu works from within rayon's pool, the current one or else the global: each of its many short parallel steps would
-/// otherwise wake the pool and wait for it, which took an eighth of the whole time. A gpu is waited for outside.
 pub fn cluster(
     prepared: &Prepared,
     uploaded: Option<Uploaded>,
@@ -206,12 +213,17 @@ pub fn cluster(
     on_row: &mut (dyn FnMut(Row) + Send),
 ) -> Result<Clustered> {
     cancel.check()?;
-    let kind = device.info().kind;
-    let work = || match &prepared.plan {
+    where_it_works(device.info().kind, || match &prepared.plan {
         Plan::Flat(seeds) => flat::run(prepared, flat::From::Seeds(seeds), uploaded, device, cancel, on_row),
         Plan::Coarse(start) => flat::run(prepared, flat::From::Coarse(start), uploaded, device, cancel, on_row),
         Plan::Hierarchy(options) => hierarchical::run(prepared, options, uploaded, device, cancel, on_row),
-    };
+    })
+}
+
+/// Does what a device is asked for. The cpu works from within rayon's pool, the current one or else the global: each of its many
+/// short parallel steps would otherwise wake the pool and wait for it, which took an eighth of the whole time. A gpu is waited for
+/// outside.
+fn where_it_works<T: Send>(kind: DeviceKind, work: impl FnOnce() -> T + Send) -> T {
     match kind {
         DeviceKind::Cpu => rayon::scope(|_| work()),
         DeviceKind::Gpu => work(),
