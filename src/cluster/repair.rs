@@ -1,4 +1,4 @@
-//! Pieces of clusters, found by going through the whole mesh: the plain way, for checks.
+//! Pieces of clusters, found by going through the whole mesh, independently of any device: for checks.
 
 use std::hint::select_unpredictable;
 

@@ -140,13 +140,9 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
     let parsed = Instant::now();
     let weights = weights.or(weights_of_attribute);
     let density = Wanted { weights: weights.as_deref(), curvature_exponent: parameters.curvature_exponent };
-    // all of it from within the pool, as in `where_it_works`
-    let lay = || {
-        let surface = Surface::build_with(&mesh, parameters.bridge_components, density)?;
-        let plan = plan(&surface, &parameters, listed.as_deref())?;
-        Ok::<_, Error>((surface, plan))
-    };
-    let (surface, plan) = rayon::scope(|_| lay())?;
+    let surface = Surface::build_with(&mesh, parameters.bridge_components, density)?;
+    // from within the pool, as in `where_it_works`
+    let plan = rayon::scope(|_| plan(&surface, &parameters, listed.as_deref()))?;
     let input = describe(&mesh, &surface);
     let mut warnings = mesh.warnings;
     if surface.counts.zero_area_faces > 0 {

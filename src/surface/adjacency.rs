@@ -96,8 +96,8 @@ impl<'a> Links<'a> {
         self.bridges.sort_by_key(|&(face, _)| face);
     }
 
-    /// For each corner of a face the face that it is linked to, in a chain the one before; where there is none, no face's number.
-    /// Without [`bridges`](Self::bridges).
+    /// For each corner of a face a face that it is linked to, within a chain the one before; where there is none, no face's number.
+    /// Of two linked faces, the later sees the other. Without [`bridges`](Self::bridges).
     #[inline]
     pub fn beside(&self, face: usize) -> impl Iterator<Item = u32> + '_ {
         let corners = self.edges.faces.first_corner(face)..self.edges.faces.first_corner(face + 1);

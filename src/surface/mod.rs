@@ -30,7 +30,7 @@ mod density;
 mod graph;
 mod lattice;
 mod order;
-pub mod sets;
+pub(crate) mod sets;
 mod weld;
 
 pub use coarse::{Coarse, Grouping};

@@ -7,7 +7,8 @@
 /// Sets, some of which turn out to be the same.
 #[derive(Debug, Default)]
 pub struct Sets {
-    /// For each set an earlier one that it is part of, or itself.
+    /// For each set an earlier one that it is part of, or itself: few where neighbours come one after the other, a set a face where
+    /// none has a neighbour.
     joined: Vec<u32>,
 }
 

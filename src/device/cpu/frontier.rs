@@ -37,8 +37,8 @@ impl Frontier {
                 found[count] = face;
                 count += usize::from(is_boundary(face));
             }
-            found.truncate(count);
-            found
+            // they lie beside each other until all are found
+            found[..count].to_vec()
         });
         let found: Vec<Vec<u32>> = found.collect();
         let mut listed_of_cluster = vec![0; clusters];

@@ -36,7 +36,7 @@ use labels::Labels;
 use refine::Bids;
 use watch::Watch;
 
-/// The threads of this machine, through rayon's global pool.
+/// The threads of this machine, through rayon's pool: the one that it is called in, else the global one.
 #[derive(Debug)]
 pub struct CpuDevice {
     info: DeviceInfo,

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::clusters::{Change, Clusters};
 use super::labels::Labels;
-use super::watch::{Answer, RefinementSlack, Resting, Seen, Watch, others};
+use super::watch::{Answer, RefinementSlack, Resting, Seen, Watch, others_beside};
 use super::{CHUNK, Move};
 use crate::cluster::refinement::{Side, bid, gain};
 use crate::surface::DualGraph;
@@ -265,7 +265,7 @@ fn best_move(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32)
     };
     let own = side(from);
     let mut best: Option<(i64, std::cmp::Reverse<u32>)> = None;
-    for to in others(graph, labels, face, from) {
+    for to in others_beside(graph, labels, face, from) {
         best = best.max(Some((gain(weight, own, side(to)), std::cmp::Reverse(to))));
     }
     let bid = match best {

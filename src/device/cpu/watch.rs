@@ -284,7 +284,7 @@ impl Seen {
                 [select_unpredictable(is_new, next, others[0]), select_unpredictable(is_new, others[0], others[1])];
         }
         if are_more {
-            self::others(graph, labels, face, own).for_each(|other| visit(other, clusters.place(other)));
+            others_beside(graph, labels, face, own).for_each(|other| visit(other, clusters.place(other)));
             others[0] = SEVERAL;
             return Self { own: own + 1, others, drift: drift_of_several(graph, labels, clusters, face, own) };
         }
@@ -313,7 +313,12 @@ impl Seen {
 }
 
 /// The clusters that a face sees beside its own, those that it shares several edges with maybe several times.
-pub fn others<'a>(graph: &'a DualGraph, labels: &'a Labels, face: u32, own: u32) -> impl Iterator<Item = u32> + 'a {
+pub fn others_beside<'a>(
+    graph: &'a DualGraph,
+    labels: &'a Labels,
+    face: u32,
+    own: u32,
+) -> impl Iterator<Item = u32> + 'a {
     let mut last = own;
     // nobody may have kept their labels up to date, if the face lies on no boundary any more
     graph.neighbours_of(face).iter().map(|&near| labels.of(near)).filter(move |&other| {
@@ -325,10 +330,10 @@ pub fn others<'a>(graph: &'a DualGraph, labels: &'a Labels, face: u32, own: u32)
     })
 }
 
-/// How far the proxies of its own and of the [`others`] that a face sees have drifted, added up.
+/// How far the proxies of its own and of the [`others_beside`] that a face sees have drifted, added up.
 #[cold]
 fn drift_of_several(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32, own: u32) -> u64 {
-    let others = others(graph, labels, face, own).map(|other| clusters.place(other).drift);
+    let others = others_beside(graph, labels, face, own).map(|other| clusters.place(other).drift);
     clusters.place(own).drift + others.sum::<u64>()
 }
 

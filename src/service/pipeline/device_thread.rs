@@ -1,4 +1,5 @@
-//! The one thread that works with the device: it takes prepared meshes one after the other.
+//! The one thread that works with the device: it takes prepared meshes one after the other. Where the cpu clusters, it waits for
+//! threads of its own that do it.
 //!
 //! What needs no turn at the device goes on beside it. While the thread is at one job, the mesh of the next is brought to the
 //! device by another thread, where the device has an [`Uploader`]: one mesh at a time, and none that is small or for a sequential
@@ -318,8 +319,8 @@ struct Devices {
     device: Option<Box<dyn Device>>,
     /// For what the device cannot do.
     cpu: Option<CpuDevice>,
-    /// Where the cpu clusters: apart from the pool in which other meshes are read, so that none of those holds it up.
-    workers: Arc<ThreadPool>,
+    /// Where the cpu clusters, if it does: apart from the pool in which other meshes are read, so that none of those holds it up.
+    workers: Option<Arc<ThreadPool>>,
     /// When a device that cannot be opened is tried again.
     next_attempt: Option<Instant>,
     /// Threads that had been left to themselves when it was made.
@@ -331,7 +332,9 @@ impl Devices {
         let needs_cpu = device.as_ref().is_none_or(|device| device.info().kind == DeviceKind::Gpu);
         let cpu = (shared.cpu_below_faces.is_some() && needs_cpu).then(CpuDevice::new);
         let left = shared.left.load(Ordering::SeqCst);
-        let workers = Arc::new(pool(0, |index| format!("cluster-{index}"))?);
+        let is_cpu = device.as_ref().is_some_and(|device| device.info().kind == DeviceKind::Cpu);
+        let workers = (is_cpu || cpu.is_some()).then(|| pool(0, |index| format!("cluster-{index}")).map(Arc::new));
+        let workers = workers.transpose()?;
         Ok(Self { shared: Arc::clone(shared), device, cpu, workers, next_attempt: None, left })
     }
 
@@ -344,10 +347,12 @@ impl Devices {
         let is_few = self.shared.is_few(task);
         let suits_cpu = self.shared.is_for_cpu(task);
         let metrics = Arc::clone(&self.shared.metrics);
-        let workers = Arc::clone(&self.workers);
-        let mut run = |device: &mut dyn Device| match device.info().kind {
-            DeviceKind::Cpu => workers.install(|| task.cluster(device, &metrics)),
-            DeviceKind::Gpu => task.cluster(device, &metrics),
+        let workers = self.workers.clone();
+        let mut run = |device: &mut dyn Device| match &workers {
+            Some(workers) if device.info().kind == DeviceKind::Cpu => {
+                workers.install(|| task.cluster(device, &metrics))
+            }
+            _ => task.cluster(device, &metrics),
         };
         if let Some(cpu) = self.cpu.as_mut().filter(|_| suits_cpu) {
             let outcome = run(cpu);
