@@ -24,6 +24,7 @@
 //! | the command line | [`cli`] |
 //! | meshes made from nothing | [`sample`] |
 //! | what the allocator keeps | `memory` |
+//! | which sets turned out to be one | `union_find` |
 //!
 //! # Invariants
 //!
@@ -56,5 +57,6 @@ pub mod sample;
 pub mod service;
 pub mod surface;
 pub mod tree;
+mod union_find;
 
 pub use error::{Error, Kind, Result};

@@ -217,8 +217,8 @@ pub fn cluster(
 }
 
 /// Does what a device is asked for. The cpu works from within rayon's pool, the current one or else the global: each of its many
-/// short parallel steps would otherwise wake the pool and wait for it, which took an eighth of the whole time. A gpu is waited for
-/// outside.
+/// short parallel steps would otherwise wake the pool and wait for it, which took an eighth of a clustering's time. A gpu is waited
+/// for outside.
 fn where_it_works<T: Send>(kind: DeviceKind, work: impl FnOnce() -> T + Send) -> T {
     match kind {
         DeviceKind::Cpu => rayon::scope(|_| work()),

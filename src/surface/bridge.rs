@@ -9,7 +9,7 @@
 use super::components::Components;
 use super::lattice::{AREA, FaceGeometry};
 use super::order::along_curve;
-use super::sets::root;
+use crate::union_find::root;
 
 /// Shifts of the lattice for each curve, as parts of its width: thirds cut cells of all sizes elsewhere.
 const SHIFTS: [f64; 3] = [0.0, 1.0 / 3.0, 2.0 / 3.0];

@@ -4,6 +4,8 @@
 //! beside it have a set already follows no pattern; nothing here branches on it but that two different ones meet, which is rare
 //! where faces come in an order that keeps neighbours close.
 
+use crate::union_find::root;
+
 /// Sets, some of which turn out to be the same.
 #[derive(Debug, Default)]
 pub struct Sets {
@@ -55,19 +57,6 @@ impl Sets {
             };
         }
         (numbers, count as usize)
-    }
-}
-
-/// The root of a member's tree; halves the path on the way.
-pub fn root(parent: &mut [u32], mut member: u32) -> u32 {
-    loop {
-        let up = parent[member as usize];
-        if up == member {
-            return member;
-        }
-        let above = parent[up as usize];
-        parent[member as usize] = above;
-        member = above;
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::{Cut, FaceMove, Round, contradiction};
 use crate::error::{Error, Result};
+use crate::union_find::root;
 
 /// Refuses numbers of clusters that a hierarchy does not have.
 pub(super) fn check_range(faces: u32, roots: u32, clusters: u64) -> Result<()> {
@@ -124,18 +125,5 @@ impl Replay {
             *label = *number;
         }
         (self.cluster_of_face, seen)
-    }
-}
-
-/// The cluster that a cluster has become; halves the path on the way.
-fn root(parent: &mut [u32], mut cluster: u32) -> u32 {
-    loop {
-        let up = parent[cluster as usize];
-        if up == cluster {
-            return cluster;
-        }
-        let above = parent[up as usize];
-        parent[cluster as usize] = above;
-        cluster = above;
     }
 }
