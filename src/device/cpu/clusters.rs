@@ -7,8 +7,12 @@ use crate::cluster::sums::{ClusterSums, squared_distance};
 use crate::device::{FREE, LatticeEnergy};
 use crate::surface::DualGraph;
 
-/// More than any distance.
-const FAR: u64 = 1 << 30;
+/// Drifts are counted in steps of so many lattice units: few enough that clusters of a thousandth of the mesh's width drift
+/// hundreds of thousands of steps before they are through it, and so many that how long faces rest needs 32 bits.
+pub const STEP: u64 = 256;
+
+/// More steps than any distance has.
+const FAR: u64 = (1 << 30) / STEP;
 
 /// Clusters that one thread fits; more are fitted by all.
 const FEW: usize = 512;
@@ -25,8 +29,8 @@ pub struct Change(ClusterSums);
 pub struct Place {
     /// P = S / M rounded to nearest, halves up.
     proxy: [i32; 3],
-    /// How far the proxy has moved, in lattice units, all its ways added up and rounded up beyond them, so that each change
-    /// adds to it; at least 2. It moves by [`FAR`] at once when the cluster gets lighter than `least_weight` said,
+    /// How far the proxy has moved, in steps of [`STEP`] lattice units, all its ways added up and rounded up beyond them, so
+    /// that each change adds to it; at least 2. It moves by [`FAR`] at once when the cluster gets lighter than `least_weight` said,
     /// or ends.
     pub drift: u64,
     /// A weight that the cluster has at least.
@@ -179,7 +183,7 @@ impl Clusters {
         self.explained[cluster] = explained;
         // the root of a rounded square is off by far less than one
         let way = squared_distance(proxy, place.proxy);
-        place.drift += (way as f64).sqrt() as u64 + 1;
+        place.drift += (way as f64).sqrt() as u64 / STEP + 1;
         place.proxy = proxy;
         let weight = self.sums[cluster].weight as u64;
         if weight < place.least_weight {

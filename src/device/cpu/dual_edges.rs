@@ -9,6 +9,7 @@ use super::changes::Reader;
 use super::clusters::Clusters;
 use super::frontier::Frontier;
 use super::labels::Labels;
+use super::sieve::Sieve;
 use crate::cluster::dual_edge::{End, Rank, Ties, exact_cost, packed_cost};
 use crate::device::FREE;
 use crate::surface::DualGraph;
@@ -31,11 +32,12 @@ pub fn choose(
     living
         .par_iter()
         .with_min_len(CHUNK)
-        .map_init(Vec::new, |others, &cluster| {
+        .map_init(Sieve::default, |others, &cluster| {
             let own = end(clusters, cluster);
             let rank = |other: u32| Rank::new(price(clusters, cluster, other), cluster, other, ties);
             let (mut best, mut cost) = (FREE, f64::INFINITY);
-            for &other in &*find_neighbours(graph, labels, frontier, cluster, others) {
+            find_neighbours(graph, labels, frontier, cluster, others);
+            for &other in others.kept() {
                 let about = own.cost_about(end(clusters, other));
                 // packed costs are for those that are nearly the same
                 if about <= cost * MARGIN && other != best && (about * MARGIN < cost || rank(other) < rank(best)) {
@@ -57,39 +59,15 @@ const LATELY: usize = 16;
 
 /// The clusters beside a cluster; one that shares several dual edges with it maybe several times. They are put into `others`, in
 /// place of whatever was there.
-///
-/// Which neighbours of a face lie in other clusters follows no pattern: nothing here branches on it.
-fn find_neighbours<'a>(
-    graph: &DualGraph,
-    labels: &Labels,
-    frontier: &Frontier,
-    cluster: u32,
-    others: &'a mut Vec<u32>,
-) -> &'a mut [u32] {
-    let mut found = 0;
+fn find_neighbours(graph: &DualGraph, labels: &Labels, frontier: &Frontier, cluster: u32, others: &mut Sieve) {
+    others.clear();
     for face in frontier.boundary_of(cluster) {
         let beside = graph.neighbours_of(face);
-        if others.len() < found + beside.len() {
-            others.resize(2 * (found + beside.len()), FREE);
-        }
-        let (others, mut count) = (&mut others[found..][..beside.len()], 0);
-        for &near in beside {
-            let other = labels.near_boundary(near);
-            others[count] = other;
-            count += usize::from(other != cluster);
-        }
-        found += count;
+        others.add(beside.len(), beside.iter().map(|&near| labels.near_boundary(near)), |other| other != cluster);
     }
     // none of those that are found
     let mut lately = [cluster; LATELY];
-    let mut kept = 0;
-    for at in 0..found {
-        let other = others[at];
-        let before = std::mem::replace(&mut lately[other as usize % LATELY], other);
-        others[kept] = other;
-        kept += usize::from(other != before);
-    }
-    &mut others[..kept]
+    others.retain(|other| std::mem::replace(&mut lately[other as usize % LATELY], other) != other);
 }
 
 fn end(clusters: &Clusters, cluster: u32) -> End {
@@ -133,11 +111,11 @@ impl Queue {
         for &cluster in &changed {
             self.versions[cluster as usize] += 1;
         }
-        let mut others = Vec::new();
+        let mut others = Sieve::default();
         for &cluster in changed.iter().filter(|&&cluster| clusters.sums(cluster).faces > 0) {
-            let others = find_neighbours(graph, labels, frontier, cluster, &mut others);
-            others.sort_unstable();
-            for other in others.chunk_by(|a, b| a == b).map(|equal| equal[0]) {
+            find_neighbours(graph, labels, frontier, cluster, &mut others);
+            others.kept_mut().sort_unstable();
+            for other in others.kept().chunk_by(|a, b| a == b).map(|equal| equal[0]) {
                 // an edge between two changed clusters is queued once
                 if other < cluster && changed.binary_search(&other).is_ok() {
                     continue;

@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::labels::Labels;
+use super::sieve::Sieve;
 use crate::device::FREE;
 use crate::surface::DualGraph;
 
@@ -24,7 +25,6 @@ impl Frontier {
     /// The frontier of new labels; all faces labelled.
     pub fn collect(graph: &DualGraph, labels: &mut Labels, clusters: usize) -> Self {
         let all = labels.all();
-        // which faces lie on a boundary follows no pattern: nothing here branches on it
         let is_boundary = |face: u32| {
             let own = all[face as usize];
             graph.neighbours_of(face).iter().fold(false, |is, &near| is | (all[near as usize] != own))
@@ -32,13 +32,10 @@ impl Frontier {
         let pieces = all.len().div_ceil(PIECE);
         let found = (0..pieces).into_par_iter().map(|piece| {
             let faces = (piece * PIECE) as u32..((piece + 1) * PIECE).min(all.len()) as u32;
-            let (mut found, mut count) = (vec![0; faces.len()], 0);
-            for face in faces {
-                found[count] = face;
-                count += usize::from(is_boundary(face));
-            }
+            let mut found = Sieve::default();
+            found.add(faces.len(), faces, is_boundary);
             // they lie beside each other until all are found
-            found[..count].to_vec()
+            found.kept().to_vec()
         });
         let found: Vec<Vec<u32>> = found.collect();
         let mut listed_of_cluster = vec![0; clusters];

@@ -14,6 +14,7 @@ mod grow;
 mod labels;
 mod pieces;
 mod refine;
+mod sieve;
 mod watch;
 
 use std::sync::atomic::AtomicU32;
@@ -90,11 +91,6 @@ pub fn open<'a>(graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Box<dy
 
 /// Faces a thread takes at a time.
 const CHUNK: usize = 1024;
-
-/// Faces that are asked before what they said is acted on: as many as the caches hold what is known of, some for each thread.
-fn batch() -> usize {
-    CHUNK * current_num_threads().saturating_mul(2).max(16)
-}
 
 /// A face that moves from one cluster to another.
 #[derive(Debug, Clone, Copy)]

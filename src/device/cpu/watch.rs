@@ -16,17 +16,24 @@
 //! rests at which cluster.
 
 use std::hint::select_unpredictable;
+use std::iter;
+use std::sync::atomic::Ordering::Relaxed;
+use std::sync::atomic::{AtomicU32, AtomicU64};
 
 use rayon::prelude::*;
 
-use super::clusters::{Clusters, Place};
+use super::CHUNK;
+use super::clusters::{Clusters, Place, STEP};
 use super::frontier::Frontier;
 use super::labels::Labels;
-use super::{CHUNK, batch};
+use super::sieve::Sieve;
 use crate::surface::DualGraph;
 
 /// Faces that are asked by one thread; more by all.
 const FEW_FACES: usize = 2048;
+
+/// Changed clusters around which a thread looks at a time, where there are many.
+const FEW_CLUSTERS: usize = 16;
 
 /// Words of [`Watch::near`] that a thread takes at a time.
 const WORDS: usize = 64;
@@ -38,18 +45,19 @@ const DETOUR: usize = 4;
 #[derive(Debug)]
 pub struct Watch {
     /// One bit a face: whether it may lie on a boundary. All others rest until they are [`added`](Self::add).
-    near: Vec<u64>,
+    near: Vec<AtomicU64>,
     /// Number of bits that are set, or were when all were last gone through.
     boundary: usize,
-    rest_of_face: Vec<Resting>,
+    rest_of_face: Vec<Kept>,
     /// Faces that are due, each once; all that are marked [`LISTED`] are here. Others may be due, too, until those are looked for.
     due: Vec<u32>,
 }
 
-/// How long a face rests: until the proxies of the clusters that it sees have together drifted further than `until`.
+/// How long a face rests: until the proxies of the clusters that it sees have together drifted further than `until`, in
+/// [steps](STEP).
 #[derive(Debug, Clone, Copy)]
 pub struct Resting {
-    until: u64,
+    until: u32,
     /// The number after that of the cluster that it was in, which may have ended since.
     own: u32,
     /// Those after the others' numbers: [`NOBODY`] where there is no further one, [`SEVERAL`] in place of the first where there
@@ -57,11 +65,21 @@ pub struct Resting {
     others: [u32; 2],
 }
 
+/// What is kept of a face: as long as faces are asked, each is written by the thread that asked it. Sixteen bytes, so that none
+/// lies in two cache lines: on large meshes memory is what the time goes to.
+#[derive(Debug)]
+#[repr(align(16))]
+struct Kept {
+    until: AtomicU32,
+    own: AtomicU32,
+    others: [AtomicU32; 2],
+}
+
 /// Less than any drift: due, and on the list of those that are.
-const LISTED: u64 = 0;
+const LISTED: u32 = 0;
 
 /// Less than any drift: due.
-const DUE: u64 = 1;
+const DUE: u32 = 1;
 
 /// After the number of no cluster.
 const NOBODY: u32 = 0;
@@ -89,11 +107,13 @@ pub struct Seen {
 impl Watch {
     /// All faces of a frontier are due.
     pub fn new(frontier: &Frontier, faces: usize) -> Self {
+        let words = faces.div_ceil(64);
+        // whatever cluster there is, it has drifted further
+        let due = Resting { until: DUE, own: 1, others: [NOBODY; 2] };
         let mut watch = Self {
-            near: vec![0; faces.div_ceil(64)],
+            near: iter::repeat_with(AtomicU64::default).take(words).collect(),
             boundary: 0,
-            // whatever cluster there is, it has drifted further
-            rest_of_face: vec![Resting { until: DUE, own: 1, others: [NOBODY; 2] }; faces],
+            rest_of_face: iter::repeat_with(|| due.into()).take(faces).collect(),
             due: Vec::new(),
         };
         frontier.all().for_each(|face| watch.mark(face));
@@ -102,13 +122,12 @@ impl Watch {
 
     /// A face may lie on a boundary.
     fn mark(&mut self, face: u32) {
-        self.near[face as usize / 64] |= 1 << (face % 64);
+        *self.near[face as usize / 64].get_mut() |= 1 << (face % 64);
     }
 
     /// A face must look again.
     pub fn add(&mut self, face: u32) {
-        let until = &mut self.rest_of_face[face as usize].until;
-        if std::mem::replace(until, LISTED) != LISTED {
+        if self.rest_of_face[face as usize].list() {
             self.mark(face);
             self.due.push(face);
         }
@@ -120,7 +139,7 @@ impl Watch {
         self.add(face);
         let cluster = labels.near_boundary(face);
         for &near in graph.neighbours_of(face) {
-            let [one, two] = self.rest_of_face[near as usize].others;
+            let [one, two] = self.rest_of_face[near as usize].others();
             let saw = (one == cluster + 1) | (two == cluster + 1) | (labels.near_boundary(near) == cluster);
             if (one == SEVERAL) | !saw {
                 self.add(near);
@@ -133,7 +152,7 @@ impl Watch {
         self.add(face);
         let cluster = labels.near_boundary(face);
         for &near in graph.neighbours_of(face) {
-            if self.rest_of_face[near as usize].others[0] == SEVERAL || labels.of(near) != cluster {
+            if self.rest_of_face[near as usize].others()[0] == SEVERAL || labels.of(near) != cluster {
                 self.add(near);
             }
         }
@@ -151,56 +170,36 @@ impl Watch {
     ) {
         let listed: usize = changed.iter().map(|&cluster| frontier.listed(cluster)).sum();
         if DETOUR * (listed + self.due.len()) < self.boundary {
-            let mut wake = |face: u32| {
-                let resting = &mut self.rest_of_face[face as usize];
-                // one with many neighbours, which comes up for each of them, is rather asked once
-                let is_over =
-                    |resting: &Resting| resting.others[0] == SEVERAL || resting.is_over(graph, labels, clusters, face);
-                if resting.until != LISTED && is_over(resting) {
-                    resting.until = LISTED;
+            let rests = &self.rest_of_face;
+            let over_around = |changed: &[u32]| over_around(graph, labels, frontier, changed, clusters, rests);
+            let found: Vec<Vec<u32>> = match listed <= FEW_FACES {
+                true => vec![over_around(changed)],
+                false => changed.par_chunks(FEW_CLUSTERS).map(over_around).collect(),
+            };
+            for face in found.into_iter().flatten() {
+                if self.rest_of_face[face as usize].list() {
                     self.due.push(face);
                 }
-            };
-            let mut found = Vec::new();
-            for &cluster in changed {
-                let mut count = 0;
-                // as where dual edges are looked for: which neighbours lie in other clusters follows no pattern
-                for face in frontier.boundary_of(cluster) {
-                    let beside = graph.neighbours_of(face);
-                    if found.len() <= count + beside.len() {
-                        found.resize(2 * (count + beside.len() + 1), 0);
-                    }
-                    found[count] = face;
-                    count += 1;
-                    for &near in beside {
-                        found[count] = near;
-                        count += usize::from(labels.near_boundary(near) != cluster);
-                    }
-                }
-                found[..count].iter().copied().for_each(&mut wake);
             }
         } else {
             let Self { near, rest_of_face, .. } = self;
             let rests = rest_of_face.par_chunks(64 * WORDS);
             let found = near.par_chunks(WORDS).zip(rests).enumerate().map(|(part, (words, rests))| {
                 let mut boundary = 0;
-                let mut due = Vec::new();
+                let mut due = Sieve::default();
                 for (word, (bits, rests)) in words.iter().zip(rests.chunks(64)).enumerate() {
-                    boundary += bits.count_ones();
-                    let (mut of_word, mut count) = ([0; 64], 0);
-                    for bit in ones(*bits) {
-                        let face = (64 * (WORDS * part + word) + bit) as u32;
-                        of_word[count] = face;
-                        count += usize::from(rests[bit].is_over(graph, labels, clusters, face));
-                    }
-                    due.extend_from_slice(&of_word[..count]);
+                    let bits = bits.load(Relaxed);
+                    let first = (64 * (WORDS * part + word)) as u32;
+                    let is_over = |face: u32| rests[face as usize % 64].is_over(graph, labels, clusters, face);
+                    boundary += bits.count_ones() as usize;
+                    due.add(64, ones(bits).map(|bit| first + bit), is_over);
                 }
-                (boundary as usize, due)
+                (boundary, due)
             });
-            let found: Vec<(usize, Vec<u32>)> = found.collect();
+            let found: Vec<(usize, Sieve)> = found.collect();
             self.boundary = found.iter().map(|(boundary, _)| boundary).sum();
             self.due.clear();
-            found.iter().for_each(|(_, due)| self.due.extend_from_slice(due));
+            found.iter().for_each(|(_, due)| self.due.extend_from_slice(due.kept()));
         }
         // one that rests no longer need be on a boundary, where labels are kept up to date
         labels.refresh_around(graph, &self.due);
@@ -208,56 +207,65 @@ impl Watch {
 
     /// Asks all faces that are due what they want, and lets them rest that say so.
     pub fn ask<T: Send>(&mut self, decide: impl Fn(u32) -> Answer<T> + Sync) -> Vec<T> {
-        let mut asked = std::mem::take(&mut self.due);
-        let mut wishes = Vec::with_capacity(asked.len() / 8);
-        for due in asked.chunks(batch()) {
-            if due.len() <= FEW_FACES {
-                for &face in due {
-                    let Answer { wish, rest } = decide(face);
-                    wishes.extend(wish);
-                    self.keep(face, rest);
-                }
-                continue;
+        let Self { near, rest_of_face, due, .. } = self;
+        let ask = |&face: &u32| {
+            let Answer { wish, rest } = decide(face);
+            rest_of_face[face as usize].keep(rest);
+            if rest.others[0] == NOBODY {
+                near[face as usize / 64].fetch_and(!(1 << (face % 64)), Relaxed);
             }
-            let said = due.par_chunks(CHUNK).map(|faces| {
-                let mut wishes = Vec::new();
-                let mut rests = Vec::with_capacity(faces.len());
-                for &face in faces {
-                    let Answer { wish, rest } = decide(face);
-                    wishes.extend(wish);
-                    rests.push(rest);
-                }
-                (wishes, rests)
-            });
-            let said: Vec<(Vec<T>, Vec<Resting>)> = said.collect();
-            for (faces, (wanted, rests)) in due.chunks(CHUNK).zip(said) {
-                wishes.extend(wanted);
-                faces.iter().zip(rests).for_each(|(&face, rest)| self.keep(face, rest));
+            wish
+        };
+        let wishes = match due.len() <= FEW_FACES {
+            true => due.iter().filter_map(ask).collect(),
+            false => {
+                let wishes = due.par_chunks(CHUNK).map(|faces| faces.iter().filter_map(ask).collect());
+                wishes.collect::<Vec<Vec<T>>>().into_iter().flatten().collect()
             }
-        }
-        asked.clear();
-        self.due = asked;
+        };
+        due.clear();
         wishes
-    }
-
-    /// Keeps how long a face rests.
-    fn keep(&mut self, face: u32, rest: Resting) {
-        self.rest_of_face[face as usize] = rest;
-        if rest.others[0] == NOBODY {
-            self.near[face as usize / 64] &= !(1 << (face % 64));
-        }
     }
 }
 
-impl Resting {
+impl From<Resting> for Kept {
+    fn from(Resting { until, own, others }: Resting) -> Self {
+        Self { until: until.into(), own: own.into(), others: others.map(AtomicU32::from) }
+    }
+}
+
+impl Kept {
+    /// Keeps how long the face rests.
+    #[inline]
+    fn keep(&self, Resting { until, own, others: [one, two] }: Resting) {
+        self.until.store(until, Relaxed);
+        self.own.store(own, Relaxed);
+        self.others[0].store(one, Relaxed);
+        self.others[1].store(two, Relaxed);
+    }
+
+    /// Says that the face is on the list of those that are due. Returns whether that is news.
+    #[inline]
+    fn list(&mut self) -> bool {
+        std::mem::replace(self.until.get_mut(), LISTED) != LISTED
+    }
+
+    /// As [`Resting::others`].
+    #[inline]
+    fn others(&self) -> [u32; 2] {
+        let [one, two] = &self.others;
+        [one.load(Relaxed), two.load(Relaxed)]
+    }
+
     /// Whether it is over. A face that sees nobody rests without end.
     #[inline]
     fn is_over(&self, graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32) -> bool {
-        let drift = match self.others {
-            [SEVERAL, _] => drift_of_several(graph, labels, clusters, face, self.own - 1),
-            [one, two] => [self.own, one, two].map(|next| clusters.place_before(next).drift).iter().sum(),
+        let own = self.own.load(Relaxed);
+        let drift = match self.others() {
+            [SEVERAL, _] => drift_of_several(graph, labels, clusters, face, own - 1),
+            [one, two] => [own, one, two].map(|next| clusters.place_before(next).drift).iter().sum(),
         };
-        self.until < drift
+        u64::from(self.until.load(Relaxed)) < drift
     }
 }
 
@@ -297,19 +305,49 @@ impl Seen {
         Self { own: own + 1, others, drift }
     }
 
-    /// The face rests until the proxies of all these clusters have together drifted further than `slack`. With 0, any change to
-    /// one of them wakes it.
+    /// The face rests until the proxies of all these clusters have together drifted further than `slack`, in lattice units. With
+    /// 0, any change to one of them wakes it.
     #[inline]
     pub fn rest(self, slack: u64) -> Resting {
         let Self { own, others, drift } = self;
         // a face that sees nobody rests until one beside it moves
-        Resting { until: if others[0] == NOBODY { u64::MAX } else { drift + slack }, own, others }
+        let until = if others[0] == NOBODY { u64::MAX } else { drift + slack / STEP };
+        // to be asked too early does no harm
+        Resting { until: until.try_into().unwrap_or(u32::MAX), own, others }
     }
 
     /// The face does not rest.
     pub fn due(self) -> Resting {
         Resting { until: DUE, ..self.rest(0) }
     }
+}
+
+/// The faces on the boundaries of some clusters, and of those beside them, that rest no longer; some several times. One with many
+/// neighbours, which comes up for each of them, is rather asked once.
+fn over_around(
+    graph: &DualGraph,
+    labels: &Labels,
+    frontier: &Frontier,
+    changed: &[u32],
+    clusters: &Clusters,
+    rests: &[Kept],
+) -> Vec<u32> {
+    let mut over = Vec::new();
+    let mut around = Sieve::default();
+    for &cluster in changed {
+        around.clear();
+        for face in frontier.boundary_of(cluster) {
+            let beside = graph.neighbours_of(face);
+            around.extend(&[face]);
+            around.add(beside.len(), beside.iter().copied(), |near| labels.near_boundary(near) != cluster);
+        }
+        around.retain(|face| {
+            let kept = &rests[face as usize];
+            kept.others()[0] == SEVERAL || kept.is_over(graph, labels, clusters, face)
+        });
+        over.extend_from_slice(around.kept());
+    }
+    over
 }
 
 /// The clusters that a face sees beside its own, those that it shares several edges with maybe several times.
@@ -339,9 +377,9 @@ fn drift_of_several(graph: &DualGraph, labels: &Labels, clusters: &Clusters, fac
 
 /// The places of the ones of a number.
 #[inline]
-fn ones(mut bits: u64) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        let one = bits.trailing_zeros() as usize;
+fn ones(mut bits: u64) -> impl Iterator<Item = u32> {
+    iter::from_fn(move || {
+        let one = bits.trailing_zeros();
         bits &= bits.wrapping_sub(1);
         (one < 64).then_some(one)
     })
