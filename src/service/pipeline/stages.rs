@@ -12,7 +12,7 @@ use tokio::sync::{OwnedSemaphorePermit, mpsc};
 use tokio_util::sync::CancellationToken;
 use tracing::Span;
 
-use super::small::SMALL_BYTES;
+use super::small::{SMALL_BYTES, SMALL_FACES};
 use super::task::Task;
 use super::{AGAIN, Pipeline, caught, memory};
 use crate::device::Cancel;
@@ -144,9 +144,16 @@ impl Pipeline {
         let read = reading.elapsed();
         let limits = self.limits;
         let is_hierarchical = spec.parameters.algorithm.is_hierarchical();
-        let span = tracing::info_span!("read");
         let runtime = Handle::current();
-        let prepare = move || {
+        let span = tracing::info_span!("read");
+        let prepare = {
+            let (span, slot) = (span.clone(), slot.clone());
+            move |mesh: job::Read| {
+                let _slot = slot;
+                span.in_scope(|| mesh.prepared())
+            }
+        };
+        let read_mesh = move || {
             let _entered = span.enter();
             let memory = Mutex::new(Some(memory));
             let admit = |faces| {
@@ -162,27 +169,34 @@ impl Pipeline {
                 slot.holds(held?);
                 Ok(())
             };
-            caught(|| {
-                let mut contents = contents.into_iter();
-                let mesh = contents.next().unwrap_or_default();
-                let mut prepared = job::prepare(&job::Request {
-                    bytes: &mesh,
-                    format: spec.format,
-                    resources: &Parts::new(&spec.buffers, contents),
-                    limits,
-                    admit: &admit,
-                    parameters: &spec.parameters,
-                    seeds: seeds.as_deref(),
-                    weights: weights.as_deref(),
-                })?;
-                prepared.timings.read = milliseconds(read);
-                Ok(prepared)
+            let mut contents = contents.into_iter();
+            let mesh = contents.next().unwrap_or_default();
+            job::read(&job::Request {
+                bytes: &mesh,
+                format: spec.format,
+                resources: &Parts::new(&spec.buffers, contents),
+                limits,
+                admit: &admit,
+                parameters: &spec.parameters,
+                seeds: seeds.as_deref(),
+                weights: weights.as_deref(),
             })
         };
-        match bytes <= SMALL_BYTES {
-            true => self.small.thread().await?.run(prepare).await,
-            false => blocking(prepare).await?,
-        }
+        let mut prepared = if bytes <= SMALL_BYTES {
+            // what is written densely has many faces in few bytes, which are for all threads
+            let work = move || {
+                let mesh = read_mesh()?;
+                if mesh.faces() <= SMALL_FACES { prepare(mesh).map(Ok) } else { Ok(Err((mesh, prepare))) }
+            };
+            match self.small.thread().await?.run(work).await? {
+                Ok(prepared) => prepared,
+                Err((mesh, prepare)) => blocking(|| caught(|| prepare(mesh))).await??,
+            }
+        } else {
+            blocking(|| caught(|| prepare(read_mesh()?))).await??
+        };
+        prepared.timings.read = milliseconds(read);
+        Ok(prepared)
     }
 }
 
