@@ -1,7 +1,7 @@
 //! One job from bytes to results: what the command line and the service both do.
 //!
 //! Stages, so that the service can overlap them for neighbouring jobs: [`cluster`] belongs on the thread of the device; what
-//! comes before ([`prepare`]: parse ([`read`]), topology, seeds) and after ([`finish()`], and the encoding of results, [`crate::output`])
+//! comes before ([`prepare`]: parse, topology, seeds) and after ([`finish()`], and the encoding of results, [`crate::output`])
 //! on the cpu pool.
 
 mod finish;
@@ -100,21 +100,6 @@ pub struct Outcome {
 
 /// Reads, checks and prepares a mesh. Needs no device.
 pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
-    read(request)?.prepared()
-}
-
-/// A mesh that was read, and what is to be done with it: what is then [prepared](Self::prepared), maybe by other threads.
-#[derive(Debug)]
-pub struct Read {
-    mesh: PolygonMesh,
-    weights: Option<Vec<f64>>,
-    seeds: Option<Vec<u32>>,
-    parameters: Parameters,
-    parse: Duration,
-}
-
-/// Reads and checks a mesh and what comes with it: the first half of [`prepare`].
-pub fn read(request: &Request<'_>) -> Result<Read> {
     let started = Instant::now();
     request.parameters.check(request.seeds.is_some())?;
     if request.weights.is_some() && request.parameters.weight_attribute.is_some() {
@@ -143,57 +128,48 @@ pub fn read(request: &Request<'_>) -> Result<Read> {
         }
     }
 
+    let attribute = parameters.weight_attribute.as_deref();
     let (mesh, weights_of_attribute) = mesh::read_admitted(
         request.bytes,
         request.format,
         request.resources,
         &request.limits,
-        parameters.weight_attribute.as_deref(),
+        attribute,
         request.admit,
     )?;
-    Ok(Read { mesh, weights: weights.or(weights_of_attribute), seeds: listed, parameters, parse: started.elapsed() })
-}
-
-impl Read {
-    /// Number of faces.
-    pub fn faces(&self) -> usize {
-        self.mesh.faces.len()
+    let parsed = Instant::now();
+    let weights = weights.or(weights_of_attribute);
+    let density = Wanted { weights: weights.as_deref(), curvature_exponent: parameters.curvature_exponent };
+    let surface = Surface::build_with(&mesh, parameters.bridge_components, density)?;
+    // from within the pool, as in `where_it_works`
+    let plan = rayon::scope(|_| plan(&surface, &parameters, listed.as_deref()))?;
+    let input = describe(&mesh, &surface);
+    let mut warnings = mesh.warnings;
+    if surface.counts.zero_area_faces > 0 {
+        warnings.push(format!(
+            "faces without area, which weigh as little as a face can: {}",
+            surface.counts.zero_area_faces
+        ));
     }
-
-    /// Puts the mesh on the lattice and makes a plan: the second half of [`prepare`].
-    pub fn prepared(self) -> Result<Prepared> {
-        let started = Instant::now();
-        let Self { mesh, weights, seeds, parameters, parse } = self;
-        let density = Wanted { weights: weights.as_deref(), curvature_exponent: parameters.curvature_exponent };
-        let surface = Surface::build_with(&mesh, parameters.bridge_components, density)?;
-        // from within the pool, as in `where_it_works`
-        let plan = rayon::scope(|_| plan(&surface, &parameters, seeds.as_deref()))?;
-        let input = describe(&mesh, &surface);
-        let are_attributes = parameters.weight_attribute.is_some();
-        let mut warnings = mesh.warnings;
-        if surface.counts.zero_area_faces > 0 {
-            warnings.push(format!(
-                "faces without area, which weigh as little as a face can: {}",
-                surface.counts.zero_area_faces
-            ));
-        }
-        if weights.is_some() && !are_attributes && mesh.faces.len() == mesh.positions.len() {
-            warnings.push(format!(
-                "there are as many faces as vertices, and the weights were taken as one a face: {}",
-                mesh.faces.len()
-            ));
-        }
-        let mut weighted_by = Vec::new();
-        if weights.is_some() {
-            weighted_by.push(if are_attributes { WeightedBy::Attribute } else { WeightedBy::Weights });
-        }
-        if parameters.curvature_exponent.is_some() {
-            weighted_by.push(WeightedBy::Curvature);
-        }
-        let timings =
-            Timings { parse: milliseconds(parse), topology: milliseconds(started.elapsed()), ..Timings::default() };
-        Ok(Prepared { surface, plan, input, parameters, weighted_by, warnings, timings })
+    if weights.is_some() && attribute.is_none() && mesh.faces.len() == mesh.positions.len() {
+        warnings.push(format!(
+            "there are as many faces as vertices, and the weights were taken as one a face: {}",
+            mesh.faces.len()
+        ));
     }
+    let mut weighted_by = Vec::new();
+    if weights.is_some() {
+        weighted_by.push(if attribute.is_some() { WeightedBy::Attribute } else { WeightedBy::Weights });
+    }
+    if parameters.curvature_exponent.is_some() {
+        weighted_by.push(WeightedBy::Curvature);
+    }
+    let timings = Timings {
+        parse: milliseconds(parsed - started),
+        topology: milliseconds(parsed.elapsed()),
+        ..Timings::default()
+    };
+    Ok(Prepared { surface, plan, input, parameters, weighted_by, warnings, timings })
 }
 
 /// What an algorithm is told before it starts.

@@ -51,6 +51,40 @@ async fn results_are_made_while_the_device_is_at_the_next_mesh() {
 }
 
 #[tokio::test]
+async fn meshes_of_many_faces_in_small_files_keep_no_thread_from_small_meshes_while_they_wait_for_memory() {
+    let threads = std::thread::available_parallelism().map_or(2, |count| count.get().max(2));
+    // room for all of these while nobody knows their faces, and then for no two that have many beside all small ones
+    let change = |settings: &mut Settings| {
+        settings.meshes_in_memory = 3 * threads;
+        settings.work.memory_budget = Some(7_500_000 * threads as u64);
+    };
+    let (service, faults) = held(change, Box::new(CpuDevice::new())).await;
+    faults.hold(FaultPoint::Finish);
+    let mut jobs = Vec::new();
+    for _ in 0..threads {
+        jobs.push(service.submit("clusters=5", sphere(300)).await);
+    }
+    until(async || faults.waiting(FaultPoint::Finish) == threads).await;
+    // each thread for small meshes has one; the others wait for these threads in this order
+    let dense = sphere_glb(55_000);
+    assert!(dense.len() < 1 << 20, "{}", dense.len());
+    for _ in 0..threads {
+        let request = service.post("/v1/jobs?clusters=50&quality=fast").header("content-type", "model/gltf-binary");
+        jobs.push(json(request.body(dense.clone())).await);
+    }
+    for _ in 0..threads {
+        jobs.push(service.submit("clusters=5", sphere(300)).await);
+    }
+    for job in &jobs {
+        service.reaches(job, "running").await;
+    }
+    faults.disarm();
+    for job in jobs {
+        assert_eq!(service.ended(&job).await["state"], "succeeded");
+    }
+}
+
+#[tokio::test]
 async fn a_job_that_is_cancelled_while_its_results_are_made_keeps_its_place_until_its_mesh_is_gone() {
     let (service, faults) = held(|settings| settings.meshes_in_memory = 1, cpu()).await;
     faults.hold(FaultPoint::Finish);

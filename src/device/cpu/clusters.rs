@@ -7,8 +7,8 @@ use crate::cluster::sums::{ClusterSums, squared_distance};
 use crate::device::{FREE, LatticeEnergy};
 use crate::surface::DualGraph;
 
-/// Drifts are counted in steps of so many lattice units: few enough that clusters of a thousandth of the mesh's width drift
-/// hundreds of thousands of steps before they are through it, and so many that how long faces rest needs 32 bits.
+/// Drifts are counted in steps of so many lattice units: so few that a cluster is a thousand steps wide where that is a thousandth
+/// of the mesh, and so many that how long a face rests takes 32 bits.
 pub const STEP: u64 = 256;
 
 /// More steps than any distance has.
@@ -30,8 +30,8 @@ pub struct Place {
     /// P = S / M rounded to nearest, halves up.
     proxy: [i32; 3],
     /// How far the proxy has moved, in steps of [`STEP`] lattice units, all its ways added up and rounded up beyond them, so
-    /// that each change adds to it; at least 2. It moves by [`FAR`] at once when the cluster gets lighter than `least_weight` said,
-    /// or ends.
+    /// that each change adds to it; at least 2. It moves by [`FAR`] at once when the cluster gets lighter than `least_weight`
+    /// said, or ends.
     pub drift: u64,
     /// A weight that the cluster has at least.
     pub least_weight: u64,

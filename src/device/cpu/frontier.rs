@@ -30,9 +30,9 @@ impl Frontier {
             graph.neighbours_of(face).iter().fold(false, |is, &near| is | (all[near as usize] != own))
         };
         let pieces = all.len().div_ceil(PIECE);
-        let found = (0..pieces).into_par_iter().map(|piece| {
+        let found = (0..pieces).into_par_iter().map_init(Sieve::default, |found, piece| {
             let faces = (piece * PIECE) as u32..((piece + 1) * PIECE).min(all.len()) as u32;
-            let mut found = Sieve::default();
+            found.clear();
             found.add(faces.len(), faces, is_boundary);
             // they lie beside each other until all are found
             found.kept().to_vec()

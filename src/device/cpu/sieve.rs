@@ -20,7 +20,7 @@ impl Sieve {
     pub fn add(&mut self, most: usize, items: impl Iterator<Item = u32>, mut is_kept: impl FnMut(u32) -> bool) {
         let room = self.kept + most;
         if self.places.len() < room {
-            self.places.resize(2 * room, 0);
+            self.places.resize(room.max(2 * self.places.len()), 0);
         }
         let mut kept = 0;
         let places = &mut self.places[self.kept..][..most];

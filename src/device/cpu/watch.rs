@@ -29,7 +29,7 @@ use super::labels::Labels;
 use super::sieve::Sieve;
 use crate::surface::DualGraph;
 
-/// Faces that are asked by one thread; more by all.
+/// Faces that one thread asks, or looks whether they are due; more are for all.
 const FEW_FACES: usize = 2048;
 
 /// Changed clusters around which a thread looks at a time, where there are many.
@@ -60,8 +60,8 @@ pub struct Resting {
     until: u32,
     /// The number after that of the cluster that it was in, which may have ended since.
     own: u32,
-    /// Those after the others' numbers: [`NOBODY`] where there is no further one, [`SEVERAL`] in place of the first where there
-    /// are more than two.
+    /// Those after the others' numbers: [`NOBODY`] where there is no further one. Where there are more than two, [`SEVERAL`] and
+    /// the upper bits of `until`: thousands may meet at one face.
     others: [u32; 2],
 }
 
@@ -80,6 +80,9 @@ const LISTED: u32 = 0;
 
 /// Less than any drift: due.
 const DUE: u32 = 1;
+
+/// Lower bits of `until` where a face sees several; the one above them is set, so that it is neither [`LISTED`] nor [`DUE`].
+const LOWER_BITS: u32 = 31;
 
 /// After the number of no cluster.
 const NOBODY: u32 = 0;
@@ -257,7 +260,17 @@ impl Kept {
         [one.load(Relaxed), two.load(Relaxed)]
     }
 
-    /// Whether it is over. A face that sees nobody rests without end.
+    /// How far the proxies may drift; less than any drift for a face that is due.
+    #[inline]
+    fn until(&self) -> u64 {
+        let until = self.until.load(Relaxed);
+        match self.others() {
+            [SEVERAL, upper] if until > DUE => u64::from(upper) << LOWER_BITS | u64::from(until & !(1 << LOWER_BITS)),
+            _ => until.into(),
+        }
+    }
+
+    /// Whether it is over. A face that sees nobody rests as good as without end.
     #[inline]
     fn is_over(&self, graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32) -> bool {
         let own = self.own.load(Relaxed);
@@ -265,7 +278,7 @@ impl Kept {
             [SEVERAL, _] => drift_of_several(graph, labels, clusters, face, own - 1),
             [one, two] => [own, one, two].map(|next| clusters.place_before(next).drift).iter().sum(),
         };
-        u64::from(self.until.load(Relaxed)) < drift
+        self.until() < drift
     }
 }
 
@@ -310,10 +323,20 @@ impl Seen {
     #[inline]
     pub fn rest(self, slack: u64) -> Resting {
         let Self { own, others, drift } = self;
-        // a face that sees nobody rests until one beside it moves
-        let until = if others[0] == NOBODY { u64::MAX } else { drift + slack / STEP };
-        // to be asked too early does no harm
-        Resting { until: until.try_into().unwrap_or(u32::MAX), own, others }
+        let until = drift + slack / STEP;
+        match others {
+            // it rests until one beside it moves
+            [NOBODY, _] => Resting { until: u32::MAX, own, others },
+            [SEVERAL, _] => {
+                let (upper, lower) = ((until >> LOWER_BITS) as u32, until as u32 | 1 << LOWER_BITS);
+                Resting { until: lower, own, others: [SEVERAL, upper] }
+            }
+            _ => {
+                // three clusters would have to become lighter by an eighth some three hundred times each
+                debug_assert!(until < u32::MAX.into(), "{until} steps");
+                Resting { until: until.try_into().unwrap_or(u32::MAX), own, others }
+            }
+        }
     }
 
     /// The face does not rest.
@@ -439,5 +462,32 @@ impl RefinementSlack {
     /// Whether the face surely bids for nothing.
     pub fn is_clear(self) -> bool {
         self.slack >= 1.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn how_long_faces_rest_is_kept_exactly() {
+        let seen = |others, drift| Seen { own: 3, others, drift };
+        for drift in [2, 3, (1 << 31) - 1, 1 << 31, (1 << 31) + 1, (1 << 32) - 2, 1 << 32, (1 << 40) + 7] {
+            for slack in [0, STEP - 1, STEP, 1_000_000 * STEP + 1] {
+                let until = drift + slack / STEP;
+                assert_eq!(Kept::from(seen([SEVERAL, 9], drift).rest(slack)).until(), until);
+                if until < u32::MAX.into() {
+                    assert_eq!(Kept::from(seen([5, 9], drift).rest(slack)).until(), until);
+                    assert_eq!(Kept::from(seen([5, NOBODY], drift).rest(slack)).until(), until);
+                }
+            }
+            for others in [[SEVERAL, 9], [5, 9], [5, NOBODY]] {
+                let due = seen(others, drift.min(1 << 31)).due();
+                assert_eq!(Kept::from(due).until(), u64::from(DUE));
+                let mut kept = Kept::from(due);
+                assert!(kept.list() && !kept.list());
+                assert_eq!(kept.until(), u64::from(LISTED));
+            }
+        }
     }
 }

@@ -75,9 +75,17 @@ impl Memory {
 }
 
 impl Reading {
+    /// What so many faces of a small mesh take, without a wait; what it was asked of, for any other mesh.
+    pub fn build_small(self, faces: u64, is_hierarchical: bool) -> Result<Held, Self> {
+        match self.turn {
+            None if more(faces, is_hierarchical) <= SMALL => Ok(Held { _permit: self.held }),
+            _ => Err(self),
+        }
+    }
+
     /// Waits for what so many faces will take in a flat clustering or in a hierarchy.
     pub async fn build(mut self, faces: u64, is_hierarchical: bool) -> Result<Held> {
-        let more = faces.saturating_mul(if is_hierarchical { BYTES_A_FACE_OF_HIERARCHY } else { BYTES_A_FACE });
+        let more = more(faces, is_hierarchical);
         let all = self.bytes.saturating_add(more);
         check(self.memory.total, all, format_args!("its {faces} faces"))?;
         let held = match self.turn {
@@ -95,6 +103,11 @@ impl Reading {
         };
         Ok(Held { _permit: held })
     }
+}
+
+/// Bytes that so many faces take beyond their files.
+fn more(faces: u64, is_hierarchical: bool) -> u64 {
+    faces.saturating_mul(if is_hierarchical { BYTES_A_FACE_OF_HIERARCHY } else { BYTES_A_FACE })
 }
 
 async fn acquire(left: &Arc<Semaphore>, bytes: u64) -> Result<OwnedSemaphorePermit> {
@@ -156,7 +169,9 @@ mod tests {
     async fn small_files_with_many_faces_wait_like_others_and_hold_nothing_meanwhile() {
         let memory = Memory::new(Some(10 * LARGE));
         let faces = 6 * LARGE / BYTES_A_FACE;
-        let small = memory.read(1).await.expect("it fits");
+        let small = memory.read(1).await.expect("it fits").build_small(SMALL_FACES as u64, false);
+        drop(small.expect("at once"));
+        let small = memory.read(1).await.expect("it fits").build_small(faces, false).expect_err("it is not small");
         let large = memory.read(9 * LARGE).await.expect("it fits beside it");
         let mut small = Box::pin(small.build(faces, false));
         assert!(small.as_mut().now_or_never().is_none(), "it is not its turn");

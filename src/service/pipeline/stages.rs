@@ -12,13 +12,13 @@ use tokio::sync::{OwnedSemaphorePermit, mpsc};
 use tokio_util::sync::CancellationToken;
 use tracing::Span;
 
-use super::small::{SMALL_BYTES, SMALL_FACES};
+use super::small::SMALL_BYTES;
 use super::task::Task;
 use super::{AGAIN, Pipeline, caught, memory};
 use crate::device::Cancel;
 use crate::error::{Error, Kind, Result};
 use crate::job::{self, Outcome, Prepared, milliseconds};
-use crate::mesh::Resources;
+use crate::mesh::{Admit, Resources};
 use crate::output::{LabelFormat, write_labels, write_snapshots};
 use crate::report::Row;
 use crate::service::blobs;
@@ -146,57 +146,90 @@ impl Pipeline {
         let is_hierarchical = spec.parameters.algorithm.is_hierarchical();
         let runtime = Handle::current();
         let span = tracing::info_span!("read");
-        let prepare = {
-            let (span, slot) = (span.clone(), slot.clone());
-            move |mesh: job::Read| {
-                let _slot = slot;
-                span.in_scope(|| mesh.prepared())
-            }
-        };
-        let read_mesh = move || {
-            let _entered = span.enter();
-            let memory = Mutex::new(Some(memory));
-            let admit = |faces| {
-                let Some(memory) = memory.lock().unwrap_or_else(PoisonError::into_inner).take() else {
-                    return Ok(());
-                };
-                let held = runtime.block_on(async {
-                    tokio::select! {
-                        held = memory.build(faces, is_hierarchical) => held,
-                        () = broken_off.cancelled() => Err(Error::cancelled()),
-                    }
-                });
-                slot.holds(held?);
-                Ok(())
-            };
-            let mut contents = contents.into_iter();
+        let prepare = move |admit: &Admit<'_>| {
+            let mut contents = contents.iter().cloned();
             let mesh = contents.next().unwrap_or_default();
-            job::read(&job::Request {
-                bytes: &mesh,
-                format: spec.format,
-                resources: &Parts::new(&spec.buffers, contents),
-                limits,
-                admit: &admit,
-                parameters: &spec.parameters,
-                seeds: seeds.as_deref(),
-                weights: weights.as_deref(),
+            span.in_scope(|| {
+                job::prepare(&job::Request {
+                    bytes: &mesh,
+                    format: spec.format,
+                    resources: &Parts::new(&spec.buffers, contents),
+                    limits,
+                    admit,
+                    parameters: &spec.parameters,
+                    seeds: seeds.as_deref(),
+                    weights: weights.as_deref(),
+                })
             })
         };
-        let mut prepared = if bytes <= SMALL_BYTES {
-            // what is written densely has many faces in few bytes, which are for all threads
-            let work = move || {
-                let mesh = read_mesh()?;
-                if mesh.faces() <= SMALL_FACES { prepare(mesh).map(Ok) } else { Ok(Err((mesh, prepare))) }
-            };
-            match self.small.thread().await?.run(work).await? {
-                Ok(prepared) => prepared,
-                Err((mesh, prepare)) => blocking(|| caught(|| prepare(mesh))).await??,
+        let attempt = match bytes <= SMALL_BYTES {
+            true => {
+                let slot = slot.clone();
+                let work = move || prepare_small(prepare, memory, is_hierarchical, &slot);
+                self.small.thread().await?.run(work).await?
             }
-        } else {
-            blocking(|| caught(|| prepare(read_mesh()?))).await??
+            false => Attempt::NotSmall(prepare, memory),
+        };
+        let mut prepared = match attempt {
+            Attempt::Prepared(prepared) => *prepared,
+            Attempt::NotSmall(prepare, memory) => {
+                let work = move || {
+                    let memory = Mutex::new(Some(memory));
+                    prepare(&|faces| {
+                        let Some(memory) = memory.lock().unwrap_or_else(PoisonError::into_inner).take() else {
+                            return Ok(());
+                        };
+                        let held = runtime.block_on(async {
+                            tokio::select! {
+                                held = memory.build(faces, is_hierarchical) => held,
+                                () = broken_off.cancelled() => Err(Error::cancelled()),
+                            }
+                        });
+                        slot.holds(held?);
+                        Ok(())
+                    })
+                };
+                blocking(|| caught(work)).await??
+            }
         };
         prepared.timings.read = milliseconds(read);
         Ok(prepared)
+    }
+}
+
+/// What comes of preparing a mesh as a small one.
+enum Attempt<P> {
+    Prepared(Box<Prepared>),
+    /// It has too many faces: what prepares it, and what it holds of the memory. Its turn will come, and all threads work on it.
+    NotSmall(P, memory::Reading),
+}
+
+/// Prepares a mesh that is small as far as is known. Waits for nothing: a thread that waits for memory could be what those that
+/// have it wait for.
+fn prepare_small<P: Fn(&Admit<'_>) -> Result<Prepared>>(
+    prepare: P,
+    memory: memory::Reading,
+    is_hierarchical: bool,
+    slot: &Slot,
+) -> Result<Attempt<P>> {
+    let memory = Mutex::new(Some(memory));
+    let not_small = Mutex::new(None);
+    let prepared = prepare(&|faces| {
+        let Some(memory) = memory.lock().unwrap_or_else(PoisonError::into_inner).take() else { return Ok(()) };
+        match memory.build_small(faces, is_hierarchical) {
+            Ok(held) => {
+                slot.holds(held);
+                Ok(())
+            }
+            Err(memory) => {
+                *not_small.lock().unwrap_or_else(PoisonError::into_inner) = Some(memory);
+                Err(Error::new(Kind::Internal, "a mesh is not small"))
+            }
+        }
+    });
+    match not_small.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        Some(memory) => Ok(Attempt::NotSmall(prepare, memory)),
+        None => Ok(Attempt::Prepared(Box::new(prepared?))),
     }
 }
 
