@@ -1,5 +1,6 @@
 //! The stages of one job.
 
+use std::cell::Cell;
 use std::collections::HashMap;
 use std::io::Write;
 use std::iter;
@@ -173,23 +174,15 @@ impl Pipeline {
         let mut prepared = match attempt {
             Attempt::Prepared(prepared) => *prepared,
             Attempt::NotSmall(prepare, memory) => {
-                let work = move || {
-                    let memory = Mutex::new(Some(memory));
-                    prepare(&|faces| {
-                        let Some(memory) = memory.lock().unwrap_or_else(PoisonError::into_inner).take() else {
-                            return Ok(());
-                        };
-                        let held = runtime.block_on(async {
-                            tokio::select! {
-                                held = memory.build(faces, is_hierarchical) => held,
-                                () = broken_off.cancelled() => Err(Error::cancelled()),
-                            }
-                        });
-                        slot.holds(held?);
-                        Ok(())
+                let wait = move |faces| {
+                    runtime.block_on(async {
+                        tokio::select! {
+                            held = memory.build(faces, is_hierarchical) => held,
+                            () = broken_off.cancelled() => Err(Error::cancelled()),
+                        }
                     })
                 };
-                blocking(|| caught(work)).await??
+                blocking(|| caught(|| prepare_in_turn(prepare, wait, slot))).await??
             }
         };
         prepared.timings.read = milliseconds(read);
@@ -212,25 +205,28 @@ fn prepare_small<P: Fn(&Admit<'_>) -> Result<Prepared>>(
     is_hierarchical: bool,
     slot: &Slot,
 ) -> Result<Attempt<P>> {
-    let memory = Mutex::new(Some(memory));
-    let not_small = Mutex::new(None);
+    let (memory, not_small) = (Cell::new(Some(memory)), Cell::new(None));
     let prepared = prepare(&|faces| {
-        let Some(memory) = memory.lock().unwrap_or_else(PoisonError::into_inner).take() else { return Ok(()) };
-        match memory.build_small(faces, is_hierarchical) {
-            Ok(held) => {
-                slot.holds(held);
-                Ok(())
-            }
-            Err(memory) => {
-                *not_small.lock().unwrap_or_else(PoisonError::into_inner) = Some(memory);
-                Err(Error::new(Kind::Internal, "a mesh is not small"))
-            }
-        }
+        let Some(memory) = memory.take() else { return Ok(()) };
+        memory.build_small(faces, is_hierarchical).map(|held| slot.holds(held)).map_err(|memory| {
+            not_small.set(Some(memory));
+            Error::new(Kind::Internal, "a mesh is not small")
+        })
     });
-    match not_small.into_inner().unwrap_or_else(PoisonError::into_inner) {
+    match not_small.into_inner() {
         Some(memory) => Ok(Attempt::NotSmall(prepare, memory)),
         None => Ok(Attempt::Prepared(Box::new(prepared?))),
     }
+}
+
+/// Prepares any mesh, once its faces are known and it has [waited](memory::Reading::build) for what they take.
+fn prepare_in_turn(
+    prepare: impl Fn(&Admit<'_>) -> Result<Prepared>,
+    wait: impl FnOnce(u64) -> Result<memory::Held>,
+    slot: Slot,
+) -> Result<Prepared> {
+    let wait = Cell::new(Some(wait));
+    prepare(&|faces| wait.take().map_or(Ok(()), |wait| wait(faces).map(|held| slot.holds(held))))
 }
 
 /// The error of an upload that cannot be read: it belongs to a job, so it must be there.
