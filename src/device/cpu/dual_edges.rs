@@ -3,8 +3,6 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use rayon::prelude::*;
-
 use super::changes::Reader;
 use super::clusters::Clusters;
 use super::frontier::Frontier;
@@ -25,28 +23,27 @@ pub fn choose(
     graph: &DualGraph,
     labels: &Labels,
     clusters: &Clusters,
-    frontier: &Frontier,
+    frontier: &mut Frontier,
     living: &[u32],
     ties: Ties,
 ) -> Vec<u32> {
-    living
-        .par_iter()
-        .with_min_len(CHUNK)
-        .map_init(Sieve::default, |others, &cluster| {
-            let own = end(clusters, cluster);
-            let rank = |other: u32| Rank::new(price(clusters, cluster, other), cluster, other, ties);
-            let (mut best, mut cost) = (FREE, f64::INFINITY);
-            find_neighbours(graph, labels, frontier, cluster, others);
-            for &other in others.kept() {
-                let about = own.cost_about(end(clusters, other));
-                // packed costs are for those that are nearly the same
-                if about <= cost * MARGIN && other != best && (about * MARGIN < cost || rank(other) < rank(best)) {
-                    (best, cost) = (other, about);
-                }
+    frontier.look_at(living, CHUNK, Sieve::default, |others, list| {
+        let cluster = list.cluster;
+        let own = end(clusters, cluster);
+        let rank = |other: u32| Rank::new(price(clusters, cluster, other), cluster, other, ties);
+        let (mut best, mut cost) = (FREE, f64::INFINITY);
+        others.clear();
+        list.retain(|face| add_neighbours(graph, labels, cluster, face, others));
+        drop_repeated(cluster, others);
+        for &other in others.kept() {
+            let about = own.cost_about(end(clusters, other));
+            // packed costs are for those that are nearly the same
+            if about <= cost * MARGIN && other != best && (about * MARGIN < cost || rank(other) < rank(best)) {
+                (best, cost) = (other, about);
             }
-            best
-        })
-        .collect()
+        }
+        best
+    })
 }
 
 /// The packed cost of merging two clusters.
@@ -62,9 +59,22 @@ const LATELY: usize = 16;
 fn find_neighbours(graph: &DualGraph, labels: &Labels, frontier: &Frontier, cluster: u32, others: &mut Sieve) {
     others.clear();
     for face in frontier.boundary_of(cluster) {
-        let beside = graph.neighbours_of(face);
-        others.add(beside.len(), beside.iter().map(|&near| labels.near_boundary(near)), |other| other != cluster);
+        add_neighbours(graph, labels, cluster, face, others);
     }
+    drop_repeated(cluster, others);
+}
+
+/// Adds the clusters beside a face of a cluster. Says whether there are any.
+#[inline]
+fn add_neighbours(graph: &DualGraph, labels: &Labels, cluster: u32, face: u32, others: &mut Sieve) -> bool {
+    let beside = graph.neighbours_of(face);
+    let before = others.kept().len();
+    others.add(beside.len(), beside.iter().map(|&near| labels.near_boundary(near)), |other| other != cluster);
+    others.kept().len() > before
+}
+
+/// Drops clusters beside a cluster that were found a short while before.
+fn drop_repeated(cluster: u32, others: &mut Sieve) {
     // none of those that are found
     let mut lately = [cluster; LATELY];
     others.retain(|other| std::mem::replace(&mut lately[other as usize % LATELY], other) != other);

@@ -1,5 +1,7 @@
 //! The boundary faces of each cluster: where pieces and dual edges are looked for.
 
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
 use rayon::prelude::*;
 
 use super::labels::Labels;
@@ -12,13 +14,41 @@ const PIECE: usize = 1 << 13;
 
 /// One list of boundary faces a cluster.
 ///
-/// A list holds every boundary face of its cluster, and maybe faces that no longer are; those go when it would grow.
-/// The labels of listed faces and of their neighbours are up to date.
+/// A list holds every boundary face of its cluster, and maybe faces that no longer are; those go when somebody looks at all of it
+/// anyway, or when it would grow. The labels of listed faces and of their neighbours are up to date.
 #[derive(Debug, Default)]
 pub struct Frontier {
     faces_of_cluster: Vec<Vec<u32>>,
     /// The cluster in whose list a face is, or [`FREE`].
-    listed_in: Vec<u32>,
+    listed_in: Vec<AtomicU32>,
+}
+
+/// The list of a cluster.
+pub struct List<'a> {
+    pub cluster: u32,
+    faces: &'a mut Vec<u32>,
+    listed_in: &'a [AtomicU32],
+}
+
+impl List<'_> {
+    /// Drops the faces that no longer belong there: asks of each that the cluster has, once, whether it lies on the boundary.
+    pub fn retain(self, mut is_boundary: impl FnMut(u32) -> bool) {
+        let mut kept = 0;
+        for at in 0..self.faces.len() {
+            let face = self.faces[at];
+            let listed_in = &self.listed_in[face as usize];
+            if listed_in.load(Relaxed) == self.cluster {
+                // so that it goes where it is listed a second time
+                listed_in.store(FREE, Relaxed);
+                self.faces[kept] = face;
+                kept += usize::from(is_boundary(face));
+            }
+        }
+        self.faces.truncate(kept);
+        for &face in self.faces.iter() {
+            self.listed_in[face as usize].store(self.cluster, Relaxed);
+        }
+    }
 }
 
 impl Frontier {
@@ -43,10 +73,10 @@ impl Frontier {
         // as much room again, as when a list is pruned
         let mut faces_of_cluster: Vec<Vec<u32>> =
             listed_of_cluster.into_iter().map(|listed: usize| Vec::with_capacity(2 * listed)).collect();
-        let mut listed_in = vec![FREE; all.len()];
+        let mut listed_in: Vec<AtomicU32> = (0..all.len()).map(|_| AtomicU32::new(FREE)).collect();
         for face in found.into_iter().flatten() {
             let own = all[face as usize];
-            listed_in[face as usize] = own;
+            *listed_in[face as usize].get_mut() = own;
             faces_of_cluster[own as usize].push(face);
         }
         Self { faces_of_cluster, listed_in }
@@ -65,7 +95,7 @@ impl Frontier {
     /// The boundary faces of a cluster, and maybe some more of its faces; some maybe twice.
     pub fn boundary_of(&self, cluster: u32) -> impl Iterator<Item = u32> + '_ {
         let faces = &self.faces_of_cluster[cluster as usize];
-        faces.iter().copied().filter(move |&face| self.listed_in[face as usize] == cluster)
+        faces.iter().copied().filter(move |&face| self.listed_in[face as usize].load(Relaxed) == cluster)
     }
 
     /// Keeps the lists in step with a face that has moved; `labels` already say so.
@@ -74,7 +104,7 @@ impl Frontier {
         self.list(graph, labels, face, to);
         for &near in graph.neighbours_of(face) {
             let cluster = labels.near_boundary(near);
-            if (cluster != to) & (cluster != FREE) & (self.listed_in[near as usize] != cluster) {
+            if (cluster != to) & (cluster != FREE) & (*self.listed_in[near as usize].get_mut() != cluster) {
                 self.list(graph, labels, near, cluster);
             }
         }
@@ -90,8 +120,12 @@ impl Frontier {
         from: u32,
         mut visit: impl FnMut(&Labels, u32),
     ) {
-        for face in std::mem::take(&mut self.faces_of_cluster[from as usize]) {
-            if self.listed_in[face as usize] == from {
+        let of_from = std::mem::take(&mut self.faces_of_cluster[from as usize]);
+        let of_into = &mut self.faces_of_cluster[into as usize];
+        // and half of that for faces that come: who looks for dual edges next will drop those between the two
+        of_into.reserve(of_from.len() + (of_into.len() + of_from.len()) / 2);
+        for face in of_from {
+            if *self.listed_in[face as usize].get_mut() == from {
                 labels.refresh(face);
                 self.list(graph, labels, face, into);
                 visit(labels, face);
@@ -99,10 +133,32 @@ impl Frontier {
         }
     }
 
+    /// Calls `look` with the lists of some clusters, each given once, ascending; a thread looks at `piece` of them or more. Says what it
+    /// says of each.
+    pub fn look_at<S, T: Send>(
+        &mut self,
+        clusters: &[u32],
+        piece: usize,
+        state: impl Fn() -> S + Sync + Send,
+        look: impl Fn(&mut S, List<'_>) -> T + Sync + Send,
+    ) -> Vec<T> {
+        let Self { faces_of_cluster, listed_in } = self;
+        let take = |&cluster: &u32| std::mem::take(&mut faces_of_cluster[cluster as usize]);
+        let mut lists: Vec<Vec<u32>> = clusters.iter().map(take).collect();
+        let seen = clusters
+            .par_iter()
+            .zip(&mut lists)
+            .with_min_len(piece)
+            .map_init(state, |state, (&cluster, faces)| look(state, List { cluster, faces, listed_in }));
+        let seen = seen.collect();
+        clusters.iter().zip(lists).for_each(|(&cluster, faces)| faces_of_cluster[cluster as usize] = faces);
+        seen
+    }
+
     /// Lists a face, and lets the labels around it be up to date.
     fn list(&mut self, graph: &DualGraph, labels: &mut Labels, face: u32, cluster: u32) {
         labels.refresh_around(graph, &[face]);
-        self.listed_in[face as usize] = cluster;
+        *self.listed_in[face as usize].get_mut() = cluster;
         let faces = &self.faces_of_cluster[cluster as usize];
         if faces.len() == faces.capacity() && faces.len() >= 8 {
             self.prune(graph, labels, cluster);
@@ -112,25 +168,11 @@ impl Frontier {
 
     /// Drops the faces of a list that no longer belong there.
     pub fn prune(&mut self, graph: &DualGraph, labels: &Labels, cluster: u32) {
-        let mut faces = std::mem::take(&mut self.faces_of_cluster[cluster as usize]);
-        faces.retain(|&face| {
-            if self.listed_in[face as usize] != cluster {
-                return false;
-            }
-            // so that it goes where it is listed a second time
-            self.listed_in[face as usize] = FREE;
-            graph.neighbours_of(face).iter().any(|&near| labels.of(near) != cluster)
-        });
-        for &face in &faces {
-            self.listed_in[face as usize] = cluster;
-        }
+        let faces = &mut self.faces_of_cluster[cluster as usize];
+        let is_boundary = |face| graph.neighbours_of(face).iter().any(|&near| labels.of(near) != cluster);
+        List { cluster, faces, listed_in: &self.listed_in }.retain(is_boundary);
         // as much room again, so that the next time is far away; not more, so that reading does not take longer than it must
         let room = 2 * faces.len();
-        if faces.capacity() < room {
-            faces.reserve_exact(faces.len())
-        } else {
-            faces.shrink_to(room)
-        }
-        self.faces_of_cluster[cluster as usize] = faces;
+        if faces.capacity() < room { faces.reserve_exact(faces.len()) } else { faces.shrink_to(room) }
     }
 }

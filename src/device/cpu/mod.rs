@@ -121,9 +121,8 @@ struct CpuSteps<'a> {
     boundary_watch: Option<Watch>,
     refinement_watch: Option<Watch>,
     bids: Bids,
-    /// For walks through clusters: the last walk that came to each face.
-    walked: Vec<AtomicU32>,
-    walk: u32,
+    /// For walks through clusters, once there was one: where each face comes in the walk that last came to it.
+    places: Vec<AtomicU32>,
     /// Clusters that may have faces, ascending.
     living: Vec<u32>,
     /// What each living cluster last chose to merge with, or [`FREE`].
@@ -153,8 +152,7 @@ impl<'a> CpuSteps<'a> {
             boundary_watch: None,
             refinement_watch: None,
             bids: Bids::default(),
-            walked: Vec::new(),
-            walk: 0,
+            places: Vec::new(),
             living: (0..clusters as u32).collect(),
             choices: Vec::new(),
             queue: None,
@@ -285,25 +283,18 @@ impl<'a> CpuSteps<'a> {
     /// The neighbour that each living cluster would best merge with, or [`FREE`] where it has none.
     fn choose_dual_edges(&mut self, ties: Ties) -> Vec<u32> {
         self.gather();
-        let Some(frontier) = &self.frontier else { return Vec::new() };
+        let Some(frontier) = &mut self.frontier else { return Vec::new() };
         self.living.retain(|&cluster| self.clusters.sums(cluster).faces > 0);
         dual_edges::choose(self.graph, &self.labels, &self.clusters, frontier, &self.living, ties)
-    }
-
-    /// Begins a walk over faces: none of them carries the returned number.
-    fn next_walk(&mut self) -> u32 {
-        self.walked.resize_with(self.graph.faces(), AtomicU32::default);
-        self.walk += 1;
-        self.walk
     }
 
     /// The faces outside the largest piece of each cluster, sorted.
     fn cut_off_faces(&mut self) -> Vec<u32> {
         self.gather();
-        let walk = self.next_walk();
         let unsure = self.clusters.take_changes(Reader::Pieces);
+        self.places.resize_with(self.graph.faces(), AtomicU32::default);
         let Some(frontier) = &self.frontier else { return Vec::new() };
-        pieces::cut_off(self.graph, &self.labels, &self.clusters, frontier, &unsure, &self.walked, walk)
+        pieces::cut_off(self.graph, &self.labels, &self.clusters, frontier, &unsure, &self.places)
     }
 
     /// Frees faces and grows the clusters over them.
@@ -397,12 +388,9 @@ impl Steps for CpuSteps<'_> {
         let mut waiting = self.take_waiting();
         self.optimise(max_iterations, cancel, on_iteration, |steps| {
             let has_bids = steps.renew_bids(std::mem::take(&mut waiting));
-            steps.next_walk();
-            let Self { graph, labels, clusters, walked, walk, bids, .. } = steps;
-            let mut may_leave = |winner: Move| {
-                *walk += 1;
-                pieces::stays_connected(graph, labels, winner.face, walked, *walk)
-            };
+            let Self { graph, labels, clusters, places, bids, .. } = steps;
+            places.resize_with(graph.faces(), AtomicU32::default);
+            let mut may_leave = |winner: Move| pieces::stays_connected(graph, labels, winner.face, places);
             has_bids.then(|| bids.moves(graph, clusters, Some(&mut may_leave)))
         })
     }

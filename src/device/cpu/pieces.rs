@@ -1,6 +1,7 @@
 //! Pieces of clusters: those that were cut off, among the clusters that may be in several; which may be, when a face has left;
 //! and those that a move would cut off.
 
+use std::cmp::Reverse;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use rayon::prelude::*;
@@ -9,19 +10,167 @@ use super::clusters::Clusters;
 use super::frontier::Frontier;
 use super::labels::Labels;
 use crate::surface::DualGraph;
+use crate::union_find::root;
 
-/// For walks over faces: the last walk that came to each.
-pub type Walked = [AtomicU32];
+/// For walks over faces: a number for each, no matter which at first. Only one thread at a time walks over the faces of a cluster.
+pub type Places = [AtomicU32];
 
-/// Whether a walk comes to a face for the first time, and may go there. Only one thread walks over the faces of a cluster, so
-/// nobody else comes to the same ones.
-fn comes_to(walked: &Walked, walk: u32, face: u32, may_go: impl FnOnce() -> bool) -> bool {
-    let last = &walked[face as usize];
-    let comes = last.load(Ordering::Relaxed) != walk && may_go();
-    if comes {
-        last.store(walk, Ordering::Relaxed);
+/// The faces that a walk came to, in the order in which it did.
+///
+/// It came to a face if that is the one at the place that `places` has for it, so that nothing is cleared between walks (Briggs &
+/// Torczon 1993).
+struct Walk<'a> {
+    faces: Vec<u32>,
+    places: &'a Places,
+}
+
+impl Walk<'_> {
+    /// Where a face comes in the walk, if it does.
+    #[inline]
+    fn place(&self, face: u32) -> Option<usize> {
+        let place = self.places[face as usize].load(Ordering::Relaxed) as usize;
+        (self.faces.get(place) == Some(&face)).then_some(place)
     }
-    comes
+
+    /// Comes to a face for the first time.
+    #[inline]
+    fn push(&mut self, face: u32) {
+        self.places[face as usize].store(self.faces.len() as u32, Ordering::Relaxed);
+        self.faces.push(face);
+    }
+}
+
+/// The pieces of a cluster, as far as one has to walk to tell them apart.
+///
+/// A walk sets out from several faces at once, and joins what was reached from them where it meets, until there is at most one
+/// set that can still grow. The others then are whole pieces, and all faces that were not reached belong to that one. So it takes
+/// as long as there are faces to set out from and faces in the smaller pieces, not as the cluster has faces.
+struct Pieces<'a> {
+    walk: Walk<'a>,
+    /// Faces of the walk whose neighbours were looked at.
+    looked_at: usize,
+    /// The set that each face of the walk was put in; each of the first faces began one.
+    set_of_face: Vec<u32>,
+    sets: Vec<Set>,
+    /// For each set one that it is part of, or itself.
+    joined: Vec<u32>,
+    /// Sets that are not part of others.
+    count: usize,
+    /// Those among them that can grow, and the faces of the others.
+    open: usize,
+    closed_faces: usize,
+}
+
+/// What was reached from some faces.
+#[derive(Debug, Clone, Copy)]
+struct Set {
+    faces: u32,
+    /// Those whose neighbours were not looked at yet.
+    waiting: u32,
+}
+
+impl<'a> Pieces<'a> {
+    fn new(places: &'a Places) -> Self {
+        Self {
+            walk: Walk { faces: Vec::new(), places },
+            looked_at: 0,
+            set_of_face: Vec::new(),
+            sets: Vec::new(),
+            joined: Vec::new(),
+            count: 0,
+            open: 0,
+            closed_faces: 0,
+        }
+    }
+
+    /// Sets out from faces of a cluster, among them one of each piece, and walks until at most one set can grow. Says whether
+    /// there are several pieces.
+    fn are_several(
+        &mut self,
+        graph: &DualGraph,
+        from: impl Iterator<Item = u32>,
+        is_own: impl Fn(u32) -> bool,
+    ) -> bool {
+        self.walk.faces.clear();
+        for face in from {
+            if self.walk.place(face).is_none() {
+                self.walk.push(face);
+            }
+        }
+        let faces = self.walk.faces.len();
+        self.joined.clear();
+        self.joined.extend(0..faces as u32);
+        self.set_of_face.clone_from(&self.joined);
+        self.sets.clear();
+        self.sets.resize(faces, Set { faces: 1, waiting: 1 });
+        (self.looked_at, self.count, self.open, self.closed_faces) = (0, faces, faces, 0);
+        self.walk_until(1, graph, is_own);
+        self.count > 1
+    }
+
+    /// Goes on until no more than so many sets can grow.
+    fn walk_until(&mut self, open: usize, graph: &DualGraph, is_own: impl Fn(u32) -> bool) {
+        while self.open > open {
+            let face = self.walk.faces[self.looked_at];
+            let set = root(&mut self.joined, self.set_of_face[self.looked_at]);
+            for &near in graph.neighbours_of(face) {
+                if let Some(place) = self.walk.place(near) {
+                    let other = root(&mut self.joined, self.set_of_face[place]);
+                    if other != set {
+                        // which can grow, too: one that cannot has looked at `face`, and would have it
+                        self.joined[other as usize] = set;
+                        let Set { faces, waiting } = self.sets[other as usize];
+                        self.sets[set as usize].faces += faces;
+                        self.sets[set as usize].waiting += waiting;
+                        self.count -= 1;
+                        self.open -= 1;
+                    }
+                } else if is_own(near) {
+                    self.walk.push(near);
+                    self.set_of_face.push(set);
+                    self.sets[set as usize].faces += 1;
+                    self.sets[set as usize].waiting += 1;
+                }
+            }
+            self.looked_at += 1;
+            let Set { faces, waiting } = &mut self.sets[set as usize];
+            *waiting -= 1;
+            if *waiting == 0 {
+                self.open -= 1;
+                self.closed_faces += *faces as usize;
+            }
+        }
+    }
+
+    /// Appends the faces of all pieces but the one with the most faces, of equally large ones that with the smallest face. The cluster
+    /// has `all` faces.
+    fn all_but_largest(&mut self, graph: &DualGraph, is_own: impl Fn(u32) -> bool, all: usize, cut_off: &mut Vec<u32>) {
+        if 2 * self.closed_faces >= all {
+            // the one that can grow may not be the largest
+            self.walk_until(0, graph, is_own);
+        }
+        let largest = match self.set_of_face.get(self.looked_at) {
+            Some(&set) => root(&mut self.joined, set),
+            None => self.largest_of_all(),
+        };
+        for (&face, &set) in self.walk.faces.iter().zip(&self.set_of_face) {
+            if root(&mut self.joined, set) != largest {
+                cut_off.push(face);
+            }
+        }
+    }
+
+    /// The set with the most faces, of equally large ones that with the smallest face, when none can grow.
+    fn largest_of_all(&mut self) -> u32 {
+        let mut smallest = vec![u32::MAX; self.sets.len()];
+        for (&face, &set) in self.walk.faces.iter().zip(&self.set_of_face) {
+            let of_set = &mut smallest[root(&mut self.joined, set) as usize];
+            *of_set = face.min(*of_set);
+        }
+        let rank = |set: u32| (self.sets[set as usize].faces, Reverse(smallest[set as usize]));
+        let is_whole = |set: &u32| self.joined[*set as usize] == *set;
+        (0..self.sets.len() as u32).filter(is_whole).max_by_key(|&set| rank(set)).unwrap_or_default()
+    }
 }
 
 /// Clusters that one thread looks at before it may get help.
@@ -29,95 +178,31 @@ const CLUSTERS_A_PIECE_OF_WORK: usize = 64;
 
 /// The faces outside the piece with the most faces (of equally large ones, that with the smallest face) of each of the
 /// given clusters, each given once, sorted.
-///
-/// A cluster in several pieces has boundary faces in each, so walks from its boundary faces find them all. `walked` has
-/// one number a face, none of them `walk` on entry.
 pub fn cut_off(
     graph: &DualGraph,
     labels: &Labels,
     clusters: &Clusters,
     frontier: &Frontier,
     of_clusters: &[u32],
-    walked: &Walked,
-    walk: u32,
+    places: &Places,
 ) -> Vec<u32> {
     let mut cut_off: Vec<u32> = of_clusters
         .par_chunks(CLUSTERS_A_PIECE_OF_WORK)
         .flat_map_iter(|of_clusters| {
-            let (mut cut_off, mut pieces) = (Vec::new(), Pieces::default());
+            let (mut cut_off, mut pieces) = (Vec::new(), Pieces::new(places));
             for &cluster in of_clusters {
-                let all = clusters.sums(cluster).faces as usize;
-                pieces.find(graph, labels, cluster, frontier.boundary_of(cluster), all, walked, walk);
-                pieces.all_but_largest(&mut cut_off);
+                let is_own = |face: u32| labels.of(face) == cluster;
+                // a piece that is not all there is has a boundary
+                if pieces.are_several(graph, frontier.boundary_of(cluster), is_own) {
+                    let all = clusters.sums(cluster).faces as usize;
+                    pieces.all_but_largest(graph, is_own, all, &mut cut_off);
+                }
             }
             cut_off
         })
         .collect();
     cut_off.sort_unstable();
     cut_off
-}
-
-/// The pieces of a cluster.
-#[derive(Default)]
-struct Pieces {
-    /// The faces, piece by piece.
-    faces: Vec<u32>,
-    /// Where each piece ends.
-    ends: Vec<usize>,
-}
-
-impl Pieces {
-    /// Finds the pieces of a cluster of so many faces in all.
-    #[expect(clippy::too_many_arguments, reason = "a walk needs to know all of it")]
-    fn find(
-        &mut self,
-        graph: &DualGraph,
-        labels: &Labels,
-        cluster: u32,
-        boundary: impl Iterator<Item = u32>,
-        all: usize,
-        walked: &Walked,
-        walk: u32,
-    ) {
-        self.faces.clear();
-        self.ends.clear();
-        for start in boundary {
-            if self.faces.len() == all {
-                return;
-            }
-            if !comes_to(walked, walk, start, || true) {
-                continue;
-            }
-            let mut next = self.faces.len();
-            self.faces.push(start);
-            while let Some(&face) = self.faces.get(next) {
-                next += 1;
-                for &near in graph.neighbours_of(face) {
-                    if comes_to(walked, walk, near, || labels.of(near) == cluster) {
-                        self.faces.push(near);
-                    }
-                }
-            }
-            self.ends.push(next);
-        }
-    }
-
-    /// Appends the faces of all pieces but the one with the most faces, of equally large ones that with the smallest face.
-    fn all_but_largest(&self, cut_off: &mut Vec<u32>) {
-        if self.ends.len() < 2 {
-            return;
-        }
-        let starts = std::iter::once(&0).chain(&self.ends);
-        let pieces: Vec<&[u32]> = starts.zip(&self.ends).map(|(&start, &end)| &self.faces[start..end]).collect();
-        let smallest_face = |piece: &[u32]| piece.iter().copied().min();
-        let largest =
-            (0..pieces.len()).max_by_key(|&at| (pieces[at].len(), std::cmp::Reverse(smallest_face(pieces[at]))));
-        for (at, piece) in pieces.iter().enumerate() {
-            if Some(at) != largest {
-                cut_off.extend_from_slice(piece);
-            }
-        }
-    }
 }
 
 /// Faces that lie close to another, at most so many of them.
@@ -188,26 +273,10 @@ pub fn is_beside(graph: &DualGraph, labels: &Labels, face: u32, cluster: u32) ->
     graph.neighbours_of(face).iter().any(|&near| labels.of(near) == cluster)
 }
 
-/// Whether a cluster stays connected when it loses one of its faces, given that it is connected. `walked` and `walk` are as
-/// for [`cut_off`].
-pub fn stays_connected(graph: &DualGraph, labels: &Labels, face: u32, walked: &Walked, walk: u32) -> bool {
+/// Whether a cluster stays connected when it loses one of its faces, given that it is connected.
+pub fn stays_connected(graph: &DualGraph, labels: &Labels, face: u32, places: &Places) -> bool {
     let cluster = labels.of(face);
-    let is_own = |near: &&u32| labels.of(**near) == cluster;
-    let mut own: Vec<u32> = graph.neighbours_of(face).iter().filter(is_own).copied().collect();
-    own.sort_unstable();
-    own.dedup();
-    let Some(start) = own.pop() else { return true };
-    comes_to(walked, walk, face, || true);
-    comes_to(walked, walk, start, || true);
-    let mut queue = std::collections::VecDeque::from([start]);
-    while !own.is_empty() {
-        let Some(reached) = queue.pop_front() else { return false };
-        for &near in graph.neighbours_of(reached) {
-            if comes_to(walked, walk, near, || labels.of(near) == cluster) {
-                own.retain(|&wanted| wanted != near);
-                queue.push_back(near);
-            }
-        }
-    }
-    true
+    let is_own = |near: u32| near != face && labels.of(near) == cluster;
+    let beside = graph.neighbours_of(face).iter().copied().filter(|&near| is_own(near));
+    !Pieces::new(places).are_several(graph, beside, is_own)
 }
