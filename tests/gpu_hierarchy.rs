@@ -31,6 +31,7 @@ fn pml() -> Options {
         optimise: true,
         refine: true,
         iterations_a_round: [4, u32::MAX],
+        optimised_from: 1,
         ties: Ties::Hash,
         pairs: Pairs::CheaperHalf,
         clusters: None,
@@ -137,6 +138,7 @@ fn larger_hierarchies_stops_and_mixtures_are_alike() {
         let surface = surface(sample, faces);
         for options in [
             Options { levels: vec![321, 40], ..pml() },
+            Options { optimised_from: 4, levels: vec![900], ..pml() },
             Options { levels: vec![321], clusters: Some(77), iterations_a_round: [3; 2], ..pml() },
             Options { clusters: Some(50), allow_disconnected: true, ..pml() },
             Options { sequential_at: 30, ..pml() },

@@ -21,6 +21,7 @@ fn pml() -> Options {
         optimise: true,
         refine: true,
         iterations_a_round: [4, u32::MAX],
+        optimised_from: 1,
         ties: Ties::Hash,
         pairs: Pairs::CheaperHalf,
         clusters: None,
@@ -241,6 +242,28 @@ fn energies_of_rounds_are_those_of_their_labels_and_a_level_has_converged() {
         let mut plain = oracle::Refinement::new(&surface, &component_of_cluster, labels);
         assert_eq!(plain.iterate(), None, "there is a move left");
     }
+}
+
+#[test]
+fn parallel_rounds_are_optimised_once_clusters_are_large_enough_and_stops_always() {
+    let surface = Surface::build(&generate(Sample::Knot, 3000).expect("a sample")).expect("a surface");
+    let faces = surface.faces() as u64;
+    let options = Options { optimised_from: 4, levels: vec![faces / 3], ..pml() };
+    let Outcome { tree, rounds, .. } = run(&surface, &options);
+    let (early, late): (Vec<&RoundRow>, Vec<&RoundRow>) = rounds.iter().partition(|round| round.clusters * 4 > faces);
+    for round in &early {
+        assert_eq!(round.moves > 0, round.is_level, "{round:?}");
+    }
+    assert!(late.iter().filter(|round| round.moves > 0).count() > late.len() / 2, "{late:?}");
+    // until the first stop it is as if nothing were ever optimised
+    let first_stop = early.iter().take_while(|round| !round.is_level).count();
+    let plain = run(&surface, &Options { optimise: false, ..options });
+    let merges = tree.rounds[first_stop].merges_end as usize;
+    assert_eq!(tree.merges[..merges], plain.tree.merges[..merges]);
+    // sequential rounds are the paper's: all of them are optimised
+    let ml = Options { optimised_from: 4, sequential_at: u64::MAX, collapse_fraction: Some(10.0), ..pml() };
+    let Outcome { rounds, .. } = run(&surface, &ml);
+    assert!(rounds.iter().any(|round| round.moves > 0 && round.clusters * 4 > faces), "{rounds:?}");
 }
 
 #[test]

@@ -88,4 +88,12 @@ impl Quality {
             Quality::Best => 16,
         }
     }
+
+    /// Mean faces a cluster from which on parallel rounds of a hierarchy are optimised.
+    pub fn optimised_from(self) -> u64 {
+        match self {
+            Quality::Fast | Quality::Default => 4,
+            Quality::Best => 1,
+        }
+    }
 }

@@ -32,6 +32,7 @@ pub(super) fn options(parameters: &Parameters) -> Options {
         refine: parameters.refine == Refine::On,
         iterations_a_round: [parameters.quality.iterations_a_round(), u32::MAX]
             .map(|usual| parameters.optimize_iterations.unwrap_or(usual)),
+        optimised_from: parameters.quality.optimised_from(),
         ties: parameters.ties,
         pairs: parameters.pairs,
         clusters: parameters.clusters,
