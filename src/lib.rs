@@ -24,6 +24,7 @@
 //! | the command line | [`cli`] |
 //! | meshes made from nothing | [`sample`] |
 //! | what the allocator keeps | `memory` |
+//! | asking for memory before it is needed | `prefetch` |
 //! | which sets turned out to be one | `union_find` |
 //!
 //! # Invariants
@@ -52,6 +53,7 @@ pub mod mesh;
 pub mod output;
 pub mod parameters;
 pub mod plot;
+mod prefetch;
 pub mod report;
 pub mod sample;
 pub mod service;

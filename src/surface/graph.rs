@@ -1,6 +1,7 @@
 //! The dual graph of a surface on the integer lattice: all that algorithms and devices see of a mesh.
 
 use super::Component;
+use crate::prefetch::prefetch;
 
 /// Faces as nodes with a place and a weight, shared edges as edges.
 ///
@@ -21,6 +22,21 @@ pub struct DualGraph {
 }
 
 impl DualGraph {
+    /// Asks for what is known of a face, its neighbours excepted.
+    #[inline]
+    pub(crate) fn prefetch(&self, face: u32) {
+        let face = face as usize;
+        prefetch(&self.centroids, face);
+        prefetch(&self.weights, face);
+        prefetch(&self.neighbour_offsets, face);
+    }
+
+    /// Asks for the neighbours of a face.
+    #[inline]
+    pub(crate) fn prefetch_neighbours(&self, face: u32) {
+        prefetch(&self.neighbours, self.neighbour_offsets[face as usize] as usize);
+    }
+
     /// Number of faces.
     pub fn faces(&self) -> usize {
         self.weights.len()

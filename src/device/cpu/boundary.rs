@@ -14,7 +14,7 @@ pub fn moves(
     watch: &mut Watch,
     leaving: &mut Leaving,
 ) -> Vec<Move> {
-    let mut wanted = watch.ask(|face| decide(graph, labels, clusters, face));
+    let mut wanted = watch.ask(graph, labels, |face| decide(graph, labels, clusters, face));
     let kept_back = leaving.kept_back(&wanted, clusters);
     if !kept_back.is_empty() {
         wanted.retain(|leaver| kept_back.binary_search(&leaver.face).is_err());

@@ -9,6 +9,7 @@
 use rayon::prelude::*;
 
 use crate::device::FREE;
+use crate::prefetch::prefetch;
 use crate::surface::DualGraph;
 
 /// A pass over so many faces costs less than what a merge otherwise does.
@@ -51,6 +52,12 @@ impl Labels {
     pub fn near_boundary(&self, face: u32) -> u32 {
         debug_assert_eq!(self.raw[face as usize], self.of(face));
         self.raw[face as usize]
+    }
+
+    /// Asks for the label of a face.
+    #[inline]
+    pub fn prefetch(&self, face: u32) {
+        prefetch(&self.raw, face as usize);
     }
 
     /// The label of any face.

@@ -98,7 +98,7 @@ impl Bids {
         self.at_cluster.resize_with(clusters.len(), Vec::new);
         self.best.resize(clusters.len(), NONE);
         self.is_changed.resize(clusters.len(), false);
-        let news = watch.ask(|face| {
+        let news = watch.ask(graph, labels, |face| {
             let (bid, rest) = best_move(graph, labels, clusters, face);
             let is_news = bid.differs(self.bid_of_face[face as usize]);
             Answer { wish: is_news.then_some((face, bid)), rest }

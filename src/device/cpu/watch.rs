@@ -27,6 +27,7 @@ use super::clusters::{Clusters, Place, STEP};
 use super::frontier::Frontier;
 use super::labels::Labels;
 use super::sieve::Sieve;
+use crate::prefetch::prefetch;
 use crate::surface::DualGraph;
 
 /// Faces that one thread asks, or looks whether they are due; more are for all.
@@ -34,6 +35,9 @@ const FEW_FACES: usize = 2048;
 
 /// Changed clusters around which a thread looks at a time, where there are many.
 const FEW_CLUSTERS: usize = 16;
+
+/// Memory for a face is asked for while so many others are asked, and again while as many.
+const AHEAD: usize = 4;
 
 /// Words of [`Watch::near`] that a thread takes at a time.
 const WORDS: usize = 64;
@@ -209,7 +213,12 @@ impl Watch {
     }
 
     /// Asks all faces that are due what they want, and lets them rest that say so.
-    pub fn ask<T: Send>(&mut self, decide: impl Fn(u32) -> Answer<T> + Sync) -> Vec<T> {
+    pub fn ask<T: Send>(
+        &mut self,
+        graph: &DualGraph,
+        labels: &Labels,
+        decide: impl Fn(u32) -> Answer<T> + Sync,
+    ) -> Vec<T> {
         let Self { near, rest_of_face, due, .. } = self;
         let ask = |&face: &u32| {
             let Answer { wish, rest } = decide(face);
@@ -222,7 +231,23 @@ impl Watch {
         let wishes = match due.len() <= FEW_FACES {
             true => due.iter().filter_map(ask).collect(),
             false => {
-                let wishes = due.par_chunks(CHUNK).map(|faces| faces.iter().filter_map(ask).collect());
+                let wishes = due.par_chunks(CHUNK).map(|faces| {
+                    let ask_in_turn = |(at, face)| {
+                        // each needs what the one before brought
+                        if let Some(&later) = faces.get(at + 4 * AHEAD) {
+                            graph.prefetch(later);
+                            prefetch(rest_of_face, later as usize);
+                        }
+                        if let Some(&later) = faces.get(at + 2 * AHEAD) {
+                            graph.prefetch_neighbours(later);
+                        }
+                        if let Some(&later) = faces.get(at + AHEAD) {
+                            graph.neighbours_of(later).iter().for_each(|&near| labels.prefetch(near));
+                        }
+                        ask(face)
+                    };
+                    faces.iter().enumerate().filter_map(ask_in_turn).collect()
+                });
                 wishes.collect::<Vec<Vec<T>>>().into_iter().flatten().collect()
             }
         };
