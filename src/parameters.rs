@@ -82,12 +82,12 @@ pub struct Parameters {
     #[arg(long, value_name = "NAME")]
     pub weight_attribute: Option<String>,
 
-    /// Hierarchies: optimise after the merges of each round (in parallel rounds once clusters have four faces on the average, with
-    /// quality best at once), or not, which gives a strictly nested tree; hr never does
+    /// Hierarchies: optimise after the merges of a round, or not, which gives a strictly nested tree; hr never does. Rounds of pml do
+    /// so once clusters have four faces on average, with quality best from the first on; levels and the end always
     #[arg(long, value_enum, default_value_t)]
     pub optimize: Optimize,
 
-    /// Hierarchies: at most this many iterations of optimisation a round, except at levels and at the end; when left out, 2 in
+    /// Hierarchies: at most this many iterations in a round that is optimised, except at levels and at the end; when left out, 2 in
     /// parallel rounds (1 with quality fast, 16 with best) and as many as it takes in those of ml
     #[arg(long, value_name = "N")]
     #[schema(minimum = 1)]
@@ -301,7 +301,7 @@ impl Algorithm {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Optimize {
-    /// Optimise after the merges of each round
+    /// Optimise after the merges of a round
     #[default]
     On,
     /// Only merge: the tree is strictly nested

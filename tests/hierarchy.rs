@@ -267,6 +267,24 @@ fn parallel_rounds_are_optimised_once_clusters_are_large_enough_and_stops_always
 }
 
 #[test]
+fn components_of_a_face_or_two_do_not_keep_a_large_one_from_being_optimised() {
+    let mut mesh = generate(Sample::Knot, 2000).expect("a sample");
+    let faces_of_knot = mesh.faces.len();
+    for leaf in 0..faces_of_knot as u32 {
+        let first = mesh.positions.len() as u32;
+        let beyond = f64::from(leaf) + 100.0;
+        mesh.positions.extend([[beyond, 0.0, 0.0], [beyond + 0.5, 0.0, 0.0], [beyond, 0.5, 0.0]]);
+        mesh.faces.push(&[first, first + 1, first + 2]);
+    }
+    let surface = Surface::build(&mesh).expect("a surface");
+    let leaves = surface.components.len() as u64 - 1;
+    let Outcome { rounds, .. } = run(&surface, &Options { optimised_from: 4, ..pml() });
+    let late = rounds.iter().filter(|round| (round.clusters - leaves) * 4 <= faces_of_knot as u64);
+    let (moved, rested): (Vec<&RoundRow>, Vec<&RoundRow>) = late.partition(|round| round.moves > 0);
+    assert!(moved.len() > rested.len(), "{} of {} rounds", moved.len(), moved.len() + rested.len());
+}
+
+#[test]
 fn plateaus_of_equal_faces_take_rounds_in_proportion_to_the_logarithm() {
     for (sample, faces) in [(Sample::Strip, 4096), (Sample::Plane, 8192), (Sample::Cube, 12 * 24 * 24)] {
         let surface = Surface::build(&generate(sample, faces).expect("a sample")).expect("a surface");

@@ -13,8 +13,9 @@
 //!   after the other until P % of the clusters are gone (Chiosa & Kolb 2008).
 //! * *Optimisation*: the boundary phase and the refinement of [`super::flat`], on the merged clusters. They look only at what
 //!   has changed. Between stops, parallel rounds make only a few iterations (2, unless [`super::quality::Quality`] says otherwise), and the next round goes on
-//!   where they ended. Then pieces that were cut off are given to their neighbours. Parallel rounds begin to optimise when
-//!   clusters have four faces on the average; stops are optimised in any case.
+//!   where they ended. Then pieces that were cut off are given to their neighbours. Parallel rounds are
+//!   optimised from so many faces a cluster on ([`Options::optimised_from`]: 4, unless [`super::quality::Quality`] says otherwise), stops in
+//!   any case.
 //!
 //! Of two clusters that merge, the one with more faces keeps its number, the smaller number of equal ones. Clusters start
 //! with the internal number of their face.
@@ -43,10 +44,10 @@
 //! # Why not from the first round
 //!
 //! Clusters of two or three faces leave little to optimise, and there are most of them: the rounds before clusters have four
-//! faces on the average took a fifth of all instructions, more where memory is slow. What merges left there is made good by the first
-//! round that is optimised. With the optimisation of all rounds in place of this, energies at a fifth to a seventieth as many
-//! clusters as faces differ by 0.3 % at most, in either direction (bunny, horse, nefertiti, igea, armadillo), and at more than a quarter
-//! they are lower by 0.1 to 3.9 %.
+//! faces took a fifth of all instructions, more where memory is slow. What merges left there is made good by the first round
+//! that is optimised. Energies are higher by 0.1 to 3.9 % than with all rounds optimised where there is more than one cluster for four
+//! faces, and differ by 0.3 % at most, in either direction, where there is one for five to seventy (bunny, horse, nefertiti, igea,
+//! armadillo).
 //!
 //! Without optimisation no face ever moves, and the tree is nested: parallel hierarchical clustering, or with sequential
 //! rounds exact greedy Ward clustering on the lattice (Garland et al. 2001).
@@ -87,7 +88,8 @@ pub struct Options {
     pub refine: bool,
     /// Iterations of optimisation a round, except at stops: parallel rounds, and sequential ones.
     pub iterations_a_round: [u32; 2],
-    /// Mean faces a cluster from which on parallel rounds are optimised. Stops are in any case.
+    /// Faces a cluster from which on parallel rounds are optimised: those of the mesh over the clusters that are left beyond one a
+    /// component. Stops are in any case.
     pub optimised_from: u64,
     /// Which pairs merge in parallel rounds.
     pub pairs: Pairs,
@@ -130,7 +132,7 @@ pub fn hierarchical(
     on_row: &mut dyn FnMut(Row),
     on_round: &mut dyn FnMut(RoundRow),
 ) -> Result<(Tree, Vec<u32>)> {
-    let faces = surface.faces() as u64;
+    let (faces, components) = (surface.faces() as u64, surface.components.len() as u64);
     let target = check(surface, options)?;
     steps.set_labels(&(0..faces as u32).collect::<Vec<_>>())?;
     let mut builder = Builder::new(surface, (faces - target) as usize);
@@ -150,8 +152,9 @@ pub fn hierarchical(
         left -= merges;
         let is_level = left == stop && (options.levels.contains(&stop) || options.clusters == Some(stop));
         let mut moves = 0;
-        let is_worth_it = is_level || is_sequential || faces / left >= options.optimised_from;
-        if options.optimise && is_worth_it {
+        // a cluster that is all of its component says nothing about the others
+        let are_large = faces >= options.optimised_from * (left - components);
+        if options.optimise && (is_level || is_sequential || are_large) {
             let mut nothing = |_: Row| {};
             let on_row: &mut dyn FnMut(Row) = if is_sequential && !is_level { &mut nothing } else { on_row };
             let mut run = Run { steps, cancel, on_row, round: Some(round), iteration, left: u32::MAX, record: None };

@@ -89,7 +89,7 @@ impl Quality {
         }
     }
 
-    /// Mean faces a cluster from which on parallel rounds of a hierarchy are optimised.
+    /// Faces a cluster from which on parallel rounds of a hierarchy are optimised.
     pub fn optimised_from(self) -> u64 {
         match self {
             Quality::Fast | Quality::Default => 4,

@@ -171,6 +171,7 @@ impl Levels {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cluster::quality::Quality;
     use crate::device::LatticeEnergy;
 
     #[test]
@@ -192,6 +193,17 @@ mod tests {
             assert_eq!((left, row.moves), (row.clusters, 2 * row.merges));
         }
         assert_eq!(left, 1);
+    }
+
+    #[test]
+    fn qualities_differ_in_which_rounds_they_optimise_and_for_how_long() {
+        let of = |quality: Quality| {
+            let options = options(&Parameters { algorithm: Algorithm::Pml, quality, ..Parameters::default() });
+            (options.optimised_from, options.iterations_a_round)
+        };
+        assert_eq!(of(Quality::Fast), (4, [1, u32::MAX]));
+        assert_eq!(of(Quality::Default), (4, [2, u32::MAX]));
+        assert_eq!(of(Quality::Best), (1, [16, u32::MAX]));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The graph of clusters, contracted as they merge: who lies beside whom, and what merging with them costs.
 //!
-//! It stands for the faces as long as none of them moves: in hierarchies without optimisation, and in the first round of the
-//! others. A round then costs in proportion to the clusters that merge and to those beside them, however many others there
+//! It stands for the faces as long as none of them moves: in hierarchies without optimisation, and in the others before the first
+//! round that is optimised. A round then costs in proportion to the clusters that merge and to those beside them, however many others there
 //! are and however long their borders.
 //!
 //! # Who looks for its best dual edge again

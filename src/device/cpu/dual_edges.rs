@@ -5,7 +5,7 @@ use std::collections::BinaryHeap;
 
 use super::changes::Reader;
 use super::clusters::Clusters;
-use super::frontier::Frontier;
+use super::frontier::{Frontier, List};
 use super::labels::Labels;
 use super::sieve::Sieve;
 use crate::cluster::dual_edge::{End, Rank, Ties, exact_cost, packed_cost};
@@ -32,9 +32,7 @@ pub fn choose(
         let own = end(clusters, cluster);
         let rank = |other: u32| Rank::new(price(clusters, cluster, other), cluster, other, ties);
         let (mut best, mut cost) = (FREE, f64::INFINITY);
-        others.clear();
-        list.retain(|face| add_neighbours(graph, labels, cluster, face, others));
-        drop_repeated(cluster, others);
+        find_neighbours(graph, labels, list, others);
         for &other in others.kept() {
             let about = own.cost_about(end(clusters, other));
             // packed costs are for those that are nearly the same
@@ -54,27 +52,17 @@ pub fn price(clusters: &Clusters, cluster: u32, other: u32) -> u32 {
 /// Slots for neighbours that were found lately.
 const LATELY: usize = 16;
 
-/// The clusters beside a cluster; one that shares several dual edges with it maybe several times. They are put into `others`, in
-/// place of whatever was there.
-fn find_neighbours(graph: &DualGraph, labels: &Labels, frontier: &Frontier, cluster: u32, others: &mut Sieve) {
+/// The clusters beside the faces of a list; one that shares several dual edges with them maybe several times. They are put into
+/// `others`, in place of whatever was there. Faces beside none are dropped from the list.
+fn find_neighbours(graph: &DualGraph, labels: &Labels, list: List<'_>, others: &mut Sieve) {
+    let cluster = list.cluster;
     others.clear();
-    for face in frontier.boundary_of(cluster) {
-        add_neighbours(graph, labels, cluster, face, others);
-    }
-    drop_repeated(cluster, others);
-}
-
-/// Adds the clusters beside a face of a cluster. Says whether there are any.
-#[inline]
-fn add_neighbours(graph: &DualGraph, labels: &Labels, cluster: u32, face: u32, others: &mut Sieve) -> bool {
-    let beside = graph.neighbours_of(face);
-    let before = others.kept().len();
-    others.add(beside.len(), beside.iter().map(|&near| labels.near_boundary(near)), |other| other != cluster);
-    others.kept().len() > before
-}
-
-/// Drops clusters beside a cluster that were found a short while before.
-fn drop_repeated(cluster: u32, others: &mut Sieve) {
+    list.retain(|face| {
+        let beside = graph.neighbours_of(face);
+        let before = others.kept().len();
+        others.add(beside.len(), beside.iter().map(|&near| labels.near_boundary(near)), |other| other != cluster);
+        others.kept().len() > before
+    });
     // none of those that are found
     let mut lately = [cluster; LATELY];
     others.retain(|other| std::mem::replace(&mut lately[other as usize % LATELY], other) != other);
@@ -115,7 +103,7 @@ impl Queue {
         graph: &DualGraph,
         labels: &Labels,
         clusters: &mut Clusters,
-        frontier: &Frontier,
+        frontier: &mut Frontier,
     ) -> Option<Rank<u128>> {
         let changed = clusters.take_changes(Reader::DualEdges);
         for &cluster in &changed {
@@ -123,7 +111,7 @@ impl Queue {
         }
         let mut others = Sieve::default();
         for &cluster in changed.iter().filter(|&&cluster| clusters.sums(cluster).faces > 0) {
-            find_neighbours(graph, labels, frontier, cluster, &mut others);
+            find_neighbours(graph, labels, frontier.list_of(cluster), &mut others);
             others.kept_mut().sort_unstable();
             for other in others.kept().chunk_by(|a, b| a == b).map(|equal| equal[0]) {
                 // an edge between two changed clusters is queued once

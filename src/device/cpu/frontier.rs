@@ -98,6 +98,12 @@ impl Frontier {
         faces.iter().copied().filter(move |&face| self.listed_in[face as usize].load(Relaxed) == cluster)
     }
 
+    /// The list of a cluster, to be looked at.
+    pub fn list_of(&mut self, cluster: u32) -> List<'_> {
+        let Self { faces_of_cluster, listed_in } = self;
+        List { cluster, faces: &mut faces_of_cluster[cluster as usize], listed_in }
+    }
+
     /// Keeps the lists in step with a face that has moved; `labels` already say so.
     pub fn moved(&mut self, graph: &DualGraph, labels: &mut Labels, face: u32) {
         let to = labels.refresh(face);
@@ -168,9 +174,9 @@ impl Frontier {
 
     /// Drops the faces of a list that no longer belong there.
     pub fn prune(&mut self, graph: &DualGraph, labels: &Labels, cluster: u32) {
-        let faces = &mut self.faces_of_cluster[cluster as usize];
         let is_boundary = |face| graph.neighbours_of(face).iter().any(|&near| labels.of(near) != cluster);
-        List { cluster, faces, listed_in: &self.listed_in }.retain(is_boundary);
+        self.list_of(cluster).retain(is_boundary);
+        let faces = &mut self.faces_of_cluster[cluster as usize];
         // as much room again, so that the next time is far away; not more, so that reading does not take longer than it must
         let room = 2 * faces.len();
         if faces.capacity() < room { faces.reserve_exact(faces.len()) } else { faces.shrink_to(room) }

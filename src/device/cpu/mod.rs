@@ -34,6 +34,7 @@ use contraction::Contraction;
 use frontier::Frontier;
 use grow::Growth;
 use labels::Labels;
+use pieces::Pieces;
 use refine::Bids;
 use watch::Watch;
 
@@ -390,7 +391,8 @@ impl Steps for CpuSteps<'_> {
             let has_bids = steps.renew_bids(std::mem::take(&mut waiting));
             let Self { graph, labels, clusters, places, bids, .. } = steps;
             places.resize_with(graph.faces(), AtomicU32::default);
-            let mut may_leave = |winner: Move| pieces::stays_connected(graph, labels, winner.face, places);
+            let mut pieces = Pieces::new(places);
+            let mut may_leave = |winner: Move| pieces.stays_connected(graph, labels, winner.face);
             has_bids.then(|| bids.moves(graph, clusters, Some(&mut may_leave)))
         })
     }
@@ -446,7 +448,7 @@ impl MergeSteps for CpuSteps<'_> {
 
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {
         self.gather();
-        let Some(frontier) = &self.frontier else { return Ok(None) };
+        let Some(frontier) = &mut self.frontier else { return Ok(None) };
         let queue = self.queue.get_or_insert_with(|| dual_edges::Queue::new(self.clusters.len(), ties));
         let cheapest = queue.cheapest(self.graph, &self.labels, &mut self.clusters, frontier);
         Ok(cheapest.map(|edge| edge.ends()))

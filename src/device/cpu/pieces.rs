@@ -43,9 +43,10 @@ impl Walk<'_> {
 /// The pieces of a cluster, as far as one has to walk to tell them apart.
 ///
 /// A walk sets out from several faces at once, and joins what was reached from them where it meets, until there is at most one
-/// set that can still grow. The others then are whole pieces, and all faces that were not reached belong to that one. So it takes
-/// as long as there are faces to set out from and faces in the smaller pieces, not as the cluster has faces.
-struct Pieces<'a> {
+/// set that can still grow. The others then are whole pieces, and all faces that were not reached belong to that one. So it mostly
+/// takes as long as there are faces to set out from and faces in the smaller pieces; where boundaries are far apart, as those of a
+/// ring, as there are faces between them.
+pub struct Pieces<'a> {
     walk: Walk<'a>,
     /// Faces of the walk whose neighbours were looked at.
     looked_at: usize,
@@ -70,7 +71,8 @@ struct Set {
 }
 
 impl<'a> Pieces<'a> {
-    fn new(places: &'a Places) -> Self {
+    /// Not walked yet.
+    pub fn new(places: &'a Places) -> Self {
         Self {
             walk: Walk { faces: Vec::new(), places },
             looked_at: 0,
@@ -106,6 +108,14 @@ impl<'a> Pieces<'a> {
         (self.looked_at, self.count, self.open, self.closed_faces) = (0, faces, faces, 0);
         self.walk_until(1, graph, is_own);
         self.count > 1
+    }
+
+    /// Whether a connected cluster stays connected when it loses one of its faces.
+    pub fn stays_connected(&mut self, graph: &DualGraph, labels: &Labels, face: u32) -> bool {
+        let cluster = labels.of(face);
+        let is_own = |near: u32| near != face && labels.of(near) == cluster;
+        let beside = graph.neighbours_of(face).iter().copied().filter(|&near| is_own(near));
+        !self.are_several(graph, beside, is_own)
     }
 
     /// Goes on until no more than so many sets can grow.
@@ -149,6 +159,7 @@ impl<'a> Pieces<'a> {
             // the one that can grow may not be the largest
             self.walk_until(0, graph, is_own);
         }
+        // the face to be looked at next is of the set that can grow
         let largest = match self.set_of_face.get(self.looked_at) {
             Some(&set) => root(&mut self.joined, set),
             None => self.largest_of_all(),
@@ -271,12 +282,4 @@ fn leads_to(
 /// Whether a face lies beside one of a cluster.
 pub fn is_beside(graph: &DualGraph, labels: &Labels, face: u32, cluster: u32) -> bool {
     graph.neighbours_of(face).iter().any(|&near| labels.of(near) == cluster)
-}
-
-/// Whether a cluster stays connected when it loses one of its faces, given that it is connected.
-pub fn stays_connected(graph: &DualGraph, labels: &Labels, face: u32, places: &Places) -> bool {
-    let cluster = labels.of(face);
-    let is_own = |near: u32| near != face && labels.of(near) == cluster;
-    let beside = graph.neighbours_of(face).iter().copied().filter(|&near| is_own(near));
-    !Pieces::new(places).are_several(graph, beside, is_own)
 }
