@@ -15,6 +15,10 @@ use rayon::prelude::*;
 
 use super::Counts;
 use crate::mesh::Faces;
+use crate::prefetch::prefetch;
+
+/// Faces or positions that are worked on while what a later one needs is on its way.
+const AHEAD: usize = 8;
 
 /// Which faces are linked, by upload face.
 #[derive(Debug)]
@@ -165,7 +169,7 @@ impl<'a> Links<'a> {
         for (face, &upload) in upload_face.iter().enumerate() {
             internal[upload as usize] = face as u32;
         }
-        let internal = |face: u32| internal[face as usize];
+        let internal = &internal[..];
         if self.is_closed() {
             let offsets = (0..=upload_face.len() as u32).map(|face| 3 * face).collect();
             let mut neighbours = vec![0u32; 3 * upload_face.len()];
@@ -176,10 +180,11 @@ impl<'a> Links<'a> {
                     let mut repeating = Vec::new();
                     let positions = self.edges.positions.as_chunks::<3>().0;
                     let linked = self.linked.as_chunks::<3>().0;
-                    for (row, &face) in neighbours.as_chunks_mut::<3>().0.iter_mut().zip(faces) {
+                    for (at, (row, &face)) in neighbours.as_chunks_mut::<3>().0.iter_mut().zip(faces).enumerate() {
+                        self.prefetch(&faces[at..], internal);
                         let order = by_ends(positions[face as usize]);
                         let linked = &linked[face as usize];
-                        *row = order.map(|corner| internal(linked[corner].load(Ordering::Relaxed)));
+                        *row = order.map(|corner| internal[linked[corner].load(Ordering::Relaxed) as usize]);
                         let [a, b, c] = *row;
                         if (a == b) | (b == c) | (c == a) {
                             repeating.push(face);
@@ -213,18 +218,33 @@ impl<'a> Links<'a> {
         rows
     }
 
+    /// Asks for what the rows of some of the next triangles need: for their links, and for the numbers of those that were asked for
+    /// before.
+    #[inline]
+    fn prefetch(&self, next: &[u32], internal: &[u32]) {
+        let linked = self.linked.as_chunks::<3>().0;
+        if let Some(&later) = next.get(2 * AHEAD) {
+            prefetch(self.edges.positions.as_chunks::<3>().0, later as usize);
+            prefetch(linked, later as usize);
+        }
+        if let Some(&later) = next.get(AHEAD) {
+            linked[later as usize].iter().for_each(|other| prefetch(internal, other.load(Ordering::Relaxed) as usize));
+        }
+    }
+
     /// The rows of faces of at most three neighbours, one a half-edge.
-    fn rows_of_triangles(&self, faces: &[u32], internal: impl Fn(u32) -> u32) -> Piece {
+    fn rows_of_triangles(&self, faces: &[u32], internal: &[u32]) -> Piece {
         let positions = self.edges.positions.as_chunks::<3>().0;
         let linked = self.linked.as_chunks::<3>().0;
         let mut piece = Piece { neighbours: vec![0; 3 * faces.len()], ..Piece::default() };
         let mut end = 0;
-        for &face in faces {
+        for (at, &face) in faces.iter().enumerate() {
+            self.prefetch(&faces[at..], internal);
             let first = end;
             for corner in by_ends(positions[face as usize]) {
                 let other = linked[face as usize][corner].load(Ordering::Relaxed);
                 let is_there = other != NONE;
-                piece.neighbours[end] = internal(if is_there { other } else { face });
+                piece.neighbours[end] = internal[if is_there { other } else { face } as usize];
                 end += usize::from(is_there);
             }
             piece.ends.push(end as u32);
@@ -242,12 +262,12 @@ impl<'a> Links<'a> {
     }
 
     /// The rows of faces of any kind.
-    fn rows_of_any(&self, faces: &[u32], internal: impl Fn(u32) -> u32) -> Piece {
+    fn rows_of_any(&self, faces: &[u32], internal: &[u32]) -> Piece {
         let mut piece = Piece::default();
         let (mut row, mut edges) = (Vec::new(), Vec::new());
         for &face in faces {
             self.row(face, &mut row, &mut edges);
-            piece.neighbours.extend(row.iter().map(|&face| internal(face)));
+            piece.neighbours.extend(row.iter().map(|&face| internal[face as usize]));
             piece.ends.push(piece.neighbours.len() as u32);
             row.sort_unstable();
             if row.windows(2).any(|pair| pair[0] == pair[1]) {
@@ -493,7 +513,11 @@ impl<'a> Buckets<'a> {
         let mut found = Found::default();
         let mut edge_at = vec![Edge::default(); positions];
         let (mut ends, mut corners) = ([0; MOST_UNSORTED], [0; MOST_UNSORTED]);
-        for (low, &last) in (self.first..).zip(&self.last) {
+        for (at, (low, &last)) in (self.first..).zip(&self.last).enumerate() {
+            if let Some(&later) = self.last.get(at + AHEAD) {
+                prefetch(&edges.positions, later as usize);
+                prefetch(self.linked, later as usize);
+            }
             let mut count = 0;
             let mut is_plain = true;
             let mut corner = last;

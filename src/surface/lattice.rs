@@ -8,6 +8,10 @@
 use std::ops::{Add, Div, Mul, Range, Sub};
 
 use crate::mesh::PolygonMesh;
+use crate::prefetch::prefetch;
+
+/// Fours of faces that are worked on while what a later one needs is on its way.
+const AHEAD: usize = 2;
 
 /// Lattice coordinates stay below 2 to this power.
 const COORDINATE_BITS: i32 = 27;
@@ -159,6 +163,13 @@ impl Frame {
         let corners = mesh.faces.all_corners().as_chunks::<3>().0;
         let (fours, _) = faces.as_chunks::<4>();
         for (at, faces) in fours.iter().enumerate() {
+            if let Some(later) = fours.get(at + 2 * AHEAD) {
+                later.iter().for_each(|&face| prefetch(corners, face as usize));
+            }
+            if let Some(later) = fours.get(at + AHEAD) {
+                let vertices = later.iter().flat_map(|&face| corners[face as usize]);
+                vertices.for_each(|vertex| prefetch(&mesh.positions, vertex as usize));
+            }
             let mut of = [[Four([0.0; 4]); 3]; 3];
             for (lane, &face) in faces.iter().enumerate() {
                 for (corner, &vertex) in corners[face as usize].iter().enumerate() {

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::changes::{Changes, Reader};
 use crate::cluster::sums::{ClusterSums, squared_distance};
 use crate::device::{FREE, LatticeEnergy};
+use crate::prefetch::prefetch;
 use crate::surface::DualGraph;
 
 /// Drifts are counted in steps of so many lattice units: so few that a cluster is a thousand steps wide where that is a thousandth
@@ -134,6 +135,12 @@ impl Clusters {
         self.sums[to as usize].add_face(graph, face as usize, 1);
         self.changes.changed(from);
         self.changes.changed(to);
+    }
+
+    /// Asks for the sums of a cluster.
+    #[inline]
+    pub fn prefetch(&self, cluster: u32) {
+        prefetch(&self.sums, cluster as usize);
     }
 
     /// Says that a cluster may be in pieces.

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use super::labels::Labels;
 use super::sieve::Sieve;
 use crate::device::FREE;
+use crate::prefetch::prefetch;
 use crate::surface::DualGraph;
 
 /// Faces that a thread looks at to find those on boundaries.
@@ -96,6 +97,20 @@ impl Frontier {
     pub fn boundary_of(&self, cluster: u32) -> impl Iterator<Item = u32> + '_ {
         let faces = &self.faces_of_cluster[cluster as usize];
         faces.iter().copied().filter(move |&face| self.listed_in[face as usize].load(Relaxed) == cluster)
+    }
+
+    /// Asks for what is known of the faces in the list of a cluster, their neighbours excepted.
+    pub fn prefetch_all_of(&self, graph: &DualGraph, cluster: u32) {
+        for &face in &self.faces_of_cluster[cluster as usize] {
+            self.prefetch(face);
+            graph.prefetch(face);
+        }
+    }
+
+    /// Asks for where a face is listed.
+    #[inline]
+    pub fn prefetch(&self, face: u32) {
+        prefetch(&self.listed_in, face as usize);
     }
 
     /// The list of a cluster, to be looked at.

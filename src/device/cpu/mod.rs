@@ -90,6 +90,12 @@ pub fn open<'a>(graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Box<dy
     Box::new(CpuSteps::new(graph, component_of_cluster))
 }
 
+/// Moves that are made while what a later one needs is on its way.
+const AHEAD: usize = 4;
+
+/// Faces of a mesh that no cache holds. With fewer, asking for memory takes longer than waiting for it.
+const LARGE: usize = 1 << 18;
+
 /// Faces a thread takes at a time.
 const CHUNK: usize = 1024;
 
@@ -202,8 +208,12 @@ impl<'a> CpuSteps<'a> {
 
     /// Lets faces go where they want.
     fn apply(&mut self, moves: &[Move]) {
-        let Some(frontier) = &mut self.frontier else { return };
-        for &Move { face, from, to } in moves {
+        let Some(mut frontier) = self.frontier.take() else { return };
+        let is_large = self.graph.faces() >= LARGE;
+        for (at, &Move { face, from, to }) in moves.iter().enumerate() {
+            if is_large {
+                self.prefetch(&frontier, &moves[at..]);
+            }
             self.labels.set(face, to);
             self.clusters.transfer(self.graph, face, from, to);
             if self.clusters.is_whole(from) && !pieces::surely_stays_whole(self.graph, &self.labels, face, from) {
@@ -217,9 +227,32 @@ impl<'a> CpuSteps<'a> {
                 watch.moved(self.graph, &self.labels, face);
             }
         }
+        self.frontier = Some(frontier);
         self.clusters.refit();
         if let Some(left) = &mut self.left {
             left.extend(moves.iter().map(|&Move { face, from, .. }| (face, from)));
+        }
+    }
+
+    /// Asks for what some of the next moves need, each time for what the last time brought the way to.
+    fn prefetch(&self, frontier: &Frontier, next: &[Move]) {
+        if let Some(later) = next.get(3 * AHEAD) {
+            self.graph.prefetch(later.face);
+            self.clusters.prefetch(later.from);
+            self.clusters.prefetch(later.to);
+        }
+        if let Some(later) = next.get(2 * AHEAD) {
+            self.graph.prefetch_neighbours(later.face);
+        }
+        if let Some(later) = next.get(AHEAD) {
+            for &near in self.graph.neighbours_of(later.face) {
+                self.graph.prefetch(near);
+                self.labels.prefetch(near);
+                frontier.prefetch(near);
+                for watch in [&self.boundary_watch, &self.refinement_watch].into_iter().flatten() {
+                    watch.prefetch(near);
+                }
+            }
         }
     }
 

@@ -36,7 +36,7 @@ const FEW_FACES: usize = 2048;
 /// Changed clusters around which a thread looks at a time, where there are many.
 const FEW_CLUSTERS: usize = 16;
 
-/// Memory for a face is asked for while so many others are asked, and again while as many.
+/// Faces that are asked while what a later one needs is on its way.
 const AHEAD: usize = 4;
 
 /// Words of [`Watch::near`] that a thread takes at a time.
@@ -130,6 +130,12 @@ impl Watch {
     /// A face may lie on a boundary.
     fn mark(&mut self, face: u32) {
         *self.near[face as usize / 64].get_mut() |= 1 << (face % 64);
+    }
+
+    /// Asks for how long a face rests.
+    #[inline]
+    pub fn prefetch(&self, face: u32) {
+        prefetch(&self.rest_of_face, face as usize);
     }
 
     /// A face must look again.
@@ -233,7 +239,7 @@ impl Watch {
             false => {
                 let wishes = due.par_chunks(CHUNK).map(|faces| {
                     let ask_in_turn = |(at, face)| {
-                        // each needs what the one before brought
+                        // each step needs what the one before has brought
                         if let Some(&later) = faces.get(at + 4 * AHEAD) {
                             graph.prefetch(later);
                             prefetch(rest_of_face, later as usize);
@@ -382,13 +388,18 @@ fn over_around(
 ) -> Vec<u32> {
     let mut over = Vec::new();
     let mut around = Sieve::default();
-    for &cluster in changed {
+    for (at, &cluster) in changed.iter().enumerate() {
+        if let Some(&next) = changed.get(at + 1) {
+            frontier.prefetch_all_of(graph, next);
+        }
+        frontier.boundary_of(cluster).for_each(|face| graph.prefetch_neighbours(face));
         around.clear();
         for face in frontier.boundary_of(cluster) {
             let beside = graph.neighbours_of(face);
             around.extend(&[face]);
             around.add(beside.len(), beside.iter().copied(), |near| labels.near_boundary(near) != cluster);
         }
+        around.kept().iter().for_each(|&face| prefetch(rests, face as usize));
         around.retain(|face| {
             let kept = &rests[face as usize];
             kept.others()[0] == SEVERAL || kept.is_over(graph, labels, clusters, face)
