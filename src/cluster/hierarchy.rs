@@ -12,10 +12,9 @@
 //! * *Sequential rounds* (ML): the dual edge with the smallest exact cost of all merges; with `collapse_fraction` P, one
 //!   after the other until P % of the clusters are gone (Chiosa & Kolb 2008).
 //! * *Optimisation*: the boundary phase and the refinement of [`super::flat`], on the merged clusters. They look only at what
-//!   has changed. Between stops, parallel rounds make only a few iterations (2, unless [`super::quality::Quality`] says otherwise), and the next round goes on
-//!   where they ended. Then pieces that were cut off are given to their neighbours. Parallel rounds are
-//!   optimised from so many faces a cluster on ([`Options::optimised_from`]: 4, unless [`super::quality::Quality`] says otherwise), stops in
-//!   any case.
+//!   has changed. Between stops, parallel rounds make only a few iterations (2), and the next round goes on where they ended. Then
+//!   pieces that were cut off are given to their neighbours. Parallel rounds are optimised from so many faces a cluster on
+//!   ([`Options::optimised_from`]: 4), stops in any case. Both numbers are those of the default [`super::quality::Quality`].
 //!
 //! Of two clusters that merge, the one with more faces keeps its number, the smaller number of equal ones. Clusters start
 //! with the internal number of their face.

@@ -18,8 +18,9 @@
 //! for centroids and areas, a tenth each for components and rows, the rest for welding and weights. The peak is 110 bytes a
 //! face beyond the file, 24 of them the mesh itself. What paid: no sorting of half-edges and no copy of them
 //! (`adjacency`), records of 8 bytes instead of 16 (`order`), centroids computed twice instead of kept (memory that is
-//! touched for the first time costs more than they do), four triangles at a time (`lattice`), and no branches on what follows no
-//! pattern, which cost more than the instructions that stand in for them (`sets`, `weld`, `coarse`).
+//! touched for the first time costs more than they do), four triangles at a time (`lattice`), no branches on what follows no
+//! pattern, which cost more than the instructions that stand in for them (`sets`, `weld`, `coarse`), and memory asked for ahead where
+//! faces come in another order than the file's (`adjacency`, `lattice`).
 
 mod adjacency;
 mod bridge;

@@ -1,8 +1,9 @@
 //! The cpu device: the steps of an algorithm on the threads of this machine.
 //!
 //! It looks only at faces whose decision can have changed (`watch`), which makes the labels of every iteration equal
-//! to those of a plain sweep. Faces decide in parallel; those that move do so in one thread, because they are few. While each
-//! cluster still is what merges made of faces that were one each, the contracted graph of the clusters stands for the faces.
+//! to those of a plain sweep. Faces decide in parallel; those that move do so in one thread, because they are few. Both lie all
+//! over the mesh, so memory is asked for ahead; in large meshes most of the time goes to waiting for it. While each cluster still
+//! is what merges made of faces that were one each, the contracted graph of the clusters stands for the faces.
 
 mod boundary;
 mod changes;
