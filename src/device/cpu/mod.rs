@@ -498,7 +498,13 @@ impl MergeSteps for CpuSteps<'_> {
             self.gather();
         }
         self.labels.merge(self.clusters.len(), &pairs);
-        pairs.iter().for_each(|&(from, into)| self.clusters.merge(into, from));
+        for (at, &(from, into)) in pairs.iter().enumerate() {
+            if let Some(later) = pairs.get(at + AHEAD) {
+                self.clusters.prefetch(later.0);
+                self.clusters.prefetch(later.1);
+            }
+            self.clusters.merge(into, from);
+        }
         if let Some(frontier) = &mut self.frontier {
             self.labels.renew_after(pairs.len());
             let mut watches = [&mut self.boundary_watch, &mut self.refinement_watch];

@@ -6,6 +6,10 @@ use super::{Edge, Grown, MARGIN, NOBODY, Node, Row, living};
 use crate::cluster::dual_edge::{Rank, Ties};
 use crate::device::cpu::clusters::Clusters;
 use crate::device::cpu::dual_edges;
+use crate::prefetch::prefetch;
+
+/// Nodes that look while what a later one needs is on its way.
+const AHEAD: usize = 4;
 
 /// What a look for the best dual edge reads. It writes the row of who looks.
 #[derive(Clone, Copy)]
@@ -58,12 +62,25 @@ impl Context<'_> {
         self.nodes[node as usize].end.cost_about(self.nodes[other as usize].end)
     }
 
+    /// Asks for the nodes that the edges of a row lead to.
+    fn prefetch_ends(&self, row: &Row) {
+        for edge in row.of(self.edges) {
+            prefetch(self.nodes, Edge::unpacked(edge.load(Relaxed)).other as usize);
+        }
+    }
+
     /// Lets nodes that grew look among the neighbours of both that they were.
     pub(super) fn look_of_grown(&self, grown: &[Grown]) -> Look {
         let Self { nodes, edges, round, .. } = *self;
         let mut look = Look { found: Vec::with_capacity(grown.len()), ..Look::default() };
         let mut seen = Seen::default();
-        for &Grown { node, rows } in grown {
+        for (at, &Grown { node, rows }) in grown.iter().enumerate() {
+            if let Some(later) = grown.get(at + 2 * AHEAD) {
+                later.rows.iter().for_each(|row| prefetch(edges, row.start));
+            }
+            if let Some(later) = grown.get(at + AHEAD) {
+                later.rows.iter().for_each(|row| self.prefetch_ends(row));
+            }
             let target = &edges[self.rows[node as usize].start..];
             let mut kept = 0;
             let mut cheapest = Cheapest::default();
@@ -94,7 +111,16 @@ impl Context<'_> {
     pub(super) fn look_of_lost(&self, lost: &[u32]) -> Vec<Found> {
         let Self { nodes, rows, edges, .. } = *self;
         let mut seen = Seen::default();
-        let look = |&node: &u32| {
+        let look = |(at, &node): (usize, &u32)| {
+            if let Some(&later) = lost.get(at + 3 * AHEAD) {
+                prefetch(rows, later as usize);
+            }
+            if let Some(&later) = lost.get(at + 2 * AHEAD) {
+                prefetch(edges, rows[later as usize].start);
+            }
+            if let Some(&later) = lost.get(at + AHEAD) {
+                self.prefetch_ends(&rows[later as usize]);
+            }
             let row = rows[node as usize];
             let edges = row.of(edges);
             let mut kept = 0;
@@ -115,7 +141,7 @@ impl Context<'_> {
             }
             self.found(node, &edges[..kept], cheapest)
         };
-        lost.iter().map(look).collect()
+        lost.iter().enumerate().map(look).collect()
     }
 
     /// The best of the edges that a node has now.
