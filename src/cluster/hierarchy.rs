@@ -60,6 +60,7 @@ use super::run::{Row, Run};
 use super::sums::ClusterSums;
 use crate::device::{Cancel, LatticeEnergy, MergeSteps};
 use crate::error::{Error, Kind, Result};
+use crate::prefetch::prefetch;
 use crate::surface::Surface;
 use crate::tree::{FaceMove, Merge, Round, Tree};
 
@@ -245,6 +246,9 @@ fn optimise(run: &mut Run<'_>, options: &Options, is_level: bool, is_sequential:
     Ok(())
 }
 
+/// Merges that are recorded while what a later one needs is on its way.
+const AHEAD: usize = 8;
+
 /// Merges that a thread records at a time.
 const MERGES_A_THREAD: usize = 256;
 
@@ -266,7 +270,11 @@ impl<'a> Builder<'a> {
 
     /// Records merges (from, into), with the sums of both ends before, in either order.
     fn merge(&mut self, pairs: &[(u32, u32)], sums: &[[ClusterSums; 2]]) {
-        for &(from, into) in pairs {
+        for (at, &(from, into)) in pairs.iter().enumerate() {
+            if let Some(&(from, into)) = pairs.get(at + AHEAD) {
+                prefetch(&self.moments, from as usize);
+                prefetch(&self.moments, into as usize);
+            }
             self.moments[into as usize] += std::mem::take(&mut self.moments[from as usize]);
         }
         let Self { surface, tree, moments } = self;

@@ -143,6 +143,14 @@ impl Clusters {
         prefetch(&self.sums, cluster as usize);
     }
 
+    /// Asks for all that is known of a cluster.
+    #[inline]
+    pub fn prefetch_all(&self, cluster: u32) {
+        self.prefetch(cluster);
+        prefetch(&self.explained, cluster as usize);
+        prefetch(&self.places, cluster as usize + 1);
+    }
+
     /// Says that a cluster may be in pieces.
     pub fn may_be_in_pieces(&mut self, cluster: u32) {
         self.changes.may_be_in_pieces(cluster);

@@ -20,18 +20,23 @@
 
 mod look;
 
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::ops::Range;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 
 use rayon::prelude::*;
 
-use self::look::{Context, Found, Look};
+use self::look::{Context, Look};
 use super::clusters::Clusters;
 use crate::cluster::dual_edge::{Rank, Ties};
 use crate::device::DualEdge;
+use crate::prefetch::prefetch;
 use crate::surface::DualGraph;
 
 /// Nodes a thread takes at a time.
 const CHUNK: usize = 1024;
+
+/// Pairs that merge while what a later one needs is on its way.
+const AHEAD: usize = 8;
 
 /// In place of a node: none.
 const NOBODY: u32 = u32::MAX;
@@ -73,23 +78,24 @@ pub struct Contraction {
 }
 
 /// What others ask about a node: all of it lies together, because they come in no order.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug)]
 #[repr(align(32))]
 struct Node {
     end: RoughEnd,
     fate: Fate,
-    best: Edge,
+    /// Its best edge, packed. Who looks writes its own.
+    best: AtomicU64,
 }
 
-/// The neighbours of a node: those that it had when it last looked.
-#[derive(Debug, Clone, Copy)]
+/// The neighbours of a node: those that it had when it last looked. Who looks writes its own.
+#[derive(Debug)]
 struct Row {
     /// Its first edge.
     start: usize,
     /// Its edges.
-    len: u32,
+    len: AtomicU32,
     /// The round in which the node last looked; [`NEVER`] when each cost must be found anew.
-    looked: u32,
+    looked: AtomicU32,
 }
 
 /// What became of a node.
@@ -102,11 +108,11 @@ struct Fate {
 }
 
 /// A node that grew.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug)]
 struct Grown {
     node: u32,
-    /// The rows of the two that it was.
-    rows: [Row; 2],
+    /// The edges of the two that it was.
+    rows: [Range<usize>; 2],
 }
 
 /// The node of a neighbour, or [`NOBODY`], and the cost of merging with it in single precision.
@@ -127,18 +133,18 @@ impl Contraction {
     /// Of clusters that are a face each.
     pub fn new(graph: &DualGraph, ties: Ties) -> Self {
         let faces = graph.faces() as u32;
-        let row = |face: u32| Row {
-            start: graph.neighbour_offsets[face as usize] as usize,
-            len: graph.neighbours_of(face).len() as u32,
-            looked: NEVER,
+        let row = |face: u32| {
+            let start = graph.neighbour_offsets[face as usize] as usize;
+            Row::new(start, graph.neighbours_of(face).len() as u32, NEVER)
         };
         let node = |face: u32| Node {
             end: RoughEnd { weight: 0.0, proxy: [0; 3] },
             fate: Fate { into: face, grown: NEVER + 1 },
-            best: Edge::LOST,
+            best: Edge::LOST.packed().into(),
         };
+        let edge = |&other: &u32| AtomicU64::new(Edge { other, about: 0.0 }.packed());
         let mut edges = Vec::with_capacity(room(graph.neighbours.len(), graph.faces()));
-        edges.extend(graph.neighbours.iter().map(|&other| AtomicU64::new(Edge { other, about: 0.0 }.packed())));
+        edges.extend(graph.neighbours.iter().map(edge));
         Self {
             rows: (0..faces).map(row).collect(),
             nodes: (0..faces).map(node).collect(),
@@ -165,7 +171,7 @@ impl Contraction {
         self.update(clusters);
         let context = self.context(clusters);
         let edge = |(number, node): (usize, &Node)| {
-            let other = node.best.other;
+            let other = node.best().other;
             (other != NOBODY).then(|| DualEdge {
                 cluster: context.cluster_of_node[number],
                 other: context.cluster_of_node[other as usize],
@@ -191,15 +197,26 @@ impl Contraction {
         }
         self.round += 1;
         let mut end = self.edges.len();
-        for &(from, into) in pairs {
+        for (at, &(from, into)) in pairs.iter().enumerate() {
+            if let Some(later) = pairs.get(at + 2 * AHEAD) {
+                prefetch(&self.node_of_cluster, later.0 as usize);
+                prefetch(&self.node_of_cluster, later.1 as usize);
+            }
+            if let Some(later) = pairs.get(at + AHEAD) {
+                for node in [later.0, later.1].map(|cluster| self.node_of_cluster[cluster as usize] as usize) {
+                    prefetch(&self.nodes, node);
+                    prefetch(&self.rows, node);
+                }
+            }
             let [into, from] = [into, from].map(|cluster| self.node_of_cluster[cluster as usize]);
-            let rows = [into, from].map(|node| self.rows[node as usize]);
-            self.grown.push(Grown { node: into, rows });
+            let rows = [into, from].map(|node| self.rows[node as usize].edges());
             let ended = &mut self.nodes[from as usize];
-            (ended.fate.into, ended.best) = (into, Edge::NONE);
+            ended.fate.into = into;
+            ended.set_best(Edge::NONE);
             self.nodes[into as usize].fate.grown = self.round;
-            self.rows[into as usize] = Row { start: end, len: 0, looked: self.round };
-            end += (rows[0].len + rows[1].len) as usize;
+            self.rows[into as usize] = Row::new(end, 0, self.round);
+            end += rows[0].len() + rows[1].len();
+            self.grown.push(Grown { node: into, rows });
         }
         self.edges.resize_with(end, AtomicU64::default);
         self.ended += pairs.len();
@@ -226,53 +243,38 @@ impl Contraction {
         }
         let context = self.context(clusters);
         let looks: Vec<Look> = grown.par_chunks(CHUNK).map(|grown| context.look_of_grown(grown)).collect();
-        for look in &looks {
-            self.take(&look.found);
-            for &node in &look.lost {
-                if std::mem::replace(&mut self.nodes[node as usize].best, Edge::LOST) != Edge::LOST {
-                    lost.push(node);
-                }
-            }
-        }
         for &(node, edge) in looks.iter().flat_map(|look| &look.offers) {
-            let best = self.nodes[node as usize].best;
-            if best != Edge::LOST && self.context(clusters).prefers(node, edge, best) {
-                self.nodes[node as usize].best = edge;
+            let best = self.nodes[node as usize].best();
+            if best != Edge::LOST && context.prefers(node, edge, best) {
+                self.nodes[node as usize].set_best(edge);
             }
         }
-        let context = self.context(clusters);
-        let found: Vec<Vec<Found>> = lost.par_chunks(CHUNK).map(|lost| context.look_of_lost(lost)).collect();
-        found.iter().for_each(|found| self.take(found));
-        self.pair_up(clusters, grown.iter().map(|grown| grown.node).chain(lost));
-    }
-
-    /// Takes over what nodes have found.
-    fn take(&mut self, found: &[Found]) {
-        for &Found { node, len, best } in found {
-            let row = &mut self.rows[node as usize];
-            (row.len, row.looked) = (len, self.round);
-            self.nodes[node as usize].best = best;
-        }
+        lost.extend(looks.into_iter().flat_map(|look| look.lost));
+        lost.par_chunks(CHUNK).for_each(|lost| context.look_of_lost(lost));
+        let looked: Vec<u32> = grown.iter().map(|grown| grown.node).chain(lost).collect();
+        self.pair_up(clusters, &looked);
     }
 
     /// Finds the pairs that chose each other, given the nodes that looked in this round.
     ///
     /// A new pair has such a node: one that took an offer chose a grown one.
-    fn pair_up(&mut self, clusters: &Clusters, looked: impl Iterator<Item = u32>) {
-        let mut pairs = std::mem::take(&mut self.pairs);
-        let choice = |node: u32| self.nodes[node as usize].best.other;
+    fn pair_up(&mut self, clusters: &Clusters, looked: &[u32]) {
+        let context = self.context(clusters);
+        let choice = |node: u32| self.nodes[node as usize].best().other;
         // who looked without having grown did so because its choice had
         let has_grown = |node: u32| self.nodes[node as usize].fate.grown == self.round;
-        pairs.retain(|&(_, [a, b])| choice(a) == b && choice(b) == a && !has_grown(a) && !has_grown(b));
-        let has_looked = |node: u32| self.rows[node as usize].looked == self.round;
-        let context = self.context(clusters);
-        for node in looked {
+        let stays = |&(_, [a, b]): &(_, [u32; 2])| choice(a) == b && choice(b) == a && !has_grown(a) && !has_grown(b);
+        let has_looked = |node: u32| self.rows[node as usize].looked() == self.round;
+        let pair = |&node: &u32| {
             let other = choice(node);
-            if other != NOBODY && choice(other) == node && (node < other || !has_looked(other)) {
+            let is_new = other != NOBODY && choice(other) == node && (node < other || !has_looked(other));
+            is_new.then(|| {
                 let [low, high] = [node, other].map(|node| self.cluster_of_node[node as usize]);
-                pairs.push((Rank::new(context.price(node, other), low, high, Ties::Hash), [node, other]));
-            }
-        }
+                (Rank::new(context.price(node, other), low, high, Ties::Hash), [node, other])
+            })
+        };
+        let mut pairs: Vec<_> = self.pairs.par_iter().with_min_len(CHUNK).copied().filter(stays).collect();
+        pairs.par_extend(looked.par_iter().with_min_len(CHUNK).filter_map(pair));
         self.pairs = pairs;
     }
 
@@ -287,36 +289,38 @@ impl Contraction {
             new_number[number] = new as u32;
             self.node_of_cluster[self.cluster_of_node[number] as usize] = new as u32;
             self.cluster_of_node[new] = self.cluster_of_node[number];
-            left.push((number as u32, *row, end));
-            end += row.len as usize;
+            left.push((number as u32, row, end));
+            end += row.edges().len();
         }
         self.cluster_of_node.truncate(left.len());
         self.pairs.iter_mut().flat_map(|(_, nodes)| nodes).for_each(|node| *node = new_number[*node as usize]);
 
         let mut settled = Vec::with_capacity(room(end, left.len()));
         settled.resize_with(end, AtomicU64::default);
-        let settle = |&(_, row, start): &(u32, Row, usize)| {
-            let mut looked = row.looked;
-            for (target, edge) in settled[start..].iter().zip(row.of(edges)) {
+        let settle = |&(_, row, start): &(u32, &Row, usize)| {
+            let row_edges = &edges[row.edges()];
+            let mut looked = row.looked();
+            for (target, edge) in settled[start..].iter().zip(row_edges) {
                 let Edge { other, about } = Edge::unpacked(edge.load(Relaxed));
-                if !nodes[other as usize].fate.is_as_in(other, row.looked) {
+                if !nodes[other as usize].fate.is_as_in(other, row.looked()) {
                     looked = NEVER;
                 }
                 let other = new_number[living(nodes, other) as usize];
                 target.store(Edge { other, about }.packed(), Relaxed);
             }
-            Row { start, looked, ..row }
+            Row::new(start, row_edges.len() as u32, looked)
         };
-        self.rows = left.par_iter().with_min_len(CHUNK).map(settle).collect();
-        let renewed = |(new, &(old, ..)): (u32, &(u32, Row, usize))| {
-            let mut node = nodes[old as usize];
-            node.fate.into = new;
-            if node.best.other != NOBODY {
-                node.best.other = new_number[node.best.other as usize];
+        let new_rows = left.par_iter().with_min_len(CHUNK).map(settle).collect();
+        let renewed = |(new, &(old, ..)): (u32, &(u32, &Row, usize))| {
+            let Node { end, fate, best } = &nodes[old as usize];
+            let mut best = Edge::unpacked(best.load(Relaxed));
+            if best.other != NOBODY {
+                best.other = new_number[best.other as usize];
             }
-            node
+            Node { end: *end, fate: Fate { into: new, ..*fate }, best: best.packed().into() }
         };
         self.nodes = (0..).zip(&left).map(renewed).collect();
+        self.rows = new_rows;
         self.ended = 0;
         self.settled = end;
         self.edges = settled;
@@ -351,9 +355,38 @@ fn living(nodes: &[Node], mut node: u32) -> u32 {
     }
 }
 
+impl Node {
+    fn best(&self) -> Edge {
+        Edge::unpacked(self.best.load(Relaxed))
+    }
+
+    fn set_best(&self, edge: Edge) {
+        self.best.store(edge.packed(), Relaxed);
+    }
+
+    /// Says that it has lost its best edge, and whether that is news.
+    fn lose_best(&self) -> bool {
+        self.best.swap(Edge::LOST.packed(), Relaxed) != Edge::LOST.packed()
+    }
+}
+
 impl Row {
-    fn of<'a>(&self, edges: &'a [AtomicU64]) -> &'a [AtomicU64] {
-        &edges[self.start..][..self.len as usize]
+    fn new(start: usize, len: u32, looked: u32) -> Self {
+        Self { start, len: len.into(), looked: looked.into() }
+    }
+
+    fn edges(&self) -> Range<usize> {
+        self.start..self.start + self.len.load(Relaxed) as usize
+    }
+
+    fn looked(&self) -> u32 {
+        self.looked.load(Relaxed)
+    }
+
+    /// Has so many edges now, of a round.
+    fn renew(&self, len: usize, round: u32) {
+        self.len.store(len as u32, Relaxed);
+        self.looked.store(round, Relaxed);
     }
 }
 

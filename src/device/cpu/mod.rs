@@ -500,7 +500,7 @@ impl MergeSteps for CpuSteps<'_> {
         self.labels.merge(self.clusters.len(), &pairs);
         for (at, &(from, into)) in pairs.iter().enumerate() {
             if let Some(later) = pairs.get(at + AHEAD) {
-                self.clusters.prefetch(later.0);
+                self.clusters.prefetch_all(later.0);
                 self.clusters.prefetch(later.1);
             }
             self.clusters.merge(into, from);
@@ -523,7 +523,13 @@ impl MergeSteps for CpuSteps<'_> {
 
     fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<ClusterSums>> {
         self.sum();
-        Ok(clusters.iter().map(|&cluster| *self.clusters.sums(cluster)).collect())
+        let sums = |(at, &cluster): (usize, &u32)| {
+            if let Some(&later) = clusters.get(at + 2 * AHEAD) {
+                self.clusters.prefetch(later);
+            }
+            *self.clusters.sums(cluster)
+        };
+        Ok(clusters.iter().enumerate().map(sums).collect())
     }
 
     fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32, u32)>> {

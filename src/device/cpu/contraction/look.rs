@@ -1,5 +1,6 @@
 //! How a node of the contraction looks for its best dual edge.
 
+use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use super::{Edge, Grown, MARGIN, NOBODY, Node, Row, living};
@@ -11,7 +12,7 @@ use crate::prefetch::prefetch;
 /// Nodes that look while what a later one needs is on its way.
 const AHEAD: usize = 4;
 
-/// What a look for the best dual edge reads. It writes the row of who looks.
+/// What a look for the best dual edge reads. It writes the row and the best edge of who looks.
 #[derive(Clone, Copy)]
 pub(super) struct Context<'a> {
     pub(super) nodes: &'a [Node],
@@ -23,19 +24,10 @@ pub(super) struct Context<'a> {
     pub(super) ties: Ties,
 }
 
-/// What a node finds that looks: its edges, of so many now, and the best of them.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Found {
-    pub(super) node: u32,
-    pub(super) len: u32,
-    pub(super) best: Edge,
-}
-
-/// What nodes that grew find.
+/// What nodes that grew tell their neighbours.
 #[derive(Debug, Default)]
 pub(super) struct Look {
-    pub(super) found: Vec<Found>,
-    /// Neighbours whose best dual edge led to somebody who merged; some maybe twice.
+    /// Neighbours whose best dual edge led to somebody who merged, each once in all looks of a round.
     pub(super) lost: Vec<u32>,
     /// Edges of other neighbours to nodes that grew, where they may be better than the best.
     pub(super) offers: Vec<(u32, Edge)>,
@@ -62,9 +54,9 @@ impl Context<'_> {
         self.nodes[node as usize].end.cost_about(self.nodes[other as usize].end)
     }
 
-    /// Asks for the nodes that the edges of a row lead to.
-    fn prefetch_ends(&self, row: &Row) {
-        for edge in row.of(self.edges) {
+    /// Asks for the nodes that some edges lead to.
+    fn prefetch_ends(&self, edges: Range<usize>) {
+        for edge in &self.edges[edges] {
             prefetch(self.nodes, Edge::unpacked(edge.load(Relaxed)).other as usize);
         }
     }
@@ -72,20 +64,21 @@ impl Context<'_> {
     /// Lets nodes that grew look among the neighbours of both that they were.
     pub(super) fn look_of_grown(&self, grown: &[Grown]) -> Look {
         let Self { nodes, edges, round, .. } = *self;
-        let mut look = Look { found: Vec::with_capacity(grown.len()), ..Look::default() };
+        let mut look = Look::default();
         let mut seen = Seen::default();
-        for (at, &Grown { node, rows }) in grown.iter().enumerate() {
+        for (at, Grown { node, rows }) in grown.iter().enumerate() {
+            let node = *node;
             if let Some(later) = grown.get(at + 2 * AHEAD) {
                 later.rows.iter().for_each(|row| prefetch(edges, row.start));
             }
             if let Some(later) = grown.get(at + AHEAD) {
-                later.rows.iter().for_each(|row| self.prefetch_ends(row));
+                later.rows.iter().for_each(|row| self.prefetch_ends(row.clone()));
             }
             let target = &edges[self.rows[node as usize].start..];
             let mut kept = 0;
             let mut cheapest = Cheapest::default();
-            seen.begin((rows[0].len + rows[1].len) as usize);
-            for edge in rows.iter().flat_map(|row| row.of(edges)) {
+            seen.begin(rows[0].len() + rows[1].len());
+            for edge in rows.iter().flat_map(|row| &edges[row.clone()]) {
                 let other = living(nodes, Edge::unpacked(edge.load(Relaxed)).other);
                 if other == node || !seen.is_new(other) {
                     continue;
@@ -93,25 +86,27 @@ impl Context<'_> {
                 let about = self.about(node, other);
                 target[kept].store(cheapest.add(Edge { other, about }), Relaxed);
                 kept += 1;
-                let Node { fate, best: its, .. } = nodes[other as usize];
-                if fate.grown != round {
+                let its = nodes[other as usize].best();
+                if nodes[other as usize].fate.grown != round && its != Edge::LOST {
                     if !nodes[its.other as usize].fate.is_as_in(its.other, round - 1) {
-                        look.lost.push(other);
+                        if nodes[other as usize].lose_best() {
+                            look.lost.push(other);
+                        }
                     } else if about <= its.about * MARGIN {
                         look.offers.push((other, Edge { other: node, about }));
                     }
                 }
             }
-            look.found.push(self.found(node, &target[..kept], cheapest));
+            self.has_found(node, &target[..kept], cheapest);
         }
         look
     }
 
     /// Lets nodes look that did not grow.
-    pub(super) fn look_of_lost(&self, lost: &[u32]) -> Vec<Found> {
+    pub(super) fn look_of_lost(&self, lost: &[u32]) {
         let Self { nodes, rows, edges, .. } = *self;
         let mut seen = Seen::default();
-        let look = |(at, &node): (usize, &u32)| {
+        for (at, &node) in lost.iter().enumerate() {
             if let Some(&later) = lost.get(at + 3 * AHEAD) {
                 prefetch(rows, later as usize);
             }
@@ -119,17 +114,17 @@ impl Context<'_> {
                 prefetch(edges, rows[later as usize].start);
             }
             if let Some(&later) = lost.get(at + AHEAD) {
-                self.prefetch_ends(&rows[later as usize]);
+                self.prefetch_ends(rows[later as usize].edges());
             }
-            let row = rows[node as usize];
-            let edges = row.of(edges);
+            let row = &rows[node as usize];
+            let edges = &edges[row.edges()];
             let mut kept = 0;
             let mut cheapest = Cheapest::default();
             seen.begin(edges.len());
             for at in 0..edges.len() {
                 let mut edge = Edge::unpacked(edges[at].load(Relaxed));
                 // two that were as they are cannot be one
-                if !nodes[edge.other as usize].fate.is_as_in(edge.other, row.looked) {
+                if !nodes[edge.other as usize].fate.is_as_in(edge.other, row.looked()) {
                     let other = living(nodes, edge.other);
                     if !seen.is_new(other) {
                         continue;
@@ -139,13 +134,12 @@ impl Context<'_> {
                 edges[kept].store(cheapest.add(edge), Relaxed);
                 kept += 1;
             }
-            self.found(node, &edges[..kept], cheapest)
-        };
-        lost.iter().enumerate().map(look).collect()
+            self.has_found(node, &edges[..kept], cheapest);
+        }
     }
 
-    /// The best of the edges that a node has now.
-    fn found(&self, node: u32, edges: &[AtomicU64], cheapest: Cheapest) -> Found {
+    /// A node that looked has these edges now; keeps how many, and the best of them.
+    fn has_found(&self, node: u32, edges: &[AtomicU64], cheapest: Cheapest) {
         let mut best = Edge::unpacked(cheapest.first);
         if Edge::unpacked(cheapest.second).about <= best.about * MARGIN {
             for edge in edges.iter().map(|edge| Edge::unpacked(edge.load(Relaxed))) {
@@ -154,7 +148,8 @@ impl Context<'_> {
                 }
             }
         }
-        Found { node, len: edges.len() as u32, best }
+        self.nodes[node as usize].set_best(best);
+        self.rows[node as usize].renew(edges.len(), self.round);
     }
 }
 
