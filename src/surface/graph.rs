@@ -21,7 +21,16 @@ pub struct DualGraph {
     pub components: Vec<Component>,
 }
 
+/// Faces from which on asking ahead pays (`benches/results/2026-11-22-two-cores/ahead.md`): below, the caches have most of what is
+/// asked for, and the asking takes up to a twentieth of a clustering's time.
+const OUTGROWS_CACHES: usize = 1 << 18;
+
 impl DualGraph {
+    /// Whether what is looked at all over the graph is worth [asking for](crate::prefetch) ahead.
+    pub(crate) fn outgrows_caches(&self) -> bool {
+        self.faces() >= OUTGROWS_CACHES
+    }
+
     /// Asks for what is known of a face, its neighbours excepted.
     #[inline]
     pub(crate) fn prefetch(&self, face: u32) {

@@ -94,9 +94,6 @@ pub fn open<'a>(graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Box<dy
 /// Moves that are made while what a later one needs is on its way.
 const AHEAD: usize = 4;
 
-/// Faces of a mesh that no cache holds. With fewer, asking for memory takes longer than waiting for it.
-const LARGE: usize = 1 << 18;
-
 /// Faces a thread takes at a time.
 const CHUNK: usize = 1024;
 
@@ -210,9 +207,9 @@ impl<'a> CpuSteps<'a> {
     /// Lets faces go where they want.
     fn apply(&mut self, moves: &[Move]) {
         let Some(mut frontier) = self.frontier.take() else { return };
-        let is_large = self.graph.faces() >= LARGE;
+        let outgrows_caches = self.graph.outgrows_caches();
         for (at, &Move { face, from, to }) in moves.iter().enumerate() {
-            if is_large {
+            if outgrows_caches {
                 self.prefetch(&frontier, &moves[at..]);
             }
             self.labels.set(face, to);

@@ -234,21 +234,14 @@ impl Watch {
             }
             wish
         };
+        let outgrows_caches = graph.outgrows_caches();
         let wishes = match due.len() <= FEW_FACES {
             true => due.iter().filter_map(ask).collect(),
             false => {
                 let wishes = due.par_chunks(CHUNK).map(|faces| {
                     let ask_in_turn = |(at, face)| {
-                        // each step needs what the one before has brought
-                        if let Some(&later) = faces.get(at + 4 * AHEAD) {
-                            graph.prefetch(later);
-                            prefetch(rest_of_face, later as usize);
-                        }
-                        if let Some(&later) = faces.get(at + 2 * AHEAD) {
-                            graph.prefetch_neighbours(later);
-                        }
-                        if let Some(&later) = faces.get(at + AHEAD) {
-                            graph.neighbours_of(later).iter().for_each(|&near| labels.prefetch(near));
+                        if outgrows_caches {
+                            prefetch_next(graph, labels, rest_of_face, &faces[at..]);
                         }
                         ask(face)
                     };
@@ -259,6 +252,21 @@ impl Watch {
         };
         due.clear();
         wishes
+    }
+}
+
+/// Asks for what some of the next faces are asked by, each time for what the last time brought the way to.
+#[inline]
+fn prefetch_next(graph: &DualGraph, labels: &Labels, rests: &[Kept], next: &[u32]) {
+    if let Some(&later) = next.get(4 * AHEAD) {
+        graph.prefetch(later);
+        prefetch(rests, later as usize);
+    }
+    if let Some(&later) = next.get(2 * AHEAD) {
+        graph.prefetch_neighbours(later);
+    }
+    if let Some(&later) = next.get(AHEAD) {
+        graph.neighbours_of(later).iter().for_each(|&near| labels.prefetch(near));
     }
 }
 
@@ -388,18 +396,21 @@ fn over_around(
 ) -> Vec<u32> {
     let mut over = Vec::new();
     let mut around = Sieve::default();
+    let outgrows_caches = graph.outgrows_caches();
     for (at, &cluster) in changed.iter().enumerate() {
-        if let Some(&next) = changed.get(at + 1) {
-            frontier.prefetch_all_of(graph, next);
+        if outgrows_caches {
+            changed.get(at + 1).into_iter().for_each(|&next| frontier.prefetch_all_of(graph, next));
+            frontier.boundary_of(cluster).for_each(|face| graph.prefetch_neighbours(face));
         }
-        frontier.boundary_of(cluster).for_each(|face| graph.prefetch_neighbours(face));
         around.clear();
         for face in frontier.boundary_of(cluster) {
             let beside = graph.neighbours_of(face);
             around.extend(&[face]);
             around.add(beside.len(), beside.iter().copied(), |near| labels.near_boundary(near) != cluster);
         }
-        around.kept().iter().for_each(|&face| prefetch(rests, face as usize));
+        if outgrows_caches {
+            around.kept().iter().for_each(|&face| prefetch(rests, face as usize));
+        }
         around.retain(|face| {
             let kept = &rests[face as usize];
             kept.others()[0] == SEVERAL || kept.is_over(graph, labels, clusters, face)
