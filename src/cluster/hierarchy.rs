@@ -19,6 +19,9 @@
 //! Of two clusters that merge, the one with more faces keeps its number, the smaller number of equal ones. Clusters start
 //! with the internal number of their face.
 //!
+//! Without optimisation no face ever moves, and the tree is nested: parallel hierarchical clustering, or with sequential
+//! rounds exact greedy Ward clustering on the lattice (Garland et al. 2001).
+//!
 //! A run stops at `clusters`, at each of `levels` and at one cluster a component, at exactly those numbers: a round that
 //! would pass one merges only its cheapest pairs. There the phases run until no cluster is in pieces, as in a flat run.
 //!
@@ -47,9 +50,6 @@
 //! that is optimised. Energies are higher by 0.1 to 3.9 % than with all rounds optimised where there is more than one cluster for four
 //! faces, and differ by 0.3 % at most, in either direction, where there is one for five to seventy (bunny, horse, nefertiti, igea,
 //! armadillo).
-//!
-//! Without optimisation no face ever moves, and the tree is nested: parallel hierarchical clustering, or with sequential
-//! rounds exact greedy Ward clustering on the lattice (Garland et al. 2001).
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
