@@ -23,7 +23,6 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         hierarchical::number(&mut labels, clusters)?;
     }
     let results = Results::of(surface, initial.as_deref(), &labels, clusters, parameters.seeds == Seeds::Listed);
-    let internal = labels;
     let energy = Energy {
         functional: "cvd".to_owned(),
         weighted_by: prepared.weighted_by.clone(),
@@ -33,15 +32,12 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
     };
     let (labels, labels_sha256) = match (parameters.clusters, &tree) {
         (None, Some(_)) => (None, None),
-        _ => results.labels.map(|(labels, hash)| (Some(labels), Some(hash)))?,
-    };
-    if let Some(labels) = &labels {
-        let mut number_of_cluster = vec![0; clusters];
-        for (&face, &label) in surface.upload_face.iter().zip(&internal) {
-            number_of_cluster[label as usize] = labels[face as usize];
+        _ => {
+            let Numbered { labels, number_of_cluster, sha256 } = results.labels?;
+            snapshots.renumber(&surface.upload_face, &number_of_cluster);
+            (Some(labels), Some(sha256))
         }
-        snapshots.renumber(&surface.upload_face, &number_of_cluster);
-    }
+    };
     let hierarchy = match tree {
         Some(tree) => Some(Stored { header: hierarchical::header(&prepared.input, parameters)?, tree }),
         None => None,
@@ -77,48 +73,58 @@ struct Results {
     energy: f64,
     hexagon_ratio: Option<f64>,
     disconnected_clusters: u64,
-    /// In upload order, and their hash.
-    labels: Result<(Vec<u32>, String)>,
+    labels: Result<Numbered>,
+}
+
+/// Labels in upload order.
+struct Numbered {
+    labels: Vec<u32>,
+    /// What each of the device's labels became.
+    number_of_cluster: Vec<u32>,
+    sha256: String,
 }
 
 impl Results {
     fn of(surface: &Surface, initial: Option<&[u32]>, internal: &[u32], clusters: usize, keep_numbers: bool) -> Self {
-        let labels = || {
-            let labels = labels_of_upload(surface, internal, clusters, keep_numbers)?;
-            let hash = labels_sha256(&labels);
-            Ok((labels, hash))
-        };
+        let labels = || Numbered::of(surface, internal, clusters, keep_numbers);
         let energies = || {
             let initial = initial.map(|labels| surface.source_energy(labels, clusters));
             (initial, surface.energy_and_hexagon_ratio(internal, clusters))
         };
-        let ((initial_energy, (energy, hexagon_ratio)), (disconnected_clusters, labels)) =
-            rayon::join(energies, || (repair::disconnected_clusters(surface, clusters, internal), labels()));
+        let (disconnected_clusters, ((initial_energy, (energy, hexagon_ratio)), labels)) = rayon::join(
+            || repair::disconnected_clusters(surface, clusters, internal),
+            || rayon::join(energies, labels),
+        );
         Self { initial_energy, energy, hexagon_ratio, disconnected_clusters, labels }
     }
 }
 
-/// Labels in upload order: those of listed seeds keep their numbers, others are numbered by the first face that
-/// carries them. Checks that every cluster has a face.
-fn labels_of_upload(surface: &Surface, internal: &[u32], clusters: usize, keep_numbers: bool) -> Result<Vec<u32>> {
-    let mut labels = vec![0; internal.len()];
-    for (&face, &label) in surface.upload_face.iter().zip(internal) {
-        labels[face as usize] = label;
+impl Numbered {
+    /// Those of listed seeds keep their numbers, others are numbered by the first face that carries them. Checks that every cluster
+    /// has a face.
+    fn of(surface: &Surface, internal: &[u32], clusters: usize, keep_numbers: bool) -> Result<Self> {
+        /// Of a cluster without faces.
+        const NONE: u32 = u32::MAX;
+        let mut labels = vec![0; internal.len()];
+        for (&face, &label) in surface.upload_face.iter().zip(internal) {
+            labels[face as usize] = label;
+        }
+        let mut number_of_cluster = vec![NONE; clusters];
+        let mut seen = 0;
+        for label in &mut labels {
+            let number = &mut number_of_cluster[*label as usize];
+            if *number == NONE {
+                *number = if keep_numbers { *label } else { seen };
+                seen += 1;
+            }
+            *label = *number;
+        }
+        if seen as usize != clusters {
+            return Err(Error::new(Kind::Internal, format_args!("{seen} of {clusters} clusters have faces")));
+        }
+        let sha256 = labels_sha256(&labels);
+        Ok(Self { labels, number_of_cluster, sha256 })
     }
-    let mut number_of_cluster: Vec<Option<u32>> = vec![None; clusters];
-    let mut seen = 0;
-    for label in &mut labels {
-        let number = number_of_cluster[*label as usize].get_or_insert_with(|| {
-            let number = if keep_numbers { *label } else { seen };
-            seen += 1;
-            number
-        });
-        *label = *number;
-    }
-    if seen as usize != clusters {
-        return Err(Error::new(Kind::Internal, format_args!("{seen} of {clusters} clusters have faces")));
-    }
-    Ok(labels)
 }
 
 /// SHA-256 of labels as u32 little-endian, lower-case hexadecimal.
