@@ -285,6 +285,20 @@ fn components_of_a_face_or_two_do_not_keep_a_large_one_from_being_optimised() {
 }
 
 #[test]
+fn any_number_of_threads_makes_the_same_merges() {
+    let surface = Surface::build(&generate(Sample::Knot, 60_000).expect("a sample")).expect("a surface");
+    for pairs in [Pairs::CheaperHalf, Pairs::All] {
+        let options = Options { optimise: false, pairs, ..pml() };
+        let mut merges = (1..=6).map(|threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            pool.install(|| run(&surface, &options)).tree.merges
+        });
+        let of_one = merges.next().expect("one thread");
+        assert!(merges.all(|of_several| of_several == of_one), "{pairs:?}");
+    }
+}
+
+#[test]
 fn plateaus_of_equal_faces_take_rounds_in_proportion_to_the_logarithm() {
     for (sample, faces) in [(Sample::Strip, 4096), (Sample::Plane, 8192), (Sample::Cube, 12 * 24 * 24)] {
         let surface = Surface::build(&generate(sample, faces).expect("a sample")).expect("a surface");

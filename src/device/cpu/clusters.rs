@@ -143,9 +143,9 @@ impl Clusters {
         prefetch(&self.sums, cluster as usize);
     }
 
-    /// Asks for all that is known of a cluster.
+    /// Asks for what a merge changes of the cluster that ends.
     #[inline]
-    pub fn prefetch_all(&self, cluster: u32) {
+    pub fn prefetch_ending(&self, cluster: u32) {
         self.prefetch(cluster);
         prefetch(&self.explained, cluster as usize);
         prefetch(&self.places, cluster as usize + 1);

@@ -83,7 +83,8 @@ pub struct Contraction {
 struct Node {
     end: RoughEnd,
     fate: Fate,
-    /// Its best edge, packed. Who looks writes its own.
+    /// Its best edge, packed. Who looks writes its own; a neighbour that grew may say before that it is [lost](Edge::LOST), and offers
+    /// are taken in between.
     best: AtomicU64,
 }
 
@@ -181,7 +182,7 @@ impl Contraction {
         self.nodes.par_iter().enumerate().with_min_len(CHUNK).filter_map(edge).collect()
     }
 
-    /// The pairs of clusters that chose each other, in no particular order.
+    /// The pairs of clusters that chose each other, in no particular order: another one each time.
     pub fn mutual(&mut self, clusters: &Clusters) -> Vec<Rank<u32>> {
         self.update(clusters);
         self.pairs.iter().map(|(rank, _)| *rank).collect()
@@ -244,8 +245,8 @@ impl Contraction {
         let context = self.context(clusters);
         let looks: Vec<Look> = grown.par_chunks(CHUNK).map(|grown| context.look_of_grown(grown)).collect();
         for &(node, edge) in looks.iter().flat_map(|look| &look.offers) {
-            let best = self.nodes[node as usize].best();
-            if best != Edge::LOST && context.prefers(node, edge, best) {
+            // nobody offers anything to a node that has to look anyway
+            if context.prefers(node, edge, self.nodes[node as usize].best()) {
                 self.nodes[node as usize].set_best(edge);
             }
         }
@@ -261,7 +262,7 @@ impl Contraction {
     fn pair_up(&mut self, clusters: &Clusters, looked: &[u32]) {
         let context = self.context(clusters);
         let choice = |node: u32| self.nodes[node as usize].best().other;
-        // who looked without having grown did so because its choice had
+        // who looked without having grown did so because its choice had grown or ended, or because nobody had looked before
         let has_grown = |node: u32| self.nodes[node as usize].fate.grown == self.round;
         let stays = |&(_, [a, b]): &(_, [u32; 2])| choice(a) == b && choice(b) == a && !has_grown(a) && !has_grown(b);
         let has_looked = |node: u32| self.rows[node as usize].looked() == self.round;

@@ -2,7 +2,7 @@
 //!
 //! It looks only at faces whose decision can have changed (`watch`), which makes the labels of every iteration equal
 //! to those of a plain sweep. Faces decide in parallel; those that move do so in one thread, because they are few. Both lie all
-//! over the mesh, so memory is asked for ahead; in large meshes most of the time goes to waiting for it. While each cluster still
+//! over the mesh: in large ones most of the time goes to waiting for memory, so there it is asked for ahead. While each cluster still
 //! is what merges made of faces that were one each, the contracted graph of the clusters stands for the faces.
 
 mod boundary;
@@ -91,7 +91,7 @@ pub fn open<'a>(graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Box<dy
     Box::new(CpuSteps::new(graph, component_of_cluster))
 }
 
-/// Moves that are made while what a later one needs is on its way.
+/// Moves or merges that are made while what a later one needs is on its way.
 const AHEAD: usize = 4;
 
 /// Faces a thread takes at a time.
@@ -497,7 +497,7 @@ impl MergeSteps for CpuSteps<'_> {
         self.labels.merge(self.clusters.len(), &pairs);
         for (at, &(from, into)) in pairs.iter().enumerate() {
             if let Some(later) = pairs.get(at + AHEAD) {
-                self.clusters.prefetch_all(later.0);
+                self.clusters.prefetch_ending(later.0);
                 self.clusters.prefetch(later.1);
             }
             self.clusters.merge(into, from);

@@ -1,7 +1,7 @@
 //! Links as compressed rows, in internal order.
 //!
-//! A row has the neighbours of a face by lower and upper end of the shared edge, those across bridges last. Where all faces are
-//! triangles, the order is looked up, and no row is sorted.
+//! A row has the neighbours of a face by lower and upper end of the shared edge, those across bridges last. The order
+//! of a triangle's edges is looked up, not sorted.
 
 use std::sync::atomic::Ordering;
 
@@ -30,44 +30,6 @@ struct Piece {
 }
 
 impl Links<'_> {
-    /// Whether every face has exactly three neighbours, one for each half-edge.
-    fn is_closed(&self) -> bool {
-        let Counts { boundary_edges, non_manifold_edges, degenerate_faces, .. } = self.counts;
-        self.edges.faces.are_triangles()
-            && boundary_edges + non_manifold_edges + degenerate_faces == 0
-            && self.bridges.is_empty()
-    }
-
-    /// The faces that `face` is linked to, by lower and upper end of the shared edge, into `row`.
-    fn row(&self, face: u32, row: &mut Vec<u32>, edges: &mut Vec<(u32, u32, u32)>) {
-        row.clear();
-        let first = self.edges.faces.first_corner(face as usize);
-        let end = self.edges.faces.first_corner(face as usize + 1);
-        let linked = |corner: usize| self.linked[corner].load(Ordering::Relaxed);
-        if let &[a, b, c] = &self.edges.positions[first..end] {
-            for corner in by_ends([a, b, c]) {
-                self.push(first + corner, linked(first + corner), row);
-            }
-        } else {
-            edges.clear();
-            self.edges.each_of(first..end, |low, high, corner| edges.push((low, high, corner)));
-            edges.sort_unstable();
-            for &mut (_, _, corner) in edges {
-                self.push(corner as usize, linked(corner as usize), row);
-            }
-        }
-        let bridges = self.bridges.partition_point(|&(other, _)| other < face);
-        row.extend(self.bridges[bridges..].iter().take_while(|bridge| bridge.0 == face).map(|bridge| bridge.1));
-    }
-
-    fn push(&self, corner: usize, linked: u32, row: &mut Vec<u32>) {
-        match linked {
-            NONE => {}
-            CHAINED => row.extend(self.chain_at(corner as u32)),
-            face => row.push(face),
-        }
-    }
-
     /// The links as compressed rows in internal order.
     pub fn compressed(&self, upload_face: &[u32]) -> Rows {
         /// Faces of a piece.
@@ -123,6 +85,44 @@ impl Links<'_> {
             rows.repeating.extend(piece.repeating);
         }
         rows
+    }
+
+    /// Whether every face has exactly three neighbours, one for each half-edge.
+    fn is_closed(&self) -> bool {
+        let Counts { boundary_edges, non_manifold_edges, degenerate_faces, .. } = self.counts;
+        self.edges.faces.are_triangles()
+            && boundary_edges + non_manifold_edges + degenerate_faces == 0
+            && self.bridges.is_empty()
+    }
+
+    /// The faces that `face` is linked to, by lower and upper end of the shared edge, into `row`.
+    fn row(&self, face: u32, row: &mut Vec<u32>, edges: &mut Vec<(u32, u32, u32)>) {
+        row.clear();
+        let first = self.edges.faces.first_corner(face as usize);
+        let end = self.edges.faces.first_corner(face as usize + 1);
+        let linked = |corner: usize| self.linked[corner].load(Ordering::Relaxed);
+        if let &[a, b, c] = &self.edges.positions[first..end] {
+            for corner in by_ends([a, b, c]) {
+                self.push(first + corner, linked(first + corner), row);
+            }
+        } else {
+            edges.clear();
+            self.edges.each_of(first..end, |low, high, corner| edges.push((low, high, corner)));
+            edges.sort_unstable();
+            for &mut (_, _, corner) in edges {
+                self.push(corner as usize, linked(corner as usize), row);
+            }
+        }
+        let bridges = self.bridges.partition_point(|&(other, _)| other < face);
+        row.extend(self.bridges[bridges..].iter().take_while(|bridge| bridge.0 == face).map(|bridge| bridge.1));
+    }
+
+    fn push(&self, corner: usize, linked: u32, row: &mut Vec<u32>) {
+        match linked {
+            NONE => {}
+            CHAINED => row.extend(self.chain_at(corner as u32)),
+            face => row.push(face),
+        }
     }
 
     /// Asks for what the rows of some of the next triangles need: for their links, and for the numbers of those that were asked for

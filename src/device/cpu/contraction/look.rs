@@ -12,7 +12,9 @@ use crate::prefetch::prefetch;
 /// Nodes that look while what a later one needs is on its way.
 const AHEAD: usize = 4;
 
-/// What a look for the best dual edge reads. It writes the row and the best edge of who looks.
+/// What a look for the best dual edge reads. It writes the row and the best edge of who looks. Several threads look at a time; what
+/// they find does not depend on who comes first, because fates and ends stand still meanwhile, and best edges are read of nodes that
+/// do not look.
 #[derive(Clone, Copy)]
 pub(super) struct Context<'a> {
     pub(super) nodes: &'a [Node],
@@ -27,7 +29,8 @@ pub(super) struct Context<'a> {
 /// What nodes that grew tell their neighbours.
 #[derive(Debug, Default)]
 pub(super) struct Look {
-    /// Neighbours whose best dual edge led to somebody who merged, each once in all looks of a round.
+    /// Neighbours whose best dual edge led to somebody who merged, each once in all looks of a round; in which of them depends on who
+    /// came first.
     pub(super) lost: Vec<u32>,
     /// Edges of other neighbours to nodes that grew, where they may be better than the best.
     pub(super) offers: Vec<(u32, Edge)>,
@@ -89,6 +92,7 @@ impl Context<'_> {
                 let its = nodes[other as usize].best();
                 if nodes[other as usize].fate.grown != round && its != Edge::LOST {
                     if !nodes[its.other as usize].fate.is_as_in(its.other, round - 1) {
+                        // whoever comes to it finds the same, and the first one says so
                         if nodes[other as usize].lose_best() {
                             look.lost.push(other);
                         }

@@ -165,6 +165,11 @@ fn folds_in_which_clusters_touch_that_lie_apart_are_no_exception() {
 
 #[test]
 fn merged_to_the_top_the_best_dual_edges_are_those_of_the_faces() {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(4).build().expect("threads");
+    pool.install(merge_samples_to_the_top);
+}
+
+fn merge_samples_to_the_top() {
     // of the largest, several threads look at once
     for (sample, faces) in [
         (Sample::Sphere, 1500),
