@@ -218,7 +218,7 @@ def flat(mesh, name, clusters, client):
 
 def hierarchies(mesh, name, clusters):
     """higra's and scikit-learn's Ward beside trees without and with optimisation."""
-    runs = 3 if len(mesh.faces) < 500_000 else 1
+    runs = 3 if len(mesh.faces) < 500_000 else 2
     theirs, nested, full = [], [], []
     for _ in range(runs):
         ms, tree = mesh.higra()

@@ -21,8 +21,8 @@ pub struct DualGraph {
     pub components: Vec<Component>,
 }
 
-/// Faces from which on asking ahead pays where a clustering asks faces and moves them (`benches/results/2026-11-22-two-cores/ahead.md`):
-/// below, the caches have most of it, and the asking took the bunny 3 to 7 % of a clustering's time.
+/// Faces from which on asking ahead pays where a clustering asks faces and moves them (`benches/results/2026-11-22-two-cores-xeon/ahead.md`):
+/// below, the caches have most of it, and the asking took up to a twentieth of a clustering's time.
 const OUTGROWS_CACHES: usize = 1 << 18;
 
 impl DualGraph {
