@@ -38,7 +38,7 @@ pub fn form(bytes: &[u8]) {
         .header("content-type", "multipart/form-data; boundary=b")
         .body(Body::from(bytes.to_vec()))
         .expect("a request");
-    let _ = runtime.block_on(upload::receive(request, files, "fuzz", rules));
+    let _ = runtime.block_on(upload::receive(request, files, "fuzz", true, rules));
 }
 
 /// A file of tokens; its content as a token.

@@ -311,7 +311,7 @@ pub(super) async fn create(Extract(shared): App, caller: Caller, request: Reques
     let parent = request.extensions().get::<TraceParent>().map(|parent| parent.at(&tracing::Span::current()));
     let uploads = Arc::clone(&shared.traffic.uploads);
     let rules = Rules::new(shared.settings.max_upload_bytes, &shared.settings.traffic, uploads);
-    let mut upload = upload::receive(request, &shared.files, &tenant.name, rules).await?;
+    let mut upload = upload::receive(request, &shared.files, &tenant.name, key.is_some(), rules).await?;
     upload.spec.trace_parent = parent.map(|parent| parent.to_string());
     if let Some(webhook) = &upload.spec.webhook {
         shared.webhooks.check(webhook)?;

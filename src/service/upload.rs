@@ -38,7 +38,7 @@ pub(super) struct Upload {
     pub folder: Incoming,
     /// What it is.
     pub spec: Spec,
-    /// SHA-256 of each file: the mesh, seeds and weights if there are any, the buffers.
+    /// SHA-256 of each file: the mesh, seeds and weights if there are any, the buffers. Empty where nobody wants them.
     pub digests: Vec<[u8; 32]>,
 }
 
@@ -51,8 +51,14 @@ enum BodyKind {
     Form,
 }
 
-/// Receives an upload for a tenant. Whose trace it belongs to is for the caller to say.
-pub(super) async fn receive(request: Request, files: &Arc<Files>, tenant: &str, rules: Rules) -> Result<Upload> {
+/// Receives an upload for a tenant; whether with [digests](Upload::digests) is for the caller to say, and whose trace it belongs to.
+pub(super) async fn receive(
+    request: Request,
+    files: &Arc<Files>,
+    tenant: &str,
+    with_digests: bool,
+    rules: Rules,
+) -> Result<Upload> {
     let (parts, body) = request.into_parts();
     let wanted = Wanted::from_query(&parts.uri);
     let encoding = encoding(&parts.headers);
@@ -63,9 +69,10 @@ pub(super) async fn receive(request: Request, files: &Arc<Files>, tenant: &str, 
     let kind = body_kind(&parts.headers)?;
     wanted.check_early(kind == BodyKind::Form)?;
     let (content, length) = (content?, length.filter(|_| encoding == Encoding::Identity));
+    let into = Destination { folder: files.incoming(), with_digests };
     let mut upload = match kind {
-        BodyKind::Form => form::receive(parts, content, wanted, files).await,
-        BodyKind::Mesh(format) => raw(&parts, content, wanted, format, length, files).await,
+        BodyKind::Form => form::receive(parts, content, wanted, into).await,
+        BodyKind::Mesh(format) => raw(&parts, content, wanted, format, length, into).await,
     }?;
     upload.spec.tenant = tenant.to_owned();
     Ok(upload)
@@ -94,15 +101,14 @@ async fn raw(
     wanted: Wanted,
     format: Option<Format>,
     length: Option<u64>,
-    files: &Arc<Files>,
+    mut into: Destination,
 ) -> Result<Upload> {
     let format = agreed(format, wanted.format)?;
-    let mut folder = files.incoming();
     let early = |head: &[u8]| match format {
         Some(format) => format.check_head(head, length),
         None => Format::recognise(None, head)?.check_head(head, length),
     };
-    let mesh = save(content, &mut folder, files::MESH, early).await?;
+    let mesh = into.save(content, files::MESH, early).await?;
     let format = mesh.format(format, None)?;
     tracing::debug!(bytes = mesh.bytes, path = parts.uri.path(), "received a mesh");
     let (parameters, webhook) = wanted.finish(false)?;
@@ -119,7 +125,7 @@ async fn raw(
         has_weights: false,
         is_small: false,
     };
-    Ok(Upload { folder, spec, digests: vec![mesh.digest] })
+    Ok(Upload { folder: into.folder, spec, digests: mesh.digest.into_iter().collect() })
 }
 
 /// What the headers say about the body.
@@ -168,8 +174,8 @@ struct Saved {
     bytes: u64,
     /// Its first bytes.
     head: Vec<u8>,
-    /// Its SHA-256.
-    digest: [u8; 32],
+    /// Its SHA-256, if that is wanted.
+    digest: Option<[u8; 32]>,
 }
 
 impl Saved {
@@ -187,30 +193,40 @@ impl Saved {
     }
 }
 
-/// Writes a stream to a new blob. `early` sees the first bytes as soon as they are there and may refuse them.
-async fn save<S>(mut stream: S, folder: &mut Incoming, name: &str, early: impl Fn(&[u8]) -> Result<()>) -> Result<Saved>
-where
-    S: Stream<Item = Result<Bytes>> + Unpin,
-{
-    let mut blob = folder.blob(name);
-    let mut saved = Saved { bytes: 0, head: Vec::new(), digest: [0; 32] };
-    let mut digest = Sha256::new();
-    while let Some(chunk) = stream.next().await {
-        let chunk = chunk?;
-        saved.bytes += chunk.len() as u64;
-        let missing = HEAD_BYTES - saved.head.len();
-        if missing > 0 {
-            saved.head.extend_from_slice(&chunk[..missing.min(chunk.len())]);
-            if saved.head.len() == HEAD_BYTES {
-                early(&saved.head)?;
+/// Where what is received goes.
+struct Destination {
+    folder: Incoming,
+    with_digests: bool,
+}
+
+impl Destination {
+    /// Writes a stream to a new blob. `early` sees the first bytes as soon as they are there and may refuse them.
+    async fn save<S>(&mut self, mut stream: S, name: &str, early: impl Fn(&[u8]) -> Result<()>) -> Result<Saved>
+    where
+        S: Stream<Item = Result<Bytes>> + Unpin,
+    {
+        let mut blob = self.folder.blob(name);
+        let mut saved = Saved { bytes: 0, head: Vec::new(), digest: None };
+        let mut digest = self.with_digests.then(Sha256::new);
+        while let Some(chunk) = stream.next().await {
+            let chunk = chunk?;
+            saved.bytes += chunk.len() as u64;
+            let missing = HEAD_BYTES - saved.head.len();
+            if missing > 0 {
+                saved.head.extend_from_slice(&chunk[..missing.min(chunk.len())]);
+                if saved.head.len() == HEAD_BYTES {
+                    early(&saved.head)?;
+                }
             }
+            if let Some(digest) = &mut digest {
+                digest.update(&chunk);
+            }
+            blob.write(&chunk).await?;
         }
-        digest.update(&chunk);
-        blob.write(&chunk).await?;
+        self.folder.add(blob).await?;
+        saved.digest = digest.map(|digest| digest.finalize().into());
+        Ok(saved)
     }
-    folder.add(blob).await?;
-    saved.digest = digest.finalize().into();
-    Ok(saved)
 }
 
 #[cfg(test)]

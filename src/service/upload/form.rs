@@ -2,7 +2,6 @@
 //! and `weights`, in any order.
 
 use std::error::Error as StdError;
-use std::sync::Arc;
 
 use axum::body::Body;
 use axum::extract::multipart::{Field, Multipart, MultipartError};
@@ -10,11 +9,11 @@ use axum::extract::{FromRequest, Request};
 use axum::http::request::Parts;
 use futures_util::{Stream, TryStreamExt};
 
-use super::{MAX_NAME, Saved, Upload, agreed, save};
+use super::{Destination, MAX_NAME, Saved, Upload, agreed};
 use crate::error::{Error, Kind, Result};
 use crate::job;
 use crate::mesh::Format;
-use crate::service::files::{self, Files, Incoming};
+use crate::service::files;
 use crate::service::intake::Content;
 use crate::service::request::{MAX_PARAMETERS_BYTES, Wanted};
 use crate::service::store::Spec;
@@ -23,7 +22,7 @@ use crate::service::store::Spec;
 const MAX_BUFFERS: usize = 1024;
 
 /// Receives a form.
-pub(super) async fn receive(parts: Parts, content: Content, wanted: Wanted, files: &Arc<Files>) -> Result<Upload> {
+pub(super) async fn receive(parts: Parts, content: Content, wanted: Wanted, into: Destination) -> Result<Upload> {
     let allowance = content.allowance();
     allowance.between_parts();
     let request = Request::from_parts(parts, Body::from_stream(content));
@@ -31,7 +30,7 @@ pub(super) async fn receive(parts: Parts, content: Content, wanted: Wanted, file
         .await
         .map_err(|rejection| Error::new(Kind::BadRequest, rejection.body_text()))?;
     let mut form = Form {
-        folder: files.incoming(),
+        into,
         wanted,
         mesh: None,
         buffers: Vec::new(),
@@ -50,16 +49,14 @@ pub(super) async fn receive(parts: Parts, content: Content, wanted: Wanted, file
 
 /// What came so far.
 struct Form {
-    folder: Incoming,
+    into: Destination,
     wanted: Wanted,
     mesh: Option<Mesh>,
     buffers: Vec<String>,
     /// Of the buffers.
     digests: Vec<[u8; 32]>,
-    /// Digest of the list of seeds.
-    seeds: Option<[u8; 32]>,
-    /// Digest of the weights.
-    weights: Option<[u8; 32]>,
+    seeds: Option<Saved>,
+    weights: Option<Saved>,
     has_parameters: bool,
 }
 
@@ -83,15 +80,15 @@ impl Form {
             "buffer" => self.add_buffer(field).await,
             "seeds" => {
                 once("seeds", self.seeds.is_some())?;
-                let seeds = save(content(field), &mut self.folder, files::SEEDS, |_| Ok(())).await?;
-                self.seeds = Some(seeds.digest);
+                self.seeds = Some(self.into.save(content(field), files::SEEDS, |_| Ok(())).await?);
                 Ok(())
             }
             "weights" => {
                 once("weights", self.weights.is_some())?;
-                let saved = save(content(field), &mut self.folder, files::WEIGHTS, |_| Ok(())).await?;
-                self.weights = Some(saved.digest);
-                job::check_head_of_weights(&saved.head)
+                let weights = self.into.save(content(field), files::WEIGHTS, |_| Ok(())).await?;
+                job::check_head_of_weights(&weights.head)?;
+                self.weights = Some(weights);
+                Ok(())
             }
             "" => Err(Error::new(
                 Kind::BadRequest,
@@ -112,7 +109,7 @@ impl Form {
             Some(format) => format.check_head(head, None),
             None => Format::recognise(file_name.as_deref(), head)?.check_head(head, None),
         };
-        let saved = save(content(field), &mut self.folder, files::MESH, early).await?;
+        let saved = self.into.save(content(field), files::MESH, early).await?;
         self.mesh = Some(Mesh { saved, file_name, format });
         Ok(())
     }
@@ -131,7 +128,7 @@ impl Form {
             )));
         }
         let blob = files::buffer(self.buffers.len());
-        self.digests.push(save(content(field), &mut self.folder, &blob, |_| Ok(())).await?.digest);
+        self.digests.extend(self.into.save(content(field), &blob, |_| Ok(())).await?.digest);
         self.buffers.push(name);
         Ok(())
     }
@@ -166,9 +163,9 @@ impl Form {
             has_weights: self.weights.is_some(),
             is_small: false,
         };
-        let digests =
-            [mesh.saved.digest].into_iter().chain(self.seeds).chain(self.weights).chain(self.digests).collect();
-        Ok(Upload { folder: self.folder, spec, digests })
+        let files = [Some(mesh.saved), self.seeds, self.weights].into_iter().flatten();
+        let digests = files.filter_map(|saved| saved.digest).chain(self.digests).collect();
+        Ok(Upload { folder: self.into.folder, spec, digests })
     }
 }
 
