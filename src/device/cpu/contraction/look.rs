@@ -69,8 +69,7 @@ impl Context<'_> {
         let Self { nodes, edges, round, .. } = *self;
         let mut look = Look::default();
         let mut seen = Seen::default();
-        for (at, Grown { node, rows }) in grown.iter().enumerate() {
-            let node = *node;
+        for (at, &Grown { node, ref rows }) in grown.iter().enumerate() {
             if let Some(later) = grown.get(at + 2 * AHEAD) {
                 later.rows.iter().for_each(|row| prefetch(edges, row.start));
             }
