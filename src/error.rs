@@ -3,6 +3,10 @@
 //! An error is a kind, which decides everything a program does with it (HTTP status, problem type, whether a retry can
 //! help), and a message for the person who reads it: lower case, no full stop, the offending value last.
 
+mod text;
+
+pub use text::{Brief, Quoted};
+
 use std::fmt::Display;
 use std::io;
 
@@ -204,6 +208,9 @@ impl Kind {
     }
 }
 
+/// Characters of a message; a longer one ends in an ellipsis and its length in bytes.
+pub const LONGEST_MESSAGE: usize = 1000;
+
 /// An error with its kind and its message.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error, Serialize, Deserialize)]
 #[error("{message}")]
@@ -216,8 +223,11 @@ pub struct Error {
 
 impl Error {
     /// An error of the given kind.
+    ///
+    /// Every message passes here and becomes one line of at most [`LONGEST_MESSAGE`] characters without control
+    /// characters, whatever the input put into it. Put a string of the input into a message as [`Quoted`].
     pub fn new(kind: Kind, message: impl Display) -> Self {
-        Self { kind, message: message.to_string() }
+        Self { kind, message: text::one_line(&message, LONGEST_MESSAGE) }
     }
 
     /// A parameter that is unknown, malformed or impossible.
@@ -250,9 +260,9 @@ impl Error {
         matches!(self.kind, Kind::InsufficientStorage | Kind::Unavailable)
     }
 
-    /// The job was cancelled.
+    /// The clustering was cancelled.
     pub fn cancelled() -> Self {
-        Self::new(Kind::Cancelled, "the job was cancelled")
+        Self::new(Kind::Cancelled, "cancelled before it ended")
     }
 }
 

@@ -1,5 +1,7 @@
 //! Which format a mesh is in: by media type, by file name, by content.
 
+mod foreign;
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -82,10 +84,10 @@ impl Format {
         if let Some(format) = name.and_then(Self::from_file_name).or_else(|| Self::from_content(head)) {
             return Ok(format);
         }
-        let names = names();
-        let message = match foreign(head) {
-            Some(what) => format!("this is {what}, meshes are read as {names}"),
-            None => format!("neither name nor content is that of a mesh format read here: {names}"),
+        let message = match foreign::recognise(head) {
+            _ if head.is_empty() => format!("the file is empty; meshes are read as {}", names()),
+            Some(foreign) => format!("this is {}, which is not read: {}", foreign.name, foreign.advice),
+            None => format!("neither name nor content is that of a mesh format read here: {}", names()),
         };
         Err(Error::new(Kind::UnsupportedMediaType, message))
     }
@@ -95,45 +97,35 @@ impl Format {
     /// `head` is the first 20 bytes at least, or the whole file; `length` is the length of the whole file in bytes, where
     /// it is known.
     pub fn check_head(self, head: &[u8], length: Option<u64>) -> Result<()> {
-        let not = |wanted: &str, what: &str| Err(Error::mesh(format_args!("this is not {wanted}: {what}")));
         let wanted = match self {
             Format::Obj => "an OBJ file",
             Format::Glb => "a GLB file",
             Format::Gltf => "a glTF JSON file",
         };
-        if length == Some(0) {
-            return not(wanted, "it is empty");
+        let not = |what: &str| Err(Error::mesh(format_args!("this is not {wanted}: {what}")));
+        if length == Some(0) || length.is_none() && head.is_empty() && self != Format::Obj {
+            return not("it is empty");
         }
-        if let Some(what) = foreign(head) {
-            return not(wanted, &format!("it looks like {what}"));
+        if let Some(foreign) = foreign::recognise(head) {
+            return not(&format!("it is {}; {}", foreign.name, foreign.advice));
         }
+        let content = Self::from_content(head);
         match self {
             Format::Glb => super::gltf::check_glb_head(head, length),
-            Format::Gltf | Format::Obj if head.starts_with(b"glTF") => not(wanted, "it begins like a GLB file"),
-            Format::Gltf if Self::from_content(head) != Some(Format::Gltf) => {
-                not(wanted, "it does not begin with an object")
+            Format::Gltf | Format::Obj if head.starts_with(b"glTF") => {
+                not("it begins like a GLB file; name it .glb, or send it as glb")
             }
-            Format::Obj if head.contains(&0) => not(wanted, "it holds zero bytes"),
-            Format::Obj if Self::from_content(head) == Some(Format::Gltf) => not(wanted, "it begins like JSON"),
+            Format::Gltf if content == Some(Format::Obj) => {
+                not("it begins like an OBJ file; name it .obj, or send it as obj")
+            }
+            Format::Gltf if content != Some(Format::Gltf) => not("it does not begin with {, as every glTF JSON does"),
+            Format::Obj if head.contains(&0) => not("it holds zero bytes, so it is no text"),
+            Format::Obj if content == Some(Format::Gltf) => {
+                not("it begins like JSON; name it .gltf, or send it as gltf")
+            }
             Format::Gltf | Format::Obj => Ok(()),
         }
     }
-}
-
-/// What the first bytes are of, if that is something else that people send.
-fn foreign(head: &[u8]) -> Option<&'static str> {
-    let known: [(&[u8], &str); 8] = [
-        (b"\x1f\x8b", "a gzip archive; decompress it first"),
-        (b"PK\x03\x04", "a ZIP archive; unpack it first"),
-        (b"ply\n", "a PLY file"),
-        (b"ply\r", "a PLY file"),
-        (b"solid ", "an STL file"),
-        (b"OFF", "an OFF file"),
-        (b"<", "XML or HTML"),
-        (b"Kaydara FBX", "an FBX file"),
-    ];
-    let head = without_mark(head);
-    known.iter().find(|(magic, _)| head.starts_with(magic)).map(|(_, what)| *what)
 }
 
 /// The text without its byte order mark.

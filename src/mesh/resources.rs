@@ -6,7 +6,7 @@ use std::fs::{File, Metadata};
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Quoted, Result};
 
 /// Gives the bytes of the buffers that a mesh refers to by relative URI.
 pub trait Resources {
@@ -20,7 +20,9 @@ pub struct NoResources;
 
 impl Resources for NoResources {
     fn load(&self, uri: &str, _max_bytes: u64) -> Result<Vec<u8>> {
-        Err(Error::mesh(format_args!("the mesh refers to an external buffer, which was not sent with it: {uri:?}")))
+        Err(Error::mesh(format_args!("the mesh refers to a file, and no files came with it (read the mesh by its file name, or make it a GLB, \
+             which holds its buffers): {}",
+            Quoted(uri))))
     }
 }
 
@@ -40,15 +42,19 @@ impl Resources for Beside {
         };
         let failed = |error: std::io::Error| match error.kind() {
             ErrorKind::NotFound | ErrorKind::NotADirectory => {
-                Error::mesh(format_args!("the mesh refers to a buffer file that is not beside it: {uri:?}"))
+                Error::mesh(format_args!(
+                    "the mesh refers to a file that is not beside it (put it into the folder of the mesh): {}",
+                    Quoted(uri)
+                ))
             }
-            _ => Error::io(format_args!("cannot read the buffer {uri:?}"), error),
+            _ => Error::io(format_args!("cannot read the buffer {}", Quoted(uri)), error),
         };
         let folder = folder.canonicalize().map_err(failed)?;
         let path = folder.join(uri).canonicalize().map_err(failed)?;
         if !path.starts_with(&folder) {
             return Err(Error::mesh(format_args!(
-                "the mesh refers to a buffer by a link that leads out of its folder: {uri:?}"
+                "the mesh refers to a buffer by a link that leads out of its folder: {}",
+                Quoted(uri)
             )));
         }
         // looked at before it is opened: opening a pipe would wait for whoever writes to it
@@ -64,7 +70,8 @@ impl Resources for Beside {
         if metadata.len().max(bytes.len() as u64) > max_bytes {
             return Err(Error::too_large(format_args!(
                 "the mesh and its buffers have more bytes than the limit (raise it with --max-upload-bytes); \
-                 the buffer {uri:?} may have {max_bytes} and has {}",
+                 the buffer {} may have {max_bytes} and has {}",
+                Quoted(uri),
                 metadata.len()
             )));
         }
@@ -76,18 +83,19 @@ fn check_regular(metadata: &Metadata, uri: &str) -> Result<()> {
     if metadata.is_file() {
         return Ok(());
     }
-    Err(Error::mesh(format_args!("the mesh refers to a buffer that is not a regular file: {uri:?}")))
+    Err(Error::mesh(format_args!("the mesh refers to a buffer that is not a regular file: {}", Quoted(uri))))
 }
 
 /// Refuses a URI that is anything but a path downwards: absolute, upwards, with a scheme or drive, or in another system's way.
 pub(super) fn check_relative(uri: &str) -> Result<()> {
     let refuse = |what: &str| {
         Err(Error::mesh(format_args!(
-            "a buffer must be named by a relative path below the folder of the mesh, without {what}: {uri:?}"
+            "a buffer must be named by a relative path below the folder of the mesh, without {what}: {}",
+            Quoted(uri)
         )))
     };
     if uri.is_empty() {
-        return refuse("being empty");
+        return Err(Error::mesh("its uri is empty: name a file beside the mesh, or leave uri out in a GLB file"));
     }
     if uri.starts_with('/') {
         return refuse("a leading slash");

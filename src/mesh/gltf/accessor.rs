@@ -100,7 +100,8 @@ impl<'b> Elements<'b> {
     fn open(accessors: &Accessors<'b>, accessor: &json::Accessor, index: usize) -> Result<Self> {
         let me = format!("accessor {index}");
         let (Checked::Valid(component), Checked::Valid(shape)) = (accessor.component_type, accessor.type_) else {
-            return Err(Error::mesh(format_args!("{me} has an unknown componentType or type")));
+            return Err(Error::mesh(format_args!("{me} has an unknown componentType or type (componentType is one of 5120 to 5123, 5125 and 5126, type one of \
+                 SCALAR, VEC2, VEC3 and VEC4)")));
         };
         let component = component.0;
         let components = match shape {
@@ -120,9 +121,7 @@ impl<'b> Elements<'b> {
                 let offset = accessor.byte_offset.map_or(0, |offset| offset.0);
                 Some(Slots::new(view, offset, size, count, &me)?)
             }
-            None if accessor.sparse.is_none() => {
-                return Err(Error::mesh(format_args!("{me} has neither a bufferView nor sparse values")));
-            }
+            // zeros, by the specification
             None => None,
         };
         let sparse = match &accessor.sparse {
@@ -132,7 +131,8 @@ impl<'b> Elements<'b> {
         let most = accessors.buffers.bytes().max(FREE_ZEROS);
         if base.is_none() && count > most {
             return Err(Error::mesh(format_args!(
-                "{me} has no bufferView, and may then have {most} elements: {count}"
+                "{me} has no bufferView, so its elements are zeros, and may have {most} of them in a file of this size: \
+                 {count}"
             )));
         }
         Ok(Self { index, count: count as usize, component, components, normalized: accessor.normalized, base, sparse })

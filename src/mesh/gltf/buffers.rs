@@ -12,7 +12,7 @@ use base64::engine::general_purpose::{GeneralPurpose, GeneralPurposeConfig};
 
 use super::document::{Document, lookup};
 use super::meshopt;
-use crate::error::{Error, Result};
+use crate::error::{Error, Quoted, Result};
 use crate::mesh::allowance::Allowance;
 use crate::mesh::resources::check_relative;
 use crate::mesh::{Limits, Resources};
@@ -140,7 +140,7 @@ impl<'a> Buffers<'a> {
         let Some(uri) = self.document.buffers[index].uri.as_deref() else {
             return match self.binary {
                 Some(binary) if index == 0 => Ok(Cow::Borrowed(binary)),
-                _ => Err(Error::mesh(format_args!("{me} has no uri and is not the binary chunk of a GLB file"))),
+                _ => Err(Error::mesh(format_args!("{me} has no uri, and only buffer 0 of a GLB file may have none"))),
             };
         };
         let scheme = uri.get(..5).unwrap_or_default();
@@ -155,7 +155,7 @@ impl<'a> Buffers<'a> {
             check_relative(uri).map_err(named)?;
             let path = percent_encoding::percent_decode_str(uri)
                 .decode_utf8()
-                .map_err(|_| Error::mesh(format_args!("the uri of {me} is not UTF-8: {uri:?}")))?;
+                .map_err(|_| Error::mesh(format_args!("the uri of {me} is not UTF-8 when percent-decoded: {}", Quoted(uri))))?;
             check_relative(&path).map_err(named)?;
             let bytes = self.resources.load(&path, self.left.get()).map_err(named)?;
             self.take(bytes.len() as u64, &me)?;
@@ -187,11 +187,11 @@ fn decode_data_uri(uri: &str) -> Result<Vec<u8>, String> {
             .with_decode_padding_mode(DecodePaddingMode::Indifferent)
             .with_decode_allow_trailing_bits(true),
     );
-    let (media_type, data) = uri.split_once(',').ok_or("has no comma before its data")?;
+    let (media_type, data) = uri.split_once(',').ok_or("has no data: a comma must stand before them")?;
     let data: Cow<'_, [u8]> = percent_encoding::percent_decode_str(data).into();
     let is_base64 = media_type.rsplit(';').next().is_some_and(|last| last.trim().eq_ignore_ascii_case("base64"));
     if !is_base64 {
         return Ok(data.into_owned());
     }
-    BASE64.decode(data.as_ref()).map_err(|error| format!("is not base64: {}", error.to_string().trim_end_matches('.')))
+    BASE64.decode(data.as_ref()).map_err(|error| format!("is not base64, or damaged: {}", error.to_string().trim_end_matches('.')))
 }

@@ -2,7 +2,7 @@
 //!
 //! What they say is compared with the bytes that are there; nothing is allocated.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Quoted, Result};
 
 const MAGIC: &[u8; 4] = b"glTF";
 const HEADER: usize = 12;
@@ -53,16 +53,25 @@ pub fn open(bytes: &[u8]) -> Result<Container<'_>> {
 /// `length` is the length of the whole file, where it is known.
 pub fn check_head(head: &[u8], length: Option<u64>) -> Result<()> {
     if !head.starts_with(MAGIC) {
-        return Err(Error::mesh("this is not a GLB file: it does not begin with the magic \"glTF\""));
+        let instead = match head.trim_ascii_start().first() {
+            Some(b'{') => "but like JSON: send it as gltf, or name it .gltf",
+            _ => "so it is of another format or damaged",
+        };
+        return Err(Error::mesh(format_args!(
+            "this is not a GLB file: it does not begin with the magic \"glTF\", {instead}"
+        )));
     }
     let (Some(version), Some(declared)) = (word(head, 4), word(head, 8)) else {
         return Err(Error::mesh(format_args!(
-            "the GLB file is truncated: its header has {HEADER} bytes, the file {}",
+            "the GLB file is truncated: a header has {HEADER} bytes, and the file ends after {}",
             head.len()
         )));
     };
+    if version == 1 {
+        return Err(super::head::of_version_1());
+    }
     if version != 2 {
-        return Err(Error::unsupported(format_args!("only version 2 of GLB is read, this is version {version}")));
+        return Err(Error::unsupported(format_args!("only version 2 of GLB is read, the header says: {version}")));
     }
     if let Some(length) = length.filter(|&length| length != u64::from(declared)) {
         let how = if length < u64::from(declared) { "truncated" } else { "longer than its header says" };
@@ -76,8 +85,8 @@ pub fn check_head(head: &[u8], length: Option<u64>) -> Result<()> {
     };
     if &kind != b"JSON" {
         return Err(Error::mesh(format_args!(
-            "GLB chunk 0 must be of type JSON: {:?}",
-            String::from_utf8_lossy(&kind)
+            "GLB chunk 0 must be of type JSON, so the file is damaged: {}",
+            Quoted(&String::from_utf8_lossy(&kind))
         )));
     }
     let there = u64::from(declared).saturating_sub((HEADER + CHUNK_HEADER) as u64);

@@ -9,65 +9,12 @@ use std::collections::BTreeMap;
 use gltf::json;
 use serde::Deserialize;
 
-use crate::error::{Error, Result};
+use super::{extensions, head};
+use crate::error::{Brief, Error, Quoted, Result};
 use crate::mesh::allowance::Allowance;
 
 /// Largest number of JSON values: they take more memory than text, objects the most, which are counted apart.
 const MAX_VALUES: usize = 8 << 20;
-
-/// Extensions that change geometry and are read here.
-const READ: [&str; 4] =
-    ["EXT_mesh_gpu_instancing", "EXT_meshopt_compression", "KHR_mesh_quantization", "KHR_meshopt_compression"];
-
-/// Extensions that do not change geometry: they may be required and are not looked at.
-const IRRELEVANT: [&str; 46] = [
-    "ADOBE_materials_clearcoat_specular",
-    "ADOBE_materials_clearcoat_tint",
-    "ADOBE_materials_thin_transparency",
-    "AGI_articulations",
-    "AGI_stk_metadata",
-    "CESIUM_primitive_outline",
-    "EXT_instance_features",
-    "EXT_lights_ies",
-    "EXT_lights_image_based",
-    "EXT_mesh_features",
-    "EXT_mesh_manifold",
-    "EXT_structural_metadata",
-    "EXT_texture_astc",
-    "EXT_texture_avif",
-    "EXT_texture_webp",
-    "FB_ngon_encoding",
-    "GODOT_single_root",
-    "KHR_animation_pointer",
-    "KHR_lights_punctual",
-    "KHR_materials_anisotropy",
-    "KHR_materials_clearcoat",
-    "KHR_materials_diffuse_transmission",
-    "KHR_materials_dispersion",
-    "KHR_materials_emissive_strength",
-    "KHR_materials_ior",
-    "KHR_materials_iridescence",
-    "KHR_materials_pbrSpecularGlossiness",
-    "KHR_materials_sheen",
-    "KHR_materials_specular",
-    "KHR_materials_transmission",
-    "KHR_materials_unlit",
-    "KHR_materials_variants",
-    "KHR_materials_volume",
-    "KHR_materials_volume_scatter",
-    "KHR_node_hoverability",
-    "KHR_node_selectability",
-    "KHR_texture_basisu",
-    "KHR_texture_transform",
-    "KHR_xmp",
-    "KHR_xmp_json_ld",
-    "MPEG_texture_video",
-    "MSFT_packing_normalRoughnessMetallic",
-    "MSFT_packing_occlusionRoughnessMetallic",
-    "MSFT_texture_dds",
-    "NV_materials_mdl",
-    "VRMC_materials_mtoon",
-];
 
 /// A glTF document.
 #[derive(Debug, Deserialize)]
@@ -145,18 +92,6 @@ pub struct Scene {
     pub nodes: Vec<u32>,
 }
 
-#[derive(Debug, Deserialize)]
-struct Head {
-    asset: Asset,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(rename_all = "camelCase")]
-struct Asset {
-    version: String,
-    min_version: Option<String>,
-}
-
 impl Document {
     /// Reads the JSON and refuses what this reader does not understand.
     pub fn parse(json: &[u8]) -> Result<Self> {
@@ -169,38 +104,10 @@ impl Document {
         }
         Allowance::new(json.len() as u64).check_objects(objects)?;
         // versions come first: another version's JSON does not have the form of this one's
-        let head: Head = serde_json::from_slice(json).map_err(unreadable)?;
-        head.asset.check()?;
-        let document: Self = serde_json::from_slice(json).map_err(unreadable)?;
-        document.check_extensions()?;
+        head::check(json)?;
+        let document: Self = serde_json::from_slice(json).map_err(|error| unreadable::<Self>(json, error))?;
+        extensions::check_required(&document.extensions_required)?;
         Ok(document)
-    }
-
-    fn check_extensions(&self) -> Result<()> {
-        let unknown = self
-            .extensions_required
-            .iter()
-            .find(|name| !READ.contains(&name.as_str()) && !IRRELEVANT.contains(&name.as_str()));
-        match unknown {
-            Some(name) => Err(Error::unsupported(format_args!(
-                "the glTF file requires an extension that is not supported: {name}"
-            ))),
-            None => Ok(()),
-        }
-    }
-}
-
-impl Asset {
-    fn check(&self) -> Result<()> {
-        let wanted = self.min_version.as_ref().unwrap_or(&self.version);
-        let known = match self.min_version {
-            Some(_) => wanted == "2.0",
-            None => wanted.split('.').next() == Some("2"),
-        };
-        if known {
-            return Ok(());
-        }
-        Err(Error::unsupported(format_args!("only version 2.0 of glTF is read, this file needs {wanted:?}")))
     }
 }
 
@@ -211,9 +118,31 @@ pub fn lookup<'a, T>(elements: &'a [T], index: usize, kind: &str, whence: &str) 
     })
 }
 
-fn unreadable(error: serde_json::Error) -> Error {
-    let what = if error.is_eof() { "the glTF JSON is truncated" } else { "the glTF JSON cannot be read" };
-    Error::mesh(format_args!("{what}: {error}"))
+/// Why the JSON cannot be read as a `T`: where, by line and by path, and what.
+pub(super) fn unreadable<'de, T: Deserialize<'de>>(json: &'de [u8], error: serde_json::Error) -> Error {
+    let (line, column) = (error.line(), error.column());
+    let what = error.to_string();
+    let what = what.strip_suffix(&format!(" at line {line} column {column}")).unwrap_or(&what);
+    let place = format!("line {line}, column {column}");
+    if error.is_eof() {
+        return Error::mesh(format_args!("the glTF JSON is truncated: it ends in the middle of a value at {place}"));
+    }
+    if !error.is_data() {
+        return Error::mesh(format_args!("the glTF JSON is damaged at {place}: {}", Brief(what)));
+    }
+    // read once more, now noting the path, which costs time
+    let path = serde_path_to_error::deserialize::<_, T>(&mut serde_json::Deserializer::from_slice(json));
+    let path = path.err().map(|error| error.path().to_string()).unwrap_or_default();
+    // in the words of JSON, not of Rust
+    const WORDS: [(&str, &str); 5] = [
+        ("invalid type: map,", "invalid type: object,"),
+        ("invalid type: sequence,", "invalid type: array,"),
+        ("expected a sequence", "expected an array"),
+        ("expected u32", "expected an integer from 0 to 4294967295"),
+        ("expected u64", "expected an integer from 0 on"),
+    ];
+    let what = WORDS.into_iter().fold(what.to_owned(), |what, (rust, json)| what.replace(rust, json));
+    Error::mesh(format_args!("the glTF JSON has a wrong value at {place}, {}: {}", Quoted(&path), Brief(what)))
 }
 
 /// An upper bound on the number of values in the JSON text, and the number of objects among them.

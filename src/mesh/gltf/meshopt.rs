@@ -8,7 +8,7 @@
 use gltf::json;
 use serde::Deserialize;
 
-use crate::error::{Error, Result};
+use crate::error::{Brief, Error, Result};
 
 const NAMES: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 
@@ -54,6 +54,28 @@ enum Filter {
     Color,
 }
 
+impl Mode {
+    fn name(self) -> &'static str {
+        match self {
+            Mode::Attributes => "ATTRIBUTES",
+            Mode::Triangles => "TRIANGLES",
+            Mode::Indices => "INDICES",
+        }
+    }
+}
+
+impl Filter {
+    fn name(self) -> &'static str {
+        match self {
+            Filter::None => "NONE",
+            Filter::Octahedral => "OCTAHEDRAL",
+            Filter::Quaternion => "QUATERNION",
+            Filter::Exponential => "EXPONENTIAL",
+            Filter::Color => "COLOR",
+        }
+    }
+}
+
 impl Compressed {
     /// The compression of a buffer view, if it is compressed; `whence` names the view.
     pub fn of(view: &json::buffer::View, whence: &str) -> Result<Option<Self>> {
@@ -66,30 +88,14 @@ impl Compressed {
             return Ok(None);
         };
         let compressed = Self::deserialize(value)
-            .map_err(|error| Error::mesh(format_args!("{name} of {whence} cannot be read: {error}")))?;
+            .map_err(|error| Error::mesh(format_args!("{name} of {whence} cannot be read: {}", Brief(error))))?;
         Ok(Some(compressed))
     }
 
     /// Refuses what `encoded` cannot be; returns the number of bytes that it decompresses to.
     pub fn check(&self, encoded: &[u8], whence: &str) -> Result<u64> {
         let (count, stride) = (self.count, self.byte_stride);
-        let fits = match self.mode {
-            Mode::Attributes => stride > 0 && stride <= 256 && stride.is_multiple_of(4),
-            Mode::Triangles => matches!(stride, 2 | 4) && count.is_multiple_of(3),
-            Mode::Indices => matches!(stride, 2 | 4),
-        };
-        let filtered = match self.filter {
-            Filter::None => true,
-            Filter::Octahedral | Filter::Color => self.mode == Mode::Attributes && matches!(stride, 4 | 8),
-            Filter::Quaternion => self.mode == Mode::Attributes && stride == 8,
-            Filter::Exponential => self.mode == Mode::Attributes,
-        };
-        if !fits || !filtered {
-            return Err(Error::mesh(format_args!(
-                "{whence} cannot be compressed so: mode {:?}, filter {:?}, count {count}, byteStride {stride}",
-                self.mode, self.filter
-            )));
-        }
+        self.check_shape().map_err(|what| Error::mesh(format_args!("the meshopt compression of {whence}: {what}")))?;
         let length = encoded.len() as u64;
         let most = match self.mode {
             Mode::Attributes => length * MAX_RATIO / stride as u64,
@@ -98,10 +104,41 @@ impl Compressed {
         };
         if count > most {
             return Err(Error::mesh(format_args!(
-                "{whence} is compressed to {length} bytes, which cannot hold the declared number of elements: {count}"
+                "the meshopt compression of {whence} has {length} bytes, which cannot hold the declared count: {count}"
             )));
         }
         Ok(count * stride as u64)
+    }
+
+    /// What is wrong with mode, filter, count and stride by themselves.
+    fn check_shape(&self) -> Result<(), String> {
+        let Self { count, byte_stride: stride, mode, filter, .. } = *self;
+        let stride_fits = match mode {
+            Mode::Attributes => stride > 0 && stride <= 256 && stride.is_multiple_of(4),
+            Mode::Triangles | Mode::Indices => matches!(stride, 2 | 4),
+        };
+        if !stride_fits {
+            let wanted = match mode {
+                Mode::Attributes => "a multiple of 4 from 4 to 256",
+                Mode::Triangles | Mode::Indices => "2 or 4",
+            };
+            return Err(format!("byteStride must be {wanted} with mode {}: {stride}", mode.name()));
+        }
+        if mode == Mode::Triangles && !count.is_multiple_of(3) {
+            return Err(format!("count must be a multiple of 3 with mode TRIANGLES: {count}"));
+        }
+        if filter != Filter::None && mode != Mode::Attributes {
+            return Err(format!("filter {} is for mode ATTRIBUTES only, not for {}", filter.name(), mode.name()));
+        }
+        let (filter_fits, wanted) = match filter {
+            Filter::None | Filter::Exponential => (true, ""),
+            Filter::Octahedral | Filter::Color => (matches!(stride, 4 | 8), "4 or 8"),
+            Filter::Quaternion => (stride == 8, "8"),
+        };
+        if !filter_fits {
+            return Err(format!("filter {} needs a byteStride of {wanted}: {stride}", filter.name()));
+        }
+        Ok(())
     }
 
     /// Decompresses what [`check`](Self::check) let pass.
@@ -119,7 +156,7 @@ impl Compressed {
                 .map(|indices| indices.iter().flat_map(|index| index.to_le_bytes()).collect()),
         };
         let mut bytes: Vec<u8> = decoded
-            .map_err(|_| Error::mesh(format_args!("the compressed bytes of {whence} are truncated or damaged")))?;
+            .map_err(|_| Error::mesh(format_args!("the meshopt-compressed bytes of {whence} are truncated or damaged: export the mesh again")))?;
         match self.filter {
             Filter::None => {}
             Filter::Exponential => exponential(&mut bytes),

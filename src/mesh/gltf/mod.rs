@@ -15,6 +15,8 @@ mod buffers;
 mod build;
 mod container;
 mod document;
+mod extensions;
+mod head;
 mod meshopt;
 mod primitive;
 mod scene;
@@ -78,7 +80,9 @@ fn read<'b>(
     let mut meshes: BTreeMap<usize, Vec<Primitive<'_>>> = BTreeMap::new();
     let mut places = Vec::new();
     let (mut triangles, mut parts) = (0u64, 0u64);
-    for placement in scene::placements(document)? {
+    let placements = scene::placements(document)?;
+    let placed = placements.len();
+    for placement in placements {
         let node = &document.nodes[placement.node];
         let primitives = match meshes.entry(placement.mesh) {
             Entry::Occupied(entry) => entry.into_mut(),
@@ -103,6 +107,9 @@ fn read<'b>(
         limits.check_faces(triangles)?;
         parts = parts.saturating_add((primitives.len() as u64).saturating_mul(instances.count as u64));
         places.push((placement, instances));
+    }
+    if triangles == 0 {
+        return Err(primitive::no_faces(document, placed, &skipped));
     }
     if triangles > u64::from(u32::MAX / 3) {
         return Err(Error::too_large(format_args!(

@@ -5,10 +5,11 @@ use gltf::json::mesh::{Mode, Semantic};
 use gltf::json::validation::Checked;
 
 use super::accessor::{Accessors, Elements};
-use super::document::lookup;
-use crate::error::{Error, Result};
+use super::document::{Document, lookup};
+use crate::error::{Error, Quoted, Result};
 
-const DRACO: &str = "KHR_draco_mesh_compression";
+/// The extension that replaces a primitive's accessors by compressed bytes.
+pub const DRACO: &str = "KHR_draco_mesh_compression";
 
 /// A primitive made of triangles whose bytes are there.
 #[derive(Debug)]
@@ -42,6 +43,10 @@ pub struct Skipped {
     pub without_positions: u64,
     /// Primitives with a last triangle that lacks corners.
     pub incomplete: u64,
+    /// Primitives with fewer than three vertices or indices.
+    pub without_triangles: u64,
+    /// Meshes without primitives.
+    pub empty_meshes: u64,
     /// Primitives with morph targets.
     pub morphed: u64,
     /// Placements with a skin.
@@ -49,6 +54,11 @@ pub struct Skipped {
 }
 
 impl Skipped {
+    /// Whether a primitive has no triangles.
+    fn is_any_without_triangles(&self) -> bool {
+        self.points_and_lines + self.without_positions + self.without_triangles + self.empty_meshes > 0
+    }
+
     /// In words.
     pub fn warnings(&self) -> Vec<String> {
         [
@@ -63,6 +73,40 @@ impl Skipped {
         .map(|(count, what)| format!("{what}: {count}"))
         .collect()
     }
+
+    /// Why none of the primitives placed by the scene has a triangle.
+    fn reasons(&self) -> String {
+        let reasons = [
+            (self.points_and_lines, "made of points or lines"),
+            (self.without_positions, "without a POSITION attribute"),
+            (self.without_triangles, "with fewer than 3 vertices or indices"),
+        ];
+        let reasons: Vec<String> = reasons
+            .into_iter()
+            .filter(|(count, _)| *count > 0)
+            .map(|(count, what)| format!("{what}: {count}"))
+            .collect();
+        match reasons.is_empty() {
+            true => "the meshes have no primitives".to_owned(),
+            false => format!("only triangles are faces, and the meshes have primitives {}", reasons.join(", ")),
+        }
+    }
+}
+
+/// The error of a document whose scene has no triangles; `placements` of its nodes place a mesh.
+pub fn no_faces(document: &Document, placements: usize, skipped: &Skipped) -> Error {
+    let meshes = document.meshes.len();
+    let why = if meshes == 0 {
+        "the glTF file has no meshes".to_owned()
+    } else if placements == 0 {
+        let scene = document.scene.map_or("its scene".to_owned(), |scene| format!("scene {scene}"));
+        format!("no node of {scene} has a mesh (add nodes that have one to the scene); meshes in the file: {meshes}")
+    } else if skipped.is_any_without_triangles() {
+        skipped.reasons()
+    } else {
+        "EXT_mesh_gpu_instancing places it 0 times".to_owned()
+    };
+    Error::mesh(format_args!("the mesh has no faces: {why}"))
 }
 
 /// Opens the primitives of a mesh that have triangles, and `attribute` of each.
@@ -75,6 +119,7 @@ pub fn open<'b>(
 ) -> Result<Vec<Primitive<'b>>> {
     let mut primitives = Vec::new();
     let found = lookup(&accessors.buffers().document().meshes, mesh, "mesh", whence)?;
+    skipped.empty_meshes += u64::from(found.primitives.is_empty());
     for (index, primitive) in found.primitives.iter().enumerate() {
         let me = format!("primitive {index} of mesh {mesh}");
         let shape = match primitive.mode {
@@ -86,7 +131,7 @@ pub fn open<'b>(
                 continue;
             }
             Checked::Invalid => {
-                return Err(Error::mesh(format_args!("{me} has an unknown mode")));
+                return Err(Error::mesh(format_args!("{me} has an unknown mode (0 to 6 are known)")));
             }
         };
         let positions = primitive.attributes.get(&Checked::Valid(Semantic::Positions));
@@ -114,7 +159,9 @@ pub fn open<'b>(
         skipped.incomplete += u64::from(incomplete);
         let targets = primitive.targets.as_ref();
         skipped.morphed += u64::from(targets.is_some_and(|targets| !targets.is_empty()));
-        if triangles > 0 {
+        if triangles == 0 {
+            skipped.without_triangles += 1;
+        } else {
             let numbers =
                 attribute.map(|name| open_numbers(accessors, primitive, name, positions.count, &me)).transpose()?;
             primitives.push(Primitive { index, positions, numbers, triangles, indices, shape });
@@ -128,7 +175,8 @@ fn refuse_without_fallback(accessors: &Accessors<'_>, accessor: usize, whence: &
     let accessor = accessors.describe(accessor, whence)?;
     if accessor.buffer_view.is_none() && accessor.sparse.is_none() {
         return Err(Error::unsupported(format_args!(
-            "{whence} is compressed by an extension that is not supported: {DRACO}"
+            "{whence} is compressed with Draco, which is not read: export it without compression, or compressed with \
+             meshopt ({DRACO})"
         )));
     }
     Ok(())
@@ -157,10 +205,10 @@ fn open_numbers<'b>(
     // the crate's name for it is without the underscore
     let semantic = Semantic::Extras(name.strip_prefix('_').unwrap_or(name).to_owned());
     let Some(accessor) = primitive.attributes.get(&Checked::Valid(semantic)) else {
-        return Err(Error::mesh(format_args!("{whence} has no attribute of this name: {name:?}")));
+        return Err(Error::mesh(format_args!("{whence} has no attribute of this name: {}", Quoted(name))));
     };
     let accessor = accessor.value();
-    let whence = format!("{name} of {whence}");
+    let whence = format!("{} of {whence}", Quoted(name));
     let numbers = accessors.open(accessor, &whence)?;
     if numbers.components != 1 || numbers.count != vertices {
         return Err(Error::mesh(format_args!(

@@ -3,7 +3,7 @@
 use super::accessor::{Accessors, Elements};
 use super::document::{Document, Instancing, lookup};
 use super::transform::Affine;
-use crate::error::{Error, Result};
+use crate::error::{Error, Quoted, Result};
 
 /// A node that places a mesh.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,7 +37,8 @@ pub fn placements(document: &Document) -> Result<Vec<Placement>> {
         let node = lookup(&document.nodes, index, "node", "the scene")?;
         if std::mem::replace(&mut reached[index], true) {
             return Err(Error::mesh(format_args!(
-                "the nodes are no tree: a node is its own ancestor or twice in the scene: {index}"
+                "the nodes are no tree: a node is its own ancestor, or is listed in the scene twice or beside its \
+                 parent: {index}"
             )));
         }
         let world = outer.after(&Affine::of_node(node, &format!("node {index}"))?);
@@ -94,7 +95,7 @@ impl<'b> Instances<'b> {
         let mut counted: Option<(&str, usize)> = None;
         let mut has_bytes = false;
         for (name, &accessor) in &instancing.attributes {
-            let whence = format!("{name} of the instances of node {node}");
+            let whence = format!("{} of the instances of node {node}", Quoted(name));
             let elements = accessors.open(accessor as usize, &whence)?;
             has_bytes |= elements.has_bytes();
             let components = match name.as_str() {
@@ -111,8 +112,10 @@ impl<'b> Instances<'b> {
             match counted {
                 Some((first, count)) if count != elements.count => {
                     return Err(Error::mesh(format_args!(
-                        "the instances of node {node} have {count} of {first}, but {} of {name}",
-                        elements.count
+                        "the instances of node {node} have {count} of {}, but {} of {}",
+                        Quoted(first),
+                        elements.count,
+                        Quoted(name)
                     )));
                 }
                 _ => counted = Some((name, elements.count)),
@@ -129,8 +132,8 @@ impl<'b> Instances<'b> {
         };
         if !has_bytes {
             return Err(Error::mesh(format_args!(
-                "the instances of node {node} come from nowhere: none of their accessors has a bufferView, \
-                 which at least one must have: {count}"
+                "the instances of node {node} are zeros only: at least one of their accessors must have a bufferView; \
+                 instances: {count}"
             )));
         }
         instances.count = count;

@@ -1,0 +1,171 @@
+//! Files of other kinds that are taken for meshes: recognised by their first bytes, so that a message can say what they are
+//! and what to do with them.
+
+/// A kind of file that is not read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Foreign {
+    /// What it is, with its article.
+    pub name: &'static str,
+    /// What to do with it.
+    pub advice: &'static str,
+}
+
+const CONVERT: &str = "convert it to OBJ or glTF 2.0, for example with Blender or MeshLab";
+const MESH_IT: &str = "it holds no polygon mesh; mesh it in a CAD program and export OBJ or glTF 2.0";
+const UNPACK: &str = "unpack it first";
+const NO_MESH: &str = "that is no mesh";
+
+/// First bytes, name, advice. Longer ones come before those that they begin with.
+const KNOWN: [(&[u8], &str, &str); 54] = [
+    (b"\x1f\x8b", "a gzip archive", UNPACK),
+    (b"\x28\xb5\x2f\xfd", "a Zstandard archive", UNPACK),
+    (b"BZh", "a bzip2 archive", UNPACK),
+    (b"\xfd7zXZ", "an xz archive", UNPACK),
+    (b"7z\xbc\xaf\x27\x1c", "a 7z archive", UNPACK),
+    (b"Rar!", "a RAR archive", UNPACK),
+    (b"ply\n", "a PLY file", CONVERT),
+    (b"ply\r", "a PLY file", CONVERT),
+    (b"solid ", "an STL file", CONVERT),
+    (b"solid\n", "an STL file", CONVERT),
+    (b"solid\r", "an STL file", CONVERT),
+    (b"OFF", "an OFF file", CONVERT),
+    (b"COFF", "an OFF file", CONVERT),
+    (b"NOFF", "an OFF file", CONVERT),
+    (b"STOFF", "an OFF file", CONVERT),
+    (b"Kaydara FBX", "an FBX file", CONVERT),
+    (b"; FBX", "an FBX file", CONVERT),
+    (b"BLENDER", "a Blender file", "open it in Blender and export glTF 2.0 or OBJ"),
+    (b"MM\x00\x2a", "a TIFF image", NO_MESH),
+    (b"II\x2a\x00", "a TIFF image", NO_MESH),
+    (b"# vtk DataFile", "a VTK file", CONVERT),
+    (b"#VRML V", "a VRML file", CONVERT),
+    (b"#X3D V", "an X3D file", CONVERT),
+    (b"#Inventor V", "an Inventor file", CONVERT),
+    (b"#usda", "a USD file", CONVERT),
+    (b"PXR-USDC", "a USD file", CONVERT),
+    (b"# .PCD", "a point cloud (PCD)", "points have no faces; make a mesh of them first"),
+    (b".PCD", "a point cloud (PCD)", "points have no faces; make a mesh of them first"),
+    (b"LASF", "a point cloud (LAS)", "points have no faces; make a mesh of them first"),
+    (b"DRACO", "a Draco file", CONVERT),
+    (b"Ogawa", "an Alembic file", CONVERT),
+    (b"$MeshFormat", "a Gmsh file", CONVERT),
+    (b"MeshVersionFormatted", "a Medit file", CONVERT),
+    (b"ISO-10303-21", "a STEP file", MESH_IT),
+    (b"DBRep_DrawableShape", "an OpenCASCADE file", MESH_IT),
+    (b"<COLLADA", "a COLLADA file", CONVERT),
+    (b"<X3D", "an X3D file", CONVERT),
+    (b"<VTKFile", "a VTK file", CONVERT),
+    (b"<amf", "an AMF file", CONVERT),
+    (b"<svg", "an SVG image", NO_MESH),
+    (b"<", "HTML or XML", "check what was downloaded or sent"),
+    (b"\x89PNG", "a PNG image", NO_MESH),
+    (b"\xff\xd8\xff", "a JPEG image", NO_MESH),
+    (b"GIF8", "a GIF image", NO_MESH),
+    (b"RIFF", "a RIFF file such as a WebP image", NO_MESH),
+    (b"\xabKTX", "a KTX texture", NO_MESH),
+    (b"DDS ", "a DDS texture", NO_MESH),
+    (b"%PDF", "a PDF document", NO_MESH),
+    (b"\x7fELF", "a program", NO_MESH),
+    (b"\x93NUMPY", "a NumPy array", NO_MESH),
+    (b"\xff\xfe", "text in UTF-16", "save it as UTF-8"),
+    (b"\xfe\xff", "text in UTF-16", "save it as UTF-8"),
+    (b"\x89TSR", "a hierarchy made by tesserae", "cut it with tesserae cut"),
+    (b"version https://git-lfs", "a pointer of Git LFS, not the file itself", "fetch the file with git lfs pull"),
+];
+
+/// What the first bytes are of, if that is something else that people send.
+pub fn recognise(head: &[u8]) -> Option<Foreign> {
+    if is_binary_stl(head) {
+        return Some(Foreign { name: "a binary STL file", advice: CONVERT });
+    }
+    if head.starts_with(b"PK\x03\x04") {
+        return Some(match contains(head, b"3D/") || contains(head, b"[Content_Types].xml") {
+            true => Foreign { name: "a 3MF file", advice: CONVERT },
+            false => Foreign { name: "a ZIP archive", advice: UNPACK },
+        });
+    }
+    let head = super::without_mark(head);
+    let xml = xml_root(head);
+    let known = KNOWN.iter().find(|(magic, _, _)| xml.unwrap_or(head).starts_with(magic));
+    known.map(|&(_, name, advice)| Foreign { name, advice })
+}
+
+/// From the root element of an XML file on.
+fn xml_root(head: &[u8]) -> Option<&[u8]> {
+    if !head.starts_with(b"<?xml") {
+        return None;
+    }
+    let mut elements = (1..head.len()).filter(|&at| head[at] == b'<' && !matches!(head.get(at + 1), Some(b'!' | b'?')));
+    elements.next().map(|at| &head[at..])
+}
+
+/// Whether it is an STL file without text: 80 bytes of any kind, a count, and 50 bytes a triangle, of which the first is
+/// checked. (Some begin with `solid`, too.)
+fn is_binary_stl(head: &[u8]) -> bool {
+    const HEADER: usize = 80;
+    const TRIANGLE: usize = 50;
+    let (Some(count), Some(triangle)) =
+        (head.get(HEADER..HEADER + 4), head.get(HEADER + 4..HEADER + 4 + TRIANGLE))
+    else {
+        return false;
+    };
+    let count = count.iter().rev().fold(0, |count, &byte| count << 8 | u64::from(byte));
+    let (numbers, _) = triangle.as_chunks::<4>();
+    let numbers = numbers.iter().take(12).map(|bytes| f32::from_le_bytes(*bytes));
+    // no text: four bytes of it make a float of another size
+    let is_number = |value: f32| value == 0.0 || (1e-12..1e12).contains(&value.abs());
+    let is_text = head.iter().take(HEADER + 4 + TRIANGLE).all(|&byte| byte != 0);
+    count > 0 && !is_text && !head.starts_with(b"glTF") && numbers.into_iter().all(is_number)
+}
+
+fn contains(text: &[u8], part: &[u8]) -> bool {
+    text.windows(part.len()).any(|window| window == part)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn stl(header: &[u8]) -> Vec<u8> {
+        let mut bytes = header.to_vec();
+        bytes.resize(80, 0);
+        bytes.extend(2u32.to_le_bytes());
+        for _ in 0..2 {
+            let numbers = [0.0f32, 0.0, 1.0, 0.0, 0.0, 0.0, 25.4, 0.0, 0.0, 0.0, -3.5e-3, 0.0];
+            bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+            bytes.extend([0, 0]);
+        }
+        bytes
+    }
+
+    #[test]
+    fn binary_stl_is_told_from_text_and_archives() {
+        for header in [&b""[..], b"solid made by CAD", b"Exported from Blender", b"COLOR=\xff\xff\xff"] {
+            assert_eq!(recognise(&stl(header)).map(|foreign| foreign.name), Some("a binary STL file"));
+        }
+        let text = "v 0.125 0.25 0.5\n".repeat(20);
+        assert_eq!(recognise(text.as_bytes()), None);
+        assert_eq!(recognise(&[0; 4096]), None);
+    }
+
+    #[test]
+    fn kinds_of_xml_and_zip_are_told_apart() {
+        for (head, name) in [
+            (&b"<?xml version=\"1.0\"?>\n<!-- x -->\n<COLLADA xmlns"[..], "a COLLADA file"),
+            (b"<?xml version=\"1.0\"?>", "HTML or XML"),
+            (b"<html>", "HTML or XML"),
+            (b"PK\x03\x04........3D/3dmodel.model", "a 3MF file"),
+            (b"PK\x03\x04........scene.usdc", "a ZIP archive"),
+        ] {
+            assert_eq!(recognise(head).map(|foreign| foreign.name), Some(name));
+        }
+    }
+
+    #[test]
+    fn no_kind_hides_another() {
+        for (at, (magic, name, _)) in KNOWN.iter().enumerate() {
+            assert_eq!(recognise(magic).map(|foreign| foreign.name), Some(*name));
+            assert!(KNOWN[..at].iter().all(|(before, _, _)| !magic.starts_with(before)), "{name}");
+        }
+    }
+}
