@@ -45,7 +45,7 @@ pub struct Report {
 pub struct Input {
     /// The format of the upload.
     pub format: Format,
-    /// Vertices stored in the upload (glTF: every placement counts).
+    /// Vertices stored in the upload, those that no face uses included (glTF: every placement counts).
     pub vertices: u64,
     /// Faces, the items that get clustered.
     pub faces: u64,
@@ -53,11 +53,15 @@ pub struct Input {
     pub triangles: u64,
     /// Distinct positions among the vertices that faces use.
     pub welded_vertices: u64,
+    /// glTF: vertices that were moved to a vertex of another part, from which only rounding kept them apart: parts with
+    /// different transforms meet there. 0 for other formats.
+    pub joined_across_parts: u64,
     /// Sets of faces connected across shared edges.
     pub components: u64,
-    /// Edges of exactly one face.
+    /// Edges of exactly one face. A face that runs along an edge several times counts once for an odd number of times and
+    /// not at all for an even one: there and back, as at the slit of a polygon with a hole, it has itself on both sides.
     pub boundary_edges: u64,
-    /// Edges of more than two faces.
+    /// Edges of more than two faces, counted in the same way.
     pub non_manifold_edges: u64,
     /// Faces with two corners at one position. Others may have no area, too: where there are any, a warning says how many.
     pub degenerate_faces: u64,

@@ -249,10 +249,11 @@ fn describe(mesh: &PolygonMesh, surface: &Surface) -> Input {
     let counts = surface.counts;
     Input {
         format: mesh.format,
-        vertices: mesh.positions.len() as u64,
+        vertices: mesh.positions.len() as u64 + mesh.adjusted.vertices_left_out,
         faces: mesh.faces.len() as u64,
         triangles: mesh.faces.triangles(),
         welded_vertices: counts.welded_vertices,
+        joined_across_parts: mesh.adjusted.joined_across_parts,
         components: counts.components,
         boundary_edges: counts.boundary_edges,
         non_manifold_edges: counts.non_manifold_edges,

@@ -26,7 +26,7 @@ use std::sync::Arc;
 use serde::{Serialize, Serializer};
 use utoipa::ToSchema;
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Quoted, Result};
 
 /// A mesh as it was uploaded: its faces in upload order, positions not yet welded.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,6 +41,17 @@ pub struct PolygonMesh {
     pub parts: Vec<Part>,
     /// What was skipped or is unusual, for people.
     pub warnings: Vec<String>,
+    /// What the reader changed or left out.
+    pub adjusted: Adjusted,
+}
+
+/// What a reader changed or left out of a mesh.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Adjusted {
+    /// Vertices of the file that no face uses and that are not in `positions`.
+    pub vertices_left_out: u64,
+    /// Vertices that were moved to the position of a vertex of another part, which was theirs but for rounding.
+    pub joined_across_parts: u64,
 }
 
 /// A run of consecutive faces with a common origin (`input.parts` of the report).
@@ -141,18 +152,15 @@ pub fn read_admitted(
     limits.check_bytes(bytes.len() as u64)?;
     let head = &bytes[..bytes.len().min(HEAD_BYTES)];
     format.check_head(head, Some(bytes.len() as u64))?;
-    let (mesh, numbers) = match (format, attribute) {
-        (Format::Obj, None) => (obj::read(bytes, limits, admit)?, None),
-        (Format::Obj, Some(name)) => {
-            return Err(Error::parameter(format_args!("an OBJ has no attributes with names, only glTF has: {name:?}")));
-        }
-        (Format::Glb, _) => gltf::read_binary(bytes, resources, limits, attribute, admit)?,
-        (Format::Gltf, _) => gltf::read_json(bytes, resources, limits, attribute, admit)?,
-    };
-    if mesh.faces.is_empty() {
-        return Err(Error::mesh("the mesh has no faces"));
+    match (format, attribute) {
+        (Format::Obj, None) => Ok((obj::read(bytes, limits, admit)?, None)),
+        (Format::Obj, Some(name)) => Err(Error::parameter(format_args!(
+            "an OBJ has no attributes with names, only glTF has: {}",
+            Quoted(name)
+        ))),
+        (Format::Glb, _) => gltf::read_binary(bytes, resources, limits, attribute, admit),
+        (Format::Gltf, _) => gltf::read_json(bytes, resources, limits, attribute, admit),
     }
-    Ok((mesh, numbers))
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ mod write;
 pub use write::{write_glb, write_obj};
 
 use crate::error::{Error, Result};
-use crate::mesh::{Faces, Format, Part, PolygonMesh};
+use crate::mesh::{Adjusted, Faces, Format, Part, PolygonMesh};
 
 /// The largest number of faces that a sample is made with; what a mesh may have by default.
 pub const MAX_FACES: u64 = 50_000_000;
@@ -143,6 +143,7 @@ fn join(pieces: Vec<(String, Piece)>) -> PolygonMesh {
         faces: Faces::default(),
         parts: Vec::new(),
         warnings: Vec::new(),
+        adjusted: Adjusted::default(),
     };
     let mut corners = Vec::new();
     for (name, piece) in pieces {

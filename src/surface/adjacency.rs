@@ -61,8 +61,9 @@ struct Edges<'a> {
 impl<'a> Links<'a> {
     /// Finds the pairs of faces that share an edge, and counts edges and degenerate faces.
     ///
-    /// An edge between corners at one position is none. For the counts, an edge that a face runs along twice, there and
-    /// back, is no edge of that face: it belongs to a degenerate spike.
+    /// An edge between corners at one position is none. For the counts, a face that runs along an edge several times counts
+    /// once when it does so an odd number of times, and not at all otherwise: there and back, it has itself on both sides,
+    /// as at the slit of a polygon with a hole or in a spike. Links do not depend on the number of times.
     ///
     /// `positions` has a number below `vertices` for each corner.
     pub fn new(faces: &'a Faces, positions: Vec<u32>, vertices: u32) -> Self {

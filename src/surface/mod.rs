@@ -83,9 +83,9 @@ pub struct Counts {
     pub components: u64,
     /// Distinct positions among the vertices that faces use.
     pub welded_vertices: u64,
-    /// Edges of exactly one face.
+    /// Edges of exactly one face; a face that runs along an edge an even number of times does not count for it.
     pub boundary_edges: u64,
-    /// Edges of more than two faces.
+    /// Edges of more than two faces, counted in the same way.
     pub non_manifold_edges: u64,
     /// Faces with two corners at one position.
     pub degenerate_faces: u64,

@@ -1,5 +1,5 @@
 use super::*;
-use crate::mesh::{Faces, Format, Part};
+use crate::mesh::{Adjusted, Faces, Format, Part};
 
 fn mesh(positions: &[[f64; 3]], faces: &[&[u32]]) -> PolygonMesh {
     let mut all = Faces::default();
@@ -7,7 +7,7 @@ fn mesh(positions: &[[f64; 3]], faces: &[&[u32]]) -> PolygonMesh {
         all.push(corners);
     }
     let parts = vec![Part { first_face: 0, faces: all.len() as u64, ..Part::default() }];
-    PolygonMesh { format: Format::Obj, positions: positions.to_vec(), faces: all, parts, warnings: Vec::new() }
+    PolygonMesh { format: Format::Obj, positions: positions.to_vec(), faces: all, parts, warnings: Vec::new(), adjusted: Adjusted::default() }
 }
 
 const SQUARE: [[f64; 3]; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
@@ -171,7 +171,7 @@ fn a_planar_tiling_by_hexagons_has_ratio_one() {
             }
         }
     }
-    let mesh = PolygonMesh { format: Format::Obj, positions, faces, parts: Vec::new(), warnings: Vec::new() };
+    let mesh = PolygonMesh { format: Format::Obj, positions, faces, parts: Vec::new(), warnings: Vec::new(), adjusted: Adjusted::default() };
     let surface = Surface::build(&mesh).expect("a surface");
     let internal: Vec<u32> = surface.upload_face.iter().map(|&face| labels[face as usize]).collect();
     let ratio = surface.energy_and_hexagon_ratio(&internal, 3).1.expect("most of the energy is visible");
@@ -202,7 +202,7 @@ fn bridges_join_every_component_once_and_near_ones_first() {
         positions.extend(SQUARE.map(|p| [p[0] + 3.0 * f64::from(part), p[1], p[2]]));
         faces.push(&[0, 1, 2, 3].map(|corner| corner + 4 * part));
     }
-    let mesh = PolygonMesh { format: Format::Obj, positions, faces, parts: Vec::new(), warnings: Vec::new() };
+    let mesh = PolygonMesh { format: Format::Obj, positions, faces, parts: Vec::new(), warnings: Vec::new(), adjusted: Adjusted::default() };
     let line = Surface::build_bridged(&mesh, true).expect("a surface");
     let rows: Vec<Vec<u32>> = (0..4).map(|face| neighbours(&line, face)).collect();
     assert_eq!(rows, [vec![1], vec![0, 2], vec![1, 3], vec![2]]);

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use tesserae::mesh::{Faces, Format, Part, PolygonMesh};
+use tesserae::mesh::{Adjusted, Faces, Format, Part, PolygonMesh};
 use tesserae::sample::{Sample, generate};
 
 /// A mesh from positions and faces.
@@ -12,7 +12,7 @@ pub fn mesh(positions: &[[f64; 3]], faces: &[&[u32]]) -> PolygonMesh {
         all.push(corners);
     }
     let parts = vec![Part { first_face: 0, faces: all.len() as u64, ..Part::default() }];
-    PolygonMesh { format: Format::Obj, positions: positions.to_vec(), faces: all, parts, warnings: Vec::new() }
+    PolygonMesh { format: Format::Obj, positions: positions.to_vec(), faces: all, parts, warnings: Vec::new(), adjusted: Adjusted::default() }
 }
 
 /// A mesh of triangles between points at random: non-manifold edges, duplicates and slivers galore.

@@ -1,8 +1,10 @@
 //! Building the mesh: every primitive of every placement, transformed.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::document::Document;
+use super::join::Placed;
 use super::primitive::Primitive;
 use super::scene::{Instances, Placement};
 use super::transform::Affine;
@@ -20,6 +22,12 @@ pub struct Builder<'a> {
     pub numbers: Option<Vec<f64>>,
     /// Where they come from.
     pub parts: Vec<Part>,
+    /// Runs of vertices under one transform, by first vertex.
+    pub placed: Vec<Placed>,
+    /// Vertices that no triangle uses and that are not kept, each placement counted.
+    pub vertices_left_out: u64,
+    /// Transforms so far, each with its number.
+    transforms: BTreeMap<[u64; 12], u32>,
     /// Number of corners at the end.
     all_corners: usize,
     document: &'a Document,
@@ -42,6 +50,9 @@ impl<'a> Builder<'a> {
             corners: Vec::with_capacity(3 * triangles as usize),
             numbers: has_numbers.then(Vec::new),
             parts: Vec::with_capacity(parts as usize),
+            placed: Vec::new(),
+            vertices_left_out: 0,
+            transforms: BTreeMap::new(),
             all_corners: 3 * triangles as usize,
             document,
             spare: allowance.spare_vertices(),
@@ -65,6 +76,11 @@ impl<'a> Builder<'a> {
         for instance in 0..instances.count {
             let world = placement.world.after(&instances.transform(instance)?);
             let is_last = instance + 1 == instances.count;
+            let next = self.transforms.len() as u32;
+            let transform = *self.transforms.entry(world.bits()).or_insert(next);
+            if self.placed.last().is_none_or(|last| last.transform != transform) {
+                self.placed.push(Placed { first_vertex: self.positions.len() as u32, transform });
+            }
             for (primitive, corners) in primitives.iter().zip(&mut all_corners) {
                 self.parts.push(Part {
                     node: Some(placement.node as u32),
@@ -129,6 +145,7 @@ impl<'a> Builder<'a> {
                 first + count
             )));
         }
+        self.vertices_left_out += (source.count - count) as u64;
         let placed = match used {
             Some(used) => {
                 let vectors = used.iter().map(|&vertex| source.vector(vertex as usize));

@@ -7,6 +7,8 @@
 //! Everything is opened, which compares what is claimed with the bytes that are there, and counted against the limits
 //! before anything is built: a small file can place a mesh very often.
 //!
+//! Vertices of different placements that are equal but for rounding are joined at the end (`join`).
+//!
 //! Triangles come by node, depth first, then by instance, by primitive, and in their own order. A mesh that is placed
 //! twice counts twice, each with its own vertices. Materials and animations are not looked at.
 
@@ -17,6 +19,7 @@ mod container;
 mod document;
 mod extensions;
 mod head;
+mod join;
 mod meshopt;
 mod primitive;
 mod scene;
@@ -34,7 +37,7 @@ use self::build::Builder;
 use self::document::Document;
 use self::primitive::{Primitive, Skipped};
 use self::scene::Instances;
-use super::{Admit, Faces, Format, Limits, PolygonMesh, Resources};
+use super::{Adjusted, Admit, Faces, Format, Limits, PolygonMesh, Resources};
 use crate::error::{Error, Result};
 
 /// A mesh, and the attribute that was asked for, one number a vertex.
@@ -129,12 +132,17 @@ fn read<'b>(
     }
     let mut warnings = skipped.warnings();
     warnings.extend(allowance.limit_names(&mut builder.parts));
+    let adjusted = Adjusted {
+        vertices_left_out: builder.vertices_left_out,
+        joined_across_parts: join::across_placements(&mut builder.positions, &builder.corners, &builder.placed),
+    };
     let mesh = PolygonMesh {
         format,
         positions: builder.positions,
         faces: Faces::from_triangles(builder.corners),
         parts: builder.parts,
         warnings,
+        adjusted,
     };
     Ok((mesh, builder.numbers))
 }

@@ -71,6 +71,11 @@ impl Affine {
         std::array::from_fn(|axis| a[axis] * x + b[axis] * y + c[axis] * z)
     }
 
+    /// Its numbers, to tell maps apart.
+    pub fn bits(&self) -> [u64; 12] {
+        std::array::from_fn(|at| (self.columns[at / 3][at % 3] + 0.0).to_bits())
+    }
+
     /// Whether it turns left into right, and so the winding of faces around.
     pub fn mirrors(&self) -> bool {
         let [[a, b, c], [d, e, f], [g, h, i], _] = self.columns;

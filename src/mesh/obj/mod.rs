@@ -25,7 +25,7 @@ use rayon::prelude::*;
 
 use self::chunk::{Chunk, Fault, What};
 use super::allowance::Allowance;
-use super::{Admit, Faces, Format, Limits, Part, PolygonMesh, part_name};
+use super::{Adjusted, Admit, Faces, Format, Limits, Part, PolygonMesh, part_name};
 use crate::error::{Error, Result};
 
 /// Bytes of a piece.
@@ -41,7 +41,7 @@ pub fn read(bytes: &[u8], limits: &Limits, admit: &Admit<'_>) -> Result<PolygonM
 
 fn read_in_pieces(bytes: &[u8], limits: &Limits, admit: &Admit<'_>, piece: usize) -> Result<PolygonMesh> {
     if bytes.len() as u64 > MAX_BYTES {
-        return Err(Error::too_large(format_args!("an OBJ file may have {MAX_BYTES} bytes: {}", bytes.len())));
+        return Err(Error::too_large(format_args!("an OBJ file may have {MAX_BYTES} bytes (split it, or convert it to GLB): {}", bytes.len())));
     }
     let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let text = with_line_feeds(text);
@@ -129,9 +129,27 @@ fn join(text: &[u8], pieces: &[&[u8]], parsed: Vec<Result<Chunk<'_>, Fault>>, li
     if free_form > 0 {
         warnings.push(format!("free-form curves and surfaces were skipped: {free_form}"));
     }
+    if total.faces == 0 {
+        return Err(no_faces(total.vertices, elements, free_form));
+    }
     let mut parts = parts.finish(total.faces as u64);
     warnings.extend(Allowance::new(text.len() as u64).limit_names(&mut parts));
-    Ok(PolygonMesh { format: Format::Obj, positions, faces, parts, warnings })
+    let adjusted = Adjusted::default();
+    Ok(PolygonMesh { format: Format::Obj, positions, faces, parts, warnings, adjusted })
+}
+
+/// The error of a file without faces.
+fn no_faces(vertices: usize, elements: u64, free_form: u64) -> Error {
+    let why = if vertices == 0 {
+        "the file has neither vertices (v) nor faces (f), so it may be no OBJ file".to_owned()
+    } else if elements > 0 {
+        format!("the file has vertices and points or lines only, and no faces (f); points and lines: {elements}")
+    } else if free_form > 0 {
+        format!("the file has free-form curves or surfaces, which must be meshed first: {free_form}")
+    } else {
+        format!("the file has vertices only, and no faces (f), as a point cloud has; vertices: {vertices}")
+    };
+    Error::mesh(format_args!("the mesh has no faces: {why}"))
 }
 
 /// What came before a piece.

@@ -3,6 +3,8 @@
 //! A statement is a line; a backslash right before the end of the line joins the next one to it. A comment goes from `#`
 //! to the end of its line and is never joined, so that a path in a comment cannot swallow the next vertex.
 
+use crate::error::Quoted;
+
 /// A place in the text.
 #[derive(Debug, Clone, Copy)]
 pub struct Cursor<'a> {
@@ -142,8 +144,7 @@ impl<'a> Cursor<'a> {
             end.at += 1;
         }
         let token = &self.text[self.at.min(end.at)..end.at];
-        let shown = String::from_utf8_lossy(&token[..token.len().min(40)]);
-        format!("{shown:?}")
+        Quoted(&String::from_utf8_lossy(token)).to_string()
     }
 }
 
