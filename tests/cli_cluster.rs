@@ -392,6 +392,6 @@ fn an_interrupt_ends_the_work_with_one_line_and_no_files() {
     assert!(killed.success());
     let ended = child.wait_with_output().expect("the binary ends");
     let stderr = String::from_utf8(ended.stderr).expect("text");
-    assert_eq!((ended.status.code(), stderr.as_str()), (Some(1), "error: the job was cancelled\n"));
+    assert_eq!((ended.status.code(), stderr.as_str()), (Some(1), "error: cancelled before it ended\n"));
     assert_eq!(folder.files(), ["plane.glb"]);
 }

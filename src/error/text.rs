@@ -105,7 +105,8 @@ mod tests {
     use crate::error::{Error, Kind, LONGEST_MESSAGE};
 
     /// Everything that a message must not hold.
-    const HOSTILE: &str = "a\n\r\t\0\u{1b}[31m\u{7f}\u{85}\u{9b}\u{2028}\u{2029}\u{202e}\u{2066}\u{200e}\u{61c}\u{feff}b";
+    const HOSTILE: &str =
+        "a\n\r\t\0\u{1b}[31m\u{7f}\u{85}\u{9b}\u{2028}\u{2029}\u{202e}\u{2066}\u{200e}\u{61c}\u{feff}b";
 
     fn is_plain(text: &str) -> bool {
         !text.chars().any(is_obeyed)

@@ -42,6 +42,8 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         Some(tree) => Some(Stored { header: hierarchical::header(&prepared.input, parameters)?, tree }),
         None => None,
     };
+    let mut warnings = [prepared.warnings.clone(), clustered.warnings].concat();
+    warnings.extend(out_of_range(surface, results.initial_energy.unwrap_or(0.0).max(results.energy)));
     let timings_ms = Timings {
         upload: milliseconds(clustered.upload),
         cluster: milliseconds(clustered.cluster),
@@ -61,9 +63,27 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         timings_ms,
         labels_sha256,
         snapshots: snapshots.iterations(),
-        warnings: [prepared.warnings.clone(), clustered.warnings].concat(),
+        warnings,
     };
     Ok(Outcome { labels, hierarchy, snapshots, report })
+}
+
+/// A warning where the mesh is so large or small that its energies leave the range of f64.
+fn out_of_range(surface: &Surface, energy: f64) -> Option<String> {
+    /// Lengths below 2 to this power have energies that f64 cannot hold exactly.
+    const SMALL: i32 = -240;
+    let exponent = surface.longest_side_exponent();
+    let what = if !energy.is_finite() {
+        "too large for f64 and null"
+    } else if energy < f64::MIN_POSITIVE && exponent < SMALL {
+        "too small for f64 and 0 or not exact"
+    } else {
+        return None;
+    };
+    Some(format!(
+        "energies are {what}, since they grow with the fourth power of lengths; labels are not affected; scale the mesh \
+         to a size near 1; its longest side is about 2^{exponent}"
+    ))
 }
 
 /// What is told of labels, found side by side.
@@ -137,4 +157,32 @@ pub fn labels_sha256(labels: &[u32]) -> String {
         hash.update(&bytes);
     }
     hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::{Sample, generate};
+
+    #[test]
+    fn meshes_whose_energies_leave_f64_are_warned_about() {
+        let mesh = generate(Sample::Knot, 500).expect("a sample");
+        for (power, words) in [(0, None), (270, Some("null")), (-290, Some("too small")), (1000, Some("null"))] {
+            let mut scaled = mesh.clone();
+            scaled.positions.iter_mut().for_each(|p| *p = p.map(|x| libm::ldexp(x, power)));
+            let surface = Surface::build(&scaled).expect("a surface");
+            let energy = surface.source_energy(&vec![0; surface.faces()], 1);
+            let warning = out_of_range(&surface, energy);
+            match words {
+                None => assert_eq!(warning, None),
+                Some(words) => {
+                    let warning = warning.expect("a warning");
+                    assert!(warning.contains(words) && warning.contains("scale the mesh"), "{warning}");
+                }
+            }
+        }
+        // no energy at all is no reason to warn
+        let surface = Surface::build(&mesh).expect("a surface");
+        assert_eq!(out_of_range(&surface, 0.0), None);
+    }
 }

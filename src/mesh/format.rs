@@ -182,7 +182,7 @@ mod tests {
             (b"solid x", "STL"),
             (b"<html>", "HTML"),
             (b"PK\x03\x04", "ZIP"),
-            (b"", "neither name nor content"),
+            (b"", "empty"),
             (b"voxel 1", "neither name nor content"),
             (b"v 1 2 3\0", "neither name nor content"),
         ] {

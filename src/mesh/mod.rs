@@ -154,10 +154,9 @@ pub fn read_admitted(
     format.check_head(head, Some(bytes.len() as u64))?;
     match (format, attribute) {
         (Format::Obj, None) => Ok((obj::read(bytes, limits, admit)?, None)),
-        (Format::Obj, Some(name)) => Err(Error::parameter(format_args!(
-            "an OBJ has no attributes with names, only glTF has: {}",
-            Quoted(name)
-        ))),
+        (Format::Obj, Some(name)) => {
+            Err(Error::parameter(format_args!("an OBJ has no attributes with names, only glTF has: {}", Quoted(name))))
+        }
         (Format::Glb, _) => gltf::read_binary(bytes, resources, limits, attribute, admit),
         (Format::Gltf, _) => gltf::read_json(bytes, resources, limits, attribute, admit),
     }

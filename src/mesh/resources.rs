@@ -20,9 +20,11 @@ pub struct NoResources;
 
 impl Resources for NoResources {
     fn load(&self, uri: &str, _max_bytes: u64) -> Result<Vec<u8>> {
-        Err(Error::mesh(format_args!("the mesh refers to a file, and no files came with it (read the mesh by its file name, or make it a GLB, \
+        Err(Error::mesh(format_args!(
+            "the mesh refers to a file, and no files came with it (read the mesh by its file name, or make it a GLB, \
              which holds its buffers): {}",
-            Quoted(uri))))
+            Quoted(uri)
+        )))
     }
 }
 
@@ -41,12 +43,10 @@ impl Resources for Beside {
             false => &self.folder,
         };
         let failed = |error: std::io::Error| match error.kind() {
-            ErrorKind::NotFound | ErrorKind::NotADirectory => {
-                Error::mesh(format_args!(
-                    "the mesh refers to a file that is not beside it (put it into the folder of the mesh): {}",
-                    Quoted(uri)
-                ))
-            }
+            ErrorKind::NotFound | ErrorKind::NotADirectory => Error::mesh(format_args!(
+                "the mesh refers to a file that is not beside it (put it into the folder of the mesh): {}",
+                Quoted(uri)
+            )),
             _ => Error::io(format_args!("cannot read the buffer {}", Quoted(uri)), error),
         };
         let folder = folder.canonicalize().map_err(failed)?;

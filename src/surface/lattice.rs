@@ -63,6 +63,11 @@ impl Frame {
         Self { centre, exponent, factor, factors: [libm::ldexp(1.0, half), libm::ldexp(1.0, exponent - half)] }
     }
 
+    /// Log₂ of the longest side in source units, rounded up.
+    pub fn longest_side_exponent(&self) -> i32 {
+        COORDINATE_BITS + 1 - self.exponent
+    }
+
     /// A position in lattice units.
     #[inline]
     pub fn position(&self, source: [f64; 3]) -> [f64; 3] {

@@ -200,6 +200,11 @@ impl Surface {
         internal
     }
 
+    /// Log₂ of the longest side of the bounding box in source units, rounded up.
+    pub fn longest_side_exponent(&self) -> i32 {
+        self.frame.longest_side_exponent()
+    }
+
     /// F in source units (area × length²), exact until this one conversion; infinite when f64 cannot hold it.
     pub fn energy(&self, energy: LatticeEnergy) -> f64 {
         let lattice = (self.moment - energy.explained) as f64;

@@ -7,7 +7,14 @@ fn mesh(positions: &[[f64; 3]], faces: &[&[u32]]) -> PolygonMesh {
         all.push(corners);
     }
     let parts = vec![Part { first_face: 0, faces: all.len() as u64, ..Part::default() }];
-    PolygonMesh { format: Format::Obj, positions: positions.to_vec(), faces: all, parts, warnings: Vec::new(), adjusted: Adjusted::default() }
+    PolygonMesh {
+        format: Format::Obj,
+        positions: positions.to_vec(),
+        faces: all,
+        parts,
+        warnings: Vec::new(),
+        adjusted: Adjusted::default(),
+    }
 }
 
 const SQUARE: [[f64; 3]; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
@@ -54,6 +61,42 @@ fn an_edge_of_many_faces_is_a_chain_by_face_number() {
     assert_eq!(surface.counts.boundary_edges, 10);
     let rows: Vec<Vec<u32>> = (0..5).map(|face| neighbours(&surface, face)).collect();
     assert_eq!(rows, [vec![1], vec![0, 2], vec![1, 3], vec![2, 4], vec![3]]);
+}
+
+#[test]
+fn a_face_that_runs_along_an_edge_counts_for_it_when_it_does_so_an_odd_number_of_times() {
+    let positions = [
+        [0.0, 0.0, 0.0],
+        [4.0, 0.0, 0.0],
+        [4.0, 4.0, 0.0],
+        [0.0, 4.0, 0.0],
+        [1.0, 1.0, 0.0],
+        [3.0, 1.0, 0.0],
+        [2.0, 3.0, 0.0],
+    ];
+    // boundary and non-manifold edges, and neighbours of face 0
+    let cases: [(&[&[u32]], u64, u64, &[u32]); 5] = [
+        // a square with a triangular hole, which a slit from 0 to 4 joins to the outside: the slit is no boundary
+        (&[&[0, 1, 2, 3, 0, 4, 6, 5, 4]], 7, 0, &[]),
+        // the same with the hole filled
+        (&[&[0, 1, 2, 3, 0, 4, 6, 5, 4], &[4, 5, 6]], 4, 0, &[1, 1, 1]),
+        // there, back and there again is once
+        (&[&[0, 1, 0, 1, 2]], 3, 0, &[]),
+        // a spike along the edge of another face: that face is alone at the edge, and linked all the same
+        (&[&[0, 1, 2, 4, 2], &[2, 4, 5]], 6, 0, &[1]),
+        // three faces at an edge, one of them twice: the other two are a pair
+        (&[&[0, 1, 2, 4, 2], &[2, 4, 5], &[4, 2, 3]], 7, 0, &[1]),
+    ];
+    for (faces, boundary_edges, non_manifold_edges, near) in cases {
+        let surface = Surface::build(&mesh(&positions, faces)).expect("a surface");
+        let counts = surface.counts;
+        assert_eq!(
+            (counts.boundary_edges, counts.non_manifold_edges),
+            (boundary_edges, non_manifold_edges),
+            "{faces:?}"
+        );
+        assert_eq!(neighbours(&surface, 0), near, "{faces:?}");
+    }
 }
 
 #[test]
@@ -171,7 +214,14 @@ fn a_planar_tiling_by_hexagons_has_ratio_one() {
             }
         }
     }
-    let mesh = PolygonMesh { format: Format::Obj, positions, faces, parts: Vec::new(), warnings: Vec::new(), adjusted: Adjusted::default() };
+    let mesh = PolygonMesh {
+        format: Format::Obj,
+        positions,
+        faces,
+        parts: Vec::new(),
+        warnings: Vec::new(),
+        adjusted: Adjusted::default(),
+    };
     let surface = Surface::build(&mesh).expect("a surface");
     let internal: Vec<u32> = surface.upload_face.iter().map(|&face| labels[face as usize]).collect();
     let ratio = surface.energy_and_hexagon_ratio(&internal, 3).1.expect("most of the energy is visible");
@@ -202,7 +252,14 @@ fn bridges_join_every_component_once_and_near_ones_first() {
         positions.extend(SQUARE.map(|p| [p[0] + 3.0 * f64::from(part), p[1], p[2]]));
         faces.push(&[0, 1, 2, 3].map(|corner| corner + 4 * part));
     }
-    let mesh = PolygonMesh { format: Format::Obj, positions, faces, parts: Vec::new(), warnings: Vec::new(), adjusted: Adjusted::default() };
+    let mesh = PolygonMesh {
+        format: Format::Obj,
+        positions,
+        faces,
+        parts: Vec::new(),
+        warnings: Vec::new(),
+        adjusted: Adjusted::default(),
+    };
     let line = Surface::build_bridged(&mesh, true).expect("a surface");
     let rows: Vec<Vec<u32>> = (0..4).map(|face| neighbours(&line, face)).collect();
     assert_eq!(rows, [vec![1], vec![0, 2], vec![1, 3], vec![2]]);

@@ -12,7 +12,14 @@ pub fn mesh(positions: &[[f64; 3]], faces: &[&[u32]]) -> PolygonMesh {
         all.push(corners);
     }
     let parts = vec![Part { first_face: 0, faces: all.len() as u64, ..Part::default() }];
-    PolygonMesh { format: Format::Obj, positions: positions.to_vec(), faces: all, parts, warnings: Vec::new(), adjusted: Adjusted::default() }
+    PolygonMesh {
+        format: Format::Obj,
+        positions: positions.to_vec(),
+        faces: all,
+        parts,
+        warnings: Vec::new(),
+        adjusted: Adjusted::default(),
+    }
 }
 
 /// A mesh of triangles between points at random: non-manifold edges, duplicates and slivers galore.

@@ -109,7 +109,7 @@ fn positions_that_are_not_finite() {
 
 #[test]
 fn documents_that_are_not_gltf_2() {
-    expect("/asset/version", json!("1.0"), &["2.0", "\"1.0\""]);
+    expect("/asset/version", json!("1.0"), &["2.0", "glTF 1.0"]);
     expect("/asset/version", json!("3.0"), &["\"3.0\""]);
     expect("/asset/minVersion", json!("2.1"), &["\"2.1\""]);
     expect("/asset", json!({}), &["version"]);
@@ -117,7 +117,7 @@ fn documents_that_are_not_gltf_2() {
     document.as_object_mut().expect("an object").remove("asset");
     expect_document(&document, &binary, &["asset"]);
     // of version 1, whose arrays are objects
-    expect_document(&json!({"asset": {"version": "1.1"}, "nodes": {"n": {}}}), &[], &["\"1.1\""]);
+    expect_document(&json!({"asset": {"version": "1.1"}, "nodes": {"n": {}}}), &[], &["glTF 1.0"]);
     for text in ["{", "{\"asset\":", "{}", "{]", "{\"asset\": {\"version\": \"2.0\"}} x"] {
         let read = mesh::read(text.as_bytes(), Format::Gltf, &NoResources, &Limits::default());
         assert_eq!(read.expect_err("refused").kind, Kind::InvalidMesh, "{text}");
@@ -128,12 +128,12 @@ fn documents_that_are_not_gltf_2() {
 
 #[test]
 fn required_extensions_are_named() {
-    for name in ["KHR_draco_mesh_compression", "VENDOR_unheard_of", "KHR_materials_nonsense"] {
+    for name in ["KHR_draco_mesh_compression", "VENDOR_unheard_of", "KHR_mesh_nonsense"] {
         let (mut document, binary) = square();
         document["extensionsRequired"] = json!(["KHR_mesh_quantization", name]);
         let error = refused(&document, &binary);
         assert_eq!(error.kind, Kind::UnsupportedMesh);
-        assert!(error.message.ends_with(name), "{error}");
+        assert!(error.message.contains(name), "{error}");
     }
 }
 
@@ -155,7 +155,8 @@ fn draco_without_a_fallback_is_refused() {
 fn accessors_of_nothing() {
     let (mut document, binary) = square();
     document["accessors"][0].as_object_mut().expect("an accessor").remove("bufferView");
-    expect_document(&document, &binary, &["accessor 0 has neither a bufferView nor sparse values"]);
+    let zeros = gltf(&document, &binary).expect("zeros, by the specification");
+    assert_eq!(zeros.positions, [[0.0; 3]; 4]);
     let sparse = |count: u64, index: u8| json!({"count": count, "indices": {"bufferView": 2, "componentType": 5121}, "values": {"bufferView": 0}, "index": index});
     document["bufferViews"]
         .as_array_mut()

@@ -124,7 +124,10 @@ fn instances_that_do_not_fit() {
         json!({"bufferView": 2, "componentType": 5126, "count": 1, "type": "VEC4"}),
     ]);
     for (attributes, words) in [
-        (json!({"TRANSLATION": 2, "ROTATION": 3}), &["instances of node 0", "1 of ROTATION", "2 of TRANSLATION"][..]),
+        (
+            json!({"TRANSLATION": 2, "ROTATION": 3}),
+            &["instances of node 0", "1 of \"ROTATION\"", "2 of \"TRANSLATION\""][..],
+        ),
         (json!({"TRANSLATION": 3}), &["TRANSLATION", "components"]),
         (json!({"ROTATION": 2}), &["ROTATION", "components"]),
         (json!({"ROTATION": 3}), &["rotation of instance 0 of node 0"]),

@@ -104,8 +104,7 @@ fn xml_root(head: &[u8]) -> Option<&[u8]> {
 fn is_binary_stl(head: &[u8]) -> bool {
     const HEADER: usize = 80;
     const TRIANGLE: usize = 50;
-    let (Some(count), Some(triangle)) =
-        (head.get(HEADER..HEADER + 4), head.get(HEADER + 4..HEADER + 4 + TRIANGLE))
+    let (Some(count), Some(triangle)) = (head.get(HEADER..HEADER + 4), head.get(HEADER + 4..HEADER + 4 + TRIANGLE))
     else {
         return false;
     };

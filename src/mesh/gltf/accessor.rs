@@ -100,8 +100,10 @@ impl<'b> Elements<'b> {
     fn open(accessors: &Accessors<'b>, accessor: &json::Accessor, index: usize) -> Result<Self> {
         let me = format!("accessor {index}");
         let (Checked::Valid(component), Checked::Valid(shape)) = (accessor.component_type, accessor.type_) else {
-            return Err(Error::mesh(format_args!("{me} has an unknown componentType or type (componentType is one of 5120 to 5123, 5125 and 5126, type one of \
-                 SCALAR, VEC2, VEC3 and VEC4)")));
+            return Err(Error::mesh(format_args!(
+                "{me} has an unknown componentType or type (componentType is one of 5120 to 5123, 5125 and 5126, type one of \
+                 SCALAR, VEC2, VEC3 and VEC4)"
+            )));
         };
         let component = component.0;
         let components = match shape {

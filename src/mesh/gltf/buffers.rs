@@ -153,9 +153,9 @@ impl<'a> Buffers<'a> {
             // before and after: neither a hidden nor an open scheme, slash or `..` gets through
             let named = |error: Error| Error::new(error.kind, format_args!("{me}: {error}"));
             check_relative(uri).map_err(named)?;
-            let path = percent_encoding::percent_decode_str(uri)
-                .decode_utf8()
-                .map_err(|_| Error::mesh(format_args!("the uri of {me} is not UTF-8 when percent-decoded: {}", Quoted(uri))))?;
+            let path = percent_encoding::percent_decode_str(uri).decode_utf8().map_err(|_| {
+                Error::mesh(format_args!("the uri of {me} is not UTF-8 when percent-decoded: {}", Quoted(uri)))
+            })?;
             check_relative(&path).map_err(named)?;
             let bytes = self.resources.load(&path, self.left.get()).map_err(named)?;
             self.take(bytes.len() as u64, &me)?;
@@ -193,5 +193,7 @@ fn decode_data_uri(uri: &str) -> Result<Vec<u8>, String> {
     if !is_base64 {
         return Ok(data.into_owned());
     }
-    BASE64.decode(data.as_ref()).map_err(|error| format!("is not base64, or damaged: {}", error.to_string().trim_end_matches('.')))
+    BASE64
+        .decode(data.as_ref())
+        .map_err(|error| format!("is not base64, or damaged: {}", error.to_string().trim_end_matches('.')))
 }

@@ -12,9 +12,8 @@ const READ: [&str; 4] =
     ["EXT_mesh_gpu_instancing", "EXT_meshopt_compression", "KHR_mesh_quantization", "KHR_meshopt_compression"];
 
 /// The second word of a name `VENDOR_word_…` of extensions about what is not geometry.
-const HARMLESS_WORDS: [&str; 10] = [
-    "animation", "audio", "environment", "image", "lights", "materials", "packing", "techniques", "texture", "xmp",
-];
+const HARMLESS_WORDS: [&str; 10] =
+    ["animation", "audio", "environment", "image", "lights", "materials", "packing", "techniques", "texture", "xmp"];
 
 /// Other extensions that cannot change geometry: metadata, selection, outlines, articulations.
 const HARMLESS: [&str; 12] = [

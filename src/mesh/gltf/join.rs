@@ -187,12 +187,7 @@ fn join_cell(cell: &[(u64, u32)], positions: &[[f64; 3]], transforms: &[u32], gr
 
 /// Moves the vertices of each set to its first, unless that would join different positions under one transform; returns
 /// how many were moved.
-fn move_to_first(
-    positions: &mut [[f64; 3]],
-    transforms: &[u32],
-    sets: &mut Sets,
-    entries: &[(u64, u32)],
-) -> u64 {
+fn move_to_first(positions: &mut [[f64; 3]], transforms: &[u32], sets: &mut Sets, entries: &[(u64, u32)]) -> u64 {
     let mut members: Vec<u32> = entries.iter().map(|&(_, vertex)| vertex).collect();
     members.sort_unstable();
     members.dedup();

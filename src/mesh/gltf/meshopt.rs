@@ -155,8 +155,11 @@ impl Compressed {
             (Mode::Indices, _) => ::meshopt::decode_index_sequence::<u32>(encoded, count)
                 .map(|indices| indices.iter().flat_map(|index| index.to_le_bytes()).collect()),
         };
-        let mut bytes: Vec<u8> = decoded
-            .map_err(|_| Error::mesh(format_args!("the meshopt-compressed bytes of {whence} are truncated or damaged: export the mesh again")))?;
+        let mut bytes: Vec<u8> = decoded.map_err(|_| {
+            Error::mesh(format_args!(
+                "the meshopt-compressed bytes of {whence} are truncated or damaged: export the mesh again"
+            ))
+        })?;
         match self.filter {
             Filter::None => {}
             Filter::Exponential => exponential(&mut bytes),

@@ -41,7 +41,10 @@ pub fn read(bytes: &[u8], limits: &Limits, admit: &Admit<'_>) -> Result<PolygonM
 
 fn read_in_pieces(bytes: &[u8], limits: &Limits, admit: &Admit<'_>, piece: usize) -> Result<PolygonMesh> {
     if bytes.len() as u64 > MAX_BYTES {
-        return Err(Error::too_large(format_args!("an OBJ file may have {MAX_BYTES} bytes (split it, or convert it to GLB): {}", bytes.len())));
+        return Err(Error::too_large(format_args!(
+            "an OBJ file may have {MAX_BYTES} bytes (split it, or convert it to GLB): {}",
+            bytes.len()
+        )));
     }
     let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let text = with_line_feeds(text);
