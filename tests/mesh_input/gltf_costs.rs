@@ -90,7 +90,7 @@ fn containers_that_lie_about_their_length() {
         (8, total + 1, "truncated"),
         (8, 0, "longer than its header says"),
         (8, u32::MAX, "truncated"),
-        (4, 1, "version"),
+        (4, 1, "glTF 1.0"),
         (4, 3, "version"),
         (12, json as u32 + 100_000, "chunk 0"),
         (12, u32::MAX, "chunk 0"),

@@ -178,15 +178,3 @@ fn messages_are_those_of_the_table() {
     }
     assert_eq!(table, known);
 }
-
-#[test]
-fn zz_temporary() {
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("openapi.yaml");
-    std::fs::write(path, tesserae::service::openapi_yaml().expect("yaml")).expect("written");
-    for name in ["CesiumMilkTruck.glb", "Axes-gpu-instancing.glb"] {
-        let bytes = std::fs::read(format!("/work/shared/meshes/gltf/{name}")).expect("file");
-        let mesh = mesh::read(&bytes, Format::Glb, &NoResources, &Limits::default()).expect("mesh");
-        let counts = tesserae::surface::Surface::build(&mesh).expect("surface").counts;
-        eprintln!("ZZ {name} {:?} {counts:?}", mesh.adjusted);
-    }
-}

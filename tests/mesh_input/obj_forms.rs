@@ -199,7 +199,10 @@ fn errors_name_the_line_and_the_vertex_or_face() {
         ("v 0 0 0\nv 1 0\n", "line 2: vertex 2: three coordinates are needed, there are 2"),
         ("v 0 0 0\n\n# c\nv\n", "line 4: vertex 2: three coordinates are needed, there are 0"),
         ("v 0 0 zero\n", "line 1: vertex 1: a coordinate is not a number: \"zero\""),
-        ("v 0 0 1,5\n", "line 1: vertex 1: a coordinate is not a number: \"1,5\""),
+        (
+            "v 0 0 1,5\n",
+            "line 1: vertex 1: a coordinate is not a number, in which a point stands before the decimals: \"1,5\"",
+        ),
         ("v 0 1e 1\n", "line 1: vertex 1: a coordinate is not a number: \"1e\""),
         ("v 0 0 -NaN\n", "line 1: vertex 1: a coordinate is not finite: \"-NaN\""),
         ("v 0 inf 0\n", "line 1: vertex 1: a coordinate is not finite: \"inf\""),

@@ -13,7 +13,7 @@ pub struct Foreign {
 const CONVERT: &str = "convert it to OBJ or glTF 2.0, for example with Blender or MeshLab";
 const MESH_IT: &str = "it holds no polygon mesh; mesh it in a CAD program and export OBJ or glTF 2.0";
 const UNPACK: &str = "unpack it first";
-const NO_MESH: &str = "that is no mesh";
+const NO_MESH: &str = "it holds no mesh; send the file of the mesh itself";
 
 /// First bytes, name, advice. Longer ones come before those that they begin with.
 const KNOWN: [(&[u8], &str, &str); 54] = [

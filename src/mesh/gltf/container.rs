@@ -76,7 +76,7 @@ pub fn check_head(head: &[u8], length: Option<u64>) -> Result<()> {
     if let Some(length) = length.filter(|&length| length != u64::from(declared)) {
         let how = if length < u64::from(declared) { "truncated" } else { "longer than its header says" };
         return Err(Error::mesh(format_args!(
-            "the GLB file is {how}: its header declares {declared} bytes, it has {length}"
+            "the GLB file is {how}, so copy or send it again: its header declares {declared} bytes, it has {length}"
         )));
     }
     let Some((chunk, kind)) = head.get(HEADER..).and_then(chunk_header) else {

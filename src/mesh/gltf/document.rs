@@ -114,7 +114,10 @@ impl Document {
 /// The element that a reference in the document means; `kind` and `whence` say what refers to what.
 pub fn lookup<'a, T>(elements: &'a [T], index: usize, kind: &str, whence: &str) -> Result<&'a T> {
     elements.get(index).ok_or_else(|| {
-        Error::mesh(format_args!("{whence} refers to {kind} {index}, but the file has {}", elements.len()))
+        Error::mesh(format_args!(
+            "{whence} refers to {kind} {index}, but the file has {}, counted from 0",
+            elements.len()
+        ))
     })
 }
 

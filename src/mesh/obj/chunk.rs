@@ -168,6 +168,8 @@ fn bad_coordinate(cursor: &Cursor<'_>) -> String {
     let is_number = number::float(word.as_bytes()).is_some_and(|(_, length)| length == word.len());
     if is_number || word.starts_with("nan") || word.starts_with("inf") {
         format!("a coordinate is not finite: {token}")
+    } else if word.contains(',') {
+        format!("a coordinate is not a number, in which a point stands before the decimals: {token}")
     } else {
         format!("a coordinate is not a number: {token}")
     }
