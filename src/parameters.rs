@@ -1,16 +1,20 @@
 //! What a caller may ask of a clustering: defined once, for the command line, the query string and the JSON part.
 
 mod levels;
+pub mod names;
 mod snapshots;
 
+use std::ffi::OsString;
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 
+use clap::builder::{OsStringValueParser, TypedValueParser};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 pub use self::levels::Levels;
+pub use self::names::Name;
 pub use self::snapshots::Snapshots;
 use crate::cluster::dual_edge::Ties;
 use crate::cluster::hierarchy::Pairs;
@@ -41,7 +45,12 @@ pub struct Parameters {
     /// Where flat clusters start: coarse (merged from more clusters on a coarser mesh: the lowest energy), morton
     /// (stratified by area along a Morton curve), random (as in the paper), or file:PATH with a list of face numbers; acvd
     /// and vc take morton for coarse
-    #[arg(long, default_value_t, value_name = "coarse|morton|random|file:PATH")]
+    #[arg(
+        long,
+        default_value_t,
+        value_name = "coarse|morton|random|file:PATH",
+        value_parser = OsStringValueParser::new().try_map(Seeds::from_argument)
+    )]
     #[schema(value_type = String, example = "coarse")]
     pub seeds: Seeds,
 
@@ -128,7 +137,10 @@ impl Parameters {
             ("flat clusterings (bb, acvd, vc)", self.flat_only(listed))
         } else {
             if self.clusters.is_none() && !listed {
-                return Err(Error::parameter("clusters is missing: say how many clusters you want"));
+                return Err(Error::parameter(format_args!(
+                    "{} is missing: say how many clusters you want",
+                    Name::CLUSTERS
+                )));
             }
             ("hierarchies (pml, ml, hr)", self.hierarchical_only())
         };
@@ -140,33 +152,40 @@ impl Parameters {
 
     /// Checks each value by itself: what nothing that may still come can make right.
     pub fn check_values(&self) -> Result<()> {
-        let zero = |name: &str| Err(Error::parameter(format_args!("{name} must be at least 1, not 0")));
+        let zero = |name: Name| Err(Error::parameter(format_args!("{name} must be at least 1, not 0")));
         if self.clusters == Some(0) {
-            return zero("clusters");
+            return zero(Name::CLUSTERS);
         }
         if self.optimize_iterations == Some(0) {
-            return Err(Error::parameter(
-                "optimize_iterations must be at least 1 (optimize none leaves them out), not 0",
-            ));
+            return Err(Error::parameter(format_args!(
+                "{} must be at least 1 ({} leaves them out), not 0",
+                Name::OPTIMIZE_ITERATIONS,
+                Name::OPTIMIZE.with("none")
+            )));
         }
         if self.switch_to_ml_at == Some(0) {
-            return zero("switch_to_ml_at");
+            return zero(Name::SWITCH_TO_ML_AT);
         }
         if let Some(exponent) = self.curvature_exponent.filter(|exponent| !(0.0..=10.0).contains(exponent)) {
-            return Err(Error::parameter(format_args!("curvature_exponent must be from 0 to 10, not {exponent}")));
+            return Err(Error::parameter(format_args!(
+                "{} must be from 0 to 10, not {exponent}",
+                Name::CURVATURE_EXPONENT
+            )));
         }
         if let Some(name) = self.weight_attribute.as_ref().filter(|name| name.len() < 2 || !name.starts_with('_')) {
             return Err(Error::parameter(format_args!(
-                "weight_attribute must begin with an underscore, as the names of such attributes do, not {name:?}"
+                "{} must begin with an underscore, as the names of such attributes do, not {name:?}",
+                Name::WEIGHT_ATTRIBUTE
             )));
         }
         if self.quality != Quality::Default && !matches!(self.algorithm, Algorithm::Bb | Algorithm::Pml) {
-            return Err(self.contradiction("quality", "bb and pml"));
+            return Err(self.contradiction(Name::QUALITY, "bb and pml"));
         }
         match self.collapse_fraction {
             // no number is not above 0 either
             Some(percent) if !(percent > 0.0 && percent <= 50.0) => Err(Error::parameter(format_args!(
-                "collapse_fraction must be above 0 and at most 50 percent, not {percent}"
+                "{} must be above 0 and at most 50 percent, not {percent}",
+                Name::COLLAPSE_FRACTION
             ))),
             _ => Ok(()),
         }
@@ -183,57 +202,62 @@ impl Parameters {
     }
 
     /// What only flat clusterings have, and whether it was asked for.
-    fn flat_only(&self, listed: bool) -> Vec<(&'static str, bool)> {
+    fn flat_only(&self, listed: bool) -> Vec<(Name, bool)> {
         vec![
-            ("seeds", listed || self.seeds != Seeds::Coarse),
-            ("seed", self.seed != 0),
-            ("max_iterations", self.max_iterations.is_some()),
-            ("snapshots", self.snapshots.is_some()),
+            (Name::SEEDS, listed || self.seeds != Seeds::Coarse),
+            (Name::SEED, self.seed != 0),
+            (Name::MAX_ITERATIONS, self.max_iterations.is_some()),
+            (Name::SNAPSHOTS, self.snapshots.is_some()),
         ]
     }
 
     /// What only hierarchies have, and whether it was asked for.
-    fn hierarchical_only(&self) -> Vec<(&'static str, bool)> {
+    fn hierarchical_only(&self) -> Vec<(Name, bool)> {
         vec![
-            ("optimize", self.optimize != Optimize::On),
-            ("optimize_iterations", self.optimize_iterations.is_some()),
-            ("switch_to_ml_at", self.switch_to_ml_at.is_some()),
-            ("collapse_fraction", self.collapse_fraction.is_some()),
-            ("ties", self.ties != Ties::Hash),
-            ("pairs", self.pairs != Pairs::CheaperHalf),
-            ("levels", !self.levels().is_empty()),
+            (Name::OPTIMIZE, self.optimize != Optimize::On),
+            (Name::OPTIMIZE_ITERATIONS, self.optimize_iterations.is_some()),
+            (Name::SWITCH_TO_ML_AT, self.switch_to_ml_at.is_some()),
+            (Name::COLLAPSE_FRACTION, self.collapse_fraction.is_some()),
+            (Name::TIES, self.ties != Ties::Hash),
+            (Name::PAIRS, self.pairs != Pairs::CheaperHalf),
+            (Name::LEVELS, !self.levels().is_empty()),
         ]
     }
 
     /// Checks what a hierarchy is asked for.
     fn check_hierarchy(&self) -> Result<()> {
         if self.optimize_iterations.is_some() && !self.optimizes() {
-            return Err(Error::parameter(match self.algorithm {
-                Algorithm::Hr => {
-                    "optimize_iterations does not go with the algorithm hr, which does not optimise; take ml"
-                }
-                _ => "optimize_iterations does not go with optimize none",
-            }));
+            let name = Name::OPTIMIZE_ITERATIONS;
+            return Err(match self.algorithm {
+                Algorithm::Hr => Error::parameter(format_args!(
+                    "{name} does not go with the algorithm hr, which does not optimise; take ml"
+                )),
+                _ => Error::parameter(format_args!("{name} does not go with {}", Name::OPTIMIZE.with("none"))),
+            });
         }
         if self.pairs != Pairs::CheaperHalf && self.algorithm != Algorithm::Pml {
-            return Err(self.contradiction("pairs", "pml"));
+            return Err(self.contradiction(Name::PAIRS, "pml"));
         }
         if self.switch_to_ml_at.is_some() && self.algorithm != Algorithm::Pml {
-            return Err(self.contradiction("switch_to_ml_at", "pml"));
+            return Err(self.contradiction(Name::SWITCH_TO_ML_AT, "pml"));
         }
         if self.collapse_fraction.is_some() && self.algorithm == Algorithm::Pml && self.switch_to_ml_at.is_none() {
-            return Err(self.contradiction("collapse_fraction", "ml, hr and pml with switch_to_ml_at"));
+            return Err(self.contradiction(Name::COLLAPSE_FRACTION, &format!("ml, hr and pml with {}", Name::SWITCH_TO_ML_AT)));
         }
         match (self.clusters, self.levels().iter().min()) {
             (Some(clusters), Some(&level)) if level < clusters => {
-                Err(Error::parameter(format_args!("levels must not be below clusters, {clusters}: {level}")))
+                Err(Error::parameter(format_args!(
+                    "{} must not be below {}, {clusters}: {level}",
+                    Name::LEVELS,
+                    Name::CLUSTERS
+                )))
             }
             _ => Ok(()),
         }
     }
 
     /// The error for a parameter that the algorithm does not have.
-    fn contradiction(&self, name: &str, goes_with: &str) -> Error {
+    fn contradiction(&self, name: Name, goes_with: &str) -> Error {
         Error::parameter(format_args!("{name} goes with {goes_with}, not with the algorithm {}", self.algorithm.name()))
     }
 }
@@ -359,10 +383,29 @@ impl FromStr for Seeds {
             _ => match text.strip_prefix("file:") {
                 Some(path) if !path.is_empty() => Ok(Seeds::File(path.into())),
                 _ => Err(Error::parameter(format_args!(
-                    "seeds must be coarse, morton, random or file:PATH, not {text:?}"
+                    "{} must be coarse, morton, random or {}, not {text:?}",
+                    Name::SEEDS,
+                    if names::are_flags() { "file:PATH" } else { "listed (a part named seeds)" }
                 ))),
             },
         }
+    }
+}
+
+impl Seeds {
+    /// Seeds as an argument of the command line, where a path may have any bytes.
+    fn from_argument(argument: OsString) -> Result<Self> {
+        if let Some(text) = argument.to_str() {
+            return text.parse();
+        }
+        #[cfg(unix)]
+        {
+            use std::os::unix::ffi::{OsStrExt, OsStringExt};
+            if let Some(path) = argument.as_bytes().strip_prefix(b"file:") {
+                return Ok(Seeds::File(OsString::from_vec(path.to_vec()).into()));
+            }
+        }
+        argument.to_string_lossy().parse()
     }
 }
 

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::Failure;
-use super::files::{Source, Target};
+use super::files::{Source, Target, path_parser};
 use super::places::{self, Output};
 use crate::output::LabelFormat;
 use crate::tree::json::Limits;
@@ -20,8 +20,8 @@ pub struct LabelFile {
 
 impl LabelFile {
     /// Takes a file name, whose extension says the format, or `-`.
-    pub fn parse(text: &str) -> Result<Self, String> {
-        let target = Target::from(PathBuf::from(text));
+    pub fn parse(path: PathBuf) -> Result<Self, String> {
+        let target = Target::from(path);
         let format = match &target {
             Target::Stdout => Some(LabelFormat::Json),
             Target::File(path) => path.extension().and_then(|extension| {
@@ -54,11 +54,11 @@ impl LabelFile {
 pub struct TreeFiles {
     /// Where to write the hierarchy: OUT.tsr, from which `tesserae cut` takes labels, OUT.json, or - for JSON on standard
     /// output
-    #[arg(long, value_name = "OUT", value_parser = TreeFile::parse)]
+    #[arg(long, value_name = "OUT", value_parser = path_parser(TreeFile::parse))]
     pub hierarchy: Option<TreeFile>,
 
     /// Where to write scipy's linkage matrix of a nested tree with one root: OUT.npy
-    #[arg(long, value_name = "OUT.npy", value_parser = linkage_file)]
+    #[arg(long, value_name = "OUT.npy", value_parser = path_parser(linkage_file))]
     pub linkage: Option<Target>,
 
     /// JSON hierarchies: leave out what comes after fewer clusters than this are left
@@ -90,12 +90,12 @@ impl TreeFiles {
 
     /// Everything that is written, by flag.
     pub fn targets(&self) -> impl Iterator<Item = (&'static str, &Target)> {
-        let hierarchy = self.hierarchy.iter().map(|file| ("hierarchy", &file.target));
-        hierarchy.chain(self.linkage.iter().map(|target| ("linkage", target)))
+        let hierarchy = self.hierarchy.iter().map(|file| ("--hierarchy", &file.target));
+        hierarchy.chain(self.linkage.iter().map(|target| ("--linkage", target)))
     }
 
-    /// Writes everything that was asked for.
-    pub fn write(&self, stored: &Stored) -> Result<(), Failure> {
+    /// Writes everything that was asked for, of what `input` became.
+    pub fn write(&self, stored: &Stored, input: &Source) -> Result<(), Failure> {
         if let Some(file) = &self.hierarchy {
             file.target.write(|out| match file.format {
                 TreeFormat::Stored => stored.write(out),
@@ -103,7 +103,7 @@ impl TreeFiles {
             })?;
         }
         if let Some(target) = &self.linkage {
-            let linkage = stored.linkage()?;
+            let linkage = stored.linkage().map_err(Failure::about(input))?;
             target.write(|out| linkage.write_npy(out))?;
         }
         Ok(())
@@ -131,8 +131,8 @@ enum TreeFormat {
 }
 
 impl TreeFile {
-    fn parse(text: &str) -> Result<Self, String> {
-        let target = Target::from(PathBuf::from(text));
+    fn parse(path: PathBuf) -> Result<Self, String> {
+        let target = Target::from(path);
         let extension = match &target {
             Target::Stdout => "json".into(),
             Target::File(path) => path.extension().unwrap_or_default().to_ascii_lowercase(),
@@ -146,8 +146,8 @@ impl TreeFile {
     }
 }
 
-fn linkage_file(text: &str) -> Result<Target, String> {
-    match Target::from(PathBuf::from(text)) {
+fn linkage_file(path: PathBuf) -> Result<Target, String> {
+    match Target::from(path) {
         Target::File(path) if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("npy")) => {
             Ok(Target::File(path))
         }
