@@ -69,8 +69,8 @@ pub struct Arguments {
     #[arg(long, env = "TESSERAE_MAX_FACES", value_name = "N", default_value_t = Limits::default().max_faces)]
     max_faces: u64,
 
-    /// Largest number of faces that is accepted for each byte of the mesh and its buffers, beyond the first 524,288: faces are
-    /// more than bytes where instances or nodes place a mesh many times. Without it, only --max-faces counts
+    /// Largest number of faces that is accepted for each byte of the mesh and its buffers, beyond the first 524,288:
+    /// faces are more than bytes where instances or nodes place a mesh many times. Without it, only --max-faces counts
     #[arg(long, env = "TESSERAE_MAX_FACES_PER_BYTE", value_name = "N")]
     max_faces_per_byte: Option<u64>,
 

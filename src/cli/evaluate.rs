@@ -6,8 +6,8 @@ use super::Failure;
 use super::files::Target;
 use super::progress::Progress;
 use super::signals;
-use crate::device::select::{self, AdapterKind, DeviceChoice};
 use crate::device::Device;
+use crate::device::select::{self, AdapterKind, DeviceChoice};
 use crate::error::Error;
 use crate::evaluate::{self, Devices};
 

@@ -4,6 +4,7 @@
 //! followed. A file in a folder that takes no new file is written in place. Named pipes, devices and file descriptors
 //! (`/dev/fd/3`, `>(…)` of a shell) are opened once, when the content is there, and written in place.
 
+use std::ffi::OsStr;
 use std::fmt::{self, Display};
 use std::fs::{self, File, FileType};
 use std::io::{self, BufWriter, Read, Write};
@@ -119,6 +120,34 @@ impl From<PathBuf> for Target {
     }
 }
 
+impl Target {
+    /// The extension that says the format; none of standard output, and of pipes, devices and descriptors without one.
+    pub fn extension(&self) -> Extension<'_> {
+        match self {
+            Target::Stdout => Extension::None,
+            Target::File(path) => match path.extension() {
+                Some(extension) => Extension::Is(extension),
+                None if is_descriptor(path)
+                    || fs::metadata(path).is_ok_and(|file| !file.is_file() && !file.is_dir()) =>
+                {
+                    Extension::None
+                }
+                None => Extension::Missing,
+            },
+        }
+    }
+}
+
+/// What a target's name says of its format.
+pub enum Extension<'a> {
+    /// This extension.
+    Is(&'a OsStr),
+    /// Nothing, and need not.
+    None,
+    /// Nothing, as a file's name should.
+    Missing,
+}
+
 impl Display for Target {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -174,11 +203,11 @@ pub fn path_parser<T: Clone + Send + Sync + 'static>(
 
 /// Whether the process was started without standard output.
 ///
-/// The standard library opens the null device for reading and writing in its place, and tells nothing of it. A caller
-/// that discards the output opens that device for writing; one that opened it for both gets an error only where standard
-/// output is to hold a result.
+/// The standard library then opens the null device for reading and writing in its place, and reports nothing. A caller
+/// that discards the output usually opens that device for writing only; one that opened it for both gets an error, but
+/// only where standard output is to hold a result.
 #[cfg(unix)]
-pub fn stdout_was_closed() -> bool {
+fn stdout_was_closed() -> bool {
     use std::os::fd::AsFd;
     use std::os::unix::fs::MetadataExt;
     let is_null = || {
@@ -193,7 +222,7 @@ pub fn stdout_was_closed() -> bool {
 
 /// Whether the process was started without standard output.
 #[cfg(not(unix))]
-pub fn stdout_was_closed() -> bool {
+fn stdout_was_closed() -> bool {
     false
 }
 

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::Failure;
-use super::files::{Source, Target, path_parser};
+use super::files::{Extension, Source, Target, path_parser};
 use super::places::{self, Output};
 use crate::output::LabelFormat;
 use crate::tree::json::Limits;
@@ -22,11 +22,12 @@ impl LabelFile {
     /// Takes a file name, whose extension says the format, or `-`.
     pub fn parse(path: PathBuf) -> Result<Self, String> {
         let target = Target::from(path);
-        let format = match &target {
-            Target::Stdout => Some(LabelFormat::Json),
-            Target::File(path) => path.extension().and_then(|extension| {
+        let format = match target.extension() {
+            Extension::None => Some(LabelFormat::Json),
+            Extension::Is(extension) => {
                 LabelFormat::ALL.into_iter().find(|format| extension.eq_ignore_ascii_case(format.extension()))
-            }),
+            }
+            Extension::Missing => None,
         };
         match format {
             Some(format) => Ok(Self { target, format }),
@@ -133,26 +134,24 @@ enum TreeFormat {
 impl TreeFile {
     fn parse(path: PathBuf) -> Result<Self, String> {
         let target = Target::from(path);
-        let extension = match &target {
-            Target::Stdout => "json".into(),
-            Target::File(path) => path.extension().unwrap_or_default().to_ascii_lowercase(),
-        };
-        let format = match extension.to_str() {
-            Some("tsr") => TreeFormat::Stored,
-            Some("json") => TreeFormat::Json,
-            _ => return Err("the name must end in .tsr or .json".to_owned()),
+        let format = match target.extension() {
+            Extension::None => TreeFormat::Json,
+            Extension::Is(extension) if extension.eq_ignore_ascii_case("tsr") => TreeFormat::Stored,
+            Extension::Is(extension) if extension.eq_ignore_ascii_case("json") => TreeFormat::Json,
+            Extension::Is(_) | Extension::Missing => return Err("the name must end in .tsr or .json".to_owned()),
         };
         Ok(Self { target, format })
     }
 }
 
 fn linkage_file(path: PathBuf) -> Result<Target, String> {
-    match Target::from(path) {
-        Target::File(path) if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("npy")) => {
-            Ok(Target::File(path))
-        }
-        Target::Stdout | Target::File(_) => Err("the name must end in .npy".to_owned()),
-    }
+    let target = Target::from(path);
+    let is_npy = match target.extension() {
+        Extension::Is(extension) => extension.eq_ignore_ascii_case("npy"),
+        Extension::None => target != Target::Stdout,
+        Extension::Missing => false,
+    };
+    if is_npy { Ok(target) } else { Err("the name must end in .npy".to_owned()) }
 }
 
 /// Refuses two results in one place, results in the place of inputs (named by what they are), and places that cannot be

@@ -12,8 +12,8 @@ use crate::error::{Error, Result};
 
 /// Faces that a file may have however small it is,
 const FREE_FACES: u64 = 1 << 19;
-/// and for each of its bytes, unless a setting says otherwise. The bytes of a strip's index make one face; more come from
-/// placing a mesh again.
+/// and for each of its bytes, unless a setting says otherwise. The bytes of a strip's index make one face; more come
+/// from placing a mesh again.
 pub(super) const FACES_PER_BYTE: u64 = 2;
 
 /// Parts that a file may have however small it is,

@@ -85,18 +85,13 @@ pub struct Limits {
     pub max_bytes: u64,
     /// Largest number of faces.
     pub max_faces: u64,
-    /// Largest number of faces for each byte that was sent, beyond a constant ([`Allowance`](allowance::Allowance)); none:
-    /// only `max_faces` counts.
+    /// Largest number of faces for each byte that was sent, beyond a constant; none: only `max_faces` counts.
     pub max_faces_per_byte: Option<u64>,
 }
 
 impl Default for Limits {
     fn default() -> Self {
-        Self {
-            max_bytes: 4 << 30,
-            max_faces: 50_000_000,
-            max_faces_per_byte: Some(allowance::FACES_PER_BYTE),
-        }
+        Self { max_bytes: 4 << 30, max_faces: 50_000_000, max_faces_per_byte: Some(allowance::FACES_PER_BYTE) }
     }
 }
 

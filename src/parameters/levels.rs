@@ -49,10 +49,7 @@ impl FromStr for Levels {
     fn from_str(text: &str) -> Result<Self> {
         let number = |word: &str| {
             word.parse().map_err(|_| {
-                Error::parameter(format_args!(
-                    "{} must be numbers of clusters, K1,K2,…, not {text:?}",
-                    Name::LEVELS
-                ))
+                Error::parameter(format_args!("{} must be numbers of clusters, K1,K2,…, not {text:?}", Name::LEVELS))
             })
         };
         Levels(text.split(',').map(number).collect::<Result<_>>()?).check()

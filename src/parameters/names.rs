@@ -88,7 +88,8 @@ mod tests {
         let cluster = cli.find_subcommand("cluster").expect("a command");
         for name in Name::ALL {
             let flag = name.spelled(true);
-            let is_flag = cluster.get_arguments().filter_map(|argument| argument.get_long()).any(|long| flag[2..] == *long);
+            let is_flag =
+                cluster.get_arguments().filter_map(|argument| argument.get_long()).any(|long| flag[2..] == *long);
             assert!(is_flag, "{flag}");
             let is_part = *name == Name::WEIGHTS;
             assert!(is_part || yaml.contains(&format!("- name: {}\n", name.spelled(false))), "{name}");

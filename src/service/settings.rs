@@ -38,8 +38,8 @@ pub struct Settings {
     #[arg(long, env = "TESSERAE_MAX_FACES", value_name = "N", default_value_t = Settings::default().max_faces)]
     pub max_faces: u64,
 
-    /// Largest number of faces of a mesh for each of its bytes, beyond the first 524,288: instances and nodes can place a mesh
-    /// many times in few bytes
+    /// Largest number of faces of a mesh for each of its bytes, beyond the first 524,288: instances and nodes can place
+    /// a mesh many times in few bytes
     #[arg(
         long,
         env = "TESSERAE_MAX_FACES_PER_BYTE",
