@@ -33,7 +33,7 @@ pub struct Parameters {
     pub algorithm: Algorithm,
 
     /// Number of clusters; may be left out when seeds are listed, and for hierarchies, which then go to the top
-    #[arg(long, short = 'k', value_name = "K")]
+    #[arg(long, short = 'k', value_name = "K", allow_negative_numbers = true)]
     #[schema(minimum = 1)]
     pub clusters: Option<u64>,
 
@@ -56,12 +56,12 @@ pub struct Parameters {
     pub seeds: Seeds,
 
     /// Number that the random choices of seeds are drawn from
-    #[arg(long, default_value_t = 0, value_name = "N")]
+    #[arg(long, default_value_t = 0, value_name = "N", allow_negative_numbers = true)]
     pub seed: u64,
 
     /// Stop a flat clustering after this many iterations, converged or not; when left out, unlimited, and 3 with
     /// quality fast
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub max_iterations: Option<u32>,
 
     /// Refine what boundary-based optimisation ends with by exact gains (lower energy), or leave it as it is; acvd and vc have
@@ -85,7 +85,7 @@ pub struct Parameters {
 
     /// Let clusters be smaller where the surface bends: areas are multiplied by curvature (over its root mean square, kept
     /// within a factor of 100 of it) to this power; from 0, which is nothing, to 10
-    #[arg(long, value_name = "G")]
+    #[arg(long, value_name = "G", allow_negative_numbers = true)]
     #[schema(minimum = 0, maximum = 10)]
     pub curvature_exponent: Option<f64>,
 
@@ -111,7 +111,7 @@ pub struct Parameters {
 
     /// ml, hr and pml after its switch: merge this percentage of the clusters a step, the cheapest pairs first, instead of
     /// one pair; above 0, at most 50
-    #[arg(long, value_name = "PERCENT")]
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
     #[schema(exclusive_minimum = 0, maximum = 50)]
     pub collapse_fraction: Option<f64>,
 
