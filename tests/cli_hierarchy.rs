@@ -182,7 +182,7 @@ fn wrong_flags_are_usage_errors_that_say_what_to_do() {
         (&["--algorithm", "pml", "--levels", "9,x"], &["levels", "9,x"]),
         (&["--algorithm", "pml", "-k", "5", "--levels", "4"], &["levels", "4"]),
         (&["--algorithm", "pml", "--seeds", "random"], &["seeds", "pml"]),
-        (&["--algorithm", "ml", "--collapse-fraction", "51"], &["collapse_fraction", "51"]),
+        (&["--algorithm", "ml", "--collapse-fraction", "51"], &["--collapse-fraction", "51"]),
         (&["--algorithm", "pml", "--linkage", "x.npy"], &["--optimize none"]),
         (&["--algorithm", "hr", "-k", "5", "--linkage", "x.npy"], &["leave --clusters out"]),
         (&["--algorithm", "hr", "--linkage", "x.json"], &[".npy"]),
