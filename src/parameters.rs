@@ -1,16 +1,20 @@
 //! What a caller may ask of a clustering: defined once, for the command line, the query string and the JSON part.
 
 mod levels;
+pub mod names;
 mod snapshots;
 
+use std::ffi::OsString;
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 
+use clap::builder::{OsStringValueParser, TypedValueParser};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 pub use self::levels::Levels;
+pub use self::names::Name;
 pub use self::snapshots::Snapshots;
 use crate::cluster::dual_edge::Ties;
 use crate::cluster::hierarchy::Pairs;
@@ -29,28 +33,35 @@ pub struct Parameters {
     pub algorithm: Algorithm,
 
     /// Number of clusters; may be left out when seeds are listed, and for hierarchies, which then go to the top
-    #[arg(long, short = 'k', value_name = "K")]
+    #[arg(long, short = 'k', value_name = "K", allow_negative_numbers = true)]
     #[schema(minimum = 1)]
     pub clusters: Option<u64>,
 
-    /// How much time to take for how low an energy, for bb and pml: fast (bb ends 1.5 to 2 percent higher, in half the
-    /// time), default, or best (0.4 to 1 percent lower, in three times the time)
+    /// How much time to take for how low an energy, for bb and pml: fast (bb stops after 3 iterations on the faces and
+    /// does not refine), default, or best (bb optimises its start further and lets clusters teleport). On scans, fast
+    /// ends at a higher energy and best at a lower one; on CAD and other uneven meshes neither is certain
     #[arg(long, value_enum, default_value_t)]
     pub quality: Quality,
 
-    /// Where flat clusters start: coarse (merged from more clusters on a coarser mesh: the lowest energy), morton
-    /// (stratified by area along a Morton curve), random (as in the paper), or file:PATH with a list of face numbers; acvd
-    /// and vc take morton for coarse
-    #[arg(long, default_value_t, value_name = "coarse|morton|random|file:PATH")]
+    /// Where flat clusters start: coarse (begins with 33 percent more clusters on a coarser mesh, 20 with quality fast
+    /// and 50 with best, and merges the cheapest pairs), morton (stratified by area along a Morton curve), random (as in
+    /// the paper) or file:PATH with a list of face numbers; acvd and vc take morton for coarse
+    #[arg(
+        long,
+        default_value_t,
+        value_name = "coarse|morton|random|file:PATH",
+        value_parser = OsStringValueParser::new().try_map(Seeds::from_argument)
+    )]
     #[schema(value_type = String, example = "coarse")]
     pub seeds: Seeds,
 
     /// Number that the random choices of seeds are drawn from
-    #[arg(long, default_value_t = 0, value_name = "N")]
+    #[arg(long, default_value_t = 0, value_name = "N", allow_negative_numbers = true)]
     pub seed: u64,
 
-    /// Stop a flat clustering after this many iterations, converged or not; when left out, unlimited, and 2 with quality fast
-    #[arg(long, value_name = "N")]
+    /// Stop a flat clustering after this many iterations, converged or not; when left out, unlimited, and 3 with
+    /// quality fast
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub max_iterations: Option<u32>,
 
     /// Refine what boundary-based optimisation ends with by exact gains (lower energy), or leave it as it is; acvd and vc have
@@ -74,7 +85,7 @@ pub struct Parameters {
 
     /// Let clusters be smaller where the surface bends: areas are multiplied by curvature (over its root mean square, kept
     /// within a factor of 100 of it) to this power; from 0, which is nothing, to 10
-    #[arg(long, value_name = "G")]
+    #[arg(long, value_name = "G", allow_negative_numbers = true)]
     #[schema(minimum = 0, maximum = 10)]
     pub curvature_exponent: Option<f64>,
 
@@ -83,7 +94,7 @@ pub struct Parameters {
     pub weight_attribute: Option<String>,
 
     /// Hierarchies: optimise after the merges of a round, or not, which gives a strictly nested tree; hr never does. Rounds of pml do
-    /// so once clusters have four faces on average, with quality best from the first on; levels and the end always
+    /// so once clusters have 4 faces on average, with quality best from the first on; levels and the end always
     #[arg(long, value_enum, default_value_t)]
     pub optimize: Optimize,
 
@@ -100,7 +111,7 @@ pub struct Parameters {
 
     /// ml, hr and pml after its switch: merge this percentage of the clusters a step, the cheapest pairs first, instead of
     /// one pair; above 0, at most 50
-    #[arg(long, value_name = "PERCENT")]
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
     #[schema(exclusive_minimum = 0, maximum = 50)]
     pub collapse_fraction: Option<f64>,
 
@@ -128,7 +139,10 @@ impl Parameters {
             ("flat clusterings (bb, acvd, vc)", self.flat_only(listed))
         } else {
             if self.clusters.is_none() && !listed {
-                return Err(Error::parameter("clusters is missing: say how many clusters you want"));
+                return Err(Error::parameter(format_args!(
+                    "{} is missing: say how many clusters you want",
+                    Name::CLUSTERS
+                )));
             }
             ("hierarchies (pml, ml, hr)", self.hierarchical_only())
         };
@@ -140,33 +154,40 @@ impl Parameters {
 
     /// Checks each value by itself: what nothing that may still come can make right.
     pub fn check_values(&self) -> Result<()> {
-        let zero = |name: &str| Err(Error::parameter(format_args!("{name} must be at least 1, not 0")));
+        let zero = |name: Name| Err(Error::parameter(format_args!("{name} must be at least 1, not 0")));
         if self.clusters == Some(0) {
-            return zero("clusters");
+            return zero(Name::CLUSTERS);
         }
         if self.optimize_iterations == Some(0) {
-            return Err(Error::parameter(
-                "optimize_iterations must be at least 1 (optimize none leaves them out), not 0",
-            ));
+            return Err(Error::parameter(format_args!(
+                "{} must be at least 1 ({} leaves them out), not 0",
+                Name::OPTIMIZE_ITERATIONS,
+                Name::OPTIMIZE.with("none")
+            )));
         }
         if self.switch_to_ml_at == Some(0) {
-            return zero("switch_to_ml_at");
+            return zero(Name::SWITCH_TO_ML_AT);
         }
         if let Some(exponent) = self.curvature_exponent.filter(|exponent| !(0.0..=10.0).contains(exponent)) {
-            return Err(Error::parameter(format_args!("curvature_exponent must be from 0 to 10, not {exponent}")));
+            return Err(Error::parameter(format_args!(
+                "{} must be from 0 to 10, not {exponent}",
+                Name::CURVATURE_EXPONENT
+            )));
         }
         if let Some(name) = self.weight_attribute.as_ref().filter(|name| name.len() < 2 || !name.starts_with('_')) {
             return Err(Error::parameter(format_args!(
-                "weight_attribute must begin with an underscore, as the names of such attributes do, not {name:?}"
+                "{} must begin with an underscore, as the names of such attributes do, not {name:?}",
+                Name::WEIGHT_ATTRIBUTE
             )));
         }
         if self.quality != Quality::Default && !matches!(self.algorithm, Algorithm::Bb | Algorithm::Pml) {
-            return Err(self.contradiction("quality", "bb and pml"));
+            return Err(self.contradiction(Name::QUALITY, "bb and pml"));
         }
         match self.collapse_fraction {
             // no number is not above 0 either
             Some(percent) if !(percent > 0.0 && percent <= 50.0) => Err(Error::parameter(format_args!(
-                "collapse_fraction must be above 0 and at most 50 percent, not {percent}"
+                "{} must be above 0 and at most 50 percent, not {percent}",
+                Name::COLLAPSE_FRACTION
             ))),
             _ => Ok(()),
         }
@@ -183,57 +204,62 @@ impl Parameters {
     }
 
     /// What only flat clusterings have, and whether it was asked for.
-    fn flat_only(&self, listed: bool) -> Vec<(&'static str, bool)> {
+    fn flat_only(&self, listed: bool) -> Vec<(Name, bool)> {
         vec![
-            ("seeds", listed || self.seeds != Seeds::Coarse),
-            ("seed", self.seed != 0),
-            ("max_iterations", self.max_iterations.is_some()),
-            ("snapshots", self.snapshots.is_some()),
+            (Name::SEEDS, listed || self.seeds != Seeds::Coarse),
+            (Name::SEED, self.seed != 0),
+            (Name::MAX_ITERATIONS, self.max_iterations.is_some()),
+            (Name::SNAPSHOTS, self.snapshots.is_some()),
         ]
     }
 
     /// What only hierarchies have, and whether it was asked for.
-    fn hierarchical_only(&self) -> Vec<(&'static str, bool)> {
+    fn hierarchical_only(&self) -> Vec<(Name, bool)> {
         vec![
-            ("optimize", self.optimize != Optimize::On),
-            ("optimize_iterations", self.optimize_iterations.is_some()),
-            ("switch_to_ml_at", self.switch_to_ml_at.is_some()),
-            ("collapse_fraction", self.collapse_fraction.is_some()),
-            ("ties", self.ties != Ties::Hash),
-            ("pairs", self.pairs != Pairs::CheaperHalf),
-            ("levels", !self.levels().is_empty()),
+            (Name::OPTIMIZE, self.optimize != Optimize::On),
+            (Name::OPTIMIZE_ITERATIONS, self.optimize_iterations.is_some()),
+            (Name::SWITCH_TO_ML_AT, self.switch_to_ml_at.is_some()),
+            (Name::COLLAPSE_FRACTION, self.collapse_fraction.is_some()),
+            (Name::TIES, self.ties != Ties::Hash),
+            (Name::PAIRS, self.pairs != Pairs::CheaperHalf),
+            (Name::LEVELS, !self.levels().is_empty()),
         ]
     }
 
     /// Checks what a hierarchy is asked for.
     fn check_hierarchy(&self) -> Result<()> {
         if self.optimize_iterations.is_some() && !self.optimizes() {
-            return Err(Error::parameter(match self.algorithm {
-                Algorithm::Hr => {
-                    "optimize_iterations does not go with the algorithm hr, which does not optimise; take ml"
-                }
-                _ => "optimize_iterations does not go with optimize none",
-            }));
+            let name = Name::OPTIMIZE_ITERATIONS;
+            return Err(match self.algorithm {
+                Algorithm::Hr => Error::parameter(format_args!(
+                    "{name} does not go with the algorithm hr, which does not optimise; take ml"
+                )),
+                _ => Error::parameter(format_args!("{name} does not go with {}", Name::OPTIMIZE.with("none"))),
+            });
         }
         if self.pairs != Pairs::CheaperHalf && self.algorithm != Algorithm::Pml {
-            return Err(self.contradiction("pairs", "pml"));
+            return Err(self.contradiction(Name::PAIRS, "pml"));
         }
         if self.switch_to_ml_at.is_some() && self.algorithm != Algorithm::Pml {
-            return Err(self.contradiction("switch_to_ml_at", "pml"));
+            return Err(self.contradiction(Name::SWITCH_TO_ML_AT, "pml"));
         }
         if self.collapse_fraction.is_some() && self.algorithm == Algorithm::Pml && self.switch_to_ml_at.is_none() {
-            return Err(self.contradiction("collapse_fraction", "ml, hr and pml with switch_to_ml_at"));
+            return Err(
+                self.contradiction(Name::COLLAPSE_FRACTION, &format!("ml, hr and pml with {}", Name::SWITCH_TO_ML_AT))
+            );
         }
         match (self.clusters, self.levels().iter().min()) {
-            (Some(clusters), Some(&level)) if level < clusters => {
-                Err(Error::parameter(format_args!("levels must not be below clusters, {clusters}: {level}")))
-            }
+            (Some(clusters), Some(&level)) if level < clusters => Err(Error::parameter(format_args!(
+                "{} must not be below {}, {clusters}: {level}",
+                Name::LEVELS,
+                Name::CLUSTERS
+            ))),
             _ => Ok(()),
         }
     }
 
     /// The error for a parameter that the algorithm does not have.
-    fn contradiction(&self, name: &str, goes_with: &str) -> Error {
+    fn contradiction(&self, name: Name, goes_with: &str) -> Error {
         Error::parameter(format_args!("{name} goes with {goes_with}, not with the algorithm {}", self.algorithm.name()))
     }
 }
@@ -359,10 +385,29 @@ impl FromStr for Seeds {
             _ => match text.strip_prefix("file:") {
                 Some(path) if !path.is_empty() => Ok(Seeds::File(path.into())),
                 _ => Err(Error::parameter(format_args!(
-                    "seeds must be coarse, morton, random or file:PATH, not {text:?}"
+                    "{} must be coarse, morton, random or {}, not {text:?}",
+                    Name::SEEDS,
+                    if names::are_flags() { "file:PATH" } else { "listed (a part named seeds)" }
                 ))),
             },
         }
+    }
+}
+
+impl Seeds {
+    /// Seeds as an argument of the command line, where a path may have any bytes.
+    fn from_argument(argument: OsString) -> Result<Self> {
+        if let Some(text) = argument.to_str() {
+            return text.parse();
+        }
+        #[cfg(unix)]
+        {
+            use std::os::unix::ffi::{OsStrExt, OsStringExt};
+            if let Some(path) = argument.as_bytes().strip_prefix(b"file:") {
+                return Ok(Seeds::File(OsString::from_vec(path.to_vec()).into()));
+            }
+        }
+        argument.to_string_lossy().parse()
     }
 }
 
@@ -379,64 +424,4 @@ impl<'de> Deserialize<'de> for Seeds {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn parameters(json: serde_json::Value) -> Parameters {
-        serde_json::from_value(json).expect("parameters")
-    }
-
-    #[test]
-    fn what_contradicts_itself_is_refused_and_named() {
-        use serde_json::json;
-        for (asked, words) in [
-            (json!({}), ["clusters", "missing"]),
-            (json!({"clusters": 0}), ["clusters", "0"]),
-            (json!({"clusters": 9, "levels": [20]}), ["levels", "bb"]),
-            (json!({"clusters": 9, "optimize": "none"}), ["optimize", "bb"]),
-            (json!({"clusters": 9, "ties": "largest-id"}), ["ties", "bb"]),
-            (json!({"clusters": 9, "switch_to_ml_at": 20}), ["switch_to_ml_at", "bb"]),
-            (json!({"clusters": 9, "collapse_fraction": 20}), ["collapse_fraction", "bb"]),
-            (json!({"clusters": 9, "optimize_iterations": 20}), ["optimize_iterations", "bb"]),
-            (json!({"algorithm": "pml", "seeds": "random"}), ["seeds", "pml"]),
-            (json!({"algorithm": "ml", "seed": 3}), ["seed", "ml"]),
-            (json!({"algorithm": "hr", "max_iterations": 3}), ["max_iterations", "hr"]),
-            (json!({"algorithm": "ml", "quality": "fast"}), ["quality", "ml"]),
-            (json!({"algorithm": "acvd", "clusters": 3, "quality": "best"}), ["quality", "acvd"]),
-            (json!({"algorithm": "hr", "optimize_iterations": 3}), ["optimize_iterations", "hr"]),
-            (
-                json!({"algorithm": "pml", "optimize": "none", "optimize_iterations": 3}),
-                ["optimize_iterations", "none"],
-            ),
-            (json!({"algorithm": "ml", "switch_to_ml_at": 3}), ["switch_to_ml_at", "ml"]),
-            (json!({"algorithm": "pml", "collapse_fraction": 3}), ["collapse_fraction", "pml"]),
-            (json!({"algorithm": "ml", "collapse_fraction": 50.5}), ["collapse_fraction", "50.5"]),
-            (json!({"algorithm": "ml", "collapse_fraction": 0}), ["collapse_fraction", "0"]),
-            (json!({"algorithm": "pml", "clusters": 0}), ["clusters", "0"]),
-            (json!({"clusters": 3, "curvature_exponent": -1}), ["curvature_exponent", "-1"]),
-            (json!({"clusters": 3, "curvature_exponent": 10.5}), ["curvature_exponent", "10.5"]),
-            (json!({"clusters": 3, "weight_attribute": "WEIGHT"}), ["weight_attribute", "WEIGHT"]),
-            (json!({"clusters": 3, "weight_attribute": "_"}), ["weight_attribute", "underscore"]),
-            (json!({"algorithm": "pml", "clusters": 30, "levels": [100, 20]}), ["levels", "20"]),
-        ] {
-            let error = parameters(asked.clone()).check(false).expect_err(&asked.to_string());
-            assert!(words.iter().all(|word| error.message.contains(word)), "{asked}: {error}");
-        }
-        let error = parameters(json!({"algorithm": "pml"})).check(true).expect_err("listed seeds");
-        assert!(error.message.contains("seeds"), "{error}");
-    }
-
-    #[test]
-    fn hierarchies_need_no_number_of_clusters() {
-        use serde_json::json;
-        for asked in [
-            json!({"algorithm": "pml"}),
-            json!({"algorithm": "pml", "switch_to_ml_at": 1633, "collapse_fraction": 0.5, "ties": "largest-id"}),
-            json!({"algorithm": "ml", "collapse_fraction": 50, "optimize_iterations": 1, "levels": "70,9"}),
-            json!({"algorithm": "hr", "clusters": 9, "levels": [9, 10]}),
-            json!({"algorithm": "hr", "optimize": "none", "refine": "none"}),
-        ] {
-            assert_eq!(parameters(asked.clone()).check(false), Ok(()), "{asked}");
-        }
-    }
-}
+mod tests;

@@ -54,7 +54,7 @@ impl Curve {
     /// Reads a report; `name` is what it is called in the picture.
     pub fn read(name: &str, json: &[u8]) -> Result<Self> {
         let curve: Self = serde_json::from_slice(json)
-            .map_err(|error| Error::new(Kind::BadRequest, format_args!("{name} is no report: {error}")))?;
+            .map_err(|error| Error::new(Kind::BadRequest, format_args!("this is no report: {error}")))?;
         let name = format!("{name} ({})", curve.algorithm);
         Ok(Self { name, ..curve })
     }

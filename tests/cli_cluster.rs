@@ -112,7 +112,10 @@ fn listed_seeds_come_from_a_file_and_number_the_clusters() {
     let arguments = "cluster terrain.obj --seeds file:seeds.txt --max-iterations 0 --labels l.bin";
     let done = folder.run(&arguments.split(' ').collect::<Vec<_>>());
     assert_eq!(done.status, Some(0));
-    assert_eq!(done.stderr, "warning: stopped by max_iterations, maybe before it had converged: 0\n");
+    assert_eq!(
+        done.stderr,
+        "tesserae: terrain.obj: warning: stopped by --max-iterations, maybe before it had converged: 0\n"
+    );
     let labels = labels_of(&folder.read("l.bin"));
     assert_eq!([700, 3, 400].map(|face: usize| labels[face]), [0, 1, 2]);
     folder.run(&["cluster", "terrain.obj", "--seeds", "file:none.txt"]).expect_failure(&["cannot read", "none.txt"]);
@@ -343,7 +346,7 @@ fn memory_that_is_given_back_is_used_again() {
 }
 
 #[test]
-fn a_reader_that_leaves_is_no_error_and_a_full_disk_is_one() {
+fn a_reader_that_leaves_gets_no_message_and_a_full_disk_does() {
     let folder = Folder::new();
     folder.sample("sphere", 20_000, "s.obj");
     let mut child = folder
@@ -354,7 +357,7 @@ fn a_reader_that_leaves_is_no_error_and_a_full_disk_is_one() {
         .expect("the binary runs");
     drop(child.stdout.take());
     let ended = child.wait_with_output().expect("the binary ends");
-    assert_eq!((ended.status.code(), ended.stderr.as_slice()), (Some(0), &b""[..]));
+    assert_eq!((ended.status.code(), ended.stderr.as_slice()), (Some(1), &b""[..]));
 
     let full = || Stdio::from(std::fs::File::options().write(true).open("/dev/full").expect("a device"));
     for arguments in [&["cluster", "s.obj", "-k", "10", "--labels", "-"][..], &["cluster", "s.obj", "-k", "10"]] {
@@ -392,6 +395,6 @@ fn an_interrupt_ends_the_work_with_one_line_and_no_files() {
     assert!(killed.success());
     let ended = child.wait_with_output().expect("the binary ends");
     let stderr = String::from_utf8(ended.stderr).expect("text");
-    assert_eq!((ended.status.code(), stderr.as_str()), (Some(1), "error: cancelled before it ended\n"));
+    assert_eq!((ended.status.code(), stderr.as_str()), (Some(1), "tesserae: stopped by SIGINT before the end\n"));
     assert_eq!(folder.files(), ["plane.glb"]);
 }

@@ -88,7 +88,7 @@ fn what_a_cut_is_is_said_in_one_line() {
     for clusters in ["49", "0", "100000"] {
         folder
             .run(&["cut", "knot.tsr", "-k", clusters, "--labels", "cut.npy"])
-            .expect_failure(&["clusters must be between the 50", clusters]);
+            .expect_failure(&["--clusters must be between the 50", clusters]);
     }
 }
 
@@ -165,7 +165,7 @@ fn several_pieces_make_a_forest_without_a_linkage_matrix() {
         &["cut", "parts.tsr", "--linkage", "x.npy"][..],
         &["cluster", "parts.obj", "--algorithm", "hr", "--linkage", "x.npy"],
     ] {
-        folder.run(command).expect_failure(&["bridge_components", &components.to_string()]);
+        folder.run(command).expect_failure(&["--bridge-components", &components.to_string()]);
     }
     assert!(!folder.files().contains(&"x.npy".to_owned()));
 }
@@ -182,7 +182,7 @@ fn wrong_flags_are_usage_errors_that_say_what_to_do() {
         (&["--algorithm", "pml", "--levels", "9,x"], &["levels", "9,x"]),
         (&["--algorithm", "pml", "-k", "5", "--levels", "4"], &["levels", "4"]),
         (&["--algorithm", "pml", "--seeds", "random"], &["seeds", "pml"]),
-        (&["--algorithm", "ml", "--collapse-fraction", "51"], &["collapse_fraction", "51"]),
+        (&["--algorithm", "ml", "--collapse-fraction", "51"], &["--collapse-fraction", "51"]),
         (&["--algorithm", "pml", "--linkage", "x.npy"], &["--optimize none"]),
         (&["--algorithm", "hr", "-k", "5", "--linkage", "x.npy"], &["leave --clusters out"]),
         (&["--algorithm", "hr", "--linkage", "x.json"], &[".npy"]),
@@ -190,7 +190,7 @@ fn wrong_flags_are_usage_errors_that_say_what_to_do() {
         (&["--algorithm", "hr", "--hierarchy", "x.tsr", "--max-clusters", "5"], &["OUT.json"]),
         (
             &["--algorithm", "hr", "--hierarchy", "x.json", "--max-clusters", "5", "--min-clusters", "6"],
-            &["min_clusters", "6 and 5"],
+            &["--min-clusters", "6 and 5"],
         ),
         (&["--algorithm", "hr", "--hierarchy", "x.json", "--report", "x.json"], &["same place"]),
     ] {

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use clap::CommandFactory;
 use tesserae::cli::Cli;
+use tesserae::cluster::quality::Quality;
 
 /// The settings of the service as a table, from the flags that the program has.
 fn settings() -> String {
@@ -23,6 +24,25 @@ fn settings() -> String {
         writeln!(table, "| `--{flag}` | `{variable}` | {default} | {help}{choices} |").expect("a string");
     }
     table
+}
+
+/// Numbers that the prose of the README repeats from the code.
+#[test]
+fn the_prose_of_the_readme_has_the_numbers_of_the_code() {
+    let readme = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md")).expect("a README");
+    let words = readme.split_whitespace().collect::<Vec<_>>().join(" ");
+    let qualities = [Quality::Fast, Quality::Default, Quality::Best];
+    let [few, more, most] = qualities.map(|quality| quality.start().surplus_percent);
+    let [one, two, many] = qualities.map(Quality::iterations_a_round);
+    let iterations = Quality::Fast.max_iterations().expect("a limit");
+    for phrase in [
+        format!("into {more} % more clusters ({few} % with `--quality fast`, {most} % with `best`)"),
+        format!("`--quality fast` stops after {iterations} iterations"),
+        format!("Once clusters have {} faces on average", Quality::Default.optimised_from()),
+        format!("for {two} iterations at most (`fast` {one}, `best` {many};"),
+    ] {
+        assert!(words.contains(&phrase), "not in the README: {phrase}");
+    }
 }
 
 /// Fails when the table in the README is not that of the code. `UPDATE_README=1 cargo test --test readme` writes it.

@@ -87,7 +87,7 @@ impl Work {
             Mesh::File(path) => {
                 let bytes =
                     std::fs::read(path).map_err(|error| Error::io(format_args!("cannot read {path:?}"), error))?;
-                let format = Format::recognise(path.to_str(), &bytes)?;
+                let format = Format::recognise(Some(&path.to_string_lossy()), &bytes)?;
                 (bytes, format, None)
             }
         };

@@ -1,14 +1,14 @@
 //! `tesserae bench`: what a device takes for each stage of a job.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::Failure;
 use super::device::DeviceArguments;
-use super::files::Target;
+use super::files::{Source, Target, path_parser};
 use super::progress::Progress;
+use super::results::check_places;
 use super::signals;
 use crate::bench::{self, Measured, Mesh, Plan, Work};
-use crate::device::Cancel;
 use crate::device::cpu::CpuDevice;
 use crate::device::select::{self, AdapterKind, DeviceChoice};
 use crate::parameters::Optimize;
@@ -47,7 +47,7 @@ pub struct Arguments {
     faces: Option<Vec<u64>>,
 
     /// A mesh file, and the number of clusters to cut it into; may be given several times
-    #[arg(long = "mesh", value_name = "FILE:K", value_parser = mesh_and_clusters)]
+    #[arg(long = "mesh", value_name = "FILE:K", value_parser = path_parser(mesh_and_clusters))]
     meshes: Vec<(PathBuf, u64)>,
 
     /// How often each job is run; the fastest run is told
@@ -68,12 +68,28 @@ pub struct Arguments {
 }
 
 /// Takes `FILE:K` apart.
-fn mesh_and_clusters(text: &str) -> Result<(PathBuf, u64), String> {
-    let apart = text.rsplit_once(':').and_then(|(file, clusters)| Some((file, clusters.parse().ok()?)));
+fn mesh_and_clusters(argument: PathBuf) -> Result<(PathBuf, u64), String> {
+    let apart = split_at_last_colon(&argument).and_then(|(file, clusters)| Some((file, clusters.parse().ok()?)));
     match apart {
-        Some((file, clusters)) if clusters > 0 && !file.is_empty() => Ok((file.into(), clusters)),
+        Some((file, clusters)) if clusters > 0 && !file.as_os_str().is_empty() => Ok((file, clusters)),
         _ => Err("a mesh is FILE:K, with the number of clusters after the colon".to_owned()),
     }
+}
+
+/// What is before and after the last colon.
+#[cfg(unix)]
+fn split_at_last_colon(argument: &Path) -> Option<(PathBuf, &str)> {
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt;
+    let bytes = argument.as_os_str().as_bytes();
+    let colon = bytes.iter().rposition(|byte| *byte == b':')?;
+    Some((OsStr::from_bytes(&bytes[..colon]).into(), std::str::from_utf8(&bytes[colon + 1..]).ok()?))
+}
+
+/// What is before and after the last colon.
+#[cfg(not(unix))]
+fn split_at_last_colon(argument: &Path) -> Option<(PathBuf, &str)> {
+    argument.to_str()?.rsplit_once(':').map(|(file, rest)| (file.into(), rest))
 }
 
 /// Measures and writes.
@@ -83,13 +99,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let markdown = Target::from(arguments.markdown.clone());
     let json = arguments.json.clone().map(Target::from);
-    if json.as_ref() == Some(&markdown) {
-        return Err(Failure::Usage("bench", "--json and --markdown write to the same place".to_owned()));
-    }
-    markdown.check()?;
-    json.as_ref().map_or(Ok(()), Target::check)?;
-    let cancel = Cancel::default();
-    signals::cancel_when_asked(cancel.clone());
+    let inputs: Vec<_> = arguments.meshes.iter().map(|(path, _)| ("a mesh", Source::File(path.clone()))).collect();
+    let outputs: Vec<_> = json.iter().map(|json| ("--json", json)).chain([("--markdown", &markdown)]).collect();
+    check_places("bench", &inputs, &outputs)?;
+    let cancel = signals::cancel_when_asked();
     let (mut measured, sizes) = open(&arguments.device)?;
     let sizes = arguments.faces.as_deref().unwrap_or(sizes);
     let plan = Plan { repeats: arguments.repeats, compare_up_to: arguments.compare_up_to };

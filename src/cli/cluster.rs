@@ -1,19 +1,18 @@
 //! `tesserae cluster`: one mesh file, clustered in this process.
 
-use std::io::Write;
 use std::path::PathBuf;
 use std::time::Instant;
 
 use super::device::DeviceArguments;
-use super::files::{self, Source, Target};
+use super::files::{self, Source, Target, path_parser};
 use super::places::{Kept, Output};
 use super::progress::Progress;
 use super::results::{LabelFile, TreeFiles, check_places};
-use super::{Failure, say, signals};
+use super::{Failure, complain, print_line, say, signals};
 use crate::device::Cancel;
 use crate::device::cpu::CpuDevice;
 use crate::error::{Error, Kind};
-use crate::job::{self, Outcome, Plan, Prepared, Request, milliseconds};
+use crate::job::{self, InputFile, Outcome, Plan, Prepared, Request, milliseconds};
 use crate::mesh::{Beside, Format, Limits, NoResources, Resources};
 use crate::output::write_labels;
 use crate::parameters::{Parameters, Seeds};
@@ -56,7 +55,7 @@ pub struct Arguments {
 
     /// Where to write the labels: OUT.npy, OUT.json, OUT.bin (u32, little-endian), or - for JSON on standard output; those of
     /// iterations (--snapshots) go beside it, as OUT.iteration-6.npy
-    #[arg(long, value_name = "OUT", value_parser = LabelFile::parse)]
+    #[arg(long, value_name = "OUT", value_parser = path_parser(LabelFile::parse))]
     labels: Option<LabelFile>,
 
     #[command(flatten)]
@@ -69,6 +68,11 @@ pub struct Arguments {
     /// Largest number of faces that is accepted
     #[arg(long, env = "TESSERAE_MAX_FACES", value_name = "N", default_value_t = Limits::default().max_faces)]
     max_faces: u64,
+
+    /// Largest number of faces that is accepted for each byte of the mesh and its buffers, beyond the first 524,288:
+    /// faces are more than bytes where instances or nodes place a mesh many times. Without it, only --max-faces counts
+    #[arg(long, env = "TESSERAE_MAX_FACES_PER_BYTE", value_name = "N")]
+    max_faces_per_byte: Option<u64>,
 
     /// Largest number of bytes that is accepted, the mesh and its buffers together
     #[arg(long, env = "TESSERAE_MAX_UPLOAD_BYTES", value_name = "BYTES", default_value_t = Limits::default().max_bytes)]
@@ -98,15 +102,16 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     progress.finish();
 
+    let input = Source::from(arguments.input.clone());
     for warning in &outcome.report.warnings {
-        say(&format!("warning: {warning}"));
+        complain(&format!("{input}: warning: {warning}"));
     }
     let summary = summary(&outcome.report);
     if outputs.iter().any(|(_, target)| **target == Target::Stdout) {
         say(&summary);
         Ok(())
     } else {
-        writeln!(std::io::stdout(), "{summary}").map_err(Failure::stdout)
+        print_line(&summary)
     }
 }
 
@@ -129,7 +134,7 @@ fn check(arguments: &Arguments, outputs: &[Output<'_>]) -> Result<(), Failure> {
     let is_hierarchical = parameters.algorithm.is_hierarchical();
     if let Some(flag) = arguments.trees.first().filter(|_| !is_hierarchical) {
         let name = parameters.algorithm.name();
-        return usage(format!("--{flag} goes with hierarchies (pml, ml, hr), not with the algorithm {name}"));
+        return usage(format!("{flag} goes with hierarchies (pml, ml, hr), not with the algorithm {name}"));
     }
     let has_file = arguments.labels.as_ref().is_some_and(|labels| labels.target != Target::Stdout);
     if parameters.snapshots.is_some() && !has_file {
@@ -178,7 +183,7 @@ fn write(arguments: &Arguments, outputs: &[Output<'_>], outcome: &Outcome) -> Re
         file.target.write(|out| write_labels(out, file.format, clusters, labels))?;
         outcome.snapshots.replay(|iteration, labels| match file.of_iteration(iteration) {
             Some(file) => {
-                let target = ("snapshots", &file.target);
+                let target = ("--snapshots", &file.target);
                 check_places("cluster", &inputs(arguments), &[outputs, &[target]].concat())?;
                 file.target.write(|out| write_labels(out, file.format, clusters, labels))
             }
@@ -186,43 +191,46 @@ fn write(arguments: &Arguments, outputs: &[Output<'_>], outcome: &Outcome) -> Re
         })?;
     }
     match &outcome.hierarchy {
-        Some(hierarchy) => arguments.trees.write(hierarchy),
+        Some(hierarchy) => arguments.trees.write(hierarchy, &Source::from(arguments.input.clone())),
         None => Ok(()),
     }
 }
 
 /// Where results go.
 fn outputs<'a>(arguments: &'a Arguments, report: Option<&'a Target>) -> Vec<Output<'a>> {
-    let labels = arguments.labels.as_ref().map(|labels| ("labels", &labels.target));
-    let report = report.map(|target| ("report", target));
+    let labels = arguments.labels.as_ref().map(|labels| ("--labels", &labels.target));
+    let report = report.map(|target| ("--report", target));
     labels.into_iter().chain(report).chain(arguments.trees.targets()).collect()
 }
 
 /// From the input to labels and report.
 fn cluster(arguments: &Arguments, outputs: &[Output<'_>], progress: &mut Progress) -> Result<Outcome, Failure> {
-    let limits = Limits { max_bytes: arguments.max_upload_bytes, max_faces: arguments.max_faces };
+    let limits = Limits {
+        max_bytes: arguments.max_upload_bytes,
+        max_faces: arguments.max_faces,
+        max_faces_per_byte: arguments.max_faces_per_byte,
+    };
     progress.stage("reading");
     let reading = Instant::now();
     let input = Source::from(arguments.input.clone());
     let bytes = input.read(limits.max_bytes)?;
-    limits.check_bytes(bytes.len() as u64)?;
+    limits.check_bytes(bytes.len() as u64).map_err(Failure::about(&input))?;
     let seeds = match &arguments.parameters.seeds {
-        Seeds::File(path) => Some(Source::from(path.clone()).read(limits.max_bytes)?),
+        Seeds::File(path) => Some(Source::from(path.clone())),
         Seeds::Coarse | Seeds::Morton | Seeds::Random | Seeds::Listed => None,
     };
-    let weights = match &arguments.weights {
-        Some(path) => Some(Source::from(path.clone()).read(limits.max_bytes)?),
-        None => None,
-    };
+    let weights = arguments.weights.clone().map(Source::from);
+    let content = |source: &Option<Source>| source.as_ref().map(|source| source.read(limits.max_bytes)).transpose();
+    let (seed_bytes, weight_bytes) = (content(&seeds)?, content(&weights)?);
     let read = milliseconds(reading.elapsed());
 
     let name = match &input {
         Source::Stdin => None,
-        Source::File(path) => path.to_str(),
+        Source::File(path) => Some(path.to_string_lossy()),
     };
     let format = match arguments.format {
         Some(format) => format,
-        None => Format::recognise(name, &bytes)?,
+        None => Format::recognise(name.as_deref(), &bytes).map_err(Failure::about(&input))?,
     };
     let resources: Box<dyn Resources> = match &input {
         Source::Stdin => Box::new(NoResources),
@@ -230,18 +238,29 @@ fn cluster(arguments: &Arguments, outputs: &[Output<'_>], progress: &mut Progres
     };
 
     // Until here there is nothing to end in order, and a read that waits for input could not be told to stop.
-    let cancel = Cancel::default();
-    signals::cancel_when_asked(cancel.clone());
+    let cancel = signals::cancel_when_asked();
     progress.stage("preparing");
-    let mut prepared = job::prepare(&Request {
+    let prepared = job::prepare_naming_files(&Request {
         bytes: &bytes,
         format,
         resources: &*resources,
         limits,
         admit: &|_| Ok(()),
         parameters: &arguments.parameters,
-        seeds: seeds.as_deref(),
-        weights: weights.as_deref(),
+        seeds: seed_bytes.as_deref(),
+        weights: weight_bytes.as_deref(),
+    });
+    let mut prepared = prepared.map_err(|refusal| {
+        let file = match refusal.file {
+            Some(InputFile::Mesh) => Some(&input),
+            Some(InputFile::Seeds) => seeds.as_ref(),
+            Some(InputFile::Weights) => weights.as_ref(),
+            None => None,
+        };
+        match file {
+            Some(file) => Failure::about(file)(refusal.error),
+            None => refusal.error.into(),
+        }
     })?;
     prepared.timings.read = read;
     drop(bytes);
@@ -249,7 +268,7 @@ fn cluster(arguments: &Arguments, outputs: &[Output<'_>], progress: &mut Progres
     if let Plan::Hierarchy(options) = &prepared.plan {
         let components = prepared.surface.components.len() as u64;
         if arguments.trees.linkage.is_some() && components > 1 {
-            return Err(Error::new(Kind::Conflict, no_single_root(components)).into());
+            return Err(Failure::about(&input)(Error::new(Kind::Conflict, no_single_root(components))));
         }
         progress.hierarchy(prepared.input.faces, options.clusters.unwrap_or(components));
     }

@@ -1,13 +1,12 @@
 //! `tesserae cut`: labels at any number of clusters, from a hierarchy that was made before.
 
-use std::io::Write;
 use std::path::PathBuf;
 
 use serde_json::json;
 
-use super::files::{Source, Target};
+use super::files::{Source, Target, path_parser};
 use super::results::{LabelFile, TreeFiles, check_places};
-use super::{Failure, say};
+use super::{Failure, print_line, say, signals};
 use crate::job::labels_sha256;
 use crate::mesh::Limits;
 use crate::output::write_cut;
@@ -34,7 +33,7 @@ pub struct Arguments {
     clusters: Option<u64>,
 
     /// Where to write the labels: OUT.npy, OUT.json, OUT.bin (u32, little-endian), or - for JSON on standard output
-    #[arg(long, value_name = "OUT", value_parser = LabelFile::parse)]
+    #[arg(long, value_name = "OUT", value_parser = path_parser(LabelFile::parse))]
     labels: Option<LabelFile>,
 
     /// Where to write what is known of the cut (JSON): a file, or - for standard output
@@ -53,16 +52,20 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let report = arguments.report.clone().map(Target::from);
     let targets = check(arguments, report.as_ref())?;
-    let (file, length) = Source::from(arguments.input.clone()).open()?;
+    let input = Source::from(arguments.input.clone());
+    let (file, length) = input.open()?;
+    signals::cancel_when_asked();
+    let about_input = || Failure::about(&input);
     let mut line = None;
     if arguments.trees.first().is_some() {
-        let stored = Stored::read(file, length, arguments.max_faces)?;
+        let stored = Stored::read(file, length, arguments.max_faces).map_err(about_input())?;
         if let Some(clusters) = arguments.clusters {
-            line = Some(write(arguments, report.as_ref(), &stored.header, &stored.tree.labels_at(clusters)?)?);
+            let cut = stored.tree.labels_at(clusters).map_err(about_input())?;
+            line = Some(write(arguments, report.as_ref(), &stored.header, &cut)?);
         }
-        arguments.trees.write(&stored)?;
+        arguments.trees.write(&stored, &input)?;
     } else if let Some(clusters) = arguments.clusters {
-        let (header, cut) = stored::cut(file, length, arguments.max_faces, clusters)?;
+        let (header, cut) = stored::cut(file, length, arguments.max_faces, clusters).map_err(about_input())?;
         line = Some(write(arguments, report.as_ref(), &header, &cut)?);
     }
     let Some(line) = line else {
@@ -72,7 +75,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         say(&line);
         Ok(())
     } else {
-        writeln!(std::io::stdout(), "{line}").map_err(Failure::stdout)
+        print_line(&line)
     }
 }
 
@@ -90,8 +93,8 @@ fn write(arguments: &Arguments, report: Option<&Target>, header: &Header, cut: &
 /// Refuses what needs no hierarchy to be refused; gives everything that is written.
 fn check<'a>(arguments: &'a Arguments, report: Option<&'a Target>) -> Result<Vec<&'a Target>, Failure> {
     let usage = |message: &str| Err(Failure::Usage("cut", message.to_owned()));
-    let labels = arguments.labels.as_ref().map(|labels| ("labels", &labels.target));
-    let report = report.map(|target| ("report", target));
+    let labels = arguments.labels.as_ref().map(|labels| ("--labels", &labels.target));
+    let report = report.map(|target| ("--report", target));
     match arguments.clusters {
         None if labels.is_some() || report.is_some() => {
             return usage("--clusters is missing: say how many clusters you want");
@@ -109,7 +112,7 @@ fn check<'a>(arguments: &'a Arguments, report: Option<&'a Target>) -> Result<Vec
 }
 
 /// What is known of a cut.
-fn write_report(out: &mut dyn Write, header: &Header, cut: &Cut) -> std::io::Result<()> {
+fn write_report(out: &mut dyn std::io::Write, header: &Header, cut: &Cut) -> std::io::Result<()> {
     let report = json!({
         "clusters": cut.clusters(),
         "cut": cut.kind(),

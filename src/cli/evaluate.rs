@@ -6,8 +6,8 @@ use super::Failure;
 use super::files::Target;
 use super::progress::Progress;
 use super::signals;
+use crate::device::Device;
 use crate::device::select::{self, AdapterKind, DeviceChoice};
-use crate::device::{Cancel, Device};
 use crate::error::Error;
 use crate::evaluate::{self, Devices};
 
@@ -59,8 +59,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let figure = Target::File(paper.out.join("figure-6.svg"));
     report.check()?;
     figure.check()?;
-    let cancel = Cancel::default();
-    signals::cancel_when_asked(cancel.clone());
+    let cancel = signals::cancel_when_asked();
     let progress = Progress::new(None);
     let mut devices = Devices::new(gpu(paper.software_gpu)?);
     let mut on_stage = |stage: String| progress.stage(stage);

@@ -1,12 +1,36 @@
 //! Where bytes come from and go to: files and the standard streams.
+//!
+//! A regular file is written whole or not at all: a temporary file beside it replaces it in the end. Symbolic links are
+//! followed. A file in a folder that takes no new file is written in place. Named pipes, devices and file descriptors
+//! (`/dev/fd/3`, `>(…)` of a shell) are opened once, when the content is there, and written in place.
 
-use std::fs::{self, File};
+use std::ffi::OsStr;
+use std::fmt::{self, Display};
+use std::fs::{self, File, FileType};
 use std::io::{self, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
+use clap::builder::{PathBufValueParser, TypedValueParser};
+
 use super::Failure;
-use crate::error::{Error, Result};
+use super::signals::{self, Blocking};
+use crate::error::{Error, Kind, Result};
 use crate::tree::stored::Input;
+
+/// A path as messages show it: control characters escaped.
+pub struct Shown<'a>(pub &'a Path);
+
+impl Display for Shown<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for character in self.0.to_string_lossy().chars() {
+            match character.is_control() {
+                true => write!(f, "{}", character.escape_default())?,
+                false => write!(f, "{character}")?,
+            }
+        }
+        Ok(())
+    }
+}
 
 /// A file to read, or standard input (`-`).
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -23,9 +47,18 @@ impl From<PathBuf> for Source {
     }
 }
 
+impl Display for Source {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Source::Stdin => f.write_str("standard input"),
+            Source::File(path) => Shown(path).fmt(f),
+        }
+    }
+}
+
 impl Source {
-    /// The content front to back, and its length.
-    pub fn open(&self) -> Result<(Box<dyn Input>, u64)> {
+    /// The content front to back, and its length. Errors name the source.
+    pub fn open(&self) -> Result<(Box<dyn Input>, u64), Failure> {
         match self {
             // only a regular file knows its length
             Source::File(path) if fs::metadata(path).is_ok_and(|file| file.is_file()) => File::open(path)
@@ -33,7 +66,7 @@ impl Source {
                     let length = file.metadata()?.len();
                     Ok((Box::new(file) as Box<dyn Input>, length))
                 })
-                .map_err(|error| Error::io(format_args!("cannot read {path:?}"), error)),
+                .map_err(|error| self.cannot_read(error)),
             Source::Stdin | Source::File(_) => {
                 let bytes = self.read(u64::MAX)?;
                 let length = bytes.len() as u64;
@@ -42,18 +75,20 @@ impl Source {
         }
     }
 
-    /// The whole content, or as much of it as shows that it is more than `max_bytes`.
-    pub fn read(&self, max_bytes: u64) -> Result<Vec<u8>> {
+    /// The whole content, or as much of it as shows that it is more than `max_bytes`. Errors name the source.
+    pub fn read(&self, max_bytes: u64) -> Result<Vec<u8>, Failure> {
         match self {
-            Source::Stdin => read_all(io::stdin().lock(), 0, max_bytes)
-                .map_err(|error| Error::io("cannot read standard input", error)),
-            Source::File(path) => File::open(path)
-                .and_then(|file| {
-                    let length = file.metadata()?.len();
-                    read_all(file, length, max_bytes)
-                })
-                .map_err(|error| Error::io(format_args!("cannot read {path:?}"), error)),
+            Source::Stdin => read_all(io::stdin().lock(), 0, max_bytes),
+            Source::File(path) => File::open(path).and_then(|file| {
+                let length = file.metadata()?.len();
+                read_all(file, length, max_bytes)
+            }),
         }
+        .map_err(|error| self.cannot_read(error))
+    }
+
+    fn cannot_read(&self, error: io::Error) -> Failure {
+        Failure::about(self)(Error::io("cannot read", error))
     }
 }
 
@@ -79,46 +114,124 @@ pub enum Target {
 
 impl From<PathBuf> for Target {
     fn from(path: PathBuf) -> Self {
-        if path.as_os_str() == "-" { Target::Stdout } else { Target::File(path) }
+        // Opened by these names, a file behind standard output would have a second position to write at.
+        let is_stdout = ["-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"].iter().any(|name| path == Path::new(name));
+        if is_stdout { Target::Stdout } else { Target::File(path) }
     }
 }
 
 impl Target {
-    /// Fails where [`write`](Self::write) would fail for want of a folder: before the work, not after it.
-    pub fn check(&self) -> Result<()> {
+    /// The extension that says the format; none of standard output, and of pipes, devices and descriptors without one.
+    pub fn extension(&self) -> Extension<'_> {
         match self {
-            Target::Stdout => Ok(()),
-            Target::File(path) => {
-                let place = Place::of(path).map_err(|error| cannot_write(path, error))?;
-                match place {
-                    Place::Beside(path) => tempfile::tempfile_in(folder(&path)).map(drop),
-                    Place::Inside(path) => File::options().append(true).open(path).map(drop),
+            Target::Stdout => Extension::None,
+            Target::File(path) => match path.extension() {
+                Some(extension) => Extension::Is(extension),
+                None if is_descriptor(path)
+                    || fs::metadata(path).is_ok_and(|file| !file.is_file() && !file.is_dir()) =>
+                {
+                    Extension::None
                 }
-                .map_err(|error| cannot_write(path, error))
-            }
-        }
-    }
-
-    /// Writes a file whole or not at all: beside its place first, then into it. Devices and pipes are written in place.
-    pub fn write(&self, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> std::result::Result<(), Failure> {
-        match self {
-            Target::Stdout => {
-                let mut out = BufWriter::with_capacity(1 << 16, io::stdout().lock());
-                content(&mut out).and_then(|()| out.flush()).map_err(Failure::stdout)
-            }
-            Target::File(path) => write_file(path, content).map_err(|error| cannot_write(path, error).into()),
+                None => Extension::Missing,
+            },
         }
     }
 }
 
-fn cannot_write(path: &Path, error: io::Error) -> Error {
-    Error::io(format_args!("cannot write {path:?}"), error)
+/// What a target's name says of its format.
+pub enum Extension<'a> {
+    /// This extension.
+    Is(&'a OsStr),
+    /// Nothing, and need not.
+    None,
+    /// Nothing, as a file's name should.
+    Missing,
+}
+
+impl Display for Target {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Target::Stdout => f.write_str("standard output"),
+            Target::File(path) => Shown(path).fmt(f),
+        }
+    }
+}
+
+impl Target {
+    /// Fails where [`write`](Self::write) would fail for want of a folder, a permission or an open stream: before the
+    /// work, not after it. Opens nothing that could block.
+    pub fn check(&self) -> Result<(), Failure> {
+        match self {
+            Target::Stdout if stdout_was_closed() => {
+                Err(Failure::about(self)(Error::new(Kind::Io, "cannot write: it is closed")))
+            }
+            Target::Stdout => Ok(()),
+            Target::File(path) => check_file(path).map_err(|error| self.cannot_write(error)),
+        }
+    }
+
+    /// Opens the target and writes it, once.
+    pub fn write(&self, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), Failure> {
+        let outcome = match self {
+            Target::Stdout => Blocking::begin().and_then(|_blocking| {
+                let mut out = BufWriter::with_capacity(BUFFER, io::stdout().lock());
+                content(&mut out).and_then(|()| out.flush())
+            }),
+            Target::File(path) => write_file(path, content),
+        };
+        outcome.map_err(|error| match self {
+            _ if signals::is_stopped() => Failure::Stopped,
+            Target::Stdout => Failure::stdout(error),
+            Target::File(_) => self.cannot_write(error),
+        })
+    }
+
+    fn cannot_write(&self, error: io::Error) -> Failure {
+        Failure::about(self)(Error::io("cannot write", error))
+    }
+}
+
+/// Bytes that are written at a time.
+const BUFFER: usize = 1 << 16;
+
+/// Takes a flag's value as a path, of any bytes, and makes of it what `parse` does.
+pub fn path_parser<T: Clone + Send + Sync + 'static>(
+    parse: fn(PathBuf) -> std::result::Result<T, String>,
+) -> impl TypedValueParser<Value = T> {
+    PathBufValueParser::new().try_map(parse)
+}
+
+/// Whether the process was started without standard output.
+///
+/// The standard library then opens the null device for reading and writing in its place, and reports nothing. A caller
+/// that discards the output usually opens that device for writing only; one that opened it for both gets an error, but
+/// only where standard output is to hold a result.
+#[cfg(unix)]
+fn stdout_was_closed() -> bool {
+    use std::os::fd::AsFd;
+    use std::os::unix::fs::MetadataExt;
+    let is_null = || {
+        let stdout = File::from(io::stdout().as_fd().try_clone_to_owned().ok()?).metadata().ok()?;
+        let null = fs::metadata("/dev/null").ok()?;
+        Some(stdout.rdev() == null.rdev() && stdout.file_type() == null.file_type())
+    };
+    let is_for_both = rustix::fs::fcntl_getfl(io::stdout())
+        .is_ok_and(|flags| flags & rustix::fs::OFlags::ACCMODE == rustix::fs::OFlags::RDWR);
+    is_for_both && is_null() == Some(true)
+}
+
+/// Whether the process was started without standard output.
+#[cfg(not(unix))]
+fn stdout_was_closed() -> bool {
+    false
 }
 
 /// How a file is written.
 enum Place {
-    /// A regular file, new or old: replaced. Symbolic links are followed.
+    /// A regular file, new or old: replaced.
     Beside(PathBuf),
+    /// A regular file in a folder that takes no new file: cut to nothing and written.
+    Over(PathBuf),
     /// Anything else, which must stay what it is.
     Inside(PathBuf),
 }
@@ -127,12 +240,53 @@ impl Place {
     fn of(path: &Path) -> io::Result<Self> {
         match fs::metadata(path) {
             Ok(old) if old.is_dir() => Err(io::ErrorKind::IsADirectory.into()),
-            Ok(old) if old.is_file() => Ok(Place::Beside(fs::canonicalize(path)?)),
+            Ok(old) if is_socket(old.file_type()) => Err(io::Error::other("it is a socket")),
+            Ok(old) if old.is_file() && !is_descriptor(path) => {
+                let path = fs::canonicalize(path)?;
+                match tempfile::tempfile_in(folder(&path)).map_err(|error| error.kind()) {
+                    Ok(_) => Ok(Place::Beside(path)),
+                    Err(io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem) => Ok(Place::Over(path)),
+                    Err(kind) => Err(kind.into()),
+                }
+            }
             Ok(_) => Ok(Place::Inside(path.to_owned())),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Place::Beside(path.to_owned())),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                let path = end_of_links(path)?;
+                tempfile::tempfile_in(folder(&path))?;
+                Ok(Place::Beside(path))
+            }
             Err(error) => Err(error),
         }
     }
+}
+
+/// Where symbolic links lead, to a file that is not there yet.
+fn end_of_links(path: &Path) -> io::Result<PathBuf> {
+    const MOST: u32 = 40; // as many as Linux follows
+    let mut path = path.to_owned();
+    for _ in 0..MOST {
+        match fs::read_link(&path) {
+            Ok(target) => path = folder(&path).join(target),
+            Err(_) => return Ok(path),
+        }
+    }
+    Err(io::Error::other("too many symbolic links"))
+}
+
+/// Whether a path names an open file of this process rather than a place in a folder.
+fn is_descriptor(path: &Path) -> bool {
+    let folders = ["/dev/fd", "/proc/self/fd"].map(Path::new);
+    path == Path::new("/dev/stderr") || path.parent().is_some_and(|parent| folders.contains(&parent))
+}
+
+#[cfg(unix)]
+fn is_socket(kind: FileType) -> bool {
+    std::os::unix::fs::FileTypeExt::is_socket(&kind)
+}
+
+#[cfg(not(unix))]
+fn is_socket(_: FileType) -> bool {
+    false
 }
 
 /// The folder of a file.
@@ -143,12 +297,34 @@ pub fn folder(path: &Path) -> &Path {
     }
 }
 
+/// Fails where [`write_file`] would, as far as can be told without opening what could block.
+fn check_file(path: &Path) -> io::Result<()> {
+    match Place::of(path)? {
+        Place::Beside(_) => Ok(()),
+        Place::Over(path) => File::options().append(true).open(path).map(drop),
+        Place::Inside(path) => may_write(&path),
+    }
+}
+
+#[cfg(unix)]
+fn may_write(path: &Path) -> io::Result<()> {
+    Ok(rustix::fs::access(path, rustix::fs::Access::WRITE_OK)?)
+}
+
+#[cfg(not(unix))]
+fn may_write(_: &Path) -> io::Result<()> {
+    Ok(())
+}
+
 fn write_file(path: &Path, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
     match Place::of(path)? {
         Place::Inside(path) => {
-            let mut out = BufWriter::with_capacity(1 << 16, File::options().append(true).open(path)?);
-            content(&mut out)?;
-            out.flush()
+            let _blocking = Blocking::begin()?;
+            write_in_place(File::options().append(true).open(path)?, content)
+        }
+        Place::Over(path) => {
+            let _blocking = Blocking::begin()?;
+            write_in_place(File::options().write(true).truncate(true).open(path)?, content)
         }
         Place::Beside(path) => {
             let mut builder = tempfile::Builder::new();
@@ -156,14 +332,35 @@ fn write_file(path: &Path, content: impl FnOnce(&mut dyn Write) -> io::Result<()
             // As any new file has them: the process's mask still applies.
             #[cfg(unix)]
             builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-            let mut out = BufWriter::with_capacity(1 << 16, builder.tempfile_in(folder(&path))?);
+            let file = Stoppable(builder.tempfile_in(folder(&path))?);
+            let mut out = BufWriter::with_capacity(BUFFER, file);
             content(&mut out)?;
-            let file = out.into_inner().map_err(io::IntoInnerError::into_error)?;
+            let Stoppable(file) = out.into_inner().map_err(io::IntoInnerError::into_error)?;
             if let Ok(old) = fs::metadata(&path) {
                 file.as_file().set_permissions(old.permissions())?;
             }
             file.persist(&path).map_err(|error| error.error)?;
             Ok(())
         }
+    }
+}
+
+fn write_in_place(file: File, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+    let mut out = BufWriter::with_capacity(BUFFER, file);
+    content(&mut out)?;
+    out.flush()
+}
+
+/// A file that takes no more bytes once the command was asked to stop.
+struct Stoppable<W>(W);
+
+impl<W: Write> Write for Stoppable<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        signals::check()?;
+        self.0.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.flush()
     }
 }

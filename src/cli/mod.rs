@@ -3,7 +3,10 @@
 //! One file a command; what they share is in `device`, `files`, `places`, `results`, `progress` and `signals`. Exit status:
 //! 0; 2 for a command line that is wrong in itself; 1 for everything else, with one line on standard error (graphics
 //! drivers may add lines of their own). Progress goes to standard error, and only to a terminal. A reader of standard
-//! output that stops reading is no error.
+//! output that stops reading before the end gives status 1 without a message.
+//!
+//! A message begins with the name of the program and, where it is about an input, with the name of that file
+//! ([`Failure::about`]). Parameters are spelled as flags ([`names::spell_as_flags`]).
 
 mod bench;
 mod cluster;
@@ -22,14 +25,16 @@ mod serve;
 mod signals;
 mod token;
 
+use std::fmt::Display;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 
-use crate::error::Error;
+use crate::error::{Error, Kind};
 use crate::memory;
+use crate::parameters::names;
 
 /// The command line of `tesserae`.
 #[derive(Debug, Parser)]
@@ -73,9 +78,13 @@ enum Command {
 
 /// Runs the command that the arguments of this process ask for.
 pub fn main() -> ExitCode {
+    names::spell_as_flags(true);
     let command = Cli::parse().command;
     match command {
-        Command::Serve(_) => memory::keep_between_jobs(),
+        Command::Serve(_) => {
+            names::spell_as_flags(false);
+            memory::keep_between_jobs();
+        }
         _ => memory::keep(),
     }
     let outcome = match command {
@@ -91,18 +100,34 @@ pub fn main() -> ExitCode {
         Command::Devices(arguments) => devices::run(&arguments),
     };
     match outcome {
-        Ok(()) | Err(Failure::NobodyReads) => ExitCode::SUCCESS,
+        Ok(()) => ExitCode::SUCCESS,
         Err(Failure::Usage(command, message)) => usage_error(command, &message),
         Err(Failure::Failed(error)) => {
-            say(&format!("error: {}", error.message));
+            complain(&error.message);
             ExitCode::FAILURE
         }
+        Err(Failure::Stopped) => {
+            complain(&signals::stopped());
+            ExitCode::FAILURE
+        }
+        Err(Failure::BrokenPipe) => ExitCode::FAILURE,
     }
+}
+
+/// Writes an error or a warning to standard error.
+fn complain(message: &str) {
+    say(&format!("tesserae: {message}"));
 }
 
 /// Writes one line to standard error, whatever a file name or a driver put into it; lost when nobody can read it.
 fn say(line: &str) {
     let _ = writeln!(io::stderr(), "{}", line.replace(['\n', '\r'], " "));
+}
+
+/// Writes one line about the outcome to standard output.
+fn print_line(line: &str) -> Result<(), Failure> {
+    let written = signals::Blocking::begin().and_then(|_blocking| writeln!(io::stdout(), "{line}"));
+    written.map_err(|error| if signals::is_stopped() { Failure::Stopped } else { Failure::stdout(error) })
 }
 
 /// Why a command ended early.
@@ -111,21 +136,31 @@ enum Failure {
     Usage(&'static str, String),
     /// Anything else.
     Failed(Error),
-    /// Whoever read standard output does so no more.
-    NobodyReads,
+    /// A signal asked the command to stop.
+    Stopped,
+    /// The reader of standard output closed it before the end.
+    BrokenPipe,
 }
 
 impl From<Error> for Failure {
     fn from(error: Error) -> Self {
-        Failure::Failed(error)
+        if error.kind == Kind::Cancelled { Failure::Stopped } else { Failure::Failed(error) }
     }
 }
 
 impl Failure {
+    /// Makes a failure of any error about an input or output of that name.
+    fn about(name: impl Display) -> impl Fn(Error) -> Failure {
+        move |error| match error.kind {
+            Kind::Cancelled => Failure::Stopped,
+            kind => Failure::Failed(Error::new(kind, format_args!("{name}: {}", error.message))),
+        }
+    }
+
     /// A failure to write to standard output.
     fn stdout(error: io::Error) -> Self {
         if error.kind() == io::ErrorKind::BrokenPipe {
-            Failure::NobodyReads
+            Failure::BrokenPipe
         } else {
             Failure::Failed(Error::io("cannot write to standard output", error))
         }

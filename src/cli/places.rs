@@ -9,20 +9,21 @@ use super::files::{Source, Target, folder};
 use crate::error::Error;
 use crate::mesh::{Beside, Resources};
 
-/// Somewhere that a result goes, after the name of its flag.
+/// Somewhere that a result goes, after its flag.
 pub type Output<'a> = (&'static str, &'a Target);
 
 /// Refuses outputs that go to one place, and outputs that go where an input (after what it is) comes from.
 pub fn check(inputs: &[(&str, &Source)], outputs: &[Output<'_>]) -> Result<(), String> {
     for (nth, (flag, target)) in outputs.iter().enumerate() {
-        let place = Place::of_target(target);
-        let earlier = outputs[..nth].iter().find(|(_, earlier)| Place::of_target(earlier).is(&place));
+        let Some(place) = Place::of_target(target) else { continue };
+        let is_here = |other: Option<Place>| other.is_some_and(|other| other.is(&place));
+        let earlier = outputs[..nth].iter().find(|(_, earlier)| is_here(Place::of_target(earlier)));
         if let Some((earlier, _)) = earlier {
-            return Err(format!("--{earlier} and --{flag} cannot both go to the same place: {}", name(target)));
+            return Err(format!("{earlier} and {flag} cannot both go to the same place: {target}"));
         }
-        let input = inputs.iter().find(|(_, source)| Place::of_source(source).is_some_and(|read| read.is(&place)));
+        let input = inputs.iter().find(|(_, source)| is_here(Place::of_source(source)));
         if let Some((what, _)) = input {
-            return Err(format!("--{flag} would replace {what}, choose another place: {}", name(target)));
+            return Err(format!("{flag} would replace {what}, choose another place: {target}"));
         }
     }
     Ok(())
@@ -40,19 +41,12 @@ impl Resources for Kept<'_> {
     fn load(&self, uri: &str, max_bytes: u64) -> crate::error::Result<Vec<u8>> {
         let bytes = self.beside.load(uri, max_bytes)?;
         let place = Place::of_file(&self.beside.folder.join(uri));
-        match self.outputs.iter().find(|(_, target)| Place::of_target(target).is(&place)) {
+        match self.outputs.iter().find(|(_, target)| Place::of_target(target).is_some_and(|target| target.is(&place))) {
             Some((flag, _)) => Err(Error::parameter(format_args!(
-                "--{flag} would replace a buffer of the mesh, choose another place: {uri:?}"
+                "{flag} would replace a buffer of the mesh, choose another place: {uri:?}"
             ))),
             None => Ok(bytes),
         }
-    }
-}
-
-fn name(target: &Target) -> String {
-    match target {
-        Target::Stdout => "standard output".to_owned(),
-        Target::File(path) => format!("{path:?}"),
     }
 }
 
@@ -74,10 +68,15 @@ impl Place {
         }
     }
 
-    fn of_target(target: &Target) -> Self {
+    /// None for files that are character devices, such as the null device: several results may go there.
+    fn of_target(target: &Target) -> Option<Self> {
         match target {
-            Target::Stdout => Self { path: "-".into(), file: stdout().ok().and_then(|metadata| file_id(&metadata)) },
-            Target::File(path) => Self::of_file(path),
+            Target::Stdout => {
+                let file = stdout().ok().filter(|metadata| !is_device(metadata)).as_ref().and_then(file_id);
+                Some(Self { path: "-".into(), file })
+            }
+            Target::File(path) if fs::metadata(path).is_ok_and(|metadata| is_device(&metadata)) => None,
+            Target::File(path) => Some(Self::of_file(path)),
         }
     }
 
@@ -106,6 +105,16 @@ type FileId = (u64, u64);
 fn file_id(metadata: &Metadata) -> Option<FileId> {
     use std::os::unix::fs::MetadataExt;
     Some((metadata.dev(), metadata.ino()))
+}
+
+#[cfg(unix)]
+fn is_device(metadata: &Metadata) -> bool {
+    std::os::unix::fs::FileTypeExt::is_char_device(&metadata.file_type())
+}
+
+#[cfg(not(unix))]
+fn is_device(_: &Metadata) -> bool {
+    false
 }
 
 #[cfg(not(unix))]

@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
-use super::Failure;
 use super::files::{Source, Target};
+use super::results::check_places;
+use super::{Failure, signals};
 use crate::plot::{Curve, draw};
 
 /// Arguments of `tesserae plot`.
@@ -31,13 +32,16 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if target != Target::Stdout && !is_svg {
         return Err(Failure::Usage("plot", format!("the file to write must end in .svg, not {:?}", arguments.out)));
     }
-    target.check()?;
+    let inputs: Vec<_> = arguments.reports.iter().map(|path| ("a report", Source::from(path.clone()))).collect();
+    check_places("plot", &inputs, &[("OUT.svg", &target)])?;
     let mut curves = Vec::with_capacity(arguments.reports.len());
     for path in &arguments.reports {
-        let json = Source::from(path.clone()).read(u64::MAX)?;
+        let source = Source::from(path.clone());
+        let json = source.read(u64::MAX)?;
         let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
-        curves.push(Curve::read(&name, &json)?);
+        curves.push(Curve::read(&name, &json).map_err(Failure::about(&source))?);
     }
     let svg = draw(&curves)?;
+    signals::cancel_when_asked();
     target.write(|out| out.write_all(svg.as_bytes()))
 }

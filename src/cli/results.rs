@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::Failure;
-use super::files::{Source, Target};
+use super::files::{Extension, Source, Target, path_parser};
 use super::places::{self, Output};
 use crate::output::LabelFormat;
 use crate::tree::json::Limits;
@@ -20,13 +20,14 @@ pub struct LabelFile {
 
 impl LabelFile {
     /// Takes a file name, whose extension says the format, or `-`.
-    pub fn parse(text: &str) -> Result<Self, String> {
-        let target = Target::from(PathBuf::from(text));
-        let format = match &target {
-            Target::Stdout => Some(LabelFormat::Json),
-            Target::File(path) => path.extension().and_then(|extension| {
+    pub fn parse(path: PathBuf) -> Result<Self, String> {
+        let target = Target::from(path);
+        let format = match target.extension() {
+            Extension::None => Some(LabelFormat::Json),
+            Extension::Is(extension) => {
                 LabelFormat::ALL.into_iter().find(|format| extension.eq_ignore_ascii_case(format.extension()))
-            }),
+            }
+            Extension::Missing => None,
         };
         match format {
             Some(format) => Ok(Self { target, format }),
@@ -54,11 +55,11 @@ impl LabelFile {
 pub struct TreeFiles {
     /// Where to write the hierarchy: OUT.tsr, from which `tesserae cut` takes labels, OUT.json, or - for JSON on standard
     /// output
-    #[arg(long, value_name = "OUT", value_parser = TreeFile::parse)]
+    #[arg(long, value_name = "OUT", value_parser = path_parser(TreeFile::parse))]
     pub hierarchy: Option<TreeFile>,
 
     /// Where to write scipy's linkage matrix of a nested tree with one root: OUT.npy
-    #[arg(long, value_name = "OUT.npy", value_parser = linkage_file)]
+    #[arg(long, value_name = "OUT.npy", value_parser = path_parser(linkage_file))]
     pub linkage: Option<Target>,
 
     /// JSON hierarchies: leave out what comes after fewer clusters than this are left
@@ -90,12 +91,12 @@ impl TreeFiles {
 
     /// Everything that is written, by flag.
     pub fn targets(&self) -> impl Iterator<Item = (&'static str, &Target)> {
-        let hierarchy = self.hierarchy.iter().map(|file| ("hierarchy", &file.target));
-        hierarchy.chain(self.linkage.iter().map(|target| ("linkage", target)))
+        let hierarchy = self.hierarchy.iter().map(|file| ("--hierarchy", &file.target));
+        hierarchy.chain(self.linkage.iter().map(|target| ("--linkage", target)))
     }
 
-    /// Writes everything that was asked for.
-    pub fn write(&self, stored: &Stored) -> Result<(), Failure> {
+    /// Writes everything that was asked for, of what `input` became.
+    pub fn write(&self, stored: &Stored, input: &Source) -> Result<(), Failure> {
         if let Some(file) = &self.hierarchy {
             file.target.write(|out| match file.format {
                 TreeFormat::Stored => stored.write(out),
@@ -103,7 +104,7 @@ impl TreeFiles {
             })?;
         }
         if let Some(target) = &self.linkage {
-            let linkage = stored.linkage()?;
+            let linkage = stored.linkage().map_err(Failure::about(input))?;
             target.write(|out| linkage.write_npy(out))?;
         }
         Ok(())
@@ -131,28 +132,26 @@ enum TreeFormat {
 }
 
 impl TreeFile {
-    fn parse(text: &str) -> Result<Self, String> {
-        let target = Target::from(PathBuf::from(text));
-        let extension = match &target {
-            Target::Stdout => "json".into(),
-            Target::File(path) => path.extension().unwrap_or_default().to_ascii_lowercase(),
-        };
-        let format = match extension.to_str() {
-            Some("tsr") => TreeFormat::Stored,
-            Some("json") => TreeFormat::Json,
-            _ => return Err("the name must end in .tsr or .json".to_owned()),
+    fn parse(path: PathBuf) -> Result<Self, String> {
+        let target = Target::from(path);
+        let format = match target.extension() {
+            Extension::None => TreeFormat::Json,
+            Extension::Is(extension) if extension.eq_ignore_ascii_case("tsr") => TreeFormat::Stored,
+            Extension::Is(extension) if extension.eq_ignore_ascii_case("json") => TreeFormat::Json,
+            Extension::Is(_) | Extension::Missing => return Err("the name must end in .tsr or .json".to_owned()),
         };
         Ok(Self { target, format })
     }
 }
 
-fn linkage_file(text: &str) -> Result<Target, String> {
-    match Target::from(PathBuf::from(text)) {
-        Target::File(path) if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("npy")) => {
-            Ok(Target::File(path))
-        }
-        Target::Stdout | Target::File(_) => Err("the name must end in .npy".to_owned()),
-    }
+fn linkage_file(path: PathBuf) -> Result<Target, String> {
+    let target = Target::from(path);
+    let is_npy = match target.extension() {
+        Extension::Is(extension) => extension.eq_ignore_ascii_case("npy"),
+        Extension::None => target != Target::Stdout,
+        Extension::Missing => false,
+    };
+    if is_npy { Ok(target) } else { Err("the name must end in .npy".to_owned()) }
 }
 
 /// Refuses two results in one place, results in the place of inputs (named by what they are), and places that cannot be

@@ -1,10 +1,9 @@
 //! `tesserae sample`: a mesh made from nothing.
 
-use std::io::Write;
 use std::path::PathBuf;
 
-use super::Failure;
-use super::files::Target;
+use super::files::{Shown, Target};
+use super::{Failure, print_line, signals};
 use crate::mesh::Format;
 use crate::sample::{Sample, generate, write_glb, write_obj};
 
@@ -33,7 +32,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let target = Target::from(arguments.out.clone());
     let format = match &target {
         Target::Stdout => Format::Obj,
-        Target::File(path) => match path.to_str().and_then(Format::from_file_name) {
+        Target::File(path) => match Format::from_file_name(&path.to_string_lossy()) {
             Some(format @ (Format::Obj | Format::Glb)) => format,
             Some(Format::Gltf) | None => {
                 return Err(Failure::Usage(
@@ -45,6 +44,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     target.check()?;
     let mesh = generate(arguments.name, arguments.faces).map_err(|error| Failure::Usage("sample", error.message))?;
+    signals::cancel_when_asked();
     target.write(|out| match format {
         Format::Obj | Format::Gltf => write_obj(out, &mesh),
         Format::Glb => write_glb(out, &mesh),
@@ -57,13 +57,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     } else {
         String::new()
     };
-    writeln!(
-        std::io::stdout(),
+    print_line(&format!(
         "{}: {}, {} faces{triangles}, {} vertices",
-        path.display(),
+        Shown(path),
         arguments.name.name(),
         mesh.faces.len(),
         mesh.positions.len()
-    )
-    .map_err(Failure::stdout)
+    ))
 }

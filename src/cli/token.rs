@@ -4,6 +4,7 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use super::Failure;
+use super::files::Target;
 use crate::error::{Error, Kind};
 use crate::service::TokenFile;
 
@@ -61,6 +62,9 @@ struct Place {
 
 /// Does what the arguments say.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if matches!(arguments.command, Command::New { .. }) {
+        Target::Stdout.check()?; // before the file holds a token that is not printed
+    }
     let mut out = std::io::stdout().lock();
     match &arguments.command {
         Command::New { tenant, metrics, place } => {

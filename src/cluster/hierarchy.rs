@@ -60,6 +60,7 @@ use super::run::{Row, Run};
 use super::sums::ClusterSums;
 use crate::device::{Cancel, LatticeEnergy, MergeSteps};
 use crate::error::{Error, Kind, Result};
+use crate::parameters::Name;
 use crate::prefetch::prefetch;
 use crate::surface::Surface;
 use crate::tree::{FaceMove, Merge, Round, Tree};
@@ -175,7 +176,7 @@ pub fn hierarchical(
 pub fn check(surface: &Surface, options: &Options) -> Result<u64> {
     let (faces, components) = (surface.faces() as u64, surface.components.len() as u64);
     for (name, number) in
-        options.clusters.iter().map(|k| ("clusters", *k)).chain(options.levels.iter().map(|k| ("levels", *k)))
+        options.clusters.iter().map(|k| (Name::CLUSTERS, *k)).chain(options.levels.iter().map(|k| (Name::LEVELS, *k)))
     {
         if number > faces {
             return Err(Error::parameter(format_args!(
@@ -185,13 +186,18 @@ pub fn check(surface: &Surface, options: &Options) -> Result<u64> {
         if number < components {
             return Err(Error::parameter(format_args!(
                 "{name} must be at least the number of connected components, {components}, because a cluster cannot \
-                 reach across a gap (bridge_components joins them): {number}"
+                 reach across a gap ({} joins them): {number}",
+                Name::BRIDGE_COMPONENTS
             )));
         }
     }
     let target = options.clusters.unwrap_or(components);
     if let Some(level) = options.levels.iter().find(|&&level| level < target) {
-        return Err(Error::parameter(format_args!("levels must not be below clusters, {target}: {level}")));
+        return Err(Error::parameter(format_args!(
+            "{} must not be below {}, {target}: {level}",
+            Name::LEVELS,
+            Name::CLUSTERS
+        )));
     }
     Ok(target)
 }

@@ -26,7 +26,7 @@ use super::coarse::Effort;
 pub enum Quality {
     /// A few iterations and no refinement, on the faces and on coarser meshes
     Fast,
-    /// To a minimum that lies as low as ACVD's or lower
+    /// Iterations and refinement until no face moves
     #[default]
     Default,
     /// A start that is optimised further, and from which clusters teleport

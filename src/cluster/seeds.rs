@@ -8,7 +8,7 @@ use std::collections::BinaryHeap;
 
 use crate::device::FREE;
 use crate::error::{Error, Result};
-use crate::parameters::Seeds;
+use crate::parameters::{Name, Seeds};
 use crate::surface::{DualGraph, Surface};
 
 /// One face for each cluster, internal order, and the component it lies in.
@@ -69,17 +69,20 @@ fn each_component(shares: &[usize], choose: impl Fn(usize, usize, usize) -> Vec<
 fn check_clusters(surface: &Surface, clusters: u64) -> Result<()> {
     let (faces, components) = (surface.faces() as u64, surface.components.len() as u64);
     if clusters == 0 {
-        return Err(Error::parameter("clusters must be at least 1, not 0"));
+        return Err(Error::parameter(format_args!("{} must be at least 1, not 0", Name::CLUSTERS)));
     }
     if clusters > faces {
         return Err(Error::parameter(format_args!(
-            "clusters must not be more than the mesh has faces, {faces}: {clusters}"
+            "{} must not be more than the mesh has faces, {faces}: {clusters}",
+            Name::CLUSTERS
         )));
     }
     if clusters < components {
         return Err(Error::parameter(format_args!(
-            "clusters must be at least the number of connected components, {components}, because a cluster cannot \
-             reach across a gap (bridge_components joins them): {clusters}"
+            "{} must be at least the number of connected components, {components}, because a cluster cannot \
+             reach across a gap ({} joins them): {clusters}",
+            Name::CLUSTERS,
+            Name::BRIDGE_COMPONENTS
         )));
     }
     Ok(())

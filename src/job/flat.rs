@@ -12,7 +12,7 @@ use crate::cluster::run;
 use crate::cluster::seeds::SeedFaces;
 use crate::device::{Cancel, Device, Ending, Uploaded};
 use crate::error::{Error, Kind, Result};
-use crate::parameters::{Algorithm, Refine};
+use crate::parameters::{Algorithm, Name, Refine};
 use crate::report::{DeviceKind, Iteration, Row};
 
 /// What a flat clustering starts from.
@@ -108,7 +108,7 @@ pub(super) fn iteration(row: run::Row, energy: Option<f64>, started: Instant) ->
 fn warnings(max_iterations: Option<u32>, clustering: &Clustering, record: &Record) -> Vec<String> {
     let mut warnings = match (clustering.ending, max_iterations) {
         (Ending::IterationLimit, Some(limit)) => {
-            vec![format!("stopped by max_iterations, maybe before it had converged: {limit}")]
+            vec![format!("stopped by {}, maybe before it had converged: {limit}", Name::MAX_ITERATIONS)]
         }
         (Ending::IterationLimit, None) | (Ending::Converged, _) => Vec::new(),
     };

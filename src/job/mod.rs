@@ -25,9 +25,9 @@ use crate::cluster::hierarchy;
 use crate::cluster::record::Record;
 use crate::cluster::seeds::{self, SeedFaces};
 use crate::device::{Cancel, Device, Uploaded};
-use crate::error::{Error, Result};
+use crate::error::{Error, Kind, Result};
 use crate::mesh::{self, Admit, Format, Limits, PolygonMesh, Resources};
-use crate::parameters::{Algorithm, Optimize, Parameters, Refine, Seeds};
+use crate::parameters::{Algorithm, Name, Optimize, Parameters, Refine, Seeds};
 use crate::report::{DeviceInfo, DeviceKind, Input, Iteration, Level, Report, Row, Timings, WeightedBy};
 use crate::surface::{Surface, Wanted};
 use crate::tree::Tree;
@@ -98,22 +98,66 @@ pub struct Outcome {
     pub report: Report,
 }
 
+/// The file of a [`Request`] that an error is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum InputFile {
+    /// The mesh, with its buffers.
+    Mesh,
+    /// The list of seeds.
+    Seeds,
+    /// The weights.
+    Weights,
+}
+
+/// An error of [`prepare_naming_files`].
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Refusal {
+    /// The file it is about; none for errors of the parameters themselves.
+    pub file: Option<InputFile>,
+    /// What is wrong.
+    pub error: Error,
+}
+
+impl Refusal {
+    /// Makes a refusal of any error about a file.
+    fn of(file: InputFile) -> impl Fn(Error) -> Refusal {
+        move |error| Refusal { file: Some(file), error }
+    }
+}
+
+impl From<Error> for Refusal {
+    fn from(error: Error) -> Self {
+        Refusal { file: None, error }
+    }
+}
+
 /// Reads, checks and prepares a mesh. Needs no device.
 pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
+    prepare_naming_files(request).map_err(|refusal| refusal.error)
+}
+
+/// As [`prepare`], with errors that say which file they are about.
+pub fn prepare_naming_files(request: &Request<'_>) -> Result<Prepared, Refusal> {
     let started = Instant::now();
     request.parameters.check(request.seeds.is_some())?;
     if request.weights.is_some() && request.parameters.weight_attribute.is_some() {
-        return Err(Error::parameter("weights and weight_attribute exclude each other: give one of them"));
+        return Err(Refusal::from(Error::parameter(format_args!(
+            "{} and {} exclude each other: give one of them",
+            Name::WEIGHTS,
+            Name::WEIGHT_ATTRIBUTE
+        ))));
     }
-    let weights = request.weights.map(weight_list::parse).transpose()?;
-    let listed = request.seeds.map(seed_list::parse).transpose()?;
+    let weights = request.weights.map(weight_list::parse).transpose().map_err(Refusal::of(InputFile::Weights))?;
+    let listed = request.seeds.map(seed_list::parse).transpose().map_err(Refusal::of(InputFile::Seeds))?;
     let mut parameters = request.parameters.clone();
     if let Some(listed) = &listed {
         let count = listed.len() as u64;
         if let Some(clusters) = parameters.clusters.filter(|&clusters| clusters != count) {
-            return Err(Error::parameter(format_args!(
-                "clusters and the number of listed seeds differ (leave clusters out): {clusters} and {count}"
-            )));
+            let error = Error::parameter(format_args!(
+                "{name} and the number of listed seeds differ (leave {name} out): {clusters} and {count}",
+                name = Name::CLUSTERS
+            ));
+            return Err(Refusal::of(InputFile::Seeds)(error));
         }
         parameters.clusters = Some(count);
         parameters.seeds = Seeds::Listed;
@@ -136,13 +180,18 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
         &request.limits,
         attribute,
         request.admit,
-    )?;
+    )
+    .map_err(Refusal::of(InputFile::Mesh))?;
     let parsed = Instant::now();
     let weights = weights.or(weights_of_attribute);
     let density = Wanted { weights: weights.as_deref(), curvature_exponent: parameters.curvature_exponent };
-    let surface = Surface::build_with(&mesh, parameters.bridge_components, density)?;
+    let surface = Surface::build_with(&mesh, parameters.bridge_components, density).map_err(|error| {
+        let of_weights = request.weights.is_some() && error.kind == Kind::InvalidParameter;
+        Refusal::of(if of_weights { InputFile::Weights } else { InputFile::Mesh })(error)
+    })?;
     // from within the pool, as in `where_it_works`
-    let plan = rayon::scope(|_| plan(&surface, &parameters, listed.as_deref()))?;
+    let plan = rayon::scope(|_| plan(&surface, &parameters, listed.as_deref()))
+        .map_err(Refusal::of(if listed.is_some() { InputFile::Seeds } else { InputFile::Mesh }))?;
     let input = describe(&mesh, &surface);
     let mut warnings = mesh.warnings;
     if surface.counts.zero_area_faces > 0 {

@@ -12,8 +12,9 @@ use crate::error::{Error, Result};
 
 /// Faces that a file may have however small it is,
 const FREE_FACES: u64 = 1 << 19;
-/// and for each of its bytes. The bytes of a strip's index make one face; more come from placing a mesh again.
-const FACES_PER_BYTE: u64 = 2;
+/// and for each of its bytes, unless a setting says otherwise. The bytes of a strip's index make one face; more come
+/// from placing a mesh again.
+pub(super) const FACES_PER_BYTE: u64 = 2;
 
 /// Parts that a file may have however small it is,
 const FREE_PARTS: u64 = 1 << 16;
@@ -53,10 +54,13 @@ impl Allowance {
         Self { sent }
     }
 
-    /// Refuses more faces than the bytes allow.
-    pub fn check_faces(&self, faces: u64) -> Result<()> {
-        let most = self.times(FACES_PER_BYTE).saturating_add(FREE_FACES);
-        self.check(faces, most, "the mesh places more faces than its bytes allow (write the placements out)")
+    /// Refuses more faces than the bytes allow, `a_byte` for each; none: all.
+    pub fn check_faces(&self, faces: u64, a_byte: Option<u64>) -> Result<()> {
+        let Some(a_byte) = a_byte else { return Ok(()) };
+        let most = self.times(a_byte).saturating_add(FREE_FACES);
+        let what = "the mesh places more faces than its bytes allow (raise it with --max-faces-per-byte, or write the \
+                    placements out)";
+        self.check(faces, most, what)
     }
 
     /// Refuses more parts than the bytes allow.
@@ -125,7 +129,7 @@ mod tests {
     fn more_bytes_allow_more() {
         type Check = fn(&Allowance, u64) -> Result<()>;
         let checks: [(Check, u64, u64); 4] = [
-            (Allowance::check_faces, 524_288, 524_288 + 2_000),
+            (|allowance, faces| allowance.check_faces(faces, Some(FACES_PER_BYTE)), 524_288, 524_288 + 2_000),
             (Allowance::check_parts, 65_536, 65_536 + 500),
             (Allowance::check_decompressed, 4_194_304, 4_194_304 + 128_000),
             (Allowance::check_objects, 65_536, 65_536 + 125),
@@ -141,6 +145,8 @@ mod tests {
             }
             assert_eq!(check(&Allowance::new(u64::MAX), 1 << 60), Ok(()));
         }
+        assert_eq!(Allowance::new(0).check_faces(524_289, None), Ok(()));
+        assert!(Allowance::new(1).check_faces(524_288 + 8, Some(7)).is_err());
     }
 
     #[test]

@@ -96,11 +96,13 @@ pub struct Limits {
     pub max_bytes: u64,
     /// Largest number of faces.
     pub max_faces: u64,
+    /// Largest number of faces for each byte that was sent, beyond a constant; none: only `max_faces` counts.
+    pub max_faces_per_byte: Option<u64>,
 }
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { max_bytes: 4 << 30, max_faces: 50_000_000 }
+        Self { max_bytes: 4 << 30, max_faces: 50_000_000, max_faces_per_byte: Some(allowance::FACES_PER_BYTE) }
     }
 }
 

@@ -11,6 +11,7 @@ use utoipa::openapi::schema::{ArrayBuilder, KnownFormat, ObjectBuilder, OneOfBui
 use utoipa::openapi::{RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
+use super::Name;
 use crate::error::{Error, Result};
 
 /// Numbers of clusters, in the order they were given.
@@ -24,7 +25,7 @@ impl Levels {
 
     fn check(self) -> Result<Self> {
         match self.0.contains(&0) {
-            true => Err(Error::parameter("levels must each be at least 1, not 0")),
+            true => Err(Error::parameter(format_args!("{} must each be at least 1, not 0", Name::LEVELS))),
             false => Ok(self),
         }
     }
@@ -48,7 +49,7 @@ impl FromStr for Levels {
     fn from_str(text: &str) -> Result<Self> {
         let number = |word: &str| {
             word.parse().map_err(|_| {
-                Error::parameter(format_args!("levels must be numbers of clusters, K1,K2,…, not {text:?}"))
+                Error::parameter(format_args!("{} must be numbers of clusters, K1,K2,…, not {text:?}", Name::LEVELS))
             })
         };
         Levels(text.split(',').map(number).collect::<Result<_>>()?).check()

@@ -11,6 +11,7 @@ use utoipa::openapi::schema::{ArrayBuilder, KnownFormat, ObjectBuilder, OneOfBui
 use utoipa::openapi::{RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
+use super::Name;
 use crate::error::{Error, Result};
 
 /// Iterations whose labels are kept; 0 is the initial growth.
@@ -63,8 +64,9 @@ impl FromStr for Snapshots {
         let number = |word: &str| {
             word.parse().map_err(|_| {
                 Error::parameter(format_args!(
-                    "snapshots must be a number N, for every N-th iteration, or a list of iterations, 0,6,46 (a single one \
-                     with a comma behind it), not {text:?}"
+                    "{} must be a number N, for every N-th iteration, or a list of iterations, 0,6,46 (a single one \
+                     with a comma behind it), not {text:?}",
+                    Name::SNAPSHOTS
                 ))
             })
         };

@@ -87,11 +87,10 @@ impl Modify for Adjustments {
             return;
         };
         if let Some(RefOr::T(Schema::Object(seeds))) = parameters.properties.get_mut("seeds") {
+            let on_the_command_line = seeds.description.take().unwrap_or_default();
             seeds.description = Some(
-                "Where clusters start: coarse (merged from half as many again on a coarser mesh: the lowest energy), morton \
-                 (stratified by area along a Morton curve), random (as in the paper), or listed, which is implied by a \
-                 part `seeds`; acvd and vc take morton for coarse"
-                    .to_owned(),
+                on_the_command_line
+                    .replace("file:PATH with a list of face numbers", "listed, which is implied by a part `seeds`"),
             );
             seeds.enum_values =
                 Some([Seeds::Coarse, Seeds::Morton, Seeds::Random, Seeds::Listed].map(|seeds| json!(seeds)).into());

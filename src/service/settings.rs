@@ -38,6 +38,16 @@ pub struct Settings {
     #[arg(long, env = "TESSERAE_MAX_FACES", value_name = "N", default_value_t = Settings::default().max_faces)]
     pub max_faces: u64,
 
+    /// Largest number of faces of a mesh for each of its bytes, beyond the first 524,288: instances and nodes can place
+    /// a mesh many times in few bytes
+    #[arg(
+        long,
+        env = "TESSERAE_MAX_FACES_PER_BYTE",
+        value_name = "N",
+        default_value_t = Settings::default().max_faces_per_byte
+    )]
+    pub max_faces_per_byte: u64,
+
     /// Jobs that may wait; more are answered with 429
     #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS", value_name = "N", default_value_t = Settings::default().max_queued_jobs)]
     pub max_queued_jobs: usize,
@@ -91,6 +101,7 @@ impl Default for Settings {
             data_dir: None,
             max_upload_bytes: limits.max_bytes,
             max_faces: limits.max_faces,
+            max_faces_per_byte: limits.max_faces_per_byte.unwrap_or(u64::MAX),
             max_queued_jobs: 1024,
             meshes_in_memory: 8,
             max_wait: 60,
@@ -127,7 +138,11 @@ impl Settings {
 
     /// What a mesh may cost.
     pub(super) fn limits(&self) -> Limits {
-        Limits { max_bytes: self.max_upload_bytes, max_faces: self.max_faces }
+        Limits {
+            max_bytes: self.max_upload_bytes,
+            max_faces: self.max_faces,
+            max_faces_per_byte: Some(self.max_faces_per_byte),
+        }
     }
 
     /// [`max_wait`](Self::max_wait) as a duration.

@@ -12,6 +12,7 @@ use utoipa::ToSchema;
 
 use super::stored::Stored;
 use super::{Nodes, Tree};
+use crate::parameters::Name;
 use crate::report::Level;
 
 /// A hierarchy: what `--hierarchy OUT.json` writes.
@@ -78,7 +79,9 @@ impl Limits {
     pub fn check(&self) -> crate::Result<()> {
         match (self.min_clusters, self.max_clusters) {
             (Some(min), Some(max)) if min > max => Err(crate::Error::parameter(format_args!(
-                "min_clusters must not be above max_clusters: {min} and {max}"
+                "{} must not be above {}: {min} and {max}",
+                Name::MIN_CLUSTERS,
+                Name::MAX_CLUSTERS
             ))),
             _ => Ok(()),
         }

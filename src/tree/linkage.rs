@@ -13,6 +13,7 @@ use std::io::{self, Write};
 use super::stored::Stored;
 use super::{Nodes, Tree};
 use crate::error::{Error, Kind, Result};
+use crate::parameters::Name;
 
 /// One row of the matrix.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,7 +38,8 @@ impl Stored {
         let roots = u64::from(tree.roots());
         if !tree.is_nested() {
             return conflict(format!(
-                "a linkage matrix needs a nested tree, but faces moved between clusters; ask for optimize none: {} moves",
+                "a linkage matrix needs a nested tree, but faces moved between clusters; ask for {}: {} moves",
+                Name::OPTIMIZE.with("none"),
                 tree.moves.len()
             ));
         }
@@ -50,7 +52,8 @@ impl Stored {
         }
         if roots > 1 {
             return conflict(format!(
-                "a linkage matrix needs a whole tree, but this one ends early; leave clusters out: {roots} roots"
+                "a linkage matrix needs a whole tree, but this one ends early; leave {} out: {roots} roots",
+                Name::CLUSTERS
             ));
         }
         Ok(Linkage::of(tree))
@@ -61,7 +64,8 @@ impl Stored {
 pub fn no_single_root(components: u64) -> String {
     format!(
         "a linkage matrix needs a tree with a single root, but the mesh has {components} connected components and the \
-         hierarchy as many roots; bridge_components joins them"
+         hierarchy as many roots; {} joins them",
+        Name::BRIDGE_COMPONENTS
     )
 }
 

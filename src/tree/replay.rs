@@ -2,13 +2,15 @@
 
 use super::{Cut, FaceMove, Round, contradiction};
 use crate::error::{Error, Result};
+use crate::parameters::Name;
 use crate::union_find::root;
 
 /// Refuses numbers of clusters that a hierarchy does not have.
 pub(super) fn check_range(faces: u32, roots: u32, clusters: u64) -> Result<()> {
     if clusters > u64::from(faces) || clusters < u64::from(roots) {
         return Err(Error::parameter(format_args!(
-            "clusters must be between the {roots} that the hierarchy ends with and its {faces} faces: {clusters}"
+            "{} must be between the {roots} that the hierarchy ends with and its {faces} faces: {clusters}",
+            Name::CLUSTERS
         )));
     }
     Ok(())

@@ -175,7 +175,7 @@ fn rows_of_the_linkage_matrix_rise_with_children_before_parents() {
 #[test]
 fn trees_without_a_linkage_matrix_say_what_to_ask_for() {
     let message = |stored: &Stored| stored.linkage().expect_err("none").message;
-    assert!(message(&small()).contains("optimize none"));
+    assert!(message(&small()).contains("optimize=none"));
     let mut early = nested();
     early.tree.merges.pop();
     early.tree.rounds.pop();

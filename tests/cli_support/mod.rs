@@ -94,7 +94,7 @@ pub struct Done {
 }
 
 impl Done {
-    fn of(output: Output) -> Self {
+    pub fn of(output: Output) -> Self {
         // Wayland's client library, which Mesa asks for displays, complains here where there is none.
         let stderr = String::from_utf8(output.stderr).expect("text");
         let stderr = stderr.lines().filter(|line| !line.contains("XDG_RUNTIME_DIR"));
@@ -121,7 +121,7 @@ impl Done {
     pub fn expect_failure(self, words: &[&str]) {
         assert_eq!(self.status, Some(1), "{self:?}");
         assert_eq!(self.stderr.lines().count(), 1, "{self:?}");
-        assert!(self.stderr.starts_with("error: "), "{self:?}");
+        assert!(self.stderr.starts_with("tesserae: "), "{self:?}");
         assert!(words.iter().all(|word| self.stderr.contains(word)), "{words:?}: {self:?}");
         assert!(self.stdout.is_empty(), "{self:?}");
     }

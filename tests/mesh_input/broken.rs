@@ -9,7 +9,7 @@ use crate::make::{check, data_uri, floats, glb, square};
 
 /// Reads the bytes as what they are not, too, and checks whatever comes of it.
 fn survive(bytes: &[u8], format: Format) {
-    let limits = Limits { max_bytes: 64 << 20, max_faces: 100_000 };
+    let limits = Limits { max_bytes: 64 << 20, max_faces: 100_000, ..Limits::default() };
     for format in [format, Format::ALL[bytes.len() % 3]] {
         let head = &bytes[..bytes.len().min(64)];
         let checked = format.check_head(head, Some(bytes.len() as u64));

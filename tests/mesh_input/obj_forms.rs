@@ -255,7 +255,7 @@ fn a_file_without_faces_is_refused() {
 fn limits_hold() {
     let text = format!("{VERTICES}f 1 2 3\nf 2 3 4\n");
     let read = |max_bytes, max_faces| {
-        let limits = Limits { max_bytes, max_faces };
+        let limits = Limits { max_bytes, max_faces, ..Limits::default() };
         mesh::read(text.as_bytes(), Format::Obj, &NoResources, &limits)
     };
     let length = text.len() as u64;

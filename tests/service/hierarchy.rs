@@ -141,7 +141,7 @@ async fn trees_without_a_linkage_matrix_say_why() {
     sample::write_obj(&mut parts, &sample::generate(Sample::Parts, 600).expect("parts")).expect("written");
     for (query, mesh, word) in [
         ("algorithm=hr", parts, "bridge_components"),
-        ("algorithm=pml", sphere(600), "optimize none"),
+        ("algorithm=pml", sphere(600), "optimize=none"),
         ("algorithm=hr&clusters=7", sphere(600), "leave clusters out"),
     ] {
         let (service, job) = done(query, mesh).await;

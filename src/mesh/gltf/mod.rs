@@ -122,7 +122,7 @@ fn read<'b>(
     }
     // only now are all the bytes that matter there
     let allowance = accessors.buffers().allowance();
-    allowance.check_faces(triangles)?;
+    allowance.check_faces(triangles, limits.max_faces_per_byte)?;
     allowance.check_parts(parts)?;
     admit(triangles)?;
     let mut builder = Builder::new(document, triangles, parts, allowance, attribute.is_some());

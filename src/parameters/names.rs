@@ -1,0 +1,105 @@
+//! Names of parameters in messages: `bridge_components` over HTTP, `--bridge-components` on the command line.
+
+use std::fmt::{self, Display};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Whether messages of this process spell parameters as flags.
+static AS_FLAGS: AtomicBool = AtomicBool::new(false);
+
+/// Spells parameters as flags of the command line in all messages of this process, or as over HTTP, the default.
+///
+/// Set once, before the work begins: a process either is a command or serves HTTP.
+pub fn spell_as_flags(as_flags: bool) {
+    AS_FLAGS.store(as_flags, Ordering::Relaxed);
+}
+
+/// Whether messages are about flags of the command line.
+pub fn are_flags() -> bool {
+    AS_FLAGS.load(Ordering::Relaxed)
+}
+
+/// A parameter that a message names.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Name(&'static str);
+
+macro_rules! names {
+    ($($constant:ident $text:literal,)*) => {
+        #[allow(missing_docs, reason = "each constant is the parameter of the same name")]
+        impl Name {
+            $(pub const $constant: Name = Name($text);)*
+
+            /// Every name.
+            pub const ALL: &[Name] = &[$(Name::$constant),*];
+        }
+    };
+}
+
+names! {
+    BRIDGE_COMPONENTS "bridge_components",
+    CLUSTERS "clusters",
+    COLLAPSE_FRACTION "collapse_fraction",
+    CURVATURE_EXPONENT "curvature_exponent",
+    LEVELS "levels",
+    MAX_CLUSTERS "max_clusters",
+    MAX_ITERATIONS "max_iterations",
+    MIN_CLUSTERS "min_clusters",
+    OPTIMIZE "optimize",
+    OPTIMIZE_ITERATIONS "optimize_iterations",
+    PAIRS "pairs",
+    QUALITY "quality",
+    SEED "seed",
+    SEEDS "seeds",
+    SNAPSHOTS "snapshots",
+    SWITCH_TO_ML_AT "switch_to_ml_at",
+    TIES "ties",
+    WEIGHTS "weights",
+    WEIGHT_ATTRIBUTE "weight_attribute",
+}
+
+impl Name {
+    /// The name with a value: `optimize=none`, or `--optimize none`.
+    pub fn with(self, value: impl Display) -> impl Display {
+        let separator = if are_flags() { ' ' } else { '=' };
+        format!("{self}{separator}{value}")
+    }
+
+    fn spelled(self, as_flag: bool) -> String {
+        if as_flag { format!("--{}", self.0.replace('_', "-")) } else { self.0.to_owned() }
+    }
+}
+
+impl Display for Name {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.spelled(are_flags()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+    use crate::cli::Cli;
+
+    #[test]
+    fn every_name_is_a_flag_of_cluster_and_a_parameter_over_http() {
+        let yaml = crate::service::openapi_yaml().expect("a description");
+        let cli = Cli::command();
+        let cluster = cli.find_subcommand("cluster").expect("a command");
+        for name in Name::ALL {
+            let flag = name.spelled(true);
+            let is_flag =
+                cluster.get_arguments().filter_map(|argument| argument.get_long()).any(|long| flag[2..] == *long);
+            assert!(is_flag, "{flag}");
+            let is_part = *name == Name::WEIGHTS;
+            assert!(is_part || yaml.contains(&format!("- name: {}\n", name.spelled(false))), "{name}");
+        }
+    }
+
+    #[test]
+    fn over_http_names_have_underscores() {
+        assert_eq!(Name::BRIDGE_COMPONENTS.to_string(), "bridge_components");
+        assert_eq!(Name::OPTIMIZE.with("none").to_string(), "optimize=none");
+        assert_eq!(Name::BRIDGE_COMPONENTS.spelled(true), "--bridge-components");
+    }
+}

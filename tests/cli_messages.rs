@@ -1,0 +1,159 @@
+//! What messages of the command line name: the input that is wrong, and flags as they are typed.
+
+mod cli_support;
+
+use cli_support::Folder;
+use tesserae::parameters::Name;
+
+/// Exit status 1 and one line that begins with `begin`.
+#[track_caller]
+fn expect_beginning(folder: &Folder, command: &str, begin: &str) {
+    let done = folder.run(&command.split(' ').collect::<Vec<_>>());
+    assert!(done.stderr.starts_with(begin), "{begin:?}: {done:?}");
+    done.expect_failure(&[]);
+}
+
+#[test]
+fn messages_about_an_input_begin_with_its_name() {
+    let folder = Folder::new();
+    folder.sample("sphere", 100, "s.obj");
+    folder.sample("parts", 500, "parts.obj");
+    folder.write("bad.obj", "v 0 0 0\nf 1 2 3\n");
+    folder.write("bad.mesh", "\x00\x01");
+    folder.write("bad.tsr", "no tree");
+    folder.write("bad.json", "no report");
+    folder.write("words.txt", "1 two");
+    folder.write("far.txt", "1 100");
+    folder.write("bad.npy", "no array");
+    folder.write("two.npy", npy(&[1.0, 2.0]));
+    folder.write(
+        "away.gltf",
+        r#"{"asset":{"version":"2.0"},"buffers":[{"uri":"gone.bin","byteLength":36}],
+        "bufferViews":[{"buffer":0,"byteLength":36}],"accessors":[{"bufferView":0,"componentType":5126,"count":3,
+        "type":"VEC3"}],"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"nodes":[{"mesh":0}],
+        "scenes":[{"nodes":[0]}]}"#,
+    );
+    for (command, begin) in [
+        ("cluster bad.obj -k 2", "tesserae: bad.obj: line 2: "),
+        ("cluster bad.mesh -k 2", "tesserae: bad.mesh: "),
+        ("cluster away.gltf -k 2", "tesserae: away.gltf: "),
+        ("cluster none.obj -k 2", "tesserae: none.obj: cannot read: "),
+        ("cluster . -k 2", "tesserae: .: cannot read: "),
+        ("cluster - -k 2", "tesserae: standard input: "),
+        ("cluster s.obj -k 101", "tesserae: s.obj: --clusters must not be more than"),
+        ("cluster s.obj -k 2 --max-upload-bytes 50", "tesserae: s.obj: "),
+        ("cluster s.obj -k 2 --max-faces 99", "tesserae: s.obj: "),
+        ("cluster s.obj --seeds file:none.txt", "tesserae: none.txt: cannot read: "),
+        ("cluster s.obj --seeds file:words.txt", "tesserae: words.txt: "),
+        ("cluster s.obj --seeds file:far.txt", "tesserae: far.txt: "),
+        ("cluster s.obj -k 3 --seeds file:far.txt", "tesserae: far.txt: --clusters and the number of listed seeds"),
+        ("cluster s.obj -k 2 --weights bad.npy", "tesserae: bad.npy: "),
+        ("cluster s.obj -k 2 --weights two.npy", "tesserae: two.npy: "),
+        ("cut bad.tsr -k 2 --labels l.npy", "tesserae: bad.tsr: "),
+        ("cut none.tsr -k 2 --labels l.npy", "tesserae: none.tsr: cannot read: "),
+        ("plot bad.json x.svg", "tesserae: bad.json: "),
+        ("bench --device cpu --mesh bad.obj:2 --faces 100", "tesserae: bad.obj: line 2: "),
+    ] {
+        expect_beginning(&folder, command, begin);
+    }
+    let done = folder.run(&["cluster", "s.obj", "--seeds", "morton", "-k", "9", "--max-iterations", "1"]);
+    assert_eq!(done.status, Some(0));
+    assert!(done.stderr.starts_with("tesserae: s.obj: warning: stopped by --max-iterations"), "{done:?}");
+}
+
+#[cfg(unix)]
+#[test]
+fn control_characters_of_a_name_do_not_reach_the_terminal() {
+    let folder = Folder::new();
+    folder.write("a\nb\x1b[31m.obj", "no mesh");
+    let done = folder.run(&["cluster", "a\nb\x1b[31m.obj", "-k", "2"]);
+    done.expect_failure(&["tesserae: a\\nb\\u{1b}[31m.obj: "]);
+}
+
+#[test]
+fn parameters_are_spelled_as_flags() {
+    let folder = Folder::new();
+    folder.sample("parts", 500, "parts.obj");
+    folder.sample("sphere", 100, "s.obj");
+    folder.run(&["cluster", "s.obj", "--algorithm", "pml", "--hierarchy", "h.tsr"]).expect_success();
+    for (command, words) in [
+        ("cluster parts.obj -k 3", "(--bridge-components joins them): 3"),
+        ("cluster parts.obj --algorithm pml -k 3", "(--bridge-components joins them): 3"),
+        ("cluster parts.obj --algorithm hr --linkage x.npy", "--bridge-components joins them"),
+        ("cluster s.obj", "--clusters is missing"),
+        ("cluster s.obj -k 0", "--clusters must be at least 1, not 0"),
+        ("cluster s.obj -k 2 --optimize none", "--optimize goes with hierarchies"),
+        (
+            "cluster s.obj --algorithm pml --optimize none --optimize-iterations 3",
+            "--optimize-iterations does not go with --optimize none",
+        ),
+        ("cluster s.obj --algorithm pml --optimize-iterations 0", "(--optimize none leaves them out)"),
+        ("cluster s.obj --algorithm pml --max-iterations 3", "--max-iterations goes with flat clusterings"),
+        ("cluster s.obj --algorithm pml --collapse-fraction 3", "pml with --switch-to-ml-at"),
+        ("cluster s.obj --algorithm ml --switch-to-ml-at 0", "--switch-to-ml-at must be at least 1"),
+        ("cluster s.obj -k 2 --curvature-exponent 11", "--curvature-exponent must be from 0 to 10"),
+        ("cluster s.obj -k 2 --curvature-exponent -2", "--curvature-exponent must be from 0 to 10, not -2"),
+        ("cluster s.obj -k -5", "invalid value '-5' for '--clusters <K>'"),
+        ("cluster s.obj -k 5 --seed -1", "invalid value '-1' for '--seed <N>'"),
+        ("cluster s.obj -k 2 --weight-attribute X", "--weight-attribute must begin with an underscore"),
+        ("cluster s.obj -k 2 --seeds nowhere", "--seeds must be coarse, morton, random or file:PATH"),
+        ("cluster s.obj -k 2 --algorithm pml --levels 1", "--levels must not be below --clusters"),
+        (
+            "cut h.tsr -k 2 --hierarchy x.json --min-clusters 6 --max-clusters 5",
+            "--min-clusters must not be above --max-clusters",
+        ),
+        ("cut h.tsr -k 1000 --labels x.npy", "--clusters must be between"),
+        ("cut h.tsr --linkage x.npy", "ask for --optimize none"),
+    ] {
+        let done = folder.run(&command.split(' ').collect::<Vec<_>>());
+        assert!([Some(1), Some(2)].contains(&done.status), "{command}: {done:?}");
+        assert!(done.stderr.contains(words), "{command}: {done:?}");
+        for name in Name::ALL.iter().map(Name::to_string).filter(|name| name.contains('_')) {
+            assert!(!done.stderr.contains(&name), "{command}: {done:?}");
+        }
+    }
+}
+
+#[test]
+fn instances_of_a_mesh_are_limited_by_faces_and_on_request_by_faces_a_byte() {
+    const INSTANCES: u32 = 400;
+    let folder = Folder::new();
+    folder.sample("torus", 2000, "torus.glb");
+    let glb = folder.read("torus.glb");
+    let length = u32::from_le_bytes(glb[12..16].try_into().expect("four bytes")) as usize;
+    let mut document: serde_json::Value = serde_json::from_slice(&glb[20..20 + length]).expect("JSON");
+    let mut bytes = glb[20 + length + 8..].to_vec();
+    let start = bytes.len();
+    bytes.extend((0..INSTANCES).flat_map(|at| [10.0 * at as f32, 0.0, 0.0]).flat_map(f32::to_le_bytes));
+    let push = |list: &mut serde_json::Value, item: serde_json::Value| {
+        let items = list.as_array_mut().expect("a list");
+        items.push(item);
+        items.len() - 1
+    };
+    let view = serde_json::json!({"buffer": 0, "byteOffset": start, "byteLength": bytes.len() - start});
+    let view = push(&mut document["bufferViews"], view);
+    let accessor = serde_json::json!({"bufferView": view, "componentType": 5126, "count": INSTANCES, "type": "VEC3"});
+    let accessor = push(&mut document["accessors"], accessor);
+    document["nodes"][0]["extensions"] =
+        serde_json::json!({"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": accessor}}});
+    document["extensionsUsed"] = serde_json::json!(["EXT_mesh_gpu_instancing"]);
+    document["buffers"][0] = serde_json::json!({"uri": "instances.bin", "byteLength": bytes.len()});
+    folder.write("instances.bin", &bytes);
+    folder.write("instances.gltf", document.to_string());
+
+    let command =
+        ["cluster", "instances.gltf", "-k", "400", "--seeds", "random", "--quality", "fast", "--refine", "none"];
+    folder.run(&[&command[..], &["--report", "r.json"]].concat()).expect_success();
+    assert_eq!(folder.json("r.json")["input"]["faces"], 800_000);
+    let refused = folder.run(&[&command[..], &["--max-faces-per-byte", "2"]].concat());
+    refused.expect_failure(&["tesserae: instances.gltf: ", "--max-faces-per-byte", "800000"]);
+    folder.run(&[&command[..], &["--max-faces-per-byte", "100"]].concat()).expect_success();
+    folder.run(&[&command[..], &["--max-faces", "799999"]].concat()).expect_failure(&["--max-faces", "800000"]);
+}
+
+/// An array of floats in NumPy's format.
+fn npy(numbers: &[f64]) -> Vec<u8> {
+    let mut bytes = tesserae::output::npy_header("<f8", &format!("({},)", numbers.len()));
+    bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+    bytes
+}

@@ -1,0 +1,283 @@
+//! Results that go to pipes, devices, descriptors and full disks, and files with unusual names.
+#![cfg(target_os = "linux")]
+
+mod cli_support;
+
+use std::ffi::OsStr;
+use std::fs::{self, File};
+use std::io::{Read, Write};
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::fs::{FileTypeExt, PermissionsExt, symlink};
+use std::os::unix::process::CommandExt;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use cli_support::{Done, Folder};
+
+const CLUSTER: [&str; 4] = ["cluster", "s.obj", "-k", "10"];
+
+/// Longer than any of these commands takes.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+fn with_sphere() -> Folder {
+    let folder = Folder::new();
+    folder.sample("sphere", 2000, "s.obj");
+    folder
+}
+
+fn make_fifo(folder: &Folder, name: &str) {
+    let made = Command::new("mkfifo").arg(folder.path(name)).status().expect("mkfifo runs");
+    assert!(made.success());
+}
+
+fn spawn(folder: &Folder, arguments: &[&str]) -> Child {
+    folder
+        .tesserae(&[&CLUSTER[..], arguments].concat())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the binary runs")
+}
+
+/// Waits until `condition` holds while the child runs; kills the child and panics when it never does.
+fn wait_until(child: &mut Child, what: &str, mut condition: impl FnMut(&mut Child) -> bool) {
+    let begin = Instant::now();
+    while !condition(child) {
+        if begin.elapsed() > PATIENCE {
+            child.kill().expect("it runs");
+            panic!("never: {what}");
+        }
+        std::thread::yield_now();
+    }
+}
+
+fn end(mut child: Child) -> Done {
+    wait_until(&mut child, "the end", |child| child.try_wait().expect("a child").is_some());
+    Done::of(child.wait_with_output().expect("it ended"))
+}
+
+/// Runs a command line of the shell, in which `$0` is the program.
+fn shell(folder: &Folder, line: &str) -> Done {
+    let program = folder.tesserae(&[]);
+    let mut shell = Command::new("sh");
+    shell.args(["-c", line]).arg(program.get_program()).current_dir(folder.root()).stdin(Stdio::null());
+    Done::of(shell.output().expect("sh runs"))
+}
+
+#[test]
+fn a_named_pipe_is_opened_once_when_the_report_is_there() {
+    let folder = with_sphere();
+    make_fifo(&folder, "report");
+    let mut child = spawn(&folder, &["--labels", "l.npy", "--report", "report"]);
+    // labels are written first: nothing waited for a reader until then
+    wait_until(&mut child, "labels", |_| folder.path("l.npy").exists());
+    let mut report = String::new();
+    File::open(folder.path("report")).and_then(|mut pipe| pipe.read_to_string(&mut report)).expect("a pipe");
+    assert!(!end(child).expect_success().is_empty());
+    let report: serde_json::Value = serde_json::from_str(&report).expect("a whole report");
+    assert_eq!(report["clusters"], 10);
+    assert!(fs::metadata(folder.path("report")).expect("a pipe").file_type().is_fifo());
+    assert_eq!(folder.files(), ["l.npy", "report", "s.obj"]);
+}
+
+#[test]
+fn every_output_may_be_a_named_pipe() {
+    let folder = with_sphere();
+    let command = ["cluster", "s.obj", "-k", "10", "--algorithm", "pml"];
+    folder.run(&[&command[..], &["--labels", "l.npy", "--hierarchy", "h.tsr"]].concat()).expect_success();
+    for (flag, name) in [("--labels", "l.npy"), ("--hierarchy", "h.tsr")] {
+        let expected = folder.read(name);
+        fs::remove_file(folder.path(name)).expect("a file");
+        make_fifo(&folder, name);
+        let path = folder.path(name);
+        let reader = std::thread::spawn(move || fs::read(path).expect("a pipe"));
+        folder.run(&[&command[..], &[flag, name]].concat()).expect_success();
+        assert_eq!(reader.join().expect("no panic"), expected, "{name}");
+    }
+    // a pipe whose name says no format gets JSON
+    make_fifo(&folder, "pipe");
+    let path = folder.path("pipe");
+    let reader = std::thread::spawn(move || fs::read(path).expect("a pipe"));
+    folder.run(&[&CLUSTER[..], &["--labels", "pipe"]].concat()).expect_success();
+    let labels: serde_json::Value = serde_json::from_slice(&reader.join().expect("no panic")).expect("JSON");
+    assert_eq!(labels["clusters"], 10);
+}
+
+#[test]
+fn the_first_signal_ends_a_command_that_waits_for_the_reader_of_a_pipe() {
+    for (signal, name) in [("-TERM", "SIGTERM"), ("-INT", "SIGINT")] {
+        let folder = with_sphere();
+        make_fifo(&folder, "report");
+        let mut child = spawn(&folder, &["--labels", "l.npy", "--report", "report"]);
+        wait_until(&mut child, "labels", |_| folder.path("l.npy").exists());
+        let sent = Command::new("kill").args([signal, &child.id().to_string()]).status().expect("kill runs");
+        assert!(sent.success());
+        end(child).expect_failure(&[&format!("stopped by {name}")]);
+        assert_eq!(folder.files(), ["l.npy", "report", "s.obj"]);
+    }
+}
+
+#[test]
+fn a_reader_that_leaves_a_named_pipe_is_an_error() {
+    let folder = Folder::new();
+    folder.sample("sphere", 100_000, "s.obj"); // more labels than a pipe holds
+    make_fifo(&folder, "l.json");
+    let child = spawn(&folder, &["--labels", "l.json"]);
+    let mut begin = [0; 10];
+    File::open(folder.path("l.json")).and_then(|mut pipe| pipe.read_exact(&mut begin)).expect("a pipe");
+    assert_eq!(&begin, b"{\"clusters");
+    end(child).expect_failure(&["tesserae: l.json: cannot write", "Broken pipe"]);
+}
+
+#[test]
+fn descriptors_are_written_where_they_stand() {
+    let folder = with_sphere();
+    folder.write("log", "earlier\n");
+    shell(&folder, "\"$0\" cluster s.obj -k 10 --report /dev/fd/3 3>>log").expect_success();
+    let log = folder.read("log");
+    assert!(log.starts_with(b"earlier\n{"), "{}", String::from_utf8_lossy(&log));
+    assert!(serde_json::from_slice::<serde_json::Value>(&log[8..]).is_ok());
+
+    for name in ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1", "-"] {
+        folder.write("out", "earlier\n");
+        let done = shell(&folder, &format!("{{ \"$0\" cluster s.obj -k 10 --labels {name}; echo later; }} >>out"));
+        assert!(done.stderr.contains("10 clusters"), "the summary goes where the labels do not: {done:?}");
+        let out = String::from_utf8(folder.read("out")).expect("text");
+        assert!(out.starts_with("earlier\n{\"clusters\":10") && out.ends_with("]}\nlater\n"), "{name}: {out}");
+    }
+
+    let piped = shell(&folder, "\"$0\" cluster s.obj -k 10 --labels /dev/fd/3 3>&1 >/dev/null | cat");
+    assert!(serde_json::from_slice::<serde_json::Value>(&piped.expect_success()).is_ok());
+}
+
+#[test]
+fn closed_standard_output_is_an_error_before_the_work() {
+    let folder = with_sphere();
+    folder.run(&[&CLUSTER[..], &["--report", "r.json"]].concat()).expect_success();
+    for command in [
+        "cluster none.obj -k 10 --labels -", // never read
+        "cluster s.obj -k 10 --report /dev/stdout",
+        "cluster s.obj --algorithm pml --hierarchy -",
+        "sample sphere --faces 100 -",
+        "plot r.json -",
+        "token new acme --tokens tokens.json",
+    ] {
+        let done = shell(&folder, &format!("\"$0\" {command} >&-"));
+        done.expect_failure(&["tesserae: standard output: cannot write: it is closed"]);
+    }
+    assert_eq!(folder.files(), ["r.json", "s.obj"]);
+    // results in files do not need it, and a caller may discard it by a null device that is open for reading too
+    shell(&folder, "\"$0\" cluster s.obj -k 10 --labels l.npy >&-").expect_success();
+    shell(&folder, "\"$0\" cluster s.obj -k 10 --labels l.npy 1<>/dev/null").expect_success();
+    shell(&folder, "\"$0\" cluster s.obj -k 10 --labels - >/dev/null 2>&1").expect_success();
+}
+
+#[test]
+fn a_full_disk_is_an_error_at_every_output() {
+    let folder = with_sphere();
+    folder
+        .run(&["cluster", "s.obj", "--algorithm", "hr", "--hierarchy", "h.tsr", "--report", "r.json"])
+        .expect_success();
+    for extension in ["npy", "json", "bin", "tsr", "obj", "glb", "svg", "md"] {
+        symlink("/dev/full", folder.path(&format!("full.{extension}"))).expect("a link");
+    }
+    let before = folder.files();
+    for command in [
+        "cluster s.obj -k 10 --labels full.npy",
+        "cluster s.obj -k 10 --labels full.json",
+        "cluster s.obj -k 10 --labels full.bin",
+        "cluster s.obj -k 10 --report full.json",
+        "cluster s.obj -k 10 --report /dev/full",
+        "cluster s.obj --algorithm pml --hierarchy full.tsr",
+        "cluster s.obj --algorithm pml --hierarchy full.json",
+        "cluster s.obj --algorithm hr --linkage full.npy",
+        "cut h.tsr -k 10 --labels full.npy",
+        "cut h.tsr -k 10 --report full.json",
+        "cut h.tsr --hierarchy full.json",
+        "sample sphere --faces 100 full.obj",
+        "sample sphere --faces 100 full.glb",
+        "plot r.json full.svg",
+    ] {
+        let done = folder.run(&command.split(' ').collect::<Vec<_>>());
+        done.expect_failure(&["full", "cannot write", "No space left"]);
+    }
+    assert_eq!(folder.files(), before);
+}
+
+#[test]
+fn names_may_have_any_bytes() {
+    let folder = Folder::new();
+    let name = |bytes: &'static [u8]| OsStr::from_bytes(bytes).to_owned();
+    let [mesh, labels, report, seeds] =
+        [name(b"m\xff.obj"), name(b"l\xff.npy"), name(b"r\xff.json"), name(b"s\xff.txt")];
+    let run = |arguments: &[&OsStr]| Done::of(folder.tesserae(&[]).args(arguments).output().expect("the binary runs"));
+    let word = OsStr::new;
+    run(&[word("sample"), word("sphere"), word("--faces"), word("200"), &mesh]).expect_success();
+    fs::write(folder.root().join(&seeds), "3 70").expect("a file");
+    let listed = name(b"file:s\xff.txt");
+    run(&[word("cluster"), &mesh, word("--seeds"), &listed, word("--labels"), &labels, word("--report"), &report])
+        .expect_success();
+    assert!(fs::read(folder.root().join(&labels)).expect("labels").starts_with(b"\x93NUMPY"));
+    let hierarchy = name(b"h\xff.tsr");
+    run(&[word("cluster"), &mesh, word("--algorithm"), word("pml"), word("--hierarchy"), &hierarchy]).expect_success();
+    run(&[word("cut"), &hierarchy, word("-k"), word("5"), word("--labels"), &labels]).expect_success();
+    let missing = name(b"n\xff.obj");
+    run(&[word("cluster"), &missing, word("-k"), word("2")]).expect_failure(&["tesserae: n\u{fffd}.obj: cannot read"]);
+}
+
+#[test]
+fn links_to_files_that_are_not_there_stay_links() {
+    let folder = with_sphere();
+    fs::create_dir(folder.path("inner")).expect("a folder");
+    symlink("inner/l.npy", folder.path("link.npy")).expect("a link");
+    folder.run(&[&CLUSTER[..], &["--labels", "link.npy"]].concat()).expect_success();
+    assert!(folder.path("link.npy").is_symlink());
+    assert!(folder.read("inner/l.npy").starts_with(b"\x93NUMPY"));
+}
+
+#[test]
+fn a_file_in_a_folder_that_takes_no_new_files_is_written_in_place() {
+    const NOBODY: u32 = 65_534;
+    let folder = with_sphere();
+    fs::create_dir(folder.path("fixed")).expect("a folder");
+    folder.write("fixed/l.npy", "earlier".repeat(10_000));
+    let set =
+        |name: &str, mode| fs::set_permissions(folder.path(name), PermissionsExt::from_mode(mode)).expect("a mode");
+    set(".", 0o755);
+    set("fixed/l.npy", 0o666);
+    set("fixed", 0o555);
+    let mut command = folder.tesserae(&[&CLUSTER[..], &["--labels", "fixed/l.npy"]].concat());
+    if fs::metadata("/proc/self").is_ok_and(|process| std::os::unix::fs::MetadataExt::uid(&process) == 0) {
+        command.uid(NOBODY).gid(NOBODY); // no folder refuses root
+    }
+    let done = command.output();
+    set("fixed", 0o755);
+    match done {
+        Ok(done) => drop(Done::of(done).expect_success()),
+        Err(error) => return println!("another user may not run the program here: not tested: {error}"),
+    }
+    assert!(folder.read("fixed/l.npy").starts_with(b"\x93NUMPY"));
+    assert_eq!(folder.read("fixed/l.npy").len(), 128 + 4 * 2000);
+}
+
+#[test]
+fn several_results_may_be_thrown_away() {
+    let folder = with_sphere();
+    let discard = ["--algorithm", "pml", "--report", "/dev/null", "--hierarchy", "/dev/null", "--labels", "-"];
+    let mut command = folder.tesserae(&[&CLUSTER[..], &discard].concat());
+    let done = Done::of(command.stdout(Stdio::null()).output().expect("the binary runs"));
+    assert_eq!(done.status, Some(0), "{done:?}");
+    assert!(fs::metadata("/dev/null").expect("a device").file_type().is_char_device());
+}
+
+#[test]
+fn an_input_may_be_a_pipe() {
+    let folder = with_sphere();
+    make_fifo(&folder, "mesh.obj");
+    let (path, bytes) = (folder.path("mesh.obj"), folder.read("s.obj"));
+    let writer = std::thread::spawn(move || {
+        File::options().write(true).open(path).and_then(|mut pipe| pipe.write_all(&bytes)).expect("a pipe");
+    });
+    folder.run(&["cluster", "mesh.obj", "-k", "10"]).expect_success();
+    writer.join().expect("no panic");
+}
