@@ -12,7 +12,7 @@
 //! | how bodies come in | `upload`, `intake` |
 //! | what happens to a job | `pipeline` |
 //! | how jobs are kept | `store`, and their files in `files`; `blobs` knows which are where |
-//! | how long they are kept | `retention` |
+//! | how long they are kept | `retention`, by the time of `aging`; `deletion` |
 //! | what happens when the disk fails | `storage` |
 //! | asking twice for one job | `idempotency` |
 //! | a resource | `jobs`, `events`, `results`, `hierarchy`, `info`; `encoded` for what is made when it is asked for |
@@ -32,8 +32,10 @@
 
 mod access;
 mod admission;
+mod aging;
 mod blobs;
 mod conditional;
+mod deletion;
 mod encoded;
 mod events;
 mod faults;

@@ -6,6 +6,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use super::room::STORE_ROOM;
 use crate::error::{Error, Kind, Result};
 
 /// What the folder may hold.
@@ -30,30 +31,46 @@ pub(super) struct Disk {
 
 impl Disk {
     pub fn new(root: PathBuf, limits: DiskLimits) -> Self {
-        let blobs = ["uploads", "results"].iter().map(|folder| size(&root.join(folder))).sum();
+        let blobs = ["uploads", "results", "aside"].iter().map(|folder| size(&root.join(folder))).sum();
         Self { root, limits, blobs: AtomicU64::new(blobs), free_in_store: AtomicU64::new(0) }
     }
 
-    /// Refuses `more` bytes for which there is no room.
-    pub fn check(&self, more: u64) -> Result<()> {
-        let refuse = |what: &str, limit: u64, have: u64| {
+    /// Refuses `more` bytes for which there is no room beside what is `taken`: promised, but not written yet.
+    pub fn check(&self, more: u64, taken: u64) -> Result<()> {
+        let refuse = |what: &str, limit: u64| {
             Err(Error::new(
                 Kind::InsufficientStorage,
                 format_args!(
-                    "{what} of {limit} bytes, so uploads are refused; delete jobs, or try again later: {have}"
+                    "{what}, so uploads are refused, what accepted jobs will need included; delete jobs, or try again \
+                     later: {limit} bytes"
                 ),
             ))
         };
-        let used = self.used();
-        if let Some(most) = self.limits.max_bytes.filter(|most| used.saturating_add(more) > *most) {
-            return refuse("the data folder is at its limit (--max-disk-bytes)", most, used);
+        let more = more.saturating_add(taken);
+        if let Some(most) = self.limits.max_bytes.filter(|most| self.used().saturating_add(more) > *most) {
+            return refuse("the data folder is at its limit (--max-disk-bytes)", most);
         }
-        match free_bytes(&self.root) {
-            Some(free) if free.saturating_sub(more) < self.limits.min_free_bytes => {
-                refuse("the disk has less room than its reserve (--min-free-bytes)", self.limits.min_free_bytes, free)
+        match self.free() {
+            Some(free) if free.saturating_sub(more) < self.reserve() => {
+                refuse("the disk has less room than its reserve (--min-free-bytes)", self.reserve())
             }
             Some(_) | None => Ok(()),
         }
+    }
+
+    /// Bytes that this process may still write; none where that cannot be told.
+    pub fn free(&self) -> Option<u64> {
+        free_bytes(&self.root)
+    }
+
+    /// Free bytes beyond the reserve and what is `taken`.
+    pub fn spare(&self, taken: u64) -> u64 {
+        self.free().unwrap_or(u64::MAX).saturating_sub(taken.saturating_add(self.reserve()))
+    }
+
+    /// Free bytes that no upload takes.
+    fn reserve(&self) -> u64 {
+        self.limits.min_free_bytes.max(STORE_ROOM)
     }
 
     /// So many bytes were written.
@@ -108,5 +125,18 @@ fn free_bytes(folder: &Path) -> Option<u64> {
 /// Bytes that this process may still write to the file system of a folder; none where that cannot be told.
 #[cfg(not(unix))]
 fn free_bytes(_: &Path) -> Option<u64> {
+    None
+}
+
+/// Bytes of the file system of a folder; none where that cannot be told.
+#[cfg(unix)]
+pub(super) fn total_bytes(folder: &Path) -> Option<u64> {
+    let found = rustix::fs::statvfs(folder).ok()?;
+    Some(found.f_blocks.saturating_mul(found.f_frsize))
+}
+
+/// Bytes of the file system of a folder; none where that cannot be told.
+#[cfg(not(unix))]
+pub(super) fn total_bytes(_: &Path) -> Option<u64> {
     None
 }
