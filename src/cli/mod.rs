@@ -5,6 +5,7 @@
 //! drivers may add lines of their own). Progress goes to standard error, and only to a terminal. A reader of standard
 //! output that stops reading is no error.
 
+mod backup;
 mod bench;
 mod cluster;
 mod cut;
@@ -61,6 +62,8 @@ enum Command {
     Bench(bench::Arguments),
     /// Serve jobs over HTTP
     Serve(Box<serve::Arguments>),
+    /// Copy the data folder of a service, also while it runs
+    Backup(backup::Arguments),
     /// Make, list and take back the tokens that a service asks for
     Token(token::Arguments),
     /// Ask a service whether it is well; the exit status tells
@@ -85,6 +88,7 @@ pub fn main() -> ExitCode {
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Serve(arguments) => serve::run(*arguments),
+        Command::Backup(arguments) => backup::run(&arguments),
         Command::Token(arguments) => token::run(&arguments),
         Command::Health(arguments) => health::run(&arguments),
         Command::Sample(arguments) => sample::run(&arguments),

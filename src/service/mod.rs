@@ -14,6 +14,7 @@
 //! | how jobs are kept | `store`, and their files in `files`; `blobs` knows which are where |
 //! | how long they are kept | `retention`, by the time of `aging`; `deletion` |
 //! | what happens when the disk fails | `storage` |
+//! | backups | `backup` |
 //! | asking twice for one job | `idempotency` |
 //! | a resource | `jobs`, `events`, `results`, `hierarchy`, `info`; `encoded` for what is made when it is asked for |
 //! | what errors look like | `problem` |
@@ -33,6 +34,7 @@
 mod access;
 mod admission;
 mod aging;
+mod backup;
 mod blobs;
 mod conditional;
 mod deletion;
@@ -72,6 +74,7 @@ mod upload;
 mod webhooks;
 
 pub use access::tokens::{Quotas, TenantEntry, Token, TokenEntry, TokenFile};
+pub use backup::{Backup, back_up};
 pub use faults::{FaultPoint, Faults};
 pub use info::DeviceDescription;
 pub use logging::{LogFormat, LogSettings, Logging};

@@ -44,6 +44,11 @@ impl Ballast {
         self.size.saturating_sub(*self.lock())
     }
 
+    /// Bytes that it has.
+    pub fn there(&self) -> u64 {
+        *self.lock()
+    }
+
     /// Makes it, when it is not there and `free` bytes are more than it takes. Blocks.
     pub fn make(&self, free: u64) -> io::Result<()> {
         let mut there = self.lock();

@@ -18,6 +18,18 @@ pub(in crate::service) struct DiskLimits {
     pub min_free_bytes: u64,
 }
 
+/// Part of the disk that the file system may take for itself.
+const METADATA: u64 = 20;
+
+/// Room on the disk.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct State {
+    /// Bytes that may still be written.
+    pub free: u64,
+    /// Bytes of files that are not the service's.
+    pub foreign: u64,
+}
+
 /// The room in a folder.
 #[derive(Debug)]
 pub(super) struct Disk {
@@ -60,7 +72,14 @@ impl Disk {
 
     /// Bytes that this process may still write; none where that cannot be told.
     pub fn free(&self) -> Option<u64> {
-        free_bytes(&self.root)
+        space(&self.root).map(|(free, _, _)| free)
+    }
+
+    /// What others than the service, which has `more` files than jobs', left of the disk.
+    pub fn state(&self, more: u64) -> State {
+        let (free, total, taken) = space(&self.root).unwrap_or((u64::MAX, 0, 0));
+        let foreign = taken.saturating_sub(self.used().saturating_add(more)).saturating_sub(total / METADATA);
+        State { free, foreign }
     }
 
     /// Free bytes beyond the reserve and what is `taken`.
@@ -115,28 +134,22 @@ pub(super) fn size(folder: &Path) -> u64 {
     bytes
 }
 
-/// Bytes that this process may still write to the file system of a folder; none where that cannot be told.
+/// Bytes of the file system of a folder: those that this process may still write, all, and those that are taken. None where
+/// that cannot be told.
 #[cfg(unix)]
-fn free_bytes(folder: &Path) -> Option<u64> {
+fn space(folder: &Path) -> Option<(u64, u64, u64)> {
     let found = rustix::fs::statvfs(folder).ok()?;
-    Some(found.f_bavail.saturating_mul(found.f_frsize))
+    let bytes = |blocks: u64| blocks.saturating_mul(found.f_frsize);
+    Some((bytes(found.f_bavail), bytes(found.f_blocks), bytes(found.f_blocks.saturating_sub(found.f_bfree))))
 }
 
-/// Bytes that this process may still write to the file system of a folder; none where that cannot be told.
+/// Bytes of the file system of a folder; none where that cannot be told.
 #[cfg(not(unix))]
-fn free_bytes(_: &Path) -> Option<u64> {
+fn space(_: &Path) -> Option<(u64, u64, u64)> {
     None
 }
 
 /// Bytes of the file system of a folder; none where that cannot be told.
-#[cfg(unix)]
 pub(super) fn total_bytes(folder: &Path) -> Option<u64> {
-    let found = rustix::fs::statvfs(folder).ok()?;
-    Some(found.f_blocks.saturating_mul(found.f_frsize))
-}
-
-/// Bytes of the file system of a folder; none where that cannot be told.
-#[cfg(not(unix))]
-pub(super) fn total_bytes(_: &Path) -> Option<u64> {
-    None
+    space(folder).map(|(_, total, _)| total)
 }

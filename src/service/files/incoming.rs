@@ -74,7 +74,10 @@ impl std::fmt::Debug for Incoming {
 
 /// Ends blobs that belong together: gives them if they are small and `takes` them, or else makes files of them, which wait
 /// for the disk together, and gives none.
-pub(in crate::service) async fn settle(blobs: Vec<BlobWriter>, takes: impl FnOnce(u64) -> bool) -> Result<Vec<SmallBlob>> {
+pub(in crate::service) async fn settle(
+    blobs: Vec<BlobWriter>,
+    takes: impl FnOnce(u64) -> bool,
+) -> Result<Vec<SmallBlob>> {
     if are_small(&blobs) && takes(blobs.iter().map(BlobWriter::bytes).sum()) {
         return blobs.into_iter().map(BlobWriter::into_small).collect();
     }

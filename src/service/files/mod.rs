@@ -201,8 +201,7 @@ impl Files {
         self.room.promise(job, bytes, |promised| self.disk.check(0, promised.saturating_add(missing)))
     }
 
-    /// Promises jobs that were accepted before the service was started room again, in this order and as far as there is
-    /// some. The others get what is left when they run.
+    /// Promises jobs that were accepted before the service was started room again.
     pub fn promise_again<'j>(&self, jobs: impl Iterator<Item = &'j Job>, most_faces: u64) {
         for job in jobs {
             let upload = match job.spec.is_small {
@@ -210,10 +209,7 @@ impl Files {
                 false => disk::size(&self.root.path().join(Folder::Upload(job.id).path())),
             };
             let bytes = needs::of_upload(&job.spec, upload, most_faces);
-            if self.promise(job.id, bytes).is_err() {
-                tracing::warn!(job = %job.id, bytes, "there is no room for the result of a job that waits");
-                let _ = self.room.promise(job.id, 0, |_| Ok::<_, Error>(()));
-            }
+            let _ = self.room.promise(job.id, bytes, |_| Ok::<_, Error>(()));
         }
     }
 
@@ -233,8 +229,8 @@ impl Files {
         let started = Instant::now();
         let mut is_told = false;
         loop {
-            let free = self.disk.free().unwrap_or(u64::MAX);
-            match self.room.try_secure(job, bytes, free, started.elapsed() < PATIENCE) {
+            let disk = self.disk.state(self.ballast.there());
+            match self.room.try_secure(job, bytes, disk, started.elapsed() < PATIENCE) {
                 room::Outcome::Secured => return Ok(()),
                 room::Outcome::Never => {
                     return Err(Error::new(

@@ -5,7 +5,7 @@ use std::io;
 use std::path::Path;
 
 /// Makes a folder, and the missing ones above it, for the owner only. A folder that is there keeps its mode.
-pub(super) fn make_folder(path: &Path) -> io::Result<()> {
+pub(in crate::service) fn make_folder(path: &Path) -> io::Result<()> {
     let mut builder = std::fs::DirBuilder::new();
     builder.recursive(true);
     #[cfg(unix)]
@@ -24,7 +24,7 @@ pub(in crate::service) fn options() -> OpenOptions {
 
 /// Takes the access of group and others away from a file or folder, if it is there.
 #[cfg(unix)]
-pub(super) fn tighten(path: &Path) -> io::Result<()> {
+pub(in crate::service) fn tighten(path: &Path) -> io::Result<()> {
     use std::os::unix::fs::PermissionsExt as _;
     let mode = match path.symlink_metadata() {
         Ok(metadata) if metadata.is_symlink() => return Ok(()),
@@ -40,13 +40,13 @@ pub(super) fn tighten(path: &Path) -> io::Result<()> {
 
 /// Takes the access of group and others away from a file or folder; does nothing on this system.
 #[cfg(not(unix))]
-pub(super) fn tighten(_: &Path) -> io::Result<()> {
+pub(in crate::service) fn tighten(_: &Path) -> io::Result<()> {
     Ok(())
 }
 
 /// The mode of a folder that group or others may enter or list; none when only its owner may.
 #[cfg(unix)]
-pub(super) fn open_mode(path: &Path) -> Option<u32> {
+pub(in crate::service) fn open_mode(path: &Path) -> Option<u32> {
     use std::os::unix::fs::PermissionsExt as _;
     let mode = path.metadata().ok()?.permissions().mode() & 0o777;
     (mode & 0o077 != 0).then_some(mode)
@@ -54,6 +54,6 @@ pub(super) fn open_mode(path: &Path) -> Option<u32> {
 
 /// The mode of a folder that group or others may enter; unknown on this system.
 #[cfg(not(unix))]
-pub(super) fn open_mode(_: &Path) -> Option<u32> {
+pub(in crate::service) fn open_mode(_: &Path) -> Option<u32> {
     None
 }

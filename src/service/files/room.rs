@@ -3,13 +3,14 @@
 //! A job is accepted when the disk has room for the [estimate](super::needs) of its result beside what was promised to
 //! others. Once its mesh was read, and again once its result is known, the promise is [brought up to
 //! date](Room::try_secure). A job that then needs more than it was promised waits as long as other jobs can make room, and fails
-//! when none can. A job that needs no more than its promise waits as long as somebody else fills the disk.
+//! when none can. A job that needs no more than its promise waits as long as files of others fill the disk.
 //!
 //! Promises are kept in memory: they follow from the jobs that have not ended, and are made again when the service starts.
 
 use std::collections::HashMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
+use super::disk::State;
 use crate::service::store::JobId;
 
 /// Bytes that stay free for the store of jobs, whose log grows with every change before it is written over.
@@ -85,9 +86,10 @@ impl Room {
         promises.jobs.remove(&job);
     }
 
-    /// Promises a job what it turns out to need, of `free` bytes on the disk. With `is_patient` it would rather wait for
+    /// Promises a job what it turns out to need, of what is free on the disk. With `is_patient` it would rather wait for
     /// jobs that are still to be read.
-    pub fn try_secure(&self, job: JobId, needs: u64, free: u64, is_patient: bool) -> Outcome {
+    pub fn try_secure(&self, job: JobId, needs: u64, disk: State, is_patient: bool) -> Outcome {
+        let State { free, foreign } = disk;
         let mut promises = self.lock();
         let promised = promises.jobs.get(&job).map_or(0, |promise| promise.bytes);
         let others = promises.bytes - promised;
@@ -115,9 +117,9 @@ impl Room {
             Stage::Secured => true,
             Stage::GivenUp => true,
         };
-        let is_short_of_promise = needs <= promised;
+        let is_others_fault = needs <= promised && needs <= free.saturating_add(foreign);
         let has_hope = promises.jobs.iter().any(|(id, other)| *id != job && makes_room(other));
-        if is_short_of_promise || has_hope {
+        if is_others_fault || has_hope {
             return Outcome::Wait;
         }
         promises.set_stage(job, Stage::GivenUp);
@@ -160,6 +162,10 @@ mod tests {
 
     const MIB: u64 = 1 << 20;
 
+    fn free(free: u64) -> State {
+        State { free, foreign: 0 }
+    }
+
     fn promise(room: &Room, bytes: u64, free: u64) -> Result<JobId, u64> {
         let id = JobId::random();
         room.promise(id, bytes, |all| if all <= free { Ok(()) } else { Err(all) })?;
@@ -182,7 +188,7 @@ mod tests {
     fn a_job_that_needs_less_than_it_was_promised_leaves_the_rest_to_others() {
         let room = Room::default();
         let job = promise(&room, 100 * MIB, u64::MAX).expect("room");
-        assert_eq!(room.try_secure(job, 40 * MIB, 41 * MIB, true), Outcome::Secured);
+        assert_eq!(room.try_secure(job, 40 * MIB, free(41 * MIB), true), Outcome::Secured);
         assert_eq!(room.promised(), 40 * MIB);
     }
 
@@ -190,8 +196,11 @@ mod tests {
     fn a_job_that_was_promised_room_waits_while_somebody_else_fills_the_disk() {
         let room = Room::default();
         let job = promise(&room, 100 * MIB, u64::MAX).expect("room");
-        assert_eq!(room.try_secure(job, 90 * MIB, 50 * MIB, false), Outcome::Wait);
-        assert_eq!(room.try_secure(job, 90 * MIB, 90 * MIB, false), Outcome::Secured);
+        let others = State { free: 50 * MIB, foreign: 50 * MIB };
+        assert_eq!(room.try_secure(job, 90 * MIB, others, false), Outcome::Wait);
+        assert_eq!(room.try_secure(job, 90 * MIB, free(90 * MIB), false), Outcome::Secured);
+        // without others, the service itself promised more than there is
+        assert_eq!(room.try_secure(job, 90 * MIB, free(50 * MIB), false), Outcome::Never);
     }
 
     #[test]
@@ -199,11 +208,11 @@ mod tests {
         let room = Room::default();
         let running = promise(&room, 20 * MIB, u64::MAX).expect("room");
         let larger = promise(&room, 10 * MIB, u64::MAX).expect("room");
-        assert_eq!(room.try_secure(running, 20 * MIB, 60 * MIB, false), Outcome::Secured);
-        assert_eq!(room.try_secure(larger, 60 * MIB, 60 * MIB, false), Outcome::Wait);
+        assert_eq!(room.try_secure(running, 20 * MIB, free(60 * MIB), false), Outcome::Secured);
+        assert_eq!(room.try_secure(larger, 60 * MIB, free(60 * MIB), false), Outcome::Wait);
         room.give_back(running);
         // less than what it needs and the store's room
-        assert_eq!(room.try_secure(larger, 60 * MIB, 60 * MIB, false), Outcome::Never);
+        assert_eq!(room.try_secure(larger, 60 * MIB, free(60 * MIB), false), Outcome::Never);
         assert!(room.gave_up(larger));
         room.give_back(larger);
         assert!(!room.gave_up(larger));
@@ -214,15 +223,15 @@ mod tests {
         let room = Room::default();
         let jobs = [10, 10, 10].map(|bytes| promise(&room, bytes * MIB, u64::MAX).expect("room"));
         for job in jobs {
-            assert_eq!(room.try_secure(job, 50 * MIB, 60 * MIB, true), Outcome::Wait);
+            assert_eq!(room.try_secure(job, 50 * MIB, free(60 * MIB), true), Outcome::Wait);
         }
         // all wait: patience changes nothing
-        assert_eq!(room.try_secure(jobs[0], 50 * MIB, 60 * MIB, true), Outcome::Wait);
-        assert_eq!(room.try_secure(jobs[1], 50 * MIB, 60 * MIB, true), Outcome::Wait);
-        assert_eq!(room.try_secure(jobs[2], 50 * MIB, 60 * MIB, true), Outcome::Never);
+        assert_eq!(room.try_secure(jobs[0], 50 * MIB, free(60 * MIB), true), Outcome::Wait);
+        assert_eq!(room.try_secure(jobs[1], 50 * MIB, free(60 * MIB), true), Outcome::Wait);
+        assert_eq!(room.try_secure(jobs[2], 50 * MIB, free(60 * MIB), true), Outcome::Never);
         room.give_back(jobs[2]);
-        assert_eq!(room.try_secure(jobs[0], 50 * MIB, 70 * MIB, true), Outcome::Secured);
-        assert_eq!(room.try_secure(jobs[1], 50 * MIB, 70 * MIB, false), Outcome::Wait);
+        assert_eq!(room.try_secure(jobs[0], 50 * MIB, free(70 * MIB), true), Outcome::Secured);
+        assert_eq!(room.try_secure(jobs[1], 50 * MIB, free(70 * MIB), false), Outcome::Wait);
     }
 
     #[test]
@@ -230,7 +239,7 @@ mod tests {
         let room = Room::default();
         let larger = promise(&room, MIB, u64::MAX).expect("room");
         promise(&room, MIB, u64::MAX).expect("room");
-        assert_eq!(room.try_secure(larger, 50 * MIB, 50 * MIB, true), Outcome::Wait);
-        assert_eq!(room.try_secure(larger, 50 * MIB, 50 * MIB, false), Outcome::Never);
+        assert_eq!(room.try_secure(larger, 50 * MIB, free(50 * MIB), true), Outcome::Wait);
+        assert_eq!(room.try_secure(larger, 50 * MIB, free(50 * MIB), false), Outcome::Never);
     }
 }

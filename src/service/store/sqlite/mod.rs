@@ -24,10 +24,10 @@ use rusqlite::{Connection, params};
 use tokio::sync::watch;
 use tokio_util::bytes::Bytes;
 
+use self::check::{Damage, START};
 use self::commands::{
     Append, Cancel, Claim, Create, Delete, Finish, GiveBack, Heartbeat, Probe, Reclaim, SettleWebhook, find, waiting,
 };
-use self::check::{Damage, START};
 use self::connections::{Readers, all, first, one};
 use self::rows::{column, count, jobs};
 use self::schema::MigrateError;
