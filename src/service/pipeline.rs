@@ -257,7 +257,12 @@ impl Pipeline {
                 ending.rest = log.rest();
                 loop {
                     match self.store.end(ticket, ending.clone()).await {
-                        Err(error) if self.may_try_again(&error, abort).await => {}
+                        Err(error) if self.may_try_again(&error, abort).await => {
+                            // its end makes room, and on a full disk it takes some
+                            if self.files.gave_up(job.id) {
+                                self.files.give_up_ballast().await;
+                            }
+                        }
                         outcome => break outcome.map(|()| state),
                     }
                 }

@@ -57,7 +57,7 @@ impl Drop for Disk {
     }
 }
 
-fn write_zeros(path: &Path, bytes: u64) {
+fn write_ones(path: &Path, bytes: u64) {
     std::fs::create_dir_all(path.parent().expect("a folder")).expect("made");
     std::fs::write(path, vec![1; bytes as usize]).expect("written");
 }
@@ -137,7 +137,7 @@ async fn a_job_that_can_never_fit_fails_and_one_that_others_leave_no_room_waits(
             true => folder.join("results/00000000-0000-4000-8000-000000000000/1/labels.npy"),
             false => folder.join("somebody's"),
         };
-        write_zeros(&file, 50 * MIB);
+        write_ones(&file, 54 * MIB);
         let service = disk.service(Box::new(CpuDevice::new()), change).await;
         let ended = match is_own {
             true => service.ended(&job).await,

@@ -271,12 +271,12 @@ impl Files {
         }
     }
 
-    /// Gives the ballast up for a deletion; whether there was any.
+    /// Gives the ballast up, so that the store can write; whether there was any.
     pub async fn give_up_ballast(self: &Arc<Self>) -> bool {
         let this = Arc::clone(self);
         let had_any = blocking(move || this.ballast.give_up()).await.unwrap_or(false);
         if had_any {
-            tracing::warn!("the disk is full: the ballast was given up for a deletion");
+            tracing::warn!("the disk is full: the ballast was given up, so that jobs can be forgotten");
         }
         had_any
     }

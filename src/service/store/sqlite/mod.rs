@@ -24,7 +24,7 @@ use rusqlite::{Connection, params};
 use tokio::sync::watch;
 use tokio_util::bytes::Bytes;
 
-use self::check::{Damage, START};
+use self::check::{Damage, START, is_damage};
 use self::commands::{
     Append, Cancel, Claim, Create, Delete, Finish, GiveBack, Heartbeat, Probe, Reclaim, SettleWebhook, find, waiting,
 };
@@ -58,7 +58,10 @@ impl SqliteStore {
         };
         let file = path.to_owned();
         let opened = blocking(move || open_up_to_date(&file)).await?;
-        let (connection, readers) = opened.map_err(|error| cannot(&error))?;
+        let (connection, readers) = opened.map_err(|error| match error {
+            MigrateError::Database(error) if is_damage(&error) => error.into(),
+            error => cannot(&error),
+        })?;
         let listeners = Arc::<Listeners>::default();
         let damage = Arc::clone(&readers.damage);
         let writer = Writer::start(connection, path.to_owned(), Arc::clone(&listeners), Arc::clone(&damage), faults);
