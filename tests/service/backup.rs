@@ -23,10 +23,10 @@ async fn labels(service: &Service, job: &Value) -> Vec<u8> {
 #[tokio::test]
 async fn a_service_on_a_backup_serves_results_and_runs_what_waited() {
     let service = Service::start().await;
-    let meshes = [sphere(300), sphere(100_000)];
+    let meshes = [sphere(300), sphere(70_000)];
     let mut ended = Vec::new();
     for mesh in &meshes {
-        let job = service.submit("clusters=7", mesh.clone()).await;
+        let job = service.submit("clusters=7&quality=fast", mesh.clone()).await;
         assert_eq!(service.ended(&job).await["state"], "succeeded");
         ended.push((labels(&service, &job).await, job));
     }
@@ -41,7 +41,7 @@ async fn a_service_on_a_backup_serves_results_and_runs_what_waited() {
     let service = Service::on(folder, change, device, None, Extras::default()).await;
     let mut waiting = Vec::new();
     for mesh in meshes.iter().rev() {
-        waiting.push(service.submit("clusters=7", mesh.clone()).await);
+        waiting.push(service.submit("clusters=7&quality=fast", mesh.clone()).await);
     }
     service.reaches(&waiting[0], "running").await;
 
@@ -82,8 +82,10 @@ async fn a_backup_under_load_holds_all_files_of_its_jobs() {
             let copy = Service::on(to, |_| {}, Box::new(CpuDevice::new()), None, Extras::default()).await;
             for job in json(copy.get("/v1/jobs")).await["jobs"].as_array().expect("jobs") {
                 let ended = copy.ended(job).await;
-                assert_eq!(ended["state"], "succeeded", "{ended}");
-                assert!(!labels(&copy, &ended).await.is_empty());
+                match text(&ended["state"]) {
+                    "succeeded" => assert!(!labels(&copy, &ended).await.is_empty()),
+                    state => assert_eq!(state, "cancelled", "{ended}"),
+                }
             }
         }
     };

@@ -71,7 +71,7 @@ async fn every_job_that_a_small_disk_accepts_ends() {
     let Some(disk) = Disk::mount(48 * MIB) else { return };
     let (device, gate) = Held::behind_gate();
     let service = disk.service(device, |settings| settings.storage.min_free_bytes = 16 * MIB).await;
-    let mesh = sphere_glb(20_000);
+    let mesh = sphere_glb(8_000);
     let mut accepted = Vec::new();
     let detail = loop {
         let query = format!("/v1/jobs?algorithm=pml&levels={}", 500 + accepted.len());
@@ -103,7 +103,7 @@ async fn what_jobs_were_promised_outlasts_a_restart() {
     };
     let (device, _gate) = Held::behind_gate();
     let service = disk.service(device, change).await;
-    let mesh = sphere_glb(20_000);
+    let mesh = sphere_glb(8_000);
     let post = async |service: &Service| {
         let request = service.post("/v1/jobs?algorithm=pml").header("content-type", "model/gltf-binary");
         request.body(mesh.clone()).send().await.expect("answered").status().as_u16()
@@ -129,7 +129,7 @@ async fn a_job_that_can_never_fit_fails_and_one_that_others_leave_no_room_waits(
         let (device, _gate) = Held::behind_gate();
         let mut service = disk.service(device, change).await;
         let request = service.post("/v1/jobs?algorithm=pml").header("content-type", "model/gltf-binary");
-        let job = json(request.body(sphere_glb(60_000))).await;
+        let job = json(request.body(sphere_glb(30_000))).await;
         service.stopped().await;
         // another file of the service, or of somebody else
         let folder = disk.0.path();
@@ -137,7 +137,7 @@ async fn a_job_that_can_never_fit_fails_and_one_that_others_leave_no_room_waits(
             true => folder.join("results/00000000-0000-4000-8000-000000000000/1/labels.npy"),
             false => folder.join("somebody's"),
         };
-        write_ones(&file, 54 * MIB);
+        write_ones(&file, 56 * MIB + MIB / 2);
         let service = disk.service(Box::new(CpuDevice::new()), change).await;
         let ended = match is_own {
             true => service.ended(&job).await,
@@ -169,7 +169,7 @@ async fn deletions_work_on_a_full_disk() {
     for _ in 0..2 {
         small.push(service.submit("clusters=5", sphere(300)).await);
     }
-    let large = service.submit("clusters=50", sphere(100_000)).await;
+    let large = service.submit("clusters=50&quality=fast", sphere(70_000)).await;
     for job in small.iter().chain([&large]) {
         assert_eq!(service.ended(job).await["state"], "succeeded");
     }
@@ -186,8 +186,8 @@ async fn jobs_expire_on_a_full_disk() {
     let Some(disk) = Disk::mount(48 * MIB) else { return };
     let mut service = disk.service(Box::new(CpuDevice::new()), |settings| settings.storage.min_free_bytes = 0).await;
     let mut ended = Vec::new();
-    for faces in [300, 100_000, 300, 100_000] {
-        ended.push(service.submit("clusters=5", sphere(faces)).await);
+    for faces in [300, 70_000, 300, 70_000] {
+        ended.push(service.submit("clusters=5&quality=fast", sphere(faces)).await);
     }
     for job in &ended {
         assert_eq!(service.ended(job).await["state"], "succeeded");

@@ -46,7 +46,7 @@ async fn results_outlast_a_store_that_was_lost() {
     let store = folder.path().join("jobs.sqlite3");
     let older = std::fs::read(&store).expect("a store");
     let service = service.again(|_| {}).await;
-    let job = service.submit("clusters=5", sphere(100_000)).await;
+    let job = service.submit("clusters=5&quality=fast", sphere(70_000)).await;
     assert_eq!(service.ended(&job).await["state"], "succeeded");
     let mut service = service;
     service.stopped().await;
@@ -79,7 +79,7 @@ async fn results_outlast_a_store_that_was_lost() {
 #[tokio::test]
 async fn results_that_an_older_copy_of_the_store_does_not_know_are_moved_aside() {
     let service = Service::start().await;
-    let known = service.submit("clusters=5", sphere(100_000)).await;
+    let known = service.submit("clusters=5&quality=fast", sphere(70_000)).await;
     assert_eq!(service.ended(&known).await["state"], "succeeded");
     let mut service = service;
     service.stopped().await;
@@ -87,7 +87,7 @@ async fn results_that_an_older_copy_of_the_store_does_not_know_are_moved_aside()
     let store = folder.path().join("jobs.sqlite3");
     let older = std::fs::read(&store).expect("a store");
     let service = service.again(|_| {}).await;
-    let lost = service.submit("clusters=5", sphere(100_000)).await;
+    let lost = service.submit("clusters=5&quality=fast", sphere(70_000)).await;
     assert_eq!(service.ended(&lost).await["state"], "succeeded");
     let mut service = service;
     service.stopped().await;
@@ -122,7 +122,7 @@ async fn a_damaged_store_is_refused_and_left_as_it_is() {
 #[tokio::test]
 async fn results_are_unavailable_and_not_gone_while_the_folder_is_away() {
     let service = Service::start().await;
-    let job = service.submit("clusters=5", sphere(100_000)).await;
+    let job = service.submit("clusters=5&quality=fast", sphere(70_000)).await;
     assert_eq!(service.ended(&job).await["state"], "succeeded");
     let folder = service.folder();
     let away = folder.path().with_extension("away");
@@ -189,8 +189,10 @@ async fn nobody_else_can_read_what_is_in_the_data_folder() {
     let mut service = service;
     service.stopped().await;
     // as earlier versions made them
-    for name in ["uploads", "results", "scratch", "jobs.sqlite3", "lock"] {
-        std::fs::set_permissions(data.join(name), std::fs::Permissions::from_mode(0o755)).expect("changed");
+    for (name, mode) in
+        [("uploads", 0o755), ("results", 0o755), ("scratch", 0o755), ("jobs.sqlite3", 0o644), ("lock", 0o644)]
+    {
+        std::fs::set_permissions(data.join(name), std::fs::Permissions::from_mode(mode)).expect("changed");
     }
     let service = Service::on(folder, change, Box::new(CpuDevice::new()), None, Extras::default()).await;
     let job = service.submit("clusters=5", sphere(300)).await;

@@ -141,7 +141,11 @@ impl Files {
         let room = Room::default();
         let (incoming, failures) = (Mutex::default(), AtomicU64::new(0));
         let files = Self { root, blobs, disk, ballast, room, incoming, failures, faults };
-        files.make_ballast();
+        match files.disk.free() {
+            // the store needs some room to be opened
+            Some(free) if free < room::STORE_ROOM / 8 => drop(files.ballast.give_up()),
+            _ => files.make_ballast(),
+        }
         Ok(files)
     }
 

@@ -84,5 +84,5 @@ pub(super) fn check(connection: &Connection, longest: Duration) -> rusqlite::Res
 /// What the check found, as an error of the database.
 fn broken(verdict: String) -> rusqlite::Error {
     let code = rusqlite::ffi::Error::new(rusqlite::ffi::SQLITE_CORRUPT);
-    rusqlite::Error::SqliteFailure(code, Some(verdict))
+    rusqlite::Error::SqliteFailure(code, Some(verdict.replace('\n', " ")))
 }
