@@ -23,8 +23,16 @@ impl Running {
     }
 
     fn with(folder: &Folder, more: &[&str]) -> Self {
-        let mut command = folder.tesserae(&["serve", "--listen", "127.0.0.1:0", "--device", "cpu"]);
+        let mut command = Self::command(folder);
         command.args(more);
+        Self::spawn(command)
+    }
+
+    fn command(folder: &Folder) -> Command {
+        folder.tesserae(&["serve", "--listen", "127.0.0.1:0", "--device", "cpu"])
+    }
+
+    fn spawn(mut command: Command) -> Self {
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the binary runs");
         let mut log = BufReader::new(child.stderr.take().expect("a pipe"));
         let mut line = String::new();
@@ -86,6 +94,63 @@ fn it_says_where_it_listens_and_ends_in_order_when_asked() {
         assert!(!log.contains('\u{1b}'), "colours are for terminals: {log}");
         assert!(folder.files().is_empty());
     }
+}
+
+#[test]
+fn temporary_folders_of_killed_processes_are_removed_and_others_are_private() {
+    use std::os::unix::fs::PermissionsExt as _;
+
+    let folder = Folder::new();
+    std::fs::create_dir(folder.path("tmp")).expect("a folder");
+    let start = || {
+        let mut command = Running::command(&folder);
+        command.env("TMPDIR", folder.path("tmp"));
+        Running::spawn(command)
+    };
+    let there = || {
+        let entries = std::fs::read_dir(folder.path("tmp")).expect("a folder");
+        entries.map(|entry| entry.expect("an entry").path()).collect::<Vec<_>>()
+    };
+    let lives = start();
+    let first = there();
+    let killed = start();
+    assert_eq!(there().len(), 2, "one that runs is left alone");
+    for folder in there() {
+        let mode = folder.metadata().expect("there").permissions().mode();
+        assert_eq!(mode & 0o777, 0o700, "{}", folder.display());
+    }
+    killed.end("-KILL");
+    assert_eq!(there().len(), 2);
+    let next = start();
+    assert!(there().contains(&first[0]) && there().len() == 2, "{:?}", there());
+    assert_eq!(next.end("-TERM").0, Some(0));
+    assert_eq!(lives.end("-TERM").0, Some(0));
+    assert!(there().is_empty());
+}
+
+#[test]
+fn a_backup_is_made_while_the_service_runs_and_a_service_starts_on_it() {
+    let folder = Folder::new();
+    folder.sample("sphere", 300, "sphere.obj");
+    let mesh = folder.read("sphere.obj");
+    folder.run(&["backup", "--data-dir", "data", "backup"]).expect_failure(&["no store of jobs", "data"]);
+    let service = Running::with(&folder, &["--data-dir", "data"]);
+    let mut stream = TcpStream::connect(&service.address).expect("it listens");
+    let head = "POST /v1/jobs?clusters=5 HTTP/1.0\r\nContent-Type: model/obj\r\nPrefer: wait=60\r\nHost: x";
+    write!(stream, "{head}\r\nContent-Length: {}\r\n\r\n", mesh.len()).expect("it reads");
+    stream.write_all(&mesh).expect("it reads");
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).expect("it answers");
+    assert!(answer.starts_with("HTTP/1.0 200 "), "{answer}");
+    let made = folder.run(&["backup", "--data-dir", "data", "backup"]);
+    assert!(made.text().starts_with("jobs: 1, files: 0,"), "{made:?}");
+    folder.run(&["backup", "--data-dir", "data", "backup"]).expect_failure(&["not empty", "backup"]);
+    let told = service.get("/v1/jobs");
+    assert_eq!(service.end("-TERM").0, Some(0));
+    let service = Running::with(&folder, &["--data-dir", "backup"]);
+    let body = |answer: &str| answer.split_once("\r\n\r\n").expect("a body").1.to_owned();
+    assert_eq!(body(&service.get("/v1/jobs")), body(&told));
+    assert_eq!(service.end("-TERM").0, Some(0));
 }
 
 #[test]

@@ -8,6 +8,7 @@
 //! A message begins with the name of the program and, where it is about an input, with the name of that file
 //! ([`Failure::about`]). Parameters are spelled as flags ([`names::spell_as_flags`]).
 
+mod backup;
 mod bench;
 mod cluster;
 mod cut;
@@ -66,6 +67,8 @@ enum Command {
     Bench(bench::Arguments),
     /// Serve jobs over HTTP
     Serve(Box<serve::Arguments>),
+    /// Copy the data folder of a service, also while it runs
+    Backup(backup::Arguments),
     /// Make, list and take back the tokens that a service asks for
     Token(token::Arguments),
     /// Ask a service whether it is well; the exit status tells
@@ -94,6 +97,7 @@ pub fn main() -> ExitCode {
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Serve(arguments) => serve::run(*arguments),
+        Command::Backup(arguments) => backup::run(&arguments),
         Command::Token(arguments) => token::run(&arguments),
         Command::Health(arguments) => health::run(&arguments),
         Command::Sample(arguments) => sample::run(&arguments),

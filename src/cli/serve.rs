@@ -39,6 +39,9 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     }
     arguments.settings.check().map_err(|error| Failure::Usage("serve", error.message))?;
     let logging = arguments.log.start().map_err(|error| Failure::Usage("serve", error.message))?;
+    // what the service writes is for its own user only
+    #[cfg(unix)]
+    nix::sys::stat::umask(nix::sys::stat::Mode::from_bits_truncate(0o077));
     // a connection is an open file; where it cannot be raised, the limit is as it is
     match rlimit::increase_nofile_limit(OPEN_FILES) {
         Ok(limit) => tracing::debug!(limit, "open files"),

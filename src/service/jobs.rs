@@ -24,7 +24,7 @@ use super::store::{Created, Deletion, Job, JobId, ListQuery, NewJob, State, no_s
 use super::timestamp::rfc3339;
 use super::trace::TraceParent;
 use super::upload::{self, Upload};
-use super::{admission, idempotency, intake, prefer, query};
+use super::{admission, deletion, idempotency, intake, prefer, query};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Format;
 use crate::parameters::Parameters;
@@ -354,6 +354,9 @@ async fn accept(shared: Arc<Shared>, tenant: Tenant, upload: Upload, key: Option
     };
     let idempotency = key.map(|key| idempotency::idempotency(key, &spec, &digests)).transpose()?;
     let id = folder.id();
+    if !is_known {
+        folder.promise(&spec, shared.settings.max_faces)?;
+    }
     let upload = folder.settle(|bytes| shared.store.takes(bytes)).await?;
     spec.is_small = !upload.is_empty();
     match shared.store.create(NewJob { id, spec, idempotency, upload }).await {
@@ -457,17 +460,17 @@ pub(super) async fn show(Extract(shared): App, caller: Caller, Path(id): Path<St
 )]
 pub(super) async fn remove(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer<Response> {
     let id = find(&shared, &caller, &id).await?.id;
-    match shared.store.delete(id).await? {
+    match deletion::delete(&shared.files, shared.store.as_ref(), id).await? {
         Deletion::Unknown => Err(no_such_job(id).into()),
-        Deletion::Deleted => {
-            shared.files.remove(id).await;
-            Ok(StatusCode::NO_CONTENT.into_response())
-        }
+        Deletion::Deleted => Ok(StatusCode::NO_CONTENT.into_response()),
         Deletion::Live => {
             let job = shared.store.cancel(id).await?.ok_or_else(|| no_such_job(id))?;
-            if job.started_at.is_none() && !job.spec.is_small {
-                // never claimed: nobody else removes it
-                shared.files.remove_upload(id).await;
+            if job.state == State::Cancelled {
+                // it waited: no worker ends it
+                shared.files.give_back(id);
+                if !job.spec.is_small {
+                    shared.files.remove_upload(id).await;
+                }
             }
             Ok(answer(&shared, StatusCode::ACCEPTED, HeaderMap::new(), job))
         }

@@ -12,8 +12,9 @@
 //! | how bodies come in | `upload`, `intake` |
 //! | what happens to a job | `pipeline` |
 //! | how jobs are kept | `store`, and their files in `files`; `blobs` knows which are where |
-//! | how long they are kept | `retention` |
+//! | how long they are kept | `retention`, by the time of `aging`; `deletion` |
 //! | what happens when the disk fails | `storage` |
+//! | backups | `backup` |
 //! | asking twice for one job | `idempotency` |
 //! | a resource | `jobs`, `events`, `results`, `hierarchy`, `info`; `encoded` for what is made when it is asked for |
 //! | what errors look like | `problem` |
@@ -32,8 +33,11 @@
 
 mod access;
 mod admission;
+mod aging;
+mod backup;
 mod blobs;
 mod conditional;
+mod deletion;
 mod encoded;
 mod events;
 mod faults;
@@ -70,6 +74,7 @@ mod upload;
 mod webhooks;
 
 pub use access::tokens::{Quotas, TenantEntry, Token, TokenEntry, TokenFile};
+pub use backup::{Backup, back_up};
 pub use faults::{FaultPoint, Faults};
 pub use info::DeviceDescription;
 pub use logging::{LogFormat, LogSettings, Logging};

@@ -209,7 +209,7 @@ impl Pipeline {
         let _break_off = broken_off.clone().drop_guard();
         let outcome = tokio::select! {
             biased;
-            outcome = self.cluster(&slot, ticket, &job, &cancel, &log, broken_off) => outcome.map_err(judge),
+            outcome = self.cluster(&slot, ticket, &job, &cancel, &log, broken_off) => outcome.map_err(|error| self.judge(&job, error)),
             () = self.cancel_requested(&job) => Err(Verdict::Ended(End::Cancelled.into())),
             () = lease.lost() => Err(Verdict::Lost),
             () = abort.cancelled() => Err(self.stopped()),
@@ -227,7 +227,7 @@ impl Pipeline {
                     Ok(Written { summary, small }) => {
                         Verdict::Ended(Ending { end: End::Succeeded(summary), rest: None, result: small })
                     }
-                    Err(error) => judge(error),
+                    Err(error) => self.judge(&job, error),
                 }
             }
             Err(verdict) => verdict,
@@ -257,7 +257,12 @@ impl Pipeline {
                 ending.rest = log.rest();
                 loop {
                     match self.store.end(ticket, ending.clone()).await {
-                        Err(error) if self.may_try_again(&error, abort).await => {}
+                        Err(error) if self.may_try_again(&error, abort).await => {
+                            // its end makes room, and on a full disk it takes some
+                            if self.files.gave_up(job.id) {
+                                self.files.give_up_ballast().await;
+                            }
+                        }
                         outcome => break outcome.map(|()| state),
                     }
                 }
@@ -281,6 +286,10 @@ impl Pipeline {
         };
         if may_have_files && state != Ok(State::Succeeded) {
             self.files.remove_result(job.id, ticket.attempt).await;
+        }
+        match &state {
+            Ok(state) if state.is_ended() => self.files.give_back(job.id),
+            _ => self.files.put_back(job.id),
         }
         match state {
             Ok(state) if state.is_ended() && !job.spec.is_small => self.files.remove_upload(job.id).await,
@@ -311,6 +320,14 @@ impl Pipeline {
         };
         if !asked {
             std::future::pending::<()>().await;
+        }
+    }
+
+    /// What an attempt comes to that ended with an error.
+    fn judge(&self, job: &Job, error: Error) -> Verdict {
+        match self.files.gave_up(job.id) {
+            true => Verdict::Ended(End::Failed(error).into()),
+            false => judge(error),
         }
     }
 

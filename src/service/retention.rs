@@ -1,13 +1,17 @@
-//! Forgetting: jobs that ended long ago go, with their results, and what nobody knows of is swept away.
+//! Forgetting: jobs that ended long ago go, with their results, and what no job knows of is swept away.
 
+use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime};
 
-use futures_util::future::try_join_all;
+use futures_util::future::join_all;
 use tokio_util::sync::CancellationToken;
 
+use super::aging::{self, Aging, Reading};
+use super::deletion;
 use super::files::Files;
 use super::store::{Deletion, JobStore};
-use crate::error::{Error, Result};
+use crate::error::Result;
 
 /// Jobs that are forgotten before the next look at the time.
 const AT_ONCE: usize = 100;
@@ -18,49 +22,126 @@ const INTERVAL: Duration = Duration::from_secs(30);
 /// Time between two sweeps: what they find was left by a removal that failed.
 const SWEEP: Duration = Duration::from_secs(3600);
 
-/// Forgets jobs `retention` after their end, until `stop`; with none, only sweeps.
-pub(super) async fn run(files: &Files, store: &dyn JobStore, retention: Option<Duration>, stop: CancellationToken) {
-    let interval = retention.map_or(INTERVAL, |retention| (retention / 10).clamp(Duration::from_millis(100), INTERVAL));
-    let mut swept = Instant::now();
-    loop {
-        tokio::select! {
-            () = stop.cancelled() => return,
-            () = tokio::time::sleep(interval) => {}
+/// Forgets jobs some time after their end.
+#[derive(Debug)]
+pub(super) struct Retention {
+    files: Arc<Files>,
+    store: Arc<dyn JobStore>,
+    /// Time for which an ended job is kept; for ever when none.
+    kept: Option<Duration>,
+    aging: Aging,
+    /// Where the time that was reached is kept.
+    clock: Option<PathBuf>,
+}
+
+impl Retention {
+    /// For the jobs of a store, from `now` on.
+    pub fn new(files: Arc<Files>, store: Arc<dyn JobStore>, kept: Option<Duration>, now: Reading) -> Self {
+        let clock = files.clock();
+        let aging = Aging::new(clock.as_deref().and_then(aging::load), now);
+        Self { files, store, kept, aging, clock }
+    }
+
+    /// Forgets jobs until `stop`.
+    pub async fn run(mut self, stop: CancellationToken) {
+        let kept = self.kept;
+        let interval = kept.map_or(INTERVAL, |kept| (kept / 10).clamp(Duration::from_millis(100), INTERVAL));
+        let mut swept = Instant::now();
+        loop {
+            tokio::select! {
+                () = stop.cancelled() => return,
+                () = tokio::time::sleep(interval) => {}
+            }
+            let time = self.look(Reading::now()).await;
+            if swept.elapsed() >= SWEEP {
+                swept = Instant::now();
+                match self.files.sweep(self.store.as_ref()).await {
+                    Ok(removed) => tracing::debug!(removed, "swept"),
+                    Err(error) => tracing::warn!(%error, "the data folder cannot be swept now"),
+                }
+                if let Err(error) = self.files.empty_aside(time).await {
+                    tracing::warn!(%error, "what was moved aside cannot be removed now");
+                }
+            }
         }
-        if let Some(retention) = retention
-            && let Err(error) = expire(files, store, retention).await
+    }
+
+    /// Forgets what is old by now; the time by which that is told.
+    async fn look(&mut self, now: Reading) -> SystemTime {
+        let time = self.aging.time(now);
+        if let Some(clock) = &self.clock
+            && let Err(error) = aging::save(clock, time)
+        {
+            tracing::debug!(%error, "the time cannot be kept");
+        }
+        let before = self.kept.and_then(|kept| time.checked_sub(kept));
+        if let Some(before) = before
+            && let Err(error) = self.expire(before).await
         {
             tracing::warn!(%error, "jobs cannot be forgotten now");
         }
-        if swept.elapsed() >= SWEEP {
-            swept = Instant::now();
-            match files.sweep(store).await {
-                Ok(removed) => tracing::debug!(removed, "swept"),
-                Err(error) => tracing::warn!(%error, "the data folder cannot be swept now"),
+        time
+    }
+
+    /// Forgets every job that ended earlier.
+    async fn expire(&self, before: SystemTime) -> Result<()> {
+        loop {
+            let old = self.store.ended_before(before, AT_ONCE).await?;
+            // at once: they share a transaction, as many jobs may end as begin
+            let outcomes = join_all(old.iter().map(async |id| {
+                let outcome = deletion::delete(&self.files, self.store.as_ref(), *id).await?;
+                if outcome == Deletion::Deleted {
+                    tracing::info!(job = %id, "forgotten");
+                }
+                Result::Ok(())
+            }));
+            outcomes.await.into_iter().collect::<Result<()>>()?;
+            if old.len() < AT_ONCE {
+                return Ok(());
             }
         }
     }
 }
 
-/// Forgets every job that ended more than `retention` ago.
-async fn expire(files: &Files, store: &dyn JobStore, retention: Duration) -> Result<()> {
-    let Some(before) = SystemTime::now().checked_sub(retention) else {
-        return Ok(());
-    };
-    loop {
-        let old = store.ended_before(before, AT_ONCE).await?;
-        // at once: they share a transaction, as many jobs may end as begin
-        try_join_all(old.iter().map(async |id| {
-            // the job first: without it, its files are nobody's and would be swept away
-            if store.delete(*id).await? == Deletion::Deleted {
-                files.remove(*id).await;
-                tracing::info!(job = %id, "forgotten");
-            }
-            Ok::<_, Error>(())
-        }))
-        .await?;
-        if old.len() < AT_ONCE {
-            return Ok(());
-        }
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::service::faults::Faults;
+    use crate::service::files::DiskLimits;
+    use crate::service::store::memory::MemoryStore;
+    use crate::service::store::tests::new_job;
+    use crate::service::store::{End, Rules};
+
+    #[tokio::test]
+    async fn a_clock_that_jumps_forward_makes_no_job_expire() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let open = || {
+            let opened = Files::open(Some(folder.path()), DiskLimits::default(), Faults::default());
+            Arc::new(opened.expect("it opens"))
+        };
+        let week = Duration::from_secs(7 * 86_400);
+        let store = Arc::new(MemoryStore::new(Rules { max_queued: 9, max_attempts: 3 }));
+        store.create(new_job()).await.expect("created");
+        let claimed = store.claim(1, week).await.expect("claimable");
+        store.finish(claimed[0].0, End::Cancelled).await.expect("ended");
+        let is_there = async || store.get(claimed[0].0.job).await.expect("readable").is_some();
+
+        let start = Reading::now();
+        let (files, jobs) = (open(), Arc::clone(&store));
+        let mut retention = Retention::new(Arc::clone(&files), jobs, Some(week), start);
+        let at = |wall: Duration, steady: Duration| Reading { wall: start.wall + wall, steady: start.steady + steady };
+        let minute = Duration::from_secs(60);
+        retention.look(at(minute, minute)).await;
+        retention.look(at(week + 2 * minute, 2 * minute)).await;
+        assert!(is_there().await, "the clock jumped by a week while the service ran");
+        files.close().await;
+        drop((retention, files));
+
+        let now = at(2 * week, 3 * minute);
+        let mut retention = Retention::new(open(), Arc::clone(&store) as Arc<dyn JobStore>, Some(week), now);
+        retention.look(at(2 * week + minute, 4 * minute)).await;
+        assert!(is_there().await, "it jumped while the service was stopped");
+        retention.look(at(2 * week + week / 2, 4 * minute + week / 2)).await;
+        assert!(!is_there().await, "half a week later it is old at last");
     }
 }

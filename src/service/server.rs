@@ -27,6 +27,7 @@ use tracing::Level;
 
 use super::access::Access;
 use super::admission::Admission;
+use super::aging::Reading;
 use super::faults::Faults;
 use super::files::Files;
 use super::health::{Health, Part};
@@ -34,14 +35,15 @@ use super::info::DeviceDescription;
 use super::metrics::{Metrics, TimedStore};
 use super::pipeline::device_thread::{DeviceThread, Reopen};
 use super::pipeline::{Costs, Parts, Pipeline};
-use super::storage::Storage;
+use super::retention::Retention;
+use super::storage::{self, Storage};
 use super::store::memory::MemoryStore;
 use super::store::sqlite::SqliteStore;
 use super::store::{JobStore, Rules};
 use super::trace::{self, TraceParent};
 use super::traffic::{self, Traffic, connections};
 use super::webhooks::{Teller, Webhooks};
-use super::{Settings, conditional, events, hierarchy, info, jobs, openapi, problem, results, retention, tls};
+use super::{Settings, conditional, events, hierarchy, info, jobs, openapi, problem, results, tls};
 use crate::device::Device;
 use crate::error::{Error, Result};
 
@@ -151,17 +153,26 @@ impl Server {
         let address = listener.local_addr().map_err(cannot)?;
         let faults = extras.faults.clone();
         let files = Arc::new(Files::open(settings.data_dir.as_deref(), settings.storage.disk(), faults.clone())?);
+        let forgets = settings.storage.forget_lost_jobs;
+        files.check_store(forgets).await?;
         let rules = Rules { max_queued: settings.max_queued_jobs, max_attempts: settings.work.max_attempts };
         let store: Arc<dyn JobStore> = match files.database() {
-            Some(path) => Arc::new(SqliteStore::open(&path, rules, faults).await?),
+            Some(path) => {
+                let store = SqliteStore::open(&path, rules, faults).await?;
+                if !store.was_used().await? {
+                    files.check_unused_store(forgets).await?;
+                }
+                Arc::new(store)
+            }
             None => Arc::new(MemoryStore::new(rules)),
         };
         let metrics = Arc::new(Metrics::new(&description.info));
         let store: Arc<dyn JobStore> = Arc::new(TimedStore::new(store, Arc::clone(&metrics)));
-        let swept = files.sweep(store.as_ref()).await?;
+        let swept = files.sweep_at_start(store.as_ref()).await?;
         if swept > 0 {
             tracing::info!(folders = swept, "swept away what no job knows of");
         }
+        storage::promise_again(&files, store.as_ref(), settings.max_faces).await?;
         let health = Arc::<Health>::default();
         let storage = Arc::new(Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::clone(&health)));
         let timeout = settings.work.device_timeout();
@@ -222,11 +233,9 @@ impl Server {
             async move { storage.watch(until).await }
         });
         let forgetting = tokio::spawn({
-            let (shared, until) = (Arc::clone(&shared), stop.clone());
-            async move {
-                let retention = shared.settings.storage.retention();
-                retention::run(&shared.files, shared.store.as_ref(), retention, until).await;
-            }
+            let (files, store, until) = (Arc::clone(&shared.files), Arc::clone(&shared.store), stop.clone());
+            let kept = shared.settings.storage.retention();
+            Retention::new(files, store, kept, Reading::now()).run(until)
         });
         let mut serving = tokio::spawn(connections::serve(
             listener,

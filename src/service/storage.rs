@@ -12,7 +12,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::files::{Files, blocking};
 use super::health::{Health, Part};
-use super::store::JobStore;
+use super::store::{JobStore, ListQuery, State};
 use crate::error::Result;
 
 /// Time between two looks.
@@ -20,6 +20,9 @@ const INTERVAL: Duration = Duration::from_millis(500);
 
 /// Time after which the folder is tried although nothing failed.
 const TRIED_ANYWAY: Duration = Duration::from_secs(10);
+
+/// Jobs that are read from the store at once.
+const PAGE: usize = 1000;
 
 /// The state of folder and store.
 #[derive(Debug)]
@@ -64,6 +67,7 @@ impl Storage {
 
     /// Tries both.
     async fn look(&self) {
+        self.give_back_room().await;
         let files = Arc::clone(&self.files);
         let folder = match blocking(move || files.probe()).await {
             Ok(tried) => tried,
@@ -79,7 +83,21 @@ impl Storage {
         self.works.send_if_modified(|before| std::mem::replace(before, works) != works);
     }
 
+    /// Gives back what jobs were promised that ended elsewhere than in the pipeline, as when they were reclaimed.
+    async fn give_back_room(&self) {
+        for job in self.files.promised_jobs() {
+            match self.store.get(job).await {
+                // one that is just being accepted is not there yet
+                Ok(Some(found)) if found.state.is_ended() => self.files.give_back(job),
+                Ok(_) => {}
+                Err(_) => return,
+            }
+        }
+    }
+
     async fn look_at_room(&self) {
+        let files = Arc::clone(&self.files);
+        let _ = blocking(move || files.make_ballast()).await;
         if let Ok(bytes) = self.store.free_bytes().await {
             self.files.free_in_store(bytes);
         }
@@ -92,4 +110,23 @@ impl Storage {
             Err(error) => self.health.fail(part, error.message),
         }
     }
+}
+
+/// Promises jobs that were accepted before the service was started room for their results again, oldest first.
+pub(super) async fn promise_again(files: &Files, store: &dyn JobStore, most_faces: u64) -> Result<()> {
+    let mut jobs = Vec::new();
+    for state in [State::Running, State::Queued] {
+        let mut query = ListQuery { state: Some(state), limit: PAGE, ..ListQuery::default() };
+        loop {
+            let page = store.list(&query).await?;
+            jobs.extend(page.jobs);
+            match page.next {
+                Some(next) => query.cursor = Some(next),
+                None => break,
+            }
+        }
+    }
+    jobs.sort_by_key(|job| job.created_at);
+    files.promise_again(jobs.iter(), most_faces);
+    Ok(())
 }

@@ -125,6 +125,16 @@ impl Stored {
         out.finish()
     }
 
+    /// Length of the file in bytes.
+    pub fn bytes(&self) -> u64 {
+        let Tree { faces, merges, moves, rounds } = &self.tree;
+        let header = serde_json::to_vec(&self.header).map_or(MAX_HEADER, |header| header.len());
+        let checkpoints = self.checkpoints().iter().filter(|&&has| has).count();
+        let records = rounds.len() * ROUND + merges.len() * (PAIR + NODE) + moves.len() * MOVE;
+        let content = FIXED + header + records + *faces as usize * LABEL * checkpoints;
+        u64::try_from(framed(content as u128)).unwrap_or(u64::MAX)
+    }
+
     /// Which rounds have checkpoints.
     fn checkpoints(&self) -> Vec<bool> {
         let mut since = 0;

@@ -1,9 +1,11 @@
 //! The service as a client meets it: a real server on a free port of this machine, a real HTTP client, real meshes.
 
 mod access;
+mod backup;
 mod durable;
 mod events;
 mod faults;
+mod full_disk;
 mod hierarchy;
 mod hostile;
 mod jobs;
@@ -14,6 +16,7 @@ mod metrics;
 mod openapi;
 mod overlap;
 mod results;
+mod storage;
 mod support;
 mod upload;
 mod webhooks;

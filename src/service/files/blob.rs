@@ -176,7 +176,15 @@ impl Files {
         self.may_read()?;
         let options = GetOptions { range, ..GetOptions::default() };
         let found = self.blobs.get_opts(&folder.blob(name), options).await;
-        found.map(|found| Blob(Source::Found(Box::new(found)))).map_err(|error| self.noted(cannot_read(error)))
+        found.map(|found| Blob(Source::Found(Box::new(found)))).map_err(|error| self.noted(self.cannot_read(error)))
+    }
+
+    /// The error of a blob that cannot be opened. That it is not there means nothing while the folder is not there.
+    fn cannot_read(&self, error: object_store::Error) -> Error {
+        match (&error, self.check_root()) {
+            (object_store::Error::NotFound { .. }, Err(away)) => away,
+            _ => cannot_read(error),
+        }
     }
 
     /// A small blob that the store kept, or a range of it.

@@ -6,6 +6,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use super::room::STORE_ROOM;
 use crate::error::{Error, Kind, Result};
 
 /// What the folder may hold.
@@ -15,6 +16,18 @@ pub(in crate::service) struct DiskLimits {
     pub max_bytes: Option<u64>,
     /// Free bytes of the file system below which uploads are refused.
     pub min_free_bytes: u64,
+}
+
+/// Part of the disk that the file system may take for itself.
+const METADATA: u64 = 20;
+
+/// Room on the disk.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct State {
+    /// Bytes that may still be written.
+    pub free: u64,
+    /// Bytes of files that are not the service's.
+    pub foreign: u64,
 }
 
 /// The room in a folder.
@@ -30,30 +43,53 @@ pub(super) struct Disk {
 
 impl Disk {
     pub fn new(root: PathBuf, limits: DiskLimits) -> Self {
-        let blobs = ["uploads", "results"].iter().map(|folder| size(&root.join(folder))).sum();
+        let blobs = ["uploads", "results", "aside"].iter().map(|folder| size(&root.join(folder))).sum();
         Self { root, limits, blobs: AtomicU64::new(blobs), free_in_store: AtomicU64::new(0) }
     }
 
-    /// Refuses `more` bytes for which there is no room.
-    pub fn check(&self, more: u64) -> Result<()> {
-        let refuse = |what: &str, limit: u64, have: u64| {
+    /// Refuses `more` bytes for which there is no room beside what is `taken`: promised, but not written yet.
+    pub fn check(&self, more: u64, taken: u64) -> Result<()> {
+        let refuse = |what: &str, limit: u64| {
             Err(Error::new(
                 Kind::InsufficientStorage,
                 format_args!(
-                    "{what} of {limit} bytes, so uploads are refused; delete jobs, or try again later: {have}"
+                    "{what}, so uploads are refused, what accepted jobs will need included; delete jobs, or try again \
+                     later: {limit} bytes"
                 ),
             ))
         };
-        let used = self.used();
-        if let Some(most) = self.limits.max_bytes.filter(|most| used.saturating_add(more) > *most) {
-            return refuse("the data folder is at its limit (--max-disk-bytes)", most, used);
+        let more = more.saturating_add(taken);
+        if let Some(most) = self.limits.max_bytes.filter(|most| self.used().saturating_add(more) > *most) {
+            return refuse("the data folder is at its limit (--max-disk-bytes)", most);
         }
-        match free_bytes(&self.root) {
-            Some(free) if free.saturating_sub(more) < self.limits.min_free_bytes => {
-                refuse("the disk has less room than its reserve (--min-free-bytes)", self.limits.min_free_bytes, free)
+        match self.free() {
+            Some(free) if free.saturating_sub(more) < self.reserve() => {
+                refuse("the disk has less room than its reserve (--min-free-bytes)", self.reserve())
             }
             Some(_) | None => Ok(()),
         }
+    }
+
+    /// Bytes that this process may still write; none where that cannot be told.
+    pub fn free(&self) -> Option<u64> {
+        space(&self.root).map(|(free, _, _)| free)
+    }
+
+    /// What others than the service, which has `more` files than jobs', left of the disk.
+    pub fn state(&self, more: u64) -> State {
+        let (free, total, taken) = space(&self.root).unwrap_or((u64::MAX, 0, 0));
+        let foreign = taken.saturating_sub(self.used().saturating_add(more)).saturating_sub(total / METADATA);
+        State { free, foreign }
+    }
+
+    /// Free bytes beyond the reserve and what is `taken`.
+    pub fn spare(&self, taken: u64) -> u64 {
+        self.free().unwrap_or(u64::MAX).saturating_sub(taken.saturating_add(self.reserve()))
+    }
+
+    /// Free bytes that no upload takes.
+    fn reserve(&self) -> u64 {
+        self.limits.min_free_bytes.max(STORE_ROOM)
     }
 
     /// So many bytes were written.
@@ -98,15 +134,22 @@ pub(super) fn size(folder: &Path) -> u64 {
     bytes
 }
 
-/// Bytes that this process may still write to the file system of a folder; none where that cannot be told.
+/// Bytes of the file system of a folder: those that this process may still write, all, and those that are taken. None where
+/// that cannot be told.
 #[cfg(unix)]
-fn free_bytes(folder: &Path) -> Option<u64> {
+fn space(folder: &Path) -> Option<(u64, u64, u64)> {
     let found = rustix::fs::statvfs(folder).ok()?;
-    Some(found.f_bavail.saturating_mul(found.f_frsize))
+    let bytes = |blocks: u64| blocks.saturating_mul(found.f_frsize);
+    Some((bytes(found.f_bavail), bytes(found.f_blocks), bytes(found.f_blocks.saturating_sub(found.f_bfree))))
 }
 
-/// Bytes that this process may still write to the file system of a folder; none where that cannot be told.
+/// Bytes of the file system of a folder; none where that cannot be told.
 #[cfg(not(unix))]
-fn free_bytes(_: &Path) -> Option<u64> {
+fn space(_: &Path) -> Option<(u64, u64, u64)> {
     None
+}
+
+/// Bytes of the file system of a folder; none where that cannot be told.
+pub(super) fn total_bytes(folder: &Path) -> Option<u64> {
+    space(folder).map(|(_, total, _)| total)
 }

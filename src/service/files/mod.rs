@@ -6,6 +6,9 @@
 //! DIR/uploads/{job}/…               from the request until the job ends
 //! DIR/results/{job}/{attempt}/…     from the attempt that succeeded until the job is deleted
 //! DIR/scratch/…                     what an answer is made of while it is sent
+//! DIR/aside/{time}/…                what the store did not know when the service started, for a while
+//! DIR/clock                         the time by which jobs grow old
+//! DIR/ballast                       room that deletions get on a full disk
 //! ```
 //!
 //! An upload or a result of a few hundred kilobytes becomes no file: it is handed back as small blobs, for the store to
@@ -15,28 +18,44 @@
 //! on the disk when its writing returns. Whether it means anything, the store of jobs decides: an upload before its job was
 //! accepted, and the result of an attempt before it was finished, are swept away after a crash.
 
+mod aside;
+mod ballast;
 mod blob;
 mod disk;
+mod incoming;
+mod needs;
+pub(in crate::service) mod private;
+mod room;
+mod root;
 mod sweep;
 
 use std::collections::HashSet;
-use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
-use futures_util::future::try_join_all;
 use object_store::local::LocalFileSystem;
 use object_store::path::Path as BlobPath;
-use tempfile::TempDir;
 
+use self::ballast::Ballast;
 pub(super) use self::blob::{Blob, BlobWriter, BlockingWriter};
 use self::disk::Disk;
 pub(super) use self::disk::DiskLimits;
+pub(super) use self::incoming::{Incoming, settle};
+pub(super) use self::needs::{of_faces, of_result};
+use self::room::Room;
+use self::root::Root;
 use super::faults::{FaultPoint, Faults};
-use super::store::{JobId, SMALL_BLOBS, SmallBlob};
+use super::store::{Job, JobId};
 use crate::error::{Error, Kind, Result};
+
+/// Time between two looks for room that a job waits for.
+const AGAIN: Duration = Duration::from_millis(500);
+
+/// For how long a job that needs more room than it was promised waits for jobs that are still to be read.
+const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Name of the mesh among a job's uploads.
 pub(super) const MESH: &str = "mesh";
@@ -93,18 +112,12 @@ pub(super) struct Files {
     root: Root,
     blobs: LocalFileSystem,
     disk: Disk,
+    ballast: Ballast,
+    room: Room,
     /// Jobs whose uploads are coming in: nobody else knows them yet.
     incoming: Mutex<HashSet<JobId>>,
     failures: AtomicU64,
     faults: Faults,
-}
-
-#[derive(Debug)]
-enum Root {
-    /// The operator's: everything stays.
-    Kept { path: PathBuf, lock: File },
-    /// Among the system's temporary files, for as long as the process.
-    Temporary(TempDir),
 }
 
 impl Files {
@@ -113,28 +126,37 @@ impl Files {
     pub fn open(data_dir: Option<&Path>, limits: DiskLimits, faults: Faults) -> Result<Self> {
         let root = match data_dir {
             Some(path) => Root::keep(path)?,
-            None => {
-                let folder = tempfile::Builder::new().prefix("tesserae-jobs-").tempdir();
-                Root::Temporary(folder.map_err(|error| cannot_make(&std::env::temp_dir(), error))?)
-            }
+            None => Root::temporary(&std::env::temp_dir())?,
         };
         for folder in ["uploads", "results", "scratch"] {
             let path = root.path().join(folder);
-            std::fs::create_dir_all(&path).map_err(|error| cannot_make(&path, error))?;
+            let made = private::make_folder(&path).and_then(|()| private::tighten(&path));
+            made.map_err(|error| cannot_make(&path, error))?;
         }
         let blobs = LocalFileSystem::new_with_prefix(root.path())
             .map_err(|error| cannot_make(root.path(), io::Error::other(error)))?
-            .with_fsync(matches!(root, Root::Kept { .. }));
+            .with_fsync(root.is_kept());
+        let ballast = Ballast::new(root.path(), disk::total_bytes(root.path()), limits.max_bytes, root.is_kept());
         let disk = Disk::new(root.path().to_owned(), limits);
-        Ok(Self { root, blobs, disk, incoming: Mutex::default(), failures: AtomicU64::new(0), faults })
+        let room = Room::default();
+        let (incoming, failures) = (Mutex::default(), AtomicU64::new(0));
+        let files = Self { root, blobs, disk, ballast, room, incoming, failures, faults };
+        match files.disk.free() {
+            // the store needs some room to be opened
+            Some(free) if free < room::STORE_ROOM / 8 => drop(files.ballast.give_up()),
+            _ => files.make_ballast(),
+        }
+        Ok(files)
     }
 
     /// Where the store of jobs is to be; none in a temporary folder, which nothing outlasts.
     pub fn database(&self) -> Option<PathBuf> {
-        match &self.root {
-            Root::Kept { path, .. } => Some(path.join("jobs.sqlite3")),
-            Root::Temporary(_) => None,
-        }
+        self.root.is_kept().then(|| self.root.path().join(root::STORE[0]))
+    }
+
+    /// Where the time by which jobs grow old is kept; none in a temporary folder.
+    pub fn clock(&self) -> Option<PathBuf> {
+        self.root.is_kept().then(|| self.root.path().join("clock"))
     }
 
     /// A folder for files without a name.
@@ -146,7 +168,7 @@ impl Files {
     pub fn incoming(self: &Arc<Self>) -> Incoming {
         let id = JobId::random();
         self.lock_incoming().insert(id);
-        Incoming { files: Arc::clone(self), id, held: Vec::new(), has_files: false, kept: false }
+        Incoming::new(Arc::clone(self), id)
     }
 
     /// Starts a blob of a result.
@@ -173,7 +195,94 @@ impl Files {
     /// Refuses an upload of so many bytes, as far as is known, when there is no room for it or no folder any more.
     pub fn check_room(&self, bytes: u64) -> Result<()> {
         self.check_root()?;
-        self.disk.check(bytes)
+        self.disk.check(bytes, self.room.promised().saturating_add(self.ballast.missing()))
+    }
+
+    /// Promises a job that is being accepted room for its result. Refuses when there is none.
+    pub fn promise(&self, job: JobId, bytes: u64) -> Result<()> {
+        self.check_root()?;
+        let missing = self.ballast.missing();
+        self.room.promise(job, bytes, |promised| self.disk.check(0, promised.saturating_add(missing)))
+    }
+
+    /// Promises jobs that were accepted before the service was started room again.
+    pub fn promise_again<'j>(&self, jobs: impl Iterator<Item = &'j Job>, most_faces: u64) {
+        for job in jobs {
+            let upload = match job.spec.is_small {
+                true => job.spec.bytes,
+                false => disk::size(&self.root.path().join(Folder::Upload(job.id).path())),
+            };
+            let bytes = needs::of_upload(&job.spec, upload, most_faces);
+            let _ = self.room.promise(job.id, bytes, |_| Ok::<_, Error>(()));
+        }
+    }
+
+    /// The job ended: what it was promised is free.
+    pub fn give_back(&self, job: JobId) {
+        self.room.give_back(job);
+    }
+
+    /// Jobs that were promised room.
+    pub fn promised_jobs(&self) -> Vec<JobId> {
+        self.room.jobs()
+    }
+
+    /// Waits for room for the result of a job, which turned out to need so many bytes. Fails with
+    /// [`Kind::InsufficientStorage`] when nothing can make room; [`gave_up`](Self::gave_up) holds from then on.
+    pub async fn secure(&self, job: JobId, bytes: u64) -> Result<()> {
+        let started = Instant::now();
+        let mut is_told = false;
+        loop {
+            let disk = self.disk.state(self.ballast.there());
+            match self.room.try_secure(job, bytes, disk, started.elapsed() < PATIENCE) {
+                room::Outcome::Secured => return Ok(()),
+                room::Outcome::Never => {
+                    return Err(Error::new(
+                        Kind::InsufficientStorage,
+                        format_args!(
+                            "the disk of the service has no room for the result of the job, and no other job will make                              some; delete jobs and submit it again; bytes needed: {bytes}"
+                        ),
+                    ));
+                }
+                room::Outcome::Wait => {
+                    if !std::mem::replace(&mut is_told, true) {
+                        tracing::warn!(job = %job, bytes, "the result of a job waits for room on the disk");
+                    }
+                    tokio::time::sleep(AGAIN).await;
+                }
+            }
+        }
+    }
+
+    /// The job waits for its turn again.
+    pub fn put_back(&self, job: JobId) {
+        self.room.put_back(job);
+    }
+
+    /// Whether there will be no room for the result of a job.
+    pub fn gave_up(&self, job: JobId) -> bool {
+        self.room.gave_up(job)
+    }
+
+    /// Makes the ballast if it is missing and there is room beside the reserve. Blocks.
+    pub fn make_ballast(&self) {
+        if self.ballast.missing() == 0 {
+            return;
+        }
+        let spare = self.disk.spare(self.room.promised());
+        if let Err(error) = self.ballast.make(spare) {
+            tracing::warn!(%error, "the ballast cannot be made; without it, a full disk may stop deletions");
+        }
+    }
+
+    /// Gives the ballast up, so that the store can write; whether there was any.
+    pub async fn give_up_ballast(self: &Arc<Self>) -> bool {
+        let this = Arc::clone(self);
+        let had_any = blocking(move || this.ballast.give_up()).await.unwrap_or(false);
+        if had_any {
+            tracing::warn!("the disk is full: the ballast was given up, so that jobs can be forgotten");
+        }
+        had_any
     }
 
     /// How often a blob could not be written or read for reasons of the disk.
@@ -233,7 +342,7 @@ impl Files {
                     tracing::warn!(%error, "the data folder stays locked until the process ends");
                 }
             }
-            Root::Temporary(folder) => {
+            Root::Temporary { folder, .. } => {
                 let _ = tokio::fs::remove_dir_all(folder.path()).await;
             }
         }
@@ -257,154 +366,6 @@ impl Files {
                 tracing::warn!(folder = %path.display(), %error, "a folder cannot be removed");
             }
             Err(error) => tracing::warn!(%error, "a folder cannot be removed"),
-        }
-    }
-}
-
-impl Root {
-    fn keep(path: &Path) -> Result<Self> {
-        std::fs::create_dir_all(path).map_err(|error| cannot_make(path, error))?;
-        let name = path.join("lock");
-        let mut lock = File::options()
-            .create(true)
-            .truncate(false)
-            .read(true)
-            .write(true)
-            .open(&name)
-            .map_err(|error| cannot_make(&name, error))?;
-        match lock.try_lock() {
-            Ok(()) => {}
-            Err(std::fs::TryLockError::WouldBlock) => {
-                let holder = std::fs::read_to_string(&name).unwrap_or_default();
-                return Err(Error::new(
-                    Kind::Conflict,
-                    format_args!(
-                        "another process ({}) works in the data folder; stop it, or give this one another --data-dir: {}",
-                        holder.trim(),
-                        path.display()
-                    ),
-                ));
-            }
-            Err(std::fs::TryLockError::Error(error)) => return Err(cannot_make(&name, error)),
-        }
-        let note = |lock: &mut File| {
-            lock.set_len(0)?;
-            io::Write::write_all(lock, format!("{}\n", std::process::id()).as_bytes())
-        };
-        note(&mut lock).map_err(|error| cannot_make(&name, error))?;
-        let path = path.canonicalize().map_err(|error| cannot_make(path, error))?;
-        Ok(Self::Kept { path, lock })
-    }
-
-    fn path(&self) -> &Path {
-        match self {
-            Root::Kept { path, .. } => path,
-            Root::Temporary(folder) => folder.path(),
-        }
-    }
-
-    /// Whether the folder is still the one that was opened: not removed, unmounted, or mounted over.
-    fn check(&self) -> io::Result<()> {
-        match self {
-            Root::Kept { path, lock } => {
-                let (there, held) = (path.join("lock").metadata()?, lock.metadata()?);
-                if same_file(&there, &held) { Ok(()) } else { Err(io::Error::other("it was replaced by another")) }
-            }
-            Root::Temporary(folder) => folder.path().metadata().map(drop),
-        }
-    }
-}
-
-#[cfg(unix)]
-fn same_file(one: &std::fs::Metadata, other: &std::fs::Metadata) -> bool {
-    use std::os::unix::fs::MetadataExt as _;
-    (one.dev(), one.ino()) == (other.dev(), other.ino())
-}
-
-#[cfg(not(unix))]
-fn same_file(one: &std::fs::Metadata, other: &std::fs::Metadata) -> bool {
-    one.created().ok() == other.created().ok()
-}
-
-/// The blobs of an upload that is coming in; gone when dropped, as when the client hangs up, unless they are kept.
-pub(super) struct Incoming {
-    files: Arc<Files>,
-    id: JobId,
-    /// Whole blobs, as long as all are small together.
-    held: Vec<BlobWriter>,
-    /// Whether they were not, and are files.
-    has_files: bool,
-    kept: bool,
-}
-
-impl Incoming {
-    /// The name of the job that the upload will be.
-    pub fn id(&self) -> JobId {
-        self.id
-    }
-
-    /// Starts a blob, to be [added](Self::add) when it is whole.
-    pub fn blob(&self, name: &str) -> BlobWriter {
-        BlobWriter::new(Arc::clone(&self.files), Folder::Upload(self.id), name, true)
-    }
-
-    /// Makes a blob part of the upload.
-    pub async fn add(&mut self, blob: BlobWriter) -> Result<()> {
-        self.held.push(blob);
-        if self.has_files || !are_small(&self.held) {
-            self.has_files = true;
-            for blob in self.held.drain(..) {
-                blob.finish().await?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Ends the upload: gives its blobs if they are small and `takes` them, or else makes files of them and gives none.
-    pub async fn settle(&mut self, takes: impl FnOnce(u64) -> bool) -> Result<Vec<SmallBlob>> {
-        settle(std::mem::take(&mut self.held), takes).await
-    }
-
-    /// The job was accepted: the blobs are its upload.
-    pub fn keep(mut self) {
-        self.kept = true;
-    }
-}
-
-impl std::fmt::Debug for Incoming {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Incoming").field("id", &self.id).finish_non_exhaustive()
-    }
-}
-
-/// Ends blobs that belong together: gives them if they are small and `takes` them, or else makes files of them, which wait
-/// for the disk together, and gives none.
-pub(super) async fn settle(blobs: Vec<BlobWriter>, takes: impl FnOnce(u64) -> bool) -> Result<Vec<SmallBlob>> {
-    if are_small(&blobs) && takes(blobs.iter().map(BlobWriter::bytes).sum()) {
-        return blobs.into_iter().map(BlobWriter::into_small).collect();
-    }
-    try_join_all(blobs.into_iter().map(BlobWriter::finish)).await?;
-    Ok(Vec::new())
-}
-
-fn are_small(blobs: &[BlobWriter]) -> bool {
-    blobs.iter().map(BlobWriter::bytes).sum::<u64>() <= SMALL_BLOBS
-}
-
-impl Drop for Incoming {
-    fn drop(&mut self) {
-        let (files, id, kept) = (Arc::clone(&self.files), self.id, self.kept);
-        let end = move || files.lock_incoming().remove(&id);
-        if kept {
-            end();
-            return;
-        }
-        let files = Arc::clone(&self.files);
-        if let Ok(runtime) = tokio::runtime::Handle::try_current() {
-            runtime.spawn(async move {
-                files.remove_upload(id).await;
-                end();
-            });
         }
     }
 }

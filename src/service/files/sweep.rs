@@ -10,18 +10,34 @@ impl Files {
     /// Removes uploads of jobs that were never accepted or have ended, and results of attempts that did not make it.
     /// Uploads that are coming in stay. Returns how many folders went.
     pub async fn sweep(&self, store: &dyn JobStore) -> Result<usize> {
+        self.sweep_all(store, false).await
+    }
+
+    /// The same when the service starts: what belongs to no job of the store is moved aside, because the store may be an
+    /// older copy.
+    pub async fn sweep_at_start(&self, store: &dyn JobStore) -> Result<usize> {
+        self.sweep_all(store, true).await
+    }
+
+    async fn sweep_all(&self, store: &dyn JobStore, moves_aside: bool) -> Result<usize> {
         let mut removed = 0;
         for id in self.jobs_in("uploads").await? {
             // looked at before the store, which knows an accepted one before it stops coming in
             let is_coming_in = self.lock_incoming().contains(&id);
-            let is_needed = is_coming_in || store.get(id).await?.is_some_and(|job| !job.state.is_ended());
-            if !is_needed {
-                self.remove_upload(id).await;
-                removed += 1;
+            match store.get(id).await? {
+                _ if is_coming_in => continue,
+                Some(job) if !job.state.is_ended() => continue,
+                None if moves_aside => self.move_upload_aside(id).await?,
+                _ => self.remove_upload(id).await,
             }
+            removed += 1;
         }
         for id in self.jobs_in("results").await? {
             removed += match store.get(id).await? {
+                None if moves_aside => {
+                    self.move_aside(Path::new("results").join(id.to_string())).await?;
+                    1
+                }
                 None => {
                     self.remove(id).await;
                     1
@@ -51,7 +67,7 @@ impl Files {
     }
 
     /// The jobs that have a folder. What has another name is not the service's.
-    async fn jobs_in(&self, folder: &str) -> Result<Vec<JobId>> {
+    pub(super) async fn jobs_in(&self, folder: &str) -> Result<Vec<JobId>> {
         Ok(self.names_in(folder).await?.iter().filter_map(|name| name.parse().ok()).collect())
     }
 

@@ -84,6 +84,8 @@ impl Pipeline {
             Span::current().record("clusters", prepared.parameters.clusters);
         }
 
+        self.files.secure(job.id, files::of_faces(&prepared.parameters, prepared.input.faces)).await?;
+
         let (rows, inbox) = mpsc::unbounded_channel();
         let task = Task {
             prepared: Arc::new(prepared),
@@ -100,6 +102,7 @@ impl Pipeline {
         telling.await.map_err(|error| {
             Error::new(Kind::Internal, format_args!("the events of the job were not written: {error}"))
         })??;
+        self.files.secure(job.id, files::of_result(&outcome)).await?;
         Ok(outcome)
     }
 

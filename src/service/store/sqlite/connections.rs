@@ -14,8 +14,9 @@ use tokio::runtime::{Handle, RuntimeFlavor};
 use tokio::sync::Semaphore;
 use tokio::task::block_in_place;
 
+use super::check::{self, Damage, is_damage};
 use crate::error::{Error, Kind, Result};
-use crate::service::files::blocking;
+use crate::service::files::{blocking, private};
 
 /// Connections that read.
 const READERS: u32 = 4;
@@ -66,6 +67,9 @@ impl From<rusqlite::Error> for Error {
     /// Whether there is no room, or the file cannot be reached, or something is broken.
     fn from(error: rusqlite::Error) -> Self {
         use ErrorCode::*;
+        if is_damage(&error) {
+            return check::damaged(&message(&error));
+        }
         let kind = match error.sqlite_error_code() {
             Some(DiskFull) => Kind::InsufficientStorage,
             Some(
@@ -93,6 +97,10 @@ pub(super) fn closed() -> Error {
 
 /// Opens the connection that writes, and makes the file if that may be.
 pub(super) fn writing(path: &Path, may_create: bool) -> rusqlite::Result<Connection> {
+    if may_create {
+        // SQLite gives the log the mode of this file
+        private::options().open(path).map_err(|_| rusqlite::Error::InvalidPath(path.to_owned()))?;
+    }
     let mut flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     flags.set(OpenFlags::SQLITE_OPEN_CREATE, may_create);
     let connection = open(path, flags)?;
@@ -117,6 +125,8 @@ pub(super) struct Readers {
     path: PathBuf,
     /// One for each connection that may be.
     places: Arc<Semaphore>,
+    /// What they find broken in the file.
+    pub damage: Arc<Damage>,
     idle: Mutex<Vec<Connection>>,
 }
 
@@ -124,7 +134,7 @@ impl Readers {
     /// For the file at `path`, which is there.
     pub fn open(path: &Path) -> rusqlite::Result<Self> {
         let places = Arc::new(Semaphore::new(READERS as usize));
-        let readers = Self { path: path.to_owned(), places, idle: Mutex::default() };
+        let readers = Self { path: path.to_owned(), places, damage: Arc::default(), idle: Mutex::default() };
         readers.give_back(readers.connection()?);
         Ok(readers)
     }
@@ -168,9 +178,10 @@ impl Readers {
             None => self.connection()?,
         };
         let outcome = work(&connection);
-        // one that failed is not used again
-        if !matches!(outcome, Err(Abort::Broken(_))) {
-            self.give_back(connection);
+        match &outcome {
+            // one that failed is not used again
+            Err(Abort::Broken(error)) => self.damage.note(error),
+            Ok(_) | Err(Abort::Refused(_)) => self.give_back(connection),
         }
         Ok(outcome?)
     }

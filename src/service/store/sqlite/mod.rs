@@ -8,6 +8,7 @@
 //! What is asked of a job by value (its state, its tenant, when it ended) is a column; everything else is JSON, so that
 //! the service can come to know more about jobs without another [`schema`]. Small blobs have a table of their own.
 
+mod check;
 mod commands;
 mod connections;
 mod rows;
@@ -23,6 +24,7 @@ use rusqlite::{Connection, params};
 use tokio::sync::watch;
 use tokio_util::bytes::Bytes;
 
+use self::check::{Damage, START, is_damage};
 use self::commands::{
     Append, Cancel, Claim, Create, Delete, Finish, GiveBack, Heartbeat, Probe, Reclaim, SettleWebhook, find, waiting,
 };
@@ -45,6 +47,7 @@ pub(in crate::service) struct SqliteStore {
     readers: Arc<Readers>,
     writer: Writer,
     listeners: Arc<Listeners>,
+    damage: Arc<Damage>,
 }
 
 impl SqliteStore {
@@ -55,17 +58,27 @@ impl SqliteStore {
         };
         let file = path.to_owned();
         let opened = blocking(move || open_up_to_date(&file)).await?;
-        let (connection, readers) = opened.map_err(|error| cannot(&error))?;
+        let (connection, readers) = opened.map_err(|error| match error {
+            MigrateError::Database(error) if is_damage(&error) => error.into(),
+            error => cannot(&error),
+        })?;
         let listeners = Arc::<Listeners>::default();
-        let writer = Writer::start(connection, path.to_owned(), Arc::clone(&listeners), faults);
+        let damage = Arc::clone(&readers.damage);
+        let writer = Writer::start(connection, path.to_owned(), Arc::clone(&listeners), Arc::clone(&damage), faults);
         let writer = writer.map_err(|error| cannot(&error))?;
-        let store = Self { rules, readers: Arc::new(readers), writer, listeners };
+        let store = Self { rules, readers: Arc::new(readers), writer, listeners, damage };
         // Whoever ran them is no more.
         let interrupted = store.writer.carry_out(Reclaim { now: far_future(), rules }).await?;
         if !interrupted.is_empty() {
             tracing::warn!(jobs = interrupted.len(), "jobs were running when the service ended; they wait again");
         }
         Ok(store)
+    }
+
+    /// Whether a job was ever added, also one that is forgotten.
+    pub async fn was_used(&self) -> Result<bool> {
+        let sql = "SELECT 1 FROM sqlite_sequence WHERE name = 'jobs' AND seq > 0";
+        Ok(self.readers.read_much(move |reader| first(reader, sql, [], |_| Ok(()))).await?.is_some())
     }
 
     /// The SQL of a page, one text a filter, so that each has its index; and how many it takes of: the number before which
@@ -85,6 +98,7 @@ impl SqliteStore {
 /// Opens the file, or makes it, with the tables as they are to be.
 fn open_up_to_date(path: &Path) -> Result<(Connection, Readers), MigrateError> {
     let mut connection = connections::writing(path, true)?;
+    check::check(&connection, START)?;
     schema::migrate(&mut connection)?;
     Ok((connection, Readers::open(path)?))
 }
@@ -261,11 +275,16 @@ impl JobStore for SqliteStore {
     }
 
     async fn probe(&self) -> Result<()> {
-        self.writer.carry_out(Probe).await
+        match self.damage.found() {
+            Some(error) => Err(error),
+            None => self.writer.carry_out(Probe).await,
+        }
     }
 
     fn statistics(&self) -> Statistics {
-        self.writer.counters.read()
+        let written = self.writer.counters.read();
+        // damage is found by those that read, too
+        Statistics { failures: written.failures + u64::from(self.damage.found().is_some()), ..written }
     }
 
     async fn close(&self) {

@@ -323,3 +323,49 @@ async fn tables_of_a_later_version_are_refused_and_left_alone() {
         assert!(std::fs::read(&path).expect("readable") == before);
     }
 }
+
+/// Overwrites pages of the file, without the first one.
+fn damage(path: &std::path::Path) {
+    let mut content = std::fs::read(path).expect("a store");
+    content[4096..].fill(0x5a);
+    std::fs::write(path, content).expect("written");
+}
+
+#[tokio::test]
+async fn damage_is_found_when_the_store_is_opened() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join(NAME);
+    let store = SqliteStore::open(&path, RULES, Faults::default()).await.expect("it opens");
+    store.create(new_job()).await.expect("created");
+    store.close().await;
+    damage(&path);
+    let error = SqliteStore::open(&path, RULES, Faults::default()).await.expect_err("damaged");
+    assert!(error.message.contains("damaged") && error.message.contains("backup"), "{error}");
+    std::fs::write(&path, "no database, but a text that is long enough to be taken for one ".repeat(100))
+        .expect("written");
+    let error = SqliteStore::open(&path, RULES, Faults::default()).await.expect_err("no database");
+    assert!(error.message.contains("damaged"), "{error}");
+}
+
+#[tokio::test]
+async fn damage_that_a_reader_finds_fails_the_probe_until_the_store_is_opened_again() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join(NAME);
+    let store =
+        SqliteStore::open(&path, Rules { max_queued: 1000, ..RULES }, Faults::default()).await.expect("it opens");
+    for _ in 0..300 {
+        store.create(new_job()).await.expect("created");
+    }
+    store.close().await;
+    let store = SqliteStore::open(&path, RULES, Faults::default()).await.expect("it opens");
+    let failures = store.statistics().failures;
+    damage(&path);
+    let query = ListQuery { limit: 1000, ..ListQuery::default() };
+    let error = store.list(&query).await.expect_err("damaged");
+    assert_eq!(error.kind, Kind::Unavailable, "{error}");
+    assert!(store.statistics().failures > failures, "the service looks");
+    for _ in 0..2 {
+        let error = store.probe().await.expect_err("damaged");
+        assert!(error.message.contains("damaged"), "{error}");
+    }
+}

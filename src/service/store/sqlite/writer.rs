@@ -18,6 +18,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::super::pulses::Pulses;
 use super::super::{JobId, Pulse, Statistics};
+use super::check::Damage;
 use super::connections::{self, Abort, closed};
 use crate::error::{Error, Kind, Result};
 use crate::service::faults::{FaultPoint, Faults};
@@ -114,11 +115,18 @@ pub(super) struct Writer {
 
 impl Writer {
     /// Starts the writer on an open connection to the file at `path`; after a failure it opens another one.
-    pub fn start(connection: Connection, path: PathBuf, listeners: Arc<Listeners>, faults: Faults) -> io::Result<Self> {
+    pub fn start(
+        connection: Connection,
+        path: PathBuf,
+        listeners: Arc<Listeners>,
+        damage: Arc<Damage>,
+        faults: Faults,
+    ) -> io::Result<Self> {
         let (commands, inbox) = mpsc::channel();
         let closed = CancellationToken::new();
         let counters = Arc::<Counters>::default();
-        let worker = Worker { connection: Some(connection), path, listeners, faults, counters: Arc::clone(&counters) };
+        let connection = Some(connection);
+        let worker = Worker { connection, path, listeners, damage, faults, counters: Arc::clone(&counters) };
         let done = closed.clone().drop_guard();
         thread::Builder::new().name("store-writer".to_owned()).spawn(move || {
             worker.run(&inbox);
@@ -198,6 +206,7 @@ struct Worker {
     connection: Option<Connection>,
     path: PathBuf,
     listeners: Arc<Listeners>,
+    damage: Arc<Damage>,
     faults: Faults,
     counters: Arc<Counters>,
 }
@@ -235,7 +244,7 @@ impl Worker {
     /// One transaction, and what is told after it.
     fn commit(&mut self, batch: &mut [Box<dyn Pending>]) -> Result<()> {
         let started = Instant::now();
-        let outcome = self.transaction(batch);
+        let outcome = self.transaction(batch).inspect_err(|error| self.damage.note(error));
         self.counters.busy_us.fetch_add(started.elapsed().as_micros() as u64, Ordering::Relaxed);
         match outcome {
             Ok(effects) => {

@@ -1,0 +1,191 @@
+//! Backups: a copy of a data folder, made while a service works in it, on which a service can be started.
+//!
+//! The store of jobs is copied by SQLite itself, as it is at one moment. Files of jobs never change once they are there, so
+//! those that the copy of the store needs are linked, or copied to another disk. A job may end meanwhile, and its upload go: the
+//! files are taken before and after the store, and the store once more when it then knows a job whose files are missed.
+
+use std::collections::HashSet;
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use rusqlite::{Connection, OpenFlags};
+
+use super::files::private;
+use crate::error::{Error, Kind, Result};
+
+/// Name of the store of jobs.
+const STORE: &str = "jobs.sqlite3";
+
+/// Times that the store is copied before jobs whose files went meanwhile are left out.
+const ROUNDS: usize = 5;
+
+/// What a backup holds.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Backup {
+    /// Jobs in it.
+    pub jobs: i64,
+    /// Files of uploads and results, beside what is in the store.
+    pub files: u64,
+    /// Jobs that began and ended while it was made, and are not in it.
+    pub left_out: u64,
+}
+
+/// A folder with files of a job.
+struct Wanted {
+    job: String,
+    /// Relative to the data folder.
+    folder: PathBuf,
+    /// Whether the job is worth nothing without them. An upload of a job that failed may be there or not.
+    is_needed: bool,
+}
+
+/// Copies the data folder `from` to `to`, which must be missing or empty. [`Kind::Conflict`] when it is not, [`Kind::NotFound`]
+/// when `from` holds no store of jobs.
+pub fn back_up(from: &Path, to: &Path) -> Result<Backup> {
+    let store = from.join(STORE);
+    if !store.metadata().is_ok_and(|found| found.len() > 0) {
+        let message = format_args!("there is no store of jobs ({STORE}) in the data folder: {}", from.display());
+        return Err(Error::new(Kind::NotFound, message));
+    }
+    let cannot_write = |error| Error::io(format_args!("the backup cannot be written: {}", to.display()), error);
+    private::make_folder(to).map_err(cannot_write)?;
+    if std::fs::read_dir(to).map_err(cannot_write)?.next().is_some() {
+        let message = format_args!("the folder for the backup is not empty; give a new one: {}", to.display());
+        return Err(Error::new(Kind::Conflict, message));
+    }
+    let copy = to.join(STORE);
+    let mut backup = Backup::default();
+    take_files(from, to, &all_files(from)).map_err(cannot_write)?;
+    for round in 1..=ROUNDS {
+        copy_store(&store, &copy).map_err(|error| failed(&copy, &error))?;
+        let wanted = wanted(&copy).map_err(|error| failed(&copy, &error))?;
+        take_files(from, to, &all_files(from)).map_err(cannot_write)?;
+        let is_lost = |wanted: &&Wanted| wanted.is_needed && !to.join(&wanted.folder).is_dir();
+        let lost: Vec<&str> = wanted.iter().filter(is_lost).map(|wanted| wanted.job.as_str()).collect();
+        if lost.is_empty() || round == ROUNDS {
+            leave_out(&copy, &lost).map_err(|error| failed(&copy, &error))?;
+            backup.left_out = lost.len() as u64;
+            remove_others(to, &wanted).map_err(cannot_write)?;
+            break;
+        }
+    }
+    backup.jobs = count(&copy).map_err(|error| failed(&copy, &error))?;
+    backup.files = all_files(to).len() as u64;
+    sync(to).map_err(cannot_write)?;
+    Ok(backup)
+}
+
+fn failed(copy: &Path, error: &rusqlite::Error) -> Error {
+    Error::new(Kind::Io, format_args!("the store of jobs cannot be copied to {}: {error}", copy.display()))
+}
+
+/// Copies the store as it is at one moment, however many processes write to it.
+fn copy_store(store: &Path, copy: &Path) -> rusqlite::Result<()> {
+    // left by an earlier round
+    let _ = std::fs::remove_file(copy);
+    let connection = Connection::open_with_flags(store, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
+    connection.busy_timeout(std::time::Duration::from_secs(5))?;
+    // SQLite writes into a file that is there if it is empty; this one is for the owner only
+    private::options().open(copy).map_err(|_| rusqlite::Error::InvalidPath(copy.to_owned()))?;
+    connection.execute("VACUUM INTO ?1", [copy.to_string_lossy()])?;
+    Ok(())
+}
+
+/// Folders of files of the jobs of a store: results of those that succeeded, and uploads of the others.
+fn wanted(store: &Path) -> rusqlite::Result<Vec<Wanted>> {
+    let connection = Connection::open_with_flags(store, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
+    let sql = "SELECT id, CASE WHEN state = 'succeeded' THEN 'results/' || id || '/' || attempt ELSE 'uploads/' || id END, \
+               state IN ('succeeded', 'queued', 'running') FROM jobs \
+               WHERE NOT coalesce(CASE WHEN state = 'succeeded' THEN summary ELSE spec END ->> 'is_small', 0)";
+    let mut statement = connection.prepare(sql)?;
+    let rows = statement.query_map([], |row| {
+        Ok(Wanted { job: row.get(0)?, folder: PathBuf::from(row.get::<_, String>(1)?), is_needed: row.get(2)? })
+    })?;
+    rows.collect()
+}
+
+/// Forgets jobs in a copy of the store.
+fn leave_out(store: &Path, jobs: &[&str]) -> rusqlite::Result<()> {
+    if jobs.is_empty() {
+        return Ok(());
+    }
+    let mut connection = Connection::open(store)?;
+    let transaction = connection.transaction()?;
+    for job in jobs {
+        for table in ["events", "blobs"] {
+            let sql = format!("DELETE FROM {table} WHERE job = (SELECT number FROM jobs WHERE id = ?1)");
+            transaction.execute(&sql, [job])?;
+        }
+        transaction.execute("DELETE FROM jobs WHERE id = ?1", [job])?;
+    }
+    transaction.commit()
+}
+
+fn count(store: &Path) -> rusqlite::Result<i64> {
+    let connection = Connection::open_with_flags(store, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
+    connection.query_row("SELECT count(*) FROM jobs", [], |row| row.get(0))
+}
+
+/// Every whole file of uploads and results, relative to the data folder. One that is being written has a `#` in its name.
+fn all_files(root: &Path) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    let mut folders = vec![PathBuf::from("uploads"), PathBuf::from("results")];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(root.join(&folder)).into_iter().flatten().flatten() {
+            let path = folder.join(entry.file_name());
+            match entry.file_type() {
+                Ok(kind) if kind.is_dir() => folders.push(path),
+                Ok(kind) if kind.is_file() && !entry.file_name().to_string_lossy().contains('#') => files.push(path),
+                _ => {}
+            }
+        }
+    }
+    files
+}
+
+/// Links files into the backup, or copies them where that cannot be. What is gone meanwhile is left out.
+fn take_files(from: &Path, to: &Path, files: &[PathBuf]) -> io::Result<()> {
+    for file in files {
+        let (source, target) = (from.join(file), to.join(file));
+        if target.exists() {
+            continue;
+        }
+        private::make_folder(target.parent().unwrap_or(to))?;
+        if std::fs::hard_link(&source, &target).is_ok() {
+            continue;
+        }
+        match std::fs::copy(&source, &target) {
+            Ok(_) => private::tighten(&target)?,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(())
+}
+
+/// Removes files from the backup that none of its jobs needs.
+fn remove_others(to: &Path, wanted: &[Wanted]) -> io::Result<()> {
+    let wanted: HashSet<&Path> = wanted.iter().map(|wanted| wanted.folder.as_path()).collect();
+    for file in all_files(to) {
+        let folder = file.parent().unwrap_or(&file);
+        if !wanted.contains(folder) {
+            std::fs::remove_file(to.join(&file))?;
+            // empty by now, or not yet
+            let _ = std::fs::remove_dir(to.join(folder));
+        }
+    }
+    Ok(())
+}
+
+/// Waits until a folder and everything in it is on the disk.
+fn sync(folder: &Path) -> io::Result<()> {
+    for entry in std::fs::read_dir(folder)? {
+        let entry = entry?;
+        match entry.file_type()?.is_dir() {
+            true => sync(&entry.path())?,
+            false => File::open(entry.path())?.sync_all()?,
+        }
+    }
+    File::open(folder)?.sync_all()
+}

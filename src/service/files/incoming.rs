@@ -1,0 +1,109 @@
+//! Uploads that are coming in, and blobs that are kept by the store when they are small together.
+
+use std::sync::Arc;
+
+use futures_util::future::try_join_all;
+
+use super::{BlobWriter, Files, Folder, needs};
+use crate::error::Result;
+use crate::service::store::{JobId, SMALL_BLOBS, SmallBlob, Spec};
+
+/// The blobs of an upload that is coming in; gone when dropped, as when the client hangs up, unless they are kept.
+pub(in crate::service) struct Incoming {
+    files: Arc<Files>,
+    id: JobId,
+    /// Whole blobs, as long as all are small together.
+    held: Vec<BlobWriter>,
+    /// Whether they were not, and are files.
+    has_files: bool,
+    /// Bytes of all whole blobs.
+    bytes: u64,
+    kept: bool,
+}
+
+impl Incoming {
+    pub(super) fn new(files: Arc<Files>, id: JobId) -> Self {
+        Self { files, id, held: Vec::new(), has_files: false, bytes: 0, kept: false }
+    }
+
+    /// The name of the job that the upload will be.
+    pub fn id(&self) -> JobId {
+        self.id
+    }
+
+    /// Starts a blob, to be [added](Self::add) when it is whole.
+    pub fn blob(&self, name: &str) -> BlobWriter {
+        BlobWriter::new(Arc::clone(&self.files), Folder::Upload(self.id), name, true)
+    }
+
+    /// Makes a blob part of the upload.
+    pub async fn add(&mut self, blob: BlobWriter) -> Result<()> {
+        self.bytes += blob.bytes();
+        self.held.push(blob);
+        if self.has_files || !are_small(&self.held) {
+            self.has_files = true;
+            for blob in self.held.drain(..) {
+                blob.finish().await?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Promises the job that the upload will be room for its result, as long as the job lasts or the upload is there.
+    /// Refuses when there is none; the mesh may have at most so many faces.
+    pub fn promise(&self, spec: &Spec, most_faces: u64) -> Result<()> {
+        self.files.promise(self.id, needs::of_upload(spec, self.bytes, most_faces))
+    }
+
+    /// Ends the upload: gives its blobs if they are small and `takes` them, or else makes files of them and gives none.
+    pub async fn settle(&mut self, takes: impl FnOnce(u64) -> bool) -> Result<Vec<SmallBlob>> {
+        settle(std::mem::take(&mut self.held), takes).await
+    }
+
+    /// The job was accepted: the blobs are its upload.
+    pub fn keep(mut self) {
+        self.kept = true;
+    }
+}
+
+impl std::fmt::Debug for Incoming {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Incoming").field("id", &self.id).finish_non_exhaustive()
+    }
+}
+
+/// Ends blobs that belong together: gives them if they are small and `takes` them, or else makes files of them, which wait
+/// for the disk together, and gives none.
+pub(in crate::service) async fn settle(
+    blobs: Vec<BlobWriter>,
+    takes: impl FnOnce(u64) -> bool,
+) -> Result<Vec<SmallBlob>> {
+    if are_small(&blobs) && takes(blobs.iter().map(BlobWriter::bytes).sum()) {
+        return blobs.into_iter().map(BlobWriter::into_small).collect();
+    }
+    try_join_all(blobs.into_iter().map(BlobWriter::finish)).await?;
+    Ok(Vec::new())
+}
+
+fn are_small(blobs: &[BlobWriter]) -> bool {
+    blobs.iter().map(BlobWriter::bytes).sum::<u64>() <= SMALL_BLOBS
+}
+
+impl Drop for Incoming {
+    fn drop(&mut self) {
+        let (files, id, kept) = (Arc::clone(&self.files), self.id, self.kept);
+        let end = move || files.lock_incoming().remove(&id);
+        if kept {
+            end();
+            return;
+        }
+        self.files.give_back(id);
+        let files = Arc::clone(&self.files);
+        if let Ok(runtime) = tokio::runtime::Handle::try_current() {
+            runtime.spawn(async move {
+                files.remove_upload(id).await;
+                end();
+            });
+        }
+    }
+}

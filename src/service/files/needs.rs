@@ -1,0 +1,78 @@
+//! How many bytes the result of a job takes: estimated from its upload, then from its faces, then counted.
+//!
+//! | | bytes |
+//! |---|---|
+//! | labels | 4 a face |
+//! | snapshots | 4 a face and iteration that is kept |
+//! | hierarchy | 60 a merge, 8 a move, 32 a round, and checkpoints of half of what merges and moves take between rounds: 68 a face and 12 a move |
+//! | report and events | [`FIXED`] |
+//!
+//! For hierarchies the estimate is [`HIERARCHY`] or, with a pair a round, [`SEQUENTIAL`] bytes a face.
+
+use crate::job::Outcome;
+use crate::mesh::Format;
+use crate::parameters::{Algorithm, Parameters, Snapshots};
+use crate::service::store::Spec;
+
+/// Bytes of a job's report, its events and its row in the store.
+const FIXED: u64 = 32 << 10;
+
+/// Bytes of an iteration, a round or a part in the report and in the store of jobs.
+const ROW: u64 = 512;
+
+/// Bytes of the labels of a face.
+const LABEL: u64 = 4;
+
+/// Bytes of a face in a hierarchy whose rounds merge many pairs. `pml` with optimisation took 99 for 100,000 faces.
+const HIERARCHY: u64 = 128;
+
+/// Bytes of a face in a hierarchy whose rounds merge one pair.
+const SEQUENTIAL: u64 = HIERARCHY + 32;
+
+/// Iterations that are expected where there is no limit.
+const ITERATIONS: u64 = 64;
+
+/// Bytes of all snapshots of a job, at most: see `cluster::record`.
+const SNAPSHOTS: u64 = 512 << 20;
+
+/// Fewest bytes of a face in an uncompressed glTF file: indices of two bytes, and half a vertex.
+const GLTF_FACE: u64 = 12;
+
+/// Fewest bytes of a face in an OBJ file of more than a few faces: its line of four-digit numbers.
+const OBJ_FACE: u64 = 16;
+
+/// What the result of a job is expected to take, whose upload has so many bytes and which may have so many faces.
+pub(super) fn of_upload(spec: &Spec, upload: u64, most_faces: u64) -> u64 {
+    let face = match spec.format {
+        Format::Obj => OBJ_FACE,
+        Format::Glb | Format::Gltf => GLTF_FACE,
+    };
+    of_faces(&spec.parameters, (upload / face).min(most_faces))
+}
+
+/// What the result of a job is expected to take, whose mesh has so many faces.
+pub(in crate::service) fn of_faces(parameters: &Parameters, faces: u64) -> u64 {
+    let a_face = match parameters.algorithm {
+        Algorithm::Bb | Algorithm::Acvd | Algorithm::Vc => LABEL,
+        Algorithm::Pml => HIERARCHY + LABEL,
+        Algorithm::Ml | Algorithm::Hr => SEQUENTIAL + LABEL,
+    };
+    let kept = match &parameters.snapshots {
+        None => 0,
+        Some(Snapshots::At(list)) => list.len() as u64,
+        Some(Snapshots::Every(step)) => parameters.max_iterations.map_or(ITERATIONS, u64::from) / u64::from(*step) + 1,
+    };
+    let snapshots = faces.saturating_mul(LABEL * kept).min(SNAPSHOTS);
+    faces.saturating_mul(a_face).saturating_add(snapshots).saturating_add(FIXED)
+}
+
+/// What a result takes. The report is estimated from above.
+pub(in crate::service) fn of_result(outcome: &Outcome) -> u64 {
+    let Outcome { labels, hierarchy, report, .. } = outcome;
+    let labels = labels.as_ref().map_or(0, |labels| labels.len() as u64 * LABEL);
+    let snapshots = report.snapshots.len() as u64 * report.input.faces * LABEL;
+    let hierarchy = hierarchy.as_ref().map_or(0, |hierarchy| hierarchy.bytes());
+    let rows = report.iterations.len() + report.levels.len() + report.snapshots.len() + report.input.parts.len();
+    let names: usize = report.input.parts.iter().filter_map(|part| part.group.as_ref()).map(|name| name.len()).sum();
+    labels + snapshots + hierarchy + rows as u64 * ROW + 2 * names as u64 + FIXED
+}

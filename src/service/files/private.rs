@@ -1,0 +1,59 @@
+//! Modes: folders 0700 and files 0600, whatever the umask is. Meshes are their owners' secrets.
+
+use std::fs::OpenOptions;
+use std::io;
+use std::path::Path;
+
+/// Makes a folder, and the missing ones above it, for the owner only. A folder that is there keeps its mode.
+pub(in crate::service) fn make_folder(path: &Path) -> io::Result<()> {
+    let mut builder = std::fs::DirBuilder::new();
+    builder.recursive(true);
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    builder.create(path)
+}
+
+/// Options that open a file for reading and writing and create it for the owner only.
+pub(in crate::service) fn options() -> OpenOptions {
+    let mut options = OpenOptions::new();
+    options.read(true).write(true).create(true).truncate(false);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    options
+}
+
+/// Takes the access of group and others away from a file or folder, if it is there.
+#[cfg(unix)]
+pub(in crate::service) fn tighten(path: &Path) -> io::Result<()> {
+    use std::os::unix::fs::PermissionsExt as _;
+    let mode = match path.symlink_metadata() {
+        Ok(metadata) if metadata.is_symlink() => return Ok(()),
+        Ok(metadata) => metadata.permissions().mode(),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        Err(error) => return Err(error),
+    };
+    match mode & 0o077 {
+        0 => Ok(()),
+        _ => std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode & 0o700)),
+    }
+}
+
+/// Takes the access of group and others away from a file or folder; does nothing on this system.
+#[cfg(not(unix))]
+pub(in crate::service) fn tighten(_: &Path) -> io::Result<()> {
+    Ok(())
+}
+
+/// The mode of a folder that group or others may enter or list; none when only its owner may.
+#[cfg(unix)]
+pub(in crate::service) fn open_mode(path: &Path) -> Option<u32> {
+    use std::os::unix::fs::PermissionsExt as _;
+    let mode = path.metadata().ok()?.permissions().mode() & 0o777;
+    (mode & 0o077 != 0).then_some(mode)
+}
+
+/// The mode of a folder that group or others may enter; unknown on this system.
+#[cfg(not(unix))]
+pub(in crate::service) fn open_mode(_: &Path) -> Option<u32> {
+    None
+}

@@ -1,0 +1,245 @@
+//! Room that accepted jobs were promised for their results.
+//!
+//! A job is accepted when the disk has room for the [estimate](super::needs) of its result beside what was promised to
+//! others. Once its mesh was read, and again once its result is known, the promise is [brought up to
+//! date](Room::try_secure). A job that then needs more than it was promised waits as long as other jobs can make room, and fails
+//! when none can. A job that needs no more than its promise waits as long as files of others fill the disk.
+//!
+//! Promises are kept in memory: they follow from the jobs that have not ended, and are made again when the service starts.
+
+use std::collections::HashMap;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use super::disk::State;
+use crate::service::store::JobId;
+
+/// Bytes that stay free for the store of jobs, whose log grows with every change before it is written over.
+pub(super) const STORE_ROOM: u64 = 8 << 20;
+
+/// What jobs were promised.
+#[derive(Debug, Default)]
+pub(super) struct Room(Mutex<Promises>);
+
+#[derive(Debug, Default)]
+struct Promises {
+    jobs: HashMap<JobId, Promise>,
+    /// Sum of all promises.
+    bytes: u64,
+    /// Number of the last job that began to wait.
+    last: u64,
+}
+
+#[derive(Debug, Default)]
+struct Promise {
+    bytes: u64,
+    stage: Stage,
+}
+
+/// How far a job is.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+enum Stage {
+    /// It waits for its turn, or is being read.
+    #[default]
+    Accepted,
+    /// It waits for room; later ones have larger numbers.
+    Waiting(u64),
+    /// It has room and will end.
+    Secured,
+    /// It will not get room.
+    GivenUp,
+}
+
+/// What came of asking for room.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Outcome {
+    /// It is there.
+    Secured,
+    /// Others can make room, or must.
+    Wait,
+    /// Nothing can make room.
+    Never,
+}
+
+impl Room {
+    /// Bytes that were promised.
+    pub fn promised(&self) -> u64 {
+        self.lock().bytes
+    }
+
+    /// Jobs that were promised something.
+    pub fn jobs(&self) -> Vec<JobId> {
+        self.lock().jobs.keys().copied().collect()
+    }
+
+    /// Promises room to a job if `check` allows so many bytes beside what was promised before.
+    pub fn promise<E>(&self, job: JobId, bytes: u64, check: impl FnOnce(u64) -> Result<(), E>) -> Result<(), E> {
+        let mut promises = self.lock();
+        check(promises.bytes.saturating_add(bytes))?;
+        promises.set(job, bytes);
+        Ok(())
+    }
+
+    /// The job ended.
+    pub fn give_back(&self, job: JobId) {
+        let mut promises = self.lock();
+        promises.set(job, 0);
+        promises.jobs.remove(&job);
+    }
+
+    /// Promises a job what it turns out to need, of what is free on the disk. With `is_patient` it would rather wait for
+    /// jobs that are still to be read.
+    pub fn try_secure(&self, job: JobId, needs: u64, disk: State, is_patient: bool) -> Outcome {
+        let State { free, foreign } = disk;
+        let mut promises = self.lock();
+        let promised = promises.jobs.get(&job).map_or(0, |promise| promise.bytes);
+        let others = promises.bytes - promised;
+        let fits = match needs <= promised {
+            true => needs <= free,
+            false => others.saturating_add(needs).saturating_add(STORE_ROOM) <= free,
+        };
+        if fits {
+            promises.set(job, needs);
+            promises.set_stage(job, Stage::Secured);
+            return Outcome::Secured;
+        }
+        let since = match promises.jobs.get(&job).map(|promise| promise.stage) {
+            Some(Stage::Waiting(since)) => since,
+            _ => {
+                promises.last += 1;
+                promises.last
+            }
+        };
+        promises.set_stage(job, Stage::Waiting(since));
+        // of several that wait for each other, the last gives way
+        let makes_room = |other: &Promise| match other.stage {
+            Stage::Accepted => is_patient,
+            Stage::Waiting(other) => other > since,
+            Stage::Secured => true,
+            Stage::GivenUp => true,
+        };
+        let is_others_fault = needs <= promised && needs <= free.saturating_add(foreign);
+        let has_hope = promises.jobs.iter().any(|(id, other)| *id != job && makes_room(other));
+        if is_others_fault || has_hope {
+            return Outcome::Wait;
+        }
+        promises.set_stage(job, Stage::GivenUp);
+        Outcome::Never
+    }
+
+    /// The job waits for its turn again.
+    pub fn put_back(&self, job: JobId) {
+        let mut promises = self.lock();
+        if promises.jobs.contains_key(&job) {
+            promises.set_stage(job, Stage::Accepted);
+        }
+    }
+
+    /// Whether a job was told that it will not get room.
+    pub fn gave_up(&self, job: JobId) -> bool {
+        self.lock().jobs.get(&job).is_some_and(|promise| promise.stage == Stage::GivenUp)
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Promises> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Promises {
+    fn set(&mut self, job: JobId, bytes: u64) {
+        let promise = self.jobs.entry(job).or_default();
+        self.bytes = self.bytes - promise.bytes + bytes;
+        promise.bytes = bytes;
+    }
+
+    fn set_stage(&mut self, job: JobId, stage: Stage) {
+        self.jobs.entry(job).or_default().stage = stage;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MIB: u64 = 1 << 20;
+
+    fn free(free: u64) -> State {
+        State { free, foreign: 0 }
+    }
+
+    fn promise(room: &Room, bytes: u64, free: u64) -> Result<JobId, u64> {
+        let id = JobId::random();
+        room.promise(id, bytes, |all| if all <= free { Ok(()) } else { Err(all) })?;
+        Ok(id)
+    }
+
+    #[test]
+    fn promises_add_up_and_are_given_back() {
+        let room = Room::default();
+        let first = promise(&room, 6, 10).expect("room");
+        assert_eq!(promise(&room, 5, 10), Err(11));
+        let second = promise(&room, 4, 10).expect("room");
+        assert_eq!(room.promised(), 10);
+        room.give_back(first);
+        room.give_back(first);
+        assert_eq!((room.promised(), room.jobs()), (4, vec![second]));
+    }
+
+    #[test]
+    fn a_job_that_needs_less_than_it_was_promised_leaves_the_rest_to_others() {
+        let room = Room::default();
+        let job = promise(&room, 100 * MIB, u64::MAX).expect("room");
+        assert_eq!(room.try_secure(job, 40 * MIB, free(41 * MIB), true), Outcome::Secured);
+        assert_eq!(room.promised(), 40 * MIB);
+    }
+
+    #[test]
+    fn a_job_that_was_promised_room_waits_while_somebody_else_fills_the_disk() {
+        let room = Room::default();
+        let job = promise(&room, 100 * MIB, u64::MAX).expect("room");
+        let others = State { free: 50 * MIB, foreign: 50 * MIB };
+        assert_eq!(room.try_secure(job, 90 * MIB, others, false), Outcome::Wait);
+        assert_eq!(room.try_secure(job, 90 * MIB, free(90 * MIB), false), Outcome::Secured);
+        // without others, the service itself promised more than there is
+        assert_eq!(room.try_secure(job, 90 * MIB, free(50 * MIB), false), Outcome::Never);
+    }
+
+    #[test]
+    fn a_job_that_needs_more_waits_for_jobs_that_will_end_and_fails_without_them() {
+        let room = Room::default();
+        let running = promise(&room, 20 * MIB, u64::MAX).expect("room");
+        let larger = promise(&room, 10 * MIB, u64::MAX).expect("room");
+        assert_eq!(room.try_secure(running, 20 * MIB, free(60 * MIB), false), Outcome::Secured);
+        assert_eq!(room.try_secure(larger, 60 * MIB, free(60 * MIB), false), Outcome::Wait);
+        room.give_back(running);
+        // less than what it needs and the store's room
+        assert_eq!(room.try_secure(larger, 60 * MIB, free(60 * MIB), false), Outcome::Never);
+        assert!(room.gave_up(larger));
+        room.give_back(larger);
+        assert!(!room.gave_up(larger));
+    }
+
+    #[test]
+    fn of_jobs_that_wait_for_each_other_the_last_gives_way() {
+        let room = Room::default();
+        let jobs = [10, 10, 10].map(|bytes| promise(&room, bytes * MIB, u64::MAX).expect("room"));
+        for job in jobs {
+            assert_eq!(room.try_secure(job, 50 * MIB, free(60 * MIB), true), Outcome::Wait);
+        }
+        // all wait: patience changes nothing
+        assert_eq!(room.try_secure(jobs[0], 50 * MIB, free(60 * MIB), true), Outcome::Wait);
+        assert_eq!(room.try_secure(jobs[1], 50 * MIB, free(60 * MIB), true), Outcome::Wait);
+        assert_eq!(room.try_secure(jobs[2], 50 * MIB, free(60 * MIB), true), Outcome::Never);
+        room.give_back(jobs[2]);
+        assert_eq!(room.try_secure(jobs[0], 50 * MIB, free(70 * MIB), true), Outcome::Secured);
+        assert_eq!(room.try_secure(jobs[1], 50 * MIB, free(70 * MIB), false), Outcome::Wait);
+    }
+
+    #[test]
+    fn a_job_is_patient_with_jobs_that_are_still_to_be_read_but_not_for_ever() {
+        let room = Room::default();
+        let larger = promise(&room, MIB, u64::MAX).expect("room");
+        promise(&room, MIB, u64::MAX).expect("room");
+        assert_eq!(room.try_secure(larger, 50 * MIB, free(50 * MIB), true), Outcome::Wait);
+        assert_eq!(room.try_secure(larger, 50 * MIB, free(50 * MIB), false), Outcome::Never);
+    }
+}

@@ -1,0 +1,159 @@
+//! The folder that a process works in: locked, for its owner only, and checked for still being the same one.
+//!
+//! A temporary folder has a lock like one that stays, so that a later process can tell the folder of a process that was
+//! killed, whose lock is free, from that of one that runs.
+
+use std::fs::{File, TryLockError};
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+
+use tempfile::TempDir;
+
+use super::{cannot_make, private};
+use crate::error::{Error, Kind, Result};
+
+/// Start of the names of temporary folders.
+const PREFIX: &str = "tesserae-jobs-";
+
+/// Name of the lock in either kind of folder.
+pub(super) const LOCK: &str = "lock";
+
+/// Files of the store of jobs.
+pub(super) const STORE: [&str; 3] = ["jobs.sqlite3", "jobs.sqlite3-wal", "jobs.sqlite3-shm"];
+
+/// The folder.
+#[derive(Debug)]
+pub(super) enum Root {
+    /// The operator's: everything stays.
+    Kept { path: PathBuf, lock: File },
+    /// Among the system's temporary files, for as long as the process.
+    Temporary { folder: TempDir, lock: File },
+}
+
+impl Root {
+    /// Takes the folder at `path`, which is made if need be. [`Kind::Conflict`] when another process works in it.
+    ///
+    /// The mode of a folder that is there already stays, because it may hold more than jobs; what the service keeps in it
+    /// is for the owner only in any case.
+    pub fn keep(path: &Path) -> Result<Self> {
+        private::make_folder(path).map_err(|error| cannot_make(path, error))?;
+        let name = path.join(LOCK);
+        let mut lock = private::options().open(&name).map_err(|error| cannot_make(&name, error))?;
+        match lock.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                let holder = std::fs::read_to_string(&name).unwrap_or_default();
+                return Err(Error::new(
+                    Kind::Conflict,
+                    format_args!(
+                        "another process ({}) works in the data folder; stop it, or give this one another --data-dir: {}",
+                        holder.trim(),
+                        path.display()
+                    ),
+                ));
+            }
+            Err(TryLockError::Error(error)) => return Err(cannot_make(&name, error)),
+        }
+        note_holder(&mut lock).map_err(|error| cannot_make(&name, error))?;
+        let path = path.canonicalize().map_err(|error| cannot_make(path, error))?;
+        if let Some(mode) = private::open_mode(&path) {
+            let (folder, mode) = (path.display(), format!("{mode:04o}"));
+            tracing::warn!(%folder, mode, "others than the owner may enter the data folder; `chmod 700` takes that away");
+        }
+        for name in STORE.into_iter().chain([LOCK]) {
+            let file = path.join(name);
+            private::tighten(&file).map_err(|error| cannot_make(&file, error))?;
+        }
+        Ok(Self::Kept { path, lock })
+    }
+
+    /// Makes a temporary folder in `among`, and removes those there whose process was killed.
+    pub fn temporary(among: &Path) -> Result<Self> {
+        let cannot = |error| cannot_make(among, error);
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(PREFIX);
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
+        let folder = builder.tempdir_in(among).map_err(cannot)?;
+        // Locked before it has its name: a lock that another process finds free belongs to nobody.
+        let (new, name) = (folder.path().join("lock.new"), folder.path().join(LOCK));
+        let lock_it = || {
+            let mut lock = private::options().open(&new)?;
+            lock.lock()?;
+            note_holder(&mut lock)?;
+            std::fs::rename(&new, &name)?;
+            io::Result::Ok(lock)
+        };
+        let lock = lock_it().map_err(cannot)?;
+        sweep_temporary(among, folder.path());
+        Ok(Self::Temporary { folder, lock })
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        match self {
+            Root::Kept { path, .. } => path,
+            Root::Temporary { folder, .. } => folder.path(),
+        }
+    }
+
+    /// Whether the folder outlasts the process.
+    pub fn is_kept(&self) -> bool {
+        matches!(self, Root::Kept { .. })
+    }
+
+    /// Whether the folder is still the one that was opened: not removed, unmounted, or mounted over.
+    pub fn check(&self) -> io::Result<()> {
+        let (Root::Kept { lock, .. } | Root::Temporary { lock, .. }) = self;
+        let (there, held) = (self.path().join(LOCK).metadata()?, lock.metadata()?);
+        if same_file(&there, &held) { Ok(()) } else { Err(io::Error::other("it was replaced by another")) }
+    }
+}
+
+/// Writes the number of this process into its lock.
+fn note_holder(lock: &mut File) -> io::Result<()> {
+    lock.set_len(0)?;
+    lock.write_all(format!("{}\n", std::process::id()).as_bytes())
+}
+
+/// Removes temporary folders of processes that were killed: those with a lock that is free. Another user's stay, and so do
+/// those of versions that made no lock, which may be in use.
+fn sweep_temporary(among: &Path, own: &Path) {
+    for entry in std::fs::read_dir(among).into_iter().flatten().flatten() {
+        let path = entry.path();
+        let is_one = entry.file_name().to_str().is_some_and(|name| name.starts_with(PREFIX)) && path != own;
+        if !is_one || !is_folder_of_same_owner(&path, own) {
+            continue;
+        }
+        let Ok(lock) = File::options().write(true).open(path.join(LOCK)) else { continue };
+        if lock.try_lock().is_ok() {
+            match std::fs::remove_dir_all(&path) {
+                Ok(()) => tracing::info!(folder = %path.display(), "removed the temporary folder of a killed process"),
+                Err(error) => tracing::warn!(folder = %path.display(), %error, "a folder cannot be removed"),
+            }
+        }
+    }
+}
+
+#[cfg(unix)]
+fn is_folder_of_same_owner(path: &Path, own: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt as _;
+    let (Ok(theirs), Ok(ours)) = (path.symlink_metadata(), own.symlink_metadata()) else { return false };
+    theirs.is_dir() && theirs.uid() == ours.uid()
+}
+
+#[cfg(not(unix))]
+fn is_folder_of_same_owner(path: &Path, _: &Path) -> bool {
+    path.symlink_metadata().is_ok_and(|found| found.is_dir())
+}
+
+#[cfg(unix)]
+fn same_file(one: &std::fs::Metadata, other: &std::fs::Metadata) -> bool {
+    use std::os::unix::fs::MetadataExt as _;
+    (one.dev(), one.ino()) == (other.dev(), other.ino())
+}
+
+#[cfg(not(unix))]
+fn same_file(one: &std::fs::Metadata, other: &std::fs::Metadata) -> bool {
+    one.created().ok() == other.created().ok()
+}

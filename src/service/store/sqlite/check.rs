@@ -1,0 +1,88 @@
+//! Damage: whether the file is still a sound database.
+//!
+//! The file is checked when it is opened, for a bounded time. Afterwards SQLite finds damage only where it looks, so what one
+//! statement found stands until the service is started again.
+
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::{Mutex, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use rusqlite::{Connection, ErrorCode};
+
+use crate::error::{Error, Kind};
+
+/// Longest time that the check may take when the store is opened. 300,000 jobs in 0.9 GB took 8 s on a busy machine.
+pub(super) const START: Duration = Duration::from_secs(10);
+
+/// What messages about damage begin with.
+const DAMAGED: &str = "the store of jobs is damaged";
+
+/// The damage that was found.
+#[derive(Debug, Default)]
+pub(super) struct Damage(Mutex<Option<Error>>);
+
+impl Damage {
+    /// Keeps an error that is one of damage.
+    pub fn note(&self, error: &Error) {
+        if error.kind == Kind::Unavailable && error.message.starts_with(DAMAGED) {
+            self.lock().get_or_insert_with(|| error.clone());
+        }
+    }
+
+    /// The first that was found.
+    pub fn found(&self) -> Option<Error> {
+        self.lock().clone()
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, Option<Error>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Whether the database says that its file is broken.
+pub(super) fn is_damage(error: &rusqlite::Error) -> bool {
+    matches!(error.sqlite_error_code(), Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase))
+}
+
+/// The error of a file that is broken.
+pub(super) fn damaged(what: &str) -> Error {
+    Error::new(
+        Kind::Unavailable,
+        format_args!("{DAMAGED}; stop the service and put a backup in the place of jobs.sqlite3: {what}"),
+    )
+}
+
+/// Checks the structure of all tables and indices, for so long at most.
+pub(super) fn check(connection: &Connection, longest: Duration) -> rusqlite::Result<()> {
+    let started = Instant::now();
+    let (done, waits) = channel::<()>();
+    let interrupt = connection.get_interrupt_handle();
+    let guard = thread::spawn(move || {
+        if waits.recv_timeout(longest) == Err(RecvTimeoutError::Timeout) {
+            interrupt.interrupt();
+        }
+    });
+    let found = connection.query_row("PRAGMA quick_check(1)", [], |row| row.get::<_, String>(0));
+    drop(done);
+    let _ = guard.join();
+    match found {
+        Ok(verdict) if verdict == "ok" => {
+            tracing::debug!(milliseconds = started.elapsed().as_millis() as u64, "the store of jobs is sound");
+            Ok(())
+        }
+        Ok(verdict) => Err(broken(verdict)),
+        Err(error) if error.sqlite_error_code() == Some(ErrorCode::OperationInterrupted) => {
+            let seconds = longest.as_secs();
+            tracing::warn!(seconds, "the store of jobs is so large that only a part of it was checked for damage");
+            Ok(())
+        }
+        Err(error) => Err(error),
+    }
+}
+
+/// What the check found, as an error of the database.
+fn broken(verdict: String) -> rusqlite::Error {
+    let code = rusqlite::ffi::Error::new(rusqlite::ffi::SQLITE_CORRUPT);
+    rusqlite::Error::SqliteFailure(code, Some(verdict.replace('\n', " ")))
+}

@@ -1,0 +1,208 @@
+//! Real disks that are full: a small tmpfs as the data folder. Where nothing can be mounted, these tests say so and pass.
+#![cfg(target_os = "linux")]
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::Arc;
+
+use serde_json::Value;
+use tempfile::TempDir;
+use tesserae::device::Device;
+use tesserae::device::cpu::CpuDevice;
+use tesserae::service::{Extras, Settings};
+
+use crate::support::*;
+
+const MIB: u64 = 1 << 20;
+
+/// A disk of its own.
+struct Disk(Arc<TempDir>);
+
+impl Disk {
+    /// One of so many bytes; none where nothing can be mounted.
+    fn mount(bytes: u64) -> Option<Self> {
+        let folder = Arc::new(tempfile::tempdir().expect("a folder"));
+        let options = format!("size={bytes},mode=0700");
+        let mut mount = Command::new("mount");
+        mount.args(["-t", "tmpfs", "-o", &options, "tmpfs"]).arg(folder.path());
+        match mount.output() {
+            Ok(done) if done.status.success() => Some(Self(folder)),
+            _ => {
+                eprintln!("NOT TESTED: no tmpfs can be mounted here, which takes root");
+                None
+            }
+        }
+    }
+
+    async fn service(&self, device: Box<dyn Device>, change: impl FnOnce(&mut Settings)) -> Service {
+        Service::on(Arc::clone(&self.0), change, device, None, Extras::default()).await
+    }
+
+    /// Writes a file until the disk is full; where it is.
+    fn fill(&self, name: &str) -> PathBuf {
+        let path = self.0.path().join(name);
+        let mut file = std::fs::File::create(&path).expect("a file");
+        for piece in [MIB as usize, 4096, 1] {
+            while file.write_all(&vec![1; piece]).is_ok() {}
+        }
+        path
+    }
+}
+
+impl Drop for Disk {
+    fn drop(&mut self) {
+        // lazily: a service may still be closing its files
+        let _ = Command::new("umount").arg("-l").arg(self.0.path()).status();
+    }
+}
+
+fn write_ones(path: &Path, bytes: u64) {
+    std::fs::create_dir_all(path.parent().expect("a folder")).expect("made");
+    std::fs::write(path, vec![1; bytes as usize]).expect("written");
+}
+
+async fn jobs(service: &Service) -> usize {
+    json(service.get("/v1/jobs?limit=1000")).await["jobs"].as_array().map_or(0, Vec::len)
+}
+
+#[tokio::test]
+async fn every_job_that_a_small_disk_accepts_ends() {
+    let Some(disk) = Disk::mount(48 * MIB) else { return };
+    let (device, gate) = Held::behind_gate();
+    let service = disk.service(device, |settings| settings.storage.min_free_bytes = 16 * MIB).await;
+    let mesh = sphere_glb(8_000);
+    let mut accepted = Vec::new();
+    let detail = loop {
+        let query = format!("/v1/jobs?algorithm=pml&levels={}", 500 + accepted.len());
+        let request = service.post(&query).header("content-type", "model/gltf-binary").body(mesh.clone());
+        let answer = request.send().await.expect("answered");
+        if answer.status() != 202 {
+            break problem(answer, 507, "insufficient-storage").await;
+        }
+        accepted.push(answer.json::<Value>().await.expect("JSON"));
+        assert!(accepted.len() < 1000);
+    };
+    assert!(detail.contains("--min-free-bytes") && detail.contains("delete jobs"), "{detail}");
+    assert!(accepted.len() > 1, "some fit");
+    gate.open();
+    for job in &accepted {
+        let ended = service.ended(job).await;
+        assert_eq!(ended["state"], "succeeded", "{ended}");
+    }
+    // what was promised is given back: there is room for more
+    service.submit("clusters=5", sphere(300)).await;
+}
+
+#[tokio::test]
+async fn what_jobs_were_promised_outlasts_a_restart() {
+    let Some(disk) = Disk::mount(48 * MIB) else { return };
+    let change = |settings: &mut Settings| {
+        settings.storage.min_free_bytes = 16 * MIB;
+        settings.grace_period = 0;
+    };
+    let (device, _gate) = Held::behind_gate();
+    let service = disk.service(device, change).await;
+    let mesh = sphere_glb(8_000);
+    let post = async |service: &Service| {
+        let request = service.post("/v1/jobs?algorithm=pml").header("content-type", "model/gltf-binary");
+        request.body(mesh.clone()).send().await.expect("answered").status().as_u16()
+    };
+    while post(&service).await == 202 {}
+    let mut service = service;
+    service.stopped().await;
+    let (device, gate) = Held::behind_gate();
+    let service = disk.service(device, change).await;
+    assert_eq!(post(&service).await, 507, "there is no more room than before");
+    gate.open();
+    until(async || post(&service).await == 202).await;
+}
+
+#[tokio::test]
+async fn a_job_that_can_never_fit_fails_and_one_that_others_leave_no_room_waits() {
+    let Some(disk) = Disk::mount(64 * MIB) else { return };
+    let change = |settings: &mut Settings| {
+        settings.storage.min_free_bytes = 0;
+        settings.grace_period = 0;
+    };
+    for is_own in [true, false] {
+        let (device, _gate) = Held::behind_gate();
+        let mut service = disk.service(device, change).await;
+        let request = service.post("/v1/jobs?algorithm=pml").header("content-type", "model/gltf-binary");
+        let job = json(request.body(sphere_glb(30_000))).await;
+        service.stopped().await;
+        // another file of the service, or of somebody else
+        let folder = disk.0.path();
+        let file = match is_own {
+            true => folder.join("results/00000000-0000-4000-8000-000000000000/1/labels.npy"),
+            false => folder.join("somebody's"),
+        };
+        write_ones(&file, 56 * MIB + MIB / 2);
+        let service = disk.service(Box::new(CpuDevice::new()), change).await;
+        let ended = match is_own {
+            true => service.ended(&job).await,
+            false => {
+                service.reaches(&job, "running").await;
+                std::fs::remove_file(&file).expect("removed");
+                service.ended(&job).await
+            }
+        };
+        match is_own {
+            true => {
+                assert_eq!(ended["problem"]["status"], 507, "{ended}");
+                let detail = text(&ended["problem"]["detail"]);
+                assert!(detail.contains("delete jobs"), "{detail}");
+                std::fs::remove_dir_all(folder.join("aside")).expect("moved aside");
+            }
+            false => assert_eq!(ended["state"], "succeeded", "{ended}"),
+        }
+        let mut service = service;
+        service.stopped().await;
+    }
+}
+
+#[tokio::test]
+async fn deletions_work_on_a_full_disk() {
+    let Some(disk) = Disk::mount(48 * MIB) else { return };
+    let service = disk.service(Box::new(CpuDevice::new()), |settings| settings.storage.min_free_bytes = 0).await;
+    let mut small = Vec::new();
+    for _ in 0..2 {
+        small.push(service.submit("clusters=5", sphere(300)).await);
+    }
+    let large = service.submit("clusters=50&quality=fast", sphere(70_000)).await;
+    for job in small.iter().chain([&large]) {
+        assert_eq!(service.ended(job).await["state"], "succeeded");
+    }
+    disk.fill("filler");
+    let delete = async |job: &Value| service.delete(path(job)).send().await.expect("answered").status();
+    assert_eq!(delete(&small[0]).await, 204, "with the ballast");
+    disk.fill("filler again");
+    assert_eq!(delete(&large).await, 204, "with the room of its own files");
+    assert_eq!(jobs(&service).await, 1);
+}
+
+#[tokio::test]
+async fn jobs_expire_on_a_full_disk() {
+    let Some(disk) = Disk::mount(48 * MIB) else { return };
+    let mut service = disk.service(Box::new(CpuDevice::new()), |settings| settings.storage.min_free_bytes = 0).await;
+    let mut ended = Vec::new();
+    for faces in [300, 70_000, 300, 70_000] {
+        ended.push(service.submit("clusters=5&quality=fast", sphere(faces)).await);
+    }
+    for job in &ended {
+        assert_eq!(service.ended(job).await["state"], "succeeded");
+    }
+    service.stopped().await;
+    let filler = disk.fill("filler");
+    let change = |settings: &mut Settings| {
+        settings.storage.min_free_bytes = 0;
+        settings.storage.retention = 1;
+    };
+    let service = disk.service(Box::new(CpuDevice::new()), change).await;
+    until(async || jobs(&service).await == 0).await;
+    std::fs::remove_file(filler).expect("removed");
+    // the ballast is there again, and jobs go on
+    until(async || disk.0.path().join("ballast").exists()).await;
+    let job = service.submit("clusters=5", sphere(300)).await;
+    assert_eq!(service.ended(&job).await["state"], "succeeded");
+}
