@@ -7,14 +7,14 @@ use crate::error::{Error, Result};
 use crate::service::store::{Job, JobId, JobStore, State};
 
 impl Files {
-    /// Removes uploads of jobs that were never accepted or have ended, and results of attempts that did not make it.
+    /// Removes uploads of jobs that were never accepted, or have ended and are not [kept](Job::keeps_upload) for a retry, and results of attempts that did not make it.
     /// Uploads that are coming in stay. Returns how many folders went.
     pub async fn sweep(&self, store: &dyn JobStore) -> Result<usize> {
         let mut removed = 0;
         for id in self.jobs_in("uploads").await? {
             // looked at before the store, which knows an accepted one before it stops coming in
             let is_coming_in = self.lock_incoming().contains(&id);
-            let is_needed = is_coming_in || store.get(id).await?.is_some_and(|job| !job.state.is_ended());
+            let is_needed = is_coming_in || store.get(id).await?.is_some_and(|job| !job.state.is_ended() || job.keeps_upload());
             if !is_needed {
                 self.remove_upload(id).await;
                 removed += 1;

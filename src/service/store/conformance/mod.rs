@@ -63,7 +63,7 @@ pub(in crate::service) async fn run(subject: &dyn Subject) {
     attempts::a_crash_loses_nothing(subject).await;
 }
 
-const RULES: Rules = Rules { max_queued: 9, max_attempts: 3 };
+const RULES: Rules = Rules { max_queued: 9, max_attempts: 3, crash_pause: Duration::ZERO };
 
 /// Long enough that no lease ends by itself.
 const LEASE: Duration = Duration::from_secs(3600);
@@ -81,6 +81,7 @@ fn spec(name: &str) -> Spec {
         listed_seeds: true,
         has_weights: true,
         is_small: false,
+        priority: 0,
     }
 }
 
