@@ -179,9 +179,7 @@ impl Reader {
     /// An event as it is sent.
     fn sent(&self, event: Event) -> Option<Sent> {
         let (name, data) = match event.what {
-            What::State(state) => {
-                ("state", serde_json::to_string(&StateEvent { state, attempt: None, worker: None }))
-            }
+            What::State(state) => ("state", serde_json::to_string(&StateEvent { state, attempt: None, worker: None })),
             What::Started(attempt, worker) => {
                 let event = StateEvent { state: State::Running, attempt: Some(attempt), worker: Some(worker) };
                 ("state", serde_json::to_string(&event))

@@ -3,6 +3,7 @@
 mod access;
 mod durable;
 mod events;
+mod fairness;
 mod faults;
 mod hierarchy;
 mod hostile;

@@ -14,7 +14,8 @@ impl Files {
         for id in self.jobs_in("uploads").await? {
             // looked at before the store, which knows an accepted one before it stops coming in
             let is_coming_in = self.lock_incoming().contains(&id);
-            let is_needed = is_coming_in || store.get(id).await?.is_some_and(|job| !job.state.is_ended() || job.keeps_upload());
+            let is_needed =
+                is_coming_in || store.get(id).await?.is_some_and(|job| !job.state.is_ended() || job.keeps_upload());
             if !is_needed {
                 self.remove_upload(id).await;
                 removed += 1;

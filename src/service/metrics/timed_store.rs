@@ -10,8 +10,8 @@ use tokio_util::bytes::Bytes;
 use super::Metrics;
 use crate::error::Result;
 use crate::service::store::{
-    Claiming, Created, Deletion, Ending, Event, Job, JobId, JobStore, ListQuery, NewJob, Notice, Page, Progress, Pulse, Release,
-    Retried, State, Statistics, Ticket, What,
+    Claiming, Created, Deletion, Ending, Event, Job, JobId, JobStore, ListQuery, NewJob, Notice, Page, Progress, Pulse,
+    Release, Retried, State, Statistics, Ticket, What,
 };
 
 /// Another store, timed.

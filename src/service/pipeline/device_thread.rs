@@ -26,9 +26,9 @@ use std::time::{Duration, Instant};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use tokio::sync::oneshot;
 
+use super::beside::Beside;
 use super::caught;
 use super::small::{SMALL_FACES, SmallMeshes};
-use super::beside::Beside;
 use super::task::{Done, Task};
 use super::turns::{Line, Visit};
 use crate::device::cpu::CpuDevice;

@@ -95,7 +95,7 @@ impl Drop for Lease {
 #[cfg(test)]
 mod tests {
     use super::*;
-        use crate::service::store::memory::MemoryStore;
+    use crate::service::store::memory::MemoryStore;
     use crate::service::store::tests::{RULES, new_job};
 
     #[tokio::test]

@@ -95,8 +95,8 @@ impl Line {
         state.cost = None;
         state.waiting.retain(|waiting| !waiting.called.is_closed());
         let start = |waiting: &Waiting| state.turns.start(&waiting.visit.tenant);
-        let next = (0..state.waiting.len())
-            .min_by(|&a, &b| start(&state.waiting[a]).total_cmp(&start(&state.waiting[b])))?;
+        let next =
+            (0..state.waiting.len()).min_by(|&a, &b| start(&state.waiting[a]).total_cmp(&start(&state.waiting[b])))?;
         let Waiting { visit, called } = state.waiting.remove(next);
         Some((called, self.begin(state, visit)))
     }

@@ -38,7 +38,14 @@ pub struct WorkSettings {
 
 impl Default for WorkSettings {
     fn default() -> Self {
-        Self { max_attempts: 3, crash_pause: 5, worker_name: None, max_job_seconds: 3600, memory_budget: None, device_timeout: 180 }
+        Self {
+            max_attempts: 3,
+            crash_pause: 5,
+            worker_name: None,
+            max_job_seconds: 3600,
+            memory_budget: None,
+            device_timeout: 180,
+        }
     }
 }
 

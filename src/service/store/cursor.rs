@@ -58,8 +58,7 @@ impl Cursors {
             let number = u64::from_be_bytes(hidden.try_into().ok()?) ^ u64::from_be_bytes(self.digest(b"mask", tag));
             (self.digest(b"tag", &number.to_be_bytes()) == tag).then_some(number)
         };
-        number()
-            .ok_or_else(|| Error::parameter(format_args!("cursor is not one that a list of jobs gave: {cursor:?}")))
+        number().ok_or_else(|| Error::parameter(format_args!("cursor is not one that a list of jobs gave: {cursor:?}")))
     }
 
     fn digest(&self, purpose: &[u8], bytes: &[u8]) -> [u8; 8] {

@@ -138,7 +138,11 @@ mod tests {
     #[test]
     fn running_jobs_by_weight_come_before_turns_and_limits_before_all() {
         let waiting = |running: [u64; 3]| -> Vec<Waiting> {
-            ["a", "b", "c"].iter().zip(running).map(|(name, running)| Waiting { tenant: (*name).into(), running }).collect()
+            ["a", "b", "c"]
+                .iter()
+                .zip(running)
+                .map(|(name, running)| Waiting { tenant: (*name).into(), running })
+                .collect()
         };
         let shares: Shares = [
             ("b".to_owned(), Share { weight: 4, max_running: None }),

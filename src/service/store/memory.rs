@@ -14,9 +14,9 @@ use tokio_util::bytes::Bytes;
 use super::cursor::Cursors;
 use super::fairness::{Turns, Waiting, first_tenants};
 use super::{
-    Claiming, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob, Notice, Page,
-    Progress, Pulse, Release, Retried, Rules, SMALL_BLOBS, SmallBlob, State, Statistics, Ticket, What, given_up, lease_is_over,
-    no_such_job, not_yours, queue_is_full, reused_key,
+    Claiming, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob, Notice,
+    Page, Progress, Pulse, Release, Retried, Rules, SMALL_BLOBS, SmallBlob, State, Statistics, Ticket, What, given_up,
+    lease_is_over, no_such_job, not_yours, queue_is_full, reused_key,
 };
 use crate::error::{Kind, Result};
 

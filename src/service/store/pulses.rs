@@ -80,7 +80,11 @@ mod tests {
         assert_eq!(*waiting.borrow(), Pulse { last_seq: 7, ended: false, cancel_requested: false }, "an older one");
         for (last_seq, ended) in [(8, true), (9, false)] {
             pulses.publish(kept, Pulse { last_seq, ended, ..Pulse::default() });
-            assert_eq!(*waiting.borrow(), Pulse { last_seq, ended, cancel_requested: false }, "a job that is run again");
+            assert_eq!(
+                *waiting.borrow(),
+                Pulse { last_seq, ended, cancel_requested: false },
+                "a job that is run again"
+            );
         }
         pulses.forget(kept);
         assert!(waiting.has_changed().is_err());

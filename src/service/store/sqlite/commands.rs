@@ -5,8 +5,9 @@ use std::time::SystemTime;
 use rusqlite::{Connection, Row, params};
 
 use super::super::{
-    Created, Deletion, End, Ending, Job, JobId, NewJob, Progress, Pulse, Release, Retried, Rules, SmallBlob, State,
-    Summary, Ticket, What, given_up, lease_is_over, no_such_job, not_yours, queue_is_full, reused_key, ALONE_FROM,
+    ALONE_FROM, Created, Deletion, End, Ending, Job, JobId, NewJob, Progress, Pulse, Release, Retried, Rules,
+    SmallBlob, State, Summary, Ticket, What, given_up, lease_is_over, no_such_job, not_yours, queue_is_full,
+    reused_key,
 };
 use super::connections::{Abort, all, execute, first, one};
 use super::rows::{self, column, count, jobs, json, micros, text};

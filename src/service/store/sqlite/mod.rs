@@ -26,7 +26,8 @@ use tokio_util::bytes::Bytes;
 
 use self::claim::{Begin, Claim, Recover, Recovered};
 use self::commands::{
-    Append, Cancel, Create, Delete, Finish, GiveBack, Heartbeat, Probe, Reclaim, Retry, SettleWebhook, check_queue, find,
+    Append, Cancel, Create, Delete, Finish, GiveBack, Heartbeat, Probe, Reclaim, Retry, SettleWebhook, check_queue,
+    find,
 };
 use self::connections::{Readers, all, first, one};
 use self::rows::{column, count, jobs};
@@ -34,8 +35,8 @@ use self::schema::MigrateError;
 use self::writer::{Listeners, Writer};
 use super::cursor::Cursors;
 use super::{
-    Claiming, Created, Deletion, Ending, Event, Job, JobId, JobStore, ListQuery, NewJob, Notice, Page, Progress, Pulse, Release,
-    Retried, Rules, SMALL_BLOBS, State, Statistics, Ticket, What,
+    Claiming, Created, Deletion, Ending, Event, Job, JobId, JobStore, ListQuery, NewJob, Notice, Page, Progress, Pulse,
+    Release, Retried, Rules, SMALL_BLOBS, State, Statistics, Ticket, What,
 };
 use crate::error::{Error, Kind, Result};
 use crate::service::faults::Faults;

@@ -1,5 +1,6 @@
 use std::io::ErrorKind;
 use std::sync::Mutex;
+use std::time::Duration;
 
 use tempfile::TempDir;
 
@@ -51,7 +52,6 @@ impl Subject for OnDisk {
 async fn conforms() {
     conformance::run(&OnDisk::default()).await;
 }
-
 
 #[tokio::test]
 async fn a_failed_commit_is_told_loses_nothing_and_passes() {
