@@ -151,7 +151,7 @@ impl DeviceThread {
             return done.await;
         }
         let next = self.next.lock().await;
-        if self.line.is_short(u64::MIN) {
+        if self.line.is_taken() {
             self.upload(&mut task).await;
         }
         let turn = self.line.turn(task.visit.clone()).await;
