@@ -37,6 +37,14 @@ const RETRY: Duration = Duration::from_secs(2);
 pub(super) struct StateEvent {
     /// The state that the job entered.
     state: State,
+    /// Of `running`: the number of the attempt, which iterations and rounds up to the next state are of.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    attempt: Option<u32>,
+    /// Of `running`: the name of the process that makes it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    worker: Option<String>,
 }
 
 /// Data of the event `end`.
@@ -65,8 +73,10 @@ pub(super) struct StreamEvent {
 
 /// Follow a job
 ///
-/// Events `state` ({state}), `iteration` (a row of the report's `iterations`), `round` (a row of its `levels`) and `end`
-/// ({state, problem}), after which the stream closes; comments keep a quiet stream open. The id of an event is its number, from 1 without gaps. With
+/// Events `state` ({state}, and of `running` {attempt, worker}), `iteration` (a row of the report's `iterations`), `round` (a row of its `levels`) and `end`
+/// ({state, problem}), after which the stream closes unless the job was run again. An attempt that was broken off is made
+/// again from the beginning: `state` tells the number of the attempt that the following iterations and rounds are of, and their numbers begin
+/// again. Comments keep a quiet stream open. The id of an event is its number, from 1 without gaps. With
 /// `Last-Event-ID` the stream begins after that event; when there is nothing after it and the job has ended, the answer
 /// is 204, which tells an EventSource not to come back.
 #[utoipa::path(
@@ -130,7 +140,8 @@ impl Reader {
             }
             if let Some(event) = self.page.pop_front() {
                 self.after = event.seq;
-                self.closing = matches!(event.what, What::End(..));
+                let is_last = self.page.is_empty() && self.pulses.borrow().last_seq <= event.seq;
+                self.closing = is_last && matches!(event.what, What::End(..));
                 return self.sent(event);
             }
             // seen before reading, so that what happens while reading is noticed
@@ -168,7 +179,11 @@ impl Reader {
     /// An event as it is sent.
     fn sent(&self, event: Event) -> Option<Sent> {
         let (name, data) = match event.what {
-            What::State(state) => ("state", serde_json::to_string(&StateEvent { state })),
+            What::State(state) => ("state", serde_json::to_string(&StateEvent { state, attempt: None, worker: None })),
+            What::Started(attempt, worker) => {
+                let event = StateEvent { state: State::Running, attempt: Some(attempt), worker: Some(worker) };
+                ("state", serde_json::to_string(&event))
+            }
             What::Iteration(row) => ("iteration", Ok(row)),
             What::Round(row) => ("round", Ok(row)),
             What::End(state, error) => {

@@ -21,6 +21,11 @@ pub enum FaultPoint {
     Finish,
 }
 
+/// Environment variable, for tests only: the process aborts when it begins to read a mesh of this file name. Read by builds
+/// with debug assertions only.
+#[cfg(debug_assertions)]
+const ABORT_AT: &str = "TEST_ABORT_AT_FILE";
+
 /// The faults that are armed; clones share them.
 #[derive(Debug, Clone, Default)]
 pub struct Faults {
@@ -93,6 +98,19 @@ impl Faults {
         self.held.points().clear();
         self.held.changed.notify_all();
     }
+
+    /// Aborts the process when a test says so about a file of this name, as a mesh would that takes all memory.
+    #[cfg(debug_assertions)]
+    pub(super) fn abort_at(&self, file_name: Option<&str>) {
+        if file_name.is_some_and(|name| std::env::var(ABORT_AT).is_ok_and(|wanted| wanted == name)) {
+            std::process::abort();
+        }
+    }
+
+    /// Nothing, in this build.
+    #[cfg(not(debug_assertions))]
+    #[inline]
+    pub(super) fn abort_at(&self, _: Option<&str>) {}
 
     /// An error when a fault is armed for this point; waits first when it is held.
     #[cfg(debug_assertions)]

@@ -15,6 +15,7 @@ use utoipa::openapi::{self, Ref, RefOr, Required, Response, ResponseBuilder, Sch
 use utoipa::{Modify, OpenApi, ToResponse, ToSchema};
 
 use super::problem::{Answer, Problem};
+use super::store::PRIORITIES;
 use super::{events, hierarchy, info, jobs, results};
 use crate::error::{Error, Kind, Result};
 use crate::parameters::{Levels, Seeds, Snapshots};
@@ -42,6 +43,7 @@ pub(super) struct Problematic(Problem);
         jobs::list,
         jobs::show,
         jobs::remove,
+        jobs::retry,
         events::stream,
         results::labels,
         hierarchy::hierarchy,
@@ -101,6 +103,12 @@ impl Modify for Adjustments {
         let webhook = ObjectBuilder::new()
             .schema_type(Type::String)
             .description(Some("URL that is told the end of the job; on a host that the operator allows"));
+        let priority = ObjectBuilder::new()
+            .schema_type(Type::Integer)
+            .minimum(Some(*PRIORITIES.start()))
+            .maximum(Some(*PRIORITIES.end()))
+            .description(Some("Of your waiting jobs, those with a higher priority start first; 0 when left out"));
+        of_jobs.properties.insert("priority".to_owned(), Schema::from(priority).into());
         of_jobs.properties.insert("webhook".to_owned(), Schema::from(webhook).into());
         schemas.insert("JobParameters".to_owned(), Schema::from(of_jobs).into());
         if let Some(form) = schemas.get_mut("UploadForm") {

@@ -1,22 +1,25 @@
 //! From the queue to results: read → cluster → write, for several jobs at a time.
 //!
-//! Jobs are claimed in the order of submission. Each holds a slot until it ends, so that no more meshes are in memory
-//! than there are slots, and waits for its share of [`memory`] before it is read; within that, meshes are read and results made and
+//! Jobs are claimed fairly among tenants ([`super::store`]). Each holds a slot until it ends, so that no more meshes are in
+//! memory than there are slots, and one more slot that only a tenant without a running job gets: a tenant that fills all
+//! others holds no other tenant up. A job waits for its share of [`memory`] before it is read; within that, meshes are read and results made and
 //! written on tokio's blocking threads while the one [`device_thread`] clusters; [`small`] meshes have threads of their own. A job that fails, or panics, fails alone.
 //!
 //! An attempt at a job comes to one of three [`Verdict`]s. The job has ended; or it is released, because the device, the
 //! disk or the process failed and not the mesh; or it belongs to somebody else by now. What cannot be stored is stored once
 //! the disk works again: nothing is given up for it.
 
+mod beside;
 pub(super) mod device_thread;
 mod leases;
 mod memory;
 mod small;
 mod stages;
 mod task;
+mod turns;
 
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use tokio_util::sync::CancellationToken;
@@ -28,10 +31,12 @@ use self::leases::{LEASE, Leases};
 use self::memory::Memory;
 use self::small::SmallMeshes;
 use self::stages::{Log, Written};
+use super::faults::Faults;
 use super::files::Files;
 use super::metrics::Metrics;
 use super::storage::Storage;
-use super::store::{End, Ending, Job, JobStore, Release, State, Summary, Ticket};
+use super::store::fairness::Shares;
+use super::store::{Claiming, End, Ending, Job, JobStore, Release, State, Summary, Ticket};
 use super::trace::TraceParent;
 use crate::device::Cancel;
 use crate::error::{Error, Kind, Result};
@@ -39,6 +44,9 @@ use crate::mesh::Limits;
 
 /// Time between two attempts to store what could not be stored.
 const AGAIN: Duration = Duration::from_millis(500);
+
+/// Wait for a time that has come by now.
+const EARLY: Duration = Duration::from_millis(1);
 
 /// What a pipeline is made of.
 #[derive(Debug)]
@@ -53,6 +61,12 @@ pub(super) struct Parts {
     pub device: DeviceThread,
     /// What is counted.
     pub metrics: Arc<Metrics>,
+    /// What tenants may use.
+    pub shares: watch::Receiver<Arc<Shares>>,
+    /// Name of this process for clients.
+    pub worker: Arc<str>,
+    /// Failures on purpose.
+    pub faults: Faults,
 }
 
 /// What jobs may cost.
@@ -78,6 +92,11 @@ pub(super) struct Pipeline {
     limits: Limits,
     time: Option<Duration>,
     slots: Arc<Semaphore>,
+    /// The one slot for a tenant without a running job.
+    newcomer: Arc<Semaphore>,
+    shares: watch::Receiver<Arc<Shares>>,
+    worker: Arc<str>,
+    faults: Faults,
     memory: Memory,
     small: SmallMeshes,
     leases: Arc<Leases>,
@@ -101,7 +120,7 @@ type Claimed = (OwnedSemaphorePermit, Ticket, Job);
 impl Pipeline {
     /// A pipeline of these parts.
     pub fn start(parts: Parts, costs: Costs) -> Result<Self> {
-        let Parts { store, files, storage, device, metrics } = parts;
+        let Parts { store, files, storage, device, metrics, shares, worker, faults } = parts;
         Ok(Self {
             store,
             files,
@@ -110,6 +129,10 @@ impl Pipeline {
             limits: costs.limits,
             time: costs.time,
             slots: Arc::new(Semaphore::new(costs.slots)),
+            newcomer: Arc::new(Semaphore::new(1)),
+            shares,
+            worker,
+            faults,
             memory: Memory::new(costs.memory),
             small: SmallMeshes::start()?,
             leases: Arc::default(),
@@ -155,14 +178,21 @@ impl Pipeline {
         arrivals: &mut watch::Receiver<u64>,
         stop: &CancellationToken,
     ) -> Option<Vec<Claimed>> {
-        let mut slots = Vec::new();
+        let (mut slots, mut newcomer) = (Vec::new(), None);
+        let mut shares = self.shares.clone();
         loop {
             let ready = async {
-                if slots.is_empty() {
-                    slots.push(Arc::clone(&self.slots).acquire_owned().await.ok()?);
+                if slots.is_empty() && newcomer.is_none() {
+                    tokio::select! {
+                        slot = Arc::clone(&self.slots).acquire_owned() => slots.push(slot.ok()?),
+                        slot = Arc::clone(&self.newcomer).acquire_owned() => newcomer = Some(slot.ok()?),
+                    }
                 }
                 while let Ok(slot) = Arc::clone(&self.slots).try_acquire_owned() {
                     slots.push(slot);
+                }
+                if newcomer.is_none() {
+                    newcomer = Arc::clone(&self.newcomer).try_acquire_owned().ok();
                 }
                 self.storage.works().await;
                 self.device.is_there().await;
@@ -175,11 +205,21 @@ impl Pipeline {
             }
             // seen before looking, so that what arrives while looking is noticed
             arrivals.borrow_and_update();
+            let claiming = Claiming {
+                limit: slots.len(),
+                newcomers: usize::from(newcomer.is_some()),
+                lease: LEASE,
+                worker: Arc::clone(&self.worker),
+                shares: Arc::clone(&shares.borrow_and_update()),
+            };
             // Not broken off in the middle: what it takes would stay taken.
-            let again = match self.store.claim(slots.len(), LEASE).await {
-                Ok(claimed) if claimed.is_empty() => None,
+            let again = match self.store.claim_as(claiming).await {
+                Ok(claimed) if claimed.is_empty() => {
+                    let wait = |start: SystemTime| start.duration_since(SystemTime::now()).unwrap_or(EARLY);
+                    self.store.next_start().map(wait)
+                }
                 Ok(claimed) => {
-                    let with_slot = |(ticket, job)| Some((slots.pop()?, ticket, job));
+                    let with_slot = |(ticket, job)| Some((slots.pop().or_else(|| newcomer.take())?, ticket, job));
                     return Some(claimed.into_iter().filter_map(with_slot).collect());
                 }
                 Err(error) => {
@@ -190,7 +230,9 @@ impl Pipeline {
             tokio::select! {
                 biased;
                 () = stop.cancelled() => return None,
-                changed = arrivals.changed(), if again.is_none() => changed.ok()?,
+                changed = arrivals.changed() => changed.ok()?,
+                changed = shares.changed() => changed.ok()?,
+                slot = Arc::clone(&self.slots).acquire_owned(), if slots.is_empty() => slots.push(slot.ok()?),
                 () = tokio::time::sleep(again.unwrap_or_default()), if again.is_some() => {}
             }
         }
@@ -247,6 +289,7 @@ impl Pipeline {
     ) {
         let milliseconds = started.elapsed().as_millis() as u64;
         let mut may_have_files = true;
+        let was_released = matches!(verdict, Verdict::Released(_));
         let state = match verdict {
             Verdict::Ended(mut ending) => {
                 log_end(&ending.end, milliseconds);
@@ -284,6 +327,8 @@ impl Pipeline {
             }
             Verdict::Lost => Err(Error::new(Kind::Conflict, "the job is not this process's any more")),
         };
+        // kept for a retry
+        let is_given_up = was_released && state == Ok(State::Failed);
         if may_have_files && state != Ok(State::Succeeded) {
             self.files.remove_result(job.id, ticket.attempt).await;
         }
@@ -292,7 +337,9 @@ impl Pipeline {
             _ => self.files.put_back(job.id),
         }
         match state {
-            Ok(state) if state.is_ended() && !job.spec.is_small => self.files.remove_upload(job.id).await,
+            Ok(state) if state.is_ended() && !job.spec.is_small && !is_given_up => {
+                self.files.remove_upload(job.id).await;
+            }
             Ok(_) => {}
             Err(error) if error.kind == Kind::Conflict => tracing::warn!("nothing of this attempt counts: {error}"),
             Err(error) => tracing::error!(%error, "the end of a job cannot be stored; it will be run again"),

@@ -11,6 +11,7 @@ use serde_json::error::Category;
 use serde_json::{Map, Value};
 
 use super::query;
+use super::store::PRIORITIES;
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Format;
 use crate::parameters::{Parameters, Seeds};
@@ -25,6 +26,7 @@ pub(super) struct Wanted {
     pub format: Option<Format>,
     /// Where the end of the job is to be told.
     webhook: Option<String>,
+    priority: Option<i8>,
     parameters: Parameters,
     /// Names of the parameters that were given.
     given: Vec<String>,
@@ -38,13 +40,15 @@ impl Wanted {
         let (format, rest) = query::take(whole, "format");
         let format = format.as_deref().map(Format::from_name).transpose()?;
         let (webhook, rest) = query::take(&rest, "webhook");
+        let (priority, rest) = query::take(&rest, "priority");
+        let priority = priority.map(|text| priority_of(text.parse().ok(), &text)).transpose()?;
         let given = query::names(&rest)?;
         let rest: Uri = format!("/?{rest}")
             .parse()
             .map_err(|error| Error::new(Kind::BadRequest, format_args!("the query string cannot be read: {error}")))?;
         let parameters: Parameters = query::read(&rest)?;
         refuse_path(&parameters)?;
-        Ok(Self { format, webhook, parameters, given })
+        Ok(Self { format, webhook, priority, parameters, given })
     }
 
     /// Adds what the JSON part says.
@@ -58,10 +62,11 @@ impl Wanted {
             Error::new(kind, format_args!("the part \"parameters\" is not valid: {error}"))
         };
         let Members(mut object) = serde_json::from_slice(json).map_err(malformed)?;
-        let parameters: Parameters = match object.remove("webhook") {
-            None => serde_json::from_slice(json).map_err(malformed)?,
-            Some(webhook) => {
-                self.add_webhook(webhook)?;
+        let parameters: Parameters = match (object.remove("webhook"), object.remove("priority")) {
+            (None, None) => serde_json::from_slice(json).map_err(malformed)?,
+            (webhook, priority) => {
+                webhook.map(|webhook| self.add_webhook(webhook)).transpose()?;
+                priority.map(|priority| self.add_priority(&priority)).transpose()?;
                 // no line numbers in messages here: the text is not the client's any more
                 serde_json::from_value(Value::Object(object.clone())).map_err(malformed)?
             }
@@ -101,6 +106,22 @@ impl Wanted {
         }
     }
 
+    /// Adds a priority that the JSON part says.
+    fn add_priority(&mut self, priority: &Value) -> Result<()> {
+        let priority = priority_of(priority.as_i64(), priority)?;
+        match self.priority.replace(priority) {
+            Some(other) if other != priority => Err(Error::parameter(format_args!(
+                "query string and part \"parameters\" contradict each other about priority: {other} and {priority}"
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    /// The priority, 0 when none was given.
+    pub fn priority(&self) -> i8 {
+        self.priority.unwrap_or_default()
+    }
+
     /// Checks what can be checked before the body is here: a form may still bring parameters and a list of seeds.
     pub fn check_early(&self, form: bool) -> Result<()> {
         if form { self.parameters.check_values() } else { self.parameters.check(false) }
@@ -122,6 +143,15 @@ impl Wanted {
         self.parameters.check(listed)?;
         Ok((self.parameters, self.webhook))
     }
+}
+
+/// A priority that was given as `text`.
+fn priority_of(number: Option<i64>, text: impl fmt::Display) -> Result<i8> {
+    let priority = number.and_then(|number| i8::try_from(number).ok()).filter(|priority| PRIORITIES.contains(priority));
+    priority.ok_or_else(|| {
+        let (least, most) = (PRIORITIES.start(), PRIORITIES.end());
+        Error::parameter(format_args!("priority must be a whole number from {least} to {most}, not {text}"))
+    })
 }
 
 /// The members of a JSON object, none of which is there twice.
@@ -238,6 +268,8 @@ mod tests {
             ("algorithm=pml&levels=", "levels"),
             ("algorithm=pml&levels=9,x", "9,x"),
             ("algorithm=pml&ties=none", "ties"),
+            ("clusters=2&priority=101", "101"),
+            ("clusters=2&priority=high", "high"),
         ] {
             let error = wanted(query).expect_err(query);
             assert_eq!(error.kind, Kind::InvalidParameter, "{query}: {error}");
@@ -263,6 +295,8 @@ mod tests {
             (r#"{"webhook": "https://a.example/", "clusters": 3, "x": 4}"#, Kind::InvalidParameter),
             (r#"{"webhook": null, "clusters": 3}"#, Kind::InvalidParameter),
             (r#"{"clusters": 0}"#, Kind::InvalidParameter),
+            (r#"{"clusters": 3, "priority": 1.5}"#, Kind::InvalidParameter),
+            (r#"{"clusters": 3, "priority": -101}"#, Kind::InvalidParameter),
             (r#"{}"#, Kind::InvalidParameter),
             (r#"{"clusters": 3, "seeds": "file:x"}"#, Kind::InvalidParameter),
         ] {

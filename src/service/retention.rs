@@ -109,8 +109,8 @@ mod tests {
     use crate::service::faults::Faults;
     use crate::service::files::DiskLimits;
     use crate::service::store::memory::MemoryStore;
-    use crate::service::store::tests::new_job;
-    use crate::service::store::{End, Rules};
+    use crate::service::store::End;
+    use crate::service::store::tests::{RULES, new_job};
 
     #[tokio::test]
     async fn a_clock_that_jumps_forward_makes_no_job_expire() {
@@ -120,7 +120,7 @@ mod tests {
             Arc::new(opened.expect("it opens"))
         };
         let week = Duration::from_secs(7 * 86_400);
-        let store = Arc::new(MemoryStore::new(Rules { max_queued: 9, max_attempts: 3 }));
+        let store = Arc::new(MemoryStore::new(RULES).expect("a store"));
         store.create(new_job()).await.expect("created");
         let claimed = store.claim(1, week).await.expect("claimable");
         store.finish(claimed[0].0, End::Cancelled).await.expect("ended");

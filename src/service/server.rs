@@ -152,10 +152,15 @@ impl Server {
         let listener = TcpListener::bind(settings.listen).await.map_err(cannot)?;
         let address = listener.local_addr().map_err(cannot)?;
         let faults = extras.faults.clone();
+        let access = Access::open(&settings.access)?;
         let files = Arc::new(Files::open(settings.data_dir.as_deref(), settings.storage.disk(), faults.clone())?);
         let forgets = settings.storage.forget_lost_jobs;
         files.check_store(forgets).await?;
-        let rules = Rules { max_queued: settings.max_queued_jobs, max_attempts: settings.work.max_attempts };
+        let rules = Rules {
+            max_queued: settings.max_queued_jobs,
+            max_attempts: settings.work.max_attempts,
+            crash_pause: settings.work.crash_pause(),
+        };
         let store: Arc<dyn JobStore> = match files.database() {
             Some(path) => {
                 let store = SqliteStore::open(&path, rules, faults).await?;
@@ -164,7 +169,7 @@ impl Server {
                 }
                 Arc::new(store)
             }
-            None => Arc::new(MemoryStore::new(rules)),
+            None => Arc::new(MemoryStore::new(rules)?),
         };
         let metrics = Arc::new(Metrics::new(&description.info));
         let store: Arc<dyn JobStore> = Arc::new(TimedStore::new(store, Arc::clone(&metrics)));
@@ -177,6 +182,9 @@ impl Server {
         let storage = Arc::new(Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::clone(&health)));
         let timeout = settings.work.device_timeout();
         let parts = Parts {
+            shares: access.shares(),
+            worker: settings.work.worker().into(),
+            faults: extras.faults.clone(),
             store: Arc::clone(&store),
             files: Arc::clone(&files),
             storage: Arc::clone(&storage),
@@ -206,7 +214,7 @@ impl Server {
             stop: CancellationToken::new(),
             encoding: Arc::new(Semaphore::new(ENCODED_AT_ONCE)),
             traffic: Traffic::new(&settings.traffic),
-            access: Access::open(&settings.access)?,
+            access,
             admission: Arc::default(),
             webhooks: Arc::new(Webhooks::new(&settings.webhooks)?),
             metrics,
@@ -324,6 +332,7 @@ fn router(shared: Arc<Shared>) -> Router {
     let routes = Router::new()
         .route("/v1/jobs", post(jobs::create).get(jobs::list))
         .route("/v1/jobs/{id}", get(jobs::show).delete(jobs::remove))
+        .route("/v1/jobs/{id}/retry", post(jobs::retry))
         .route("/v1/jobs/{id}/events", get(events::stream))
         .merge(results)
         .route("/v1/device", get(info::device))

@@ -111,6 +111,7 @@ async fn raw(
     let mesh = into.save(content, files::MESH, early).await?;
     let format = mesh.format(format, None)?;
     tracing::debug!(bytes = mesh.bytes, path = parts.uri.path(), "received a mesh");
+    let priority = wanted.priority();
     let (parameters, webhook) = wanted.finish(false)?;
     let spec = Spec {
         tenant: String::new(),
@@ -124,6 +125,7 @@ async fn raw(
         listed_seeds: false,
         has_weights: false,
         is_small: false,
+        priority,
     };
     Ok(Upload { folder: into.folder, spec, digests: mesh.digest.into_iter().collect() })
 }

@@ -46,7 +46,7 @@ class Server:
     def start(self):
         self.process = subprocess.Popen(
             [BINARY, "serve", "--listen", "%s:%d" % self.address, "--data-dir", DATA, "--device", "cpu",
-             "--max-attempts", "100000", "--max-queued-jobs", "100000", "--min-free-bytes", "0", "--log", "warn",
+             "--max-queued-jobs", "100000", "--min-free-bytes", "0", "--log", "warn",
              *LIMITS],
             stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log)
 
@@ -168,7 +168,9 @@ def check(server, job, digest):
     assert numbers == list(range(1, len(numbers) + 1)), f"numbers are missing: {job['id']}"
     names = re.findall(r"^event: (\w+)$", events, re.MULTILINE)
     assert names.count("end") == 1 and names[-1] == "end", f"it did not end once: {job['id']}"
-    return sum(line == 'data: {"state":"running"}' for line in events.splitlines())
+    attempts = [int(number) for number in re.findall(r'^data: {"state":"running","attempt":(\d+),', events, re.MULTILINE)]
+    assert attempts == list(range(1, len(attempts) + 1)), f"attempts are missing: {job['id']}"
+    return len(attempts)
 
 
 def main():

@@ -3,7 +3,7 @@
     python readme.py BINARY             fails where something differs
     python readme.py BINARY --update    writes what they print into the README
 
-Ids of jobs and times differ from run to run and are not compared; labels and energies must be the same everywhere.
+Ids of jobs, times and names of workers differ from run to run and are not compared; labels and energies must be the same everywhere.
 """
 
 import pathlib
@@ -32,6 +32,7 @@ def stable(text):
     """Without what differs from run to run."""
     text = re.sub(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}", "JOB", text)
     text = re.sub(r'"elapsed_us":\d+', '"elapsed_us":N', text)
+    text = re.sub(r'"worker":"[^"]*"', '"worker":"NAME"', text)
     return re.sub(r"[0-9.]+ s on .*", "TIME", text)
 
 

@@ -81,6 +81,10 @@ async fn a_queued_job_waits_on_and_gives_the_same_bytes() {
     let told = events(&service, &running).await;
     let ids: Vec<u64> = told.lines().filter_map(|line| line.strip_prefix("id: ")?.parse().ok()).collect();
     assert_eq!(ids, (1..=ids.len() as u64).collect::<Vec<_>>());
+    for attempt in ["\"attempt\":1", "\"attempt\":2"] {
+        assert!(told.contains(attempt), "{told}");
+    }
+    assert_eq!(service.job(&running).await["attempt"], 2);
     let states: Vec<&str> = told.lines().filter(|line| line.contains("\"state\"")).collect();
     assert_eq!(states.len(), 5, "queued, running, queued, running, end: {states:?}");
 }

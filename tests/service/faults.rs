@@ -261,6 +261,39 @@ async fn a_job_that_always_loses_the_device_is_given_up() {
 }
 
 #[tokio::test]
+async fn a_job_that_was_given_up_is_run_again_on_request() {
+    let (service, (lost, _)) = with_losses(FOREVER, false, None).await;
+    let retry = |job: &Value| service.post(&format!("{}/retry", path(job)));
+    // small ones are kept in the store, others in files
+    for mesh in [sphere(300), sphere(20_000)] {
+        lost.store(FOREVER, Ordering::SeqCst);
+        let job = service.submit("clusters=5", mesh).await;
+        let ended = service.ended(&job).await;
+        assert_eq!((&ended["problem"]["type"], &ended["attempt"]), (&"/problems/poison".into(), &3.into()), "{ended}");
+        assert!(text(&ended["problem"]["detail"]).contains("/retry"), "{ended}");
+        lost.store(0, Ordering::SeqCst);
+        let queued = json(retry(&job)).await;
+        assert_eq!((&queued["id"], &queued["problem"]), (&job["id"], &Value::Null));
+        let ended = service.ended(&job).await;
+        assert_eq!((&ended["state"], &ended["attempt"]), (&"succeeded".into(), &4.into()), "{ended}");
+        service.keeps_no("uploads").await;
+        let stream = service.get(text(&job["urls"]["events"])).send().await.expect("answered");
+        let events = stream.text().await.expect("text");
+        for attempt in 1..=4 {
+            assert!(events.contains(&format!("\"attempt\":{attempt}")), "{events}");
+        }
+        assert_eq!(events.matches("event: end").count(), 2, "the stream goes on after the failure: {events}");
+        let detail = refused(retry(&job), 409, "conflict").await;
+        assert!(detail.contains("succeeded"), "{detail}");
+    }
+    let broken = service.submit("clusters=5", b"v 0 0 0\nf 1 2 3\n".to_vec()).await;
+    service.ended(&broken).await;
+    let detail = refused(retry(&broken), 409, "conflict").await;
+    assert!(detail.contains("submit the mesh again"), "{detail}");
+    refused(service.post("/v1/jobs/6ed6e4e2-8a9c-44bf-a77e-f6c240b63f15/retry"), 404, "not-found").await;
+}
+
+#[tokio::test]
 async fn a_device_that_stands_still_is_left_to_itself_also_while_small_meshes_go_on_beside_it() {
     let gate = Gate::default();
     let (service, (_, opened)) = with_losses(0, false, Some(gate.clone())).await;

@@ -4,6 +4,7 @@ mod access;
 mod backup;
 mod durable;
 mod events;
+mod fairness;
 mod faults;
 mod full_disk;
 mod hierarchy;

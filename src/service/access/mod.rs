@@ -21,6 +21,7 @@ use super::health::{Health, Part};
 use super::problem::Failure;
 use super::settings::AccessSettings;
 use super::store::LOCAL_TENANT;
+use super::store::fairness::Shares;
 use crate::error::{Error, Kind, Result};
 
 /// How often the file of tokens is looked at.
@@ -71,6 +72,7 @@ fn missing() -> Error {
 pub(super) struct Access {
     file: Option<TokensInFile>,
     changes: watch::Sender<()>,
+    shares: watch::Sender<Arc<Shares>>,
 }
 
 /// The tokens, and the file that they were read from.
@@ -80,6 +82,13 @@ struct TokensInFile {
     /// When it was read first.
     first: Stamp,
     tokens: RwLock<Arc<Tokens>>,
+}
+
+impl TokensInFile {
+    /// The tokens as they were read last.
+    fn tokens(&self) -> Arc<Tokens> {
+        Arc::clone(&self.tokens.read().unwrap_or_else(PoisonError::into_inner))
+    }
 }
 
 /// What changes when a file does.
@@ -98,7 +107,13 @@ impl Access {
             }
             None => None,
         };
-        Ok(Self { file, changes: watch::Sender::default() })
+        let shares = file.as_ref().map(|file| file.tokens().shares()).unwrap_or_default();
+        Ok(Self { file, changes: watch::Sender::default(), shares: watch::Sender::new(Arc::new(shares)) })
+    }
+
+    /// What each tenant may use of the queue, as the file says now.
+    pub fn shares(&self) -> watch::Receiver<Arc<Shares>> {
+        self.shares.subscribe()
     }
 
     /// Who sent a request with these headers to `path`; an error for one who may not.
@@ -110,7 +125,7 @@ impl Access {
         if OPEN.contains(&path) {
             return Ok(Caller::anybody());
         }
-        let tokens = Arc::clone(&file.tokens.read().unwrap_or_else(PoisonError::into_inner));
+        let tokens = file.tokens();
         let (tenant, token) = tokens.tenant(bearer(headers)?).ok_or_else(|| {
             Error::new(Kind::Unauthorized, "the token is not known here: it was mistyped or taken back")
         })?;
@@ -157,6 +172,7 @@ impl Access {
             match blocking(move || Tokens::read(&path)).await.flatten() {
                 Ok(tokens) => {
                     tracing::info!(tokens = tokens.len(), "read {} again", file.path.display());
+                    self.shares.send_replace(Arc::new(tokens.shares()));
                     *file.tokens.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(tokens);
                     self.changes.send_replace(());
                     health.clear(Part::Tokens);

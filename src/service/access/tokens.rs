@@ -6,6 +6,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 use std::io::Write as _;
+use std::num::NonZeroU32;
 use std::path::Path;
 
 use base64::Engine as _;
@@ -15,6 +16,7 @@ use sha2::{Digest, Sha256};
 use subtle::ConstantTimeEq;
 
 use crate::error::{Error, Kind, Result};
+use crate::service::store::fairness::{Share, Shares};
 
 /// What every token begins with, so that scanners for leaked secrets find it.
 const PREFIX: &str = "tess_";
@@ -38,6 +40,20 @@ pub struct Quotas {
     /// Event streams at a time.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_streams: Option<u32>,
+    /// Jobs that may run at a time.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_running_jobs: Option<u64>,
+    /// Share of the running jobs and of the device's time, from 1 on: a tenant of weight 2 gets twice as much as one of
+    /// weight 1, which is what a tenant has when this is left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub weight: Option<NonZeroU32>,
+}
+
+impl Quotas {
+    fn share(&self) -> Share {
+        let default = Share::default();
+        Share { weight: self.weight.map_or(default.weight, NonZeroU32::get), max_running: self.max_running_jobs }
+    }
 }
 
 /// The content of the file.
@@ -209,6 +225,7 @@ impl TokenEntry {
 #[derive(Debug, Default)]
 pub(in crate::service) struct Tokens {
     by_id: HashMap<String, Known>,
+    shares: Shares,
 }
 
 #[derive(Debug)]
@@ -251,7 +268,13 @@ impl Tokens {
 
     /// The tokens of a file.
     pub fn of(file: &TokenFile) -> Result<Self> {
-        Ok(Self { by_id: file.index()? })
+        let shares = file.tenants.iter().map(|(name, tenant)| (name.clone(), tenant.quotas.share())).collect();
+        Ok(Self { by_id: file.index()?, shares })
+    }
+
+    /// What each tenant may use of the queue.
+    pub fn shares(&self) -> Shares {
+        self.shares.clone()
     }
 
     /// Whose token it is, and which one. Takes as long for a wrong token as for a right one.
@@ -350,6 +373,7 @@ mod tests {
             (r#"{"tenants": {"a b": {}}}"#, "a b"),
             (r#"{"tenants": {"local": {}}}"#, "local"),
             (r#"{"tenants": {"a": {"quotas": {"max_request_rate": -1}}}}"#, "-1"),
+            (r#"{"tenants": {"a": {"quotas": {"weight": 0}}}}"#, "nonzero"),
             (&format!(r#"{{"tenants": {{"acme": {{"tokens": [{entry}]}}}}}}"#), "acme"),
         ] {
             let error = TokenFile::parse(json.as_bytes()).expect_err(json);
@@ -358,5 +382,9 @@ mod tests {
         let quotas = r#"{"tenants": {"a": {"quotas": {"max_queued_jobs": 3}, "metrics": true}}}"#;
         let file = TokenFile::parse(quotas.as_bytes()).expect("valid");
         assert_eq!(file.tenants["a"].quotas.max_queued_jobs, Some(3));
+        let quotas = r#"{"tenants": {"a": {"quotas": {"weight": 4, "max_running_jobs": 2}}, "b": {}}}"#;
+        let shares = Tokens::of(&TokenFile::parse(quotas.as_bytes()).expect("valid")).expect("valid").shares();
+        assert_eq!(shares.of("a"), Share { weight: 4, max_running: Some(2) });
+        assert_eq!(shares.of("b"), Share { weight: 1, max_running: None });
     }
 }

@@ -7,7 +7,8 @@ use crate::error::{Error, Result};
 use crate::service::store::{Job, JobId, JobStore, State};
 
 impl Files {
-    /// Removes uploads of jobs that were never accepted or have ended, and results of attempts that did not make it.
+    /// Removes uploads of jobs that were never accepted, or have ended and are not [kept](Job::keeps_upload) for a retry,
+    /// and results of attempts that did not make it.
     /// Uploads that are coming in stay. Returns how many folders went.
     pub async fn sweep(&self, store: &dyn JobStore) -> Result<usize> {
         self.sweep_all(store, false).await
@@ -26,7 +27,7 @@ impl Files {
             let is_coming_in = self.lock_incoming().contains(&id);
             match store.get(id).await? {
                 _ if is_coming_in => continue,
-                Some(job) if !job.state.is_ended() => continue,
+                Some(job) if !job.state.is_ended() || job.keeps_upload() => continue,
                 None if moves_aside => self.move_upload_aside(id).await?,
                 _ => self.remove_upload(id).await,
             }

@@ -1,7 +1,7 @@
 //! A store whose operations are timed.
 
 use std::sync::Arc;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Instant, SystemTime};
 
 use async_trait::async_trait;
 use tokio::sync::watch;
@@ -10,8 +10,8 @@ use tokio_util::bytes::Bytes;
 use super::Metrics;
 use crate::error::Result;
 use crate::service::store::{
-    Created, Deletion, Ending, Event, Job, JobId, JobStore, ListQuery, NewJob, Notice, Page, Progress, Pulse, Release,
-    State, Statistics, Ticket, What,
+    Claiming, Created, Deletion, Ending, Event, Job, JobId, JobStore, ListQuery, NewJob, Notice, Page, Progress, Pulse,
+    Release, Retried, State, Statistics, Ticket, What,
 };
 
 /// Another store, timed.
@@ -63,8 +63,20 @@ impl JobStore for TimedStore {
         self.timed("list", self.store.list(query)).await
     }
 
-    async fn claim(&self, limit: usize, lease: Duration) -> Result<Vec<(Ticket, Job)>> {
-        self.timed("claim", self.store.claim(limit, lease)).await
+    async fn claim_as(&self, claiming: Claiming) -> Result<Vec<(Ticket, Job)>> {
+        self.timed("claim", self.store.claim_as(claiming)).await
+    }
+
+    fn next_start(&self) -> Option<SystemTime> {
+        self.store.next_start()
+    }
+
+    async fn begin(&self, ticket: Ticket) -> Result<()> {
+        self.timed("begin", self.store.begin(ticket)).await
+    }
+
+    async fn retry(&self, id: JobId) -> Result<Retried> {
+        self.timed("retry", self.store.retry(id)).await
     }
 
     async fn heartbeat(&self, tickets: &[Ticket], until: SystemTime) -> Result<Vec<Ticket>> {

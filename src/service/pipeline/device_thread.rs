@@ -14,7 +14,8 @@
 //!
 //! A device that has had nothing to do for half a minute [rests](Device::rest): it frees what it keeps for the next mesh.
 //!
-//! A device that may be asked for [several](Device::another) meshes at a time works on small ones beside the thread.
+//! A device that may be asked for [several](Device::another) meshes at a time works on small ones beside the thread, and on
+//! one that is [short](Beside) beside a long one. The others take [turns](Line), shared fairly among tenants.
 
 use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -25,9 +26,11 @@ use std::time::{Duration, Instant};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use tokio::sync::oneshot;
 
+use super::beside::Beside;
 use super::caught;
 use super::small::{SMALL_FACES, SmallMeshes};
 use super::task::{Done, Task};
+use super::turns::{Line, Visit};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Device, Uploader};
 use crate::error::{Error, Kind, Result};
@@ -62,8 +65,10 @@ pub(in crate::service) struct DeviceThread {
     thread: Mutex<Thread>,
     /// Held by who waits for the turn, and brings a mesh to the device meanwhile. The others wait for this.
     next: tokio::sync::Mutex<()>,
-    /// Held by who has the thread work: the others do not time it.
-    turn: tokio::sync::Mutex<()>,
+    /// The meshes that wait for the thread: one at a time has it work.
+    line: Arc<Line>,
+    /// Where short meshes go while the thread is at a long one; none where the device takes one mesh at a time.
+    beside: Option<Beside>,
     /// One thread that brings meshes to the device: wgpu remembers each thread that it is used on.
     uploads: ThreadPool,
     timeout: Duration,
@@ -122,11 +127,12 @@ impl DeviceThread {
         shared.opened(device.as_ref());
         let takes_small = cpu_below_faces.is_some_and(|faces| faces > SMALL_FACES as u64);
         let cpu = || takes_small.then(|| Box::new(CpuDevice::new()) as Box<dyn Device>);
+        let beside = Beside::start(device.as_ref())?;
         let like = Mutex::new(device.another().or_else(cpu));
         let thread = Mutex::new(Thread::start(Devices::new(Some(device), &shared)?)?);
         let uploads = pool(1, |_| "upload".to_owned())?;
-        let (next, turn) = Default::default();
-        Ok(Self { shared, like, thread, next, turn, uploads, timeout })
+        let (next, line) = Default::default();
+        Ok(Self { shared, like, thread, next, line, beside, uploads, timeout })
     }
 
     /// Clusters a mesh, after those that came before, or on one of the threads for small ones, and makes results of that beside
@@ -139,11 +145,16 @@ impl DeviceThread {
             let work = move || span.in_scope(|| task.run_on(device, &shared.metrics)?.finish(&shared.extras.faults));
             return within(limit, thread.run(work)).await;
         }
+        let cost = task.visit.cost;
+        if let Some(beside) = self.beside.as_ref().filter(|_| self.line.is_short(cost)) {
+            let done = beside.run(task, Arc::clone(&self.shared.metrics), self.shared.extras.faults.clone(), limit);
+            return done.await;
+        }
         let next = self.next.lock().await;
-        if self.turn.try_lock().is_err() {
+        if self.line.is_taken() {
             self.upload(&mut task).await;
         }
-        let turn = self.turn.lock().await;
+        let turn = self.line.turn(task.visit.clone()).await;
         drop(next);
         let work = async {
             let done = self.submit(Some(task)).await;
@@ -188,7 +199,7 @@ impl DeviceThread {
     pub(super) async fn is_there(&self) {
         while self.shared.health.severity(Part::Device) == Some(Severity::Failing) {
             tokio::time::sleep(REOPEN).await;
-            let _turn = self.turn.lock().await;
+            let _turn = self.line.turn(Visit::of_nobody()).await;
             let _ = self.submit(None).await;
         }
     }
@@ -231,13 +242,13 @@ impl DeviceThread {
 }
 
 /// A pool of so many threads; of 0, as many as there are processors.
-fn pool(threads: usize, name: impl FnMut(usize) -> String + 'static) -> Result<ThreadPool> {
+pub(super) fn pool(threads: usize, name: impl FnMut(usize) -> String + 'static) -> Result<ThreadPool> {
     let pool = ThreadPoolBuilder::new().num_threads(threads).thread_name(name).build();
     pool.map_err(|error| Error::new(Kind::Io, format_args!("threads of the device cannot be started: {error}")))
 }
 
 /// What `work` comes to, unless that takes longer than `limit`.
-async fn within(limit: Option<Duration>, work: impl Future<Output = Result<Outcome>>) -> Result<Outcome> {
+pub(super) async fn within(limit: Option<Duration>, work: impl Future<Output = Result<Outcome>>) -> Result<Outcome> {
     match limit {
         Some(limit) => tokio::time::timeout(limit, work).await.unwrap_or_else(|_| Err(too_slow(limit))),
         None => work.await,

@@ -95,13 +95,12 @@ impl Drop for Lease {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::service::store::Rules;
     use crate::service::store::memory::MemoryStore;
-    use crate::service::store::tests::new_job;
+    use crate::service::store::tests::{RULES, new_job};
 
     #[tokio::test]
     async fn held_leases_are_prolonged_and_others_reclaimed() {
-        let store = MemoryStore::new(Rules { max_queued: 9, max_attempts: 3 });
+        let store = MemoryStore::new(RULES).expect("made");
         for _ in 0..2 {
             store.create(new_job()).await.expect("created");
         }

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::caught;
 use super::stages::Slot;
+use super::turns::Visit;
 use crate::device::{Cancel, Device, Uploaded};
 use crate::error::{Error, Result};
 use crate::job::{self, Clustered, Outcome, Prepared};
@@ -19,6 +20,8 @@ pub(super) struct Task {
     pub uploaded: Option<Uploaded>,
     /// Asks to stop. For the thread of the device, looking at it is a sign of life.
     pub cancel: Cancel,
+    /// Its place in the line before the device.
+    pub visit: Visit,
     /// Whether an earlier attempt at this mesh failed, maybe with the device.
     pub is_retry: bool,
     /// Is told of every row of the report.

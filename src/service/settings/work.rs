@@ -5,10 +5,21 @@ use std::time::Duration;
 /// What a job may cost.
 #[derive(Debug, Clone, PartialEq, Eq, clap::Args)]
 pub struct WorkSettings {
-    /// Attempts at a job that the service or its device did not survive; after the last one the job has failed
+    /// Attempts at a job that the service or its device did not survive; after the last one the job has failed. An attempt
+    /// counts once the mesh is being read, and a crash of the service counts for the job that ran alone
     #[arg(long, env = "TESSERAE_MAX_ATTEMPTS", value_name = "N", default_value_t = WorkSettings::default().max_attempts,
           value_parser = clap::value_parser!(u32).range(1..))]
     pub max_attempts: u32,
+
+    /// Pause of a job that was worked on when the service crashed, in seconds; ten times as long after each further crash, up
+    /// to 600
+    #[arg(long, env = "TESSERAE_CRASH_PAUSE", value_name = "SECONDS", default_value_t = WorkSettings::default().crash_pause,
+          value_parser = clap::value_parser!(u64).range(0..=600))]
+    pub crash_pause: u64,
+
+    /// Name of this process in the jobs that it works on; host name and process id when left out
+    #[arg(long, env = "TESSERAE_WORKER_NAME", value_name = "NAME", value_parser = worker_name)]
+    pub worker_name: Option<String>,
 
     /// Time that a job may take on the device and until its results are made, in seconds; 0 for any
     #[arg(long, env = "TESSERAE_MAX_JOB_SECONDS", value_name = "SECONDS", default_value_t = WorkSettings::default().max_job_seconds)]
@@ -27,11 +38,44 @@ pub struct WorkSettings {
 
 impl Default for WorkSettings {
     fn default() -> Self {
-        Self { max_attempts: 3, max_job_seconds: 3600, memory_budget: None, device_timeout: 180 }
+        Self {
+            max_attempts: 3,
+            crash_pause: 5,
+            worker_name: None,
+            max_job_seconds: 3600,
+            memory_budget: None,
+            device_timeout: 180,
+        }
+    }
+}
+
+/// Longest name of a worker, in bytes.
+const MAX_NAME: usize = 128;
+
+/// The name of a worker, as it is written into jobs and logs.
+fn worker_name(name: &str) -> Result<String, String> {
+    match !name.is_empty() && name.len() <= MAX_NAME && name.chars().all(|c| c.is_ascii_graphic()) {
+        true => Ok(name.to_owned()),
+        false => Err(format!("must have 1 to {MAX_NAME} printable ASCII characters without spaces")),
     }
 }
 
 impl WorkSettings {
+    /// [`worker_name`](Self::worker_name), or host name and process id.
+    pub(in crate::service) fn worker(&self) -> String {
+        let host = || {
+            let file = std::fs::read_to_string("/proc/sys/kernel/hostname").ok();
+            let host = file.or_else(|| std::env::var("HOSTNAME").ok()).and_then(|host| worker_name(host.trim()).ok());
+            format!("{}-{}", host.as_deref().unwrap_or("tesserae"), std::process::id())
+        };
+        self.worker_name.clone().unwrap_or_else(host)
+    }
+
+    /// [`crash_pause`](Self::crash_pause) as a duration.
+    pub(in crate::service) fn crash_pause(&self) -> Duration {
+        Duration::from_secs(self.crash_pause)
+    }
+
     /// [`max_job_seconds`](Self::max_job_seconds) as a duration; none for any.
     pub(in crate::service) fn max_job(&self) -> Option<Duration> {
         (self.max_job_seconds > 0).then(|| Duration::from_secs(self.max_job_seconds))

@@ -2,21 +2,23 @@
 //!
 //! One lock around everything, held for look-ups only and never across an await.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, SystemTime};
+use std::time::SystemTime;
 
 use async_trait::async_trait;
 use tokio::sync::watch;
 use tokio_util::bytes::Bytes;
 
-use super::cursor::{cursor_of, number_of};
+use super::cursor::Cursors;
+use super::fairness::{Turns, Waiting, first_tenants};
 use super::{
-    Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob, Notice, Page,
-    Progress, Pulse, Release, Rules, SMALL_BLOBS, SmallBlob, State, Statistics, Ticket, What, given_up, lease_is_over,
-    no_such_job, not_yours, queue_is_full, reused_key,
+    Claiming, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob, Notice,
+    Page, Progress, Pulse, Release, Retried, Rules, SMALL_BLOBS, SmallBlob, State, Statistics, Ticket, What, given_up,
+    lease_is_over, no_such_job, not_yours, queue_is_full, reused_key,
 };
-use crate::error::Result;
+use crate::error::{Kind, Result};
 
 /// Bytes of all small blobs at the most: what comes after that goes to files.
 const BLOBS: u64 = 64 << 20;
@@ -26,8 +28,11 @@ const BLOBS: u64 = 64 << 20;
 pub(in crate::service) struct MemoryStore {
     rules: Rules,
     inner: Mutex<Inner>,
+    cursors: Cursors,
     arrivals: watch::Sender<u64>,
     endings: watch::Sender<u64>,
+    /// Whether the last claim passed over a waiting job that another job's end may free.
+    has_held_back: AtomicBool,
 }
 
 #[derive(Debug, Default)]
@@ -35,8 +40,9 @@ struct Inner {
     jobs: HashMap<JobId, Entry>,
     /// Jobs by their number, which counts the jobs ever created.
     numbers: BTreeMap<u64, JobId>,
-    /// Numbers of the jobs that wait, ascending.
-    queue: VecDeque<u64>,
+    /// The queue of each tenant that has ever had a job.
+    queues: BTreeMap<String, Queue>,
+    turns: Turns,
     /// Ended jobs by the time of their end.
     ended: BTreeSet<(SystemTime, JobId)>,
     /// Jobs by tenant and key.
@@ -48,12 +54,22 @@ struct Inner {
     blob_bytes: u64,
 }
 
+/// The live jobs of a tenant.
+#[derive(Debug, Default)]
+struct Queue {
+    /// Priority, negated, and number of those that wait: the first is claimed first.
+    waiting: BTreeSet<(i16, u64)>,
+    running: u64,
+}
+
 #[derive(Debug)]
 struct Entry {
     number: u64,
     job: Job,
     /// Attempts that do not count.
     uncounted: u32,
+    /// Whether the current attempt counts.
+    has_begun: bool,
     lease_until: SystemTime,
     idempotency: Option<Idempotency>,
     blobs: Vec<SmallBlob>,
@@ -63,8 +79,15 @@ struct Entry {
 
 impl MemoryStore {
     /// An empty store.
-    pub fn new(rules: Rules) -> Self {
-        Self { rules, inner: Mutex::default(), arrivals: watch::Sender::default(), endings: watch::Sender::default() }
+    pub fn new(rules: Rules) -> Result<Self> {
+        Ok(Self {
+            rules,
+            inner: Mutex::default(),
+            cursors: Cursors::random()?,
+            arrivals: watch::Sender::default(),
+            endings: watch::Sender::default(),
+            has_held_back: AtomicBool::default(),
+        })
     }
 
     /// The state; it is whole at every moment in which a holder of the lock could panic.
@@ -74,7 +97,13 @@ impl MemoryStore {
 
     /// Ends a job.
     fn end_job(&self, inner: &mut Inner, id: JobId, end: End) {
-        inner.keep(id, Vec::new());
+        inner.leave_queue(id);
+        if !matches!(&end, End::Failed(error) if error.kind == Kind::Poison) {
+            inner.keep(id, Vec::new());
+        }
+        if self.has_held_back.load(Ordering::Relaxed) {
+            self.arrivals.send_modify(|count| *count += 1);
+        }
         let Some(entry) = inner.jobs.get_mut(&id) else { return };
         let ended_at = SystemTime::now();
         entry.job.ended_at = Some(ended_at);
@@ -92,6 +121,7 @@ impl MemoryStore {
         entry.append([What::End(entry.job.state, entry.job.problem.clone())]);
         inner.ended.insert((ended_at, id));
         if let Some(webhook) = entry.job.spec.webhook.clone() {
+            inner.untold.retain(|notice| notice.job != id);
             inner.untold.push(Notice {
                 job: id,
                 webhook,
@@ -113,20 +143,34 @@ impl MemoryStore {
                 self.end_job(inner, id, End::Cancelled);
                 return State::Cancelled;
             }
-            Release::Failed(error) if counted >= self.rules.max_attempts => {
+            Release::Failed(error) if entry.has_begun && counted >= self.rules.max_attempts => {
                 self.end_job(inner, id, End::Failed(given_up(counted.into(), &error)));
                 return State::Failed;
             }
-            Release::Failed(_) => {}
-            Release::Free => entry.uncounted += 1,
+            Release::Failed(_) if entry.has_begun => {}
+            Release::Failed(_) | Release::Free => entry.uncounted += 1,
         }
+        self.queue(inner, id);
+        State::Queued
+    }
+
+    /// Puts a job that does not wait into the queue.
+    fn queue(&self, inner: &mut Inner, id: JobId) {
+        inner.leave_queue(id);
+        let Some(entry) = inner.jobs.get_mut(&id) else { return };
         entry.job.state = State::Queued;
         entry.append([What::State(State::Queued)]);
-        let number = entry.number;
-        let place = inner.queue.partition_point(|&other| other < number);
-        inner.queue.insert(place, number);
+        let place = entry.place();
+        inner.queues.entry(entry.job.spec.tenant.clone()).or_default().waiting.insert(place);
         self.arrivals.send_modify(|count| *count += 1);
-        State::Queued
+    }
+
+    /// [`Kind::QueueFull`] when as many jobs wait as may.
+    fn check_queue(&self, inner: &Inner) -> Result<()> {
+        match inner.waiting() < self.rules.max_queued {
+            true => Ok(()),
+            false => Err(queue_is_full(self.rules.max_queued)),
+        }
     }
 }
 
@@ -134,11 +178,37 @@ impl Inner {
     /// The job as it is told to others, with its place in the queue.
     fn tell(&self, entry: &Entry) -> Job {
         let mut job = entry.job.clone();
-        job.queue_position = (job.state == State::Queued)
-            .then(|| self.queue.binary_search(&entry.number).ok())
-            .flatten()
-            .map(|before| before as u64 + 1);
+        let queue = self.queues.get(&job.spec.tenant).filter(|_| job.state == State::Queued);
+        job.queue_position = queue.map(|queue| queue.waiting.range(..=entry.place()).count() as u64);
         job
+    }
+
+    /// Number of jobs that wait.
+    fn waiting(&self) -> usize {
+        self.queues.values().map(|queue| queue.waiting.len()).sum()
+    }
+
+    /// Takes a live job out of its tenant's queue, before its state changes.
+    fn leave_queue(&mut self, id: JobId) {
+        let Some(entry) = self.jobs.get(&id) else { return };
+        let Some(queue) = self.queues.get_mut(&entry.job.spec.tenant) else { return };
+        match entry.job.state {
+            State::Queued => {
+                queue.waiting.remove(&entry.place());
+            }
+            State::Running => queue.running -= 1,
+            State::Succeeded | State::Failed | State::Cancelled => {}
+        }
+    }
+
+    /// The waiting job that is claimed next, if any may be.
+    fn next(&self, claiming: &Claiming, newcomers: bool) -> Option<JobId> {
+        let queues = self.queues.iter().filter(|(_, queue)| !queue.waiting.is_empty());
+        let waiting: Vec<_> =
+            queues.map(|(tenant, queue)| Waiting { tenant: tenant.clone(), running: queue.running }).collect();
+        let first = first_tenants(&waiting, &self.turns, &claiming.shares, newcomers);
+        let heads = first.iter().filter_map(|&index| self.queues[&waiting[index].tenant].waiting.first());
+        self.numbers.get(&heads.min()?.1).copied()
     }
 
     /// Replaces the small blobs of a job.
@@ -161,6 +231,11 @@ impl Inner {
 }
 
 impl Entry {
+    /// Its place among the waiting jobs of its tenant.
+    fn place(&self) -> (i16, u64) {
+        (-i16::from(self.job.spec.priority), self.number)
+    }
+
     fn is_held_by(&self, ticket: Ticket) -> bool {
         self.job.state == State::Running && self.job.attempt == ticket.attempt
     }
@@ -186,10 +261,7 @@ impl JobStore for MemoryStore {
     }
 
     async fn check_room(&self) -> Result<()> {
-        match self.lock().queue.len() < self.rules.max_queued {
-            true => Ok(()),
-            false => Err(queue_is_full(self.rules.max_queued)),
-        }
+        self.check_queue(&self.lock())
     }
 
     async fn knows_key(&self, tenant: &str, key: &str) -> Result<bool> {
@@ -206,9 +278,7 @@ impl JobStore for MemoryStore {
                 false => Err(reused_key(idempotency.as_ref().map_or("", |wanted| &wanted.key))),
             };
         }
-        if inner.queue.len() >= self.rules.max_queued {
-            return Err(queue_is_full(self.rules.max_queued));
-        }
+        self.check_queue(&inner)?;
         inner.created += 1;
         let number = inner.created;
         let created_at = SystemTime::now();
@@ -220,6 +290,7 @@ impl JobStore for MemoryStore {
                 spec,
                 queue_position: None,
                 attempt: 0,
+                worker: None,
                 progress: Progress::default(),
                 cancel_requested: false,
                 problem: None,
@@ -229,6 +300,7 @@ impl JobStore for MemoryStore {
                 ended_at: None,
             },
             uncounted: 0,
+            has_begun: false,
             lease_until: created_at,
             idempotency,
             blobs: Vec::new(),
@@ -236,7 +308,7 @@ impl JobStore for MemoryStore {
             pulse: watch::Sender::default(),
         };
         entry.append([What::State(State::Queued)]);
-        inner.queue.push_back(number);
+        inner.queues.entry(entry.job.spec.tenant.clone()).or_default().waiting.insert(entry.place());
         inner.numbers.insert(number, id);
         if let Some(key) = key {
             inner.keys.insert(key, id);
@@ -255,7 +327,7 @@ impl JobStore for MemoryStore {
 
     async fn list(&self, query: &ListQuery) -> Result<Page> {
         let before = match &query.cursor {
-            Some(cursor) => number_of(cursor)?,
+            Some(cursor) => self.cursors.number_of(cursor)?,
             None => u64::MAX,
         };
         let inner = self.lock();
@@ -272,26 +344,62 @@ impl JobStore for MemoryStore {
             page.jobs.push(inner.tell(entry));
             last = entry.number;
         }
-        page.next = entries.next().map(|_| cursor_of(last));
+        page.next = entries.next().map(|_| self.cursors.cursor_of(last));
         Ok(page)
     }
 
-    async fn claim(&self, limit: usize, lease: Duration) -> Result<Vec<(Ticket, Job)>> {
+    async fn claim_as(&self, claiming: Claiming) -> Result<Vec<(Ticket, Job)>> {
         let mut inner = self.lock();
         let inner = &mut *inner;
         let now = SystemTime::now();
         let mut claimed = Vec::new();
-        while claimed.len() < limit {
-            let Some(number) = inner.queue.pop_front() else { break };
-            let Some(entry) = inner.numbers.get(&number).and_then(|id| inner.jobs.get_mut(id)) else { continue };
+        while claimed.len() < claiming.limit + claiming.newcomers {
+            let Some(id) = inner.next(&claiming, claimed.len() >= claiming.limit) else { break };
+            inner.leave_queue(id);
+            let Some(entry) = inner.jobs.get_mut(&id) else { continue };
+            let tenant = entry.job.spec.tenant.clone();
             entry.job.attempt += 1;
             entry.job.state = State::Running;
             entry.job.started_at = Some(now);
-            entry.lease_until = now + lease;
-            entry.append([What::State(State::Running)]);
-            claimed.push((Ticket { job: entry.job.id, attempt: entry.job.attempt }, entry.job.clone()));
+            entry.job.worker = Some(claiming.worker.to_string());
+            entry.lease_until = now + claiming.lease;
+            entry.has_begun = entry.job.spec.is_small;
+            entry.append([What::Started(entry.job.attempt, claiming.worker.to_string())]);
+            claimed.push((Ticket { job: id, attempt: entry.job.attempt }, entry.job.clone()));
+            inner.turns.serve(&tenant);
+            inner.turns.charge(&tenant, 1.0, claiming.shares.of(&tenant));
+            inner.queues.entry(tenant).or_default().running += 1;
         }
+        self.has_held_back.store(inner.waiting() > 0, Ordering::Relaxed);
         Ok(claimed)
+    }
+
+    fn next_start(&self) -> Option<SystemTime> {
+        None
+    }
+
+    async fn begin(&self, ticket: Ticket) -> Result<()> {
+        self.lock().claimed(ticket)?.has_begun = true;
+        Ok(())
+    }
+
+    async fn retry(&self, id: JobId) -> Result<Retried> {
+        let mut inner = self.lock();
+        let inner = &mut *inner;
+        let has_room = self.check_queue(inner);
+        let Some(entry) = inner.jobs.get_mut(&id) else { return Ok(Retried::Unknown) };
+        if entry.job.state != State::Failed {
+            return Ok(Retried::NotFailed(entry.job.state));
+        }
+        has_room?;
+        entry.uncounted = entry.job.attempt;
+        let ended_at = entry.job.ended_at.take();
+        (entry.job.problem, entry.job.cancel_requested) = (None, false);
+        if let Some(ended_at) = ended_at {
+            inner.ended.remove(&(ended_at, id));
+        }
+        self.queue(inner, id);
+        Ok(inner.jobs.get(&id).map_or(Retried::Unknown, |entry| Retried::Queued(inner.tell(entry))))
     }
 
     async fn heartbeat(&self, tickets: &[Ticket], until: SystemTime) -> Result<Vec<Ticket>> {
@@ -343,7 +451,9 @@ impl JobStore for MemoryStore {
             entry.append(events);
         }
         self.end_job(&mut inner, ticket.job, ending.end);
-        inner.keep(ticket.job, ending.result);
+        if !ending.result.is_empty() {
+            inner.keep(ticket.job, ending.result);
+        }
         Ok(())
     }
 
@@ -370,9 +480,6 @@ impl JobStore for MemoryStore {
         match entry.job.state {
             State::Queued => {
                 entry.job.cancel_requested = true;
-                if let Ok(place) = inner.queue.binary_search(&entry.number) {
-                    inner.queue.remove(place);
-                }
                 self.end_job(inner, id, End::Cancelled);
             }
             State::Running => {
@@ -450,9 +557,7 @@ impl JobStore for MemoryStore {
     }
 
     async fn queued_of(&self, tenant: &str) -> Result<u64> {
-        let inner = self.lock();
-        let waiting = inner.queue.iter().filter_map(|number| inner.jobs.get(inner.numbers.get(number)?));
-        Ok(waiting.filter(|entry| entry.job.spec.tenant == tenant).count() as u64)
+        Ok(self.lock().queues.get(tenant).map_or(0, |queue| queue.waiting.len() as u64))
     }
 
     async fn counts(&self) -> Result<[u64; State::ALL.len()]> {
@@ -481,7 +586,7 @@ mod tests {
     #[async_trait]
     impl Subject for InMemory {
         async fn empty(&self, rules: Rules) -> Box<dyn JobStore> {
-            Box::new(MemoryStore::new(rules))
+            Box::new(MemoryStore::new(rules).expect("made"))
         }
     }
 

@@ -8,28 +8,48 @@
 //!
 //! ```text
 //! create ─→ queued ─ claim ─→ running ─ finish ─→ succeeded | failed | cancelled ─ delete ─→ gone
-//!            │  └──── release ───┘                              │          │
-//!            │             └──── too often ─────────────────────┘          │
+//!            │ ↑└──── release ───┘                              │ │        │
+//!            │ │           └──── too often ─────────────────────┘ │        │
+//!            │ └─────────────────── retry ────────────────────────┘        │
 //!            └───────── cancel ────────────────────────────────────────────┘
 //! ```
 //!
-//! Every change of state is an event of the job, appended in the same step: who has read all events knows the state.
+//! Every change of state is an event of the job, appended in the same step: a reader of all events knows the state.
 //! Events are numbered from 1 without gaps. What a worker writes carries the [`Ticket`] of its claim; a ticket that is
 //! no longer the job's (it ended, or was claimed again) writes nothing and gets [`Kind::Conflict`](crate::Kind).
 //!
-//! A claim is a lease: a worker that lives prolongs it by [`heartbeat`](JobStore::heartbeat), and the jobs of one that does
-//! not are [reclaimed](JobStore::reclaim). A job that is released waits again where it was in the queue, its events go on
-//! with the next number, and each attempt that ended by itself counts: after [`Rules::max_attempts`] the job has failed.
+//! A claim is a lease: a worker prolongs the leases of its jobs by [`heartbeat`](JobStore::heartbeat), and jobs whose
+//! lease is over are [reclaimed](JobStore::reclaim). A released job waits again at its old place in the queue, and its
+//! events go on with the next number. An attempt counts from the moment the worker [begins](JobStore::begin) to read the
+//! mesh; a claim alone never counts. After [`Rules::max_attempts`] counted attempts that failed, the job has failed.
+//!
+//! # Which job is claimed
+//!
+//! The tenant with the fewest running jobs divided by its weight comes first; among equals, the tenant whose virtual time
+//! is earliest ([`fairness`]); then the job with the highest priority, then the oldest one. So a priority orders the jobs
+//! of one tenant, and decides between tenants only where these are equal. A tenant at its limit of running jobs is passed
+//! over. The cost is that of the tenants with waiting jobs and one look-up in an index for each job claimed.
+//!
+//! # After a crash
+//!
+//! A crash is a start that finds running jobs. Those that had not begun wait again as if nothing had happened. Those that
+//! had begun become *suspects*: any of them may have killed the process. The crash counts as an attempt for a job only if
+//! it was the only one that had begun, or the only one of them that had been suspect in two crashes or more. Suspects
+//! start one at a time, and each pauses before it starts again, [ten times as long](Rules::pause) after every further
+//! crash. After its second crash a suspect runs alone: nothing else is claimed while it starts, for [`ALONE`] at most. So
+//! a job that kills the process is given up, and its neighbours are not.
 
 #[cfg(test)]
 pub(super) mod conformance;
 mod cursor;
+pub(super) mod fairness;
 pub(super) mod memory;
 mod pulses;
 pub(super) mod sqlite;
 
 use std::fmt;
 use std::str::FromStr;
+use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use async_trait::async_trait;
@@ -39,6 +59,7 @@ use tokio_util::bytes::Bytes;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
+use self::fairness::Shares;
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Format;
 use crate::parameters::Parameters;
@@ -151,7 +172,18 @@ pub(super) struct Spec {
     /// Whether all of these are small blobs, which the store keeps.
     #[serde(default)]
     pub is_small: bool,
+    /// Jobs of a tenant with a higher priority are claimed first. Left out where it is 0, so that the digest of an
+    /// idempotent request is the same as in releases without priorities.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub priority: i8,
 }
+
+fn is_zero(priority: &i8) -> bool {
+    *priority == 0
+}
+
+/// The priorities that a job may have.
+pub(super) const PRIORITIES: std::ops::RangeInclusive<i8> = -100..=100;
 
 /// How far a running job is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
@@ -207,7 +239,7 @@ pub(super) struct NewJob {
     pub spec: Spec,
     /// By what the client knows it again when it asks twice.
     pub idempotency: Option<Idempotency>,
-    /// Small blobs of its upload, kept until it ends.
+    /// Small blobs of its upload, kept until it ends, and beyond that when it is [given up](Job::keeps_upload).
     pub upload: Vec<SmallBlob>,
 }
 
@@ -234,14 +266,59 @@ pub(super) enum Created {
 pub(super) struct Rules {
     /// Jobs that may wait at a time.
     pub max_queued: usize,
-    /// Attempts after which a job that keeps being released has failed.
+    /// Counted attempts after which a job that keeps being released has failed.
     pub max_attempts: u32,
+    /// Pause of a job after the first crash that it was worked on in.
+    pub crash_pause: Duration,
+}
+
+/// Longest pause of a job after a crash, unless [`Rules::crash_pause`] is longer.
+const LONGEST_PAUSE: Duration = Duration::from_secs(600);
+
+/// Longest time in which nothing is claimed because of a suspect: before it starts, and from its start on.
+pub(super) const ALONE: Duration = Duration::from_secs(30);
+
+/// Crashes after which a suspect is to run alone.
+const ALONE_FROM: u32 = 2;
+
+impl Rules {
+    /// The pause of a job after so many crashes that it was worked on in.
+    fn pause(&self, crashes: u32) -> Duration {
+        let factor = 10u32.saturating_pow(crashes.saturating_sub(1));
+        self.crash_pause.saturating_mul(factor).min(LONGEST_PAUSE.max(self.crash_pause))
+    }
+}
+
+/// What a worker claims.
+#[derive(Debug, Clone)]
+pub(super) struct Claiming {
+    /// At most so many jobs.
+    pub limit: usize,
+    /// At most so many more, only of tenants without a running job.
+    pub newcomers: usize,
+    /// For how long the jobs are leased.
+    pub lease: Duration,
+    /// Name of the worker.
+    pub worker: Arc<str>,
+    /// What each tenant may use.
+    pub shares: Arc<Shares>,
+}
+
+/// What came of a retry.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Retried {
+    /// It waits again.
+    Queued(Job),
+    /// It is in another state than failed, and was left as it is.
+    NotFailed(State),
+    /// There is no such job.
+    Unknown,
 }
 
 /// Why a running job is given back.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Release {
-    /// The attempt failed, and another one may not.
+    /// The attempt failed, and another one may not. It counts if it had begun.
     Failed(Error),
     /// The attempt was broken off without fault; it does not count.
     Free,
@@ -297,10 +374,12 @@ pub(super) struct Job {
     pub state: State,
     /// What it is.
     pub spec: Spec,
-    /// 1 for the job that starts next; none when it does not wait.
+    /// Place among the waiting jobs of its tenant: 1 for the one that is claimed first; none when it does not wait.
     pub queue_position: Option<u64>,
     /// Claims so far; results of others than the last one mean nothing.
     pub attempt: u32,
+    /// Name of the process that claimed it last.
+    pub worker: Option<String>,
     /// How far it is.
     pub progress: Progress,
     /// Whether someone asked for its end.
@@ -315,6 +394,13 @@ pub(super) struct Job {
     pub started_at: Option<SystemTime>,
     /// When it ended.
     pub ended_at: Option<SystemTime>,
+}
+
+impl Job {
+    /// Whether its upload is kept after its end: that of a job that was given up, which may be run again.
+    pub fn keeps_upload(&self) -> bool {
+        self.problem.as_ref().is_some_and(|problem| problem.kind == Kind::Poison)
+    }
 }
 
 /// The right to write about a running job.
@@ -340,11 +426,14 @@ pub(super) struct Event {
 pub(super) enum What {
     /// It entered a state that is no end.
     State(State),
+    /// It is running: the number of the attempt, and the worker. Iterations and rounds up to the next state are of this
+    /// attempt.
+    Started(u32, String),
     /// An iteration was made: the report's row, as JSON text in one line.
     Iteration(String),
     /// A round of a hierarchy was made: the report's row, as JSON text in one line.
     Round(String),
-    /// It ended; no event follows.
+    /// It ended; no event follows, unless it is run again.
     End(State, Option<Error>),
 }
 
@@ -432,8 +521,26 @@ pub(super) trait JobStore: fmt::Debug + Send + Sync {
     /// A page of jobs, newest first. A cursor that this store did not give is [`Kind::InvalidParameter`].
     async fn list(&self, query: &ListQuery) -> Result<Page>;
 
-    /// Takes the jobs that wait longest, at most `limit`, which are running from then on and leased for so long.
-    async fn claim(&self, limit: usize, lease: Duration) -> Result<Vec<(Ticket, Job)>>;
+    /// Claims waiting jobs, in the order that the [module](self) describes. They are running from then on.
+    async fn claim_as(&self, claiming: Claiming) -> Result<Vec<(Ticket, Job)>>;
+
+    /// Claims jobs of tenants with equal shares.
+    #[cfg(test)]
+    async fn claim(&self, limit: usize, lease: Duration) -> Result<Vec<(Ticket, Job)>> {
+        let (worker, shares) = ("test".into(), Arc::default());
+        self.claim_as(Claiming { limit, newcomers: 0, lease, worker, shares }).await
+    }
+
+    /// When a job that the last claim passed over may be claimed, if that needs no other change.
+    fn next_start(&self) -> Option<SystemTime>;
+
+    /// The worker begins to read the mesh: from now on the attempt counts. Small uploads begin with their claim. Nothing
+    /// happens when the attempt has begun already.
+    async fn begin(&self, ticket: Ticket) -> Result<()>;
+
+    /// Puts a failed job back into the queue, with no attempt counted. Its upload must still be there.
+    /// [`Kind::QueueFull`] when as many jobs wait as may.
+    async fn retry(&self, id: JobId) -> Result<Retried>;
 
     /// Prolongs leases; returns the tickets that are over.
     async fn heartbeat(&self, tickets: &[Ticket], until: SystemTime) -> Result<Vec<Ticket>>;
@@ -448,7 +555,7 @@ pub(super) trait JobStore: fmt::Debug + Send + Sync {
     /// Appends events and replaces the progress.
     async fn append(&self, ticket: Ticket, events: Vec<What>, progress: Progress) -> Result<()>;
 
-    /// Ends a running job. Small blobs of its upload go.
+    /// Ends a running job. Small blobs of its upload go, unless it is given up.
     async fn end(&self, ticket: Ticket, ending: Ending) -> Result<()>;
 
     /// Ends a running job about which nothing else is to be said.
@@ -482,7 +589,8 @@ pub(super) trait JobStore: fmt::Debug + Send + Sync {
     /// Tells of every change of a job until it is deleted; none when there is no such job.
     async fn watch(&self, id: JobId) -> Result<Option<watch::Receiver<Pulse>>>;
 
-    /// Changes whenever a job was added: what a worker without work waits for. Marked as changed from the start.
+    /// Changes whenever a job may be claimed that could not be before: what a worker without work waits for. Marked as
+    /// changed from the start.
     fn arrivals(&self) -> watch::Receiver<u64>;
 
     /// Changes whenever a job with a webhook ended: what the teller of ends waits for. Marked as changed from the start.
@@ -543,13 +651,19 @@ fn lease_is_over() -> Error {
 fn given_up(attempts: u64, last: &Error) -> Error {
     Error::new(
         Kind::Poison,
-        format_args!("the job was given up after {attempts} attempts, of which the last failed: {last}"),
+        format_args!(
+            "the job was given up after {attempts} attempts, of which the last failed: {last}; its upload is kept until the \
+             job is deleted: to run it again, POST to its path followed by /retry"
+        ),
     )
 }
 
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+
+    /// Rules of a store in a test.
+    pub const RULES: Rules = Rules { max_queued: 100, max_attempts: 3, crash_pause: Duration::ZERO };
 
     /// A job of the tenant `local` like any other.
     pub fn new_job() -> NewJob {
@@ -565,6 +679,7 @@ pub(super) mod tests {
             listed_seeds: false,
             has_weights: false,
             is_small: false,
+            priority: 0,
         };
         NewJob { id: JobId::random(), spec, idempotency: None, upload: Vec::new() }
     }

@@ -1,5 +1,6 @@
 //! Those who wait for jobs: who waits for which, for stores whose jobs are not in memory.
 
+use std::cmp::Ordering;
 use std::collections::HashMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -30,14 +31,19 @@ impl Pulses {
         waiters.jobs.entry(id).or_default().subscribe()
     }
 
-    /// Tells those who wait for a job, if any. A pulse never goes back: what is older than what was told is not told.
+    /// Tells those who wait for a job, if any. A pulse never goes back: what is older than what was told is not told. An
+    /// ended job that runs again has newer events, so that its newer pulse replaces the older one.
     pub fn publish(&self, id: JobId, pulse: Pulse) {
         if let Some(waiting) = self.lock().jobs.get(&id) {
             waiting.send_if_modified(|told| {
-                let newer = Pulse {
-                    last_seq: told.last_seq.max(pulse.last_seq),
-                    cancel_requested: told.cancel_requested || pulse.cancel_requested,
-                    ended: told.ended || pulse.ended,
+                let newer = match pulse.last_seq.cmp(&told.last_seq) {
+                    Ordering::Less => *told,
+                    Ordering::Greater => pulse,
+                    Ordering::Equal => Pulse {
+                        last_seq: told.last_seq,
+                        cancel_requested: told.cancel_requested || pulse.cancel_requested,
+                        ended: told.ended || pulse.ended,
+                    },
                 };
                 let changed = newer != *told;
                 *told = newer;
@@ -71,7 +77,15 @@ mod tests {
         assert!(pulses.lock().jobs.len() < 200);
         pulses.publish(kept, Pulse { last_seq: 7, ..Pulse::default() });
         pulses.publish(kept, Pulse { last_seq: 3, ended: true, ..Pulse::default() });
-        assert_eq!(*waiting.borrow(), Pulse { last_seq: 7, ended: true, cancel_requested: false });
+        assert_eq!(*waiting.borrow(), Pulse { last_seq: 7, ended: false, cancel_requested: false }, "an older one");
+        for (last_seq, ended) in [(8, true), (9, false)] {
+            pulses.publish(kept, Pulse { last_seq, ended, ..Pulse::default() });
+            assert_eq!(
+                *waiting.borrow(),
+                Pulse { last_seq, ended, cancel_requested: false },
+                "a job that is run again"
+            );
+        }
         pulses.forget(kept);
         assert!(waiting.has_changed().is_err());
     }

@@ -144,6 +144,7 @@ impl Form {
                 self.buffers[0]
             )));
         }
+        let priority = self.wanted.priority();
         let (parameters, webhook) = self.wanted.finish(self.seeds.is_some())?;
         if let Some(name) = parameters.weight_attribute.as_ref().filter(|_| self.weights.is_some()) {
             return Err(Error::parameter(format_args!(
@@ -162,6 +163,7 @@ impl Form {
             listed_seeds: self.seeds.is_some(),
             has_weights: self.weights.is_some(),
             is_small: false,
+            priority,
         };
         let files = [Some(mesh.saved), self.seeds, self.weights].into_iter().flatten();
         let digests = files.filter_map(|saved| saved.digest).chain(self.digests).collect();

@@ -26,7 +26,7 @@ pub(super) async fn a_released_job_runs_again_in_its_place(store: &dyn JobStore)
     let whats: Vec<_> = events(store, first, 0, 99).await;
     assert_eq!(whats.iter().map(|event| event.seq).collect::<Vec<_>>(), (1..=6).collect::<Vec<_>>());
     assert_eq!(whats[3].what, What::State(State::Queued));
-    assert_eq!(whats[4].what, What::State(State::Running));
+    assert_eq!(whats[4].what, What::Started(2, "test".to_owned()));
 }
 
 pub(super) async fn a_job_that_fails_too_often_is_given_up(store: &dyn JobStore) {
@@ -35,6 +35,7 @@ pub(super) async fn a_job_that_fails_too_often_is_given_up(store: &dyn JobStore)
     for attempt in 1..=4 {
         let (ticket, _) = claim(store).await;
         assert_eq!(ticket.attempt, attempt);
+        store.begin(ticket).await.expect("begun");
         // the second attempt is broken off without fault
         let release = if attempt == 2 { Release::Free } else { failure() };
         let expected = if attempt == 4 { State::Failed } else { State::Queued };
@@ -85,6 +86,7 @@ pub(super) async fn a_crash_loses_nothing(subject: &dyn Subject) {
         panic!("the key is new")
     };
     let (held, _) = claim(store.as_ref()).await;
+    store.begin(held).await.expect("begun");
     let asked_to_end = create(store.as_ref()).await.id;
     claim(store.as_ref()).await;
     store.cancel(asked_to_end).await.expect("asked");
@@ -104,15 +106,128 @@ pub(super) async fn a_crash_loses_nothing(subject: &dyn Subject) {
     let (ticket, _) = claim(again).await;
     assert_eq!(ticket, Ticket { job: keyed.id, attempt: 2 });
     let seqs: Vec<_> = events(again, keyed.id, 0, 9).await.into_iter().map(|event| (event.seq, event.what)).collect();
-    let states = [State::Queued, State::Running, State::Queued, State::Running].map(What::State);
+    let queued = || What::State(State::Queued);
+    let started = |attempt| What::Started(attempt, "test".to_owned());
+    let states = [queued(), started(1), queued(), started(2)];
     assert_eq!(seqs, (1..).zip(states).collect::<Vec<_>>(), "numbers go on");
-    // crashes count
+    // the crash counts for the only job that had begun
+    again.begin(ticket).await.expect("begun");
     again.release(ticket, Release::Failed(Error::new(Kind::Internal, "x"))).await.expect("released");
     let (ticket, _) = claim(again).await;
+    again.begin(ticket).await.expect("begun");
     let end = again.release(ticket, Release::Failed(Error::new(Kind::Internal, "x"))).await;
     assert_eq!(end, Ok(State::Failed));
     // and numbers of jobs are not used again
     let next = create(again).await;
     let page = again.list(&ListQuery { limit: 1, ..ListQuery::default() }).await.expect("listed");
     assert_eq!(page.jobs[0].id, next.id);
+}
+
+pub(super) async fn claims_that_never_began_count_for_nothing(store: &dyn JobStore) {
+    let id = create(store).await.id;
+    let failure = || Release::Failed(Error::new(Kind::DeviceLost, "the card fell out"));
+    for _ in 0..5 {
+        let (ticket, _) = claim(store).await;
+        assert_eq!(store.release(ticket, failure()).await, Ok(State::Queued));
+        let (ticket, _) = claim(store).await;
+        assert_eq!(store.reclaim(SystemTime::now() + 2 * LEASE).await, Ok(vec![ticket]));
+        assert_eq!(store.begin(ticket).await.expect_err("it is over").kind, Kind::Conflict);
+    }
+    assert_eq!(get(store, id).await.state, State::Queued);
+}
+
+pub(super) async fn a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_request(store: &dyn JobStore) {
+    let mesh = SmallBlob { name: "mesh".to_owned(), bytes: vec![1, 2, 3].into() };
+    let webhook = Some("https://a.example/".to_owned());
+    let spec = Spec { is_small: true, webhook, ..spec("x") };
+    let id = JobId::random();
+    let new = NewJob { id, spec, idempotency: None, upload: vec![mesh.clone()] };
+    assert!(matches!(store.create(new).await, Ok(Created::New(_))));
+    assert_eq!(store.retry(id).await, Ok(Retried::NotFailed(State::Queued)));
+    assert_eq!(store.retry(JobId::random()).await, Ok(Retried::Unknown));
+    let give_up = async || {
+        for attempt in 1..=3 {
+            let (ticket, _) = claim(store).await;
+            // a small upload begins with its claim
+            let release = Release::Failed(Error::new(Kind::DeviceLost, "the card fell out"));
+            let expected = if attempt == 3 { State::Failed } else { State::Queued };
+            assert_eq!(store.release(ticket, release).await, Ok(expected), "attempt {attempt}");
+        }
+    };
+    give_up().await;
+    assert!(get(store, id).await.keeps_upload());
+    assert_eq!(store.blob(id, "mesh").await, Ok(Some(mesh.bytes.clone())));
+    let mut pulses = store.watch(id).await.expect("watchable").expect("a job");
+    assert!(pulses.borrow_and_update().ended);
+
+    // a full queue takes it no more than a new one
+    let others = [create(store).await.id, create(store).await.id];
+    assert_eq!(store.retry(id).await.expect_err("full").kind, Kind::QueueFull);
+    assert!(get(store, id).await.keeps_upload());
+    store.cancel(others[0]).await.expect("asked");
+    let Ok(Retried::Queued(job)) = store.retry(id).await else { panic!("it has failed") };
+    assert_eq!((job.state, job.problem.clone(), job.ended_at), (State::Queued, None, None));
+    assert_eq!(job.queue_position, Some(1), "where it was");
+    assert_eq!(job, get(store, id).await);
+    assert!(!pulses.borrow_and_update().ended, "those who wait are told");
+    assert_eq!(store.ended_before(SystemTime::now() + LEASE, 9).await, Ok(vec![others[0]]), "it does not expire");
+    // with a fresh count, and the same end, which is told again
+    give_up().await;
+    let Ok(Retried::Queued(_)) = store.retry(id).await else { panic!("it has failed again") };
+    assert_eq!(store.untold().await, Ok(vec![id]));
+    let (ticket, _) = claim(store).await;
+    assert_eq!(ticket.attempt, 7);
+    store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
+    assert_eq!(store.untold().await, Ok(vec![id]), "the last end is told");
+    assert_eq!(store.notice(id).await.expect("readable").map(|notice| notice.state), Some(State::Succeeded));
+    assert_eq!(store.blob(id, "mesh").await, Ok(None), "it is of no use any more");
+    let seqs: Vec<_> = events(store, id, 0, 99).await.into_iter().map(|event| event.seq).collect();
+    assert_eq!(seqs, (1..=seqs.len() as u64).collect::<Vec<_>>());
+    assert_eq!(store.retry(id).await, Ok(Retried::NotFailed(State::Succeeded)));
+}
+
+/// A job that kills the process whenever it has begun, and its neighbours.
+pub(super) async fn crashes_count_for_the_job_that_caused_them_only(subject: &dyn Subject) {
+    let mut store = subject.empty(RULES).await;
+    let killer = create(store.as_ref()).await.id;
+    let mut innocent = Vec::new();
+    for _ in 0..8 {
+        innocent.push(create(store.as_ref()).await.id);
+    }
+    let mut crashes = 0;
+    while get(store.as_ref(), killer).await.state != State::Failed {
+        // jobs begin one after the other, the killer after as many as may run beside it
+        let claimed = store.claim(9, LEASE).await.expect("claimable");
+        assert!(!claimed.is_empty(), "there is always a job that may run");
+        let mut kills = false;
+        for (ticket, _) in claimed {
+            store.begin(ticket).await.expect("begun");
+            kills |= ticket.job == killer;
+            if !kills && crashes > 0 {
+                store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
+            }
+        }
+        if kills {
+            crashes += 1;
+            match subject.after_crash(RULES).await {
+                Some(again) => store = again,
+                None => return,
+            }
+        }
+        assert!(crashes < 20, "the killer is found");
+    }
+    let problem = get(store.as_ref(), killer).await.problem.expect("a reason");
+    assert!(problem.kind == Kind::Poison && problem.message.contains("after 3 attempts"), "{problem}");
+    loop {
+        let claimed = store.claim(9, LEASE).await.expect("claimable");
+        if claimed.is_empty() {
+            break;
+        }
+        for (ticket, _) in claimed {
+            store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
+        }
+    }
+    for id in innocent {
+        assert_eq!(get(store.as_ref(), id).await.state, State::Succeeded);
+    }
 }

@@ -59,7 +59,7 @@ pub(super) async fn events_are_numbered_and_read_from_anywhere(store: &dyn JobSt
 
     let all = events(store, id, 0, 99).await;
     assert_eq!(all.iter().map(|event| event.seq).collect::<Vec<_>>(), [1, 2, 3, 4, 5, 6]);
-    assert_eq!(all[1].what, What::State(State::Running));
+    assert_eq!(all[1].what, What::Started(1, "test".to_owned()));
     assert_eq!(all[5].what, What::Iteration("{\"iteration\":3}".to_owned()));
     assert_eq!(events(store, id, 3, 2).await, all[3..5]);
     assert_eq!(events(store, id, 6, 9).await, []);

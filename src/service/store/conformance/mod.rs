@@ -6,8 +6,8 @@ use std::time::{Duration, SystemTime};
 use async_trait::async_trait;
 
 use super::{
-    Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob, Notice, Page,
-    Progress, Release, Rules, SMALL_BLOBS, SmallBlob, Spec, State, Summary, Ticket, What,
+    Claiming, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob, Notice,
+    Page, Progress, Release, Retried, Rules, SMALL_BLOBS, SmallBlob, Spec, State, Summary, Ticket, What,
 };
 use crate::error::{Error, Kind};
 use crate::mesh::Format;
@@ -16,6 +16,7 @@ use crate::report::Phase;
 
 mod at_once;
 mod attempts;
+mod fairness;
 mod life;
 mod lists;
 
@@ -59,11 +60,18 @@ pub(in crate::service) async fn run(subject: &dyn Subject) {
     attempts::a_job_that_fails_too_often_is_given_up(make(9).await.as_ref()).await;
     attempts::a_lease_that_is_over_is_reclaimed(make(9).await.as_ref()).await;
     attempts::a_released_job_that_was_to_end_ends(make(9).await.as_ref()).await;
+    attempts::claims_that_never_began_count_for_nothing(make(9).await.as_ref()).await;
+    attempts::a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_request(make(2).await.as_ref()).await;
+    fairness::a_tenant_with_many_jobs_holds_no_other_tenant_up(make(99).await.as_ref()).await;
+    fairness::weights_limits_and_newcomers_are_kept(make(99).await.as_ref()).await;
+    fairness::priorities_order_the_jobs_of_a_tenant(make(9).await.as_ref()).await;
+    fairness::the_worker_is_known(make(9).await.as_ref()).await;
     lists::ended_jobs_are_found_by_their_age(make(9).await.as_ref()).await;
     attempts::a_crash_loses_nothing(subject).await;
+    attempts::crashes_count_for_the_job_that_caused_them_only(subject).await;
 }
 
-const RULES: Rules = Rules { max_queued: 9, max_attempts: 3 };
+const RULES: Rules = Rules { max_queued: 9, max_attempts: 3, crash_pause: Duration::ZERO };
 
 /// Long enough that no lease ends by itself.
 const LEASE: Duration = Duration::from_secs(3600);
@@ -81,6 +89,7 @@ fn spec(name: &str) -> Spec {
         listed_seeds: true,
         has_weights: true,
         is_small: false,
+        priority: 0,
     }
 }
 

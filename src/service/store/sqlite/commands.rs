@@ -1,17 +1,18 @@
 //! What changes jobs, as SQL: each command checks, then writes, and says whom to wake.
 
-use std::time::{Duration, SystemTime};
+use std::time::SystemTime;
 
 use rusqlite::{Connection, Row, params};
 
 use super::super::{
-    Created, Deletion, End, Ending, Job, JobId, NewJob, Progress, Pulse, Release, Rules, SmallBlob, State, Summary,
-    Ticket, What, given_up, lease_is_over, no_such_job, not_yours, queue_is_full, reused_key,
+    ALONE_FROM, Created, Deletion, End, Ending, Job, JobId, NewJob, Progress, Pulse, Release, Retried, Rules,
+    SmallBlob, State, Summary, Ticket, What, given_up, lease_is_over, no_such_job, not_yours, queue_is_full,
+    reused_key,
 };
 use super::connections::{Abort, all, execute, first, one};
 use super::rows::{self, column, count, jobs, json, micros, text};
 use super::writer::{Batch, Command};
-use crate::error::{Error, Result};
+use crate::error::{Error, Kind, Result};
 
 /// Adds a job.
 pub(super) struct Create(pub NewJob, pub Rules);
@@ -37,20 +38,38 @@ impl Command for Create {
                 return Ok(Created::Known(job));
             }
         }
-        let waiting = waiting(batch.connection)?;
-        if waiting >= rules.max_queued as u64 {
-            return Err(queue_is_full(rules.max_queued).into());
-        }
-        let created_at = rows::now();
+        check_queue(batch.connection, rules)?;
+        let (created_at, urgency) = (rows::now(), -i64::from(spec.priority));
         let progress = Progress::default();
         execute(
             batch.connection,
-            "INSERT INTO jobs (id, tenant, state, spec, progress, idempotency_key, request_digest, created_at, last_seq) \
-             VALUES (?1, ?2, 'queued', ?3, ?4, ?5, ?6, ?7, 1)",
-            params![id.to_string(), spec.tenant, json(spec)?, json(&progress)?, key, request, micros(created_at)],
+            "INSERT INTO jobs (id, tenant, state, spec, progress, idempotency_key, request_digest, created_at, urgency, \
+             last_seq) VALUES (?1, ?2, 'queued', ?3, ?4, ?5, ?6, ?7, ?8, 1)",
+            params![
+                id.to_string(),
+                spec.tenant,
+                json(spec)?,
+                json(&progress)?,
+                key,
+                request,
+                micros(created_at),
+                urgency
+            ],
         )?;
         let number = batch.connection.last_insert_rowid();
-        let mut live = Live { id: *id, number, last_seq: 0, cancel_requested: false, attempt: 0, uncounted: 0 };
+        let sql = "SELECT count(*) AS jobs FROM jobs WHERE state = 'queued' AND tenant = ?1 \
+                   AND (urgency, number) <= (?2, ?3)";
+        let place = one(batch.connection, sql, params![spec.tenant, urgency, number], |row| count(row, "jobs"))?;
+        let mut live = Live {
+            id: *id,
+            number,
+            last_seq: 0,
+            cancel_requested: false,
+            attempt: 0,
+            uncounted: 0,
+            has_begun: false,
+            suspicion: 0,
+        };
         live.keep(batch, upload)?;
         live.tell(batch, &[What::State(State::Queued)])?;
         batch.effects.arrivals += 1;
@@ -58,8 +77,9 @@ impl Command for Create {
             id: *id,
             state: State::Queued,
             spec: spec.clone(),
-            queue_position: Some(waiting + 1),
+            queue_position: Some(place),
             attempt: 0,
+            worker: None,
             progress,
             cancel_requested: false,
             problem: None,
@@ -71,40 +91,39 @@ impl Command for Create {
     }
 }
 
-/// Number of jobs that wait.
-pub(super) fn waiting(connection: &Connection) -> Result<u64, Abort> {
-    one(connection, "SELECT count(*) AS jobs FROM jobs WHERE state = 'queued'", [], |row| count(row, "jobs"))
+/// [`Kind::QueueFull`] when as many jobs wait as may.
+pub(super) fn check_queue(connection: &Connection, rules: &Rules) -> Result<(), Abort> {
+    let sql = "SELECT coalesce(sum(queued), 0) AS jobs FROM tenants";
+    match one(connection, sql, [], |row| count(row, "jobs"))? < rules.max_queued as u64 {
+        true => Ok(()),
+        false => Err(queue_is_full(rules.max_queued).into()),
+    }
 }
 
-/// Takes jobs from the queue.
-pub(super) struct Claim {
-    pub limit: usize,
-    pub lease: Duration,
-}
+/// Runs a failed job again.
+pub(super) struct Retry(pub JobId, pub Rules);
 
-impl Command for Claim {
-    type Output = Vec<(Ticket, Job)>;
+impl Command for Retry {
+    type Output = Retried;
 
-    fn apply(&self, batch: &mut Batch<'_>) -> Result<Self::Output, Abort> {
-        let now = rows::now();
-        let mut claimed = all(
-            batch.connection,
-            "UPDATE jobs SET state = 'running', attempt = attempt + 1, started_at = ?1, lease_until = ?2, \
-             last_seq = last_seq + 1 WHERE number IN (SELECT number FROM jobs WHERE state = 'queued' ORDER BY number LIMIT ?3) \
-             RETURNING *, NULL AS queue_position",
-            params![micros(now), micros(now + self.lease), i64::try_from(self.limit).unwrap_or(i64::MAX)],
-            |row| {
-                let job = rows::job(row)?;
-                Ok((Live::from_row(job.id, row)?, job))
-            },
-        )?;
-        claimed.sort_by_key(|(live, _)| live.number);
-        for (live, _) in &mut claimed {
-            // counted by the statement above
-            live.last_seq -= 1;
-            live.tell(batch, &[What::State(State::Running)])?;
+    fn apply(&self, batch: &mut Batch<'_>) -> Result<Retried, Abort> {
+        let Self(id, rules) = self;
+        let read = |row: &Row<'_>| Ok((rows::state(row)?, Live::from_row(*id, row)?));
+        let Some((state, mut live)) = first(batch.connection, LIVE, [id.to_string()], read)? else {
+            return Ok(Retried::Unknown);
+        };
+        if state != State::Failed {
+            return Ok(Retried::NotFailed(state));
         }
-        Ok(claimed.into_iter().map(|(live, job)| (Ticket { job: job.id, attempt: live.attempt }, job)).collect())
+        check_queue(batch.connection, rules)?;
+        let sql = "UPDATE jobs SET problem = NULL, ended_at = NULL, cancel_requested = 0 WHERE number = ?1";
+        execute(batch.connection, sql, [live.number])?;
+        live.cancel_requested = false;
+        live.uncounted = live.attempt;
+        // what may kill the process still starts alone, but at once
+        live.suspicion = live.suspicion.min(ALONE_FROM);
+        live.queue(batch, rows::now())?;
+        Ok(find(batch.connection, *id)?.map_or(Retried::Unknown, Retried::Queued))
     }
 }
 
@@ -279,20 +298,24 @@ impl Command for Probe {
 }
 
 /// What [`Live`] needs to know of a job, and its state.
-const LIVE: &str = "SELECT number, state, attempt, uncounted, last_seq, cancel_requested FROM jobs WHERE id = ?1";
+const LIVE: &str = "SELECT number, state, attempt, uncounted, begun, suspicion, last_seq, cancel_requested FROM jobs \
+                    WHERE id = ?1";
 
-/// The row of a job that has not ended.
-struct Live {
-    id: JobId,
-    number: i64,
-    last_seq: i64,
-    cancel_requested: bool,
-    attempt: u32,
-    uncounted: u32,
+/// The row of a job that changes.
+pub(super) struct Live {
+    pub id: JobId,
+    pub number: i64,
+    pub last_seq: i64,
+    pub cancel_requested: bool,
+    pub attempt: u32,
+    pub uncounted: u32,
+    pub has_begun: bool,
+    /// Crashes of the service while it was worked on.
+    pub suspicion: u32,
 }
 
 impl Live {
-    fn from_row(id: JobId, row: &Row<'_>) -> Result<Self> {
+    pub fn from_row(id: JobId, row: &Row<'_>) -> Result<Self> {
         Ok(Self {
             id,
             number: column(row, "number")?,
@@ -300,11 +323,13 @@ impl Live {
             cancel_requested: column(row, "cancel_requested")?,
             attempt: column(row, "attempt")?,
             uncounted: column(row, "uncounted")?,
+            has_begun: column(row, "begun")?,
+            suspicion: column(row, "suspicion")?,
         })
     }
 
     /// Appends events, and wakes those who wait. The row's `last_seq` is for the caller to write.
-    fn tell(&mut self, batch: &mut Batch<'_>, events: &[What]) -> Result<(), Abort> {
+    pub fn tell(&mut self, batch: &mut Batch<'_>, events: &[What]) -> Result<(), Abort> {
         for event in events {
             self.last_seq += 1;
             let (kind, data) = rows::split(event)?;
@@ -357,41 +382,82 @@ impl Live {
         if has_webhook {
             execute(
                 batch.connection,
-                "INSERT INTO notices (job, webhook, trace_parent, state, problem, ended_at) \
+                "INSERT OR REPLACE INTO notices (job, webhook, trace_parent, state, problem, ended_at) \
                  SELECT id, spec ->> 'webhook', spec ->> 'trace_parent', state, problem, ended_at FROM jobs \
                  WHERE number = ?1",
                 [self.number],
             )?;
             batch.effects.endings += 1;
         }
-        if has_blobs {
+        let is_given_up = problem.is_some_and(|problem| problem.kind == Kind::Poison);
+        if has_blobs && !is_given_up {
             execute(batch.connection, "DELETE FROM blobs WHERE job = ?1", [self.number])?;
         }
+        batch.effects.ends += 1;
         self.pulse(batch, true);
         Ok(())
     }
 
     /// Puts the job back where it was in the queue, or ends it where it must not run again.
     fn release(&mut self, batch: &mut Batch<'_>, release: &Release, rules: &Rules) -> Result<State, Abort> {
+        match release {
+            Release::Failed(error) if self.has_begun => self.failed(batch, error, rules, rows::now()),
+            Release::Failed(_) | Release::Free => self.free(batch, rows::now()),
+        }
+    }
+
+    /// The process died while the job ran; `is_guilty` when the attempt counts.
+    pub fn crashed(
+        &mut self,
+        batch: &mut Batch<'_>,
+        is_guilty: bool,
+        now: SystemTime,
+        rules: &Rules,
+    ) -> Result<State, Abort> {
+        if self.has_begun {
+            self.suspicion += 1;
+        }
+        let not_before = now + rules.pause(self.suspicion);
+        match is_guilty {
+            true => self.failed(batch, &lease_is_over(), rules, not_before),
+            false => self.free(batch, not_before),
+        }
+    }
+
+    /// The attempt counts.
+    fn failed(
+        &mut self,
+        batch: &mut Batch<'_>,
+        error: &Error,
+        rules: &Rules,
+        not_before: SystemTime,
+    ) -> Result<State, Abort> {
+        let counted = self.attempt.saturating_sub(self.uncounted);
+        if counted >= rules.max_attempts && !self.cancel_requested {
+            self.end(batch, &End::Failed(given_up(counted.into(), error)), None)?;
+            return Ok(State::Failed);
+        }
+        self.queue(batch, not_before)
+    }
+
+    /// The attempt does not count.
+    fn free(&mut self, batch: &mut Batch<'_>, not_before: SystemTime) -> Result<State, Abort> {
+        self.uncounted += 1;
+        self.queue(batch, not_before)
+    }
+
+    /// Lets the job wait, unless its end was asked for; a suspect until a moment at least.
+    fn queue(&mut self, batch: &mut Batch<'_>, not_before: SystemTime) -> Result<State, Abort> {
         if self.cancel_requested {
             self.end(batch, &End::Cancelled, None)?;
             return Ok(State::Cancelled);
         }
-        match release {
-            Release::Free => self.uncounted += 1,
-            Release::Failed(error) => {
-                let counted = self.attempt.saturating_sub(self.uncounted);
-                if counted >= rules.max_attempts {
-                    self.end(batch, &End::Failed(given_up(counted.into(), error)), None)?;
-                    return Ok(State::Failed);
-                }
-            }
-        }
         self.tell(batch, &[What::State(State::Queued)])?;
         execute(
             batch.connection,
-            "UPDATE jobs SET state = 'queued', lease_until = NULL, uncounted = ?1, last_seq = ?2 WHERE number = ?3",
-            params![self.uncounted, self.last_seq, self.number],
+            "UPDATE jobs SET state = 'queued', lease_until = NULL, uncounted = ?1, suspicion = ?2, not_before = ?3, \
+             last_seq = ?4 WHERE number = ?5",
+            params![self.uncounted, self.suspicion, micros(not_before), self.last_seq, self.number],
         )?;
         batch.effects.arrivals += 1;
         Ok(State::Queued)
@@ -409,7 +475,7 @@ pub(super) fn find(connection: &Connection, id: JobId) -> Result<Option<Job>, Ab
 }
 
 /// The running job that a ticket is valid for.
-fn claimed(connection: &Connection, ticket: Ticket) -> Result<Live, Abort> {
+pub(super) fn claimed(connection: &Connection, ticket: Ticket) -> Result<Live, Abort> {
     let read = |row: &Row<'_>| Ok((rows::state(row)?, Live::from_row(ticket.job, row)?));
     let found = first(connection, LIVE, [ticket.job.to_string()], read)?;
     let (state, live) = found.ok_or_else(|| no_such_job(ticket.job))?;

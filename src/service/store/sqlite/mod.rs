@@ -3,12 +3,13 @@
 //! Every change goes through the one [`writer`], as one of the [`commands`]; what only reads has connections of its own and
 //! is never held up. The journal is a write-ahead log, and a commit returns when it is on the disk (`synchronous = FULL`):
 //! what was answered survives a crash of the process, of the system, and of the power. Jobs that were running then are
-//! released when the store is opened again, which counts as one of their attempts.
+//! given back when the store is opened again ([`claim`]).
 //!
 //! What is asked of a job by value (its state, its tenant, when it ended) is a column; everything else is JSON, so that
 //! the service can come to know more about jobs without another [`schema`]. Small blobs have a table of their own.
 
 mod check;
+mod claim;
 mod commands;
 mod connections;
 mod rows;
@@ -17,24 +18,27 @@ mod writer;
 
 use std::path::Path;
 use std::sync::Arc;
-use std::time::{Duration, SystemTime};
+use std::time::SystemTime;
 
 use async_trait::async_trait;
-use rusqlite::{Connection, params};
+use rusqlite::{Connection, OptionalExtension as _, params};
 use tokio::sync::watch;
 use tokio_util::bytes::Bytes;
 
 use self::check::{Damage, START, is_damage};
+use self::claim::{Begin, Claim, Recover, Recovered};
 use self::commands::{
-    Append, Cancel, Claim, Create, Delete, Finish, GiveBack, Heartbeat, Probe, Reclaim, SettleWebhook, find, waiting,
+    Append, Cancel, Create, Delete, Finish, GiveBack, Heartbeat, Probe, Reclaim, Retry, SettleWebhook, check_queue,
+    find,
 };
 use self::connections::{Readers, all, first, one};
 use self::rows::{column, count, jobs};
 use self::schema::MigrateError;
 use self::writer::{Listeners, Writer};
+use super::cursor::Cursors;
 use super::{
-    Created, Deletion, Ending, Event, Job, JobId, JobStore, ListQuery, NewJob, Notice, Page, Progress, Pulse, Release,
-    Rules, SMALL_BLOBS, State, Statistics, Ticket, What, cursor, queue_is_full,
+    Claiming, Created, Deletion, Ending, Event, Job, JobId, JobStore, ListQuery, NewJob, Notice, Page, Progress, Pulse,
+    Release, Retried, Rules, SMALL_BLOBS, State, Statistics, Ticket, What,
 };
 use crate::error::{Error, Kind, Result};
 use crate::service::faults::Faults;
@@ -48,6 +52,7 @@ pub(in crate::service) struct SqliteStore {
     writer: Writer,
     listeners: Arc<Listeners>,
     damage: Arc<Damage>,
+    cursors: Cursors,
 }
 
 impl SqliteStore {
@@ -58,7 +63,7 @@ impl SqliteStore {
         };
         let file = path.to_owned();
         let opened = blocking(move || open_up_to_date(&file)).await?;
-        let (connection, readers) = opened.map_err(|error| match error {
+        let (connection, readers, cursors) = opened.map_err(|error| match error {
             MigrateError::Database(error) if is_damage(&error) => error.into(),
             error => cannot(&error),
         })?;
@@ -66,11 +71,12 @@ impl SqliteStore {
         let damage = Arc::clone(&readers.damage);
         let writer = Writer::start(connection, path.to_owned(), Arc::clone(&listeners), Arc::clone(&damage), faults);
         let writer = writer.map_err(|error| cannot(&error))?;
-        let store = Self { rules, readers: Arc::new(readers), writer, listeners, damage };
-        // Whoever ran them is no more.
-        let interrupted = store.writer.carry_out(Reclaim { now: far_future(), rules }).await?;
-        if !interrupted.is_empty() {
-            tracing::warn!(jobs = interrupted.len(), "jobs were running when the service ended; they wait again");
+        let store = Self { rules, readers: Arc::new(readers), writer, listeners, damage, cursors };
+        // One process has the file: whatever ran, ran in one that ended.
+        let recovered = store.writer.carry_out(Recover(rules)).await?;
+        if recovered != Recovered::default() {
+            let Recovered { unharmed, suspects, ended } = recovered;
+            tracing::warn!(unharmed, suspects, ended, "the service did not stop in order; jobs that ran wait again");
         }
         Ok(store)
     }
@@ -96,15 +102,24 @@ impl SqliteStore {
 }
 
 /// Opens the file, or makes it, with the tables as they are to be.
-fn open_up_to_date(path: &Path) -> Result<(Connection, Readers), MigrateError> {
+fn open_up_to_date(path: &Path) -> Result<(Connection, Readers, Cursors), MigrateError> {
     let mut connection = connections::writing(path, true)?;
     check::check(&connection, START)?;
     schema::migrate(&mut connection)?;
-    Ok((connection, Readers::open(path)?))
+    let cursors = cursors(&connection)?;
+    Ok((connection, Readers::open(path)?, cursors))
 }
 
-fn far_future() -> SystemTime {
-    rows::time(i64::MAX)
+/// The cursors with the key that the file holds, or with a new one that it holds from now on.
+fn cursors(connection: &Connection) -> Result<Cursors, MigrateError> {
+    let sql = "SELECT cursors FROM secrets WHERE id = 1";
+    let kept: Option<Vec<u8>> = connection.query_row(sql, [], |row| row.get(0)).optional()?;
+    if let Some(cursors) = kept.and_then(|key| Cursors::with_key(&key)) {
+        return Ok(cursors);
+    }
+    let cursors = Cursors::random().map_err(MigrateError::Random)?;
+    connection.execute("INSERT OR REPLACE INTO secrets (id, cursors) VALUES (1, ?1)", [cursors.key()])?;
+    Ok(cursors)
 }
 
 #[async_trait]
@@ -114,10 +129,7 @@ impl JobStore for SqliteStore {
     }
 
     async fn check_room(&self) -> Result<()> {
-        match self.readers.read(waiting).await? < self.rules.max_queued as u64 {
-            true => Ok(()),
-            false => Err(queue_is_full(self.rules.max_queued)),
-        }
+        self.readers.read(|reader| check_queue(reader, &self.rules)).await
     }
 
     async fn knows_key(&self, tenant: &str, key: &str) -> Result<bool> {
@@ -136,7 +148,7 @@ impl JobStore for SqliteStore {
 
     async fn list(&self, list: &ListQuery) -> Result<Page> {
         let before = match &list.cursor {
-            Some(cursor) => i64::try_from(cursor::number_of(cursor)?).unwrap_or(i64::MAX),
+            Some(cursor) => i64::try_from(self.cursors.number_of(cursor)?).unwrap_or(i64::MAX),
             None => i64::MAX,
         };
         // one more than asked for tells whether there is another page
@@ -150,12 +162,24 @@ impl JobStore for SqliteStore {
         let mut found = self.readers.read_much(page).await?;
         let has_more = found.len() > list.limit;
         found.truncate(list.limit);
-        let next = found.last().filter(|_| has_more).map(|(number, _)| cursor::cursor_of(*number));
+        let next = found.last().filter(|_| has_more).map(|(number, _)| self.cursors.cursor_of(*number));
         Ok(Page { jobs: found.into_iter().map(|(_, job)| job).collect(), next })
     }
 
-    async fn claim(&self, limit: usize, lease: Duration) -> Result<Vec<(Ticket, Job)>> {
-        self.writer.carry_out(Claim { limit, lease }).await
+    async fn claim_as(&self, claiming: Claiming) -> Result<Vec<(Ticket, Job)>> {
+        self.writer.carry_out(Claim { claiming, listeners: Arc::clone(&self.listeners) }).await
+    }
+
+    fn next_start(&self) -> Option<SystemTime> {
+        self.listeners.claims.next_start()
+    }
+
+    async fn begin(&self, ticket: Ticket) -> Result<()> {
+        self.writer.carry_out(Begin(ticket)).await
+    }
+
+    async fn retry(&self, id: JobId) -> Result<Retried> {
+        self.writer.carry_out(Retry(id, self.rules)).await
     }
 
     async fn heartbeat(&self, tickets: &[Ticket], until: SystemTime) -> Result<Vec<Ticket>> {
@@ -263,15 +287,23 @@ impl JobStore for SqliteStore {
     }
 
     async fn queued_of(&self, tenant: &str) -> Result<u64> {
-        let sql = "SELECT count(*) AS jobs FROM jobs WHERE state = 'queued' AND tenant = ?1";
-        self.readers.read(|reader| one(reader, sql, [tenant], |row| count(row, "jobs"))).await
+        let sql = "SELECT queued FROM tenants WHERE name = ?1";
+        let found = self.readers.read(|reader| first(reader, sql, [tenant], |row| count(row, "queued")));
+        Ok(found.await?.unwrap_or(0))
     }
 
     async fn counts(&self) -> Result<[u64; State::ALL.len()]> {
-        let sql = "SELECT state, count(*) AS jobs FROM jobs GROUP BY state";
-        let read = move |reader: &Connection| all(reader, sql, [], |row| Ok((rows::state(row)?, count(row, "jobs")?)));
-        let found = self.readers.read_much(read).await?;
-        Ok(State::ALL.map(|state| found.iter().filter(|(other, _)| *other == state).map(|(_, jobs)| jobs).sum()))
+        let sql = "SELECT coalesce(sum(queued), 0) AS queued, coalesce(sum(running), 0) AS running, \
+                   coalesce(sum(succeeded), 0) AS succeeded, coalesce(sum(failed), 0) AS failed, \
+                   coalesce(sum(cancelled), 0) AS cancelled FROM tenants";
+        let read = |row: &rusqlite::Row<'_>| {
+            let mut counts = [0; State::ALL.len()];
+            for (jobs, state) in counts.iter_mut().zip(State::ALL) {
+                *jobs = count(row, state.name())?;
+            }
+            Ok(counts)
+        };
+        self.readers.read(|reader| one(reader, sql, [], read)).await
     }
 
     async fn probe(&self) -> Result<()> {

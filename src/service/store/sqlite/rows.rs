@@ -63,12 +63,12 @@ pub(super) fn count(row: &Row<'_>, name: &'static str) -> Result<u64> {
     u64::try_from(count).map_err(|error| unreadable(name, &error))
 }
 
-/// What `SELECT` needs to say for [`job`]: all columns, and the place in the queue.
+/// What `SELECT` needs to say for [`job`]: all columns, and the place in the tenant's queue.
 macro_rules! jobs {
     ($rest:literal) => {
         concat!(
             "SELECT *, CASE state WHEN 'queued' THEN (SELECT count(*) FROM jobs AS before WHERE before.state = 'queued' \
-             AND before.number <= jobs.number) END AS queue_position FROM jobs ",
+             AND before.tenant = jobs.tenant AND (before.urgency, before.number) <= (jobs.urgency, jobs.number)) END AS queue_position FROM jobs ",
             $rest
         )
     };
@@ -84,6 +84,7 @@ pub(super) fn job(row: &Row<'_>) -> Result<Job> {
         spec: from_json("spec", text(row, "spec")?)?,
         queue_position: column::<Option<i64>>(row, "queue_position")?.and_then(|place| place.try_into().ok()),
         attempt: column(row, "attempt")?,
+        worker: column(row, "worker")?,
         progress: from_json("progress", text(row, "progress")?)?,
         cancel_requested: column(row, "cancel_requested")?,
         problem: optional_text(row, "problem")?.map(|text| from_json("problem", text)).transpose()?,
@@ -134,6 +135,7 @@ fn state_of(name: &str) -> Result<State> {
 pub(super) fn split(what: &What) -> Result<(&'static str, String)> {
     Ok(match what {
         What::State(state) => ("state", state.name().to_owned()),
+        What::Started(attempt, worker) => ("started", json(&(attempt, worker))?),
         What::Iteration(row) => ("iteration", row.clone()),
         What::Round(row) => ("round", row.clone()),
         What::End(state, problem) => ("end", json(&(state, problem))?),
@@ -145,6 +147,10 @@ pub(super) fn event(row: &Row<'_>) -> Result<Event> {
     let data = text(row, "data")?;
     let what = match text(row, "kind")? {
         "state" => What::State(state_of(data)?),
+        "started" => {
+            let (attempt, worker) = from_json("data", data)?;
+            What::Started(attempt, worker)
+        }
         "iteration" => What::Iteration(data.to_owned()),
         "round" => What::Round(data.to_owned()),
         "end" => {

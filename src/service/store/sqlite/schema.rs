@@ -9,10 +9,11 @@ use rusqlite::{Connection, TransactionBehavior};
 use super::connections::message;
 
 /// Every migration's SQL.
-const MIGRATIONS: [&str; 3] = [
+const MIGRATIONS: [&str; 4] = [
     include_str!("migrations/0001_jobs.sql"),
     include_str!("migrations/0002_blobs.sql"),
     include_str!("migrations/0003_notices.sql"),
+    include_str!("migrations/0004_fairness.sql"),
 ];
 
 /// Why the tables cannot be brought up to date.
@@ -21,6 +22,9 @@ pub(super) enum MigrateError {
     /// The database failed.
     #[error("{}", message(.0))]
     Database(#[from] rusqlite::Error),
+    /// There is no source of random bytes.
+    #[error("{0}")]
+    Random(crate::error::Error),
     /// They were made by a later version of the service.
     #[error(
         "its tables are of version {found}, and this version of tesserae knows them up to {known}: start the version that \

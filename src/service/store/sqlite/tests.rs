@@ -1,12 +1,13 @@
 use std::io::ErrorKind;
 use std::sync::Mutex;
+use std::time::Duration;
 
 use tempfile::TempDir;
 
 use super::*;
 use crate::service::faults::FaultPoint;
 use crate::service::store::conformance::{self, Subject};
-use crate::service::store::tests::new_job;
+use crate::service::store::tests::{RULES, new_job};
 
 /// Stores in folders of their own.
 #[derive(Default)]
@@ -51,8 +52,6 @@ impl Subject for OnDisk {
 async fn conforms() {
     conformance::run(&OnDisk::default()).await;
 }
-
-const RULES: Rules = Rules { max_queued: 100, max_attempts: 3 };
 
 #[tokio::test]
 async fn a_failed_commit_is_told_loses_nothing_and_passes() {
@@ -281,7 +280,7 @@ async fn a_file_with_the_earlier_bookkeeping_is_taken_over_with_its_jobs() {
         }
         let connection = Connection::open(&path).expect("it opens");
         let version: u32 = connection.pragma_query_value(None, "user_version", |row| row.get(0)).expect("readable");
-        assert_eq!(version, 3);
+        assert_eq!(version, 4);
         assert_eq!(connection.table_exists(None, "_sqlx_migrations"), Ok(false), "nobody keeps it up");
     }
 }
@@ -317,7 +316,7 @@ async fn tables_of_a_later_version_are_refused_and_left_alone() {
         connection.close().expect("closed");
         let before = std::fs::read(&path).expect("readable");
         let error = SqliteStore::open(&path, RULES, Faults::default()).await.expect_err("too new");
-        for part in [&format!("version {found},"), NAME, "up to 3"] {
+        for part in [&format!("version {found},"), NAME, "up to 4"] {
             assert!(error.message.contains(part), "{error}");
         }
         assert!(std::fs::read(&path).expect("readable") == before);
@@ -325,7 +324,7 @@ async fn tables_of_a_later_version_are_refused_and_left_alone() {
 }
 
 /// Overwrites pages of the file, without the first one.
-fn damage(path: &std::path::Path) {
+fn damage(path: &Path) {
     let mut content = std::fs::read(path).expect("a store");
     content[4096..].fill(0x5a);
     std::fs::write(path, content).expect("written");

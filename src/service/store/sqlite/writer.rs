@@ -19,6 +19,7 @@ use tokio_util::sync::CancellationToken;
 use super::super::pulses::Pulses;
 use super::super::{JobId, Pulse, Statistics};
 use super::check::Damage;
+use super::claim::Claims;
 use super::connections::{self, Abort, closed};
 use crate::error::{Error, Kind, Result};
 use crate::service::faults::{FaultPoint, Faults};
@@ -53,6 +54,8 @@ pub(super) struct Effects {
     pub deleted: Vec<JobId>,
     /// Jobs that can be claimed.
     pub arrivals: u64,
+    /// Jobs that ended: others may be claimed in their stead.
+    pub ends: u64,
     /// Jobs that ended and have a webhook.
     pub endings: u64,
 }
@@ -63,6 +66,7 @@ pub(super) struct Listeners {
     pub pulses: Pulses,
     pub arrivals: watch::Sender<u64>,
     pub endings: watch::Sender<u64>,
+    pub claims: Claims,
 }
 
 impl Listeners {
@@ -73,8 +77,8 @@ impl Listeners {
         for id in effects.deleted {
             self.pulses.forget(id);
         }
-        if effects.arrivals > 0 {
-            self.arrivals.send_modify(|count| *count += effects.arrivals);
+        if effects.arrivals > 0 || (effects.ends > 0 && self.claims.has_held_back()) {
+            self.arrivals.send_modify(|count| *count += effects.arrivals.max(1));
         }
         if effects.endings > 0 {
             self.endings.send_modify(|count| *count += effects.endings);
