@@ -3,7 +3,7 @@ use std::io::ErrorKind;
 use super::*;
 use crate::service::store::memory::MemoryStore;
 use crate::service::store::tests::new_job;
-use crate::service::store::{Created, End, JobStore, NewJob, Rules, Summary};
+use crate::service::store::{Created, End, JobStore, NewJob, Rules, SMALL_BLOBS, Summary};
 
 fn open(path: &Path, limits: DiskLimits, faults: Faults) -> Arc<Files> {
     Arc::new(Files::open(Some(path), limits, faults).expect("it opens"))
@@ -186,7 +186,7 @@ async fn a_sweep_leaves_what_jobs_know_of() {
     let waiting = accepted().await;
     let coming_in = files.incoming();
     write(coming_in.blob(MESH), b"mesh").await.expect("written");
-    let claimed = store.claim(1, std::time::Duration::from_secs(60)).await.expect("claimable");
+    let claimed = store.claim(1, Duration::from_secs(60)).await.expect("claimable");
     let ticket = claimed[0].0;
     let summary = Summary { faces: 1, clusters: 1, has_labels: true, labels_sha256: None, is_small: false };
     store.finish(ticket, End::Succeeded(summary)).await.expect("finished");

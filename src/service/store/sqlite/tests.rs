@@ -325,7 +325,7 @@ async fn tables_of_a_later_version_are_refused_and_left_alone() {
 }
 
 /// Overwrites pages of the file, without the first one.
-fn damage(path: &std::path::Path) {
+fn damage(path: &Path) {
     let mut content = std::fs::read(path).expect("a store");
     content[4096..].fill(0x5a);
     std::fs::write(path, content).expect("written");
