@@ -62,8 +62,8 @@ impl Aging {
             let seconds = ahead.as_secs();
             tracing::warn!(
                 seconds,
-                "the clock jumped forward, or the service was stopped for so long: jobs grow old no faster than twice the \
-                 time that passes until that is caught up"
+                "the clock jumped forward, or the service was stopped for so long: jobs grow old no faster than twice \
+                 the time that passes until that is caught up"
             );
         }
         self.is_behind = is_behind;

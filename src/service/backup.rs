@@ -96,8 +96,8 @@ fn copy_store(store: &Path, copy: &Path) -> rusqlite::Result<()> {
 /// Folders of files of the jobs of a store: results of those that succeeded, and uploads of the others.
 fn wanted(store: &Path) -> rusqlite::Result<Vec<Wanted>> {
     let connection = Connection::open_with_flags(store, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
-    let sql = "SELECT id, CASE WHEN state = 'succeeded' THEN 'results/' || id || '/' || attempt ELSE 'uploads/' || id END, \
-               state IN ('succeeded', 'queued', 'running') FROM jobs \
+    let sql = "SELECT id, CASE WHEN state = 'succeeded' THEN 'results/' || id || '/' || attempt ELSE 'uploads/' || id \
+               END, state IN ('succeeded', 'queued', 'running') FROM jobs \
                WHERE NOT coalesce(CASE WHEN state = 'succeeded' THEN summary ELSE spec END ->> 'is_small', 0)";
     let mut statement = connection.prepare(sql)?;
     let rows = statement.query_map([], |row| {

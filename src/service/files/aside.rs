@@ -48,9 +48,9 @@ impl Files {
         Error::new(
             Kind::Conflict,
             format_args!(
-                "the store of jobs ({}) {what}, but the data folder holds files of {jobs} jobs: put the store back, from a \
-                 backup for instance, or start once with --forget-lost-jobs, which moves these files to {folder}/{ASIDE}: \
-                 {folder}",
+                "the store of jobs ({}) {what}, but the data folder holds files of {jobs} jobs: put the store back, \
+                 from a backup for instance, or start once with --forget-lost-jobs, which moves these files to \
+                 {folder}/{ASIDE}: {folder}",
                 root::STORE[0]
             ),
         )

@@ -58,7 +58,7 @@ impl Root {
         let path = path.canonicalize().map_err(|error| cannot_make(path, error))?;
         if let Some(mode) = private::open_mode(&path) {
             let (folder, mode) = (path.display(), format!("{mode:04o}"));
-            tracing::warn!(%folder, mode, "others than the owner may enter the data folder; `chmod 700` takes that away");
+            tracing::warn!(%folder, mode, "other users may enter the data folder; `chmod 700` takes that away");
         }
         for name in STORE.into_iter().chain([LOCK]) {
             let file = path.join(name);
