@@ -1,8 +1,8 @@
 //! The time by which jobs grow old: that of the system's clock, but never faster than twice the time that passed.
 //!
-//! A clock that jumps forward must not make jobs expire that ended a moment ago. Neither can a jump be told from a time in which
-//! the service was stopped. So time that this process did not see pass is caught up with: while the clock is ahead, jobs age by two
-//! seconds a second. The time reached is kept in a file, so that a restart does not lose it.
+//! A clock that jumps forward must not make jobs expire that ended a moment ago. Neither can a jump be told from a time
+//! in which the service was stopped. So time that this process did not see pass is caught up with: while the clock is
+//! ahead, jobs age by two seconds a second. The time reached is kept in a file, so that a restart does not lose it.
 
 use std::io::{self, Read as _, Seek as _, Write as _};
 use std::path::Path;
@@ -62,8 +62,8 @@ impl Aging {
             let seconds = ahead.as_secs();
             tracing::warn!(
                 seconds,
-                "the clock jumped forward, or the service was stopped for so long: jobs grow old no faster than twice the \
-                 time that passes until that is caught up"
+                "the clock jumped forward, or the service was stopped for so long: jobs grow old no faster than twice \
+                 the time that passes until that is caught up"
             );
         }
         self.is_behind = is_behind;

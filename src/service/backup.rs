@@ -1,8 +1,9 @@
 //! Backups: a copy of a data folder, made while a service works in it, on which a service can be started.
 //!
-//! The store of jobs is copied by SQLite itself, as it is at one moment. Files of jobs never change once they are there, so
-//! those that the copy of the store needs are linked, or copied to another disk. A job may end meanwhile, and its upload go: the
-//! files are taken before and after the store, and the store once more when it then knows a job whose files are missed.
+//! The store of jobs is copied by SQLite itself, as it is at one moment. Files of jobs never change once they are
+//! there, so those that the copy of the store needs are linked, or copied to another disk. A job may end meanwhile, and
+//! its upload go: the files are taken before and after the store, and the store once more when it then knows a job
+//! whose files are missed.
 
 use std::collections::HashSet;
 use std::fs::File;
@@ -40,8 +41,8 @@ struct Wanted {
     is_needed: bool,
 }
 
-/// Copies the data folder `from` to `to`, which must be missing or empty. [`Kind::Conflict`] when it is not, [`Kind::NotFound`]
-/// when `from` holds no store of jobs.
+/// Copies the data folder `from` to `to`, which must be missing or empty. [`Kind::Conflict`] when it is not,
+/// [`Kind::NotFound`] when `from` holds no store of jobs.
 pub fn back_up(from: &Path, to: &Path) -> Result<Backup> {
     let store = from.join(STORE);
     if !store.metadata().is_ok_and(|found| found.len() > 0) {
@@ -95,8 +96,8 @@ fn copy_store(store: &Path, copy: &Path) -> rusqlite::Result<()> {
 /// Folders of files of the jobs of a store: results of those that succeeded, and uploads of the others.
 fn wanted(store: &Path) -> rusqlite::Result<Vec<Wanted>> {
     let connection = Connection::open_with_flags(store, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
-    let sql = "SELECT id, CASE WHEN state = 'succeeded' THEN 'results/' || id || '/' || attempt ELSE 'uploads/' || id END, \
-               state IN ('succeeded', 'queued', 'running') FROM jobs \
+    let sql = "SELECT id, CASE WHEN state = 'succeeded' THEN 'results/' || id || '/' || attempt ELSE 'uploads/' || id \
+               END, state IN ('succeeded', 'queued', 'running') FROM jobs \
                WHERE NOT coalesce(CASE WHEN state = 'succeeded' THEN summary ELSE spec END ->> 'is_small', 0)";
     let mut statement = connection.prepare(sql)?;
     let rows = statement.query_map([], |row| {
@@ -127,7 +128,8 @@ fn count(store: &Path) -> rusqlite::Result<i64> {
     connection.query_row("SELECT count(*) FROM jobs", [], |row| row.get(0))
 }
 
-/// Every whole file of uploads and results, relative to the data folder. One that is being written has a `#` in its name.
+/// Every whole file of uploads and results, relative to the data folder. One that is being written has a `#` in its
+/// name.
 fn all_files(root: &Path) -> Vec<PathBuf> {
     let mut files = Vec::new();
     let mut folders = vec![PathBuf::from("uploads"), PathBuf::from("results")];

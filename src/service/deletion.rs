@@ -1,7 +1,7 @@
 //! Forgetting a job and its files, also when the disk is full.
 //!
-//! The job goes first, because files without a job are found and removed later. To forget it the store writes, so a full disk
-//! is helped in two steps: the ballast is given up, and then the files of the job go first.
+//! The job goes first, because files without a job are found and removed later. To forget it the store writes, so a
+//! full disk is helped in two steps: the ballast is given up, and then the files of the job go first.
 
 use std::sync::Arc;
 

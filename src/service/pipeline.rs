@@ -251,7 +251,9 @@ impl Pipeline {
         let _break_off = broken_off.clone().drop_guard();
         let outcome = tokio::select! {
             biased;
-            outcome = self.cluster(&slot, ticket, &job, &cancel, &log, broken_off) => outcome.map_err(|error| self.judge(&job, error)),
+            outcome = self.cluster(&slot, ticket, &job, &cancel, &log, broken_off) => {
+                outcome.map_err(|error| self.judge(&job, error))
+            }
             () = self.cancel_requested(&job) => Err(Verdict::Ended(End::Cancelled.into())),
             () = lease.lost() => Err(Verdict::Lost),
             () = abort.cancelled() => Err(self.stopped()),

@@ -1,4 +1,5 @@
-//! Real disks that are full: a small tmpfs as the data folder. Where nothing can be mounted, these tests say so and pass.
+//! Real disks that are full: a small tmpfs as the data folder. Where nothing can be mounted, these tests say so and
+//! pass.
 #![cfg(target_os = "linux")]
 
 use std::io::Write as _;

@@ -1,7 +1,7 @@
 //! Files of jobs that the store does not know when the service starts: moved aside, and removed after a while.
 //!
-//! A store that was lost, or restored from an old copy, knows fewer jobs than there are files. Removing these would make the
-//! loss final.
+//! A store that was lost, or restored from an old copy, knows fewer jobs than there are files. Removing these would
+//! make the loss final.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -18,8 +18,8 @@ const ASIDE: &str = "aside";
 const KEPT: Duration = Duration::from_secs(7 * 86_400);
 
 impl Files {
-    /// Checks, before the store of jobs is opened, that it is there if files of jobs are. With `forget` the files of a store
-    /// that is missing or empty are moved aside instead.
+    /// Checks, before the store of jobs is opened, that it is there if files of jobs are. With `forget` the files of a
+    /// store that is missing or empty are moved aside instead.
     pub async fn check_store(&self, forget: bool) -> Result<()> {
         let Some(database) = self.database() else { return Ok(()) };
         if database.metadata().is_ok_and(|found| found.len() > 0) {
@@ -33,7 +33,8 @@ impl Files {
         }
     }
 
-    /// Checks a store of jobs that never knew a job: there are no results then. With `forget` they are moved aside instead.
+    /// Checks a store of jobs that never knew a job: there are no results then. With `forget` they are moved aside
+    /// instead.
     pub async fn check_unused_store(&self, forget: bool) -> Result<()> {
         match (self.jobs_in("results").await?.len(), forget) {
             (0, _) => Ok(()),
@@ -47,9 +48,9 @@ impl Files {
         Error::new(
             Kind::Conflict,
             format_args!(
-                "the store of jobs ({}) {what}, but the data folder holds files of {jobs} jobs: put the store back, from a \
-                 backup for instance, or start once with --forget-lost-jobs, which moves these files to {folder}/{ASIDE}: \
-                 {folder}",
+                "the store of jobs ({}) {what}, but the data folder holds files of {jobs} jobs: put the store back, \
+                 from a backup for instance, or start once with --forget-lost-jobs, which moves these files to \
+                 {folder}/{ASIDE}: {folder}",
                 root::STORE[0]
             ),
         )

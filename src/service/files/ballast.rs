@@ -1,7 +1,8 @@
-//! Ballast: a file of no meaning in the data folder, removed when a full disk stops deletions, and made again when there is
-//! room.
+//! Ballast: a file of no meaning in the data folder, removed when a full disk stops deletions, and made again when
+//! there is room.
 //!
-//! To forget a job, the store of jobs writes first. On a full disk it cannot, so nothing that would make room could begin.
+//! To forget a job, the store of jobs writes first. On a full disk it cannot, so nothing that would make room could
+//! begin.
 
 use std::fs::File;
 use std::io;
@@ -30,8 +31,8 @@ pub(super) struct Ballast {
 }
 
 impl Ballast {
-    /// That of a folder on a disk of so many bytes, as far as is known, of which the folder may take `limit`. With `is_kept`
-    /// false there is none: a temporary folder has no store of jobs on the disk.
+    /// That of a folder on a disk of so many bytes, as far as is known, of which the folder may take `limit`. With
+    /// `is_kept` false there is none: a temporary folder has no store of jobs on the disk.
     pub fn new(folder: &Path, disk: Option<u64>, limit: Option<u64>, is_kept: bool) -> Self {
         let most = disk.into_iter().chain(limit).map(|bytes| bytes / PART).fold(MOST, u64::min);
         let path = folder.join(BALLAST);

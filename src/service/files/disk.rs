@@ -134,8 +134,8 @@ pub(super) fn size(folder: &Path) -> u64 {
     bytes
 }
 
-/// Bytes of the file system of a folder: those that this process may still write, all, and those that are taken. None where
-/// that cannot be told.
+/// Bytes of the file system of a folder: those that this process may still write, all, and those that are taken. None
+/// where that cannot be told.
 #[cfg(unix)]
 fn space(folder: &Path) -> Option<(u64, u64, u64)> {
     let found = rustix::fs::statvfs(folder).ok()?;

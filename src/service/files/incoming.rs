@@ -72,8 +72,8 @@ impl std::fmt::Debug for Incoming {
     }
 }
 
-/// Ends blobs that belong together: gives them if they are small and `takes` them, or else makes files of them, which wait
-/// for the disk together, and gives none.
+/// Ends blobs that belong together: gives them if they are small and `takes` them, or else makes files of them, which
+/// wait for the disk together, and gives none.
 pub(in crate::service) async fn settle(
     blobs: Vec<BlobWriter>,
     takes: impl FnOnce(u64) -> bool,

@@ -240,7 +240,8 @@ impl Files {
                     return Err(Error::new(
                         Kind::InsufficientStorage,
                         format_args!(
-                            "the disk of the service has no room for the result of the job, and no other job will make                              some; delete jobs and submit it again; bytes needed: {bytes}"
+                            "the disk of the service has no room for the result of the job, and no other job will make \
+                             some; delete jobs and submit it again; bytes needed: {bytes}"
                         ),
                     ));
                 }

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | labels | 4 a face |
 //! | snapshots | 4 a face and iteration that is kept |
-//! | hierarchy | 60 a merge, 8 a move, 32 a round, and checkpoints of half of what merges and moves take between rounds: 68 a face and 12 a move |
+//! | hierarchy | 60 a merge, 8 a move, 32 a round, and checkpoints of half of the merges and moves before them |
 //! | report and events | [`FIXED`] |
 //!
 //! For hierarchies the estimate is [`HIERARCHY`] or, with a pair a round, [`SEQUENTIAL`] bytes a face.

@@ -2,10 +2,11 @@
 //!
 //! A job is accepted when the disk has room for the [estimate](super::needs) of its result beside what was promised to
 //! others. Once its mesh was read, and again once its result is known, the promise is [brought up to
-//! date](Room::try_secure). A job that then needs more than it was promised waits as long as other jobs can make room, and fails
-//! when none can. A job that needs no more than its promise waits as long as files of others fill the disk.
+//! date](Room::try_secure). A job that then needs more than it was promised waits as long as other jobs can make room,
+//! and fails when none can. A job that needs no more than its promise waits as long as files of others fill the disk.
 //!
-//! Promises are kept in memory: they follow from the jobs that have not ended, and are made again when the service starts.
+//! Promises are kept in memory: they follow from the jobs that have not ended, and are made again when the service
+//! starts.
 
 use std::collections::HashMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -86,8 +87,8 @@ impl Room {
         promises.jobs.remove(&job);
     }
 
-    /// Promises a job what it turns out to need, of what is free on the disk. With `is_patient` it would rather wait for
-    /// jobs that are still to be read.
+    /// Promises a job what it turns out to need, of what is free on the disk. With `is_patient` it would rather wait
+    /// for jobs that are still to be read.
     pub fn try_secure(&self, job: JobId, needs: u64, disk: State, is_patient: bool) -> Outcome {
         let State { free, foreign } = disk;
         let mut promises = self.lock();

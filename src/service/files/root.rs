@@ -33,8 +33,8 @@ pub(super) enum Root {
 impl Root {
     /// Takes the folder at `path`, which is made if need be. [`Kind::Conflict`] when another process works in it.
     ///
-    /// The mode of a folder that is there already stays, because it may hold more than jobs; what the service keeps in it
-    /// is for the owner only in any case.
+    /// The mode of a folder that is there already stays, because it may hold more than jobs; what the service keeps in
+    /// it is for the owner only in any case.
     pub fn keep(path: &Path) -> Result<Self> {
         private::make_folder(path).map_err(|error| cannot_make(path, error))?;
         let name = path.join(LOCK);
@@ -58,7 +58,7 @@ impl Root {
         let path = path.canonicalize().map_err(|error| cannot_make(path, error))?;
         if let Some(mode) = private::open_mode(&path) {
             let (folder, mode) = (path.display(), format!("{mode:04o}"));
-            tracing::warn!(%folder, mode, "others than the owner may enter the data folder; `chmod 700` takes that away");
+            tracing::warn!(%folder, mode, "other users may enter the data folder; `chmod 700` takes that away");
         }
         for name in STORE.into_iter().chain([LOCK]) {
             let file = path.join(name);
@@ -116,8 +116,8 @@ fn note_holder(lock: &mut File) -> io::Result<()> {
     lock.write_all(format!("{}\n", std::process::id()).as_bytes())
 }
 
-/// Removes temporary folders of processes that were killed: those with a lock that is free. Another user's stay, and so do
-/// those of versions that made no lock, which may be in use.
+/// Removes temporary folders of processes that were killed: those with a lock that is free. Another user's stay, and so
+/// do those of versions that made no lock, which may be in use.
 fn sweep_temporary(among: &Path, own: &Path) {
     for entry in std::fs::read_dir(among).into_iter().flatten().flatten() {
         let path = entry.path();

@@ -14,8 +14,8 @@ impl Files {
         self.sweep_all(store, false).await
     }
 
-    /// The same when the service starts: what belongs to no job of the store is moved aside, because the store may be an
-    /// older copy.
+    /// The same when the service starts: what belongs to no job of the store is moved aside, because the store may be
+    /// an older copy.
     pub async fn sweep_at_start(&self, store: &dyn JobStore) -> Result<usize> {
         self.sweep_all(store, true).await
     }

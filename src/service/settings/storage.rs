@@ -19,8 +19,8 @@ pub struct StorageSettings {
     #[arg(long, env = "TESSERAE_MIN_FREE_BYTES", value_name = "BYTES", default_value_t = StorageSettings::default().min_free_bytes)]
     pub min_free_bytes: u64,
 
-    /// Start although the store of jobs is missing or empty and files of jobs are there: these are moved to DIR/aside, where they
-    /// stay for a week
+    /// Start although the store of jobs is missing or empty and files of jobs are there: these are moved to DIR/aside,
+    /// where they stay for a week
     #[arg(long, env = "TESSERAE_FORGET_LOST_JOBS")]
     pub forget_lost_jobs: bool,
 }

@@ -1,7 +1,7 @@
 //! Damage: whether the file is still a sound database.
 //!
-//! The file is checked when it is opened, for a bounded time. Afterwards SQLite finds damage only where it looks, so what one
-//! statement found stands until the service is started again.
+//! The file is checked when it is opened, for a bounded time. Afterwards SQLite finds damage only where it looks, so
+//! what one statement found stands until the service is started again.
 
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Mutex, PoisonError};
