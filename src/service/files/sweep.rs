@@ -7,8 +7,8 @@ use crate::error::{Error, Result};
 use crate::service::store::{Job, JobId, JobStore, State};
 
 impl Files {
-    /// Removes uploads of jobs that were never accepted, or have ended and are not [kept](Job::keeps_upload) for a retry, and results of attempts that did not make it.
-    /// Uploads that are coming in stay. Returns how many folders went.
+    /// Removes uploads of jobs that were never accepted, or have ended and are not [kept](Job::keeps_upload) for a retry,
+    /// and results of attempts that did not make it. Uploads that are coming in stay. Returns how many folders went.
     pub async fn sweep(&self, store: &dyn JobStore) -> Result<usize> {
         let mut removed = 0;
         for id in self.jobs_in("uploads").await? {

@@ -11,6 +11,7 @@
 mod claim;
 mod commands;
 mod connections;
+mod retry;
 mod rows;
 mod schema;
 mod writer;
@@ -26,10 +27,10 @@ use tokio_util::bytes::Bytes;
 
 use self::claim::{Begin, Claim, Recover, Recovered};
 use self::commands::{
-    Append, Cancel, Create, Delete, Finish, GiveBack, Heartbeat, Probe, Reclaim, Retry, SettleWebhook, check_queue,
-    find,
+    Append, Cancel, Create, Delete, Finish, GiveBack, Heartbeat, Probe, Reclaim, SettleWebhook, check_queue, find,
 };
 use self::connections::{Readers, all, first, one};
+use self::retry::Retry;
 use self::rows::{column, count, jobs};
 use self::schema::MigrateError;
 use self::writer::{Listeners, Writer};
