@@ -37,6 +37,8 @@ impl Service {
             probe.local_addr().expect("an address").to_string()
         };
         let child = Self::spawn(&folder, &address);
+        // the first one to come sets it
+        let _ = rustls::crypto::ring::default_provider().install_default();
         let client = Client::builder().timeout(PATIENCE).build().expect("a client");
         Self { folder, address, client, child, deaths: 0 }
     }

@@ -21,8 +21,8 @@ pub enum FaultPoint {
     Finish,
 }
 
-/// Environment variable, for tests only: the process aborts when it begins to read a mesh of this file name. Read by builds
-/// with debug assertions only.
+/// Environment variable, for tests only: the process aborts when it begins to read a mesh of this file name. Read by
+/// builds with debug assertions only.
 #[cfg(debug_assertions)]
 const ABORT_AT: &str = "TEST_ABORT_AT_FILE";
 

@@ -20,11 +20,11 @@ use super::intake::Rules;
 use super::openapi::{Binary, Problematic};
 use super::problem::{Answer, Failure, Problem};
 use super::server::{App, Shared};
-use super::store::{Created, Deletion, Job, JobId, ListQuery, NewJob, Retried, State, no_such_job};
+use super::store::{Created, Deletion, Job, JobId, ListQuery, NewJob, State, no_such_job};
 use super::timestamp::rfc3339;
 use super::trace::TraceParent;
 use super::upload::{self, Upload};
-use super::{admission, blobs, deletion, files, idempotency, intake, prefer, query};
+use super::{admission, deletion, idempotency, intake, prefer, query};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Format;
 use crate::parameters::Parameters;
@@ -43,8 +43,8 @@ pub(super) struct JobView {
     id: JobId,
     /// Where it is in its life.
     state: State,
-    /// Place among your own waiting jobs, in the order in which they start: 1 for the next one; null when it does not wait.
-    /// Jobs of other tenants are not counted.
+    /// Place among your own waiting jobs, in the order in which they start: 1 for the next one; null when it does not
+    /// wait. Jobs of other tenants are not counted.
     #[schema(minimum = 1)]
     queue_position: Option<u64>,
     /// Of your waiting jobs, those with a higher priority start first: -100 to 100.
@@ -211,7 +211,7 @@ pub(super) fn tell_expiry(response: &mut Response, shared: &Shared, job: &Job) {
 }
 
 /// A job as an answer.
-fn answer(shared: &Shared, status: StatusCode, headers: HeaderMap, job: Job) -> Response {
+pub(super) fn answer(shared: &Shared, status: StatusCode, headers: HeaderMap, job: Job) -> Response {
     let view = JobView::new(shared, job.clone());
     let mut response = (status, headers, Json(view)).into_response();
     tell_expiry(&mut response, shared, &job);
@@ -487,71 +487,4 @@ pub(super) async fn remove(Extract(shared): App, caller: Caller, Path(id): Path<
             Ok(answer(&shared, StatusCode::ACCEPTED, HeaderMap::new(), job))
         }
     }
-}
-
-/// Run a failed job again
-///
-/// A job that was given up (`/problems/poison`) keeps its upload until it is deleted, so that it can be run again: it waits as if
-/// it had just been submitted, at its old place in the queue, and no earlier attempt counts. Its events go on after the `end` of
-/// the failure. Of all other ended jobs the upload is gone: submit the mesh again.
-#[utoipa::path(
-    post, path = "/v1/jobs/{id}/retry", tag = "jobs", operation_id = "retryJob",
-    params(("id" = String, Path, format = "uuid", description = "Id of the job")),
-    responses(
-        (status = 202, description = "The job waits again", body = JobView),
-        (status = 404, response = Problematic),
-        (status = 409, response = Problematic),
-        (status = 500, response = Problematic),
-        (status = 507, response = Problematic),
-    ),
-)]
-pub(super) async fn retry(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer {
-    if shared.stop.is_cancelled() {
-        return Err(stopping().into());
-    }
-    let job = find(&shared, &caller, &id).await?;
-    let id = job.id;
-    if job.state != State::Failed {
-        return Err(not_failed(job.state).into());
-    }
-    if !job.keeps_upload() {
-        return Err(upload_is_gone().into());
-    }
-    match blobs::upload(&shared.files, shared.store.as_ref(), &job, files::MESH).await {
-        Ok(_) => {}
-        Err(error) if error.kind == Kind::NotFound => return Err(upload_is_gone().into()),
-        Err(error) => return Err(error.into()),
-    }
-    let _place = admission::place(&shared, caller.tenant()?).await?;
-    match shared.store.retry(id).await {
-        Ok(Retried::Queued(job)) => {
-            tracing::info!(job = %id, "runs again by request");
-            Ok(answer(&shared, StatusCode::ACCEPTED, HeaderMap::new(), job))
-        }
-        Ok(Retried::NotFailed(state)) => Err(not_failed(state).into()),
-        Ok(Retried::Unknown) => Err(no_such_job(id).into()),
-        Err(error) => Err(admission::full(&shared, error).await),
-    }
-}
-
-/// The error of a retry of a job that has not failed.
-fn not_failed(state: State) -> Error {
-    let what = match state {
-        State::Queued | State::Running => "wait for its end",
-        State::Succeeded => "its results are there",
-        State::Cancelled | State::Failed => "submit the mesh again",
-    };
-    Error::new(
-        Kind::Conflict,
-        format_args!("only a job that has failed can be run again; {what}: it is {}", state.name()),
-    )
-}
-
-/// The error of a retry of a job without its upload.
-fn upload_is_gone() -> Error {
-    Error::new(
-        Kind::Conflict,
-        "the upload of this job is not kept any more, as it is only for jobs that were given up (/problems/poison); submit the \
-         mesh again",
-    )
 }

@@ -61,6 +61,7 @@ mod query;
 mod request;
 mod results;
 mod retention;
+mod retry;
 mod server;
 mod settings;
 mod snapshots;

@@ -16,7 +16,7 @@ use utoipa::{Modify, OpenApi, ToResponse, ToSchema};
 
 use super::problem::{Answer, Problem};
 use super::store::PRIORITIES;
-use super::{events, hierarchy, info, jobs, results};
+use super::{events, hierarchy, info, jobs, results, retry};
 use crate::error::{Error, Kind, Result};
 use crate::parameters::{Levels, Seeds, Snapshots};
 
@@ -43,7 +43,7 @@ pub(super) struct Problematic(Problem);
         jobs::list,
         jobs::show,
         jobs::remove,
-        jobs::retry,
+        retry::retry,
         events::stream,
         results::labels,
         hierarchy::hierarchy,

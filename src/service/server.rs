@@ -43,7 +43,7 @@ use super::store::{JobStore, Rules};
 use super::trace::{self, TraceParent};
 use super::traffic::{self, Traffic, connections};
 use super::webhooks::{Teller, Webhooks};
-use super::{Settings, conditional, events, hierarchy, info, jobs, openapi, problem, results, tls};
+use super::{Settings, conditional, events, hierarchy, info, jobs, openapi, problem, results, retry, tls};
 use crate::device::Device;
 use crate::error::{Error, Result};
 
@@ -332,7 +332,7 @@ fn router(shared: Arc<Shared>) -> Router {
     let routes = Router::new()
         .route("/v1/jobs", post(jobs::create).get(jobs::list))
         .route("/v1/jobs/{id}", get(jobs::show).delete(jobs::remove))
-        .route("/v1/jobs/{id}/retry", post(jobs::retry))
+        .route("/v1/jobs/{id}/retry", post(retry::retry))
         .route("/v1/jobs/{id}/events", get(events::stream))
         .merge(results)
         .route("/v1/device", get(info::device))

@@ -8,8 +8,7 @@ use crate::service::store::{Job, JobId, JobStore, State};
 
 impl Files {
     /// Removes uploads of jobs that were never accepted, or have ended and are not [kept](Job::keeps_upload) for a retry,
-    /// and results of attempts that did not make it.
-    /// Uploads that are coming in stay. Returns how many folders went.
+    /// and results of attempts that did not make it. Uploads that are coming in stay. Returns how many folders went.
     pub async fn sweep(&self, store: &dyn JobStore) -> Result<usize> {
         self.sweep_all(store, false).await
     }

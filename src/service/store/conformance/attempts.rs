@@ -96,7 +96,7 @@ pub(super) async fn a_crash_loses_nothing(subject: &dyn Subject) {
     let Some(again) = subject.after_crash(RULES).await else { return };
     let again = again.as_ref();
     assert_eq!((get(again, ended).await, events(again, ended, 0, 999).await), before);
-    assert_eq!(get(again, waiting.id).await, Job { queue_position: Some(2), ..waiting.clone() });
+    assert_eq!(get(again, waiting.id).await, waiting);
     assert_eq!(get(again, asked_to_end).await.state, State::Cancelled);
     let job = get(again, keyed.id).await;
     assert_eq!((job.state, job.queue_position, job.attempt), (State::Queued, Some(1), 1));

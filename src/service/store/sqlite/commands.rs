@@ -5,9 +5,8 @@ use std::time::SystemTime;
 use rusqlite::{Connection, Row, params};
 
 use super::super::{
-    ALONE_FROM, Created, Deletion, End, Ending, Job, JobId, NewJob, Progress, Pulse, Release, Retried, Rules,
-    SmallBlob, State, Summary, Ticket, What, given_up, lease_is_over, no_such_job, not_yours, queue_is_full,
-    reused_key,
+    Created, Deletion, End, Ending, Job, JobId, NewJob, Progress, Pulse, Release, Rules, SmallBlob, State, Summary,
+    Ticket, What, given_up, lease_is_over, no_such_job, not_yours, queue_is_full, reused_key,
 };
 use super::connections::{Abort, all, execute, first, one};
 use super::rows::{self, column, count, jobs, json, micros, text};
@@ -97,33 +96,6 @@ pub(super) fn check_queue(connection: &Connection, rules: &Rules) -> Result<(), 
     match one(connection, sql, [], |row| count(row, "jobs"))? < rules.max_queued as u64 {
         true => Ok(()),
         false => Err(queue_is_full(rules.max_queued).into()),
-    }
-}
-
-/// Runs a failed job again.
-pub(super) struct Retry(pub JobId, pub Rules);
-
-impl Command for Retry {
-    type Output = Retried;
-
-    fn apply(&self, batch: &mut Batch<'_>) -> Result<Retried, Abort> {
-        let Self(id, rules) = self;
-        let read = |row: &Row<'_>| Ok((rows::state(row)?, Live::from_row(*id, row)?));
-        let Some((state, mut live)) = first(batch.connection, LIVE, [id.to_string()], read)? else {
-            return Ok(Retried::Unknown);
-        };
-        if state != State::Failed {
-            return Ok(Retried::NotFailed(state));
-        }
-        check_queue(batch.connection, rules)?;
-        let sql = "UPDATE jobs SET problem = NULL, ended_at = NULL, cancel_requested = 0 WHERE number = ?1";
-        execute(batch.connection, sql, [live.number])?;
-        live.cancel_requested = false;
-        live.uncounted = live.attempt;
-        // what may kill the process still starts alone, but at once
-        live.suspicion = live.suspicion.min(ALONE_FROM);
-        live.queue(batch, rows::now())?;
-        Ok(find(batch.connection, *id)?.map_or(Retried::Unknown, Retried::Queued))
     }
 }
 
@@ -298,7 +270,7 @@ impl Command for Probe {
 }
 
 /// What [`Live`] needs to know of a job, and its state.
-const LIVE: &str = "SELECT number, state, attempt, uncounted, begun, suspicion, last_seq, cancel_requested FROM jobs \
+pub(super) const LIVE: &str = "SELECT number, state, attempt, uncounted, begun, suspicion, last_seq, cancel_requested FROM jobs \
                     WHERE id = ?1";
 
 /// The row of a job that changes.
@@ -447,7 +419,7 @@ impl Live {
     }
 
     /// Lets the job wait, unless its end was asked for; a suspect until a moment at least.
-    fn queue(&mut self, batch: &mut Batch<'_>, not_before: SystemTime) -> Result<State, Abort> {
+    pub fn queue(&mut self, batch: &mut Batch<'_>, not_before: SystemTime) -> Result<State, Abort> {
         if self.cancel_requested {
             self.end(batch, &End::Cancelled, None)?;
             return Ok(State::Cancelled);

@@ -12,6 +12,7 @@ mod check;
 mod claim;
 mod commands;
 mod connections;
+mod retry;
 mod rows;
 mod schema;
 mod writer;
@@ -28,10 +29,10 @@ use tokio_util::bytes::Bytes;
 use self::check::{Damage, START, is_damage};
 use self::claim::{Begin, Claim, Recover, Recovered};
 use self::commands::{
-    Append, Cancel, Create, Delete, Finish, GiveBack, Heartbeat, Probe, Reclaim, Retry, SettleWebhook, check_queue,
-    find,
+    Append, Cancel, Create, Delete, Finish, GiveBack, Heartbeat, Probe, Reclaim, SettleWebhook, check_queue, find,
 };
 use self::connections::{Readers, all, first, one};
+use self::retry::Retry;
 use self::rows::{column, count, jobs};
 use self::schema::MigrateError;
 use self::writer::{Listeners, Writer};
