@@ -199,7 +199,7 @@ mod tests {
             (Format::Obj, b"{\"asset\":", "JSON"),
             (Format::Obj, b"\x1f\x8b\x08\x00", "gzip"),
             (Format::Obj, b"v 1 2 3\n\0", "zero bytes"),
-            (Format::Gltf, b"v 1 2 3", "object"),
+            (Format::Gltf, b"v 1 2 3", "OBJ"),
             (Format::Gltf, b"glTF\x02\0\0\0", "GLB"),
             (Format::Gltf, b"\x1f\x8b", "gzip"),
             (Format::Glb, b"{", "magic"),
