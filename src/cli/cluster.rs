@@ -25,6 +25,9 @@ use crate::tree::linkage::no_single_root;
 Labels are one number from 0 to K - 1 a face, in the order of the file. Hierarchies (pml, ml, hr) may leave --clusters
 out: they go to the top, and `tesserae cut` takes labels at any number of clusters from the hierarchy.
 
+A regular file is replaced as a whole. Named pipes, /dev/fd/N and devices are opened once, when the result is there, and get
+JSON unless their name says otherwise.
+
 Examples:
   tesserae cluster horse.obj --clusters 2000 --labels horse.npy --report horse.json
   tesserae cluster horse.obj -k 2000 --device gpu --seeds random --seed 7 --labels horse.bin
