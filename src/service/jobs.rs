@@ -296,9 +296,13 @@ pub(super) async fn create(Extract(shared): App, caller: Caller, request: Reques
         Some(key) => shared.store.knows_key(&tenant.name, key).await?,
         None => false,
     };
+    let uploads = Arc::clone(&shared.traffic.uploads);
+    let rules = Rules::new(shared.settings.max_upload_bytes, &shared.settings.traffic, uploads);
     if !is_known {
         let bytes = upload::content_length(request.headers()).unwrap_or(0);
         let room = match admission::check(&shared, &tenant).await {
+            // before the disk: an upload over the limit says nothing about the disk
+            Ok(()) if bytes > rules.limit => Err(rules.too_large(bytes).into()),
             Ok(()) => shared.files.check_room(bytes).map_err(Failure::from),
             Err(full) => Err(full),
         };
@@ -309,8 +313,6 @@ pub(super) async fn create(Extract(shared): App, caller: Caller, request: Reques
     }
     let wait = prefer::wait(request.headers(), shared.settings.max_wait());
     let parent = request.extensions().get::<TraceParent>().map(|parent| parent.at(&tracing::Span::current()));
-    let uploads = Arc::clone(&shared.traffic.uploads);
-    let rules = Rules::new(shared.settings.max_upload_bytes, &shared.settings.traffic, uploads);
     let mut upload = upload::receive(request, &shared.files, &tenant.name, key.is_some(), rules).await?;
     upload.spec.trace_parent = parent.map(|parent| parent.to_string());
     if let Some(webhook) = &upload.spec.webhook {

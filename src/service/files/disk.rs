@@ -36,21 +36,20 @@ impl Disk {
 
     /// Refuses `more` bytes for which there is no room.
     pub fn check(&self, more: u64) -> Result<()> {
-        let refuse = |what: &str, limit: u64, have: u64| {
+        // how much is free is for the operator (`/metrics`), not for clients
+        let refuse = |what: &str, limit: u64| {
             Err(Error::new(
                 Kind::InsufficientStorage,
-                format_args!(
-                    "{what} of {limit} bytes, so uploads are refused; delete jobs, or try again later: {have}"
-                ),
+                format_args!("{what}, so uploads are refused; delete jobs, or try again later; the setting in bytes: {limit}"),
             ))
         };
         let used = self.used();
         if let Some(most) = self.limits.max_bytes.filter(|most| used.saturating_add(more) > *most) {
-            return refuse("the data folder is at its limit (--max-disk-bytes)", most, used);
+            return refuse("the data folder is at its limit (--max-disk-bytes)", most);
         }
         match free_bytes(&self.root) {
             Some(free) if free.saturating_sub(more) < self.limits.min_free_bytes => {
-                refuse("the disk has less room than its reserve (--min-free-bytes)", self.limits.min_free_bytes, free)
+                refuse("the disk has less room than its reserve (--min-free-bytes)", self.limits.min_free_bytes)
             }
             Some(_) | None => Ok(()),
         }
