@@ -1,6 +1,9 @@
-//! Being asked to stop: Ctrl-C, and on Unix SIGTERM.
+//! Signals: Ctrl-C and SIGTERM ask to stop, SIGHUP to read the tokens again.
 
 use std::io;
+use std::sync::Arc;
+
+use tokio::sync::Notify;
 
 use crate::device::Cancel;
 
@@ -25,6 +28,26 @@ pub fn requests_to_stop() -> io::Result<impl Future<Output = ()>> {
     Ok(async move {
         interrupt.recv().await;
     })
+}
+
+/// Notifies at every SIGHUP from here on, which would end the process otherwise. Needs a tokio runtime around it.
+#[cfg(unix)]
+pub fn notify_at_hangup(notify: Arc<Notify>) -> io::Result<()> {
+    use tokio::signal::unix::{SignalKind, signal};
+    let mut hangups = signal(SignalKind::hangup())?;
+    tokio::spawn(async move {
+        while hangups.recv().await.is_some() {
+            tracing::info!("SIGHUP: reading the tokens again, where there are any");
+            notify.notify_one();
+        }
+    });
+    Ok(())
+}
+
+/// There is no such signal.
+#[cfg(windows)]
+pub fn notify_at_hangup(_: Arc<Notify>) -> io::Result<()> {
+    Ok(())
 }
 
 /// Cancels the work at the first request to stop, and ends the process at the second.

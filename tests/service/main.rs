@@ -6,6 +6,7 @@ mod events;
 mod faults;
 mod hierarchy;
 mod hostile;
+mod http;
 mod jobs;
 mod lifecycle;
 mod limits;

@@ -40,7 +40,9 @@ impl Disk {
         let refuse = |what: &str, limit: u64| {
             Err(Error::new(
                 Kind::InsufficientStorage,
-                format_args!("{what}, so uploads are refused; delete jobs, or try again later; the setting in bytes: {limit}"),
+                format_args!(
+                    "{what}, so uploads are refused; delete jobs, or try again later; the setting in bytes: {limit}"
+                ),
             ))
         };
         let used = self.used();
@@ -53,6 +55,11 @@ impl Disk {
             }
             Some(_) | None => Ok(()),
         }
+    }
+
+    /// Bytes that may still be written; none where the system does not tell.
+    pub fn free(&self) -> Option<u64> {
+        free_bytes(&self.root)
     }
 
     /// So many bytes were written.

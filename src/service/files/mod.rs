@@ -186,6 +186,11 @@ impl Files {
         self.disk.used()
     }
 
+    /// Bytes that may still be written to the file system of the folder; none where the system does not tell.
+    pub fn free_bytes(&self) -> Option<u64> {
+        self.disk.free()
+    }
+
     /// So many bytes of the store of jobs are free for it to use again.
     pub fn free_in_store(&self, bytes: u64) {
         self.disk.free_in_store(bytes);

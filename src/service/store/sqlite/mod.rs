@@ -260,6 +260,12 @@ impl JobStore for SqliteStore {
         Ok(State::ALL.map(|state| found.iter().filter(|(other, _)| *other == state).map(|(_, jobs)| jobs).sum()))
     }
 
+    async fn oldest_queued(&self) -> Result<Option<SystemTime>> {
+        let sql = "SELECT created_at FROM jobs WHERE state = 'queued' ORDER BY number LIMIT 1";
+        let read = |reader: &Connection| first(reader, sql, [], |row| Ok(rows::time(column(row, "created_at")?)));
+        self.readers.read(read).await
+    }
+
     async fn probe(&self) -> Result<()> {
         self.writer.carry_out(Probe).await
     }
