@@ -1,8 +1,9 @@
 //! Results that the client has already, or wants a part of: ETag, If-None-Match, Range (RFC 9110 §13 and §14).
 //!
 //! A layer around the routes of results. A result never changes while its job is there, and an id is never used again:
-//! path, query and media type say which bytes they are, so the tag is made of these, and no result is read for it. Labels
-//! whose digest is known have a tag made of that instead, which is the same wherever and whenever they were made.
+//! path, query and media type say which bytes they are, so the tag is made of these, and no result is read for it.
+//! Labels whose digest is known have a tag made of that instead, which is the same wherever and whenever they were
+//! made.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -96,8 +97,8 @@ pub(super) async fn distinguish_codings(request: Request, next: Next) -> Respons
     response
 }
 
-/// Whether the client has the result, and in which coding. A 304 carries the tag that a 200 would (RFC 9110 §15.4.5), which is
-/// always a strong one; the client may send it back as a weak one.
+/// Whether the client has the result, and in which coding. A 304 carries the tag that a 200 would (RFC 9110 §15.4.5),
+/// which is always a strong one; the client may send it back as a weak one.
 fn known(asked: &HeaderMap, tag: &str) -> Option<Option<&'static str>> {
     let values = asked.get_all(header::IF_NONE_MATCH).iter().filter_map(|value| value.to_str().ok());
     values.flat_map(|value| value.split(',')).map(str::trim).find_map(|candidate| {

@@ -45,7 +45,8 @@ use crate::error::{Error, Result};
 /// Time for what is left to do after the grace period: ending jobs that were told to stop, sending last answers.
 const LAST_MOMENT: Duration = Duration::from_secs(2);
 
-/// Hierarchies and other large results that are in memory at a time, to be cut or written: other requests wait for their turn.
+/// Hierarchies and other large results that are in memory at a time, to be cut or written: other requests wait for
+/// their turn.
 const ENCODED_AT_ONCE: usize = 2;
 
 /// Bytes of an answer from which on it is compressed for who can read that.
@@ -211,9 +212,9 @@ impl Server {
         self.address
     }
 
-    /// Answers until `shutdown` completes; then `/readyz` fails, and after the drain delay no more jobs are taken or begun, streams end, running jobs get the
-    /// grace period to finish and are released after it, and the last answers are sent: a few seconds after the grace
-    /// period at most.
+    /// Answers until `shutdown` completes; then `/readyz` fails, and after the drain delay no more jobs are taken or
+    /// begun, streams end, running jobs get the grace period to finish and are released after it, and the last answers
+    /// are sent: a few seconds after the grace period at most.
     pub async fn run(self, shutdown: impl Future<Output = ()>) -> Result<()> {
         let Self { listener, address, shared, pipeline, reload } = self;
         let stop = shared.stop.clone();

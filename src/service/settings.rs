@@ -28,8 +28,8 @@ pub struct Settings {
     #[arg(long, env = "TESSERAE_LISTEN", value_name = "ADDRESS:PORT", default_value_t = Settings::default().listen)]
     pub listen: SocketAddr,
 
-    /// Folder for jobs, uploads and results, which outlast the service there; a temporary one when left out, and jobs in
-    /// memory only
+    /// Folder for jobs, uploads and results, which outlast the service there; a temporary one when left out, and jobs
+    /// in memory only
     #[arg(long, env = "TESSERAE_DATA_DIR", value_name = "DIR")]
     pub data_dir: Option<PathBuf>,
 
@@ -45,7 +45,8 @@ pub struct Settings {
     #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS", value_name = "N", default_value_t = Settings::default().max_queued_jobs)]
     pub max_queued_jobs: usize,
 
-    /// Jobs that are worked on at a time: some are read and some written while the device works on others, as memory allows
+    /// Jobs that are worked on at a time: some are read and some written while the device works on others, as memory
+    /// allows
     #[arg(long, env = "TESSERAE_MESHES_IN_MEMORY", value_name = "N", default_value_t = Settings::default().meshes_in_memory,
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1024))]
     pub meshes_in_memory: usize,
@@ -65,14 +66,14 @@ pub struct Settings {
           value_parser = clap::value_parser!(u64).range(0..=86_400))]
     pub grace_period: u64,
 
-    /// Time between the failure of /readyz and the refusal of jobs when the service is asked to stop, so that load balancers
-    /// notice, in seconds
+    /// Time between the failure of /readyz and the refusal of jobs when the service is asked to stop, so that load
+    /// balancers notice, in seconds
     #[arg(long, env = "TESSERAE_DRAIN_DELAY", value_name = "SECONDS", default_value_t = Settings::default().drain_delay,
           value_parser = clap::value_parser!(u64).range(0..=3600))]
     pub drain_delay: u64,
 
-    /// Requests of which one has a line in the access log, 1 for all; those that the service fails at (5xx) always have one;
-    /// 0 for no access log
+    /// Requests of which one has a line in the access log, 1 for all; those that the service fails at (5xx) always have
+    /// one; 0 for no access log
     #[arg(long, env = "TESSERAE_ACCESS_LOG_EVERY", value_name = "N", default_value_t = Settings::default().access_log_every)]
     pub access_log_every: u64,
 

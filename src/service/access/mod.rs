@@ -1,7 +1,8 @@
 //! Who asks: tokens in, tenants out.
 //!
-//! Every request passes [`Access::caller`]; handlers take [`Caller`] and find jobs by it, so that a job of another tenant
-//! is not there. Without a file of tokens everybody is one tenant. A token is never logged, nor part of an error.
+//! Every request passes [`Access::caller`]; handlers take [`Caller`] and find jobs by it, so that a job of another
+//! tenant is not there. Without a file of tokens everybody is one tenant. A token is never logged, nor part of an
+//! error.
 
 pub(super) mod tokens;
 
@@ -136,8 +137,8 @@ impl Access {
         Ok(Caller { tenant: Some(tenant.clone()), token: Some(token), origin: None })
     }
 
-    /// Whether a request with these headers may read how the service is, with its paths: it may read metrics, or comes from
-    /// this machine where there are no tokens.
+    /// Whether a request with these headers may read how the service is, with its paths: it may read metrics, or comes
+    /// from this machine where there are no tokens.
     pub fn may_read_details(&self, headers: &HeaderMap, client: IpAddr) -> bool {
         match self.file {
             Some(_) => self.caller(METRICS, headers).is_ok(),
@@ -161,8 +162,8 @@ impl Access {
         changes
     }
 
-    /// Reads the file of tokens again whenever it changes, and when `reload` is notified, until `stop`. One that cannot be
-    /// read changes nothing.
+    /// Reads the file of tokens again whenever it changes, and when `reload` is notified, until `stop`. One that cannot
+    /// be read changes nothing.
     pub async fn follow(&self, health: &Health, reload: Arc<Notify>, stop: CancellationToken) {
         let Some(file) = &self.file else { return };
         let mut seen = file.first;

@@ -1,7 +1,7 @@
 //! Numbers for a dashboard: counted as things happen, written for Prometheus when it asks.
 //!
-//! Labels have few values: routes are templates, never paths; no job or address is a label, and only so many tenants are.
-//! `deploy/grafana.json` draws these; a test compares the names.
+//! Labels have few values: routes are templates, never paths; no job or address is a label, and only so many tenants
+//! are. `deploy/grafana.json` draws these; a test compares the names.
 
 mod busy;
 mod limits;

@@ -1,5 +1,5 @@
-//! Numbers of the process, under the names that every Prometheus client library gives them. Where the system does not tell
-//! a number (other systems than Linux), it is 0.
+//! Numbers of the process, under the names that every Prometheus client library gives them. Where the system does not
+//! tell a number (other systems than Linux), it is 0.
 
 use std::sync::atomic::AtomicU64;
 use std::time::{SystemTime, UNIX_EPOCH};

@@ -1,5 +1,5 @@
-//! Heads of requests that HTTP/1.1 forbids or that this service does not support (RFC 9112 §3.2 and §6.1), which hyper lets
-//! through.
+//! Heads of requests that HTTP/1.1 forbids or that this service does not support (RFC 9112 §3.2 and §6.1), which hyper
+//! lets through.
 
 use axum::extract::Request;
 use axum::http::uri::Authority;

@@ -1,8 +1,8 @@
 //! Which address a request comes from, also when proxies pass it on.
 //!
 //! The other end of a connection is known; what `X-Forwarded-For` says is believed of the operator's own proxies only
-//! (`--trusted-proxies`), each of which appends the address that it was connected from. So the list is read from its end,
-//! and the first address that is no such proxy is the client's.
+//! (`--trusted-proxies`), each of which appends the address that it was connected from. So the list is read from its
+//! end, and the first address that is no such proxy is the client's.
 
 use std::fmt;
 use std::net::{IpAddr, SocketAddr};

@@ -1,7 +1,7 @@
 //! Problem documents for heads that hyper cannot read and refuses by itself, with an answer that has no body.
 //!
-//! No part of the service sees such a request, so the document is put in where the answer is written. Every error that the
-//! service makes has a body: an error without any is hyper's.
+//! No part of the service sees such a request, so the document is put in where the answer is written. Every error that
+//! the service makes has a body: an error without any is hyper's.
 
 use super::super::problem::{MEDIA_TYPE, Problem};
 

@@ -1,10 +1,11 @@
 //! Webhooks: the end of a job is sent to the URL of its parameter `webhook`.
 //!
-//! The store knows which ends are not delivered yet, so that a restart loses none: [`Teller`] reads them at the start and
-//! whenever a job with a webhook ended. A delivery is signed as [Standard Webhooks](https://www.standardwebhooks.com) says,
-//! tried again with growing pauses, and given up a day after the end of the job, or when the receiver answers 410.
-//! Deleting the job changes nothing about that. An end may be delivered twice: `webhook-id` is the id of the job, by which
-//! receivers recognise it. [`schedule`] decides which delivery is next, so that no receiver delays another one's.
+//! The store knows which ends are not delivered yet, so that a restart loses none: [`Teller`] reads them at the start
+//! and whenever a job with a webhook ended. A delivery is signed as [Standard
+//! Webhooks](https://www.standardwebhooks.com) says, tried again with growing pauses, and given up a day after the end
+//! of the job, or when the receiver answers 410. Deleting the job changes nothing about that. An end may be delivered
+//! twice: `webhook-id` is the id of the job, by which receivers recognise it. [`schedule`] decides which delivery is
+//! next, so that no receiver delays another one's.
 
 mod schedule;
 mod target;

@@ -1,8 +1,9 @@
 //! Which deliveries are due. Only bookkeeping: no I/O, and the time is passed in.
 //!
-//! Every host has its own share of the places, so that a host that does not answer delays no other one. After a delivery
-//! without any answer the host rests, with growing pauses, however many jobs have a webhook there; then one delivery tries
-//! it again. An answer that is not a 2xx delays the delivery itself only: other URLs of the host may work.
+//! Every host has its own share of the places, so that a host that does not answer delays no other one. After a
+//! delivery without any answer the host rests, with growing pauses, however many jobs have a webhook there; then one
+//! delivery tries it again. An answer that is not a 2xx delays the delivery itself only: other URLs of the host may
+//! work.
 
 use std::collections::{HashMap, HashSet};
 use std::time::{Duration, Instant, SystemTime};
@@ -90,7 +91,8 @@ impl Schedule {
         self.deliveries.insert(job, Delivery { host, ended_at, made: 0, due: now, is_under_way: false });
     }
 
-    /// Forgets settled deliveries, and hosts without any delivery. Those under way stay until they are [done](Self::done).
+    /// Forgets settled deliveries, and hosts without any delivery. Those under way stay until they are
+    /// [done](Self::done).
     pub fn keep_only(&mut self, untold: &[JobId]) {
         let untold: HashSet<JobId> = untold.iter().copied().collect();
         self.deliveries.retain(|job, delivery| delivery.is_under_way || untold.contains(job));
