@@ -15,7 +15,7 @@ engine=("$@")
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
-sed -n 's/^FROM \([^ ]*\).*/\1/p' Dockerfile | sort -u | while read -r image; do
+sed -n 's/^ARG [A-Z]*_IMAGE=//p' Dockerfile | sort -u | while read -r image; do
     if "${engine[@]}" image inspect "$image" >/dev/null 2>&1; then
         echo "$image is there"
         continue

@@ -15,6 +15,26 @@ if command -v systemd-analyze >/dev/null; then
     sed 's|^ExecStart=[^ ]*|ExecStart=/bin/true|' tesserae.service > "$unit"
     systemd-analyze verify "$unit"
 fi
+# promtool where there is one (Debian's package prometheus has it); otherwise at least that it is YAML with rules in it
+if command -v promtool >/dev/null; then
+    promtool check rules alerts.yaml
+    promtool test rules alerts.test.yaml
+else
+    echo "promtool is not there: alerts.yaml is only read" >&2
+    "$tools/python" -c 'import sys, yaml
+groups = yaml.safe_load(open("alerts.yaml"))["groups"]
+for rule in (rule for group in groups for rule in group["rules"]):
+    assert {"alert", "expr", "labels", "annotations"} <= set(rule), rule
+    assert rule["expr"].count("(") == rule["expr"].count(")"), rule
+print(sum(len(group["rules"]) for group in groups), "alert rules")'
+fi
+# symbols leave the binary, which runs without them
+symbols=$(mktemp -d)
+echo "int main(void) { return 0; }" | cc -g -x c -o "$symbols/program" -
+./split-symbols.sh "$symbols/program"
+"$symbols/program" && [ -s "$symbols/program.debug" ]
+readelf --sections "$symbols/program" | grep --quiet '\.gnu_debuglink' || { echo "no link to the symbols" >&2; exit 1; }
+rm -r "$symbols"
 # every setting that these files speak of exists
 known=$(grep -o 'TESSERAE_[A-Z_]*' ../README.md | sort -u)
 for name in $(grep -oh 'TESSERAE_[A-Z_]*' Dockerfile compose.yaml tesserae.service | sort -u); do

@@ -79,6 +79,10 @@ for path in / /usr/local/bin /etc; do
 done
 inside grep --quiet '^CapEff:[[:space:]]*0*$' /proc/1/status || fail "it has capabilities"
 
+# its symbols are in the stage `symbols`
+inside cat /usr/local/bin/tesserae >"$work/tesserae"
+if readelf --sections --wide "$work/tesserae" | grep --quiet '\.debug_info'; then fail "the binary has its symbols"; fi
+
 inside tesserae devices >"$work/devices"
 grep --ignore-case --quiet llvmpipe "$work/devices" || fail "Vulkan finds no driver: $(cat "$work/devices")"
 cat "$work/devices"

@@ -32,6 +32,8 @@ pub enum Kind {
     NotFound,
     /// The resource exists, but does not answer this method.
     MethodNotAllowed,
+    /// The request uses a feature of HTTP that is not supported.
+    NotImplemented,
     /// Who asks did not say who they are, or not so that it can be believed.
     Unauthorized,
     /// Who asks may not do this.
@@ -91,6 +93,7 @@ impl Kind {
             Kind::KeyReused | Kind::TimeLimit => 422,
             Kind::QueueFull | Kind::RateLimited => 429,
             Kind::Io | Kind::Internal | Kind::Poison => 500,
+            Kind::NotImplemented => 501,
             Kind::Unavailable | Kind::Overloaded | Kind::DeviceLost => 503,
             Kind::InsufficientStorage => 507,
         }
@@ -105,6 +108,7 @@ impl Kind {
             Kind::UnsupportedMesh => "unsupported-mesh",
             Kind::UnsupportedMediaType => "unsupported-media-type",
             Kind::TooLarge => "too-large",
+            Kind::NotImplemented => "not-implemented",
             Kind::Unauthorized => "unauthorized",
             Kind::Forbidden => "forbidden",
             Kind::Timeout => "timeout",
@@ -138,6 +142,7 @@ impl Kind {
             Kind::UnsupportedMesh => "The mesh uses an unsupported feature",
             Kind::UnsupportedMediaType => "The media type is not supported",
             Kind::TooLarge => "The upload is larger than allowed",
+            Kind::NotImplemented => "The request uses an unsupported feature of HTTP",
             Kind::Unauthorized => "A token is needed",
             Kind::Forbidden => "This token may not do this",
             Kind::Timeout => "The request took too long to arrive",
@@ -174,6 +179,7 @@ impl Kind {
             | Kind::Io
             | Kind::InsufficientStorage => true,
             Kind::BadRequest
+            | Kind::NotImplemented
             | Kind::Unauthorized
             | Kind::Forbidden
             | Kind::RangeNotSatisfiable

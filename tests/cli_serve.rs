@@ -265,6 +265,74 @@ fn receiver() -> (String, std::sync::mpsc::Receiver<(String, TcpStream)>) {
 }
 
 #[test]
+fn a_collector_is_a_url_and_one_that_does_not_answer_is_told_once() {
+    let folder = Folder::new();
+    for wrong in ["nonsense", "ftp://127.0.0.1/", "127.0.0.1:4318"] {
+        folder.run(&["serve", "--otlp-endpoint", wrong]).expect_usage_error(&["--otlp-endpoint", wrong]);
+    }
+    // nothing listens there
+    let service = Running::with(&folder, &["--otlp-endpoint", "http://127.0.0.1:1/v1/traces"]);
+    service.get("/v1/version");
+    let started = std::time::Instant::now();
+    while service.get("/metrics").contains("\ntesserae_spans_lost_total 0\n") {
+        assert!(started.elapsed() < std::time::Duration::from_secs(120), "lost spans are not counted");
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+    let (status, log) = service.end("-TERM");
+    assert_eq!(status, Some(0), "{log}");
+    assert_eq!(log.matches("(--otlp-endpoint)").count(), 1, "{log}");
+}
+
+#[test]
+fn a_hangup_makes_the_service_read_its_tokens_again() {
+    let folder = Folder::new();
+    folder.run(&["token", "new", "acme", "--tokens", "tokens.json"]).expect_success();
+    let mut service = Running::with(&folder, &["--tokens", "tokens.json"]);
+    let id = service.child.id().to_string();
+    assert!(Command::new("kill").args(["-HUP", &id]).status().expect("kill runs").success());
+    let mut line = String::new();
+    while !line.contains("tokens.json again") {
+        line.clear();
+        assert_ne!(service.log.read_line(&mut line).expect("text"), 0, "it ended, or did not read the tokens again");
+    }
+    assert!(service.get("/healthz").starts_with("HTTP/1.0 200 "));
+    assert_eq!(service.end("-TERM").0, Some(0));
+}
+
+#[test]
+fn settings_that_cannot_be_are_told_before_the_device_is_opened() {
+    use std::os::unix::fs::PermissionsExt as _;
+    let folder = Folder::new();
+    for (flag, value) in [("--max-queued-jobs", "0"), ("--memory-budget", "1"), ("--max-disk-bytes", "1")] {
+        folder.run(&["serve", flag, value]).expect_usage_error(&[flag, value]);
+    }
+    folder.run(&["token", "new", "acme", "--tokens", "tokens.json"]).expect_success();
+    let permit = |mode| {
+        let permissions = std::fs::Permissions::from_mode(mode);
+        std::fs::set_permissions(folder.path("tokens.json"), permissions).expect("changed");
+    };
+    permit(0o666);
+    // there is no such gpu either, which would be told if it were looked for
+    let serve = ["serve", "--device", "gpu", "--adapter", "no such gpu", "--listen", "127.0.0.1:0"];
+    let with = |more: &[&str]| folder.run(&[&serve[..], more].concat());
+    with(&["--log", "off", "--tokens", "tokens.json"]).expect_failure(&["tokens.json", "chmod 600"]);
+    with(&["--log", "off", "--tokens", "missing.json"]).expect_failure(&["missing.json"]);
+    with(&["--log", "off", "--data-dir", "/dev/null/x"]).expect_failure(&["/dev/null/x"]);
+    permit(0o644);
+    let done = with(&["--tokens", "tokens.json", "--log", "warn"]);
+    assert!(done.stderr.contains("no such gpu") && done.stderr.contains("can read the file of tokens"), "{done:?}");
+}
+
+#[test]
+fn variables_that_are_no_settings_are_warned_about() {
+    let folder = Folder::new();
+    let mut command = folder.tesserae(&["serve", "--device", "cpu", "--data-dir", "/dev/null/x"]);
+    let output = command.env("TESSERAE_MAX_QUEUE_JOBS", "5").output().expect("the binary runs");
+    let log = String::from_utf8(output.stderr).expect("text");
+    assert!(log.contains("TESSERAE_MAX_QUEUE_JOBS") && log.contains("TESSERAE_MAX_QUEUED_JOBS"), "{log}");
+}
+
+#[test]
 fn a_webhook_is_told_after_the_service_was_killed_while_it_told_it() {
     let (address, deliveries) = receiver();
     let next = || deliveries.recv_timeout(std::time::Duration::from_secs(120)).expect("told");
@@ -334,14 +402,16 @@ fn spans_of_a_request_and_of_its_job_reach_the_collector_as_one_trace() {
     let (status, log) = service.end("-TERM");
     assert_eq!(status, Some(0), "{log}");
 
-    // the lines of the log about request and job have the trace
+    // the lines of the log about request and job have the trace, as a field or in one of their spans
     let lines: Vec<serde_json::Value> = log.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
     for message in ["accepted", "succeeded"] {
         let line = lines
             .iter()
             .find(|line| line["fields"]["message"] == message)
             .unwrap_or_else(|| panic!("{message}: {log}"));
-        assert_eq!(line["span"]["trace"], trace, "{line}");
+        let of_spans = line["spans"].as_array().into_iter().flatten().map(|span| &span["trace"]);
+        assert!(of_spans.chain([&line["fields"]["trace"]]).any(|found| found == trace), "{line}");
+        assert!(line.get("span").is_none(), "a span is written once: {line}");
     }
 
     let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect::<String>();

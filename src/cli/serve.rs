@@ -1,9 +1,13 @@
 //! `tesserae serve`: the HTTP service in this process.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
+use clap::CommandFactory as _;
+use tokio::sync::Notify;
+
 use super::device::DeviceArguments;
-use super::{Failure, signals};
+use super::{Cli, Failure, signals};
 use crate::bench;
 use crate::device::select::DeviceChoice;
 use crate::error::Error;
@@ -13,7 +17,8 @@ use crate::service::{self, DeviceDescription, Extras, LogSettings, Settings};
 /// Arguments of `tesserae serve`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Every setting is a flag or an environment variable. Ctrl-C and SIGTERM stop the service in order.
+Every setting is a flag or an environment variable. Ctrl-C and SIGTERM stop the service in order; SIGHUP makes it read
+its tokens again.
 
 Example:
   tesserae serve --listen 127.0.0.1:8080
@@ -32,6 +37,12 @@ pub struct Arguments {
 /// Open files that the process asks for, of those that the system lets it have.
 const OPEN_FILES: u64 = 65_536;
 
+/// What the environment variables of this program begin with.
+const PREFIX: &str = "TESSERAE_";
+
+/// Seconds that deploy/compose.yaml and deploy/tesserae.service wait for the end of the process.
+const SUPERVISORS_WAIT: u64 = 40;
+
 /// Serves until it is asked to stop.
 pub fn run(arguments: Arguments) -> Result<(), Failure> {
     if let Some(message) = arguments.device.contradiction() {
@@ -47,6 +58,16 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         Ok(limit) => tracing::debug!(limit, "open files"),
         Err(error) => tracing::warn!(%error, "the number of open files cannot be raised"),
     }
+    warn_of_unknown_variables();
+    let seconds = arguments.settings.seconds_to_stop();
+    if seconds > SUPERVISORS_WAIT {
+        tracing::warn!(
+            seconds,
+            "stopping may take longer than supervisors wait: raise TimeoutStopSec of systemd, stop_grace_period of compose"
+        );
+    }
+    // before the device is opened, which takes seconds
+    service::preflight(&arguments.settings)?;
     let device = arguments.device.open_for_any()?;
     let (device, cpu_below_faces) = match (arguments.device.is_auto(), device.info().kind) {
         (true, DeviceKind::Gpu) => {
@@ -63,19 +84,52 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     };
     let choice = arguments.device.clone();
     let reopen: service::Reopen = Arc::new(move || choice.open_for_any());
-    let extras = Extras { reopen: Some(reopen), ..Extras::default() };
+    let reload = Arc::<Notify>::default();
+    let extras = Extras { reopen: Some(reopen), reload: Some(Arc::clone(&reload)), ..Extras::default() };
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .build()
         .map_err(|error| Error::io("cannot start the threads of the service", error))?;
     let served = runtime.block_on(async {
-        let shutdown = signals::requests_to_stop().map_err(|error| Error::io("cannot listen for signals", error))?;
+        let cannot = |error| Error::io("cannot listen for signals", error);
+        let shutdown = signals::requests_to_stop().map_err(cannot)?;
+        signals::notify_at_hangup(reload).map_err(cannot)?;
         service::serve(arguments.settings, device, description, extras, shutdown).await
     });
     // What still works on a mesh is left behind.
     runtime.shutdown_background();
     drop(logging);
     Ok(served?)
+}
+
+/// Warns of environment variables that look like settings and are none: a typing error would otherwise change nothing
+/// without a word.
+fn warn_of_unknown_variables() {
+    let known = known_variables();
+    for (name, _) in std::env::vars_os() {
+        let name = name.to_string_lossy().into_owned();
+        if name.starts_with(PREFIX) && !known.contains(&name) {
+            match nearest(&name, &known) {
+                Some(nearest) => tracing::warn!("there is no setting {name}; is {nearest} meant?"),
+                None => tracing::warn!("there is no setting {name}"),
+            }
+        }
+    }
+}
+
+/// The variables of all commands, and that of the tests.
+fn known_variables() -> BTreeSet<String> {
+    let cli = Cli::command();
+    let arguments = cli.get_subcommands().flat_map(clap::Command::get_arguments);
+    let variables = arguments.filter_map(|argument| Some(argument.get_env()?.to_string_lossy().into_owned()));
+    variables.chain(["TESSERAE_TEST_MESHES".to_owned()]).collect()
+}
+
+/// The known name that differs least from `name`, if it is near.
+fn nearest<'a>(name: &str, known: &'a BTreeSet<String>) -> Option<&'a str> {
+    let distance = |other: &String| strsim::damerau_levenshtein(name, other);
+    let nearest = known.iter().min_by_key(|other| distance(other))?;
+    (distance(nearest) <= name.len().saturating_sub(PREFIX.len()) / 3 + 1).then_some(nearest)
 }
 
 /// Why it is this device, for people.
@@ -85,5 +139,19 @@ fn chosen(arguments: &DeviceArguments, info: &DeviceInfo) -> String {
         (DeviceChoice::Auto, None, DeviceKind::Cpu) => "auto: no graphics processor can be used".to_owned(),
         (DeviceChoice::Auto, None, DeviceKind::Gpu) => "auto: the fastest kind of graphics processor here".to_owned(),
         (choice @ (DeviceChoice::Cpu | DeviceChoice::Gpu), None, _) => format!("asked for: {choice}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_nearest_setting_is_named_for_a_typing_error() {
+        let known = known_variables();
+        assert!(known.contains("TESSERAE_LISTEN") && known.contains("TESSERAE_OTLP_ENDPOINT"), "{known:?}");
+        assert_eq!(nearest("TESSERAE_MAX_QUEUE_JOBS", &known), Some("TESSERAE_MAX_QUEUED_JOBS"));
+        assert_eq!(nearest("TESSERAE_TOKEN", &known), Some("TESSERAE_TOKENS"));
+        assert_eq!(nearest("TESSERAE_SOMETHING_ELSE_ALTOGETHER", &known), None);
     }
 }

@@ -1,12 +1,14 @@
-//! Requests to stop: Ctrl-C, and on Unix SIGTERM.
+//! Signals: Ctrl-C and SIGTERM stop a command, SIGHUP makes the service read its tokens again.
 //!
-//! A command has one flag for them. Work looks at it and ends in order; a system call that may block for ever, such as
-//! opening a named pipe, is marked by [`Blocking`], and the process then ends at once.
+//! A command has one flag for stopping. Work looks at it and ends in order; a system call that may block for ever, such
+//! as opening a named pipe, is marked by [`Blocking`], and the process then ends at once.
 
 use std::io;
 use std::process;
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering, fence};
+use std::sync::{Arc, OnceLock};
+
+use tokio::sync::Notify;
 
 use super::complain;
 use crate::device::Cancel;
@@ -24,6 +26,26 @@ pub fn requests_to_stop() -> io::Result<impl Future<Output = ()>> {
     Ok(async move {
         requests.next().await;
     })
+}
+
+/// Notifies at every SIGHUP from here on, which would end the process otherwise. Needs a tokio runtime around it.
+#[cfg(unix)]
+pub fn notify_at_hangup(notify: Arc<Notify>) -> io::Result<()> {
+    use tokio::signal::unix::{SignalKind, signal};
+    let mut hangups = signal(SignalKind::hangup())?;
+    tokio::spawn(async move {
+        while hangups.recv().await.is_some() {
+            tracing::info!("SIGHUP: reading the tokens again, where there are any");
+            notify.notify_one();
+        }
+    });
+    Ok(())
+}
+
+/// There is no such signal.
+#[cfg(windows)]
+pub fn notify_at_hangup(_: Arc<Notify>) -> io::Result<()> {
+    Ok(())
 }
 
 /// A flag that the first request to stop raises. The second ends the process, as does the first while [`Blocking`].

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::extract::{Path, State as Extract};
-use axum::http::{HeaderMap, StatusCode};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::response::sse::{Event as Sent, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use futures_util::stream;
@@ -209,7 +209,9 @@ impl IntoResponse for Reader {
             let event = reader.next().await?;
             Some((Ok::<_, Infallible>(event), reader))
         });
-        Sse::new(events).keep_alive(keep_alive).into_response()
+        // nginx and proxies like it hold an answer back until they have much of it, but for this header
+        let unbuffered = [(HeaderName::from_static("x-accel-buffering"), HeaderValue::from_static("no"))];
+        (unbuffered, Sse::new(events).keep_alive(keep_alive)).into_response()
     }
 }
 

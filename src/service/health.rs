@@ -70,6 +70,23 @@ pub(super) struct Health {
     wrong: Mutex<BTreeMap<Part, Condition>>,
 }
 
+impl Condition {
+    /// The same without what only the operator is to know, such as paths.
+    pub fn without_detail(self) -> Self {
+        let detail = match (self.part, self.severity) {
+            (Part::Process, _) => "the service is stopping",
+            (_, Severity::Degraded) => "works, but not as it should",
+            (_, Severity::Failing) => "does not work",
+        };
+        Self { detail: detail.to_owned(), ..self }
+    }
+
+    /// Why no jobs can be taken, if this is a reason.
+    fn reason(&self) -> Option<String> {
+        (self.severity == Severity::Failing).then(|| format!("{}: {}", self.part.name(), self.detail))
+    }
+}
+
 impl Health {
     /// `part` works, but not as it should.
     pub fn degrade(&self, part: Part, detail: impl Into<String>) {
@@ -100,13 +117,7 @@ impl Health {
 
     /// Why no jobs can be taken, for people; none when they can.
     pub fn why_not_ready(&self) -> Option<String> {
-        let reasons: Vec<String> = self
-            .lock()
-            .values()
-            .filter(|condition| condition.severity == Severity::Failing)
-            .map(|condition| format!("{}: {}", condition.part.name(), condition.detail))
-            .collect();
-        (!reasons.is_empty()).then(|| reasons.join("; "))
+        why_not_ready(&self.conditions())
     }
 
     fn set(&self, part: Part, severity: Severity, detail: String) {
@@ -121,6 +132,12 @@ impl Health {
     fn lock(&self) -> MutexGuard<'_, BTreeMap<Part, Condition>> {
         self.wrong.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// Why these conditions keep the service from taking jobs, for people; none when they do not.
+pub(super) fn why_not_ready(conditions: &[Condition]) -> Option<String> {
+    let reasons: Vec<String> = conditions.iter().filter_map(Condition::reason).collect();
+    (!reasons.is_empty()).then(|| reasons.join("; "))
 }
 
 #[cfg(test)]

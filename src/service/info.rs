@@ -1,14 +1,15 @@
 //! What the service says about itself.
 
 use axum::Json;
-use axum::extract::State as Extract;
+use axum::extract::{Request, State as Extract};
 use axum::http::header;
 use axum::response::IntoResponse;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::health::Condition;
-use super::metrics::{self, Snapshot};
+use super::access_log::Origin;
+use super::health::{self, Condition};
+use super::metrics::{self, Room, Snapshot};
 use super::openapi::Problematic;
 use super::problem::Answer;
 use super::server::App;
@@ -128,7 +129,8 @@ pub(super) async fn healthz() -> Json<HealthView> {
 
 /// Readiness
 ///
-/// Whether jobs are taken; if not, why.
+/// Whether jobs are taken; if not, which part does not work. Why, with paths and causes, is told to tokens that may read
+/// metrics, and on the service's own machine where there are no tokens.
 #[utoipa::path(
     get, path = "/readyz", tag = "service", operation_id = "getReadiness",
     responses(
@@ -136,11 +138,15 @@ pub(super) async fn healthz() -> Json<HealthView> {
         (status = 503, response = Problematic),
     ),
 )]
-pub(super) async fn readyz(Extract(shared): App) -> Answer<Json<Readiness>> {
-    if let Some(why) = shared.health.why_not_ready() {
+pub(super) async fn readyz(Extract(shared): App, request: Request) -> Answer<Json<Readiness>> {
+    let mut conditions = shared.health.conditions();
+    let origin = request.extensions().get::<Origin>();
+    if !origin.is_some_and(|origin| shared.access.may_read_details(request.headers(), origin.client)) {
+        conditions = conditions.into_iter().map(Condition::without_detail).collect();
+    }
+    if let Some(why) = health::why_not_ready(&conditions) {
         return Err(Error::new(Kind::Unavailable, why).into());
     }
-    let conditions = shared.health.conditions();
     let status = if conditions.is_empty() { "ok" } else { "degraded" };
     Ok(Json(Readiness { status, conditions }))
 }
@@ -156,12 +162,18 @@ pub(super) async fn readyz(Extract(shared): App) -> Answer<Json<Readiness>> {
     ),
 )]
 pub(super) async fn metrics(Extract(shared): App) -> Answer {
+    let oldest = shared.store.oldest_queued().await?;
+    let room = Room {
+        disk_free: shared.files.free_bytes(),
+        oldest_queued: oldest.map(|time| time.elapsed().unwrap_or_default()),
+    };
     let now = Snapshot {
         jobs: shared.store.counts().await?,
         streams: shared.traffic.open_streams(),
         upload_bytes_in_flight: shared.traffic.uploads.held(),
         store: shared.store.statistics(),
         disk_used: shared.files.used_bytes(),
+        room,
     };
     let text = shared.metrics.text(now, &shared.health)?;
     Ok(([(header::CONTENT_TYPE, metrics::MEDIA_TYPE)], text).into_response())

@@ -15,7 +15,7 @@ use tracing::Instrument as _;
 use utoipa::{IntoParams, ToSchema};
 
 use super::access::Caller;
-use super::access::tokens::Tenant;
+use super::audit::{self, Action};
 use super::intake::Rules;
 use super::openapi::{Binary, Problematic};
 use super::problem::{Answer, Failure, Problem};
@@ -308,9 +308,13 @@ pub(super) async fn create(Extract(shared): App, caller: Caller, request: Reques
         Some(key) => shared.store.knows_key(&tenant.name, key).await?,
         None => false,
     };
+    let uploads = Arc::clone(&shared.traffic.uploads);
+    let rules = Rules::new(shared.settings.max_upload_bytes, &shared.settings.traffic, uploads);
     if !is_known {
         let bytes = upload::content_length(request.headers()).unwrap_or(0);
         let room = match admission::check(&shared, &tenant).await {
+            // before the disk: an upload over the limit says nothing about the disk
+            Ok(()) if bytes > rules.limit => Err(rules.too_large(bytes).into()),
             Ok(()) => shared.files.check_room(bytes).map_err(Failure::from),
             Err(full) => Err(full),
         };
@@ -321,15 +325,13 @@ pub(super) async fn create(Extract(shared): App, caller: Caller, request: Reques
     }
     let wait = prefer::wait(request.headers(), shared.settings.max_wait());
     let parent = request.extensions().get::<TraceParent>().map(|parent| parent.at(&tracing::Span::current()));
-    let uploads = Arc::clone(&shared.traffic.uploads);
-    let rules = Rules::new(shared.settings.max_upload_bytes, &shared.settings.traffic, uploads);
     let mut upload = upload::receive(request, &shared.files, &tenant.name, key.is_some(), rules).await?;
     upload.spec.trace_parent = parent.map(|parent| parent.to_string());
     if let Some(webhook) = &upload.spec.webhook {
         shared.webhooks.check(webhook)?;
     }
     // On a task of its own, so that a client who hangs up now leaves no half of it.
-    let job = tokio::spawn(accept(Arc::clone(&shared), tenant, upload, key).in_current_span())
+    let job = tokio::spawn(accept(Arc::clone(&shared), caller, upload, key).in_current_span())
         .await
         .map_err(|error| Error::new(Kind::Internal, format_args!("the job was not accepted: {error}")))??;
     let location = path(job.id);
@@ -354,7 +356,8 @@ pub(super) async fn create(Extract(shared): App, caller: Caller, request: Reques
 }
 
 /// Makes a job of an upload, or finds the one that was made of it before.
-async fn accept(shared: Arc<Shared>, tenant: Tenant, upload: Upload, key: Option<String>) -> Result<Job, Failure> {
+async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option<String>) -> Result<Job, Failure> {
+    let tenant = caller.tenant()?;
     let Upload { mut folder, mut spec, digests } = upload;
     let is_known = match &key {
         Some(key) => shared.store.knows_key(&tenant.name, key).await?,
@@ -362,7 +365,7 @@ async fn accept(shared: Arc<Shared>, tenant: Tenant, upload: Upload, key: Option
     };
     let _place = match is_known {
         true => None,
-        false => Some(admission::place(&shared, &tenant).await?),
+        false => Some(admission::place(&shared, tenant).await?),
     };
     let idempotency = key.map(|key| idempotency::idempotency(key, &spec, &digests)).transpose()?;
     let id = folder.id();
@@ -374,12 +377,12 @@ async fn accept(shared: Arc<Shared>, tenant: Tenant, upload: Upload, key: Option
     match shared.store.create(NewJob { id, spec, idempotency, upload }).await {
         Ok(Created::New(job)) => {
             folder.keep();
-            tracing::info!(job = %id, bytes = job.spec.bytes, "accepted");
+            audit::record(Action::Accepted(job.spec.bytes), &caller, id);
             shared.metrics.accepted(&job);
             Ok(job)
         }
         Ok(Created::Known(job)) => {
-            tracing::info!(job = %job.id, "asked for again");
+            audit::record(Action::Repeated, &caller, job.id);
             Ok(job)
         }
         Err(error) => Err(admission::full(&shared, error).await),
@@ -474,9 +477,13 @@ pub(super) async fn remove(Extract(shared): App, caller: Caller, Path(id): Path<
     let id = find(&shared, &caller, &id).await?.id;
     match deletion::delete(&shared.files, shared.store.as_ref(), id).await? {
         Deletion::Unknown => Err(no_such_job(id).into()),
-        Deletion::Deleted => Ok(StatusCode::NO_CONTENT.into_response()),
+        Deletion::Deleted => {
+            audit::record(Action::Deleted, &caller, id);
+            Ok(StatusCode::NO_CONTENT.into_response())
+        }
         Deletion::Live => {
             let job = shared.store.cancel(id).await?.ok_or_else(|| no_such_job(id))?;
+            audit::record(Action::Cancelled, &caller, id);
             if job.state == State::Cancelled {
                 // it waited: no worker ends it
                 shared.files.give_back(id);

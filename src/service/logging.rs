@@ -1,12 +1,15 @@
 //! Structured logs: lines for people or JSON for machines, on standard error; and spans for a collector of traces.
 
 use std::io::IsTerminal;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
 
 use opentelemetry::KeyValue;
 use opentelemetry::trace::TracerProvider as _;
 use opentelemetry_otlp::{Protocol, SpanExporter, WithExportConfig as _};
 use opentelemetry_sdk::Resource;
-use opentelemetry_sdk::trace::SdkTracerProvider;
+use opentelemetry_sdk::error::OTelSdkResult;
+use opentelemetry_sdk::trace::{SdkTracerProvider, SpanData};
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 use tracing_subscriber::{EnvFilter, Layer as _};
@@ -70,7 +73,8 @@ impl LogSettings {
             tracing_subscriber::fmt::layer().with_ansi(std::io::stderr().is_terminal()).with_writer(std::io::stderr);
         let lines = match self.log_format {
             LogFormat::Text => lines.boxed(),
-            LogFormat::Json => lines.json().boxed(),
+            // all spans around an event are listed; the innermost one need not be there twice
+            LogFormat::Json => lines.json().with_current_span(false).boxed(),
         };
         let tracer = spans.as_ref().map(|spans| tracing_opentelemetry::layer().with_tracer(spans.tracer("tesserae")));
         tracing_subscriber::registry()
@@ -83,19 +87,71 @@ impl LogSettings {
     }
 }
 
-/// Sends spans to `endpoint`, in batches, from a thread of its own. A collector that does not answer loses spans and holds
-/// nobody up.
+/// Spans that the collector did not take, since the process began.
+static LOST_SPANS: AtomicU64 = AtomicU64::new(0);
+
+/// Number of spans that the collector did not take.
+pub(super) fn lost_spans() -> u64 {
+    LOST_SPANS.load(Ordering::Relaxed)
+}
+
+/// An exporter that counts what is lost, and logs when the collector fails and when it works again, once each.
+#[derive(Debug)]
+struct Watched {
+    exporter: SpanExporter,
+    fails: AtomicBool,
+}
+
+impl opentelemetry_sdk::trace::SpanExporter for Watched {
+    async fn export(&self, batch: Vec<SpanData>) -> OTelSdkResult {
+        let spans = batch.len() as u64;
+        let exported = self.exporter.export(batch).await;
+        match &exported {
+            Ok(()) if self.fails.swap(false, Ordering::Relaxed) => tracing::info!("the collector of spans works again"),
+            Ok(()) => {}
+            Err(error) => {
+                LOST_SPANS.fetch_add(spans, Ordering::Relaxed);
+                if !self.fails.swap(true, Ordering::Relaxed) {
+                    tracing::warn!(%error, "the collector of spans (--otlp-endpoint) does not take them; they are lost");
+                }
+            }
+        }
+        exported
+    }
+
+    fn shutdown_with_timeout(&self, timeout: Duration) -> OTelSdkResult {
+        self.exporter.shutdown_with_timeout(timeout)
+    }
+
+    fn force_flush(&self) -> OTelSdkResult {
+        self.exporter.force_flush()
+    }
+
+    fn set_resource(&mut self, resource: &Resource) {
+        self.exporter.set_resource(resource);
+    }
+}
+
+/// Sends spans to `endpoint`, in batches, from a thread of its own. Spans are lost while a collector does not answer;
+/// requests and jobs do not wait for it.
 fn collector(endpoint: &str) -> Result<SdkTracerProvider> {
     super::tls::prepare();
     let wrong = |error: &dyn std::fmt::Display| {
-        Error::parameter(format_args!("spans cannot be sent to this collector ({error}): {endpoint:?}"))
+        Error::parameter(format_args!(
+            "--otlp-endpoint must be a URL such as http://127.0.0.1:4318/v1/traces ({error}), not {endpoint:?}"
+        ))
     };
+    let url = reqwest::Url::parse(endpoint).map_err(|error| wrong(&error))?;
+    if !matches!(url.scheme(), "http" | "https") || url.host_str().is_none() {
+        return Err(wrong(&"neither http nor https, or without a host"));
+    }
     let exporter = SpanExporter::builder()
         .with_http()
         .with_protocol(Protocol::HttpBinary)
         .with_endpoint(endpoint)
         .build()
         .map_err(|error| wrong(&error))?;
+    let exporter = Watched { exporter, fails: AtomicBool::new(false) };
     let resource = Resource::builder()
         .with_service_name("tesserae")
         .with_attribute(KeyValue::new("service.version", env!("CARGO_PKG_VERSION")))

@@ -22,6 +22,7 @@
 //! | who may ask | `access` |
 //! | how much may be asked for | `traffic`, `admission` |
 //! | what is measured | `metrics` |
+//! | what is logged about requests | `access_log`, `audit` |
 //! | which trace a request belongs to | `trace` |
 //! | how ends of jobs are told | `webhooks` |
 //! | ETag, Range | `conditional` |
@@ -32,8 +33,10 @@
 //! are read at once, the runtime goes on at another thread. Names that clients give are for people; no path is made of them.
 
 mod access;
+mod access_log;
 mod admission;
 mod aging;
+mod audit;
 mod backup;
 mod blobs;
 mod conditional;
@@ -56,6 +59,7 @@ mod negotiate;
 mod openapi;
 mod pipeline;
 mod prefer;
+mod preflight;
 mod problem;
 mod query;
 mod request;
@@ -81,7 +85,9 @@ pub use info::DeviceDescription;
 pub use logging::{LogFormat, LogSettings, Logging};
 pub use openapi::openapi_yaml;
 pub use pipeline::device_thread::Reopen;
+pub use preflight::preflight;
 pub use server::{Extras, Server, serve};
 pub use settings::{AccessSettings, Settings, StorageSettings, TrafficSettings, WebhookSettings, WorkSettings};
 use store::LOCAL_TENANT;
+pub use traffic::origin::Network;
 pub use webhooks::WebhookHost;

@@ -242,7 +242,7 @@ impl Pipeline {
     async fn work(self: Arc<Self>, slot: OwnedSemaphorePermit, ticket: Ticket, job: Job, abort: CancellationToken) {
         let started = Instant::now();
         self.metrics.claimed(&job);
-        tracing::info!(format = job.spec.format.name(), bytes = job.spec.bytes, "started");
+        tracing::debug!(format = job.spec.format.name(), bytes = job.spec.bytes, "started");
         let lease = self.leases.hold(ticket);
         let cancel = Cancel::default();
         let slot = stages::Slot::new(slot);
@@ -320,12 +320,16 @@ impl Pipeline {
                     }
                     Release::Free => tracing::info!(milliseconds, "broken off; it waits again"),
                 }
-                loop {
+                let outcome = loop {
                     match self.store.release(ticket, release.clone()).await {
                         Err(error) if self.may_try_again(&error, abort).await => {}
                         outcome => break outcome,
                     }
+                };
+                if let (Ok(State::Failed), Release::Failed(error)) = (&outcome, &release) {
+                    self.metrics.poisoned(error.kind);
                 }
+                outcome
             }
             Verdict::Lost => Err(Error::new(Kind::Conflict, "the job is not this process's any more")),
         };

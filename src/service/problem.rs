@@ -131,6 +131,8 @@ pub(super) async fn render(State(shared): App, request: Request, next: Next) -> 
     match failure.error.kind {
         // what every probe and every client gets while the service stops
         Kind::Unavailable | Kind::Overloaded => tracing::debug!(kind = failure.error.kind.slug(), "{}", failure.error),
+        // the client's doing
+        Kind::NotImplemented => {}
         kind if kind.status() >= 500 => tracing::error!(kind = kind.slug(), "{}", failure.error),
         _ => {}
     }

@@ -108,8 +108,8 @@ mod tests {
     use super::*;
     use crate::service::faults::Faults;
     use crate::service::files::DiskLimits;
-    use crate::service::store::memory::MemoryStore;
     use crate::service::store::End;
+    use crate::service::store::memory::MemoryStore;
     use crate::service::store::tests::{RULES, new_job};
 
     #[tokio::test]

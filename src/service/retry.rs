@@ -6,6 +6,7 @@ use axum::extract::{Path, State as Extract};
 use axum::http::{HeaderMap, StatusCode};
 
 use super::access::Caller;
+use super::audit::{self, Action};
 use super::jobs::{JobView, answer, find, stopping};
 use super::openapi::Problematic;
 use super::problem::Answer;
@@ -48,9 +49,14 @@ pub(super) async fn retry(Extract(shared): App, caller: Caller, Path(id): Path<S
         Err(error) => return Err(error.into()),
     }
     let _place = admission::place(&shared, caller.tenant()?).await?;
-    match shared.store.retry(id).await {
+    shared.files.promise_retry(&job, shared.settings.max_faces)?;
+    let retried = shared.store.retry(id).await;
+    if !matches!(retried, Ok(Retried::Queued(_) | Retried::NotFailed(_))) {
+        shared.files.give_back(id);
+    }
+    match retried {
         Ok(Retried::Queued(job)) => {
-            tracing::info!(job = %id, "runs again by request");
+            audit::record(Action::Retried, &caller, id);
             Ok(answer(&shared, StatusCode::ACCEPTED, HeaderMap::new(), job))
         }
         Ok(Retried::NotFailed(state)) => Err(not_failed(state).into()),

@@ -6,26 +6,24 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use axum::Router;
 use axum::extract::{DefaultBodyLimit, MatchedPath, Request, State};
 use axum::http::{HeaderName, HeaderValue, Method, header};
 use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::Response;
 use axum::routing::{get, post};
-use axum::{Router, body::Body};
-use tokio::net::TcpListener;
-use tokio::sync::Semaphore;
-use tokio::time::timeout;
+use tokio::net::{TcpListener, TcpSocket};
+use tokio::sync::{Notify, Semaphore};
+use tokio::time::{sleep, timeout};
 use tokio_util::sync::CancellationToken;
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::predicate::{NotForContentType, Predicate as _, SizeAbove};
 use tower_http::compression::{CompressionLayer, CompressionLevel};
 use tower_http::cors::CorsLayer;
-use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer};
-use tower_http::trace::{DefaultOnResponse, TraceLayer};
-use tracing::Level;
 
 use super::access::Access;
+use super::access_log::{self, AccessLog};
 use super::admission::Admission;
 use super::aging::Reading;
 use super::faults::Faults;
@@ -40,8 +38,7 @@ use super::storage::{self, Storage};
 use super::store::memory::MemoryStore;
 use super::store::sqlite::SqliteStore;
 use super::store::{JobStore, Rules};
-use super::trace::{self, TraceParent};
-use super::traffic::{self, Traffic, connections};
+use super::traffic::{self, Traffic, connections, heads};
 use super::webhooks::{Teller, Webhooks};
 use super::{Settings, conditional, events, hierarchy, info, jobs, openapi, problem, results, retry, tls};
 use crate::device::Device;
@@ -50,14 +47,12 @@ use crate::error::{Error, Result};
 /// Time for what is left to do after the grace period: ending jobs that were told to stop, sending last answers.
 const LAST_MOMENT: Duration = Duration::from_secs(2);
 
-/// Hierarchies and other large results that are in memory at a time, to be cut or written: other requests wait for their turn.
+/// Hierarchies and other large results that are in memory at a time, to be cut or written: other requests wait for
+/// their turn.
 const ENCODED_AT_ONCE: usize = 2;
 
 /// Bytes of an answer from which on it is compressed for who can read that.
 const COMPRESSED_FROM: u64 = 1024;
-
-/// Name of the header that carries the id of a request.
-const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
 /// What all handlers share.
 #[derive(Debug)]
@@ -80,6 +75,8 @@ pub(super) struct Shared {
     pub encoding: Arc<Semaphore>,
     /// Who may ask.
     pub access: Access,
+    /// Which requests are logged.
+    pub access_log: AccessLog,
     /// What is going on.
     pub traffic: Traffic,
     /// Jobs that are being created.
@@ -98,6 +95,8 @@ pub(super) type App = State<Arc<Shared>>;
 pub struct Extras {
     /// Opens the device anew after it was lost.
     pub reopen: Option<Reopen>,
+    /// Makes the service read its tokens again when it is notified.
+    pub reload: Option<Arc<Notify>>,
     /// Failures on purpose.
     pub faults: Faults,
     /// Time without work after which the device [rests](Device::rest); half a minute when none.
@@ -117,6 +116,7 @@ pub struct Server {
     address: SocketAddr,
     shared: Arc<Shared>,
     pipeline: Pipeline,
+    reload: Arc<Notify>,
 }
 
 /// Runs the service until `shutdown` completes.
@@ -149,10 +149,11 @@ impl Server {
         settings.check()?;
         tls::prepare();
         let cannot = |error| Error::io(format_args!("cannot listen on {}", settings.listen), error);
-        let listener = TcpListener::bind(settings.listen).await.map_err(cannot)?;
+        let listener = listen(settings.listen, settings.traffic.listen_backlog).map_err(cannot)?;
         let address = listener.local_addr().map_err(cannot)?;
         let faults = extras.faults.clone();
         let access = Access::open(&settings.access)?;
+        let reload = extras.reload.clone().unwrap_or_default();
         let files = Arc::new(Files::open(settings.data_dir.as_deref(), settings.storage.disk(), faults.clone())?);
         let forgets = settings.storage.forget_lost_jobs;
         files.check_store(forgets).await?;
@@ -172,6 +173,7 @@ impl Server {
             None => Arc::new(MemoryStore::new(rules)?),
         };
         let metrics = Arc::new(Metrics::new(&description.info));
+        metrics.limits(&settings);
         let store: Arc<dyn JobStore> = Arc::new(TimedStore::new(store, Arc::clone(&metrics)));
         let swept = files.sweep_at_start(store.as_ref()).await?;
         if swept > 0 {
@@ -213,6 +215,7 @@ impl Server {
             health,
             stop: CancellationToken::new(),
             encoding: Arc::new(Semaphore::new(ENCODED_AT_ONCE)),
+            access_log: AccessLog::new(settings.access_log_every),
             traffic: Traffic::new(&settings.traffic),
             access,
             admission: Arc::default(),
@@ -220,7 +223,7 @@ impl Server {
             metrics,
             settings,
         });
-        Ok(Self { listener, address, shared, pipeline })
+        Ok(Self { listener, address, shared, pipeline, reload })
     }
 
     /// The address it listens on.
@@ -228,11 +231,11 @@ impl Server {
         self.address
     }
 
-    /// Answers until `shutdown` completes; then no more jobs are taken or begun, streams end, running jobs get the
-    /// grace period to finish and are released after it, and the last answers are sent: a few seconds after the grace
-    /// period at most.
+    /// Answers until `shutdown` completes; then `/readyz` fails, and after the drain delay no more jobs are taken or
+    /// begun, streams end, running jobs get the grace period to finish and are released after it, and the last answers
+    /// are sent: a few seconds after the grace period at most.
     pub async fn run(self, shutdown: impl Future<Output = ()>) -> Result<()> {
-        let Self { listener, address, shared, pipeline } = self;
+        let Self { listener, address, shared, pipeline, reload } = self;
         let stop = shared.stop.clone();
         let (abort, close) = (CancellationToken::new(), CancellationToken::new());
         let mut work = tokio::spawn(pipeline.run(stop.clone(), abort.clone()));
@@ -254,7 +257,7 @@ impl Server {
         ));
         let following = tokio::spawn({
             let (shared, stop) = (Arc::clone(&shared), stop.clone());
-            async move { shared.access.follow(&shared.health, stop).await }
+            async move { shared.access.follow(&shared.health, reload, stop).await }
         });
         let telling = tokio::spawn({
             let (store, webhooks) = (Arc::clone(&shared.store), Arc::clone(&shared.webhooks));
@@ -269,6 +272,11 @@ impl Server {
         }
         tracing::info!("stopping");
         shared.health.fail(Part::Process, "the service is stopping");
+        // jobs are still taken while load balancers notice
+        let delay = shared.settings.drain_delay();
+        if !delay.is_zero() && !serving.is_finished() {
+            sleep(delay).await;
+        }
         stop.cancel();
         if timeout(shared.settings.grace_period(), &mut work).await.is_err() {
             tracing::warn!("the grace period is over: running jobs are broken off");
@@ -292,25 +300,18 @@ impl Server {
 
 /// All routes, and around them, from the outside in:
 ///
-/// 1. an id for the request, its trace, and a span for what is logged about it;
+/// 1. an id for the request, its origin, its trace, and a span for what is logged about it; its line in the access log;
 /// 2. what every answer has, and counting it;
 /// 3. CORS, which answers preflights itself;
 /// 4. compression, of all but event streams, and tags that differ with it;
 /// 5. problem documents, of all that is refused further in;
 /// 6. a net for panics;
-/// 7. who asks, and whether that is too much;
-/// 8. the routes; around those of results, ETag and Range.
+/// 7. heads that are not valid HTTP/1.1;
+/// 8. who asks, and whether that is too much;
+/// 9. the routes; around those of results, ETag and Range.
 fn router(shared: Arc<Shared>) -> Router {
     let layers = ServiceBuilder::new()
-        .layer(SetRequestIdLayer::new(REQUEST_ID, MakeRequestUuid))
-        .layer(from_fn(trace::find))
-        .layer(
-            TraceLayer::new_for_http()
-                .make_span_with(span)
-                .on_response(DefaultOnResponse::new().level(Level::INFO))
-                .on_failure(()),
-        )
-        .layer(PropagateRequestIdLayer::new(REQUEST_ID))
+        .layer(from_fn_with_state(Arc::clone(&shared), access_log::log))
         .layer(from_fn_with_state(Arc::clone(&shared), every_answer))
         .option_layer(cors(&shared.settings.access.cors_origins))
         .layer(from_fn(conditional::distinguish_codings))
@@ -321,6 +322,7 @@ fn router(shared: Arc<Shared>) -> Router {
         )
         .layer(from_fn_with_state(Arc::clone(&shared), problem::render))
         .layer(CatchPanicLayer::custom(problem::panicked))
+        .layer(from_fn(heads::check))
         .layer(from_fn_with_state(Arc::clone(&shared), traffic::admit))
         // uploads have a limit of their own, counted as they come
         .layer(DefaultBodyLimit::disable());
@@ -348,18 +350,6 @@ fn router(shared: Arc<Shared>) -> Router {
     Router::new().fallback_service(routes).layer(layers)
 }
 
-/// The span of a request. The query string stays out of the log.
-fn span(request: &Request<Body>) -> tracing::Span {
-    let id = request.headers().get(REQUEST_ID).and_then(|id| id.to_str().ok()).unwrap_or_default();
-    let (tenant, trace) = (tracing::field::Empty, tracing::field::Empty);
-    let span =
-        tracing::info_span!("request", method = %request.method(), path = request.uri().path(), id, trace, tenant);
-    if let Some(parent) = request.extensions().get::<TraceParent>() {
-        parent.continued_by(&span);
-    }
-    span
-}
-
 /// The template of the route that answered, for who counts answers further out.
 #[derive(Debug, Clone)]
 struct Route(MatchedPath);
@@ -379,7 +369,9 @@ async fn every_answer(State(shared): App, request: Request, next: Next) -> Respo
     let method = request.method().clone();
     let mut response = next.run(request).await;
     let route = response.extensions().get::<Route>().map_or("none", |Route(route)| route.as_str());
-    shared.metrics.answered(&method, route, response.status().as_u16(), started.elapsed());
+    let status = response.status().as_u16();
+    shared.metrics.answered(&method, route, status, started.elapsed());
+    shared.metrics.answered_to(response.extensions().get(), status);
     let headers = response.headers_mut();
     for (name, value) in [
         (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
@@ -391,6 +383,16 @@ async fn every_answer(State(shared): App, request: Request, next: Next) -> Respo
     }
     headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
     response
+}
+
+/// Takes an address; the system keeps `backlog` connections until they are accepted.
+fn listen(address: SocketAddr, backlog: u32) -> std::io::Result<TcpListener> {
+    let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
+    // a restarted service takes its address again at once; on Windows that option means something else
+    #[cfg(unix)]
+    socket.set_reuseaddr(true)?;
+    socket.bind(address)?;
+    socket.listen(backlog)
 }
 
 /// Lets the pages of these origins use the service; nobody's when there are none.

@@ -18,6 +18,9 @@ pub use self::work::WorkSettings;
 use crate::error::{Error, Result};
 use crate::mesh::Limits;
 
+/// Least bytes of memory and disk with which the service can do anything: the store of jobs alone takes a part of them.
+const LEAST_BYTES: u64 = 1 << 20;
+
 /// Settings of `tesserae serve`.
 #[derive(Debug, Clone, PartialEq, clap::Args)]
 pub struct Settings {
@@ -25,8 +28,8 @@ pub struct Settings {
     #[arg(long, env = "TESSERAE_LISTEN", value_name = "ADDRESS:PORT", default_value_t = Settings::default().listen)]
     pub listen: SocketAddr,
 
-    /// Folder for jobs, uploads and results, which outlast the service there; a temporary one when left out, and jobs in
-    /// memory only
+    /// Folder for jobs, uploads and results, which outlast the service there; a temporary one when left out, and jobs
+    /// in memory only
     #[arg(long, env = "TESSERAE_DATA_DIR", value_name = "DIR")]
     pub data_dir: Option<PathBuf>,
 
@@ -52,7 +55,8 @@ pub struct Settings {
     #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS", value_name = "N", default_value_t = Settings::default().max_queued_jobs)]
     pub max_queued_jobs: usize,
 
-    /// Jobs that are worked on at a time: some are read and some written while the device works on others, as memory allows
+    /// Jobs that are worked on at a time: some are read and some written while the device works on others, as memory
+    /// allows
     #[arg(long, env = "TESSERAE_MESHES_IN_MEMORY", value_name = "N", default_value_t = Settings::default().meshes_in_memory,
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1024))]
     pub meshes_in_memory: usize,
@@ -71,6 +75,17 @@ pub struct Settings {
     #[arg(long, env = "TESSERAE_GRACE_PERIOD", value_name = "SECONDS", default_value_t = Settings::default().grace_period,
           value_parser = clap::value_parser!(u64).range(0..=86_400))]
     pub grace_period: u64,
+
+    /// Time between the failure of /readyz and the refusal of jobs when the service is asked to stop, so that load
+    /// balancers notice, in seconds
+    #[arg(long, env = "TESSERAE_DRAIN_DELAY", value_name = "SECONDS", default_value_t = Settings::default().drain_delay,
+          value_parser = clap::value_parser!(u64).range(0..=3600))]
+    pub drain_delay: u64,
+
+    /// Requests of which one has a line in the access log, 1 for all; those that the service fails at (5xx) always have
+    /// one; 0 for no access log
+    #[arg(long, env = "TESSERAE_ACCESS_LOG_EVERY", value_name = "N", default_value_t = Settings::default().access_log_every)]
+    pub access_log_every: u64,
 
     /// What is kept.
     #[command(flatten)]
@@ -107,6 +122,8 @@ impl Default for Settings {
             max_wait: 60,
             keep_alive: 15,
             grace_period: 10,
+            drain_delay: 0,
+            access_log_every: 1,
             storage: StorageSettings::default(),
             work: WorkSettings::default(),
             access: AccessSettings::default(),
@@ -128,12 +145,46 @@ impl Settings {
                 self.listen
             )));
         }
+        self.check_amounts()?;
         if !self.webhooks.webhook_hosts.is_empty() && self.webhooks.webhook_secret.is_none() {
             return Err(Error::parameter(
                 "webhooks must be signed: give a file with the secret, --webhook-secret FILE, beside --webhook-hosts",
             ));
         }
         Ok(())
+    }
+
+    /// Refuses amounts with which no job could ever be taken or end.
+    fn check_amounts(&self) -> Result<()> {
+        let traffic = &self.traffic;
+        for (flag, value, least) in [
+            ("max-upload-bytes", self.max_upload_bytes, 1),
+            ("max-faces", self.max_faces, 1),
+            ("max-queued-jobs", self.max_queued_jobs as u64, 1),
+            ("max-queued-jobs-per-tenant", traffic.max_queued_jobs_per_tenant, 1),
+            ("max-requests-at-once", traffic.max_requests_at_once.into(), 1),
+            ("memory-budget", self.work.memory_budget.unwrap_or(u64::MAX), LEAST_BYTES),
+            ("max-disk-bytes", self.storage.max_disk_bytes.unwrap_or(u64::MAX), LEAST_BYTES),
+        ] {
+            if value < least {
+                return Err(Error::parameter(format_args!(
+                    "no job could ever be done with this --{flag}: give at least {least}, or leave it out; it is {value}"
+                )));
+            }
+        }
+        if traffic.max_bytes_in_flight < self.max_upload_bytes {
+            return Err(Error::parameter(format_args!(
+                "an upload of --max-upload-bytes ({}) could never come in with a lower --max-bytes-in-flight: lower the \
+                 first or raise the second, which is {}",
+                self.max_upload_bytes, traffic.max_bytes_in_flight
+            )));
+        }
+        Ok(())
+    }
+
+    /// Seconds between a request to stop and the end of the process, at the most.
+    pub fn seconds_to_stop(&self) -> u64 {
+        self.drain_delay + self.grace_period + 10
     }
 
     /// What a mesh may cost.
@@ -159,6 +210,11 @@ impl Settings {
     pub(super) fn grace_period(&self) -> Duration {
         Duration::from_secs(self.grace_period)
     }
+
+    /// [`drain_delay`](Self::drain_delay) as a duration.
+    pub(super) fn drain_delay(&self) -> Duration {
+        Duration::from_secs(self.drain_delay)
+    }
 }
 
 #[cfg(test)]
@@ -181,6 +237,26 @@ mod tests {
             assert_eq!(settings.check(), Ok(()));
             settings.access = AccessSettings { tokens: Some("tokens.json".into()), ..AccessSettings::default() };
             assert_eq!(settings.check(), Ok(()));
+        }
+    }
+
+    #[test]
+    fn amounts_with_which_nothing_can_be_done_are_refused_by_name() {
+        let impossible: [(&str, fn(&mut Settings)); 8] = [
+            ("--max-upload-bytes", |settings| settings.max_upload_bytes = 0),
+            ("--max-faces", |settings| settings.max_faces = 0),
+            ("--max-queued-jobs", |settings| settings.max_queued_jobs = 0),
+            ("--max-queued-jobs-per-tenant", |settings| settings.traffic.max_queued_jobs_per_tenant = 0),
+            ("--max-requests-at-once", |settings| settings.traffic.max_requests_at_once = 0),
+            ("--memory-budget", |settings| settings.work.memory_budget = Some(1)),
+            ("--max-disk-bytes", |settings| settings.storage.max_disk_bytes = Some(1)),
+            ("--max-bytes-in-flight", |settings| settings.traffic.max_bytes_in_flight = 1),
+        ];
+        for (flag, change) in impossible {
+            let mut settings = Settings::default();
+            change(&mut settings);
+            let error = settings.check().expect_err(flag);
+            assert!(error.message.contains(flag), "{error}");
         }
     }
 

@@ -5,10 +5,7 @@
 
 use std::fmt;
 
-use axum::extract::Request;
 use axum::http::HeaderMap;
-use axum::middleware::Next;
-use axum::response::Response;
 use opentelemetry::trace::{SpanContext, SpanId, TraceContextExt as _, TraceFlags, TraceId, TraceState};
 use tracing::Span;
 use tracing_opentelemetry::OpenTelemetrySpanExt as _;
@@ -23,13 +20,6 @@ pub(super) struct TraceParent {
     trace: TraceId,
     span: SpanId,
     flags: TraceFlags,
-}
-
-/// Finds out where the request comes from, for the layers further in.
-pub(super) async fn find(mut request: Request, next: Next) -> Response {
-    let parent = TraceParent::of_request(request.headers());
-    request.extensions_mut().insert(parent);
-    next.run(request).await
 }
 
 impl TraceParent {
@@ -59,6 +49,11 @@ impl TraceParent {
             flags: TraceFlags::new(u8::from_str_radix(flags, 16).ok()? & 1),
         };
         (found.trace != TraceId::INVALID && found.span != SpanId::INVALID).then_some(found)
+    }
+
+    /// Id of the trace.
+    pub fn trace(&self) -> TraceId {
+        self.trace
     }
 
     /// A new trace.

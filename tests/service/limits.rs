@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use reqwest::multipart::{Form, Part};
 use tesserae::device::cpu::CpuDevice;
-use tesserae::service::TrafficSettings;
+use tesserae::service::{Settings, TrafficSettings};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 
@@ -317,7 +317,11 @@ async fn a_thousand_streams_at_once_cost_little_and_hold_nobody_up() {
 
 #[tokio::test]
 async fn uploads_share_the_bytes_in_flight() {
-    let service = with(|traffic| traffic.max_bytes_in_flight = 100_000).await;
+    let change = |settings: &mut Settings| {
+        settings.traffic.max_bytes_in_flight = 100_000;
+        settings.max_upload_bytes = 100_000;
+    };
+    let service = Service::with(change, Box::new(CpuDevice::new())).await;
     let mut slow = TcpStream::connect(service.address).await.expect("connected");
     let head =
         "POST /v1/jobs?clusters=2 HTTP/1.1\r\nHost: x\r\nContent-Type: model/obj\r\nTransfer-Encoding: chunked\r\n\r\n";

@@ -9,6 +9,7 @@ mod faults;
 mod full_disk;
 mod hierarchy;
 mod hostile;
+mod http;
 mod jobs;
 mod lifecycle;
 mod limits;

@@ -1,6 +1,6 @@
 //! What the service says about itself to a dashboard.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use tesserae::device::cpu::CpuDevice;
 
@@ -31,6 +31,9 @@ async fn work_shows_in_the_metrics() {
         "tesserae_rejections_total{reason=\"not-found\"} 1",
         "tesserae_store_seconds_count{operation=\"create\"} 2",
         "tesserae_ready 1",
+        "tesserae_tenant_jobs_total{tenant=\"local\",state=\"succeeded\"} 2",
+        "tesserae_queue_limit 1024",
+        "tesserae_queue_oldest_seconds 0.0",
         "tesserae_condition{part=\"device\",severity=\"failing\"} 0",
         "# EOF",
     ] {
@@ -40,6 +43,10 @@ async fn work_shows_in_the_metrics() {
     assert!(metric(&service, "tesserae_iterations_total{algorithm=\"bb\"}").await > 0.0);
     assert!(metric(&service, "tesserae_faces_total{algorithm=\"bb\"}").await >= 300.0);
     assert!(metric(&service, "tesserae_resident_memory_bytes").await > 1e6);
+    assert!(metric(&service, "tesserae_disk_free_bytes").await > 1e6);
+    assert!(metric(&service, "process_cpu_seconds_total").await > 0.0);
+    assert!(metric(&service, "process_open_fds").await > 3.0);
+    assert!(metric(&service, "process_max_fds").await > 3.0);
     assert!(metric(&service, "tesserae_disk_used_bytes").await > 10_000.0, "uploads and results");
     assert_eq!(metric(&service, "tesserae_device_memory_bytes").await, 0.0, "the cpu has none of its own");
     // neither jobs nor paths are labels
@@ -50,22 +57,15 @@ fn text_of(job: &serde_json::Value) -> &str {
     text(&job["id"])
 }
 
-/// Names of metrics in the dashboard must be names that the service gives.
-#[tokio::test]
-async fn the_dashboard_draws_metrics_that_there_are() {
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("deploy/grafana.json");
-    let dashboard: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(path).expect("a dashboard")).expect("JSON");
-    let mut expressions = Vec::new();
-    collect(&dashboard, &mut expressions);
-    assert!(expressions.len() > 15, "{}", expressions.len());
+/// Metrics that a service gives which has done some work: their names as in queries, and their names and kinds.
+async fn given() -> (BTreeSet<String>, BTreeMap<String, String>) {
     let service = Service::start().await;
     let job = service.submit("clusters=5", sphere(300)).await;
     service.ended(&job).await;
     let _ = service.get("/nothing").send().await;
     let text = service.get("/metrics").send().await.expect("answered").text().await.expect("text");
     let mut there = BTreeSet::new();
-    let mut kind_of = std::collections::BTreeMap::new();
+    let mut kind_of = BTreeMap::new();
     for line in text.lines() {
         if let Some((name, kind)) = line.strip_prefix("# TYPE ").and_then(|rest| rest.split_once(' ')) {
             kind_of.insert(name.to_owned(), kind.to_owned());
@@ -79,11 +79,33 @@ async fn the_dashboard_draws_metrics_that_there_are() {
         };
         there.extend(suffixes.iter().map(|suffix| format!("{name}{suffix}")));
     }
+    (there, kind_of)
+}
+
+/// Names of metrics in a query.
+fn names(expression: &str) -> impl Iterator<Item = &str> {
+    let is_name = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    let words = expression.split(move |c| !is_name(c));
+    words.filter(|word| word.starts_with("tesserae_") || word.starts_with("process_"))
+}
+
+/// The text of a file in `deploy/`.
+fn deployed(name: &str) -> String {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("deploy").join(name);
+    std::fs::read_to_string(path).expect("a file")
+}
+
+/// Names of metrics in the dashboard must be names that the service gives.
+#[tokio::test]
+async fn the_dashboard_draws_metrics_that_there_are() {
+    let dashboard: serde_json::Value = serde_json::from_str(&deployed("grafana.json")).expect("JSON");
+    let mut expressions = Vec::new();
+    collect(&dashboard, &mut expressions);
+    assert!(expressions.len() > 15, "{}", expressions.len());
+    let (there, kind_of) = given().await;
     let mut drawn = BTreeSet::new();
     for expression in &expressions {
-        let is_name = |c: char| c.is_ascii_alphanumeric() || c == '_';
-        let names = expression.split(|c| !is_name(c)).filter(|word| word.starts_with("tesserae_"));
-        for name in names {
+        for name in names(expression) {
             assert!(there.contains(name), "{name} in {expression} is none of {there:#?}");
             drawn.insert(name.to_owned());
         }
@@ -91,6 +113,20 @@ async fn the_dashboard_draws_metrics_that_there_are() {
     // and what is counted is drawn
     for name in kind_of.keys() {
         assert!(drawn.iter().any(|drawn| drawn.starts_with(name.as_str())), "{name} is not on the dashboard");
+    }
+}
+
+/// Alert rules must name metrics that the service gives, or they never fire.
+#[tokio::test]
+async fn alert_rules_are_about_metrics_that_there_are() {
+    let rules = deployed("alerts.yaml");
+    let expressions: Vec<&str> = rules.lines().filter_map(|line| line.trim().strip_prefix("expr: ")).collect();
+    assert!(expressions.len() >= 10, "{expressions:#?}");
+    let (there, _) = given().await;
+    for expression in expressions {
+        for name in names(expression) {
+            assert!(there.contains(name), "{name} in {expression} is none of {there:#?}");
+        }
     }
 }
 

@@ -36,6 +36,13 @@ async fn the_service_serves_its_description_and_answers_at_every_path_of_it() {
         let detail = response.text().await.expect("text");
         assert!(!detail.contains("nothing at this path"), "{path}: {detail}");
     }
+    // tools that read the description can make a job of it that succeeds
+    let example =
+        yaml.split_once("model/obj:").and_then(|(_, rest)| rest.split_once("example:")).expect("an example").1;
+    assert!(example.trim_start().starts_with('|') && example.contains("f 2 3 4"), "{}", &example[..200]);
+    let job = service
+        .submit("clusters=2", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n".to_vec());
+    assert_eq!(service.ended(&job.await).await["state"], "succeeded");
     for name in ["clusters", "algorithm", "seeds", "max_iterations", "allow_disconnected", "format", "levels", "ties"] {
         assert!(yaml.contains(&format!("- name: {name}\n")), "{name} is no query parameter");
     }

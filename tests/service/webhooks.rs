@@ -104,6 +104,36 @@ async fn an_end_is_told_once_and_signed() {
     assert!(request.contains("\"failed\"") && request.contains("/problems/invalid-mesh"), "{request}");
 }
 
+/// Takes connections and never answers.
+async fn silent_receiver() -> SocketAddr {
+    let listener = TcpListener::bind("127.0.0.1:0").await.expect("bound");
+    let address = listener.local_addr().expect("an address");
+    tokio::spawn(async move {
+        let mut open = Vec::new();
+        while let Ok((stream, _)) = listener.accept().await {
+            open.push(stream);
+        }
+    });
+    address
+}
+
+#[tokio::test]
+async fn a_receiver_that_never_answers_delays_no_other_one() {
+    let silent = silent_receiver().await;
+    let (address, mut deliveries) = receiver(&[200]).await;
+    let (service, _folder) = service(vec![format!("http://{silent}"), format!("http://{address}")]).await;
+    for _ in 0..32 {
+        let job = service.submit(&format!("clusters=5&webhook=http://{silent}/"), sphere(300)).await;
+        service.ended(&job).await;
+    }
+    let job = service.submit(&format!("clusters=5&webhook=http://{address}/"), sphere(300)).await;
+    let request = deliveries.recv().await.expect("told");
+    assert_eq!(header(&request, "webhook-id"), text(&job["id"]));
+    // before even the first delivery to the silent receiver was given up, which takes 15 s
+    assert_eq!(metric(&service, "tesserae_webhooks_total{outcome=\"failed\"}").await, 0.0);
+    assert!(metric(&service, "tesserae_webhooks_pending").await >= 32.0);
+}
+
 #[tokio::test]
 async fn a_receiver_that_fails_is_asked_again_and_one_that_is_gone_is_not() {
     // redirects are not followed: they are failures too

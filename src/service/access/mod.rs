@@ -1,10 +1,12 @@
 //! Who asks: tokens in, tenants out.
 //!
-//! Every request passes [`Access::caller`]; handlers take [`Caller`] and find jobs by it, so that a job of another tenant
-//! is not there. Without a file of tokens everybody is one tenant. A token is never logged, nor part of an error.
+//! Every request passes [`Access::caller`]; handlers take [`Caller`] and find jobs by it, so that a job of another
+//! tenant is not there. Without a file of tokens everybody is one tenant. A token is never logged, nor part of an
+//! error.
 
 pub(super) mod tokens;
 
+use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
 use std::time::{Duration, SystemTime};
@@ -12,10 +14,11 @@ use std::time::{Duration, SystemTime};
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, header};
-use tokio::sync::watch;
+use tokio::sync::{Notify, watch};
 use tokio_util::sync::CancellationToken;
 
 use self::tokens::{Tenant, TokenName, Tokens};
+use super::access_log::Origin;
 use super::files::blocking;
 use super::health::{Health, Part};
 use super::problem::Failure;
@@ -40,6 +43,8 @@ pub(super) struct Caller {
     pub tenant: Option<Tenant>,
     /// Its token, where there are tokens.
     token: Option<TokenName>,
+    /// Where the request comes from.
+    pub origin: Option<Origin>,
 }
 
 impl<S: Send + Sync> FromRequestParts<S> for Caller {
@@ -53,7 +58,12 @@ impl<S: Send + Sync> FromRequestParts<S> for Caller {
 impl Caller {
     /// One of whom nothing is asked.
     pub fn anybody() -> Self {
-        Self { tenant: None, token: None }
+        Self { tenant: None, token: None, origin: None }
+    }
+
+    /// Id of its token, where there are tokens.
+    pub fn token_id(&self) -> Option<&str> {
+        self.token.as_ref().map(TokenName::id)
     }
 
     /// The tenant whose jobs it may see.
@@ -120,7 +130,7 @@ impl Access {
     pub fn caller(&self, path: &str, headers: &HeaderMap) -> Result<Caller> {
         let Some(file) = &self.file else {
             let local = Tenant { name: LOCAL_TENANT.to_owned(), quotas: Default::default(), metrics: true };
-            return Ok(Caller { tenant: Some(local), token: None });
+            return Ok(Caller { tenant: Some(local), token: None, origin: None });
         };
         if OPEN.contains(&path) {
             return Ok(Caller::anybody());
@@ -139,7 +149,16 @@ impl Access {
                 ),
             ));
         }
-        Ok(Caller { tenant: Some(tenant.clone()), token: Some(token) })
+        Ok(Caller { tenant: Some(tenant.clone()), token: Some(token), origin: None })
+    }
+
+    /// Whether a request with these headers may read how the service is, with its paths: it may read metrics, or comes
+    /// from this machine where there are no tokens.
+    pub fn may_read_details(&self, headers: &HeaderMap, client: IpAddr) -> bool {
+        match self.file {
+            Some(_) => self.caller(METRICS, headers).is_ok(),
+            None => client.is_loopback(),
+        }
     }
 
     /// Whether who sent a request some time ago may still ask.
@@ -158,14 +177,20 @@ impl Access {
         changes
     }
 
-    /// Reads the file of tokens again whenever it changes, until `stop`. One that cannot be read changes nothing.
-    pub async fn follow(&self, health: &Health, stop: CancellationToken) {
+    /// Reads the file of tokens again whenever it changes, and when `reload` is notified, until `stop`. One that cannot
+    /// be read changes nothing.
+    pub async fn follow(&self, health: &Health, reload: Arc<Notify>, stop: CancellationToken) {
         let Some(file) = &self.file else { return };
         let mut seen = file.first;
-        while stop.run_until_cancelled(tokio::time::sleep(LOOK_EVERY)).await.is_some() {
+        loop {
+            let is_asked = tokio::select! {
+                () = stop.cancelled() => return,
+                () = tokio::time::sleep(LOOK_EVERY) => false,
+                () = reload.notified() => true,
+            };
             let path = file.path.clone();
             let stamp = blocking(move || stamp(&path)).await.ok().flatten();
-            if stamp == seen {
+            if stamp == seen && !is_asked {
                 continue;
             }
             let path = file.path.clone();

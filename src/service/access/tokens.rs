@@ -243,6 +243,13 @@ pub(in crate::service) struct TokenName {
     digest: [u8; 32],
 }
 
+impl TokenName {
+    /// The id, which is no secret.
+    pub fn id(&self) -> &str {
+        &self.id
+    }
+}
+
 impl fmt::Debug for TokenName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("TokenName").field("id", &self.id).finish_non_exhaustive()
@@ -261,8 +268,9 @@ pub(in crate::service) struct Tenant {
 }
 
 impl Tokens {
-    /// Reads the file at `path`.
+    /// Reads the file at `path`. One that every local user can write to is refused: each could make itself a token.
     pub fn read(path: &Path) -> Result<Self> {
+        check_permissions(path)?;
         Self::of(&TokenFile::read(path)?)
     }
 
@@ -296,6 +304,34 @@ impl Tokens {
     pub fn len(&self) -> usize {
         self.by_id.len()
     }
+}
+
+/// Looks at who may write and read the file.
+#[cfg(unix)]
+fn check_permissions(path: &Path) -> Result<()> {
+    use std::os::unix::fs::PermissionsExt as _;
+    let cannot = |error| Error::io(format_args!("the file of tokens cannot be read: {}", path.display()), error);
+    let mode = std::fs::metadata(path).map_err(cannot)?.permissions().mode();
+    if mode & 0o002 != 0 {
+        return Err(Error::parameter(format_args!(
+            "every user of this machine can write to the file of tokens, and so give itself a token: run `chmod 600` on {}",
+            path.display()
+        )));
+    }
+    if mode & 0o024 != 0 {
+        tracing::warn!(
+            path = %path.display(),
+            mode = format!("{:o}", mode & 0o777),
+            "other users of this machine can read the file of tokens, or its group can write to it; `chmod 600` it"
+        );
+    }
+    Ok(())
+}
+
+/// Looks at who may write and read the file.
+#[cfg(not(unix))]
+fn check_permissions(_: &Path) -> Result<()> {
+    Ok(())
 }
 
 /// SHA-256 of salt and secret.

@@ -49,12 +49,13 @@ impl Disk {
 
     /// Refuses `more` bytes for which there is no room beside what is `taken`: promised, but not written yet.
     pub fn check(&self, more: u64, taken: u64) -> Result<()> {
+        // how much is free is for the operator (`/metrics`), not for clients
         let refuse = |what: &str, limit: u64| {
             Err(Error::new(
                 Kind::InsufficientStorage,
                 format_args!(
                     "{what}, so uploads are refused, what accepted jobs will need included; delete jobs, or try again \
-                     later: {limit} bytes"
+                     later; the setting in bytes: {limit}"
                 ),
             ))
         };

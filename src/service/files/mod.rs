@@ -208,13 +208,22 @@ impl Files {
     /// Promises jobs that were accepted before the service was started room again.
     pub fn promise_again<'j>(&self, jobs: impl Iterator<Item = &'j Job>, most_faces: u64) {
         for job in jobs {
-            let upload = match job.spec.is_small {
-                true => job.spec.bytes,
-                false => disk::size(&self.root.path().join(Folder::Upload(job.id).path())),
-            };
-            let bytes = needs::of_upload(&job.spec, upload, most_faces);
-            let _ = self.room.promise(job.id, bytes, |_| Ok::<_, Error>(()));
+            let _ = self.room.promise(job.id, self.needs_of(job, most_faces), |_| Ok::<_, Error>(()));
         }
+    }
+
+    /// Promises a job that runs again room for its result. Refuses when there is none.
+    pub fn promise_retry(&self, job: &Job, most_faces: u64) -> Result<()> {
+        self.promise(job.id, self.needs_of(job, most_faces))
+    }
+
+    /// Estimate of a result, from the upload that is kept.
+    fn needs_of(&self, job: &Job, most_faces: u64) -> u64 {
+        let upload = match job.spec.is_small {
+            true => job.spec.bytes,
+            false => disk::size(&self.root.path().join(Folder::Upload(job.id).path())),
+        };
+        needs::of_upload(&job.spec, upload, most_faces)
     }
 
     /// The job ended: what it was promised is free.
@@ -294,6 +303,11 @@ impl Files {
     /// Bytes in the folder: uploads, results and the store of jobs.
     pub fn used_bytes(&self) -> u64 {
         self.disk.used()
+    }
+
+    /// Bytes that may still be written to the file system of the folder; none where the system does not tell.
+    pub fn free_bytes(&self) -> Option<u64> {
+        self.disk.free()
     }
 
     /// So many bytes of the store of jobs are free for it to use again.

@@ -1,9 +1,12 @@
 //! Numbers for a dashboard: counted as things happen, written for Prometheus when it asks.
 //!
-//! Labels have few values, known beforehand: routes are templates, never paths, and no tenant, job or address is a label.
-//! `deploy/grafana.json` draws these; a test compares the names.
+//! Labels have few values: routes are templates, never paths; no job or address is a label, and only so many tenants
+//! are. `deploy/grafana.json` draws these; a test compares the names.
 
 mod busy;
+mod limits;
+mod process;
+mod tenants;
 mod timed_store;
 
 use std::borrow::Cow;
@@ -14,7 +17,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, SystemTime};
 
 use prometheus_client::encoding::EncodeLabelSet;
-use prometheus_client::encoding::text::encode;
+use prometheus_client::encoding::text::{encode_eof, encode_registry};
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::{Family, MetricConstructor};
 use prometheus_client::metrics::gauge::Gauge;
@@ -22,8 +25,15 @@ use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Registry, Unit};
 
 use self::busy::Busy;
+use self::limits::Limits;
+pub(super) use self::limits::Room;
+use self::process::Process;
+use self::tenants::Tenants;
 pub(super) use self::timed_store::TimedStore;
+use super::access::Caller;
 use super::health::{Health, Part, Severity};
+use super::logging;
+use super::settings::Settings;
 use super::store::{Job, State, Statistics};
 use crate::device::MemoryMeter;
 use crate::error::{Error, Kind, Result};
@@ -93,6 +103,12 @@ type Seconds = Counter<f64, AtomicU64>;
 #[derive(Debug)]
 pub(super) struct Metrics {
     registry: Registry,
+    process: Process,
+    limits: Limits,
+    tenants: Tenants,
+    attempts_failed: Family<ByReason, Counter>,
+    poison: Family<ByReason, Counter>,
+    spans_lost: Counter,
     jobs: Family<ByState, Gauge>,
     queue_wait: Histogram,
     job_seconds: Histograms<ByEnd>,
@@ -142,6 +158,8 @@ pub(super) struct Snapshot {
     pub store: Statistics,
     /// Bytes in the data folder.
     pub disk_used: u64,
+    /// What is left.
+    pub room: Room,
 }
 
 /// A [`MemoryMeter`] that can be printed.
@@ -157,6 +175,7 @@ impl Metrics {
     /// Nothing counted yet, on that device.
     pub fn new(device: &DeviceInfo) -> Self {
         let mut registry = Registry::with_prefix("tesserae");
+        let (limits, tenants) = (Limits::register(&mut registry), Tenants::register(&mut registry));
         let registry_ = &mut registry;
         macro_rules! register {
             ($name:literal, $help:literal, $metric:expr) => {{
@@ -182,6 +201,20 @@ impl Metrics {
         let labels = DeviceLabels { kind, name: device.name.clone(), backend: device.backend.clone() };
         info.get_or_create(&labels).set(1);
         let metrics = Self {
+            process: Process::new(),
+            limits,
+            tenants,
+            attempts_failed: register!(
+                "attempts_failed",
+                "Attempts at a job that failed in a way that another may not, by kind of problem",
+                Family::default()
+            ),
+            poison: register!(
+                "poison",
+                "Jobs that were given up after as many attempts as may be made, by the kind of the last problem",
+                Family::default()
+            ),
+            spans_lost: register!("spans_lost", "Spans that the collector did not take", Counter::default()),
             jobs: register!("jobs", "Jobs that the service knows, by state", Family::default()),
             queue_wait: register!(
                 "queue_wait",
@@ -304,25 +337,50 @@ impl Metrics {
         for operation in ["create", "get", "claim", "append", "finish"] {
             metrics.store_errors.get_or_create(&ByOperation { operation }).inc_by(0);
         }
+        for kind in [Kind::DeviceLost, Kind::Unavailable] {
+            metrics.attempts_failed.get_or_create(&ByReason { reason: kind.slug() }).inc_by(0);
+            metrics.poison.get_or_create(&ByReason { reason: kind.slug() }).inc_by(0);
+        }
         for outcome in ["delivered", "failed", "given_up"] {
             metrics.webhooks.get_or_create(&ByOutcome { outcome }).inc_by(0);
         }
         metrics
     }
 
+    /// What the settings allow.
+    pub fn limits(&self, settings: &Settings) {
+        self.limits.set(settings);
+    }
+
+    /// A job was given up after its last attempt failed.
+    pub fn poisoned(&self, kind: Kind) {
+        self.poison.get_or_create(&ByReason { reason: kind.slug() }).inc();
+    }
+
+    /// A request of `caller` was answered.
+    pub fn answered_to(&self, caller: Option<&Caller>, status: u16) {
+        if let Some(tenant) = caller.and_then(|caller| caller.tenant.as_ref()) {
+            self.tenants.answered(&tenant.name, status >= 400);
+        }
+    }
+
     /// A job was accepted.
     pub fn accepted(&self, job: &Job) {
+        self.tenants.accepted(&job.spec.tenant);
         self.upload_bytes.inc_by(job.spec.bytes);
     }
 
     /// A job was claimed.
     pub fn claimed(&self, job: &Job) {
         let claimed = job.started_at.unwrap_or_else(SystemTime::now);
-        self.queue_wait.observe(claimed.duration_since(job.created_at).unwrap_or_default().as_secs_f64());
+        let waited = claimed.duration_since(job.created_at).unwrap_or_default();
+        self.queue_wait.observe(waited.as_secs_f64());
+        self.tenants.claimed(&job.spec.tenant, waited);
     }
 
     /// An attempt at a job failed in a way that another may not.
     pub fn attempt_failed(&self, kind: Kind) {
+        self.attempts_failed.get_or_create(&ByReason { reason: kind.slug() }).inc();
         if kind == Kind::DeviceLost {
             self.device_lost.inc();
         }
@@ -332,6 +390,7 @@ impl Metrics {
     pub fn ended(&self, job: &Job, state: State, elapsed: Duration, error: Option<Kind>) {
         let algorithm = job.spec.parameters.algorithm.name();
         let seconds = elapsed.as_secs_f64();
+        self.tenants.ended(&job.spec.tenant, state.name(), elapsed);
         self.job_seconds.get_or_create(&ByEnd { algorithm, state: state.name() }).observe(seconds);
         if error == Some(Kind::DeviceLost) {
             self.device_lost.inc();
@@ -463,21 +522,17 @@ impl Metrics {
             }
         }
         self.disk_used.set(now.disk_used.cast_signed());
+        self.limits.measured(now.room);
+        self.spans_lost.inner().store(logging::lost_spans(), Ordering::Relaxed);
         self.device_memory.set(self.device_memory().unwrap_or(0).cast_signed());
-        if let Some(bytes) = resident_bytes() {
+        if let Some(bytes) = process::resident_bytes() {
             self.resident.set(bytes);
         }
         let mut text = String::new();
-        encode(&mut text, &self.registry)
+        encode_registry(&mut text, &self.registry)
+            .and_then(|()| encode_registry(&mut text, self.process.measured()))
+            .and_then(|()| encode_eof(&mut text))
             .map_err(|error| Error::new(Kind::Internal, format_args!("metrics cannot be written: {error}")))?;
         Ok(text)
     }
-}
-
-/// Memory of this process that is in use, where the system tells (Linux).
-fn resident_bytes() -> Option<i64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
-    let kilobytes: i64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
-    Some(kilobytes * 1024)
 }

@@ -159,6 +159,10 @@ impl JobStore for TimedStore {
         self.timed("counts", self.store.counts()).await
     }
 
+    async fn oldest_queued(&self) -> Result<Option<SystemTime>> {
+        self.timed("oldest_queued", self.store.oldest_queued()).await
+    }
+
     async fn probe(&self) -> Result<()> {
         self.timed("probe", self.store.probe()).await
     }

@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use crate::service::Network;
+
 /// Settings of traffic. A client is a tenant, or an address where there are no tokens.
 #[derive(Debug, Clone, PartialEq, clap::Args)]
 pub struct TrafficSettings {
@@ -34,6 +36,16 @@ pub struct TrafficSettings {
     #[arg(long, env = "TESSERAE_MAX_CONNECTIONS_PER_ADDRESS", value_name = "N", default_value_t = Self::default().max_connections_per_address,
           value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub max_connections_per_address: u32,
+
+    /// Connections that the system keeps before they are accepted; it may have a lower limit of its own
+    #[arg(long, env = "TESSERAE_LISTEN_BACKLOG", value_name = "N", default_value_t = Self::default().listen_backlog,
+          value_parser = clap::value_parser!(u32).range(1..=65_535))]
+    pub listen_backlog: u32,
+
+    /// Addresses of proxies, such as 10.0.0.0/8, whose X-Forwarded-For says where requests come from; without any the
+    /// other end of a connection is the client
+    #[arg(long, env = "TESSERAE_TRUSTED_PROXIES", value_name = "NETWORK,…", value_delimiter = ',')]
+    pub trusted_proxies: Vec<Network>,
 
     /// Bytes of all uploads that are coming in at a time; more are answered with 503
     #[arg(long, env = "TESSERAE_MAX_BYTES_IN_FLIGHT", value_name = "BYTES", default_value_t = Self::default().max_bytes_in_flight)]
@@ -74,6 +86,8 @@ impl Default for TrafficSettings {
             max_streams: 4096,
             max_connections: 8192,
             max_connections_per_address: 2048,
+            listen_backlog: 1024,
+            trusted_proxies: Vec::new(),
             max_bytes_in_flight: 16 << 30,
             max_inflation: 100,
             header_timeout: 15,

@@ -565,6 +565,12 @@ impl JobStore for MemoryStore {
         Ok(State::ALL.map(|state| inner.jobs.values().filter(|entry| entry.job.state == state).count() as u64))
     }
 
+    async fn oldest_queued(&self) -> Result<Option<SystemTime>> {
+        let inner = self.lock();
+        let waiting = inner.jobs.values().filter(|entry| entry.job.state == State::Queued);
+        Ok(waiting.map(|entry| entry.job.created_at).min())
+    }
+
     async fn probe(&self) -> Result<()> {
         Ok(())
     }

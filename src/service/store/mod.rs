@@ -612,6 +612,9 @@ pub(super) trait JobStore: fmt::Debug + Send + Sync {
     /// Number of jobs in each state, in the order of [`State::ALL`].
     async fn counts(&self) -> Result<[u64; State::ALL.len()]>;
 
+    /// When the job was accepted that waits longest; none when no job waits.
+    async fn oldest_queued(&self) -> Result<Option<SystemTime>>;
+
     /// Writes something of no meaning, to see whether it can.
     async fn probe(&self) -> Result<()>;
 

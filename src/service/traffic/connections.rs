@@ -16,6 +16,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tower::ServiceExt;
 
+use super::origin;
 use super::socket::Socket;
 use crate::service::metrics::Metrics;
 use crate::service::settings::TrafficSettings;
@@ -49,7 +50,13 @@ pub(in crate::service) async fn serve(
                 continue;
             }
         };
-        let Some(counted) = by_address.enter(address.ip().to_canonical(), settings.max_connections_per_address) else {
+        let ip = address.ip().to_canonical();
+        // a proxy brings the connections of many clients
+        let limit = match origin::is_proxy(ip, &settings.trusted_proxies) {
+            true => u32::MAX,
+            false => settings.max_connections_per_address,
+        };
+        let Some(counted) = by_address.enter(ip, limit) else {
             metrics.connection_refused();
             continue;
         };

@@ -3,6 +3,7 @@
 //! | what | where | who is over is |
 //! |---|---|---|
 //! | connections, and how long heads and answers may take | `connections`, `socket` | closed |
+//! | heads that are not valid or not supported | `heads`, `refusals` | answered with 400, 414, 431 or 501 |
 //! | requests a second, requests and streams at a time | `clients` | answered with 429 |
 //! | all streams | [`admit`] | answered with 503 |
 //! | bytes of uploads that are coming in | `budget` | answered with 503 |
@@ -13,13 +14,16 @@ pub(super) mod budget;
 mod clients;
 pub(super) mod connections;
 mod guarded;
+pub(super) mod heads;
+pub(super) mod origin;
+mod refusals;
 mod socket;
 
-use std::net::{IpAddr, SocketAddr};
+use std::net::IpAddr;
 use std::sync::Arc;
 
 use axum::body::Body;
-use axum::extract::{ConnectInfo, Request, State};
+use axum::extract::{Request, State};
 use axum::http::Method;
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
@@ -29,10 +33,11 @@ use self::budget::Budget;
 use self::clients::{Allowance, Client, Clients, Permit};
 use self::guarded::Guarded;
 use super::access::Caller;
+use super::access_log::Origin;
 use super::problem::Failure;
 use super::server::{App, Shared};
 use super::settings::TrafficSettings;
-use super::{LOCAL_TENANT, intake};
+use super::{LOCAL_TENANT, audit, intake};
 use crate::error::{Error, Kind};
 
 /// Paths that probes ask for, which must hear how things are even when their address asks for too much.
@@ -82,14 +87,22 @@ pub(super) async fn admit(State(shared): App, mut request: Request, next: Next) 
         return next.run(request).await;
     }
     match check(&shared, &request) {
-        Ok((caller, held)) => {
+        Ok((mut caller, held)) => {
+            caller.origin = request.extensions().get::<Origin>().cloned();
             if let Some(tenant) = &caller.tenant {
                 tracing::Span::current().record("tenant", &tenant.name);
             }
-            request.extensions_mut().insert(caller);
-            next.run(request).await.map(|body| Body::new(Guarded::new(body, held)))
+            request.extensions_mut().insert(caller.clone());
+            let mut response = next.run(request).await.map(|body| Body::new(Guarded::new(body, held)));
+            // for the layers further out, which count and log the request
+            response.extensions_mut().insert(caller);
+            response
         }
         Err(failure) => {
+            if matches!(failure.error.kind, Kind::Unauthorized | Kind::Forbidden) {
+                let origin = request.extensions().get::<Origin>();
+                audit::denied(failure.error.kind, request.method(), request.uri().path(), origin);
+            }
             intake::refuse(request);
             failure.into_response()
         }
@@ -108,7 +121,10 @@ fn check(shared: &Shared, request: &Request) -> Result<(Caller, Holding), Failur
     // Who has no token, or needs none, is known by address; so is everybody of a service without tokens.
     let client = match caller.as_ref().ok().and_then(|caller| caller.tenant.as_ref()) {
         Some(tenant) if tenant.name != LOCAL_TENANT => Client::Tenant(tenant.name.clone()),
-        _ => Client::of_address(address(request)),
+        _ => {
+            let origin = request.extensions().get::<Origin>();
+            Client::of_address(origin.map_or(IpAddr::from([0, 0, 0, 0]), |origin| origin.client))
+        }
     };
     let permit = traffic.clients.admit(client, traffic.allowance(caller.as_ref().ok()), is_stream)?;
     let caller = caller?;
@@ -117,10 +133,4 @@ fn check(shared: &Shared, request: &Request) -> Result<(Caller, Holding), Failur
         Error::new(Kind::Overloaded, format_args!("as many event streams are open as may; try again later: {limit}"))
     })?;
     Ok((caller, (permit, stream)))
-}
-
-/// Address of the other end.
-fn address(request: &Request) -> IpAddr {
-    let info = request.extensions().get::<ConnectInfo<SocketAddr>>();
-    info.map_or(IpAddr::from([0, 0, 0, 0]), |ConnectInfo(address)| address.ip())
 }

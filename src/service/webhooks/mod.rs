@@ -1,13 +1,15 @@
-//! Telling the end of a job to who asked for it (parameter `webhook`).
+//! Webhooks: the end of a job is sent to the URL of its parameter `webhook`.
 //!
-//! Which ends are still to be told is known by the store, so that a restart loses none: [`Teller`] asks it at the start
-//! and whenever a job with a webhook ended. A delivery is signed as [Standard Webhooks](https://www.standardwebhooks.com)
-//! says, tried again with growing pauses, and given up a day after the end of the job, or when the receiver answers 410.
-//! Deleting the job changes nothing about that. An end may be told twice: `webhook-id` is the id of the job, by which receivers know it again.
+//! The store knows which ends are not delivered yet, so that a restart loses none: [`Teller`] reads them at the start
+//! and whenever a job with a webhook ended. A delivery is signed as [Standard
+//! Webhooks](https://www.standardwebhooks.com) says, tried again with growing pauses, and given up a day after the end
+//! of the job, or when the receiver answers 410. Deleting the job changes nothing about that. An end may be delivered
+//! twice: `webhook-id` is the id of the job, by which receivers recognise it. [`schedule`] decides which delivery is
+//! next, so that no receiver delays another one's.
 
+mod schedule;
 mod target;
 
-use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -21,6 +23,7 @@ use sha2::Sha256;
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
+use self::schedule::{GIVEN_UP_AFTER, Outcome, Schedule};
 use self::target::Targets;
 pub use self::target::WebhookHost;
 use super::jobs;
@@ -31,17 +34,8 @@ use super::store::{JobId, JobStore, Notice, State};
 use super::timestamp::rfc3339;
 use crate::error::{Error, Kind, Result};
 
-/// Deliveries at a time.
-const AT_ONCE: usize = 8;
-
 /// Time for one delivery.
 const PATIENCE: Duration = Duration::from_secs(15);
-
-/// Pauses after the first attempts, in seconds; the last one is repeated.
-const PAUSES: [u64; 6] = [5, 30, 120, 600, 1800, 3600];
-
-/// Time after the end of a job after which it is not told any more.
-const GIVEN_UP_AFTER: Duration = Duration::from_secs(24 * 3600);
 
 /// How long the store is left alone after it failed.
 const BREATHER: Duration = Duration::from_secs(5);
@@ -134,16 +128,6 @@ fn read_secret(path: &Path) -> Result<Vec<u8>> {
     })
 }
 
-/// What came of an attempt.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Outcome {
-    Delivered,
-    /// To be tried again.
-    Failed,
-    /// Not to be tried again, or gone.
-    GivenUp,
-}
-
 /// Tells ends.
 #[derive(Debug)]
 pub(super) struct Teller {
@@ -152,24 +136,20 @@ pub(super) struct Teller {
     metrics: Arc<Metrics>,
 }
 
-/// Attempts so far, and when the next one is due.
-type Attempts = HashMap<JobId, (usize, Instant)>;
-
 impl Teller {
     pub fn new(store: Arc<dyn JobStore>, webhooks: Arc<Webhooks>, metrics: Arc<Metrics>) -> Self {
         Self { store, webhooks, metrics }
     }
 
-    /// Tells ends until `stop`.
+    /// Delivers ends until `stop`.
     pub async fn run(self, stop: CancellationToken) {
         let this = Arc::new(self);
-        let mut attempts = Attempts::new();
+        let mut schedule = Schedule::default();
         let mut endings = this.store.endings();
         let mut under_way: JoinSet<(JobId, Outcome)> = JoinSet::new();
-        let mut busy: Vec<JobId> = Vec::new();
         while !stop.is_cancelled() {
             endings.borrow_and_update();
-            let untold = match this.store.untold().await {
+            let untold = match this.untold(&mut schedule).await {
                 Ok(untold) => untold,
                 Err(error) => {
                     tracing::error!(%error, "it cannot be read which ends are to be told");
@@ -178,24 +158,19 @@ impl Teller {
                 }
             };
             this.metrics.webhooks_pending(untold.len());
-            attempts.retain(|id, _| untold.contains(id));
-            let now = Instant::now();
-            let mut next_due = None;
-            for id in untold {
-                let (_, due) = attempts.get(&id).copied().unwrap_or((0, now));
-                if busy.contains(&id) {
-                    continue;
+            let turn = schedule.turn(&untold, Instant::now(), SystemTime::now());
+            for id in turn.begin {
+                let this = Arc::clone(&this);
+                under_way.spawn(async move { (id, this.attempt(id).await) });
+            }
+            if !turn.give_up.is_empty() {
+                for id in turn.give_up {
+                    this.settle(id, Outcome::GivenUp).await;
                 }
-                if due <= now && busy.len() < AT_ONCE {
-                    busy.push(id);
-                    let this = Arc::clone(&this);
-                    under_way.spawn(async move { (id, this.attempt(id).await) });
-                } else {
-                    next_due = Some(next_due.map_or(due, |other: Instant| other.min(due)));
-                }
+                continue;
             }
             let pause = async {
-                match next_due.filter(|_| busy.len() < AT_ONCE) {
+                match turn.next {
                     Some(due) => tokio::time::sleep_until(due.into()).await,
                     None => std::future::pending().await,
                 }
@@ -205,52 +180,64 @@ impl Teller {
                 changed = endings.changed() => if changed.is_err() { break },
                 Some(done) = under_way.join_next() => {
                     let Ok((id, outcome)) = done else {
-                        // a defect, which was logged: all are tried again
-                        busy.clear();
+                        // a defect, which was logged: everything is tried again
+                        under_way.shutdown().await;
+                        schedule.reset();
                         continue;
                     };
-                    busy.retain(|other| *other != id);
-                    this.note(id, outcome, &mut attempts).await;
+                    this.settle(id, outcome).await;
+                    schedule.done(id, outcome, Instant::now());
                 }
                 () = pause => {}
             }
         }
     }
 
-    /// Takes account of an attempt.
-    async fn note(&self, id: JobId, outcome: Outcome, attempts: &mut Attempts) {
-        let name = match outcome {
+    /// Ends that are not settled, in the order of the ends; new ones are added to the schedule.
+    async fn untold(&self, schedule: &mut Schedule) -> Result<Vec<JobId>> {
+        let untold = self.store.untold().await?;
+        schedule.keep_only(&untold);
+        for id in &untold {
+            if !schedule.knows(*id)
+                && let Some(notice) = self.store.notice(*id).await?
+            {
+                schedule.add(*id, host(&notice.webhook), notice.ended_at, Instant::now());
+            }
+        }
+        Ok(untold)
+    }
+
+    /// Counts an outcome and stores it. An end whose outcome cannot be stored is delivered again after a pause.
+    async fn settle(&self, id: JobId, outcome: Outcome) {
+        self.metrics.told(match outcome {
             Outcome::Delivered => "delivered",
-            Outcome::Failed => "failed",
+            Outcome::Refused | Outcome::Unanswered => "failed",
             Outcome::GivenUp => "given_up",
-        };
-        self.metrics.told(name);
-        if outcome == Outcome::Failed {
-            let made = attempts.get(&id).map_or(0, |(made, _)| *made);
-            let pause = PAUSES.get(made).or(PAUSES.last()).copied().unwrap_or_default();
-            attempts.insert(id, (made + 1, Instant::now() + Duration::from_secs(pause)));
-        } else if let Err(error) = self.store.settle_webhook(id).await {
+        });
+        if matches!(outcome, Outcome::Delivered | Outcome::GivenUp)
+            && let Err(error) = self.store.settle_webhook(id).await
+        {
             tracing::error!(%error, job = %id, "it cannot be stored that an end was told");
-            attempts.insert(id, (0, Instant::now() + BREATHER));
         }
     }
 
-    /// Tells the end of a job once.
+    /// Delivers the end of a job once.
     async fn attempt(&self, id: JobId) -> Outcome {
         let notice = match self.store.notice(id).await {
             Ok(Some(notice)) => notice,
             Ok(None) => return Outcome::GivenUp,
-            Err(_) => return Outcome::Failed,
+            // nothing is known about the receiver: as if it had answered
+            Err(_) => return Outcome::Refused,
         };
-        let why = match self.send(&notice).await {
+        let (outcome, why) = match self.send(&notice).await {
             Ok(status) if status.is_success() => return Outcome::Delivered,
             Ok(StatusCode::GONE) => return Outcome::GivenUp,
-            Ok(status) => format!("the receiver answered {status}"),
-            Err(error) => error.message,
+            Ok(status) => (Outcome::Refused, format!("the receiver answered {status}")),
+            Err(error) => (Outcome::Unanswered, error.message),
         };
         let age = notice.ended_at.elapsed().unwrap_or_default();
         tracing::warn!(job = %id, seconds_since_end = age.as_secs(), "a webhook was not delivered: {why}");
-        if age > GIVEN_UP_AFTER { Outcome::GivenUp } else { Outcome::Failed }
+        if age > GIVEN_UP_AFTER { Outcome::GivenUp } else { outcome }
     }
 
     /// Sends a notice, if that is allowed now: the list of hosts may be another than when the job was accepted, and may
@@ -261,6 +248,11 @@ impl Teller {
         let sender = sender.ok_or_else(|| Error::new(Kind::Unavailable, "there is no secret to sign it with"))?;
         sender.send(url, notice).await
     }
+}
+
+/// Scheme, host and port of a URL; empty for what is none.
+fn host(url: &str) -> String {
+    Url::parse(url).map(|url| url.origin().ascii_serialization()).unwrap_or_default()
 }
 
 impl Sender {

@@ -58,6 +58,17 @@ pub(super) async fn a_tenant_sees_only_its_own_jobs(store: &dyn JobStore) {
     assert_eq!(store.list(&nobody).await.expect("listed"), Page::default());
 }
 
+pub(super) async fn the_oldest_job_that_waits_is_known(store: &dyn JobStore) {
+    assert_eq!(store.oldest_queued().await, Ok(None));
+    let first = create(store).await;
+    let second = create(store).await;
+    assert_eq!(store.oldest_queued().await, Ok(Some(first.created_at)));
+    claim(store).await;
+    assert_eq!(store.oldest_queued().await, Ok(Some(second.created_at)));
+    store.cancel(second.id).await.expect("asked");
+    assert_eq!(store.oldest_queued().await, Ok(None));
+}
+
 pub(super) async fn a_foreign_cursor_is_refused(store: &dyn JobStore) {
     for cursor in ["", "7", "%%", "AAAA", "ü"] {
         let query = ListQuery { cursor: Some(cursor.to_owned()), limit: 5, ..ListQuery::default() };

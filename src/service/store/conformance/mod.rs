@@ -52,6 +52,7 @@ pub(in crate::service) async fn run(subject: &dyn Subject) {
     lists::a_tenant_sees_only_its_own_jobs(make(99).await.as_ref()).await;
     lists::every_end_with_a_webhook_is_untold_until_settled(make(99).await.as_ref()).await;
     lists::a_foreign_cursor_is_refused(make(9).await.as_ref()).await;
+    lists::the_oldest_job_that_waits_is_known(make(9).await.as_ref()).await;
     at_once::arrivals_wake_a_worker(Arc::from(make(9).await)).await;
     at_once::many_at_once_lose_nothing(Arc::from(make(1000).await)).await;
     at_once::a_key_stands_for_one_request(make(9).await.as_ref()).await;

@@ -307,6 +307,12 @@ impl JobStore for SqliteStore {
         self.readers.read(|reader| one(reader, sql, [], read)).await
     }
 
+    async fn oldest_queued(&self) -> Result<Option<SystemTime>> {
+        let sql = "SELECT created_at FROM jobs WHERE state = 'queued' ORDER BY number LIMIT 1";
+        let read = |reader: &Connection| first(reader, sql, [], |row| Ok(rows::time(column(row, "created_at")?)));
+        self.readers.read(read).await
+    }
+
     async fn probe(&self) -> Result<()> {
         match self.damage.found() {
             Some(error) => Err(error),

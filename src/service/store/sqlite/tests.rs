@@ -84,7 +84,7 @@ async fn a_full_database_is_no_room_and_takes_jobs_again_later() {
     let connection = connections::writing(&path, false).expect("it opens");
     connection.pragma_update(None, "max_page_count", 1).expect("set");
     // Whoever opens the file anew after the failure finds room.
-    let writer = Writer::start(connection, path, Arc::default(), Faults::default()).expect("it starts");
+    let writer = Writer::start(connection, path, Arc::default(), Arc::default(), Faults::default()).expect("it starts");
     let mut large = new_job();
     large.spec.buffers = vec!["x".repeat(1 << 20)];
     let error = writer.carry_out(Create(large.clone(), RULES)).await.expect_err("no room");

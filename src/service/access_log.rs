@@ -1,0 +1,273 @@
+//! The access log: one line a request, once its answer was sent, with everything in it; and the span of the request.
+//!
+//! Lines have the target `tesserae::access` and no span, whose fields they hold themselves. Probes are logged at DEBUG.
+
+use std::net::IpAddr;
+use std::pin::Pin;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::task::{Context, Poll};
+use std::time::{Duration, Instant};
+
+use axum::body::{Body, Bytes, HttpBody};
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method};
+use axum::middleware::Next;
+use axum::response::Response;
+use hyper::body::{Frame, SizeHint};
+use tracing::{Instrument as _, Span};
+use uuid::Uuid;
+
+use super::access::Caller;
+use super::server::App;
+use super::trace::TraceParent;
+use super::traffic::origin;
+use super::upload;
+
+/// The target of access lines, for `--log`.
+const TARGET: &str = "tesserae::access";
+
+/// Name of the header that carries the id of a request.
+const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+
+/// Longest id of a request that is taken from the client, in bytes.
+const MAX_ID: usize = 128;
+
+/// Longest path that is logged, in bytes.
+const MAX_PATH: usize = 256;
+
+/// Paths that probes and monitoring read every few seconds.
+const PROBES: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
+
+/// Where a request comes from, for everything that is logged about it.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Origin {
+    /// Address of the client, behind trusted proxies.
+    pub client: IpAddr,
+    /// Id of the request.
+    pub request: String,
+    /// Its trace.
+    pub trace: TraceParent,
+}
+
+/// Chooses the requests that get a line.
+#[derive(Debug)]
+pub(super) struct AccessLog {
+    every: u64,
+    requests: AtomicU64,
+}
+
+impl AccessLog {
+    /// One of `every` requests that the service could answer, and all that it could not; none at all for 0.
+    pub fn new(every: u64) -> Self {
+        Self { every, requests: AtomicU64::new(0) }
+    }
+
+    fn takes(&self, status: u16) -> bool {
+        match (self.every, status) {
+            (0, _) => false,
+            (_, 500..) => true,
+            (every, _) => self.requests.fetch_add(1, Ordering::Relaxed).is_multiple_of(every),
+        }
+    }
+}
+
+/// Gives a request its id, its [`Origin`] and its span, and logs it once it was answered.
+pub(super) async fn log(State(shared): App, mut request: Request, next: Next) -> Response {
+    let started = Instant::now();
+    let id = request_id(request.headers());
+    let trace = TraceParent::of_request(request.headers());
+    let client = origin::client(&request, &shared.settings.traffic.trusted_proxies);
+    let path = cut(request.uri().path()).to_owned();
+    let span = tracing::info_span!(
+        "request",
+        method = %request.method(),
+        path,
+        id,
+        trace = tracing::field::Empty,
+        tenant = tracing::field::Empty
+    );
+    trace.continued_by(&span);
+    let header = HeaderValue::from_str(&id).ok();
+    request.extensions_mut().insert(trace);
+    request.extensions_mut().insert(Origin { client, request: id.clone(), trace });
+    let (method, received) = (request.method().clone(), upload::content_length(request.headers()));
+    let is_probe = PROBES.contains(&path.as_str());
+    let mut response = next.run(request).instrument(span.clone()).await;
+    if let Some(header) = header {
+        response.headers_mut().insert(REQUEST_ID, header);
+    }
+    let status = response.status().as_u16();
+    let line = shared.access_log.takes(status).then(|| {
+        let caller = response.extensions().get::<Caller>();
+        Box::new(Line {
+            method,
+            path,
+            status,
+            id,
+            trace,
+            client,
+            tenant: caller.and_then(|caller| Some(caller.tenant.as_ref()?.name.clone())),
+            received,
+            started,
+            latency: started.elapsed(),
+            is_probe,
+        })
+    });
+    response.map(|body| Body::new(Logged { body, span, line, bytes: 0, is_cut_short: false }))
+}
+
+/// The id that the client gave the request, if it is short and plain; a new one otherwise.
+fn request_id(headers: &HeaderMap) -> String {
+    let mut values = headers.get_all(REQUEST_ID).iter();
+    let given = values.next().filter(|_| values.next().is_none()).and_then(|value| value.to_str().ok());
+    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.:/+=@".contains(&byte);
+    given
+        .filter(|id| (1..=MAX_ID).contains(&id.len()) && id.bytes().all(is_plain))
+        .map_or_else(|| Uuid::new_v4().to_string(), str::to_owned)
+}
+
+/// The beginning of a path.
+fn cut(path: &str) -> &str {
+    let end = (0..=MAX_PATH.min(path.len())).rev().find(|end| path.is_char_boundary(*end)).unwrap_or(0);
+    &path[..end]
+}
+
+/// What is logged about a request.
+struct Line {
+    method: Method,
+    path: String,
+    status: u16,
+    id: String,
+    trace: TraceParent,
+    client: IpAddr,
+    tenant: Option<String>,
+    /// Declared length of the body, in bytes.
+    received: Option<u64>,
+    started: Instant,
+    /// Time until the head of the answer.
+    latency: Duration,
+    is_probe: bool,
+}
+
+impl Line {
+    fn write(&self, bytes: u64, is_cut_short: bool) {
+        let milliseconds = |time: Duration| time.as_micros() as f64 / 1000.0;
+        macro_rules! line {
+            ($level:ident) => {
+                tracing::$level!(
+                    target: TARGET,
+                    parent: None,
+                    method = %self.method,
+                    path = self.path,
+                    status = self.status,
+                    latency_ms = milliseconds(self.latency),
+                    duration_ms = milliseconds(self.started.elapsed()),
+                    received = self.received,
+                    bytes,
+                    cut_short = is_cut_short.then_some(true),
+                    client = %self.client,
+                    tenant = self.tenant,
+                    id = self.id,
+                    trace = %self.trace.trace(),
+                    "answered"
+                )
+            };
+        }
+        if self.is_probe {
+            line!(debug);
+        } else {
+            line!(info);
+        }
+    }
+}
+
+/// The body of an answer, whose end is the end of the request.
+struct Logged {
+    body: Body,
+    span: Span,
+    line: Option<Box<Line>>,
+    /// Bytes that were sent, compressed as they are.
+    bytes: u64,
+    /// Whether more was to come when the client went away.
+    is_cut_short: bool,
+}
+
+impl HttpBody for Logged {
+    type Data = Bytes;
+    type Error = axum::Error;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
+        let this = &mut *self;
+        let polled = this.span.in_scope(|| Pin::new(&mut this.body).poll_frame(context));
+        match &polled {
+            Poll::Ready(Some(Ok(frame))) => {
+                this.bytes += frame.data_ref().map_or(0, |data| data.len() as u64);
+                this.is_cut_short = !this.body.is_end_stream();
+            }
+            Poll::Ready(None) => this.is_cut_short = false,
+            Poll::Ready(Some(Err(_))) | Poll::Pending => this.is_cut_short = true,
+        }
+        polled
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.body.size_hint()
+    }
+}
+
+impl Drop for Logged {
+    fn drop(&mut self) {
+        if let Some(line) = &self.line {
+            line.write(self.bytes, self.is_cut_short);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ids_of_requests_are_short_and_plain() {
+        let id = |values: &[&[u8]]| {
+            let mut headers = HeaderMap::new();
+            for value in values {
+                headers.append(REQUEST_ID, HeaderValue::from_bytes(value).expect("a value"));
+            }
+            request_id(&headers)
+        };
+        let longest = "x".repeat(MAX_ID);
+        for good in ["a", "0f3c-77:a/b.c_d+e=@", longest.as_str()] {
+            assert_eq!(id(&[good.as_bytes()]), good);
+        }
+        let longer = "x".repeat(MAX_ID + 1);
+        for bad in
+            [&[b"".as_slice()][..], &[longer.as_bytes()], &[b"a b"], &[b"a\"b"], &["ü".as_bytes()], &[b"a", b"b"], &[]]
+        {
+            assert!(Uuid::try_parse(&id(bad)).is_ok(), "{bad:?}");
+        }
+    }
+
+    #[test]
+    fn one_of_so_many_requests_is_logged_and_every_failure() {
+        let logged = |every: u64, status: u16| {
+            let log = AccessLog::new(every);
+            (0..100).filter(|_| log.takes(status)).count()
+        };
+        assert_eq!((logged(1, 200), logged(10, 404), logged(10, 503), logged(0, 500)), (100, 10, 100, 0));
+    }
+
+    #[test]
+    fn a_path_is_cut_between_characters() {
+        assert_eq!(cut("/v1/jobs"), "/v1/jobs");
+        let long = format!("/{}", "ü".repeat(500));
+        assert!(cut(&long).len() <= MAX_PATH && long.starts_with(cut(&long)));
+    }
+}

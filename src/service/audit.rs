@@ -1,0 +1,67 @@
+//! The audit log: which tenant, by which token and from which address, changed what; and who was refused.
+//!
+//! Lines have the target `tesserae::audit`, so that they can be kept apart from the access log, which may be sampled.
+//! They name tokens by their id, never by their secret.
+
+use std::fmt::Display;
+
+use super::access::Caller;
+use super::access_log::Origin;
+use crate::error::Kind;
+
+/// The target of audit lines, for `--log`.
+const TARGET: &str = "tesserae::audit";
+
+/// What a tenant did to a job.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Action {
+    /// A job was made, of an upload of so many bytes.
+    Accepted(u64),
+    /// A request came again that had made the job (`Idempotency-Key`).
+    Repeated,
+    /// The end of a job was asked for.
+    Cancelled,
+    /// A job was deleted with its results.
+    Deleted,
+    /// A job that was given up runs again.
+    Retried,
+}
+
+/// Writes that `caller` did something to a job.
+pub(super) fn record(action: Action, caller: &Caller, job: impl Display) {
+    let (name, bytes) = match action {
+        Action::Accepted(bytes) => ("accepted", Some(bytes)),
+        Action::Repeated => ("asked for again", None),
+        Action::Cancelled => ("asked to cancel", None),
+        Action::Deleted => ("deleted", None),
+        Action::Retried => ("retried", None),
+    };
+    let origin = caller.origin.as_ref();
+    tracing::info!(
+        target: TARGET,
+        parent: None,
+        job = %job,
+        bytes,
+        tenant = caller.tenant.as_ref().map(|tenant| tenant.name.as_str()),
+        token = caller.token_id(),
+        client = origin.map(|origin| tracing::field::display(origin.client)),
+        request = origin.map(|origin| origin.request.as_str()),
+        trace = origin.map(|origin| tracing::field::display(origin.trace.trace())),
+        "{name}"
+    );
+}
+
+/// Writes that a request was refused because of who sent it.
+pub(super) fn denied(kind: Kind, method: impl Display, path: &str, origin: Option<&Origin>) {
+    tracing::info!(
+        target: TARGET,
+        parent: None,
+        reason = kind.slug(),
+        method = %method,
+        path,
+        client = origin.map(|origin| tracing::field::display(origin.client)),
+        request = origin.map(|origin| origin.request.as_str()),
+        trace = origin.map(|origin| tracing::field::display(origin.trace.trace())),
+        "denied"
+    );
+}

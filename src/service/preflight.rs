@@ -1,0 +1,33 @@
+//! What can be found wrong before the device is opened, which takes seconds: files, folder and address.
+
+use std::net::TcpListener;
+use std::path::Path;
+
+use super::Settings;
+use super::access::tokens::Tokens;
+use super::webhooks::Webhooks;
+use crate::error::{Error, Result};
+
+/// Checks that the service can have what the settings name. It can still fail later: others may take it meanwhile.
+pub fn preflight(settings: &Settings) -> Result<()> {
+    settings.check()?;
+    if let Some(path) = &settings.access.tokens {
+        Tokens::read(path)?;
+    }
+    super::tls::prepare();
+    Webhooks::new(&settings.webhooks)?;
+    if let Some(folder) = &settings.data_dir {
+        check_folder(folder)?;
+    }
+    let cannot = |error| Error::io(format_args!("cannot listen on {}", settings.listen), error);
+    TcpListener::bind(settings.listen).map(drop).map_err(cannot)
+}
+
+/// Whether something can be written into the folder, or into the nearest one above it that is there.
+fn check_folder(folder: &Path) -> Result<()> {
+    let there = folder.ancestors().find(|folder| folder.exists()).filter(|there| !there.as_os_str().is_empty());
+    let there = there.unwrap_or(Path::new("."));
+    tempfile::tempfile_in(there).map(drop).map_err(|error| {
+        Error::io(format_args!("nothing can be written into the data folder (--data-dir): {}", folder.display()), error)
+    })
+}

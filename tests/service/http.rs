@@ -1,0 +1,203 @@
+//! What HTTP asks of a service: heads that are not valid, headers of answers, and what is logged about requests.
+
+use std::io::Write;
+use std::net::TcpStream;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use serde_json::Value;
+use tesserae::device::Device;
+use tesserae::device::cpu::CpuDevice;
+use tesserae::service::{DeviceDescription, Server, Settings, TokenFile};
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use tracing_subscriber::fmt::MakeWriter;
+
+use crate::support::*;
+
+/// Sends a head and gives the answer until the connection closes.
+async fn raw(service: &Service, head: &str) -> String {
+    let mut stream = tokio::net::TcpStream::connect(service.address).await.expect("connected");
+    stream.write_all(head.as_bytes()).await.expect("sent");
+    let mut answer = Vec::new();
+    let _ = tokio::time::timeout(PATIENCE, stream.read_to_end(&mut answer)).await.expect("it closes");
+    String::from_utf8(answer).expect("text")
+}
+
+#[tokio::test]
+async fn heads_that_are_not_valid_or_not_supported_get_problem_documents() {
+    let service = Service::start().await;
+    let long = "x".repeat(70_000);
+    let many = (0..200).map(|number| format!("x-{number}: y\r\n")).collect::<String>();
+    for (head, status) in [
+        ("GET /healthz HTTP/1.1\r\n\r\n".to_owned(), "400 "),
+        ("GET /healthz HTTP/1.1\r\nHost: a\r\nHost: b\r\n\r\n".to_owned(), "400 "),
+        ("GET /healthz HTTP/1.1\r\nHost: a b\r\n\r\n".to_owned(), "400 "),
+        ("POST /v1/jobs HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: gzip, chunked\r\n\r\n0\r\n\r\n".to_owned(), "501 "),
+        ("GET / nonsense\r\n\r\n".to_owned(), "400 "),
+        (format!("GET /{long} HTTP/1.1\r\nHost: a\r\n\r\n"), "414 "),
+        (format!("GET / HTTP/1.1\r\nHost: a\r\n{many}\r\n"), "431 "),
+    ] {
+        let answer = raw(&service, &head).await;
+        let start = &head[..head.len().min(60)];
+        assert!(answer.starts_with(&format!("HTTP/1.1 {status}")), "{start}: {answer}");
+        let (headers, body) = answer.split_once("\r\n\r\n").expect("a body");
+        assert!(headers.contains("content-type: application/problem+json"), "{start}: {answer}");
+        let problem: Value = serde_json::from_str(body).expect("JSON");
+        assert_eq!(format!("{} ", problem["status"]), status, "{start}: {body}");
+    }
+    for head in ["GET /healthz HTTP/1.0\r\n\r\n", "GET /healthz HTTP/1.1\r\nHost: a:80\r\nConnection: close\r\n\r\n"] {
+        let answer = raw(&service, head).await;
+        assert!(answer.contains(" 200 OK"), "{answer}");
+    }
+}
+
+#[tokio::test]
+async fn a_declared_length_over_the_limit_is_no_matter_of_the_disk() {
+    let service = Service::start().await;
+    let head = "POST /v1/jobs?clusters=2 HTTP/1.1\r\nHost: x\r\nContent-Type: model/obj\r\nConnection: close\r\n\
+                Content-Length: 100000000000\r\nExpect: 100-continue\r\n\r\n";
+    let answer = raw(&service, head).await;
+    assert!(answer.starts_with("HTTP/1.1 413 ") && answer.contains("--max-upload-bytes"), "{answer}");
+}
+
+#[tokio::test]
+async fn streams_are_not_buffered_by_proxies_and_unchanged_results_have_strong_tags() {
+    let service = Service::start().await;
+    let job = service.submit("clusters=5", sphere(300)).await;
+    let events = service.get(&format!("{}/events", path(&job))).send().await.expect("answered");
+    assert_eq!(events.headers()["x-accel-buffering"], "no");
+    service.ended(&job).await;
+    let labels = || service.get(text(&job["urls"]["labels"]));
+    let tag = labels().send().await.expect("answered").headers()["etag"].to_str().expect("text").to_owned();
+    let unchanged = labels().header("if-none-match", format!("W/{tag}")).send().await.expect("answered");
+    assert_eq!((unchanged.status().as_u16(), unchanged.headers()["etag"].to_str().ok()), (304, Some(tag.as_str())));
+}
+
+#[tokio::test]
+async fn readiness_tells_paths_to_the_operator_only() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("tokens.json");
+    let [tenant, operator] = ["tenant", "operator"].map(|name| {
+        let made = TokenFile::change(&path, |file| {
+            let token = file.add(name)?;
+            file.tenants.get_mut(name).expect("just made").metrics = name == "operator";
+            Ok(token.reveal())
+        });
+        made.expect("made")
+    });
+    let tokens = path.clone();
+    let service = Service::with(|settings| settings.access.tokens = Some(tokens), Box::new(CpuDevice::new())).await;
+    std::fs::remove_file(&path).expect("removed");
+    let ready = async |token: &str| service.get("/readyz").bearer_auth(token).send().await.expect("answered");
+    until(async || ready("").await.text().await.expect("text").contains("degraded")).await;
+    let detail = async |token: &str| {
+        let body: Value = ready(token).await.json().await.expect("JSON");
+        assert_eq!(body["conditions"][0]["part"], "tokens");
+        text(&body["conditions"][0]["detail"]).to_owned()
+    };
+    for anybody in ["", "x", tenant.as_str()] {
+        assert!(!detail(anybody).await.contains('/'), "{anybody}");
+    }
+    assert!(detail(&operator).await.contains("tokens.json"));
+}
+
+#[tokio::test]
+async fn jobs_are_taken_while_the_service_drains() {
+    let mut service = Service::with(|settings| settings.drain_delay = 3600, Box::new(CpuDevice::new())).await;
+    service.ask_to_stop();
+    until(async || service.get("/readyz").send().await.expect("answered").status() == 503).await;
+    let job = service.submit("clusters=5", sphere(300)).await;
+    assert_eq!(service.ended(&job).await["state"], "succeeded");
+}
+
+#[tokio::test]
+async fn the_system_keeps_many_connections_until_they_are_accepted() {
+    let settings = Settings { listen: ([127, 0, 0, 1], 0).into(), ..Settings::default() };
+    let device = CpuDevice::new();
+    let description = DeviceDescription { info: device.info().clone(), chosen: String::new(), cpu_below_faces: None };
+    // it accepts none before it runs
+    let server = Server::bind(settings, Box::new(device), description).await.expect("bound");
+    let address = server.address();
+    let connected = tokio::task::spawn_blocking(move || {
+        let connect = |_| TcpStream::connect_timeout(&address, Duration::from_secs(2));
+        (0..300).map(connect).collect::<Result<Vec<_>, _>>().map(|streams| streams.len())
+    });
+    assert_eq!(connected.await.expect("no panic").expect("connected"), 300);
+}
+
+/// What was logged, one JSON object a line.
+#[derive(Clone, Default)]
+struct Log(Arc<Mutex<Vec<u8>>>);
+
+impl Log {
+    fn lines(&self, target: &str) -> Vec<Value> {
+        let text = String::from_utf8(self.0.lock().expect("unpoisoned").clone()).expect("text");
+        let lines = text.lines().map(|line| serde_json::from_str::<Value>(line).expect("JSON"));
+        lines.filter(|line| line["target"] == target).collect()
+    }
+}
+
+impl Write for Log {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        Write::write(&mut *self.0.lock().expect("unpoisoned"), bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+impl MakeWriter<'_> for Log {
+    type Writer = Self;
+
+    fn make_writer(&self) -> Self {
+        self.clone()
+    }
+}
+
+#[tokio::test]
+async fn requests_and_changes_are_logged_with_the_address_behind_trusted_proxies() {
+    // the service runs on this thread, as the test does
+    let log = Log::default();
+    // With a single subscriber, tracing lets the thread that first meets a log line decide about it: another test's.
+    let _second = tracing::Dispatch::new(tracing_subscriber::registry());
+    let lines = tracing_subscriber::fmt().json().with_current_span(false).with_writer(log.clone());
+    let _logging = tracing::subscriber::set_default(lines.with_max_level(tracing::Level::INFO).finish());
+    let proxies = vec!["127.0.0.0/8".parse().expect("a network")];
+    let service =
+        Service::with(|settings| settings.traffic.trusted_proxies = proxies, Box::new(CpuDevice::new())).await;
+    let request = service.post("/v1/jobs?clusters=5").header("content-type", "model/obj").body(sphere(300));
+    let request = request.header("x-forwarded-for", "203.0.113.9, 198.51.100.7").header("x-request-id", "mine-1");
+    let job = json(request).await;
+    service.ended(&job).await;
+    let long = "x".repeat(4000);
+    let labels =
+        service.get(text(&job["urls"]["labels"])).header("x-request-id", &long).send().await.expect("answered");
+    let id = labels.headers()["x-request-id"].to_str().expect("text").to_owned();
+    assert_eq!(id.len(), 36, "a long id is replaced: {id}");
+    let bytes = labels.bytes().await.expect("bytes").len();
+    service.get("/healthz").send().await.expect("answered");
+    assert_eq!(service.delete(path(&job)).send().await.expect("answered").status(), 204);
+    until(async || log.lines("tesserae::access").iter().any(|line| line["fields"]["status"] == 204)).await;
+
+    let lines = log.lines("tesserae::access");
+    let of = |id: &str| {
+        let found = lines.iter().find(|line| line["fields"]["id"] == id);
+        found.unwrap_or_else(|| panic!("no {id}: {lines:#?}"))["fields"].clone()
+    };
+    let created = of("mine-1");
+    assert_eq!((&created["client"], &created["status"]), (&"198.51.100.7".into(), &202.into()), "{created}");
+    assert!(created["latency_ms"].as_f64().expect("a number") > 0.0, "{created}");
+    let read = of(&id);
+    assert_eq!((&read["bytes"], &read["client"]), (&bytes.into(), &"127.0.0.1".into()), "{read}");
+    assert!(lines.iter().all(|line| line["fields"]["path"] != "/healthz"), "probes are below INFO");
+    assert!(lines.iter().all(|line| line.get("span").is_none() && line.get("spans").is_none()), "{lines:#?}");
+
+    let audit = log.lines("tesserae::audit");
+    let changes: Vec<&Value> = audit.iter().map(|line| &line["fields"]).collect();
+    assert_eq!(changes.len(), 2, "{changes:#?}");
+    for (change, message, client) in [(changes[0], "accepted", "198.51.100.7"), (changes[1], "deleted", "127.0.0.1")] {
+        assert_eq!((&change["message"], &change["client"]), (&message.into(), &client.into()));
+        assert_eq!((&change["job"], &change["tenant"]), (&job["id"], &"local".into()));
+    }
+}
