@@ -57,7 +57,7 @@ pub(super) async fn retry(Extract(shared): App, caller: Caller, Path(id): Path<S
     match retried {
         Ok(Retried::Queued(job)) => {
             audit::record(Action::Retried, &caller, id);
-            Ok(answer(&shared, StatusCode::ACCEPTED, HeaderMap::new(), job))
+            Ok(answer(&shared, StatusCode::ACCEPTED, HeaderMap::new(), *job))
         }
         Ok(Retried::NotFailed(state)) => Err(not_failed(state).into()),
         Ok(Retried::Unknown) => Err(no_such_job(id).into()),

@@ -242,7 +242,8 @@ mod tests {
 
     #[test]
     fn amounts_with_which_nothing_can_be_done_are_refused_by_name() {
-        let impossible: [(&str, fn(&mut Settings)); 8] = [
+        type Change = fn(&mut Settings);
+        let impossible: [(&str, Change); 8] = [
             ("--max-upload-bytes", |settings| settings.max_upload_bytes = 0),
             ("--max-faces", |settings| settings.max_faces = 0),
             ("--max-queued-jobs", |settings| settings.max_queued_jobs = 0),

@@ -75,7 +75,8 @@ fn a_face_that_runs_along_an_edge_counts_for_it_when_it_does_so_an_odd_number_of
         [2.0, 3.0, 0.0],
     ];
     // boundary and non-manifold edges, and neighbours of face 0
-    let cases: [(&[&[u32]], u64, u64, &[u32]); 5] = [
+    type Case<'a> = (&'a [&'a [u32]], u64, u64, &'a [u32]);
+    let cases: [Case; 5] = [
         // a square with a triangular hole, which a slit from 0 to 4 joins to the outside: the slit is no boundary
         (&[&[0, 1, 2, 3, 0, 4, 6, 5, 4]], 7, 0, &[]),
         // the same with the hole filled

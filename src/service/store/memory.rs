@@ -399,7 +399,7 @@ impl JobStore for MemoryStore {
             inner.ended.remove(&(ended_at, id));
         }
         self.queue(inner, id);
-        Ok(inner.jobs.get(&id).map_or(Retried::Unknown, |entry| Retried::Queued(inner.tell(entry))))
+        Ok(inner.jobs.get(&id).map_or(Retried::Unknown, |entry| Retried::Queued(Box::new(inner.tell(entry)))))
     }
 
     async fn heartbeat(&self, tickets: &[Ticket], until: SystemTime) -> Result<Vec<Ticket>> {

@@ -308,7 +308,7 @@ pub(super) struct Claiming {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Retried {
     /// It waits again.
-    Queued(Job),
+    Queued(Box<Job>),
     /// It is in another state than failed, and was left as it is.
     NotFailed(State),
     /// There is no such job.

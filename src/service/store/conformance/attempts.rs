@@ -168,7 +168,7 @@ pub(super) async fn a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_r
     let Ok(Retried::Queued(job)) = store.retry(id).await else { panic!("it has failed") };
     assert_eq!((job.state, job.problem.clone(), job.ended_at), (State::Queued, None, None));
     assert_eq!(job.queue_position, Some(1), "where it was");
-    assert_eq!(job, get(store, id).await);
+    assert_eq!(*job, get(store, id).await);
     assert!(!pulses.borrow_and_update().ended, "those who wait are told");
     assert_eq!(store.ended_before(SystemTime::now() + LEASE, 9).await, Ok(vec![others[0]]), "it does not expire");
     // with a fresh count, and the same end, which is told again

@@ -31,6 +31,6 @@ impl Command for Retry {
         // what may kill the process still starts alone, but at once
         live.suspicion = live.suspicion.min(ALONE_FROM);
         live.queue(batch, rows::now())?;
-        Ok(find(batch.connection, *id)?.map_or(Retried::Unknown, Retried::Queued))
+        Ok(find(batch.connection, *id)?.map_or(Retried::Unknown, |job| Retried::Queued(Box::new(job))))
     }
 }
