@@ -16,7 +16,7 @@ if command -v systemd-analyze >/dev/null; then
     systemd-analyze verify "$unit"
 fi
 # every setting that these files speak of exists
-known=$(grep -o 'TESSERAE_[A-Z_]*' ../README.md | sort -u)
+known=$(grep -o 'TESSERAE_[A-Z_]*' ../docs/operations.md | sort -u)
 for name in $(grep -oh 'TESSERAE_[A-Z_]*' Dockerfile compose.yaml tesserae.service | sort -u); do
     grep -qx "$name" <<<"$known" || { echo "no setting of the service: $name" >&2; exit 1; }
 done

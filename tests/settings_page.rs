@@ -1,4 +1,4 @@
-//! The README against the code.
+//! The table of settings in `docs/operations.md` against the flags of the program.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -25,18 +25,18 @@ fn settings() -> String {
     table
 }
 
-/// Fails when the table in the README is not that of the code. `UPDATE_README=1 cargo test --test readme` writes it.
+/// `UPDATE_PAGES=1 cargo test --test settings_page` writes the table.
 #[test]
-fn the_settings_in_the_readme_are_those_of_the_program() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md");
-    let readme = std::fs::read_to_string(&path).expect("a README");
-    let (before, rest) = readme.split_once("<!-- settings -->\n").expect("a mark");
+fn the_documented_settings_are_those_of_the_program() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/operations.md");
+    let page = std::fs::read_to_string(&path).expect("a page");
+    let (before, rest) = page.split_once("<!-- settings -->\n").expect("a mark");
     let (table, after) = rest.split_once("<!-- end of settings -->").expect("a mark");
     let now = settings();
-    if std::env::var_os("UPDATE_README").is_some() {
+    if std::env::var_os("UPDATE_PAGES").is_some() {
         let text = format!("{before}<!-- settings -->\n{now}<!-- end of settings -->{after}");
         std::fs::write(&path, text).expect("written");
     } else {
-        assert_eq!(table, now, "the README is out of date: run UPDATE_README=1 cargo test --test readme");
+        assert_eq!(table, now, "out of date: run UPDATE_PAGES=1 cargo test --test settings_page");
     }
 }
