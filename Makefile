@@ -42,7 +42,7 @@ unit: install-test  ## the tests of the crate
 .PHONY: end-to-end
 end-to-end: debug-binary $(VENV)/ready  ## service and command line from outside, results scored independently
 	$(VENV)/bin/python tests/scripts/end_to_end.py $(TARGET)/debug/tesserae $(TESSERAE_TEST_MESHES)
-	$(VENV)/bin/python tests/scripts/readme.py $(TARGET)/debug/tesserae
+	$(VENV)/bin/python tests/scripts/pages.py $(TARGET)/debug/tesserae
 
 .PHONY: memory
 memory: debug-binary  ## whether memory stays the same over many jobs (MEMORY_JOBS=1000)
@@ -93,10 +93,10 @@ $(TARGET)/bench-venv/ready: benches/requirements.txt | install-test
 	$(TARGET)/bench-venv/bin/pip install --quiet --disable-pip-version-check -r $<
 	touch $@
 
-.PHONY: readme
-readme: debug-binary $(VENV)/ready  ## write settings and output of the commands into the README, after a change of labels
-	UPDATE_README=1 cargo test --locked --test readme
-	$(VENV)/bin/python tests/scripts/readme.py $(TARGET)/debug/tesserae --update
+.PHONY: pages
+pages: debug-binary $(VENV)/ready  ## write settings and output of commands into README and guide, after a change of either
+	UPDATE_PAGES=1 cargo test --locked --test guide
+	$(VENV)/bin/python tests/scripts/pages.py $(TARGET)/debug/tesserae --update
 
 .PHONY: picture
 picture: debug-binary $(VENV)/ready  ## draw docs/knot.png anew

@@ -36,7 +36,7 @@ echo "int main(void) { return 0; }" | cc -g -x c -o "$symbols/program" -
 readelf --sections "$symbols/program" | grep --quiet '\.gnu_debuglink' || { echo "no link to the symbols" >&2; exit 1; }
 rm -r "$symbols"
 # every setting that these files speak of exists
-known=$(grep -o 'TESSERAE_[A-Z_]*' ../README.md | sort -u)
+known=$(grep -o 'TESSERAE_[A-Z_]*' ../docs/operations.md | sort -u)
 for name in $(grep -oh 'TESSERAE_[A-Z_]*' Dockerfile compose.yaml tesserae.service | sort -u); do
     grep -qx "$name" <<<"$known" || { echo "no setting of the service: $name" >&2; exit 1; }
 done

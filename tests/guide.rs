@@ -1,4 +1,4 @@
-//! The README against the code.
+//! The guide in `docs/` against the code: the table of settings, and numbers that its prose repeats.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -26,37 +26,41 @@ fn settings() -> String {
     table
 }
 
-/// Numbers that the prose of the README repeats from the code.
+fn page(name: &str) -> String {
+    std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs").join(name)).expect("a page")
+}
+
 #[test]
-fn the_prose_of_the_readme_has_the_numbers_of_the_code() {
-    let readme = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md")).expect("a README");
-    let words = readme.split_whitespace().collect::<Vec<_>>().join(" ");
+fn the_guide_has_the_numbers_of_the_code() {
     let qualities = [Quality::Fast, Quality::Default, Quality::Best];
     let [few, more, most] = qualities.map(|quality| quality.start().surplus_percent);
     let [one, two, many] = qualities.map(Quality::iterations_a_round);
     let iterations = Quality::Fast.max_iterations().expect("a limit");
-    for phrase in [
-        format!("into {more} % more clusters ({few} % with `--quality fast`, {most} % with `best`)"),
-        format!("`--quality fast` stops after {iterations} iterations"),
-        format!("Once clusters have {} faces on average", Quality::Default.optimised_from()),
-        format!("for {two} iterations at most (`fast` {one}, `best` {many};"),
+    let from = Quality::Default.optimised_from();
+    for (name, phrase) in [
+        ("command-line.md", format!("{more} % more clusters than *k*")),
+        ("command-line.md", format!("({few} % with `--quality fast`, {most} % with `best`)")),
+        ("command-line.md", format!("| `fast` | {iterations} iterations a phase")),
+        ("hierarchies.md", format!("once clusters have {from} faces on average")),
+        ("hierarchies.md", format!("has at most {two} iterations (`fast` {one}, `best` {many},")),
     ] {
-        assert!(words.contains(&phrase), "not in the README: {phrase}");
+        let words = page(name).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(words.contains(&phrase), "not in {name}: {phrase}");
     }
 }
 
-/// Fails when the table in the README is not that of the code. `UPDATE_README=1 cargo test --test readme` writes it.
+/// `UPDATE_PAGES=1 cargo test --test guide` writes the table.
 #[test]
-fn the_settings_in_the_readme_are_those_of_the_program() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md");
-    let readme = std::fs::read_to_string(&path).expect("a README");
-    let (before, rest) = readme.split_once("<!-- settings -->\n").expect("a mark");
+fn the_documented_settings_are_those_of_the_program() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/operations.md");
+    let page = std::fs::read_to_string(&path).expect("a page");
+    let (before, rest) = page.split_once("<!-- settings -->\n").expect("a mark");
     let (table, after) = rest.split_once("<!-- end of settings -->").expect("a mark");
     let now = settings();
-    if std::env::var_os("UPDATE_README").is_some() {
+    if std::env::var_os("UPDATE_PAGES").is_some() {
         let text = format!("{before}<!-- settings -->\n{now}<!-- end of settings -->{after}");
         std::fs::write(&path, text).expect("written");
     } else {
-        assert_eq!(table, now, "the README is out of date: run UPDATE_README=1 cargo test --test readme");
+        assert_eq!(table, now, "out of date: run UPDATE_PAGES=1 cargo test --test guide");
     }
 }
