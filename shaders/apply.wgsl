@@ -4,7 +4,7 @@
 @group(0) @binding(0) var<uniform> turn: Turn;
 @group(0) @binding(1) var<storage, read> faces: array<vec4<i32>>;
 @group(0) @binding(2) var<storage, read> wishes: array<u32>;
-@group(0) @binding(3) var<storage, read_write> labels: array<atomic<u32>>;
+@group(0) @binding(3) var<storage, read_write> labels: array<u32>;
 @group(0) @binding(4) var<storage, read_write> clusters: array<Cluster>;
 @group(0) @binding(5) var<storage, read_write> ring: array<Slot>;
 @group(0) @binding(6) var<storage, read> neighbours: array<u32>;
@@ -20,7 +20,7 @@ fn apply(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     if face != FREE {
         let wish = wishes[thread];
         if wish != FREE {
-            let own = atomicLoad(&labels[face]);
+            let own = labels[face];
             // `staying` and `first_leaver` were completed by `propose`; nothing here writes them
             let last = atomicLoad(&clusters[own].staying) == 0u
                 && atomicLoad(&clusters[own].first_leaver) == face;
@@ -30,13 +30,12 @@ fn apply(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
                 add_to_cluster(own, -sum, -weight, -1i);
                 add_to_cluster(wish, sum, weight, 1i);
                 atomicStore(&clusters[own].whole, 0u);
-                atomicStore(&labels[face], wish);
+                labels[face] = wish;
                 atomicAdd(&moved, 1u);
                 // those of its neighbours that saw no other cluster see one now
                 let end = neighbours[face + 1u];
                 for (var at = neighbours[face]; at < end; at++) {
                     if claim(neighbours[at], own) {
-                        refresh_around(neighbours[at]);
                         add_newcomer(neighbours[at]);
                     }
                 }

@@ -14,8 +14,8 @@ var<workgroup> freed: atomic<u32>;
 
 @compute @workgroup_size(WORKGROUP)
 fn cut(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let face = searched_face(thread_number(turn, group, local));
-    if face != FREE {
+    let face = thread_number(turn, group, local);
+    if face < turn.faces {
         let root = parents[face];
         if root != FREE && atomicLoad(&markets[labels[face]].best_face) != root {
             let own = labels[face];

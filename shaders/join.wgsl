@@ -3,7 +3,7 @@
 
 @group(0) @binding(0) var<uniform> turn: Turn;
 @group(0) @binding(1) var<storage, read> faces: array<vec4<i32>>;
-@group(0) @binding(2) var<storage, read_write> labels: array<atomic<u32>>;
+@group(0) @binding(2) var<storage, read> labels: array<u32>;
 @group(0) @binding(3) var<storage, read_write> offers: array<Offer>;
 @group(0) @binding(4) var<storage, read_write> markets: array<Market>;
 @group(0) @binding(5) var<storage, read_write> clusters: array<Cluster>;
@@ -18,10 +18,10 @@ fn join_winner(face: u32) {
     if wanted == FREE {
         return;
     }
-    let own = atomicLoad(&labels[face]);
+    let own = labels[face];
     let winner = atomicLoad(&markets[own].best_face);
     // a face that both took moves between the two, but maybe the other way
-    if winner != atomicLoad(&markets[wanted].best_face) || winner == FREE || atomicLoad(&labels[winner]) != own {
+    if winner != atomicLoad(&markets[wanted].best_face) || winner == FREE || labels[winner] != own {
         return;
     }
     if winner == face {
@@ -34,7 +34,6 @@ fn join_winner(face: u32) {
     for (var at = neighbours[face]; at < end; at++) {
         let near = neighbours[at];
         if claim(near, own) {
-            refresh_around(near);
             offers[near] = Offer(FREE, 0u, 0u);
             add_newcomer(near);
         }

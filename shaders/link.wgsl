@@ -1,5 +1,5 @@
-// Pieces, first step: every searched face of a cluster that lost one since it was known to be whole points to the smallest of
-// itself and its searched neighbours in the cluster. (The steps are those of ECL-CC, Jaiganesh and Burtscher 2018.)
+// Pieces, first step: every face of a cluster that lost one since it was known to be in one piece points to the smallest of
+// itself and its neighbours in the cluster. (The steps are those of ECL-CC, Jaiganesh and Burtscher 2018.)
 
 @group(0) @binding(0) var<uniform> turn: Turn;
 @group(0) @binding(1) var<storage, read> neighbours: array<u32>;
@@ -7,33 +7,25 @@
 @group(0) @binding(3) var<storage, read_write> clusters: array<Cluster>;
 @group(0) @binding(4) var<storage, read_write> parents: array<u32>;
 @group(0) @binding(5) var<storage, read_write> sizes: array<u32>;
-@group(0) @binding(6) var<storage, read> origins: array<u32>;
-@group(0) @binding(7) var<storage, read_write> lists: Lists;
 
 @compute @workgroup_size(WORKGROUP)
 fn link(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let face = searched_face(thread_number(turn, group, local));
-    if face == FREE {
+    let face = thread_number(turn, group, local);
+    if face >= turn.faces {
         return;
     }
     let own = labels[face];
     var parent = FREE;
     if own != FREE && atomicLoad(&clusters[own].whole) == 0u {
         parent = face;
-        var size = 0u;
         let end = neighbours[face + 1u];
         for (var at = neighbours[face]; at < end; at++) {
             let near = neighbours[at];
-            if labels[near] != own {
-                continue;
-            }
-            if lists.everywhere == 0u && origins[near] == UNLISTED {
-                size = OPEN;
-            } else {
+            if labels[near] == own {
                 parent = min(parent, near);
             }
         }
-        sizes[face] = size;
+        sizes[face] = 0u;
     }
     parents[face] = parent;
 }

@@ -3,7 +3,7 @@
 @group(0) @binding(0) var<uniform> turn: Turn;
 @group(0) @binding(1) var<storage, read> entries: array<u32>;
 @group(0) @binding(2) var<storage, read_write> clusters: array<Cluster>;
-@group(0) @binding(3) var<storage, read_write> lists: Lists;
+@group(0) @binding(3) var<storage, read_write> merged_into: array<u32>;
 
 @compute @workgroup_size(WORKGROUP)
 fn unite(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
@@ -22,5 +22,5 @@ fn unite(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     atomicStore(&clusters[ending].weight[0], 0u);
     atomicStore(&clusters[ending].weight[1], 0u);
     atomicStore(&clusters[ending].count, 0u);
-    lists.entries[3u * turn.faces + ending] = into + 1u;
+    merged_into[ending] = into + 1u;
 }

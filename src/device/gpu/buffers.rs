@@ -5,7 +5,7 @@ use std::mem::{offset_of, size_of};
 use bytemuck::{Pod, Zeroable};
 
 use super::FaultPoint;
-use super::connection::{Compiled, Connection, lock};
+use super::connection::{Compiled, Connection};
 use super::fixed::Fixed;
 use super::kernels::Access;
 use super::layout::{
@@ -24,11 +24,6 @@ pub(super) const BETWEEN: u32 = RING;
 
 /// Words in front of the entries of the lists.
 const LIST_HEAD: u64 = (offset_of!(Lists, entries) / 4) as u64;
-
-const BEHIND: usize = offset_of!(Lists, behind) / 4;
-
-/// Where the search for pieces is told what to go over, before the place for its doubts.
-const EVERYWHERE: usize = offset_of!(Lists, everywhere) / 4;
 
 /// Items that are brought to the device at once.
 const UPLOAD: usize = 1 << 20;
@@ -129,14 +124,11 @@ impl Turns {
 }
 
 impl Buffers {
-    /// Brings a surface to the device, or what is left to bring of it, all faces free. Clusters that may merge need more room in
-    /// the lists.
+    /// Brings a surface to the device, all faces free.
     pub(super) fn new(
         connection: &Connection,
         graph: &DualGraph,
-        ahead: Option<Fixed>,
         energy_shifts: &[u32],
-        is_merging: bool,
     ) -> Result<Self> {
         let faces = graph.centroids.len() as u64;
         let clusters = energy_shifts.len() as u64;
@@ -148,22 +140,14 @@ impl Buffers {
         check_groups(connection, graph)?;
 
         connection.reach(FaultPoint::Upload);
-        let fixed = match ahead {
-            Some(fixed) => fixed,
-            None => Fixed::bring(connection, graph)?,
-        };
-        let Fixed { faces: packed, neighbours, .. } = fixed;
-        for (what, buffer) in Fixed::NAMES.into_iter().zip([&packed, &neighbours]) {
-            lock(&connection.pool).lend(what, buffer);
-        }
+        let Fixed { faces: packed, neighbours } = Fixed::bring(connection, graph)?;
         let labels = create("labels", faces, 4, storage | into | out)?;
         let wishes = create("wishes", faces, 4, storage | into)?;
         let sums = create("clusters", clusters, size_of::<Cluster>(), storage | into)?;
         let proxies = create("proxies", clusters, size_of::<Proxy>(), storage | into)?;
         let offers = create("offers", faces, size_of::<Offer>(), storage)?;
         let origins = create("origins", faces, 4, storage | into | out)?;
-        let lists =
-            create("lists", LIST_HEAD + if is_merging { 3 } else { 2 } * faces + clusters, 4, storage | into | out)?;
+        let lists = create("lists", LIST_HEAD + 2 * faces + clusters, 4, storage | into | out)?;
         let markets = create("markets", clusters, size_of::<Market>(), storage)?;
         let joining = create("joining", clusters, size_of::<Cluster>(), storage)?;
         let slots = u64::from(RING) + 1;
@@ -185,11 +169,6 @@ impl Buffers {
         connection.check()?;
 
         let queue = &connection.queue;
-        // whatever else is read was written before, for this surface
-        let mut encoder = connection.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        encoder.clear_buffer(&joining, 0, None);
-        encoder.clear_buffer(&lists, 0, Some(4 * LIST_HEAD));
-        queue.submit([encoder.finish()]);
         let positions: Vec<Proxy> = energy_shifts.iter().map(|shift| [0, 0, 0, shift.cast_signed()]).collect();
         upload(queue, &proxies, 0, &positions);
         set_free(connection, &labels, &origins, graph.centroids.len());
@@ -216,10 +195,10 @@ impl Buffers {
             join: bind(&kernels.join, &[&packed, &labels, &offers, &markets, &joining, &neighbours, &origins, &lists]),
             judge: bind(&kernels.judge, &[&packed, &sums, &joining, &proxies, &markets, &ring, &next_dispatch, &lists]),
             deal: bind(&kernels.deal, &[&labels, &offers, &markets, &lists]),
-            link: bind(&kernels.link, &[&neighbours, &labels, &sums, parents, sizes, &origins, &lists]),
-            hook: bind(&kernels.hook, &[&neighbours, &labels, parents, &origins, &lists]),
-            weigh: bind(&kernels.weigh, &[&labels, parents, sizes, &markets, &lists]),
-            elect: bind(&kernels.elect, &[&labels, parents, sizes, &markets, &sums, &lists]),
+            link: bind(&kernels.link, &[&neighbours, &labels, &sums, parents, sizes]),
+            hook: bind(&kernels.hook, &[&neighbours, &labels, parents]),
+            weigh: bind(&kernels.weigh, &[&labels, parents, sizes, &markets]),
+            elect: bind(&kernels.elect, &[&labels, parents, sizes, &markets, &sums]),
             cut: bind(&kernels.cut, &[parents, &markets, &labels, &ring, &packed, &sums, &origins, &lists]),
         };
         connection.check()?;
@@ -257,21 +236,6 @@ impl Buffers {
         self.turns.number(queue, 1);
     }
 
-    /// Says whether labels away from listed faces may not be up to date.
-    pub(super) fn leave_behind(&self, queue: &wgpu::Queue, are_behind: bool) {
-        upload(queue, &self.lists, BEHIND, &[u32::from(are_behind)]);
-    }
-
-    /// Encodes that each cluster is part of no other.
-    pub(super) fn clear_merges(&self, encoder: &mut wgpu::CommandEncoder, clusters: u32) {
-        let first = LIST_HEAD + 3 * u64::from(self.faces);
-        encoder.clear_buffer(&self.lists, 4 * first, Some(4 * u64::from(clusters)));
-    }
-
-    /// Lets the next search for pieces go over all faces, or over the listed ones.
-    pub(super) fn search(&self, queue: &wgpu::Queue, everywhere: bool) {
-        upload(queue, &self.lists, EVERYWHERE, &[u32::from(everywhere), 0]);
-    }
 }
 
 /// Writes items to a buffer, so many at a time that wgpu's copies of them stay small.
@@ -337,24 +301,8 @@ pub(super) fn check_groups(connection: &Connection, graph: &DualGraph) -> Result
     Ok(())
 }
 
-/// A buffer of the surface that is being opened, into which anything may be copied. Those that the host does not map may be left
-/// from another surface, with what was in them. Fails like [`allocate`].
+/// A buffer. Fails when it is larger than the device allows, and when there is no memory for it.
 pub(super) fn create(
-    connection: &Connection,
-    what: &'static str,
-    bytes: u64,
-    usage: wgpu::BufferUsages,
-) -> Result<wgpu::Buffer> {
-    let buffer = allocate(connection, what, bytes, usage)?;
-    if !usage.contains(wgpu::BufferUsages::MAP_READ) {
-        lock(&connection.pool).lend(what, &buffer);
-    }
-    Ok(buffer)
-}
-
-/// A buffer, one that a surface left or a new one. Fails when it is larger than the device allows, and when there is
-/// no memory for it.
-pub(super) fn allocate(
     connection: &Connection,
     what: &'static str,
     bytes: u64,
@@ -376,16 +324,7 @@ pub(super) fn allocate(
             ),
         ));
     }
-    let is_shared = !usage.contains(wgpu::BufferUsages::MAP_READ);
-    if is_shared && let Some(buffer) = lock(&connection.pool).take(what, bytes) {
-        return Ok(buffer);
-    }
-    connection.buffer(&wgpu::BufferDescriptor {
-        label: Some(what),
-        size: bytes,
-        usage: if is_shared { usage | wgpu::BufferUsages::COPY_DST } else { usage },
-        mapped_at_creation: false,
-    })
+    connection.buffer(&wgpu::BufferDescriptor { label: Some(what), size: bytes, usage, mapped_at_creation: false })
 }
 
 /// Binds `turns` and, in the order of the kernel's table, its storage buffers.

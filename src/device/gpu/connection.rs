@@ -11,7 +11,6 @@ use std::time::Duration;
 use super::adapter::Found;
 use super::clock::{self, Clock, Profile};
 use super::kernels::{self, Access, Kernel};
-use super::pool::Pool;
 use super::{Fault, FaultPoint, Overrides};
 use crate::error::{Error, Kind, Result};
 
@@ -26,18 +25,10 @@ pub(super) struct Connection {
     /// The device's limits, lowered by [`Overrides`].
     pub(super) limits: wgpu::Limits,
     pub(super) kernels: Kernels,
-    /// What surfaces left for the next ones, and what was brought ahead.
-    pub(super) pool: Mutex<Pool>,
-    /// From [`Overrides`].
-    pub(super) always_near: bool,
     merge_kernels: OnceLock<MergeKernels>,
     name: String,
     health: Arc<Health>,
     fault: Mutex<Option<Fault>>,
-    /// Held by who brings a surface ahead of its turn, and by who must have memory.
-    pub(super) bringing: Mutex<()>,
-    /// One for another thread.
-    fault_ahead: Mutex<Option<Fault>>,
     /// Whether a fault leaves no memory for the next buffer.
     is_exhausted: AtomicBool,
     /// Where passes are timed.
@@ -79,14 +70,6 @@ pub(super) struct MergeKernels {
     pub(super) reduce: Compiled,
     pub(super) unite: Compiled,
     pub(super) relabel: Compiled,
-    pub(super) relabel_near: Compiled,
-    pub(super) follow: Compiled,
-    pub(super) mirror: Compiled,
-    pub(super) explore: Compiled,
-    pub(super) tally: Compiled,
-    pub(super) mark_gaps: Compiled,
-    pub(super) doubt: Compiled,
-    pub(super) decide: Compiled,
     pub(super) list_moves: Compiled,
     pub(super) pick_sums: Compiled,
 }
@@ -173,14 +156,10 @@ impl Connection {
             queue,
             limits,
             kernels,
-            pool: Mutex::default(),
-            always_near: overrides.always_near,
             merge_kernels: OnceLock::new(),
             name,
             health,
             fault: Mutex::default(),
-            bringing: Mutex::default(),
-            fault_ahead: Mutex::default(),
             is_exhausted: AtomicBool::default(),
             clock,
         };
@@ -191,48 +170,6 @@ impl Connection {
     /// Name of the adapter.
     pub(super) fn name(&self) -> &str {
         &self.name
-    }
-
-    /// Makes the buffers of a surface, of those that others left where they serve. When that fails, all that is kept is freed; and
-    /// when it failed for want of memory, it is tried once more.
-    pub(super) fn lend<T>(&self, mut make: impl FnMut() -> Result<T>) -> Result<T> {
-        let mut made = make();
-        // the device counts as lost, and is there
-        if made.as_ref().is_err_and(|error| error.kind == Kind::DeviceLost) && !self.is_broken() {
-            let _alone = lock(&self.bringing);
-            self.free();
-            made = make();
-        }
-        match made {
-            Ok(_) => lock(&self.pool).surface_opened(),
-            Err(_) => self.free(),
-        }
-        made
-    }
-
-    /// Frees what is kept for other surfaces. Only while none is open.
-    pub(super) fn free(&self) {
-        lock(&self.pool).free_all();
-        self.settle_freed();
-    }
-
-    /// Makes a buffer that the surface that is open cannot do without: where there is no memory, what it does not use is freed
-    /// first.
-    pub(super) fn needed_buffer(&self, descriptor: &wgpu::BufferDescriptor<'_>) -> Result<wgpu::Buffer> {
-        self.buffer(descriptor).or_else(|error| {
-            if self.is_broken() {
-                return Err(error);
-            }
-            let _alone = lock(&self.bringing);
-            lock(&self.pool).free_unused();
-            self.settle_freed();
-            self.buffer(descriptor)
-        })
-    }
-
-    /// What was freed is gone once nothing uses it any more, and somebody looks.
-    fn settle_freed(&self) {
-        let _ = self.poll(wgpu::PollType::Wait { submission_index: None, timeout: Some(PATIENCE) });
     }
 
     /// The kernels of hierarchies, which are compiled when the first one is asked for.
@@ -246,14 +183,6 @@ impl Connection {
             reduce: compile(&self.device, &kernels::REDUCE),
             unite: compile(&self.device, &kernels::UNITE),
             relabel: compile(&self.device, &kernels::RELABEL),
-            relabel_near: compile(&self.device, &kernels::RELABEL_NEAR),
-            follow: compile(&self.device, &kernels::FOLLOW),
-            mirror: compile(&self.device, &kernels::MIRROR),
-            explore: compile(&self.device, &kernels::EXPLORE),
-            tally: compile(&self.device, &kernels::TALLY),
-            mark_gaps: compile(&self.device, &kernels::MARK_GAPS),
-            doubt: compile(&self.device, &kernels::DOUBT),
-            decide: compile(&self.device, &kernels::DECIDE),
             list_moves: compile(&self.device, &kernels::LIST_MOVES),
             pick_sums: compile(&self.device, &kernels::PICK_SUMS),
         });
@@ -320,26 +249,17 @@ impl Connection {
         Ok((seconds > 0.0).then(|| (2 * COPIES * bytes) as f64 / seconds))
     }
 
-    /// Does something that may go wrong without harm to others: what wgpu tells of it is the error of this call, and no failure
-    /// of the connection. That is a matter of the thread, and others may be at work meanwhile.
-    pub(super) fn guarded<T>(&self, work: impl FnOnce() -> Result<T>) -> Result<T> {
-        let kinds = [wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::OutOfMemory];
-        let scopes = kinds.map(|kind| self.device.push_error_scope(kind));
-        let done = work();
-        // the last that was opened goes first
-        let told: Vec<_> = scopes.into_iter().rev().filter_map(|scope| pollster::block_on(scope.pop())).collect();
-        match told.first() {
-            Some(error) => Err(failure(&self.name, error)),
-            None => done,
-        }
-    }
-
-    /// Makes a buffer. Where that fails, as for want of memory, it is an error of this call, and no failure of the connection.
+    /// Creates a buffer. A failure, such as lack of memory, is an error of this call and leaves the connection usable.
     pub(super) fn buffer(&self, descriptor: &wgpu::BufferDescriptor<'_>) -> Result<wgpu::Buffer> {
         if self.is_exhausted.swap(false, Ordering::SeqCst) {
-            return Err(failure(&self.name, &wgpu::Error::OutOfMemory { source: "on purpose".into() }));
+            return Err(failure(&self.name, &wgpu::Error::OutOfMemory { source: "injected".into() }));
         }
-        self.guarded(|| Ok(self.device.create_buffer(descriptor)))
+        let kinds = [wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::OutOfMemory];
+        let scopes = kinds.map(|kind| self.device.push_error_scope(kind));
+        let buffer = self.device.create_buffer(descriptor);
+        // scopes end in reverse order
+        let errors: Vec<_> = scopes.into_iter().rev().filter_map(|scope| pollster::block_on(scope.pop())).collect();
+        errors.first().map_or(Ok(buffer), |error| Err(failure(&self.name, error)))
     }
 
     /// Whether something has gone wrong.
@@ -393,15 +313,9 @@ impl Connection {
         *lock(&self.fault) = fault;
     }
 
-    /// Arms a fault for who brings surfaces ahead of their turn.
-    pub(super) fn arm_ahead(&self, fault: Fault) {
-        *lock(&self.fault_ahead) = Some(fault);
-    }
-
     /// Where faults are injected.
     pub(super) fn reach(&self, point: FaultPoint) {
-        let faults = if point == FaultPoint::Ahead { &self.fault_ahead } else { &self.fault };
-        match lock(faults).take_if(|fault| fault.point() == point) {
+        match lock(&self.fault).take_if(|fault| fault.point() == point) {
             Some(Fault::Exhaust(_)) => self.is_exhausted.store(true, Ordering::SeqCst),
             Some(Fault::Lose(_)) => self.device.destroy(),
             Some(Fault::Misuse(_)) => {

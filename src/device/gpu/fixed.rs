@@ -1,5 +1,5 @@
 //! What never changes of a surface: centroids and weights of its faces, and which faces are beside which. That is what is
-//! brought to the device for it, when the surface is opened or ahead of that (`ahead.rs`); all else is made there.
+//! brought to the device when the surface is opened; all else is made there.
 //!
 //! It goes through buffers that the host maps, filled in place. Making one of those may fail for want of memory like making
 //! any buffer ([`Connection::buffer`]); wgpu's own copies, that `write_buffer` makes, take the device with them then.
@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use bytemuck::{cast, cast_slice};
 
-use super::buffers::allocate;
+use super::buffers::create;
 use super::connection::Connection;
 use super::layout::Face;
 use crate::error::Result;
@@ -24,23 +24,17 @@ pub(super) struct Fixed {
     pub(super) faces: wgpu::Buffer,
     /// Where those of each face begin, and one past the last, and then they.
     pub(super) neighbours: wgpu::Buffer,
-    /// Numbers of both.
-    sizes: [usize; 2],
 }
 
 impl Fixed {
-    /// Names of the buffers.
-    pub(super) const NAMES: [&str; 2] = ["faces", "neighbours"];
-
-    /// Brings it to the device, into buffers that nobody has yet.
+    /// Brings it to the device.
     pub(super) fn bring(connection: &Connection, graph: &DualGraph) -> Result<Self> {
-        let sizes @ [faces, neighbours] = sizes(graph);
+        let (faces, neighbours) = (graph.centroids.len(), graph.neighbours.len());
         let storage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
         let begin = faces + 1;
         let fixed = Self {
-            faces: allocate(connection, Self::NAMES[0], (faces * size_of::<Face>()) as u64, storage)?,
-            neighbours: allocate(connection, Self::NAMES[1], 4 * (begin + neighbours) as u64, storage)?,
-            sizes,
+            faces: create(connection, "faces", (faces * size_of::<Face>()) as u64, storage)?,
+            neighbours: create(connection, "neighbours", 4 * (begin + neighbours) as u64, storage)?,
         };
         let face = |face: usize| -> Face {
             let [x, y, z] = graph.centroids[face];
@@ -56,16 +50,6 @@ impl Fixed {
         })?;
         Ok(fixed)
     }
-
-    /// Whether it may be that of a surface, as far as its size tells.
-    pub(super) fn is_as_large_as(&self, graph: &DualGraph) -> bool {
-        self.sizes == sizes(graph)
-    }
-}
-
-/// Faces, and neighbours of faces.
-fn sizes(graph: &DualGraph) -> [usize; 2] {
-    [graph.centroids.len(), graph.neighbours.len()]
 }
 
 /// Memory of the device, for items of so many bytes.

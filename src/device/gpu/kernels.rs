@@ -70,6 +70,7 @@ const FOUND: Binding = binding("found", Access::Write, size_of::<Found>());
 const BESTS: Binding = binding("bests", Access::Write, size_of::<Best>());
 const ENTRIES: Binding = binding("entries", Access::Read, 4);
 const LISTS: Binding = binding("lists", Access::Write, size_of::<Lists>());
+const MERGED_INTO: Binding = binding("merged_into", Access::Write, 4);
 const ORIGINS: Binding = binding("origins", Access::Write, 4);
 const NEXT_DISPATCH: Binding = binding("next_dispatch", Access::Write, size_of::<Dispatch>());
 
@@ -87,8 +88,6 @@ const SUMS_WGSL: &str = include_str!("../../../shaders/shared/sums.wgsl");
 const BITS_WGSL: &str = include_str!("../../../shaders/shared/bits.wgsl");
 const DUAL_EDGE_WGSL: &str = include_str!("../../../shaders/shared/dual_edge.wgsl");
 const CHOICE_WGSL: &str = include_str!("../../../shaders/shared/choice.wgsl");
-const MERGED_WGSL: &str = include_str!("../../../shaders/shared/merged.wgsl");
-const AROUND_WGSL: &str = include_str!("../../../shaders/shared/around.wgsl");
 const FOUND_WGSL: &str = include_str!("../../../shaders/shared/found.wgsl");
 const BEST_WGSL: &str = include_str!("../../../shaders/shared/best.wgsl");
 const ENERGY_WGSL: &str = include_str!("../../../shaders/shared/energy.wgsl");
@@ -176,8 +175,6 @@ pub const APPLY: Kernel = Kernel {
         FACE_WGSL,
         ADD_WGSL,
         LISTS_WGSL,
-        MERGED_WGSL,
-        AROUND_WGSL,
         NEWCOMERS_WGSL,
         include_str!("../../../shaders/apply.wgsl"),
     ],
@@ -266,15 +263,13 @@ pub const JOIN: Kernel = Kernel {
         FACE_WGSL,
         ADD_WGSL,
         LISTS_WGSL,
-        MERGED_WGSL,
-        AROUND_WGSL,
         NEWCOMERS_WGSL,
         include_str!("../../../shaders/join.wgsl"),
     ],
     bindings: &[
         TURN,
         FACES,
-        WRITTEN_LABELS,
+        LABELS,
         binding("offers", Access::Write, size_of::<Offer>()),
         MARKETS,
         CLUSTERS,
@@ -338,14 +333,9 @@ pub const KERNELS: &[&Kernel] = &[
     &JOIN,
     &JUDGE,
     &DEAL,
-    &EXPLORE,
     &LINK,
     &HOOK,
     &WEIGH,
-    &TALLY,
-    &MARK_GAPS,
-    &DOUBT,
-    &DECIDE,
     &ELECT,
     &CUT,
     &PRICE,
@@ -356,9 +346,6 @@ pub const KERNELS: &[&Kernel] = &[
     &REDUCE,
     &UNITE,
     &RELABEL,
-    &RELABEL_NEAR,
-    &FOLLOW,
-    &MIRROR,
     &LIST_MOVES,
     &PICK_SUMS,
 ];

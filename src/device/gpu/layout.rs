@@ -130,7 +130,7 @@ pub struct Choice {
     pub other: u32,
 }
 
-/// What dispatches go over. Only the device looks inside; the host writes the clusters that are left, and where to search.
+/// What dispatches go over. Only the device looks inside; the host writes the clusters that are left.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Lists {
@@ -142,13 +142,7 @@ pub struct Lists {
     pub due: u32,
     /// Where in the entries they are.
     pub first: u32,
-    /// Whether labels away from listed faces may not be up to date.
-    pub behind: u32,
-    /// Whether the search for pieces goes over all faces.
-    pub everywhere: u32,
-    /// Whether listed faces do not tell the pieces.
-    pub doubts: u32,
-    /// The first of two entries a face and one a cluster; in a hierarchy, of three a face and one a cluster.
+    /// The first of two entries a face and one a cluster.
     pub entries: [u32; 1],
 }
 
@@ -301,9 +295,6 @@ pub const STRUCTS: &[Struct] = &[
             ("kept", offset_of!(Lists, kept)),
             ("due", offset_of!(Lists, due)),
             ("first", offset_of!(Lists, first)),
-            ("behind", offset_of!(Lists, behind)),
-            ("everywhere", offset_of!(Lists, everywhere)),
-            ("doubts", offset_of!(Lists, doubts)),
             ("entries", offset_of!(Lists, entries)),
         ],
     },

@@ -3,6 +3,8 @@
 //! Searches go over the faces on boundaries and the clusters that are left, and the host reads what it needs to know: a round
 //! of the parallel kind costs as many bytes as clusters are left and faces have moved, a search for the cheapest dual edge 64.
 
+use std::sync::Arc;
+
 use super::FaultPoint;
 use super::buffers::{BETWEEN, upload};
 use super::connection::Compiled;
@@ -22,7 +24,7 @@ const SOFTWARE_LIMIT: u64 = 1 << 24;
 /// Moves that are read along with their number; more are read once that is known.
 const FEW_MOVES: usize = 4096;
 
-impl GpuSteps<'_, Merging> {
+impl GpuSteps<'_> {
     /// Encodes kernels of the hierarchy, one after the other, between batches.
     fn encode(&self, encoder: &mut wgpu::CommandEncoder, work: &[(&Compiled, &wgpu::BindGroup, Option<Dispatch>)]) {
         let mut pass = self.connection.pass(encoder, "merge");
@@ -44,10 +46,10 @@ impl GpuSteps<'_, Merging> {
 
     /// Submits what is encoded and reads the list that it leaves, `likely` entries at once and the others if there are more.
     fn download_list(&self, encoder: wgpu::CommandEncoder, likely: usize) -> Result<(Slot, Vec<Found>)> {
-        let (slot, mut list) = self.download::<Found>(encoder, &self.merging.found, likely)?;
+        let (slot, mut list) = self.download::<Found>(encoder, &self.merging()?.found, likely)?;
         let listed = slot.moves as usize;
         if listed > likely {
-            list = self.download::<Found>(self.encoder(), &self.merging.found, listed)?.1;
+            list = self.download::<Found>(self.encoder(), &self.merging()?.found, listed)?.1;
         }
         list.truncate(listed);
         Ok((slot, list))
@@ -69,13 +71,14 @@ impl GpuSteps<'_, Merging> {
     }
 }
 
-impl MergeSteps for GpuSteps<'_, Merging> {
+impl MergeSteps for GpuSteps<'_> {
     fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
         self.connection.reach(FaultPoint::DualEdges);
-        let kernels = self.connection.merge_kernels()?;
+        let connection = Arc::clone(&self.connection);
+        let kernels = connection.merge_kernels()?;
         self.buffers.turns.announce(&self.connection.queue, 0, ties);
         let mut encoder = self.encode_weeding();
-        let Merging { bindings, .. } = &self.merging;
+        let Merging { bindings, .. } = self.merging()?;
         self.encode(
             &mut encoder,
             &[
@@ -94,7 +97,7 @@ impl MergeSteps for GpuSteps<'_, Merging> {
 
     /// Refuses on a software gpu when faces times clusters are more than 2²⁴.
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {
-        if self.merging.is_software && u64::from(self.buffers.faces) * self.living.len() as u64 > SOFTWARE_LIMIT {
+        if self.merging()?.is_software && u64::from(self.buffers.faces) * self.living.len() as u64 > SOFTWARE_LIMIT {
             return Err(Error::new(
                 Kind::DeviceUnsuitable,
                 format_args!(
@@ -107,10 +110,11 @@ impl MergeSteps for GpuSteps<'_, Merging> {
             ));
         }
         self.connection.reach(FaultPoint::DualEdges);
-        let kernels = self.connection.merge_kernels()?;
+        let connection = Arc::clone(&self.connection);
+        let kernels = connection.merge_kernels()?;
         self.buffers.turns.announce(&self.connection.queue, 0, ties);
         let mut encoder = self.encode_weeding();
-        let Merging { bests, bindings, .. } = &self.merging;
+        let Merging { bests, bindings, .. } = self.merging()?;
         self.encode(
             &mut encoder,
             &[(&kernels.search, &bindings.search, None), (&kernels.reduce, &bindings.reduce, Some([1, 1, 1]))],
@@ -135,38 +139,28 @@ impl MergeSteps for GpuSteps<'_, Merging> {
             ));
         }
         self.connection.reach(FaultPoint::Merge);
-        let kernels = self.connection.merge_kernels()?;
-        let queue = &self.connection.queue;
+        let connection = Arc::clone(&self.connection);
+        let kernels = connection.merge_kernels()?;
+        let queue = &connection.queue;
         let entries: Vec<u32> = pairs.iter().flat_map(|&(from, into)| [from, into]).collect();
-        upload(queue, &self.merging.entries, 0, &entries);
+        upload(queue, &self.merging()?.entries, 0, &entries);
         self.buffers.turns.announce(queue, pairs.len() as u32, Ties::Hash);
         let mut encoder = if self.gathered { self.encoder() } else { self.encode_fit() };
-        let are_large = self.are_large();
-        if are_large && !self.are_behind {
-            self.buffers.leave_behind(queue, true);
-        }
-        let Merging { bindings, .. } = &self.merging;
+        let Merging { bindings, merged_into, .. } = self.merging()?;
         if !self.has_merged {
-            self.buffers.clear_merges(&mut encoder, self.clusters);
+            encoder.clear_buffer(merged_into, 0, None);
         }
         self.encode(
             &mut encoder,
             &[
                 (&self.connection.kernels.settle, &self.buffers.bindings.settle, Some([1, 1, 1])),
-                (&kernels.unite, &bindings.unite, Some(self.merging.groups(pairs.len()))),
-                if are_large {
-                    (&kernels.relabel_near, &bindings.relabel_near, None)
-                } else {
-                    (&kernels.relabel, &bindings.relabel, Some(self.buffers.face_groups))
-                },
+                (&kernels.unite, &bindings.unite, Some(self.merging()?.groups(pairs.len()))),
+                (&kernels.relabel, &bindings.relabel, Some(self.buffers.face_groups)),
             ],
         );
         queue.submit([encoder.finish()]);
         self.has_merged = true;
-        self.are_behind |= are_large;
-        self.merged_whole = !self.may_be_cut;
         self.has_moved = false;
-        self.moves = 0;
         let mut gone: Vec<u32> = pairs.iter().map(|&(from, _)| from).collect();
         gone.sort_unstable();
         self.living.retain(|cluster| gone.binary_search(cluster).is_err());
@@ -178,16 +172,17 @@ impl MergeSteps for GpuSteps<'_, Merging> {
 
     fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<ClusterSums>> {
         self.check_clusters(clusters.iter().copied())?;
-        let kernels = self.connection.merge_kernels()?;
+        let connection = Arc::clone(&self.connection);
+        let kernels = connection.merge_kernels()?;
         let mut sums = Vec::with_capacity(clusters.len());
-        for chunk in clusters.chunks(self.merging.most_picked) {
-            upload(&self.connection.queue, &self.merging.entries, 0, chunk);
+        for chunk in clusters.chunks(self.merging()?.most_picked) {
+            upload(&self.connection.queue, &self.merging()?.entries, 0, chunk);
             self.buffers.turns.announce(&self.connection.queue, chunk.len() as u32, Ties::Hash);
             let mut encoder = if self.gathered { self.encoder() } else { self.encode_fit() };
-            let Merging { picked, bindings, .. } = &self.merging;
+            let Merging { picked, bindings, .. } = self.merging()?;
             self.encode(
                 &mut encoder,
-                &[(&kernels.pick_sums, &bindings.pick_sums, Some(self.merging.groups(chunk.len())))],
+                &[(&kernels.pick_sums, &bindings.pick_sums, Some(self.merging()?.groups(chunk.len())))],
             );
             let (_, found) = self.download::<Picked>(encoder, picked, chunk.len())?;
             sums.extend(found.iter().map(Picked::sums));
@@ -199,10 +194,11 @@ impl MergeSteps for GpuSteps<'_, Merging> {
         if !self.has_merged || !self.has_moved {
             return Ok(Vec::new());
         }
-        let kernels = self.connection.merge_kernels()?;
+        let connection = Arc::clone(&self.connection);
+        let kernels = connection.merge_kernels()?;
         let mut encoder = if self.gathered { self.encoder() } else { self.encode_fit() };
         encoder.clear_buffer(&self.buffers.ring, 0, None);
-        let Merging { bindings, .. } = &self.merging;
+        let Merging { bindings, .. } = self.merging()?;
         self.encode(
             &mut encoder,
             &[

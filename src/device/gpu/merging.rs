@@ -18,32 +18,14 @@ pub(super) struct Merging {
     /// A list of the host's: pairs that merge, or clusters whose sums it wants.
     pub(super) entries: wgpu::Buffer,
     pub(super) picked: wgpu::Buffer,
-    /// Workgroups of a search for pieces among all faces, after one among the listed ones.
-    pub(super) second_search: wgpu::Buffer,
+    /// For each cluster 0, or one more than the cluster that it became part of.
+    pub(super) merged_into: wgpu::Buffer,
     /// Sums that fit into `picked`, and clusters into `entries`.
     pub(super) most_picked: usize,
     pub(super) bindings: MergeBindings,
     row: u32,
     /// Whether the device is a driver that computes on the cpu.
     pub(super) is_software: bool,
-}
-
-/// What steps may have beside the buffers of a surface.
-pub(super) trait MaybeMerging {
-    /// What a hierarchy needs, in one.
-    fn merging(&self) -> Option<&Merging>;
-}
-
-impl MaybeMerging for () {
-    fn merging(&self) -> Option<&Merging> {
-        None
-    }
-}
-
-impl MaybeMerging for Merging {
-    fn merging(&self) -> Option<&Merging> {
-        Some(self)
-    }
 }
 
 /// What each kernel sees.
@@ -57,15 +39,6 @@ pub(super) struct MergeBindings {
     pub(super) reduce: wgpu::BindGroup,
     pub(super) unite: wgpu::BindGroup,
     pub(super) relabel: wgpu::BindGroup,
-    pub(super) relabel_near: wgpu::BindGroup,
-    pub(super) tally: wgpu::BindGroup,
-    pub(super) follow: wgpu::BindGroup,
-    pub(super) mirror: wgpu::BindGroup,
-    pub(super) explore: wgpu::BindGroup,
-    pub(super) mark_gaps: wgpu::BindGroup,
-    pub(super) hook_gaps: wgpu::BindGroup,
-    pub(super) doubt: wgpu::BindGroup,
-    pub(super) decide: wgpu::BindGroup,
     pub(super) list_moves: wgpu::BindGroup,
     pub(super) pick_sums: wgpu::BindGroup,
 }
@@ -89,13 +62,10 @@ impl Merging {
         let bests = create("best dual edges", u64::from(columns) * u64::from(rows), size_of::<Best>(), storage | out)?;
         // pairs are half as many as clusters
         let entries = create("entries", clusters.max(2), 4, storage | into)?;
-        let second_search = create("second search", 1, size_of::<Dispatch>(), storage | wgpu::BufferUsages::INDIRECT)?;
+        let merged_into = create("merged clusters", clusters, 4, storage | into)?;
         let picked = create("sums for the host", most_picked, size_of::<Picked>(), storage | out)?;
 
-        let Buffers { neighbours, labels, clusters: sums, proxies, ring, origins, lists, markets, .. } = buffers;
-        // pieces are looked for between phases and searches: their trees and sizes are where wishes and offers were, and
-        // those of gaps where the host finds lists
-        let Buffers { wishes: parents, offers: sizes, next_dispatch, .. } = buffers;
+        let Buffers { neighbours, labels, clusters: sums, proxies, ring, origins, lists, .. } = buffers;
         let bind = |compiled: &Compiled, storage: &[&wgpu::Buffer]| {
             bind(connection, compiled, buffers.turns.buffer(), storage)
         };
@@ -108,30 +78,17 @@ impl Merging {
             list_choices: bind(list_choices, &[&choices, &found, ring, lists]),
             search: edges(&kernels.search, &bests),
             reduce: bind(&kernels.reduce, &[&bests, lists]),
-            unite: bind(&kernels.unite, &[&entries, sums, lists]),
-            relabel: bind(&kernels.relabel, &[labels, origins, lists]),
-            relabel_near: bind(&kernels.relabel_near, &[neighbours, labels, origins, lists]),
-            follow: bind(&kernels.follow, &[labels, lists]),
-            mirror: bind(&kernels.mirror, &[neighbours, labels, parents, lists]),
-            explore: bind(&kernels.explore, &[neighbours, labels, sums, origins, lists]),
-            mark_gaps: bind(&kernels.mark_gaps, &[labels, origins, parents, sizes, sums, &found, lists]),
-            hook_gaps: bind(&connection.kernels.hook, &[neighbours, origins, &found, origins, lists]),
-            doubt: bind(&kernels.doubt, &[neighbours, labels, origins, parents, sizes, &found, sums, lists]),
-            tally: bind(&kernels.tally, &[labels, parents, sizes, markets, sums, lists]),
-            decide: bind(&kernels.decide, &[markets, next_dispatch, &second_search, lists]),
+            unite: bind(&kernels.unite, &[&entries, sums, &merged_into]),
+            relabel: bind(&kernels.relabel, &[labels, origins, &merged_into]),
             list_moves: bind(&kernels.list_moves, &[labels, origins, &found, ring, lists]),
             pick_sums: bind(&kernels.pick_sums, &[&entries, sums, &picked]),
         };
-        // a search leaves them cleared
-        let mut encoder = connection.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        encoder.clear_buffer(&choices, 0, None);
-        connection.queue.submit([encoder.finish()]);
         connection.check()?;
         Ok(Self {
             found,
             bests,
             entries,
-            second_search,
+            merged_into,
             picked,
             most_picked: most_picked as usize,
             bindings,

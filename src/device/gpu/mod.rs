@@ -132,7 +132,6 @@
 //! memory that ran out), and the next surface gets a new connection. [`GpuDevice::inject`] makes it happen.
 
 pub mod adapter;
-mod ahead;
 mod buffers;
 mod clock;
 mod connection;
@@ -144,20 +143,18 @@ mod list_tests;
 mod merge_steps;
 mod merging;
 mod pieces;
-mod pool;
 mod readback;
 mod steps;
 
 use std::sync::{Arc, Mutex};
 
 use self::adapter::{AdapterKind, AdapterReport, Found};
-use self::ahead::{Ahead, Ticket};
 use self::buffers::Buffers;
 pub use self::clock::{Profile, StageTime};
 use self::connection::{Connection, lock};
 use self::merging::Merging;
 use self::steps::GpuSteps;
-use super::{Device, MemoryMeter, MergeSteps, Steps, Uploaded, Uploader};
+use super::{Device, MemoryMeter, MergeSteps, Steps};
 use crate::error::{Error, Kind, Result};
 use crate::report::{DeviceInfo, DeviceKind};
 use crate::surface::DualGraph;
@@ -170,8 +167,6 @@ pub struct Overrides {
     pub workgroups_per_dimension: Option<u32>,
     /// Bytes that a kernel sees of a buffer.
     pub binding_size: Option<u64>,
-    /// Whether hierarchies look for pieces near faces that moved, however many did, and not only where that is less work.
-    pub always_near: bool,
     /// Whether passes are timed and dispatches counted, for [`GpuDevice::take_profile`].
     pub timed: bool,
 }
@@ -205,8 +200,6 @@ impl Fault {
 pub enum FaultPoint {
     /// Before a surface is brought to the device, when it is opened.
     Upload,
-    /// Before a surface is brought to the device ahead of its turn.
-    Ahead,
     /// Before a batch of the growth is queued.
     Grow,
     /// Before a batch of the boundary phase is queued.
@@ -229,11 +222,8 @@ pub struct GpuDevice {
     report: AdapterReport,
     info: DeviceInfo,
     overrides: Overrides,
-    connection: Option<Arc<Connection>>,
-    /// The same, for others: [`Device::memory_meter`] and [`Device::uploader`].
+    /// None after it broke. Shared with [`Device::memory_meter`].
     opened: Arc<Mutex<Option<Arc<Connection>>>>,
-    /// For what was brought of the surface that is opened next.
-    ticket: Option<Ticket>,
     fault: Option<Fault>,
 }
 
@@ -262,9 +252,7 @@ impl GpuDevice {
             },
             report,
             overrides,
-            opened: Arc::new(Mutex::new(Some(Arc::clone(&connection)))),
-            connection: Some(connection),
-            ticket: None,
+            opened: Arc::new(Mutex::new(Some(connection))),
             fault: None,
         })
     }
@@ -281,23 +269,9 @@ impl GpuDevice {
         connection.copy_bandwidth(connection.limits.max_buffer_size.min(1 << 28))
     }
 
-    /// Fills the buffers that are kept for the next surface with garbage, for tests; returns how many bytes.
-    pub fn spoil_spare_buffers(&mut self) -> Result<u64> {
-        let connection = self.connection()?;
-        let mut bytes = 0;
-        for buffer in lock(&connection.pool).spare() {
-            connection.queue.write_buffer(buffer, 0, &vec![0xa5; buffer.size() as usize]);
-            bytes += buffer.size();
-        }
-        Ok(bytes)
-    }
-
-    /// Makes something fail once: in the next surface that is opened, or brought ahead of its turn.
+    /// Makes something fail once, on the next surface that is opened.
     pub fn inject(&mut self, fault: Fault) {
-        match (fault.point(), &self.connection) {
-            (FaultPoint::Ahead, Some(connection)) => connection.arm_ahead(fault),
-            _ => self.fault = Some(fault),
-        }
+        self.fault = Some(fault);
     }
 
     /// Whether an adapter that was found anew is this one, though others came or went.
@@ -305,35 +279,27 @@ impl GpuDevice {
         (&report.name, &report.backend, report.usable) == (&self.report.name, &self.report.backend, true)
     }
 
-    /// The connection, another one if the last broke. The adapter may have gone with the device, so it is looked for anew.
-    fn connection(&mut self) -> Result<&Connection> {
-        if self.connection.as_ref().is_some_and(|connection| connection.is_broken()) {
-            self.connection = None;
-            *lock(&self.opened) = None;
+    /// The connection; a new one if the last broke. The adapter may have gone with the device, so it is looked for again.
+    fn connection(&self) -> Result<Arc<Connection>> {
+        let mut opened = lock(&self.opened);
+        if let Some(connection) = opened.as_ref().filter(|connection| !connection.is_broken()) {
+            return Ok(Arc::clone(connection));
         }
-        let connection = match self.connection.take() {
-            Some(connection) => connection,
-            None => {
-                let adapters = adapter::enumerate();
-                let found = adapters
-                    .iter()
-                    .find(|found| found.report == self.report)
-                    .or_else(|| adapters.iter().find(|found| self.is_same(&found.report)))
-                    .ok_or_else(|| {
-                        Error::new(Kind::DeviceLost, format_args!("the gpu is gone: {}", self.report.name))
-                    })?;
-                tracing::warn!(adapter = self.report.name, "opening the lost gpu again");
-                Arc::new(Connection::open(found, self.overrides)?)
-            }
-        };
-        lock(&self.opened).get_or_insert_with(|| Arc::clone(&connection));
-        Ok(self.connection.insert(connection))
+        *opened = None;
+        let adapters = adapter::enumerate();
+        let found = adapters
+            .iter()
+            .find(|found| found.report == self.report)
+            .or_else(|| adapters.iter().find(|found| self.is_same(&found.report)))
+            .ok_or_else(|| Error::new(Kind::DeviceLost, format_args!("the gpu is gone: {}", self.report.name)))?;
+        tracing::warn!(adapter = self.report.name, "opening the lost gpu again");
+        Ok(Arc::clone(opened.insert(Arc::new(Connection::open(found, self.overrides)?))))
     }
 }
 
 impl Drop for GpuDevice {
     fn drop(&mut self) {
-        // others may go on asking for it: what it kept shall not stay for them
+        // a memory meter may outlive the device
         *lock(&self.opened) = None;
     }
 }
@@ -351,28 +317,12 @@ impl Device for GpuDevice {
         })
     }
 
-    fn uploader(&self) -> Option<Arc<dyn Uploader>> {
-        Some(Arc::new(Ahead { opened: Arc::clone(&self.opened) }))
-    }
-
-    fn receive(&mut self, uploaded: Uploaded) {
-        self.ticket = uploaded.downcast().ok().map(|ticket| *ticket);
-    }
-
-    fn rest(&mut self) {
-        if let Some(connection) = self.connection.as_ref().filter(|connection| !connection.is_broken()) {
-            connection.free();
-        }
-    }
-
     fn open<'a>(&'a mut self, graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
-        let (fault, ticket) = (self.fault.take(), self.ticket.take());
         let energy_shifts = energy_shifts(graph, component_of_cluster)?;
         let connection = self.connection()?;
-        connection.arm(fault);
-        let mut ahead = ticket.and_then(|ticket| ticket.redeem(connection, graph));
-        let buffers = connection.lend(|| Buffers::new(connection, graph, ahead.take(), &energy_shifts, false))?;
-        Ok(Box::new(GpuSteps::new(connection, graph, component_of_cluster, buffers, ())))
+        connection.arm(self.fault.take());
+        let buffers = Buffers::new(&connection, graph, &energy_shifts)?;
+        Ok(Box::new(GpuSteps::new(connection, graph, component_of_cluster, buffers, None)))
     }
 
     fn open_merging<'a>(
@@ -380,18 +330,13 @@ impl Device for GpuDevice {
         graph: &'a DualGraph,
         component_of_cluster: &'a [u32],
     ) -> Result<Box<dyn MergeSteps + 'a>> {
-        let (fault, ticket) = (self.fault.take(), self.ticket.take());
         let energy_shifts = energy_shifts(graph, component_of_cluster)?;
         let is_software = self.report.kind == AdapterKind::Software;
         let connection = self.connection()?;
-        connection.arm(fault);
-        let mut ahead = ticket.and_then(|ticket| ticket.redeem(connection, graph));
-        let (buffers, merging) = connection.lend(|| {
-            let buffers = Buffers::new(connection, graph, ahead.take(), &energy_shifts, true)?;
-            let merging = Merging::new(connection, &buffers, energy_shifts.len() as u32, is_software)?;
-            Ok((buffers, merging))
-        })?;
-        Ok(Box::new(GpuSteps::new(connection, graph, component_of_cluster, buffers, merging)))
+        connection.arm(self.fault.take());
+        let buffers = Buffers::new(&connection, graph, &energy_shifts)?;
+        let merging = Merging::new(&connection, &buffers, energy_shifts.len() as u32, is_software)?;
+        Ok(Box::new(GpuSteps::new(connection, graph, component_of_cluster, buffers, Some(merging))))
     }
 }
 

@@ -1,13 +1,13 @@
 //! How results come back from the device: copies into memory that the host can map, and the wait for them.
 //!
-//! That is one buffer, which grows to what is read at once and serves the next surfaces (`pool.rs`), and two for the ring.
+//! That is one buffer, which grows to the largest result, and two for the ring.
 
 use std::sync::mpsc::{Receiver, channel};
 
 use bytemuck::Pod;
 
 use super::buffers::{BETWEEN, RING};
-use super::connection::{PATIENCE, lock};
+use super::connection::PATIENCE;
 use super::layout::Slot;
 use super::steps::GpuSteps;
 use crate::error::Result;
@@ -23,7 +23,7 @@ pub(super) struct Batch {
     mapped: Mapped,
 }
 
-impl<M> GpuSteps<'_, M> {
+impl GpuSteps<'_> {
     /// Submits what is encoded, and then a copy of the ring that the host can read.
     pub(super) fn queue_reading(&self, mut encoder: wgpu::CommandEncoder, turns: u32, staging: usize) -> Result<Batch> {
         let target = &self.buffers.staging[staging];
@@ -57,7 +57,7 @@ impl<M> GpuSteps<'_, M> {
     ) -> Result<(Slot, Vec<T>)> {
         let slot_bytes = size_of::<Slot>();
         let bytes = (items * size_of::<T>()) as u64;
-        let staging = self.for_host(slot_bytes as u64 + bytes)?;
+        let staging = self.host_buffer(slot_bytes as u64 + bytes)?;
         let target = staging.slice(..slot_bytes as u64 + bytes);
         let slot_at = u64::from(BETWEEN) * slot_bytes as u64;
         encoder.copy_buffer_to_buffer(&self.buffers.ring, slot_at, &staging, 0, slot_bytes as u64);
@@ -69,23 +69,21 @@ impl<M> GpuSteps<'_, M> {
             let (slot, items) = view.split_at(slot_bytes);
             (bytemuck::pod_read_unaligned(slot), bytemuck::pod_collect_to_vec(items))
         })?;
-        lock(&self.connection.pool).keep_for_host(staging);
+        self.host_buffer.set(Some(staging));
         Ok(read)
     }
 
-    /// A buffer of so many bytes, or more, that the host can read.
-    fn for_host(&self, bytes: u64) -> Result<wgpu::Buffer> {
-        let pool = &self.connection.pool;
-        if let Some(kept) = lock(pool).take_for_host(bytes) {
+    /// A buffer of at least `bytes` that the host can read. Goes back to `host_buffer` after use, unmapped.
+    fn host_buffer(&self, bytes: u64) -> Result<wgpu::Buffer> {
+        if let Some(kept) = self.host_buffer.take().filter(|buffer| buffer.size() >= bytes) {
             return Ok(kept);
         }
-        let descriptor = wgpu::BufferDescriptor {
-            label: Some("for the host"),
+        self.connection.buffer(&wgpu::BufferDescriptor {
+            label: Some("results for the host"),
             size: bytes,
             usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
-        };
-        self.connection.needed_buffer(&descriptor)
+        })
     }
 
     /// Waits for a submission and a mapping after it, and looks into what is mapped.

@@ -4,13 +4,15 @@
 //! device works on one, the host reads the ring of the one before. The device itself ends a run: the kernel that finds a
 //! turn without moves writes zeros into the arguments of the indirect dispatches that follow, also those in the next batch.
 
+use std::cell::Cell;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::FaultPoint;
 use super::buffers::{BETWEEN, Buffers, RING, upload};
-use super::connection::{Compiled, Connection, lock};
+use super::connection::{Compiled, Connection};
 use super::layout::{Slot, UNLISTED};
-use super::merging::MaybeMerging;
+use super::merging::Merging;
 use super::readback::Batch;
 use crate::device::cpu;
 use crate::device::{Cancel, Ending, FREE, LatticeEnergy, Step, Steps};
@@ -61,13 +63,14 @@ impl Work {
     }
 }
 
-/// A surface on the gpu; `M` is what hierarchies need besides ([`super::merging`]), or nothing.
-pub(super) struct GpuSteps<'a, M> {
-    pub(super) connection: &'a Connection,
+/// A surface on the gpu.
+pub(super) struct GpuSteps<'a> {
+    pub(super) connection: Arc<Connection>,
     graph: &'a DualGraph,
     component_of_cluster: &'a [u32],
     pub(super) buffers: Buffers,
-    pub(super) merging: M,
+    /// What hierarchies need besides.
+    merging: Option<Merging>,
     pub(super) clusters: u32,
     /// Whether sums and lists belong to the labels.
     pub(super) gathered: bool,
@@ -75,16 +78,10 @@ pub(super) struct GpuSteps<'a, M> {
     pub(super) energy: Option<LatticeEnergy>,
     /// Whether clusters merged since the labels were set.
     pub(super) has_merged: bool,
-    /// Whether labels away from listed faces may name clusters that have become part of others.
-    pub(super) are_behind: bool,
     /// Whether faces may have moved since the last merge.
     pub(super) has_moved: bool,
-    /// How many did, at most.
-    pub(super) moves: u64,
     /// Whether they may have since pieces were last looked for.
     pub(super) may_be_cut: bool,
-    /// Whether every cluster was in one piece after the last merge.
-    pub(super) merged_whole: bool,
     /// The clusters that may have faces, ascending.
     pub(super) living: Vec<u32>,
     /// Number of the next turn, while a phase goes on that stopped at its limit.
@@ -93,15 +90,17 @@ pub(super) struct GpuSteps<'a, M> {
     next_turn: u32,
     /// Does what the gpu leaves to the cpu, while that is going on.
     host: Option<Box<dyn Steps + 'a>>,
+    /// The buffer that the host reads results through. It grows to the largest result.
+    pub(super) host_buffer: Cell<Option<wgpu::Buffer>>,
 }
 
-impl<'a, M: MaybeMerging> GpuSteps<'a, M> {
+impl<'a> GpuSteps<'a> {
     pub(super) fn new(
-        connection: &'a Connection,
+        connection: Arc<Connection>,
         graph: &'a DualGraph,
         component_of_cluster: &'a [u32],
         buffers: Buffers,
-        merging: M,
+        merging: Option<Merging>,
     ) -> Self {
         let clusters = component_of_cluster.len() as u32;
         Self {
@@ -114,15 +113,13 @@ impl<'a, M: MaybeMerging> GpuSteps<'a, M> {
             gathered: false,
             energy: None,
             has_merged: false,
-            are_behind: false,
             has_moved: true,
-            moves: 0,
             may_be_cut: true,
-            merged_whole: false,
             living: (0..clusters).collect(),
             resumed_at: None,
             next_turn: 1,
             host: None,
+            host_buffer: Cell::default(),
         }
     }
 
@@ -149,7 +146,6 @@ impl<'a, M: MaybeMerging> GpuSteps<'a, M> {
         self.gathered = false;
         self.energy = None;
         self.has_moved = true;
-        self.moves += labels.len() as u64;
         self.may_be_cut = true;
         self.connection.check()
     }
@@ -212,7 +208,6 @@ impl<'a, M: MaybeMerging> GpuSteps<'a, M> {
                     left += 1;
                 } else {
                     self.has_moved = true;
-                    self.moves += u64::from(slot.moves);
                     self.may_be_cut = true;
                     on_turn(&slot);
                 }
@@ -316,24 +311,9 @@ impl<'a, M: MaybeMerging> GpuSteps<'a, M> {
         }
     }
 
-    /// Encodes one kernel, between batches, with as many workgroups as a buffer says then.
-    pub(super) fn dispatch_as_told(
-        &self,
-        pass: &mut wgpu::ComputePass<'_>,
-        compiled: &Compiled,
-        bindings: &wgpu::BindGroup,
-        groups: &wgpu::Buffer,
-    ) {
-        self.connection.count(compiled.kernel);
-        pass.set_pipeline(&compiled.pipeline);
-        pass.set_bind_group(0, bindings, &[self.buffers.turns.offset(BETWEEN)]);
-        pass.dispatch_workgroups_indirect(groups, 0);
-    }
-}
-
-impl<M> Drop for GpuSteps<'_, M> {
-    fn drop(&mut self) {
-        lock(&self.connection.pool).take_back();
+    /// What hierarchies need. An error on a surface that was opened without.
+    pub(super) fn merging(&self) -> Result<&Merging> {
+        self.merging.as_ref().ok_or_else(|| Error::new(Kind::Internal, "the surface was not opened for merging"))
     }
 }
 
@@ -342,13 +322,11 @@ fn ending(is_over: bool) -> Ending {
     if is_over { Ending::Converged } else { Ending::IterationLimit }
 }
 
-impl<M: MaybeMerging> Steps for GpuSteps<'_, M> {
+impl Steps for GpuSteps<'_> {
     fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
         if std::mem::take(&mut self.has_merged) {
             self.living = (0..self.clusters).collect();
             self.buffers.list_clusters(&self.connection.queue, &self.living);
-            self.are_behind = false;
-            self.buffers.leave_behind(&self.connection.queue, false);
         }
         self.resumed_at = None;
         self.host = None;
@@ -450,15 +428,6 @@ impl<M: MaybeMerging> Steps for GpuSteps<'_, M> {
 
     fn labels(&mut self) -> Result<Vec<u32>> {
         self.connection.reach(FaultPoint::Labels);
-        let mut encoder = self.encoder();
-        if self.are_behind
-            && let Some(merging) = self.merging.merging()
-        {
-            let kernels = self.connection.merge_kernels()?;
-            let mut pass = self.connection.pass(&mut encoder, "labels");
-            let groups = Some(self.buffers.face_groups);
-            self.dispatch(&mut pass, &kernels.follow, &merging.bindings.follow, BETWEEN, groups);
-        }
-        Ok(self.download(encoder, &self.buffers.labels, self.buffers.faces as usize)?.1)
+        Ok(self.download(self.encoder(), &self.buffers.labels, self.buffers.faces as usize)?.1)
     }
 }

@@ -87,7 +87,6 @@ impl Pipeline {
         let (rows, inbox) = mpsc::unbounded_channel();
         let task = Task {
             prepared: Arc::new(prepared),
-            uploaded: None,
             cancel: cancel.clone(),
             is_retry: ticket.attempt > 1,
             // Unbounded, so that the device never waits; the report holds the same rows anyway.

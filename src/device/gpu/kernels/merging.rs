@@ -108,42 +108,17 @@ pub const UNITE: Kernel = Kernel {
         CLUSTER_WGSL,
         ADD_WGSL,
         SUMS_WGSL,
-        LISTS_WGSL,
         include_str!("../../../../shaders/unite.wgsl"),
     ],
-    bindings: &[TURN, ENTRIES, CLUSTERS, LISTS],
+    bindings: &[TURN, ENTRIES, CLUSTERS, MERGED_INTO],
     workgroup_size: WORKGROUP,
 };
 
 /// Merge: brings the labels of all faces up to date.
 pub const RELABEL: Kernel = Kernel {
     name: "relabel",
-    sources: &[TURN_WGSL, LISTS_WGSL, MERGED_WGSL, include_str!("../../../../shaders/relabel.wgsl")],
-    bindings: &[TURN, WRITTEN_LABELS, ORIGINS, LISTS],
-    workgroup_size: WORKGROUP,
-};
-
-/// Merge: brings the labels of listed faces and those beside them up to date.
-pub const RELABEL_NEAR: Kernel = Kernel {
-    name: "relabel_near",
-    sources: &[TURN_WGSL, LISTS_WGSL, MERGED_WGSL, AROUND_WGSL, include_str!("../../../../shaders/relabel_near.wgsl")],
-    bindings: &[TURN, NEIGHBOURS, WRITTEN_LABELS, ORIGINS, LISTS],
-    workgroup_size: WORKGROUP,
-};
-
-/// Brings the labels of all faces up to date.
-pub const FOLLOW: Kernel = Kernel {
-    name: "follow",
-    sources: &[TURN_WGSL, LISTS_WGSL, MERGED_WGSL, include_str!("../../../../shaders/follow.wgsl")],
-    bindings: &[TURN, WRITTEN_LABELS, LISTS],
-    workgroup_size: WORKGROUP,
-};
-
-/// Before a growth: copies the labels that it looks at.
-pub const MIRROR: Kernel = Kernel {
-    name: "mirror",
-    sources: &[TURN_WGSL, LISTS_WGSL, include_str!("../../../../shaders/mirror.wgsl")],
-    bindings: &[TURN, NEIGHBOURS, LABELS, binding("copies", Access::Write, 4), LISTS],
+    sources: &[TURN_WGSL, include_str!("../../../../shaders/relabel.wgsl")],
+    bindings: &[TURN, WRITTEN_LABELS, ORIGINS, binding("merged_into", Access::Read, 4)],
     workgroup_size: WORKGROUP,
 };
 
