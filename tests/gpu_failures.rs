@@ -5,6 +5,7 @@ mod common;
 mod gpu_support;
 
 use gpu_support::{ALL, adapter, device, device_with, run, seeds};
+use tesserae::Kind;
 use tesserae::cluster::seeds::SeedFaces;
 use tesserae::device::gpu::{Fault, FaultPoint, GpuDevice, Overrides};
 use tesserae::device::select::{self, DeviceChoice};
@@ -13,7 +14,6 @@ use tesserae::parameters::Seeds;
 use tesserae::report::DeviceKind;
 use tesserae::sample::{Sample, generate};
 use tesserae::surface::Surface;
-use tesserae::Kind;
 
 fn example() -> (Surface, SeedFaces) {
     let mesh = generate(Sample::Knot, 5000).expect("a sample");

@@ -137,20 +137,24 @@ fn shared_structs_and_constants_are_the_same_on_both_sides() {
 #[test]
 fn the_table_lists_every_shader_file() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders");
-    let files: BTreeSet<String> = std::fs::read_dir(folder)
-        .expect("shaders/")
-        .filter_map(|entry| {
-            let name = entry.expect("an entry").file_name().into_string().expect("UTF-8");
-            name.strip_suffix(".wgsl").map(str::to_owned)
-        })
-        .collect();
+    let names = |folder: &Path| -> Vec<(bool, String)> {
+        let entries = std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry"));
+        entries.map(|entry| (entry.path().is_dir(), entry.file_name().into_string().expect("UTF-8"))).collect()
+    };
+    let mut files = BTreeSet::new();
+    for (is_folder, phase) in names(&folder) {
+        assert!(is_folder, "{phase} belongs in a folder");
+        if phase != "shared" {
+            files.extend(names(&folder.join(phase)).into_iter().map(|(_, file)| file.replace(".wgsl", "")));
+        }
+    }
     let table: BTreeSet<String> = KERNELS.iter().map(|kernel| kernel.name.to_owned()).collect();
     assert_eq!(files, table);
 }
 
 #[test]
 fn the_comparison_notices_differences() {
-    let kernel = KERNELS.iter().find(|kernel| kernel.name == "apply").expect("apply");
+    let kernel = KERNELS.iter().find(|kernel| kernel.name == "boundary_apply").expect("boundary_apply");
     let swapped = kernel.source().replace("@binding(2)", "@binding(7)");
     let module_with = |source: &str| naga::front::wgsl::parse_str(source).expect("WGSL");
     assert!(check_bindings(&module_with(&swapped), kernel.bindings).is_err());

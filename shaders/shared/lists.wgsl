@@ -4,7 +4,7 @@
 struct Lists {
     // Faces that are listed, those included that a kernel adds while it runs.
     length: atomic<u32>,
-    // Faces that have come through `enlist` or `weed`.
+    // Faces that have come through `boundary_build` or `boundary_compact`.
     kept: atomic<u32>,
     // Faces that dispatches go over until the next time that they are counted.
     due: u32,

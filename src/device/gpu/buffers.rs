@@ -125,11 +125,7 @@ impl Turns {
 
 impl Buffers {
     /// Brings a surface to the device, all faces free.
-    pub(super) fn new(
-        connection: &Connection,
-        graph: &DualGraph,
-        energy_shifts: &[u32],
-    ) -> Result<Self> {
+    pub(super) fn new(connection: &Connection, graph: &DualGraph, energy_shifts: &[u32]) -> Result<Self> {
         let faces = graph.centroids.len() as u64;
         let clusters = energy_shifts.len() as u64;
         let storage = wgpu::BufferUsages::STORAGE;
@@ -235,7 +231,6 @@ impl Buffers {
         self.cluster_groups = groups(living.len() as u64, self.turns.common.row);
         self.turns.number(queue, 1);
     }
-
 }
 
 /// Writes items to a buffer, so many at a time that wgpu's copies of them stay small.

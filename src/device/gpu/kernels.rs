@@ -94,7 +94,7 @@ const ENERGY_WGSL: &str = include_str!("../../../shaders/shared/energy.wgsl");
 
 /// Grows the clusters by one ring of faces.
 pub const GROW: Kernel = Kernel {
-    name: "grow",
+    name: "growth_propose",
     sources: &[
         TURN_WGSL,
         SLOT_WGSL,
@@ -102,7 +102,7 @@ pub const GROW: Kernel = Kernel {
         FACE_WGSL,
         ADD_WGSL,
         LISTS_WGSL,
-        include_str!("../../../shaders/grow.wgsl"),
+        include_str!("../../../shaders/growth/growth_propose.wgsl"),
     ],
     bindings: &[
         TURN,
@@ -119,55 +119,67 @@ pub const GROW: Kernel = Kernel {
 
 /// Ends the growth when a pass changed nothing.
 pub const SETTLE: Kernel = Kernel {
-    name: "settle",
-    sources: &[TURN_WGSL, SLOT_WGSL, LISTS_WGSL, COVER_WGSL, include_str!("../../../shaders/settle.wgsl")],
+    name: "growth_check_done",
+    sources: &[
+        TURN_WGSL,
+        SLOT_WGSL,
+        LISTS_WGSL,
+        COVER_WGSL,
+        include_str!("../../../shaders/growth/growth_check_done.wgsl"),
+    ],
     bindings: &[TURN, RING, LISTS, NEXT_DISPATCH],
     workgroup_size: 1,
 };
 
 /// Lists the faces on boundaries.
 pub const ENLIST: Kernel = Kernel {
-    name: "enlist",
-    sources: &[TURN_WGSL, LISTS_WGSL, KEEP_WGSL, include_str!("../../../shaders/enlist.wgsl")],
+    name: "boundary_build",
+    sources: &[TURN_WGSL, LISTS_WGSL, KEEP_WGSL, include_str!("../../../shaders/boundary/boundary_build.wgsl")],
     bindings: &[TURN, NEIGHBOURS, LABELS, ORIGINS, LISTS],
     workgroup_size: WORKGROUP,
 };
 
 /// Takes those off the list that no longer are on one.
 pub const WEED: Kernel = Kernel {
-    name: "weed",
-    sources: &[TURN_WGSL, LISTS_WGSL, KEEP_WGSL, include_str!("../../../shaders/weed.wgsl")],
+    name: "boundary_compact",
+    sources: &[TURN_WGSL, LISTS_WGSL, KEEP_WGSL, include_str!("../../../shaders/boundary/boundary_compact.wgsl")],
     bindings: &[TURN, NEIGHBOURS, LABELS, ORIGINS, LISTS],
     workgroup_size: WORKGROUP,
 };
 
 /// Takes the new list into use.
 pub const LINE_UP: Kernel = Kernel {
-    name: "line_up",
-    sources: &[TURN_WGSL, LISTS_WGSL, COVER_WGSL, include_str!("../../../shaders/line_up.wgsl")],
+    name: "boundary_publish",
+    sources: &[TURN_WGSL, LISTS_WGSL, COVER_WGSL, include_str!("../../../shaders/boundary/boundary_publish.wgsl")],
     bindings: &[TURN, LISTS, NEXT_DISPATCH],
     workgroup_size: 1,
 };
 
 /// Sums up the clusters.
 pub const GATHER: Kernel = Kernel {
-    name: "gather",
-    sources: &[TURN_WGSL, CLUSTER_WGSL, FACE_WGSL, ADD_WGSL, include_str!("../../../shaders/gather.wgsl")],
+    name: "sums_gather",
+    sources: &[TURN_WGSL, CLUSTER_WGSL, FACE_WGSL, ADD_WGSL, include_str!("../../../shaders/sums/sums_gather.wgsl")],
     bindings: &[TURN, FACES, LABELS, CLUSTERS],
     workgroup_size: WORKGROUP,
 };
 
 /// Boundary phase: finds the faces that want to move.
 pub const PROPOSE: Kernel = Kernel {
-    name: "propose",
-    sources: &[TURN_WGSL, CLUSTER_WGSL, FACE_WGSL, LISTS_WGSL, include_str!("../../../shaders/propose.wgsl")],
+    name: "boundary_propose",
+    sources: &[
+        TURN_WGSL,
+        CLUSTER_WGSL,
+        FACE_WGSL,
+        LISTS_WGSL,
+        include_str!("../../../shaders/boundary/boundary_propose.wgsl"),
+    ],
     bindings: &[TURN, FACES, NEIGHBOURS, LABELS, PROXIES, binding("wishes", Access::Write, 4), CLUSTERS, LISTS],
     workgroup_size: WORKGROUP,
 };
 
 /// Boundary phase: moves them.
 pub const APPLY: Kernel = Kernel {
-    name: "apply",
+    name: "boundary_apply",
     sources: &[
         TURN_WGSL,
         SLOT_WGSL,
@@ -176,7 +188,7 @@ pub const APPLY: Kernel = Kernel {
         ADD_WGSL,
         LISTS_WGSL,
         NEWCOMERS_WGSL,
-        include_str!("../../../shaders/apply.wgsl"),
+        include_str!("../../../shaders/boundary/boundary_apply.wgsl"),
     ],
     bindings: &[
         TURN,
@@ -194,7 +206,7 @@ pub const APPLY: Kernel = Kernel {
 
 /// Boundary phase: fits the proxies and measures the energy.
 pub const FIT: Kernel = Kernel {
-    name: "fit",
+    name: "proxies_fit",
     sources: &[
         TURN_WGSL,
         SLOT_WGSL,
@@ -204,7 +216,7 @@ pub const FIT: Kernel = Kernel {
         ENERGY_WGSL,
         LISTS_WGSL,
         COVER_WGSL,
-        include_str!("../../../shaders/fit.wgsl"),
+        include_str!("../../../shaders/sums/proxies_fit.wgsl"),
     ],
     bindings: &[
         TURN,
@@ -220,7 +232,7 @@ pub const FIT: Kernel = Kernel {
 
 /// Refinement: lets every face bid.
 pub const BID: Kernel = Kernel {
-    name: "bid",
+    name: "face_bid",
     sources: &[
         TURN_WGSL,
         CLUSTER_WGSL,
@@ -229,7 +241,7 @@ pub const BID: Kernel = Kernel {
         SUMS_WGSL,
         BITS_WGSL,
         LISTS_WGSL,
-        include_str!("../../../shaders/bid.wgsl"),
+        include_str!("../../../shaders/refine/face_bid.wgsl"),
     ],
     bindings: &[
         TURN,
@@ -247,15 +259,15 @@ pub const BID: Kernel = Kernel {
 
 /// Refinement: finds the best bid at each cluster.
 pub const CHOOSE: Kernel = Kernel {
-    name: "choose",
-    sources: &[TURN_WGSL, SLOT_WGSL, MARKET_WGSL, LISTS_WGSL, include_str!("../../../shaders/choose.wgsl")],
+    name: "select_bids",
+    sources: &[TURN_WGSL, SLOT_WGSL, MARKET_WGSL, LISTS_WGSL, include_str!("../../../shaders/refine/select_bids.wgsl")],
     bindings: &[TURN, LABELS, binding("offers", Access::Read, size_of::<Offer>()), MARKETS, RING, LISTS],
     workgroup_size: WORKGROUP,
 };
 
 /// Refinement: finds who wins and who joins.
 pub const JOIN: Kernel = Kernel {
-    name: "join",
+    name: "join_moves",
     sources: &[
         TURN_WGSL,
         CLUSTER_WGSL,
@@ -264,7 +276,7 @@ pub const JOIN: Kernel = Kernel {
         ADD_WGSL,
         LISTS_WGSL,
         NEWCOMERS_WGSL,
-        include_str!("../../../shaders/join.wgsl"),
+        include_str!("../../../shaders/refine/join_moves.wgsl"),
     ],
     bindings: &[
         TURN,
@@ -282,7 +294,7 @@ pub const JOIN: Kernel = Kernel {
 
 /// Refinement: decides, and brings sums and proxies up to date.
 pub const JUDGE: Kernel = Kernel {
-    name: "judge",
+    name: "evaluate_moves",
     sources: &[
         TURN_WGSL,
         SLOT_WGSL,
@@ -293,7 +305,7 @@ pub const JUDGE: Kernel = Kernel {
         ENERGY_WGSL,
         LISTS_WGSL,
         COVER_WGSL,
-        include_str!("../../../shaders/judge.wgsl"),
+        include_str!("../../../shaders/refine/evaluate_moves.wgsl"),
     ],
     bindings: &[
         TURN,
@@ -311,8 +323,8 @@ pub const JUDGE: Kernel = Kernel {
 
 /// Refinement: brings the labels up to date.
 pub const DEAL: Kernel = Kernel {
-    name: "deal",
-    sources: &[TURN_WGSL, MARKET_WGSL, LISTS_WGSL, include_str!("../../../shaders/deal.wgsl")],
+    name: "commit_moves",
+    sources: &[TURN_WGSL, MARKET_WGSL, LISTS_WGSL, include_str!("../../../shaders/refine/commit_moves.wgsl")],
     bindings: &[TURN, WRITTEN_LABELS, binding("offers", Access::Write, size_of::<Offer>()), MARKETS, LISTS],
     workgroup_size: WORKGROUP,
 };

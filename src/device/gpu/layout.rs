@@ -10,7 +10,7 @@ use crate::cluster::sums::ClusterSums;
 /// Threads in a workgroup of every kernel that has one thread an item.
 pub const WORKGROUP: u32 = 256;
 
-/// Faces that one thread of `gather` takes.
+/// Faces that one thread of `sums_gather` takes.
 pub const GATHER_RUN: u32 = 8;
 
 /// The origin of a face that is not listed.
@@ -28,7 +28,7 @@ pub const TIES_BY_LARGEST_ID: u32 = 1;
 pub struct Turn {
     /// Where in the ring its numbers go.
     pub slot: u32,
-    /// 1: between batches; `fit` works even though nothing moved.
+    /// 1: between batches; `proxies_fit` works even though nothing moved.
     pub forced: u32,
     /// Number of faces.
     pub faces: u32,

@@ -55,7 +55,7 @@ impl GpuSteps<'_> {
         Ok((slot, list))
     }
 
-    /// Keeps the energy that `fit` left in a slot.
+    /// Keeps the energy that `proxies_fit` left in a slot.
     fn keep_energy(&mut self, slot: &Slot) {
         self.energy = Some(LatticeEnergy { explained: slot.explained() });
     }

@@ -5,7 +5,7 @@
 //! Every number that decides a label is an integer, and WGSL specifies integers exactly. Threads influence each other only
 //! through sums, extremes and counts, which do not depend on an order; a kernel reads none of those that it writes itself,
 //! with the exception of the carry, which `shaders/shared/add.wgsl` explains, of the trees of faces that become pieces,
-//! which end the same in whatever order they are hooked together (`shaders/hook.wgsl`), of gaps, at which the later of two pieces
+//! which end the same in whatever order they are hooked together (`shaders/pieces/piece_union.wgsl`), of gaps, at which the later of two pieces
 //! finds the earlier (`shaders/doubt.wgsl`), and of labels that are brought up to date, to the same by all who do. Ties go to the
 //! smaller cluster or face. So an iteration is a function of the labels before it, the one that [`crate::cluster`] defines, on
 //! every device. (A refusal in the refinement is remembered as the turn in which it happened, and stands until a cluster
@@ -14,7 +14,7 @@
 //! # What runs
 //!
 //! Faces decide on boundaries, so that is where threads are: a list has every face with a neighbour of another cluster, and
-//! every free one. A face that moves lists its neighbours, unless they are listed; `weed` takes off those whose boundary has
+//! every free one. A face that moves lists its neighbours, unless they are listed; `boundary_compact` takes off those whose boundary has
 //! gone, before each batch of a flat clustering and once in each round of a hierarchy. The clusters that are left are listed, too, by
 //! the host, which knows which ones merge. In the table a *listed face* and a *cluster* is one of those.
 //!
@@ -25,27 +25,27 @@
 //!
 //! | step | dispatches |
 //! |---|---|
-//! | sums and lists from labels | 3: `gather` (a thread for 8 faces), `enlist` (a thread a face), `line_up` (one thread) |
-//! | a pass of the growth | 2: `grow` (a thread a listed face, between two arrays of labels), `settle` (one thread) |
-//! | before a phase | 1: `fit` (a thread a cluster) |
-//! | before a batch of a flat clustering | 2: `weed` (a thread a listed face), `line_up` (one thread) |
-//! | an iteration of the boundary phase | 3: `propose`, `apply` (a thread a listed face), `fit` (a thread a cluster) |
-//! | an iteration of the refinement | 5: `bid`, `choose`, `join` (a thread a listed face), `judge` (a thread a cluster), `deal` (a thread a listed face) |
-//! | pieces | 7: `fit`, `link`, `hook` (a thread a face), `weigh` (a thread for 8 faces), `elect`, `cut` (a thread a face), `settle` (one thread); before, once labels are not up to date, `follow` (a thread a face) |
-//! | pieces near what moved | 20: `fit`, `explore`, `settle`, `link`, `hook`, `weigh`, `tally`, `mark_gaps`, `hook`, `doubt` (a thread a listed face), `decide` (a thread a cluster), `follow`, `link`, `hook`, `weigh`, which have no workgroups unless there are doubts, `elect`, `cut`, `settle`, `weed`, `line_up` |
+//! | sums and lists from labels | 3: `sums_gather` (a thread for 8 faces), `boundary_build` (a thread a face), `boundary_publish` (one thread) |
+//! | a pass of the growth | 2: `growth_propose` (a thread a listed face, between two arrays of labels), `growth_check_done` (one thread) |
+//! | before a phase | 1: `proxies_fit` (a thread a cluster) |
+//! | before a batch of a flat clustering | 2: `boundary_compact` (a thread a listed face), `boundary_publish` (one thread) |
+//! | an iteration of the boundary phase | 3: `boundary_propose`, `boundary_apply` (a thread a listed face), `proxies_fit` (a thread a cluster) |
+//! | an iteration of the refinement | 5: `face_bid`, `select_bids`, `join_moves` (a thread a listed face), `evaluate_moves` (a thread a cluster), `commit_moves` (a thread a listed face) |
+//! | pieces | 7: `proxies_fit`, `piece_link`, `piece_union` (a thread a face), `piece_size` (a thread for 8 faces), `piece_select_largest`, `piece_detach` (a thread a face), `growth_check_done` (one thread); before, once labels are not up to date, `follow` (a thread a face) |
+//! | pieces near what moved | 20: `proxies_fit`, `explore`, `growth_check_done`, `piece_link`, `piece_union`, `piece_size`, `tally`, `mark_gaps`, `piece_union`, `doubt` (a thread a listed face), `decide` (a thread a cluster), `follow`, `piece_link`, `piece_union`, `piece_size`, which have no workgroups unless there are doubts, `piece_select_largest`, `piece_detach`, `growth_check_done`, `boundary_compact`, `boundary_publish` |
 //! | before a growth after merges | 1: `mirror` (a thread a listed face), once labels are not up to date |
-//! | optimal dual edges | 7: `fit`, `weed`, `line_up`, `price`, `break_ties`, `prefer` (a thread a listed face), `list_choices` (a thread a cluster) |
-//! | the cheapest dual edge | 5: `fit`, `weed`, `line_up`, `search` (a thread a listed face, one candidate a workgroup), `reduce` (one workgroup) |
-//! | a merge | 3: `settle`, `unite` (a thread a pair), and `relabel` (a thread a face) while clusters are small, `relabel_near` (a thread a listed face) when they are large |
-//! | sums of some clusters | 1 for 2¹⁸ of them: `pick_sums` (a thread each) |
-//! | faces that moved since a merge | 2: `settle` (one thread), `list_moves` (a thread a listed face) |
+//! | optimal dual edges | 7: `proxies_fit`, `boundary_compact`, `boundary_publish`, `min_dual_edge_cost`, `min_dual_edge_tie`, `min_dual_edge_other` (a thread a listed face), `dual_edges_publish` (a thread a cluster) |
+//! | the cheapest dual edge | 5: `proxies_fit`, `boundary_compact`, `boundary_publish`, `cheapest_dual_edge` (a thread a listed face, one candidate a workgroup), `cheapest_dual_edge_reduce` (one workgroup) |
+//! | a merge | 3: `growth_check_done`, `merge_apply` (a thread a pair), and `merge_relabel` (a thread a face) while clusters are small, `relabel_near` (a thread a listed face) when they are large |
+//! | sums of some clusters | 1 for 2¹⁸ of them: `sums_copy` (a thread each) |
+//! | faces that moved since a merge | 2: `growth_check_done` (one thread), `moves_list` (a thread a listed face) |
 //!
-//! Those with a thread a listed face are dispatched indirectly, over as many as there are: `fit` and `judge` count them in each
-//! turn. When there is nothing left to do, they or `settle` set the number of workgroups of all that is still queued to zero;
-//! what is left then is `settle`'s one thread, or `fit` and `judge` looking at one number.
+//! Those with a thread a listed face are dispatched indirectly, over as many as there are: `proxies_fit` and `evaluate_moves` count them in each
+//! turn. When there is nothing left to do, they or `growth_check_done` set the number of workgroups of all that is still queued to zero;
+//! what is left then is `growth_check_done`'s one thread, or `proxies_fit` and `evaluate_moves` looking at one number.
 //!
 //! Each dispatch of an iteration reads what all threads of the one before it wrote, so that there cannot be fewer.
-//! Faces that come to a boundary are listed by `apply` itself, and by `join` before it is known whether they will, so that
+//! Faces that come to a boundary are listed by `boundary_apply` itself, and by `join_moves` before it is known whether they will, so that
 //! counting them takes none.
 //!
 //! # What it costs
@@ -57,8 +57,8 @@
 //! |---|---|---|---|
 //! | an iteration of the boundary phase | 100 | 68 | |
 //! | an iteration of the refinement | 152, and 60 if it bids | 16 | |
-//! | `weed` | 44 | | |
-//! | optimal dual edges, with `weed` | 344 | 120 | |
+//! | `boundary_compact` | 44 | | |
+//! | optimal dual edges, with `boundary_compact` | 344 | 120 | |
 //! | a merge of small clusters | | | 12, and 4 if it is listed, 4 if its cluster ends |
 //! | a merge of large ones | 60 | | |
 //! | pieces | | 84 | 28 where its cluster is known to be whole, else some 140 |

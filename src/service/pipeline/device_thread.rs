@@ -22,8 +22,8 @@ use tokio::sync::oneshot;
 use super::caught;
 use super::small::{SMALL_FACES, SmallMeshes};
 use super::task::{Done, Task};
-use crate::device::cpu::CpuDevice;
 use crate::device::Device;
+use crate::device::cpu::CpuDevice;
 use crate::error::{Error, Kind, Result};
 use crate::job::{Clustered, Outcome};
 use crate::report::DeviceKind;
@@ -96,13 +96,7 @@ impl DeviceThread {
         health: Arc<Health>,
         metrics: Arc<Metrics>,
     ) -> Result<Self> {
-        let shared = Arc::new(Shared {
-            extras,
-            cpu_below_faces,
-            health,
-            metrics,
-            left: AtomicU64::default(),
-        });
+        let shared = Arc::new(Shared { extras, cpu_below_faces, health, metrics, left: AtomicU64::default() });
         shared.opened(device.as_ref());
         let takes_small = cpu_below_faces.is_some_and(|faces| faces > SMALL_FACES as u64);
         let cpu = || takes_small.then(|| Box::new(CpuDevice::new()) as Box<dyn Device>);
