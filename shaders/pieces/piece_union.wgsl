@@ -1,16 +1,17 @@
-// Pieces, second step: for each two neighbours of a cluster, the root of the one tree is hooked to the root of the other, the
-// larger to the smaller. So each tree ends as a whole piece with its smallest face as root, in whatever order threads come. A
-// thread whose exchange fails looks for the root again; that happens once a root at most.
+//! uses: piece_tree
+// Second step, a thread a face: for each two neighbours of a cluster, the larger root of their trees becomes a child of the
+// smaller. In whatever order threads run, each tree ends as a whole piece with its smallest face as root. A thread whose exchange
+// fails looks for the root again; a root changes once at most.
 
-@group(0) @binding(0) var<uniform> turn: Turn;
+@group(0) @binding(0) var<uniform> iteration: Iteration;
 @group(0) @binding(1) var<storage, read> neighbours: array<u32>;
 @group(0) @binding(2) var<storage, read> labels: array<u32>;
 @group(0) @binding(3) var<storage, read_write> parents: array<atomic<u32>>;
 
 @compute @workgroup_size(WORKGROUP)
 fn piece_union(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let face = thread_number(turn, group, local);
-    if face >= turn.faces || atomicLoad(&parents[face]) == FREE {
+    let face = thread_number(iteration, group, local);
+    if face >= iteration.faces || atomicLoad(&parents[face]) == FREE {
         return;
     }
     let own = labels[face];

@@ -1,22 +1,23 @@
-// Last step of an iteration: proxies from sums, the energy of the new state, and an end to the iterations that are still
-// queued when nothing moved. Forced, it also makes everything ready for a phase.
+//! uses: iteration, cluster_sums, bids, energy_total, cover
+// Last step of an iteration of the boundary phase, a thread a cluster: fits the proxies, sums the energy, and stops the
+// dispatches that are still queued if nothing moved. Between batches it also resets the clusters for the next phase.
 
-@group(0) @binding(0) var<uniform> turn: Turn;
+@group(0) @binding(0) var<uniform> iteration: Iteration;
 @group(0) @binding(1) var<storage, read_write> clusters: array<Cluster>;
-@group(0) @binding(2) var<storage, read_write> proxies: array<vec4<i32>>;
-@group(0) @binding(3) var<storage, read_write> markets: array<Market>;
-@group(0) @binding(4) var<storage, read_write> ring: array<Slot>;
+@group(0) @binding(2) var<storage, read_write> proxies: array<Proxy>;
+@group(0) @binding(3) var<storage, read_write> cluster_bids: array<ClusterBids>;
+@group(0) @binding(4) var<storage, read_write> stats: array<IterationStats>;
 @group(0) @binding(5) var<storage, read_write> next_dispatch: array<u32, 3>;
-@group(0) @binding(6) var<storage, read_write> lists: Lists;
+@group(0) @binding(6) var<storage, read_write> boundary_list: BoundaryList;
 
 @compute @workgroup_size(WORKGROUP)
 fn proxies_fit(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let thread = thread_number(turn, group, local);
+    let thread = thread_number(iteration, group, local);
     let cluster = living_cluster(thread);
-    // complete since `boundary_apply`; nothing here writes it
-    let live = turn.forced != 0u || atomicLoad(&ring[turn.slot].moves) != 0u;
+    // the moves are complete since `boundary_apply`
+    let goes_on = iteration.between != 0u || atomicLoad(&stats[iteration.slot].moves) != 0u;
     if thread == 0u {
-        if live {
+        if goes_on {
             cover_list();
         } else {
             cover_nothing();
@@ -24,23 +25,22 @@ fn proxies_fit(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocatio
     }
     var energy = Wide(0li, 0li);
     var shift = 0u;
-    if live && cluster != FREE {
-        let weight = weight_in(cluster);
-        if weight != 0li {
-            let sum = sum_of(cluster);
-            let proxy = proxy_of(sum, weight);
-            energy = explained_by(proxy, sum, weight);
-            shift = u32(proxies[cluster].w);
-            proxies[cluster] = vec4<i32>(i32(proxy.x), i32(proxy.y), i32(proxy.z), i32(shift));
+    if goes_on && cluster != FREE {
+        let sums = cluster_sums(cluster);
+        if sums.weight != 0li {
+            let position = fit(sums);
+            energy = explained_by(position, sums);
+            shift = proxies[cluster].energy_shift;
+            proxies[cluster] = fitted_proxy(position, shift);
         }
         atomicStore(&clusters[cluster].staying, atomicLoad(&clusters[cluster].count));
         atomicStore(&clusters[cluster].first_leaver, FREE);
-        if turn.forced != 0u {
-            atomicStore(&markets[cluster].best_bid, 0u);
-            atomicStore(&markets[cluster].best_face, FREE);
-            markets[cluster].dealt_in = 0u;
-            markets[cluster].changed_in = 0u;
+        if iteration.between != 0u {
+            atomicStore(&cluster_bids[cluster].best_bid, 0u);
+            atomicStore(&cluster_bids[cluster].best_face, FREE);
+            cluster_bids[cluster].won_in = 0u;
+            cluster_bids[cluster].changed_in = 0u;
         }
     }
-    report_energy(local, energy, shift);
+    add_energy(local, energy, shift);
 }

@@ -5,10 +5,10 @@ use std::fmt;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::kernels::{Access, KERNELS};
+use super::kernels::KERNELS;
 use super::layout::WORKGROUP;
 
-/// An adapter as people see it: in `tesserae devices` and `GET /v1/device`.
+/// An adapter as it is reported: in `tesserae devices` and `GET /v1/device`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 pub struct AdapterReport {
     /// Number that `--adapter` takes.
@@ -121,14 +121,7 @@ fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
 
 /// Why an adapter with these properties cannot cluster.
 fn unusable(features: wgpu::Features, flags: wgpu::DownlevelFlags, limits: &wgpu::Limits) -> Option<String> {
-    let storage_buffers = KERNELS
-        .iter()
-        .map(|kernel| {
-            let bindings = kernel.bindings.iter();
-            bindings.filter(|it| it.access != Access::Turn).count() as u32
-        })
-        .max()
-        .unwrap_or(0);
+    let storage_buffers = KERNELS.iter().map(|kernel| kernel.bindings.len() as u32).max().unwrap_or(0);
     if !features.contains(wgpu::Features::SHADER_INT64) {
         Some("it has no 64-bit integers in shaders".to_owned())
     } else if !flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS | wgpu::DownlevelFlags::INDIRECT_EXECUTION) {

@@ -1,16 +1,17 @@
-//! A connection to one adapter: wgpu's device and queue, the compiled kernels, and what has gone wrong so far.
+//! A connection to one adapter: wgpu's device and queue, the compiled kernels, and failures so far.
 //!
-//! wgpu tells of failures through callbacks, and goes on. [`Connection::check`] turns what they said into an error; whoever
-//! waits for the device checks. A connection that failed once is not used again: the next surface opens another one.
+//! wgpu reports failures through callbacks and continues. [`Connection::check`] returns the first one as an error; it is called
+//! after every wait for the device. A connection that failed once is not used again: the next surface opens a new one.
 
+use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use super::adapter::Found;
+use super::adapter::{AdapterKind, Found};
 use super::clock::{self, Clock, Profile};
-use super::kernels::{self, Access, Kernel};
+use super::kernels::{KERNELS, Kernel};
 use super::{Fault, FaultPoint, Overrides};
 use crate::error::{Error, Kind, Result};
 
@@ -24,8 +25,10 @@ pub(super) struct Connection {
     pub(super) queue: wgpu::Queue,
     /// The device's limits, lowered by [`Overrides`].
     pub(super) limits: wgpu::Limits,
-    pub(super) kernels: Kernels,
-    merge_kernels: OnceLock<MergeKernels>,
+    /// Whether the adapter is a driver that computes on the cpu.
+    pub(super) is_software: bool,
+    /// Compiled kernels, by name.
+    pipelines: Mutex<HashMap<&'static str, (wgpu::BindGroupLayout, wgpu::ComputePipeline)>>,
     name: String,
     health: Arc<Health>,
     fault: Mutex<Option<Fault>>,
@@ -35,54 +38,7 @@ pub(super) struct Connection {
     clock: Option<Clock>,
 }
 
-/// The compiled kernels.
-#[derive(Debug)]
-pub(super) struct Kernels {
-    pub(super) grow: Compiled,
-    pub(super) settle: Compiled,
-    pub(super) enlist: Compiled,
-    pub(super) weed: Compiled,
-    pub(super) line_up: Compiled,
-    pub(super) gather: Compiled,
-    pub(super) propose: Compiled,
-    pub(super) apply: Compiled,
-    pub(super) fit: Compiled,
-    pub(super) bid: Compiled,
-    pub(super) choose: Compiled,
-    pub(super) join: Compiled,
-    pub(super) judge: Compiled,
-    pub(super) deal: Compiled,
-    pub(super) link: Compiled,
-    pub(super) hook: Compiled,
-    pub(super) weigh: Compiled,
-    pub(super) elect: Compiled,
-    pub(super) cut: Compiled,
-}
-
-/// The compiled kernels of hierarchies.
-#[derive(Debug)]
-pub(super) struct MergeKernels {
-    pub(super) price: Compiled,
-    pub(super) break_ties: Compiled,
-    pub(super) prefer: Compiled,
-    pub(super) list_choices: Compiled,
-    pub(super) search: Compiled,
-    pub(super) reduce: Compiled,
-    pub(super) unite: Compiled,
-    pub(super) relabel: Compiled,
-    pub(super) list_moves: Compiled,
-    pub(super) pick_sums: Compiled,
-}
-
-/// A compiled kernel.
-#[derive(Debug)]
-pub(super) struct Compiled {
-    pub(super) kernel: &'static Kernel,
-    pub(super) layout: wgpu::BindGroupLayout,
-    pub(super) pipeline: wgpu::ComputePipeline,
-}
-
-/// What the callbacks said.
+/// Failures that callbacks reported.
 #[derive(Debug, Default)]
 struct Health {
     lost: Mutex<Option<String>>,
@@ -129,41 +85,20 @@ impl Connection {
         if let Some(bytes) = overrides.binding_size {
             limits.max_storage_buffer_binding_size = bytes;
         }
-        let kernels = Kernels {
-            grow: compile(&device, &kernels::GROW),
-            settle: compile(&device, &kernels::SETTLE),
-            enlist: compile(&device, &kernels::ENLIST),
-            weed: compile(&device, &kernels::WEED),
-            line_up: compile(&device, &kernels::LINE_UP),
-            gather: compile(&device, &kernels::GATHER),
-            propose: compile(&device, &kernels::PROPOSE),
-            apply: compile(&device, &kernels::APPLY),
-            fit: compile(&device, &kernels::FIT),
-            bid: compile(&device, &kernels::BID),
-            choose: compile(&device, &kernels::CHOOSE),
-            join: compile(&device, &kernels::JOIN),
-            judge: compile(&device, &kernels::JUDGE),
-            deal: compile(&device, &kernels::DEAL),
-            link: compile(&device, &kernels::LINK),
-            hook: compile(&device, &kernels::HOOK),
-            weigh: compile(&device, &kernels::WEIGH),
-            elect: compile(&device, &kernels::ELECT),
-            cut: compile(&device, &kernels::CUT),
-        };
         let clock = is_timed.then(|| Clock::new(&device, &queue));
         let connection = Self {
             device,
             queue,
             limits,
-            kernels,
-            merge_kernels: OnceLock::new(),
+            is_software: found.report.kind == AdapterKind::Software,
+            pipelines: Mutex::default(),
             name,
             health,
             fault: Mutex::default(),
             is_exhausted: AtomicBool::default(),
             clock,
         };
-        connection.check()?;
+        connection.compile(false)?;
         Ok(connection)
     }
 
@@ -172,38 +107,34 @@ impl Connection {
         &self.name
     }
 
-    /// The kernels of hierarchies, which are compiled when the first one is asked for.
-    pub(super) fn merge_kernels(&self) -> Result<&MergeKernels> {
-        let kernels = self.merge_kernels.get_or_init(|| MergeKernels {
-            price: compile(&self.device, &kernels::PRICE),
-            break_ties: compile(&self.device, &kernels::BREAK_TIES),
-            prefer: compile(&self.device, &kernels::PREFER),
-            list_choices: compile(&self.device, &kernels::LIST_CHOICES),
-            search: compile(&self.device, &kernels::SEARCH),
-            reduce: compile(&self.device, &kernels::REDUCE),
-            unite: compile(&self.device, &kernels::UNITE),
-            relabel: compile(&self.device, &kernels::RELABEL),
-            list_moves: compile(&self.device, &kernels::LIST_MOVES),
-            pick_sums: compile(&self.device, &kernels::PICK_SUMS),
-        });
-        self.check()?;
-        Ok(kernels)
+    /// Compiles the kernels of hierarchies, or all others, unless that was done.
+    pub(super) fn compile(&self, is_merging: bool) -> Result<()> {
+        KERNELS
+            .iter()
+            .filter(|kernel| kernel.is_merging() == is_merging)
+            .for_each(|kernel| drop(self.pipeline(kernel)));
+        self.check()
     }
 
-    /// Begins a pass, timed where there is a clock.
+    /// The layout of a kernel's bind group and its pipeline, compiled on first use.
+    pub(super) fn pipeline(&self, kernel: &Kernel) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline) {
+        lock(&self.pipelines).entry(kernel.name).or_insert_with(|| compile(&self.device, kernel)).clone()
+    }
+
+    /// Begins a pass, timed if there is a clock.
     pub(super) fn pass<'e>(&self, encoder: &'e mut wgpu::CommandEncoder, stage: &'static str) -> wgpu::ComputePass<'e> {
         let timestamp_writes = self.clock.as_ref().and_then(|clock| clock.around(stage));
         encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some(stage), timestamp_writes })
     }
 
-    /// Notes a dispatch, where there is a clock.
+    /// Counts a dispatch, if there is a clock.
     pub(super) fn count(&self, kernel: &Kernel) {
         if let Some(clock) = &self.clock {
-            clock.count(kernel.name);
+            clock.count(kernel.entry_point());
         }
     }
 
-    /// What was done since somebody asked last, where there is a clock. To be asked while nothing runs.
+    /// Takes the profile since the last call; none without a clock. Nothing may be running.
     pub(super) fn take_profile(&self) -> Result<Option<Profile>> {
         let Some(clock) = &self.clock else { return Ok(None) };
         let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
@@ -262,12 +193,12 @@ impl Connection {
         errors.first().map_or(Ok(buffer), |error| Err(failure(&self.name, error)))
     }
 
-    /// Whether something has gone wrong.
+    /// Whether a failure was reported.
     pub(super) fn is_broken(&self) -> bool {
         self.check().is_err()
     }
 
-    /// An error when something has gone wrong.
+    /// The first failure that was reported.
     pub(super) fn check(&self) -> Result<()> {
         if lock(&self.health.failed).is_some() && lock(&self.health.lost).is_none() {
             // A lost device makes other calls fail first; its own callback needs a poll to be called.
@@ -282,14 +213,14 @@ impl Connection {
         }
     }
 
-    /// Waits until a submission has been carried out and the callbacks of its buffers were called.
+    /// Waits until a submission has completed and the callbacks of its buffers were called.
     pub(super) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<()> {
         let outcome = self.poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(PATIENCE) });
         self.check()?;
         outcome
     }
 
-    /// Polls. wgpu panics when that finds the device lost.
+    /// Polls. wgpu panics if the device is found lost.
     fn poll(&self, how: wgpu::PollType) -> Result<()> {
         match catch_unwind(AssertUnwindSafe(|| self.device.poll(how))) {
             Ok(Ok(_)) => Ok(()),
@@ -298,7 +229,7 @@ impl Connection {
         }
     }
 
-    /// Notes that the device is lost; the error that says so.
+    /// Marks the device as lost. Returns the error for that.
     pub(super) fn break_down(&self, message: &str) -> Error {
         lock(&self.health.lost).get_or_insert_with(|| message.to_owned());
         self.lost(message)
@@ -308,12 +239,12 @@ impl Connection {
         Error::new(Kind::DeviceLost, format_args!("the gpu {} was lost: {message}", self.name))
     }
 
-    /// Arms a fault.
+    /// Sets the fault to inject.
     pub(super) fn arm(&self, fault: Option<Fault>) {
         *lock(&self.fault) = fault;
     }
 
-    /// Where faults are injected.
+    /// Injects the fault that was set for this point.
     pub(super) fn reach(&self, point: FaultPoint) {
         match lock(&self.fault).take_if(|fault| fault.point() == point) {
             Some(Fault::Exhaust(_)) => self.is_exhausted.store(true, Ordering::SeqCst),
@@ -332,7 +263,7 @@ impl Connection {
     }
 }
 
-/// The error that stands for one of wgpu's.
+/// Converts an error of wgpu.
 fn failure(name: &str, error: &wgpu::Error) -> Error {
     match error {
         wgpu::Error::OutOfMemory { .. } => Error::new(
@@ -345,48 +276,49 @@ fn failure(name: &str, error: &wgpu::Error) -> Error {
     }
 }
 
-/// wgpu's messages are trees over several lines.
+/// Joins the lines of a message: wgpu's messages are trees.
 fn one_line(message: &str) -> String {
     message.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-fn compile(device: &wgpu::Device, kernel: &'static Kernel) -> Compiled {
+/// Binding 0 is the uniform, at an offset that each dispatch chooses; then come the storage buffers of the row.
+fn compile(device: &wgpu::Device, kernel: &Kernel) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline) {
+    let storage = |is_written: bool| wgpu::BufferBindingType::Storage { read_only: !is_written };
+    let types = kernel.bindings.iter().map(|binding| storage(binding.is_written));
     let entries: Vec<_> = (0..)
-        .zip(kernel.bindings)
-        .map(|(at, binding)| wgpu::BindGroupLayoutEntry {
-            binding: at,
+        .zip(std::iter::once(wgpu::BufferBindingType::Uniform).chain(types))
+        .zip(kernel.binding_sizes())
+        .map(|((binding, ty), bytes)| wgpu::BindGroupLayoutEntry {
+            binding,
             visibility: wgpu::ShaderStages::COMPUTE,
             ty: wgpu::BindingType::Buffer {
-                ty: match binding.access {
-                    Access::Turn => wgpu::BufferBindingType::Uniform,
-                    Access::Read => wgpu::BufferBindingType::Storage { read_only: true },
-                    Access::Write => wgpu::BufferBindingType::Storage { read_only: false },
-                },
-                has_dynamic_offset: binding.access == Access::Turn,
-                min_binding_size: wgpu::BufferSize::new(binding.stride as u64),
+                ty,
+                has_dynamic_offset: binding == 0,
+                min_binding_size: wgpu::BufferSize::new(bytes as u64),
             },
             count: None,
         })
         .collect();
-    let layout = device
-        .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(kernel.name), entries: &entries });
+    let label = Some(kernel.name);
+    let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries: &entries });
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
-        label: Some(kernel.name),
+        label,
         source: wgpu::ShaderSource::Wgsl(kernel.source().into()),
     });
+    let constants: Vec<_> = kernel.constant.into_iter().map(|(name, value)| (name, f64::from(value))).collect();
     let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: Some(kernel.name),
+        label,
         layout: Some(&device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label: Some(kernel.name),
+            label,
             bind_group_layouts: &[Some(&layout)],
             immediate_size: 0,
         })),
         module: &module,
-        entry_point: Some(kernel.name),
-        compilation_options: wgpu::PipelineCompilationOptions::default(),
+        entry_point: Some(kernel.entry_point()),
+        compilation_options: wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() },
         cache: None,
     });
-    Compiled { kernel, layout, pipeline }
+    (layout, pipeline)
 }
 
 #[cfg(test)]

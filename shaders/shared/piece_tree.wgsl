@@ -1,8 +1,9 @@
-// Pieces as trees over their faces: a face points to a smaller one of its piece, the smallest to itself. A face that nobody
-// asks about points to FREE.
+//! uses: iteration
+// Pieces as trees over their faces: a face points to a smaller face of its piece, the smallest to itself, and a face of no
+// piece to FREE.
 
-// The smallest face of the tree that a face is in. Halves the way there for all who come after: only faces that are no roots,
-// and never will be again, are turned, to one further up, so it does not matter who turns them last.
+// The smallest face of the tree of a face. Halves the path: only faces that are not roots, and never will be again, are set,
+// to one further up, so the order in which threads set them does not matter.
 fn root_of(face: u32) -> u32 {
     var at = face;
     var above = atomicLoad(&parents[at]);
@@ -19,7 +20,7 @@ fn root_of(face: u32) -> u32 {
     return above;
 }
 
-// The same, on a way that nobody changes but to its end: turns nothing, so that a face may be turned to what was found.
+// The same without writing, for a kernel in which threads set faces to their roots.
 fn end_of(face: u32) -> u32 {
     var at = face;
     var above = atomicLoad(&parents[at]);
@@ -27,5 +28,5 @@ fn end_of(face: u32) -> u32 {
         at = above;
         above = atomicLoad(&parents[at]);
     }
-    return at;
+    return above;
 }

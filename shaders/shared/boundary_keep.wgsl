@@ -1,9 +1,10 @@
-// Which faces belong on the list; those that do go to the half that is not in use.
+//! uses: boundary_list
+// Chooses the faces of the new list, which goes into the half that is not in use.
 
 var<workgroup> kept_here: atomic<u32>;
 var<workgroup> kept_before: u32;
 
-// Whether a face is free, or has a neighbour of another cluster.
+// Whether a face is free or has a neighbour of another cluster.
 fn is_on_boundary(face: u32) -> bool {
     let own = labels[face];
     if own == FREE {
@@ -18,7 +19,7 @@ fn is_on_boundary(face: u32) -> bool {
     return false;
 }
 
-// Lists the face of each thread that keeps one; all threads of the workgroup must come here.
+// Lists the thread's face if it is kept. Every thread of the workgroup must call this.
 fn keep(local: u32, face: u32, is_kept: bool) {
     var place = 0u;
     if is_kept {
@@ -26,10 +27,11 @@ fn keep(local: u32, face: u32, is_kept: bool) {
     }
     workgroupBarrier();
     if local == 0u {
-        kept_before = turn.faces - lists.first + atomicAdd(&lists.kept, atomicLoad(&kept_here));
+        let before = atomicAdd(&boundary_list.kept, atomicLoad(&kept_here));
+        kept_before = iteration.faces - boundary_list.first + before;
     }
     workgroupBarrier();
     if is_kept {
-        lists.entries[kept_before + place] = face;
+        boundary_list.entries[kept_before + place] = face;
     }
 }

@@ -1,14 +1,14 @@
-//! The list of faces on boundaries, after each kind of step: it has every one of them once, and hardly any others. Needs a
-//! Vulkan driver, as the tests of the device do.
+//! Tests of the inside of the device: the boundary list after each kind of step, the table of kernels, transfers. They need a
+//! Vulkan driver.
 
 use std::mem::{offset_of, size_of};
 
 use super::adapter::enumerate;
-use super::buffers::Buffers;
-use super::layout::Lists;
-use super::merging::Merging;
+use super::buffers::Buffer;
+use super::kernels::{Binding, Kernel, Threads};
+use super::layout::{BoundaryList, WORKGROUP};
 use super::steps::GpuSteps;
-use super::{GpuDevice, Overrides, energy_shifts};
+use super::{GpuDevice, Overrides};
 use crate::cluster::dual_edge::{Rank, Ties, mutual};
 use crate::cluster::seeds;
 use crate::device::{Cancel, Device, FREE, MergeSteps, Steps};
@@ -30,11 +30,12 @@ fn boundary(graph: &DualGraph, labels: &[u32]) -> Vec<u32> {
 
 /// What is listed, sorted, once it was checked that all faces on boundaries are there, each once.
 fn listed(steps: &mut GpuSteps<'_>, graph: &DualGraph, context: &str) -> Vec<u32> {
-    let head = offset_of!(Lists, entries) / size_of::<u32>();
+    let head = offset_of!(BoundaryList, entries) / size_of::<u32>();
     let words = head + 2 * graph.faces();
-    let (_, words) = steps.download::<u32>(steps.encoder(), &steps.buffers.lists, words).expect("the list");
-    let first = head + words[offset_of!(Lists, first) / 4] as usize;
-    let mut listed = words[first..][..words[offset_of!(Lists, length) / 4] as usize].to_vec();
+    let (_, words) =
+        steps.download::<u32>(steps.encoder(), steps.memory.get(Buffer::BoundaryList), words).expect("the list");
+    let first = head + words[offset_of!(BoundaryList, first) / 4] as usize;
+    let mut listed = words[first..][..words[offset_of!(BoundaryList, length) / 4] as usize].to_vec();
     listed.sort_unstable();
     assert!(listed.windows(2).all(|pair| pair[0] < pair[1]), "{context}: each once");
     let labels = steps.labels().expect("labels");
@@ -51,10 +52,8 @@ fn the_list_has_the_faces_on_boundaries_and_few_others() {
     let graph = &surface.graph;
     let seeds = seeds::stratified(graph, &[60], 1);
     let components = &seeds.component_of_cluster;
-    let shifts = energy_shifts(graph, components).expect("shifts");
-    let buffers = Buffers::new(&connection, graph, &shifts).expect("it fits");
-    let merging = Merging::new(&connection, &buffers, 60, true).expect("it fits");
-    let mut steps = GpuSteps::new(connection, graph, components, buffers, Some(merging));
+    connection.compile(true).expect("they compile");
+    let mut steps = GpuSteps::new(connection, graph, components, true).expect("it fits");
     let cancel = Cancel::default();
 
     steps.set_labels(&seeds.labels(graph.faces())).expect("set");
@@ -99,12 +98,11 @@ fn the_host_reads_through_one_buffer_that_grows() {
     let surface = Surface::build(&generate(Sample::Knot, 3000).expect("a sample")).expect("a surface");
     let components = vec![0; 30];
     let connection = device.connection().expect("it is open");
-    let shifts = energy_shifts(&surface.graph, &components).expect("shifts");
-    let buffers = Buffers::new(&connection, &surface.graph, &shifts).expect("it fits");
-    let mut steps = GpuSteps::new(connection, &surface.graph, &components, buffers, None);
+    let mut steps = GpuSteps::new(connection, &surface.graph, &components, false).expect("it fits");
     let mut read = |expected: u32, items: usize| {
         steps.set_labels(&vec![expected; surface.faces()]).expect("set");
-        let (_, labels) = steps.download::<u32>(steps.encoder(), &steps.buffers.labels, items).expect("labels");
+        let (_, labels) =
+            steps.download::<u32>(steps.encoder(), steps.memory.get(Buffer::Labels), items).expect("labels");
         assert_eq!(labels, vec![expected; items]);
         let buffer = steps.host_buffer.take().expect("it is kept");
         steps.host_buffer.set(Some(buffer.clone()));
@@ -116,4 +114,48 @@ fn the_host_reads_through_one_buffer_that_grows() {
     for (expected, items) in [(3, 1), (4, 2000), (5, 700)] {
         assert_eq!(read(expected, items), large);
     }
+}
+
+/// A kernel that no other code knows: it adds a constant to the labels.
+static LABELS_ADD: Kernel = Kernel {
+    name: "labels_add",
+    path: "test/labels_add",
+    wgsl: "//! uses: iteration, items
+@group(0) @binding(0) var<uniform> iteration: Iteration;
+@group(0) @binding(1) var<storage, read> faces: array<Face>;
+@group(0) @binding(2) var<storage, read_write> labels: array<u32>;
+
+override SUMMAND: u32 = 0u;
+
+@compute @workgroup_size(WORKGROUP)
+fn labels_add(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+    let face = thread_number(iteration, group, local);
+    if face < iteration.faces && faces[face].weight != 0u {
+        labels[face] += SUMMAND;
+    }
+}
+",
+    constant: Some(("SUMMAND", 3)),
+    threads: Threads::Faces,
+    workgroup_size: WORKGROUP,
+    bindings: &[
+        Binding { buffer: Buffer::Faces, alias: None, is_written: false },
+        Binding { buffer: Buffer::Labels, alias: None, is_written: true },
+    ],
+};
+
+#[test]
+fn a_kernel_is_its_text_a_row_and_a_dispatch() {
+    let device = device(Overrides::default());
+    let surface = Surface::build(&generate(Sample::Knot, 1000).expect("a sample")).expect("a surface");
+    let components = vec![0; 30];
+    let connection = device.connection().expect("it is open");
+    let mut steps = GpuSteps::new(connection, &surface.graph, &components, false).expect("it fits");
+    let labels: Vec<u32> = (0..surface.faces() as u32).map(|face| face % 20).collect();
+    steps.set_labels(&labels).expect("set");
+    let mut encoder = steps.encoder();
+    steps.encode(&mut encoder, "test", &[&LABELS_ADD]);
+    steps.connection.queue.submit([encoder.finish()]);
+    let expected: Vec<u32> = labels.iter().map(|label| label + 3).collect();
+    assert_eq!(steps.labels().expect("labels"), expected);
 }

@@ -1,8 +1,9 @@
-// The best dual edge of a workgroup, by exact cost (cluster::dual_edge::Rank). Rust: layout::Best.
-struct Best {
+//! uses: iteration
+// The best dual edge of a workgroup, by exact cost (cluster::dual_edge::Rank). Rust: layout::CandidateEdge.
+struct CandidateEdge {
     // Cost, 128 bits, low word first.
     cost: array<u32, 4>,
-    // Of equal costs, the smallest tie, then the smallest ends. `low` is FREE where there is no edge.
+    // Of equal costs the smallest tie wins, then the smallest ends. `low` is FREE where there is no edge.
     tie: u32,
     low: u32,
     high: u32,
@@ -38,8 +39,8 @@ fn is_better(a: Candidate, b: Candidate) -> bool {
     return a.high < b.high;
 }
 
-// Writes the best candidate of all threads of the workgroup, who must all come here.
-fn report_best(local: u32, own: Candidate, place: u32) {
+// Writes the best candidate of all threads of the workgroup. Every thread must call this.
+fn write_best(local: u32, own: Candidate, place: u32) {
     candidates[local] = own;
     for (var half = WORKGROUP / 2u; half > 0u; half /= 2u) {
         workgroupBarrier();
@@ -55,6 +56,6 @@ fn report_best(local: u32, own: Candidate, place: u32) {
             u32(best.high_cost & 0xfffffffflu),
             u32(best.high_cost >> 32u),
         );
-        bests[place] = Best(cost, best.tie, best.low, best.high, 0u);
+        candidate_edges[place] = CandidateEdge(cost, best.tie, best.low, best.high, 0u);
     }
 }
