@@ -1,5 +1,5 @@
-//! What goes wrong on a gpu: limits, lost devices, refused calls, cancelled jobs. Each is an error, never a panic, and the
-//! device works again afterwards.
+//! What goes wrong on a gpu: limits, lost devices, refused calls, cancelled jobs. Each is an error, never a panic, and
+//! the device works again afterwards.
 
 mod common;
 mod gpu_support;

@@ -1,5 +1,5 @@
-//! Hierarchies on the gpu: the same trees, rows and labels as on the cpu, at every level; and dual edges at the ends of the
-//! lattice against their definition.
+//! Hierarchies on the gpu: the same trees, rows and labels as on the cpu, at every level; and dual edges at the ends of
+//! the lattice against their definition.
 
 mod common;
 mod gpu_support;

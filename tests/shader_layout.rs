@@ -1,5 +1,5 @@
-//! Every shader parses and is valid, and declares what its row says: bindings by name, workgroup sizes, and the sizes and offsets
-//! of shared structs. Needs no GPU.
+//! Every shader parses and is valid, and declares what its row says: bindings by name, workgroup sizes, and the sizes
+//! and offsets of shared structs. Needs no GPU.
 
 use std::collections::BTreeSet;
 use std::path::Path;

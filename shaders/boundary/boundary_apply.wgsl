@@ -1,6 +1,6 @@
 //! uses: boundary_insert, cluster_sums, move_count
-// Second step of an iteration of the boundary phase, a thread a listed face: the faces move, and their sums with them. If all
-// faces want to leave a cluster, the smallest stays.
+// Second step of an iteration of the boundary phase, a thread a listed face: the faces move, and their sums with them.
+// If all faces want to leave a cluster, the smallest stays.
 
 @group(0) @binding(0) var<uniform> iteration: Iteration;
 @group(0) @binding(1) var<storage, read> faces: array<Face>;

@@ -1,5 +1,6 @@
 //! uses: boundary_keep
-// Lists the boundary faces, out of all faces, and those that moved since the last merge. `label_at_merge` is set for all.
+// Lists the boundary faces, out of all faces, and those that moved since the last merge. `label_at_merge` is set for
+// all.
 
 @group(0) @binding(0) var<uniform> iteration: Iteration;
 @group(0) @binding(1) var<storage, read> neighbours: array<u32>;

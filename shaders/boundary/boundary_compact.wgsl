@@ -1,6 +1,6 @@
 //! uses: boundary_keep
-// Keeps the listed faces that are on a boundary. Between batches it also keeps those that moved since the last merge, which the
-// host may read.
+// Keeps the listed faces that are on a boundary. Between batches it also keeps those that moved since the last merge,
+// which the host may read.
 
 @group(0) @binding(0) var<uniform> iteration: Iteration;
 @group(0) @binding(1) var<storage, read> neighbours: array<u32>;

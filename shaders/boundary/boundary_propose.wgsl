@@ -1,6 +1,6 @@
 //! uses: boundary_list, cluster, energy
-// First step of an iteration of the boundary phase (P§3.2), a thread a listed face: compares the proxy of the face's cluster
-// with those of its neighbours' clusters and stores the nearest.
+// First step of an iteration of the boundary phase (P§3.2), a thread a listed face: compares the proxy of the face's
+// cluster with those of its neighbours' clusters and stores the nearest.
 
 @group(0) @binding(0) var<uniform> iteration: Iteration;
 @group(0) @binding(1) var<storage, read> faces: array<Face>;

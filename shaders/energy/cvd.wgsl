@@ -1,6 +1,6 @@
 //! uses: items, wide, float
-// The CVD energy: everything that depends on what a face costs in a cluster. Another energy is a file with the same names.
-// Bit widths: |coordinate| < 2²⁷, Σ weight < 2³⁴, |Σ weight·centroid| < 2⁶¹ an axis.
+// The CVD energy: everything that depends on what a face costs in a cluster. Another energy is a file with the same
+// names. Bit widths: |coordinate| < 2²⁷, Σ weight < 2³⁴, |Σ weight·centroid| < 2⁶¹ an axis.
 
 // Sums over faces, from which a cluster's proxy and energy follow.
 struct Sums {
@@ -60,8 +60,8 @@ fn fitted_proxy(position: vec3<i64>, energy_shift: u32) -> Proxy {
     return Proxy(vec3<i32>(i32(position.x), i32(position.y), i32(position.z)), energy_shift);
 }
 
-// The explained energy 2·P·S − M·|P|² = P·(2·S − M·P), below 2⁹². |P| ≤ 2²⁷ and |2·S − M·P| < 2⁶² an axis, so the product
-// of P with the upper 32 bits is below 2⁵⁷, with the lower ones below 2⁵⁹.
+// The explained energy 2·P·S − M·|P|² = P·(2·S − M·P), below 2⁹². |P| ≤ 2²⁷ and |2·S − M·P| < 2⁶² an axis, so the
+// product of P with the upper 32 bits is below 2⁵⁷, with the lower ones below 2⁵⁹.
 fn explained_by(position: vec3<i64>, sums: Sums) -> Wide {
     let x = 2li * sums.moment.x - sums.weight * position.x;
     let y = 2li * sums.moment.y - sums.weight * position.y;
@@ -97,8 +97,8 @@ fn cost_of_entering(face: Face, proxy: Proxy, cluster_weight: i64) -> i64 {
     return i64(distance - scaled(distance, weight, u64(cluster_weight) + weight));
 }
 
-// The cost of merging two clusters with faces, (M₁·M₂/(M₁ + M₂)·|P₁ − P₂|²) << shift, in a float of 7 bits of exponent and
-// 25 of mantissa, whose order is that of u32.
+// The cost of merging two clusters with faces, (M₁·M₂/(M₁ + M₂)·|P₁ − P₂|²) << shift, in a float of 7 bits of exponent
+// and 25 of mantissa, whose order is that of u32.
 fn packed_merge_cost(a: Proxy, a_weight: i64, b: Proxy, b_weight: i64) -> u32 {
     let distance = distance_squared(a.position, b.position);
     if distance == 0lu {

@@ -1,5 +1,6 @@
 //! uses: iteration, stats
-// Last step of a pass of the growth, one thread: if no face was labelled, the passes that are still queued get no workgroups.
+// Last step of a pass of the growth, one thread: if no face was labelled, the passes that are still queued get no
+// workgroups.
 
 @group(0) @binding(0) var<uniform> iteration: Iteration;
 @group(0) @binding(1) var<storage, read_write> stats: array<IterationStats>;

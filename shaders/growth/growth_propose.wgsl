@@ -1,6 +1,6 @@
 //! uses: boundary_list, cluster_sums, move_count
-// First step of a pass of the growth (P§5.3), a thread a listed face: a free face with labelled neighbours chooses the smallest
-// of their labels. Every free face is listed.
+// First step of a pass of the growth (P§5.3), a thread a listed face: a free face with labelled neighbours chooses the
+// smallest of their labels. Every free face is listed.
 
 @group(0) @binding(0) var<uniform> iteration: Iteration;
 @group(0) @binding(1) var<storage, read> faces: array<Face>;

@@ -1,6 +1,6 @@
 //! uses: boundary_list, candidate_edge
-// The cheapest dual edge of all, second step, one workgroup: the best of the candidates. It is written to the first place, which
-// the writing thread has read by then.
+// The cheapest dual edge of all, second step, one workgroup: the best of the candidates. It is written to the first
+// place, which the writing thread has read by then.
 
 @group(0) @binding(0) var<uniform> iteration: Iteration;
 @group(0) @binding(1) var<storage, read_write> candidate_edges: array<CandidateEdge>;

@@ -1,6 +1,6 @@
 //! uses: boundary_list, best_dual_edge
-// Best dual edges, last step, a thread a cluster that is left: writes them for the host, in the order of the clusters, and clears
-// them for the next search.
+// Best dual edges, last step, a thread a cluster that is left: writes them for the host, in the order of the clusters,
+// and clears them for the next search.
 
 @group(0) @binding(0) var<uniform> iteration: Iteration;
 @group(0) @binding(1) var<storage, read_write> best_dual_edges: array<BestDualEdge>;

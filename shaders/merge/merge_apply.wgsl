@@ -1,6 +1,6 @@
 //! uses: iteration, cluster_sums
-// A merge, first step, a thread a pair of `host_list`: the sums of the first cluster are added to the second. No cluster is in two
-// pairs.
+// A merge, first step, a thread a pair of `host_list`: the sums of the first cluster are added to the second. No
+// cluster is in two pairs.
 
 @group(0) @binding(0) var<uniform> iteration: Iteration;
 @group(0) @binding(1) var<storage, read> host_list: array<u32>;

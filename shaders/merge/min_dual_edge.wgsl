@@ -1,6 +1,7 @@
 //! uses: boundary_list, cluster_sums, ties, best_dual_edge
-// Best dual edge of each cluster (P§5.4), a thread a listed face. Three passes find the least cost, then the least tie of the
-// edges with that cost, then the smallest neighbour of those; a pass only writes its own number, the earlier ones are complete.
+// Best dual edge of each cluster (P§5.4), a thread a listed face. Three passes find the least cost, then the least tie
+// of the edges with that cost, then the smallest neighbour of those; a pass only writes its own number, the earlier
+// ones are complete.
 
 @group(0) @binding(0) var<uniform> iteration: Iteration;
 @group(0) @binding(1) var<storage, read> neighbours: array<u32>;

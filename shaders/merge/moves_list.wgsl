@@ -1,6 +1,6 @@
 //! uses: boundary_list, stats
-// Lists the faces that belong to another cluster than after the last merge, in any order, for the host; `stats` counts them. A
-// face that moved is listed.
+// Lists the faces that belong to another cluster than after the last merge, in any order, for the host; `stats` counts
+// them. A face that moved is listed.
 
 @group(0) @binding(0) var<uniform> iteration: Iteration;
 @group(0) @binding(1) var<storage, read> labels: array<u32>;

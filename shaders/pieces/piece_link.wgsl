@@ -1,6 +1,6 @@
 //! uses: iteration, cluster
-// Connected pieces of clusters, first step, a thread a face (ECL-CC, Jaiganesh and Burtscher 2018): a face of a cluster that is
-// not known to be connected points to the smallest of itself and its neighbours in the cluster.
+// Connected pieces of clusters, first step, a thread a face (ECL-CC, Jaiganesh and Burtscher 2018): a face of a cluster
+// that is not known to be connected points to the smallest of itself and its neighbours in the cluster.
 
 @group(0) @binding(0) var<uniform> iteration: Iteration;
 @group(0) @binding(1) var<storage, read> neighbours: array<u32>;

@@ -1,6 +1,6 @@
 //! uses: piece_tree, largest_piece
-// Third step: sets every face to its root, counts the faces of each piece, and finds the size of each cluster's largest piece. A
-// thread takes a few faces in a row, as in `sums_gather`.
+// Third step: sets every face to its root, counts the faces of each piece, and finds the size of each cluster's largest
+// piece. A thread takes a few faces in a row, as in `sums_gather`.
 
 @group(0) @binding(0) var<uniform> iteration: Iteration;
 @group(0) @binding(1) var<storage, read> labels: array<u32>;

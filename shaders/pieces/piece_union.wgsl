@@ -1,7 +1,7 @@
 //! uses: piece_tree
-// Second step, a thread a face: for each two neighbours of a cluster, the larger root of their trees becomes a child of the
-// smaller. In whatever order threads run, each tree ends as a whole piece with its smallest face as root. A thread whose exchange
-// fails looks for the root again; a root changes once at most.
+// Second step, a thread a face: for each two neighbours of a cluster, the larger root of their trees becomes a child of
+// the smaller. In whatever order threads run, each tree ends as a whole piece with its smallest face as root. A thread
+// whose exchange fails looks for the root again; a root changes once at most.
 
 @group(0) @binding(0) var<uniform> iteration: Iteration;
 @group(0) @binding(1) var<storage, read> neighbours: array<u32>;

@@ -1,7 +1,7 @@
 //! uses: bids, cluster_sums, energy_total, move_count, cover
-// Fourth step, a thread a cluster: if a face won a move out of the cluster, compares the energy of the two clusters before and
-// after, exactly, with all joining faces and then with the winner alone, and updates sums and proxies. A cluster is in one move
-// at most, so no other thread touches the two.
+// Fourth step, a thread a cluster: if a face won a move out of the cluster, compares the energy of the two clusters
+// before and after, exactly, with all joining faces and then with the winner alone, and updates sums and proxies. A
+// cluster is in one move at most, so no other thread touches the two.
 
 @group(0) @binding(0) var<uniform> iteration: Iteration;
 @group(0) @binding(1) var<storage, read> faces: array<Face>;

@@ -1,6 +1,6 @@
 //! uses: boundary_list, bids, cluster_sums
-// First step of an iteration of the refinement, a thread a listed face: finds the cluster that the face gains most by entering,
-// and bids at that cluster and its own.
+// First step of an iteration of the refinement, a thread a listed face: finds the cluster that the face gains most by
+// entering, and bids at that cluster and its own.
 
 @group(0) @binding(0) var<uniform> iteration: Iteration;
 @group(0) @binding(1) var<storage, read> faces: array<Face>;

@@ -1,6 +1,7 @@
 //! uses: boundary_insert, bids, cluster_sums
-// Third step, a thread a listed face: a face that both its clusters took wins, and faces that want the same move join it.
-// `clusters` is bound to the sums of the joining faces, under the cluster that they leave; they are zero between iterations.
+// Third step, a thread a listed face: a face that both its clusters took wins, and faces that want the same move join
+// it. `clusters` is bound to the sums of the joining faces, under the cluster that they leave; they are zero between
+// iterations.
 
 @group(0) @binding(0) var<uniform> iteration: Iteration;
 @group(0) @binding(1) var<storage, read> faces: array<Face>;
@@ -12,8 +13,8 @@
 @group(0) @binding(7) var<storage, read_write> label_at_merge: array<atomic<u32>>;
 @group(0) @binding(8) var<storage, read_write> boundary_list: BoundaryList;
 
-// Adds a face to the move of its cluster's winner, if it wants the same. Its neighbours inside the cluster are listed before the
-// move is accepted; if it is refused, they are evaluated once more without effect.
+// Adds a face to the move of its cluster's winner, if it wants the same. Its neighbours inside the cluster are listed
+// before the move is accepted; if it is refused, they are evaluated once more without effect.
 fn join_winner(face: u32) {
     let wanted = face_bids[face].cluster;
     if wanted == FREE {

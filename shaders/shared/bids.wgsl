@@ -16,7 +16,8 @@ struct ClusterBids {
     best_bid: atomic<u32>,
     // The smallest face with that gain.
     best_face: atomic<u32>,
-    // The iteration in which a face last won a move out of this cluster, that face, and the cluster that it wants to enter.
+    // The iteration in which a face last won a move out of this cluster, that face, and the cluster that it wants to
+    // enter.
     won_in: u32,
     winner: u32,
     target_cluster: u32,

@@ -11,8 +11,8 @@ struct BoundaryList {
     due: u32,
     // Index in `entries` of the first listed face: 0 or the number of faces.
     first: u32,
-    // Two halves of one entry a face, of which one is in use; then the clusters that are left. One buffer, because portable
-    // devices bind 8.
+    // Two halves of one entry a face, of which one is in use; then the clusters that are left. One buffer, because
+    // portable devices bind 8.
     entries: array<u32>,
 }
 

@@ -1,7 +1,7 @@
 //! uses: cluster, energy
-// Reads and adds to the sums of `clusters`. Without 64-bit atomics, an addition takes two of 32 bits: the addition to the
-// low word returns the value before, which shows whether this addition carried, in whatever order threads add. So at the end
-// of the dispatch the two words hold the sum modulo 2⁶⁴. A kernel does not read sums that it adds to.
+// Reads and adds to the sums of `clusters`. Without 64-bit atomics, an addition takes two of 32 bits: the addition to
+// the low word returns the value before, which shows whether this addition carried, in whatever order threads add. So
+// at the end of the dispatch the two words hold the sum modulo 2⁶⁴. A kernel does not read sums that it adds to.
 
 fn cluster_weight(cluster: u32) -> i64 {
     let low = u64(atomicLoad(&clusters[cluster].weight[0]));

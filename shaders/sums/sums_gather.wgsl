@@ -1,6 +1,6 @@
 //! uses: iteration, cluster_sums
-// Sums of the clusters from labels; the host has cleared the sums. A thread takes a few faces in a row and adds up those with
-// the same label before it touches global memory: neighbouring faces often have the same.
+// Sums of the clusters from labels; the host has cleared the sums. A thread takes a few faces in a row and adds up
+// those with the same label before it touches global memory: neighbouring faces often have the same.
 
 @group(0) @binding(0) var<uniform> iteration: Iteration;
 @group(0) @binding(1) var<storage, read> faces: array<Face>;

@@ -88,14 +88,14 @@ pub struct Found {
 
 /// Looks for adapters. This loads the drivers, which takes 20 to 370 ms.
 ///
-/// Where Mesa's device-select layer is installed and there is no desktop, libwayland writes a line about `XDG_RUNTIME_DIR`
-/// to standard error: wgpu asks for the Wayland extension whether it will draw or not, and the layer then looks for a
-/// compositor. `NODEVICE_SELECT=1` in the environment turns the layer off.
+/// Where Mesa's device-select layer is installed and there is no desktop, libwayland writes a line about
+/// `XDG_RUNTIME_DIR` to standard error: wgpu asks for the Wayland extension whether it will draw or not, and the layer
+/// then looks for a compositor. `NODEVICE_SELECT=1` in the environment turns the layer off.
 pub fn enumerate() -> Vec<Found> {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
-    // With it, wgpu puts a dispatch of its own before each indirect one to check its arguments. Ours are written by our own
-    // kernels, from the adapter's limits.
+    // With it, wgpu puts a dispatch of its own before each indirect one to check its arguments. Ours are written by our
+    // own kernels, from the adapter's limits.
     descriptor.flags = wgpu::InstanceFlags::from_build_config() - wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL;
     let instance = wgpu::Instance::new(descriptor);
     pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()))

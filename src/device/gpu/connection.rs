@@ -1,7 +1,8 @@
 //! A connection to one adapter: wgpu's device and queue, the compiled kernels, and failures so far.
 //!
-//! wgpu reports failures through callbacks and continues. [`Connection::check`] returns the first one as an error; it is called
-//! after every wait for the device. A connection that failed once is not used again: the next surface opens a new one.
+//! wgpu reports failures through callbacks and continues. [`Connection::check`] returns the first one as an error; it
+//! is called after every wait for the device. A connection that failed once is not used again: the next surface opens a
+//! new one.
 
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};

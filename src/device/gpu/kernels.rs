@@ -1,5 +1,5 @@
-//! The table of kernels. A kernel is its WGSL file, a row here, and a dispatch: layouts, pipelines and bind groups are made
-//! from the row. `tests/shader_layout.rs` compares each row with what the file declares.
+//! The table of kernels. A kernel is its WGSL file, a row here, and a dispatch: layouts, pipelines and bind groups are
+//! made from the row. `tests/shader_layout.rs` compares each row with what the file declares.
 //!
 //! A WGSL file names the shared pieces that it needs in its first line, as in `//! uses: cluster_sums, stats`; `energy`
 //! stands for the file of the energy in `shaders/energy/`. [`Kernel::source`] puts them, and what they need, in front.

@@ -69,8 +69,8 @@ shared! {
         number: u32,
         /// Number of entries of the list that the host wrote.
         entries: u32,
-        /// Order of equally cheap dual edges: [`TIES_BY_HASH`] or [`TIES_BY_LARGEST_ID`]. The size of a uniform must be a
-        /// multiple of 16 bytes.
+        /// Order of equally cheap dual edges: [`TIES_BY_HASH`] or [`TIES_BY_LARGEST_ID`]. The size of a uniform must be
+        /// a multiple of 16 bytes.
         ties: u32,
     }
 
@@ -225,8 +225,8 @@ shared! {
 pub type Dispatch = [u32; 3];
 
 impl IterationStats {
-    /// The explained energy; in refinement, its rise. The device adds modulo 2¹²⁸ in two's complement, and the true value
-    /// fits.
+    /// The explained energy; in refinement, its rise. The device adds modulo 2¹²⁸ in two's complement, and the true
+    /// value fits.
     pub fn explained(&self) -> i128 {
         let limb = |at: usize| u128::from(self.explained[2 * at]) | u128::from(self.explained[2 * at + 1]) << 32;
         let sum = limb(0).wrapping_add(limb(1) << 32).wrapping_add(limb(2) << 64);

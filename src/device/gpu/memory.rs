@@ -44,8 +44,8 @@ struct Bound {
 }
 
 impl SurfaceMemory {
-    /// Uploads a surface, all faces free. Errors: the surface exceeds a limit of the device ([`Kind::DeviceUnsuitable`]), or
-    /// there is no memory for it ([`Kind::DeviceLost`]).
+    /// Uploads a surface, all faces free. Errors: the surface exceeds a limit of the device
+    /// ([`Kind::DeviceUnsuitable`]), or there is no memory for it ([`Kind::DeviceLost`]).
     pub(super) fn new(
         connection: &Connection,
         graph: &DualGraph,
@@ -139,7 +139,8 @@ impl SurfaceMemory {
         queue.write_buffer(&self.iterations, 0, &bytes);
     }
 
-    /// Sets, for the next submission between batches, the length of the host's list and the order of equally cheap edges.
+    /// Sets, for the next submission between batches, the length of the host's list and the order of equally cheap
+    /// edges.
     pub(super) fn announce(&mut self, queue: &wgpu::Queue, entries: u32, ties: Ties) {
         self.common.entries = entries;
         self.common.ties = match ties {
@@ -204,6 +205,32 @@ impl SurfaceMemory {
     }
 }
 
+/// The shift of each cluster's energy. Errors: the surface contradicts itself, or has no faces or clusters.
+pub(super) fn energy_shifts(graph: &DualGraph, component_of_cluster: &[u32]) -> Result<Vec<u32>> {
+    let faces = graph.centroids.len();
+    let defect = |what: &str| Error::new(Kind::Internal, what);
+    if faces == 0 || component_of_cluster.is_empty() {
+        return Err(defect("there is nothing to cluster"));
+    }
+    if component_of_cluster.len() > faces {
+        return Err(defect("there are more clusters than faces"));
+    }
+    if graph.weights.len() != faces
+        || graph.neighbour_offsets.len() != faces + 1
+        || graph.neighbour_offsets[faces] as usize != graph.neighbours.len()
+    {
+        return Err(defect("the arrays of the graph differ in length"));
+    }
+    component_of_cluster
+        .iter()
+        .map(|&component| match graph.components.get(component as usize) {
+            Some(component) if component.energy_shift <= 30 => Ok(component.energy_shift),
+            Some(_) => Err(defect("a component's energy shift is above 30")),
+            None => Err(defect("a cluster lies in a component that does not exist")),
+        })
+        .collect()
+}
+
 /// Workgroups for so many threads, in rows of `row`.
 fn groups(threads: u64, row: u32) -> Dispatch {
     let groups = threads.div_ceil(u64::from(WORKGROUP)).max(1);
@@ -211,8 +238,8 @@ fn groups(threads: u64, row: u32) -> Dispatch {
     [groups.min(u64::from(row)) as u32, rows as u32, 1]
 }
 
-/// Refuses more faces than threads of a dispatch can number in u32, the last row half empty, and more neighbours than u32
-/// can index behind the rows.
+/// Refuses more faces than threads of a dispatch can number in u32, the last row half empty, and more neighbours than
+/// u32 can index behind the rows.
 fn check_counts(connection: &Connection, graph: &DualGraph) -> Result<()> {
     let (faces, neighbours) = (graph.centroids.len() as u64, graph.neighbours.len() as u64);
     let row = u64::from(connection.limits.max_compute_workgroups_per_dimension);
@@ -228,7 +255,8 @@ fn check_counts(connection: &Connection, graph: &DualGraph) -> Result<()> {
         return Err(Error::new(
             Kind::DeviceUnsuitable,
             format_args!(
-                "the gpu {} takes at most {limit} faces and neighbours of faces, use the cpu device: {faces} and {neighbours}",
+                "the gpu {} takes at most {limit} faces and neighbours of faces, use the cpu device: {faces} and \
+                 {neighbours}",
                 connection.name()
             ),
         ));
@@ -243,8 +271,8 @@ fn create(connection: &Connection, what: &str, bytes: u64, usage: wgpu::BufferUs
         return Err(Error::new(
             Kind::DeviceUnsuitable,
             format_args!(
-                "the mesh does not fit the gpu {}, use the cpu device: the buffer for its {} may have {limit} bytes and \
-                 needs {bytes}",
+                "the mesh does not fit the gpu {}, use the cpu device: the buffer for its {} may have {limit} bytes \
+                 and needs {bytes}",
                 connection.name(),
                 what.replace('_', " ")
             ),

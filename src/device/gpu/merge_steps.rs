@@ -1,7 +1,7 @@
 //! The steps of hierarchical clustering on one surface.
 //!
-//! Searches go over boundary faces and the clusters that are left. A round of the parallel kind transfers bytes in proportion
-//! to the clusters that are left and the faces that moved; a search for the cheapest dual edge transfers 64.
+//! Searches go over boundary faces and the clusters that are left. A round of the parallel kind transfers bytes in
+//! proportion to the clusters that are left and the faces that moved; a search for the cheapest dual edge transfers 64.
 
 use super::FaultPoint;
 use super::buffers::Buffer;

@@ -1,5 +1,5 @@
-//! The gpu device: wgpu on Vulkan, Metal and DX12, with the kernels of `shaders/`. `docs/gpu.md` has the dispatches of each
-//! step, their bytes, and the memory of a surface.
+//! The gpu device: wgpu on Vulkan, Metal and DX12, with the kernels of `shaders/`. `docs/gpu.md` has the dispatches of
+//! each step, their bytes, and the memory of a surface.
 //!
 //! | file | what it has |
 //! |---|---|
@@ -8,23 +8,28 @@
 //! | `kernels` | the table of kernels: a kernel is its WGSL file, a row, and a dispatch |
 //! | `buffers` | the table of storage buffers; `layout` has the structs in them |
 //! | `memory` | a surface on the device: buffers, bind groups, sizes of dispatches; `upload` fills it |
-//! | `steps`, `merge_steps` | the steps of the algorithms, as sequences of kernels; `readback` brings their results back |
+//! | `steps`, `merge_steps` | the steps of the algorithms, as sequences of kernels |
+//! | `batches`, `readback` | iterations queued ahead of the host; results on their way back |
 //!
-//! An iteration of the boundary phase dispatches `boundary_propose`, `boundary_apply` and `proxies_fit`; an iteration of the
-//! refinement `face_bid`, `select_bids`, `join_moves`, `evaluate_moves` and `commit_moves`. Each reads what all threads of the
-//! one before wrote. Threads work on *listed* faces: those with a neighbour of another cluster, and free ones. Up to 64
-//! iterations are queued at a time; the device itself ends a phase, by indirect dispatches of no workgroups.
+//! An iteration of the boundary phase dispatches `boundary_propose`, `boundary_apply` and `proxies_fit`; an iteration
+//! of the refinement `face_bid`, `select_bids`, `join_moves`, `evaluate_moves` and `commit_moves`. Each reads what all
+//! threads of the one before wrote. Threads work on *listed* faces: those with a neighbour of another cluster, and free
+//! ones. Up to 64 iterations are queued at a time; the device itself ends a phase, by indirect dispatches of no
+//! workgroups.
 //!
-//! Labels equal those of the cpu, because every number that decides a label is an integer, which WGSL specifies exactly, and
-//! threads affect each other only through sums, extremes and counts, which do not depend on an order. A kernel does not read
-//! such a number that it writes, with two exceptions: the carries of 64-bit sums (`shaders/shared/cluster_sums.wgsl`) and the
-//! trees of pieces (`shaders/pieces/piece_union.wgsl`). Ties go to the smaller cluster or face. So an iteration is the function
-//! of the labels that [`crate::cluster::flat`] and [`crate::cluster::refinement`] define.
+//! Labels equal those of the cpu, because every number that decides a label is an integer, which WGSL specifies
+//! exactly, and threads affect each other only through sums, extremes and counts, which do not depend on an order. A
+//! kernel does not read such a number that it writes, with two exceptions: the carries of 64-bit sums
+//! (`shaders/shared/cluster_sums.wgsl`) and the trees of pieces (`shaders/pieces/piece_union.wgsl`). Ties go to the
+//! smaller cluster or face. So an iteration is the function of the labels that [`crate::cluster::flat`] and
+//! [`crate::cluster::refinement`] define.
 //!
-//! Everything that wgpu reports becomes an error of the call that notices it ([`Kind::DeviceLost`] for a lost device and for
-//! lack of memory), and the next surface gets a new connection. [`GpuDevice::inject`] causes failures for tests.
+//! Everything that wgpu reports becomes an error of the call that notices it ([`Kind::DeviceLost`] for a lost device
+//! and for lack of memory), and the next surface gets a new connection. [`GpuDevice::inject`] causes failures for
+//! tests.
 
 pub mod adapter;
+mod batches;
 pub mod buffers;
 mod clock;
 mod connection;
@@ -49,8 +54,8 @@ use crate::error::{Error, Kind, Result};
 use crate::report::{DeviceInfo, DeviceKind};
 use crate::surface::DualGraph;
 
-/// Changes to how an adapter is opened: limits that tests lower instead of making meshes that reach them, and timestamps,
-/// which cost time.
+/// Changes to how an adapter is opened: limits that tests lower instead of making meshes that reach them, and
+/// timestamps, which cost time.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Overrides {
     /// Workgroups in a dimension of a dispatch.
@@ -152,8 +157,8 @@ impl GpuDevice {
         self.connection()?.take_profile()
     }
 
-    /// Bytes a second, read and written, of copies within the device's memory, of buffers of at most 256 MiB; none without
-    /// timestamps.
+    /// Bytes a second, read and written, of copies within the device's memory, of buffers of at most 256 MiB; none
+    /// without timestamps.
     pub fn copy_bandwidth(&mut self) -> Result<Option<f64>> {
         let connection = self.connection()?;
         connection.copy_bandwidth(connection.limits.max_buffer_size.min(1 << 28))
@@ -169,7 +174,8 @@ impl GpuDevice {
         (&report.name, &report.backend, report.usable) == (&self.report.name, &self.report.backend, true)
     }
 
-    /// The connection; a new one if the last broke. The adapter may have gone with the device, so it is looked for again.
+    /// The connection; a new one if the last broke. The adapter may have gone with the device, so it is looked for
+    /// again.
     fn connection(&self) -> Result<Arc<Connection>> {
         let mut opened = lock(&self.opened);
         if let Some(connection) = opened.as_ref().filter(|connection| !connection.is_broken()) {

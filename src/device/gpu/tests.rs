@@ -1,5 +1,5 @@
-//! Tests of the inside of the device: the boundary list after each kind of step, the table of kernels, transfers. They need a
-//! Vulkan driver.
+//! Tests of the inside of the device: the boundary list after each kind of step, the table of kernels, transfers. They
+//! need a Vulkan driver.
 
 use std::mem::{offset_of, size_of};
 

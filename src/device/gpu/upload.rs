@@ -44,8 +44,8 @@ pub(super) fn set_free(connection: &Connection, labels: &wgpu::Buffer, label_at_
     connection.queue.submit([encoder.finish()]);
 }
 
-/// Writes faces and their neighbours, through buffers that the host maps. Creating one of those may fail for want of memory,
-/// which is an error of this call; if a copy of `write_buffer` finds none, the device is lost.
+/// Writes faces and their neighbours, through buffers that the host maps. Creating one of those may fail for want of
+/// memory, which is an error of this call; if a copy of `write_buffer` finds none, the device is lost.
 pub(super) fn upload_graph(
     connection: &Connection,
     graph: &DualGraph,
