@@ -177,11 +177,12 @@ impl GpuDevice {
     /// The connection; a new one if the last broke. The adapter may have gone with the device, so it is looked for
     /// again.
     fn connection(&self) -> Result<Arc<Connection>> {
-        let mut opened = lock(&self.opened);
-        if let Some(connection) = opened.as_ref().filter(|connection| !connection.is_broken()) {
+        let broken = lock(&self.opened).take_if(|connection| connection.is_broken());
+        // dropped outside of the lock, which a memory meter may be waiting for
+        drop(broken);
+        if let Some(connection) = lock(&self.opened).as_ref() {
             return Ok(Arc::clone(connection));
         }
-        *opened = None;
         let adapters = adapter::enumerate();
         let found = adapters
             .iter()
@@ -189,7 +190,9 @@ impl GpuDevice {
             .or_else(|| adapters.iter().find(|found| self.is_same(&found.report)))
             .ok_or_else(|| Error::new(Kind::DeviceLost, format_args!("the gpu is gone: {}", self.report.name)))?;
         tracing::warn!(adapter = self.report.name, "opening the lost gpu again");
-        Ok(Arc::clone(opened.insert(Arc::new(Connection::open(found, self.overrides)?))))
+        let connection = Arc::new(Connection::open(found, self.overrides)?);
+        *lock(&self.opened) = Some(Arc::clone(&connection));
+        Ok(connection)
     }
 
     fn steps<'a>(
