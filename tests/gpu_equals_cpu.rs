@@ -4,7 +4,6 @@ mod common;
 mod gpu_support;
 
 use std::collections::BTreeSet;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use common::zoo;
@@ -167,70 +166,6 @@ fn density_changes_labels_alike() {
         let surface = Surface::build_with(&mesh, false, wanted).expect("a surface");
         compare(&mut gpu, sample.name(), &surface, (80, &Seeds::Morton, 0), ALL);
     }
-}
-
-/// Each surface is brought to the device again and again while the one before is clustered, and what was brought last is used.
-#[test]
-fn surfaces_that_are_brought_ahead_are_clustered_alike() {
-    let mut gpu = device();
-    let uploader = gpu.uploader().expect("a gpu has memory of its own");
-    let surfaces: Vec<Surface> = [
-        (Sample::Knot, 5000),
-        (Sample::Parts, 3000),
-        (Sample::Quads, 4000),
-        (Sample::Strip, 300),
-        (Sample::Knot, 9000),
-    ]
-    .map(|(sample, faces)| Surface::build(&generate(sample, faces).expect("a sample")).expect("a surface"))
-    .into();
-    let mut uploaded = None;
-    for (at, surface) in surfaces.iter().enumerate() {
-        let next = surfaces.get(at + 1);
-        let is_over = AtomicBool::new(false);
-        uploaded = std::thread::scope(|scope| {
-            let ahead = scope.spawn(|| {
-                let mut last = None;
-                while last.is_none() || !is_over.load(Ordering::SeqCst) {
-                    last = Some(uploader.upload(&next?.graph).expect("there is room"));
-                }
-                last
-            });
-            uploaded.into_iter().for_each(|uploaded| gpu.receive(uploaded));
-            compare(&mut gpu, "ahead", surface, (60, &Seeds::Random, 7), ALL);
-            is_over.store(true, Ordering::SeqCst);
-            ahead.join().expect("no panic")
-        });
-    }
-}
-
-#[test]
-fn what_was_brought_ahead_is_what_is_used_once_and_nothing_that_was_given_up() {
-    let mesh = generate(Sample::Knot, 2500).expect("a sample");
-    let surface = Surface::build(&mesh).expect("a surface");
-    let seeds = seeds(&surface, 40, &Seeds::Random, 7);
-    let cpu_run = |surface| run(&mut CpuDevice::new(), surface, &seeds, ALL).expect("a run");
-    let mut heavier = Surface::build(&mesh).expect("a surface");
-    heavier.graph.weights.iter_mut().step_by(7).for_each(|weight| *weight *= 2);
-    let (expected, otherwise) = (cpu_run(&surface), cpu_run(&heavier));
-    assert_ne!(expected.3, otherwise.3);
-
-    let mut gpu = device();
-    let uploader = gpu.uploader().expect("a gpu has memory of its own");
-    let upload = |surface: &Surface| uploader.upload(&surface.graph).expect("there is room");
-    // another surface as large: nothing but what was brought tells them apart
-    gpu.receive(upload(&heavier));
-    assert_eq!(run(&mut gpu, &surface, &seeds, ALL).expect("a run"), otherwise, "what was brought is used");
-    assert_eq!(run(&mut gpu, &surface, &seeds, ALL).expect("a run"), expected, "once");
-    let given_up = upload(&heavier);
-    let (first, second) = (upload(&heavier), upload(&surface));
-    gpu.receive(given_up);
-    assert_eq!(run(&mut gpu, &surface, &seeds, ALL).expect("a run"), expected, "not what two others replaced");
-    gpu.receive(first);
-    assert_eq!(run(&mut gpu, &surface, &seeds, ALL).expect("a run"), otherwise, "but the first of those");
-    gpu.receive(second);
-    assert_eq!(run(&mut gpu, &surface, &seeds, ALL).expect("a run"), expected, "and the second");
-    gpu.receive(upload(&Surface::build(&generate(Sample::Knot, 800).expect("a sample")).expect("a surface")));
-    assert_eq!(run(&mut gpu, &surface, &seeds, ALL).expect("a run"), expected, "not that of another size");
 }
 
 #[test]

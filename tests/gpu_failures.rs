@@ -1,22 +1,19 @@
-//! What goes wrong on a gpu: limits, lost devices, refused calls, cancelled jobs. Each is an error, never a panic, and the
-//! device works again afterwards.
+//! What goes wrong on a gpu: limits, lost devices, refused calls, cancelled jobs. Each is an error, never a panic, and
+//! the device works again afterwards.
 
 mod common;
 mod gpu_support;
 
-use std::thread;
-
 use gpu_support::{ALL, adapter, device, device_with, run, seeds};
-use tesserae::cluster::flat;
+use tesserae::Kind;
 use tesserae::cluster::seeds::SeedFaces;
 use tesserae::device::gpu::{Fault, FaultPoint, GpuDevice, Overrides};
 use tesserae::device::select::{self, DeviceChoice};
-use tesserae::device::{Cancel, Device, FREE, Uploaded};
+use tesserae::device::{Cancel, Device, FREE};
 use tesserae::parameters::Seeds;
 use tesserae::report::DeviceKind;
 use tesserae::sample::{Sample, generate};
 use tesserae::surface::Surface;
-use tesserae::{Kind, Result};
 
 fn example() -> (Surface, SeedFaces) {
     let mesh = generate(Sample::Knot, 5000).expect("a sample");
@@ -102,116 +99,19 @@ fn a_refused_call_is_an_error_and_the_next_job_works() {
     }
 }
 
-/// Runs a surface, and has another brought to the device by another thread after the first iteration.
-fn run_beside_an_upload(
-    gpu: &mut GpuDevice,
-    (surface, seeds): &(Surface, SeedFaces),
-) -> (Result<Vec<u32>>, Result<Uploaded>) {
-    let other = Surface::build(&generate(Sample::Knot, 2000).expect("a sample")).expect("a surface");
-    let uploader = gpu.uploader().expect("a gpu has memory of its own");
-    let mut steps = gpu.open(surface, &seeds.component_of_cluster).expect("it fits");
-    let mut uploaded = None;
-    let mut upload = || {
-        let upload = || uploader.upload(&other.graph);
-        uploaded.get_or_insert_with(|| thread::scope(|scope| scope.spawn(upload).join().expect("no panic")));
-    };
-    let start = seeds.labels(surface.faces());
-    let ended = flat::boundary_based(&start, ALL, steps.as_mut(), &Cancel::default(), &mut |_| upload());
-    (ended.map(|clustering| clustering.labels), uploaded.expect("there was an iteration"))
-}
-
 #[test]
-fn an_upload_ahead_that_fails_leaves_the_job_alone_that_is_running() {
-    let example = example();
+fn a_device_without_memory_is_an_error_and_the_next_job_works() {
+    let (surface, seeds) = example();
     let mut gpu = device();
-    let expected = run(&mut gpu, &example.0, &example.1, ALL).expect("a run").1;
-    for (fault, kind) in
-        [(Fault::Misuse(FaultPoint::Ahead), Kind::Internal), (Fault::Exhaust(FaultPoint::Ahead), Kind::DeviceLost)]
-    {
-        gpu.inject(fault);
-        let (ended, uploaded) = run_beside_an_upload(&mut gpu, &example);
-        let error = uploaded.map(drop).expect_err("it fails");
-        assert_eq!(error.kind, kind, "{error}");
-        assert!(ended.expect("it does not notice") == expected);
-        let (ended, uploaded) = run_beside_an_upload(&mut gpu, &example);
-        assert!(ended.expect("a run") == expected);
-        uploaded.expect("the device works");
+    let expected = run(&mut gpu, &surface, &seeds, ALL).expect("a run");
+    for point in [FaultPoint::Upload, FaultPoint::Labels] {
+        gpu.inject(Fault::Exhaust(point));
+        let error = run(&mut gpu, &surface, &seeds, ALL).expect_err("no memory");
+        assert_eq!(error.kind, Kind::DeviceLost, "{point:?}: {error}");
+        assert!(error.message.contains("memory"), "{point:?}: {error}");
+        let again = run(&mut gpu, &surface, &seeds, ALL).expect("it works again");
+        assert_eq!(again, expected, "{point:?}");
     }
-}
-
-#[test]
-fn what_was_brought_to_a_lost_device_is_brought_to_the_next() {
-    let example = example();
-    let mut gpu = device();
-    let expected = run(&mut gpu, &example.0, &example.1, ALL).expect("a run").1;
-    // lost by the upload itself, beside a job
-    gpu.inject(Fault::Lose(FaultPoint::Ahead));
-    let (ended, uploaded) = run_beside_an_upload(&mut gpu, &example);
-    assert_eq!(uploaded.map(drop).map_err(|error| error.kind), Err(Kind::DeviceLost));
-    assert_eq!(ended.map(drop).map_err(|error| error.kind), Err(Kind::DeviceLost));
-    assert!(run(&mut gpu, &example.0, &example.1, ALL).expect("it works again").1 == expected);
-    // lost by the job, after the upload
-    let uploader = gpu.uploader().expect("a gpu has memory of its own");
-    let uploaded = uploader.upload(&example.0.graph).expect("there is room");
-    gpu.inject(Fault::Lose(FaultPoint::Boundary));
-    assert_eq!(run(&mut gpu, &example.0, &example.1, ALL).map(drop).map_err(|error| error.kind), Err(Kind::DeviceLost));
-    assert_eq!(uploader.upload(&example.0.graph).map(drop).map_err(|error| error.kind), Err(Kind::DeviceLost));
-    assert!(run(&mut gpu, &example.0, &example.1, ALL).expect("it works again").1 == expected);
-    let mut heavier = example.0.graph.clone();
-    heavier.weights.iter_mut().step_by(7).for_each(|weight| *weight *= 2);
-    let other = uploader.upload(&heavier).expect("to the device that is open now");
-    gpu.receive(uploaded);
-    assert!(run(&mut gpu, &example.0, &example.1, ALL).expect("a run").1 == expected, "not what this device has");
-    gpu.receive(other);
-    assert!(run(&mut gpu, &example.0, &example.1, ALL).expect("a run").1 != expected, "which it still had");
-}
-
-#[test]
-fn where_there_is_no_memory_what_is_kept_is_freed_and_the_surface_is_opened_again() {
-    let (surface, seeds) = example();
-    let mut gpu = device();
-    let expected = run(&mut gpu, &surface, &seeds, ALL).expect("a run");
-    let uploader = gpu.uploader().expect("a gpu has memory of its own");
-    let next = uploader.upload(&surface.graph).expect("there is room");
-    gpu.inject(Fault::Exhaust(FaultPoint::Upload));
-    // another size, so that buffers are made
-    let other = Surface::build(&generate(Sample::Knot, 600).expect("a sample")).expect("a surface");
-    drop(gpu.open(&other, &[0]).expect("there is room without the other"));
-    gpu.receive(next);
-    assert!(run(&mut gpu, &surface, &seeds, ALL).expect("a run") == expected);
-    // none for what the host reads, either
-    gpu.rest();
-    let next = uploader.upload(&surface.graph).expect("there is room");
-    gpu.inject(Fault::Exhaust(FaultPoint::Labels));
-    let mut steps = gpu.open(&other, &[0]).expect("it fits");
-    assert_eq!(steps.labels().expect("there is room without the other").len(), other.faces());
-    drop(steps);
-    gpu.receive(next);
-    assert!(run(&mut gpu, &surface, &seeds, ALL).expect("a run") == expected);
-    assert!(gpu.spoil_spare_buffers().expect("it works") > 0);
-    gpu.rest();
-    assert_eq!(gpu.spoil_spare_buffers().expect("it works"), 0);
-    assert!(run(&mut gpu, &surface, &seeds, ALL).expect("a run") == expected);
-}
-
-#[test]
-fn what_was_given_up_for_a_surface_that_does_not_fit_is_not_mistaken_for_what_came_later() {
-    let (surface, seeds) = example();
-    let mut heavier = surface.graph.clone();
-    heavier.weights.iter_mut().step_by(7).for_each(|weight| *weight *= 2);
-    let mut gpu = device_with(Overrides { binding_size: Some(48 * 5000), ..Overrides::default() });
-    let expected = run(&mut gpu, &surface, &seeds, ALL).expect("a run");
-    let uploader = gpu.uploader().expect("a gpu has memory of its own");
-    let given_up = uploader.upload(&surface.graph).expect("there is room");
-    let large = Surface::build(&generate(Sample::Knot, 20_000).expect("a sample")).expect("a surface");
-    let error = uploader.upload(&large.graph).map(drop).expect_err("it does not fit");
-    assert_eq!(error.kind, Kind::DeviceUnsuitable, "{error}");
-    assert!(gpu.open(&large, &[0]).is_err());
-    let later = uploader.upload(&heavier).expect("there is room");
-    gpu.receive(given_up);
-    assert!(run(&mut gpu, &surface, &seeds, ALL).expect("a run") == expected);
-    gpu.receive(later);
-    assert!(run(&mut gpu, &surface, &seeds, ALL).expect("a run") != expected, "it was there all the time");
 }
 
 #[test]

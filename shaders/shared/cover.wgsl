@@ -1,15 +1,12 @@
-// The workgroups of the indirect dispatches that follow.
+//! uses: boundary_list
+// The size of the indirect dispatches that follow.
 
-// Those of so many threads.
-fn cover(threads: u32) -> array<u32, 3> {
-    let groups = (threads + WORKGROUP - 1u) / WORKGROUP;
-    return array<u32, 3>(min(groups, turn.row), (groups + turn.row - 1u) / turn.row, 1u);
-}
-
-// As many as there are listed faces now.
+// One thread for each face that is listed now.
 fn cover_list() {
-    lists.due = atomicLoad(&lists.length);
-    next_dispatch = cover(lists.due);
+    boundary_list.due = atomicLoad(&boundary_list.length);
+    let groups = (boundary_list.due + WORKGROUP - 1u) / WORKGROUP;
+    let row = iteration.row;
+    next_dispatch = array<u32, 3>(min(groups, row), (groups + row - 1u) / row, 1u);
 }
 
 fn cover_nothing() {

@@ -7,7 +7,6 @@ pub mod cpu;
 pub mod gpu;
 pub mod select;
 
-use std::any::Any;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -24,19 +23,6 @@ pub const FREE: u32 = u32::MAX;
 /// time, by any thread.
 pub type MemoryMeter = Arc<dyn Fn() -> Option<u64> + Send + Sync>;
 
-/// What an [`Uploader`] brought of a surface; freed when dropped.
-pub type Uploaded = Box<dyn Any + Send>;
-
-/// Brings surfaces to a device while it works on others, from any thread.
-pub trait Uploader: Send + Sync {
-    /// Brings what never changes of a surface. What it brought before stays, as long as the device has not
-    /// [taken](Device::receive) it and there is room.
-    ///
-    /// An error, as when there is no room for it beside the surface that is open, is nobody's failure: the surface is brought
-    /// when it is opened.
-    fn upload(&self, graph: &DualGraph) -> Result<Uploaded>;
-}
-
 /// Something that can cluster.
 pub trait Device: Send {
     /// What it is.
@@ -52,19 +38,6 @@ pub trait Device: Send {
     fn memory_meter(&self) -> MemoryMeter {
         Arc::new(|| None)
     }
-
-    /// What brings surfaces to it ahead of their turn; none where there is nothing to bring.
-    fn uploader(&self) -> Option<Arc<dyn Uploader>> {
-        None
-    }
-
-    /// Takes what its uploader brought of the surface that is opened next, if that is still of use.
-    fn receive(&mut self, uploaded: Uploaded) {
-        drop(uploaded);
-    }
-
-    /// Frees what it keeps for the next surface. To be told when none is likely to come soon.
-    fn rest(&mut self) {}
 
     /// Brings a surface to the device, with all faces free.
     ///

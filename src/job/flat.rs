@@ -10,7 +10,7 @@ use crate::cluster::reference::acvd::acvd;
 use crate::cluster::reference::variational::variational;
 use crate::cluster::run;
 use crate::cluster::seeds::SeedFaces;
-use crate::device::{Cancel, Device, Ending, Uploaded};
+use crate::device::{Cancel, Device, Ending};
 use crate::error::{Error, Kind, Result};
 use crate::parameters::{Algorithm, Name, Refine};
 use crate::report::{DeviceKind, Iteration, Row};
@@ -26,7 +26,6 @@ pub(super) enum From<'a> {
 pub(super) fn run(
     prepared: &Prepared,
     from: From<'_>,
-    uploaded: Option<Uploaded>,
     device: &mut dyn Device,
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
@@ -47,9 +46,6 @@ pub(super) fn run(
         From::Coarse(start) => start.labels(surface, device, cancel)?,
     };
     let opened = Instant::now();
-    if let Some(uploaded) = uploaded {
-        device.receive(uploaded);
-    }
     let mut steps = device.open(surface, &start.component_of_cluster)?;
     let upload = opened.elapsed();
 

@@ -8,7 +8,7 @@ use super::{Clustered, Prepared, finite};
 use crate::cluster::hierarchy::{Options, RoundRow, hierarchical};
 use crate::cluster::record::Record;
 use crate::cluster::run;
-use crate::device::{Cancel, Device, Uploaded};
+use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
 use crate::parameters::{Algorithm, Parameters, Refine};
 use crate::report::{Input, Level, Row};
@@ -45,7 +45,6 @@ pub(super) fn options(parameters: &Parameters) -> Options {
 pub(super) fn run(
     prepared: &Prepared,
     options: &Options,
-    uploaded: Option<Uploaded>,
     device: &mut dyn Device,
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
@@ -53,9 +52,6 @@ pub(super) fn run(
     let surface = &prepared.surface;
     let component_of_cluster = surface.component_of_face();
     let opened = Instant::now();
-    if let Some(uploaded) = uploaded {
-        device.receive(uploaded);
-    }
     let mut steps = device.open_merging(surface, &component_of_cluster)?;
     let upload = opened.elapsed();
 

@@ -24,7 +24,7 @@ use crate::cluster::coarse::CoarseStart;
 use crate::cluster::hierarchy;
 use crate::cluster::record::Record;
 use crate::cluster::seeds::{self, SeedFaces};
-use crate::device::{Cancel, Device, Uploaded};
+use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::{self, Admit, Format, Limits, PolygonMesh, Resources};
 use crate::parameters::{Algorithm, Name, Optimize, Parameters, Refine, Seeds};
@@ -245,23 +245,21 @@ pub fn run(
     cancel: &Cancel,
     on_row: &mut (dyn FnMut(Row) + Send),
 ) -> Result<Outcome> {
-    where_it_works(device.info().kind, || finish(prepared, cluster(prepared, None, device, cancel, on_row)?))
+    where_it_works(device.info().kind, || finish(prepared, cluster(prepared, device, cancel, on_row)?))
 }
 
-/// The part of a job that needs the device, which may have the surface already. `on_row` is told of every row of the report as it
-/// comes.
+/// The part of a job that needs the device. `on_row` is called with every row of the report as it comes.
 pub fn cluster(
     prepared: &Prepared,
-    uploaded: Option<Uploaded>,
     device: &mut dyn Device,
     cancel: &Cancel,
     on_row: &mut (dyn FnMut(Row) + Send),
 ) -> Result<Clustered> {
     cancel.check()?;
     where_it_works(device.info().kind, || match &prepared.plan {
-        Plan::Flat(seeds) => flat::run(prepared, flat::From::Seeds(seeds), uploaded, device, cancel, on_row),
-        Plan::Coarse(start) => flat::run(prepared, flat::From::Coarse(start), uploaded, device, cancel, on_row),
-        Plan::Hierarchy(options) => hierarchical::run(prepared, options, uploaded, device, cancel, on_row),
+        Plan::Flat(seeds) => flat::run(prepared, flat::From::Seeds(seeds), device, cancel, on_row),
+        Plan::Coarse(start) => flat::run(prepared, flat::From::Coarse(start), device, cancel, on_row),
+        Plan::Hierarchy(options) => hierarchical::run(prepared, options, device, cancel, on_row),
     })
 }
 

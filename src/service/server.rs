@@ -99,8 +99,6 @@ pub struct Extras {
     pub reload: Option<Arc<Notify>>,
     /// Failures on purpose.
     pub faults: Faults,
-    /// Time without work after which the device [rests](Device::rest); half a minute when none.
-    pub idle: Option<Duration>,
 }
 
 impl fmt::Debug for Extras {

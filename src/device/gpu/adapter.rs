@@ -5,10 +5,10 @@ use std::fmt;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::kernels::{Access, KERNELS};
+use super::kernels::KERNELS;
 use super::layout::WORKGROUP;
 
-/// An adapter as people see it: in `tesserae devices` and `GET /v1/device`.
+/// An adapter as it is reported: in `tesserae devices` and `GET /v1/device`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 pub struct AdapterReport {
     /// Number that `--adapter` takes.
@@ -88,14 +88,14 @@ pub struct Found {
 
 /// Looks for adapters. This loads the drivers, which takes 20 to 370 ms.
 ///
-/// Where Mesa's device-select layer is installed and there is no desktop, libwayland writes a line about `XDG_RUNTIME_DIR`
-/// to standard error: wgpu asks for the Wayland extension whether it will draw or not, and the layer then looks for a
-/// compositor. `NODEVICE_SELECT=1` in the environment turns the layer off.
+/// Where Mesa's device-select layer is installed and there is no desktop, libwayland writes a line about
+/// `XDG_RUNTIME_DIR` to standard error: wgpu asks for the Wayland extension whether it will draw or not, and the layer
+/// then looks for a compositor. `NODEVICE_SELECT=1` in the environment turns the layer off.
 pub fn enumerate() -> Vec<Found> {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
-    // With it, wgpu puts a dispatch of its own before each indirect one to check its arguments. Ours are written by our own
-    // kernels, from the adapter's limits.
+    // With it, wgpu puts a dispatch of its own before each indirect one to check its arguments. Ours are written by our
+    // own kernels, from the adapter's limits.
     descriptor.flags = wgpu::InstanceFlags::from_build_config() - wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL;
     let instance = wgpu::Instance::new(descriptor);
     pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()))
@@ -121,14 +121,7 @@ fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
 
 /// Why an adapter with these properties cannot cluster.
 fn unusable(features: wgpu::Features, flags: wgpu::DownlevelFlags, limits: &wgpu::Limits) -> Option<String> {
-    let storage_buffers = KERNELS
-        .iter()
-        .map(|kernel| {
-            let bindings = kernel.bindings.iter();
-            bindings.filter(|it| it.access != Access::Turn).count() as u32
-        })
-        .max()
-        .unwrap_or(0);
+    let storage_buffers = KERNELS.iter().map(|kernel| kernel.bindings.len() as u32).max().unwrap_or(0);
     if !features.contains(wgpu::Features::SHADER_INT64) {
         Some("it has no 64-bit integers in shaders".to_owned())
     } else if !flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS | wgpu::DownlevelFlags::INDIRECT_EXECUTION) {

@@ -1,4 +1,4 @@
-//! Time on the device, pass by pass: timestamps that it writes itself, for [`crate::bench`].
+//! Device time of each pass, from timestamps that the device writes, for [`crate::bench`].
 
 use std::collections::BTreeMap;
 use std::sync::Mutex;
@@ -7,32 +7,32 @@ use serde::Serialize;
 
 use super::connection::lock;
 
-/// Passes that are timed before somebody asks; two queries each are the most that a set has.
+/// Passes that can be timed between two reads: a pass takes two queries of the set.
 const PASSES: u32 = wgpu::QUERY_SET_MAX_QUERIES / 2;
 
-/// The features that a clock needs of the device.
+/// The features of the device that a clock needs.
 pub(super) const FEATURES: wgpu::Features =
     wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS);
 
-/// What a device did.
+/// What a device did since the last read.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Profile {
-    /// What the passes took, each kind in the order in which it came first.
+    /// Device time by stage, in the order in which the stages first ran.
     pub stages: Vec<StageTime>,
     /// Passes beyond those that can be timed.
     pub untimed_passes: u64,
-    /// How often each kernel was dispatched, with or without work.
+    /// Dispatches of each kernel, those without workgroups included.
     pub dispatches: BTreeMap<&'static str, u64>,
 }
 
-/// What one kind of passes took on the device.
+/// Device time of a stage.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct StageTime {
-    /// What they did: `boundary`, `refine`, …
+    /// Name of the stage: `boundary`, `refine`, …
     pub stage: &'static str,
-    /// How many there were.
+    /// Number of passes.
     pub passes: u64,
-    /// What they took together.
+    /// Their total time.
     pub milliseconds: f64,
 }
 
@@ -46,10 +46,10 @@ pub(super) struct Clock {
     done: Mutex<Done>,
 }
 
-/// What was done since somebody asked last.
+/// What was recorded since the last read.
 #[derive(Debug, Default)]
 pub(super) struct Done {
-    /// Each pass that has two queries.
+    /// The stage of each timed pass.
     stages: Vec<&'static str>,
     untimed: u64,
     dispatches: BTreeMap<&'static str, u64>,
@@ -74,7 +74,7 @@ impl Clock {
         }
     }
 
-    /// The number of the first of two queries for a pass, if there are any left.
+    /// Index of the first of two queries for a pass, if any are left.
     fn next(&self, stage: &'static str) -> Option<u32> {
         let mut done = lock(&self.done);
         let number = done.stages.len() as u32;
@@ -86,12 +86,12 @@ impl Clock {
         Some(2 * number)
     }
 
-    /// Notes a dispatch.
+    /// Counts a dispatch.
     pub fn count(&self, kernel: &'static str) {
         *lock(&self.done).dispatches.entry(kernel).or_default() += 1;
     }
 
-    /// What a pass needs to be timed.
+    /// The timestamp writes of a pass; none when no queries are left.
     pub fn around(&self, stage: &'static str) -> Option<wgpu::ComputePassTimestampWrites<'_>> {
         self.next(stage).map(|first| wgpu::ComputePassTimestampWrites {
             query_set: &self.queries,
@@ -100,7 +100,7 @@ impl Clock {
         })
     }
 
-    /// Times what `encode` puts between two passes.
+    /// Times commands that are encoded between passes.
     pub fn between_passes(
         &self,
         encoder: &mut wgpu::CommandEncoder,
@@ -117,7 +117,7 @@ impl Clock {
         }
     }
 
-    /// Encodes the reading of the queries, and starts anew. The buffer is to be mapped, for [`profile`](Self::profile).
+    /// Encodes the read of the queries into a buffer to map for [`profile`](Self::profile), and resets the clock.
     pub fn take(&self, encoder: &mut wgpu::CommandEncoder) -> (Done, &wgpu::Buffer) {
         let done = std::mem::take(&mut *lock(&self.done));
         if !done.stages.is_empty() {
@@ -127,7 +127,7 @@ impl Clock {
         (done, &self.mapped)
     }
 
-    /// What was done, with the ticks at the beginning and the end of each pass.
+    /// The profile, from the ticks at the beginning and the end of each pass.
     pub fn profile(&self, done: Done, ticks: &[[u64; 2]]) -> Profile {
         let mut stages: Vec<StageTime> = Vec::new();
         for (&stage, [begin, end]) in done.stages.iter().zip(ticks) {

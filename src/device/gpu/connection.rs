@@ -1,17 +1,18 @@
-//! A connection to one adapter: wgpu's device and queue, the compiled kernels, and what has gone wrong so far.
+//! A connection to one adapter: wgpu's device and queue, the compiled kernels, and failures so far.
 //!
-//! wgpu tells of failures through callbacks, and goes on. [`Connection::check`] turns what they said into an error; whoever
-//! waits for the device checks. A connection that failed once is not used again: the next surface opens another one.
+//! wgpu reports failures through callbacks and continues. [`Connection::check`] returns the first one as an error; it
+//! is called after every wait for the device. A connection that failed once is not used again: the next surface opens a
+//! new one.
 
+use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use super::adapter::Found;
+use super::adapter::{AdapterKind, Found};
 use super::clock::{self, Clock, Profile};
-use super::kernels::{self, Access, Kernel};
-use super::pool::Pool;
+use super::kernels::{KERNELS, Kernel};
 use super::{Fault, FaultPoint, Overrides};
 use crate::error::{Error, Kind, Result};
 
@@ -25,81 +26,20 @@ pub(super) struct Connection {
     pub(super) queue: wgpu::Queue,
     /// The device's limits, lowered by [`Overrides`].
     pub(super) limits: wgpu::Limits,
-    pub(super) kernels: Kernels,
-    /// What surfaces left for the next ones, and what was brought ahead.
-    pub(super) pool: Mutex<Pool>,
-    /// From [`Overrides`].
-    pub(super) always_near: bool,
-    merge_kernels: OnceLock<MergeKernels>,
+    /// Whether the adapter is a driver that computes on the cpu.
+    pub(super) is_software: bool,
+    /// Compiled kernels, by name.
+    pipelines: Mutex<HashMap<&'static str, (wgpu::BindGroupLayout, wgpu::ComputePipeline)>>,
     name: String,
     health: Arc<Health>,
     fault: Mutex<Option<Fault>>,
-    /// Held by who brings a surface ahead of its turn, and by who must have memory.
-    pub(super) bringing: Mutex<()>,
-    /// One for another thread.
-    fault_ahead: Mutex<Option<Fault>>,
     /// Whether a fault leaves no memory for the next buffer.
     is_exhausted: AtomicBool,
     /// Where passes are timed.
     clock: Option<Clock>,
 }
 
-/// The compiled kernels.
-#[derive(Debug)]
-pub(super) struct Kernels {
-    pub(super) grow: Compiled,
-    pub(super) settle: Compiled,
-    pub(super) enlist: Compiled,
-    pub(super) weed: Compiled,
-    pub(super) line_up: Compiled,
-    pub(super) gather: Compiled,
-    pub(super) propose: Compiled,
-    pub(super) apply: Compiled,
-    pub(super) fit: Compiled,
-    pub(super) bid: Compiled,
-    pub(super) choose: Compiled,
-    pub(super) join: Compiled,
-    pub(super) judge: Compiled,
-    pub(super) deal: Compiled,
-    pub(super) link: Compiled,
-    pub(super) hook: Compiled,
-    pub(super) weigh: Compiled,
-    pub(super) elect: Compiled,
-    pub(super) cut: Compiled,
-}
-
-/// The compiled kernels of hierarchies.
-#[derive(Debug)]
-pub(super) struct MergeKernels {
-    pub(super) price: Compiled,
-    pub(super) break_ties: Compiled,
-    pub(super) prefer: Compiled,
-    pub(super) list_choices: Compiled,
-    pub(super) search: Compiled,
-    pub(super) reduce: Compiled,
-    pub(super) unite: Compiled,
-    pub(super) relabel: Compiled,
-    pub(super) relabel_near: Compiled,
-    pub(super) follow: Compiled,
-    pub(super) mirror: Compiled,
-    pub(super) explore: Compiled,
-    pub(super) tally: Compiled,
-    pub(super) mark_gaps: Compiled,
-    pub(super) doubt: Compiled,
-    pub(super) decide: Compiled,
-    pub(super) list_moves: Compiled,
-    pub(super) pick_sums: Compiled,
-}
-
-/// A compiled kernel.
-#[derive(Debug)]
-pub(super) struct Compiled {
-    pub(super) kernel: &'static Kernel,
-    pub(super) layout: wgpu::BindGroupLayout,
-    pub(super) pipeline: wgpu::ComputePipeline,
-}
-
-/// What the callbacks said.
+/// Failures that callbacks reported.
 #[derive(Debug, Default)]
 struct Health {
     lost: Mutex<Option<String>>,
@@ -146,45 +86,20 @@ impl Connection {
         if let Some(bytes) = overrides.binding_size {
             limits.max_storage_buffer_binding_size = bytes;
         }
-        let kernels = Kernels {
-            grow: compile(&device, &kernels::GROW),
-            settle: compile(&device, &kernels::SETTLE),
-            enlist: compile(&device, &kernels::ENLIST),
-            weed: compile(&device, &kernels::WEED),
-            line_up: compile(&device, &kernels::LINE_UP),
-            gather: compile(&device, &kernels::GATHER),
-            propose: compile(&device, &kernels::PROPOSE),
-            apply: compile(&device, &kernels::APPLY),
-            fit: compile(&device, &kernels::FIT),
-            bid: compile(&device, &kernels::BID),
-            choose: compile(&device, &kernels::CHOOSE),
-            join: compile(&device, &kernels::JOIN),
-            judge: compile(&device, &kernels::JUDGE),
-            deal: compile(&device, &kernels::DEAL),
-            link: compile(&device, &kernels::LINK),
-            hook: compile(&device, &kernels::HOOK),
-            weigh: compile(&device, &kernels::WEIGH),
-            elect: compile(&device, &kernels::ELECT),
-            cut: compile(&device, &kernels::CUT),
-        };
         let clock = is_timed.then(|| Clock::new(&device, &queue));
         let connection = Self {
             device,
             queue,
             limits,
-            kernels,
-            pool: Mutex::default(),
-            always_near: overrides.always_near,
-            merge_kernels: OnceLock::new(),
+            is_software: found.report.kind == AdapterKind::Software,
+            pipelines: Mutex::default(),
             name,
             health,
             fault: Mutex::default(),
-            bringing: Mutex::default(),
-            fault_ahead: Mutex::default(),
             is_exhausted: AtomicBool::default(),
             clock,
         };
-        connection.check()?;
+        connection.compile(false)?;
         Ok(connection)
     }
 
@@ -193,88 +108,34 @@ impl Connection {
         &self.name
     }
 
-    /// Makes the buffers of a surface, of those that others left where they serve. When that fails, all that is kept is freed; and
-    /// when it failed for want of memory, it is tried once more.
-    pub(super) fn lend<T>(&self, mut make: impl FnMut() -> Result<T>) -> Result<T> {
-        let mut made = make();
-        // the device counts as lost, and is there
-        if made.as_ref().is_err_and(|error| error.kind == Kind::DeviceLost) && !self.is_broken() {
-            let _alone = lock(&self.bringing);
-            self.free();
-            made = make();
-        }
-        match made {
-            Ok(_) => lock(&self.pool).surface_opened(),
-            Err(_) => self.free(),
-        }
-        made
+    /// Compiles the kernels of hierarchies, or all others, unless that was done.
+    pub(super) fn compile(&self, is_merging: bool) -> Result<()> {
+        KERNELS
+            .iter()
+            .filter(|kernel| kernel.is_merging() == is_merging)
+            .for_each(|kernel| drop(self.pipeline(kernel)));
+        self.check()
     }
 
-    /// Frees what is kept for other surfaces. Only while none is open.
-    pub(super) fn free(&self) {
-        lock(&self.pool).free_all();
-        self.settle_freed();
+    /// The layout of a kernel's bind group and its pipeline, compiled on first use.
+    pub(super) fn pipeline(&self, kernel: &Kernel) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline) {
+        lock(&self.pipelines).entry(kernel.name).or_insert_with(|| compile(&self.device, kernel)).clone()
     }
 
-    /// Makes a buffer that the surface that is open cannot do without: where there is no memory, what it does not use is freed
-    /// first.
-    pub(super) fn needed_buffer(&self, descriptor: &wgpu::BufferDescriptor<'_>) -> Result<wgpu::Buffer> {
-        self.buffer(descriptor).or_else(|error| {
-            if self.is_broken() {
-                return Err(error);
-            }
-            let _alone = lock(&self.bringing);
-            lock(&self.pool).free_unused();
-            self.settle_freed();
-            self.buffer(descriptor)
-        })
-    }
-
-    /// What was freed is gone once nothing uses it any more, and somebody looks.
-    fn settle_freed(&self) {
-        let _ = self.poll(wgpu::PollType::Wait { submission_index: None, timeout: Some(PATIENCE) });
-    }
-
-    /// The kernels of hierarchies, which are compiled when the first one is asked for.
-    pub(super) fn merge_kernels(&self) -> Result<&MergeKernels> {
-        let kernels = self.merge_kernels.get_or_init(|| MergeKernels {
-            price: compile(&self.device, &kernels::PRICE),
-            break_ties: compile(&self.device, &kernels::BREAK_TIES),
-            prefer: compile(&self.device, &kernels::PREFER),
-            list_choices: compile(&self.device, &kernels::LIST_CHOICES),
-            search: compile(&self.device, &kernels::SEARCH),
-            reduce: compile(&self.device, &kernels::REDUCE),
-            unite: compile(&self.device, &kernels::UNITE),
-            relabel: compile(&self.device, &kernels::RELABEL),
-            relabel_near: compile(&self.device, &kernels::RELABEL_NEAR),
-            follow: compile(&self.device, &kernels::FOLLOW),
-            mirror: compile(&self.device, &kernels::MIRROR),
-            explore: compile(&self.device, &kernels::EXPLORE),
-            tally: compile(&self.device, &kernels::TALLY),
-            mark_gaps: compile(&self.device, &kernels::MARK_GAPS),
-            doubt: compile(&self.device, &kernels::DOUBT),
-            decide: compile(&self.device, &kernels::DECIDE),
-            list_moves: compile(&self.device, &kernels::LIST_MOVES),
-            pick_sums: compile(&self.device, &kernels::PICK_SUMS),
-        });
-        self.check()?;
-        Ok(kernels)
-    }
-
-    /// Begins a pass, timed where there is a clock.
+    /// Begins a pass, timed if there is a clock.
     pub(super) fn pass<'e>(&self, encoder: &'e mut wgpu::CommandEncoder, stage: &'static str) -> wgpu::ComputePass<'e> {
         let timestamp_writes = self.clock.as_ref().and_then(|clock| clock.around(stage));
         encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some(stage), timestamp_writes })
     }
 
-    /// Notes a dispatch, where there is a clock.
+    /// Counts a dispatch, if there is a clock.
     pub(super) fn count(&self, kernel: &Kernel) {
         if let Some(clock) = &self.clock {
-            clock.count(kernel.name);
+            clock.count(kernel.entry_point());
         }
     }
 
-    /// What was done since somebody asked last, where there is a clock. To be asked while nothing runs.
+    /// Takes the profile since the last call; none without a clock. Nothing may be running.
     pub(super) fn take_profile(&self) -> Result<Option<Profile>> {
         let Some(clock) = &self.clock else { return Ok(None) };
         let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
@@ -320,34 +181,25 @@ impl Connection {
         Ok((seconds > 0.0).then(|| (2 * COPIES * bytes) as f64 / seconds))
     }
 
-    /// Does something that may go wrong without harm to others: what wgpu tells of it is the error of this call, and no failure
-    /// of the connection. That is a matter of the thread, and others may be at work meanwhile.
-    pub(super) fn guarded<T>(&self, work: impl FnOnce() -> Result<T>) -> Result<T> {
-        let kinds = [wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::OutOfMemory];
-        let scopes = kinds.map(|kind| self.device.push_error_scope(kind));
-        let done = work();
-        // the last that was opened goes first
-        let told: Vec<_> = scopes.into_iter().rev().filter_map(|scope| pollster::block_on(scope.pop())).collect();
-        match told.first() {
-            Some(error) => Err(failure(&self.name, error)),
-            None => done,
-        }
-    }
-
-    /// Makes a buffer. Where that fails, as for want of memory, it is an error of this call, and no failure of the connection.
+    /// Creates a buffer. A failure, such as lack of memory, is an error of this call and leaves the connection usable.
     pub(super) fn buffer(&self, descriptor: &wgpu::BufferDescriptor<'_>) -> Result<wgpu::Buffer> {
         if self.is_exhausted.swap(false, Ordering::SeqCst) {
-            return Err(failure(&self.name, &wgpu::Error::OutOfMemory { source: "on purpose".into() }));
+            return Err(failure(&self.name, &wgpu::Error::OutOfMemory { source: "injected".into() }));
         }
-        self.guarded(|| Ok(self.device.create_buffer(descriptor)))
+        let kinds = [wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::OutOfMemory];
+        let scopes = kinds.map(|kind| self.device.push_error_scope(kind));
+        let buffer = self.device.create_buffer(descriptor);
+        // scopes end in reverse order
+        let errors: Vec<_> = scopes.into_iter().rev().filter_map(|scope| pollster::block_on(scope.pop())).collect();
+        errors.first().map_or(Ok(buffer), |error| Err(failure(&self.name, error)))
     }
 
-    /// Whether something has gone wrong.
+    /// Whether a failure was reported.
     pub(super) fn is_broken(&self) -> bool {
         self.check().is_err()
     }
 
-    /// An error when something has gone wrong.
+    /// The first failure that was reported.
     pub(super) fn check(&self) -> Result<()> {
         if lock(&self.health.failed).is_some() && lock(&self.health.lost).is_none() {
             // A lost device makes other calls fail first; its own callback needs a poll to be called.
@@ -362,14 +214,14 @@ impl Connection {
         }
     }
 
-    /// Waits until a submission has been carried out and the callbacks of its buffers were called.
+    /// Waits until a submission has completed and the callbacks of its buffers were called.
     pub(super) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<()> {
         let outcome = self.poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(PATIENCE) });
         self.check()?;
         outcome
     }
 
-    /// Polls. wgpu panics when that finds the device lost.
+    /// Polls. wgpu panics if the device is found lost.
     fn poll(&self, how: wgpu::PollType) -> Result<()> {
         match catch_unwind(AssertUnwindSafe(|| self.device.poll(how))) {
             Ok(Ok(_)) => Ok(()),
@@ -378,7 +230,7 @@ impl Connection {
         }
     }
 
-    /// Notes that the device is lost; the error that says so.
+    /// Marks the device as lost. Returns the error for that.
     pub(super) fn break_down(&self, message: &str) -> Error {
         lock(&self.health.lost).get_or_insert_with(|| message.to_owned());
         self.lost(message)
@@ -388,20 +240,14 @@ impl Connection {
         Error::new(Kind::DeviceLost, format_args!("the gpu {} was lost: {message}", self.name))
     }
 
-    /// Arms a fault.
+    /// Sets the fault to inject.
     pub(super) fn arm(&self, fault: Option<Fault>) {
         *lock(&self.fault) = fault;
     }
 
-    /// Arms a fault for who brings surfaces ahead of their turn.
-    pub(super) fn arm_ahead(&self, fault: Fault) {
-        *lock(&self.fault_ahead) = Some(fault);
-    }
-
-    /// Where faults are injected.
+    /// Injects the fault that was set for this point.
     pub(super) fn reach(&self, point: FaultPoint) {
-        let faults = if point == FaultPoint::Ahead { &self.fault_ahead } else { &self.fault };
-        match lock(faults).take_if(|fault| fault.point() == point) {
+        match lock(&self.fault).take_if(|fault| fault.point() == point) {
             Some(Fault::Exhaust(_)) => self.is_exhausted.store(true, Ordering::SeqCst),
             Some(Fault::Lose(_)) => self.device.destroy(),
             Some(Fault::Misuse(_)) => {
@@ -418,7 +264,7 @@ impl Connection {
     }
 }
 
-/// The error that stands for one of wgpu's.
+/// Converts an error of wgpu.
 fn failure(name: &str, error: &wgpu::Error) -> Error {
     match error {
         wgpu::Error::OutOfMemory { .. } => Error::new(
@@ -431,48 +277,49 @@ fn failure(name: &str, error: &wgpu::Error) -> Error {
     }
 }
 
-/// wgpu's messages are trees over several lines.
+/// Joins the lines of a message: wgpu's messages are trees.
 fn one_line(message: &str) -> String {
     message.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-fn compile(device: &wgpu::Device, kernel: &'static Kernel) -> Compiled {
+/// Binding 0 is the uniform, at an offset that each dispatch chooses; then come the storage buffers of the row.
+fn compile(device: &wgpu::Device, kernel: &Kernel) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline) {
+    let storage = |is_written: bool| wgpu::BufferBindingType::Storage { read_only: !is_written };
+    let types = kernel.bindings.iter().map(|binding| storage(binding.is_written));
     let entries: Vec<_> = (0..)
-        .zip(kernel.bindings)
-        .map(|(at, binding)| wgpu::BindGroupLayoutEntry {
-            binding: at,
+        .zip(std::iter::once(wgpu::BufferBindingType::Uniform).chain(types))
+        .zip(kernel.binding_sizes())
+        .map(|((binding, ty), bytes)| wgpu::BindGroupLayoutEntry {
+            binding,
             visibility: wgpu::ShaderStages::COMPUTE,
             ty: wgpu::BindingType::Buffer {
-                ty: match binding.access {
-                    Access::Turn => wgpu::BufferBindingType::Uniform,
-                    Access::Read => wgpu::BufferBindingType::Storage { read_only: true },
-                    Access::Write => wgpu::BufferBindingType::Storage { read_only: false },
-                },
-                has_dynamic_offset: binding.access == Access::Turn,
-                min_binding_size: wgpu::BufferSize::new(binding.stride as u64),
+                ty,
+                has_dynamic_offset: binding == 0,
+                min_binding_size: wgpu::BufferSize::new(bytes as u64),
             },
             count: None,
         })
         .collect();
-    let layout = device
-        .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(kernel.name), entries: &entries });
+    let label = Some(kernel.name);
+    let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries: &entries });
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
-        label: Some(kernel.name),
+        label,
         source: wgpu::ShaderSource::Wgsl(kernel.source().into()),
     });
+    let constants: Vec<_> = kernel.constant.into_iter().map(|(name, value)| (name, f64::from(value))).collect();
     let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: Some(kernel.name),
+        label,
         layout: Some(&device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label: Some(kernel.name),
+            label,
             bind_group_layouts: &[Some(&layout)],
             immediate_size: 0,
         })),
         module: &module,
-        entry_point: Some(kernel.name),
-        compilation_options: wgpu::PipelineCompilationOptions::default(),
+        entry_point: Some(kernel.entry_point()),
+        compilation_options: wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() },
         cache: None,
     });
-    Compiled { kernel, layout, pipeline }
+    (layout, pipeline)
 }
 
 #[cfg(test)]

@@ -1,364 +1,231 @@
-//! The table of kernels: one WGSL file in `shaders/`, one entry here. `tests/shader_layout.rs` compares it with what the
-//! shaders declare.
+//! The table of kernels. A kernel is its WGSL file, a row here, and a dispatch: layouts, pipelines and bind groups are
+//! made from the row. `tests/shader_layout.rs` compares each row with what the file declares.
+//!
+//! A WGSL file names the shared pieces that it needs in its first line, as in `//! uses: cluster_sums, stats`; `energy`
+//! stands for the file of the energy in `shaders/energy/`. [`Kernel::source`] puts them, and what they need, in front.
 
 use std::mem::size_of;
 
-mod merging;
-mod pieces;
+use super::buffers::Buffer::{self, *};
+use super::layout::{Iteration, WORKGROUP};
 
-use super::layout::{Best, Choice, Cluster, Dispatch, Face, Found, Lists, Market, Offer, Proxy, Slot, Turn, WORKGROUP};
-pub use merging::*;
-pub use pieces::*;
+/// The energy that kernels are made for: the name of its file in `shaders/energy/`.
+const ENERGY: &str = "cvd";
 
-/// A compute shader with one entry point of the same name.
-#[derive(Debug)]
+/// A compute shader with one entry point.
+#[derive(Debug, Clone, Copy)]
 pub struct Kernel {
-    /// Name of the file in `shaders/`, of the entry point, and for error messages.
+    /// Name, unique.
     pub name: &'static str,
-    /// Files of `shaders/shared` that are prepended, then its own file.
-    pub sources: &'static [&'static str],
-    /// Its bindings in group 0, numbered from 0.
-    pub bindings: &'static [Binding],
+    /// Folder and name of its file in `shaders/`; the entry point has the file's name.
+    pub path: &'static str,
+    /// The file.
+    pub wgsl: &'static str,
+    /// A pipeline-overridable constant of the file, and its value.
+    pub constant: Option<(&'static str, u32)>,
+    /// How many threads a dispatch has.
+    pub threads: Threads,
     /// Threads in a workgroup.
     pub workgroup_size: u32,
+    /// The buffers of bindings 1, 2, …; binding 0 is the [`Iteration`].
+    pub bindings: &'static [Binding],
 }
 
-impl Kernel {
-    /// The whole WGSL source.
-    pub fn source(&self) -> String {
-        self.sources.join("\n")
+/// A storage buffer that a kernel sees.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Binding {
+    /// The buffer.
+    pub buffer: Buffer,
+    /// Name of the variable, if not that of the buffer.
+    pub alias: Option<&'static str>,
+    /// Whether the kernel writes it.
+    pub is_written: bool,
+}
+
+impl Binding {
+    /// Name of the variable.
+    pub fn name(&self) -> &'static str {
+        self.alias.unwrap_or(self.buffer.spec().name)
     }
 }
 
-/// One buffer that a kernel sees.
+/// The threads of a dispatch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Binding {
-    /// Name of the variable.
-    pub name: &'static str,
-    /// How the kernel uses it.
-    pub access: Access,
-    /// Bytes of an element of the array, or of the one value.
-    pub stride: usize,
+pub enum Threads {
+    /// One workgroup.
+    One,
+    /// A thread a face.
+    Faces,
+    /// A thread for [`RUN`](super::layout::RUN) faces.
+    FaceRuns,
+    /// A thread a cluster that is left.
+    Clusters,
+    /// A thread an entry of the list that the host wrote.
+    Entries,
+    /// A thread a listed face, or none at all after the end of a phase: an indirect dispatch.
+    Listed,
 }
 
-/// How a kernel uses a buffer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Access {
-    /// A uniform, at an offset that each dispatch chooses.
-    Turn,
-    /// Storage that is read.
-    Read,
-    /// Storage that is read and written.
-    Write,
+impl Kernel {
+    /// The shared pieces that it uses, and its own file.
+    pub fn source(&self) -> String {
+        let (mut used, mut source) = (Vec::new(), String::new());
+        splice(self.wgsl, &mut used, &mut source);
+        source
+    }
+
+    /// Name of the entry point.
+    pub fn entry_point(&self) -> &'static str {
+        self.path.rsplit('/').next().unwrap_or(self.path)
+    }
+
+    /// Whether only hierarchies need it.
+    pub fn is_merging(&self) -> bool {
+        self.path.starts_with("merge/")
+    }
+
+    /// Bytes of the smallest buffer for each binding.
+    pub fn binding_sizes(&self) -> impl Iterator<Item = usize> {
+        let storage = self.bindings.iter().map(|binding| binding.buffer.spec().stride);
+        std::iter::once(size_of::<Iteration>()).chain(storage)
+    }
 }
 
-const fn binding(name: &'static str, access: Access, stride: usize) -> Binding {
-    Binding { name, access, stride }
+/// The names in the first line of a WGSL text, if it names shared pieces.
+pub fn uses(wgsl: &'static str) -> impl Iterator<Item = &'static str> {
+    let line = wgsl.lines().next().and_then(|line| line.strip_prefix("//! uses: ")).unwrap_or("");
+    line.split(", ").filter(|name| !name.is_empty())
 }
 
-const TURN: Binding = binding("turn", Access::Turn, size_of::<Turn>());
-const FACES: Binding = binding("faces", Access::Read, size_of::<Face>());
-const NEIGHBOURS: Binding = binding("neighbours", Access::Read, 4);
-const LABELS: Binding = binding("labels", Access::Read, 4);
-const WRITTEN_LABELS: Binding = binding("labels", Access::Write, 4);
-const PROXIES: Binding = binding("proxies", Access::Read, size_of::<Proxy>());
-const CLUSTERS: Binding = binding("clusters", Access::Write, size_of::<Cluster>());
-const MARKETS: Binding = binding("markets", Access::Write, size_of::<Market>());
-const RING: Binding = binding("ring", Access::Write, size_of::<Slot>());
-const CHOICES: Binding = binding("choices", Access::Write, size_of::<Choice>());
-const FOUND: Binding = binding("found", Access::Write, size_of::<Found>());
-const BESTS: Binding = binding("bests", Access::Write, size_of::<Best>());
-const ENTRIES: Binding = binding("entries", Access::Read, 4);
-const LISTS: Binding = binding("lists", Access::Write, size_of::<Lists>());
-const ORIGINS: Binding = binding("origins", Access::Write, 4);
-const NEXT_DISPATCH: Binding = binding("next_dispatch", Access::Write, size_of::<Dispatch>());
+/// Appends the pieces that a text uses, each once and after those that it needs itself, and then the text.
+fn splice(wgsl: &'static str, used: &mut Vec<&'static str>, source: &mut String) {
+    for name in uses(wgsl) {
+        if !used.contains(&name) {
+            used.push(name);
+            let file = if name == "energy" { ENERGY } else { name };
+            // a name without a file leaves a source that does not parse; a test parses all
+            let piece = PIECES.iter().find(|(path, _)| path.rsplit('/').next() == Some(file));
+            splice(piece.map_or("", |(_, text)| text), used, source);
+        }
+    }
+    source.push_str(wgsl);
+    source.push('\n');
+}
 
-const TURN_WGSL: &str = include_str!("../../../shaders/shared/turn.wgsl");
-const SLOT_WGSL: &str = include_str!("../../../shaders/shared/slot.wgsl");
-const CLUSTER_WGSL: &str = include_str!("../../../shaders/shared/cluster.wgsl");
-const LISTS_WGSL: &str = include_str!("../../../shaders/shared/lists.wgsl");
-const COVER_WGSL: &str = include_str!("../../../shaders/shared/cover.wgsl");
-const KEEP_WGSL: &str = include_str!("../../../shaders/shared/keep.wgsl");
-const NEWCOMERS_WGSL: &str = include_str!("../../../shaders/shared/newcomers.wgsl");
-const MARKET_WGSL: &str = include_str!("../../../shaders/shared/market.wgsl");
-const FACE_WGSL: &str = include_str!("../../../shaders/shared/face.wgsl");
-const ADD_WGSL: &str = include_str!("../../../shaders/shared/add.wgsl");
-const SUMS_WGSL: &str = include_str!("../../../shaders/shared/sums.wgsl");
-const BITS_WGSL: &str = include_str!("../../../shaders/shared/bits.wgsl");
-const DUAL_EDGE_WGSL: &str = include_str!("../../../shaders/shared/dual_edge.wgsl");
-const CHOICE_WGSL: &str = include_str!("../../../shaders/shared/choice.wgsl");
-const MERGED_WGSL: &str = include_str!("../../../shaders/shared/merged.wgsl");
-const AROUND_WGSL: &str = include_str!("../../../shaders/shared/around.wgsl");
-const FOUND_WGSL: &str = include_str!("../../../shaders/shared/found.wgsl");
-const BEST_WGSL: &str = include_str!("../../../shaders/shared/best.wgsl");
-const ENERGY_WGSL: &str = include_str!("../../../shaders/shared/energy.wgsl");
+/// Reads files of `shaders/`.
+macro_rules! wgsl {
+    ($path:literal) => {
+        include_str!(concat!("../../../shaders/", $path, ".wgsl"))
+    };
+}
 
-/// Grows the clusters by one ring of faces.
-pub const GROW: Kernel = Kernel {
-    name: "grow",
-    sources: &[
-        TURN_WGSL,
-        SLOT_WGSL,
-        CLUSTER_WGSL,
-        FACE_WGSL,
-        ADD_WGSL,
-        LISTS_WGSL,
-        include_str!("../../../shaders/grow.wgsl"),
-    ],
-    bindings: &[
-        TURN,
-        NEIGHBOURS,
-        binding("labels_before", Access::Read, 4),
-        binding("labels_after", Access::Write, 4),
-        RING,
-        LISTS,
-        FACES,
-        CLUSTERS,
-    ],
-    workgroup_size: WORKGROUP,
-};
+/// Lists shared pieces: paths and texts.
+macro_rules! pieces {
+    ($($path:literal,)*) => {
+        /// The shared pieces of shaders: folder and name of the file, and its text.
+        pub const PIECES: &[(&str, &str)] = &[$(($path, wgsl!($path))),*];
+    };
+}
 
-/// Ends the growth when a pass changed nothing.
-pub const SETTLE: Kernel = Kernel {
-    name: "settle",
-    sources: &[TURN_WGSL, SLOT_WGSL, LISTS_WGSL, COVER_WGSL, include_str!("../../../shaders/settle.wgsl")],
-    bindings: &[TURN, RING, LISTS, NEXT_DISPATCH],
-    workgroup_size: 1,
-};
+pieces! {
+    "energy/cvd",
+    "shared/best_dual_edge",
+    "shared/bids",
+    "shared/boundary_insert",
+    "shared/boundary_keep",
+    "shared/boundary_list",
+    "shared/candidate_edge",
+    "shared/cluster",
+    "shared/cluster_sums",
+    "shared/cover",
+    "shared/energy_total",
+    "shared/float",
+    "shared/items",
+    "shared/iteration",
+    "shared/largest_piece",
+    "shared/move_count",
+    "shared/piece_tree",
+    "shared/stats",
+    "shared/ties",
+    "shared/wide",
+}
 
-/// Lists the faces on boundaries.
-pub const ENLIST: Kernel = Kernel {
-    name: "enlist",
-    sources: &[TURN_WGSL, LISTS_WGSL, KEEP_WGSL, include_str!("../../../shaders/enlist.wgsl")],
-    bindings: &[TURN, NEIGHBOURS, LABELS, ORIGINS, LISTS],
-    workgroup_size: WORKGROUP,
-};
+/// Rows: name, file, a constant, threads, workgroup size, buffers that are read, buffers that are read and written.
+macro_rules! kernels {
+    ($($name:ident = $path:literal $(($constant:literal = $value:literal))?, $threads:ident, $size:expr,
+        [$($read:ident),*], [$($write:ident $(as $alias:literal)?),*];)*) => {
+        $(
+            #[doc = concat!("`shaders/", $path, ".wgsl`")]
+            pub const $name: &Kernel = &Kernel {
+                name: stringify!($name),
+                path: $path,
+                wgsl: wgsl!($path),
+                constant: [$(Some(($constant, $value)),)? None][0],
+                threads: Threads::$threads,
+                workgroup_size: $size,
+                bindings: &[
+                    $(Binding { buffer: $read, alias: None, is_written: false },)*
+                    $(Binding { buffer: $write, alias: [$(Some($alias),)? None][0], is_written: true },)*
+                ],
+            };
+        )*
 
-/// Takes those off the list that no longer are on one.
-pub const WEED: Kernel = Kernel {
-    name: "weed",
-    sources: &[TURN_WGSL, LISTS_WGSL, KEEP_WGSL, include_str!("../../../shaders/weed.wgsl")],
-    bindings: &[TURN, NEIGHBOURS, LABELS, ORIGINS, LISTS],
-    workgroup_size: WORKGROUP,
-};
+        /// All kernels.
+        pub const KERNELS: &[&Kernel] = &[$($name),*];
+    };
+}
 
-/// Takes the new list into use.
-pub const LINE_UP: Kernel = Kernel {
-    name: "line_up",
-    sources: &[TURN_WGSL, LISTS_WGSL, COVER_WGSL, include_str!("../../../shaders/line_up.wgsl")],
-    bindings: &[TURN, LISTS, NEXT_DISPATCH],
-    workgroup_size: 1,
-};
+kernels! {
+    SUMS_GATHER = "sums/sums_gather", FaceRuns, WORKGROUP, [Faces, Labels], [Clusters];
+    PROXIES_FIT = "sums/proxies_fit", Clusters, WORKGROUP,
+        [], [Clusters, Proxies, ClusterBids, Stats, NextDispatch, BoundaryList];
 
-/// Sums up the clusters.
-pub const GATHER: Kernel = Kernel {
-    name: "gather",
-    sources: &[TURN_WGSL, CLUSTER_WGSL, FACE_WGSL, ADD_WGSL, include_str!("../../../shaders/gather.wgsl")],
-    bindings: &[TURN, FACES, LABELS, CLUSTERS],
-    workgroup_size: WORKGROUP,
-};
+    GROWTH_PROPOSE = "growth/growth_propose", Listed, WORKGROUP,
+        [Faces, Neighbours, Labels], [WantedClusters, Clusters, Stats, BoundaryList];
+    GROWTH_APPLY = "growth/growth_apply", Listed, WORKGROUP, [WantedClusters], [Labels, BoundaryList];
+    GROWTH_CHECK_DONE = "growth/growth_check_done", One, 1, [], [Stats, NextDispatch];
 
-/// Boundary phase: finds the faces that want to move.
-pub const PROPOSE: Kernel = Kernel {
-    name: "propose",
-    sources: &[TURN_WGSL, CLUSTER_WGSL, FACE_WGSL, LISTS_WGSL, include_str!("../../../shaders/propose.wgsl")],
-    bindings: &[TURN, FACES, NEIGHBOURS, LABELS, PROXIES, binding("wishes", Access::Write, 4), CLUSTERS, LISTS],
-    workgroup_size: WORKGROUP,
-};
+    BOUNDARY_BUILD = "boundary/boundary_build", Faces, WORKGROUP, [Neighbours, Labels], [LabelAtMerge, BoundaryList];
+    BOUNDARY_COMPACT = "boundary/boundary_compact", Listed, WORKGROUP,
+        [Neighbours, Labels], [LabelAtMerge, BoundaryList];
+    BOUNDARY_PUBLISH = "boundary/boundary_publish", One, 1, [], [NextDispatch, BoundaryList];
+    BOUNDARY_COVER = "boundary/boundary_cover", One, 1, [], [NextDispatch, BoundaryList];
+    BOUNDARY_PROPOSE = "boundary/boundary_propose", Listed, WORKGROUP,
+        [Faces, Neighbours, Labels, Proxies], [WantedClusters, Clusters, BoundaryList];
+    BOUNDARY_APPLY = "boundary/boundary_apply", Listed, WORKGROUP,
+        [Faces, Neighbours, WantedClusters], [Labels, Clusters, Stats, LabelAtMerge, BoundaryList];
 
-/// Boundary phase: moves them.
-pub const APPLY: Kernel = Kernel {
-    name: "apply",
-    sources: &[
-        TURN_WGSL,
-        SLOT_WGSL,
-        CLUSTER_WGSL,
-        FACE_WGSL,
-        ADD_WGSL,
-        LISTS_WGSL,
-        MERGED_WGSL,
-        AROUND_WGSL,
-        NEWCOMERS_WGSL,
-        include_str!("../../../shaders/apply.wgsl"),
-    ],
-    bindings: &[
-        TURN,
-        FACES,
-        binding("wishes", Access::Read, 4),
-        WRITTEN_LABELS,
-        CLUSTERS,
-        RING,
-        NEIGHBOURS,
-        ORIGINS,
-        LISTS,
-    ],
-    workgroup_size: WORKGROUP,
-};
+    FACE_BID = "refine/face_bid", Listed, WORKGROUP,
+        [Faces, Neighbours, Labels, Proxies], [Clusters, ClusterBids, FaceBids, BoundaryList];
+    SELECT_BIDS = "refine/select_bids", Listed, WORKGROUP, [Labels, FaceBids], [ClusterBids, Stats, BoundaryList];
+    JOIN_MOVES = "refine/join_moves", Listed, WORKGROUP,
+        [Faces, Neighbours, Labels], [FaceBids, ClusterBids, JoiningSums as "clusters", LabelAtMerge, BoundaryList];
+    EVALUATE_MOVES = "refine/evaluate_moves", Clusters, WORKGROUP,
+        [Faces], [Clusters, JoiningSums, Proxies, ClusterBids, Stats, NextDispatch, BoundaryList];
+    COMMIT_MOVES = "refine/commit_moves", Listed, WORKGROUP, [], [Labels, FaceBids, ClusterBids, BoundaryList];
 
-/// Boundary phase: fits the proxies and measures the energy.
-pub const FIT: Kernel = Kernel {
-    name: "fit",
-    sources: &[
-        TURN_WGSL,
-        SLOT_WGSL,
-        CLUSTER_WGSL,
-        MARKET_WGSL,
-        SUMS_WGSL,
-        ENERGY_WGSL,
-        LISTS_WGSL,
-        COVER_WGSL,
-        include_str!("../../../shaders/fit.wgsl"),
-    ],
-    bindings: &[
-        TURN,
-        CLUSTERS,
-        binding("proxies", Access::Write, size_of::<Proxy>()),
-        MARKETS,
-        RING,
-        NEXT_DISPATCH,
-        LISTS,
-    ],
-    workgroup_size: WORKGROUP,
-};
+    PIECE_LINK = "pieces/piece_link", Faces, WORKGROUP, [Neighbours, Labels], [Clusters, Parents, PieceSizes];
+    PIECE_UNION = "pieces/piece_union", Faces, WORKGROUP, [Neighbours, Labels], [Parents];
+    PIECE_SIZE = "pieces/piece_size", FaceRuns, WORKGROUP, [Labels], [Parents, PieceSizes, LargestPieces];
+    PIECE_SELECT_LARGEST = "pieces/piece_select_largest", Faces, WORKGROUP,
+        [Labels, Parents, PieceSizes], [Clusters, LargestPieces];
+    PIECE_DETACH = "pieces/piece_detach", Faces, WORKGROUP,
+        [Faces, Parents], [Labels, Clusters, LargestPieces, Stats, LabelAtMerge, BoundaryList];
 
-/// Refinement: lets every face bid.
-pub const BID: Kernel = Kernel {
-    name: "bid",
-    sources: &[
-        TURN_WGSL,
-        CLUSTER_WGSL,
-        MARKET_WGSL,
-        FACE_WGSL,
-        SUMS_WGSL,
-        BITS_WGSL,
-        LISTS_WGSL,
-        include_str!("../../../shaders/bid.wgsl"),
-    ],
-    bindings: &[
-        TURN,
-        FACES,
-        NEIGHBOURS,
-        LABELS,
-        PROXIES,
-        CLUSTERS,
-        MARKETS,
-        binding("offers", Access::Write, size_of::<Offer>()),
-        LISTS,
-    ],
-    workgroup_size: WORKGROUP,
-};
-
-/// Refinement: finds the best bid at each cluster.
-pub const CHOOSE: Kernel = Kernel {
-    name: "choose",
-    sources: &[TURN_WGSL, SLOT_WGSL, MARKET_WGSL, LISTS_WGSL, include_str!("../../../shaders/choose.wgsl")],
-    bindings: &[TURN, LABELS, binding("offers", Access::Read, size_of::<Offer>()), MARKETS, RING, LISTS],
-    workgroup_size: WORKGROUP,
-};
-
-/// Refinement: finds who wins and who joins.
-pub const JOIN: Kernel = Kernel {
-    name: "join",
-    sources: &[
-        TURN_WGSL,
-        CLUSTER_WGSL,
-        MARKET_WGSL,
-        FACE_WGSL,
-        ADD_WGSL,
-        LISTS_WGSL,
-        MERGED_WGSL,
-        AROUND_WGSL,
-        NEWCOMERS_WGSL,
-        include_str!("../../../shaders/join.wgsl"),
-    ],
-    bindings: &[
-        TURN,
-        FACES,
-        WRITTEN_LABELS,
-        binding("offers", Access::Write, size_of::<Offer>()),
-        MARKETS,
-        CLUSTERS,
-        NEIGHBOURS,
-        ORIGINS,
-        LISTS,
-    ],
-    workgroup_size: WORKGROUP,
-};
-
-/// Refinement: decides, and brings sums and proxies up to date.
-pub const JUDGE: Kernel = Kernel {
-    name: "judge",
-    sources: &[
-        TURN_WGSL,
-        SLOT_WGSL,
-        CLUSTER_WGSL,
-        MARKET_WGSL,
-        FACE_WGSL,
-        SUMS_WGSL,
-        ENERGY_WGSL,
-        LISTS_WGSL,
-        COVER_WGSL,
-        include_str!("../../../shaders/judge.wgsl"),
-    ],
-    bindings: &[
-        TURN,
-        FACES,
-        CLUSTERS,
-        binding("joining", Access::Write, size_of::<Cluster>()),
-        binding("proxies", Access::Write, size_of::<Proxy>()),
-        MARKETS,
-        RING,
-        NEXT_DISPATCH,
-        LISTS,
-    ],
-    workgroup_size: WORKGROUP,
-};
-
-/// Refinement: brings the labels up to date.
-pub const DEAL: Kernel = Kernel {
-    name: "deal",
-    sources: &[TURN_WGSL, MARKET_WGSL, LISTS_WGSL, include_str!("../../../shaders/deal.wgsl")],
-    bindings: &[TURN, WRITTEN_LABELS, binding("offers", Access::Write, size_of::<Offer>()), MARKETS, LISTS],
-    workgroup_size: WORKGROUP,
-};
-
-/// All kernels.
-pub const KERNELS: &[&Kernel] = &[
-    &GROW,
-    &SETTLE,
-    &ENLIST,
-    &WEED,
-    &LINE_UP,
-    &GATHER,
-    &PROPOSE,
-    &APPLY,
-    &FIT,
-    &BID,
-    &CHOOSE,
-    &JOIN,
-    &JUDGE,
-    &DEAL,
-    &EXPLORE,
-    &LINK,
-    &HOOK,
-    &WEIGH,
-    &TALLY,
-    &MARK_GAPS,
-    &DOUBT,
-    &DECIDE,
-    &ELECT,
-    &CUT,
-    &PRICE,
-    &BREAK_TIES,
-    &PREFER,
-    &LIST_CHOICES,
-    &SEARCH,
-    &REDUCE,
-    &UNITE,
-    &RELABEL,
-    &RELABEL_NEAR,
-    &FOLLOW,
-    &MIRROR,
-    &LIST_MOVES,
-    &PICK_SUMS,
-];
+    MIN_DUAL_EDGE_COST = "merge/min_dual_edge" ("PASS" = 0), Listed, WORKGROUP,
+        [Neighbours, Labels, Proxies], [Clusters, BestDualEdges, BoundaryList];
+    MIN_DUAL_EDGE_TIE = "merge/min_dual_edge" ("PASS" = 1), Listed, WORKGROUP,
+        [Neighbours, Labels, Proxies], [Clusters, BestDualEdges, BoundaryList];
+    MIN_DUAL_EDGE_OTHER = "merge/min_dual_edge" ("PASS" = 2), Listed, WORKGROUP,
+        [Neighbours, Labels, Proxies], [Clusters, BestDualEdges, BoundaryList];
+    DUAL_EDGES_PUBLISH = "merge/dual_edges_publish", Clusters, WORKGROUP,
+        [], [BestDualEdges, DualEdges, BoundaryList];
+    CHEAPEST_DUAL_EDGE = "merge/cheapest_dual_edge", Listed, WORKGROUP,
+        [Neighbours, Labels, Proxies], [Clusters, CandidateEdges, BoundaryList];
+    CHEAPEST_DUAL_EDGE_REDUCE = "merge/cheapest_dual_edge_reduce", One, WORKGROUP,
+        [], [CandidateEdges, BoundaryList];
+    MERGE_APPLY = "merge/merge_apply", Entries, WORKGROUP, [HostList], [Clusters, MergedInto];
+    MERGE_RELABEL = "merge/merge_relabel", Faces, WORKGROUP, [MergedInto], [Labels, LabelAtMerge];
+    MOVES_LIST = "merge/moves_list", Listed, WORKGROUP, [Labels, LabelAtMerge], [Moves, Stats, BoundaryList];
+    SUMS_COPY = "merge/sums_copy", Entries, WORKGROUP, [HostList], [Clusters, CopiedSums];
+}

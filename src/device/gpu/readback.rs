@@ -1,94 +1,99 @@
 //! How results come back from the device: copies into memory that the host can map, and the wait for them.
 //!
-//! That is one buffer, which grows to what is read at once and serves the next surfaces (`pool.rs`), and two for the ring.
+//! That is one buffer, which grows to the largest result, and two for the statistics of batches in flight.
 
 use std::sync::mpsc::{Receiver, channel};
 
 use bytemuck::Pod;
 
-use super::buffers::{BETWEEN, RING};
-use super::connection::{PATIENCE, lock};
-use super::layout::Slot;
+use super::buffers::{BATCH, Buffer};
+use super::connection::PATIENCE;
+use super::layout::IterationStats;
+use super::memory::BETWEEN;
 use super::steps::GpuSteps;
 use crate::error::Result;
 
-/// Is told when a buffer has been mapped.
+/// Receives the outcome of a mapping.
 type Mapped = Receiver<Result<(), wgpu::BufferAsyncError>>;
 
-/// A batch on its way.
+/// A batch in flight.
 pub(super) struct Batch {
-    turns: u32,
+    iterations: u32,
     staging: usize,
     submission: wgpu::SubmissionIndex,
     mapped: Mapped,
 }
 
-impl<M> GpuSteps<'_, M> {
-    /// Submits what is encoded, and then a copy of the ring that the host can read.
-    pub(super) fn queue_reading(&self, mut encoder: wgpu::CommandEncoder, turns: u32, staging: usize) -> Result<Batch> {
-        let target = &self.buffers.staging[staging];
-        encoder.copy_buffer_to_buffer(&self.buffers.ring, 0, target, 0, None);
+impl GpuSteps<'_> {
+    /// Submits the commands, and then a copy of the statistics for the host.
+    pub(super) fn queue_reading(
+        &self,
+        mut encoder: wgpu::CommandEncoder,
+        iterations: u32,
+        staging: usize,
+    ) -> Result<Batch> {
+        let target = &self.memory.staging[staging];
+        encoder.copy_buffer_to_buffer(self.memory.get(Buffer::Stats), 0, target, 0, None);
         let submission = self.connection.queue.submit([encoder.finish()]);
         self.connection.check()?;
-        Ok(Batch { turns, staging, submission, mapped: map(target.slice(..)) })
+        Ok(Batch { iterations, staging, submission, mapped: map(target.slice(..)) })
     }
 
-    /// Waits for a batch and reads its slots; the last one is the state between batches.
-    pub(super) fn collect(&self, batch: Batch) -> Result<Vec<Slot>> {
-        let target = self.buffers.staging[batch.staging].slice(..);
-        let mut slots: Vec<Slot> = self.read(target, batch.submission, &batch.mapped, bytemuck::pod_collect_to_vec)?;
-        slots.truncate(batch.turns as usize);
-        Ok(slots)
+    /// Waits for a batch and reads the statistics of its iterations.
+    pub(super) fn collect(&self, batch: Batch) -> Result<Vec<IterationStats>> {
+        let target = self.memory.staging[batch.staging].slice(..);
+        let mut all: Vec<IterationStats> =
+            self.read(target, batch.submission, &batch.mapped, bytemuck::pod_collect_to_vec)?;
+        all.truncate(batch.iterations as usize);
+        Ok(all)
     }
 
-    /// Submits what is encoded, and reads the state between batches.
-    pub(super) fn read_between(&self, encoder: wgpu::CommandEncoder) -> Result<Slot> {
-        let batch = self.queue_reading(encoder, RING + 1, 0)?;
-        let slots = self.collect(batch)?;
-        Ok(slots[BETWEEN as usize])
+    /// Submits the commands, and reads the statistics of what was done between batches.
+    pub(super) fn read_between(&self, encoder: wgpu::CommandEncoder) -> Result<IterationStats> {
+        let batch = self.queue_reading(encoder, BATCH + 1, 0)?;
+        let all = self.collect(batch)?;
+        Ok(all[BETWEEN as usize])
     }
 
-    /// Submits what is encoded, and reads the state between batches and the first items of a buffer as they are then.
+    /// Submits the commands, and reads those statistics and the first items of a buffer.
     pub(super) fn download<T: Pod>(
         &self,
         mut encoder: wgpu::CommandEncoder,
         buffer: &wgpu::Buffer,
         items: usize,
-    ) -> Result<(Slot, Vec<T>)> {
-        let slot_bytes = size_of::<Slot>();
+    ) -> Result<(IterationStats, Vec<T>)> {
+        let stats_bytes = size_of::<IterationStats>();
         let bytes = (items * size_of::<T>()) as u64;
-        let staging = self.for_host(slot_bytes as u64 + bytes)?;
-        let target = staging.slice(..slot_bytes as u64 + bytes);
-        let slot_at = u64::from(BETWEEN) * slot_bytes as u64;
-        encoder.copy_buffer_to_buffer(&self.buffers.ring, slot_at, &staging, 0, slot_bytes as u64);
-        encoder.copy_buffer_to_buffer(buffer, 0, &staging, slot_bytes as u64, bytes);
+        let staging = self.host_buffer(stats_bytes as u64 + bytes)?;
+        let target = staging.slice(..stats_bytes as u64 + bytes);
+        let stats_at = u64::from(BETWEEN) * stats_bytes as u64;
+        encoder.copy_buffer_to_buffer(self.memory.get(Buffer::Stats), stats_at, &staging, 0, stats_bytes as u64);
+        encoder.copy_buffer_to_buffer(buffer, 0, &staging, stats_bytes as u64, bytes);
         let submission = self.connection.queue.submit([encoder.finish()]);
         self.connection.check()?;
         let mapped = map(target);
         let read = self.read(target, submission, &mapped, |view| {
-            let (slot, items) = view.split_at(slot_bytes);
-            (bytemuck::pod_read_unaligned(slot), bytemuck::pod_collect_to_vec(items))
+            let (stats, items) = view.split_at(stats_bytes);
+            (bytemuck::pod_read_unaligned(stats), bytemuck::pod_collect_to_vec(items))
         })?;
-        lock(&self.connection.pool).keep_for_host(staging);
+        self.host_buffer.set(Some(staging));
         Ok(read)
     }
 
-    /// A buffer of so many bytes, or more, that the host can read.
-    fn for_host(&self, bytes: u64) -> Result<wgpu::Buffer> {
-        let pool = &self.connection.pool;
-        if let Some(kept) = lock(pool).take_for_host(bytes) {
+    /// A buffer of at least `bytes` that the host can read. Goes back to `host_buffer` after use, unmapped.
+    fn host_buffer(&self, bytes: u64) -> Result<wgpu::Buffer> {
+        if let Some(kept) = self.host_buffer.take().filter(|buffer| buffer.size() >= bytes) {
             return Ok(kept);
         }
-        let descriptor = wgpu::BufferDescriptor {
-            label: Some("for the host"),
+        self.connection.buffer(&wgpu::BufferDescriptor {
+            label: Some("results for the host"),
             size: bytes,
             usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
-        };
-        self.connection.needed_buffer(&descriptor)
+        })
     }
 
-    /// Waits for a submission and a mapping after it, and looks into what is mapped.
+    /// Waits for a submission and a mapping after it, and reads what is mapped.
     fn read<T>(
         &self,
         target: wgpu::BufferSlice<'_>,
@@ -98,7 +103,7 @@ impl<M> GpuSteps<'_, M> {
     ) -> Result<T> {
         self.connection.wait(submission)?;
         let unreadable = || self.connection.break_down("its memory could not be read");
-        // who polls first calls back: maybe another thread, which is about to
+        // another thread may have polled first, and be about to call back
         match mapped.recv_timeout(PATIENCE) {
             Ok(Ok(())) => {}
             Ok(Err(_)) | Err(_) => return Err(unreadable()),
@@ -112,11 +117,11 @@ impl<M> GpuSteps<'_, M> {
     }
 }
 
-/// Asks for part of a buffer to be mapped as soon as what was submitted so far is done.
+/// Maps part of a buffer once all submissions so far have completed.
 fn map(target: wgpu::BufferSlice<'_>) -> Mapped {
     let (sender, receiver) = channel();
     target.map_async(wgpu::MapMode::Read, move |outcome| {
-        // nobody listens any more when another error came first
+        // the receiver is gone if another error came first
         let _ = sender.send(outcome);
     });
     receiver

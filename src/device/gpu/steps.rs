@@ -1,372 +1,236 @@
-//! The steps on one surface: what is queued when, and what comes back.
-//!
-//! Batches of turns (iterations, or passes of the growth) are queued without waiting for each other's results: while the
-//! device works on one, the host reads the ring of the one before. The device itself ends a run: the kernel that finds a
-//! turn without moves writes zeros into the arguments of the indirect dispatches that follow, also those in the next batch.
+//! The steps on one surface, as sequences of kernels.
 
-use std::time::{Duration, Instant};
+use std::cell::Cell;
+use std::mem::take;
+use std::sync::Arc;
 
 use super::FaultPoint;
-use super::buffers::{BETWEEN, Buffers, RING, upload};
-use super::connection::{Compiled, Connection, lock};
-use super::layout::{Slot, UNLISTED};
-use super::merging::MaybeMerging;
-use super::readback::Batch;
+use super::batches::Phase;
+use super::buffers::Buffer;
+use super::connection::Connection;
+use super::kernels::{self, Kernel};
+use super::layout::UNLISTED;
+use super::memory::{BETWEEN, SurfaceMemory, energy_shifts};
+use super::upload::upload;
 use crate::device::cpu;
 use crate::device::{Cancel, Ending, FREE, LatticeEnergy, Step, Steps};
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
 
-/// Turns in the first batch; even, as all batches of the growth are.
-const FIRST_BATCH: u32 = 8;
-
-/// A batch that takes less makes the next one larger: queueing should not cost more than the work.
-const SHORT_BATCH: Duration = Duration::from_millis(25);
-
-/// A batch that takes longer makes the next one smaller: a job that is cancelled ends after the batches that are queued.
-const LONG_BATCH: Duration = Duration::from_millis(100);
-
-/// What a turn does.
+/// Whether cluster sums and boundary list belong to the labels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Work {
-    Grow,
-    Boundary,
-    Refine,
+enum Sums {
+    /// The labels were replaced.
+    Stale,
+    /// They do; the energy once known.
+    Current(Option<LatticeEnergy>),
 }
 
-impl Work {
-    /// Whether a turn found that there was nothing left to do.
-    fn is_over(self, slot: &Slot) -> bool {
-        match self {
-            Work::Grow | Work::Boundary => slot.moves == 0,
-            Work::Refine => slot.bids == 0,
-        }
-    }
-
-    /// For who asks what the passes took.
-    fn name(self) -> &'static str {
-        match self {
-            Work::Grow => "grow",
-            Work::Boundary => "boundary",
-            Work::Refine => "refine",
-        }
-    }
-
-    fn fault_point(self) -> FaultPoint {
-        match self {
-            Work::Grow => FaultPoint::Grow,
-            Work::Boundary => FaultPoint::Boundary,
-            Work::Refine => FaultPoint::Refine,
-        }
-    }
+/// What happened since the labels were set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum History {
+    /// No clusters merged.
+    Unmerged,
+    /// Clusters merged, and no face has moved since.
+    Merged,
+    /// Clusters merged, and faces may have moved since.
+    MovedSinceMerge,
 }
 
-/// A surface on the gpu; `M` is what hierarchies need besides ([`super::merging`]), or nothing.
-pub(super) struct GpuSteps<'a, M> {
-    pub(super) connection: &'a Connection,
+/// A refinement that stopped at its limit of iterations.
+enum Stopped<'a> {
+    /// On the device, with the number of the next iteration: faces remember in which iteration they were refused.
+    OnDevice(u32),
+    /// On the cpu.
+    OnCpu(Box<dyn Steps + 'a>),
+}
+
+/// A surface on the gpu.
+pub(super) struct GpuSteps<'a> {
+    pub(super) connection: Arc<Connection>,
     graph: &'a DualGraph,
     component_of_cluster: &'a [u32],
-    pub(super) buffers: Buffers,
-    pub(super) merging: M,
-    pub(super) clusters: u32,
-    /// Whether sums and lists belong to the labels.
-    pub(super) gathered: bool,
-    /// Energy of the labels, once known.
-    pub(super) energy: Option<LatticeEnergy>,
-    /// Whether clusters merged since the labels were set.
-    pub(super) has_merged: bool,
-    /// Whether labels away from listed faces may name clusters that have become part of others.
-    pub(super) are_behind: bool,
-    /// Whether faces may have moved since the last merge.
-    pub(super) has_moved: bool,
-    /// How many did, at most.
-    pub(super) moves: u64,
-    /// Whether they may have since pieces were last looked for.
-    pub(super) may_be_cut: bool,
-    /// Whether every cluster was in one piece after the last merge.
-    pub(super) merged_whole: bool,
+    pub(super) memory: SurfaceMemory,
     /// The clusters that may have faces, ascending.
     pub(super) living: Vec<u32>,
-    /// Number of the next turn, while a phase goes on that stopped at its limit.
-    resumed_at: Option<u32>,
-    /// Number of the turn after the last.
-    next_turn: u32,
-    /// Does what the gpu leaves to the cpu, while that is going on.
-    host: Option<Box<dyn Steps + 'a>>,
+    sums: Sums,
+    pub(super) history: History,
+    /// Whether faces may have moved since pieces were last searched.
+    may_have_pieces: bool,
+    stopped: Option<Stopped<'a>>,
+    /// Whether `stopped` goes on with the next call.
+    is_resumed: bool,
+    /// The buffer that the host reads results through. It grows to the largest result.
+    pub(super) host_buffer: Cell<Option<wgpu::Buffer>>,
 }
 
-impl<'a, M: MaybeMerging> GpuSteps<'a, M> {
+impl<'a> GpuSteps<'a> {
+    /// Opens a surface, all faces free. Hierarchies need more buffers.
     pub(super) fn new(
-        connection: &'a Connection,
+        connection: Arc<Connection>,
         graph: &'a DualGraph,
         component_of_cluster: &'a [u32],
-        buffers: Buffers,
-        merging: M,
-    ) -> Self {
-        let clusters = component_of_cluster.len() as u32;
-        Self {
+        is_merging: bool,
+    ) -> Result<Self> {
+        let energy_shifts = energy_shifts(graph, component_of_cluster)?;
+        let memory = SurfaceMemory::new(&connection, graph, &energy_shifts, is_merging)?;
+        Ok(Self {
             connection,
             graph,
             component_of_cluster,
-            buffers,
-            merging,
-            clusters,
-            gathered: false,
-            energy: None,
-            has_merged: false,
-            are_behind: false,
-            has_moved: true,
-            moves: 0,
-            may_be_cut: true,
-            merged_whole: false,
-            living: (0..clusters).collect(),
-            resumed_at: None,
-            next_turn: 1,
-            host: None,
-        }
+            memory,
+            living: (0..component_of_cluster.len() as u32).collect(),
+            sums: Sums::Stale,
+            history: History::Unmerged,
+            may_have_pieces: true,
+            stopped: None,
+            is_resumed: false,
+            host_buffer: Cell::default(),
+        })
     }
 
-    /// Replaces all labels, whatever merged before; no face has moved since.
+    /// Number of clusters, with those that have merged.
+    pub(super) fn clusters(&self) -> u32 {
+        self.component_of_cluster.len() as u32
+    }
+
+    /// Replaces all labels; the history stays.
     fn replace_labels(&mut self, labels: &[u32]) -> Result<()> {
-        if labels.len() != self.buffers.faces as usize {
+        if labels.len() != self.memory.faces() as usize {
             return Err(Error::new(
                 Kind::Internal,
-                format_args!("{} faces need as many labels, not {}", self.buffers.faces, labels.len()),
+                format_args!("{} faces need as many labels, not {}", self.memory.faces(), labels.len()),
             ));
         }
-        let foreign = labels.iter().find(|&&label| label >= self.clusters && label != FREE);
+        let foreign = labels.iter().find(|&&label| label >= self.clusters() && label != FREE);
         if let Some(label) = foreign {
             return Err(Error::new(
                 Kind::Internal,
-                format_args!("labels must be below {}, not {label}", self.clusters),
+                format_args!("labels must be below {}, not {label}", self.clusters()),
             ));
         }
-        upload(&self.connection.queue, &self.buffers.labels, 0, labels);
+        let (from, to) = (self.memory.get(Buffer::Labels), self.memory.get(Buffer::LabelAtMerge));
+        upload(&self.connection.queue, from, 0, labels);
         let mut encoder = self.encoder();
-        let bytes = 4 * u64::from(self.buffers.faces);
-        encoder.copy_buffer_to_buffer(&self.buffers.labels, 0, &self.buffers.origins, 0, Some(bytes));
+        encoder.copy_buffer_to_buffer(from, 0, to, 0, None);
         self.connection.queue.submit([encoder.finish()]);
-        self.gathered = false;
-        self.energy = None;
-        self.has_moved = true;
-        self.moves += labels.len() as u64;
-        self.may_be_cut = true;
+        self.sums = Sums::Stale;
+        self.note_moves();
         self.connection.check()
     }
 
-    /// The labels that all faces had after the last merge; `labels` are those that they have.
-    fn origins(&self, labels: &[u32]) -> Result<Vec<u32>> {
-        let (_, origins) = self.download::<u32>(self.encoder(), &self.buffers.origins, labels.len())?;
-        let origin = |(&origin, &label): (&u32, &u32)| if origin == UNLISTED { label } else { origin };
-        Ok(origins.iter().zip(labels).map(origin).collect())
-    }
-
-    /// Runs turns until one has nothing left to do (true) or `limit` of them moved something (false). `on_turn` is told of
-    /// each that did, in order. Batches of the growth have an even number of turns, so that the labels end where they began.
-    ///
-    /// Turns are numbered from 1, or on from the last where a refinement goes on: a face remembers the turn that refused it.
-    pub(super) fn run(
-        &mut self,
-        work: Work,
-        limit: u32,
-        cancel: &Cancel,
-        mut on_turn: impl FnMut(&Slot),
-    ) -> Result<bool> {
-        let resumed_at = self.resumed_at.take().filter(|_| work == Work::Refine);
-        // turns that may still move something, those on their way taken off
-        let mut left = limit;
-        let mut number = resumed_at.unwrap_or(1);
-        let mut size = FIRST_BATCH;
-        let mut staging = 0;
-        let mut before: Option<Batch> = None;
-        loop {
-            let started = Instant::now();
-            let turns = size.min(left);
-            let next = if turns > 0 && !cancel.is_cancelled() {
-                let batch = self.submit(work, number, turns, staging)?;
-                left -= turns;
-                number = number.wrapping_add(turns);
-                self.next_turn = number;
-                Some(batch)
-            } else {
-                None
-            };
-            let Some(batch) = before.take() else {
-                if next.is_none() {
-                    cancel.check()?;
-                    return Ok(false);
-                }
-                before = next;
-                staging = 1 - staging;
-                continue;
-            };
-            for slot in self.collect(batch)? {
-                if work.is_over(&slot) {
-                    if let Some(idle) = next {
-                        self.collect(idle)?;
-                    }
-                    cancel.check()?;
-                    return Ok(true);
-                }
-                if slot.moves == 0 {
-                    left += 1;
-                } else {
-                    self.has_moved = true;
-                    self.moves += u64::from(slot.moves);
-                    self.may_be_cut = true;
-                    on_turn(&slot);
-                }
-            }
-            let took = started.elapsed();
-            if took < SHORT_BATCH {
-                size = (size * 2).min(RING);
-            } else if took > LONG_BATCH {
-                size = (size / 2).max(2);
-            }
-            before = next;
-            staging = 1 - staging;
+    /// Notes that faces may have moved.
+    pub(super) fn note_moves(&mut self) {
+        self.may_have_pieces = true;
+        if self.history == History::Merged {
+            self.history = History::MovedSinceMerge;
         }
     }
 
-    /// Queues a batch, and the reading of its slots.
-    fn submit(&self, work: Work, number: u32, turns: u32, staging: usize) -> Result<Batch> {
-        let kernels = &self.connection.kernels;
-        let bindings = &self.buffers.bindings;
-        self.connection.reach(work.fault_point());
-        self.buffers.turns.number(&self.connection.queue, number);
-        let mut encoder = self.encoder();
-        encoder.clear_buffer(&self.buffers.ring, 0, None);
-        {
-            let mut pass = self.connection.pass(&mut encoder, work.name());
-            let clusters = Some(self.buffers.cluster_groups);
-            // after a merge the list is what the host asks for moves
-            if !self.has_merged {
-                self.dispatch(&mut pass, &kernels.weed, &bindings.weed, 0, None);
-                self.dispatch(&mut pass, &kernels.line_up, &bindings.line_up, 0, Some([1, 1, 1]));
-            }
-            for slot in 0..turns {
-                let mut dispatch =
-                    |compiled, bindings, groups| self.dispatch(&mut pass, compiled, bindings, slot, groups);
-                match work {
-                    Work::Grow => {
-                        dispatch(&kernels.grow, &bindings.grow[slot as usize % 2], None);
-                        dispatch(&kernels.settle, &bindings.settle, Some([1, 1, 1]));
-                    }
-                    Work::Boundary => {
-                        dispatch(&kernels.propose, &bindings.propose, None);
-                        dispatch(&kernels.apply, &bindings.apply, None);
-                        dispatch(&kernels.fit, &bindings.fit, clusters);
-                    }
-                    Work::Refine => {
-                        dispatch(&kernels.bid, &bindings.bid, None);
-                        dispatch(&kernels.choose, &bindings.choose, None);
-                        dispatch(&kernels.join, &bindings.join, None);
-                        dispatch(&kernels.judge, &bindings.judge, clusters);
-                        dispatch(&kernels.deal, &bindings.deal, None);
-                    }
-                }
-            }
-        }
-        self.queue_reading(encoder, turns, staging)
+    /// Stores the energy of the labels, the sums being current; none when it is not known.
+    pub(super) fn set_energy(&mut self, energy: Option<LatticeEnergy>) {
+        self.sums = Sums::Current(energy);
     }
 
-    /// Encodes proxies and energy of the labels as they are, after summing them up and listing the faces on boundaries if that
-    /// was not done. Dispatches go over the listed faces afterwards.
+    /// The labels that all faces had after the last merge; `labels` are the present ones.
+    fn labels_at_merge(&self, labels: &[u32]) -> Result<Vec<u32>> {
+        let at_merge = self.memory.get(Buffer::LabelAtMerge);
+        let (_, at_merge) = self.download::<u32>(self.encoder(), at_merge, labels.len())?;
+        let label = |(&before, &label): (&u32, &u32)| if before == UNLISTED { label } else { before };
+        Ok(at_merge.iter().zip(labels).map(label).collect())
+    }
+
+    /// Encodes proxies and energy of the labels, after sums and boundary list if those are stale. The indirect
+    /// dispatches that follow go over the listed faces.
     pub(super) fn encode_fit(&mut self) -> wgpu::CommandEncoder {
-        let kernels = &self.connection.kernels;
-        let buffers = &self.buffers;
-        let bindings = &buffers.bindings;
         let mut encoder = self.encoder();
-        encoder.clear_buffer(&buffers.ring, 0, None);
-        if !self.gathered {
-            encoder.clear_buffer(&buffers.clusters, 0, None);
+        encoder.clear_buffer(self.memory.get(Buffer::Stats), 0, None);
+        if self.sums == Sums::Stale {
+            encoder.clear_buffer(self.memory.get(Buffer::Clusters), 0, None);
+            let gather = [kernels::SUMS_GATHER, kernels::BOUNDARY_BUILD, kernels::BOUNDARY_PUBLISH];
+            self.encode(&mut encoder, "gather", &gather);
+            self.sums = Sums::Current(None);
         }
-        {
-            let mut pass = self.connection.pass(&mut encoder, if self.gathered { "fit" } else { "gather" });
-            if !self.gathered {
-                self.dispatch(&mut pass, &kernels.gather, &bindings.gather, BETWEEN, Some(buffers.gather_groups));
-                self.dispatch(&mut pass, &kernels.enlist, &bindings.enlist, BETWEEN, Some(buffers.face_groups));
-                self.dispatch(&mut pass, &kernels.line_up, &bindings.line_up, BETWEEN, Some([1, 1, 1]));
-            }
-            self.dispatch(&mut pass, &kernels.fit, &bindings.fit, BETWEEN, Some(buffers.cluster_groups));
-        }
-        self.gathered = true;
+        self.encode(&mut encoder, "fit", &[kernels::PROXIES_FIT]);
         encoder
+    }
+
+    /// An encoder after whose commands the sums are current.
+    pub(super) fn encoder_with_sums(&mut self) -> wgpu::CommandEncoder {
+        if self.sums == Sums::Stale { self.encode_fit() } else { self.encoder() }
     }
 
     pub(super) fn encoder(&self) -> wgpu::CommandEncoder {
         self.connection.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
     }
 
-    /// Encodes one kernel, with so many workgroups or with as many as the device decides.
-    pub(super) fn dispatch(
-        &self,
-        pass: &mut wgpu::ComputePass<'_>,
-        compiled: &Compiled,
-        bindings: &wgpu::BindGroup,
-        slot: u32,
-        groups: Option<[u32; 3]>,
-    ) {
-        self.connection.count(compiled.kernel);
-        pass.set_pipeline(&compiled.pipeline);
-        pass.set_bind_group(0, bindings, &[self.buffers.turns.offset(slot)]);
-        match groups {
-            Some([x, y, z]) => pass.dispatch_workgroups(x, y, z),
-            None => pass.dispatch_workgroups_indirect(&self.buffers.next_dispatch, 0),
+    /// Encodes kernels one after the other, between batches.
+    pub(super) fn encode(&self, encoder: &mut wgpu::CommandEncoder, stage: &'static str, kernels: &[&Kernel]) {
+        let mut pass = self.connection.pass(encoder, stage);
+        for kernel in kernels {
+            self.memory.dispatch(&self.connection, &mut pass, kernel, BETWEEN);
         }
     }
 
-    /// Encodes one kernel, between batches, with as many workgroups as a buffer says then.
-    pub(super) fn dispatch_as_told(
-        &self,
-        pass: &mut wgpu::ComputePass<'_>,
-        compiled: &Compiled,
-        bindings: &wgpu::BindGroup,
-        groups: &wgpu::Buffer,
-    ) {
-        self.connection.count(compiled.kernel);
-        pass.set_pipeline(&compiled.pipeline);
-        pass.set_bind_group(0, bindings, &[self.buffers.turns.offset(BETWEEN)]);
-        pass.dispatch_workgroups_indirect(groups, 0);
+    /// Grows the clusters over the free faces, all of which are listed once `encoder` has run.
+    fn grow_listed(&mut self, encoder: wgpu::CommandEncoder, phase: Phase, cancel: &Cancel) -> Result<()> {
+        self.connection.queue.submit([encoder.finish()]);
+        self.set_energy(None);
+        self.run(phase, (1, u32::MAX), cancel, |_| {})?;
+        Ok(())
+    }
+
+    /// Frees and lists the faces outside of the largest piece of each cluster. Returns their number.
+    fn detach_pieces(&mut self) -> Result<u64> {
+        self.connection.reach(FaultPoint::Pieces);
+        let mut encoder = self.encode_fit();
+        encoder.clear_buffer(self.memory.get(Buffer::LargestPieces), 0, None);
+        let search = [
+            kernels::PIECE_LINK,
+            kernels::PIECE_UNION,
+            kernels::PIECE_SIZE,
+            kernels::PIECE_SELECT_LARGEST,
+            kernels::PIECE_DETACH,
+            kernels::BOUNDARY_COVER,
+        ];
+        self.encode(&mut encoder, "pieces", &search);
+        let stats = self.read_between(encoder)?;
+        let energy = LatticeEnergy { explained: stats.explained() };
+        self.set_energy((stats.moves == 0).then_some(energy));
+        Ok(u64::from(stats.moves))
+    }
+
+    /// The refinement that goes on with this call.
+    fn take_resumed(&mut self) -> Option<Stopped<'a>> {
+        let is_resumed = take(&mut self.is_resumed);
+        self.stopped.take().filter(|_| is_resumed)
     }
 }
 
-impl<M> Drop for GpuSteps<'_, M> {
-    fn drop(&mut self) {
-        lock(&self.connection.pool).take_back();
-    }
-}
-
-/// What the end of a run means.
-fn ending(is_over: bool) -> Ending {
-    if is_over { Ending::Converged } else { Ending::IterationLimit }
-}
-
-impl<M: MaybeMerging> Steps for GpuSteps<'_, M> {
+impl Steps for GpuSteps<'_> {
     fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
-        if std::mem::take(&mut self.has_merged) {
-            self.living = (0..self.clusters).collect();
-            self.buffers.list_clusters(&self.connection.queue, &self.living);
-            self.are_behind = false;
-            self.buffers.leave_behind(&self.connection.queue, false);
+        if self.history != History::Unmerged {
+            self.history = History::Unmerged;
+            self.living = (0..self.clusters()).collect();
+            self.memory.list_clusters(&self.connection.queue, &self.living);
         }
-        self.resumed_at = None;
-        self.host = None;
+        self.take_resumed();
         self.replace_labels(labels)
     }
 
     fn grow(&mut self, cancel: &Cancel) -> Result<()> {
         let encoder = self.encode_fit();
-        self.grow_listed(encoder, cancel)
+        self.grow_listed(encoder, Phase::Growth, cancel)
     }
 
     fn energy(&mut self) -> Result<LatticeEnergy> {
-        if let Some(energy) = self.energy {
+        if let Sums::Current(Some(energy)) = self.sums {
             return Ok(energy);
         }
         let encoder = self.encode_fit();
-        let explained = self.read_between(encoder)?.explained();
-        Ok(*self.energy.insert(LatticeEnergy { explained }))
+        let energy = LatticeEnergy { explained: self.read_between(encoder)?.explained() };
+        self.set_energy(Some(energy));
+        Ok(energy)
     }
 
     fn optimise_boundary(
@@ -375,35 +239,42 @@ impl<M: MaybeMerging> Steps for GpuSteps<'_, M> {
         cancel: &Cancel,
         on_iteration: &mut dyn FnMut(Step),
     ) -> Result<Ending> {
+        self.take_resumed();
         let encoder = self.encode_fit();
         self.connection.queue.submit([encoder.finish()]);
-        let mut last = self.energy;
-        let outcome = self.run(Work::Boundary, max_iterations, cancel, |slot| {
-            let energy = LatticeEnergy { explained: slot.explained() };
+        let mut last = if let Sums::Current(energy) = self.sums { energy } else { None };
+        let outcome = self.run(Phase::Boundary, (1, max_iterations), cancel, |stats| {
+            let energy = LatticeEnergy { explained: stats.explained() };
             last = Some(energy);
-            on_iteration(Step { energy, moves: u64::from(slot.moves) });
+            on_iteration(Step { energy, moves: u64::from(stats.moves) });
         });
-        self.energy = last;
-        outcome.map(ending)
+        self.set_energy(last);
+        Ok(outcome?.0)
     }
 
     fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending> {
-        // the turns only say what it rises by
+        // iterations only report the rise
         let mut explained = self.energy()?.explained;
-        // a phase that goes on remembers which clusters changed when
-        if self.resumed_at.is_none() {
-            let encoder = self.encode_fit();
-            self.connection.queue.submit([encoder.finish()]);
-        }
-        let outcome = self.run(Work::Refine, max_iterations, cancel, |slot| {
-            explained += slot.explained();
-            on_iteration(Step { energy: LatticeEnergy { explained }, moves: u64::from(slot.moves) });
+        let first = match self.take_resumed() {
+            Some(Stopped::OnDevice(next)) => next,
+            Some(Stopped::OnCpu(_)) | None => {
+                // clears the bids
+                let encoder = self.encode_fit();
+                self.connection.queue.submit([encoder.finish()]);
+                1
+            }
+        };
+        let outcome = self.run(Phase::Refinement, (first, max_iterations), cancel, |stats| {
+            explained += stats.explained();
+            on_iteration(Step { energy: LatticeEnergy { explained }, moves: u64::from(stats.moves) });
         });
-        self.energy = Some(LatticeEnergy { explained });
-        outcome.map(ending)
+        self.set_energy(Some(LatticeEnergy { explained }));
+        let (ending, next) = outcome?;
+        self.stopped = (ending == Ending::IterationLimit).then_some(Stopped::OnDevice(next));
+        Ok(ending)
     }
 
-    /// On the host, by the cpu device: few runs need it, for few moves, and its walks through clusters are no work for a gpu.
+    /// On the cpu: few runs need it, for few moves, and a walk through a cluster is no work for a gpu.
     fn refine_connected(
         &mut self,
         max_iterations: u32,
@@ -411,54 +282,45 @@ impl<M: MaybeMerging> Steps for GpuSteps<'_, M> {
         on_iteration: &mut dyn FnMut(Step),
     ) -> Result<Ending> {
         let before = self.labels()?;
-        let origins = if self.has_merged { self.origins(&before)? } else { Vec::new() };
-        let goes_on = self.resumed_at.take().is_some();
-        let mut host = match self.host.take().filter(|_| goes_on) {
-            Some(host) => host,
-            None => {
-                let mut host = cpu::open(self.graph, self.component_of_cluster);
-                host.set_labels(&before)?;
-                host
+        let at_merge = if self.history == History::Unmerged { Vec::new() } else { self.labels_at_merge(&before)? };
+        let mut steps = match self.take_resumed() {
+            Some(Stopped::OnCpu(steps)) => steps,
+            Some(Stopped::OnDevice(_)) | None => {
+                let mut steps = cpu::open(self.graph, self.component_of_cluster);
+                steps.set_labels(&before)?;
+                steps
             }
         };
-        let ending = host.refine_connected(max_iterations, cancel, on_iteration)?;
-        let labels = host.labels()?;
+        let ending = steps.refine_connected(max_iterations, cancel, on_iteration)?;
+        let labels = steps.labels()?;
         self.replace_labels(&labels)?;
-        upload(&self.connection.queue, &self.buffers.origins, 0, &origins);
-        self.host = (ending == Ending::IterationLimit).then_some(host);
+        upload(&self.connection.queue, self.memory.get(Buffer::LabelAtMerge), 0, &at_merge);
+        self.stopped = (ending == Ending::IterationLimit).then_some(Stopped::OnCpu(steps));
         Ok(ending)
     }
 
     fn resume(&mut self) {
-        self.resumed_at = Some(self.next_turn);
-        if let Some(host) = &mut self.host {
-            host.resume();
+        self.is_resumed = true;
+        if let Some(Stopped::OnCpu(steps)) = &mut self.stopped {
+            steps.resume();
         }
     }
 
     fn repair(&mut self, cancel: &Cancel) -> Result<u64> {
-        if !self.may_be_cut {
+        if !self.may_have_pieces {
             return Ok(0);
         }
-        let freed = self.free_pieces()?;
+        let freed = self.detach_pieces()?;
         if freed != 0 {
-            self.grow_listed(self.encoder(), cancel)?;
+            self.grow_listed(self.encoder(), Phase::Regrowth, cancel)?;
         }
-        self.may_be_cut = false;
+        self.may_have_pieces = false;
         Ok(freed)
     }
 
     fn labels(&mut self) -> Result<Vec<u32>> {
         self.connection.reach(FaultPoint::Labels);
-        let mut encoder = self.encoder();
-        if self.are_behind
-            && let Some(merging) = self.merging.merging()
-        {
-            let kernels = self.connection.merge_kernels()?;
-            let mut pass = self.connection.pass(&mut encoder, "labels");
-            let groups = Some(self.buffers.face_groups);
-            self.dispatch(&mut pass, &kernels.follow, &merging.bindings.follow, BETWEEN, groups);
-        }
-        Ok(self.download(encoder, &self.buffers.labels, self.buffers.faces as usize)?.1)
+        let labels = self.memory.get(Buffer::Labels);
+        Ok(self.download(self.encoder(), labels, self.memory.faces() as usize)?.1)
     }
 }

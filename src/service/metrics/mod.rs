@@ -118,7 +118,6 @@ pub(super) struct Metrics {
     device_busy: Seconds,
     device_works: Busy,
     device_lost: Counter,
-    uploads_ahead: Counter,
     answers: Family<ByAnswer, Counter>,
     answer_seconds: Histograms<ByRoute>,
     store_seconds: Histograms<ByOperation>,
@@ -246,11 +245,6 @@ impl Metrics {
             device_lost: register!(
                 "device_lost",
                 "Attempts at a job that ended because the device was lost",
-                Counter::default()
-            ),
-            uploads_ahead: register!(
-                "uploads_ahead",
-                "Meshes brought to the device while it worked on another job, used or not",
                 Counter::default()
             ),
             answers: register!("http_requests", "Requests answered, by route template", Family::default()),
@@ -434,11 +428,6 @@ impl Metrics {
     fn device_memory(&self) -> Option<u64> {
         let meter = self.memory_meter.lock().unwrap_or_else(PoisonError::into_inner).as_ref()?.0.clone();
         meter()
-    }
-
-    /// A mesh was brought to the device while that worked on another job.
-    pub fn uploaded_ahead(&self) {
-        self.uploads_ahead.inc();
     }
 
     /// The device works on a job until what this gives is dropped.

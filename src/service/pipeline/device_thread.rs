@@ -1,25 +1,19 @@
 //! The one thread that works with the device: it takes prepared meshes one after the other. Where the cpu clusters, it waits for
 //! threads of its own that do it.
 //!
-//! What needs no turn at the device goes on beside it. While the thread is at one job, the mesh of the next is brought to the
-//! device by another thread, where the device has an [`Uploader`]: one mesh at a time, and none that is small or for a sequential
-//! algorithm, as the cpu may take those, or that failed before. Its turn ends when the device has given what it has to give:
-//! results are made of that on the cpu pool. What was brought ahead belongs to its [`Task`], and is freed with it; where it
-//! cannot be brought, or the device was lost since, the mesh is brought at its turn.
+//! A job's turn ends when the device has delivered labels and energies: results are made of those on the cpu pool.
 //!
 //! What can go wrong with a device is dealt with here. One that was lost is opened anew before the next mesh. One that
 //! shows no sign of life is left to itself, with its thread, and another thread begins anew. Where the cpu is allowed to
 //! stand in, it takes meshes that lost the device before, and all of them while there is no device. A device that cannot
 //! be opened, with nothing to stand in, makes the service not ready, and no job is begun until it can.
 //!
-//! A device that has had nothing to do for half a minute [rests](Device::rest): it frees what it keeps for the next mesh.
-//!
 //! A device that may be asked for [several](Device::another) meshes at a time works on small ones beside the thread, and on
 //! one that is [short](Beside) beside a long one. The others take [turns](Line), shared fairly among tenants.
 
 use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{self, RecvTimeoutError};
+use std::sync::mpsc;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -31,8 +25,8 @@ use super::caught;
 use super::small::{SMALL_FACES, SmallMeshes};
 use super::task::{Done, Task};
 use super::turns::{Line, Visit};
+use crate::device::Device;
 use crate::device::cpu::CpuDevice;
-use crate::device::{Device, Uploader};
 use crate::error::{Error, Kind, Result};
 use crate::job::{Clustered, Outcome};
 use crate::report::DeviceKind;
@@ -47,9 +41,6 @@ pub type Reopen = Arc<dyn Fn() -> Result<Box<dyn Device>> + Send + Sync>;
 /// Time between two attempts to open a device that could not be opened.
 const REOPEN: Duration = Duration::from_secs(10);
 
-/// Time without work after which a device rests, unless a test says otherwise.
-const IDLE: Duration = Duration::from_secs(30);
-
 /// A task and whoever waits for what becomes of it, who may be gone.
 struct Submitted {
     /// None to only look after the device.
@@ -63,14 +54,10 @@ pub(in crate::service) struct DeviceThread {
     /// For small meshes, which then need not wait for others.
     like: Mutex<Option<Box<dyn Device>>>,
     thread: Mutex<Thread>,
-    /// Held by who waits for the turn, and brings a mesh to the device meanwhile. The others wait for this.
-    next: tokio::sync::Mutex<()>,
     /// The meshes that wait for the thread: one at a time has it work.
     line: Arc<Line>,
     /// Where short meshes go while the thread is at a long one; none where the device takes one mesh at a time.
     beside: Option<Beside>,
-    /// One thread that brings meshes to the device: wgpu remembers each thread that it is used on.
-    uploads: ThreadPool,
     timeout: Duration,
 }
 
@@ -89,8 +76,6 @@ struct Shared {
     cpu_below_faces: Option<u64>,
     health: Arc<Health>,
     metrics: Arc<Metrics>,
-    /// That of the device; none where it has none, and while it is lost.
-    uploader: Mutex<Option<Arc<dyn Uploader>>>,
     /// Threads that were left to themselves: what one of those meets is no news any more.
     left: AtomicU64,
 }
@@ -116,29 +101,20 @@ impl DeviceThread {
         health: Arc<Health>,
         metrics: Arc<Metrics>,
     ) -> Result<Self> {
-        let shared = Arc::new(Shared {
-            extras,
-            cpu_below_faces,
-            health,
-            metrics,
-            uploader: Mutex::default(),
-            left: AtomicU64::default(),
-        });
+        let shared = Arc::new(Shared { extras, cpu_below_faces, health, metrics, left: AtomicU64::default() });
         shared.opened(device.as_ref());
         let takes_small = cpu_below_faces.is_some_and(|faces| faces > SMALL_FACES as u64);
         let cpu = || takes_small.then(|| Box::new(CpuDevice::new()) as Box<dyn Device>);
         let beside = Beside::start(device.as_ref())?;
         let like = Mutex::new(device.another().or_else(cpu));
         let thread = Mutex::new(Thread::start(Devices::new(Some(device), &shared)?)?);
-        let uploads = pool(1, |_| "upload".to_owned())?;
-        let (next, line) = Default::default();
-        Ok(Self { shared, like, thread, next, line, beside, uploads, timeout })
+        Ok(Self { shared, like, thread, line: Arc::default(), beside, timeout })
     }
 
     /// Clusters a mesh, after those that came before, or on one of the threads for small ones, and makes results of that beside
     /// the next. [`Kind::DeviceLost`] when the device was lost, or seems to be. [`Kind::TimeLimit`] when it takes longer than
     /// `limit`, not counting the time that it waits for others.
-    pub(super) async fn run(&self, mut task: Task, small: &SmallMeshes, limit: Option<Duration>) -> Result<Outcome> {
+    pub(super) async fn run(&self, task: Task, small: &SmallMeshes, limit: Option<Duration>) -> Result<Outcome> {
         if let Some(device) = self.another().filter(|_| task.prepared.surface.faces() <= SMALL_FACES) {
             let thread = small.thread().await?;
             let (shared, span) = (Arc::clone(&self.shared), task.span.clone());
@@ -150,12 +126,7 @@ impl DeviceThread {
             let done = beside.run(task, Arc::clone(&self.shared.metrics), self.shared.extras.faults.clone(), limit);
             return done.await;
         }
-        let next = self.next.lock().await;
-        if self.line.is_taken() {
-            self.upload(&mut task).await;
-        }
         let turn = self.line.turn(task.visit.clone()).await;
-        drop(next);
         let work = async {
             let done = self.submit(Some(task)).await;
             drop(turn);
@@ -163,32 +134,6 @@ impl DeviceThread {
             blocking(move || caught(|| span.in_scope(|| done.finish(&faults)))).await?
         };
         within(limit, work).await
-    }
-
-    /// Brings a mesh to the device, if it is one for that and there is a way. Whatever goes wrong, it will be brought at its turn.
-    async fn upload(&self, task: &mut Task) {
-        let uploader = lock(&self.shared.uploader).clone();
-        let Some(uploader) = uploader.filter(|_| !self.shared.is_for_cpu(task)) else { return };
-        let (prepared, slot) = (Arc::clone(&task.prepared), task.slot.clone());
-        let (reply, uploaded) = oneshot::channel();
-        self.uploads.spawn(move || {
-            let _slot = slot;
-            // nobody may be waiting any more
-            let _ = reply.send(caught(|| uploader.upload(&prepared.surface)));
-        });
-        match tokio::time::timeout(self.timeout, uploaded).await {
-            Ok(Ok(Ok(uploaded))) => {
-                self.shared.metrics.uploaded_ahead();
-                task.uploaded = Some(uploaded);
-            }
-            Ok(Ok(Err(error))) => {
-                tracing::debug!(%error, "the mesh could not be brought to the device ahead of its turn");
-            }
-            Ok(Err(_)) | Err(_) => {
-                tracing::warn!("a mesh could not be brought to the device in time; none will be ahead of its turn");
-                *lock(&self.shared.uploader) = None;
-            }
-        }
     }
 
     fn another(&self) -> Option<Box<dyn Device>> {
@@ -276,16 +221,7 @@ impl Thread {
         std::thread::Builder::new()
             .name("device".to_owned())
             .spawn(move || {
-                let idle = devices.shared.extras.idle.unwrap_or(IDLE);
-                let next = |devices: &mut Devices| match queue.recv_timeout(idle) {
-                    Ok(submitted) => Some(submitted),
-                    Err(RecvTimeoutError::Disconnected) => None,
-                    Err(RecvTimeoutError::Timeout) => {
-                        devices.rest();
-                        queue.recv().ok()
-                    }
-                };
-                while let Some(Submitted { task, reply }) = next(&mut devices) {
+                while let Ok(Submitted { task, reply }) = queue.recv() {
                     let outcome = match task {
                         Some(mut task) => {
                             task.cancel = task.cancel.counting(Arc::clone(&looks));
@@ -314,11 +250,9 @@ impl Shared {
 
     fn opened(&self, device: &dyn Device) {
         self.metrics.device_opened(device.memory_meter());
-        *lock(&self.uploader) = device.uploader();
     }
 
     fn lost(&self, how: &str) {
-        *lock(&self.uploader) = None;
         self.health.degrade(Part::Device, format!("the device was lost and is opened anew: {how}"));
     }
 }
@@ -406,14 +340,6 @@ impl Devices {
                 outcome
             }
         }
-    }
-
-    fn rest(&mut self) {
-        let Some(device) = &mut self.device else { return };
-        let _ = caught(|| {
-            device.rest();
-            Ok(())
-        });
     }
 
     /// Opens the device, if it is not.

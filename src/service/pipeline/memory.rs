@@ -4,9 +4,7 @@
 //! built of them. One job at a time is between the two, so that no two wait for what the other has. Small meshes, which are
 //! many, take at once what they will likely need, and wait for nobody's turn.
 //!
-//! What a job holds covers all that is done for it beside others, too: the copy that goes to the device ahead of its turn, 20
-//! bytes a face and 4 for each neighbour, beside a surface of twice that, and results that are made while the device is at the
-//! next job.
+//! What a job holds also covers the results that are made while the device works on the next job.
 
 use std::sync::Arc;
 

@@ -92,7 +92,6 @@ impl Pipeline {
         let (rows, inbox) = mpsc::unbounded_channel();
         let task = Task {
             prepared: Arc::new(prepared),
-            uploaded: None,
             cancel: cancel.clone(),
             visit: Visit {
                 tenant: job.spec.tenant.as_str().into(),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::caught;
 use super::stages::Slot;
 use super::turns::Visit;
-use crate::device::{Cancel, Device, Uploaded};
+use crate::device::{Cancel, Device};
 use crate::error::{Error, Result};
 use crate::job::{self, Clustered, Outcome, Prepared};
 use crate::report::Row;
@@ -16,8 +16,6 @@ use crate::service::metrics::Metrics;
 pub(super) struct Task {
     /// The mesh.
     pub prepared: Arc<Prepared>,
-    /// What of it is on the device already.
-    pub uploaded: Option<Uploaded>,
     /// Asks to stop. For the thread of the device, looking at it is a sign of life.
     pub cancel: Cancel,
     /// Its place in the line before the device.
@@ -57,7 +55,7 @@ impl Task {
     /// What a device has to do with it.
     pub fn cluster(&mut self, device: &mut dyn Device, metrics: &Metrics) -> Result<Clustered> {
         let _working = metrics.device_works();
-        job::cluster(&self.prepared, self.uploaded.take(), device, &self.cancel, &mut *self.on_row)
+        job::cluster(&self.prepared, device, &self.cancel, &mut *self.on_row)
     }
 }
 

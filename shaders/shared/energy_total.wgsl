@@ -1,0 +1,39 @@
+//! uses: stats, wide
+// Sums an energy over all threads of a dispatch into `stats`.
+
+fn add_to_stats(limb: u32, value: u64) {
+    let low = u32(value & 0xfffffffflu);
+    let before = atomicAdd(&stats[iteration.slot].explained[2u * limb], low);
+    let high = u32(value >> 32u) + select(0u, 1u, before + low < before);
+    if high != 0u {
+        atomicAdd(&stats[iteration.slot].explained[2u * limb + 1u], high);
+    }
+}
+
+// Sums over the threads of the workgroup, of weight 1, 2³² and 2⁶⁴, the last in two's complement.
+var<workgroup> ones: array<u64, WORKGROUP>;
+var<workgroup> middles: array<u64, WORKGROUP>;
+var<workgroup> highs: array<u64, WORKGROUP>;
+
+// Adds energy << shift (at most 30) of every thread. Every thread of the workgroup must call this.
+fn add_energy(local: u32, energy: Wide, shift: u32) {
+    let first = u64(energy.lower) << shift;
+    let second = (u64(energy.upper & 0xffffffffli) << shift) + (first >> 32u);
+    let third = ((energy.upper >> 32u) << shift) + i64(second >> 32u);
+    ones[local] = first & 0xfffffffflu;
+    middles[local] = second & 0xfffffffflu;
+    highs[local] = u64(third);
+    for (var half = WORKGROUP / 2u; half > 0u; half /= 2u) {
+        workgroupBarrier();
+        if local < half {
+            ones[local] += ones[local + half];
+            middles[local] += middles[local + half];
+            highs[local] += highs[local + half];
+        }
+    }
+    if local == 0u && (ones[0] | middles[0] | highs[0]) != 0lu {
+        add_to_stats(0u, ones[0]);
+        add_to_stats(1u, middles[0]);
+        add_to_stats(2u, highs[0]);
+    }
+}

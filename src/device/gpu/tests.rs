@@ -1,0 +1,161 @@
+//! Tests of the inside of the device: the boundary list after each kind of step, the table of kernels, transfers. They
+//! need a Vulkan driver.
+
+use std::mem::{offset_of, size_of};
+
+use super::adapter::enumerate;
+use super::buffers::Buffer;
+use super::kernels::{Binding, Kernel, Threads};
+use super::layout::{BoundaryList, WORKGROUP};
+use super::steps::GpuSteps;
+use super::{GpuDevice, Overrides};
+use crate::cluster::dual_edge::{Rank, Ties, mutual};
+use crate::cluster::seeds;
+use crate::device::{Cancel, Device, FREE, MergeSteps, Steps};
+use crate::sample::{Sample, generate};
+use crate::surface::{DualGraph, Surface};
+
+/// The best adapter, opened.
+fn device(overrides: Overrides) -> GpuDevice {
+    let found = enumerate().into_iter().filter(|found| found.report.usable).min_by_key(|found| found.report.kind);
+    GpuDevice::with_overrides(&found.expect("a Vulkan driver"), overrides).expect("it opens")
+}
+
+/// The faces with a neighbour of another cluster.
+fn boundary(graph: &DualGraph, labels: &[u32]) -> Vec<u32> {
+    let differs = |face: u32, near: u32| labels[near as usize] != labels[face as usize];
+    let is_on_boundary = |&face: &u32| graph.neighbours_of(face).iter().any(|&near| differs(face, near));
+    (0..labels.len() as u32).filter(is_on_boundary).collect()
+}
+
+/// What is listed, sorted, once it was checked that all faces on boundaries are there, each once.
+fn listed(steps: &mut GpuSteps<'_>, graph: &DualGraph, context: &str) -> Vec<u32> {
+    let head = offset_of!(BoundaryList, entries) / size_of::<u32>();
+    let words = head + 2 * graph.faces();
+    let (_, words) =
+        steps.download::<u32>(steps.encoder(), steps.memory.get(Buffer::BoundaryList), words).expect("the list");
+    let first = head + words[offset_of!(BoundaryList, first) / 4] as usize;
+    let mut listed = words[first..][..words[offset_of!(BoundaryList, length) / 4] as usize].to_vec();
+    listed.sort_unstable();
+    assert!(listed.windows(2).all(|pair| pair[0] < pair[1]), "{context}: each once");
+    let labels = steps.labels().expect("labels");
+    let missing = boundary(graph, &labels).into_iter().find(|face| listed.binary_search(face).is_err());
+    assert_eq!(missing, None, "{context}");
+    listed
+}
+
+#[test]
+fn the_list_has_the_faces_on_boundaries_and_few_others() {
+    let device = device(Overrides::default());
+    let connection = device.connection().expect("it is open");
+    let surface = Surface::build(&generate(Sample::Knot, 6000).expect("a sample")).expect("a surface");
+    let graph = &surface.graph;
+    let seeds = seeds::stratified(graph, &[60], 1);
+    let components = &seeds.component_of_cluster;
+    connection.compile(true).expect("they compile");
+    let mut steps = GpuSteps::new(connection, graph, components, true).expect("it fits");
+    let cancel = Cancel::default();
+
+    steps.set_labels(&seeds.labels(graph.faces())).expect("set");
+    steps.grow(&cancel).expect("grow");
+    assert!(listed(&mut steps, graph, "growth").len() < graph.faces(), "all were free");
+    let few = |listed: Vec<u32>, labels: Vec<u32>, context: &str| {
+        let (listed, needed) = (listed.len(), boundary(graph, &labels).len());
+        assert!(listed < graph.faces() / 2 && 2 * listed < 3 * needed, "{context}: {listed} for {needed}");
+    };
+    steps.optimise_boundary(100, &cancel, &mut |_| {}).expect("optimise");
+    few(listed(&mut steps, graph, "boundary"), steps.labels().expect("labels"), "boundary");
+    steps.refine(100, &cancel, &mut |_| {}).expect("refine");
+    few(listed(&mut steps, graph, "refinement"), steps.labels().expect("labels"), "refinement");
+    for round in 0..4 {
+        let pairs: Vec<(u32, u32)> =
+            mutual(&steps.optimal_dual_edges(Ties::Hash).expect("edges")).iter().map(Rank::ends).collect();
+        steps.merge(&pairs[..1 + pairs.len() / 2]).expect("a merge");
+        listed(&mut steps, graph, "merge");
+        steps.optimal_dual_edges(Ties::Hash).expect("edges");
+        let weeded = listed(&mut steps, graph, "dual edges");
+        assert_eq!(weeded, boundary(graph, &steps.labels().expect("labels")), "round {round}: nothing moved");
+        steps.optimise_boundary(3, &cancel, &mut |_| {}).expect("optimise");
+        steps.refine(3, &cancel, &mut |_| {}).expect("refine");
+        steps.repair(&cancel).expect("a repair");
+        few(listed(&mut steps, graph, "round"), steps.labels().expect("labels"), "round");
+    }
+}
+
+#[test]
+fn faces_are_free_in_a_new_surface_of_any_size() {
+    let mut device = device(Overrides::default());
+    for faces in [12, 4096, 4098, 16_384, 50_000] {
+        let surface = Surface::build(&generate(Sample::Strip, faces).expect("a sample")).expect("a surface");
+        let mut steps = device.open(&surface.graph, &[0, 0]).expect("it fits");
+        assert!(steps.labels().expect("labels").iter().all(|&label| label == FREE), "{faces} faces");
+    }
+}
+
+#[test]
+fn the_host_reads_through_one_buffer_that_grows() {
+    let device = device(Overrides::default());
+    let surface = Surface::build(&generate(Sample::Knot, 3000).expect("a sample")).expect("a surface");
+    let components = vec![0; 30];
+    let connection = device.connection().expect("it is open");
+    let mut steps = GpuSteps::new(connection, &surface.graph, &components, false).expect("it fits");
+    let mut read = |expected: u32, items: usize| {
+        steps.set_labels(&vec![expected; surface.faces()]).expect("set");
+        let (_, labels) =
+            steps.download::<u32>(steps.encoder(), steps.memory.get(Buffer::Labels), items).expect("labels");
+        assert_eq!(labels, vec![expected; items]);
+        let buffer = steps.host_buffer.take().expect("it is kept");
+        steps.host_buffer.set(Some(buffer.clone()));
+        buffer
+    };
+    let small = read(1, 100);
+    let large = read(2, 2000);
+    assert!(large != small && large.size() >= 8000);
+    for (expected, items) in [(3, 1), (4, 2000), (5, 700)] {
+        assert_eq!(read(expected, items), large);
+    }
+}
+
+/// A kernel that no other code knows: it adds a constant to the labels.
+static LABELS_ADD: Kernel = Kernel {
+    name: "labels_add",
+    path: "test/labels_add",
+    wgsl: "//! uses: iteration, items
+@group(0) @binding(0) var<uniform> iteration: Iteration;
+@group(0) @binding(1) var<storage, read> faces: array<Face>;
+@group(0) @binding(2) var<storage, read_write> labels: array<u32>;
+
+override SUMMAND: u32 = 0u;
+
+@compute @workgroup_size(WORKGROUP)
+fn labels_add(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+    let face = thread_number(iteration, group, local);
+    if face < iteration.faces && faces[face].weight != 0u {
+        labels[face] += SUMMAND;
+    }
+}
+",
+    constant: Some(("SUMMAND", 3)),
+    threads: Threads::Faces,
+    workgroup_size: WORKGROUP,
+    bindings: &[
+        Binding { buffer: Buffer::Faces, alias: None, is_written: false },
+        Binding { buffer: Buffer::Labels, alias: None, is_written: true },
+    ],
+};
+
+#[test]
+fn a_kernel_is_its_text_a_row_and_a_dispatch() {
+    let device = device(Overrides::default());
+    let surface = Surface::build(&generate(Sample::Knot, 1000).expect("a sample")).expect("a surface");
+    let components = vec![0; 30];
+    let connection = device.connection().expect("it is open");
+    let mut steps = GpuSteps::new(connection, &surface.graph, &components, false).expect("it fits");
+    let labels: Vec<u32> = (0..surface.faces() as u32).map(|face| face % 20).collect();
+    steps.set_labels(&labels).expect("set");
+    let mut encoder = steps.encoder();
+    steps.encode(&mut encoder, "test", &[&LABELS_ADD]);
+    steps.connection.queue.submit([encoder.finish()]);
+    let expected: Vec<u32> = labels.iter().map(|label| label + 3).collect();
+    assert_eq!(steps.labels().expect("labels"), expected);
+}

@@ -1,0 +1,95 @@
+//! What the host writes to the device.
+
+use std::ops::Range;
+
+use bytemuck::{Pod, cast, cast_slice};
+
+use super::connection::Connection;
+use super::layout::Face;
+use crate::device::FREE;
+use crate::error::Result;
+use crate::surface::DualGraph;
+
+/// Items that are written at once, so that wgpu's copies of them stay small.
+const CHUNK: usize = 1 << 20;
+
+/// Writes items to a buffer, from item `first` on.
+pub(super) fn upload<T: Pod>(queue: &wgpu::Queue, buffer: &wgpu::Buffer, first: usize, items: &[T]) {
+    let mut at = first * size_of::<T>();
+    for chunk in items.chunks(CHUNK) {
+        let bytes: &[u8] = cast_slice(chunk);
+        queue.write_buffer(buffer, at as u64, bytes);
+        // wgpu keeps its copy until a submission takes it along
+        queue.submit([]);
+        at += bytes.len();
+    }
+}
+
+/// Makes all faces free: writes that for some, and doubles it on the device, back and forth between both buffers.
+pub(super) fn set_free(connection: &Connection, labels: &wgpu::Buffer, label_at_merge: &wgpu::Buffer, faces: usize) {
+    /// Faces that the host writes.
+    const WRITTEN: usize = 1 << 12;
+    let mut free = faces.min(WRITTEN);
+    upload(&connection.queue, labels, 0, &vec![FREE; free]);
+    let mut encoder = connection.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+    loop {
+        encoder.copy_buffer_to_buffer(labels, 0, label_at_merge, 0, 4 * free as u64);
+        let more = free.min(faces - free);
+        if more == 0 {
+            break;
+        }
+        encoder.copy_buffer_to_buffer(label_at_merge, 0, labels, 4 * free as u64, 4 * more as u64);
+        free += more;
+    }
+    connection.queue.submit([encoder.finish()]);
+}
+
+/// Writes faces and their neighbours, through buffers that the host maps. Creating one of those may fail for want of
+/// memory, which is an error of this call; if a copy of `write_buffer` finds none, the device is lost.
+pub(super) fn upload_graph(
+    connection: &Connection,
+    graph: &DualGraph,
+    faces: &wgpu::Buffer,
+    neighbours: &wgpu::Buffer,
+) -> Result<()> {
+    let rows = graph.centroids.len() + 1;
+    let face = |face: usize| Face { centroid: graph.centroids[face], weight: graph.weights[face] };
+    write(connection, faces, (0, rows - 1), |range, to: To<'_, 16>| to.write_iter(range.map(face).map(cast)))?;
+    let offset = |face: usize| graph.neighbour_offsets[face] + rows as u32;
+    write(connection, neighbours, (0, rows), |range, to: To<'_, 4>| to.write_iter(range.map(offset).map(cast)))?;
+    write(connection, neighbours, (rows, graph.neighbours.len()), |range, mut to: To<'_, 4>| {
+        to.copy_from_slice(cast_slice(&graph.neighbours[range]));
+    })
+}
+
+/// Mapped memory for items of `N` bytes.
+type To<'a, const N: usize> = wgpu::WriteOnly<'a, [[u8; N]]>;
+
+/// Writes items to a buffer, from item `first` on, in chunks that `fill` provides.
+fn write<const N: usize>(
+    connection: &Connection,
+    target: &wgpu::Buffer,
+    (first, items): (usize, usize),
+    mut fill: impl FnMut(Range<usize>, To<'_, N>),
+) -> Result<()> {
+    for at in (0..items).step_by(CHUNK) {
+        let range = at..items.min(at + CHUNK);
+        let bytes = (range.len() * N) as u64;
+        let chunk = connection.buffer(&wgpu::BufferDescriptor {
+            label: Some("upload"),
+            size: bytes,
+            usage: wgpu::BufferUsages::MAP_WRITE | wgpu::BufferUsages::COPY_SRC,
+            mapped_at_creation: true,
+        })?;
+        {
+            let unwritable = |_| connection.break_down("its memory could not be written");
+            let mut view = chunk.get_mapped_range_mut(..).map_err(unwritable)?;
+            fill(range, view.slice(..).into_chunks::<N>().0);
+        }
+        chunk.unmap();
+        let mut encoder = connection.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        encoder.copy_buffer_to_buffer(&chunk, 0, target, ((first + at) * N) as u64, bytes);
+        connection.queue.submit([encoder.finish()]);
+    }
+    Ok(())
+}
