@@ -1,10 +1,12 @@
 //! Devices: what can carry out the steps of an algorithm.
 //!
-//! [`crate::cluster`] holds the drivers of the algorithms and knows only the traits here. Two devices implement them,
-//! `cpu` and `gpu`, and a given sequence of calls gives the same labels and energies, bit for bit, on both.
+//! [`crate::cluster`] holds the drivers of the algorithms and knows only the traits here. Three devices implement them. [`plain`]
+//! is the definition of each step as sequential code. `cpu` and `gpu` are the ones in use, and a given sequence of calls gives the
+//! same labels and energies, bit for bit, on all three.
 
 pub mod cpu;
 pub mod gpu;
+pub mod plain;
 pub mod select;
 
 use std::any::Any;
