@@ -38,17 +38,7 @@ impl Changes {
 
     /// A cluster gained or lost a face.
     pub fn changed(&mut self, cluster: u32) {
-        self.add(cluster, ALL & !(1 << Reader::Pieces as usize));
-    }
-
-    /// A cluster may be in pieces.
-    pub fn may_be_in_pieces(&mut self, cluster: u32) {
-        self.add(cluster, 1 << Reader::Pieces as usize);
-    }
-
-    /// Whether a cluster is known to be in one piece.
-    pub fn is_whole(&self, cluster: u32) -> bool {
-        (self.is_unseen[cluster as usize] | self.never_asked) & 1 << Reader::Pieces as usize == 0
+        self.add(cluster, ALL);
     }
 
     /// A cluster became part of another. Pieces that nobody has looked for yet go with it. What ended needs no proxy.

@@ -128,8 +128,7 @@ impl Clusters {
         self.changes.take(reader)
     }
 
-    /// Moves a face's share from one cluster to another. Proxies follow in [`refit`](Self::refit). Whether the clusters are still
-    /// whole others must say.
+    /// Moves a face's share from one cluster to another. Proxies follow in [`refit`](Self::refit).
     pub fn transfer(&mut self, graph: &DualGraph, face: u32, from: u32, to: u32) {
         self.sums[from as usize].add_face(graph, face as usize, -1);
         self.sums[to as usize].add_face(graph, face as usize, 1);
@@ -149,16 +148,6 @@ impl Clusters {
         self.prefetch(cluster);
         prefetch(&self.explained, cluster as usize);
         prefetch(&self.places, cluster as usize + 1);
-    }
-
-    /// Says that a cluster may be in pieces.
-    pub fn may_be_in_pieces(&mut self, cluster: u32) {
-        self.changes.may_be_in_pieces(cluster);
-    }
-
-    /// Whether a cluster is known to be in one piece, as one without faces is too.
-    pub fn is_whole(&self, cluster: u32) -> bool {
-        self.changes.is_whole(cluster)
     }
 
     /// Gives all of one cluster to another. Proxies follow in [`refit`](Self::refit).

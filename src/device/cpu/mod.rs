@@ -214,12 +214,6 @@ impl<'a> CpuSteps<'a> {
             }
             self.labels.set(face, to);
             self.clusters.transfer(self.graph, face, from, to);
-            if self.clusters.is_whole(from) && !pieces::surely_stays_whole(self.graph, &self.labels, face, from) {
-                self.clusters.may_be_in_pieces(from);
-            }
-            if !pieces::is_beside(self.graph, &self.labels, face, to) {
-                self.clusters.may_be_in_pieces(to);
-            }
             frontier.moved(self.graph, &mut self.labels, face);
             for watch in [&mut self.boundary_watch, &mut self.refinement_watch].into_iter().flatten() {
                 watch.moved(self.graph, &self.labels, face);
@@ -352,7 +346,6 @@ impl<'a> CpuSteps<'a> {
         // what each move changes is seen when they are made one after the other
         for moved in &moves {
             self.labels.set(moved.face, moved.from);
-            self.clusters.may_be_in_pieces(moved.from);
         }
         self.apply(&moves);
         Ok(())

@@ -1,5 +1,4 @@
-//! Pieces of clusters: those that were cut off, among the clusters that may be in several; which may be, when a face has left;
-//! and those that a move would cut off.
+//! Pieces of clusters: those that were cut off, and those that a move would cut off.
 
 use std::cmp::Reverse;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -214,72 +213,4 @@ pub fn cut_off(
         .collect();
     cut_off.sort_unstable();
     cut_off
-}
-
-/// Faces that lie close to another, at most so many of them.
-const NEARBY: usize = 16;
-
-/// Faces that are looked at for a way around one that left.
-const LOOKS: usize = 32;
-
-/// Neighbours of each of them that are: large polygons have more.
-const BESIDE: usize = 16;
-
-/// Steps of a way around a face from one side; from the other it is two.
-const STEPS: usize = 3;
-
-/// Whether a cluster that was connected surely still is, now that a face has left it: whether there is a short way around
-/// the face between those of the cluster that lie beside it, which each way over the face can go instead.
-///
-/// Some 3 % of the faces that leave a cluster have none (bunny, whole hierarchy with optimisation, defaults).
-pub fn surely_stays_whole(graph: &DualGraph, labels: &Labels, face: u32, cluster: u32) -> bool {
-    let is_own = |near: &u32| labels.of(*near) == cluster;
-    let mut own = graph.neighbours_of(face).iter().copied().filter(is_own);
-    let Some((first, second)) = own.next().zip(own.next()) else { return true };
-    let mut nearby = [first; NEARBY];
-    let mut found = 1;
-    for step in [0, 1] {
-        let from = if step == 0 { 0..1 } else { 1..found };
-        for at in from {
-            for near in graph.neighbours_of(nearby[at]).iter().take(BESIDE).copied().filter(is_own) {
-                if found < NEARBY && near != first {
-                    nearby[found] = near;
-                    found += 1;
-                }
-            }
-        }
-    }
-    let mut looks = LOOKS;
-    std::iter::once(second)
-        .chain(own)
-        .all(|other| leads_to(graph, &is_own, &nearby[..found], [other, face], STEPS, &mut looks))
-}
-
-/// Whether a walk over so many faces of a cluster comes to one of `nearby`; `face` was reached from the one after it.
-fn leads_to(
-    graph: &DualGraph,
-    is_own: &impl Fn(&u32) -> bool,
-    nearby: &[u32],
-    [face, before]: [u32; 2],
-    steps: usize,
-    looks: &mut usize,
-) -> bool {
-    if nearby.contains(&face) {
-        return true;
-    }
-    if steps == 0 {
-        return false;
-    }
-    graph.neighbours_of(face).iter().take(BESIDE).any(|&near| {
-        if near == before || *looks == 0 || !is_own(&near) {
-            return false;
-        }
-        *looks -= 1;
-        leads_to(graph, is_own, nearby, [near, face], steps - 1, looks)
-    })
-}
-
-/// Whether a face lies beside one of a cluster.
-pub fn is_beside(graph: &DualGraph, labels: &Labels, face: u32, cluster: u32) -> bool {
-    graph.neighbours_of(face).iter().any(|&near| labels.of(near) == cluster)
 }
