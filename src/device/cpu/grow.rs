@@ -1,7 +1,5 @@
 //! Initial growth (P§5.3): breadth first, the smallest cluster wins a contested face.
 
-use std::hint::select_unpredictable;
-
 use super::labels::Labels;
 use crate::device::{Cancel, FREE};
 use crate::error::Result;
@@ -35,13 +33,13 @@ impl Growth {
             for &face in &frontier {
                 let label = labels.of(face);
                 for &near in graph.neighbours_of(face) {
-                    // which neighbours are free, or have an offer, follows no pattern: nothing here branches on it
-                    let is_free = labels.of(near) == FREE;
-                    let offer = &mut self.offered[near as usize];
-                    let is_first = is_free & (*offer == FREE);
-                    *offer = select_unpredictable(is_free, label.min(*offer), *offer);
-                    grown.push(near);
-                    grown.truncate(grown.len() - usize::from(!is_first));
+                    if labels.of(near) == FREE {
+                        let offer = &mut self.offered[near as usize];
+                        if *offer == FREE {
+                            grown.push(near);
+                        }
+                        *offer = label.min(*offer);
+                    }
                 }
             }
             frontier.clear();
