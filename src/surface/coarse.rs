@@ -3,9 +3,6 @@
 //! A group is a face with those of its neighbours that belong to none yet, in internal order; then lone faces join the
 //! smallest group beside them. On triangles a group has 2.6 faces on average.
 
-use std::array::from_fn;
-use std::hint::select_unpredictable;
-
 use rayon::prelude::*;
 
 use super::{Component, DualGraph};
@@ -16,10 +13,6 @@ const NONE: u32 = u32::MAX;
 
 /// Groups whose neighbours a thread finds at a time.
 const RUN: usize = 4096;
-
-/// Neighbours of the faces of a group, those that come again included, that most groups have at most. With 16, putting more of them
-/// in order by counting takes longer than sorting them.
-const FEW: usize = 8;
 
 /// Most faces that form a group; lone faces may add to it.
 const MOST_FACES: usize = 4;
@@ -171,74 +164,24 @@ impl Run {
             neighbours: Vec::with_capacity(6 * groups.len()),
             ends: Vec::with_capacity(groups.len()),
         };
-        let mut others = vec![0u32; FEW];
+        let mut others = Vec::new();
         for (group, faces) in groups {
             let mut sums = ClusterSums::default();
-            let mut found = 0;
+            others.clear();
             for &face in faces {
                 sums.add_face(graph, face as usize, 1);
-                let beside = graph.neighbours_of(face);
-                if found + beside.len() > others.len() {
-                    others.resize(2 * (found + beside.len()), 0);
-                }
-                for &near in beside {
-                    let beside = group_of_face[near as usize];
-                    others[found] = beside;
-                    found += usize::from(beside != group);
-                }
+                let beside = graph.neighbours_of(face).iter().map(|&near| group_of_face[near as usize]);
+                others.extend(beside.filter(|&beside| beside != group));
             }
-            run.push_neighbours(&mut others, found);
+            others.sort_unstable();
+            others.dedup();
+            run.neighbours.extend_from_slice(&others);
             run.ends.push(run.neighbours.len() as u32);
             run.centroids.push(sums.proxy().unwrap_or_default());
             run.weights.push(sums.weight as u32);
         }
         run
     }
-
-    /// Appends so many of `others`, which are [`FEW`] or more with those that follow, as neighbours: ascending, each once.
-    fn push_neighbours(&mut self, others: &mut [u32], count: usize) {
-        match others.first_chunk() {
-            Some(few) if count <= FEW => self.push_few(few, count),
-            _ => {
-                others[..count].sort_unstable();
-                self.neighbours.extend(others[..count].chunk_by(|a, b| a == b).map(|equal| equal[0]));
-            }
-        }
-    }
-
-    /// The same for at most [`FEW`] of them, each put where as many are smaller: in no case does it depend on a branch that cannot be
-    /// foreseen, which costs more than all of this.
-    #[inline]
-    fn push_few(&mut self, others: &[u32; FEW], count: usize) {
-        /// Above all groups.
-        const NOBODY: i32 = i32::MAX;
-        let all: [i32; FEW] = from_fn(|at| if at < count { others[at] as i32 } else { NOBODY });
-        let smaller = smaller_in(&all);
-        // equal ones come to one place, and leave the next ones empty
-        let mut sorted = [NOBODY; FEW];
-        for (&smaller, &other) in smaller.iter().zip(&all) {
-            sorted[smaller as usize % FEW] = other;
-        }
-        let mut neighbours = [0u32; FEW];
-        let mut kept = 0;
-        for other in sorted {
-            neighbours[kept % FEW] = other as u32;
-            kept += usize::from(other != NOBODY);
-        }
-        let first = self.neighbours.len();
-        self.neighbours.extend_from_slice(&neighbours);
-        self.neighbours.truncate(first + kept);
-    }
-}
-
-/// How many are smaller than each. By itself, this becomes vector instructions.
-#[inline(never)]
-fn smaller_in(all: &[i32; FEW]) -> [i32; FEW] {
-    let mut smaller = [0; FEW];
-    for one in all {
-        smaller = from_fn(|at| smaller[at] + i32::from(*one < all[at]));
-    }
-    smaller
 }
 
 /// Groups that are being formed.
@@ -269,10 +212,11 @@ impl Groups {
                 }
                 let near_weight = u64::from(graph.weights[near as usize]);
                 let of_near = &mut self.group_of_face[near as usize];
-                let joins = (*of_near == NONE) & (weight + near_weight <= heaviest);
-                *of_near = select_unpredictable(joins, group, *of_near);
-                faces += usize::from(joins);
-                weight += select_unpredictable(joins, near_weight, 0);
+                if *of_near == NONE && weight + near_weight <= heaviest {
+                    *of_near = group;
+                    faces += 1;
+                    weight += near_weight;
+                }
             }
             self.faces.push(faces as u32);
             self.weights.push(weight);
@@ -305,9 +249,10 @@ impl Groups {
         let mut groups = 0;
         for group in &mut group_of_face {
             let number = &mut number_of_group[*group as usize];
-            let is_first = *number == NONE;
-            *number = select_unpredictable(is_first, groups, *number);
-            groups += u32::from(is_first);
+            if *number == NONE {
+                *number = groups;
+                groups += 1;
+            }
             *group = *number;
         }
         group_of_face
@@ -316,7 +261,7 @@ impl Groups {
 
 #[cfg(test)]
 mod tests {
-    use super::{Coarse, FEW, Run};
+    use super::Coarse;
     use crate::sample::{Sample, generate};
     use crate::surface::{DualGraph, Surface};
 
@@ -371,23 +316,6 @@ mod tests {
             assert!(coarse.graph.faces() * 3 <= surface.faces() * 2, "{sample:?}");
             let least = surface.least_groups(&heaviest);
             assert!(least >= 12 && least <= coarse.graph.faces() as u64, "{sample:?}: {least}");
-        }
-    }
-
-    #[test]
-    fn neighbours_are_put_in_order_however_many_there_are() {
-        let mut run = Run::default();
-        for count in 0..3 * FEW {
-            for groups in [1, 5, 1000] {
-                let mut others: Vec<u32> =
-                    (0..count.max(FEW) as u32).map(|at| (at + 7).wrapping_mul(2_654_435_761) % groups).collect();
-                let mut expected = others[..count].to_vec();
-                expected.sort_unstable();
-                expected.dedup();
-                run.neighbours.clear();
-                run.push_neighbours(&mut others, count);
-                assert_eq!(run.neighbours, expected, "{count} of {groups}");
-            }
         }
     }
 
