@@ -60,7 +60,7 @@ use super::run::{Row, Run};
 use super::sums::ClusterSums;
 use crate::device::{Cancel, LatticeEnergy, MergeSteps};
 use crate::error::{Error, Kind, Result};
-use crate::prefetch::prefetch;
+use crate::prefetch::{prefetch, with_lookahead};
 use crate::surface::Surface;
 use crate::tree::{FaceMove, Merge, Round, Tree};
 
@@ -246,9 +246,6 @@ fn optimise(run: &mut Run<'_>, options: &Options, is_level: bool, is_sequential:
     Ok(())
 }
 
-/// Merges that are recorded while what a later one needs is on its way.
-const AHEAD: usize = 8;
-
 /// Merges that a thread records at a time.
 const MERGES_A_THREAD: usize = 256;
 
@@ -270,8 +267,8 @@ impl<'a> Builder<'a> {
 
     /// Records merges (from, into), with the sums of both ends before, in either order.
     fn merge(&mut self, pairs: &[(u32, u32)], sums: &[[ClusterSums; 2]]) {
-        for (at, &(from, into)) in pairs.iter().enumerate() {
-            if let Some(&(from, into)) = pairs.get(at + AHEAD) {
+        for (&(from, into), ahead) in with_lookahead(pairs) {
+            if let Some(&(from, into)) = ahead.stage(2) {
                 prefetch(&self.moments, from as usize);
                 prefetch(&self.moments, into as usize);
             }

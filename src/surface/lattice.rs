@@ -8,10 +8,7 @@
 use std::ops::{Add, Div, Mul, Range, Sub};
 
 use crate::mesh::PolygonMesh;
-use crate::prefetch::prefetch;
-
-/// Fours of faces that are worked on while what a later one needs is on its way.
-const AHEAD: usize = 2;
+use crate::prefetch::{prefetch, with_lookahead};
 
 /// Lattice coordinates stay below 2 to this power.
 const COORDINATE_BITS: i32 = 27;
@@ -162,11 +159,11 @@ impl Frame {
         }
         let corners = mesh.faces.all_corners().as_chunks::<3>().0;
         let (fours, _) = faces.as_chunks::<4>();
-        for (at, faces) in fours.iter().enumerate() {
-            if let Some(later) = fours.get(at + 2 * AHEAD) {
+        for (at, (faces, ahead)) in with_lookahead(fours).enumerate() {
+            if let Some(later) = ahead.stage(2) {
                 later.iter().for_each(|&face| prefetch(corners, face as usize));
             }
-            if let Some(later) = fours.get(at + AHEAD) {
+            if let Some(later) = ahead.stage(1) {
                 let vertices = later.iter().flat_map(|&face| corners[face as usize]);
                 vertices.for_each(|vertex| prefetch(&mesh.positions, vertex as usize));
             }

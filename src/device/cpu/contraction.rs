@@ -29,14 +29,11 @@ use self::look::{Context, Look};
 use super::clusters::Clusters;
 use crate::cluster::dual_edge::{Rank, Ties};
 use crate::device::DualEdge;
-use crate::prefetch::prefetch;
+use crate::prefetch::{prefetch, with_lookahead};
 use crate::surface::DualGraph;
 
 /// Nodes a thread takes at a time.
 const CHUNK: usize = 1024;
-
-/// Pairs that merge while what a later one needs is on its way.
-const AHEAD: usize = 8;
 
 /// In place of a node: none.
 const NOBODY: u32 = u32::MAX;
@@ -198,12 +195,12 @@ impl Contraction {
         }
         self.round += 1;
         let mut end = self.edges.len();
-        for (at, &(from, into)) in pairs.iter().enumerate() {
-            if let Some(later) = pairs.get(at + 2 * AHEAD) {
+        for (&(from, into), ahead) in with_lookahead(pairs) {
+            if let Some(later) = ahead.stage(4) {
                 prefetch(&self.node_of_cluster, later.0 as usize);
                 prefetch(&self.node_of_cluster, later.1 as usize);
             }
-            if let Some(later) = pairs.get(at + AHEAD) {
+            if let Some(later) = ahead.stage(2) {
                 for node in [later.0, later.1].map(|cluster| self.node_of_cluster[cluster as usize] as usize) {
                     prefetch(&self.nodes, node);
                     prefetch(&self.rows, node);

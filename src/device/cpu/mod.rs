@@ -26,6 +26,7 @@ use super::{Cancel, Device, DualEdge, Ending, FREE, LatticeEnergy, MergeSteps, S
 use crate::cluster::dual_edge::{Rank, Ties};
 use crate::cluster::sums::ClusterSums;
 use crate::error::Result;
+use crate::prefetch::{Ahead, with_lookahead};
 use crate::report::{DeviceInfo, DeviceKind};
 use crate::surface::DualGraph;
 use boundary::Leaving;
@@ -90,9 +91,6 @@ impl Device for CpuDevice {
 pub fn open<'a>(graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Box<dyn Steps + 'a> {
     Box::new(CpuSteps::new(graph, component_of_cluster))
 }
-
-/// Moves or merges that are made while what a later one needs is on its way.
-const AHEAD: usize = 4;
 
 /// Faces a thread takes at a time.
 const CHUNK: usize = 1024;
@@ -208,9 +206,9 @@ impl<'a> CpuSteps<'a> {
     fn apply(&mut self, moves: &[Move]) {
         let Some(mut frontier) = self.frontier.take() else { return };
         let outgrows_caches = self.graph.outgrows_caches();
-        for (at, &Move { face, from, to }) in moves.iter().enumerate() {
+        for (&Move { face, from, to }, ahead) in with_lookahead(moves) {
             if outgrows_caches {
-                self.prefetch(&frontier, &moves[at..]);
+                self.prefetch(&frontier, ahead);
             }
             self.labels.set(face, to);
             self.clusters.transfer(self.graph, face, from, to);
@@ -226,17 +224,17 @@ impl<'a> CpuSteps<'a> {
         }
     }
 
-    /// Asks for what some of the next moves need, each time for what the last time brought the way to.
-    fn prefetch(&self, frontier: &Frontier, next: &[Move]) {
-        if let Some(later) = next.get(3 * AHEAD) {
+    /// Prefetches what later moves need.
+    fn prefetch(&self, frontier: &Frontier, ahead: Ahead<'_, Move>) {
+        if let Some(later) = ahead.stage(3) {
             self.graph.prefetch(later.face);
             self.clusters.prefetch(later.from);
             self.clusters.prefetch(later.to);
         }
-        if let Some(later) = next.get(2 * AHEAD) {
+        if let Some(later) = ahead.stage(2) {
             self.graph.prefetch_neighbours(later.face);
         }
-        if let Some(later) = next.get(AHEAD) {
+        if let Some(later) = ahead.stage(1) {
             for &near in self.graph.neighbours_of(later.face) {
                 self.graph.prefetch(near);
                 self.labels.prefetch(near);
@@ -488,8 +486,8 @@ impl MergeSteps for CpuSteps<'_> {
             self.gather();
         }
         self.labels.merge(self.clusters.len(), &pairs);
-        for (at, &(from, into)) in pairs.iter().enumerate() {
-            if let Some(later) = pairs.get(at + AHEAD) {
+        for (&(from, into), ahead) in with_lookahead(&pairs) {
+            if let Some(later) = ahead.stage(1) {
                 self.clusters.prefetch_ending(later.0);
                 self.clusters.prefetch(later.1);
             }
@@ -513,13 +511,13 @@ impl MergeSteps for CpuSteps<'_> {
 
     fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<ClusterSums>> {
         self.sum();
-        let sums = |(at, &cluster): (usize, &u32)| {
-            if let Some(&later) = clusters.get(at + 2 * AHEAD) {
+        let sums = |(&cluster, ahead): (&u32, Ahead<'_, u32>)| {
+            if let Some(&later) = ahead.stage(2) {
                 self.clusters.prefetch(later);
             }
             *self.clusters.sums(cluster)
         };
-        Ok(clusters.iter().enumerate().map(sums).collect())
+        Ok(with_lookahead(clusters).map(sums).collect())
     }
 
     fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32, u32)>> {

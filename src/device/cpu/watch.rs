@@ -27,7 +27,7 @@ use super::clusters::{Clusters, Place, STEP};
 use super::frontier::Frontier;
 use super::labels::Labels;
 use super::sieve::Sieve;
-use crate::prefetch::prefetch;
+use crate::prefetch::{Ahead, prefetch, with_lookahead};
 use crate::surface::DualGraph;
 
 /// Faces that one thread asks, or looks whether they are due; more are for all.
@@ -35,9 +35,6 @@ const FEW_FACES: usize = 2048;
 
 /// Changed clusters around which a thread looks at a time, where there are many.
 const FEW_CLUSTERS: usize = 16;
-
-/// Faces that are asked while what a later one needs is on its way.
-const AHEAD: usize = 4;
 
 /// Words of [`Watch::near`] that a thread takes at a time.
 const WORDS: usize = 64;
@@ -239,13 +236,13 @@ impl Watch {
             true => due.iter().filter_map(ask).collect(),
             false => {
                 let wishes = due.par_chunks(CHUNK).map(|faces| {
-                    let ask_in_turn = |(at, face)| {
+                    let ask_in_turn = |(face, ahead)| {
                         if outgrows_caches {
-                            prefetch_next(graph, labels, rest_of_face, &faces[at..]);
+                            prefetch_next(graph, labels, rest_of_face, ahead);
                         }
                         ask(face)
                     };
-                    faces.iter().enumerate().filter_map(ask_in_turn).collect()
+                    with_lookahead(faces).filter_map(ask_in_turn).collect()
                 });
                 wishes.collect::<Vec<Vec<T>>>().into_iter().flatten().collect()
             }
@@ -255,17 +252,17 @@ impl Watch {
     }
 }
 
-/// Asks for what some of the next faces are asked by, each time for what the last time brought the way to.
+/// Prefetches what later faces decide by.
 #[inline]
-fn prefetch_next(graph: &DualGraph, labels: &Labels, rests: &[Kept], next: &[u32]) {
-    if let Some(&later) = next.get(4 * AHEAD) {
+fn prefetch_next(graph: &DualGraph, labels: &Labels, rests: &[Kept], ahead: Ahead<'_, u32>) {
+    if let Some(&later) = ahead.stage(4) {
         graph.prefetch(later);
         prefetch(rests, later as usize);
     }
-    if let Some(&later) = next.get(2 * AHEAD) {
+    if let Some(&later) = ahead.stage(2) {
         graph.prefetch_neighbours(later);
     }
-    if let Some(&later) = next.get(AHEAD) {
+    if let Some(&later) = ahead.stage(1) {
         graph.neighbours_of(later).iter().for_each(|&near| labels.prefetch(near));
     }
 }

@@ -7,10 +7,7 @@ use super::{Edge, Grown, MARGIN, NOBODY, Node, Row, living};
 use crate::cluster::dual_edge::{Rank, Ties};
 use crate::device::cpu::clusters::Clusters;
 use crate::device::cpu::dual_edges;
-use crate::prefetch::prefetch;
-
-/// Nodes that look while what a later one needs is on its way.
-const AHEAD: usize = 4;
+use crate::prefetch::{prefetch, with_lookahead};
 
 /// What a look for the best dual edge reads. It writes the row and the best edge of who looks. Several threads look at a time; what
 /// they find does not depend on who comes first, because fates and ends stand still meanwhile, and best edges are read of nodes that
@@ -69,11 +66,11 @@ impl Context<'_> {
         let Self { nodes, edges, round, .. } = *self;
         let mut look = Look::default();
         let mut seen = Seen::default();
-        for (at, &Grown { node, ref rows }) in grown.iter().enumerate() {
-            if let Some(later) = grown.get(at + 2 * AHEAD) {
+        for (&Grown { node, ref rows }, ahead) in with_lookahead(grown) {
+            if let Some(later) = ahead.stage(2) {
                 later.rows.iter().for_each(|row| prefetch(edges, row.start));
             }
-            if let Some(later) = grown.get(at + AHEAD) {
+            if let Some(later) = ahead.stage(1) {
                 later.rows.iter().for_each(|row| self.prefetch_ends(row.clone()));
             }
             let target = &edges[self.rows[node as usize].start..];
@@ -109,14 +106,14 @@ impl Context<'_> {
     pub(super) fn look_of_lost(&self, lost: &[u32]) {
         let Self { nodes, rows, edges, .. } = *self;
         let mut seen = Seen::default();
-        for (at, &node) in lost.iter().enumerate() {
-            if let Some(&later) = lost.get(at + 3 * AHEAD) {
+        for (&node, ahead) in with_lookahead(lost) {
+            if let Some(&later) = ahead.stage(3) {
                 prefetch(rows, later as usize);
             }
-            if let Some(&later) = lost.get(at + 2 * AHEAD) {
+            if let Some(&later) = ahead.stage(2) {
                 prefetch(edges, rows[later as usize].start);
             }
-            if let Some(&later) = lost.get(at + AHEAD) {
+            if let Some(&later) = ahead.stage(1) {
                 self.prefetch_ends(rows[later as usize].edges());
             }
             let row = &rows[node as usize];
