@@ -60,7 +60,6 @@ use super::run::{Row, Run};
 use super::sums::ClusterSums;
 use crate::device::{Cancel, LatticeEnergy, MergeSteps};
 use crate::error::{Error, Kind, Result};
-use crate::prefetch::{prefetch, with_lookahead};
 use crate::surface::Surface;
 use crate::tree::{FaceMove, Merge, Round, Tree};
 
@@ -267,11 +266,7 @@ impl<'a> Builder<'a> {
 
     /// Records merges (from, into), with the sums of both ends before, in either order.
     fn merge(&mut self, pairs: &[(u32, u32)], sums: &[[ClusterSums; 2]]) {
-        for (&(from, into), ahead) in with_lookahead(pairs) {
-            if let Some(&(from, into)) = ahead.stage(2) {
-                prefetch(&self.moments, from as usize);
-                prefetch(&self.moments, into as usize);
-            }
+        for &(from, into) in pairs {
             self.moments[into as usize] += std::mem::take(&mut self.moments[from as usize]);
         }
         let Self { surface, tree, moments } = self;

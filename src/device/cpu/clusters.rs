@@ -142,14 +142,6 @@ impl Clusters {
         prefetch(&self.sums, cluster as usize);
     }
 
-    /// Asks for what a merge changes of the cluster that ends.
-    #[inline]
-    pub fn prefetch_ending(&self, cluster: u32) {
-        self.prefetch(cluster);
-        prefetch(&self.explained, cluster as usize);
-        prefetch(&self.places, cluster as usize + 1);
-    }
-
     /// Gives all of one cluster to another. Proxies follow in [`refit`](Self::refit).
     pub fn merge(&mut self, into: u32, from: u32) {
         let from_sums = std::mem::take(&mut self.sums[from as usize]);

@@ -29,7 +29,6 @@ use self::look::{Context, Look};
 use super::clusters::Clusters;
 use crate::cluster::dual_edge::{Rank, Ties};
 use crate::device::DualEdge;
-use crate::prefetch::{prefetch, with_lookahead};
 use crate::surface::DualGraph;
 
 /// Nodes a thread takes at a time.
@@ -195,17 +194,7 @@ impl Contraction {
         }
         self.round += 1;
         let mut end = self.edges.len();
-        for (&(from, into), ahead) in with_lookahead(pairs) {
-            if let Some(later) = ahead.stage(4) {
-                prefetch(&self.node_of_cluster, later.0 as usize);
-                prefetch(&self.node_of_cluster, later.1 as usize);
-            }
-            if let Some(later) = ahead.stage(2) {
-                for node in [later.0, later.1].map(|cluster| self.node_of_cluster[cluster as usize] as usize) {
-                    prefetch(&self.nodes, node);
-                    prefetch(&self.rows, node);
-                }
-            }
+        for &(from, into) in pairs {
             let [into, from] = [into, from].map(|cluster| self.node_of_cluster[cluster as usize]);
             let rows = [into, from].map(|node| self.rows[node as usize].edges());
             let ended = &mut self.nodes[from as usize];

@@ -99,14 +99,6 @@ impl Frontier {
         faces.iter().copied().filter(move |&face| self.listed_in[face as usize].load(Relaxed) == cluster)
     }
 
-    /// Asks for what is known of the faces in the list of a cluster, their neighbours excepted.
-    pub fn prefetch_all_of(&self, graph: &DualGraph, cluster: u32) {
-        for &face in &self.faces_of_cluster[cluster as usize] {
-            self.prefetch(face);
-            graph.prefetch(face);
-        }
-    }
-
     /// Asks for where a face is listed.
     #[inline]
     pub fn prefetch(&self, face: u32) {

@@ -486,11 +486,7 @@ impl MergeSteps for CpuSteps<'_> {
             self.gather();
         }
         self.labels.merge(self.clusters.len(), &pairs);
-        for (&(from, into), ahead) in with_lookahead(&pairs) {
-            if let Some(later) = ahead.stage(1) {
-                self.clusters.prefetch_ending(later.0);
-                self.clusters.prefetch(later.1);
-            }
+        for &(from, into) in &pairs {
             self.clusters.merge(into, from);
         }
         if let Some(frontier) = &mut self.frontier {
@@ -511,13 +507,7 @@ impl MergeSteps for CpuSteps<'_> {
 
     fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<ClusterSums>> {
         self.sum();
-        let sums = |(&cluster, ahead): (&u32, Ahead<'_, u32>)| {
-            if let Some(&later) = ahead.stage(2) {
-                self.clusters.prefetch(later);
-            }
-            *self.clusters.sums(cluster)
-        };
-        Ok(with_lookahead(clusters).map(sums).collect())
+        Ok(clusters.iter().map(|&cluster| *self.clusters.sums(cluster)).collect())
     }
 
     fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32, u32)>> {

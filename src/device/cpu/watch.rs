@@ -393,20 +393,12 @@ fn over_around(
 ) -> Vec<u32> {
     let mut over = Vec::new();
     let mut around = Sieve::default();
-    let outgrows_caches = graph.outgrows_caches();
-    for (at, &cluster) in changed.iter().enumerate() {
-        if outgrows_caches {
-            changed.get(at + 1).into_iter().for_each(|&next| frontier.prefetch_all_of(graph, next));
-            frontier.boundary_of(cluster).for_each(|face| graph.prefetch_neighbours(face));
-        }
+    for &cluster in changed {
         around.clear();
         for face in frontier.boundary_of(cluster) {
             let beside = graph.neighbours_of(face);
             around.extend(&[face]);
             around.add(beside.len(), beside.iter().copied(), |near| labels.near_boundary(near) != cluster);
-        }
-        if outgrows_caches {
-            around.kept().iter().for_each(|&face| prefetch(rests, face as usize));
         }
         around.retain(|face| {
             let kept = &rests[face as usize];
