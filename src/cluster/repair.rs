@@ -2,7 +2,7 @@
 
 use crate::device::FREE;
 use crate::surface::DualGraph;
-use crate::surface::sets::{NO_SET, Sets};
+use crate::union_find::{NO_SET, Sets};
 
 /// The connected pieces of equally labelled faces.
 struct Pieces {

@@ -31,7 +31,6 @@ mod density;
 mod graph;
 mod lattice;
 mod order;
-pub(crate) mod sets;
 mod weld;
 
 pub use coarse::{Coarse, Grouping};
