@@ -12,14 +12,13 @@ pub(crate) fn with_lookahead<T>(items: &[T]) -> impl Iterator<Item = (&T, Ahead<
 }
 
 /// The current item of a slice and those after it.
-#[derive(Debug, Clone, Copy)]
 pub(crate) struct Ahead<'a, T>(&'a [T]);
 
 impl<'a, T> Ahead<'a, T> {
     /// The item so many stages ahead, if there is one. A chain of reads is prefetched in stages: first what is found directly, one
     /// stage later what that points to.
     #[inline(always)]
-    pub fn stage(self, stages: usize) -> Option<&'a T> {
+    pub fn stage(&self, stages: usize) -> Option<&'a T> {
         self.0.get(stages * LOOKAHEAD)
     }
 }

@@ -15,8 +15,7 @@ struct Both<'a> {
 impl<'a> Both<'a> {
     fn new(graph: &'a DualGraph, ties: Ties) -> Self {
         let labels: Vec<u32> = (0..graph.faces() as u32).collect();
-        let mut clusters = Clusters::new(graph, &graph.component_of_face());
-        clusters.gather(graph, &labels);
+        let clusters = Clusters::of(graph, &graph.component_of_face(), &labels);
         Self { graph, ties, labels, clusters, contraction: Contraction::new(graph, ties) }
     }
 
@@ -52,10 +51,9 @@ impl<'a> Both<'a> {
         let pairs = choose(&edges);
         self.contraction.merge(&self.clusters, &pairs);
         for &(from, into) in &pairs {
-            self.clusters.merge(into, from);
             self.labels.iter_mut().filter(|label| **label == from).for_each(|label| *label = into);
         }
-        self.clusters.refit();
+        self.clusters.merge(&pairs);
         edges
     }
 }
