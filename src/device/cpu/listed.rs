@@ -9,7 +9,7 @@ use super::boundary::BoundaryPhase;
 use super::boundary_faces::BoundaryFaces;
 use super::change_log::Cursor;
 use super::clusters::Clusters;
-use super::grow::grow;
+use super::grow::Growth;
 use super::labels::Labels;
 use super::pieces::{self, Pieces};
 use super::refine::RefinementPhase;
@@ -35,6 +35,7 @@ pub struct Listed {
     queue: Option<Queue>,
     /// Clusters that may have faces, ascending.
     living: Vec<u32>,
+    growth: Growth,
     /// Scratch memory of walks, empty before the first.
     places: Vec<AtomicU32>,
     /// The faces that moved since the last merge, with the cluster they left; None before the first merge.
@@ -53,6 +54,7 @@ impl Listed {
             refinement: None,
             is_resumed: false,
             queue: None,
+            growth: Growth::default(),
             places: Vec::new(),
             moved_since_merge: has_merged.then(Vec::new),
         }
@@ -180,7 +182,7 @@ impl Listed {
             .collect();
         front.sort_unstable();
         front.dedup();
-        grow(graph, labels, front, cancel)?;
+        self.growth.grow(graph, labels, front, cancel)?;
         let moves: Vec<Move> = faces
             .iter()
             .zip(from)

@@ -4,7 +4,7 @@ use super::Move;
 use super::best_edge::BestEdge;
 use super::best_edge::contraction::{Contraction, ContractionSearch};
 use super::clusters::Clusters;
-use super::grow::grow;
+use super::grow::Growth;
 use super::labels::Labels;
 use super::listed::Listed;
 use crate::cluster::dual_edge::{Rank, Ties};
@@ -156,7 +156,7 @@ impl Steps for CpuSteps<'_> {
         };
         let front = (0..labels.len() as u32).filter(is_near_free).collect();
         self.state = State::Labelled;
-        grow(self.graph, &mut self.labels, front, cancel)
+        Growth::default().grow(self.graph, &mut self.labels, front, cancel)
     }
 
     fn energy(&mut self) -> Result<LatticeEnergy> {

@@ -94,7 +94,8 @@ fn whatever_faces_move_all_pieces_are_found() {
     for (sample, faces) in [(Sample::Sphere, 1500), (Sample::Strip, 300), (Sample::Cube, 600), (Sample::Parts, 900)] {
         let surface = Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface");
         let graph = &surface.graph;
-        let mut steps = CpuSteps::new(graph, &graph.component_of_face());
+        let component_of_cluster = graph.component_of_face();
+        let mut steps = CpuSteps::new(graph, &component_of_cluster);
         steps.set_labels(&(0..graph.faces() as u32).collect::<Vec<_>>()).expect("the cpu does not fail");
         for _ in 0..14 {
             let mutual = steps.mutual_dual_edges(Ties::Hash).expect("the cpu does not fail");
