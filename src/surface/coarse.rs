@@ -1,7 +1,14 @@
-//! Coarser graphs: connected groups of faces as faces, for clusterings that go from coarse to fine.
+//! Coarser graphs, whose faces are connected groups of faces, for clusterings that go from coarse to fine.
 //!
-//! A group is a face with those of its neighbours that belong to none yet, in internal order; then lone faces join the
-//! smallest group beside them. On triangles a group has 2.6 faces on average.
+//! In internal order, every face that is in no group yet forms one with its neighbours that are in none; then groups of one face
+//! join the smallest neighbouring group. On triangles a group has 2.6 faces on average.
+//!
+//! Which neighbours are free, or in another group, follows no pattern: the loops here compute both outcomes and select one.
+//! With branches, a whole clustering of the bunny at quality fast takes 1.09 times as long
+//! (`benches/results/2026-11-22-two-cores/deleted.md`).
+
+use std::array::from_fn;
+use std::hint::select_unpredictable;
 
 use rayon::prelude::*;
 
@@ -11,10 +18,14 @@ use crate::cluster::sums::ClusterSums;
 /// No group yet.
 const NONE: u32 = u32::MAX;
 
-/// Groups whose neighbours a thread finds at a time.
+/// Groups of a chunk.
 const RUN: usize = 4096;
 
-/// Most faces that form a group; lone faces may add to it.
+/// Neighbouring groups, repeated ones included, up to which they are sorted by counting. Most groups have no more; with 16, counting
+/// takes longer than sorting.
+const FEW: usize = 8;
+
+/// Faces that form a group, at most; single faces may join it later.
 const MOST_FACES: usize = 4;
 
 /// A coarser graph and where its faces lie.
@@ -55,7 +66,7 @@ impl Grouping {
 }
 
 impl DualGraph {
-    /// So many groups there are at least, whatever [`grouped`](Self::grouped) makes of the faces.
+    /// A lower bound of the number of groups that [`grouped`](Self::grouped) makes.
     pub fn least_groups(&self, heaviest: &[u64]) -> u64 {
         let of_component = |(component, &heaviest): (&Component, &u64)| match heaviest {
             0 => u64::from(component.faces),
@@ -76,7 +87,7 @@ impl DualGraph {
             // no face weighs more, either
             let heaviest = heaviest.min(1 << 31);
             groups.form(self, component, heaviest);
-            groups.take_in_lone_faces(self, component, heaviest);
+            groups.merge_single_faces(self, component, heaviest);
         }
         let group_of_face = groups.numbered();
         // a component's faces follow those of the ones before it, and so do its groups
@@ -164,24 +175,73 @@ impl Run {
             neighbours: Vec::with_capacity(6 * groups.len()),
             ends: Vec::with_capacity(groups.len()),
         };
-        let mut others = Vec::new();
+        let mut others = vec![0u32; FEW];
         for (group, faces) in groups {
             let mut sums = ClusterSums::default();
-            others.clear();
+            let mut found = 0;
             for &face in faces {
                 sums.add_face(graph, face as usize, 1);
-                let beside = graph.neighbours_of(face).iter().map(|&near| group_of_face[near as usize]);
-                others.extend(beside.filter(|&beside| beside != group));
+                let beside = graph.neighbours_of(face);
+                if found + beside.len() > others.len() {
+                    others.resize(2 * (found + beside.len()), 0);
+                }
+                for &near in beside {
+                    let beside = group_of_face[near as usize];
+                    others[found] = beside;
+                    found += usize::from(beside != group);
+                }
             }
-            others.sort_unstable();
-            others.dedup();
-            run.neighbours.extend_from_slice(&others);
+            run.push_neighbours(&mut others, found);
             run.ends.push(run.neighbours.len() as u32);
             run.centroids.push(sums.proxy().unwrap_or_default());
             run.weights.push(sums.weight as u32);
         }
         run
     }
+
+    /// Appends the first `count` of `others` as neighbours: ascending, each once. `others` has at least [`FEW`] items.
+    fn push_neighbours(&mut self, others: &mut [u32], count: usize) {
+        match others.first_chunk() {
+            Some(few) if count <= FEW => self.push_few(few, count),
+            _ => {
+                others[..count].sort_unstable();
+                self.neighbours.extend(others[..count].chunk_by(|a, b| a == b).map(|equal| equal[0]));
+            }
+        }
+    }
+
+    /// The same for at most [`FEW`]: each goes to the index that is the number of smaller ones.
+    #[inline]
+    fn push_few(&mut self, others: &[u32; FEW], count: usize) {
+        /// Above all groups.
+        const NO_GROUP: i32 = i32::MAX;
+        let all: [i32; FEW] = from_fn(|at| if at < count { others[at] as i32 } else { NO_GROUP });
+        let smaller = smaller_in(&all);
+        // equal ones share an index, and leave the following ones empty
+        let mut sorted = [NO_GROUP; FEW];
+        for (&smaller, &other) in smaller.iter().zip(&all) {
+            sorted[smaller as usize % FEW] = other;
+        }
+        let mut neighbours = [0u32; FEW];
+        let mut kept = 0;
+        for other in sorted {
+            neighbours[kept % FEW] = other as u32;
+            kept += usize::from(other != NO_GROUP);
+        }
+        let first = self.neighbours.len();
+        self.neighbours.extend_from_slice(&neighbours);
+        self.neighbours.truncate(first + kept);
+    }
+}
+
+/// How many are smaller than each. A function of its own, so that the compiler makes vector instructions of it.
+#[inline(never)]
+fn smaller_in(all: &[i32; FEW]) -> [i32; FEW] {
+    let mut smaller = [0; FEW];
+    for one in all {
+        smaller = from_fn(|at| smaller[at] + i32::from(*one < all[at]));
+    }
+    smaller
 }
 
 /// Groups that are being formed.
@@ -212,32 +272,31 @@ impl Groups {
                 }
                 let near_weight = u64::from(graph.weights[near as usize]);
                 let of_near = &mut self.group_of_face[near as usize];
-                if *of_near == NONE && weight + near_weight <= heaviest {
-                    *of_near = group;
-                    faces += 1;
-                    weight += near_weight;
-                }
+                let joins = (*of_near == NONE) & (weight + near_weight <= heaviest);
+                *of_near = select_unpredictable(joins, group, *of_near);
+                faces += usize::from(joins);
+                weight += select_unpredictable(joins, near_weight, 0);
             }
             self.faces.push(faces as u32);
             self.weights.push(weight);
         }
     }
 
-    /// Lets groups of one face join the group with the fewest faces beside them, the smaller number of equal ones.
-    fn take_in_lone_faces(&mut self, graph: &DualGraph, component: &Component, heaviest: u64) {
+    /// Groups of one face join the neighbouring group with the fewest faces, the smaller number of equal ones.
+    fn merge_single_faces(&mut self, graph: &DualGraph, component: &Component, heaviest: u64) {
         for face in component.range() {
-            let lone = self.group_of_face[face] as usize;
-            if self.faces[lone] != 1 {
+            let single = self.group_of_face[face] as usize;
+            if self.faces[single] != 1 {
                 continue;
             }
             let groups =
                 graph.neighbours_of(face as u32).iter().map(|&near| self.group_of_face[near as usize] as usize);
-            let has_room = |group: &usize| *group != lone && self.weights[*group] + self.weights[lone] <= heaviest;
+            let has_room = |group: &usize| *group != single && self.weights[*group] + self.weights[single] <= heaviest;
             if let Some(group) = groups.filter(has_room).min_by_key(|&group| (self.faces[group], group)) {
                 self.group_of_face[face] = group as u32;
                 self.faces[group] += 1;
-                self.weights[group] += self.weights[lone];
-                self.faces[lone] = 0;
+                self.weights[group] += self.weights[single];
+                self.faces[single] = 0;
             }
         }
     }
@@ -249,10 +308,9 @@ impl Groups {
         let mut groups = 0;
         for group in &mut group_of_face {
             let number = &mut number_of_group[*group as usize];
-            if *number == NONE {
-                *number = groups;
-                groups += 1;
-            }
+            let is_first = *number == NONE;
+            *number = select_unpredictable(is_first, groups, *number);
+            groups += u32::from(is_first);
             *group = *number;
         }
         group_of_face
@@ -261,7 +319,7 @@ impl Groups {
 
 #[cfg(test)]
 mod tests {
-    use super::Coarse;
+    use super::{Coarse, FEW, Run};
     use crate::sample::{Sample, generate};
     use crate::surface::{DualGraph, Surface};
 
@@ -316,6 +374,23 @@ mod tests {
             assert!(coarse.graph.faces() * 3 <= surface.faces() * 2, "{sample:?}");
             let least = surface.least_groups(&heaviest);
             assert!(least >= 12 && least <= coarse.graph.faces() as u64, "{sample:?}: {least}");
+        }
+    }
+
+    #[test]
+    fn neighbours_are_put_in_order_however_many_there_are() {
+        let mut run = Run::default();
+        for count in 0..3 * FEW {
+            for groups in [1, 5, 1000] {
+                let mut others: Vec<u32> =
+                    (0..count.max(FEW) as u32).map(|at| (at + 7).wrapping_mul(2_654_435_761) % groups).collect();
+                let mut expected = others[..count].to_vec();
+                expected.sort_unstable();
+                expected.dedup();
+                run.neighbours.clear();
+                run.push_neighbours(&mut others, count);
+                assert_eq!(run.neighbours, expected, "{count} of {groups}");
+            }
         }
     }
 

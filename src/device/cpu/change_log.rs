@@ -52,6 +52,11 @@ impl ChangeLog {
         self.add(cluster, Cursor::Pieces.bit());
     }
 
+    /// Whether a cluster is known to be in one piece.
+    pub fn is_connected(&self, cluster: u32) -> bool {
+        (self.is_pending[cluster as usize] | self.is_untouched) & Cursor::Pieces.bit() == 0
+    }
+
     /// A cluster was merged into another. If both are in one piece, so is the union; if pieces of either are pending, they are of
     /// the union. A cluster that ended needs no proxy.
     pub fn merged(&mut self, into: u32, from: u32) {

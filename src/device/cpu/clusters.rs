@@ -145,6 +145,11 @@ impl Clusters {
         self.change_log.may_be_in_pieces(cluster);
     }
 
+    /// Whether a cluster is known to be in one piece.
+    pub fn is_connected(&self, cluster: u32) -> bool {
+        self.change_log.is_connected(cluster)
+    }
+
     /// Requests the sums of a cluster.
     #[inline]
     pub fn prefetch(&self, cluster: u32) {

@@ -9,6 +9,7 @@ use super::boundary::BoundaryPhase;
 use super::boundary_faces::BoundaryFaces;
 use super::change_log::Cursor;
 use super::clusters::Clusters;
+use super::detour::surely_stays_connected;
 use super::grow::Growth;
 use super::labels::Labels;
 use super::pieces::{self, Pieces};
@@ -118,11 +119,10 @@ impl Listed {
             }
             labels.set(face, to);
             self.clusters.transfer(graph, face, from, to);
-            // a leaf leaves a connected cluster connected; a face beside the cluster that it joins keeps it connected
-            if pieces::neighbours_in(graph, labels, face, from) > 1 {
+            if self.clusters.is_connected(from) && !surely_stays_connected(graph, labels, face, from) {
                 self.clusters.may_be_in_pieces(from);
             }
-            if pieces::neighbours_in(graph, labels, face, to) == 0 {
+            if graph.neighbours_of(face).iter().all(|&near| labels.of(near) != to) {
                 self.clusters.may_be_in_pieces(to);
             }
             self.boundary.moved(graph, labels, face);

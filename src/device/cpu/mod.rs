@@ -21,6 +21,7 @@ mod boundary;
 mod boundary_faces;
 mod change_log;
 mod clusters;
+mod detour;
 mod grow;
 mod labels;
 mod listed;

@@ -204,8 +204,3 @@ pub fn cut_off(view: View<'_>, boundary: &BoundaryFaces, of_clusters: &[u32], pl
     cut_off.sort_unstable();
     cut_off
 }
-
-/// How many of a face's neighbours are in a cluster.
-pub fn neighbours_in(graph: &DualGraph, labels: &Labels, face: u32, cluster: u32) -> usize {
-    graph.neighbours_of(face).iter().filter(|&&near| labels.of(near) == cluster).count()
-}
