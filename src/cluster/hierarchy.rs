@@ -11,8 +11,7 @@
 //!   always such a pair, and a round never does nothing while a dual edge is left.
 //! * *Sequential rounds* (ML): the dual edge with the smallest exact cost of all merges; with `collapse_fraction` P, one
 //!   after the other until P % of the clusters are gone (Chiosa & Kolb 2008).
-//! * *Optimisation*: the boundary phase and the refinement of [`super::flat`], on the merged clusters. They look only at what
-//!   has changed. Between stops, parallel rounds make only a few iterations (2), and the next round goes on where they ended. Then
+//! * *Optimisation*: the boundary phase and the refinement of [`super::flat`], on the merged clusters. Between stops, parallel rounds make only a few iterations (2), and the next round goes on where they ended. Then
 //!   pieces that were cut off are given to their neighbours. Parallel rounds are optimised from so many faces a cluster on
 //!   ([`Options::optimised_from`]: 4), stops in any case. Both numbers are those of the default [`super::quality::Quality`].
 //!
@@ -25,31 +24,18 @@
 //! A run stops at `clusters`, at each of `levels` and at one cluster a component, at exactly those numbers: a round that
 //! would pass one merges only its cheapest pairs. There the phases run until no cluster is in pieces, as in a flat run.
 //!
-//! # Why the cheaper half
+//! # Why
 //!
-//! Merging all pairs halves the clusters everywhere, also where they are large already: on a mesh of uneven triangles the
-//! flat parts run ahead, and optimisation between the rounds does not bring the clusters back (nefertiti, 2,000 clusters: 5.4 %
-//! above a flat clustering). With the cheaper half, parallel merging without optimisation ends at the energies of greedy
-//! Ward clustering (1,000 clusters, all pairs → cheaper half → one at a time, hexagon ratio: bunny 1.270 → 1.235 → 1.235,
-//! horse 1.321 → 1.226 → 1.226), and with optimisation within 0.3 % of a flat clustering, nefertiti too. It takes about twice as many rounds.
-//! Pairs of equal costs merge together, so a plateau takes no more rounds than it did.
+//! *The cheaper half.* Merging all pairs halves the clusters everywhere, also where they are large already. With the cheaper half,
+//! parallel merging without optimisation ends at the energies of greedy Ward clustering, in about twice as many rounds. Pairs of
+//! equal costs merge together, so that a plateau takes no more rounds.
 //!
-//! # Why a few iterations
+//! *A few iterations between stops.* The next round moves what a minimum would fix. Energies at stops differ by 0.2 % at most between
+//! one iteration a round and no limit; time differs by a factor of seven on a sphere of a million faces.
 //!
-//! Between stops nobody needs a minimum: the next round moves it. Where clusters are alike, as on a sphere, borders drift for
-//! thousands of iterations that change little. A sphere of 1,000,000 faces took 27,805 iterations to the top with boundary
-//! phases that ran to their ends, and 141 s of processor time, against 20 s with 2 iterations a round (17 s on two threads).
-//! Energies at stops, where the phases do run to their ends, differ by 0.2 % at most between 1, 2, 3, 4 iterations a round and no
-//! limit (bunny, horse, nefertiti, armadillo, at 2,000 and 1,000); between them they are 1.6 % higher with 4 iterations than
-//! without a limit (bunny), 0.9 % with 8.
+//! *Not from the first round.* Clusters of two or three faces leave little to optimise, and most clusters are such.
 //!
-//! # Why not from the first round
-//!
-//! Clusters of two or three faces leave little to optimise, and there are most of them: the rounds before clusters have four
-//! faces took a fifth of all instructions, more where memory is slow. What merges left there is made good by the first round
-//! that is optimised. Energies are higher by 0.1 to 3.9 % than with all rounds optimised where there is more than one cluster for four
-//! faces, and differ by 0.3 % at most, in either direction, where there is one for five to seventy (bunny, horse, nefertiti, igea,
-//! armadillo).
+//! Measurements: `benches/results/choices.md`.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -74,7 +60,7 @@ pub enum Pairs {
     All,
 }
 
-/// What a hierarchy is asked for.
+/// What to build.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
     /// Rounds are sequential from this number of clusters on: 0 for never, `u64::MAX` for always.
@@ -151,7 +137,7 @@ pub fn hierarchical(
         left -= merges;
         let is_level = left == stop && (options.levels.contains(&stop) || options.clusters == Some(stop));
         let mut moves = 0;
-        // a cluster that is all of its component says nothing about the others
+        // a cluster that is all of its component does not count
         let are_large = faces >= options.optimised_from * (left - components);
         if options.optimise && (is_level || is_sequential || are_large) {
             let mut nothing = |_: Row| {};
@@ -221,7 +207,7 @@ fn merge_cheapest(steps: &mut dyn MergeSteps, ties: Ties, times: u64, builder: &
     Ok(times)
 }
 
-/// Merges pairs and keeps a record of it.
+/// Merges pairs and records them.
 fn merge(steps: &mut dyn MergeSteps, pairs: &[(u32, u32)], builder: &mut Builder<'_>) -> Result<()> {
     let ends: Vec<u32> = pairs.iter().flat_map(|&(low, high)| [low, high]).collect();
     let sums = steps.sums_of(&ends)?;
@@ -248,7 +234,7 @@ fn optimise(run: &mut Run<'_>, options: &Options, is_level: bool, is_sequential:
 /// Merges that a thread records at a time.
 const MERGES_A_THREAD: usize = 256;
 
-/// Keeps the record of a run.
+/// Builds the tree of a run.
 struct Builder<'a> {
     surface: &'a Surface,
     tree: Tree,
@@ -257,7 +243,7 @@ struct Builder<'a> {
 }
 
 impl<'a> Builder<'a> {
-    /// For so many merges.
+    /// An empty tree with room for `merges` merges.
     fn new(surface: &'a Surface, merges: usize) -> Self {
         let faces = surface.faces() as u32;
         let moments = (0..faces).map(|face| surface.moment_of(face)).collect();

@@ -1,4 +1,4 @@
-//! What is known of a cluster: exact integer sums, and the proxy they give (DESIGN §3).
+//! The exact integer sums of a cluster, and the proxy that they give. Bounds are derived in `docs/arithmetic.md`.
 
 use crate::surface::DualGraph;
 

@@ -22,8 +22,8 @@ use crate::surface::DualGraph;
 /// The label of a face that belongs to no cluster (the paper's "null" cluster, P§5.2).
 pub const FREE: u32 = u32::MAX;
 
-/// Tells how many bytes of its own memory a device has allocated; none when it has none, or cannot tell. May be asked at any
-/// time, by any thread.
+/// Returns how many bytes of its own memory a device has allocated; None when it has none, or does not know. Any thread may call it
+/// at any time.
 pub type MemoryMeter = Arc<dyn Fn() -> Option<u64> + Send + Sync>;
 
 /// What an [`Uploader`] brought of a surface; freed when dropped.
@@ -95,10 +95,10 @@ pub trait Steps {
     /// Energy of the current labels with respect to the lattice proxies.
     fn energy(&mut self) -> Result<LatticeEnergy>;
 
-    /// Boundary-based optimisation (P§3.2, see [`crate::cluster`] for the synchronous definition) until nothing moves or
+    /// Boundary-based optimisation (P§3.2, defined in [`crate::cluster::flat`]) until nothing moves or
     /// `max_iterations` iterations with moves were made. All faces must be labelled.
     ///
-    /// `on_iteration` is told of every iteration in which something moved, in order, though maybe in batches.
+    /// `on_iteration` is called with every iteration in which something moved, in order, though maybe in batches.
     fn optimise_boundary(
         &mut self,
         max_iterations: u32,
@@ -118,8 +118,8 @@ pub trait Steps {
         on_iteration: &mut dyn FnMut(Step),
     ) -> Result<Ending>;
 
-    /// Says that the phase that stopped at its limit goes on with the next call of it, instead of beginning anew: faces that
-    /// were refused stay so. Nothing else may be changed in between.
+    /// The next phase goes on with the last one, which stopped at its limit: faces that were refused stay refused. Call it right before
+    /// that phase.
     fn resume(&mut self);
 
     /// Frees the faces outside the piece with the most faces (of equally large ones, that with the smallest face) of each
@@ -196,7 +196,7 @@ pub struct LatticeEnergy {
 
 /// A flag that asks a running job to stop; clones share it.
 ///
-/// Who runs looks at it again and again; a watchdog can [count](Self::counting) that to see whether anything goes on.
+/// A run checks it in every iteration; a watchdog can [count](Self::counting) the checks to see whether the run makes progress.
 #[derive(Debug, Clone, Default)]
 pub struct Cancel {
     asked: Arc<AtomicBool>,

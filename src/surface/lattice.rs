@@ -1,4 +1,4 @@
-//! From f64 to integers (DESIGN §3).
+//! From f64 to integers. `docs/arithmetic.md` has all bounds.
 //!
 //! Positions are centred on their bounding box and scaled by a power of two so that the box reaches 2²⁷ at most; a
 //! face's centroid is rounded to the nearest lattice point, its area × 2^exponent to the nearest integer, at least 1.

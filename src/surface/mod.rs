@@ -8,19 +8,11 @@
 //! (and one power, by a library that is compiled in) in a fixed order, so the result is the same on every machine and for
 //! any number of threads.
 //!
-//! Nothing here knows of clusters, algorithms or devices.
+//! It knows nothing of algorithms and devices; of clusters it knows their sums, whose energy it converts to source units.
 //!
-//! # What it costs
-//!
-//! Welding, adjacency and components on one side and the order on the other are worked on at the same time; then rows,
-//! centroids and weights are gathered in that order, in pieces. On one thread of a shared x86-64 machine it takes about
-//! 150 ns a face, at 270,000 faces as at 10 million, in 1150 instructions: 28 % for the links, a fifth each for the order and
-//! for centroids and areas, a tenth each for components and rows, the rest for welding and weights. The peak is 110 bytes a
-//! face beyond the file, 24 of them the mesh itself. What paid: no sorting of half-edges and no copy of them
-//! (`adjacency`), records of 8 bytes instead of 16 (`order`), centroids computed twice instead of kept (memory that is
-//! touched for the first time costs more than they do), four triangles at a time (`lattice`), no branches on what follows no
-//! pattern, which cost more than the instructions that stand in for them (`sets`, `weld`, `coarse`), and memory asked for ahead where
-//! faces come in another order than the file's (`adjacency`, `lattice`).
+//! Welding, adjacency and components on one side and the order on the other are computed at the same time; then rows, centroids and
+//! weights are gathered in that order, in chunks. The peak is 110 bytes a face beyond the file, 24 of them the mesh itself.
+//! `benches/results/` has times and what they consist of.
 
 mod adjacency;
 mod bridge;
