@@ -9,7 +9,7 @@
 //!    groups than two a cluster, because most of its faces weigh next to nothing, stays as it is.
 //! 2. *Too many clusters.* On the coarsest graph, a third more than are wanted start from stratified seeds and grow.
 //! 3. *Merging.* The boundary phase ([`super::flat`]) makes four iterations. Every cluster finds its best dual edge
-//!    ([`super::dual_edge`]); of the pairs that chose each other, the cheaper half merge; and so on until there are as many
+//!    ([`super::dual_edge`]); of the mutual pairs, the cheaper half merge; and so on until there are as many
 //!    clusters as wanted. No component goes below its share. Then the boundary phase runs to its end. Where few clusters are
 //!    wanted, clusters teleport ([`super::teleport`]), 800 / k times, and 2. and 3. are done for as many seed numbers, the lowest
 //!    energy goes on.
@@ -53,7 +53,7 @@ pub struct Effort {
     pub clusters_in_starts: u64,
 }
 
-/// The first round teleports one of so many clusters, the next half as many where that did not lower the energy.
+/// The first round teleports one cluster in 20. A round that does not lower the energy halves that for the next.
 const TELEPORTS_OF: usize = 20;
 
 /// Rounds of teleports at most.
@@ -271,7 +271,7 @@ impl Start {
     }
 }
 
-/// Merges the cheaper half of the pairs that chose each other, at most as many in each component as it has to spare.
+/// Merges the cheaper half of the mutual pairs; in each component at most its surplus.
 fn merge_cheaper_half(steps: &mut dyn MergeSteps, component_of_cluster: &[u32], surplus: &mut [usize]) -> Result<()> {
     let mut mutual = steps.mutual_dual_edges(Ties::Hash)?;
     mutual.retain(|pair| surplus[component_of_cluster[pair.ends().0 as usize] as usize] > 0);

@@ -37,7 +37,7 @@ pub struct End {
 }
 
 impl End {
-    /// M₁M₂·|P₁−P₂|²/(M₁+M₂) in units of the clusters' component, off by some 2⁻⁵⁰ of it: to leave out what costs more by far.
+    /// M₁M₂·|P₁−P₂|²/(M₁+M₂) in units of the clusters' component, with a relative error of some 2⁻⁵⁰: to leave out edges that cost far more.
     #[inline]
     pub fn cost_about(self, other: Self) -> f64 {
         // they are signed, which is converted faster
@@ -107,7 +107,7 @@ pub fn hash_pair(a: u32, b: u32) -> u32 {
     mix(mix(a.min(b)).wrapping_add(0x9e37_79b9) ^ a.max(b))
 }
 
-/// A dual edge as the cluster sees it that looks for its best: smaller is better.
+/// The rank of a dual edge among those of a cluster: smaller is better.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Rank<Cost> {
     /// The merge cost.
@@ -133,7 +133,7 @@ impl<Cost> Rank<Cost> {
     }
 }
 
-/// The pairs of clusters that chose each other, the cheapest first. `edges` are in the order of their clusters.
+/// The mutual pairs of best dual edges, the cheapest first. `edges` are in the order of their clusters.
 pub fn mutual(edges: &[DualEdge]) -> Vec<Rank<u32>> {
     let clusters = edges.last().map_or(0, |edge| edge.cluster as usize + 1);
     let mut chosen = vec![u32::MAX; clusters];

@@ -12,8 +12,8 @@
 //! * *Sequential rounds* (ML): the dual edge with the smallest exact cost of all merges; with `collapse_fraction` P, one
 //!   after the other until P % of the clusters are gone (Chiosa & Kolb 2008).
 //! * *Optimisation*: the boundary phase and the refinement of [`super::flat`], on the merged clusters. Between stops, parallel rounds make only a few iterations (2), and the next round goes on where they ended. Then
-//!   pieces that were cut off are given to their neighbours. Parallel rounds are optimised from so many faces a cluster on
-//!   ([`Options::optimised_from`]: 4), stops in any case. Both numbers are those of the default [`super::quality::Quality`].
+//!   pieces that were cut off are given to their neighbours. Parallel rounds are optimised when clusters have 4 faces on average
+//!   ([`Options::optimised_from`]), stops always. Both numbers are those of the default [`super::quality::Quality`].
 //!
 //! Of two clusters that merge, the one with more faces keeps its number, the smaller number of equal ones. Clusters start
 //! with the internal number of their face.
@@ -101,13 +101,13 @@ pub struct RoundRow {
     pub merges: u64,
     /// Faces that belong elsewhere after the optimisation than after the merges.
     pub moves: u64,
-    /// Whether it ended at a number that was asked for.
+    /// Whether it ended at a requested number of clusters.
     pub is_level: bool,
 }
 
 /// Builds a hierarchy. The device was opened for it with one cluster a face, in the component of that face.
 ///
-/// `on_row` is told of every iteration of parallel rounds, `on_round` of every round. Labels are the last round's, internal
+/// `on_row` is called with every iteration of parallel rounds, `on_round` with every round. Labels are the last round's, internal
 /// order.
 pub fn hierarchical(
     surface: &Surface,
@@ -181,7 +181,7 @@ pub fn check(surface: &Surface, options: &Options) -> Result<u64> {
     Ok(target)
 }
 
-/// Merges pairs that chose each other, the cheapest first, at most so many; returns how many.
+/// Merges mutual pairs, the cheapest first, `at_most` of them; returns how many.
 fn merge_mutual(steps: &mut dyn MergeSteps, options: &Options, at_most: u64, builder: &mut Builder<'_>) -> Result<u64> {
     let mut mutual = steps.mutual_dual_edges(options.ties)?;
     if mutual.is_empty() {
@@ -197,7 +197,7 @@ fn merge_mutual(steps: &mut dyn MergeSteps, options: &Options, at_most: u64, bui
     Ok(pairs.len() as u64)
 }
 
-/// Merges the cheapest dual edge of all, so many times; returns that number.
+/// Merges the cheapest dual edge of all, `times` times; returns that number.
 fn merge_cheapest(steps: &mut dyn MergeSteps, ties: Ties, times: u64, builder: &mut Builder<'_>) -> Result<u64> {
     for _ in 0..times {
         let pair = steps.cheapest_dual_edge(ties)?;

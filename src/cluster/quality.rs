@@ -67,7 +67,7 @@ impl Quality {
         }
     }
 
-    /// Iterations of flat clusterings, unless another number is asked for; None: to the end.
+    /// Iterations of flat clusterings, unless the parameters have another number; None: to the end.
     pub fn max_iterations(self) -> Option<u32> {
         match self {
             Quality::Fast => Some(3),
@@ -80,7 +80,7 @@ impl Quality {
         self != Quality::Fast
     }
 
-    /// Iterations of optimisation in a parallel round of a hierarchy between stops, unless another number is asked for.
+    /// Iterations of optimisation in a parallel round of a hierarchy between stops, unless the parameters have another number.
     pub fn iterations_a_round(self) -> u32 {
         match self {
             Quality::Fast => 1,

@@ -1,4 +1,4 @@
-//! Refinement: moves that lower the energy although the paper's test does not see it.
+//! Refinement: moves that lower the energy, but fail the paper's boundary test.
 //!
 //! The boundary test of P§3.2 holds the proxies; P§7 concedes that it therefore ends above ACVD. A face of weight w
 //! that moves from cluster a to b shifts both proxies, and the energy with respect to exact means falls by
@@ -7,12 +7,12 @@
 //! gain = w·|g − P_a|²·M_a/(M_a − w) − w·|g − P_b|²·M_b/(M_b + w)
 //! ```
 //!
-//! which can be positive where the boundary test says no. Moves at the same time do not add up, though: applied to all
-//! faces at once they oscillate for ever. So clusters deal in pairs.
+//! which can be positive where the boundary test fails. Gains of moves at the same time do not add up: applied to all faces at once, they
+//! oscillate for ever. So a cluster takes part in one exchange of faces with one other cluster at a time.
 //!
 //! # Definition of an iteration
 //!
-//! 1. Every face looks at the clusters of its neighbours, except its own, and bids for the one with the largest
+//! 1. Every face considers the clusters of its neighbours, except its own, and bids for the one with the largest
 //!    [`gain`] per weight (the smaller cluster number of equal ones), if that is positive. A face that is alone in its
 //!    cluster does not bid, nor does one that was refused in this phase and none of whose clusters (own, neighbours') has
 //!    gained or lost a face since.
@@ -34,8 +34,8 @@
 //! # Connected refinement
 //!
 //! Moves at the same time can cut a cluster in two, and so can a single one. Where repairs and phases go round in circles,
-//! this variant has the last word: nobody joins a winner, and a winner that would leave its cluster in pieces is refused.
-//! A cluster loses one face an iteration at most and gains only faces beside it, so connected clusters stay connected;
+//! this variant ends the run: no face joins a winner, and a winner that would leave its cluster in pieces is refused.
+//! A cluster loses one face an iteration at most and gains only neighbouring faces, so connected clusters stay connected;
 //! the rest of the proof is as above.
 //!
 //! # Why together

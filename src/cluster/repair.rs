@@ -1,4 +1,4 @@
-//! Pieces of clusters, found by going through the whole mesh, independently of any device: for checks.
+//! Pieces of clusters, found in a pass over the whole mesh: the reference for those that devices find, and the check of results.
 
 use crate::device::FREE;
 use crate::surface::DualGraph;

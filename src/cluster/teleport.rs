@@ -13,10 +13,10 @@ use super::sums::{ClusterSums, squared_distance};
 use crate::device::DualEdge;
 use crate::surface::DualGraph;
 
-/// Splits that are looked at for a pair, so that many pairs do not look at many that are taken.
+/// Splits that are tried for a pair, at most: many pairs would otherwise try many that are taken.
 const LOOKS: usize = 64;
 
-/// Clusters that a thread splits at a time.
+/// Clusters of a chunk.
 const CHUNK: usize = 64;
 
 /// The teleports that a clustering allows.
@@ -25,16 +25,16 @@ pub struct Teleports<'a> {
     graph: &'a DualGraph,
     component_of_cluster: &'a [u32],
     members: Members,
-    /// The pairs of clusters that chose each other, the cheapest first.
+    /// The mutual pairs of clusters, the cheapest first.
     pairs: Vec<(u32, u32)>,
     /// The splits of each component, those that gain most first.
     splits: Vec<Vec<Split>>,
 }
 
-/// A cluster falls into two.
+/// A way to split a cluster in two.
 #[derive(Debug)]
 struct Split {
-    /// What the energy falls by, packed as merge costs are.
+    /// By how much the energy falls, packed as merge costs are.
     gain: u32,
     cluster: u32,
     /// The faces that are nearer to the second leave it.
@@ -42,7 +42,7 @@ struct Split {
 }
 
 impl<'a> Teleports<'a> {
-    /// Those of some labels: every face is labelled, `edges` are the optimal dual edges.
+    /// The teleports of some labels. Every face is labelled; `edges` are the best dual edges.
     pub fn of(graph: &'a DualGraph, labels: &[u32], component_of_cluster: &'a [u32], edges: &[DualEdge]) -> Self {
         let members = Members::of(labels, component_of_cluster.len());
         let split = |cluster: u32| {
@@ -61,11 +61,11 @@ impl<'a> Teleports<'a> {
         Self { graph, component_of_cluster, members, pairs, splits }
     }
 
-    /// The labels, those that these are of, after at most `most` of them: the cheapest merges, and the splits that gain most. None when there is no such
-    /// pair. Merges cost more than splits gain, always: what pays is that the clusters around both have it easier afterwards,
-    /// which only optimisation shows.
+    /// `labels`, from which these teleports were computed, after at most `most` of them: the cheapest merges with the splits that gain
+    /// most. None when there is no such pair. A merge always costs more than a split gains; the energy falls in the optimisation
+    /// that follows.
     ///
-    /// Clusters of a teleport have no others beside them, and lie in one component.
+    /// The clusters of a teleport lie in one component, and none of them touches those of another teleport.
     pub fn made(&self, labels: &[u32], most: usize) -> Option<Vec<u32>> {
         let mut labels = labels.to_vec();
         let mut is_taken = vec![false; self.component_of_cluster.len()];

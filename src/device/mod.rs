@@ -65,7 +65,7 @@ pub trait Device: Send {
         drop(uploaded);
     }
 
-    /// Frees what it keeps for the next surface. To be told when none is likely to come soon.
+    /// Frees memory that is kept for the next surface. Call it when none is expected soon.
     fn rest(&mut self) {}
 
     /// Brings a surface to the device, with all faces free.
@@ -194,7 +194,7 @@ pub struct LatticeEnergy {
     pub explained: i128,
 }
 
-/// A flag that asks a running job to stop; clones share it.
+/// A flag that cancels a running job; clones share it.
 ///
 /// A run checks it in every iteration; a watchdog can [count](Self::counting) the checks to see whether the run makes progress.
 #[derive(Debug, Clone, Default)]
@@ -204,23 +204,23 @@ pub struct Cancel {
 }
 
 impl Cancel {
-    /// The same flag, of which `looks` counts how often it is looked at.
+    /// The same flag; `looks` counts its checks.
     pub fn counting(&self, looks: Arc<AtomicU64>) -> Self {
         Self { asked: Arc::clone(&self.asked), looks }
     }
 
-    /// Asks to stop.
+    /// Cancels the job.
     pub fn cancel(&self) {
         self.asked.store(true, Ordering::Relaxed);
     }
 
-    /// Whether it was asked to stop.
+    /// Whether the job was cancelled.
     pub fn is_cancelled(&self) -> bool {
         self.looks.fetch_add(1, Ordering::Relaxed);
         self.asked.load(Ordering::Relaxed)
     }
 
-    /// An error when it was asked to stop.
+    /// An error if the job was cancelled.
     pub fn check(&self) -> Result<()> {
         if self.is_cancelled() { Err(Error::cancelled()) } else { Ok(()) }
     }

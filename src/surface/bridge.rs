@@ -1,7 +1,7 @@
-//! Bridges: dual edges that join components which share no edge, for those who want one tree over separate parts, or
-//! fewer clusters than parts.
+//! Bridges: dual edges between components, which share no edge. With them one tree covers separate parts, and there may be fewer
+//! clusters than parts.
 //!
-//! Each component stands for itself by the face nearest to its proxy. Components whose proxies are near each other are
+//! A component is represented by the face nearest to its proxy. Components whose proxies are near each other are
 //! joined: the candidates are neighbours along Morton curves through the proxies, on the lattice as it is and shifted
 //! twice, and of those a minimum spanning tree by distance is taken. So there is one bridge less than components, no
 //! component has more than six, and the cost is that of sorting.

@@ -123,7 +123,7 @@ impl Frame {
 }
 
 impl Frame {
-    /// Calls `visit` with each place in `faces` and the centroid of the face there.
+    /// Calls `visit` with each index in `faces` and the centroid of the face there.
     pub fn each_centroid(&self, mesh: &PolygonMesh, faces: &[u32], mut visit: impl FnMut(usize, [f64; 3])) {
         let four = self.fours(mesh, faces, |at, triangles| {
             let [x, y, z] = triangles.centroid();
@@ -135,7 +135,7 @@ impl Frame {
         }
     }
 
-    /// Calls `visit` with each place in `faces` and what [`face`](Self::face) says of the face there.
+    /// Calls `visit` with each index in `faces` and the result of [`face`](Self::face) for the face there.
     pub fn each_face(&self, mesh: &PolygonMesh, faces: &[u32], mut visit: impl FnMut(usize, FaceGeometry, f64)) {
         let four = self.fours(mesh, faces, |at, triangles| {
             let [x, y, z] = triangles.centroid();

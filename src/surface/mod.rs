@@ -113,7 +113,7 @@ impl Surface {
                 1u32 << 31
             )));
         }
-        // from within the pool, the many parallel steps wake nobody
+        // from within the pool, parallel steps need not wake it
         rayon::scope(|_| Self::build_in_pool(mesh, bridge, wanted))
     }
 

@@ -32,7 +32,7 @@ use crate::error::{Error, Result};
 use crate::report::Phase;
 use crate::surface::Surface;
 
-/// Faces between looks at the flag that asks to stop.
+/// Faces between checks for cancellation.
 const BETWEEN_CHECKS: usize = 1 << 16;
 
 /// Clusters a surface from the given seeds, and keeps the labels that `record` wants. Of the options, only `max_iterations` has a meaning here.

@@ -83,7 +83,7 @@ impl Labels {
         label
     }
 
-    /// Brings the labels of some faces and of those beside them up to date.
+    /// Brings the labels of some faces and of their neighbours up to date.
     pub fn refresh_around(&mut self, graph: &DualGraph, faces: &[u32]) {
         if FACES_AROUND * faces.len() >= self.raw.len() {
             self.renew();

@@ -94,7 +94,7 @@ fn random(state: &mut u64, below: u64) -> u64 {
     (*state >> 33) % below
 }
 
-/// Some of the best dual edges, whether or not they were chosen from both sides, none of them beside another.
+/// Some of the best dual edges, mutual or not, no two of which touch.
 fn some(edges: &[DualEdge], state: &mut u64) -> Vec<(u32, u32)> {
     let mut taken = std::collections::HashSet::new();
     let mut pairs = Vec::new();
@@ -168,7 +168,7 @@ fn merged_to_the_top_the_best_dual_edges_are_those_of_the_faces() {
 }
 
 fn merge_samples_to_the_top() {
-    // of the largest, several threads look at once
+    // in the largest, several threads search at once
     for (sample, faces) in [
         (Sample::Sphere, 1500),
         (Sample::Strip, 400),
