@@ -17,13 +17,15 @@
 //! differ by more than the factor [`MARGIN`] are in the order of their packed costs, which resolve 1 + 2⁻²⁴. Only edges that are
 //! closer than that, and the resulting pairs, get packed costs.
 
+mod node;
 mod search;
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use rayon::prelude::*;
 
+use self::node::{Edge, Grown, NO_NODE, Node, RoughEnd, Row, Status, resolve};
 use self::search::{Context, SearchResult};
 use super::BestEdge;
 use crate::cluster::dual_edge::{Rank, Ties};
@@ -31,9 +33,6 @@ use crate::device::DualEdge;
 use crate::device::cpu::clusters::Clusters;
 use crate::device::cpu::tuning::chunks::ITEMS;
 use crate::surface::DualGraph;
-
-/// No node.
-const NO_NODE: u32 = u32::MAX;
 
 /// The round before the first. A row of this round has no costs.
 const NEVER: u32 = 0;
@@ -68,59 +67,6 @@ pub struct Contraction {
     ties: Ties,
     /// Whether the best edges are those after the last round.
     is_current: bool,
-}
-
-/// What searches read of a neighbour, in half a cache line.
-#[derive(Debug)]
-#[repr(align(32))]
-struct Node {
-    end: RoughEnd,
-    status: Status,
-    /// Its best edge, packed. Written by the node's own search. Before that search, the search of a neighbour that grew may reset it
-    /// to [`Edge::LOST`]; offers are applied between the two.
-    best: AtomicU64,
-}
-
-/// The edges of a node as of its last search, which wrote them.
-#[derive(Debug)]
-struct Row {
-    /// Index of its first edge.
-    start: usize,
-    /// Number of its edges.
-    len: AtomicU32,
-    /// The round of that search; [`NEVER`] if all costs have to be computed.
-    searched: AtomicU32,
-}
-
-/// Whether and how a node has changed.
-#[derive(Debug, Clone, Copy)]
-struct Status {
-    /// The node that it was merged into; itself while it lives.
-    into: u32,
-    /// The round in which it last grew.
-    grown: u32,
-}
-
-/// A node that grew.
-#[derive(Debug)]
-struct Grown {
-    node: u32,
-    /// The rows of the two nodes that merged.
-    rows: [Range<usize>; 2],
-}
-
-/// A neighbour, or [`NO_NODE`], and the rough cost of merging with it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Edge {
-    other: u32,
-    cost: f32,
-}
-
-/// A cluster as an end of a dual edge, in single precision.
-#[derive(Debug, Clone, Copy)]
-struct RoughEnd {
-    weight: f32,
-    proxy: [i32; 3],
 }
 
 impl Contraction {
@@ -326,17 +272,6 @@ fn room(compacted: usize, nodes: usize) -> usize {
     2 * compacted + nodes
 }
 
-/// The living node that a node is part of.
-fn resolve(nodes: &[Node], mut node: u32) -> u32 {
-    loop {
-        let into = nodes[node as usize].status.into;
-        if into == node {
-            return node;
-        }
-        node = into;
-    }
-}
-
 /// The contraction as a way to find best edges.
 pub struct ContractionSearch<'a> {
     pub contraction: &'a mut Contraction,
@@ -350,77 +285,6 @@ impl BestEdge for ContractionSearch<'_> {
 
     fn mutual(&mut self) -> Vec<Rank<u32>> {
         self.contraction.mutual(self.clusters)
-    }
-}
-
-impl Node {
-    fn best(&self) -> Edge {
-        Edge::unpacked(self.best.load(Relaxed))
-    }
-
-    fn set_best(&self, edge: Edge) {
-        self.best.store(edge.packed(), Relaxed);
-    }
-
-    /// Resets the best edge. Returns whether this is the first time in the round.
-    fn lose_best(&self) -> bool {
-        self.best.swap(Edge::LOST.packed(), Relaxed) != Edge::LOST.packed()
-    }
-}
-
-impl Row {
-    fn new(start: usize, len: u32, searched: u32) -> Self {
-        Self { start, len: len.into(), searched: searched.into() }
-    }
-
-    fn edges(&self) -> Range<usize> {
-        self.start..self.start + self.len.load(Relaxed) as usize
-    }
-
-    fn searched(&self) -> u32 {
-        self.searched.load(Relaxed)
-    }
-
-    /// Stores the length of the row after the search of a round.
-    fn renew(&self, len: usize, round: u32) {
-        self.len.store(len as u32, Relaxed);
-        self.searched.store(round, Relaxed);
-    }
-}
-
-impl Status {
-    /// Whether the node of this status is what it was at the end of a round.
-    fn is_unchanged_since(self, node: u32, round: u32) -> bool {
-        self.into == node && self.grown <= round
-    }
-}
-
-impl RoughEnd {
-    /// M₁M₂·|P₁−P₂|²/(M₁+M₂) in units of the clusters' component. Relative error below 12·2⁻²⁴: each conversion and operation adds
-    /// 2⁻²⁴, and only integers are subtracted.
-    fn rough_cost(self, other: Self) -> f32 {
-        let square = |axis: usize| {
-            let difference = (self.proxy[axis] - other.proxy[axis]) as f32;
-            difference * difference
-        };
-        let harmonic = self.weight * other.weight / (self.weight + other.weight);
-        harmonic * (square(0) + square(1) + square(2))
-    }
-}
-
-impl Edge {
-    const NONE: Self = Self { other: NO_NODE, cost: f32::INFINITY };
-
-    /// In place of the best edge of a node that has to search.
-    const LOST: Self = Self { other: NO_NODE, cost: -1.0 };
-
-    /// Packed so that the order is that of the costs, which are not negative.
-    fn packed(self) -> u64 {
-        u64::from(self.cost.to_bits()) << 32 | u64::from(self.other)
-    }
-
-    fn unpacked(packed: u64) -> Self {
-        Self { other: packed as u32, cost: f32::from_bits((packed >> 32) as u32) }
     }
 }
 
