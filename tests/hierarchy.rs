@@ -56,7 +56,7 @@ fn run(surface: &Surface, options: &Options) -> Outcome {
 fn sums_of(surface: &Surface, labels: &[u32]) -> Vec<ClusterSums> {
     let mut sums = vec![ClusterSums::default(); labels.len()];
     for (face, &label) in labels.iter().enumerate() {
-        sums[label as usize].add_face(surface, face, 1);
+        sums[label as usize].add_face(surface.face(face), 1);
     }
     sums
 }

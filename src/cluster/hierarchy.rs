@@ -43,8 +43,8 @@ use utoipa::ToSchema;
 
 use super::dual_edge::{Rank, Ties, from_into, keep_cheaper_half};
 use super::run::{Row, Run};
-use super::sums::ClusterSums;
 use crate::device::{Cancel, LatticeEnergy, MergeSteps};
+use crate::energy::cvd::ClusterSums;
 use crate::error::{Error, Kind, Result};
 use crate::surface::Surface;
 use crate::tree::{FaceMove, Merge, Round, Tree};

@@ -9,8 +9,8 @@ use std::cmp::Reverse;
 use rayon::prelude::*;
 
 use super::dual_edge::{End, mutual, packed_cost};
-use super::sums::{ClusterSums, squared_distance};
 use crate::device::DualEdge;
+use crate::energy::cvd::{ClusterSums, squared_distance};
 use crate::surface::DualGraph;
 
 /// Splits that are tried for a pair, at most: many pairs would otherwise try many that are taken.
@@ -119,7 +119,7 @@ impl Split {
     fn of(graph: &DualGraph, faces: &[u32], cluster: u32, energy_shift: u32) -> Option<Self> {
         let sums_of = |faces: &mut dyn Iterator<Item = u32>| {
             let mut sums = ClusterSums::default();
-            faces.for_each(|face| sums.add_face(graph, face as usize, 1));
+            faces.for_each(|face| sums.add_face(graph.face(face as usize), 1));
             sums
         };
         let whole = sums_of(&mut faces.iter().copied());

@@ -14,7 +14,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use crate::cluster::dual_edge::{Rank, Ties, mutual};
-use crate::cluster::sums::ClusterSums;
+pub use crate::energy::LatticeEnergy;
+use crate::energy::cvd::ClusterSums;
 use crate::error::{Error, Result};
 use crate::report::DeviceInfo;
 use crate::surface::DualGraph;
@@ -182,16 +183,6 @@ pub enum Ending {
     Converged,
     /// The allowed number of iterations was made; there may be moves left.
     IterationLimit,
-}
-
-/// Σ over clusters of `(2·P·S − M·|P|²) << energy_shift`, exactly: what the proxies explain of Q.
-///
-/// The energy is `F = Q − explained` with the constant Q of the surface ([`crate::surface::Surface::energy`] converts to source units);
-/// devices leave the constant out, because it needs no device. |explained| < 2¹²³.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct LatticeEnergy {
-    /// The explained part, in units of the lattice with the finest weights.
-    pub explained: i128,
 }
 
 /// A flag that cancels a running job; clones share it.

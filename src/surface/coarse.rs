@@ -13,7 +13,7 @@ use std::hint::select_unpredictable;
 use rayon::prelude::*;
 
 use super::{Component, DualGraph};
-use crate::cluster::sums::ClusterSums;
+use crate::energy::cvd::ClusterSums;
 
 /// No group yet.
 const NONE: u32 = u32::MAX;
@@ -180,7 +180,7 @@ impl Run {
             let mut sums = ClusterSums::default();
             let mut found = 0;
             for &face in faces {
-                sums.add_face(graph, face as usize, 1);
+                sums.add_face(graph.face(face as usize), 1);
                 let beside = graph.neighbours_of(face);
                 if found + beside.len() > others.len() {
                     others.resize(2 * (found + beside.len()), 0);

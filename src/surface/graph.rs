@@ -1,6 +1,7 @@
 //! The dual graph of a surface on the integer lattice: all that algorithms and devices see of a mesh.
 
 use super::Component;
+use crate::energy::cvd::Face;
 use crate::prefetch::prefetch;
 
 /// Faces as nodes with a place and a weight, shared edges as edges.
@@ -44,6 +45,12 @@ impl DualGraph {
     #[inline]
     pub(crate) fn prefetch_neighbours(&self, face: u32) {
         prefetch(&self.neighbours, self.neighbour_offsets[face as usize] as usize);
+    }
+
+    /// What the energy sees of a face.
+    #[inline]
+    pub fn face(&self, face: usize) -> Face {
+        Face { centroid: self.centroids[face], weight: self.weights[face] }
     }
 
     /// Number of faces.

@@ -34,8 +34,8 @@ use std::ops::{Deref, Range};
 
 use rayon::prelude::*;
 
-use crate::cluster::sums::ClusterSums;
-use crate::device::LatticeEnergy;
+use crate::energy::LatticeEnergy;
+use crate::energy::cvd::ClusterSums;
 use crate::error::{Error, Result};
 use crate::mesh::PolygonMesh;
 use crate::tree::Merge;

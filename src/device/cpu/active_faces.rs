@@ -188,12 +188,20 @@ fn exceeded_around(view: View<'_>, boundary: &BoundaryFaces, changed: &[u32], bo
     let View { graph, labels, .. } = view;
     let mut exceeded = Vec::new();
     let mut around = Filter::default();
-    for &cluster in changed {
+    let outgrows_caches = graph.outgrows_caches();
+    for (at, &cluster) in changed.iter().enumerate() {
+        if outgrows_caches {
+            changed.get(at + 1).into_iter().for_each(|&next| boundary.prefetch_list(graph, next));
+            boundary.of_cluster(cluster).for_each(|face| graph.prefetch_neighbours(face));
+        }
         around.clear();
         for face in boundary.of_cluster(cluster) {
             let near = graph.neighbours_of(face);
             around.extend(&[face]);
             around.add(near.len(), near.iter().copied(), |near| labels.near_boundary(near) != cluster);
+        }
+        if outgrows_caches {
+            around.kept().iter().for_each(|&face| prefetch(bounds, face as usize));
         }
         around.retain(|face| {
             let bound = &bounds[face as usize];

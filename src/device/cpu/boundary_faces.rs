@@ -96,6 +96,14 @@ impl BoundaryFaces {
         faces.iter().copied().filter(move |&face| self.listed_in[face as usize].load(Relaxed) == cluster)
     }
 
+    /// Requests what is read of the faces in the list of a cluster, except their neighbours.
+    pub fn prefetch_list(&self, graph: &DualGraph, cluster: u32) {
+        for &face in &self.faces_of_cluster[cluster as usize] {
+            self.prefetch(face);
+            graph.prefetch(face);
+        }
+    }
+
     /// Requests the entry of a face.
     #[inline]
     pub fn prefetch(&self, face: u32) {

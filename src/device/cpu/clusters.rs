@@ -1,4 +1,4 @@
-//! Sums and proxies of the clusters, in exact integers ([`crate::cluster::sums`]).
+//! Sums and proxies of the clusters, in exact integers ([`crate::energy::cvd`]).
 //!
 //! Faces move and clusters merge one at a time; [`Clusters::refit`] then fits the proxies of all clusters that changed. A proxy has a
 //! *drift*: the length of its way so far. Bounds of faces are made of drifts ([`super::nearby`]).
@@ -6,8 +6,9 @@
 use rayon::prelude::*;
 
 use super::change_log::{ChangeLog, Cursor};
-use crate::cluster::sums::{ClusterSums, squared_distance};
-use crate::device::{FREE, LatticeEnergy};
+use crate::device::FREE;
+use crate::energy::LatticeEnergy;
+use crate::energy::cvd::{ClusterSums, squared_distance};
 use crate::prefetch::prefetch;
 use crate::surface::DualGraph;
 
@@ -78,7 +79,7 @@ impl Clusters {
         let count = component_of_cluster.len();
         let mut sums = vec![ClusterSums::default(); count];
         for (face, &label) in labels.iter().enumerate().filter(|(_, label)| **label != FREE) {
-            sums[label as usize].add_face(graph, face, 1);
+            sums[label as usize].add_face(graph.face(face), 1);
         }
         let mut cached = vec![CachedProxy { drift: 2, ..CachedProxy::NOWHERE }; count + 1];
         cached[0] = CachedProxy::NOWHERE;
@@ -134,8 +135,8 @@ impl Clusters {
     /// Moves a face's share from one cluster to another. Proxies follow in [`refit`](Self::refit). Whether
     /// the clusters [may be in pieces](Self::may_be_in_pieces) is for the caller to note.
     pub fn transfer(&mut self, graph: &DualGraph, face: u32, from: u32, to: u32) {
-        self.sums[from as usize].add_face(graph, face as usize, -1);
-        self.sums[to as usize].add_face(graph, face as usize, 1);
+        self.sums[from as usize].add_face(graph.face(face as usize), -1);
+        self.sums[to as usize].add_face(graph.face(face as usize), 1);
         self.change_log.changed(from);
         self.change_log.changed(to);
     }
@@ -240,6 +241,6 @@ impl Change {
 
     /// Adds a face.
     pub fn add(&mut self, graph: &DualGraph, face: u32) {
-        self.0.add_face(graph, face as usize, 1);
+        self.0.add_face(graph.face(face as usize), 1);
     }
 }

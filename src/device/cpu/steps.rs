@@ -8,8 +8,8 @@ use super::grow::Growth;
 use super::labels::Labels;
 use super::listed::Listed;
 use crate::cluster::dual_edge::{Rank, Ties};
-use crate::cluster::sums::ClusterSums;
 use crate::device::{Cancel, DualEdge, Ending, FREE, LatticeEnergy, MergeSteps, Step, Steps};
+use crate::energy::cvd::ClusterSums;
 use crate::error::Result;
 use crate::surface::DualGraph;
 

@@ -3,8 +3,8 @@
 use super::{Refinement, State, Sums, explained, grow, iterate, sums};
 use crate::cluster::dual_edge::{Rank, Ties, exact_cost, packed_cost};
 use crate::cluster::repair::cut_off_faces;
-use crate::cluster::sums::ClusterSums;
 use crate::device::{Cancel, Device, DualEdge, Ending, FREE, LatticeEnergy, MergeSteps, Step, Steps};
+use crate::energy::cvd::ClusterSums;
 use crate::error::Result;
 use crate::report::{DeviceInfo, DeviceKind};
 use crate::surface::DualGraph;

@@ -20,7 +20,6 @@
 mod node;
 mod search;
 
-use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use rayon::prelude::*;
