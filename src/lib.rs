@@ -33,8 +33,8 @@
 //! 1. Labels are a function of the mesh and the parameters only. Everything that decides a label is integer arithmetic
 //!    ([`surface`] says how positions become integers); no floating-point sum, hash-map order, thread count or arrival
 //!    order takes part.
-//! 2. The energy F never rises within a phase. A phase ends when no admissible move is left, or at a limit on iterations that the
-//!    caller or quality `fast` sets.
+//! 2. The energy F never rises within a phase. A phase ends when no admissible move is left, or at a limit on
+//!    iterations that the caller or quality `fast` sets.
 //! 3. Exactly k clusters, none empty, each connected across shared edges unless the caller allows otherwise.
 //! 4. Label i belongs to face i of the upload, whatever happens inside.
 //! 5. [`cluster`] knows no wgpu type, [`device`] knows no file format, and nothing below [`service`] knows of HTTP.

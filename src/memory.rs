@@ -1,9 +1,10 @@
 //! Settings of the allocator: what becomes of memory that jobs free.
 //!
-//! By default, glibc maps large blocks, unmaps them when they are freed, and gives each thread an arena of its own. The kernel then
-//! clears every page again that is used a second time, at some microseconds a page; threads wait for each other while pages are
-//! mapped; and what one thread frees, others cannot use. A job allocates and frees as much as its mesh takes, many times. So there are
-//! fewer arenas here, and freed memory is kept: until the end of a process that does one job, and in a service until it is idle.
+//! By default, glibc maps large blocks, unmaps them when they are freed, and gives each thread an arena of its own. The
+//! kernel then clears every page again that is used a second time, at some microseconds a page; threads wait for each
+//! other while pages are mapped; and what one thread frees, others cannot use. A job allocates and frees as much as its
+//! mesh takes, many times. So there are fewer arenas here, and freed memory is kept: until the end of a process that
+//! does one job, and in a service until it is idle.
 //!
 //! Both functions must be called before there is a second thread. With another C library they do nothing.
 
@@ -13,8 +14,9 @@ pub(crate) fn keep() {
     glibc::set(glibc::processors().div_ceil(4), &[(libc::M_MMAP_MAX, 0), (libc::M_TRIM_THRESHOLD, -1)]);
 }
 
-/// Keeps blocks of up to 32 MiB for the next job. A thread of its own frees what is not in use when the process has been idle for half
-/// a minute. There are two arenas for each processor: with one for two processors, a service did 293 small jobs a second in place of
+/// Keeps blocks of up to 32 MiB for the next job. A thread of its own frees what is not in use when the process has
+/// been idle for half a minute. There are two arenas for each processor: with one for two processors, a service did 293
+/// small jobs a second in place of
 /// 370. Free memory at the end of an arena beyond 32 MiB is unmapped at once.
 pub(crate) fn keep_between_jobs() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
@@ -52,8 +54,9 @@ mod glibc {
     pub fn set(arenas: usize, settings: &[(c_int, c_int)]) {
         let arenas = c_int::try_from(arenas).unwrap_or(c_int::MAX);
         for &(parameter, value) in settings.iter().chain(&[(libc::M_TOP_PAD, GROWTH), (libc::M_ARENA_MAX, arenas)]) {
-            // SAFETY: mallopt takes two integers and answers whether it knows the parameter and takes the value; nothing depends
-            // on that. No other thread may allocate meanwhile: this runs at the start of the process, before there is one.
+            // SAFETY: mallopt takes two integers and answers whether it knows the parameter and takes the value;
+            // nothing depends on that. No other thread may allocate meanwhile: this runs at the start of the process,
+            // before there is one.
             unsafe { libc::mallopt(parameter, value) };
         }
     }
@@ -68,8 +71,8 @@ mod glibc {
             if now.saturating_sub(before) > LITTLE {
                 is_due = true;
             } else if std::mem::take(&mut is_due) {
-                // SAFETY: malloc_trim touches no memory that is in use, and any thread may call it at any time. It answers
-                // whether there was anything to give.
+                // SAFETY: malloc_trim touches no memory that is in use, and any thread may call it at any time. It
+                // answers whether there was anything to give.
                 unsafe { libc::malloc_trim(0) };
             }
             before = now;

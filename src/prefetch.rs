@@ -1,6 +1,7 @@
 //! Prefetching: loops that visit memory in an order that the processor cannot predict request what a later item needs.
 //!
-//! It pays where a list of faces or nodes is scattered over a mesh that is larger than the caches. It changes no result.
+//! It pays where a list of faces or nodes is scattered over a mesh that is larger than the caches. It changes no
+//! result.
 
 /// Items between one stage of prefetching and the next. Half and twice as many differ by less than 4 % of a clustering
 /// (`benches/results/2026-11-22-two-cores/ahead.md`).
@@ -15,8 +16,8 @@ pub(crate) fn with_lookahead<T>(items: &[T]) -> impl Iterator<Item = (&T, Ahead<
 pub(crate) struct Ahead<'a, T>(&'a [T]);
 
 impl<'a, T> Ahead<'a, T> {
-    /// The item so many stages ahead, if there is one. A chain of reads is prefetched in stages: first what is found directly, one
-    /// stage later what that points to.
+    /// The item so many stages ahead, if there is one. A chain of reads is prefetched in stages: first what is found
+    /// directly, one stage later what that points to.
     #[inline(always)]
     pub fn stage(&self, stages: usize) -> Option<&'a T> {
         self.0.get(stages * LOOKAHEAD)

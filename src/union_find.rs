@@ -13,7 +13,8 @@ pub(crate) fn root(parent: &mut [u32], mut member: u32) -> u32 {
     }
 }
 
-/// Joins the trees of two members: the smaller root becomes the parent of the larger. Returns whether they were two trees.
+/// Joins the trees of two members: the smaller root becomes the parent of the larger. Returns whether they were two
+/// trees.
 pub(crate) fn join(parent: &mut [u32], one: u32, other: u32) -> bool {
     let (one, other) = (root(parent, one), root(parent, other));
     parent[one.max(other) as usize] = one.min(other);
@@ -22,8 +23,9 @@ pub(crate) fn join(parent: &mut [u32], one: u32, other: u32) -> bool {
 
 /// Connected sets of faces, found in one pass over the faces (the two-pass labelling of Rosenfeld & Pfaltz 1966).
 ///
-/// A face takes the set of one neighbour; where its neighbours are in several sets, these are joined. [`numbered`](Self::numbered)
-/// is the second pass. There are few sets where the order of faces keeps neighbours close, at most one a face.
+/// A face takes the set of one neighbour; where its neighbours are in several sets, these are joined.
+/// [`numbered`](Self::numbered) is the second pass. There are few sets where the order of faces keeps neighbours close,
+/// at most one a face.
 #[derive(Debug, Default)]
 pub(crate) struct Sets {
     /// For each set an earlier one that it is part of, or itself.
@@ -57,7 +59,8 @@ impl Sets {
         join(&mut self.joined, one, other);
     }
 
-    /// The number of the connected set that each set is part of, in the order of their first faces; and how many there are.
+    /// The number of the connected set that each set is part of, in the order of their first faces; and how many there
+    /// are.
     pub fn numbered(self) -> (Vec<u32>, usize) {
         let mut numbers = self.joined;
         let mut count = 0;

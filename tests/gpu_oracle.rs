@@ -273,7 +273,8 @@ fn a_changed_label_or_weight_shows_in_the_comparison() {
 
 #[test]
 fn of_two_equally_near_clusters_the_smaller_number_wins() {
-    // a row of four faces; the second lies halfway between the first and the third, and far from its own cluster's proxy
+    // a row of four faces; the second lies halfway between the first and the third, and far from its own cluster's
+    // proxy
     let mut surface = surface(Sample::Strip, 4);
     surface.graph.centroids = vec![[-10, 0, 0], [0, 0, 0], [10, 0, 0], [0, 1000, 0]];
     surface.graph.weights = vec![5; 4];

@@ -1,5 +1,5 @@
-//! Snapshots: the labels of iterations are those that the report's energies are of, on both devices, and to ask for them
-//! changes nothing.
+//! Snapshots: the labels of iterations are those that the report's energies are of, on both devices, and to ask for
+//! them changes nothing.
 
 mod cli_support;
 mod common;

@@ -4,24 +4,24 @@
 //!
 //! Numbers are those of the default [`Effort`]; [`super::quality`] has the others.
 //!
-//! 1. *Coarsening.* Neighbouring faces are grouped ([`crate::surface::Coarse`]), then groups, until less than a third would
-//!    go. No group weighs more than 1/16 of the mean cluster of its component, and a component that would be left with fewer
-//!    groups than two a cluster, because most of its faces weigh next to nothing, stays as it is.
+//! 1. *Coarsening.* Neighbouring faces are grouped ([`crate::surface::Coarse`]), then groups, until less than a third
+//!    would go. No group weighs more than 1/16 of the mean cluster of its component, and a component that would be left
+//!    with fewer groups than two a cluster, because most of its faces weigh next to nothing, stays as it is.
 //! 2. *Too many clusters.* On the coarsest graph, a third more than are wanted start from stratified seeds and grow.
 //! 3. *Merging.* The boundary phase ([`super::flat`]) makes four iterations. Every cluster finds its best dual edge
-//!    ([`super::dual_edge`]); of the mutual pairs, the cheaper half merge; and so on until there are as many
-//!    clusters as wanted. No component goes below its share. Then the boundary phase runs to its end. Where few clusters are
-//!    wanted, clusters teleport ([`super::teleport`]), 800 / k times, and 2. and 3. are done for as many seed numbers, the lowest
-//!    energy goes on.
-//! 4. *Back to the faces.* Labels go to the next finer graph, where the boundary phase runs; on the finest, they are where the
-//!    clustering starts.
+//!    ([`super::dual_edge`]); of the mutual pairs, the cheaper half merge; and so on until there are as many clusters
+//!    as wanted. No component goes below its share. Then the boundary phase runs to its end. Where few clusters are
+//!    wanted, clusters teleport ([`super::teleport`]), 800 / k times, and 2. and 3. are done for as many seed numbers,
+//!    the lowest energy goes on.
+//! 4. *Back to the faces.* Labels go to the next finer graph, where the boundary phase runs; on the finest, they are
+//!    where the clustering starts.
 //!
 //! # Why
 //!
-//! A flat clustering from k seeds keeps the irregularities that it starts with: its moves shift boundaries, and never take a cluster
-//! from where there are too many to where there are too few. Merging does. Where a cluster has sixteen groups instead of a hundred
-//! faces, the rounds are cheap. Energies end 0.2 to 0.5 % below those of the next best seeds, and below ACVD's
-//! (`benches/results/choices.md`, with what else was tried).
+//! A flat clustering from k seeds keeps the irregularities that it starts with: its moves shift boundaries, and never
+//! take a cluster from where there are too many to where there are too few. Merging does. Where a cluster has sixteen
+//! groups instead of a hundred faces, the rounds are cheap. Energies end 0.2 to 0.5 % below those of the next best
+//! seeds, and below ACVD's (`benches/results/choices.md`, with what else was tried).
 
 use rayon::prelude::*;
 
@@ -48,8 +48,8 @@ pub struct Effort {
     pub refine: bool,
     /// Rounds of teleports ([`super::teleport`]) on the coarsest graph, for any number of clusters.
     pub teleport_rounds: u64,
-    /// Starts are made from several seed numbers as long as they have no more clusters than this together; the one with the
-    /// lowest energy goes on. Each has as many rounds of teleports more, [`MOST_TELEPORT_ROUNDS`] at most.
+    /// Starts are made from several seed numbers as long as they have no more clusters than this together; the one with
+    /// the lowest energy goes on. Each has as many rounds of teleports more, [`MOST_TELEPORT_ROUNDS`] at most.
     pub clusters_in_starts: u64,
 }
 
@@ -185,7 +185,8 @@ impl CoarseStart {
         Ok(())
     }
 
-    /// Clusters of the coarsest graph, as many as wanted, numbered in the order of their first faces; and what they explain.
+    /// Clusters of the coarsest graph, as many as wanted, numbered in the order of their first faces; and what they
+    /// explain.
     fn merged(
         &self,
         graph: &DualGraph,
@@ -224,8 +225,8 @@ impl CoarseStart {
         Ok((energy, Start { labels, component_of_cluster: components }))
     }
 
-    /// Teleports clusters, as long as that lowers the energy and effort allows. Labels and what they explain; the device may be
-    /// left with others.
+    /// Teleports clusters, as long as that lowers the energy and effort allows. Labels and what they explain; the
+    /// device may be left with others.
     fn teleported(
         &self,
         graph: &DualGraph,

@@ -1,14 +1,14 @@
 //! Dual edges between clusters and the order in which they collapse (P§5.4, P§6).
 //!
 //! Merging two clusters raises the energy by `M₁M₂/(M₁+M₂)·|P₁−P₂|²`, which does not cancel as E₁₂ − E₁ − E₂ does. Two
-//! forms of it serve, both integers: [`exact_cost`] for one merge at a time, and [`packed_cost`], 32 bits whose order is
-//! the order of the values, for the parallel search of all clusters, on a gpu too.
+//! forms of it serve, both integers: [`exact_cost`] for one merge at a time, and [`packed_cost`], 32 bits whose order
+//! is the order of the values, for the parallel search of all clusters, on a gpu too.
 //!
 //! # Ties
 //!
-//! Equal costs are the rule on regular meshes. The paper takes the neighbour with the largest number, which never stalls
-//! but crawls: a strip of 4,096 equal faces takes 2,059 rounds. A hash of the pair puts the edges of a plateau in a random
-//! order instead, in which a constant share of them are the best at both ends (27 rounds).
+//! Equal costs are the rule on regular meshes. The paper takes the neighbour with the largest number, which never
+//! stalls but crawls: a strip of 4,096 equal faces takes 2,059 rounds. A hash of the pair puts the edges of a plateau
+//! in a random order instead, in which a constant share of them are the best at both ends (27 rounds).
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -90,8 +90,8 @@ pub fn keep_cheaper_half(mutual: &mut Vec<Rank<u32>>) {
     }
 }
 
-/// Two clusters that merge, the smaller number first, in the order in which the first becomes part of the second: the one with
-/// more faces keeps its number, the smaller number of equal ones. `sums` are theirs.
+/// Two clusters that merge, the smaller number first, in the order in which the first becomes part of the second: the
+/// one with more faces keeps its number, the smaller number of equal ones. `sums` are theirs.
 pub fn from_into((low, high): (u32, u32), sums: &[ClusterSums; 2]) -> (u32, u32) {
     if sums[1].faces > sums[0].faces { (low, high) } else { (high, low) }
 }

@@ -1,4 +1,5 @@
-//! Boundary-based clustering (P§3): its definition, why it ends, and the driver of flat clusterings. [`super::refinement`] continues it.
+//! Boundary-based clustering (P§3): its definition, why it ends, and the driver of flat clusterings.
+//! [`super::refinement`] continues it.
 //!
 //! # Definition
 //!
@@ -10,9 +11,9 @@
 //!
 //! *Iteration.* All faces decide at once, on the labels and proxies at its start:
 //!
-//! 1. For face f in cluster a, consider the clusters of the faces that it shares an edge with. The nearest is the one with the
-//!    smallest |g − P_b|², the smaller number where two are equal. If |g − P_b|² < |g − P_a|², f wants to move to b.
-//!    (The paper's test of a boundary edge, D⁰ D¹ D²; a cluster grows by its neighbour's shrinking, P§5.3.)
+//! 1. For face f in cluster a, consider the clusters of the faces that it shares an edge with. The nearest is the one
+//!    with the smallest |g − P_b|², the smaller number where two are equal. If |g − P_b|² < |g − P_a|², f wants to move
+//!    to b. (The paper's test of a boundary edge, D⁰ D¹ D²; a cluster grows by its neighbour's shrinking, P§5.3.)
 //! 2. *Last face.* If all faces that a had at the start want to leave, the one with the smallest internal number stays.
 //!    Faces that arrive in the same iteration do not count, so no cluster is ever empty.
 //! 3. All other faces that want to move do. Sums and proxies follow.
@@ -33,8 +34,8 @@
 //! # Connectivity
 //!
 //! Moves at the same time can cut a cluster in two. When the phases have converged, a repair frees all but the largest
-//! piece of each cluster; growth hands the freed faces to their neighbours, and the phases begin anew. Repair may raise F,
-//! and is its own row in the report. After [`super::run::MAX_REPAIRS`] repairs, connected refinement ends the run
+//! piece of each cluster; growth hands the freed faces to their neighbours, and the phases begin anew. Repair may raise
+//! F, and is its own row in the report. After [`super::run::MAX_REPAIRS`] repairs, connected refinement ends the run
 //! ([`super::refinement`]): what grew from connected pieces is connected, and stays so.
 
 use super::record::Record;
@@ -65,8 +66,8 @@ pub struct Clustering {
     pub ending: Ending,
 }
 
-/// Clusters a surface from a start: one label a face, or [`FREE`](crate::device::FREE) for faces that clusters grow over.
-/// The device was opened with the same surface and clusters.
+/// Clusters a surface from a start: one label a face, or [`FREE`](crate::device::FREE) for faces that clusters grow
+/// over. The device was opened with the same surface and clusters.
 ///
 /// `on_row` is called with every step as it happens.
 pub fn boundary_based(

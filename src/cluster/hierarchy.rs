@@ -4,34 +4,37 @@
 //!
 //! Every face starts as a cluster. A round merges clusters and then optimises:
 //!
-//! * *Parallel rounds* (PML): every cluster finds its best dual edge ([`super::dual_edge`]: packed cost, then the tie rule);
-//!   of the pairs that chose each other, those that cost no more than their median merge, or, as in the paper, all
-//!   ([`Pairs`]), all at once. The edges are totally ordered (or, with the paper's tie rule, the
-//!   cluster with the largest number among those of the cheapest edges has a partner that chose it back), so there is
-//!   always such a pair, and a round never does nothing while a dual edge is left.
-//! * *Sequential rounds* (ML): the dual edge with the smallest exact cost of all merges; with `collapse_fraction` P, one
-//!   after the other until P % of the clusters are gone (Chiosa & Kolb 2008).
-//! * *Optimisation*: the boundary phase and the refinement of [`super::flat`], on the merged clusters. Between stops, parallel rounds make only a few iterations (2), and the next round goes on where they ended. Then
-//!   pieces that were cut off are given to their neighbours. Parallel rounds are optimised when clusters have 4 faces on average
+//! * *Parallel rounds* (PML): every cluster finds its best dual edge ([`super::dual_edge`]: packed cost, then the tie
+//!   rule); of the pairs that chose each other, those that cost no more than their median merge, or, as in the paper,
+//!   all ([`Pairs`]), all at once. The edges are totally ordered (or, with the paper's tie rule, the cluster with the
+//!   largest number among those of the cheapest edges has a partner that chose it back), so there is always such a
+//!   pair, and a round never does nothing while a dual edge is left.
+//! * *Sequential rounds* (ML): the dual edge with the smallest exact cost of all merges; with `collapse_fraction` P,
+//!   one after the other until P % of the clusters are gone (Chiosa & Kolb 2008).
+//! * *Optimisation*: the boundary phase and the refinement of [`super::flat`], on the merged clusters. Between stops,
+//!   parallel rounds make only a few iterations (2), and the next round goes on where they ended. Then pieces that were
+//!   cut off are given to their neighbours. Parallel rounds are optimised when clusters have 4 faces on average
 //!   ([`Options::optimised_from`]), stops always. Both numbers are those of the default [`super::quality::Quality`].
 //!
-//! Of two clusters that merge, the one with more faces keeps its number, the smaller number of equal ones. Clusters start
-//! with the internal number of their face.
+//! Of two clusters that merge, the one with more faces keeps its number, the smaller number of equal ones. Clusters
+//! start with the internal number of their face.
 //!
-//! Without optimisation no face ever moves, and the tree is nested: parallel hierarchical clustering, or with sequential
-//! rounds exact greedy Ward clustering on the lattice (Garland et al. 2001).
+//! Without optimisation no face ever moves, and the tree is nested: parallel hierarchical clustering, or with
+//! sequential rounds exact greedy Ward clustering on the lattice (Garland et al. 2001).
 //!
-//! A run stops at `clusters`, at each of `levels` and at one cluster a component, at exactly those numbers: a round that
-//! would pass one merges only its cheapest pairs. There the phases run until no cluster is in pieces, as in a flat run.
+//! A run stops at `clusters`, at each of `levels` and at one cluster a component, at exactly those numbers: a round
+//! that would pass one merges only its cheapest pairs. There the phases run until no cluster is in pieces, as in a flat
+//! run.
 //!
 //! # Why
 //!
-//! *The cheaper half.* Merging all pairs halves the clusters everywhere, also where they are large already. With the cheaper half,
-//! parallel merging without optimisation ends at the energies of greedy Ward clustering, in about twice as many rounds. Pairs of
-//! equal costs merge together, so that a plateau takes no more rounds.
+//! *The cheaper half.* Merging all pairs halves the clusters everywhere, also where they are large already. With the
+//! cheaper half, parallel merging without optimisation ends at the energies of greedy Ward clustering, in about twice
+//! as many rounds. Pairs of equal costs merge together, so that a plateau takes no more rounds.
 //!
-//! *A few iterations between stops.* The next round moves what a minimum would fix. Energies at stops differ by 0.2 % at most between
-//! one iteration a round and no limit; time differs by a factor of seven on a sphere of a million faces.
+//! *A few iterations between stops.* The next round moves what a minimum would fix. Energies at stops differ by 0.2 %
+//! at most between one iteration a round and no limit; time differs by a factor of seven on a sphere of a million
+//! faces.
 //!
 //! *Not from the first round.* Clusters of two or three faces leave little to optimise, and most clusters are such.
 //!
@@ -73,8 +76,8 @@ pub struct Options {
     pub refine: bool,
     /// Iterations of optimisation a round, except at stops: parallel rounds, and sequential ones.
     pub iterations_a_round: [u32; 2],
-    /// Faces a cluster from which on parallel rounds are optimised: those of the mesh over the clusters that are left beyond one a
-    /// component. Stops are in any case.
+    /// Faces a cluster from which on parallel rounds are optimised: those of the mesh over the clusters that are left
+    /// beyond one a component. Stops are in any case.
     pub optimised_from: u64,
     /// Which pairs merge in parallel rounds.
     pub pairs: Pairs,
@@ -107,8 +110,8 @@ pub struct RoundRow {
 
 /// Builds a hierarchy. The device was opened for it with one cluster a face, in the component of that face.
 ///
-/// `on_row` is called with every iteration of parallel rounds, `on_round` with every round. Labels are the last round's, internal
-/// order.
+/// `on_row` is called with every iteration of parallel rounds, `on_round` with every round. Labels are the last
+/// round's, internal order.
 pub fn hierarchical(
     surface: &Surface,
     options: &Options,

@@ -1,7 +1,7 @@
 //! The labels of chosen iterations, kept as a run passes them (the paper's Figures 1 and 5).
 //!
-//! Only the first labels are kept whole; of every later snapshot, the faces whose labels differ from those of the one before.
-//! So memory is in proportion to the faces that moved.
+//! Only the first labels are kept whole; of every later snapshot, the faces whose labels differ from those of the one
+//! before. So memory is in proportion to the faces that moved.
 
 use crate::parameters::Snapshots;
 

@@ -1,4 +1,5 @@
-//! Pieces of clusters, found in a pass over the whole mesh: the reference for those that devices find, and the check of results.
+//! Pieces of clusters, found in a pass over the whole mesh: the reference for those that devices find, and the check of
+//! results.
 
 use crate::device::FREE;
 use crate::surface::DualGraph;

@@ -5,9 +5,9 @@ use crate::device::{Cancel, Ending, LatticeEnergy, Step, Steps};
 use crate::error::Result;
 use crate::report::Phase;
 
-/// Repairs after which the phases begin anew. Bunny, horse, nefertiti and igea need one, seldom none or two (36 runs, k from 1,000 to
-/// 5,000, both kinds of seeds). Where a piece lowers the energy in the cluster that it was cut from, phases and repairs may repeat
-/// without end; connected refinement then ends the run.
+/// Repairs after which the phases begin anew. Bunny, horse, nefertiti and igea need one, seldom none or two (36 runs, k
+/// from 1,000 to 5,000, both kinds of seeds). Where a piece lowers the energy in the cluster that it was cut from,
+/// phases and repairs may repeat without end; connected refinement then ends the run.
 pub const MAX_REPAIRS: u32 = 3;
 
 /// One step of a run.

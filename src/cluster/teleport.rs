@@ -1,8 +1,9 @@
 //! Teleports: moves that leave a local minimum (Cohen-Steiner et al. 2004, section 3.4).
 //!
-//! Moves of faces shift borders; a cluster never goes from where there are too many to where there are too few. A teleport
-//! merges two clusters that lose little by it and splits one that gains much, so that the number stays. Many are made at the
-//! same time, far from each other; what follows from them is optimised, and if the energy did not fall, all are taken back.
+//! Moves of faces shift borders; a cluster never goes from where there are too many to where there are too few. A
+//! teleport merges two clusters that lose little by it and splits one that gains much, so that the number stays. Many
+//! are made at the same time, far from each other; what follows from them is optimised, and if the energy did not fall,
+//! all are taken back.
 
 use std::cmp::Reverse;
 
@@ -61,9 +62,9 @@ impl<'a> Teleports<'a> {
         Self { graph, component_of_cluster, members, pairs, splits }
     }
 
-    /// `labels`, from which these teleports were computed, after at most `most` of them: the cheapest merges with the splits that gain
-    /// most. None when there is no such pair. A merge always costs more than a split gains; the energy falls in the optimisation
-    /// that follows.
+    /// `labels`, from which these teleports were computed, after at most `most` of them: the cheapest merges with the
+    /// splits that gain most. None when there is no such pair. A merge always costs more than a split gains; the energy
+    /// falls in the optimisation that follows.
     ///
     /// The clusters of a teleport lie in one component, and none of them touches those of another teleport.
     pub fn made(&self, labels: &[u32], most: usize) -> Option<Vec<u32>> {
@@ -114,8 +115,8 @@ fn leaves(graph: &DualGraph, centres: [[i32; 3]; 2], face: u32) -> bool {
 }
 
 impl Split {
-    /// From the two faces that are the farthest apart, by twice giving every face to the nearer centre. None when all faces
-    /// lie at one place.
+    /// From the two faces that are the farthest apart, by twice giving every face to the nearer centre. None when all
+    /// faces lie at one place.
     fn of(graph: &DualGraph, faces: &[u32], cluster: u32, energy_shift: u32) -> Option<Self> {
         let sums_of = |faces: &mut dyn Iterator<Item = u32>| {
             let mut sums = ClusterSums::default();

@@ -1,8 +1,8 @@
 //! Devices: what can carry out the steps of an algorithm.
 //!
-//! [`crate::cluster`] holds the drivers of the algorithms and knows only the traits here. Three devices implement them. [`plain`]
-//! is the definition of each step as sequential code. `cpu` and `gpu` are the ones in use, and a given sequence of calls gives the
-//! same labels and energies, bit for bit, on all three.
+//! [`crate::cluster`] holds the drivers of the algorithms and knows only the traits here. Three devices implement them.
+//! [`plain`] is the definition of each step as sequential code. `cpu` and `gpu` are the ones in use, and a given
+//! sequence of calls gives the same labels and energies, bit for bit, on all three.
 
 pub mod cpu;
 pub mod gpu;
@@ -23,8 +23,8 @@ use crate::surface::DualGraph;
 /// The label of a face that belongs to no cluster (the paper's "null" cluster, P§5.2).
 pub const FREE: u32 = u32::MAX;
 
-/// Returns how many bytes of its own memory a device has allocated; None when it has none, or does not know. Any thread may call it
-/// at any time.
+/// Returns how many bytes of its own memory a device has allocated; None when it has none, or does not know. Any thread
+/// may call it at any time.
 pub type MemoryMeter = Arc<dyn Fn() -> Option<u64> + Send + Sync>;
 
 /// What an [`Uploader`] brought of a surface; freed when dropped.
@@ -35,8 +35,8 @@ pub trait Uploader: Send + Sync {
     /// Brings what never changes of a surface. What it brought before stays, as long as the device has not
     /// [taken](Device::receive) it and there is room.
     ///
-    /// An error, as when there is no room for it beside the surface that is open, is nobody's failure: the surface is brought
-    /// when it is opened.
+    /// An error, as when there is no room for it beside the surface that is open, is nobody's failure: the surface is
+    /// brought when it is opened.
     fn upload(&self, graph: &DualGraph) -> Result<Uploaded>;
 }
 
@@ -45,8 +45,8 @@ pub trait Device: Send {
     /// What it is.
     fn info(&self) -> &DeviceInfo;
 
-    /// Another device like this one that may work at the same time, where that costs nothing: for small meshes, and for several
-    /// starts of one clustering.
+    /// Another device like this one that may work at the same time, where that costs nothing: for small meshes, and for
+    /// several starts of one clustering.
     fn another(&self) -> Option<Box<dyn Device>> {
         None
     }
@@ -119,13 +119,13 @@ pub trait Steps {
         on_iteration: &mut dyn FnMut(Step),
     ) -> Result<Ending>;
 
-    /// The next phase goes on with the last one, which stopped at its limit: faces that were refused stay refused. Call it right before
-    /// that phase.
+    /// The next phase goes on with the last one, which stopped at its limit: faces that were refused stay refused. Call
+    /// it right before that phase.
     fn resume(&mut self);
 
-    /// Frees the faces outside the piece with the most faces (of equally large ones, that with the smallest face) of each
-    /// cluster, and grows the clusters over them, as [`grow`](Self::grow) does. Returns how many that were. All faces must be
-    /// labelled.
+    /// Frees the faces outside the piece with the most faces (of equally large ones, that with the smallest face) of
+    /// each cluster, and grows the clusters over them, as [`grow`](Self::grow) does. Returns how many that were. All
+    /// faces must be labelled.
     fn repair(&mut self, cancel: &Cancel) -> Result<u64>;
 
     /// The current labels.
@@ -145,14 +145,15 @@ pub trait MergeSteps: Steps {
     /// The two ends of the dual edge with the smallest exact cost of all, the smaller number first.
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>>;
 
-    /// Merges pairs of clusters, each the first into the second of its pair (`(from, into)`); no cluster is in two pairs.
+    /// Merges pairs of clusters, each the first into the second of its pair (`(from, into)`); no cluster is in two
+    /// pairs.
     fn merge(&mut self, pairs: &[(u32, u32)]) -> Result<()>;
 
     /// The sums of some clusters.
     fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<ClusterSums>>;
 
-    /// The faces that belong to another cluster than after the last [`merge`](Self::merge), sorted: the face, the cluster
-    /// it belonged to and the one it belongs to.
+    /// The faces that belong to another cluster than after the last [`merge`](Self::merge), sorted: the face, the
+    /// cluster it belonged to and the one it belongs to.
     fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32, u32)>>;
 }
 
@@ -187,7 +188,8 @@ pub enum Ending {
 
 /// A flag that cancels a running job; clones share it.
 ///
-/// A run checks it in every iteration; a watchdog can [count](Self::counting) the checks to see whether the run makes progress.
+/// A run checks it in every iteration; a watchdog can [count](Self::counting) the checks to see whether the run makes
+/// progress.
 #[derive(Debug, Clone, Default)]
 pub struct Cancel {
     asked: Arc<AtomicBool>,

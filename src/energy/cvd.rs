@@ -1,4 +1,5 @@
-//! The energy of centroidal Voronoi diagrams (P§6): the area-weighted squared distance of centroids to the proxy of their cluster.
+//! The energy of centroidal Voronoi diagrams (P§6): the area-weighted squared distance of centroids to the proxy of
+//! their cluster.
 //!
 //! All of it is integer arithmetic; `docs/arithmetic.md` derives the bounds.
 
@@ -70,8 +71,8 @@ pub fn squared_distance(a: [i32; 3], b: [i32; 3]) -> u64 {
 
 /// Σ over clusters of `(2·P·S − M·|P|²) << energy_shift`, exactly: what the proxies explain of Q.
 ///
-/// The energy is `F = Q − explained` with the constant Q of the surface ([`crate::surface::Surface::energy`] converts to source units);
-/// devices leave the constant out, because it needs no device. |explained| < 2¹²³.
+/// The energy is `F = Q − explained` with the constant Q of the surface ([`crate::surface::Surface::energy`] converts
+/// to source units); devices leave the constant out, because it needs no device. |explained| < 2¹²³.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct LatticeEnergy {
     /// The explained part, in units of the lattice with the finest weights.
@@ -88,7 +89,8 @@ pub struct End {
 }
 
 impl End {
-    /// M₁M₂·|P₁−P₂|²/(M₁+M₂) in units of the clusters' component, with a relative error of some 2⁻⁵⁰: to leave out edges that cost far more.
+    /// M₁M₂·|P₁−P₂|²/(M₁+M₂) in units of the clusters' component, with a relative error of some 2⁻⁵⁰: to leave out
+    /// edges that cost far more.
     #[inline]
     pub fn cost_about(self, other: Self) -> f64 {
         // they are signed, which is converted faster
@@ -174,8 +176,8 @@ pub fn gain(weight: u32, from: Side, to: Side) -> i64 {
     leave as i64 - enter as i64
 }
 
-/// `gain · weight` of a positive gain as a float of 7 bits of exponent and 25 of mantissa; the order of the codes is the
-/// order of the values. At least 1.
+/// `gain · weight` of a positive gain as a float of 7 bits of exponent and 25 of mantissa; the order of the codes is
+/// the order of the values. At least 1.
 pub fn bid(gain: i64, weight: u32) -> u32 {
     let gain = gain as u64;
     // 32 bits of the gain are enough to rank it, and their product with the weight fits

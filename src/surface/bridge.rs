@@ -1,5 +1,5 @@
-//! Bridges: dual edges between components, which share no edge. With them one tree covers separate parts, and there may be fewer
-//! clusters than parts.
+//! Bridges: dual edges between components, which share no edge. With them one tree covers separate parts, and there may
+//! be fewer clusters than parts.
 //!
 //! A component is represented by the face nearest to its proxy. Components whose proxies are near each other are
 //! joined: the candidates are neighbours along Morton curves through the proxies, on the lattice as it is and shifted

@@ -1,10 +1,10 @@
 //! Coarser graphs, whose faces are connected groups of faces, for clusterings that go from coarse to fine.
 //!
-//! In internal order, every face that is in no group yet forms one with its neighbours that are in none; then groups of one face
-//! join the smallest neighbouring group. On triangles a group has 2.6 faces on average.
+//! In internal order, every face that is in no group yet forms one with its neighbours that are in none; then groups of
+//! one face join the smallest neighbouring group. On triangles a group has 2.6 faces on average.
 //!
-//! Which neighbours are free, or in another group, follows no pattern: the loops here compute both outcomes and select one.
-//! With branches, a whole clustering of the bunny at quality fast takes 1.09 times as long
+//! Which neighbours are free, or in another group, follows no pattern: the loops here compute both outcomes and select
+//! one. With branches, a whole clustering of the bunny at quality fast takes 1.09 times as long
 //! (`benches/results/2026-11-22-two-cores/deleted.md`).
 
 use std::array::from_fn;
@@ -21,8 +21,8 @@ const NONE: u32 = u32::MAX;
 /// Groups of a chunk.
 const RUN: usize = 4096;
 
-/// Neighbouring groups, repeated ones included, up to which they are sorted by counting. Most groups have no more; with 16, counting
-/// takes longer than sorting.
+/// Neighbouring groups, repeated ones included, up to which they are sorted by counting. Most groups have no more; with
+/// 16, counting takes longer than sorting.
 const FEW: usize = 8;
 
 /// Faces that form a group, at most; single faces may join it later.
@@ -79,8 +79,8 @@ impl DualGraph {
         self.components.iter().zip(heaviest).map(of_component).sum()
     }
 
-    /// Groups neighbouring faces; `heaviest[c]` is the most that a group of component c may weigh, if it is not a single
-    /// face. Groups are connected.
+    /// Groups neighbouring faces; `heaviest[c]` is the most that a group of component c may weigh, if it is not a
+    /// single face. Groups are connected.
     pub fn grouped(&self, heaviest: &[u64]) -> Grouping {
         let mut groups = Groups::new(self.faces());
         for (component, &heaviest) in self.components.iter().zip(heaviest) {

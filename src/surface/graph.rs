@@ -6,8 +6,8 @@ use crate::prefetch::prefetch;
 
 /// Faces as nodes with a place and a weight, shared edges as edges.
 ///
-/// A [`super::Surface`] has one whose nodes are its faces; [`contracted`](Self::contracted) makes smaller ones whose nodes
-/// are groups of faces. Everything is in internal order.
+/// A [`super::Surface`] has one whose nodes are its faces; [`contracted`](Self::contracted) makes smaller ones whose
+/// nodes are groups of faces. Everything is in internal order.
 #[derive(Debug, Clone)]
 pub struct DualGraph {
     /// Face centroids on the lattice, |coordinate| < 2²⁷.
@@ -22,8 +22,8 @@ pub struct DualGraph {
     pub components: Vec<Component>,
 }
 
-/// Faces from which on prefetching pays in clusterings (`benches/results/2026-11-22-two-cores-xeon/ahead.md`). Smaller graphs lie in the
-/// caches, and the requests took up to 5 % of a clustering.
+/// Faces from which on prefetching pays in clusterings (`benches/results/2026-11-22-two-cores-xeon/ahead.md`). Smaller
+/// graphs lie in the caches, and the requests took up to 5 % of a clustering.
 const OUTGROWS_CACHES: usize = 1 << 18;
 
 impl DualGraph {

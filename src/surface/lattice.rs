@@ -33,8 +33,9 @@ pub struct Frame {
 
 /// A face in lattice units, before rounding: its centroid and its [`AREA`].
 ///
-/// The centroid is the area-weighted mean of the centroids of the fan's triangles; the mean of the corners when there is
-/// no area. The area is the sum of the areas of the fan's triangles; on a surface with density, times the relative density.
+/// The centroid is the area-weighted mean of the centroids of the fan's triangles; the mean of the corners when there
+/// is no area. The area is the sum of the areas of the fan's triangles; on a surface with density, times the relative
+/// density.
 pub type FaceGeometry = [f64; 4];
 
 /// Where a face's geometry has its area.

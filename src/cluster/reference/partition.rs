@@ -47,8 +47,8 @@ impl<'a> Partition<'a> {
         squared_distance(self.surface.centroids[face as usize], self.proxy(cluster))
     }
 
-    /// By how much F falls, exactly, when a face goes to another cluster of its component, in units of that component; none
-    /// when its own would be left empty.
+    /// By how much F falls, exactly, when a face goes to another cluster of its component, in units of that component;
+    /// none when its own would be left empty.
     pub fn gain(&self, face: u32, to: u32) -> Option<i128> {
         let from = self.labels[face as usize];
         if self.sums[from as usize].faces == 1 {

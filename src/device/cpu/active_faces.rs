@@ -1,11 +1,12 @@
 //! Active faces: those whose decision may have changed since they were last evaluated.
 //!
-//! A phase evaluates only active faces; every other face would decide as it did before ([`super::nearby`] has the bound and why it
-//! is exact). So labels equal those of an iteration over all faces. A face becomes active when its bound is exceeded, when it moves,
-//! and when a neighbour moves to a cluster that its bound does not cover.
+//! A phase evaluates only active faces; every other face would decide as it did before ([`super::nearby`] has the bound
+//! and why it is exact). So labels equal those of an iteration over all faces. A face becomes active when its bound is
+//! exceeded, when it moves, and when a neighbour moves to a cluster that its bound does not cover.
 //!
-//! The last result of an inactive face stays valid. A caller that keeps results, as refinement keeps bids, must [`add`] faces
-//! again when their clusters change, because a face that has come to lie inside its cluster has no bound to exceed.
+//! The last result of an inactive face stays valid. A caller that keeps results, as refinement keeps bids, must [`add`]
+//! faces again when their clusters change, because a face that has come to lie inside its cluster has no bound to
+//! exceed.
 //!
 //! [`add`]: ActiveFaces::add
 
@@ -23,7 +24,8 @@ use super::tuning::stored_bound::StoredBound;
 use crate::prefetch::{Ahead, prefetch, with_lookahead};
 use crate::surface::DualGraph;
 
-/// Cost of a face that is reached through the boundary of a changed cluster, in faces that are reached in the order of memory.
+/// Cost of a face that is reached through the boundary of a changed cluster, in faces that are reached in the order of
+/// memory.
 const SCATTERED: usize = 4;
 
 /// Changed clusters of a chunk.
@@ -73,8 +75,8 @@ impl ActiveFaces {
         }
     }
 
-    /// A face has moved; `labels` already have its new cluster. Active are the face, and the neighbours whose bound does not cover
-    /// that cluster, or covers many, of which it does not say which.
+    /// A face has moved; `labels` already have its new cluster. Active are the face, and the neighbours whose bound
+    /// does not cover that cluster, or covers many, of which it does not say which.
     pub fn moved(&mut self, graph: &DualGraph, labels: &Labels, face: u32) {
         self.add(face);
         let cluster = labels.near_boundary(face);
@@ -98,8 +100,8 @@ impl ActiveFaces {
         }
     }
 
-    /// Makes the faces active whose bound is exceeded, given the clusters that gained or lost a face since the last call. Then
-    /// brings the labels of all active faces and of their neighbours up to date.
+    /// Makes the faces active whose bound is exceeded, given the clusters that gained or lost a face since the last
+    /// call. Then brings the labels of all active faces and of their neighbours up to date.
     pub fn collect(
         &mut self,
         graph: &DualGraph,
@@ -181,9 +183,9 @@ fn prefetch_ahead(View { graph, labels, .. }: View<'_>, bounds: &[StoredBound], 
     }
 }
 
-/// The boundary faces of some clusters, and their neighbours in others, whose bound is exceeded; some several times. Faces that
-/// see many clusters are taken unseen: they come up once for each neighbour, and adding up their drifts costs as much as an
-/// evaluation.
+/// The boundary faces of some clusters, and their neighbours in others, whose bound is exceeded; some several times.
+/// Faces that see many clusters are taken unseen: they come up once for each neighbour, and adding up their drifts
+/// costs as much as an evaluation.
 fn exceeded_around(view: View<'_>, boundary: &BoundaryFaces, changed: &[u32], bounds: &[StoredBound]) -> Vec<u32> {
     let View { graph, labels, .. } = view;
     let mut exceeded = Vec::new();

@@ -1,7 +1,7 @@
 //! The bids of refinement ([`crate::cluster::refinement`]): which faces would move where, and which of them win.
 //!
-//! Each cluster lists the faces that bid to leave or to enter it. Only a cluster whose bids changed can have a new winner, so an
-//! iteration costs in proportion to those bids, not to all that are open.
+//! Each cluster lists the faces that bid to leave or to enter it. Only a cluster whose bids changed can have a new
+//! winner, so an iteration costs in proportion to those bids, not to all that are open.
 
 use std::cmp::Reverse;
 

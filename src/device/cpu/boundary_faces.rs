@@ -1,4 +1,5 @@
-//! The boundary faces of each cluster: pieces and dual edges are searched along them, and a boundary phase begins with them.
+//! The boundary faces of each cluster: pieces and dual edges are searched along them, and a boundary phase begins with
+//! them.
 
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -13,8 +14,9 @@ use crate::surface::DualGraph;
 
 /// One list of boundary faces a cluster.
 ///
-/// A list has every boundary face of its cluster, maybe twice, and maybe faces that no longer are. Those are dropped when the whole
-/// list is gone through, or when it would need more memory. The labels of listed faces and of their neighbours are up to date.
+/// A list has every boundary face of its cluster, maybe twice, and maybe faces that no longer are. Those are dropped
+/// when the whole list is gone through, or when it would need more memory. The labels of listed faces and of their
+/// neighbours are up to date.
 #[derive(Debug, Default)]
 pub struct BoundaryFaces {
     faces_of_cluster: Vec<Vec<u32>>,
@@ -30,7 +32,8 @@ pub struct ClusterList<'a> {
 }
 
 impl ClusterList<'_> {
-    /// Keeps the faces of the cluster for which `is_boundary` holds, each once. It is called once for each face of the cluster.
+    /// Keeps the faces of the cluster for which `is_boundary` holds, each once. It is called once for each face of the
+    /// cluster.
     pub fn retain(self, mut is_boundary: impl FnMut(u32) -> bool) {
         let mut kept = 0;
         for at in 0..self.faces.len() {
@@ -150,8 +153,8 @@ impl BoundaryFaces {
         }
     }
 
-    /// Calls `search` with the list of each of some clusters, ascending and each given once, in all threads. Returns the results in
-    /// that order. `state` makes the scratch memory of a thread.
+    /// Calls `search` with the list of each of some clusters, ascending and each given once, in all threads. Returns
+    /// the results in that order. `state` makes the scratch memory of a thread.
     pub fn search<S, T: Send>(
         &mut self,
         clusters: &[u32],

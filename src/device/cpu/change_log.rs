@@ -57,8 +57,8 @@ impl ChangeLog {
         (self.is_pending[cluster as usize] | self.is_untouched) & Cursor::Pieces.bit() == 0
     }
 
-    /// A cluster was merged into another. If both are in one piece, so is the union; if pieces of either are pending, they are of
-    /// the union. A cluster that ended needs no proxy.
+    /// A cluster was merged into another. If both are in one piece, so is the union; if pieces of either are pending,
+    /// they are of the union. A cluster that ended needs no proxy.
     pub fn merged(&mut self, into: u32, from: u32) {
         let pieces = Cursor::Pieces.bit();
         self.add(from, ALL & !(pieces | Cursor::Proxies.bit()));
@@ -74,8 +74,8 @@ impl ChangeLog {
         }
     }
 
-    /// The changed clusters that are pending for a cursor, ascending: clusters with close numbers lie close together, so that
-    /// visits go through memory in order.
+    /// The changed clusters that are pending for a cursor, ascending: clusters with close numbers lie close together,
+    /// so that visits go through memory in order.
     pub fn take(&mut self, cursor: Cursor) -> Vec<u32> {
         let bit = cursor.bit();
         if self.is_untouched & bit != 0 {

@@ -1,7 +1,7 @@
 //! Sums and proxies of the clusters, in exact integers ([`crate::energy::cvd`]).
 //!
-//! Faces move and clusters merge one at a time; [`Clusters::refit`] then fits the proxies of all clusters that changed. A proxy has a
-//! *drift*: the length of its way so far. Bounds of faces are made of drifts ([`super::nearby`]).
+//! Faces move and clusters merge one at a time; [`Clusters::refit`] then fits the proxies of all clusters that changed.
+//! A proxy has a *drift*: the length of its way so far. Bounds of faces are made of drifts ([`super::nearby`]).
 
 use rayon::prelude::*;
 
@@ -12,8 +12,8 @@ use crate::energy::cvd::{ClusterSums, squared_distance};
 use crate::prefetch::prefetch;
 use crate::surface::DualGraph;
 
-/// Resolution of drift: 256 lattice units. A cluster of a thousandth of the mesh's width is still some 500 steps wide, and the bound
-/// of a face fits 32 bits.
+/// Resolution of drift: 256 lattice units. A cluster of a thousandth of the mesh's width is still some 500 steps wide,
+/// and the bound of a face fits 32 bits.
 pub const DRIFT_STEP: u64 = 256;
 
 /// More steps than any distance has.
@@ -34,8 +34,9 @@ pub struct Change(ClusterSums);
 pub struct CachedProxy {
     /// P = S / M rounded to nearest, halves up.
     proxy: [i32; 3],
-    /// How far the proxy has moved: the sum of its ways in steps of [`DRIFT_STEP`], each rounded up by up to a step, so that every
-    /// change adds to it; at least 2. [`FAR`] is added when the weight falls below `least_weight`, and when the cluster ends.
+    /// How far the proxy has moved: the sum of its ways in steps of [`DRIFT_STEP`], each rounded up by up to a step, so
+    /// that every change adds to it; at least 2. [`FAR`] is added when the weight falls below `least_weight`, and when
+    /// the cluster ends.
     pub drift: u64,
     /// A lower bound of the cluster's weight.
     pub least_weight: u64,
@@ -213,7 +214,8 @@ impl Clusters {
         }
     }
 
-    /// Whether the energy falls, exactly, when `change` moves from one cluster to another, and a face is left in the first.
+    /// Whether the energy falls, exactly, when `change` moves from one cluster to another, and a face is left in the
+    /// first.
     pub fn improves(&self, from: u32, to: u32, change: &Change) -> bool {
         let explained = |cluster: u32, sign: i64| {
             let mut sums = self.sums[cluster as usize];

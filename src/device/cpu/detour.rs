@@ -1,8 +1,8 @@
 //! A local test whether a cluster stays connected when a face leaves it.
 //!
-//! Most faces that leave do not cut their cluster, and a short way around the face shows it. Without this test, repair searches every
-//! cluster that lost a face: a whole hierarchy of the bunny with optimisation then takes 1.1 to 1.2 times as long
-//! (`benches/results/2026-11-22-two-cores/deleted.md`).
+//! Most faces that leave do not cut their cluster, and a short way around the face shows it. Without this test, repair
+//! searches every cluster that lost a face: a whole hierarchy of the bunny with optimisation then takes 1.1 to 1.2
+//! times as long (`benches/results/2026-11-22-two-cores/deleted.md`).
 
 use super::labels::Labels;
 use crate::surface::DualGraph;
@@ -19,8 +19,8 @@ const NEIGHBOURS: usize = 16;
 /// Length of a way from another neighbour; from the first neighbour it is two.
 const STEPS: usize = 3;
 
-/// Whether a connected cluster surely stays connected without `face`, which has left it: whether its neighbours in the cluster are
-/// connected by short ways around the face, which any way through the face can take instead.
+/// Whether a connected cluster surely stays connected without `face`, which has left it: whether its neighbours in the
+/// cluster are connected by short ways around the face, which any way through the face can take instead.
 pub fn surely_stays_connected(graph: &DualGraph, labels: &Labels, face: u32, cluster: u32) -> bool {
     let is_own = |near: &u32| labels.of(*near) == cluster;
     let mut own = graph.neighbours_of(face).iter().copied().filter(is_own);
@@ -43,7 +43,8 @@ pub fn surely_stays_connected(graph: &DualGraph, labels: &Labels, face: u32, clu
         .all(|other| leads_to(graph, &is_own, &nearby[..found], [other, face], STEPS, &mut visits))
 }
 
-/// Whether a way of at most `steps` faces of the cluster leads from a face, which was reached from `before`, to one of `nearby`.
+/// Whether a way of at most `steps` faces of the cluster leads from a face, which was reached from `before`, to one of
+/// `nearby`.
 fn leads_to(
     graph: &DualGraph,
     is_own: &impl Fn(&u32) -> bool,

@@ -8,12 +8,14 @@ use crate::surface::DualGraph;
 /// Scratch memory of growth, kept between growths.
 #[derive(Debug, Default)]
 pub struct Growth {
-    /// The smallest label offered to each free face in the current pass; [`FREE`] between passes. Empty before the first growth.
+    /// The smallest label offered to each free face in the current pass; [`FREE`] between passes. Empty before the
+    /// first growth.
     offered: Vec<u32>,
 }
 
 impl Growth {
-    /// Labels all free faces that can be reached from the labelled faces in `front`, which holds all neighbours of free faces.
+    /// Labels all free faces that can be reached from the labelled faces in `front`, which holds all neighbours of free
+    /// faces.
     ///
     /// Only faces labelled in the last pass have free neighbours, so the cost is in proportion to the faces labelled.
     pub fn grow(&mut self, graph: &DualGraph, labels: &mut Labels, mut front: Vec<u32>, cancel: &Cancel) -> Result<()> {

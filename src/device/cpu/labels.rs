@@ -1,9 +1,10 @@
 //! The labels of the faces while clusters merge.
 //!
-//! A merge writes one entry, what the cluster was merged into. Labels follow where they are read: those of boundary faces and of
-//! their neighbours are kept up to date ([`Labels::refresh`]), and [`Labels::of`] resolves any other. So a merge costs as much as the
-//! boundary of the cluster that ends, not its area. Where that would be more than a pass over all labels, all are renewed at once,
-//! by all threads. Under a contraction no label is refreshed until boundaries are listed.
+//! A merge writes one entry, what the cluster was merged into. Labels follow where they are read: those of boundary
+//! faces and of their neighbours are kept up to date ([`Labels::refresh`]), and [`Labels::of`] resolves any other. So a
+//! merge costs as much as the boundary of the cluster that ends, not its area. Where that would be more than a pass
+//! over all labels, all are renewed at once, by all threads. Under a contraction no label is refreshed until boundaries
+//! are listed.
 
 use rayon::prelude::*;
 
@@ -104,8 +105,8 @@ impl Labels {
         self.raw[face as usize] = label;
     }
 
-    /// Merges the first cluster of each pair into the second, which lives. Where boundaries are listed, the caller refreshes the
-    /// faces near the boundary of the first.
+    /// Merges the first cluster of each pair into the second, which lives. Where boundaries are listed, the caller
+    /// refreshes the faces near the boundary of the first.
     pub fn merge(&mut self, clusters: usize, pairs: &[(u32, u32)]) {
         if self.merged_into.is_empty() {
             self.merged_into.extend(0..clusters as u32);

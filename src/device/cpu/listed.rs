@@ -44,8 +44,8 @@ pub struct Listed {
 }
 
 impl Listed {
-    /// Lists the boundary faces of clusters that are in step with `labels`. All faces are labelled. `has_merged`: whether clusters
-    /// merged before.
+    /// Lists the boundary faces of clusters that are in step with `labels`. All faces are labelled. `has_merged`:
+    /// whether clusters merged before.
     pub fn new(graph: &DualGraph, labels: &mut Labels, clusters: Clusters, has_merged: bool) -> Self {
         Self {
             boundary: BoundaryFaces::collect(graph, labels, clusters.len()),
@@ -69,7 +69,8 @@ impl Listed {
         (!moves.is_empty()).then_some(moves)
     }
 
-    /// Begins a refinement phase. After [`resume`](Self::resume) it goes on with the last one: refused faces stay refused.
+    /// Begins a refinement phase. After [`resume`](Self::resume) it goes on with the last one: refused faces stay
+    /// refused.
     pub fn begin_refinement(&mut self) {
         if !std::mem::take(&mut self.is_resumed) {
             self.refinement.iter_mut().for_each(RefinementPhase::begin);

@@ -2,17 +2,18 @@
 //!
 //! # Reading order
 //!
-//! [`steps`] has the public interface and the state that it works on. [`listed`] is the state in which faces move: it applies moves and
-//! merges. One boundary iteration is [`boundary::BoundaryPhase::moves`], one of refinement [`refine::RefinementPhase::moves`]; both
-//! read as their definitions in [`crate::cluster::flat`] and [`crate::cluster::refinement`], except that they evaluate only
-//! [`active_faces`]. [`best_edge`] finds what to merge, [`pieces`] what was cut off, [`grow`] labels free faces.
+//! [`steps`] has the public interface and the state that it works on. [`listed`] is the state in which faces move: it
+//! applies moves and merges. One boundary iteration is [`boundary::BoundaryPhase::moves`], one of refinement
+//! [`refine::RefinementPhase::moves`]; both read as their definitions in [`crate::cluster::flat`] and
+//! [`crate::cluster::refinement`], except that they evaluate only [`active_faces`]. [`best_edge`] finds what to merge,
+//! [`pieces`] what was cut off, [`grow`] labels free faces.
 //!
 //! # Invariants
 //!
 //! * Labels and energies after every iteration equal those of [`super::plain`], for any number of threads.
 //! * All threads evaluate faces; moves and merges are applied by one thread, because they are few.
-//! * [`tuning`] and [`crate::prefetch`] change how long a step takes, and no result. On large meshes most of that is waiting for
-//!   memory.
+//! * [`tuning`] and [`crate::prefetch`] change how long a step takes, and no result. On large meshes most of that is
+//!   waiting for memory.
 
 mod active_faces;
 mod best_edge;

@@ -1,9 +1,9 @@
 //! The clusters near a face, and the bound that skips its evaluation.
 //!
-//! A face decides by its distances to the proxies of its own cluster and of its neighbours' clusters. Its *slack* is by how much
-//! those distances may change, together, before it could decide otherwise. By the triangle inequality they change by no more than
-//! the proxies drift, so the decision holds until the drifts of all these clusters add up to more than the slack. Elkan 2003 and
-//! Hamerly 2010 skip distances of k-means in the same way.
+//! A face decides by its distances to the proxies of its own cluster and of its neighbours' clusters. Its *slack* is by
+//! how much those distances may change, together, before it could decide otherwise. By the triangle inequality they
+//! change by no more than the proxies drift, so the decision holds until the drifts of all these clusters add up to
+//! more than the slack. Elkan 2003 and Hamerly 2010 skip distances of k-means in the same way.
 //!
 //! Slacks are computed in f64 and rounded down by more than their error, so that skipping is exact.
 
@@ -28,8 +28,8 @@ pub struct NearClusters {
     pub others: [u32; 2],
 }
 
-/// Until when the decision of a face holds: until the proxies of the clusters near it have together drifted further than `limit`,
-/// in steps of [`DRIFT_STEP`].
+/// Until when the decision of a face holds: until the proxies of the clusters near it have together drifted further
+/// than `limit`, in steps of [`DRIFT_STEP`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bound {
     pub near: NearClusters,
@@ -78,8 +78,8 @@ impl Bound {
 }
 
 impl Nearby {
-    /// Looks at the neighbours of a face of cluster `own`. Calls `visit` with each other cluster among theirs; with some maybe
-    /// several times where there are more than two.
+    /// Looks at the neighbours of a face of cluster `own`. Calls `visit` with each other cluster among theirs; with
+    /// some maybe several times where there are more than two.
     #[inline]
     pub fn of(view: View<'_>, face: u32, own: u32, mut visit: impl FnMut(u32, &CachedProxy)) -> Self {
         let View { graph, labels, clusters } = view;
@@ -107,8 +107,8 @@ impl Nearby {
         Self { near: NearClusters { own: slot(own), others }, drift }
     }
 
-    /// The bound of a decision that holds while the distances change by no more than `slack`, in lattice units. With 0 it holds until
-    /// one of the clusters changes.
+    /// The bound of a decision that holds while the distances change by no more than `slack`, in lattice units. With 0
+    /// it holds until one of the clusters changes.
     #[inline]
     pub fn bound(self, slack: u64) -> Bound {
         let limit = if self.near.is_interior() { u64::MAX } else { self.drift + slack / DRIFT_STEP };
@@ -145,8 +145,8 @@ fn drift_of_many(View { graph, labels, clusters }: View<'_>, face: u32, own: u32
     clusters.cached(own).drift + others.sum::<u64>()
 }
 
-/// The slack of a face that stays in its cluster in the boundary phase: the distance to the nearest other proxy less that to its
-/// own. Takes squared distances.
+/// The slack of a face that stays in its cluster in the boundary phase: the distance to the nearest other proxy less
+/// that to its own. Takes squared distances.
 pub fn boundary_slack(own: u64, nearest_other: u64) -> u64 {
     // distances are below 2²⁹, so that the error of a root is far below 1
     let difference = root(nearest_other) - root(own);

@@ -12,13 +12,14 @@ use super::tuning::chunks::CLUSTERS;
 use crate::surface::DualGraph;
 use crate::union_find::root;
 
-/// Scratch memory of walks: a number for each face, of any value. One thread at a time walks over the faces of a cluster.
+/// Scratch memory of walks: a number for each face, of any value. One thread at a time walks over the faces of a
+/// cluster.
 pub type Places = [AtomicU32];
 
 /// The faces that a walk has visited, in order.
 ///
-/// A face was visited if it is the one at the place that `places` has for it. So nothing is cleared between walks (the sparse set of
-/// Briggs & Torczon 1993).
+/// A face was visited if it is the one at the place that `places` has for it. So nothing is cleared between walks (the
+/// sparse set of Briggs & Torczon 1993).
 struct Walk<'a> {
     faces: Vec<u32>,
     places: &'a Places,
@@ -42,9 +43,10 @@ impl Walk<'_> {
 
 /// The pieces of a cluster, searched no further than needed to tell them apart.
 ///
-/// A breadth-first walk starts from all boundary faces at once; each begins a set, and sets that meet are joined. It ends when at
-/// most one set can still grow: the others are whole pieces, and all faces that were not visited belong to that one. The cost is
-/// that of the boundary faces and of the smaller pieces, mostly; in a ring, that of the faces between its two boundaries.
+/// A breadth-first walk starts from all boundary faces at once; each begins a set, and sets that meet are joined. It
+/// ends when at most one set can still grow: the others are whole pieces, and all faces that were not visited belong to
+/// that one. The cost is that of the boundary faces and of the smaller pieces, mostly; in a ring, that of the faces
+/// between its two boundaries.
 pub struct Pieces<'a> {
     walk: Walk<'a>,
     /// Faces of the walk whose neighbours were visited.
@@ -84,8 +86,8 @@ impl<'a> Pieces<'a> {
         }
     }
 
-    /// Walks from faces of a cluster, at least one of each piece, until at most one set can grow. Returns whether there are several
-    /// pieces.
+    /// Walks from faces of a cluster, at least one of each piece, until at most one set can grow. Returns whether there
+    /// are several pieces.
     fn are_several(
         &mut self,
         graph: &DualGraph,
@@ -126,7 +128,8 @@ impl<'a> Pieces<'a> {
                 if let Some(place) = self.walk.place(near) {
                     let other = root(&mut self.joined, self.set_of_face[place]);
                     if other != set {
-                        // both can grow: a set that cannot has expanded the neighbours of all its faces, `face` among them
+                        // both can grow: a set that cannot has expanded the neighbours of all its faces, `face` among
+                        // them
                         self.joined[other as usize] = set;
                         let Set { faces, waiting } = self.sets[other as usize];
                         self.sets[set as usize].faces += faces;
@@ -151,7 +154,8 @@ impl<'a> Pieces<'a> {
         }
     }
 
-    /// Appends the faces outside the largest piece to `cut_off`, after [`are_several`](Self::are_several). The cluster has `all` faces.
+    /// Appends the faces outside the largest piece to `cut_off`, after [`are_several`](Self::are_several). The cluster
+    /// has `all` faces.
     fn all_but_largest(&mut self, graph: &DualGraph, is_own: impl Fn(u32) -> bool, all: usize, cut_off: &mut Vec<u32>) {
         if 2 * self.closed_faces >= all {
             // the set that can grow may not be the largest

@@ -45,8 +45,8 @@ impl RefinementPhase {
         self.bids.end().into_iter().for_each(|face| self.active.add(face));
     }
 
-    /// The moves of the next iteration, maybe none; None when there are no bids. With `pieces`, only winners move, and only those
-    /// that leave their cluster connected.
+    /// The moves of the next iteration, maybe none; None when there are no bids. With `pieces`, only winners move, and
+    /// only those that leave their cluster connected.
     pub fn moves(
         &mut self,
         graph: &DualGraph,
@@ -118,8 +118,8 @@ fn verdict_alone(View { graph, labels, clusters }: View<'_>, pieces: &mut Pieces
     if improves && pieces.stays_connected(graph, labels, winner.face) { Verdict::WinnerMoves } else { Verdict::Refused }
 }
 
-/// The bid of a face for the neighbouring cluster with the largest positive gain (the smaller number of equal ones), and until when
-/// that holds.
+/// The bid of a face for the neighbouring cluster with the largest positive gain (the smaller number of equal ones),
+/// and until when that holds.
 fn best_bid(view: View<'_>, face: u32) -> (Bid, Bound) {
     let View { graph, labels, clusters } = view;
     let from = labels.near_boundary(face);

@@ -79,7 +79,8 @@ impl<'a> CpuSteps<'a> {
         result
     }
 
-    /// Finds best dual edges: by the contraction where each cluster is what merges made of single faces, else along boundaries.
+    /// Finds best dual edges: by the contraction where each cluster is what merges made of single faces, else along
+    /// boundaries.
     fn with_best_edges<T>(&mut self, ties: Ties, find: impl FnOnce(&mut dyn BestEdge) -> T) -> T {
         let contracted = match std::mem::take(&mut self.state) {
             State::Contracted(clusters, contraction) if contraction.ties() == ties => Some((clusters, contraction)),

@@ -74,8 +74,8 @@ impl BestEdge for BoundarySearch<'_> {
 /// Slots of the table of neighbours that were found last.
 const RECENT: usize = 16;
 
-/// Finds the clusters beside those of a list, some maybe several times, in place of what `others` has. Faces that are on no boundary
-/// are dropped from the list.
+/// Finds the clusters beside those of a list, some maybe several times, in place of what `others` has. Faces that are
+/// on no boundary are dropped from the list.
 pub fn find_neighbours(graph: &DualGraph, labels: &Labels, list: ClusterList<'_>, others: &mut Filter) {
     let cluster = list.cluster;
     others.clear();

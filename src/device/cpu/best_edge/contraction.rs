@@ -1,21 +1,21 @@
 //! The graph of clusters, contracted as they merge.
 //!
-//! It replaces the faces as long as none of them moves: in hierarchies without optimisation, and in others before the first round
-//! that is optimised. A round costs in proportion to the clusters that merge and to their neighbours, not to the number of clusters
-//! or to the length of their boundaries.
+//! It replaces the faces as long as none of them moves: in hierarchies without optimisation, and in others before the
+//! first round that is optimised. A round costs in proportion to the clusters that merge and to their neighbours, not
+//! to the number of clusters or to the length of their boundaries.
 //!
 //! # Which nodes search again
 //!
-//! After a round only two kinds of nodes search for their best edge: nodes that grew, and nodes whose best edge led to a node that
-//! merged. Any other node keeps its best edge, because the costs of its other edges have not changed, unless a grown neighbour
-//! offers a better one: a grown node computes the costs of all its edges anyway. The row of a node is not updated until the node
-//! searches; it may name nodes that have ended, which are then resolved.
+//! After a round only two kinds of nodes search for their best edge: nodes that grew, and nodes whose best edge led to
+//! a node that merged. Any other node keeps its best edge, because the costs of its other edges have not changed,
+//! unless a grown neighbour offers a better one: a grown node computes the costs of all its edges anyway. The row of a
+//! node is not updated until the node searches; it may name nodes that have ended, which are then resolved.
 //!
 //! # Which edges have packed costs
 //!
-//! Rows have costs in single precision ([`RoughEnd::rough_cost`]) with a relative error below 2⁻²⁰. Two edges whose rough costs
-//! differ by more than the factor [`MARGIN`] are in the order of their packed costs, which resolve 1 + 2⁻²⁴. Only edges that are
-//! closer than that, and the resulting pairs, get packed costs.
+//! Rows have costs in single precision ([`RoughEnd::rough_cost`]) with a relative error below 2⁻²⁰. Two edges whose
+//! rough costs differ by more than the factor [`MARGIN`] are in the order of their packed costs, which resolve 1 +
+//! 2⁻²⁴. Only edges that are closer than that, and the resulting pairs, get packed costs.
 
 mod node;
 mod search;
@@ -41,8 +41,8 @@ const MARGIN: f32 = 1.0 + 1.0 / (1 << 18) as f32;
 
 /// The living clusters, their neighbours and their best dual edges.
 ///
-/// A node stands for a cluster. Nodes are in the order of their clusters, and are renumbered when half of them have ended, so that
-/// the living ones lie close together.
+/// A node stands for a cluster. Nodes are in the order of their clusters, and are renumbered when half of them have
+/// ended, so that the living ones lie close together.
 #[derive(Debug)]
 pub struct Contraction {
     nodes: Vec<Node>,
@@ -126,7 +126,8 @@ impl Contraction {
         self.pairs.iter().map(|(rank, _)| *rank).collect()
     }
 
-    /// Merges the first cluster of each pair into the second; no cluster is in two pairs. Call it before `clusters` are merged.
+    /// Merges the first cluster of each pair into the second; no cluster is in two pairs. Call it before `clusters` are
+    /// merged.
     pub fn merge(&mut self, clusters: &Clusters, pairs: &[(u32, u32)]) {
         self.update(clusters);
         // the second condition: a cluster with a long row that grows in many rounds
@@ -183,8 +184,8 @@ impl Contraction {
         self.pair_up(clusters, &searched);
     }
 
-    /// Finds the pairs whose best edges lead to each other, given the nodes that searched in this round. A new pair has such a node,
-    /// because offers lead to grown nodes.
+    /// Finds the pairs whose best edges lead to each other, given the nodes that searched in this round. A new pair has
+    /// such a node, because offers lead to grown nodes.
     fn pair_up(&mut self, clusters: &Clusters, searched: &[u32]) {
         let context = self.context(clusters);
         let choice = |node: u32| self.nodes[node as usize].best().other;

@@ -13,7 +13,8 @@ use crate::device::cpu::labels::Labels;
 use crate::device::cpu::tuning::filter::Filter;
 use crate::surface::DualGraph;
 
-/// All dual edges. When a cluster changes, its edges are queued anew, and the old entries are skipped when they come up.
+/// All dual edges. When a cluster changes, its edges are queued anew, and the old entries are skipped when they come
+/// up.
 #[derive(Debug)]
 pub struct Queue {
     edges: BinaryHeap<Reverse<Entry>>,

@@ -32,8 +32,8 @@ impl FaceSet {
         self.0[face as usize / 64].fetch_and(!(1 << (face % 64)), Relaxed);
     }
 
-    /// The faces of the set for which `is_kept` holds, ascending, and the size of the set. `is_kept` gets the face and its item;
-    /// there is one item a face.
+    /// The faces of the set for which `is_kept` holds, ascending, and the size of the set. `is_kept` gets the face and
+    /// its item; there is one item a face.
     pub fn filter<T: Sync>(&self, items: &[T], is_kept: impl Fn(u32, &T) -> bool + Sync) -> (Vec<u32>, usize) {
         let chunks = self.0.par_chunks(WORDS).zip(items.par_chunks(64 * WORDS)).enumerate();
         let filtered = chunks.map(|(chunk, (words, items))| {

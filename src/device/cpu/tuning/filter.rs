@@ -1,5 +1,5 @@
-//! A filter without a branch that depends on the items: where which ones are kept follows no pattern, mispredicted branches cost
-//! more than all else (`benches/results/2026-11-22-two-cores/branches.md`).
+//! A filter without a branch that depends on the items: where which ones are kept follows no pattern, mispredicted
+//! branches cost more than all else (`benches/results/2026-11-22-two-cores/branches.md`).
 
 /// The items that passed, in the order in which they came. Its memory is used again after [`clear`](Self::clear).
 #[derive(Debug, Default)]

@@ -1,5 +1,5 @@
-//! The bound of a face in 16 bytes, so that none lies in two cache lines: on large meshes the evaluation of faces waits for memory
-//! (`benches/results/2026-11-22-two-cores/large.md`).
+//! The bound of a face in 16 bytes, so that none lies in two cache lines: on large meshes the evaluation of faces waits
+//! for memory (`benches/results/2026-11-22-two-cores/large.md`).
 //!
 //! The limit has 32 bits where the face sees at most two other clusters, and 62 where it sees more.
 
@@ -11,8 +11,8 @@ use crate::device::cpu::nearby::{Bound, MANY, NearClusters};
 #[derive(Debug)]
 #[repr(align(16))]
 pub struct StoredBound {
-    /// [`QUEUED`]; or the limit, of which only the lower [`LOWER_BITS`] bits are here, below a 1, where the others are [`MANY`] and
-    /// the face is not active.
+    /// [`QUEUED`]; or the limit, of which only the lower [`LOWER_BITS`] bits are here, below a 1, where the others are
+    /// [`MANY`] and the face is not active.
     limit: AtomicU32,
     own: AtomicU32,
     /// As in [`NearClusters`]; after [`MANY`] come the upper bits of the limit.

@@ -12,8 +12,8 @@ pub const NO_NODE: u32 = u32::MAX;
 pub struct Node {
     pub end: RoughEnd,
     pub status: Status,
-    /// Its best edge, packed. Written by the node's own search. Before that search, the search of a neighbour that grew may reset it
-    /// to [`Edge::LOST`]; offers are applied between the two.
+    /// Its best edge, packed. Written by the node's own search. Before that search, the search of a neighbour that grew
+    /// may reset it to [`Edge::LOST`]; offers are applied between the two.
     pub best: AtomicU64,
 }
 
@@ -113,8 +113,8 @@ impl Status {
 }
 
 impl RoughEnd {
-    /// M₁M₂·|P₁−P₂|²/(M₁+M₂) in units of the clusters' component. Relative error below 12·2⁻²⁴: each conversion and operation adds
-    /// 2⁻²⁴, and only integers are subtracted.
+    /// M₁M₂·|P₁−P₂|²/(M₁+M₂) in units of the clusters' component. Relative error below 12·2⁻²⁴: each conversion and
+    /// operation adds 2⁻²⁴, and only integers are subtracted.
     pub fn rough_cost(self, other: Self) -> f32 {
         let square = |axis: usize| {
             let difference = (self.proxy[axis] - other.proxy[axis]) as f32;

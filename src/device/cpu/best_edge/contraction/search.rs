@@ -9,9 +9,9 @@ use crate::device::cpu::best_edge::packed_cost_of;
 use crate::device::cpu::clusters::Clusters;
 use crate::prefetch::{prefetch, with_lookahead};
 
-/// What a search reads. It writes the row and the best edge of the searching node. Several threads search at a time; their results do
-/// not depend on the order, because statuses and ends do not change meanwhile, and a search reads the best edges only of nodes that
-/// do not search.
+/// What a search reads. It writes the row and the best edge of the searching node. Several threads search at a time;
+/// their results do not depend on the order, because statuses and ends do not change meanwhile, and a search reads the
+/// best edges only of nodes that do not search.
 #[derive(Clone, Copy)]
 pub(super) struct Context<'a> {
     pub(super) nodes: &'a [Node],
