@@ -33,6 +33,7 @@ impl ClusterSums {
     }
 
     /// Adds other faces (`sign` 1) or takes them away (−1).
+    #[inline]
     pub fn add(&mut self, other: &Self, sign: i64) {
         for axis in 0..3 {
             self.centroid[axis] += sign * other.centroid[axis];
@@ -42,12 +43,14 @@ impl ClusterSums {
     }
 
     /// The proxy P, the lattice point nearest to S/M (per axis, halves up). None without faces.
+    #[inline]
     pub fn proxy(&self) -> Option<[i32; 3]> {
         let nearest = |s: i64| (2 * s + self.weight).div_euclid(2 * self.weight) as i32;
         (self.faces > 0).then(|| self.centroid.map(nearest))
     }
 
     /// The proxy P and 2·P·S − M·|P|², what it explains of the energy; |explained| < 2⁹¹. None without faces.
+    #[inline]
     pub fn fit(&self) -> Option<([i32; 3], i128)> {
         let proxy = self.proxy()?;
         let mut along = 0;
@@ -61,6 +64,7 @@ impl ClusterSums {
 }
 
 /// Squared distance between two lattice points, below 2⁵⁸.
+#[inline]
 pub fn squared_distance(a: [i32; 3], b: [i32; 3]) -> u64 {
     let square = |axis: usize| {
         let difference = i64::from(a[axis]) - i64::from(b[axis]);
