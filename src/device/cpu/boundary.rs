@@ -77,6 +77,7 @@ impl BoundaryPhase {
 
 /// The move of a face to the nearest cluster among its neighbours' (the smaller number of equally near ones), if that
 /// is nearer than its own.
+#[inline]
 fn decide(view: View<'_>, face: u32) -> Evaluation<Move> {
     let View { graph, labels, clusters } = view;
     let from = labels.near_boundary(face);

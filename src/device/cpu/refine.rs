@@ -120,6 +120,7 @@ fn verdict_alone(View { graph, labels, clusters }: View<'_>, pieces: &mut Pieces
 
 /// The bid of a face for the neighbouring cluster with the largest positive gain (the smaller number of equal ones),
 /// and until when that holds.
+#[inline]
 fn best_bid(view: View<'_>, face: u32) -> (Bid, Bound) {
     let View { graph, labels, clusters } = view;
     let from = labels.near_boundary(face);
