@@ -10,6 +10,7 @@
 //! |---|---|
 //! | a mesh format | [`mesh`] |
 //! | welding, adjacency, components, the integer lattice, face order | [`surface`] |
+//! | what is minimised: sums, proxies, costs, gains | [`energy`] |
 //! | an algorithm: its definition, its proof, its driver | [`cluster`] |
 //! | how a step is carried out | [`device`]`::cpu`, [`device`]`::gpu` with `shaders/` |
 //! | what a job may ask for | [`parameters`] |
@@ -23,16 +24,17 @@
 //! | the HTTP service | [`service`] |
 //! | the command line | [`cli`] |
 //! | meshes made from nothing | [`sample`] |
-//! | what the allocator keeps | `memory` |
-//! | asking for memory before it is needed | `prefetch` |
-//! | which sets turned out to be one | `union_find` |
+//! | settings of the allocator | `memory` |
+//! | prefetching | `prefetch` |
+//! | union-find | `union_find` |
 //!
 //! # Invariants
 //!
 //! 1. Labels are a function of the mesh and the parameters only. Everything that decides a label is integer arithmetic
 //!    ([`surface`] says how positions become integers); no floating-point sum, hash-map order, thread count or arrival
 //!    order takes part.
-//! 2. The energy F never rises within a phase, and a phase ends because no admissible move is left.
+//! 2. The energy F never rises within a phase. A phase ends when no admissible move is left, or at a limit on
+//!    iterations that the caller or quality `fast` sets.
 //! 3. Exactly k clusters, none empty, each connected across shared edges unless the caller allows otherwise.
 //! 4. Label i belongs to face i of the upload, whatever happens inside.
 //! 5. [`cluster`] knows no wgpu type, [`device`] knows no file format, and nothing below [`service`] knows of HTTP.
@@ -42,6 +44,7 @@ pub mod bench;
 pub mod cli;
 pub mod cluster;
 pub mod device;
+pub mod energy;
 pub mod error;
 pub mod evaluate;
 #[cfg(fuzzing)]

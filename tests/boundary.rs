@@ -2,11 +2,12 @@
 
 mod common;
 
-use common::{oracle, zoo};
+use common::zoo;
 use tesserae::cluster::flat::Options;
 use tesserae::cluster::run::Row;
 use tesserae::cluster::{self, seeds::SeedFaces};
 use tesserae::device::cpu::CpuDevice;
+use tesserae::device::plain;
 use tesserae::device::{Cancel, Device, FREE};
 use tesserae::parameters::Seeds;
 use tesserae::report::Phase;
@@ -57,13 +58,13 @@ fn every_iteration_is_the_one_that_the_definition_says() {
                 for (cluster, &face) in seeds.face_of_cluster.iter().enumerate() {
                     free[face as usize] = cluster as u32;
                 }
-                let mut labels = oracle::grow(&surface, &free);
+                let mut labels = plain::grow(&surface, &free);
                 let (clustering, rows) = run(&surface, &seeds, PLAIN);
                 assert_eq!(clustering.initial, labels, "{name} k={clusters}: growth");
-                let explained = oracle::explained(&surface, &seeds.component_of_cluster, &labels);
+                let explained = plain::explained(&surface, &seeds.component_of_cluster, &labels);
                 assert_eq!(rows[0].energy.explained, explained, "{name} k={clusters}: energy of the growth");
                 for row in &rows[1..] {
-                    let state = oracle::iterate(&surface, &seeds.component_of_cluster, &labels).unwrap_or_else(|| {
+                    let state = plain::iterate(&surface, &seeds.component_of_cluster, &labels).unwrap_or_else(|| {
                         panic!("{name} k={clusters}: the plain version has converged before {row:?}")
                     });
                     assert_eq!(
@@ -76,7 +77,7 @@ fn every_iteration_is_the_one_that_the_definition_says() {
                 }
                 assert_eq!(clustering.labels, labels, "{name} k={clusters}: final labels");
                 assert_eq!(
-                    oracle::iterate(&surface, &seeds.component_of_cluster, &labels),
+                    plain::iterate(&surface, &seeds.component_of_cluster, &labels),
                     None,
                     "{name} k={clusters}: the plain version goes on"
                 );
@@ -95,7 +96,7 @@ fn every_refinement_is_the_one_that_the_definition_says() {
             let options = Options { max_iterations: None, refine: true, allow_disconnected: true };
             let boundary = run(&surface, &seeds, PLAIN).0.labels;
             let (refined, rows) = run(&surface, &seeds, options);
-            let mut plain = oracle::Refinement::new(&surface, &seeds.component_of_cluster, boundary);
+            let mut plain = plain::Refinement::new(&surface, &seeds.component_of_cluster, boundary);
             for row in rows.iter().filter(|row| row.phase == Phase::Refine) {
                 let state = plain.iterate().unwrap_or_else(|| panic!("{name} k={clusters}: no bids before {row:?}"));
                 assert_eq!(
@@ -126,7 +127,7 @@ fn connected_refinement_is_the_one_that_the_definition_says() {
             let mut device = CpuDevice::new();
             let mut steps = device.open(&surface, &seeds.component_of_cluster).expect("the cpu takes everything");
             steps.set_labels(&grown).expect("labels fit");
-            let mut plain = oracle::Refinement::new(&surface, &seeds.component_of_cluster, grown.clone());
+            let mut plain = plain::Refinement::new(&surface, &seeds.component_of_cluster, grown.clone());
             plain.connected = true;
             steps
                 .refine_connected(u32::MAX, &Cancel::default(), &mut |step| {
@@ -143,7 +144,7 @@ fn connected_refinement_is_the_one_that_the_definition_says() {
             let labels = steps.labels().expect("the cpu has them");
             assert_eq!(labels, plain.labels, "{name} k={clusters}");
             assert_eq!(cluster::repair::disconnected_clusters(&surface, clusters as usize, &labels), 0, "{name}");
-            let mut free = oracle::Refinement::new(&surface, &seeds.component_of_cluster, labels);
+            let mut free = plain::Refinement::new(&surface, &seeds.component_of_cluster, labels);
             refused_for_pieces += usize::from(free.iterate().is_some());
         }
     }
@@ -175,7 +176,7 @@ fn a_changed_weight_shows_in_the_comparison_with_the_definition() {
     let (clustering, rows) = run(&surface, &seeds, PLAIN);
     let mut other = Surface::build(&mesh).expect("a surface");
     other.graph.weights[100] += 1;
-    let explained = oracle::explained(&other, &seeds.component_of_cluster, &clustering.labels);
+    let explained = plain::explained(&other, &seeds.component_of_cluster, &clustering.labels);
     assert_ne!(rows.last().map(|row| row.energy.explained), Some(explained));
 }
 

@@ -3,10 +3,11 @@
 mod common;
 mod gpu_support;
 
-use common::{oracle, zoo};
+use common::zoo;
 use gpu_support::{cluster_counts, device, seeds};
 use tesserae::cluster::repair;
 use tesserae::device::cpu::CpuDevice;
+use tesserae::device::plain;
 use tesserae::device::{Cancel, Device, Ending, FREE, Step};
 use tesserae::parameters::Seeds;
 use tesserae::sample::{Sample, generate};
@@ -40,17 +41,17 @@ fn every_step_is_the_one_that_the_definition_says() {
             let mut steps = gpu.open(&surface, components).expect("it fits");
             steps.set_labels(&labels).expect("set");
             steps.grow(&Cancel::default()).expect("grow");
-            let mut labels = oracle::grow(&surface, &labels);
+            let mut labels = plain::grow(&surface, &labels);
             assert_eq!(steps.labels().expect("labels"), labels, "{context}: growth");
             let energy = steps.energy().expect("energy").explained;
-            assert_eq!(energy, oracle::explained(&surface, components, &labels), "{context}");
+            assert_eq!(energy, plain::explained(&surface, components, &labels), "{context}");
 
             let mut found: Vec<Step> = Vec::new();
             let ending =
                 steps.optimise_boundary(u32::MAX, &Cancel::default(), &mut |step| found.push(step)).expect("optimise");
             assert_eq!(ending, Ending::Converged, "{context}");
             for (at, step) in found.iter().enumerate() {
-                let state = oracle::iterate(&surface, components, &labels)
+                let state = plain::iterate(&surface, components, &labels)
                     .unwrap_or_else(|| panic!("{context}: only {at} iterations"));
                 assert_eq!(
                     (step.moves, step.energy.explained),
@@ -59,10 +60,10 @@ fn every_step_is_the_one_that_the_definition_says() {
                 );
                 labels = state.labels;
             }
-            assert_eq!(oracle::iterate(&surface, components, &labels), None, "{context}");
+            assert_eq!(plain::iterate(&surface, components, &labels), None, "{context}");
             assert_eq!(steps.labels().expect("labels"), labels, "{context}");
             let energy = steps.energy().expect("energy").explained;
-            assert_eq!(energy, oracle::explained(&surface, components, &labels), "{context}");
+            assert_eq!(energy, plain::explained(&surface, components, &labels), "{context}");
         }
     }
 }
@@ -85,7 +86,7 @@ fn the_limit_of_iterations_is_exact_and_work_can_go_on_after_it() {
         let ending = steps.optimise_boundary(limit, &Cancel::default(), &mut |_| count += 1).expect("optimise");
         assert_eq!((ending, count), (Ending::IterationLimit, limit));
         for _ in 0..limit {
-            labels = oracle::iterate(&surface, &seeds.component_of_cluster, &labels)
+            labels = plain::iterate(&surface, &seeds.component_of_cluster, &labels)
                 .expect("it takes more iterations than that")
                 .labels;
         }
@@ -112,7 +113,7 @@ fn energies_are_exact_at_the_ends_of_the_lattice() {
         let labels: Vec<u32> = (0..surface.faces()).map(|_| next(clusters as u64) as u32).collect();
         steps.set_labels(&labels).expect("set");
         let energy = steps.energy().expect("energy").explained;
-        assert_eq!(energy, oracle::explained(&surface, &components, &labels));
+        assert_eq!(energy, plain::explained(&surface, &components, &labels));
     }
     // all in one corner: the largest magnitude there is
     for corner in [far, -far] {
@@ -121,7 +122,7 @@ fn energies_are_exact_at_the_ends_of_the_lattice() {
         let labels = vec![0; surface.faces()];
         steps.set_labels(&labels).expect("set");
         let energy = steps.energy().expect("energy").explained;
-        assert_eq!(energy, oracle::explained(&surface, &[0], &labels));
+        assert_eq!(energy, plain::explained(&surface, &[0], &labels));
         assert!(energy > 1 << 119, "{energy}");
     }
 }
@@ -140,7 +141,7 @@ fn weights_of_all_32_bits_count_in_full() {
         let labels = [0, 0, 1, 1];
         steps.set_labels(&labels).expect("set");
         let energy = steps.energy().expect("energy").explained;
-        assert_eq!(energy, oracle::explained(&surface, &[0, 0], &labels), "{weight}");
+        assert_eq!(energy, plain::explained(&surface, &[0, 0], &labels), "{weight}");
     }
 }
 
@@ -156,7 +157,7 @@ fn faces_that_no_cluster_reaches_stay_free() {
     steps.set_labels(&labels).expect("set");
     steps.grow(&Cancel::default()).expect("grow");
     let grown = steps.labels().expect("labels");
-    assert_eq!(grown, oracle::grow(&surface, &labels));
+    assert_eq!(grown, plain::grow(&surface, &labels));
     assert!(grown.contains(&FREE) && grown.iter().filter(|&&label| label == 0).count() > 1);
 }
 
@@ -197,11 +198,11 @@ fn pieces_are_cut_off_and_grown_over_as_a_walk_finds_them() {
                     assert_eq!(steps.repair(&Cancel::default()).expect("a repair"), cut_off.len() as u64, "{context}");
                 }
                 cut_off.iter().for_each(|&face| labels[face as usize] = FREE);
-                let labels = oracle::grow(&surface, &labels);
+                let labels = plain::grow(&surface, &labels);
                 assert_eq!(steps.labels().expect("labels"), labels, "{context}");
                 assert_eq!(on_cpu.labels().expect("labels"), labels, "{context}");
                 let energy = steps.energy().expect("energy").explained;
-                assert_eq!(energy, oracle::explained(&surface, &components, &labels), "{context}");
+                assert_eq!(energy, plain::explained(&surface, &components, &labels), "{context}");
                 assert_eq!(steps.repair(&Cancel::default()).expect("a repair"), 0, "{context}: all are whole");
                 found += cut_off.len();
             }
@@ -232,7 +233,7 @@ fn pieces_that_moves_cut_off_are_found() {
             let cut_off = repair::cut_off_faces(&surface, 60, &labels);
             assert_eq!(steps.repair(&Cancel::default()).expect("a repair"), cut_off.len() as u64);
             cut_off.iter().for_each(|&face| labels[face as usize] = FREE);
-            assert_eq!(steps.labels().expect("labels"), oracle::grow(&surface, &labels));
+            assert_eq!(steps.labels().expect("labels"), plain::grow(&surface, &labels));
             *found += cut_off.len();
         }
     }
@@ -265,9 +266,9 @@ fn a_changed_label_or_weight_shows_in_the_comparison() {
     };
     let mut other = labels.clone();
     other[100] = (other[100] + 1) % 10;
-    assert_ne!(energy, oracle::explained(&surface, &components, &other));
+    assert_ne!(energy, plain::explained(&surface, &components, &other));
     surface.graph.weights[100] += 1;
-    assert_ne!(energy, oracle::explained(&surface, &components, &labels));
+    assert_ne!(energy, plain::explained(&surface, &components, &labels));
 }
 
 #[test]
@@ -286,7 +287,7 @@ fn of_two_equally_near_clusters_the_smaller_number_wins() {
         steps.set_labels(&labels).expect("set");
         steps.optimise_boundary(1, &Cancel::default(), &mut |_| {}).expect("optimise");
         assert_eq!(steps.labels().expect("labels"), expected);
-        let state = oracle::iterate(&surface, &components, &labels).expect("it moves");
+        let state = plain::iterate(&surface, &components, &labels).expect("it moves");
         assert_eq!(state.labels, expected);
     }
 }

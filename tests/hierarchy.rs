@@ -2,12 +2,13 @@
 
 mod common;
 
-use common::{oracle, zoo};
+use common::zoo;
 use tesserae::cluster::dual_edge::{End, Rank, Ties, exact_cost, packed_cost};
 use tesserae::cluster::hierarchy::{Options, Pairs, RoundRow, hierarchical};
 use tesserae::cluster::repair::disconnected_clusters;
 use tesserae::cluster::sums::ClusterSums;
 use tesserae::device::cpu::CpuDevice;
+use tesserae::device::plain;
 use tesserae::device::{Cancel, Device};
 use tesserae::sample::{Sample, generate};
 use tesserae::surface::Surface;
@@ -55,7 +56,7 @@ fn run(surface: &Surface, options: &Options) -> Outcome {
 fn sums_of(surface: &Surface, labels: &[u32]) -> Vec<ClusterSums> {
     let mut sums = vec![ClusterSums::default(); labels.len()];
     for (face, &label) in labels.iter().enumerate() {
-        sums[label as usize].add_face(surface, face, 1);
+        sums[label as usize].add_face(surface.face(face), 1);
     }
     sums
 }
@@ -238,8 +239,8 @@ fn energies_of_rounds_are_those_of_their_labels_and_a_level_has_converged() {
         let Outcome { labels, rounds, .. } = run(&surface, &options);
         let last = rounds.last().expect("there are rounds");
         assert_eq!(last.clusters, 60);
-        assert_eq!(last.energy.explained, oracle::explained(&surface, &component_of_cluster, &labels));
-        let mut plain = oracle::Refinement::new(&surface, &component_of_cluster, labels);
+        assert_eq!(last.energy.explained, plain::explained(&surface, &component_of_cluster, &labels));
+        let mut plain = plain::Refinement::new(&surface, &component_of_cluster, labels);
         assert_eq!(plain.iterate(), None, "there is a move left");
     }
 }

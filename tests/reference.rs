@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{oracle, zoo};
+use common::zoo;
 use tesserae::cluster::flat::{Clustering, Options};
 use tesserae::cluster::record::Record;
 use tesserae::cluster::reference::acvd::acvd;
@@ -10,6 +10,7 @@ use tesserae::cluster::reference::variational::variational;
 use tesserae::cluster::run::Row;
 use tesserae::cluster::{repair, seeds, seeds::SeedFaces};
 use tesserae::device::cpu::CpuDevice;
+use tesserae::device::plain;
 use tesserae::device::{Cancel, Device, Ending, FREE, MergeSteps, Steps};
 use tesserae::job::{self, Request};
 use tesserae::mesh::{Format, Limits, NoResources};
@@ -61,7 +62,7 @@ fn check_rows(name: &str, surface: &Surface, seeds: &SeedFaces, clustering: &Clu
         let is_repair = pair[1].phase == tesserae::report::Phase::Repair;
         assert!(is_repair || pair[1].energy > pair[0].energy, "{name}: F falls in {pair:?}");
     }
-    let explained = oracle::explained(surface, &seeds.component_of_cluster, &clustering.labels);
+    let explained = plain::explained(surface, &seeds.component_of_cluster, &clustering.labels);
     assert_eq!(rows.last().map(|row| row.energy.explained), Some(explained), "{name}");
     let mut faces = vec![0; seeds.face_of_cluster.len()];
     clustering.labels.iter().for_each(|&label| faces[label as usize] += 1);
@@ -70,7 +71,7 @@ fn check_rows(name: &str, surface: &Surface, seeds: &SeedFaces, clustering: &Clu
 
 /// Whether some single face can go to a cluster beside it and lower F.
 fn can_be_improved(surface: &Surface, components: &[u32], labels: &[u32]) -> bool {
-    let before = oracle::explained(surface, components, labels);
+    let before = plain::explained(surface, components, labels);
     let mut labels = labels.to_vec();
     (0..labels.len()).any(|face| {
         let own = labels[face];
@@ -79,7 +80,7 @@ fn can_be_improved(surface: &Surface, components: &[u32], labels: &[u32]) -> boo
             && surface.neighbours_of(face as u32).iter().any(|&near| {
                 let to = labels[near as usize];
                 labels[face] = to;
-                let lower = oracle::explained(surface, components, &labels) > before;
+                let lower = plain::explained(surface, components, &labels) > before;
                 labels[face] = own;
                 lower
             })
@@ -141,8 +142,8 @@ fn every_variational_iteration_is_the_one_that_the_definition_says() {
         let mut labels = flood(&surface, &at_seeds, &seeds.face_of_cluster);
         assert_eq!(clustering.initial, labels, "{name}");
         for row in &rows {
-            assert_eq!(row.energy.explained, oracle::explained(&surface, components, &labels), "{name} {row:?}");
-            let proxies = oracle::proxies(&surface, components.len(), &labels);
+            assert_eq!(row.energy.explained, plain::explained(&surface, components, &labels), "{name} {row:?}");
+            let proxies = plain::proxies(&surface, components.len(), &labels);
             let distance = |face: usize| -> i128 {
                 let proxy = proxies[labels[face] as usize];
                 (0..3).map(|axis| (i128::from(surface.centroids[face][axis]) - proxy[axis]).pow(2)).sum()
@@ -153,8 +154,8 @@ fn every_variational_iteration_is_the_one_that_the_definition_says() {
             let seeds: Vec<u32> = (0..components.len() as u32).map(|cluster| central(cluster) as u32).collect();
             let next = flood(&surface, &proxies, &seeds);
             if row.iteration == rows[rows.len() - 1].iteration {
-                let before = oracle::explained(&surface, components, &labels);
-                assert!(oracle::explained(&surface, components, &next) <= before, "{name}: it ends too early");
+                let before = plain::explained(&surface, components, &labels);
+                assert!(plain::explained(&surface, components, &next) <= before, "{name}: it ends too early");
                 assert_eq!(clustering.labels, labels, "{name}");
             }
             labels = next;
@@ -182,7 +183,7 @@ fn optimum(surface: &Surface, components: &[u32]) -> i128 {
             && (0..clusters as u32).all(|cluster| labels.contains(&cluster))
             && repair::disconnected_clusters(surface, clusters, labels) == 0
     };
-    let explained = |labels: Vec<u32>| oracle::explained(surface, components, &labels);
+    let explained = |labels: Vec<u32>| plain::explained(surface, components, &labels);
     (0..labellings).map(labelling).filter(is_allowed).map(explained).max().expect("there is one")
 }
 
@@ -206,7 +207,7 @@ fn on_small_meshes_the_best_of_some_runs_is_the_best_there_is() {
             }
             let runs = [run_acvd(&surface, &seeds, CONNECTED), run_vc(&surface, &seeds, CONNECTED)];
             for (best, (clustering, _)) in best.iter_mut().zip(runs) {
-                let explained = oracle::explained(&surface, &seeds.component_of_cluster, &clustering.labels);
+                let explained = plain::explained(&surface, &seeds.component_of_cluster, &clustering.labels);
                 assert!(explained <= highest, "better than the best of {} faces", surface.faces());
                 *best = explained.max(*best);
             }

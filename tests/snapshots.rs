@@ -1,14 +1,15 @@
-//! Snapshots: the labels of iterations are those that the report's energies are of, on both devices, and to ask for them
-//! changes nothing.
+//! Snapshots: the labels of iterations are those that the report's energies are of, on both devices, and to ask for
+//! them changes nothing.
 
 mod cli_support;
 mod common;
 mod gpu_support;
 
 use cli_support::Folder;
-use common::{oracle, zoo};
+use common::zoo;
 use tesserae::cluster::flat::Options;
 use tesserae::device::cpu::CpuDevice;
+use tesserae::device::plain;
 use tesserae::device::{Cancel, Device, Ending, LatticeEnergy, Step};
 use tesserae::job::{self, Outcome, Prepared, Request};
 use tesserae::mesh::{Format, Limits, NoResources, PolygonMesh};
@@ -57,7 +58,7 @@ fn energy(prepared: &Prepared, labels: &[u32]) -> f64 {
     for (number, component) in surface.components.iter().enumerate() {
         component.range().for_each(|face| component_of_cluster[internal[face] as usize] = number as u32);
     }
-    surface.energy(LatticeEnergy { explained: oracle::explained(surface, &component_of_cluster, &internal) })
+    surface.energy(LatticeEnergy { explained: plain::explained(surface, &component_of_cluster, &internal) })
 }
 
 /// Meshes with parameters; the tangles end with connected refinement.

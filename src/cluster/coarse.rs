@@ -4,54 +4,24 @@
 //!
 //! Numbers are those of the default [`Effort`]; [`super::quality`] has the others.
 //!
-//! 1. *Coarsening.* Neighbouring faces are grouped ([`crate::surface::Coarse`]), then groups, until less than a third would
-//!    go. No group weighs more than 1/16 of the mean cluster of its component, and a component that would be left with fewer
-//!    groups than two a cluster, because most of its faces weigh next to nothing, stays as it is.
+//! 1. *Coarsening.* Neighbouring faces are grouped ([`crate::surface::Coarse`]), then groups, until less than a third
+//!    would go. No group weighs more than 1/16 of the mean cluster of its component, and a component that would be left
+//!    with fewer groups than two a cluster, because most of its faces weigh next to nothing, stays as it is.
 //! 2. *Too many clusters.* On the coarsest graph, a third more than are wanted start from stratified seeds and grow.
 //! 3. *Merging.* The boundary phase ([`super::flat`]) makes four iterations. Every cluster finds its best dual edge
-//!    ([`super::dual_edge`]); of the pairs that chose each other, the cheaper half merge; and so on until there are as many
-//!    clusters as wanted. No component goes below its share. Then the boundary phase runs to its end. Where few clusters are
-//!    wanted, clusters teleport ([`super::teleport`]), 800 / k times, and 2. and 3. are done for as many seed numbers, the lowest
-//!    energy goes on.
-//! 4. *Back to the faces.* Labels go to the next finer graph, where the boundary phase runs; on the finest, they are where the
-//!    clustering starts.
+//!    ([`super::dual_edge`]); of the mutual pairs, the cheaper half merge; and so on until there are as many clusters
+//!    as wanted. No component goes below its share. Then the boundary phase runs to its end. Where few clusters are
+//!    wanted, clusters teleport ([`super::teleport`]), 800 / k times, and 2. and 3. are done for as many seed numbers,
+//!    the lowest energy goes on.
+//! 4. *Back to the faces.* Labels go to the next finer graph, where the boundary phase runs; on the finest, they are
+//!    where the clustering starts.
 //!
 //! # Why
 //!
-//! A flat clustering from k seeds keeps the irregularities that it starts with: its moves shift borders, they never take a
-//! cluster from where there are too many to where there are too few. Merging does, at the price of some rounds, and where a
-//! cluster has sixteen groups instead of a hundred faces these are cheap.
-//!
-//! Hexagon ratios after refinement, means of ten seed numbers (igea: four), and iterations on the faces:
-//!
-//! | | random | Morton strata | farthest points | blue noise | coarse to fine |
-//! |---|--:|--:|--:|--:|--:|
-//! | bunny, 1,000 clusters | 1.0230, 262 | 1.0143, 198 | 1.0135, 190 | 1.0132, 183 | **1.0101**, 131 |
-//! | bunny, 3,000 | 1.0980, 124 | 1.0745, 96 | 1.0723, 80 | 1.0719, 77 | **1.0656**, 53 |
-//! | horse, 1,000 | 1.0158, 292 | 1.0063, 249 | 1.0055, 216 | 1.0051, 205 | **1.0038**, 168 |
-//! | horse, 2,000 | 1.0535, 230 | 1.0380, 163 | 1.0383, 147 | 1.0378, 137 | **1.0341**, 115 |
-//! | nefertiti, 1,000 | 1.1210, 441 | 1.0213, 322 | 1.0233, 279 | 1.0233, 232 | **1.0180**, 160 |
-//! | igea, 5,000 | 1.0520, 238 | 1.0417, 223 | 1.0422, 179 | 1.0410, 182 | **1.0383**, 132 |
-//!
-//! Farthest points take the face farthest from all seeds so far, over and over; blue noise takes random faces, by area, that
-//! are a distance apart, the largest that leaves k. Neither is kept: both need more than a sort, and end higher. The highest of
-//! ten seed numbers is still below the energy of ACVD (Valette & Chassery 2004) on all six, by 0.13 to 2 %. Connecting the
-//! clusters costs no energy here: with `allow_disconnected` the means are 0.001 to 0.004 % higher, because the phases do not run
-//! again after a repair.
-//!
-//! Few clusters scatter more, and cost less. Six seed numbers, means and highest over the mean of ACVD's runs, without teleports
-//! and with them: horse 100 0.9978, 0.9996 → 0.9980, 0.9999; bunny 100 1.0024, 1.0079 → 0.9977, 1.0022; bunny 300 0.9952, 0.9985 →
-//! 0.9952, 0.9970; rocker-arm 200 0.9948, 0.9961 → 0.9933, 0.9966; spot 100 0.9902, 0.9942 → 0.9882, 0.9920; woody 100 0.9878, 0.9916
-//! → 0.9825, 0.9849. ACVD's own runs scatter by 0.5 % about their mean.
-//!
-//! What was tried beside it, over the same meshes, four seed numbers: boundary phases that run to their ends before each merge
-//! and half as many clusters again (0.02 % lower on the bunny, 0.04 % on igea, at a third more instructions for the start); a
-//! coarse graph without merging (0.3 to 0.7 % higher, as high on nefertiti); merging on the finest graph only (lower by 0.1 %
-//! at most, at one and a half times the time); twice as many seeds (no better on coarse graphs); all mutual pairs at once (0.1 %
-//! higher); the cheapest quarter or third (no better); groups of an eighth of a cluster (0.1 to 0.2 % higher); refinement
-//! between the merges and teleports after them (0.3 to 1.1 % lower: [`super::quality::Quality::Best`]); teleports alone (eight
-//! rounds: 0.15 to 0.5 % lower for twice the instructions of the whole clustering); no boundary phase on the faces before refinement
-//! (as low, and a third more instructions on the faces).
+//! A flat clustering from k seeds keeps the irregularities that it starts with: its moves shift boundaries, and never
+//! take a cluster from where there are too many to where there are too few. Merging does. Where a cluster has sixteen
+//! groups instead of a hundred faces, the rounds are cheap. Energies end 0.2 to 0.5 % below those of the next best
+//! seeds, and below ACVD's (`benches/results/choices.md`, with what else was tried).
 
 use rayon::prelude::*;
 
@@ -63,7 +33,7 @@ use crate::device::{Cancel, Device, LatticeEnergy, MergeSteps, Steps};
 use crate::error::{Error, Kind, Result};
 use crate::surface::{Coarse, DualGraph, Surface};
 
-/// What a start may cost.
+/// How much work a start may be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Effort {
     /// A group weighs no more than the mean cluster of its component over this.
@@ -78,12 +48,12 @@ pub struct Effort {
     pub refine: bool,
     /// Rounds of teleports ([`super::teleport`]) on the coarsest graph, for any number of clusters.
     pub teleport_rounds: u64,
-    /// Starts are made from several seed numbers as long as they have no more clusters than this together; the one with the
-    /// lowest energy goes on. Each has as many rounds of teleports more, [`MOST_TELEPORT_ROUNDS`] at most.
+    /// Starts are made from several seed numbers as long as they have no more clusters than this together; the one with
+    /// the lowest energy goes on. Each has as many rounds of teleports more, [`MOST_TELEPORT_ROUNDS`] at most.
     pub clusters_in_starts: u64,
 }
 
-/// The first round teleports one of so many clusters, the next half as many where that did not lower the energy.
+/// The first round teleports one cluster in 20. A round that does not lower the energy halves that for the next.
 const TELEPORTS_OF: usize = 20;
 
 /// Rounds of teleports at most.
@@ -95,12 +65,12 @@ const FACES_IN_STARTS: u64 = 20_000;
 /// Starts at most.
 const MOST_STARTS: u64 = 16;
 
-/// What the device is given to do; needs none itself.
+/// A coarse start, prepared without a device.
 #[derive(Debug)]
 pub struct CoarseStart {
     /// Coarser and coarser graphs.
     levels: Vec<Coarse>,
-    /// Too many seeds on the coarsest, for each start.
+    /// The seeds of each start on the coarsest graph, more than wanted.
     seeds: Vec<SeedFaces>,
     /// How many clusters each component has in the end.
     shares: Vec<usize>,
@@ -118,7 +88,7 @@ pub struct Start {
 }
 
 impl CoarseStart {
-    /// Coarsens a surface for `clusters` clusters and chooses seeds on what comes out.
+    /// Coarsens a surface for `clusters` clusters and chooses seeds on the coarsest graph.
     pub fn new(surface: &Surface, clusters: u64, seed: u64, effort: Effort) -> Result<Self> {
         let shares = seeds::shares(surface, clusters)?;
         let mut heaviest: Vec<u64> = surface
@@ -170,14 +140,14 @@ impl CoarseStart {
         })
     }
 
-    /// Carries it out.
+    /// Makes the start on a device.
     pub fn labels(&self, surface: &Surface, device: &mut dyn Device, cancel: &Cancel) -> Result<Start> {
         let graph_of = |level: usize| match level.checked_sub(1) {
             Some(level) => &self.levels[level].graph,
             None => &surface.graph,
         };
         let coarsest = graph_of(self.levels.len());
-        // where another device costs nothing, each start has one
+        // each start has a device of its own, where another one costs nothing
         let others: Option<Vec<Box<dyn Device>>> = self.seeds.iter().map(|_| device.another()).collect();
         let started: Result<Vec<(LatticeEnergy, Start)>> = match others {
             Some(others) => {
@@ -215,7 +185,8 @@ impl CoarseStart {
         Ok(())
     }
 
-    /// Clusters of the coarsest graph, as many as wanted, numbered in the order of their first faces; and what they explain.
+    /// Clusters of the coarsest graph, as many as wanted, numbered in the order of their first faces; and what they
+    /// explain.
     fn merged(
         &self,
         graph: &DualGraph,
@@ -254,8 +225,8 @@ impl CoarseStart {
         Ok((energy, Start { labels, component_of_cluster: components }))
     }
 
-    /// Teleports clusters, as long as that lowers the energy and effort allows. Labels and what they explain; the device may be
-    /// left with others.
+    /// Teleports clusters, as long as that lowers the energy and effort allows. Labels and what they explain; the
+    /// device may be left with others.
     fn teleported(
         &self,
         graph: &DualGraph,
@@ -265,7 +236,7 @@ impl CoarseStart {
     ) -> Result<(LatticeEnergy, Vec<u32>)> {
         let mut best = (steps.energy()?, steps.labels()?);
         let mut most = self.shares.iter().sum::<usize>().div_ceil(TELEPORTS_OF);
-        // those of the best labels, where they were looked for before
+        // the teleports of the best labels, if they were computed before
         let mut known: Option<Teleports<'_>> = None;
         for _ in 0..self.teleport_rounds {
             let teleports = match known.take() {
@@ -301,7 +272,7 @@ impl Start {
     }
 }
 
-/// Merges the cheaper half of the pairs that chose each other, at most as many in each component as it has to spare.
+/// Merges the cheaper half of the mutual pairs; in each component at most its surplus.
 fn merge_cheaper_half(steps: &mut dyn MergeSteps, component_of_cluster: &[u32], surplus: &mut [usize]) -> Result<()> {
     let mut mutual = steps.mutual_dual_edges(Ties::Hash)?;
     mutual.retain(|pair| surplus[component_of_cluster[pair.ends().0 as usize] as usize] > 0);

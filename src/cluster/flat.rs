@@ -1,4 +1,5 @@
-//! Flat clustering: boundary-based clustering (P§3): its definition, why it ends, and its driver. [`super::refinement`] goes on where it ends.
+//! Boundary-based clustering (P§3): its definition, why it ends, and the driver of flat clusterings.
+//! [`super::refinement`] continues it.
 //!
 //! # Definition
 //!
@@ -10,9 +11,9 @@
 //!
 //! *Iteration.* All faces decide at once, on the labels and proxies at its start:
 //!
-//! 1. Face f in cluster a looks at the clusters of the faces it shares an edge with. The nearest is the one with the
-//!    smallest |g − P_b|², the smaller number where two are equal. If |g − P_b|² < |g − P_a|², f wants to move to b.
-//!    (The paper's test of a boundary edge, D⁰ D¹ D²; a cluster grows by its neighbour's shrinking, P§5.3.)
+//! 1. For face f in cluster a, consider the clusters of the faces that it shares an edge with. The nearest is the one
+//!    with the smallest |g − P_b|², the smaller number where two are equal. If |g − P_b|² < |g − P_a|², f wants to move
+//!    to b. (The paper's test of a boundary edge, D⁰ D¹ D²; a cluster grows by its neighbour's shrinking, P§5.3.)
 //! 2. *Last face.* If all faces that a had at the start want to leave, the one with the smallest internal number stays.
 //!    Faces that arrive in the same iteration do not count, so no cluster is ever empty.
 //! 3. All other faces that want to move do. Sums and proxies follow.
@@ -33,8 +34,8 @@
 //! # Connectivity
 //!
 //! Moves at the same time can cut a cluster in two. When the phases have converged, a repair frees all but the largest
-//! piece of each cluster; growth hands the freed faces to their neighbours, and the phases begin anew. Repair may raise F,
-//! and is its own row in the report. After [`super::run::MAX_REPAIRS`] repairs, connected refinement ends the run
+//! piece of each cluster; growth hands the freed faces to their neighbours, and the phases begin anew. Repair may raise
+//! F, and is its own row in the report. After [`super::run::MAX_REPAIRS`] repairs, connected refinement ends the run
 //! ([`super::refinement`]): what grew from connected pieces is connected, and stays so.
 
 use super::record::Record;
@@ -43,7 +44,7 @@ use crate::device::{Cancel, Ending, Steps};
 use crate::error::Result;
 use crate::report::Phase;
 
-/// What a flat clustering is asked for.
+/// Options of a flat clustering.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Options {
     /// Iterations with moves after which to stop, converged or not; growth and repairs do not count.
@@ -65,10 +66,10 @@ pub struct Clustering {
     pub ending: Ending,
 }
 
-/// Clusters a surface from a start: one label a face, or [`FREE`](crate::device::FREE) for faces that clusters grow over.
-/// The device was opened with the same surface and clusters.
+/// Clusters a surface from a start: one label a face, or [`FREE`](crate::device::FREE) for faces that clusters grow
+/// over. The device was opened with the same surface and clusters.
 ///
-/// `on_row` is told of every step as it happens.
+/// `on_row` is called with every step as it happens.
 pub fn boundary_based(
     start: &[u32],
     options: Options,
@@ -93,7 +94,7 @@ pub fn boundary_based_recorded(
     Ok(Clustering { initial, labels: run.steps.labels()?, ending })
 }
 
-/// Grows clusters from a start over all faces: a run that has told of that, and the labels.
+/// Begins a run: grows clusters from a start over all faces, and reports that. Returns the run and the labels.
 pub(super) fn grown<'a>(
     start: &[u32],
     options: Options,

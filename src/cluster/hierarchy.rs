@@ -4,52 +4,41 @@
 //!
 //! Every face starts as a cluster. A round merges clusters and then optimises:
 //!
-//! * *Parallel rounds* (PML): every cluster finds its best dual edge ([`super::dual_edge`]: packed cost, then the tie rule);
-//!   of the pairs that chose each other, those that cost no more than their median merge, or, as in the paper, all
-//!   ([`Pairs`]), all at once. The edges are totally ordered (or, with the paper's tie rule, the
-//!   cluster with the largest number among those of the cheapest edges has a partner that chose it back), so there is
-//!   always such a pair, and a round never does nothing while a dual edge is left.
-//! * *Sequential rounds* (ML): the dual edge with the smallest exact cost of all merges; with `collapse_fraction` P, one
-//!   after the other until P % of the clusters are gone (Chiosa & Kolb 2008).
-//! * *Optimisation*: the boundary phase and the refinement of [`super::flat`], on the merged clusters. They look only at what
-//!   has changed. Between stops, parallel rounds make only a few iterations (2), and the next round goes on where they ended. Then
-//!   pieces that were cut off are given to their neighbours. Parallel rounds are optimised from so many faces a cluster on
-//!   ([`Options::optimised_from`]: 4), stops in any case. Both numbers are those of the default [`super::quality::Quality`].
+//! * *Parallel rounds* (PML): every cluster finds its best dual edge ([`super::dual_edge`]: packed cost, then the tie
+//!   rule); of the pairs that chose each other, those that cost no more than their median merge, or, as in the paper,
+//!   all ([`Pairs`]), all at once. The edges are totally ordered (or, with the paper's tie rule, the cluster with the
+//!   largest number among those of the cheapest edges has a partner that chose it back), so there is always such a
+//!   pair, and a round never does nothing while a dual edge is left.
+//! * *Sequential rounds* (ML): the dual edge with the smallest exact cost of all merges; with `collapse_fraction` P,
+//!   one after the other until P % of the clusters are gone (Chiosa & Kolb 2008).
+//! * *Optimisation*: the boundary phase and the refinement of [`super::flat`], on the merged clusters. Between stops,
+//!   parallel rounds make only a few iterations (2), and the next round goes on where they ended. Then pieces that were
+//!   cut off are given to their neighbours. Parallel rounds are optimised when clusters have 4 faces on average
+//!   ([`Options::optimised_from`]), stops always. Both numbers are those of the default [`super::quality::Quality`].
 //!
-//! Of two clusters that merge, the one with more faces keeps its number, the smaller number of equal ones. Clusters start
-//! with the internal number of their face.
+//! Of two clusters that merge, the one with more faces keeps its number, the smaller number of equal ones. Clusters
+//! start with the internal number of their face.
 //!
-//! Without optimisation no face ever moves, and the tree is nested: parallel hierarchical clustering, or with sequential
-//! rounds exact greedy Ward clustering on the lattice (Garland et al. 2001).
+//! Without optimisation no face ever moves, and the tree is nested: parallel hierarchical clustering, or with
+//! sequential rounds exact greedy Ward clustering on the lattice (Garland et al. 2001).
 //!
-//! A run stops at `clusters`, at each of `levels` and at one cluster a component, at exactly those numbers: a round that
-//! would pass one merges only its cheapest pairs. There the phases run until no cluster is in pieces, as in a flat run.
+//! A run stops at `clusters`, at each of `levels` and at one cluster a component, at exactly those numbers: a round
+//! that would pass one merges only its cheapest pairs. There the phases run until no cluster is in pieces, as in a flat
+//! run.
 //!
-//! # Why the cheaper half
+//! # Why
 //!
-//! Merging all pairs halves the clusters everywhere, also where they are large already: on a mesh of uneven triangles the
-//! flat parts run ahead, and optimisation between the rounds does not bring the clusters back (nefertiti, 2,000 clusters: 5.4 %
-//! above a flat clustering). With the cheaper half, parallel merging without optimisation ends at the energies of greedy
-//! Ward clustering (1,000 clusters, all pairs → cheaper half → one at a time, hexagon ratio: bunny 1.270 → 1.235 → 1.235,
-//! horse 1.321 → 1.226 → 1.226), and with optimisation within 0.3 % of a flat clustering, nefertiti too. It takes about twice as many rounds.
-//! Pairs of equal costs merge together, so a plateau takes no more rounds than it did.
+//! *The cheaper half.* Merging all pairs halves the clusters everywhere, also where they are large already. With the
+//! cheaper half, parallel merging without optimisation ends at the energies of greedy Ward clustering, in about twice
+//! as many rounds. Pairs of equal costs merge together, so that a plateau takes no more rounds.
 //!
-//! # Why a few iterations
+//! *A few iterations between stops.* The next round moves what a minimum would fix. Energies at stops differ by 0.2 %
+//! at most between one iteration a round and no limit; time differs by a factor of seven on a sphere of a million
+//! faces.
 //!
-//! Between stops nobody needs a minimum: the next round moves it. Where clusters are alike, as on a sphere, borders drift for
-//! thousands of iterations that change little. A sphere of 1,000,000 faces took 27,805 iterations to the top with boundary
-//! phases that ran to their ends, and 141 s of processor time, against 20 s with 2 iterations a round (17 s on two threads).
-//! Energies at stops, where the phases do run to their ends, differ by 0.2 % at most between 1, 2, 3, 4 iterations a round and no
-//! limit (bunny, horse, nefertiti, armadillo, at 2,000 and 1,000); between them they are 1.6 % higher with 4 iterations than
-//! without a limit (bunny), 0.9 % with 8.
+//! *Not from the first round.* Clusters of two or three faces leave little to optimise, and most clusters are such.
 //!
-//! # Why not from the first round
-//!
-//! Clusters of two or three faces leave little to optimise, and there are most of them: the rounds before clusters have four
-//! faces took a fifth of all instructions, more where memory is slow. What merges left there is made good by the first round
-//! that is optimised. Energies are higher by 0.1 to 3.9 % than with all rounds optimised where there is more than one cluster for four
-//! faces, and differ by 0.3 % at most, in either direction, where there is one for five to seventy (bunny, horse, nefertiti, igea,
-//! armadillo).
+//! Measurements: `benches/results/choices.md`.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -57,11 +46,10 @@ use utoipa::ToSchema;
 
 use super::dual_edge::{Rank, Ties, from_into, keep_cheaper_half};
 use super::run::{Row, Run};
-use super::sums::ClusterSums;
 use crate::device::{Cancel, LatticeEnergy, MergeSteps};
+use crate::energy::cvd::ClusterSums;
 use crate::error::{Error, Kind, Result};
 use crate::parameters::Name;
-use crate::prefetch::prefetch;
 use crate::surface::Surface;
 use crate::tree::{FaceMove, Merge, Round, Tree};
 
@@ -76,7 +64,7 @@ pub enum Pairs {
     All,
 }
 
-/// What a hierarchy is asked for.
+/// What to build.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
     /// Rounds are sequential from this number of clusters on: 0 for never, `u64::MAX` for always.
@@ -89,8 +77,8 @@ pub struct Options {
     pub refine: bool,
     /// Iterations of optimisation a round, except at stops: parallel rounds, and sequential ones.
     pub iterations_a_round: [u32; 2],
-    /// Faces a cluster from which on parallel rounds are optimised: those of the mesh over the clusters that are left beyond one a
-    /// component. Stops are in any case.
+    /// Faces a cluster from which on parallel rounds are optimised: those of the mesh over the clusters that are left
+    /// beyond one a component. Stops are in any case.
     pub optimised_from: u64,
     /// Which pairs merge in parallel rounds.
     pub pairs: Pairs,
@@ -117,14 +105,14 @@ pub struct RoundRow {
     pub merges: u64,
     /// Faces that belong elsewhere after the optimisation than after the merges.
     pub moves: u64,
-    /// Whether it ended at a number that was asked for.
+    /// Whether it ended at a requested number of clusters.
     pub is_level: bool,
 }
 
 /// Builds a hierarchy. The device was opened for it with one cluster a face, in the component of that face.
 ///
-/// `on_row` is told of every iteration of parallel rounds, `on_round` of every round. Labels are the last round's, internal
-/// order.
+/// `on_row` is called with every iteration of parallel rounds, `on_round` with every round. Labels are the last
+/// round's, internal order.
 pub fn hierarchical(
     surface: &Surface,
     options: &Options,
@@ -153,7 +141,7 @@ pub fn hierarchical(
         left -= merges;
         let is_level = left == stop && (options.levels.contains(&stop) || options.clusters == Some(stop));
         let mut moves = 0;
-        // a cluster that is all of its component says nothing about the others
+        // a cluster that is all of its component does not count
         let are_large = faces >= options.optimised_from * (left - components);
         if options.optimise && (is_level || is_sequential || are_large) {
             let mut nothing = |_: Row| {};
@@ -202,7 +190,7 @@ pub fn check(surface: &Surface, options: &Options) -> Result<u64> {
     Ok(target)
 }
 
-/// Merges pairs that chose each other, the cheapest first, at most so many; returns how many.
+/// Merges mutual pairs, the cheapest first, `at_most` of them; returns how many.
 fn merge_mutual(steps: &mut dyn MergeSteps, options: &Options, at_most: u64, builder: &mut Builder<'_>) -> Result<u64> {
     let mut mutual = steps.mutual_dual_edges(options.ties)?;
     if mutual.is_empty() {
@@ -218,7 +206,7 @@ fn merge_mutual(steps: &mut dyn MergeSteps, options: &Options, at_most: u64, bui
     Ok(pairs.len() as u64)
 }
 
-/// Merges the cheapest dual edge of all, so many times; returns that number.
+/// Merges the cheapest dual edge of all, `times` times; returns that number.
 fn merge_cheapest(steps: &mut dyn MergeSteps, ties: Ties, times: u64, builder: &mut Builder<'_>) -> Result<u64> {
     for _ in 0..times {
         let pair = steps.cheapest_dual_edge(ties)?;
@@ -228,7 +216,7 @@ fn merge_cheapest(steps: &mut dyn MergeSteps, ties: Ties, times: u64, builder: &
     Ok(times)
 }
 
-/// Merges pairs and keeps a record of it.
+/// Merges pairs and records them.
 fn merge(steps: &mut dyn MergeSteps, pairs: &[(u32, u32)], builder: &mut Builder<'_>) -> Result<()> {
     let ends: Vec<u32> = pairs.iter().flat_map(|&(low, high)| [low, high]).collect();
     let sums = steps.sums_of(&ends)?;
@@ -252,13 +240,10 @@ fn optimise(run: &mut Run<'_>, options: &Options, is_level: bool, is_sequential:
     Ok(())
 }
 
-/// Merges that are recorded while what a later one needs is on its way.
-const AHEAD: usize = 8;
-
 /// Merges that a thread records at a time.
 const MERGES_A_THREAD: usize = 256;
 
-/// Keeps the record of a run.
+/// Builds the tree of a run.
 struct Builder<'a> {
     surface: &'a Surface,
     tree: Tree,
@@ -267,7 +252,7 @@ struct Builder<'a> {
 }
 
 impl<'a> Builder<'a> {
-    /// For so many merges.
+    /// An empty tree with room for `merges` merges.
     fn new(surface: &'a Surface, merges: usize) -> Self {
         let faces = surface.faces() as u32;
         let moments = (0..faces).map(|face| surface.moment_of(face)).collect();
@@ -276,11 +261,7 @@ impl<'a> Builder<'a> {
 
     /// Records merges (from, into), with the sums of both ends before, in either order.
     fn merge(&mut self, pairs: &[(u32, u32)], sums: &[[ClusterSums; 2]]) {
-        for (at, &(from, into)) in pairs.iter().enumerate() {
-            if let Some(&(from, into)) = pairs.get(at + AHEAD) {
-                prefetch(&self.moments, from as usize);
-                prefetch(&self.moments, into as usize);
-            }
+        for &(from, into) in pairs {
             self.moments[into as usize] += std::mem::take(&mut self.moments[from as usize]);
         }
         let Self { surface, tree, moments } = self;

@@ -9,7 +9,7 @@
 //! | how much time to take for how low an energy | [`quality`] |
 //! | merge costs and their order | [`dual_edge`] |
 //! | moves of whole clusters, which leave local minima | [`teleport`] |
-//! | sums and proxies in exact integers | [`sums`] |
+//! | sums, proxies, merge costs and gains in exact integers | [`crate::energy`] |
 //! | pieces of clusters | [`repair`] |
 //! | the labels of chosen iterations | [`record`] |
 //! | the flat algorithms that the paper compares with: ACVD, variational clustering | [`mod@reference`] |
@@ -27,5 +27,6 @@ pub mod refinement;
 pub mod repair;
 pub mod run;
 pub mod seeds;
-pub mod sums;
 pub mod teleport;
+
+pub use crate::energy::cvd as sums;

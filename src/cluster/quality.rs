@@ -1,7 +1,7 @@
 //! Presets: how much time a clustering may take for how low an energy.
 //!
-//! Hexagon ratios of flat clusterings, means of ten seed numbers (igea: four), and that of ACVD (Valette & Chassery 2004, as it
-//! clusters faces) and pyacvd (vertex labels given to faces):
+//! Hexagon ratios of flat clusterings, means of ten seed numbers (igea: four), and that of ACVD (Valette & Chassery
+//! 2004, as it clusters faces) and pyacvd (vertex labels given to faces):
 //!
 //! | | fast | default | best | ACVD | pyacvd |
 //! |---|--:|--:|--:|--:|--:|
@@ -12,8 +12,8 @@
 //! | nefertiti, 1,000 | 1.0391 | 1.0180 | 1.0097 | 1.0480 | |
 //! | igea, 5,000 | 1.0547 | 1.0383 | 1.0327 | 1.0430 | 1.072 |
 //!
-//! Clustering the bunny into 1,000 takes 152 million instructions with fast, 294 with default and 834 with best, reading it
-//! and its topology aside.
+//! Clustering the bunny into 1,000 takes 152 million instructions with fast, 294 with default and 834 with best,
+//! reading it and its topology aside.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -67,7 +67,7 @@ impl Quality {
         }
     }
 
-    /// Iterations of flat clusterings, unless another number is asked for; None: to the end.
+    /// Iterations of flat clusterings, unless the parameters have another number; None: to the end.
     pub fn max_iterations(self) -> Option<u32> {
         match self {
             Quality::Fast => Some(3),
@@ -80,7 +80,8 @@ impl Quality {
         self != Quality::Fast
     }
 
-    /// Iterations of optimisation in a parallel round of a hierarchy between stops, unless another number is asked for.
+    /// Iterations of optimisation in a parallel round of a hierarchy between stops, unless the parameters have another
+    /// number.
     pub fn iterations_a_round(self) -> u32 {
         match self {
             Quality::Fast => 1,

@@ -1,7 +1,7 @@
 //! The labels of chosen iterations, kept as a run passes them (the paper's Figures 1 and 5).
 //!
-//! Only the first labels are kept whole; of every later snapshot, the faces whose labels differ from those of the one before.
-//! So memory is in proportion to the faces that moved.
+//! Only the first labels are kept whole; of every later snapshot, the faces whose labels differ from those of the one
+//! before. So memory is in proportion to the faces that moved.
 
 use crate::parameters::Snapshots;
 
@@ -18,9 +18,9 @@ pub struct Record {
     snapshots: Vec<(u32, Vec<(u32, u32)>)>,
     /// The labels of the last snapshot.
     last: Vec<u32>,
-    /// The last iteration that was asked for, kept or not.
+    /// The last wanted iteration that the run has passed, kept or not.
     passed: Option<u32>,
-    /// Snapshots that there was no room for.
+    /// Number of snapshots that were not kept, because there was no room.
     pub left_out: u64,
 }
 
@@ -35,7 +35,7 @@ impl Record {
         self.wanted.as_ref()?.next_after(self.passed)
     }
 
-    /// Keeps labels, if those of this iteration are wanted and were not kept before. They are asked for only then.
+    /// Keeps the labels of an iteration if they are wanted and were not kept before. Calls `labels` only then.
     pub fn offer<E>(&mut self, iteration: u32, labels: impl FnOnce() -> Result<Vec<u32>, E>) -> Result<(), E> {
         if self.next() != Some(iteration) {
             return Ok(());

@@ -1,10 +1,9 @@
-//! Pieces of clusters, found by going through the whole mesh, independently of any device: for checks.
-
-use std::hint::select_unpredictable;
+//! Pieces of clusters, found in a pass over the whole mesh: the reference for those that devices find, and the check of
+//! results.
 
 use crate::device::FREE;
 use crate::surface::DualGraph;
-use crate::surface::sets::{NO_SET, Sets};
+use crate::union_find::{NO_SET, Sets};
 
 /// The connected pieces of equally labelled faces.
 struct Pieces {
@@ -21,8 +20,8 @@ impl Pieces {
         let mut piece_of_face = vec![NO_SET; labels.len()];
         for (face, &label) in labels.iter().enumerate().filter(|(_, label)| **label != FREE) {
             let beside = graph.neighbours_of(face as u32).iter().map(|&near| near as usize);
-            let beside = beside.map(|near| select_unpredictable(labels[near] == label, piece_of_face[near], NO_SET));
-            piece_of_face[face] = sets.of_face(beside);
+            piece_of_face[face] =
+                sets.of_face(beside.filter(|&near| labels[near] == label).map(|near| piece_of_face[near]));
         }
         let (numbers, count) = sets.numbered();
         let mut pieces = vec![(FREE, 0); count];

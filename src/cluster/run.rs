@@ -1,16 +1,16 @@
-//! A run under way: carries out phases, counts their iterations and tells of them.
+//! A run: carries out phases, counts their iterations and reports them.
 
 use super::record::Record;
 use crate::device::{Cancel, Ending, LatticeEnergy, Step, Steps};
 use crate::error::Result;
 use crate::report::Phase;
 
-/// Repairs after each of which the phases begin anew. Bunny, horse, nefertiti and igea need one, seldom none or two (36 runs,
-/// k from 1,000 to 5,000, both kinds of seeds). Where a piece is worth more to the cluster it was cut from than to those that
-/// touch it, phases and repairs go round in circles, and connected refinement ends it.
+/// Repairs after which the phases begin anew. Bunny, horse, nefertiti and igea need one, seldom none or two (36 runs, k
+/// from 1,000 to 5,000, both kinds of seeds). Where a piece lowers the energy in the cluster that it was cut from,
+/// phases and repairs may repeat without end; connected refinement then ends the run.
 pub const MAX_REPAIRS: u32 = 3;
 
-/// What happens in a run, in order.
+/// One step of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Row {
     /// 0 is the state after the initial growth.
@@ -25,13 +25,13 @@ pub struct Row {
     pub moves: u64,
 }
 
-/// A run under way.
+/// A run.
 pub struct Run<'a> {
     /// The surface on its device.
     pub steps: &'a mut dyn Steps,
-    /// Asks to stop.
+    /// Ends the run early.
     pub cancel: &'a Cancel,
-    /// Is told of every step as it happens.
+    /// Called with every step as it happens.
     pub on_row: &'a mut dyn FnMut(Row),
     /// Hierarchies: the current round.
     pub round: Option<u32>,
@@ -39,12 +39,12 @@ pub struct Run<'a> {
     pub iteration: u32,
     /// Iterations with moves that may still be made.
     pub left: u32,
-    /// Keeps the labels of iterations that are wanted; none where none can be.
+    /// Keeps the labels of wanted iterations, if any.
     pub record: Option<&'a mut Record>,
 }
 
 impl Run<'_> {
-    /// Tells of the current state.
+    /// Reports the current state.
     pub fn tell(&mut self, phase: Phase, moves: u64) -> Result<()> {
         let energy = self.steps.energy()?;
         (self.on_row)(Row { iteration: self.iteration, round: self.round, phase, energy, moves });
@@ -59,7 +59,7 @@ impl Run<'_> {
         }
     }
 
-    /// Runs the boundary phase, and refinement if asked for and there are iterations left, to their ends.
+    /// Runs the boundary phase to its end, then refinement if `refine`, unless the limit was reached.
     pub fn optimise(&mut self, refine: bool) -> Result<Ending> {
         let ending =
             self.phase(Phase::Boundary, |steps, left, cancel, on_step| steps.optimise_boundary(left, cancel, on_step))?;
@@ -69,7 +69,7 @@ impl Run<'_> {
         self.phase(Phase::Refine, |steps, left, cancel, on_step| steps.refine(left, cancel, on_step))
     }
 
-    /// Gives the pieces that were cut off from their cluster to their neighbours. Returns whether there were any.
+    /// Repairs clusters in several pieces ([`Steps::repair`]). Returns whether there were any.
     pub fn repair(&mut self) -> Result<bool> {
         let cut_off = self.steps.repair(self.cancel)?;
         if cut_off > 0 {
@@ -95,7 +95,7 @@ impl Run<'_> {
         self.phase(Phase::Refine, |steps, left, cancel, on_step| steps.refine_connected(left, cancel, on_step))
     }
 
-    /// Carries out the iterations of a phase, with stops where labels are wanted.
+    /// Carries out the iterations of a phase, interrupted where labels are wanted.
     pub(super) fn phase(
         &mut self,
         phase: Phase,
@@ -120,5 +120,5 @@ impl Run<'_> {
     }
 }
 
-/// Is told of the iterations of a phase.
+/// Called with the iterations of a phase.
 pub(super) type OnStep<'a> = &'a mut dyn FnMut(Step);

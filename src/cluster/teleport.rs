@@ -1,22 +1,23 @@
 //! Teleports: moves that leave a local minimum (Cohen-Steiner et al. 2004, section 3.4).
 //!
-//! Moves of faces shift borders; a cluster never goes from where there are too many to where there are too few. A teleport
-//! merges two clusters that lose little by it and splits one that gains much, so that the number stays. Many are made at the
-//! same time, far from each other; what follows from them is optimised, and if the energy did not fall, all are taken back.
+//! Moves of faces shift borders; a cluster never goes from where there are too many to where there are too few. A
+//! teleport merges two clusters that lose little by it and splits one that gains much, so that the number stays. Many
+//! are made at the same time, far from each other; what follows from them is optimised, and if the energy did not fall,
+//! all are taken back.
 
 use std::cmp::Reverse;
 
 use rayon::prelude::*;
 
 use super::dual_edge::{End, mutual, packed_cost};
-use super::sums::{ClusterSums, squared_distance};
 use crate::device::DualEdge;
+use crate::energy::cvd::{ClusterSums, squared_distance};
 use crate::surface::DualGraph;
 
-/// Splits that are looked at for a pair, so that many pairs do not look at many that are taken.
+/// Splits that are tried for a pair, at most: many pairs would otherwise try many that are taken.
 const LOOKS: usize = 64;
 
-/// Clusters that a thread splits at a time.
+/// Clusters of a chunk.
 const CHUNK: usize = 64;
 
 /// The teleports that a clustering allows.
@@ -25,16 +26,16 @@ pub struct Teleports<'a> {
     graph: &'a DualGraph,
     component_of_cluster: &'a [u32],
     members: Members,
-    /// The pairs of clusters that chose each other, the cheapest first.
+    /// The mutual pairs of clusters, the cheapest first.
     pairs: Vec<(u32, u32)>,
     /// The splits of each component, those that gain most first.
     splits: Vec<Vec<Split>>,
 }
 
-/// A cluster falls into two.
+/// A way to split a cluster in two.
 #[derive(Debug)]
 struct Split {
-    /// What the energy falls by, packed as merge costs are.
+    /// By how much the energy falls, packed as merge costs are.
     gain: u32,
     cluster: u32,
     /// The faces that are nearer to the second leave it.
@@ -42,7 +43,7 @@ struct Split {
 }
 
 impl<'a> Teleports<'a> {
-    /// Those of some labels: every face is labelled, `edges` are the optimal dual edges.
+    /// The teleports of some labels. Every face is labelled; `edges` are the best dual edges.
     pub fn of(graph: &'a DualGraph, labels: &[u32], component_of_cluster: &'a [u32], edges: &[DualEdge]) -> Self {
         let members = Members::of(labels, component_of_cluster.len());
         let split = |cluster: u32| {
@@ -61,11 +62,11 @@ impl<'a> Teleports<'a> {
         Self { graph, component_of_cluster, members, pairs, splits }
     }
 
-    /// The labels, those that these are of, after at most `most` of them: the cheapest merges, and the splits that gain most. None when there is no such
-    /// pair. Merges cost more than splits gain, always: what pays is that the clusters around both have it easier afterwards,
-    /// which only optimisation shows.
+    /// `labels`, from which these teleports were computed, after at most `most` of them: the cheapest merges with the
+    /// splits that gain most. None when there is no such pair. A merge always costs more than a split gains; the energy
+    /// falls in the optimisation that follows.
     ///
-    /// Clusters of a teleport have no others beside them, and lie in one component.
+    /// The clusters of a teleport lie in one component, and none of them touches those of another teleport.
     pub fn made(&self, labels: &[u32], most: usize) -> Option<Vec<u32>> {
         let mut labels = labels.to_vec();
         let mut is_taken = vec![false; self.component_of_cluster.len()];
@@ -114,12 +115,12 @@ fn leaves(graph: &DualGraph, centres: [[i32; 3]; 2], face: u32) -> bool {
 }
 
 impl Split {
-    /// From the two faces that are the farthest apart, by twice giving every face to the nearer centre. None when all faces
-    /// lie at one place.
+    /// From the two faces that are the farthest apart, by twice giving every face to the nearer centre. None when all
+    /// faces lie at one place.
     fn of(graph: &DualGraph, faces: &[u32], cluster: u32, energy_shift: u32) -> Option<Self> {
         let sums_of = |faces: &mut dyn Iterator<Item = u32>| {
             let mut sums = ClusterSums::default();
-            faces.for_each(|face| sums.add_face(graph, face as usize, 1));
+            faces.for_each(|face| sums.add_face(graph.face(face as usize), 1));
             sums
         };
         let whole = sums_of(&mut faces.iter().copied());

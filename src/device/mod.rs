@@ -1,17 +1,20 @@
 //! Devices: what can carry out the steps of an algorithm.
 //!
-//! [`crate::cluster`] holds the drivers of the algorithms and knows only the traits here. Two devices implement them,
-//! `cpu` and `gpu`, and a given sequence of calls gives the same labels and energies, bit for bit, on both.
+//! [`crate::cluster`] holds the drivers of the algorithms and knows only the traits here. Three devices implement them.
+//! [`plain`] is the definition of each step as sequential code. `cpu` and `gpu` are the ones in use, and a given
+//! sequence of calls gives the same labels and energies, bit for bit, on all three.
 
 pub mod cpu;
 pub mod gpu;
+pub mod plain;
 pub mod select;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use crate::cluster::dual_edge::{Rank, Ties, mutual};
-use crate::cluster::sums::ClusterSums;
+pub use crate::energy::LatticeEnergy;
+use crate::energy::cvd::ClusterSums;
 use crate::error::{Error, Result};
 use crate::report::DeviceInfo;
 use crate::surface::DualGraph;
@@ -19,8 +22,8 @@ use crate::surface::DualGraph;
 /// The label of a face that belongs to no cluster (the paper's "null" cluster, P§5.2).
 pub const FREE: u32 = u32::MAX;
 
-/// Tells how many bytes of its own memory a device has allocated; none when it has none, or cannot tell. May be asked at any
-/// time, by any thread.
+/// Returns how many bytes of its own memory a device has allocated; None when it has none, or does not know. Any thread
+/// may call it at any time.
 pub type MemoryMeter = Arc<dyn Fn() -> Option<u64> + Send + Sync>;
 
 /// Something that can cluster.
@@ -28,8 +31,8 @@ pub trait Device: Send {
     /// What it is.
     fn info(&self) -> &DeviceInfo;
 
-    /// Another device like this one that may work at the same time, where that costs nothing: for small meshes, and for several
-    /// starts of one clustering.
+    /// Another device like this one that may work at the same time, where that costs nothing: for small meshes, and for
+    /// several starts of one clustering.
     fn another(&self) -> Option<Box<dyn Device>> {
         None
     }
@@ -66,10 +69,10 @@ pub trait Steps {
     /// Energy of the current labels with respect to the lattice proxies.
     fn energy(&mut self) -> Result<LatticeEnergy>;
 
-    /// Boundary-based optimisation (P§3.2, see [`crate::cluster`] for the synchronous definition) until nothing moves or
+    /// Boundary-based optimisation (P§3.2, defined in [`crate::cluster::flat`]) until nothing moves or
     /// `max_iterations` iterations with moves were made. All faces must be labelled.
     ///
-    /// `on_iteration` is told of every iteration in which something moved, in order, though maybe in batches.
+    /// `on_iteration` is called with every iteration in which something moved, in order, though maybe in batches.
     fn optimise_boundary(
         &mut self,
         max_iterations: u32,
@@ -89,13 +92,13 @@ pub trait Steps {
         on_iteration: &mut dyn FnMut(Step),
     ) -> Result<Ending>;
 
-    /// Says that the phase that stopped at its limit goes on with the next call of it, instead of beginning anew: faces that
-    /// were refused stay so. Nothing else may be changed in between.
+    /// The next phase goes on with the last one, which stopped at its limit: faces that were refused stay refused. Call
+    /// it right before that phase.
     fn resume(&mut self);
 
-    /// Frees the faces outside the piece with the most faces (of equally large ones, that with the smallest face) of each
-    /// cluster, and grows the clusters over them, as [`grow`](Self::grow) does. Returns how many that were. All faces must be
-    /// labelled.
+    /// Frees the faces outside the piece with the most faces (of equally large ones, that with the smallest face) of
+    /// each cluster, and grows the clusters over them, as [`grow`](Self::grow) does. Returns how many that were. All
+    /// faces must be labelled.
     fn repair(&mut self, cancel: &Cancel) -> Result<u64>;
 
     /// The current labels.
@@ -115,14 +118,15 @@ pub trait MergeSteps: Steps {
     /// The two ends of the dual edge with the smallest exact cost of all, the smaller number first.
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>>;
 
-    /// Merges pairs of clusters, each the first into the second of its pair (`(from, into)`); no cluster is in two pairs.
+    /// Merges pairs of clusters, each the first into the second of its pair (`(from, into)`); no cluster is in two
+    /// pairs.
     fn merge(&mut self, pairs: &[(u32, u32)]) -> Result<()>;
 
     /// The sums of some clusters.
     fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<ClusterSums>>;
 
-    /// The faces that belong to another cluster than after the last [`merge`](Self::merge), sorted: the face, the cluster
-    /// it belonged to and the one it belongs to.
+    /// The faces that belong to another cluster than after the last [`merge`](Self::merge), sorted: the face, the
+    /// cluster it belonged to and the one it belongs to.
     fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32, u32)>>;
 }
 
@@ -155,19 +159,10 @@ pub enum Ending {
     IterationLimit,
 }
 
-/// Σ over clusters of `(2·P·S − M·|P|²) << energy_shift`, exactly: what the proxies explain of Q.
+/// A flag that cancels a running job; clones share it.
 ///
-/// The energy is `F = Q − explained` with the constant Q of the surface ([`crate::surface::Surface::energy`] converts to source units);
-/// devices leave the constant out, because it needs no device. |explained| < 2¹²³.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct LatticeEnergy {
-    /// The explained part, in units of the lattice with the finest weights.
-    pub explained: i128,
-}
-
-/// A flag that asks a running job to stop; clones share it.
-///
-/// Who runs looks at it again and again; a watchdog can [count](Self::counting) that to see whether anything goes on.
+/// A run checks it in every iteration; a watchdog can [count](Self::counting) the checks to see whether the run makes
+/// progress.
 #[derive(Debug, Clone, Default)]
 pub struct Cancel {
     asked: Arc<AtomicBool>,
@@ -175,23 +170,23 @@ pub struct Cancel {
 }
 
 impl Cancel {
-    /// The same flag, of which `looks` counts how often it is looked at.
+    /// The same flag; `looks` counts its checks.
     pub fn counting(&self, looks: Arc<AtomicU64>) -> Self {
         Self { asked: Arc::clone(&self.asked), looks }
     }
 
-    /// Asks to stop.
+    /// Cancels the job.
     pub fn cancel(&self) {
         self.asked.store(true, Ordering::Relaxed);
     }
 
-    /// Whether it was asked to stop.
+    /// Whether the job was cancelled.
     pub fn is_cancelled(&self) -> bool {
         self.looks.fetch_add(1, Ordering::Relaxed);
         self.asked.load(Ordering::Relaxed)
     }
 
-    /// An error when it was asked to stop.
+    /// An error if the job was cancelled.
     pub fn check(&self) -> Result<()> {
         if self.is_cancelled() { Err(Error::cancelled()) } else { Ok(()) }
     }

@@ -1,7 +1,7 @@
-//! Bridges: dual edges that join components which share no edge, for those who want one tree over separate parts, or
-//! fewer clusters than parts.
+//! Bridges: dual edges between components, which share no edge. With them one tree covers separate parts, and there may
+//! be fewer clusters than parts.
 //!
-//! Each component stands for itself by the face nearest to its proxy. Components whose proxies are near each other are
+//! A component is represented by the face nearest to its proxy. Components whose proxies are near each other are
 //! joined: the candidates are neighbours along Morton curves through the proxies, on the lattice as it is and shifted
 //! twice, and of those a minimum spanning tree by distance is taken. So there is one bridge less than components, no
 //! component has more than six, and the cost is that of sorting.
@@ -9,7 +9,7 @@
 use super::components::Components;
 use super::lattice::{AREA, FaceGeometry};
 use super::order::along_curve;
-use crate::union_find::root;
+use crate::union_find::join;
 
 /// Shifts of the lattice for each curve, as parts of its width: thirds cut cells of all sizes elsewhere.
 const SHIFTS: [f64; 3] = [0.0, 1.0 / 3.0, 2.0 / 3.0];
@@ -40,9 +40,7 @@ pub fn bridges(geometry: &[FaceGeometry], components: &Components) -> Vec<(u32, 
     let mut parent: Vec<u32> = (0..components as u32).collect();
     let mut bridges = Vec::with_capacity(components.saturating_sub(1));
     for (_, a, b) in candidates {
-        let (root_a, root_b) = (root(&mut parent, a), root(&mut parent, b));
-        if root_a != root_b {
-            parent[root_a.max(root_b) as usize] = root_a.min(root_b);
+        if join(&mut parent, a, b) {
             bridges.push((representatives[a as usize], representatives[b as usize]));
         }
     }

@@ -1,7 +1,11 @@
-//! Coarser graphs: connected groups of faces as faces, for clusterings that go from coarse to fine.
+//! Coarser graphs, whose faces are connected groups of faces, for clusterings that go from coarse to fine.
 //!
-//! A group is a face with those of its neighbours that belong to none yet, in internal order; then lone faces join the
-//! smallest group beside them. On triangles a group has 2.6 faces on average.
+//! In internal order, every face that is in no group yet forms one with its neighbours that are in none; then groups of
+//! one face join the smallest neighbouring group. On triangles a group has 2.6 faces on average.
+//!
+//! Which neighbours are free, or in another group, follows no pattern: the loops here compute both outcomes and select
+//! one. With branches, a whole clustering of the bunny at quality fast takes 1.09 times as long
+//! (`benches/results/2026-11-22-two-cores/deleted.md`).
 
 use std::array::from_fn;
 use std::hint::select_unpredictable;
@@ -9,19 +13,19 @@ use std::hint::select_unpredictable;
 use rayon::prelude::*;
 
 use super::{Component, DualGraph};
-use crate::cluster::sums::ClusterSums;
+use crate::energy::cvd::ClusterSums;
 
 /// No group yet.
 const NONE: u32 = u32::MAX;
 
-/// Groups whose neighbours a thread finds at a time.
+/// Groups of a chunk.
 const RUN: usize = 4096;
 
-/// Neighbours of the faces of a group, those that come again included, that most groups have at most. With 16, putting more of them
-/// in order by counting takes longer than sorting them.
+/// Neighbouring groups, repeated ones included, up to which they are sorted by counting. Most groups have no more; with
+/// 16, counting takes longer than sorting.
 const FEW: usize = 8;
 
-/// Most faces that form a group; lone faces may add to it.
+/// Faces that form a group, at most; single faces may join it later.
 const MOST_FACES: usize = 4;
 
 /// A coarser graph and where its faces lie.
@@ -62,7 +66,7 @@ impl Grouping {
 }
 
 impl DualGraph {
-    /// So many groups there are at least, whatever [`grouped`](Self::grouped) makes of the faces.
+    /// A lower bound of the number of groups that [`grouped`](Self::grouped) makes.
     pub fn least_groups(&self, heaviest: &[u64]) -> u64 {
         let of_component = |(component, &heaviest): (&Component, &u64)| match heaviest {
             0 => u64::from(component.faces),
@@ -75,15 +79,15 @@ impl DualGraph {
         self.components.iter().zip(heaviest).map(of_component).sum()
     }
 
-    /// Groups neighbouring faces; `heaviest[c]` is the most that a group of component c may weigh, if it is not a single
-    /// face. Groups are connected.
+    /// Groups neighbouring faces; `heaviest[c]` is the most that a group of component c may weigh, if it is not a
+    /// single face. Groups are connected.
     pub fn grouped(&self, heaviest: &[u64]) -> Grouping {
         let mut groups = Groups::new(self.faces());
         for (component, &heaviest) in self.components.iter().zip(heaviest) {
             // no face weighs more, either
             let heaviest = heaviest.min(1 << 31);
             groups.form(self, component, heaviest);
-            groups.take_in_lone_faces(self, component, heaviest);
+            groups.merge_single_faces(self, component, heaviest);
         }
         let group_of_face = groups.numbered();
         // a component's faces follow those of the ones before it, and so do its groups
@@ -176,7 +180,7 @@ impl Run {
             let mut sums = ClusterSums::default();
             let mut found = 0;
             for &face in faces {
-                sums.add_face(graph, face as usize, 1);
+                sums.add_face(graph.face(face as usize), 1);
                 let beside = graph.neighbours_of(face);
                 if found + beside.len() > others.len() {
                     others.resize(2 * (found + beside.len()), 0);
@@ -195,7 +199,7 @@ impl Run {
         run
     }
 
-    /// Appends so many of `others`, which are [`FEW`] or more with those that follow, as neighbours: ascending, each once.
+    /// Appends the first `count` of `others` as neighbours: ascending, each once. `others` has at least [`FEW`] items.
     fn push_neighbours(&mut self, others: &mut [u32], count: usize) {
         match others.first_chunk() {
             Some(few) if count <= FEW => self.push_few(few, count),
@@ -206,16 +210,15 @@ impl Run {
         }
     }
 
-    /// The same for at most [`FEW`] of them, each put where as many are smaller: in no case does it depend on a branch that cannot be
-    /// foreseen, which costs more than all of this.
+    /// The same for at most [`FEW`]: each goes to the index that is the number of smaller ones.
     #[inline]
     fn push_few(&mut self, others: &[u32; FEW], count: usize) {
         /// Above all groups.
-        const NOBODY: i32 = i32::MAX;
-        let all: [i32; FEW] = from_fn(|at| if at < count { others[at] as i32 } else { NOBODY });
+        const NO_GROUP: i32 = i32::MAX;
+        let all: [i32; FEW] = from_fn(|at| if at < count { others[at] as i32 } else { NO_GROUP });
         let smaller = smaller_in(&all);
-        // equal ones come to one place, and leave the next ones empty
-        let mut sorted = [NOBODY; FEW];
+        // equal ones share an index, and leave the following ones empty
+        let mut sorted = [NO_GROUP; FEW];
         for (&smaller, &other) in smaller.iter().zip(&all) {
             sorted[smaller as usize % FEW] = other;
         }
@@ -223,7 +226,7 @@ impl Run {
         let mut kept = 0;
         for other in sorted {
             neighbours[kept % FEW] = other as u32;
-            kept += usize::from(other != NOBODY);
+            kept += usize::from(other != NO_GROUP);
         }
         let first = self.neighbours.len();
         self.neighbours.extend_from_slice(&neighbours);
@@ -231,7 +234,7 @@ impl Run {
     }
 }
 
-/// How many are smaller than each. By itself, this becomes vector instructions.
+/// How many are smaller than each. A function of its own, so that the compiler makes vector instructions of it.
 #[inline(never)]
 fn smaller_in(all: &[i32; FEW]) -> [i32; FEW] {
     let mut smaller = [0; FEW];
@@ -279,21 +282,21 @@ impl Groups {
         }
     }
 
-    /// Lets groups of one face join the group with the fewest faces beside them, the smaller number of equal ones.
-    fn take_in_lone_faces(&mut self, graph: &DualGraph, component: &Component, heaviest: u64) {
+    /// Groups of one face join the neighbouring group with the fewest faces, the smaller number of equal ones.
+    fn merge_single_faces(&mut self, graph: &DualGraph, component: &Component, heaviest: u64) {
         for face in component.range() {
-            let lone = self.group_of_face[face] as usize;
-            if self.faces[lone] != 1 {
+            let single = self.group_of_face[face] as usize;
+            if self.faces[single] != 1 {
                 continue;
             }
             let groups =
                 graph.neighbours_of(face as u32).iter().map(|&near| self.group_of_face[near as usize] as usize);
-            let has_room = |group: &usize| *group != lone && self.weights[*group] + self.weights[lone] <= heaviest;
+            let has_room = |group: &usize| *group != single && self.weights[*group] + self.weights[single] <= heaviest;
             if let Some(group) = groups.filter(has_room).min_by_key(|&group| (self.faces[group], group)) {
                 self.group_of_face[face] = group as u32;
                 self.faces[group] += 1;
-                self.weights[group] += self.weights[lone];
-                self.faces[lone] = 0;
+                self.weights[group] += self.weights[single];
+                self.faces[single] = 0;
             }
         }
     }

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::adjacency::Links;
-use super::sets::{NO_SET, Sets};
+use crate::union_find::{NO_SET, Sets};
 
 /// A set of faces connected across shared edges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,12 +1,13 @@
 //! The dual graph of a surface on the integer lattice: all that algorithms and devices see of a mesh.
 
 use super::Component;
+use crate::energy::cvd::Face;
 use crate::prefetch::prefetch;
 
 /// Faces as nodes with a place and a weight, shared edges as edges.
 ///
-/// A [`super::Surface`] has one whose nodes are its faces; [`contracted`](Self::contracted) makes smaller ones whose nodes
-/// are groups of faces. Everything is in internal order.
+/// A [`super::Surface`] has one whose nodes are its faces; [`contracted`](Self::contracted) makes smaller ones whose
+/// nodes are groups of faces. Everything is in internal order.
 #[derive(Debug, Clone)]
 pub struct DualGraph {
     /// Face centroids on the lattice, |coordinate| < 2²⁷.
@@ -21,17 +22,17 @@ pub struct DualGraph {
     pub components: Vec<Component>,
 }
 
-/// Faces from which on asking ahead pays where a clustering asks faces and moves them (`benches/results/2026-11-22-two-cores-xeon/ahead.md`):
-/// below, the caches have most of it, and the asking took up to a twentieth of a clustering's time.
+/// Faces from which on prefetching pays in clusterings (`benches/results/2026-11-22-two-cores-xeon/ahead.md`). Smaller
+/// graphs lie in the caches, and the requests took up to 5 % of a clustering.
 const OUTGROWS_CACHES: usize = 1 << 18;
 
 impl DualGraph {
-    /// Whether what is looked at all over the graph is worth [asking for](crate::prefetch) ahead.
+    /// Whether reads all over the graph are worth [prefetching](crate::prefetch).
     pub(crate) fn outgrows_caches(&self) -> bool {
         self.faces() >= OUTGROWS_CACHES
     }
 
-    /// Asks for what is known of a face, its neighbours excepted.
+    /// Requests what the graph has of a face, except its neighbours.
     #[inline]
     pub(crate) fn prefetch(&self, face: u32) {
         let face = face as usize;
@@ -40,10 +41,16 @@ impl DualGraph {
         prefetch(&self.neighbour_offsets, face);
     }
 
-    /// Asks for the neighbours of a face.
+    /// Requests the neighbours of a face.
     #[inline]
     pub(crate) fn prefetch_neighbours(&self, face: u32) {
         prefetch(&self.neighbours, self.neighbour_offsets[face as usize] as usize);
+    }
+
+    /// What the energy sees of a face.
+    #[inline]
+    pub fn face(&self, face: usize) -> Face {
+        Face { centroid: self.centroids[face], weight: self.weights[face] }
     }
 
     /// Number of faces.

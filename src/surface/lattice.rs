@@ -1,4 +1,4 @@
-//! From f64 to integers (DESIGN §3).
+//! From f64 to integers. `docs/arithmetic.md` has all bounds.
 //!
 //! Positions are centred on their bounding box and scaled by a power of two so that the box reaches 2²⁷ at most; a
 //! face's centroid is rounded to the nearest lattice point, its area × 2^exponent to the nearest integer, at least 1.
@@ -8,10 +8,7 @@
 use std::ops::{Add, Div, Mul, Range, Sub};
 
 use crate::mesh::PolygonMesh;
-use crate::prefetch::prefetch;
-
-/// Fours of faces that are worked on while what a later one needs is on its way.
-const AHEAD: usize = 2;
+use crate::prefetch::{prefetch, with_lookahead};
 
 /// Lattice coordinates stay below 2 to this power.
 const COORDINATE_BITS: i32 = 27;
@@ -36,8 +33,9 @@ pub struct Frame {
 
 /// A face in lattice units, before rounding: its centroid and its [`AREA`].
 ///
-/// The centroid is the area-weighted mean of the centroids of the fan's triangles; the mean of the corners when there is
-/// no area. The area is the sum of the areas of the fan's triangles; on a surface with density, times the relative density.
+/// The centroid is the area-weighted mean of the centroids of the fan's triangles; the mean of the corners when there
+/// is no area. The area is the sum of the areas of the fan's triangles; on a surface with density, times the relative
+/// density.
 pub type FaceGeometry = [f64; 4];
 
 /// Where a face's geometry has its area.
@@ -131,7 +129,7 @@ impl Frame {
 }
 
 impl Frame {
-    /// Calls `visit` with each place in `faces` and the centroid of the face there.
+    /// Calls `visit` with each index in `faces` and the centroid of the face there.
     pub fn each_centroid(&self, mesh: &PolygonMesh, faces: &[u32], mut visit: impl FnMut(usize, [f64; 3])) {
         let four = self.fours(mesh, faces, |at, triangles| {
             let [x, y, z] = triangles.centroid();
@@ -143,7 +141,7 @@ impl Frame {
         }
     }
 
-    /// Calls `visit` with each place in `faces` and what [`face`](Self::face) says of the face there.
+    /// Calls `visit` with each index in `faces` and the result of [`face`](Self::face) for the face there.
     pub fn each_face(&self, mesh: &PolygonMesh, faces: &[u32], mut visit: impl FnMut(usize, FaceGeometry, f64)) {
         let four = self.fours(mesh, faces, |at, triangles| {
             let [x, y, z] = triangles.centroid();
@@ -167,11 +165,11 @@ impl Frame {
         }
         let corners = mesh.faces.all_corners().as_chunks::<3>().0;
         let (fours, _) = faces.as_chunks::<4>();
-        for (at, faces) in fours.iter().enumerate() {
-            if let Some(later) = fours.get(at + 2 * AHEAD) {
+        for (at, (faces, ahead)) in with_lookahead(fours).enumerate() {
+            if let Some(later) = ahead.stage(2) {
                 later.iter().for_each(|&face| prefetch(corners, face as usize));
             }
-            if let Some(later) = fours.get(at + AHEAD) {
+            if let Some(later) = ahead.stage(1) {
                 let vertices = later.iter().flat_map(|&face| corners[face as usize]);
                 vertices.for_each(|vertex| prefetch(&mesh.positions, vertex as usize));
             }

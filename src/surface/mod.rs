@@ -1,26 +1,19 @@
 //! The surface as the algorithms see it: integer centroids and weights, and which faces share an edge.
 //!
 //! [`Surface::build`] takes a mesh through five steps, each a file here: positions that are exactly equal become one
-//! vertex (`weld`), faces that share an edge become neighbours (`adjacency`), connected sets of faces become
-//! components (`components`; `bridge` can join them), positions and areas become integers (`lattice`), and faces get an
-//! internal order that keeps neighbours close in memory (`order`). Where detail shall get smaller clusters, areas are first
-//! multiplied by a `density`, which may come from the `curvature`. Everything up to the lattice is scalar f64 with + − × ÷ √
-//! (and one power, by a library that is compiled in) in a fixed order, so the result is the same on every machine and for
-//! any number of threads.
+//! vertex (`weld`), faces that share an edge become neighbours (`adjacency`), connected sets of faces become components
+//! (`components`; `bridge` can join them), positions and areas become integers (`lattice`), and faces get an internal
+//! order that keeps neighbours close in memory (`order`). Where detail shall get smaller clusters, areas are first
+//! multiplied by a `density`, which may come from the `curvature`. Everything up to the lattice is scalar f64 with + −
+//! × ÷ √ (and one power, by a library that is compiled in) in a fixed order, so the result is the same on every machine
+//! and for any number of threads.
 //!
-//! Nothing here knows of clusters, algorithms or devices.
+//! It knows nothing of algorithms and devices; of clusters it knows their sums, whose energy it converts to source
+//! units.
 //!
-//! # What it costs
-//!
-//! Welding, adjacency and components on one side and the order on the other are worked on at the same time; then rows,
-//! centroids and weights are gathered in that order, in pieces. On one thread of a shared x86-64 machine it takes about
-//! 150 ns a face, at 270,000 faces as at 10 million, in 1150 instructions: 28 % for the links, a fifth each for the order and
-//! for centroids and areas, a tenth each for components and rows, the rest for welding and weights. The peak is 110 bytes a
-//! face beyond the file, 24 of them the mesh itself. What paid: no sorting of half-edges and no copy of them
-//! (`adjacency`), records of 8 bytes instead of 16 (`order`), centroids computed twice instead of kept (memory that is
-//! touched for the first time costs more than they do), four triangles at a time (`lattice`), no branches on what follows no
-//! pattern, which cost more than the instructions that stand in for them (`sets`, `weld`, `coarse`), and memory asked for ahead where
-//! faces come in another order than the file's (`adjacency`, `lattice`).
+//! Welding, adjacency and components on one side and the order on the other are computed at the same time; then rows,
+//! centroids and weights are gathered in that order, in chunks. The peak is 110 bytes a face beyond the file, 24 of
+//! them the mesh itself. `benches/results/` has times and what they consist of.
 
 mod adjacency;
 mod bridge;
@@ -31,7 +24,6 @@ mod density;
 mod graph;
 mod lattice;
 mod order;
-pub(crate) mod sets;
 mod weld;
 
 pub use coarse::{Coarse, Grouping};
@@ -43,8 +35,8 @@ use std::ops::{Deref, Range};
 
 use rayon::prelude::*;
 
-use crate::cluster::sums::ClusterSums;
-use crate::device::LatticeEnergy;
+use crate::energy::LatticeEnergy;
+use crate::energy::cvd::ClusterSums;
 use crate::error::{Error, Result};
 use crate::mesh::PolygonMesh;
 use crate::tree::Merge;
@@ -112,7 +104,8 @@ impl Surface {
 
     /// Puts a mesh on the lattice; with `bridge`, joins its components into one; with a density, areas count that much.
     ///
-    /// Fails for meshes of more than 2³¹ faces or corners, and for weights that are not one a face or vertex, finite and above
+    /// Fails for meshes of more than 2³¹ faces or corners, and for weights that are not one a face or vertex, finite
+    /// and above
     /// 0. Corners must be valid indices of finite positions, as [`crate::mesh::read`] promises.
     pub fn build_with(mesh: &PolygonMesh, bridge: bool, wanted: Wanted<'_>) -> Result<Self> {
         let faces = mesh.faces.len();
@@ -122,7 +115,7 @@ impl Surface {
                 1u32 << 31
             )));
         }
-        // from within the pool, the many parallel steps wake nobody
+        // from within the pool, parallel steps need not wake it
         rayon::scope(|_| Self::build_in_pool(mesh, bridge, wanted))
     }
 
@@ -247,8 +240,8 @@ impl Surface {
         }
     }
 
-    /// Energy of labels (internal order, each below `clusters`) in source units, in f64 from the source positions:
-    /// Σ area·|centroid − P|² with P the area-weighted mean of the cluster's centroids (P§6, Eq. 4); area × density where
+    /// Energy of labels (internal order, each below `clusters`) in source units, in f64 from the source positions: Σ
+    /// area·|centroid − P|² with P the area-weighted mean of the cluster's centroids (P§6, Eq. 4); area × density where
     /// there is one.
     pub fn source_energy(&self, labels: &[u32], clusters: usize) -> f64 {
         self.in_source_units(self.lattice_energy(labels, clusters))
@@ -283,9 +276,9 @@ impl Surface {
         energy
     }
 
-    /// [`source_energy`](Self::source_energy), and that over the energy of a flat tiling of the same area by `clusters` regular
-    /// hexagons, less what lies inside the faces: `5/(18√3)·A²/k − inside`. None when that difference leaves less than half of the
-    /// tiling's energy, and with a density, for which such a tiling is no measure.
+    /// [`source_energy`](Self::source_energy), and that over the energy of a flat tiling of the same area by `clusters`
+    /// regular hexagons, less what lies inside the faces: `5/(18√3)·A²/k − inside`. None when that difference leaves
+    /// less than half of the tiling's energy, and with a density, for which such a tiling is no measure.
     pub fn energy_and_hexagon_ratio(&self, labels: &[u32], clusters: usize) -> (f64, Option<f64>) {
         let energy = self.lattice_energy(labels, clusters);
         let area: f64 = self.geometry.iter().map(|face| face[AREA]).sum();

@@ -1,7 +1,7 @@
 //! Labels with the exact sums of their clusters.
 
-use crate::cluster::sums::{ClusterSums, squared_distance};
 use crate::device::{FREE, LatticeEnergy};
+use crate::energy::cvd::{ClusterSums, squared_distance};
 use crate::surface::Surface;
 
 /// A clustering in which every cluster has a face.
@@ -25,7 +25,7 @@ impl<'a> Partition<'a> {
         let mut sums = vec![ClusterSums::default(); component_of_cluster.len()];
         for (face, &label) in labels.iter().enumerate() {
             if label != FREE {
-                sums[label as usize].add_face(surface, face, 1);
+                sums[label as usize].add_face(surface.face(face), 1);
             }
         }
         let fits = sums.iter().map(fit).collect();
@@ -47,8 +47,8 @@ impl<'a> Partition<'a> {
         squared_distance(self.surface.centroids[face as usize], self.proxy(cluster))
     }
 
-    /// By how much F falls, exactly, when a face goes to another cluster of its component, in units of that component; none
-    /// when its own would be left empty.
+    /// By how much F falls, exactly, when a face goes to another cluster of its component, in units of that component;
+    /// none when its own would be left empty.
     pub fn gain(&self, face: u32, to: u32) -> Option<i128> {
         let from = self.labels[face as usize];
         if self.sums[from as usize].faces == 1 {
@@ -56,7 +56,7 @@ impl<'a> Partition<'a> {
         }
         let explained = |cluster: u32, sign: i64| {
             let mut sums = self.sums[cluster as usize];
-            sums.add_face(self.surface, face as usize, sign);
+            sums.add_face(self.surface.face(face as usize), sign);
             fit(&sums).1
         };
         let before = self.fits[from as usize].1 + self.fits[to as usize].1;
@@ -67,7 +67,7 @@ impl<'a> Partition<'a> {
     pub fn move_face(&mut self, face: u32, to: u32) {
         let from = std::mem::replace(&mut self.labels[face as usize], to);
         for (cluster, sign) in [(from as usize, -1), (to as usize, 1)] {
-            self.sums[cluster].add_face(self.surface, face as usize, sign);
+            self.sums[cluster].add_face(self.surface.face(face as usize), sign);
             self.fits[cluster] = fit(&self.sums[cluster]);
         }
     }

@@ -1,5 +1,5 @@
-//! Variational clustering with a priority queue (Cohen-Steiner, Alliez & Desbrun, "Variational Shape Approximation", 2004;
-//! the paper's VC), with the energy of centroidal Voronoi diagrams.
+//! Variational clustering with a priority queue (Cohen-Steiner, Alliez & Desbrun, "Variational Shape Approximation",
+//! 2004; the paper's VC), with the energy of centroidal Voronoi diagrams.
 //!
 //! # Definition
 //!
@@ -14,8 +14,8 @@
 //! smallest of equal ones; all clusters are flooded anew.
 //!
 //! *End.* Flooding does not have to lower F: which cluster reaches a face first also depends on the way there. So an
-//! iteration counts only if F is lower after it than ever before, and the first that does not is undone and ends the run.
-//! F falls in every row, and there are finitely many labellings.
+//! iteration counts only if F is lower after it than ever before, and the first that does not is undone and ends the
+//! run. F falls in every row, and there are finitely many labellings.
 //!
 //! Every cluster is connected and has at least its seed, by construction.
 
@@ -32,10 +32,11 @@ use crate::error::{Error, Result};
 use crate::report::Phase;
 use crate::surface::Surface;
 
-/// Faces between looks at the flag that asks to stop.
+/// Faces between checks for cancellation.
 const BETWEEN_CHECKS: usize = 1 << 16;
 
-/// Clusters a surface from the given seeds, and keeps the labels that `record` wants. Of the options, only `max_iterations` has a meaning here.
+/// Clusters a surface from the given seeds, and keeps the labels that `record` wants. Of the options, only
+/// `max_iterations` has a meaning here.
 pub fn variational(
     surface: &Surface,
     seeds: &SeedFaces,

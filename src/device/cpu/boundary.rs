@@ -1,71 +1,96 @@
-//! Boundary-based optimisation (P§3.2): the synchronous iteration that [`crate::cluster`] defines.
+//! The boundary phase (P§3.2): one iteration as [`crate::cluster::flat`] defines it, on active faces.
 
-use super::Move;
+use super::active_faces::{ActiveFaces, Evaluation};
+use super::boundary_faces::BoundaryFaces;
+use super::change_log::Cursor;
 use super::clusters::Clusters;
 use super::labels::Labels;
-use super::watch::{Answer, Seen, Watch, boundary_slack};
+use super::nearby::{Nearby, boundary_slack};
+use super::{Move, View};
 use crate::surface::DualGraph;
 
-/// The moves that the faces that are due want and the last-face rule allows; the others rest.
-pub fn moves(
-    graph: &DualGraph,
-    labels: &Labels,
-    clusters: &Clusters,
-    watch: &mut Watch,
-    leaving: &mut Leaving,
-) -> Vec<Move> {
-    let mut wanted = watch.ask(graph, labels, |face| decide(graph, labels, clusters, face));
-    let kept_back = leaving.kept_back(&wanted, clusters);
-    if !kept_back.is_empty() {
-        wanted.retain(|leaver| kept_back.binary_search(&leaver.face).is_err());
-        kept_back.into_iter().for_each(|face| watch.add(face));
-    }
-    wanted
-}
-
-/// Whether a face stays or wants to go: to the neighbouring cluster whose proxy is nearest, if that is nearer than its own's;
-/// the smaller number where two are equally near.
-fn decide(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32) -> Answer<Move> {
-    let from = labels.near_boundary(face);
-    let centroid = graph.centroids[face as usize];
-    let mut best = (i64::MAX.cast_unsigned(), from);
-    let seen = Seen::around(graph, labels, clusters, face, from, |cluster, place| {
-        best = best.min((place.squared_distance(centroid), cluster));
-    });
-    let (distance, to) = best;
-    let own = clusters.place(from).squared_distance(centroid);
-    if distance < own {
-        Answer { wish: Some(Move { face, from, to }), rest: seen.due() }
-    } else {
-        Answer { wish: None, rest: seen.rest(boundary_slack(own, distance)) }
-    }
-}
-
-/// How many faces want to leave each cluster, and the smallest of them: for the last-face rule. Zero between uses.
+/// What boundary phases keep between iterations.
 #[derive(Debug)]
-pub struct Leaving(Vec<(u32, u32)>);
+pub struct BoundaryPhase {
+    active: ActiveFaces,
+    /// For each cluster, how many faces want to leave it and the smallest of them; zero between iterations.
+    leaving: Vec<(u32, u32)>,
+}
 
-impl Leaving {
-    /// Nobody wants to leave any of `clusters` clusters.
-    pub fn new(clusters: usize) -> Self {
-        Self(vec![(0, 0); clusters])
+impl BoundaryPhase {
+    /// All boundary faces are active.
+    pub fn new(graph: &DualGraph, clusters: &Clusters, boundary: &BoundaryFaces) -> Self {
+        Self { active: ActiveFaces::new(boundary, graph.faces()), leaving: vec![(0, 0); clusters.len()] }
     }
 
-    /// The faces that the last-face rule keeps back, sorted.
-    fn kept_back(&mut self, wanted: &[Move], clusters: &Clusters) -> Vec<u32> {
-        for leaver in wanted {
-            let (count, smallest) = &mut self.0[leaver.from as usize];
-            *smallest = if *count == 0 { leaver.face } else { leaver.face.min(*smallest) };
+    /// Requests what this phase knows of a face.
+    pub fn prefetch(&self, face: u32) {
+        self.active.prefetch(face);
+    }
+
+    /// The active faces of this phase, which have to know of moves and merges.
+    pub fn active(&mut self) -> &mut ActiveFaces {
+        &mut self.active
+    }
+
+    /// The moves of the next iteration; none when the phase has converged.
+    pub fn moves(
+        &mut self,
+        graph: &DualGraph,
+        labels: &mut Labels,
+        clusters: &mut Clusters,
+        boundary: &BoundaryFaces,
+    ) -> Vec<Move> {
+        let changed = clusters.take_changes(Cursor::Boundary);
+        self.active.collect(graph, labels, clusters, boundary, &changed);
+        let view = View { graph, labels, clusters };
+        // 1. every face decides
+        let mut moves = self.active.evaluate(view, |face| decide(view, face));
+        // 2. the last face of a cluster stays, and decides again
+        let last_faces = self.last_faces(&moves, clusters);
+        if !last_faces.is_empty() {
+            moves.retain(|leaving| last_faces.binary_search(&leaving.face).is_err());
+            last_faces.into_iter().for_each(|face| self.active.add(face));
+        }
+        // 3. all others move
+        moves
+    }
+
+    /// The smallest face of each cluster that all of its faces want to leave, sorted.
+    fn last_faces(&mut self, moves: &[Move], clusters: &Clusters) -> Vec<u32> {
+        for leaving in moves {
+            let (count, smallest) = &mut self.leaving[leaving.from as usize];
+            *smallest = if *count == 0 { leaving.face } else { leaving.face.min(*smallest) };
             *count += 1;
         }
-        let mut kept = Vec::new();
-        for leaver in wanted {
-            let (count, smallest) = std::mem::take(&mut self.0[leaver.from as usize]);
-            if count == clusters.sums(leaver.from).faces {
-                kept.push(smallest);
+        let mut last = Vec::new();
+        for leaving in moves {
+            let (count, smallest) = std::mem::take(&mut self.leaving[leaving.from as usize]);
+            if count == clusters.sums(leaving.from).faces {
+                last.push(smallest);
             }
         }
-        kept.sort_unstable();
-        kept
+        last.sort_unstable();
+        last
+    }
+}
+
+/// The move of a face to the nearest cluster among its neighbours' (the smaller number of equally near ones), if that
+/// is nearer than its own.
+#[inline]
+fn decide(view: View<'_>, face: u32) -> Evaluation<Move> {
+    let View { graph, labels, clusters } = view;
+    let from = labels.near_boundary(face);
+    let centroid = graph.centroids[face as usize];
+    let mut nearest = (i64::MAX.cast_unsigned(), from);
+    let nearby = Nearby::of(view, face, from, |cluster, cached| {
+        nearest = nearest.min((cached.squared_distance(centroid), cluster));
+    });
+    let (distance, to) = nearest;
+    let own = clusters.cached(from).squared_distance(centroid);
+    if distance < own {
+        Evaluation { decision: Some(Move { face, from, to }), bound: nearby.active() }
+    } else {
+        Evaluation { decision: None, bound: nearby.bound(boundary_slack(own, distance)) }
     }
 }

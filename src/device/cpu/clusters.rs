@@ -1,45 +1,55 @@
-//! Sums and proxies of the clusters, in exact integers (DESIGN §3).
+//! Sums and proxies of the clusters, in exact integers ([`crate::energy::cvd`]).
+//!
+//! Faces move and clusters merge one at a time; [`Clusters::refit`] then fits the proxies of all clusters that changed.
+//! A proxy has a *drift*: the length of its way so far. Bounds of faces are made of drifts ([`super::nearby`]).
 
 use rayon::prelude::*;
 
-use super::changes::{Changes, Reader};
-use crate::cluster::sums::{ClusterSums, squared_distance};
-use crate::device::{FREE, LatticeEnergy};
+use super::change_log::{ChangeLog, Cursor};
+use crate::device::FREE;
+use crate::energy::LatticeEnergy;
+use crate::energy::cvd::{ClusterSums, squared_distance};
 use crate::prefetch::prefetch;
 use crate::surface::DualGraph;
 
-/// Drifts are counted in steps of so many lattice units: so few that a cluster is a thousand steps wide where that is a thousandth
-/// of the mesh, and so many that how long a face rests takes 32 bits.
-pub const STEP: u64 = 256;
+/// Resolution of drift: 256 lattice units. A cluster of a thousandth of the mesh's width is still some 500 steps wide,
+/// and the bound of a face fits 32 bits.
+pub const DRIFT_STEP: u64 = 256;
 
 /// More steps than any distance has.
-const FAR: u64 = (1 << 30) / STEP;
+const FAR: u64 = (1 << 30) / DRIFT_STEP;
 
-/// Clusters that one thread fits; more are fitted by all.
-const FEW: usize = 512;
+/// Clusters that one thread fits alone.
+const SEQUENTIAL_FITS: usize = 512;
 
-/// Fits that are kept until they are taken over.
+/// Fits that are computed before they are stored.
 const FITS: usize = 1 << 15;
 
-/// Faces on their way from one cluster to another.
+/// The sums of faces that may move from one cluster to another.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Change(ClusterSums);
 
-/// What faces look at of a cluster.
+/// What the evaluation of a face reads of a cluster.
 #[derive(Debug, Clone, Copy)]
-pub struct Place {
+pub struct CachedProxy {
     /// P = S / M rounded to nearest, halves up.
     proxy: [i32; 3],
-    /// How far the proxy has moved, in steps of [`STEP`] lattice units, all its ways added up and rounded up beyond them, so
-    /// that each change adds to it; at least 2. It moves by [`FAR`] at once when the cluster gets lighter than `least_weight`
-    /// said, or ends.
+    /// How far the proxy has moved: the sum of its ways in steps of [`DRIFT_STEP`], each rounded up by up to a step, so
+    /// that every change adds to it; at least 2. [`FAR`] is added when the weight falls below `least_weight`, and when
+    /// the cluster ends.
     pub drift: u64,
-    /// A weight that the cluster has at least.
+    /// A lower bound of the cluster's weight.
     pub least_weight: u64,
 }
 
-impl Place {
-    /// In place of a cluster: it never moves.
+/// The index of a cluster among the cached proxies. Slot 0 is no cluster, and its proxy never drifts.
+#[inline]
+pub fn slot(cluster: u32) -> u32 {
+    cluster + 1
+}
+
+impl CachedProxy {
+    /// That of slot 0.
     const NOWHERE: Self = Self { proxy: [0; 3], drift: 0, least_weight: 0 };
 
     /// Squared distance between a lattice point and the proxy, below 2⁵⁸.
@@ -53,42 +63,37 @@ impl Place {
 #[derive(Debug)]
 pub struct Clusters {
     sums: Vec<ClusterSums>,
-    /// What faces look at; kept apart from the sums to stay in cache. Before them comes [`Place::NOWHERE`].
-    places: Vec<Place>,
+    /// By [`slot`]; apart from the sums, to stay in cache.
+    cached: Vec<CachedProxy>,
     /// 2·P·S − M·|P|² of each cluster, in units of its component.
     explained: Vec<i128>,
     energy_shifts: Vec<u8>,
     /// Σ explained << energy_shift.
     total: i128,
-    changes: Changes,
+    change_log: ChangeLog,
 }
 
 impl Clusters {
-    /// No faces yet.
-    pub fn new(graph: &DualGraph, component_of_cluster: &[u32]) -> Self {
+    /// The clusters of these labels; free faces count for none. All clusters have changed.
+    pub fn of(graph: &DualGraph, component_of_cluster: &[u32], labels: &[u32]) -> Self {
         let shift = |&component: &u32| graph.components[component as usize].energy_shift as u8;
-        let clusters = component_of_cluster.len();
-        Self {
-            sums: vec![ClusterSums::default(); clusters],
-            places: places(clusters),
-            explained: vec![0; clusters],
+        let count = component_of_cluster.len();
+        let mut sums = vec![ClusterSums::default(); count];
+        for (face, &label) in labels.iter().enumerate().filter(|(_, label)| **label != FREE) {
+            sums[label as usize].add_face(graph.face(face), 1);
+        }
+        let mut cached = vec![CachedProxy { drift: 2, ..CachedProxy::NOWHERE }; count + 1];
+        cached[0] = CachedProxy::NOWHERE;
+        let mut clusters = Self {
+            sums,
+            cached,
+            explained: vec![0; count],
             energy_shifts: component_of_cluster.iter().map(shift).collect(),
             total: 0,
-            changes: Changes::all(clusters),
-        }
-    }
-
-    /// Sums all labelled faces anew. All clusters have changed.
-    pub fn gather(&mut self, graph: &DualGraph, labels: &[u32]) {
-        self.sums.fill(ClusterSums::default());
-        for (face, &label) in labels.iter().enumerate() {
-            if label != FREE {
-                self.sums[label as usize].add_face(graph, face, 1);
-            }
-        }
-        self.changes = Changes::all(self.sums.len());
-        self.places.iter_mut().for_each(|place| place.least_weight = 0);
-        self.refit();
+            change_log: ChangeLog::all(count),
+        };
+        clusters.refit();
+        clusters
     }
 
     /// Number of clusters, those without faces included.
@@ -103,7 +108,7 @@ impl Clusters {
 
     /// The proxy of a cluster that has faces.
     pub fn proxy(&self, cluster: u32) -> [i32; 3] {
-        self.place(cluster).proxy
+        self.cached(cluster).proxy
     }
 
     /// The component's energy shift of a cluster.
@@ -111,105 +116,106 @@ impl Clusters {
         u32::from(self.energy_shifts[cluster as usize])
     }
 
-    /// What faces look at of a cluster.
+    /// What the evaluation of a face reads of a cluster.
     #[inline]
-    pub fn place(&self, cluster: u32) -> &Place {
-        &self.places[cluster as usize + 1]
+    pub fn cached(&self, cluster: u32) -> &CachedProxy {
+        self.at_slot(slot(cluster))
     }
 
-    /// The same for the number after the cluster's. 0 is after that of none, and nowhere.
+    /// The same by [`slot`].
     #[inline]
-    pub fn place_before(&self, next: u32) -> &Place {
-        &self.places[next as usize]
+    pub fn at_slot(&self, slot: u32) -> &CachedProxy {
+        &self.cached[slot as usize]
     }
 
-    /// The clusters that gained or lost a face and that this reader has not yet seen.
-    pub fn take_changes(&mut self, reader: Reader) -> Vec<u32> {
-        self.changes.take(reader)
+    /// The clusters that gained or lost a face since the last call with this cursor, ascending.
+    pub fn take_changes(&mut self, cursor: Cursor) -> Vec<u32> {
+        self.change_log.take(cursor)
     }
 
-    /// Moves a face's share from one cluster to another. Proxies follow in [`refit`](Self::refit). Whether the clusters are still
-    /// whole others must say.
+    /// Moves a face's share from one cluster to another. Proxies follow in [`refit`](Self::refit). Whether
+    /// the clusters [may be in pieces](Self::may_be_in_pieces) is for the caller to note.
     pub fn transfer(&mut self, graph: &DualGraph, face: u32, from: u32, to: u32) {
-        self.sums[from as usize].add_face(graph, face as usize, -1);
-        self.sums[to as usize].add_face(graph, face as usize, 1);
-        self.changes.changed(from);
-        self.changes.changed(to);
+        self.sums[from as usize].add_face(graph.face(face as usize), -1);
+        self.sums[to as usize].add_face(graph.face(face as usize), 1);
+        self.change_log.changed(from);
+        self.change_log.changed(to);
     }
 
-    /// Asks for the sums of a cluster.
+    /// Notes that a cluster may be in pieces.
+    pub fn may_be_in_pieces(&mut self, cluster: u32) {
+        self.change_log.may_be_in_pieces(cluster);
+    }
+
+    /// Whether a cluster is known to be in one piece.
+    pub fn is_connected(&self, cluster: u32) -> bool {
+        self.change_log.is_connected(cluster)
+    }
+
+    /// Requests the sums of a cluster.
     #[inline]
     pub fn prefetch(&self, cluster: u32) {
         prefetch(&self.sums, cluster as usize);
     }
 
-    /// Asks for what a merge changes of the cluster that ends.
-    #[inline]
-    pub fn prefetch_ending(&self, cluster: u32) {
-        self.prefetch(cluster);
-        prefetch(&self.explained, cluster as usize);
-        prefetch(&self.places, cluster as usize + 1);
+    /// Merges the first cluster of each pair into the second, and fits the proxies.
+    pub fn merge(&mut self, pairs: &[(u32, u32)]) {
+        for &(from, into) in pairs {
+            self.merge_one(into, from);
+        }
+        self.refit();
     }
 
-    /// Says that a cluster may be in pieces.
-    pub fn may_be_in_pieces(&mut self, cluster: u32) {
-        self.changes.may_be_in_pieces(cluster);
-    }
-
-    /// Whether a cluster is known to be in one piece, as one without faces is too.
-    pub fn is_whole(&self, cluster: u32) -> bool {
-        self.changes.is_whole(cluster)
-    }
-
-    /// Gives all of one cluster to another. Proxies follow in [`refit`](Self::refit).
-    pub fn merge(&mut self, into: u32, from: u32) {
+    fn merge_one(&mut self, into: u32, from: u32) {
         let from_sums = std::mem::take(&mut self.sums[from as usize]);
         self.sums[into as usize].add(&from_sums, 1);
-        self.changes.merged(into, from);
-        // so that what ended needs no fit
+        self.change_log.merged(into, from);
+        // a cluster that ended needs no fit
         let from = from as usize;
         self.total -= std::mem::take(&mut self.explained[from]) << self.energy_shifts[from];
-        let ended = &mut self.places[from + 1];
+        let ended = &mut self.cached[slot(from as u32) as usize];
         ended.least_weight = 0;
         ended.drift += FAR;
     }
 
     /// Fits the proxies of the clusters whose sums changed.
     pub fn refit(&mut self) {
-        let changed = self.changes.take(Reader::Proxies);
-        if changed.len() <= FEW {
-            changed.into_iter().for_each(|cluster| self.keep_fit(cluster, self.sums[cluster as usize].fit()));
+        let changed = self.change_log.take(Cursor::Proxies);
+        if changed.len() <= SEQUENTIAL_FITS {
+            changed.into_iter().for_each(|cluster| self.store_fit(cluster, self.sums[cluster as usize].fit()));
             return;
         }
         for changed in changed.chunks(FITS) {
-            let fits = changed.par_iter().with_min_len(FEW).map(|&cluster| self.sums[cluster as usize].fit());
+            let fits =
+                changed.par_iter().with_min_len(SEQUENTIAL_FITS).map(|&cluster| self.sums[cluster as usize].fit());
             let fits: Vec<Option<([i32; 3], i128)>> = fits.collect();
-            changed.iter().zip(fits).for_each(|(&cluster, fit)| self.keep_fit(cluster, fit));
+            changed.iter().zip(fits).for_each(|(&cluster, fit)| self.store_fit(cluster, fit));
         }
     }
 
-    /// Takes over what [`ClusterSums::fit`] says of a cluster.
-    fn keep_fit(&mut self, cluster: u32, fit: Option<([i32; 3], i128)>) {
+    /// Stores what [`ClusterSums::fit`] gives for a cluster.
+    fn store_fit(&mut self, cluster: u32, fit: Option<([i32; 3], i128)>) {
         let cluster = cluster as usize;
-        let place = &mut self.places[cluster + 1];
-        // a cluster without faces keeps its proxy, which nobody asks for
-        let (proxy, explained) = fit.unwrap_or((place.proxy, 0));
+        let cached = &mut self.cached[slot(cluster as u32) as usize];
+        // a cluster without faces keeps its last proxy, which is not read
+        let (proxy, explained) = fit.unwrap_or((cached.proxy, 0));
         self.total += (explained - self.explained[cluster]) << self.energy_shifts[cluster];
         self.explained[cluster] = explained;
-        // the root of a rounded square is off by far less than one
-        let way = squared_distance(proxy, place.proxy);
-        place.drift += (way as f64).sqrt() as u64 / STEP + 1;
-        place.proxy = proxy;
+        // the error of the root is far below 1
+        let way = squared_distance(proxy, cached.proxy);
+        cached.drift += (way as f64).sqrt() as u64 / DRIFT_STEP + 1;
+        cached.proxy = proxy;
         let weight = self.sums[cluster].weight as u64;
-        if weight < place.least_weight {
-            place.drift += FAR;
+        if weight < cached.least_weight {
+            cached.drift += FAR;
         }
-        if weight < place.least_weight || weight / 2 > place.least_weight {
-            place.least_weight = weight - weight / 8;
+        if weight < cached.least_weight || weight / 2 > cached.least_weight {
+            cached.least_weight = weight - weight / 8;
         }
     }
 
-    /// Whether the energy falls, exactly, when `change` goes from one cluster to another, and leaves it a face.
+    /// Whether the energy falls, exactly, when `change` moves from one cluster to another, and a face is left in the
+    /// first.
     pub fn improves(&self, from: u32, to: u32, change: &Change) -> bool {
         let explained = |cluster: u32, sign: i64| {
             let mut sums = self.sums[cluster as usize];
@@ -227,13 +233,6 @@ impl Clusters {
     }
 }
 
-/// Places of so many clusters that have no faces yet.
-fn places(clusters: usize) -> Vec<Place> {
-    let mut places = vec![Place { drift: 2, ..Place::NOWHERE }; clusters + 1];
-    places[0] = Place::NOWHERE;
-    places
-}
-
 impl Change {
     /// One face.
     pub fn of(graph: &DualGraph, face: u32) -> Self {
@@ -244,6 +243,6 @@ impl Change {
 
     /// Adds a face.
     pub fn add(&mut self, graph: &DualGraph, face: u32) {
-        self.0.add_face(graph, face as usize, 1);
+        self.0.add_face(graph.face(face as usize), 1);
     }
 }

@@ -1,55 +1,46 @@
 //! Initial growth (P§5.3): breadth first, the smallest cluster wins a contested face.
 
-use std::hint::select_unpredictable;
-
 use super::labels::Labels;
 use crate::device::{Cancel, FREE};
 use crate::error::Result;
 use crate::surface::DualGraph;
 
-/// What growth needs to remember; kept between growths to save its memory.
+/// Scratch memory of growth, kept between growths.
 #[derive(Debug, Default)]
 pub struct Growth {
-    /// The smallest label offered to each free face in the current pass; [`FREE`] between passes. Empty until something grows.
+    /// The smallest label offered to each free face in the current pass; [`FREE`] between passes. Empty before the
+    /// first growth.
     offered: Vec<u32>,
 }
 
 impl Growth {
-    /// Labels all free faces that can be reached from the labelled faces in `frontier`, which must hold all those
-    /// beside a free face. Returns the faces it labelled.
+    /// Labels all free faces that can be reached from the labelled faces in `front`, which holds all neighbours of free
+    /// faces.
     ///
-    /// Only the faces labelled in the last pass can offer a label to a face that is still free: what lay beside an
-    /// earlier one was labelled then. The cost is in proportion to the faces labelled.
-    pub fn grow(
-        &mut self,
-        graph: &DualGraph,
-        labels: &mut Labels,
-        mut frontier: Vec<u32>,
-        cancel: &Cancel,
-    ) -> Result<Vec<u32>> {
+    /// Only faces labelled in the last pass have free neighbours, so the cost is in proportion to the faces labelled.
+    pub fn grow(&mut self, graph: &DualGraph, labels: &mut Labels, mut front: Vec<u32>, cancel: &Cancel) -> Result<()> {
         self.offered.resize(graph.faces(), FREE);
-        let mut grown = Vec::new();
-        while !frontier.is_empty() {
+        let mut reached = Vec::new();
+        while !front.is_empty() {
             cancel.check()?;
-            let first = grown.len();
-            for &face in &frontier {
+            reached.clear();
+            for &face in &front {
                 let label = labels.of(face);
                 for &near in graph.neighbours_of(face) {
-                    // which neighbours are free, or have an offer, follows no pattern: nothing here branches on it
-                    let is_free = labels.of(near) == FREE;
-                    let offer = &mut self.offered[near as usize];
-                    let is_first = is_free & (*offer == FREE);
-                    *offer = select_unpredictable(is_free, label.min(*offer), *offer);
-                    grown.push(near);
-                    grown.truncate(grown.len() - usize::from(!is_first));
+                    if labels.of(near) == FREE {
+                        let offer = &mut self.offered[near as usize];
+                        if *offer == FREE {
+                            reached.push(near);
+                        }
+                        *offer = label.min(*offer);
+                    }
                 }
             }
-            frontier.clear();
-            frontier.extend_from_slice(&grown[first..]);
-            for &face in &frontier {
+            std::mem::swap(&mut front, &mut reached);
+            for &face in &front {
                 labels.set(face, std::mem::replace(&mut self.offered[face as usize], FREE));
             }
         }
-        Ok(grown)
+        Ok(())
     }
 }

@@ -1,43 +1,41 @@
-//! The labels of the faces, and what became of clusters that merged.
+//! The labels of the faces while clusters merge.
 //!
-//! A merge relabels only the faces that others can see: the boundary faces of the cluster that ends, and their
-//! neighbours. What lies deeper keeps the old name, and [`Labels::of`] looks up what became of it. So a merge costs as
-//! much as the border of the smaller cluster, not its area. Where that would be more than a pass through memory, all labels
-//! are brought up to date at once, by all threads. Where a contraction stands for the faces nobody looks at borders, and all
-//! of them keep their old names until there is a frontier.
+//! A merge writes one entry, what the cluster was merged into. Labels follow where they are read: those of boundary
+//! faces and of their neighbours are kept up to date ([`Labels::refresh`]), and [`Labels::of`] resolves any other. So a
+//! merge costs as much as the boundary of the cluster that ends, not its area. Where that would be more than a pass
+//! over all labels, all are renewed at once, by all threads. Under a contraction no label is refreshed until boundaries
+//! are listed.
 
 use rayon::prelude::*;
 
+use super::tuning::chunks::FACES;
 use crate::device::FREE;
 use crate::prefetch::prefetch;
 use crate::surface::DualGraph;
 
-/// A pass over so many faces costs less than what a merge otherwise does.
+/// Faces that a pass renews in the time that the refreshing of labels takes for a merge.
 const FACES_A_MERGE: usize = 256;
 
-/// The same for a face and those beside it that are brought up to date.
+/// The same for the refreshing of a face and its neighbours.
 const FACES_AROUND: usize = 8;
-
-/// Faces that a thread relabels at a time.
-const PIECE: usize = 1 << 14;
 
 /// One label a face, internal order.
 #[derive(Debug)]
 pub struct Labels {
-    /// A cluster or one that became part of it, or [`FREE`].
+    /// A cluster, maybe one that has ended, or [`FREE`].
     raw: Vec<u32>,
-    /// What each cluster became part of; itself while it lives. Empty until clusters merge.
+    /// What each cluster was merged into; itself while it lives. Empty until clusters merge.
     merged_into: Vec<u32>,
     /// The clusters that ended since all labels were those of living ones.
     ended: Vec<u32>,
     /// Whether all labels are those of living clusters.
-    are_new: bool,
+    are_current: bool,
 }
 
 impl Labels {
     /// All faces free.
     pub fn new(faces: usize) -> Self {
-        Self { raw: vec![FREE; faces], merged_into: Vec::new(), ended: Vec::new(), are_new: true }
+        Self { raw: vec![FREE; faces], merged_into: Vec::new(), ended: Vec::new(), are_current: true }
     }
 
     /// Replaces all labels by those of living clusters.
@@ -45,16 +43,16 @@ impl Labels {
         self.raw.copy_from_slice(labels);
         self.merged_into.clear();
         self.ended.clear();
-        self.are_new = true;
+        self.are_current = true;
     }
 
-    /// The label of a face that lies on a boundary or beside one that does: those are kept up to date.
+    /// The label of a boundary face or of a neighbour of one, which is up to date.
     pub fn near_boundary(&self, face: u32) -> u32 {
         debug_assert_eq!(self.raw[face as usize], self.of(face));
         self.raw[face as usize]
     }
 
-    /// Asks for the label of a face.
+    /// Requests the label of a face.
     #[inline]
     pub fn prefetch(&self, face: u32) {
         prefetch(&self.raw, face as usize);
@@ -63,7 +61,7 @@ impl Labels {
     /// The label of any face.
     pub fn of(&self, face: u32) -> u32 {
         let mut label = self.raw[face as usize];
-        if !self.are_new && label != FREE {
+        if !self.are_current && label != FREE {
             while self.merged_into[label as usize] != label {
                 label = self.merged_into[label as usize];
             }
@@ -74,11 +72,11 @@ impl Labels {
     /// Brings the label of a face up to date, and returns it.
     pub fn refresh(&mut self, face: u32) -> u32 {
         let old = self.raw[face as usize];
-        if self.are_new || old == FREE || self.merged_into[old as usize] == old {
+        if self.are_current || old == FREE || self.merged_into[old as usize] == old {
             return old;
         }
         let label = self.of(face);
-        // shorten the path for all who come after
+        // path compression
         let mut old = std::mem::replace(&mut self.raw[face as usize], label);
         while old != label && old != FREE {
             old = std::mem::replace(&mut self.merged_into[old as usize], label);
@@ -86,12 +84,12 @@ impl Labels {
         label
     }
 
-    /// Brings the labels of some faces and of those beside them up to date.
+    /// Brings the labels of some faces and of their neighbours up to date.
     pub fn refresh_around(&mut self, graph: &DualGraph, faces: &[u32]) {
         if FACES_AROUND * faces.len() >= self.raw.len() {
             self.renew();
         }
-        if self.are_new {
+        if self.are_current {
             return;
         }
         for &face in faces {
@@ -107,8 +105,8 @@ impl Labels {
         self.raw[face as usize] = label;
     }
 
-    /// Lets clusters of `clusters` become part of others, each the first of its pair of the second, which lives. Where there is a
-    /// frontier, the faces near the boundaries of the former must be refreshed.
+    /// Merges the first cluster of each pair into the second, which lives. Where boundaries are listed, the caller
+    /// refreshes the faces near the boundary of the first.
     pub fn merge(&mut self, clusters: usize, pairs: &[(u32, u32)]) {
         if self.merged_into.is_empty() {
             self.merged_into.extend(0..clusters as u32);
@@ -117,14 +115,19 @@ impl Labels {
             self.merged_into[from as usize] = into;
             self.ended.push(from);
         }
-        self.are_new = false;
+        self.are_current = false;
     }
 
-    /// Brings all labels up to date, if so many merges are worth that.
+    /// Brings all labels up to date if so many merges are worth it.
     pub fn renew_after(&mut self, merges: usize) {
         if FACES_A_MERGE * merges >= self.raw.len() {
             self.renew();
         }
+    }
+
+    /// Whether each face is a cluster of its own, of the same number.
+    pub fn are_faces(&self) -> bool {
+        self.are_current && (0..).zip(&self.raw).all(|(face, &label)| label == face)
     }
 
     /// All labels, up to date.
@@ -135,15 +138,15 @@ impl Labels {
 
     /// Brings all labels up to date.
     fn renew(&mut self) {
-        if std::mem::replace(&mut self.are_new, true) {
+        if std::mem::replace(&mut self.are_current, true) {
             return;
         }
         let merged_into = &mut self.merged_into;
-        // what a cluster merged into may have merged since: the last comes first
+        // in reverse, so that the target of a merge is resolved before it is read
         for cluster in std::mem::take(&mut self.ended).into_iter().rev() {
             merged_into[cluster as usize] = merged_into[merged_into[cluster as usize] as usize];
         }
-        self.raw.par_chunks_mut(PIECE).for_each(|labels| {
+        self.raw.par_chunks_mut(FACES).for_each(|labels| {
             labels.iter_mut().filter(|label| **label != FREE).for_each(|label| *label = merged_into[*label as usize]);
         });
     }

@@ -1,38 +1,39 @@
-//! Pieces of clusters: those that were cut off, among the clusters that may be in several; which may be, when a face has left;
-//! and those that a move would cut off.
+//! Pieces of clusters: those that were cut off, and those that a move would cut off.
 
 use std::cmp::Reverse;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use rayon::prelude::*;
 
-use super::clusters::Clusters;
-use super::frontier::Frontier;
+use super::View;
+use super::boundary_faces::BoundaryFaces;
 use super::labels::Labels;
+use super::tuning::chunks::CLUSTERS;
 use crate::surface::DualGraph;
 use crate::union_find::root;
 
-/// For walks over faces: a number for each, no matter which at first. Only one thread at a time walks over the faces of a cluster.
+/// Scratch memory of walks: a number for each face, of any value. One thread at a time walks over the faces of a
+/// cluster.
 pub type Places = [AtomicU32];
 
-/// The faces that a walk came to, in the order in which it did.
+/// The faces that a walk has visited, in order.
 ///
-/// It came to a face if that is the one at the place that `places` has for it, so that nothing is cleared between walks (Briggs &
-/// Torczon 1993).
+/// A face was visited if it is the one at the place that `places` has for it. So nothing is cleared between walks (the
+/// sparse set of Briggs & Torczon 1993).
 struct Walk<'a> {
     faces: Vec<u32>,
     places: &'a Places,
 }
 
 impl Walk<'_> {
-    /// Where a face comes in the walk, if it does.
+    /// The place of a face in the walk, if it was visited.
     #[inline]
     fn place(&self, face: u32) -> Option<usize> {
         let place = self.places[face as usize].load(Ordering::Relaxed) as usize;
         (self.faces.get(place) == Some(&face)).then_some(place)
     }
 
-    /// Comes to a face for the first time.
+    /// Visits a face for the first time.
     #[inline]
     fn push(&mut self, face: u32) {
         self.places[face as usize].store(self.faces.len() as u32, Ordering::Relaxed);
@@ -40,42 +41,42 @@ impl Walk<'_> {
     }
 }
 
-/// The pieces of a cluster, as far as one has to walk to tell them apart.
+/// The pieces of a cluster, searched no further than needed to tell them apart.
 ///
-/// A walk sets out from several faces at once, and joins what was reached from them where it meets, until there is at most one
-/// set that can still grow. The others then are whole pieces, and all faces that were not reached belong to that one. So it mostly
-/// takes as long as there are faces to set out from and faces in the smaller pieces; where boundaries are far apart, as those of a
-/// ring, as there are faces between them.
+/// A breadth-first walk starts from all boundary faces at once; each begins a set, and sets that meet are joined. It
+/// ends when at most one set can still grow: the others are whole pieces, and all faces that were not visited belong to
+/// that one. The cost is that of the boundary faces and of the smaller pieces, mostly; in a ring, that of the faces
+/// between its two boundaries.
 pub struct Pieces<'a> {
     walk: Walk<'a>,
-    /// Faces of the walk whose neighbours were looked at.
-    looked_at: usize,
-    /// The set that each face of the walk was put in; each of the first faces began one.
+    /// Faces of the walk whose neighbours were visited.
+    expanded: usize,
+    /// The set that each face of the walk was put in.
     set_of_face: Vec<u32>,
     sets: Vec<Set>,
-    /// For each set one that it is part of, or itself.
+    /// A union-find forest of the sets.
     joined: Vec<u32>,
-    /// Sets that are not part of others.
+    /// Number of sets that were not joined to others.
     count: usize,
-    /// Those among them that can grow, and the faces of the others.
+    /// Number of those that can grow, and of faces in those that cannot.
     open: usize,
     closed_faces: usize,
 }
 
-/// What was reached from some faces.
+/// A set of visited faces.
 #[derive(Debug, Clone, Copy)]
 struct Set {
     faces: u32,
-    /// Those whose neighbours were not looked at yet.
+    /// Those that were not expanded yet.
     waiting: u32,
 }
 
 impl<'a> Pieces<'a> {
-    /// Not walked yet.
+    /// Before any walk.
     pub fn new(places: &'a Places) -> Self {
         Self {
             walk: Walk { faces: Vec::new(), places },
-            looked_at: 0,
+            expanded: 0,
             set_of_face: Vec::new(),
             sets: Vec::new(),
             joined: Vec::new(),
@@ -85,8 +86,8 @@ impl<'a> Pieces<'a> {
         }
     }
 
-    /// Sets out from faces of a cluster, among them one of each piece, and walks until at most one set can grow. Says whether
-    /// there are several pieces.
+    /// Walks from faces of a cluster, at least one of each piece, until at most one set can grow. Returns whether there
+    /// are several pieces.
     fn are_several(
         &mut self,
         graph: &DualGraph,
@@ -105,7 +106,7 @@ impl<'a> Pieces<'a> {
         self.set_of_face.clone_from(&self.joined);
         self.sets.clear();
         self.sets.resize(faces, Set { faces: 1, waiting: 1 });
-        (self.looked_at, self.count, self.open, self.closed_faces) = (0, faces, faces, 0);
+        (self.expanded, self.count, self.open, self.closed_faces) = (0, faces, faces, 0);
         self.walk_until(1, graph, is_own);
         self.count > 1
     }
@@ -118,16 +119,17 @@ impl<'a> Pieces<'a> {
         !self.are_several(graph, beside, is_own)
     }
 
-    /// Goes on until no more than so many sets can grow.
+    /// Continues the walk until at most `open` sets can grow.
     fn walk_until(&mut self, open: usize, graph: &DualGraph, is_own: impl Fn(u32) -> bool) {
         while self.open > open {
-            let face = self.walk.faces[self.looked_at];
-            let set = root(&mut self.joined, self.set_of_face[self.looked_at]);
+            let face = self.walk.faces[self.expanded];
+            let set = root(&mut self.joined, self.set_of_face[self.expanded]);
             for &near in graph.neighbours_of(face) {
                 if let Some(place) = self.walk.place(near) {
                     let other = root(&mut self.joined, self.set_of_face[place]);
                     if other != set {
-                        // which can grow, too: one that cannot has looked at `face`, and would have it
+                        // both can grow: a set that cannot has expanded the neighbours of all its faces, `face` among
+                        // them
                         self.joined[other as usize] = set;
                         let Set { faces, waiting } = self.sets[other as usize];
                         self.sets[set as usize].faces += faces;
@@ -142,7 +144,7 @@ impl<'a> Pieces<'a> {
                     self.sets[set as usize].waiting += 1;
                 }
             }
-            self.looked_at += 1;
+            self.expanded += 1;
             let Set { faces, waiting } = &mut self.sets[set as usize];
             *waiting -= 1;
             if *waiting == 0 {
@@ -152,15 +154,15 @@ impl<'a> Pieces<'a> {
         }
     }
 
-    /// Appends the faces of all pieces but the one with the most faces, of equally large ones that with the smallest face. The cluster
+    /// Appends the faces outside the largest piece to `cut_off`, after [`are_several`](Self::are_several). The cluster
     /// has `all` faces.
     fn all_but_largest(&mut self, graph: &DualGraph, is_own: impl Fn(u32) -> bool, all: usize, cut_off: &mut Vec<u32>) {
         if 2 * self.closed_faces >= all {
-            // the one that can grow may not be the largest
+            // the set that can grow may not be the largest
             self.walk_until(0, graph, is_own);
         }
-        // the face to be looked at next is of the set that can grow
-        let largest = match self.set_of_face.get(self.looked_at) {
+        // the next face to be expanded is of the set that can grow
+        let largest = match self.set_of_face.get(self.expanded) {
             Some(&set) => root(&mut self.joined, set),
             None => self.largest_of_all(),
         };
@@ -179,32 +181,23 @@ impl<'a> Pieces<'a> {
             *of_set = face.min(*of_set);
         }
         let rank = |set: u32| (self.sets[set as usize].faces, Reverse(smallest[set as usize]));
-        let is_whole = |set: &u32| self.joined[*set as usize] == *set;
-        (0..self.sets.len() as u32).filter(is_whole).max_by_key(|&set| rank(set)).unwrap_or_default()
+        let is_root = |set: &u32| self.joined[*set as usize] == *set;
+        (0..self.sets.len() as u32).filter(is_root).max_by_key(|&set| rank(set)).unwrap_or_default()
     }
 }
 
-/// Clusters that one thread looks at before it may get help.
-const CLUSTERS_A_PIECE_OF_WORK: usize = 64;
-
 /// The faces outside the piece with the most faces (of equally large ones, that with the smallest face) of each of the
 /// given clusters, each given once, sorted.
-pub fn cut_off(
-    graph: &DualGraph,
-    labels: &Labels,
-    clusters: &Clusters,
-    frontier: &Frontier,
-    of_clusters: &[u32],
-    places: &Places,
-) -> Vec<u32> {
+pub fn cut_off(view: View<'_>, boundary: &BoundaryFaces, of_clusters: &[u32], places: &Places) -> Vec<u32> {
+    let View { graph, labels, clusters } = view;
     let mut cut_off: Vec<u32> = of_clusters
-        .par_chunks(CLUSTERS_A_PIECE_OF_WORK)
+        .par_chunks(CLUSTERS)
         .flat_map_iter(|of_clusters| {
             let (mut cut_off, mut pieces) = (Vec::new(), Pieces::new(places));
             for &cluster in of_clusters {
                 let is_own = |face: u32| labels.of(face) == cluster;
-                // a piece that is not all there is has a boundary
-                if pieces.are_several(graph, frontier.boundary_of(cluster), is_own) {
+                // of several pieces, each has a boundary face
+                if pieces.are_several(graph, boundary.of_cluster(cluster), is_own) {
                     let all = clusters.sums(cluster).faces as usize;
                     pieces.all_but_largest(graph, is_own, all, &mut cut_off);
                 }
@@ -214,72 +207,4 @@ pub fn cut_off(
         .collect();
     cut_off.sort_unstable();
     cut_off
-}
-
-/// Faces that lie close to another, at most so many of them.
-const NEARBY: usize = 16;
-
-/// Faces that are looked at for a way around one that left.
-const LOOKS: usize = 32;
-
-/// Neighbours of each of them that are: large polygons have more.
-const BESIDE: usize = 16;
-
-/// Steps of a way around a face from one side; from the other it is two.
-const STEPS: usize = 3;
-
-/// Whether a cluster that was connected surely still is, now that a face has left it: whether there is a short way around
-/// the face between those of the cluster that lie beside it, which each way over the face can go instead.
-///
-/// Some 3 % of the faces that leave a cluster have none (bunny, whole hierarchy with optimisation, defaults).
-pub fn surely_stays_whole(graph: &DualGraph, labels: &Labels, face: u32, cluster: u32) -> bool {
-    let is_own = |near: &u32| labels.of(*near) == cluster;
-    let mut own = graph.neighbours_of(face).iter().copied().filter(is_own);
-    let Some((first, second)) = own.next().zip(own.next()) else { return true };
-    let mut nearby = [first; NEARBY];
-    let mut found = 1;
-    for step in [0, 1] {
-        let from = if step == 0 { 0..1 } else { 1..found };
-        for at in from {
-            for near in graph.neighbours_of(nearby[at]).iter().take(BESIDE).copied().filter(is_own) {
-                if found < NEARBY && near != first {
-                    nearby[found] = near;
-                    found += 1;
-                }
-            }
-        }
-    }
-    let mut looks = LOOKS;
-    std::iter::once(second)
-        .chain(own)
-        .all(|other| leads_to(graph, &is_own, &nearby[..found], [other, face], STEPS, &mut looks))
-}
-
-/// Whether a walk over so many faces of a cluster comes to one of `nearby`; `face` was reached from the one after it.
-fn leads_to(
-    graph: &DualGraph,
-    is_own: &impl Fn(&u32) -> bool,
-    nearby: &[u32],
-    [face, before]: [u32; 2],
-    steps: usize,
-    looks: &mut usize,
-) -> bool {
-    if nearby.contains(&face) {
-        return true;
-    }
-    if steps == 0 {
-        return false;
-    }
-    graph.neighbours_of(face).iter().take(BESIDE).any(|&near| {
-        if near == before || *looks == 0 || !is_own(&near) {
-            return false;
-        }
-        *looks -= 1;
-        leads_to(graph, is_own, nearby, [near, face], steps - 1, looks)
-    })
-}
-
-/// Whether a face lies beside one of a cluster.
-pub fn is_beside(graph: &DualGraph, labels: &Labels, face: u32, cluster: u32) -> bool {
-    graph.neighbours_of(face).iter().any(|&near| labels.of(near) == cluster)
 }

@@ -1,276 +1,148 @@
-//! Refinement: the iteration of bids and exact acceptance that [`crate::cluster::refinement`] defines.
-//!
-//! A cluster keeps the faces that bid to leave or to enter it. Only clusters whose bids changed can win anything they did not
-//! win before, so an iteration costs in proportion to those: where the tail of a phase moves ten faces an iteration, it looks
-//! at some hundred bids, not at all that are open.
+//! Refinement: one iteration as [`crate::cluster::refinement`] defines it, on active faces.
+
+use std::cmp::Reverse;
 
 use rayon::prelude::*;
 
+use super::active_faces::{ActiveFaces, Evaluation};
+use super::bids::{Bid, Bids, Verdict};
+use super::boundary_faces::BoundaryFaces;
+use super::change_log::Cursor;
 use super::clusters::{Change, Clusters};
 use super::labels::Labels;
-use super::watch::{Answer, RefinementSlack, Resting, Seen, Watch, others_beside};
-use super::{CHUNK, Move};
+use super::nearby::{Bound, Nearby, RefinementSlack, other_clusters};
+use super::pieces::Pieces;
+use super::tuning::chunks::{CLUSTERS, ITEMS};
+use super::{Move, View};
 use crate::cluster::refinement::{Side, bid, gain};
 use crate::surface::DualGraph;
 
-/// No face.
-const NONE: u32 = u32::MAX;
-
-/// What a face would lower the energy by, and where it would go.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-struct Bid {
-    /// Packed gain: larger is better; 0 for no bid.
-    gain: u32,
-    from: u32,
-    to: u32,
-}
-
-impl Bid {
-    /// Whether it is another bid, or one and none.
-    fn differs(self, other: Self) -> bool {
-        self != other && (self.gain > 0 || other.gain > 0)
-    }
-}
-
-/// A winning bid.
+/// What refinement keeps between iterations.
 #[derive(Debug)]
-struct Exchange {
-    winner: Move,
-    verdict: Verdict,
+pub struct RefinementPhase {
+    active: ActiveFaces,
+    bids: Bids,
 }
 
-/// What comes of an exchange.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Verdict {
-    AllMove,
-    WinnerMoves,
-    Refused,
-}
-
-/// The bids of a phase. Empty until somebody is asked for one.
-#[derive(Debug, Default)]
-pub struct Bids {
-    bid_of_face: Vec<Bid>,
-    /// Number of bids.
-    open: usize,
-    /// Every face that has a bid, and some that had one in this phase.
-    bidders: Vec<u32>,
-    /// The faces that bid to leave or to enter each cluster, each once.
-    at_cluster: Vec<Vec<u32>>,
-    /// The best of them, or [`NONE`]; wrong for clusters whose bids changed.
-    best: Vec<u32>,
-    /// Clusters whose bids changed, and whether each is among them.
-    changed: Vec<u32>,
-    is_changed: Vec<bool>,
-    exchanges: Vec<Exchange>,
-    /// The faces that were refused since the phase began.
-    refused: Vec<u32>,
-}
-
-impl Bids {
-    /// Ends the last phase, when another begins. Returns the faces that were refused in it, or still have bids because it
-    /// was cut short: they may bid again. Nobody has a bid any more: what happened since did not renew them.
-    pub fn end(&mut self) -> Vec<u32> {
-        let mut waiting = std::mem::take(&mut self.refused);
-        for face in std::mem::take(&mut self.bidders) {
-            if self.bid_of_face[face as usize].gain > 0 {
-                self.place(face, Bid::default());
-                waiting.push(face);
-            }
-        }
-        waiting
+impl RefinementPhase {
+    /// All boundary faces are active.
+    pub fn new(graph: &DualGraph, clusters: &Clusters, boundary: &BoundaryFaces) -> Self {
+        Self { active: ActiveFaces::new(boundary, graph.faces()), bids: Bids::new(graph.faces(), clusters.len()) }
     }
 
-    /// Whether nobody would improve.
-    pub fn is_empty(&self) -> bool {
-        self.open == 0
+    /// Requests what this phase knows of a face.
+    pub fn prefetch(&self, face: u32) {
+        self.active.prefetch(face);
     }
 
-    /// The faces that bid to leave or to enter some clusters, some of them maybe twice. When those change they must bid anew, also
-    /// where they see nobody any more.
-    pub fn at<'a>(&'a self, clusters: &'a [u32]) -> impl Iterator<Item = u32> + 'a {
-        clusters.iter().filter_map(|&cluster| self.at_cluster.get(cluster as usize)).flatten().copied()
+    /// The active faces of this phase, which have to know of moves and merges.
+    pub fn active(&mut self) -> &mut ActiveFaces {
+        &mut self.active
     }
 
-    /// Lets the faces that are due bid anew; the other bids stand. Those that do not bid rest.
-    pub fn renew(&mut self, graph: &DualGraph, labels: &Labels, clusters: &Clusters, watch: &mut Watch) {
-        self.bid_of_face.resize(graph.faces(), Bid::default());
-        self.at_cluster.resize_with(clusters.len(), Vec::new);
-        self.best.resize(clusters.len(), NONE);
-        self.is_changed.resize(clusters.len(), false);
-        let news = watch.ask(graph, labels, |face| {
-            let (bid, rest) = best_move(graph, labels, clusters, face);
-            let is_news = bid.differs(self.bid_of_face[face as usize]);
-            Answer { wish: is_news.then_some((face, bid)), rest }
-        });
-        news.into_iter().for_each(|(face, bid)| self.place(face, bid));
+    /// Begins a phase: faces that were refused, or had a bid when the last phase was cut short, may bid again.
+    pub fn begin(&mut self) {
+        self.bids.end().into_iter().for_each(|face| self.active.add(face));
     }
 
-    /// Replaces the bid of a face.
-    fn place(&mut self, face: u32, new: Bid) {
-        let old = std::mem::replace(&mut self.bid_of_face[face as usize], new);
-        if !old.differs(new) {
-            return;
-        }
-        let ends = |bid: Bid| if bid.gain > 0 { [bid.from, bid.to] } else { [NONE; 2] };
-        for cluster in ends(old) {
-            self.note(cluster);
-        }
-        for cluster in ends(new) {
-            self.note(cluster);
-            if cluster != NONE && !ends(old).contains(&cluster) {
-                self.at_cluster[cluster as usize].push(face);
-            }
-        }
-        if old.gain == 0 {
-            self.bidders.push(face);
-            self.open += 1;
-        } else if new.gain == 0 {
-            self.open -= 1;
-        }
-        // nobody is listed where it does not bid: a later bid would list it twice
-        for cluster in ends(old) {
-            if cluster != NONE && !ends(new).contains(&cluster) {
-                let listed = &mut self.at_cluster[cluster as usize];
-                if let Some(place) = listed.iter().position(|&other| other == face) {
-                    listed.swap_remove(place);
-                }
-            }
-        }
-    }
-
-    /// The bids at a cluster changed.
-    fn note(&mut self, cluster: u32) {
-        if cluster != NONE && !std::mem::replace(&mut self.is_changed[cluster as usize], true) {
-            self.changed.push(cluster);
-        }
-    }
-
-    /// The moves of an iteration; none when all winners are refused. Winners leave the bids, whether they move or not.
-    ///
-    /// `may_leave` is asked of a winner that would have to move alone; where it is given, nobody joins a winner.
+    /// The moves of the next iteration, maybe none; None when there are no bids. With `pieces`, only winners move, and
+    /// only those that leave their cluster connected.
     pub fn moves(
         &mut self,
         graph: &DualGraph,
-        clusters: &Clusters,
-        may_leave: Option<&mut dyn FnMut(Move) -> bool>,
-    ) -> Vec<Move> {
-        self.pair_up();
-        match may_leave {
-            None => self.judge(graph, clusters),
-            Some(may_leave) => self.judge_alone(graph, clusters, may_leave),
+        labels: &mut Labels,
+        clusters: &mut Clusters,
+        boundary: &BoundaryFaces,
+        pieces: Option<&mut Pieces<'_>>,
+    ) -> Option<Vec<Move>> {
+        self.renew_bids(graph, labels, clusters, boundary);
+        if self.bids.is_empty() {
+            return None;
         }
-        let mut moves = Vec::new();
-        for Exchange { winner, verdict } in std::mem::take(&mut self.exchanges) {
-            let first = moves.len();
-            match verdict {
-                Verdict::AllMove => moves.extend(self.together(winner)),
-                Verdict::WinnerMoves => moves.push(winner),
-                Verdict::Refused => self.refused.push(winner.face),
-            }
-            self.place(winner.face, Bid::default());
-            for moved in &moves[first..] {
-                self.place(moved.face, Bid::default());
-            }
-        }
-        moves
-    }
-
-    /// All that bid for the move of the winner.
-    fn together(&self, winner: Move) -> impl Iterator<Item = Move> + '_ {
-        // whoever leaves for a cluster is listed at both
-        let [from, to] = [winner.from, winner.to].map(|cluster| &self.at_cluster[cluster as usize]);
-        let shorter = if from.len() <= to.len() { from } else { to };
-        let makes_the_move = move |face: &&u32| {
-            let bid = self.bid_of_face[**face as usize];
-            (bid.from, bid.to) == (winner.from, winner.to)
+        let view = View { graph, labels, clusters };
+        let winners = self.bids.winners();
+        let verdicts = match pieces {
+            None => verdicts(graph, clusters, &self.bids, &winners),
+            Some(pieces) => winners.iter().map(|&winner| verdict_alone(view, pieces, winner)).collect(),
         };
-        shorter.iter().filter(makes_the_move).map(move |&face| Move { face, ..winner })
+        Some(self.bids.commit(&winners, &verdicts))
     }
 
-    /// Opens an exchange for each bid that is the best at both its clusters. One that was not before is the best of a
-    /// cluster whose bids changed.
-    fn pair_up(&mut self) {
-        for &cluster in &self.changed {
-            let rank = |&face: &u32| (self.bid_of_face[face as usize].gain, std::cmp::Reverse(face));
-            let best = self.at_cluster[cluster as usize].iter().copied().max_by_key(rank);
-            self.best[cluster as usize] = best.unwrap_or(NONE);
-        }
-        for &cluster in &self.changed {
-            let face = self.best[cluster as usize];
-            if face == NONE {
-                continue;
-            }
-            let Bid { from, to, .. } = self.bid_of_face[face as usize];
-            let other = if cluster == from { to } else { from };
-            // where both changed, the one that is left speaks for both
-            if self.best[other as usize] == face && (cluster == from || !self.is_changed[other as usize]) {
-                self.exchanges.push(Exchange { winner: Move { face, from, to }, verdict: Verdict::Refused });
-            }
-        }
-        for cluster in self.changed.drain(..) {
-            self.is_changed[cluster as usize] = false;
-        }
-    }
-
-    /// Tests each exchange with all who make the move, then with the winner alone.
-    fn judge(&mut self, graph: &DualGraph, clusters: &Clusters) {
-        let mut exchanges = std::mem::take(&mut self.exchanges);
-        let judge = |Exchange { winner, verdict }: &mut Exchange| {
-            let alone = Change::of(graph, winner.face);
-            let mut together = Change::default();
-            self.together(*winner).for_each(|moved| together.add(graph, moved.face));
-            *verdict = if clusters.improves(winner.from, winner.to, &together) {
-                Verdict::AllMove
-            } else if clusters.improves(winner.from, winner.to, &alone) {
-                Verdict::WinnerMoves
-            } else {
-                Verdict::Refused
-            };
-        };
-        if exchanges.len() <= CHUNK {
-            exchanges.iter_mut().for_each(judge);
-        } else {
-            exchanges.par_iter_mut().with_min_len(CHUNK / 8).for_each(judge);
-        }
-        self.exchanges = exchanges;
-    }
-
-    /// Tests each exchange with the winner alone.
-    fn judge_alone(&mut self, graph: &DualGraph, clusters: &Clusters, may_leave: &mut dyn FnMut(Move) -> bool) {
-        for Exchange { winner, verdict } in &mut self.exchanges {
-            let improves = clusters.improves(winner.from, winner.to, &Change::of(graph, winner.face));
-            *verdict = if improves && may_leave(*winner) { Verdict::WinnerMoves } else { Verdict::Refused };
-        }
+    /// Evaluates active faces, and returns all bids.
+    pub fn renew_bids(
+        &mut self,
+        graph: &DualGraph,
+        labels: &mut Labels,
+        clusters: &mut Clusters,
+        boundary: &BoundaryFaces,
+    ) -> &Bids {
+        let changed = clusters.take_changes(Cursor::Refinement);
+        // a bid depends on its clusters, also that of a face which lies on no boundary any more
+        self.bids.at(&changed).for_each(|face| self.active.add(face));
+        self.active.collect(graph, labels, clusters, boundary, &changed);
+        let view = View { graph, labels, clusters };
+        let bids = &self.bids;
+        let new_bids = self.active.evaluate(view, |face| {
+            let (bid, bound) = best_bid(view, face);
+            Evaluation { decision: bids.is_new(face, bid).then_some((face, bid)), bound }
+        });
+        new_bids.into_iter().for_each(|(face, bid)| self.bids.set(face, bid));
+        &self.bids
     }
 }
 
-/// The bid of a face: for the neighbouring cluster with the largest positive gain, the smaller number of equal ones. And how
-/// long it will not bid otherwise.
-fn best_move(graph: &DualGraph, labels: &Labels, clusters: &Clusters, face: u32) -> (Bid, Resting) {
+/// Tests each winner together with all that bid for its move, then alone.
+fn verdicts(graph: &DualGraph, clusters: &Clusters, bids: &Bids, winners: &[Move]) -> Vec<Verdict> {
+    let verdict = |&winner: &Move| {
+        let Move { from, to, face } = winner;
+        let alone = Change::of(graph, face);
+        let mut together = Change::default();
+        bids.joining(winner).for_each(|moved| together.add(graph, moved.face));
+        if clusters.improves(from, to, &together) {
+            Verdict::AllMove
+        } else if clusters.improves(from, to, &alone) {
+            Verdict::WinnerMoves
+        } else {
+            Verdict::Refused
+        }
+    };
+    if winners.len() <= ITEMS {
+        return winners.iter().map(verdict).collect();
+    }
+    winners.par_iter().with_min_len(CLUSTERS).map(verdict).collect()
+}
+
+/// Tests a winner alone: also whether its cluster stays connected without it.
+fn verdict_alone(View { graph, labels, clusters }: View<'_>, pieces: &mut Pieces<'_>, winner: Move) -> Verdict {
+    let improves = clusters.improves(winner.from, winner.to, &Change::of(graph, winner.face));
+    if improves && pieces.stays_connected(graph, labels, winner.face) { Verdict::WinnerMoves } else { Verdict::Refused }
+}
+
+/// The bid of a face for the neighbouring cluster with the largest positive gain (the smaller number of equal ones),
+/// and until when that holds.
+#[inline]
+fn best_bid(view: View<'_>, face: u32) -> (Bid, Bound) {
+    let View { graph, labels, clusters } = view;
     let from = labels.near_boundary(face);
     let centroid = graph.centroids[face as usize];
     let weight = graph.weights[face as usize];
-    let own = clusters.place(from);
+    let own = clusters.cached(from);
     let mut slack = RefinementSlack::new(weight, own.squared_distance(centroid), own.least_weight);
-    let seen = Seen::around(graph, labels, clusters, face, from, |_, place| {
-        slack.beside(place.squared_distance(centroid), place.least_weight);
+    let nearby = Nearby::of(view, face, from, |_, other| {
+        slack.other(other.squared_distance(centroid), other.least_weight);
     });
     if slack.is_clear() || clusters.sums(from).faces == 1 {
-        return (Bid::default(), seen.rest(slack.get()));
+        return (Bid::default(), nearby.bound(slack.get()));
     }
     let side = |cluster| Side {
-        squared_distance: clusters.place(cluster).squared_distance(centroid),
+        squared_distance: clusters.cached(cluster).squared_distance(centroid),
         weight: clusters.sums(cluster).weight as u64,
     };
     let own = side(from);
-    let mut best: Option<(i64, std::cmp::Reverse<u32>)> = None;
-    for to in others_beside(graph, labels, face, from) {
-        best = best.max(Some((gain(weight, own, side(to)), std::cmp::Reverse(to))));
-    }
-    let bid = match best {
-        Some((gain, std::cmp::Reverse(to))) if gain > 0 => Bid { gain: bid(gain, weight), from, to },
+    let gains = other_clusters(graph, labels, face, from).map(|to| (gain(weight, own, side(to)), Reverse(to)));
+    let bid = match gains.max() {
+        Some((gain, Reverse(to))) if gain > 0 => Bid { gain: bid(gain, weight), from, to },
         _ => Bid::default(),
     };
-    (bid, seen.rest(0))
+    (bid, nearby.bound(0))
 }

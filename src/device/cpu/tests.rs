@@ -1,11 +1,14 @@
 use std::cmp::Reverse;
 
+use super::listed::Listed;
 use super::*;
+use crate::cluster::dual_edge::{Rank, Ties};
+use crate::device::Cancel;
 use crate::sample::{Sample, generate};
 use crate::surface::Surface;
 
 #[test]
-fn a_bid_goes_with_the_last_face_that_it_was_for() {
+fn a_bid_is_renewed_when_its_face_is_no_longer_on_the_boundary() {
     let surface = Surface::build(&generate(Sample::Strip, 400).expect("a mesh")).expect("a surface");
     let graph = &surface.graph;
     let first = (0..400).find(|&face| graph.neighbours_of(face).len() == 1).expect("a strip has ends");
@@ -13,24 +16,21 @@ fn a_bid_goes_with_the_last_face_that_it_was_for() {
     while let Some(&next) = graph.neighbours_of(strip[strip.len() - 1]).iter().find(|near| !strip.contains(near)) {
         strip.push(next);
     }
-    // the end of a long cluster lies nearer the middle of the short one beside it; far away are many more
+    // the end of a long cluster lies nearer the middle of the short one beside it; many more clusters are far away
     let cluster_at = |at: usize| if at < 21 { 0 } else { (at as u32 - 21) / 4 + 1 };
     let mut labels = vec![0; strip.len()];
     strip.iter().enumerate().for_each(|(at, &face)| labels[face as usize] = cluster_at(at));
     let component_of_cluster = vec![0; cluster_at(399) as usize + 1];
     let mut steps = CpuSteps::new(graph, &component_of_cluster);
-    steps.set_labels(&labels).expect("nothing can fail");
-    steps.gather();
-    assert!(steps.renew_bids(Vec::new()));
+    steps.set_labels(&labels).expect("labels");
     let (end, beside) = (strip[20], strip[21]);
-    assert!(steps.bids.at(&[0]).any(|face| face == end), "the end would go");
-    steps.apply(&[Move { face: beside, from: 1, to: 0 }]);
-    if let Some(frontier) = &mut steps.frontier {
-        frontier.prune(graph, &steps.labels, 0);
-        assert!(frontier.boundary_of(0).all(|face| face != end), "it is an end no more");
-    }
-    steps.renew_bids(Vec::new());
-    assert!(steps.bids.at(&[0]).all(|face| face != end), "it has nowhere to go");
+    steps.with_listed(|graph, labels, listed| {
+        assert!(listed.renew_bids(graph, labels).at(&[0]).any(|face| face == end), "the end has a bid");
+        listed.apply(graph, labels, &[Move { face: beside, from: 1, to: 0 }]);
+        listed.boundary.prune(graph, labels, 0);
+        assert!(listed.boundary.of_cluster(0).all(|face| face != end), "the end is interior");
+        assert!(listed.renew_bids(graph, labels).at(&[0]).all(|face| face != end), "the end has no bid");
+    });
 }
 
 /// The faces outside the largest piece of each cluster, sorted, found among all.
@@ -62,6 +62,27 @@ fn all_but_largest(graph: &DualGraph, labels: &[u32]) -> Vec<u32> {
     faces
 }
 
+/// Moves of a third of the boundary faces that leave a face in each cluster.
+fn random_moves(
+    graph: &DualGraph,
+    labels: &[u32],
+    listed: &Listed,
+    random: &mut impl FnMut(usize) -> usize,
+) -> Vec<Move> {
+    let mut left: Vec<u32> = (0..labels.len() as u32).map(|cluster| listed.clusters.sums(cluster).faces).collect();
+    let mut moves = Vec::new();
+    for face in 0..labels.len() as u32 {
+        let near = graph.neighbours_of(face);
+        let from = labels[face as usize];
+        let to = labels[near[random(near.len())] as usize];
+        if to != from && left[from as usize] > 1 && random(3) == 0 {
+            left[from as usize] -= 1;
+            moves.push(Move { face, from, to });
+        }
+    }
+    moves
+}
+
 #[test]
 fn whatever_faces_move_all_pieces_are_found() {
     let mut state = 1u64;
@@ -73,34 +94,24 @@ fn whatever_faces_move_all_pieces_are_found() {
     for (sample, faces) in [(Sample::Sphere, 1500), (Sample::Strip, 300), (Sample::Cube, 600), (Sample::Parts, 900)] {
         let surface = Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface");
         let graph = &surface.graph;
-        let mut steps = CpuSteps::new(graph, &graph.component_of_face());
-        steps.set_labels(&(0..graph.faces() as u32).collect::<Vec<_>>()).expect("nothing can fail");
+        let component_of_cluster = graph.component_of_face();
+        let mut steps = CpuSteps::new(graph, &component_of_cluster);
+        steps.set_labels(&(0..graph.faces() as u32).collect::<Vec<_>>()).expect("the cpu does not fail");
         for _ in 0..14 {
-            let mutual = steps.mutual_dual_edges(Ties::Hash).expect("nothing can fail");
+            let mutual = steps.mutual_dual_edges(Ties::Hash).expect("the cpu does not fail");
             let pairs: Vec<(u32, u32)> = mutual.iter().map(Rank::ends).collect();
-            steps.merge(&pairs).expect("nothing can fail");
-            steps.gather();
-            for _ in 0..3 {
-                let labels = steps.labels.all().to_vec();
-                let mut left: Vec<u32> =
-                    (0..labels.len() as u32).map(|cluster| steps.clusters.sums(cluster).faces).collect();
-                let mut moves = Vec::new();
-                for face in 0..labels.len() as u32 {
-                    let near = graph.neighbours_of(face);
-                    let from = labels[face as usize];
-                    let to = labels[near[random(near.len())] as usize];
-                    if to != from && left[from as usize] > 1 && random(3) == 0 {
-                        left[from as usize] -= 1;
-                        moves.push(Move { face, from, to });
-                    }
+            steps.merge(&pairs).expect("merges");
+            steps.with_listed(|graph, labels, listed| {
+                for _ in 0..3 {
+                    let moves = random_moves(graph, labels.all(), listed, &mut random);
+                    listed.apply(graph, labels, &moves);
                 }
-                steps.apply(&moves);
-            }
-            let expected = all_but_largest(graph, steps.labels.all());
-            assert_eq!(steps.cut_off_faces(), expected, "{}", sample.name());
-            cut_off += expected.len();
-            steps.regrow(&expected, &Cancel::default()).expect("nothing can fail");
-            assert!(all_but_largest(graph, steps.labels.all()).is_empty(), "{}", sample.name());
+                let expected = all_but_largest(graph, labels.all());
+                assert_eq!(listed.cut_off_faces(graph, labels), expected, "{}", sample.name());
+                cut_off += expected.len();
+                listed.regrow(graph, labels, &expected, &Cancel::default()).expect("no cancellation");
+                assert!(all_but_largest(graph, labels.all()).is_empty(), "{}", sample.name());
+            });
         }
     }
     assert!(cut_off > 1000, "{cut_off} faces");

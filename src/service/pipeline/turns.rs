@@ -79,11 +79,6 @@ impl Line {
         }
     }
 
-    /// Whether a mesh has its turn.
-    pub fn is_taken(&self) -> bool {
-        self.lock().cost.is_some()
-    }
-
     /// Whether a mesh is short beside the one that has its turn.
     pub fn is_short(&self, cost: u64) -> bool {
         self.lock().cost.is_some_and(|other| other / SHORT >= cost)

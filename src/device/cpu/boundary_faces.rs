@@ -1,45 +1,46 @@
-//! The boundary faces of each cluster: where pieces and dual edges are looked for.
+//! The boundary faces of each cluster: pieces and dual edges are searched along them, and a boundary phase begins with
+//! them.
 
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use rayon::prelude::*;
 
 use super::labels::Labels;
-use super::sieve::Sieve;
+use super::tuning::chunks::{CLUSTERS, FACES};
+use super::tuning::filter::Filter;
 use crate::device::FREE;
 use crate::prefetch::prefetch;
 use crate::surface::DualGraph;
 
-/// Faces that a thread looks at to find those on boundaries.
-const PIECE: usize = 1 << 13;
-
 /// One list of boundary faces a cluster.
 ///
-/// A list holds every boundary face of its cluster, and maybe faces that no longer are; those go when somebody looks at all of it
-/// anyway, or when it would grow. The labels of listed faces and of their neighbours are up to date.
+/// A list has every boundary face of its cluster, maybe twice, and maybe faces that no longer are. Those are dropped
+/// when the whole list is gone through, or when it would need more memory. The labels of listed faces and of their
+/// neighbours are up to date.
 #[derive(Debug, Default)]
-pub struct Frontier {
+pub struct BoundaryFaces {
     faces_of_cluster: Vec<Vec<u32>>,
-    /// The cluster in whose list a face is, or [`FREE`].
+    /// The cluster in whose list a face counts, or [`FREE`].
     listed_in: Vec<AtomicU32>,
 }
 
 /// The list of a cluster.
-pub struct List<'a> {
+pub struct ClusterList<'a> {
     pub cluster: u32,
     faces: &'a mut Vec<u32>,
     listed_in: &'a [AtomicU32],
 }
 
-impl List<'_> {
-    /// Drops the faces that no longer belong there: asks of each that the cluster has, once, whether it lies on the boundary.
+impl ClusterList<'_> {
+    /// Keeps the faces of the cluster for which `is_boundary` holds, each once. It is called once for each face of the
+    /// cluster.
     pub fn retain(self, mut is_boundary: impl FnMut(u32) -> bool) {
         let mut kept = 0;
         for at in 0..self.faces.len() {
             let face = self.faces[at];
             let listed_in = &self.listed_in[face as usize];
             if listed_in.load(Relaxed) == self.cluster {
-                // so that it goes where it is listed a second time
+                // a second entry of this face is then dropped
                 listed_in.store(FREE, Relaxed);
                 self.faces[kept] = face;
                 kept += usize::from(is_boundary(face));
@@ -52,26 +53,25 @@ impl List<'_> {
     }
 }
 
-impl Frontier {
-    /// The frontier of new labels; all faces labelled.
+impl BoundaryFaces {
+    /// The boundary faces of new labels. All faces are labelled.
     pub fn collect(graph: &DualGraph, labels: &mut Labels, clusters: usize) -> Self {
         let all = labels.all();
         let is_boundary = |face: u32| {
             let own = all[face as usize];
             graph.neighbours_of(face).iter().fold(false, |is, &near| is | (all[near as usize] != own))
         };
-        let pieces = all.len().div_ceil(PIECE);
-        let found = (0..pieces).into_par_iter().map_init(Sieve::default, |found, piece| {
-            let faces = (piece * PIECE) as u32..((piece + 1) * PIECE).min(all.len()) as u32;
+        let chunks = all.len().div_ceil(FACES);
+        let found = (0..chunks).into_par_iter().map_init(Filter::default, |found, chunk| {
+            let faces = (chunk * FACES) as u32..((chunk + 1) * FACES).min(all.len()) as u32;
             found.clear();
             found.add(faces.len(), faces, is_boundary);
-            // they lie beside each other until all are found
             found.kept().to_vec()
         });
         let found: Vec<Vec<u32>> = found.collect();
         let mut listed_of_cluster = vec![0; clusters];
         found.iter().flatten().for_each(|&face| listed_of_cluster[all[face as usize] as usize] += 1);
-        // as much room again, as when a list is pruned
+        // twice the length, as after pruning
         let mut faces_of_cluster: Vec<Vec<u32>> =
             listed_of_cluster.into_iter().map(|listed: usize| Vec::with_capacity(2 * listed)).collect();
         let mut listed_in: Vec<AtomicU32> = (0..all.len()).map(|_| AtomicU32::new(FREE)).collect();
@@ -83,43 +83,43 @@ impl Frontier {
         Self { faces_of_cluster, listed_in }
     }
 
-    /// The boundary faces of all clusters, and maybe some more; some maybe twice.
+    /// The boundary faces of all clusters, and maybe others; some maybe twice.
     pub fn all(&self) -> impl Iterator<Item = u32> + '_ {
-        (0..self.faces_of_cluster.len() as u32).flat_map(|cluster| self.boundary_of(cluster))
+        (0..self.faces_of_cluster.len() as u32).flat_map(|cluster| self.of_cluster(cluster))
     }
 
-    /// How many faces the list of a cluster has.
+    /// The length of the list of a cluster.
     pub fn listed(&self, cluster: u32) -> usize {
         self.faces_of_cluster[cluster as usize].len()
     }
 
-    /// The boundary faces of a cluster, and maybe some more of its faces; some maybe twice.
-    pub fn boundary_of(&self, cluster: u32) -> impl Iterator<Item = u32> + '_ {
+    /// The boundary faces of a cluster, and maybe others of its faces; some maybe twice.
+    pub fn of_cluster(&self, cluster: u32) -> impl Iterator<Item = u32> + '_ {
         let faces = &self.faces_of_cluster[cluster as usize];
         faces.iter().copied().filter(move |&face| self.listed_in[face as usize].load(Relaxed) == cluster)
     }
 
-    /// Asks for what is known of the faces in the list of a cluster, their neighbours excepted.
-    pub fn prefetch_all_of(&self, graph: &DualGraph, cluster: u32) {
+    /// Requests what is read of the faces in the list of a cluster, except their neighbours.
+    pub fn prefetch_list(&self, graph: &DualGraph, cluster: u32) {
         for &face in &self.faces_of_cluster[cluster as usize] {
             self.prefetch(face);
             graph.prefetch(face);
         }
     }
 
-    /// Asks for where a face is listed.
+    /// Requests the entry of a face.
     #[inline]
     pub fn prefetch(&self, face: u32) {
         prefetch(&self.listed_in, face as usize);
     }
 
-    /// The list of a cluster, to be looked at.
-    pub fn list_of(&mut self, cluster: u32) -> List<'_> {
+    /// The list of a cluster.
+    pub fn list_of(&mut self, cluster: u32) -> ClusterList<'_> {
         let Self { faces_of_cluster, listed_in } = self;
-        List { cluster, faces: &mut faces_of_cluster[cluster as usize], listed_in }
+        ClusterList { cluster, faces: &mut faces_of_cluster[cluster as usize], listed_in }
     }
 
-    /// Keeps the lists in step with a face that has moved; `labels` already say so.
+    /// A face has moved; `labels` already have its new cluster.
     pub fn moved(&mut self, graph: &DualGraph, labels: &mut Labels, face: u32) {
         let to = labels.refresh(face);
         self.list(graph, labels, face, to);
@@ -131,8 +131,7 @@ impl Frontier {
         }
     }
 
-    /// Keeps the lists in step with a cluster that became part of another; `labels` already say so. Calls `visit` with its
-    /// boundary faces.
+    /// A cluster was merged into another; `labels` already say so. Calls `visit` with its boundary faces.
     pub fn merged(
         &mut self,
         graph: &DualGraph,
@@ -143,7 +142,7 @@ impl Frontier {
     ) {
         let of_from = std::mem::take(&mut self.faces_of_cluster[from as usize]);
         let of_into = &mut self.faces_of_cluster[into as usize];
-        // and half of that for faces that come: who looks for dual edges next will drop those between the two
+        // half as many again for faces that are added before the next search drops those between the two
         of_into.reserve(of_from.len() + (of_into.len() + of_from.len()) / 2);
         for face in of_from {
             if *self.listed_in[face as usize].get_mut() == from {
@@ -154,29 +153,28 @@ impl Frontier {
         }
     }
 
-    /// Calls `look` with the lists of some clusters, each given once, ascending; a thread looks at `piece` of them or more. Says what it
-    /// says of each.
-    pub fn look_at<S, T: Send>(
+    /// Calls `search` with the list of each of some clusters, ascending and each given once, in all threads. Returns
+    /// the results in that order. `state` makes the scratch memory of a thread.
+    pub fn search<S, T: Send>(
         &mut self,
         clusters: &[u32],
-        piece: usize,
         state: impl Fn() -> S + Sync + Send,
-        look: impl Fn(&mut S, List<'_>) -> T + Sync + Send,
+        search: impl Fn(&mut S, ClusterList<'_>) -> T + Sync + Send,
     ) -> Vec<T> {
         let Self { faces_of_cluster, listed_in } = self;
         let take = |&cluster: &u32| std::mem::take(&mut faces_of_cluster[cluster as usize]);
         let mut lists: Vec<Vec<u32>> = clusters.iter().map(take).collect();
-        let seen = clusters
+        let found = clusters
             .par_iter()
             .zip(&mut lists)
-            .with_min_len(piece)
-            .map_init(state, |state, (&cluster, faces)| look(state, List { cluster, faces, listed_in }));
-        let seen = seen.collect();
+            .with_min_len(CLUSTERS)
+            .map_init(state, |state, (&cluster, faces)| search(state, ClusterList { cluster, faces, listed_in }));
+        let found = found.collect();
         clusters.iter().zip(lists).for_each(|(&cluster, faces)| faces_of_cluster[cluster as usize] = faces);
-        seen
+        found
     }
 
-    /// Lists a face, and lets the labels around it be up to date.
+    /// Lists a face, and brings the labels around it up to date.
     fn list(&mut self, graph: &DualGraph, labels: &mut Labels, face: u32, cluster: u32) {
         labels.refresh_around(graph, &[face]);
         *self.listed_in[face as usize].get_mut() = cluster;
@@ -187,12 +185,12 @@ impl Frontier {
         self.faces_of_cluster[cluster as usize].push(face);
     }
 
-    /// Drops the faces of a list that no longer belong there.
+    /// Drops the faces of a list that are no longer boundary faces of its cluster.
     pub fn prune(&mut self, graph: &DualGraph, labels: &Labels, cluster: u32) {
         let is_boundary = |face| graph.neighbours_of(face).iter().any(|&near| labels.of(near) != cluster);
         self.list_of(cluster).retain(is_boundary);
         let faces = &mut self.faces_of_cluster[cluster as usize];
-        // as much room again, so that the next time is far away; not more, so that reading does not take longer than it must
+        // twice the length: fewer pruning passes, but no more memory than that
         let room = 2 * faces.len();
         if faces.capacity() < room { faces.reserve_exact(faces.len()) } else { faces.shrink_to(room) }
     }

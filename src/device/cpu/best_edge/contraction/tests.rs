@@ -15,8 +15,7 @@ struct Both<'a> {
 impl<'a> Both<'a> {
     fn new(graph: &'a DualGraph, ties: Ties) -> Self {
         let labels: Vec<u32> = (0..graph.faces() as u32).collect();
-        let mut clusters = Clusters::new(graph, &graph.component_of_face());
-        clusters.gather(graph, &labels);
+        let clusters = Clusters::of(graph, &graph.component_of_face(), &labels);
         Self { graph, ties, labels, clusters, contraction: Contraction::new(graph, ties) }
     }
 
@@ -52,10 +51,9 @@ impl<'a> Both<'a> {
         let pairs = choose(&edges);
         self.contraction.merge(&self.clusters, &pairs);
         for &(from, into) in &pairs {
-            self.clusters.merge(into, from);
             self.labels.iter_mut().filter(|label| **label == from).for_each(|label| *label = into);
         }
-        self.clusters.refit();
+        self.clusters.merge(&pairs);
         edges
     }
 }
@@ -96,7 +94,7 @@ fn random(state: &mut u64, below: u64) -> u64 {
     (*state >> 33) % below
 }
 
-/// Some of the best dual edges, whether or not they were chosen from both sides, none of them beside another.
+/// Some of the best dual edges, mutual or not, no two of which touch.
 fn some(edges: &[DualEdge], state: &mut u64) -> Vec<(u32, u32)> {
     let mut taken = std::collections::HashSet::new();
     let mut pairs = Vec::new();
@@ -170,7 +168,7 @@ fn merged_to_the_top_the_best_dual_edges_are_those_of_the_faces() {
 }
 
 fn merge_samples_to_the_top() {
-    // of the largest, several threads look at once
+    // in the largest, several threads search at once
     for (sample, faces) in [
         (Sample::Sphere, 1500),
         (Sample::Strip, 400),

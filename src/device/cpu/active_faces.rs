@@ -1,0 +1,215 @@
+//! Active faces: those whose decision may have changed since they were last evaluated.
+//!
+//! A phase evaluates only active faces; every other face would decide as it did before ([`super::nearby`] has the bound
+//! and why it is exact). So labels equal those of an iteration over all faces. A face becomes active when its bound is
+//! exceeded, when it moves, and when a neighbour moves to a cluster that its bound does not cover.
+//!
+//! The last result of an inactive face stays valid. A caller that keeps results, as refinement keeps bids, must [`add`]
+//! faces again when their clusters change, because a face that has come to lie inside its cluster has no bound to
+//! exceed.
+//!
+//! [`add`]: ActiveFaces::add
+
+use rayon::prelude::*;
+
+use super::View;
+use super::boundary_faces::BoundaryFaces;
+use super::clusters::Clusters;
+use super::labels::Labels;
+use super::nearby::Bound;
+use super::tuning::chunks::{ITEMS, SEQUENTIAL};
+use super::tuning::face_set::FaceSet;
+use super::tuning::filter::Filter;
+use super::tuning::stored_bound::StoredBound;
+use crate::prefetch::{Ahead, prefetch, with_lookahead};
+use crate::surface::DualGraph;
+
+/// Cost of a face that is reached through the boundary of a changed cluster, in faces that are reached in the order of
+/// memory.
+const SCATTERED: usize = 4;
+
+/// Changed clusters of a chunk.
+const CLUSTERS: usize = 16;
+
+/// The active faces of a phase.
+#[derive(Debug)]
+pub struct ActiveFaces {
+    /// Faces that may lie on a boundary. Others are inactive until they are [added](Self::add).
+    candidates: FaceSet,
+    /// Number of candidates when they were last counted.
+    candidate_count: usize,
+    bounds: Vec<StoredBound>,
+    /// Active faces, each once.
+    queue: Vec<u32>,
+}
+
+/// What the evaluation of a face gives.
+#[derive(Debug)]
+pub struct Evaluation<T> {
+    /// What it decides, if the phase needs to know.
+    pub decision: Option<T>,
+    /// Until when that holds.
+    pub bound: Bound,
+}
+
+impl ActiveFaces {
+    /// All boundary faces are active.
+    pub fn new(boundary: &BoundaryFaces, faces: usize) -> Self {
+        let mut candidates = FaceSet::new(faces);
+        boundary.all().for_each(|face| candidates.insert(face));
+        let bounds = std::iter::repeat_with(StoredBound::active).take(faces).collect();
+        Self { candidates, candidate_count: 0, bounds, queue: Vec::new() }
+    }
+
+    /// Requests the bound of a face.
+    #[inline]
+    pub fn prefetch(&self, face: u32) {
+        prefetch(&self.bounds, face as usize);
+    }
+
+    /// Makes a face active.
+    pub fn add(&mut self, face: u32) {
+        if self.bounds[face as usize].queue() {
+            self.candidates.insert(face);
+            self.queue.push(face);
+        }
+    }
+
+    /// A face has moved; `labels` already have its new cluster. Active are the face, and the neighbours whose bound
+    /// does not cover that cluster, or covers many, of which it does not say which.
+    pub fn moved(&mut self, graph: &DualGraph, labels: &Labels, face: u32) {
+        self.add(face);
+        let cluster = labels.near_boundary(face);
+        for &near in graph.neighbours_of(face) {
+            let bound = self.bounds[near as usize].near();
+            let is_covered = bound.lists(cluster) | (labels.near_boundary(near) == cluster);
+            if bound.are_many() | !is_covered {
+                self.add(near);
+            }
+        }
+    }
+
+    /// The cluster of a boundary face was merged into another; `labels` already say so.
+    pub fn merged(&mut self, graph: &DualGraph, labels: &Labels, face: u32) {
+        self.add(face);
+        let cluster = labels.near_boundary(face);
+        for &near in graph.neighbours_of(face) {
+            if self.bounds[near as usize].near().are_many() || labels.of(near) != cluster {
+                self.add(near);
+            }
+        }
+    }
+
+    /// Makes the faces active whose bound is exceeded, given the clusters that gained or lost a face since the last
+    /// call. Then brings the labels of all active faces and of their neighbours up to date.
+    pub fn collect(
+        &mut self,
+        graph: &DualGraph,
+        labels: &mut Labels,
+        clusters: &Clusters,
+        boundary: &BoundaryFaces,
+        changed: &[u32],
+    ) {
+        let view = View { graph, labels, clusters };
+        let Self { candidates, candidate_count, bounds, queue } = self;
+        let listed: usize = changed.iter().map(|&cluster| boundary.listed(cluster)).sum();
+        if SCATTERED * (listed + queue.len()) < *candidate_count {
+            let around = |changed: &[u32]| exceeded_around(view, boundary, changed, bounds);
+            let exceeded: Vec<Vec<u32>> = match listed <= SEQUENTIAL {
+                true => vec![around(changed)],
+                false => changed.par_chunks(CLUSTERS).map(around).collect(),
+            };
+            for face in exceeded.into_iter().flatten() {
+                if bounds[face as usize].queue() {
+                    queue.push(face);
+                }
+            }
+        } else {
+            // faces in the queue are candidates, and their bounds are exceeded
+            (*queue, *candidate_count) = candidates.filter(bounds, |face, bound| is_exceeded(view, face, bound));
+        }
+        labels.refresh_around(graph, &self.queue);
+    }
+
+    /// Evaluates all active faces and returns what they decide. Those whose bound allows it become inactive.
+    pub fn evaluate<T: Send>(&mut self, view: View<'_>, decide: impl Fn(u32) -> Evaluation<T> + Sync) -> Vec<T> {
+        let Self { candidates, bounds, queue, .. } = self;
+        let evaluate = |&face: &u32| {
+            let Evaluation { decision, bound } = decide(face);
+            bounds[face as usize].store(bound);
+            if bound.near.is_interior() {
+                candidates.remove(face);
+            }
+            decision
+        };
+        let outgrows_caches = view.graph.outgrows_caches();
+        let decisions = if queue.len() <= SEQUENTIAL {
+            queue.iter().filter_map(evaluate).collect()
+        } else {
+            let decisions = queue.par_chunks(ITEMS).map(|faces| {
+                let evaluate = |(face, ahead)| {
+                    if outgrows_caches {
+                        prefetch_ahead(view, bounds, ahead);
+                    }
+                    evaluate(face)
+                };
+                with_lookahead(faces).filter_map(evaluate).collect()
+            });
+            decisions.collect::<Vec<Vec<T>>>().into_iter().flatten().collect()
+        };
+        queue.clear();
+        decisions
+    }
+}
+
+/// Whether the clusters near a face have drifted beyond its bound.
+#[inline]
+fn is_exceeded(view: View<'_>, face: u32, bound: &StoredBound) -> bool {
+    bound.limit() < bound.near().drift(view, face)
+}
+
+/// Requests what the evaluation of later faces reads.
+#[inline]
+fn prefetch_ahead(View { graph, labels, .. }: View<'_>, bounds: &[StoredBound], ahead: Ahead<'_, u32>) {
+    if let Some(&later) = ahead.stage(4) {
+        graph.prefetch(later);
+        prefetch(bounds, later as usize);
+    }
+    if let Some(&later) = ahead.stage(2) {
+        graph.prefetch_neighbours(later);
+    }
+    if let Some(&later) = ahead.stage(1) {
+        graph.neighbours_of(later).iter().for_each(|&near| labels.prefetch(near));
+    }
+}
+
+/// The boundary faces of some clusters, and their neighbours in others, whose bound is exceeded; some several times.
+/// Faces that see many clusters are taken unseen: they come up once for each neighbour, and adding up their drifts
+/// costs as much as an evaluation.
+fn exceeded_around(view: View<'_>, boundary: &BoundaryFaces, changed: &[u32], bounds: &[StoredBound]) -> Vec<u32> {
+    let View { graph, labels, .. } = view;
+    let mut exceeded = Vec::new();
+    let mut around = Filter::default();
+    let outgrows_caches = graph.outgrows_caches();
+    for (at, &cluster) in changed.iter().enumerate() {
+        if outgrows_caches {
+            changed.get(at + 1).into_iter().for_each(|&next| boundary.prefetch_list(graph, next));
+            boundary.of_cluster(cluster).for_each(|face| graph.prefetch_neighbours(face));
+        }
+        around.clear();
+        for face in boundary.of_cluster(cluster) {
+            let near = graph.neighbours_of(face);
+            around.extend(&[face]);
+            around.add(near.len(), near.iter().copied(), |near| labels.near_boundary(near) != cluster);
+        }
+        if outgrows_caches {
+            around.kept().iter().for_each(|&face| prefetch(bounds, face as usize));
+        }
+        around.retain(|face| {
+            let bound = &bounds[face as usize];
+            bound.near().are_many() || is_exceeded(view, face, bound)
+        });
+        exceeded.extend_from_slice(around.kept());
+    }
+    exceeded
+}

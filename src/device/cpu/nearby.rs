@@ -1,0 +1,206 @@
+//! The clusters near a face, and the bound that skips its evaluation.
+//!
+//! A face decides by its distances to the proxies of its own cluster and of its neighbours' clusters. Its *slack* is by
+//! how much those distances may change, together, before it could decide otherwise. By the triangle inequality they
+//! change by no more than the proxies drift, so the decision holds until the drifts of all these clusters add up to
+//! more than the slack. Elkan 2003 and Hamerly 2010 skip distances of k-means in the same way.
+//!
+//! Slacks are computed in f64 and rounded down by more than their error, so that skipping is exact.
+
+use std::hint::select_unpredictable;
+
+use super::View;
+use super::clusters::{CachedProxy, DRIFT_STEP, slot};
+use super::labels::Labels;
+use crate::surface::DualGraph;
+
+/// In place of the first other cluster: there are more than two. No slot has this number.
+pub const MANY: u32 = u32::MAX;
+
+/// No cluster: the slot of a proxy that never drifts.
+const NO_SLOT: u32 = 0;
+
+/// The clusters that a face sees, by their slots ([`slot`]).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct NearClusters {
+    pub own: u32,
+    /// Those of neighbours: none are [`NO_SLOT`], more than two begin with [`MANY`].
+    pub others: [u32; 2],
+}
+
+/// Until when the decision of a face holds: until the proxies of the clusters near it have together drifted further
+/// than `limit`, in steps of [`DRIFT_STEP`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Bound {
+    pub near: NearClusters,
+    pub limit: u64,
+}
+
+/// The clusters near a face, and how far their proxies have drifted until now, added up.
+#[derive(Debug, Clone, Copy)]
+pub struct Nearby {
+    near: NearClusters,
+    drift: u64,
+}
+
+impl NearClusters {
+    /// Whether there is no other cluster: the face is not on a boundary.
+    #[inline]
+    pub fn is_interior(self) -> bool {
+        self.others[0] == NO_SLOT
+    }
+
+    /// Whether the face sees more than two other clusters, which are not listed.
+    #[inline]
+    pub fn are_many(self) -> bool {
+        self.others[0] == MANY
+    }
+
+    /// Whether a cluster is among the others that are listed.
+    #[inline]
+    pub fn lists(self, cluster: u32) -> bool {
+        (self.others[0] == slot(cluster)) | (self.others[1] == slot(cluster))
+    }
+
+    /// How far the proxies of these clusters have drifted, added up.
+    #[inline]
+    pub fn drift(self, view: View<'_>, face: u32) -> u64 {
+        match self.others {
+            [MANY, _] => drift_of_many(view, face, self.own - 1),
+            [first, second] => [self.own, first, second].map(|slot| view.clusters.at_slot(slot).drift).iter().sum(),
+        }
+    }
+}
+
+impl Bound {
+    /// The limit of an active face, which has to be evaluated: less than any drift.
+    pub const ACTIVE: u64 = 1;
+}
+
+impl Nearby {
+    /// Looks at the neighbours of a face of cluster `own`. Calls `visit` with each other cluster among theirs; with
+    /// some maybe several times where there are more than two.
+    #[inline]
+    pub fn of(view: View<'_>, face: u32, own: u32, mut visit: impl FnMut(u32, &CachedProxy)) -> Self {
+        let View { graph, labels, clusters } = view;
+        let mut others = [NO_SLOT; 2];
+        let mut are_many = false;
+        // which neighbours are in other clusters follows no pattern, so that a branch on it would be mispredicted
+        for &near in graph.neighbours_of(face) {
+            let next = slot(labels.near_boundary(near));
+            let is_new = (next != slot(own)) & (next != others[0]) & (next != others[1]);
+            are_many |= is_new & (others[1] != NO_SLOT);
+            others =
+                [select_unpredictable(is_new, next, others[0]), select_unpredictable(is_new, others[0], others[1])];
+        }
+        if are_many {
+            other_clusters(graph, labels, face, own).for_each(|other| visit(other, clusters.cached(other)));
+            let near = NearClusters { own: slot(own), others: [MANY, NO_SLOT] };
+            return Self { near, drift: drift_of_many(view, face, own) };
+        }
+        let mut drift = clusters.cached(own).drift;
+        for other in others.into_iter().take_while(|&other| other != NO_SLOT) {
+            let cached = clusters.at_slot(other);
+            visit(other - 1, cached);
+            drift += cached.drift;
+        }
+        Self { near: NearClusters { own: slot(own), others }, drift }
+    }
+
+    /// The bound of a decision that holds while the distances change by no more than `slack`, in lattice units. With 0
+    /// it holds until one of the clusters changes.
+    #[inline]
+    pub fn bound(self, slack: u64) -> Bound {
+        let limit = if self.near.is_interior() { u64::MAX } else { self.drift + slack / DRIFT_STEP };
+        Bound { near: self.near, limit }
+    }
+
+    /// The bound of a face that stays active.
+    pub fn active(self) -> Bound {
+        Bound { near: self.near, limit: Bound::ACTIVE }
+    }
+}
+
+/// The clusters of a face's neighbours other than `own`; one maybe several times. The labels need not be up to date.
+pub fn other_clusters<'a>(
+    graph: &'a DualGraph,
+    labels: &'a Labels,
+    face: u32,
+    own: u32,
+) -> impl Iterator<Item = u32> + 'a {
+    let mut last = own;
+    graph.neighbours_of(face).iter().map(|&near| labels.of(near)).filter(move |&other| {
+        let is_other = other != own && other != last;
+        if is_other {
+            last = other;
+        }
+        is_other
+    })
+}
+
+/// How far the proxies of `own` and of the [`other_clusters`] of a face have drifted, added up.
+#[cold]
+fn drift_of_many(View { graph, labels, clusters }: View<'_>, face: u32, own: u32) -> u64 {
+    let others = other_clusters(graph, labels, face, own).map(|other| clusters.cached(other).drift);
+    clusters.cached(own).drift + others.sum::<u64>()
+}
+
+/// The slack of a face that stays in its cluster in the boundary phase: the distance to the nearest other proxy less
+/// that to its own. Takes squared distances.
+pub fn boundary_slack(own: u64, nearest_other: u64) -> u64 {
+    // distances are below 2²⁹, so that the error of a root is far below 1
+    let difference = root(nearest_other) - root(own);
+    (difference - 1.0).max(0.0) as u64
+}
+
+/// The root of a squared distance, which is below 2⁶³: signed numbers are converted faster.
+#[inline]
+fn root(squared_distance: u64) -> f64 {
+    (squared_distance.cast_signed() as f64).sqrt()
+}
+
+/// The slack of a face that has no bid in refinement.
+///
+/// Its gain stays negative while `√α·(d_a + x) ≤ √β·(d_b − y)`, where its own proxy drifts by x and another by y,
+/// `α = M_a/(M_a − w)` and `β = M_b/(M_b + w)`. Both factors are taken at the least weights that the clusters may have
+/// ([`CachedProxy::least_weight`]), where they are worst. As √β ≤ 1 ≤ √α, the condition follows from
+/// `√α·(x + y) ≤ √β·d_b − √α·d_a`.
+#[derive(Debug, Clone, Copy)]
+pub struct RefinementSlack {
+    weight: f64,
+    /// √α.
+    root: f64,
+    /// √α·d_a.
+    own: f64,
+    slack: f64,
+}
+
+impl RefinementSlack {
+    /// For a face of some weight, and the squared distance and least weight of its own cluster.
+    pub fn new(weight: u32, squared_distance: u64, least_weight: u64) -> Self {
+        let weight = f64::from(weight);
+        let least = least_weight.cast_signed() as f64;
+        if least <= weight {
+            return Self { weight, root: 1.0, own: 0.0, slack: f64::NEG_INFINITY };
+        }
+        let root = (least / (least - weight)).sqrt();
+        Self { weight, root, own: root * self::root(squared_distance), slack: f64::INFINITY }
+    }
+
+    /// Takes another cluster into account.
+    pub fn other(&mut self, squared_distance: u64, least_weight: u64) {
+        let least = least_weight.cast_signed() as f64;
+        let other = (squared_distance.cast_signed() as f64 * (least / (least + self.weight))).sqrt();
+        self.slack = self.slack.min((other - self.own) / self.root);
+    }
+
+    /// The slack; 0 where the face may have a bid.
+    pub fn get(self) -> u64 {
+        (self.slack - 1.0).max(0.0) as u64
+    }
+
+    /// Whether the face surely has no bid.
+    pub fn is_clear(self) -> bool {
+        self.slack >= 1.0
+    }
+}

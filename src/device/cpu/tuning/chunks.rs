@@ -1,0 +1,13 @@
+//! How much work a thread takes at a time. Results do not depend on it.
+
+/// Items of a list that one thread processes alone; longer lists are shared among all threads.
+pub const SEQUENTIAL: usize = 2048;
+
+/// Faces, nodes or pairs of a chunk, where each costs some hundred instructions.
+pub const ITEMS: usize = 1024;
+
+/// Faces of a chunk, where each costs some ten instructions.
+pub const FACES: usize = 1 << 13;
+
+/// Clusters of a chunk, where each costs as much as its boundary has faces.
+pub const CLUSTERS: usize = 64;

@@ -1,0 +1,263 @@
+//! The plain device: every step as its definition in [`crate::cluster`] reads. The cpu and the gpu device are compared
+//! with it.
+//!
+//! It is sequential, recomputes everything from the labels in every iteration, and adds in 128-bit integers. Nothing is
+//! cached, skipped or approximated, and no code is shared with another device. An iteration costs at least a pass over
+//! the mesh, so it is for meshes of some thousand faces. A new step or a new energy is written here first.
+//!
+//! The functions are pure: labels in, labels out. [`PlainDevice`] offers them as [`super::Steps`] and
+//! [`super::MergeSteps`], so that every driver of [`crate::cluster`] runs on them unchanged.
+
+mod device;
+
+use std::cmp::Reverse;
+
+pub use self::device::PlainDevice;
+
+use super::FREE;
+use crate::cluster::dual_edge::End;
+use crate::cluster::refinement::{Side, bid, gain};
+use crate::cluster::repair::cut_off_faces;
+use crate::surface::DualGraph;
+
+/// The state after an iteration.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct State {
+    /// One cluster a face, internal order.
+    pub labels: Vec<u32>,
+    /// Σ (2·P·S − M·|P|²) << energy_shift, see [`super::LatticeEnergy`].
+    pub explained: i128,
+    /// Faces that changed their cluster.
+    pub moves: u64,
+}
+
+/// Labels after growth from the labelled faces ([`super::Steps::grow`]).
+pub fn grow(graph: &DualGraph, labels: &[u32]) -> Vec<u32> {
+    let mut labels = labels.to_vec();
+    loop {
+        let before = labels.clone();
+        for face in 0..labels.len() as u32 {
+            if before[face as usize] == FREE {
+                let reach = graph.neighbours_of(face).iter().map(|&near| before[near as usize]);
+                labels[face as usize] = reach.min().unwrap_or(FREE);
+            }
+        }
+        if labels == before {
+            return labels;
+        }
+    }
+}
+
+/// Sums over the faces of a cluster.
+#[derive(Clone, Default)]
+struct Sums {
+    /// S = Σ w·g.
+    s: [i128; 3],
+    /// M = Σ w.
+    m: i128,
+    faces: u32,
+}
+
+impl Sums {
+    /// P: S / M rounded to the nearest lattice point, halves up. The cluster has faces.
+    fn proxy(&self) -> [i128; 3] {
+        self.s.map(|s| (2 * s + self.m).div_euclid(2 * self.m))
+    }
+
+    /// What a merge cost needs. The cluster has faces.
+    fn end(&self) -> End {
+        End { weight: self.m as u64, proxy: self.proxy().map(|p| p as i32) }
+    }
+}
+
+/// The sums of each cluster. Free faces count for none.
+fn sums(graph: &DualGraph, clusters: usize, labels: &[u32]) -> Vec<Sums> {
+    let mut all = vec![Sums::default(); clusters];
+    for (face, &label) in labels.iter().enumerate().filter(|(_, label)| **label != FREE) {
+        let weight = i128::from(graph.weights[face]);
+        let sums = &mut all[label as usize];
+        for axis in 0..3 {
+            sums.s[axis] += weight * i128::from(graph.centroids[face][axis]);
+        }
+        sums.m += weight;
+        sums.faces += 1;
+    }
+    all
+}
+
+/// The proxy of each cluster, all of which have faces.
+pub fn proxies(graph: &DualGraph, clusters: usize, labels: &[u32]) -> Vec<[i128; 3]> {
+    sums(graph, clusters, labels).iter().map(Sums::proxy).collect()
+}
+
+/// Σ (2·P·S − M·|P|²) << energy_shift over the clusters that have faces, see [`super::LatticeEnergy`].
+pub fn explained(graph: &DualGraph, component_of_cluster: &[u32], labels: &[u32]) -> i128 {
+    let sums = sums(graph, component_of_cluster.len(), labels);
+    sums.iter()
+        .zip(component_of_cluster)
+        .filter(|(sums, _)| sums.faces > 0)
+        .map(|(sums, &component)| {
+            let proxy = sums.proxy();
+            let along: i128 = (0..3).map(|axis| 2 * proxy[axis] * sums.s[axis]).sum();
+            let square: i128 = proxy.iter().map(|p| p * p).sum();
+            (along - sums.m * square) << graph.components[component as usize].energy_shift
+        })
+        .sum()
+}
+
+/// Faces with another label.
+fn moves(before: &[u32], after: &[u32]) -> u64 {
+    before.iter().zip(after).filter(|(before, after)| before != after).count() as u64
+}
+
+/// |g − P|² of a face and each cluster that has faces.
+fn distances<'a>(graph: &'a DualGraph, sums: &'a [Sums]) -> impl Fn(usize, u32) -> i128 + 'a {
+    move |face, cluster| {
+        let proxy = sums[cluster as usize].proxy();
+        (0..3).map(|axis| (i128::from(graph.centroids[face][axis]) - proxy[axis]).pow(2)).sum()
+    }
+}
+
+/// One boundary iteration ([`crate::cluster::flat`]); None when nothing moves.
+pub fn iterate(graph: &DualGraph, component_of_cluster: &[u32], labels: &[u32]) -> Option<State> {
+    let sums = sums(graph, component_of_cluster.len(), labels);
+    let distance = distances(graph, &sums);
+    // 1. the nearest cluster beside each face, if it is nearer than the face's own
+    let wanted = |face: usize| {
+        let own = labels[face];
+        let near = graph.neighbours_of(face as u32).iter().map(|&near| labels[near as usize]);
+        let (best, to) = near.filter(|&label| label != own).map(|label| (distance(face, label), label)).min()?;
+        (best < distance(face, own)).then_some(to)
+    };
+    let wanted: Vec<Option<u32>> = (0..labels.len()).map(wanted).collect();
+    // 2. the last face: of a cluster that all faces want to leave, the first one stays
+    let mut leaving: Vec<Vec<usize>> = vec![Vec::new(); component_of_cluster.len()];
+    (0..labels.len()).filter(|&face| wanted[face].is_some()).for_each(|face| leaving[labels[face] as usize].push(face));
+    let stays = |face: usize| {
+        let own = labels[face] as usize;
+        leaving[own].len() == sums[own].faces as usize && leaving[own][0] == face
+    };
+    // 3. all others move
+    let after: Vec<u32> =
+        (0..labels.len()).map(|face| wanted[face].filter(|_| !stays(face)).unwrap_or(labels[face])).collect();
+    let moves = moves(labels, &after);
+    (moves > 0).then(|| State { explained: explained(graph, component_of_cluster, &after), labels: after, moves })
+}
+
+/// A refinement phase ([`crate::cluster::refinement`]). What it keeps between iterations is which faces were refused.
+pub struct Refinement<'a> {
+    graph: &'a DualGraph,
+    component_of_cluster: &'a [u32],
+    /// One cluster a face, internal order.
+    pub labels: Vec<u32>,
+    refused: Vec<bool>,
+    /// Connected refinement: only winners move, and only those that leave their cluster connected.
+    pub connected: bool,
+}
+
+impl<'a> Refinement<'a> {
+    /// The beginning of a phase.
+    pub fn new(graph: &'a DualGraph, component_of_cluster: &'a [u32], labels: Vec<u32>) -> Self {
+        let refused = vec![false; labels.len()];
+        Self { graph, component_of_cluster, labels, refused, connected: false }
+    }
+
+    /// The next iteration in which something moves; None when there are no bids.
+    pub fn iterate(&mut self) -> Option<State> {
+        loop {
+            let bids = self.bids();
+            if bids.iter().all(Option::is_none) {
+                return None;
+            }
+            let before = self.labels.clone();
+            for (face, to) in winners(&before, &bids, self.component_of_cluster.len()) {
+                let joins = |f: &usize| before[*f] == before[face] && bids[*f].is_some_and(|(_, t)| t == to);
+                let joining: Vec<usize> = (0..before.len()).filter(joins).collect();
+                let together = !self.connected && self.try_moving(&joining, to);
+                if !together && !self.try_moving(&[face], to) {
+                    self.refused[face] = true;
+                }
+            }
+            let moves = moves(&before, &self.labels);
+            if moves > 0 {
+                self.readmit(&before);
+                let explained = explained(self.graph, self.component_of_cluster, &self.labels);
+                return Some(State { labels: self.labels.clone(), explained, moves });
+            }
+        }
+    }
+
+    /// The packed bid of each face, and the cluster that it is for.
+    fn bids(&self) -> Vec<Option<(u32, u32)>> {
+        let sums = sums(self.graph, self.component_of_cluster.len(), &self.labels);
+        let distance = distances(self.graph, &sums);
+        let bid_of = |face: usize| {
+            let from = self.labels[face];
+            if self.refused[face] || sums[from as usize].faces == 1 {
+                return None;
+            }
+            let side = |cluster: u32| Side {
+                squared_distance: distance(face, cluster) as u64,
+                weight: sums[cluster as usize].m as u64,
+            };
+            let weight = self.graph.weights[face];
+            let near = self.graph.neighbours_of(face as u32).iter().map(|&near| self.labels[near as usize]);
+            let (gain, to) = near
+                .filter(|&to| to != from)
+                .map(|to| (gain(weight, side(from), side(to)), to))
+                .max_by_key(|&(gain, to)| (gain, Reverse(to)))?;
+            (gain > 0).then(|| (bid(gain, weight), to))
+        };
+        (0..self.labels.len()).map(bid_of).collect()
+    }
+
+    /// Moves faces of one cluster to another if that lowers the energy and leaves a face behind.
+    fn try_moving(&mut self, faces: &[usize], to: u32) -> bool {
+        let from = self.labels[faces[0]];
+        let mut after = self.labels.clone();
+        faces.iter().for_each(|&face| after[face] = to);
+        let explained = |labels: &[u32]| explained(self.graph, self.component_of_cluster, labels);
+        let is_allowed = after.contains(&from)
+            && explained(&after) > explained(&self.labels)
+            && !(self.connected && self.is_in_pieces(&after, from));
+        if is_allowed {
+            self.labels = after;
+        }
+        is_allowed
+    }
+
+    /// Whether the faces of a cluster are not all connected.
+    fn is_in_pieces(&self, labels: &[u32], cluster: u32) -> bool {
+        cut_off_faces(self.graph, self.component_of_cluster.len(), labels)
+            .iter()
+            .any(|&face| labels[face as usize] == cluster)
+    }
+
+    /// Lets refused faces bid again whose own cluster, or one beside them, gained or lost a face.
+    fn readmit(&mut self, before: &[u32]) {
+        let mut is_changed = vec![false; self.component_of_cluster.len()];
+        for (&old, &new) in before.iter().zip(&self.labels).filter(|(old, new)| old != new) {
+            is_changed[old as usize] = true;
+            is_changed[new as usize] = true;
+        }
+        for face in 0..before.len() {
+            let near = self.graph.neighbours_of(face as u32).iter().map(|&near| self.labels[near as usize]);
+            if near.chain([self.labels[face]]).any(|label| is_changed[label as usize]) {
+                self.refused[face] = false;
+            }
+        }
+    }
+}
+
+/// The faces whose bid is the best at both its clusters, and where they go.
+fn winners(labels: &[u32], bids: &[Option<(u32, u32)>], clusters: usize) -> Vec<(usize, u32)> {
+    let mut best: Vec<Option<(u32, Reverse<usize>)>> = vec![None; clusters];
+    let open = || bids.iter().enumerate().filter_map(|(face, bid)| bid.map(|(bid, to)| (face, bid, to)));
+    for (face, bid, to) in open() {
+        for cluster in [labels[face], to] {
+            best[cluster as usize] = best[cluster as usize].max(Some((bid, Reverse(face))));
+        }
+    }
+    let wins = |face: usize, cluster: u32| best[cluster as usize].is_some_and(|(_, Reverse(winner))| winner == face);
+    open().filter(|&(face, _, to)| wins(face, labels[face]) && wins(face, to)).map(|(face, _, to)| (face, to)).collect()
+}

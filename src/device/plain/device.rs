@@ -1,0 +1,206 @@
+//! The definitions as a device, so that every driver runs on them.
+
+use super::{Refinement, State, Sums, explained, grow, iterate, sums};
+use crate::cluster::dual_edge::{Rank, Ties, exact_cost, packed_cost};
+use crate::cluster::repair::cut_off_faces;
+use crate::device::{Cancel, Device, DualEdge, Ending, FREE, LatticeEnergy, MergeSteps, Step, Steps};
+use crate::energy::cvd::ClusterSums;
+use crate::error::Result;
+use crate::report::{DeviceInfo, DeviceKind};
+use crate::surface::DualGraph;
+
+/// The device whose steps are the functions of [`super`].
+#[derive(Debug)]
+pub struct PlainDevice {
+    info: DeviceInfo,
+}
+
+impl Default for PlainDevice {
+    fn default() -> Self {
+        let [name, backend, driver] = ["plain", "sequential", "1 thread"].map(str::to_owned);
+        Self { info: DeviceInfo { kind: DeviceKind::Cpu, name, backend, driver } }
+    }
+}
+
+impl Device for PlainDevice {
+    fn info(&self) -> &DeviceInfo {
+        &self.info
+    }
+
+    fn open<'a>(&'a mut self, graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
+        Ok(Box::new(PlainSteps::new(graph, component_of_cluster)))
+    }
+
+    fn open_merging<'a>(
+        &'a mut self,
+        graph: &'a DualGraph,
+        component_of_cluster: &'a [u32],
+    ) -> Result<Box<dyn MergeSteps + 'a>> {
+        Ok(Box::new(PlainSteps::new(graph, component_of_cluster)))
+    }
+}
+
+/// The labels of a surface, and what a phase that is resumed has refused.
+struct PlainSteps<'a> {
+    graph: &'a DualGraph,
+    component_of_cluster: &'a [u32],
+    labels: Vec<u32>,
+    /// The labels after the last merge.
+    labels_at_merge: Vec<u32>,
+    refused: Vec<bool>,
+    is_resumed: bool,
+}
+
+impl<'a> PlainSteps<'a> {
+    fn new(graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Self {
+        let labels = vec![FREE; graph.faces()];
+        let refused = vec![false; graph.faces()];
+        Self { graph, component_of_cluster, labels_at_merge: labels.clone(), labels, refused, is_resumed: false }
+    }
+
+    fn sums(&self) -> Vec<Sums> {
+        sums(self.graph, self.component_of_cluster.len(), &self.labels)
+    }
+
+    fn energy_shift(&self, cluster: u32) -> u32 {
+        self.graph.components[self.component_of_cluster[cluster as usize] as usize].energy_shift
+    }
+
+    /// Every dual edge between clusters, once from each end.
+    fn dual_edges(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
+        let faces = 0..self.graph.faces() as u32;
+        let edges = faces.flat_map(|face| self.graph.neighbours_of(face).iter().map(move |&near| (face, near)));
+        edges.map(|(a, b)| (self.labels[a as usize], self.labels[b as usize])).filter(|(a, b)| a != b)
+    }
+
+    fn refine_as(&mut self, connected: bool, limit: u32, cancel: &Cancel, on: OnStep<'_>) -> Result<Ending> {
+        if !std::mem::take(&mut self.is_resumed) {
+            self.refused.fill(false);
+        }
+        let mut phase = Refinement::new(self.graph, self.component_of_cluster, self.labels.clone());
+        phase.connected = connected;
+        phase.refused.clone_from(&self.refused);
+        let ending = iterations(limit, cancel, on, || phase.iterate());
+        (self.labels, self.refused) = (phase.labels, phase.refused);
+        ending
+    }
+}
+
+/// Called with every iteration of a phase.
+type OnStep<'a> = &'a mut dyn FnMut(Step);
+
+/// Makes iterations until one has nothing left to do, or the limit is reached.
+fn iterations(
+    limit: u32,
+    cancel: &Cancel,
+    on_step: OnStep<'_>,
+    mut iterate: impl FnMut() -> Option<State>,
+) -> Result<Ending> {
+    for _ in 0..limit {
+        cancel.check()?;
+        let Some(State { explained, moves, .. }) = iterate() else { return Ok(Ending::Converged) };
+        on_step(Step { energy: LatticeEnergy { explained }, moves });
+    }
+    Ok(Ending::IterationLimit)
+}
+
+impl Steps for PlainSteps<'_> {
+    fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
+        self.labels = labels.to_vec();
+        self.labels_at_merge = labels.to_vec();
+        self.is_resumed = false;
+        Ok(())
+    }
+
+    fn grow(&mut self, cancel: &Cancel) -> Result<()> {
+        cancel.check()?;
+        self.labels = grow(self.graph, &self.labels);
+        Ok(())
+    }
+
+    fn energy(&mut self) -> Result<LatticeEnergy> {
+        Ok(LatticeEnergy { explained: explained(self.graph, self.component_of_cluster, &self.labels) })
+    }
+
+    fn optimise_boundary(&mut self, limit: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending> {
+        self.is_resumed = false;
+        let Self { graph, component_of_cluster, labels, .. } = self;
+        iterations(limit, cancel, on_step, || {
+            let state = iterate(graph, component_of_cluster, labels)?;
+            labels.clone_from(&state.labels);
+            Some(state)
+        })
+    }
+
+    fn refine(&mut self, limit: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending> {
+        self.refine_as(false, limit, cancel, on_step)
+    }
+
+    fn refine_connected(&mut self, limit: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending> {
+        self.refine_as(true, limit, cancel, on_step)
+    }
+
+    fn resume(&mut self) {
+        self.is_resumed = true;
+    }
+
+    fn repair(&mut self, cancel: &Cancel) -> Result<u64> {
+        let cut_off = cut_off_faces(self.graph, self.component_of_cluster.len(), &self.labels);
+        cut_off.iter().for_each(|&face| self.labels[face as usize] = FREE);
+        self.grow(cancel)?;
+        Ok(cut_off.len() as u64)
+    }
+
+    fn labels(&mut self) -> Result<Vec<u32>> {
+        Ok(self.labels.clone())
+    }
+}
+
+impl MergeSteps for PlainSteps<'_> {
+    fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
+        let sums = self.sums();
+        let end = |cluster: u32| sums[cluster as usize].end();
+        let mut best: Vec<Option<(Rank<u32>, DualEdge)>> = vec![None; sums.len()];
+        for (cluster, other) in self.dual_edges() {
+            let cost = packed_cost(end(cluster), end(other), self.energy_shift(cluster));
+            let rank = Rank::new(cost, cluster, other, ties);
+            let best = &mut best[cluster as usize];
+            if best.is_none_or(|(best, _)| rank < best) {
+                *best = Some((rank, DualEdge { cluster, other, cost }));
+            }
+        }
+        Ok(best.into_iter().flatten().map(|(_, edge)| edge).collect())
+    }
+
+    fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {
+        let sums = self.sums();
+        let end = |cluster: u32| sums[cluster as usize].end();
+        let rank = |(a, b): (u32, u32)| {
+            let cost = exact_cost(end(a), end(b)) << self.energy_shift(a);
+            Rank::new(cost, a.min(b), a.max(b), ties)
+        };
+        Ok(self.dual_edges().map(rank).min().map(|rank| rank.ends()))
+    }
+
+    fn merge(&mut self, pairs: &[(u32, u32)]) -> Result<()> {
+        for &(from, into) in pairs {
+            self.labels.iter_mut().filter(|label| **label == from).for_each(|label| *label = into);
+        }
+        self.labels_at_merge.clone_from(&self.labels);
+        Ok(())
+    }
+
+    fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<ClusterSums>> {
+        let sums = self.sums();
+        let narrow = |&cluster: &u32| {
+            let Sums { s, m, faces } = &sums[cluster as usize];
+            ClusterSums { centroid: s.map(|s| s as i64), weight: *m as i64, faces: *faces }
+        };
+        Ok(clusters.iter().map(narrow).collect())
+    }
+
+    fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32, u32)>> {
+        let moved = self.labels_at_merge.iter().zip(&self.labels).enumerate().filter(|(_, (old, new))| old != new);
+        Ok(moved.map(|(face, (&old, &new))| (face as u32, old, new)).collect())
+    }
+}

@@ -1,0 +1,261 @@
+//! The energy of centroidal Voronoi diagrams (P§6): the area-weighted squared distance of centroids to the proxy of
+//! their cluster.
+//!
+//! All of it is integer arithmetic; `docs/arithmetic.md` derives the bounds.
+
+/// A face as the energy sees it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Face {
+    /// g, |g| < 2²⁷ an axis.
+    pub centroid: [i32; 3],
+    /// w, at least 1.
+    pub weight: u32,
+}
+
+/// The sums over the faces of a cluster.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct ClusterSums {
+    /// S = Σ w·g, |S| < 2⁶¹ an axis.
+    pub centroid: [i64; 3],
+    /// M = Σ w < 2³⁴.
+    pub weight: i64,
+    /// Number of faces.
+    pub faces: u32,
+}
+
+impl ClusterSums {
+    /// Adds a face (`sign` 1) or takes it away (−1).
+    #[inline]
+    pub fn add_face(&mut self, face: Face, sign: i64) {
+        let weight = i64::from(face.weight);
+        let centroid = face.centroid.map(|g| weight * i64::from(g));
+        self.add(&Self { centroid, weight, faces: 1 }, sign);
+    }
+
+    /// Adds other faces (`sign` 1) or takes them away (−1).
+    #[inline]
+    pub fn add(&mut self, other: &Self, sign: i64) {
+        for axis in 0..3 {
+            self.centroid[axis] += sign * other.centroid[axis];
+        }
+        self.weight += sign * other.weight;
+        self.faces = self.faces.wrapping_add_signed(sign as i32 * other.faces as i32);
+    }
+
+    /// The proxy P, the lattice point nearest to S/M (per axis, halves up). None without faces.
+    #[inline]
+    pub fn proxy(&self) -> Option<[i32; 3]> {
+        let nearest = |s: i64| (2 * s + self.weight).div_euclid(2 * self.weight) as i32;
+        (self.faces > 0).then(|| self.centroid.map(nearest))
+    }
+
+    /// The proxy P and 2·P·S − M·|P|², what it explains of the energy; |explained| < 2⁹¹. None without faces.
+    #[inline]
+    pub fn fit(&self) -> Option<([i32; 3], i128)> {
+        let proxy = self.proxy()?;
+        let mut along = 0;
+        let mut square = 0;
+        for axis in 0..3 {
+            along += i128::from(proxy[axis]) * i128::from(self.centroid[axis]);
+            square += i64::from(proxy[axis]) * i64::from(proxy[axis]);
+        }
+        Some((proxy, 2 * along - i128::from(self.weight) * i128::from(square)))
+    }
+}
+
+/// Squared distance between two lattice points, below 2⁵⁸.
+#[inline]
+pub fn squared_distance(a: [i32; 3], b: [i32; 3]) -> u64 {
+    let square = |axis: usize| {
+        let difference = i64::from(a[axis]) - i64::from(b[axis]);
+        (difference * difference) as u64
+    };
+    square(0) + square(1) + square(2)
+}
+
+/// Σ over clusters of `(2·P·S − M·|P|²) << energy_shift`, exactly: what the proxies explain of Q.
+///
+/// The energy is `F = Q − explained` with the constant Q of the surface ([`crate::surface::Surface::energy`] converts
+/// to source units); devices leave the constant out, because it needs no device. |explained| < 2¹²³.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct LatticeEnergy {
+    /// The explained part, in units of the lattice with the finest weights.
+    pub explained: i128,
+}
+
+/// A cluster as an end of a dual edge.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct End {
+    /// M < 2³⁴.
+    pub weight: u64,
+    /// P.
+    pub proxy: [i32; 3],
+}
+
+impl End {
+    /// M₁M₂·|P₁−P₂|²/(M₁+M₂) in units of the clusters' component, with a relative error of some 2⁻⁵⁰: to leave out
+    /// edges that cost far more.
+    #[inline]
+    pub fn cost_about(self, other: Self) -> f64 {
+        // they are signed, which is converted faster
+        let [a, b] = [self.weight, other.weight].map(|weight| weight.cast_signed() as f64);
+        a * b / (a + b) * squared_distance(self.proxy, other.proxy).cast_signed() as f64
+    }
+}
+
+/// ⌊M₁M₂·|P₁−P₂|²/(M₁+M₂)⌋ in units of the clusters' component, below 2⁹².
+pub fn exact_cost(a: End, b: End) -> u128 {
+    // 2³⁴ · 2³⁴ · 2⁵⁸ fits
+    let product = u128::from(a.weight) * u128::from(b.weight) * u128::from(squared_distance(a.proxy, b.proxy));
+    product / u128::from(a.weight + b.weight)
+}
+
+/// The merge cost as a float of 7 bits of exponent and 25 of mantissa, in units of the finest component; 0 for cost 0.
+///
+/// Every step is truncated to 32 bits, so values that differ by less than some 2⁻²⁴ may trade places.
+pub fn packed_cost(a: End, b: End, energy_shift: u32) -> u32 {
+    let distance = squared_distance(a.proxy, b.proxy);
+    if distance == 0 {
+        return 0;
+    }
+    let harmonic = Float::of(a.weight).times(Float::of(b.weight)).over(Float::of(a.weight + b.weight));
+    let cost = harmonic.times(Float::of(distance));
+    // cost ≥ 2⁻¹, and the largest exponent is below 92 + 30 + 2
+    let exponent = (cost.exponent + 2) as u32 + energy_shift;
+    exponent << 25 | (cost.mantissa << 1 >> 7)
+}
+
+/// mantissa · 2^(exponent − 31), the mantissa's top bit set.
+#[derive(Debug, Clone, Copy)]
+struct Float {
+    mantissa: u32,
+    exponent: i32,
+}
+
+impl Float {
+    /// Of a number that is not 0.
+    fn of(value: u64) -> Self {
+        let top = 63 - value.leading_zeros();
+        let mantissa = if top > 31 { value >> (top - 31) } else { value << (31 - top) };
+        Self { mantissa: mantissa as u32, exponent: top as i32 }
+    }
+
+    fn times(self, other: Self) -> Self {
+        let product = u64::from(self.mantissa) * u64::from(other.mantissa);
+        let carry = (product >> 63) as u32;
+        Self { mantissa: (product >> (31 + carry)) as u32, exponent: self.exponent + other.exponent + carry as i32 }
+    }
+
+    fn over(self, other: Self) -> Self {
+        let quotient = (u64::from(self.mantissa) << 32) / u64::from(other.mantissa);
+        // between 2³¹ (exclusive) and 2³³
+        let carry = (quotient >> 32) as u32;
+        Self { mantissa: (quotient >> carry) as u32, exponent: self.exponent - other.exponent - 1 + carry as i32 }
+    }
+}
+
+/// A cluster as a bidding face sees it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Side {
+    /// |g − P|² < 2⁵⁸.
+    pub squared_distance: u64,
+    /// M < 2³⁴.
+    pub weight: u64,
+}
+
+/// What moving a face of weight `weight` lowers the energy by, per weight, in units of squared lattice length; rounded,
+/// and only ever used to rank bids. `from.weight > weight`.
+///
+/// M/(M − w) = 1 + w/(M − w), and M/(M + w) = 1 − w/(M + w): the second terms are 32-bit fractions. Where the face is
+/// heavier than the rest of its cluster, the first is taken as 1.
+pub fn gain(weight: u32, from: Side, to: Side) -> i64 {
+    let w = u64::from(weight);
+    let scaled = |distance: u64, rest: u64| {
+        let fraction = ((w << 32) / rest).min(u64::from(u32::MAX));
+        // (distance · fraction) / 2³², the upper and the lower half of the distance apart
+        (distance >> 32) * fraction + (((distance & 0xffff_ffff) * fraction) >> 32)
+    };
+    let leave = from.squared_distance + scaled(from.squared_distance, from.weight - w);
+    let enter = to.squared_distance - scaled(to.squared_distance, to.weight + w);
+    leave as i64 - enter as i64
+}
+
+/// `gain · weight` of a positive gain as a float of 7 bits of exponent and 25 of mantissa; the order of the codes is
+/// the order of the values. At least 1.
+pub fn bid(gain: i64, weight: u32) -> u32 {
+    let gain = gain as u64;
+    // 32 bits of the gain are enough to rank it, and their product with the weight fits
+    let drop = (32 - gain.leading_zeros() as i32).max(0) as u32;
+    let product = (gain >> drop) * u64::from(weight);
+    let top = 63 - product.leading_zeros();
+    let mantissa = if top > 25 { product >> (top - 25) } else { product << (25 - top) };
+    (((top + drop) << 25) | (mantissa as u32 & ((1 << 25) - 1))) + 1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn packed_costs_are_in_the_order_of_the_exact_ones() {
+        let mut state = 1u64;
+        let mut next = |bits: u32| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((state >> 20) % (1 << bits)) >> ((state >> 8) % u64::from(bits))
+        };
+        let mut costs: Vec<(u128, u32)> = (0..20_000)
+            .map(|_| {
+                let mut end =
+                    || End { weight: next(34).max(1), proxy: std::array::from_fn(|_| next(28) as i32 - (1 << 27)) };
+                let (a, b) = (end(), end());
+                assert_eq!(packed_cost(a, b, 3), packed_cost(b, a, 3));
+                (exact_cost(a, b), packed_cost(a, b, 3))
+            })
+            .collect();
+        costs.sort_unstable();
+        for pair in costs.windows(2) {
+            let apart = pair[1].0 - pair[0].0 > (pair[0].0 >> 22) + 1;
+            assert!(!apart || pair[0].1 < pair[1].1, "{pair:?}");
+        }
+    }
+
+    #[test]
+    fn the_largest_and_smallest_costs_fit() {
+        let far = End { weight: (1 << 34) - 1, proxy: [(1 << 27) - 1; 3] };
+        let other = End { weight: (1 << 34) - 1, proxy: [-(1 << 27) + 1; 3] };
+        assert!(packed_cost(far, other, 30) > packed_cost(far, other, 29));
+        let near = End { weight: 1, proxy: [0, 0, 0] };
+        let beside = End { weight: 1, proxy: [1, 0, 0] };
+        assert!(packed_cost(near, beside, 0) > 0);
+        assert_eq!(packed_cost(near, near, 30), 0);
+    }
+
+    #[test]
+    fn gain_is_the_difference_of_exact_energies() {
+        // one axis: cluster a has faces at 0, 0, 10, cluster b at 12, 14; all of weight 5; the face at 10 goes to b
+        let from = Side { squared_distance: 44_444_444, weight: 15 }; // (10 − 10/3)² in millionths
+        let to = Side { squared_distance: 9_000_000, weight: 10 };
+        // energies with means: a 200/3·5 → 0; b 2·5 → (4 + 0 + 4)·5
+        let exact = (200.0 / 3.0 + 2.0 - 8.0) * 1e6;
+        assert!((gain(5, from, to) as f64 - exact).abs() < 2.0, "{} {exact}", gain(5, from, to));
+    }
+
+    #[test]
+    fn bids_are_in_the_order_of_their_values() {
+        let mut values = Vec::new();
+        for gain_bits in [1, 5, 20, 31, 32, 33, 45, 59] {
+            for gain in [(1i64 << gain_bits) - 1, 1 << gain_bits] {
+                for weight in [1u32, 2, 3, 1000, 1 << 20, u32::MAX] {
+                    values.push((i128::from(gain) * i128::from(weight), bid(gain, weight)));
+                }
+            }
+        }
+        values.sort_unstable();
+        for pair in values.windows(2) {
+            // 25 bits of mantissa: values that differ by less than 2⁻²⁴ may be taken for equal
+            let apart = pair[1].0 - pair[0].0 > pair[0].0 >> 24;
+            assert!(!apart || pair[0].1 < pair[1].1, "{pair:?}");
+        }
+        assert!(values.iter().all(|&(_, bid)| bid > 0));
+    }
+}

@@ -1,0 +1,121 @@
+//! The cpu device against the plain one: whole clusterings, driven alike, give the same steps and labels.
+
+mod common;
+
+use common::zoo;
+use tesserae::cluster::coarse::CoarseStart;
+use tesserae::cluster::dual_edge::Ties;
+use tesserae::cluster::flat::{self, Options};
+use tesserae::cluster::hierarchy::{self, Pairs, RoundRow, hierarchical};
+use tesserae::cluster::quality::Quality;
+use tesserae::cluster::run::Row;
+use tesserae::cluster::seeds;
+use tesserae::device::cpu::CpuDevice;
+use tesserae::device::plain::PlainDevice;
+use tesserae::device::{Cancel, Device};
+use tesserae::parameters::Seeds;
+use tesserae::surface::Surface;
+use tesserae::tree::Tree;
+
+/// Meshes on which the plain device does not take long.
+fn small_surfaces(most_faces: usize) -> Vec<(String, Surface)> {
+    let small = zoo::all().into_iter().filter(|(_, mesh)| mesh.faces.len() < most_faces);
+    small.map(|(name, mesh)| (name, Surface::build(&mesh).expect("the zoo can be put on the lattice"))).collect()
+}
+
+fn flat(surface: &Surface, device: &mut dyn Device, clusters: u64, options: Options) -> (Vec<u32>, Vec<Row>) {
+    let seeds = seeds::choose(surface, clusters, &Seeds::Random, 4, None).expect("the number is possible");
+    let mut steps = device.open(surface, &seeds.component_of_cluster).expect("it opens");
+    let mut rows = Vec::new();
+    let start = seeds.labels(surface.faces());
+    let clustering =
+        flat::boundary_based(&start, options, steps.as_mut(), &Cancel::default(), &mut |row| rows.push(row));
+    (clustering.expect("no cancellation").labels, rows)
+}
+
+#[test]
+fn flat_clusterings_take_the_steps_of_the_plain_device() {
+    let mut phases = Vec::new();
+    for (name, surface) in small_surfaces(1000) {
+        let fewest = surface.components.len() as u64;
+        let clusters = (surface.faces() as u64 / 12).max(fewest);
+        for allow_disconnected in [false, true] {
+            let options = Options { max_iterations: None, refine: true, allow_disconnected };
+            let expected = flat(&surface, &mut PlainDevice::default(), clusters, options);
+            assert_eq!(flat(&surface, &mut CpuDevice::new(), clusters, options), expected, "{name}");
+            phases.extend(expected.1.iter().map(|row| row.phase));
+        }
+    }
+    phases.dedup();
+    assert!(phases.len() > 20, "{phases:?}");
+}
+
+#[test]
+fn coarse_starts_are_those_of_the_plain_device() {
+    let mut differ_from_fast = 0;
+    for (name, surface) in small_surfaces(1000) {
+        let clusters = (surface.faces() as u64 / 20).max(surface.components.len() as u64);
+        let labels = |quality: Quality, device: &mut dyn Device| {
+            let start = CoarseStart::new(&surface, clusters, 3, quality.start()).expect("the number is possible");
+            start.labels(&surface, device, &Cancel::default()).expect("no cancellation")
+        };
+        let expected = [Quality::Fast, Quality::Default].map(|q| labels(q, &mut PlainDevice::default()));
+        assert_eq!([Quality::Fast, Quality::Default].map(|q| labels(q, &mut CpuDevice::new())), expected, "{name}");
+        differ_from_fast += usize::from(expected[0] != expected[1]);
+    }
+    assert!(differ_from_fast > 0, "no mesh shows a difference");
+}
+
+fn hierarchy(
+    surface: &Surface,
+    device: &mut dyn Device,
+    options: &hierarchy::Options,
+) -> (Tree, Vec<u32>, Vec<RoundRow>) {
+    let component_of_face = surface.component_of_face();
+    let mut steps = device.open_merging(surface, &component_of_face).expect("it opens");
+    let mut rounds = Vec::new();
+    let run = hierarchical(surface, options, steps.as_mut(), &Cancel::default(), &mut |_| {}, &mut |row| {
+        rounds.push(row);
+    });
+    let (tree, labels) = run.expect("no cancellation");
+    (tree, labels, rounds)
+}
+
+#[test]
+fn hierarchies_take_the_steps_of_the_plain_device() {
+    let mut moves = 0;
+    for (name, surface) in small_surfaces(800) {
+        let parallel = hierarchy::Options {
+            sequential_at: 0,
+            collapse_fraction: None,
+            optimise: true,
+            refine: true,
+            iterations_a_round: [2, u32::MAX],
+            optimised_from: 2,
+            pairs: Pairs::CheaperHalf,
+            ties: Ties::Hash,
+            clusters: None,
+            levels: Vec::new(),
+            allow_disconnected: false,
+        };
+        let nested = hierarchy::Options { optimise: false, ties: Ties::LargestId, ..parallel.clone() };
+        let sequential_at = surface.components.len() as u64 + 20;
+        let mixed = hierarchy::Options { sequential_at, optimised_from: 1, pairs: Pairs::All, ..parallel.clone() };
+        for options in [parallel, nested, mixed] {
+            let expected = hierarchy(&surface, &mut PlainDevice::default(), &options);
+            assert_eq!(hierarchy(&surface, &mut CpuDevice::new(), &options), expected, "{name} {options:?}");
+            moves += expected.2.iter().map(|row| row.moves).sum::<u64>();
+        }
+    }
+    assert!(moves > 100, "hardly any face moved: {moves}");
+}
+
+#[test]
+fn a_changed_weight_shows_in_the_comparison() {
+    let (_, mut surface) = small_surfaces(1000).into_iter().max_by_key(|(_, surface)| surface.faces()).expect("a mesh");
+    let clusters = (surface.faces() as u64 / 12).max(surface.components.len() as u64);
+    let options = Options { max_iterations: None, refine: true, allow_disconnected: false };
+    let expected = flat(&surface, &mut PlainDevice::default(), clusters, options);
+    surface.graph.weights[0] += 1;
+    assert_ne!(flat(&surface, &mut CpuDevice::new(), clusters, options), expected);
+}
