@@ -164,5 +164,5 @@ fn the_command_line_takes_weights_attributes_and_curvature() {
     run(&["--weights", "w.npy", "--labels", "w.npy"]).expect_usage_error(&["the weights", "w.npy"]);
     run(&["--weight-attribute", "_W"]).expect_failure(&["OBJ", "_W"]);
     run(&["--weight-attribute", "W"]).expect_usage_error(&["underscore"]);
-    run(&["--curvature-exponent", "11"]).expect_usage_error(&["curvature_exponent", "11"]);
+    run(&["--curvature-exponent", "11"]).expect_usage_error(&["--curvature-exponent", "11"]);
 }
