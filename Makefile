@@ -105,8 +105,8 @@ picture: debug-binary $(VENV)/ready  ## draw docs/knot.png anew
 	$(VENV)/bin/python docs/render.py $(TARGET)/knot.obj $(TARGET)/knot.npy docs/knot.png
 
 .PHONY: debug-binary
-debug-binary: install-test
-	cargo build --locked
+debug-binary: install-test  # as the tests build it: other features of dependencies would build everything again
+	cargo test --locked --no-run
 
 .PHONY: install-test
 install-test:
