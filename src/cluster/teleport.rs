@@ -9,8 +9,8 @@ use std::cmp::Reverse;
 
 use rayon::prelude::*;
 
-use super::dual_edge::{End, mutual, packed_cost};
 use crate::device::DualEdge;
+use crate::device::dual_edge::{End, mutual, packed_cost};
 use crate::energy::cvd::{ClusterSums, squared_distance};
 use crate::surface::DualGraph;
 
@@ -182,9 +182,9 @@ impl Members {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cluster::dual_edge::Ties;
-    use crate::cluster::repair;
     use crate::cluster::seeds;
+    use crate::device::dual_edge::Ties;
+    use crate::device::pieces;
     use crate::device::{Cancel, Device, cpu::CpuDevice};
     use crate::sample::{Sample, generate};
     use crate::surface::Surface;
@@ -205,7 +205,7 @@ mod tests {
         let edges = steps.optimal_dual_edges(Ties::Hash).expect("edges");
         let teleports = Teleports::of(&surface, &labels, &component_of_cluster, &edges);
         let teleported = teleports.made(&labels, 1).expect("there is one");
-        assert_eq!(repair::disconnected_clusters(&surface, 3, &teleported), 0);
+        assert_eq!(pieces::disconnected_clusters(&surface, 3, &teleported), 0);
         let mut sizes = [0; 3];
         teleported.iter().for_each(|&label| sizes[label as usize] += 1);
         sizes.sort_unstable();

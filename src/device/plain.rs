@@ -15,9 +15,9 @@ use std::cmp::Reverse;
 pub use self::device::PlainDevice;
 
 use super::FREE;
-use crate::cluster::dual_edge::End;
-use crate::cluster::refinement::{Side, bid, gain};
-use crate::cluster::repair::cut_off_faces;
+use crate::device::dual_edge::End;
+use crate::device::pieces::cut_off_faces;
+use crate::energy::cvd::{Side, bid, gain};
 use crate::surface::DualGraph;
 
 /// The state after an iteration.

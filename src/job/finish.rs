@@ -7,7 +7,7 @@ use std::time::Instant;
 use sha2::{Digest, Sha256};
 
 use super::{Clustered, Outcome, Prepared, finite, hierarchical, milliseconds};
-use crate::cluster::repair;
+use crate::device::pieces;
 use crate::error::{Error, Kind, Result};
 use crate::parameters::Seeds;
 use crate::report::{Energy, Report, Timings};
@@ -112,7 +112,7 @@ impl Results {
             (initial, surface.energy_and_hexagon_ratio(internal, clusters))
         };
         let (disconnected_clusters, ((initial_energy, (energy, hexagon_ratio)), labels)) = rayon::join(
-            || repair::disconnected_clusters(surface, clusters, internal),
+            || pieces::disconnected_clusters(surface, clusters, internal),
             || rayon::join(energies, labels),
         );
         Self { initial_energy, energy, hexagon_ratio, disconnected_clusters, labels }

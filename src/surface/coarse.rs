@@ -362,10 +362,7 @@ mod tests {
                 assert_eq!(weight, u64::from(coarse.graph.weights[group]), "{sample:?}");
                 assert!(weight <= heaviest[component_of_group[group] as usize] || sizes[group] == 1, "{sample:?}");
             }
-            assert_eq!(
-                crate::cluster::repair::disconnected_clusters(&surface, weights.len(), &coarse.group_of_face),
-                0
-            );
+            assert_eq!(crate::device::pieces::disconnected_clusters(&surface, weights.len(), &coarse.group_of_face), 0);
             assert_neighbours_are_those_of_the_faces(&surface, &coarse);
             // groups of groups have more neighbours
             let heavier: Vec<u64> = heaviest.iter().map(|heaviest| 4 * heaviest).collect();

@@ -39,7 +39,6 @@ use crate::energy::LatticeEnergy;
 use crate::energy::cvd::ClusterSums;
 use crate::error::{Error, Result};
 use crate::mesh::PolygonMesh;
-use crate::tree::Merge;
 use adjacency::Links;
 use density::Density;
 use lattice::{AREA, FaceGeometry, Frame, Scale, Scales};
@@ -85,6 +84,21 @@ pub struct Counts {
     pub zero_area_faces: u64,
     /// Extra copies of faces with the same set of corner positions.
     pub duplicate_faces: u64,
+}
+
+/// Two clusters that became one, in source units.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Merged {
+    /// Rise of the energy by the merge (P§6, dual edge collapse cost).
+    pub cost: f64,
+    /// Energy of the merged cluster.
+    pub energy: f64,
+    /// Its number of faces.
+    pub faces: u32,
+    /// Its weight, as area.
+    pub weight: f64,
+    /// Its weighted mean centroid.
+    pub proxy: [f64; 3],
 }
 
 impl Surface {
@@ -215,9 +229,8 @@ impl Surface {
         i128::from(self.weights[face as usize]) * i128::from(square)
     }
 
-    /// What becomes of two clusters that merge, in source units: `cost`, `energy`, `faces`, `weight` and `proxy` of the
-    /// record are set. `moment` is Σ w·|g|² of both; `face` is any face of either.
-    pub fn merged(&self, a: &ClusterSums, b: &ClusterSums, moment: i128, face: u32) -> Merge {
+    /// What becomes of two clusters that merge. `moment` is Σ w·|g|² of both; `face` is any face of either.
+    pub fn merged(&self, a: &ClusterSums, b: &ClusterSums, moment: i128, face: u32) -> Merged {
         let component = self.components.partition_point(|component| component.first_face <= face) - 1;
         let energy_exponent =
             -4 * self.frame.exponent - self.weight_exponent + self.components[component].energy_shift as i32;
@@ -229,9 +242,7 @@ impl Surface {
         let mut sums = *a;
         sums.add(b, 1);
         let explained = sums.fit().map_or(0, |(_, explained)| explained);
-        Merge {
-            into: 0,
-            from: 0,
+        Merged {
             cost: libm::ldexp(cost, energy_exponent) * self.density_unit(),
             energy: libm::ldexp((moment - explained) as f64, energy_exponent) * self.density_unit(),
             faces: sums.faces,

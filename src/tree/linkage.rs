@@ -12,8 +12,8 @@ use std::io::{self, Write};
 
 use super::stored::Stored;
 use super::{Nodes, Tree};
+use crate::error::names::Name;
 use crate::error::{Error, Kind, Result};
-use crate::parameters::Name;
 
 /// One row of the matrix.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -25,11 +25,11 @@ use std::collections::BinaryHeap;
 use super::partition::Partition;
 use crate::cluster::flat::{Clustering, Options};
 use crate::cluster::record::Record;
+use crate::cluster::run::Phase;
 use crate::cluster::run::Row;
 use crate::cluster::seeds::SeedFaces;
 use crate::device::{Cancel, Ending, FREE};
 use crate::error::{Error, Result};
-use crate::report::Phase;
 use crate::surface::Surface;
 
 /// Faces between checks for cancellation.

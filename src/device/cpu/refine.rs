@@ -14,7 +14,7 @@ use super::nearby::{Bound, Nearby, RefinementSlack, other_clusters};
 use super::pieces::Pieces;
 use super::tuning::chunks::{CLUSTERS, ITEMS};
 use super::{Move, View};
-use crate::cluster::refinement::{Side, bid, gain};
+use crate::energy::cvd::{Side, bid, gain};
 use crate::surface::DualGraph;
 
 /// What refinement keeps between iterations.

@@ -7,7 +7,7 @@ use super::clusters::Clusters;
 use super::grow::Growth;
 use super::labels::Labels;
 use super::listed::Listed;
-use crate::cluster::dual_edge::{Rank, Ties};
+use crate::device::dual_edge::{Rank, Ties};
 use crate::device::{Cancel, DualEdge, Ending, FREE, LatticeEnergy, MergeSteps, Step, Steps};
 use crate::energy::cvd::ClusterSums;
 use crate::error::Result;

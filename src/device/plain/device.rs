@@ -1,12 +1,12 @@
 //! The definitions as a device, so that every driver runs on them.
 
 use super::{Refinement, State, Sums, explained, grow, iterate, sums};
-use crate::cluster::dual_edge::{Rank, Ties, exact_cost, packed_cost};
-use crate::cluster::repair::cut_off_faces;
+use crate::device::dual_edge::{Rank, Ties, exact_cost, packed_cost};
+use crate::device::pieces::cut_off_faces;
 use crate::device::{Cancel, Device, DualEdge, Ending, FREE, LatticeEnergy, MergeSteps, Step, Steps};
+use crate::device::{DeviceInfo, DeviceKind};
 use crate::energy::cvd::ClusterSums;
 use crate::error::Result;
-use crate::report::{DeviceInfo, DeviceKind};
 use crate::surface::DualGraph;
 
 /// The device whose steps are the functions of [`super`].

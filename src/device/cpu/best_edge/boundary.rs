@@ -1,11 +1,11 @@
 //! The search for best dual edges along the boundaries of all clusters.
 
 use super::{BestEdge, end, packed_cost_of};
-use crate::cluster::dual_edge::{Rank, Ties};
 use crate::device::cpu::boundary_faces::{BoundaryFaces, ClusterList};
 use crate::device::cpu::clusters::Clusters;
 use crate::device::cpu::labels::Labels;
 use crate::device::cpu::tuning::filter::Filter;
+use crate::device::dual_edge::{Rank, Ties};
 use crate::device::{DualEdge, FREE};
 use crate::surface::DualGraph;
 

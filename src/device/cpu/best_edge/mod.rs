@@ -10,8 +10,8 @@ pub mod contraction;
 pub mod queue;
 
 use super::clusters::Clusters;
-use crate::cluster::dual_edge::{End, Rank, packed_cost};
 use crate::device::DualEdge;
+use crate::device::dual_edge::{End, Rank, packed_cost};
 
 /// Finds the best dual edges of the current clusters.
 pub trait BestEdge {

@@ -5,12 +5,12 @@ use std::collections::BinaryHeap;
 
 use super::boundary::find_neighbours;
 use super::end;
-use crate::cluster::dual_edge::{Rank, Ties, exact_cost};
 use crate::device::cpu::boundary_faces::BoundaryFaces;
 use crate::device::cpu::change_log::Cursor;
 use crate::device::cpu::clusters::Clusters;
 use crate::device::cpu::labels::Labels;
 use crate::device::cpu::tuning::filter::Filter;
+use crate::device::dual_edge::{Rank, Ties, exact_cost};
 use crate::surface::DualGraph;
 
 /// All dual edges. When a cluster changes, its edges are queued anew, and the old entries are skipped when they come

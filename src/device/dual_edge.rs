@@ -13,7 +13,6 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::device::DualEdge;
 use crate::energy::cvd::ClusterSums;
 pub use crate::energy::cvd::{End, exact_cost, packed_cost};
 
@@ -26,6 +25,17 @@ pub enum Ties {
     Hash,
     /// The one to the neighbour with the largest number
     LargestId,
+}
+
+/// The best dual edge of a cluster.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DualEdge {
+    /// The cluster.
+    pub cluster: u32,
+    /// The neighbour it would best merge with.
+    pub other: u32,
+    /// The packed merge cost ([`packed_cost`]).
+    pub cost: u32,
 }
 
 /// A 32-bit hash of an unordered pair.
