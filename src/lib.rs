@@ -53,6 +53,7 @@ pub mod job;
 mod markdown;
 mod memory;
 pub mod mesh;
+mod npy;
 pub mod output;
 pub mod parameters;
 pub mod plot;

@@ -29,7 +29,8 @@ use super::run::Run;
 use super::seeds::{self, SeedFaces};
 use super::teleport::Teleports;
 use crate::device::dual_edge::{self, Ties, from_into};
-use crate::device::{Cancel, Device, LatticeEnergy, MergeSteps, Steps};
+use crate::device::{Cancel, Device, MergeSteps, Steps};
+use crate::energy::LatticeEnergy;
 use crate::error::{Error, Kind, Result};
 use crate::surface::{Coarse, DualGraph, Surface};
 

@@ -46,8 +46,9 @@ use utoipa::ToSchema;
 
 use super::run::{Row, Run};
 use crate::device::dual_edge::{Rank, Ties, from_into, keep_cheaper_half};
-use crate::device::{Cancel, LatticeEnergy, MergeSteps};
-use crate::energy::cvd::ClusterSums;
+use crate::device::{Cancel, MergeSteps};
+use crate::energy::ClusterSums;
+use crate::energy::LatticeEnergy;
 use crate::error::names::Name;
 use crate::error::{Error, Kind, Result};
 use crate::surface::{Merged, Surface};

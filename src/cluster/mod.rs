@@ -7,7 +7,7 @@
 //! | parallel multilevel, multilevel and hierarchical clustering (P§4) | [`hierarchy`] |
 //! | where flat clusterings start | [`seeds`], [`coarse`] |
 //! | how much time to take for how low an energy | [`quality`] |
-//! | merge costs and their order | [`crate::device::dual_edge`] |
+//! | the order of merges | [`crate::device::dual_edge`] |
 //! | moves of whole clusters, which leave local minima | [`teleport`] |
 //! | sums, proxies, merge costs and gains in exact integers | [`crate::energy`] |
 //! | pieces of clusters | [`crate::device::pieces`] |

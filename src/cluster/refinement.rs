@@ -14,10 +14,10 @@
 //! # Definition of an iteration
 //!
 //! 1. Every face considers the clusters of its neighbours, except its own, and bids for the one with the largest
-//!    [`gain`] per weight (the smaller cluster number of equal ones), if that is positive. A face that is alone in its
+//!    [gain](crate::energy::Functional::gain) per weight (the smaller cluster number of equal ones), if that is positive. A face that is alone in its
 //!    cluster does not bid, nor does one that was refused in this phase and none of whose clusters (own, neighbours')
 //!    has gained or lost a face since.
-//! 2. Each cluster takes the best bid to leave it or to enter it: the largest packed [`bid`], of equal ones the face
+//! 2. Each cluster takes the best bid to leave it or to enter it: the largest packed [bid](crate::energy::Functional::bid), of equal ones the face
 //!    with the smallest internal number. A bid that both its clusters take wins; a cluster is in one winning bid at
 //!    most.
 //! 3. All faces that bid for the same move, from a to b, join the winner. If F_a + F_b falls, exactly, with all of them

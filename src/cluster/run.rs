@@ -4,7 +4,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::record::Record;
-use crate::device::{Cancel, Ending, LatticeEnergy, Step, Steps};
+use crate::device::{Cancel, Ending, Step, Steps};
+use crate::energy::LatticeEnergy;
 use crate::error::Result;
 
 /// Repairs after which the phases begin anew. Bunny, horse, nefertiti and igea need one, seldom none or two (36 runs, k

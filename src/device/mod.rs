@@ -19,8 +19,7 @@ use utoipa::ToSchema;
 
 pub use self::dual_edge::DualEdge;
 use self::dual_edge::{Rank, Ties, mutual};
-pub use crate::energy::LatticeEnergy;
-use crate::energy::cvd::ClusterSums;
+use crate::energy::{ClusterSums, LatticeEnergy};
 use crate::error::{Error, Result};
 use crate::surface::DualGraph;
 

@@ -12,8 +12,9 @@ use std::hint::select_unpredictable;
 
 use rayon::prelude::*;
 
-use super::{Component, DualGraph};
-use crate::energy::cvd::ClusterSums;
+use super::components::Component;
+use super::graph::DualGraph;
+use crate::energy::{ClusterSums, Sums};
 
 /// No group yet.
 const NONE: u32 = u32::MAX;

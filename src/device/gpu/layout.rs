@@ -5,7 +5,7 @@ use std::mem::{offset_of, size_of};
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::energy::cvd::ClusterSums;
+use crate::energy::ClusterSums;
 
 /// Threads in a workgroup of every kernel that has one thread an item.
 pub const WORKGROUP: u32 = 256;
