@@ -14,10 +14,10 @@
 //! # Definition of an iteration
 //!
 //! 1. Every face considers the clusters of its neighbours, except its own, and bids for the one with the largest
-//!    [gain](crate::energy::Functional::gain) per weight (the smaller cluster number of equal ones), if that is positive. A face that is alone in its
+//!    [`gain`] per weight (the smaller cluster number of equal ones), if that is positive. A face that is alone in its
 //!    cluster does not bid, nor does one that was refused in this phase and none of whose clusters (own, neighbours')
 //!    has gained or lost a face since.
-//! 2. Each cluster takes the best bid to leave it or to enter it: the largest packed [bid](crate::energy::Functional::bid), of equal ones the face
+//! 2. Each cluster takes the best bid to leave it or to enter it: the largest packed [`bid`], of equal ones the face
 //!    with the smallest internal number. A bid that both its clusters take wins; a cluster is in one winning bid at
 //!    most.
 //! 3. All faces that bid for the same move, from a to b, join the winner. If F_a + F_b falls, exactly, with all of them
@@ -45,3 +45,6 @@
 //! One face a pair and iteration is what makes the tail long: a cluster that has to drift by the width of a face moves
 //! a dozen of them, one after the other. Faces that cross the same border in the same direction pull the proxies the
 //! same way, so the joint gain is seldom less than the sum of the single ones.
+//!
+//! [`gain`]: crate::energy::Functional::gain
+//! [`bid`]: crate::energy::Functional::bid

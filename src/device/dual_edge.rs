@@ -1,8 +1,8 @@
 //! Dual edges between clusters and the order in which they collapse (P§5.4, P§6).
 //!
-//! What a merge raises the energy by is the energy's to say, in two forms, both integers: [`Functional::merge_cost`] for
-//! one merge at a time, and [`Functional::packed_merge_cost`], 32 bits whose order is the order of the values, for the
-//! parallel search of all clusters, on a gpu too.
+//! The energy defines what a merge raises it by, in two forms, both integers: [`Functional::merge_cost`] for one merge
+//! at a time, and [`Functional::packed_merge_cost`], 32 bits whose order is the order of the values, for the parallel
+//! search of all clusters, on a gpu too.
 //!
 //! [`Functional::merge_cost`]: crate::energy::Functional::merge_cost
 //! [`Functional::packed_merge_cost`]: crate::energy::Functional::packed_merge_cost

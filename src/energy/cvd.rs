@@ -9,7 +9,7 @@ mod source;
 pub mod wide;
 
 use self::packed::Float;
-use super::{Functional, Side, Sums};
+use super::functional::{Functional, Side, Sums};
 
 pub use self::bound::RefinementSlack;
 

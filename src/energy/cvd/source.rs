@@ -1,7 +1,7 @@
 //! The energy in f64, from source positions: for reports, never for labels.
 
-/// Σ area·|g − P|², P the area-weighted mean of the cluster's centroids (P§6, Eq. 4). Takes the centroid g, the area and
-/// the label of each face; sums go in the order of the faces.
+/// Σ area·|g − P|², P the area-weighted mean of the cluster's centroids (P§6, Eq. 4). Takes the centroid g, the area
+/// and the label of each face; sums go in the order of the faces.
 pub fn source_energy(faces: impl Iterator<Item = ([f64; 3], f64, u32)> + Clone, clusters: usize) -> f64 {
     let mut sums = vec![[0.0f64; 4]; clusters];
     for (centroid, area, label) in faces.clone() {
