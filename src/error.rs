@@ -3,6 +3,7 @@
 //! An error is a kind, which decides everything a program does with it (HTTP status, problem type, whether a retry can
 //! help), and a message for the person who reads it: lower case, no full stop, the offending value last.
 
+pub mod names;
 mod text;
 
 pub use text::{Brief, Quoted};

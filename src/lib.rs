@@ -1,32 +1,35 @@
 //! Tesserae clusters the faces of polygon meshes, fast and reproducibly.
 //!
+//! The algorithms are those of the paper "Parallel Mesh Clustering"; `P§3.2` is its section 3.2. `docs/glossary.md`
+//! defines each term and says where it comes from.
+//!
 //! # Bird's-eye view
 //!
 //! ```text
-//! bytes ─ mesh ─→ PolygonMesh ─ surface ─→ Surface ─ cluster (on a device) ─→ labels, Tree, Report ─ output, tree ─→ bytes
+//! bytes ─ mesh ─→ PolygonMesh ─ surface ─→ Surface ─ cluster (on a device) ─→ labels, Tree ─ output, tree ─→ bytes
 //! ```
 //!
-//! | to change | look in |
+//! A module imports only modules above it in this table; `tests/architecture.rs` finds circles.
+//!
+//! | module | what is there |
 //! |---|---|
-//! | a mesh format | [`mesh`] |
-//! | welding, adjacency, components, the integer lattice, face order | [`surface`] |
-//! | what is minimised: sums, proxies, costs, gains | [`energy`] |
-//! | an algorithm: its definition, its proof, its driver | [`cluster`] |
-//! | how a step is carried out | [`device`]`::cpu`, [`device`]`::gpu` with `shaders/` |
-//! | what a job may ask for | [`parameters`] |
-//! | what is said about a job | [`report`] |
-//! | encodings of labels | [`output`] |
-//! | hierarchies: their file, their JSON, cuts, scipy's matrix | [`tree`] |
-//! | pictures of reports | [`plot`] |
-//! | the paper's tables and figure, measured anew | [`evaluate`] |
-//! | what a device takes for each stage | [`mod@bench`] |
-//! | one job from bytes to results | [`job`] |
-//! | the HTTP service | [`service`] |
-//! | the command line | [`cli`] |
-//! | meshes made from nothing | [`sample`] |
-//! | settings of the allocator | `memory` |
-//! | prefetching | `prefetch` |
-//! | union-find | `union_find` |
+//! | [`mod@error`] | the one error type; names of parameters in messages |
+//! | [`mesh`] | formats of meshes, read into polygons |
+//! | [`energy`] | what is minimised: sums, proxies, costs, gains; `shaders/energy/` is its WGSL |
+//! | [`surface`] | welding, adjacency, components, the integer lattice, face order, coarser graphs |
+//! | [`device`] | the steps of algorithms: `plain` defines them, `cpu` and `gpu` (with `shaders/`) are in use |
+//! | [`tree`] | hierarchies: their file, their JSON, cuts, scipy's matrix |
+//! | [`cluster`] | the algorithms: their definitions, proofs and drivers |
+//! | [`output`] | encodings of labels |
+//! | [`parameters`] | what a job may ask for |
+//! | [`report`] | what is said about a job |
+//! | [`job`] | one job from bytes to results |
+//! | [`sample`] | meshes made from nothing |
+//! | [`plot`], [`evaluate`], [`mod@bench`] | pictures of reports; the paper's tables; time of each stage |
+//! | [`service`] | the HTTP service |
+//! | [`cli`] | the command line |
+//!
+//! Below all of them: `union_find`, `prefetch`, `npy`, `markdown`, and `memory` (settings of the allocator).
 //!
 //! # Invariants
 //!
@@ -53,6 +56,7 @@ pub mod job;
 mod markdown;
 mod memory;
 pub mod mesh;
+mod npy;
 pub mod output;
 pub mod parameters;
 pub mod plot;

@@ -3,6 +3,7 @@
 use std::io::{self, Write};
 
 use crate::cluster::record::Record;
+pub use crate::npy::npy_header;
 use crate::tree::Cut;
 
 /// How labels are written.
@@ -74,20 +75,6 @@ pub fn write_cut(out: &mut dyn Write, format: LabelFormat, cut: &Cut) -> io::Res
 pub fn write_snapshots(out: &mut dyn Write, snapshots: &Record, faces: u64) -> io::Result<()> {
     out.write_all(&npy_header("<u4", &format!("({}, {faces})", snapshots.iterations().len())))?;
     snapshots.replay(|_, labels| write_u32(out, labels))
-}
-
-/// Header of an array in NumPy's format, version 1.0, padded to a multiple of 64 bytes as it asks.
-pub fn npy_header(kind: &str, shape: &str) -> Vec<u8> {
-    const PREFIX: usize = 10;
-    let mut dictionary = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}");
-    while !(PREFIX + dictionary.len() + 1).is_multiple_of(64) {
-        dictionary.push(' ');
-    }
-    dictionary.push('\n');
-    let mut header = b"\x93NUMPY\x01\x00".to_vec();
-    header.extend_from_slice(&(dictionary.len() as u16).to_le_bytes());
-    header.extend_from_slice(dictionary.as_bytes());
-    header
 }
 
 /// Writes numbers as u32 little-endian, on any host.

@@ -1,24 +1,18 @@
 //! What a caller may ask of a clustering: defined once, for the command line, the query string and the JSON part.
 
 mod levels;
-pub mod names;
-mod snapshots;
-
-use std::ffi::OsString;
-use std::fmt;
-use std::path::PathBuf;
-use std::str::FromStr;
 
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 pub use self::levels::Levels;
-pub use self::names::Name;
-pub use self::snapshots::Snapshots;
-use crate::cluster::dual_edge::Ties;
 use crate::cluster::hierarchy::Pairs;
 use crate::cluster::quality::Quality;
+pub use crate::cluster::seeds::Seeds;
+pub use crate::cluster::snapshots::Snapshots;
+use crate::device::dual_edge::Ties;
+pub use crate::error::names::{self, Name};
 use crate::error::{Error, Result};
 
 /// The parameters of a job. Flags, query parameters and JSON members have the same names and meanings.
@@ -343,84 +337,6 @@ pub enum Refine {
     On,
     /// Boundary-based optimisation alone
     None,
-}
-
-/// Where clusters start.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub enum Seeds {
-    /// Merged from more clusters, coarse to fine ([`crate::cluster::coarse`]).
-    #[default]
-    Coarse,
-    /// One random face in each of k strata of equal area along a Morton curve.
-    Morton,
-    /// Random faces, all equally likely (P§5.3).
-    Random,
-    /// A file with a list of face numbers; on the command line only.
-    File(PathBuf),
-    /// Face numbers that came with the request.
-    Listed,
-}
-
-impl fmt::Display for Seeds {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Seeds::Coarse => f.write_str("coarse"),
-            Seeds::Morton => f.write_str("morton"),
-            Seeds::Random => f.write_str("random"),
-            Seeds::File(path) => write!(f, "file:{}", path.display()),
-            Seeds::Listed => f.write_str("listed"),
-        }
-    }
-}
-
-impl FromStr for Seeds {
-    type Err = Error;
-
-    fn from_str(text: &str) -> Result<Self> {
-        match text {
-            "coarse" => Ok(Seeds::Coarse),
-            "morton" => Ok(Seeds::Morton),
-            "random" => Ok(Seeds::Random),
-            "listed" => Ok(Seeds::Listed),
-            _ => match text.strip_prefix("file:") {
-                Some(path) if !path.is_empty() => Ok(Seeds::File(path.into())),
-                _ => Err(Error::parameter(format_args!(
-                    "{} must be coarse, morton, random or {}, not {text:?}",
-                    Name::SEEDS,
-                    if names::are_flags() { "file:PATH" } else { "listed (a part named seeds)" }
-                ))),
-            },
-        }
-    }
-}
-
-impl Seeds {
-    /// Seeds as an argument of the command line, where a path may have any bytes.
-    fn from_argument(argument: OsString) -> Result<Self> {
-        if let Some(text) = argument.to_str() {
-            return text.parse();
-        }
-        #[cfg(unix)]
-        {
-            use std::os::unix::ffi::{OsStrExt, OsStringExt};
-            if let Some(path) = argument.as_bytes().strip_prefix(b"file:") {
-                return Ok(Seeds::File(OsString::from_vec(path.to_vec()).into()));
-            }
-        }
-        argument.to_string_lossy().parse()
-    }
-}
-
-impl Serialize for Seeds {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
-    }
-}
-
-impl<'de> Deserialize<'de> for Seeds {
-    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        String::deserialize(deserializer)?.parse().map_err(serde::de::Error::custom)
-    }
 }
 
 #[cfg(test)]

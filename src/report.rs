@@ -1,10 +1,13 @@
 //! The report of a job: the JSON of `--report` and `GET /v1/jobs/{id}/report`, and the rows of the event stream.
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use utoipa::ToSchema;
 
+pub use crate::cluster::run::Phase;
+pub use crate::device::{DeviceInfo, DeviceKind};
 use crate::mesh::{Format, Part};
 use crate::parameters::{Algorithm, Parameters};
+pub use crate::tree::Level;
 
 /// Everything that is said about an ended clustering.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
@@ -71,29 +74,6 @@ pub struct Input {
     pub parts: Vec<Part>,
 }
 
-/// The device that ran a job.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
-pub struct DeviceInfo {
-    /// `cpu` or `gpu`.
-    pub kind: DeviceKind,
-    /// Name of the adapter, or of the processor.
-    pub name: String,
-    /// `rayon`, `vulkan`, `metal` or `dx12`.
-    pub backend: String,
-    /// Driver and its version; number of threads on the cpu.
-    pub driver: String,
-}
-
-/// The two kinds of devices.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum DeviceKind {
-    /// Threads of this machine.
-    Cpu,
-    /// A graphics processor.
-    Gpu,
-}
-
 /// Energies, in source units: area × length².
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Energy {
@@ -145,21 +125,6 @@ pub struct Iteration {
     pub elapsed_us: u64,
 }
 
-/// A round of a hierarchy, or several, each of which merged little.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
-pub struct Level {
-    /// Number of the round, from 1; of several, the last.
-    pub round: u32,
-    /// Clusters left after it.
-    pub clusters: u64,
-    /// Energy after it with respect to the lattice proxies, source units. Null when it overflows.
-    pub energy: Option<f64>,
-    /// Pairs that merged since the row before.
-    pub merges: u64,
-    /// Faces that the optimisation gave to other clusters since the row before.
-    pub moves: u64,
-}
-
 /// What a running job tells of as it happens, and its report keeps.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Row {
@@ -167,20 +132,6 @@ pub enum Row {
     Iteration(Iteration),
     /// A row of `levels`.
     Round(Level),
-}
-
-/// Kinds of optimisation steps.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum Phase {
-    /// Boundary-based optimisation: faces at a boundary move to the neighbouring cluster whose centre is nearer.
-    Boundary,
-    /// Refinement: faces move where the energy falls, centres counted as they will be.
-    Refine,
-    /// Pieces cut off from their cluster are given to their neighbours.
-    Repair,
-    /// Variational clustering: all clusters are grown anew, each from its most central face.
-    Regrow,
 }
 
 /// Durations of the stages, in milliseconds.

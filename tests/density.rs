@@ -132,7 +132,7 @@ fn weights_of_any_magnitude_are_clustered() {
         for curvature_exponent in [None, Some(10.0)] {
             let surface = build(&mesh, Wanted { weights: Some(&weights), curvature_exponent });
             let labels = labels(&surface, 30);
-            assert_eq!(cluster::repair::disconnected_clusters(&surface, 30, &labels), 0);
+            assert_eq!(tesserae::device::pieces::disconnected_clusters(&surface, 30, &labels), 0);
         }
     }
 }

@@ -5,8 +5,8 @@ mod gpu_support;
 
 use common::zoo;
 use gpu_support::{cluster_counts, device, seeds};
-use tesserae::cluster::repair;
 use tesserae::device::cpu::CpuDevice;
+use tesserae::device::pieces;
 use tesserae::device::plain;
 use tesserae::device::{Cancel, Device, Ending, FREE, Step};
 use tesserae::parameters::Seeds;
@@ -192,7 +192,7 @@ fn pieces_are_cut_off_and_grown_over_as_a_walk_finds_them() {
             // twice: what is known of the pieces of earlier labels is forgotten
             for _ in 0..2 {
                 let mut labels = patches(&surface, clusters as u64, &mut next);
-                let cut_off = repair::cut_off_faces(&surface, clusters, &labels);
+                let cut_off = pieces::cut_off_faces(&surface, clusters, &labels);
                 for steps in [&mut steps, &mut on_cpu] {
                     steps.set_labels(&labels).expect("set");
                     assert_eq!(steps.repair(&Cancel::default()).expect("a repair"), cut_off.len() as u64, "{context}");
@@ -230,7 +230,7 @@ fn pieces_that_moves_cut_off_are_found() {
                 steps.optimise_boundary(1, &Cancel::default(), &mut |_| {}).expect("optimise");
             }
             let mut labels = steps.labels().expect("labels");
-            let cut_off = repair::cut_off_faces(&surface, 60, &labels);
+            let cut_off = pieces::cut_off_faces(&surface, 60, &labels);
             assert_eq!(steps.repair(&Cancel::default()).expect("a repair"), cut_off.len() as u64);
             cut_off.iter().for_each(|&face| labels[face as usize] = FREE);
             assert_eq!(steps.labels().expect("labels"), plain::grow(&surface, &labels));

@@ -3,13 +3,14 @@
 mod common;
 
 use common::zoo;
-use tesserae::cluster::dual_edge::{End, Rank, Ties, exact_cost, packed_cost};
 use tesserae::cluster::hierarchy::{Options, Pairs, RoundRow, hierarchical};
-use tesserae::cluster::repair::disconnected_clusters;
-use tesserae::cluster::sums::ClusterSums;
 use tesserae::device::cpu::CpuDevice;
+use tesserae::device::dual_edge::{Rank, Ties};
+use tesserae::device::pieces::disconnected_clusters;
 use tesserae::device::plain;
 use tesserae::device::{Cancel, Device};
+use tesserae::energy::Sums;
+use tesserae::energy::cvd::{ClusterSums, End, exact_cost, packed_cost};
 use tesserae::sample::{Sample, generate};
 use tesserae::surface::Surface;
 use tesserae::tree::Tree;

@@ -4,13 +4,13 @@ mod common;
 
 use common::zoo;
 use tesserae::cluster::coarse::CoarseStart;
-use tesserae::cluster::dual_edge::Ties;
 use tesserae::cluster::flat::{self, Options};
 use tesserae::cluster::hierarchy::{self, Pairs, RoundRow, hierarchical};
 use tesserae::cluster::quality::Quality;
 use tesserae::cluster::run::Row;
 use tesserae::cluster::seeds;
 use tesserae::device::cpu::CpuDevice;
+use tesserae::device::dual_edge::Ties;
 use tesserae::device::plain::PlainDevice;
 use tesserae::device::{Cancel, Device};
 use tesserae::parameters::Seeds;

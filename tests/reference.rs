@@ -8,8 +8,9 @@ use tesserae::cluster::record::Record;
 use tesserae::cluster::reference::acvd::acvd;
 use tesserae::cluster::reference::variational::variational;
 use tesserae::cluster::run::Row;
-use tesserae::cluster::{repair, seeds, seeds::SeedFaces};
+use tesserae::cluster::{seeds, seeds::SeedFaces};
 use tesserae::device::cpu::CpuDevice;
+use tesserae::device::pieces;
 use tesserae::device::plain;
 use tesserae::device::{Cancel, Device, Ending, FREE, MergeSteps, Steps};
 use tesserae::job::{self, Request};
@@ -106,7 +107,7 @@ fn clusters_of_the_references_are_connected() {
         let k = seeds.face_of_cluster.len();
         for (clustering, rows) in [run_acvd(&surface, &seeds, CONNECTED), run_vc(&surface, &seeds, CONNECTED)] {
             check_rows(&name, &surface, &seeds, &clustering, &rows);
-            assert_eq!(repair::disconnected_clusters(&surface, k, &clustering.labels), 0, "{name}");
+            assert_eq!(pieces::disconnected_clusters(&surface, k, &clustering.labels), 0, "{name}");
         }
     }
 }
@@ -181,7 +182,7 @@ fn optimum(surface: &Surface, components: &[u32]) -> i128 {
     let is_allowed = |labels: &Vec<u32>| {
         in_its_component(labels)
             && (0..clusters as u32).all(|cluster| labels.contains(&cluster))
-            && repair::disconnected_clusters(surface, clusters, labels) == 0
+            && pieces::disconnected_clusters(surface, clusters, labels) == 0
     };
     let explained = |labels: Vec<u32>| plain::explained(surface, components, &labels);
     (0..labellings).map(labelling).filter(is_allowed).map(explained).max().expect("there is one")

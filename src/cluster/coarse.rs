@@ -9,7 +9,7 @@
 //!    with fewer groups than two a cluster, because most of its faces weigh next to nothing, stays as it is.
 //! 2. *Too many clusters.* On the coarsest graph, a third more than are wanted start from stratified seeds and grow.
 //! 3. *Merging.* The boundary phase ([`super::flat`]) makes four iterations. Every cluster finds its best dual edge
-//!    ([`super::dual_edge`]); of the mutual pairs, the cheaper half merge; and so on until there are as many clusters
+//!    ([`crate::device::dual_edge`]); of the mutual pairs, the cheaper half merge; and so on until there are as many clusters
 //!    as wanted. No component goes below its share. Then the boundary phase runs to its end. Where few clusters are
 //!    wanted, clusters teleport ([`super::teleport`]), 800 / k times, and 2. and 3. are done for as many seed numbers,
 //!    the lowest energy goes on.
@@ -25,11 +25,12 @@
 
 use rayon::prelude::*;
 
-use super::dual_edge::{self, Ties, from_into};
 use super::run::Run;
 use super::seeds::{self, SeedFaces};
 use super::teleport::Teleports;
-use crate::device::{Cancel, Device, LatticeEnergy, MergeSteps, Steps};
+use crate::device::dual_edge::{self, Ties, from_into};
+use crate::device::{Cancel, Device, MergeSteps, Steps};
+use crate::energy::LatticeEnergy;
 use crate::error::{Error, Kind, Result};
 use crate::surface::{Coarse, DualGraph, Surface};
 

@@ -40,9 +40,9 @@
 
 use super::record::Record;
 use super::run::{Row, Run};
+use crate::cluster::run::Phase;
 use crate::device::{Cancel, Ending, Steps};
 use crate::error::Result;
-use crate::report::Phase;
 
 /// Options of a flat clustering.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -4,7 +4,7 @@
 //!
 //! Every face starts as a cluster. A round merges clusters and then optimises:
 //!
-//! * *Parallel rounds* (PML): every cluster finds its best dual edge ([`super::dual_edge`]: packed cost, then the tie
+//! * *Parallel rounds* (PML): every cluster finds its best dual edge ([`crate::device::dual_edge`]: packed cost, then the tie
 //!   rule); of the pairs that chose each other, those that cost no more than their median merge, or, as in the paper,
 //!   all ([`Pairs`]), all at once. The edges are totally ordered (or, with the paper's tie rule, the cluster with the
 //!   largest number among those of the cheapest edges has a partner that chose it back), so there is always such a
@@ -44,13 +44,14 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::dual_edge::{Rank, Ties, from_into, keep_cheaper_half};
 use super::run::{Row, Run};
-use crate::device::{Cancel, LatticeEnergy, MergeSteps};
-use crate::energy::cvd::ClusterSums;
+use crate::device::dual_edge::{Rank, Ties, from_into, keep_cheaper_half};
+use crate::device::{Cancel, MergeSteps};
+use crate::energy::ClusterSums;
+use crate::energy::LatticeEnergy;
+use crate::error::names::Name;
 use crate::error::{Error, Kind, Result};
-use crate::parameters::Name;
-use crate::surface::Surface;
+use crate::surface::{Merged, Surface};
 use crate::tree::{FaceMove, Merge, Round, Tree};
 
 /// Which of the pairs of clusters that chose each other merge in a parallel round.
@@ -265,10 +266,10 @@ impl<'a> Builder<'a> {
             self.moments[into as usize] += std::mem::take(&mut self.moments[from as usize]);
         }
         let Self { surface, tree, moments } = self;
-        let records = pairs.par_iter().zip(sums).with_min_len(MERGES_A_THREAD).map(|(&(from, into), [a, b])| Merge {
-            into: surface.upload_face[into as usize],
-            from: surface.upload_face[from as usize],
-            ..surface.merged(a, b, moments[into as usize], into)
+        let records = pairs.par_iter().zip(sums).with_min_len(MERGES_A_THREAD).map(|(&(from, into), [a, b])| {
+            let Merged { cost, energy, faces, weight, proxy } = surface.merged(a, b, moments[into as usize], into);
+            let [into, from] = [into, from].map(|cluster| surface.upload_face[cluster as usize]);
+            Merge { into, from, cost, energy, faces, weight, proxy }
         });
         tree.merges.par_extend(records);
     }

@@ -7,26 +7,23 @@
 //! | parallel multilevel, multilevel and hierarchical clustering (P§4) | [`hierarchy`] |
 //! | where flat clusterings start | [`seeds`], [`coarse`] |
 //! | how much time to take for how low an energy | [`quality`] |
-//! | merge costs and their order | [`dual_edge`] |
+//! | the order of merges | [`crate::device::dual_edge`] |
 //! | moves of whole clusters, which leave local minima | [`teleport`] |
 //! | sums, proxies, merge costs and gains in exact integers | [`crate::energy`] |
-//! | pieces of clusters | [`repair`] |
-//! | the labels of chosen iterations | [`record`] |
+//! | pieces of clusters | [`crate::device::pieces`] |
+//! | the labels of chosen iterations | [`snapshots`], [`record`] |
 //! | the flat algorithms that the paper compares with: ACVD, variational clustering | [`mod@reference`] |
 //!
 //! Drivers know devices only as [`crate::device::Steps`]; what a step computes is defined here, how is the device's.
 
 pub mod coarse;
-pub mod dual_edge;
 pub mod flat;
 pub mod hierarchy;
 pub mod quality;
 pub mod record;
 pub mod reference;
 pub mod refinement;
-pub mod repair;
 pub mod run;
 pub mod seeds;
+pub mod snapshots;
 pub mod teleport;
-
-pub use crate::energy::cvd as sums;

@@ -3,7 +3,7 @@
 //! Only the first labels are kept whole; of every later snapshot, the faces whose labels differ from those of the one
 //! before. So memory is in proportion to the faces that moved.
 
-use crate::parameters::Snapshots;
+use super::snapshots::Snapshots;
 
 /// Labels that are kept at most, counted as if each snapshot were whole: 512 MiB as files.
 const MOST_LABELS: u64 = 1 << 27;

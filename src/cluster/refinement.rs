@@ -45,5 +45,6 @@
 //! One face a pair and iteration is what makes the tail long: a cluster that has to drift by the width of a face moves
 //! a dozen of them, one after the other. Faces that cross the same border in the same direction pull the proxies the
 //! same way, so the joint gain is seldom less than the sum of the single ones.
-
-pub use crate::energy::cvd::{Side, bid, gain};
+//!
+//! [`gain`]: crate::energy::Functional::gain
+//! [`bid`]: crate::energy::Functional::bid

@@ -1,14 +1,31 @@
 //! A run: carries out phases, counts their iterations and reports them.
 
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
 use super::record::Record;
-use crate::device::{Cancel, Ending, LatticeEnergy, Step, Steps};
+use crate::device::{Cancel, Ending, Step, Steps};
+use crate::energy::LatticeEnergy;
 use crate::error::Result;
-use crate::report::Phase;
 
 /// Repairs after which the phases begin anew. Bunny, horse, nefertiti and igea need one, seldom none or two (36 runs, k
 /// from 1,000 to 5,000, both kinds of seeds). Where a piece lowers the energy in the cluster that it was cut from,
 /// phases and repairs may repeat without end; connected refinement then ends the run.
 pub const MAX_REPAIRS: u32 = 3;
+
+/// Kinds of optimisation steps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Phase {
+    /// Boundary-based optimisation: faces at a boundary move to the neighbouring cluster whose centre is nearer.
+    Boundary,
+    /// Refinement: faces move where the energy falls, centres counted as they will be.
+    Refine,
+    /// Pieces cut off from their cluster are given to their neighbours.
+    Repair,
+    /// Variational clustering: all clusters are grown anew, each from its most central face.
+    Regrow,
+}
 
 /// One step of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

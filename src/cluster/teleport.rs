@@ -9,9 +9,9 @@ use std::cmp::Reverse;
 
 use rayon::prelude::*;
 
-use super::dual_edge::{End, mutual, packed_cost};
 use crate::device::DualEdge;
-use crate::energy::cvd::{ClusterSums, squared_distance};
+use crate::device::dual_edge::mutual;
+use crate::energy::{ClusterSums, Energy, Functional, Proxy, Sums};
 use crate::surface::DualGraph;
 
 /// Splits that are tried for a pair, at most: many pairs would otherwise try many that are taken.
@@ -39,7 +39,7 @@ struct Split {
     gain: u32,
     cluster: u32,
     /// The faces that are nearer to the second leave it.
-    centres: [[i32; 3]; 2],
+    centres: [Proxy; 2],
 }
 
 impl<'a> Teleports<'a> {
@@ -109,8 +109,8 @@ impl<'a> Teleports<'a> {
 }
 
 /// Whether a face is nearer to the second centre.
-fn leaves(graph: &DualGraph, centres: [[i32; 3]; 2], face: u32) -> bool {
-    let [stay, leave] = centres.map(|centre| squared_distance(graph.centroids[face as usize], centre));
+fn leaves(graph: &DualGraph, centres: [Proxy; 2], face: u32) -> bool {
+    let [stay, leave] = centres.map(|centre| Energy::cost(graph.centroids[face as usize], centre));
     leave < stay
 }
 
@@ -125,9 +125,9 @@ impl Split {
         };
         let whole = sums_of(&mut faces.iter().copied());
         let centroid = |face: u32| graph.centroids[face as usize];
-        let farthest_from = |from: [i32; 3]| {
-            let farthest = faces.iter().max_by_key(|&&face| (squared_distance(centroid(face), from), Reverse(face)));
-            farthest.map(|&face| centroid(face))
+        let farthest_from = |from: Proxy| {
+            let farthest = faces.iter().max_by_key(|&&face| (Energy::cost(centroid(face), from), Reverse(face)));
+            farthest.map(|&face| Energy::proxy_at(centroid(face)))
         };
         let first = farthest_from(whole.proxy()?)?;
         let mut next = [first, farthest_from(first)?];
@@ -141,8 +141,8 @@ impl Split {
             halves = [rest, half];
             next = [halves[0].proxy()?, halves[1].proxy()?];
         }
-        let end = |side: usize| End { weight: halves[side].weight as u64, proxy: next[side] };
-        Some(Self { gain: packed_cost(end(0), end(1), energy_shift), cluster, centres })
+        let end = |side: usize| halves[side].end(next[side]);
+        Some(Self { gain: Energy::packed_merge_cost(end(0), end(1), energy_shift), cluster, centres })
     }
 }
 
@@ -182,9 +182,9 @@ impl Members {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cluster::dual_edge::Ties;
-    use crate::cluster::repair;
     use crate::cluster::seeds;
+    use crate::device::dual_edge::Ties;
+    use crate::device::pieces;
     use crate::device::{Cancel, Device, cpu::CpuDevice};
     use crate::sample::{Sample, generate};
     use crate::surface::Surface;
@@ -205,7 +205,7 @@ mod tests {
         let edges = steps.optimal_dual_edges(Ties::Hash).expect("edges");
         let teleports = Teleports::of(&surface, &labels, &component_of_cluster, &edges);
         let teleported = teleports.made(&labels, 1).expect("there is one");
-        assert_eq!(repair::disconnected_clusters(&surface, 3, &teleported), 0);
+        assert_eq!(pieces::disconnected_clusters(&surface, 3, &teleported), 0);
         let mut sizes = [0; 3];
         teleported.iter().for_each(|&label| sizes[label as usize] += 1);
         sizes.sort_unstable();

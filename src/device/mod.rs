@@ -5,18 +5,22 @@
 //! sequence of calls gives the same labels and energies, bit for bit, on all three.
 
 pub mod cpu;
+pub mod dual_edge;
 pub mod gpu;
+pub mod pieces;
 pub mod plain;
 pub mod select;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use crate::cluster::dual_edge::{Rank, Ties, mutual};
-pub use crate::energy::LatticeEnergy;
-use crate::energy::cvd::ClusterSums;
+use serde::Serialize;
+use utoipa::ToSchema;
+
+pub use self::dual_edge::DualEdge;
+use self::dual_edge::{Rank, Ties, mutual};
+use crate::energy::{ClusterSums, LatticeEnergy};
 use crate::error::{Error, Result};
-use crate::report::DeviceInfo;
 use crate::surface::DualGraph;
 
 /// The label of a face that belongs to no cluster (the paper's "null" cluster, P§5.2).
@@ -25,6 +29,29 @@ pub const FREE: u32 = u32::MAX;
 /// Returns how many bytes of its own memory a device has allocated; None when it has none, or does not know. Any thread
 /// may call it at any time.
 pub type MemoryMeter = Arc<dyn Fn() -> Option<u64> + Send + Sync>;
+
+/// The device that ran a job.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct DeviceInfo {
+    /// `cpu` or `gpu`.
+    pub kind: DeviceKind,
+    /// Name of the adapter, or of the processor.
+    pub name: String,
+    /// `rayon`, `vulkan`, `metal` or `dx12`.
+    pub backend: String,
+    /// Driver and its version; number of threads on the cpu.
+    pub driver: String,
+}
+
+/// The two kinds of devices.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum DeviceKind {
+    /// Threads of this machine.
+    Cpu,
+    /// A graphics processor.
+    Gpu,
+}
 
 /// Something that can cluster.
 pub trait Device: Send {
@@ -128,17 +155,6 @@ pub trait MergeSteps: Steps {
     /// The faces that belong to another cluster than after the last [`merge`](Self::merge), sorted: the face, the
     /// cluster it belonged to and the one it belongs to.
     fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32, u32)>>;
-}
-
-/// The best dual edge of a cluster.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct DualEdge {
-    /// The cluster.
-    pub cluster: u32,
-    /// The neighbour it would best merge with.
-    pub other: u32,
-    /// The packed merge cost ([`crate::cluster::dual_edge::packed_cost`]).
-    pub cost: u32,
 }
 
 /// What one iteration did.

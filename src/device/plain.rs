@@ -15,9 +15,8 @@ use std::cmp::Reverse;
 pub use self::device::PlainDevice;
 
 use super::FREE;
-use crate::cluster::dual_edge::End;
-use crate::cluster::refinement::{Side, bid, gain};
-use crate::cluster::repair::cut_off_faces;
+use crate::device::pieces::cut_off_faces;
+use crate::energy::{Energy, Functional, Side, WideSums};
 use crate::surface::DualGraph;
 
 /// The state after an iteration.
@@ -25,7 +24,7 @@ use crate::surface::DualGraph;
 pub struct State {
     /// One cluster a face, internal order.
     pub labels: Vec<u32>,
-    /// Σ (2·P·S − M·|P|²) << energy_shift, see [`super::LatticeEnergy`].
+    /// What the proxies explain of the energy, see [`crate::energy::LatticeEnergy`].
     pub explained: i128,
     /// Faces that changed their cluster.
     pub moves: u64,
@@ -48,60 +47,27 @@ pub fn grow(graph: &DualGraph, labels: &[u32]) -> Vec<u32> {
     }
 }
 
-/// Sums over the faces of a cluster.
-#[derive(Clone, Default)]
-struct Sums {
-    /// S = Σ w·g.
-    s: [i128; 3],
-    /// M = Σ w.
-    m: i128,
-    faces: u32,
-}
-
-impl Sums {
-    /// P: S / M rounded to the nearest lattice point, halves up. The cluster has faces.
-    fn proxy(&self) -> [i128; 3] {
-        self.s.map(|s| (2 * s + self.m).div_euclid(2 * self.m))
-    }
-
-    /// What a merge cost needs. The cluster has faces.
-    fn end(&self) -> End {
-        End { weight: self.m as u64, proxy: self.proxy().map(|p| p as i32) }
-    }
-}
-
 /// The sums of each cluster. Free faces count for none.
-fn sums(graph: &DualGraph, clusters: usize, labels: &[u32]) -> Vec<Sums> {
-    let mut all = vec![Sums::default(); clusters];
+fn sums(graph: &DualGraph, clusters: usize, labels: &[u32]) -> Vec<WideSums> {
+    let mut all = vec![WideSums::default(); clusters];
     for (face, &label) in labels.iter().enumerate().filter(|(_, label)| **label != FREE) {
-        let weight = i128::from(graph.weights[face]);
-        let sums = &mut all[label as usize];
-        for axis in 0..3 {
-            sums.s[axis] += weight * i128::from(graph.centroids[face][axis]);
-        }
-        sums.m += weight;
-        sums.faces += 1;
+        all[label as usize].add_face(graph.face(face));
     }
     all
 }
 
 /// The proxy of each cluster, all of which have faces.
 pub fn proxies(graph: &DualGraph, clusters: usize, labels: &[u32]) -> Vec<[i128; 3]> {
-    sums(graph, clusters, labels).iter().map(Sums::proxy).collect()
+    sums(graph, clusters, labels).iter().map(WideSums::proxy).collect()
 }
 
-/// Σ (2·P·S − M·|P|²) << energy_shift over the clusters that have faces, see [`super::LatticeEnergy`].
+/// What the proxies explain, summed over the clusters that have faces, see [`crate::energy::LatticeEnergy`].
 pub fn explained(graph: &DualGraph, component_of_cluster: &[u32], labels: &[u32]) -> i128 {
     let sums = sums(graph, component_of_cluster.len(), labels);
     sums.iter()
         .zip(component_of_cluster)
         .filter(|(sums, _)| sums.faces > 0)
-        .map(|(sums, &component)| {
-            let proxy = sums.proxy();
-            let along: i128 = (0..3).map(|axis| 2 * proxy[axis] * sums.s[axis]).sum();
-            let square: i128 = proxy.iter().map(|p| p * p).sum();
-            (along - sums.m * square) << graph.components[component as usize].energy_shift
-        })
+        .map(|(sums, &component)| sums.explained() << graph.components[component as usize].energy_shift)
         .sum()
 }
 
@@ -110,24 +76,21 @@ fn moves(before: &[u32], after: &[u32]) -> u64 {
     before.iter().zip(after).filter(|(before, after)| before != after).count() as u64
 }
 
-/// |g − P|² of a face and each cluster that has faces.
-fn distances<'a>(graph: &'a DualGraph, sums: &'a [Sums]) -> impl Fn(usize, u32) -> i128 + 'a {
-    move |face, cluster| {
-        let proxy = sums[cluster as usize].proxy();
-        (0..3).map(|axis| (i128::from(graph.centroids[face][axis]) - proxy[axis]).pow(2)).sum()
-    }
+/// The cost of a face in each cluster that has faces.
+fn costs<'a>(graph: &'a DualGraph, sums: &'a [WideSums]) -> impl Fn(usize, u32) -> i128 + 'a {
+    move |face, cluster| sums[cluster as usize].cost(graph.face(face))
 }
 
 /// One boundary iteration ([`crate::cluster::flat`]); None when nothing moves.
 pub fn iterate(graph: &DualGraph, component_of_cluster: &[u32], labels: &[u32]) -> Option<State> {
     let sums = sums(graph, component_of_cluster.len(), labels);
-    let distance = distances(graph, &sums);
+    let cost = costs(graph, &sums);
     // 1. the nearest cluster beside each face, if it is nearer than the face's own
     let wanted = |face: usize| {
         let own = labels[face];
         let near = graph.neighbours_of(face as u32).iter().map(|&near| labels[near as usize]);
-        let (best, to) = near.filter(|&label| label != own).map(|label| (distance(face, label), label)).min()?;
-        (best < distance(face, own)).then_some(to)
+        let (best, to) = near.filter(|&label| label != own).map(|label| (cost(face, label), label)).min()?;
+        (best < cost(face, own)).then_some(to)
     };
     let wanted: Vec<Option<u32>> = (0..labels.len()).map(wanted).collect();
     // 2. the last face: of a cluster that all faces want to leave, the first one stays
@@ -190,23 +153,21 @@ impl<'a> Refinement<'a> {
     /// The packed bid of each face, and the cluster that it is for.
     fn bids(&self) -> Vec<Option<(u32, u32)>> {
         let sums = sums(self.graph, self.component_of_cluster.len(), &self.labels);
-        let distance = distances(self.graph, &sums);
+        let cost = costs(self.graph, &sums);
         let bid_of = |face: usize| {
             let from = self.labels[face];
             if self.refused[face] || sums[from as usize].faces == 1 {
                 return None;
             }
-            let side = |cluster: u32| Side {
-                squared_distance: distance(face, cluster) as u64,
-                weight: sums[cluster as usize].m as u64,
-            };
+            let side =
+                |cluster: u32| Side { cost: cost(face, cluster) as u64, weight: sums[cluster as usize].weight() };
             let weight = self.graph.weights[face];
             let near = self.graph.neighbours_of(face as u32).iter().map(|&near| self.labels[near as usize]);
             let (gain, to) = near
                 .filter(|&to| to != from)
-                .map(|to| (gain(weight, side(from), side(to)), to))
+                .map(|to| (Energy::gain(weight, side(from), side(to)), to))
                 .max_by_key(|&(gain, to)| (gain, Reverse(to)))?;
-            (gain > 0).then(|| (bid(gain, weight), to))
+            (gain > 0).then(|| (Energy::bid(gain, weight), to))
         };
         (0..self.labels.len()).map(bid_of).collect()
     }

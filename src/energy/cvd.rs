@@ -1,7 +1,99 @@
 //! The energy of centroidal Voronoi diagrams (P§6): the area-weighted squared distance of centroids to the proxy of
 //! their cluster.
 //!
-//! All of it is integer arithmetic; `docs/arithmetic.md` derives the bounds.
+//! Σ over clusters of `(2·P·S − M·|P|²) << energy_shift` is what the proxies explain of the constant Σ w·|g|².
+
+mod bound;
+mod packed;
+mod source;
+pub mod wide;
+
+use self::packed::Float;
+use super::functional::{Functional, Side, Sums};
+
+pub use self::bound::RefinementSlack;
+
+/// The energy of centroidal Voronoi diagrams.
+#[derive(Debug, Clone, Copy)]
+pub struct Cvd;
+
+impl Functional for Cvd {
+    const NAME: &'static str = "cvd";
+
+    type Item = Face;
+    /// g.
+    type Point = [i32; 3];
+    /// P.
+    type Proxy = [i32; 3];
+    type Sums = ClusterSums;
+    type End = End;
+    type RefinementSlack = RefinementSlack;
+
+    #[inline]
+    fn proxy_at(point: [i32; 3]) -> [i32; 3] {
+        point
+    }
+
+    /// |g − P|².
+    #[inline]
+    fn cost(point: [i32; 3], proxy: [i32; 3]) -> u64 {
+        squared_distance(point, proxy)
+    }
+
+    /// w·|g|².
+    #[inline]
+    fn constant(Face { centroid, weight }: Face) -> i128 {
+        let square: i64 = centroid.iter().map(|&g| i64::from(g) * i64::from(g)).sum();
+        i128::from(weight) * i128::from(square)
+    }
+
+    fn merge_cost(a: End, b: End) -> u128 {
+        exact_cost(a, b)
+    }
+
+    fn packed_merge_cost(a: End, b: End, energy_shift: u32) -> u32 {
+        packed_cost(a, b, energy_shift)
+    }
+
+    #[inline]
+    fn merge_cost_about(a: End, b: End) -> f64 {
+        // they are signed, which is converted faster
+        let [weight_a, weight_b] = [a, b].map(|end| end.weight.cast_signed() as f64);
+        weight_a * weight_b / (weight_a + weight_b) * squared_distance(a.proxy, b.proxy).cast_signed() as f64
+    }
+
+    fn merge_cost_of_means(a: &ClusterSums, b: &ClusterSums) -> f64 {
+        let (weight_a, weight_b) = (a.weight as f64, b.weight as f64);
+        let (mean_a, mean_b) = (a.mean(), b.mean());
+        let square: f64 = (0..3).map(|axis| (mean_a[axis] - mean_b[axis]) * (mean_a[axis] - mean_b[axis])).sum();
+        weight_a * weight_b / (weight_a + weight_b) * square
+    }
+
+    #[inline]
+    fn gain(weight: u32, from: Side, to: Side) -> i64 {
+        gain(weight, from, to)
+    }
+
+    #[inline]
+    fn bid(gain: i64, weight: u32) -> u32 {
+        bid(gain, weight)
+    }
+
+    #[inline]
+    fn drift(from: [i32; 3], to: [i32; 3]) -> u64 {
+        // the error of the root is far below 1
+        (squared_distance(to, from) as f64).sqrt() as u64
+    }
+
+    fn source_energy(faces: impl Iterator<Item = ([f64; 3], f64, u32)> + Clone, clusters: usize) -> f64 {
+        source::source_energy(faces, clusters)
+    }
+
+    #[inline]
+    fn boundary_slack(own: u64, least_other: u64) -> u64 {
+        bound::boundary_slack(own, least_other)
+    }
+}
 
 /// A face as the energy sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,18 +115,20 @@ pub struct ClusterSums {
     pub faces: u32,
 }
 
-impl ClusterSums {
-    /// Adds a face (`sign` 1) or takes it away (−1).
+impl Sums for ClusterSums {
+    type Item = Face;
+    type Proxy = [i32; 3];
+    type End = End;
+
     #[inline]
-    pub fn add_face(&mut self, face: Face, sign: i64) {
+    fn add_face(&mut self, face: Face, sign: i64) {
         let weight = i64::from(face.weight);
         let centroid = face.centroid.map(|g| weight * i64::from(g));
         self.add(&Self { centroid, weight, faces: 1 }, sign);
     }
 
-    /// Adds other faces (`sign` 1) or takes them away (−1).
     #[inline]
-    pub fn add(&mut self, other: &Self, sign: i64) {
+    fn add(&mut self, other: &Self, sign: i64) {
         for axis in 0..3 {
             self.centroid[axis] += sign * other.centroid[axis];
         }
@@ -44,14 +138,14 @@ impl ClusterSums {
 
     /// The proxy P, the lattice point nearest to S/M (per axis, halves up). None without faces.
     #[inline]
-    pub fn proxy(&self) -> Option<[i32; 3]> {
+    fn proxy(&self) -> Option<[i32; 3]> {
         let nearest = |s: i64| (2 * s + self.weight).div_euclid(2 * self.weight) as i32;
         (self.faces > 0).then(|| self.centroid.map(nearest))
     }
 
     /// The proxy P and 2·P·S − M·|P|², what it explains of the energy; |explained| < 2⁹¹. None without faces.
     #[inline]
-    pub fn fit(&self) -> Option<([i32; 3], i128)> {
+    fn fit(&self) -> Option<([i32; 3], i128)> {
         let proxy = self.proxy()?;
         let mut along = 0;
         let mut square = 0;
@@ -60,6 +154,15 @@ impl ClusterSums {
             square += i64::from(proxy[axis]) * i64::from(proxy[axis]);
         }
         Some((proxy, 2 * along - i128::from(self.weight) * i128::from(square)))
+    }
+
+    #[inline]
+    fn end(&self, proxy: [i32; 3]) -> End {
+        End { weight: self.weight as u64, proxy }
+    }
+
+    fn mean(&self) -> [f64; 3] {
+        self.centroid.map(|s| s as f64 / self.weight as f64)
     }
 }
 
@@ -73,16 +176,6 @@ pub fn squared_distance(a: [i32; 3], b: [i32; 3]) -> u64 {
     square(0) + square(1) + square(2)
 }
 
-/// Σ over clusters of `(2·P·S − M·|P|²) << energy_shift`, exactly: what the proxies explain of Q.
-///
-/// The energy is `F = Q − explained` with the constant Q of the surface ([`crate::surface::Surface::energy`] converts
-/// to source units); devices leave the constant out, because it needs no device. |explained| < 2¹²³.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct LatticeEnergy {
-    /// The explained part, in units of the lattice with the finest weights.
-    pub explained: i128,
-}
-
 /// A cluster as an end of a dual edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct End {
@@ -90,17 +183,6 @@ pub struct End {
     pub weight: u64,
     /// P.
     pub proxy: [i32; 3],
-}
-
-impl End {
-    /// M₁M₂·|P₁−P₂|²/(M₁+M₂) in units of the clusters' component, with a relative error of some 2⁻⁵⁰: to leave out
-    /// edges that cost far more.
-    #[inline]
-    pub fn cost_about(self, other: Self) -> f64 {
-        // they are signed, which is converted faster
-        let [a, b] = [self.weight, other.weight].map(|weight| weight.cast_signed() as f64);
-        a * b / (a + b) * squared_distance(self.proxy, other.proxy).cast_signed() as f64
-    }
 }
 
 /// ⌊M₁M₂·|P₁−P₂|²/(M₁+M₂)⌋ in units of the clusters' component, below 2⁹².
@@ -125,44 +207,6 @@ pub fn packed_cost(a: End, b: End, energy_shift: u32) -> u32 {
     exponent << 25 | (cost.mantissa << 1 >> 7)
 }
 
-/// mantissa · 2^(exponent − 31), the mantissa's top bit set.
-#[derive(Debug, Clone, Copy)]
-struct Float {
-    mantissa: u32,
-    exponent: i32,
-}
-
-impl Float {
-    /// Of a number that is not 0.
-    fn of(value: u64) -> Self {
-        let top = 63 - value.leading_zeros();
-        let mantissa = if top > 31 { value >> (top - 31) } else { value << (31 - top) };
-        Self { mantissa: mantissa as u32, exponent: top as i32 }
-    }
-
-    fn times(self, other: Self) -> Self {
-        let product = u64::from(self.mantissa) * u64::from(other.mantissa);
-        let carry = (product >> 63) as u32;
-        Self { mantissa: (product >> (31 + carry)) as u32, exponent: self.exponent + other.exponent + carry as i32 }
-    }
-
-    fn over(self, other: Self) -> Self {
-        let quotient = (u64::from(self.mantissa) << 32) / u64::from(other.mantissa);
-        // between 2³¹ (exclusive) and 2³³
-        let carry = (quotient >> 32) as u32;
-        Self { mantissa: (quotient >> carry) as u32, exponent: self.exponent - other.exponent - 1 + carry as i32 }
-    }
-}
-
-/// A cluster as a bidding face sees it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Side {
-    /// |g − P|² < 2⁵⁸.
-    pub squared_distance: u64,
-    /// M < 2³⁴.
-    pub weight: u64,
-}
-
 /// What moving a face of weight `weight` lowers the energy by, per weight, in units of squared lattice length; rounded,
 /// and only ever used to rank bids. `from.weight > weight`.
 ///
@@ -175,8 +219,8 @@ pub fn gain(weight: u32, from: Side, to: Side) -> i64 {
         // (distance · fraction) / 2³², the upper and the lower half of the distance apart
         (distance >> 32) * fraction + (((distance & 0xffff_ffff) * fraction) >> 32)
     };
-    let leave = from.squared_distance + scaled(from.squared_distance, from.weight - w);
-    let enter = to.squared_distance - scaled(to.squared_distance, to.weight + w);
+    let leave = from.cost + scaled(from.cost, from.weight - w);
+    let enter = to.cost - scaled(to.cost, to.weight + w);
     leave as i64 - enter as i64
 }
 
@@ -233,8 +277,8 @@ mod tests {
     #[test]
     fn gain_is_the_difference_of_exact_energies() {
         // one axis: cluster a has faces at 0, 0, 10, cluster b at 12, 14; all of weight 5; the face at 10 goes to b
-        let from = Side { squared_distance: 44_444_444, weight: 15 }; // (10 − 10/3)² in millionths
-        let to = Side { squared_distance: 9_000_000, weight: 10 };
+        let from = Side { cost: 44_444_444, weight: 15 }; // (10 − 10/3)² in millionths
+        let to = Side { cost: 9_000_000, weight: 10 };
         // energies with means: a 200/3·5 → 0; b 2·5 → (4 + 0 + 4)·5
         let exact = (200.0 / 3.0 + 2.0 - 8.0) * 1e6;
         assert!((gain(5, from, to) as f64 - exact).abs() < 2.0, "{} {exact}", gain(5, from, to));

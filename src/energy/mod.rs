@@ -1,21 +1,39 @@
-//! What is minimised. Everything above takes it from here: building coarse graphs, the definitions of the algorithms,
-//! devices and the records of hierarchies.
+//! What is minimised. Everything above takes it from here: coarse graphs, the definitions of the algorithms, devices
+//! and the records of hierarchies.
 //!
-//! An energy has these parts; [`cvd`] is the only one so far.
+//! [`Functional`] and [`Sums`] list the parts of an energy; [`cvd`] is the only one so far. All code above names
+//! [`Energy`] and the types below, never an energy by its own name: calls are dispatched statically, and structs have
+//! no type parameter for it. A second energy implements both traits; where a run can choose, the alias becomes a
+//! parameter of the types that hold sums or proxies. The same seam in WGSL is `shaders/energy/`, one file an energy.
 //!
-//! | part | of `cvd` |
-//! |---|---|
-//! | item: what it sees of a face | [`cvd::Face`] |
-//! | exact sums over the faces of a cluster, and adding and removing faces | [`cvd::ClusterSums`] |
-//! | proxy: what a face is compared with, and how it is fitted to the sums | [`cvd::ClusterSums::fit`] |
-//! | cost of a face with respect to a proxy | [`cvd::squared_distance`] × weight |
-//! | energy of sums, exact | [`LatticeEnergy`], from the explained part of [`cvd::ClusterSums::fit`] |
-//! | merge cost, exact and packed | [`cvd::exact_cost`], [`cvd::packed_cost`] |
-//! | gain of a move, and its bid | [`cvd::gain`], [`cvd::bid`] |
-//! | bound for skipping faces, if distances obey the triangle inequality | `device::cpu::nearby` |
-//!
-//! Calls are dispatched statically. This module knows no mesh, no algorithm and no device.
+//! All arithmetic that decides a label is in integers; `docs/arithmetic.md` derives the bounds. This module knows no
+//! mesh, no algorithm and no device.
 
 pub mod cvd;
+mod functional;
 
-pub use cvd::LatticeEnergy;
+pub use self::functional::{Functional, LatticeEnergy, Side, Sums};
+
+/// The energy that everything is compiled for.
+pub type Energy = cvd::Cvd;
+
+/// What it sees of a face: a point and a weight.
+pub type Item = <Energy as Functional>::Item;
+
+/// An item without its weight.
+pub type Point = <Energy as Functional>::Point;
+
+/// What stands for a cluster when a face is compared with it.
+pub type Proxy = <Energy as Functional>::Proxy;
+
+/// The sums over the faces of a cluster.
+pub type ClusterSums = <Energy as Functional>::Sums;
+
+/// What a merge cost reads of a cluster.
+pub type End = <Energy as Functional>::End;
+
+/// By how much proxies may drift before a face could have a bid in refinement.
+pub type RefinementSlack = <Energy as Functional>::RefinementSlack;
+
+/// The sums in 128 bits, as their definition reads: for the plain device.
+pub use cvd::wide::Sums as WideSums;

@@ -7,7 +7,8 @@ use std::time::Instant;
 use sha2::{Digest, Sha256};
 
 use super::{Clustered, Outcome, Prepared, finite, hierarchical, milliseconds};
-use crate::cluster::repair;
+use crate::device::pieces;
+use crate::energy::Functional as _;
 use crate::error::{Error, Kind, Result};
 use crate::parameters::Seeds;
 use crate::report::{Energy, Report, Timings};
@@ -24,7 +25,7 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
     }
     let results = Results::of(surface, initial.as_deref(), &labels, clusters, parameters.seeds == Seeds::Listed);
     let energy = Energy {
-        functional: "cvd".to_owned(),
+        functional: crate::energy::Energy::NAME.to_owned(),
         weighted_by: prepared.weighted_by.clone(),
         initial: results.initial_energy.and_then(finite),
         final_: finite(results.energy),
@@ -112,7 +113,7 @@ impl Results {
             (initial, surface.energy_and_hexagon_ratio(internal, clusters))
         };
         let (disconnected_clusters, ((initial_energy, (energy, hexagon_ratio)), labels)) = rayon::join(
-            || repair::disconnected_clusters(surface, clusters, internal),
+            || pieces::disconnected_clusters(surface, clusters, internal),
             || rayon::join(energies, labels),
         );
         Self { initial_energy, energy, hexagon_ratio, disconnected_clusters, labels }

@@ -168,7 +168,7 @@ impl Levels {
 mod tests {
     use super::*;
     use crate::cluster::quality::Quality;
-    use crate::device::LatticeEnergy;
+    use crate::energy::LatticeEnergy;
 
     #[test]
     fn few_rows_tell_of_many_rounds_and_nothing_is_lost_between_them() {

@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use rayon::prelude::*;
 
-use super::Counts;
+use super::counts::Counts;
 use crate::mesh::Faces;
 use crate::prefetch::prefetch;
 

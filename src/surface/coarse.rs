@@ -12,8 +12,9 @@ use std::hint::select_unpredictable;
 
 use rayon::prelude::*;
 
-use super::{Component, DualGraph};
-use crate::energy::cvd::ClusterSums;
+use super::components::Component;
+use super::graph::DualGraph;
+use crate::energy::{ClusterSums, Sums};
 
 /// No group yet.
 const NONE: u32 = u32::MAX;
@@ -362,10 +363,7 @@ mod tests {
                 assert_eq!(weight, u64::from(coarse.graph.weights[group]), "{sample:?}");
                 assert!(weight <= heaviest[component_of_group[group] as usize] || sizes[group] == 1, "{sample:?}");
             }
-            assert_eq!(
-                crate::cluster::repair::disconnected_clusters(&surface, weights.len(), &coarse.group_of_face),
-                0
-            );
+            assert_eq!(crate::device::pieces::disconnected_clusters(&surface, weights.len(), &coarse.group_of_face), 0);
             assert_neighbours_are_those_of_the_faces(&surface, &coarse);
             // groups of groups have more neighbours
             let heavier: Vec<u64> = heaviest.iter().map(|heaviest| 4 * heaviest).collect();

@@ -19,6 +19,7 @@ mod adjacency;
 mod bridge;
 mod coarse;
 mod components;
+mod counts;
 mod curvature;
 mod density;
 mod graph;
@@ -28,6 +29,7 @@ mod weld;
 
 pub use coarse::{Coarse, Grouping};
 pub use components::Component;
+pub use counts::Counts;
 pub use density::Wanted;
 pub use graph::DualGraph;
 
@@ -35,11 +37,9 @@ use std::ops::{Deref, Range};
 
 use rayon::prelude::*;
 
-use crate::energy::LatticeEnergy;
-use crate::energy::cvd::ClusterSums;
+use crate::energy::{ClusterSums, Energy, Functional, Item, LatticeEnergy, Sums};
 use crate::error::{Error, Result};
 use crate::mesh::PolygonMesh;
-use crate::tree::Merge;
 use adjacency::Links;
 use density::Density;
 use lattice::{AREA, FaceGeometry, Frame, Scale, Scales};
@@ -68,23 +68,19 @@ pub struct Surface {
     density_unit: Option<f64>,
 }
 
-/// What is unusual about the connectivity.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Counts {
-    /// Sets of faces connected across shared edges, without bridges.
-    pub components: u64,
-    /// Distinct positions among the vertices that faces use.
-    pub welded_vertices: u64,
-    /// Edges of exactly one face; a face that runs along an edge an even number of times does not count for it.
-    pub boundary_edges: u64,
-    /// Edges of more than two faces, counted in the same way.
-    pub non_manifold_edges: u64,
-    /// Faces with two corners at one position.
-    pub degenerate_faces: u64,
-    /// Faces without area, degenerate ones included.
-    pub zero_area_faces: u64,
-    /// Extra copies of faces with the same set of corner positions.
-    pub duplicate_faces: u64,
+/// Two clusters that became one, in source units.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Merged {
+    /// Rise of the energy by the merge (P§6, dual edge collapse cost).
+    pub cost: f64,
+    /// Energy of the merged cluster.
+    pub energy: f64,
+    /// Its number of faces.
+    pub faces: u32,
+    /// Its weight, as area.
+    pub weight: f64,
+    /// Its weighted mean centroid.
+    pub proxy: [f64; 3],
 }
 
 impl Surface {
@@ -211,32 +207,24 @@ impl Surface {
 
     /// w·|g|² of a face, in units of its component: its share of the constant part of the energy.
     pub fn moment_of(&self, face: u32) -> i128 {
-        let square: i64 = self.centroids[face as usize].iter().map(|&g| i64::from(g) * i64::from(g)).sum();
-        i128::from(self.weights[face as usize]) * i128::from(square)
+        Energy::constant(self.face(face as usize))
     }
 
-    /// What becomes of two clusters that merge, in source units: `cost`, `energy`, `faces`, `weight` and `proxy` of the
-    /// record are set. `moment` is Σ w·|g|² of both; `face` is any face of either.
-    pub fn merged(&self, a: &ClusterSums, b: &ClusterSums, moment: i128, face: u32) -> Merge {
+    /// What becomes of two clusters that merge. `moment` is Σ w·|g|² of both; `face` is any face of either.
+    pub fn merged(&self, a: &ClusterSums, b: &ClusterSums, moment: i128, face: u32) -> Merged {
         let component = self.components.partition_point(|component| component.first_face <= face) - 1;
         let energy_exponent =
             -4 * self.frame.exponent - self.weight_exponent + self.components[component].energy_shift as i32;
-        let mean = |sums: &ClusterSums| sums.centroid.map(|s| s as f64 / sums.weight as f64);
-        let (weight_a, weight_b) = (a.weight as f64, b.weight as f64);
-        let (mean_a, mean_b) = (mean(a), mean(b));
-        let square: f64 = (0..3).map(|axis| (mean_a[axis] - mean_b[axis]) * (mean_a[axis] - mean_b[axis])).sum();
-        let cost = weight_a * weight_b / (weight_a + weight_b) * square;
+        let cost = Energy::merge_cost_of_means(a, b);
         let mut sums = *a;
         sums.add(b, 1);
         let explained = sums.fit().map_or(0, |(_, explained)| explained);
-        Merge {
-            into: 0,
-            from: 0,
+        Merged {
             cost: libm::ldexp(cost, energy_exponent) * self.density_unit(),
             energy: libm::ldexp((moment - explained) as f64, energy_exponent) * self.density_unit(),
             faces: sums.faces,
             weight: libm::ldexp(sums.weight as f64, energy_exponent + 2 * self.frame.exponent) * self.density_unit(),
-            proxy: self.frame.source_position(mean(&sums)),
+            proxy: self.frame.source_position(sums.mean()),
         }
     }
 
@@ -253,27 +241,8 @@ impl Surface {
 
     /// [`source_energy`](Self::source_energy) in lattice units, which never overflow.
     fn lattice_energy(&self, labels: &[u32], clusters: usize) -> f64 {
-        let mut sums = vec![[0.0f64; 4]; clusters];
-        for (face, &label) in self.geometry.iter().zip(labels) {
-            let sum = &mut sums[label as usize];
-            for axis in 0..3 {
-                sum[axis] += face[AREA] * face[axis];
-            }
-            sum[3] += face[AREA];
-        }
-        for sum in &mut sums {
-            let area = if sum[3] > 0.0 { sum[3] } else { 1.0 };
-            for axis in 0..3 {
-                sum[axis] /= area;
-            }
-        }
-        let mut energy = 0.0;
-        for (face, &label) in self.geometry.iter().zip(labels) {
-            let proxy = &sums[label as usize];
-            let d: [f64; 3] = std::array::from_fn(|axis| face[axis] - proxy[axis]);
-            energy += face[AREA] * (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-        }
-        energy
+        let faces = self.geometry.iter().zip(labels);
+        Energy::source_energy(faces.map(|(face, &label)| ([face[0], face[1], face[2]], face[AREA], label)), clusters)
     }
 
     /// [`source_energy`](Self::source_energy), and that over the energy of a flat tiling of the same area by `clusters`
@@ -357,8 +326,7 @@ impl Weighed {
                 for (at, weight) in weights.iter_mut().enumerate() {
                     let face = first + at;
                     *weight = scale.weight(geometry[face][AREA]);
-                    let square: i64 = centroids[face].iter().map(|&g| i64::from(g) * i64::from(g)).sum();
-                    moment += i128::from(*weight) * i128::from(square);
+                    moment += Energy::constant(Item { centroid: centroids[face], weight: *weight });
                     sum += u64::from(*weight);
                 }
                 (moment, sum)

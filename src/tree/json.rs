@@ -12,8 +12,8 @@ use utoipa::ToSchema;
 
 use super::stored::Stored;
 use super::{Nodes, Tree};
-use crate::parameters::Name;
-use crate::report::Level;
+use crate::error::names::Name;
+use crate::tree::Level;
 
 /// A hierarchy: what `--hierarchy OUT.json` writes.
 #[derive(Debug, Serialize, ToSchema)]

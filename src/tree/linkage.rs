@@ -12,8 +12,8 @@ use std::io::{self, Write};
 
 use super::stored::Stored;
 use super::{Nodes, Tree};
+use crate::error::names::Name;
 use crate::error::{Error, Kind, Result};
-use crate::parameters::Name;
 
 /// One row of the matrix.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -110,7 +110,7 @@ impl Linkage {
 
     /// Writes it as `.npy`, float64 (n − 1, 4), in many small pieces.
     pub fn write_npy(&self, out: &mut dyn Write) -> io::Result<()> {
-        out.write_all(&crate::output::npy_header("<f8", &format!("({}, 4)", self.rows.len())))?;
+        out.write_all(&crate::npy::npy_header("<f8", &format!("({}, 4)", self.rows.len())))?;
         for row in &self.rows {
             let [a, b] = row.children;
             let distance = (2.0 * row.cost).sqrt();

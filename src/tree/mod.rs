@@ -19,6 +19,9 @@ pub mod linkage;
 mod replay;
 pub mod stored;
 
+use serde::Serialize;
+use utoipa::ToSchema;
+
 use self::replay::{CutPlan, Replay, check_range};
 use crate::error::{Error, Kind, Result};
 
@@ -74,6 +77,21 @@ pub struct Round {
     pub merges_end: u32,
     /// Where its moves end in [`Tree::moves`].
     pub moves_end: u64,
+}
+
+/// A round of a hierarchy, or several, each of which merged little.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+pub struct Level {
+    /// Number of the round, from 1; of several, the last.
+    pub round: u32,
+    /// Clusters left after it.
+    pub clusters: u64,
+    /// Energy after it with respect to the lattice proxies, source units. Null when it overflows.
+    pub energy: Option<f64>,
+    /// Pairs that merged since the row before.
+    pub merges: u64,
+    /// Faces that the optimisation gave to other clusters since the row before.
+    pub moves: u64,
 }
 
 /// A clustering taken from a tree.

@@ -1,8 +1,8 @@
 //! Cuts: the merges and moves of a run, done again as far as it takes.
 
 use super::{Cut, FaceMove, Round, contradiction};
+use crate::error::names::Name;
 use crate::error::{Error, Result};
-use crate::parameters::Name;
 use crate::union_find::root;
 
 /// Refuses numbers of clusters that a hierarchy does not have.

@@ -26,11 +26,11 @@ use std::collections::VecDeque;
 use super::partition::Partition;
 use crate::cluster::flat::{Clustering, Options, grown};
 use crate::cluster::record::Record;
+use crate::cluster::run::Phase;
 use crate::cluster::run::{MAX_REPAIRS, Row};
 use crate::cluster::seeds::SeedFaces;
 use crate::device::{Cancel, Ending, Step, Steps};
 use crate::error::Result;
-use crate::report::Phase;
 use crate::surface::Surface;
 
 /// Clusters a surface from the given seeds, and keeps the labels that `record` wants. Growth and repairs are the device's;

@@ -1,7 +1,7 @@
 //! Labels with the exact sums of their clusters.
 
-use crate::device::{FREE, LatticeEnergy};
-use crate::energy::cvd::{ClusterSums, squared_distance};
+use crate::device::FREE;
+use crate::energy::{ClusterSums, Energy, Functional, LatticeEnergy, Proxy, Sums};
 use crate::surface::Surface;
 
 /// A clustering in which every cluster has a face.
@@ -16,8 +16,8 @@ pub struct Partition<'a> {
     fits: Vec<Fit>,
 }
 
-/// A proxy, and 2·P·S − M·|P|².
-type Fit = ([i32; 3], i128);
+/// A proxy, and what it explains ([`Sums::fit`]).
+type Fit = (Proxy, i128);
 
 impl<'a> Partition<'a> {
     /// Sums up labels. Free faces count nowhere; every cluster must have a face.
@@ -38,13 +38,13 @@ impl<'a> Partition<'a> {
     }
 
     /// The proxy of a cluster.
-    pub fn proxy(&self, cluster: u32) -> [i32; 3] {
+    pub fn proxy(&self, cluster: u32) -> Proxy {
         self.fits[cluster as usize].0
     }
 
-    /// |g − P|² of a face and a cluster, below 2⁵⁸.
-    pub fn squared_distance(&self, face: u32, cluster: u32) -> u64 {
-        squared_distance(self.surface.centroids[face as usize], self.proxy(cluster))
+    /// The cost of a face in a cluster, per weight; below 2⁵⁸.
+    pub fn cost(&self, face: u32, cluster: u32) -> u64 {
+        Energy::cost(self.surface.centroids[face as usize], self.proxy(cluster))
     }
 
     /// By how much F falls, exactly, when a face goes to another cluster of its component, in units of that component;

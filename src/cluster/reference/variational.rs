@@ -25,11 +25,11 @@ use std::collections::BinaryHeap;
 use super::partition::Partition;
 use crate::cluster::flat::{Clustering, Options};
 use crate::cluster::record::Record;
+use crate::cluster::run::Phase;
 use crate::cluster::run::Row;
 use crate::cluster::seeds::SeedFaces;
 use crate::device::{Cancel, Ending, FREE};
 use crate::error::{Error, Result};
-use crate::report::Phase;
 use crate::surface::Surface;
 
 /// Faces between checks for cancellation.
@@ -84,7 +84,7 @@ fn central_faces(partition: &Partition<'_>) -> Vec<u32> {
     for (face, &cluster) in partition.labels.iter().enumerate() {
         let face = face as u32;
         let best = &mut nearest[cluster as usize];
-        *best = (*best).min((partition.squared_distance(face, cluster), face));
+        *best = (*best).min((partition.cost(face, cluster), face));
     }
     nearest.into_iter().map(|(_, face)| face).collect()
 }
@@ -97,7 +97,7 @@ fn flood(surface: &Surface, fitted: &Partition<'_>, seeds: &[u32], cancel: &Canc
         for &near in surface.neighbours_of(face) {
             if labels[near as usize] == FREE {
                 let weight = u128::from(surface.weights[near as usize]);
-                let energy = weight * u128::from(fitted.squared_distance(near, cluster));
+                let energy = weight * u128::from(fitted.cost(near, cluster));
                 queue.push(Reverse((energy, near, cluster)));
             }
         }

@@ -13,7 +13,7 @@ const NONE: u32 = u32::MAX;
 /// By how much a face would lower the energy, and where it would go.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Bid {
-    /// Packed gain ([`crate::cluster::refinement::bid`]): larger is better; 0 for no bid.
+    /// Packed gain ([`crate::energy::Functional::bid`]): larger is better; 0 for no bid.
     pub gain: u32,
     pub from: u32,
     pub to: u32,

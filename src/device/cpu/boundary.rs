@@ -5,8 +5,9 @@ use super::boundary_faces::BoundaryFaces;
 use super::change_log::Cursor;
 use super::clusters::Clusters;
 use super::labels::Labels;
-use super::nearby::{Nearby, boundary_slack};
+use super::nearby::Nearby;
 use super::{Move, View};
+use crate::energy::{Energy, Functional};
 use crate::surface::DualGraph;
 
 /// What boundary phases keep between iterations.
@@ -84,13 +85,13 @@ fn decide(view: View<'_>, face: u32) -> Evaluation<Move> {
     let centroid = graph.centroids[face as usize];
     let mut nearest = (i64::MAX.cast_unsigned(), from);
     let nearby = Nearby::of(view, face, from, |cluster, cached| {
-        nearest = nearest.min((cached.squared_distance(centroid), cluster));
+        nearest = nearest.min((cached.cost(centroid), cluster));
     });
     let (distance, to) = nearest;
-    let own = clusters.cached(from).squared_distance(centroid);
+    let own = clusters.cached(from).cost(centroid);
     if distance < own {
         Evaluation { decision: Some(Move { face, from, to }), bound: nearby.active() }
     } else {
-        Evaluation { decision: None, bound: nearby.bound(boundary_slack(own, distance)) }
+        Evaluation { decision: None, bound: nearby.bound(Energy::boundary_slack(own, distance)) }
     }
 }

@@ -1,4 +1,4 @@
-//! Sums and proxies of the clusters, in exact integers ([`crate::energy::cvd`]).
+//! Sums and proxies of the clusters, in exact integers ([`crate::energy`]).
 //!
 //! Faces move and clusters merge one at a time; [`Clusters::refit`] then fits the proxies of all clusters that changed.
 //! A proxy has a *drift*: the length of its way so far. Bounds of faces are made of drifts ([`super::nearby`]).
@@ -7,8 +7,7 @@ use rayon::prelude::*;
 
 use super::change_log::{ChangeLog, Cursor};
 use crate::device::FREE;
-use crate::energy::LatticeEnergy;
-use crate::energy::cvd::{ClusterSums, squared_distance};
+use crate::energy::{ClusterSums, Energy, Functional, LatticeEnergy, Point, Proxy, Sums};
 use crate::prefetch::prefetch;
 use crate::surface::DualGraph;
 
@@ -32,8 +31,7 @@ pub struct Change(ClusterSums);
 /// What the evaluation of a face reads of a cluster.
 #[derive(Debug, Clone, Copy)]
 pub struct CachedProxy {
-    /// P = S / M rounded to nearest, halves up.
-    proxy: [i32; 3],
+    proxy: Proxy,
     /// How far the proxy has moved: the sum of its ways in steps of [`DRIFT_STEP`], each rounded up by up to a step, so
     /// that every change adds to it; at least 2. [`FAR`] is added when the weight falls below `least_weight`, and when
     /// the cluster ends.
@@ -52,10 +50,10 @@ impl CachedProxy {
     /// That of slot 0.
     const NOWHERE: Self = Self { proxy: [0; 3], drift: 0, least_weight: 0 };
 
-    /// Squared distance between a lattice point and the proxy, below 2⁵⁸.
+    /// The cost of a face of weight 1 at a point ([`Functional::cost`]).
     #[inline]
-    pub fn squared_distance(&self, point: [i32; 3]) -> u64 {
-        squared_distance(point, self.proxy)
+    pub fn cost(&self, point: Point) -> u64 {
+        Energy::cost(point, self.proxy)
     }
 }
 
@@ -107,7 +105,7 @@ impl Clusters {
     }
 
     /// The proxy of a cluster that has faces.
-    pub fn proxy(&self, cluster: u32) -> [i32; 3] {
+    pub fn proxy(&self, cluster: u32) -> Proxy {
         self.cached(cluster).proxy
     }
 
@@ -188,22 +186,20 @@ impl Clusters {
         for changed in changed.chunks(FITS) {
             let fits =
                 changed.par_iter().with_min_len(SEQUENTIAL_FITS).map(|&cluster| self.sums[cluster as usize].fit());
-            let fits: Vec<Option<([i32; 3], i128)>> = fits.collect();
+            let fits: Vec<Option<(Proxy, i128)>> = fits.collect();
             changed.iter().zip(fits).for_each(|(&cluster, fit)| self.store_fit(cluster, fit));
         }
     }
 
-    /// Stores what [`ClusterSums::fit`] gives for a cluster.
-    fn store_fit(&mut self, cluster: u32, fit: Option<([i32; 3], i128)>) {
+    /// Stores what [`Sums::fit`] gives for a cluster.
+    fn store_fit(&mut self, cluster: u32, fit: Option<(Proxy, i128)>) {
         let cluster = cluster as usize;
         let cached = &mut self.cached[slot(cluster as u32) as usize];
         // a cluster without faces keeps its last proxy, which is not read
         let (proxy, explained) = fit.unwrap_or((cached.proxy, 0));
         self.total += (explained - self.explained[cluster]) << self.energy_shifts[cluster];
         self.explained[cluster] = explained;
-        // the error of the root is far below 1
-        let way = squared_distance(proxy, cached.proxy);
-        cached.drift += (way as f64).sqrt() as u64 / DRIFT_STEP + 1;
+        cached.drift += Energy::drift(cached.proxy, proxy) / DRIFT_STEP + 1;
         cached.proxy = proxy;
         let weight = self.sums[cluster].weight as u64;
         if weight < cached.least_weight {

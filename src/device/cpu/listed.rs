@@ -15,7 +15,7 @@ use super::labels::Labels;
 use super::pieces::{self, Pieces};
 use super::refine::RefinementPhase;
 use super::{Move, View};
-use crate::cluster::dual_edge::{Rank, Ties};
+use crate::device::dual_edge::{Rank, Ties};
 use crate::device::{Cancel, FREE};
 use crate::error::Result;
 use crate::prefetch::{Ahead, with_lookahead};

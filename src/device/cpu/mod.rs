@@ -35,8 +35,8 @@ mod tuning;
 use rayon::current_num_threads;
 
 use super::{Device, MergeSteps, Steps};
+use crate::device::{DeviceInfo, DeviceKind};
 use crate::error::Result;
-use crate::report::{DeviceInfo, DeviceKind};
 use crate::surface::DualGraph;
 use clusters::Clusters;
 use labels::Labels;

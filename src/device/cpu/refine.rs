@@ -10,11 +10,11 @@ use super::boundary_faces::BoundaryFaces;
 use super::change_log::Cursor;
 use super::clusters::{Change, Clusters};
 use super::labels::Labels;
-use super::nearby::{Bound, Nearby, RefinementSlack, other_clusters};
+use super::nearby::{Bound, Nearby, other_clusters};
 use super::pieces::Pieces;
 use super::tuning::chunks::{CLUSTERS, ITEMS};
 use super::{Move, View};
-use crate::cluster::refinement::{Side, bid, gain};
+use crate::energy::{Energy, Functional, RefinementSlack, Side};
 use crate::surface::DualGraph;
 
 /// What refinement keeps between iterations.
@@ -127,21 +127,19 @@ fn best_bid(view: View<'_>, face: u32) -> (Bid, Bound) {
     let centroid = graph.centroids[face as usize];
     let weight = graph.weights[face as usize];
     let own = clusters.cached(from);
-    let mut slack = RefinementSlack::new(weight, own.squared_distance(centroid), own.least_weight);
+    let mut slack = RefinementSlack::new(weight, own.cost(centroid), own.least_weight);
     let nearby = Nearby::of(view, face, from, |_, other| {
-        slack.other(other.squared_distance(centroid), other.least_weight);
+        slack.other(other.cost(centroid), other.least_weight);
     });
     if slack.is_clear() || clusters.sums(from).faces == 1 {
         return (Bid::default(), nearby.bound(slack.get()));
     }
-    let side = |cluster| Side {
-        squared_distance: clusters.cached(cluster).squared_distance(centroid),
-        weight: clusters.sums(cluster).weight as u64,
-    };
+    let side =
+        |cluster| Side { cost: clusters.cached(cluster).cost(centroid), weight: clusters.sums(cluster).weight as u64 };
     let own = side(from);
-    let gains = other_clusters(graph, labels, face, from).map(|to| (gain(weight, own, side(to)), Reverse(to)));
+    let gains = other_clusters(graph, labels, face, from).map(|to| (Energy::gain(weight, own, side(to)), Reverse(to)));
     let bid = match gains.max() {
-        Some((gain, Reverse(to))) if gain > 0 => Bid { gain: bid(gain, weight), from, to },
+        Some((gain, Reverse(to))) if gain > 0 => Bid { gain: Energy::bid(gain, weight), from, to },
         _ => Bid::default(),
     };
     (bid, nearby.bound(0))

@@ -7,9 +7,10 @@ use super::clusters::Clusters;
 use super::grow::Growth;
 use super::labels::Labels;
 use super::listed::Listed;
-use crate::cluster::dual_edge::{Rank, Ties};
-use crate::device::{Cancel, DualEdge, Ending, FREE, LatticeEnergy, MergeSteps, Step, Steps};
-use crate::energy::cvd::ClusterSums;
+use crate::device::dual_edge::{Rank, Ties};
+use crate::device::{Cancel, DualEdge, Ending, FREE, MergeSteps, Step, Steps};
+use crate::energy::ClusterSums;
+use crate::energy::LatticeEnergy;
 use crate::error::Result;
 use crate::surface::DualGraph;
 

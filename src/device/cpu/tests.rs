@@ -2,8 +2,8 @@ use std::cmp::Reverse;
 
 use super::listed::Listed;
 use super::*;
-use crate::cluster::dual_edge::{Rank, Ties};
 use crate::device::Cancel;
+use crate::device::dual_edge::{Rank, Ties};
 use crate::sample::{Sample, generate};
 use crate::surface::Surface;
 

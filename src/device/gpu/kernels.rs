@@ -8,9 +8,7 @@ use std::mem::size_of;
 
 use super::buffers::Buffer::{self, *};
 use super::layout::{Iteration, WORKGROUP};
-
-/// The energy that kernels are made for: the name of its file in `shaders/energy/`.
-const ENERGY: &str = "cvd";
+use crate::energy::{Energy, Functional};
 
 /// A compute shader with one entry point.
 #[derive(Debug, Clone, Copy)]
@@ -102,7 +100,7 @@ fn splice(wgsl: &'static str, used: &mut Vec<&'static str>, source: &mut String)
     for name in uses(wgsl) {
         if !used.contains(&name) {
             used.push(name);
-            let file = if name == "energy" { ENERGY } else { name };
+            let file = if name == "energy" { Energy::NAME } else { name };
             // a name without a file leaves a source that does not parse; a test parses all
             let piece = PIECES.iter().find(|(path, _)| path.rsplit('/').next() == Some(file));
             splice(piece.map_or("", |(_, text)| text), used, source);

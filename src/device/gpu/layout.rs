@@ -5,7 +5,7 @@ use std::mem::{offset_of, size_of};
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::cluster::sums::ClusterSums;
+use crate::energy::ClusterSums;
 
 /// Threads in a workgroup of every kernel that has one thread an item.
 pub const WORKGROUP: u32 = 256;
@@ -16,10 +16,10 @@ pub const RUN: u32 = 8;
 /// `label_at_merge` of a face that is not on the boundary list.
 pub const UNLISTED: u32 = u32::MAX - 1;
 
-/// [`Iteration::ties`] for [`Ties::Hash`](crate::cluster::dual_edge::Ties::Hash).
+/// [`Iteration::ties`] for [`Ties::Hash`](crate::device::dual_edge::Ties::Hash).
 pub const TIES_BY_HASH: u32 = 0;
 
-/// [`Iteration::ties`] for [`Ties::LargestId`](crate::cluster::dual_edge::Ties::LargestId).
+/// [`Iteration::ties`] for [`Ties::LargestId`](crate::device::dual_edge::Ties::LargestId).
 pub const TIES_BY_LARGEST_ID: u32 = 1;
 
 /// A struct that WGSL declares too.

@@ -12,7 +12,7 @@ use super::connection::Connection;
 use super::kernels::{Kernel, Threads};
 use super::layout::{Dispatch, Iteration, Proxy, RUN, TIES_BY_HASH, TIES_BY_LARGEST_ID, WORKGROUP};
 use super::upload::{set_free, upload, upload_graph};
-use crate::cluster::dual_edge::Ties;
+use crate::device::dual_edge::Ties;
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
 

@@ -9,9 +9,10 @@ use super::kernels;
 use super::layout::{CandidateEdge, CopiedSums, DualEdge as ListedEdge, Move};
 use super::steps::{GpuSteps, History};
 use super::upload::upload;
-use crate::cluster::dual_edge::Ties;
-use crate::cluster::sums::ClusterSums;
-use crate::device::{DualEdge, FREE, LatticeEnergy, MergeSteps};
+use crate::device::dual_edge::Ties;
+use crate::device::{DualEdge, FREE, MergeSteps};
+use crate::energy::ClusterSums;
+use crate::energy::LatticeEnergy;
 use crate::error::{Error, Kind, Result};
 
 /// Faces times clusters up to which a software gpu merges one pair at a time. Each merge searches all listed faces, in

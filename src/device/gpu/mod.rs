@@ -50,8 +50,8 @@ pub use self::clock::{Profile, StageTime};
 use self::connection::{Connection, lock};
 use self::steps::GpuSteps;
 use super::{Device, MemoryMeter, MergeSteps, Steps};
+use crate::device::{DeviceInfo, DeviceKind};
 use crate::error::{Error, Kind, Result};
-use crate::report::{DeviceInfo, DeviceKind};
 use crate::surface::DualGraph;
 
 /// Changes to how an adapter is opened: limits that tests lower instead of making meshes that reach them, and

@@ -13,7 +13,8 @@ use super::layout::UNLISTED;
 use super::memory::{BETWEEN, SurfaceMemory, energy_shifts};
 use super::upload::upload;
 use crate::device::cpu;
-use crate::device::{Cancel, Ending, FREE, LatticeEnergy, Step, Steps};
+use crate::device::{Cancel, Ending, FREE, Step, Steps};
+use crate::energy::LatticeEnergy;
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
 

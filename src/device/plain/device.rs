@@ -1,12 +1,13 @@
 //! The definitions as a device, so that every driver runs on them.
 
-use super::{Refinement, State, Sums, explained, grow, iterate, sums};
-use crate::cluster::dual_edge::{Rank, Ties, exact_cost, packed_cost};
-use crate::cluster::repair::cut_off_faces;
-use crate::device::{Cancel, Device, DualEdge, Ending, FREE, LatticeEnergy, MergeSteps, Step, Steps};
-use crate::energy::cvd::ClusterSums;
+use super::{Refinement, State, explained, grow, iterate, sums};
+use crate::device::dual_edge::{Rank, Ties};
+use crate::device::pieces::cut_off_faces;
+use crate::device::{Cancel, Device, DualEdge, Ending, FREE, MergeSteps, Step, Steps};
+use crate::device::{DeviceInfo, DeviceKind};
+use crate::energy::LatticeEnergy;
+use crate::energy::{ClusterSums, Energy, Functional, WideSums};
 use crate::error::Result;
-use crate::report::{DeviceInfo, DeviceKind};
 use crate::surface::DualGraph;
 
 /// The device whose steps are the functions of [`super`].
@@ -58,7 +59,7 @@ impl<'a> PlainSteps<'a> {
         Self { graph, component_of_cluster, labels_at_merge: labels.clone(), labels, refused, is_resumed: false }
     }
 
-    fn sums(&self) -> Vec<Sums> {
+    fn sums(&self) -> Vec<WideSums> {
         sums(self.graph, self.component_of_cluster.len(), &self.labels)
     }
 
@@ -162,7 +163,7 @@ impl MergeSteps for PlainSteps<'_> {
         let end = |cluster: u32| sums[cluster as usize].end();
         let mut best: Vec<Option<(Rank<u32>, DualEdge)>> = vec![None; sums.len()];
         for (cluster, other) in self.dual_edges() {
-            let cost = packed_cost(end(cluster), end(other), self.energy_shift(cluster));
+            let cost = Energy::packed_merge_cost(end(cluster), end(other), self.energy_shift(cluster));
             let rank = Rank::new(cost, cluster, other, ties);
             let best = &mut best[cluster as usize];
             if best.is_none_or(|(best, _)| rank < best) {
@@ -176,7 +177,7 @@ impl MergeSteps for PlainSteps<'_> {
         let sums = self.sums();
         let end = |cluster: u32| sums[cluster as usize].end();
         let rank = |(a, b): (u32, u32)| {
-            let cost = exact_cost(end(a), end(b)) << self.energy_shift(a);
+            let cost = Energy::merge_cost(end(a), end(b)) << self.energy_shift(a);
             Rank::new(cost, a.min(b), a.max(b), ties)
         };
         Ok(self.dual_edges().map(rank).min().map(|rank| rank.ends()))
@@ -192,11 +193,7 @@ impl MergeSteps for PlainSteps<'_> {
 
     fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<ClusterSums>> {
         let sums = self.sums();
-        let narrow = |&cluster: &u32| {
-            let Sums { s, m, faces } = &sums[cluster as usize];
-            ClusterSums { centroid: s.map(|s| s as i64), weight: *m as i64, faces: *faces }
-        };
-        Ok(clusters.iter().map(narrow).collect())
+        Ok(clusters.iter().map(|&cluster| sums[cluster as usize].narrow()).collect())
     }
 
     fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32, u32)>> {

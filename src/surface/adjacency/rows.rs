@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::{AHEAD, CHAINED, Links, NONE};
 use crate::prefetch::prefetch;
-use crate::surface::Counts;
+use crate::surface::counts::Counts;
 
 /// Links as compressed rows.
 pub struct Rows {

@@ -1,12 +1,13 @@
 //! The search for best dual edges along the boundaries of all clusters.
 
 use super::{BestEdge, end, packed_cost_of};
-use crate::cluster::dual_edge::{Rank, Ties};
 use crate::device::cpu::boundary_faces::{BoundaryFaces, ClusterList};
 use crate::device::cpu::clusters::Clusters;
 use crate::device::cpu::labels::Labels;
 use crate::device::cpu::tuning::filter::Filter;
+use crate::device::dual_edge::{Rank, Ties};
 use crate::device::{DualEdge, FREE};
+use crate::energy::{Energy, Functional};
 use crate::surface::DualGraph;
 
 /// Costs in f64 that differ by this factor or more are in the order of the packed costs, which resolve 1 + 2⁻²⁴.
@@ -36,7 +37,7 @@ impl BoundarySearch<'_> {
             let (mut best, mut cost) = (FREE, f64::INFINITY);
             find_neighbours(graph, labels, list, others);
             for &other in others.kept() {
-                let about = own.cost_about(end(clusters, other));
+                let about = Energy::merge_cost_about(own, end(clusters, other));
                 // packed costs decide between edges whose costs in f64 are too close
                 if about <= cost * MARGIN && other != best && (about * MARGIN < cost || rank(other) < rank(best)) {
                     (best, cost) = (other, about);

@@ -27,10 +27,10 @@ use rayon::prelude::*;
 use self::node::{Edge, Grown, NO_NODE, Node, RoughEnd, Row, Status, resolve};
 use self::search::{Context, SearchResult};
 use super::BestEdge;
-use crate::cluster::dual_edge::{Rank, Ties};
 use crate::device::DualEdge;
 use crate::device::cpu::clusters::Clusters;
 use crate::device::cpu::tuning::chunks::ITEMS;
+use crate::device::dual_edge::{Rank, Ties};
 use crate::surface::DualGraph;
 
 /// The round before the first. A row of this round has no costs.

@@ -10,8 +10,9 @@ pub mod contraction;
 pub mod queue;
 
 use super::clusters::Clusters;
-use crate::cluster::dual_edge::{End, Rank, packed_cost};
 use crate::device::DualEdge;
+use crate::device::dual_edge::Rank;
+use crate::energy::{End, Energy, Functional, Sums};
 
 /// Finds the best dual edges of the current clusters.
 pub trait BestEdge {
@@ -25,10 +26,10 @@ pub trait BestEdge {
 
 /// The packed cost of merging two clusters.
 fn packed_cost_of(clusters: &Clusters, cluster: u32, other: u32) -> u32 {
-    packed_cost(end(clusters, cluster), end(clusters, other), clusters.energy_shift(cluster))
+    Energy::packed_merge_cost(end(clusters, cluster), end(clusters, other), clusters.energy_shift(cluster))
 }
 
 /// A cluster as an end of a dual edge.
 fn end(clusters: &Clusters, cluster: u32) -> End {
-    End { weight: clusters.sums(cluster).weight as u64, proxy: clusters.proxy(cluster) }
+    clusters.sums(cluster).end(clusters.proxy(cluster))
 }

@@ -5,12 +5,13 @@ use std::collections::BinaryHeap;
 
 use super::boundary::find_neighbours;
 use super::end;
-use crate::cluster::dual_edge::{Rank, Ties, exact_cost};
 use crate::device::cpu::boundary_faces::BoundaryFaces;
 use crate::device::cpu::change_log::Cursor;
 use crate::device::cpu::clusters::Clusters;
 use crate::device::cpu::labels::Labels;
 use crate::device::cpu::tuning::filter::Filter;
+use crate::device::dual_edge::{Rank, Ties};
+use crate::energy::{Energy, Functional};
 use crate::surface::DualGraph;
 
 /// All dual edges. When a cluster changes, its edges are queued anew, and the old entries are skipped when they come
@@ -59,7 +60,8 @@ impl Queue {
                 if other < cluster && changed.binary_search(&other).is_ok() {
                     continue;
                 }
-                let cost = exact_cost(end(clusters, cluster), end(clusters, other)) << clusters.energy_shift(cluster);
+                let cost =
+                    Energy::merge_cost(end(clusters, cluster), end(clusters, other)) << clusters.energy_shift(cluster);
                 let rank = Rank::new(cost, cluster.min(other), cluster.max(other), self.ties);
                 self.edges.push(Reverse(Entry { rank, versions: self.versions_of(rank) }));
             }

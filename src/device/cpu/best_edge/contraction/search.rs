@@ -4,9 +4,9 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use super::{Edge, Grown, MARGIN, NO_NODE, Node, Row, resolve};
-use crate::cluster::dual_edge::{Rank, Ties};
 use crate::device::cpu::best_edge::packed_cost_of;
 use crate::device::cpu::clusters::Clusters;
+use crate::device::dual_edge::{Rank, Ties};
 use crate::prefetch::{prefetch, with_lookahead};
 
 /// What a search reads. It writes the row and the best edge of the searching node. Several threads search at a time;

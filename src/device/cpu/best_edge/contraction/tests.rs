@@ -1,5 +1,6 @@
 use super::*;
-use crate::cluster::dual_edge::{End, mutual, packed_cost};
+use crate::device::dual_edge::mutual;
+use crate::energy::cvd::{End, packed_cost};
 use crate::sample::{Sample, generate};
 use crate::surface::{Component, Surface};
 

@@ -1,8 +1,11 @@
 //! Dual edges between clusters and the order in which they collapse (P§5.4, P§6).
 //!
-//! Merging two clusters raises the energy by `M₁M₂/(M₁+M₂)·|P₁−P₂|²`, which does not cancel as E₁₂ − E₁ − E₂ does. Two
-//! forms of it serve, both integers: [`exact_cost`] for one merge at a time, and [`packed_cost`], 32 bits whose order
-//! is the order of the values, for the parallel search of all clusters, on a gpu too.
+//! The energy defines what a merge raises it by, in two forms, both integers: [`Functional::merge_cost`] for one merge
+//! at a time, and [`Functional::packed_merge_cost`], 32 bits whose order is the order of the values, for the parallel
+//! search of all clusters, on a gpu too.
+//!
+//! [`Functional::merge_cost`]: crate::energy::Functional::merge_cost
+//! [`Functional::packed_merge_cost`]: crate::energy::Functional::packed_merge_cost
 //!
 //! # Ties
 //!
@@ -13,9 +16,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::device::DualEdge;
-use crate::energy::cvd::ClusterSums;
-pub use crate::energy::cvd::{End, exact_cost, packed_cost};
+use crate::energy::ClusterSums;
 
 /// Which of equally cheap dual edges is the best.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
@@ -26,6 +27,17 @@ pub enum Ties {
     Hash,
     /// The one to the neighbour with the largest number
     LargestId,
+}
+
+/// The best dual edge of a cluster.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DualEdge {
+    /// The cluster.
+    pub cluster: u32,
+    /// The neighbour it would best merge with.
+    pub other: u32,
+    /// The packed merge cost ([`crate::energy::Functional::packed_merge_cost`]).
+    pub cost: u32,
 }
 
 /// A 32-bit hash of an unordered pair.

@@ -11,7 +11,7 @@ use utoipa::openapi::schema::{ArrayBuilder, KnownFormat, ObjectBuilder, OneOfBui
 use utoipa::openapi::{RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
-use super::Name;
+use crate::error::names::Name;
 use crate::error::{Error, Result};
 
 /// Iterations whose labels are kept; 0 is the initial growth.
