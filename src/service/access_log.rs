@@ -113,7 +113,10 @@ pub(super) async fn log(State(shared): App, mut request: Request, next: Next) ->
             is_probe,
         })
     });
-    response.map(|body| Body::new(Logged { body, span, line, bytes: 0, is_cut_short: false }))
+    response.map(|body| {
+        let length = body.size_hint().exact();
+        Body::new(Logged { body, span, line, length, bytes: 0, is_cut_short: false })
+    })
 }
 
 /// The id that the client gave the request, if it is short and plain; a new one otherwise.
@@ -187,6 +190,8 @@ struct Logged {
     span: Span,
     line: Option<Box<Line>>,
     /// Bytes that were sent, compressed as they are.
+    /// Bytes of the whole body, if it states them.
+    length: Option<u64>,
     bytes: u64,
     /// Whether more was to come when the client went away.
     is_cut_short: bool,
@@ -205,7 +210,11 @@ impl HttpBody for Logged {
         match &polled {
             Poll::Ready(Some(Ok(frame))) => {
                 this.bytes += frame.data_ref().map_or(0, |data| data.len() as u64);
-                this.is_cut_short = !this.body.is_end_stream();
+                // hyper does not ask for more once the declared length was sent
+                this.is_cut_short = match this.length {
+                    Some(length) => this.bytes < length,
+                    None => !this.body.is_end_stream(),
+                };
             }
             Poll::Ready(None) => this.is_cut_short = false,
             Poll::Ready(Some(Err(_))) | Poll::Pending => this.is_cut_short = true,

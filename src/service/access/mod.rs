@@ -153,11 +153,13 @@ impl Access {
     }
 
     /// Whether a request with these headers may read how the service is, with its paths: it may read metrics, or comes
-    /// from this machine where there are no tokens.
+    /// from this machine, and not through a proxy, where there are no tokens.
     pub fn may_read_details(&self, headers: &HeaderMap, client: IpAddr) -> bool {
         match self.file {
             Some(_) => self.caller(METRICS, headers).is_ok(),
-            None => client.is_loopback(),
+            None => {
+                client.is_loopback() && !["forwarded", "x-forwarded-for"].iter().any(|name| headers.contains_key(*name))
+            }
         }
     }
 

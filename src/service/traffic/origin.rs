@@ -9,7 +9,7 @@ use std::net::{IpAddr, SocketAddr};
 use std::str::FromStr;
 
 use axum::extract::{ConnectInfo, Request};
-use axum::http::HeaderMap;
+use axum::http::{HeaderMap, HeaderValue};
 
 /// The header that proxies append to.
 const FORWARDED: &str = "x-forwarded-for";
@@ -77,10 +77,11 @@ pub(in crate::service) fn client(request: &Request, proxies: &[Network]) -> IpAd
 /// The address behind `peer`. An entry that is no address ends the list: the proxy before it is then the client.
 fn behind(peer: IpAddr, headers: &HeaderMap, proxies: &[Network]) -> IpAddr {
     let mut client = peer;
-    let lines: Vec<_> = headers.get_all(FORWARDED).iter().filter_map(|value| value.to_str().ok()).collect();
-    let mut entries = lines.iter().rev().flat_map(|line| line.rsplit(','));
+    let lines: Vec<&[u8]> = headers.get_all(FORWARDED).iter().map(HeaderValue::as_bytes).collect();
+    let mut entries = lines.iter().rev().flat_map(|line| line.rsplit(|&byte| byte == b','));
     while is_proxy(client, proxies) {
-        let Some(address) = entries.next().and_then(|entry| address(entry.trim())) else { break };
+        let entry = entries.next().and_then(|entry| str::from_utf8(entry).ok());
+        let Some(address) = entry.and_then(|entry| address(entry.trim())) else { break };
         client = address;
     }
     client
@@ -126,7 +127,7 @@ mod tests {
         let client = |peer: &str, lines: &[&'static str]| {
             let mut headers = HeaderMap::new();
             for line in lines {
-                headers.append(FORWARDED, axum::http::HeaderValue::from_static(line));
+                headers.append(FORWARDED, HeaderValue::from_bytes(line.as_bytes()).expect("a value"));
             }
             behind(peer.parse().expect("an address"), &headers, &proxies).to_string()
         };
@@ -142,6 +143,12 @@ mod tests {
         assert_eq!(client("10.0.0.2", &["[2001:db8::1]:443"]), "2001:db8::1");
         assert_eq!(client("10.0.0.2", &["1.2.3.4:5678"]), "1.2.3.4");
         assert_eq!(client("10.0.0.2", &["1.2.3.4, unknown"]), "10.0.0.2");
+        assert_eq!(client("10.0.0.2", &["6.6.6.6", "\u{ff}, 1.2.3.4"]), "1.2.3.4");
+        assert_eq!(
+            client("10.0.0.2", &["6.6.6.6", "1.2.3.4, \u{ff}"]),
+            "10.0.0.2",
+            "an unreadable entry ends the list"
+        );
         assert_eq!(client("10.0.0.2", &["10.0.0.3"]), "10.0.0.3", "a proxy may be a client itself");
     }
 }
