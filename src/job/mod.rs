@@ -26,7 +26,7 @@ use crate::cluster::record::Record;
 use crate::cluster::seeds::{self, SeedFaces};
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
-use crate::mesh::{self, Admit, Format, Limits, PolygonMesh, Resources};
+use crate::mesh::{self, Format, Limits, PolygonMesh, Resources};
 use crate::parameters::{Algorithm, Name, Optimize, Parameters, Refine, Seeds};
 use crate::report::{DeviceInfo, DeviceKind, Input, Iteration, Level, Report, Row, Timings, WeightedBy};
 use crate::surface::{Surface, Wanted};
@@ -44,8 +44,6 @@ pub struct Request<'a> {
     pub resources: &'a dyn Resources,
     /// What the mesh may cost.
     pub limits: Limits,
-    /// Is told how many faces the mesh has before anything is built of them.
-    pub admit: &'a Admit<'a>,
     /// What to do.
     pub parameters: &'a Parameters,
     /// A file that lists the seeds: face numbers of the upload, as `.npy`, a JSON array, or text.
@@ -138,6 +136,23 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
 
 /// As [`prepare`], with errors that say which file they are about.
 pub fn prepare_naming_files(request: &Request<'_>) -> Result<Prepared, Refusal> {
+    open(request, |opened| opened.prepare())?
+}
+
+/// A job whose mesh was opened ([`mesh::open`]).
+pub struct Opened<'a> {
+    mesh: mesh::Opened<'a>,
+    parameters: Parameters,
+    listed: Option<Vec<u32>>,
+    weights: Option<Vec<f64>>,
+    started: Instant,
+}
+
+/// Checks the parameters, opens the mesh and calls `then` with it: the first half of [`prepare`].
+///
+/// # Errors
+/// What is wrong with the parameters or a file; then `then` is not called.
+pub fn open<T>(request: &Request<'_>, then: impl FnOnce(Opened<'_>) -> T) -> Result<T, Refusal> {
     let started = Instant::now();
     request.parameters.check(request.seeds.is_some())?;
     if request.weights.is_some() && request.parameters.weight_attribute.is_some() {
@@ -172,53 +187,63 @@ pub fn prepare_naming_files(request: &Request<'_>) -> Result<Prepared, Refusal> 
         }
     }
 
-    let attribute = parameters.weight_attribute.as_deref();
-    let (mesh, weights_of_attribute) = mesh::read_admitted(
-        request.bytes,
-        request.format,
-        request.resources,
-        &request.limits,
-        attribute,
-        request.admit,
-    )
-    .map_err(Refusal::of(InputFile::Mesh))?;
-    let parsed = Instant::now();
-    let weights = weights.or(weights_of_attribute);
-    let density = Wanted { weights: weights.as_deref(), curvature_exponent: parameters.curvature_exponent };
-    let surface = Surface::build_with(&mesh, parameters.bridge_components, density).map_err(|error| {
-        let of_weights = request.weights.is_some() && error.kind == Kind::InvalidParameter;
-        Refusal::of(if of_weights { InputFile::Weights } else { InputFile::Mesh })(error)
-    })?;
-    // from within the pool, as in `where_it_works`
-    let plan = rayon::scope(|_| plan(&surface, &parameters, listed.as_deref()))
-        .map_err(Refusal::of(if listed.is_some() { InputFile::Seeds } else { InputFile::Mesh }))?;
-    let input = describe(&mesh, &surface);
-    let mut warnings = mesh.warnings;
-    if surface.counts.zero_area_faces > 0 {
-        warnings.push(format!(
-            "faces without area, which weigh as little as a face can: {}",
-            surface.counts.zero_area_faces
-        ));
+    let Request { bytes, format, resources, ref limits, .. } = *request;
+    let attribute = request.parameters.weight_attribute.as_deref();
+    mesh::open(mesh::Source { bytes, format, resources, limits, attribute }, |mesh| {
+        then(Opened { mesh, parameters, listed, weights, started })
+    })
+    .map_err(Refusal::of(InputFile::Mesh))
+}
+
+impl Opened<'_> {
+    /// Number of faces that memory is needed for.
+    pub fn faces(&self) -> u64 {
+        self.mesh.faces()
     }
-    if weights.is_some() && attribute.is_none() && mesh.faces.len() == mesh.positions.len() {
-        warnings.push(format!(
-            "there are as many faces as vertices, and the weights were taken as one a face: {}",
-            mesh.faces.len()
-        ));
+
+    /// Builds the mesh and its surface: the second half of [`prepare`]. May run on another thread than [`open`].
+    pub fn prepare(self) -> Result<Prepared, Refusal> {
+        let Self { mesh, parameters, listed, weights, started } = self;
+        let (mesh, weights_of_attribute) = mesh.read().map_err(Refusal::of(InputFile::Mesh))?;
+        let parsed = Instant::now();
+        let are_listed = weights.is_some();
+        let weights = weights.or(weights_of_attribute);
+        let density = Wanted { weights: weights.as_deref(), curvature_exponent: parameters.curvature_exponent };
+        let surface = Surface::build_with(&mesh, parameters.bridge_components, density).map_err(|error| {
+            let of_weights = are_listed && error.kind == Kind::InvalidParameter;
+            Refusal::of(if of_weights { InputFile::Weights } else { InputFile::Mesh })(error)
+        })?;
+        // from within the pool, as in `where_it_works`
+        let plan = rayon::scope(|_| plan(&surface, &parameters, listed.as_deref()))
+            .map_err(Refusal::of(if listed.is_some() { InputFile::Seeds } else { InputFile::Mesh }))?;
+        let input = describe(&mesh, &surface);
+        let mut warnings = mesh.warnings;
+        if surface.counts.zero_area_faces > 0 {
+            warnings.push(format!(
+                "faces without area, which weigh as little as a face can: {}",
+                surface.counts.zero_area_faces
+            ));
+        }
+        if are_listed && mesh.faces.len() == mesh.positions.len() {
+            warnings.push(format!(
+                "there are as many faces as vertices, and the weights were taken as one a face: {}",
+                mesh.faces.len()
+            ));
+        }
+        let mut weighted_by = Vec::new();
+        if weights.is_some() {
+            weighted_by.push(if are_listed { WeightedBy::Weights } else { WeightedBy::Attribute });
+        }
+        if parameters.curvature_exponent.is_some() {
+            weighted_by.push(WeightedBy::Curvature);
+        }
+        let timings = Timings {
+            parse: milliseconds(parsed - started),
+            topology: milliseconds(parsed.elapsed()),
+            ..Timings::default()
+        };
+        Ok(Prepared { surface, plan, input, parameters, weighted_by, warnings, timings })
     }
-    let mut weighted_by = Vec::new();
-    if weights.is_some() {
-        weighted_by.push(if attribute.is_some() { WeightedBy::Attribute } else { WeightedBy::Weights });
-    }
-    if parameters.curvature_exponent.is_some() {
-        weighted_by.push(WeightedBy::Curvature);
-    }
-    let timings = Timings {
-        parse: milliseconds(parsed - started),
-        topology: milliseconds(parsed.elapsed()),
-        ..Timings::default()
-    };
-    Ok(Prepared { surface, plan, input, parameters, weighted_by, warnings, timings })
 }
 
 /// What an algorithm is told before it starts.
