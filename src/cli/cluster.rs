@@ -147,7 +147,7 @@ fn check(arguments: &Arguments, outputs: &[Output<'_>]) -> Result<(), Failure> {
                 .to_owned(),
         );
     }
-    if is_hierarchical && arguments.labels.is_some() && parameters.clusters.is_none() {
+    if arguments.labels.is_some() && !parameters.has_labels() {
         return usage(
             "a whole hierarchy has labels at every number of clusters: give --clusters as well, or write the hierarchy \
              with --hierarchy OUT.tsr and take labels from it with `tesserae cut`"
@@ -267,12 +267,11 @@ fn cluster(arguments: &Arguments, outputs: &[Output<'_>], progress: &mut Progres
     prepared.timings.read = read;
     drop(bytes);
     cancel.check()?;
-    if let Plan::Hierarchy(options) = &prepared.plan {
-        let components = prepared.surface.components.len() as u64;
-        if arguments.trees.linkage.is_some() && components > 1 {
-            return Err(Failure::about(&input)(Error::new(Kind::Conflict, no_single_root(components))));
+    if let Plan::Hierarchy { target, .. } = prepared.plan {
+        if arguments.trees.linkage.is_some() && target > 1 {
+            return Err(Failure::about(&input)(Error::new(Kind::Conflict, no_single_root(target))));
         }
-        progress.hierarchy(prepared.input.faces, options.clusters.unwrap_or(components));
+        progress.hierarchy(prepared.input.faces, target);
     }
     progress.stage("clustering");
     run_on_device(arguments, &prepared, &cancel, progress)
