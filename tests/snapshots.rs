@@ -198,7 +198,7 @@ fn the_command_line_writes_them_beside_the_labels() {
     run(&["--labels", "plain.bin"]).expect_success();
     let done = run(&["--labels", "l.bin", "--snapshots", "0,6,100000", "--report", "r.json"]);
     assert_eq!(done.status, Some(0), "{done:?}");
-    assert!(done.stderr.starts_with("warning: ") && done.stderr.contains("100000"), "{done:?}");
+    assert!(done.stderr.starts_with("tesserae: k.obj: warning: ") && done.stderr.contains("100000"), "{done:?}");
     assert_eq!(folder.files(), ["k.obj", "l.bin", "l.iteration-0.bin", "l.iteration-6.bin", "plain.bin", "r.json"]);
     assert_eq!(folder.read("l.bin"), folder.read("plain.bin"));
     assert_eq!(folder.json("r.json")["snapshots"], serde_json::json!([0, 6]));
