@@ -1,4 +1,4 @@
-//! What a job does, typed: made once from its parameters, so that no later stage asks which algorithm has which options.
+//! What a job does, typed: made once from its parameters. No later stage asks which algorithm has which options.
 
 use super::{InputFile, Refusal, seed_list};
 use crate::cluster::coarse::Effort;

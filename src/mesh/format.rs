@@ -1,7 +1,7 @@
 //! The mesh formats: one table with all that is known of each, and the lookups in it.
 //!
-//! The command line, `Accept-Post`, `GET /v1/formats`, the OpenAPI document and messages take names and media types from
-//! here. A new format is a folder with its reader, a variant of [`Format`], a row of [`TABLE`] and an arm in
+//! The command line, `Accept-Post`, `GET /v1/formats`, the OpenAPI document and messages take names and media types
+//! from here. A new format is a folder with its reader, a variant of [`Format`], a row of [`TABLE`] and an arm in
 //! [`super::open`].
 
 mod foreign;
@@ -35,7 +35,7 @@ struct Row {
     noun: &'static str,
     /// What a file that begins like this format is said to begin like.
     begins_like: &'static str,
-    /// Whether a file with these first bytes is of this format; the length of the file in bytes is given where it is known.
+    /// Whether a file with these first bytes is of this format. Its length in bytes is given if it is known.
     is_it: fn(&[u8], Option<u64>) -> bool,
     /// What contradicts this format in the first bytes; the length as in `is_it`.
     check_head: fn(&[u8], Option<u64>) -> Result<()>,
@@ -195,8 +195,8 @@ impl Format {
 
     /// Refuses a file whose first bytes are plainly not of this format: the cheap check made before a job is accepted.
     ///
-    /// `head` is the first 20 bytes at least, or the whole file; `length` is the length of the whole file in bytes, where
-    /// it is known.
+    /// `head` is the first 20 bytes at least, or the whole file; `length` is the length of the whole file in bytes,
+    /// where it is known.
     pub fn check_head(self, head: &[u8], length: Option<u64>) -> Result<()> {
         if head.is_empty() || length == Some(0) {
             return Err(self.is_not("it is empty"));

@@ -3,7 +3,8 @@
 //! Every format ends in the same [`PolygonMesh`]; nothing after this module knows where a mesh came from. What a new
 //! format needs is said in [`format`].
 //!
-//! Reading has two steps: [`open`] checks the structure of a file and counts its faces, [`Opened::read`] builds the mesh.
+//! Reading has two steps: [`open`] checks the structure of a file and counts its faces, [`Opened::read`] builds the
+//! mesh.
 //! Between the two a caller can wait for memory, choose a thread, or leave it.
 //!
 //! Readers trust nothing: sizes are checked against the bytes that are there before anything is allocated, what a file
