@@ -32,7 +32,7 @@ impl Subject {
     /// A file, where it is there.
     fn file(folder: &Path, name: &str) -> Option<Self> {
         let bytes = std::fs::read(folder.join(name)).ok()?;
-        let format = Format::recognise(Some(name), &bytes).expect("a mesh");
+        let format = Format::recognise(Some(name), &bytes, Some(bytes.len() as u64)).expect("a mesh");
         let mesh = read(&bytes, format);
         Some(Self { name: name.to_owned(), mesh, files: vec![(format, bytes)] })
     }

@@ -192,6 +192,12 @@ impl Parameters {
         self.optimize == Optimize::On && self.algorithm != Algorithm::Hr
     }
 
+    /// Whether the result has one label a face. A whole hierarchy has none: it has labels at every number of clusters.
+    /// Flat clusterings without a number of clusters have listed seeds.
+    pub fn has_labels(&self) -> bool {
+        !self.algorithm.is_hierarchical() || self.clusters.is_some()
+    }
+
     /// The numbers of clusters to stop at on the way.
     pub fn levels(&self) -> &[u64] {
         self.levels.as_ref().map_or(&[], |levels| &levels.0)

@@ -15,7 +15,6 @@ fn run(parameters: &Parameters) -> tesserae::Result<Outcome> {
         format: Format::Obj,
         resources: &NoResources,
         limits: Limits::default(),
-        admit: &|_| Ok(()),
         parameters,
         seeds: None,
         weights: None,

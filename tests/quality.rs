@@ -24,7 +24,6 @@ fn run(mesh: &PolygonMesh, parameters: Parameters) -> Outcome {
         bytes: &obj,
         format: Format::Obj,
         resources: &NoResources,
-        admit: &|_| Ok(()),
         limits: Limits::default(),
         parameters: &parameters,
         seeds: None,

@@ -258,7 +258,6 @@ fn a_gpu_does_not_run_references_and_says_so() {
             format: Format::Obj,
             resources: &NoResources,
             limits: Limits::default(),
-            admit: &|_| Ok(()),
             parameters: &parameters,
             seeds: None,
             weights: None,

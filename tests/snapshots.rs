@@ -26,7 +26,6 @@ fn prepare(mesh: &PolygonMesh, parameters: &Parameters) -> Prepared {
         bytes: &obj,
         format: Format::Obj,
         resources: &NoResources,
-        admit: &|_| Ok(()),
         limits: Limits::default(),
         parameters,
         seeds: None,

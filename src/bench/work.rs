@@ -87,7 +87,7 @@ impl Work {
             Mesh::File(path) => {
                 let bytes =
                     std::fs::read(path).map_err(|error| Error::io(format_args!("cannot read {path:?}"), error))?;
-                let format = Format::recognise(Some(&path.to_string_lossy()), &bytes)?;
+                let format = Format::recognise(Some(&path.to_string_lossy()), &bytes, Some(bytes.len() as u64))?;
                 (bytes, format, None)
             }
         };
@@ -101,7 +101,6 @@ impl Work {
             bytes: &bytes,
             format,
             resources: &Beside { folder },
-            admit: &|_| Ok(()),
             limits: Limits { max_bytes: u64::MAX, ..Limits::default() },
             parameters: &parameters,
             seeds: None,

@@ -37,12 +37,12 @@ Examples:
   tesserae cluster horse.obj -k 2000 --snapshots 0,6,46 --labels horse.npy    (and horse.iteration-0.npy, …)
   gunzip -c dragon.glb.gz | tesserae cluster - -k 5000 --labels - > dragon.labels.json")]
 pub struct Arguments {
-    /// The mesh: .obj, .glb or .gltf, or - for standard input
-    #[arg(value_name = "INPUT")]
+    #[arg(value_name = "INPUT", help = format!("The mesh: {}, or - for standard input", Format::choice(".")))]
     input: PathBuf,
 
-    /// Format of the mesh: obj, glb or gltf; by file name, then by content when left out
-    #[arg(long, value_name = "FORMAT", value_parser = Format::from_name)]
+    #[arg(long, value_name = "FORMAT", value_parser = Format::from_name, help = format!(
+        "Format of the mesh: {}; by file name, then by content when left out", Format::choice("")
+    ))]
     format: Option<Format>,
 
     #[command(flatten)]
@@ -147,7 +147,7 @@ fn check(arguments: &Arguments, outputs: &[Output<'_>]) -> Result<(), Failure> {
                 .to_owned(),
         );
     }
-    if is_hierarchical && arguments.labels.is_some() && parameters.clusters.is_none() {
+    if arguments.labels.is_some() && !parameters.has_labels() {
         return usage(
             "a whole hierarchy has labels at every number of clusters: give --clusters as well, or write the hierarchy \
              with --hierarchy OUT.tsr and take labels from it with `tesserae cut`"
@@ -233,7 +233,7 @@ fn cluster(arguments: &Arguments, outputs: &[Output<'_>], progress: &mut Progres
     };
     let format = match arguments.format {
         Some(format) => format,
-        None => Format::recognise(name.as_deref(), &bytes).map_err(Failure::about(&input))?,
+        None => Format::recognise(name.as_deref(), &bytes, Some(bytes.len() as u64)).map_err(Failure::about(&input))?,
     };
     let resources: Box<dyn Resources> = match &input {
         Source::Stdin => Box::new(NoResources),
@@ -248,7 +248,6 @@ fn cluster(arguments: &Arguments, outputs: &[Output<'_>], progress: &mut Progres
         format,
         resources: &*resources,
         limits,
-        admit: &|_| Ok(()),
         parameters: &arguments.parameters,
         seeds: seed_bytes.as_deref(),
         weights: weight_bytes.as_deref(),
@@ -268,12 +267,11 @@ fn cluster(arguments: &Arguments, outputs: &[Output<'_>], progress: &mut Progres
     prepared.timings.read = read;
     drop(bytes);
     cancel.check()?;
-    if let Plan::Hierarchy(options) = &prepared.plan {
-        let components = prepared.surface.components.len() as u64;
-        if arguments.trees.linkage.is_some() && components > 1 {
-            return Err(Failure::about(&input)(Error::new(Kind::Conflict, no_single_root(components))));
+    if let Plan::Hierarchy { target, .. } = prepared.plan {
+        if arguments.trees.linkage.is_some() && target > 1 {
+            return Err(Failure::about(&input)(Error::new(Kind::Conflict, no_single_root(target))));
         }
-        progress.hierarchy(prepared.input.faces, options.clusters.unwrap_or(components));
+        progress.hierarchy(prepared.input.faces, target);
     }
     progress.stage("clustering");
     run_on_device(arguments, &prepared, &cancel, progress)

@@ -10,6 +10,7 @@ use crate::device::Device;
 use crate::device::select::{self, AdapterKind, DeviceChoice};
 use crate::error::Error;
 use crate::evaluate::{self, Devices};
+use crate::mesh::Format;
 
 /// Arguments of `tesserae evaluate`.
 #[derive(Debug, clap::Args)]
@@ -26,12 +27,12 @@ enum What {
 }
 
 #[derive(Debug, clap::Args)]
-#[command(after_help = "\
-Meshes are found by name: .obj, .glb or .gltf files whose names contain bunny, horse or armadillo. A gpu takes part where
+#[command(after_help = format!("\
+Meshes are found by name: {} files whose names contain bunny, horse or armadillo. A gpu takes part where
 there is one; software drivers are none.
 
 Example:
-  tesserae evaluate paper --meshes meshes/ evaluation/")]
+  tesserae evaluate paper --meshes meshes/ evaluation/", Format::choice(".")))]
 struct Paper {
     /// Folder with the meshes
     #[arg(long, value_name = "DIR")]

@@ -108,7 +108,8 @@ pub fn paper(
         return Err(Error::new(
             Kind::NotFound,
             format_args!(
-                "no mesh of the paper is here: a file .obj, .glb or .gltf whose name contains bunny, horse or armadillo, in {meshes:?}"
+                "no mesh of the paper is here: a file {} whose name contains bunny, horse or armadillo, in {meshes:?}",
+                crate::mesh::Format::choice(".")
             ),
         ));
     };

@@ -55,8 +55,8 @@ pub(super) fn find(folder: &Path) -> Result<Vec<Option<MeshFile>>> {
     let mut paths: Vec<(usize, PathBuf)> = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(cannot)? {
         let path = entry.map_err(cannot)?.path();
-        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-        let rank = ["obj", "glb", "gltf"].iter().position(|known| extension == *known);
+        let format = path.file_name().and_then(|name| Format::from_file_name(&name.to_string_lossy()));
+        let rank = Format::ALL.iter().position(|&known| format == Some(known));
         paths.extend(rank.map(|rank| (rank, path)));
     }
     paths.sort();
@@ -69,7 +69,7 @@ pub(super) fn find(folder: &Path) -> Result<Vec<Option<MeshFile>>> {
             };
             let Some((_, path)) = paths.iter().find(|(_, path)| is_it(path)) else { return Ok(None) };
             let bytes = std::fs::read(path).map_err(|error| Error::io(format_args!("cannot read {path:?}"), error))?;
-            let format = Format::recognise(path.to_str(), &bytes)?;
+            let format = Format::recognise(path.to_str(), &bytes, Some(bytes.len() as u64))?;
             Ok(Some(MeshFile { model: model.name, path: path.clone(), format, bytes }))
         })
         .collect()
@@ -103,7 +103,6 @@ impl Runner<'_> {
             bytes: &mesh.bytes,
             format: mesh.format,
             resources: &Beside { folder },
-            admit: &|_| Ok(()),
             limits: Limits::default(),
             parameters,
             seeds: None,

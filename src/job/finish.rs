@@ -31,13 +31,12 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         final_: finite(results.energy),
         hexagon_ratio: results.hexagon_ratio,
     };
-    let (labels, labels_sha256) = match (parameters.clusters, &tree) {
-        (None, Some(_)) => (None, None),
-        _ => {
-            let Numbered { labels, number_of_cluster, sha256 } = results.labels?;
-            snapshots.renumber(&surface.upload_face, &number_of_cluster);
-            (Some(labels), Some(sha256))
-        }
+    let (labels, labels_sha256) = if parameters.has_labels() {
+        let Numbered { labels, number_of_cluster, sha256 } = results.labels?;
+        snapshots.renumber(&surface.upload_face, &number_of_cluster);
+        (Some(labels), Some(sha256))
+    } else {
+        (None, None)
     };
     let hierarchy = match tree {
         Some(tree) => Some(Stored { header: hierarchical::header(&prepared.input, parameters)?, tree }),

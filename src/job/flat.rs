@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::{Clustered, Prepared, finite};
+use super::{Clustered, Method, Prepared, finite};
 use crate::cluster::coarse::{CoarseStart, Start};
 use crate::cluster::flat::{self, Clustering, Options};
 use crate::cluster::record::Record;
@@ -10,28 +10,39 @@ use crate::cluster::reference::acvd::acvd;
 use crate::cluster::reference::variational::variational;
 use crate::cluster::run;
 use crate::cluster::seeds::SeedFaces;
-use crate::device::{Cancel, Device, Ending};
+use crate::device::{Cancel, Device, Ending, Steps};
 use crate::error::{Error, Kind, Result};
-use crate::parameters::{Algorithm, Name, Refine};
+use crate::parameters::Name;
 use crate::report::{DeviceKind, Iteration, Row};
 
-/// What a flat clustering starts from.
-#[derive(Clone, Copy)]
-pub(super) enum From<'a> {
-    Seeds(&'a SeedFaces),
-    Coarse(&'a CoarseStart),
+/// Runs boundary-based clustering, coarse to fine.
+pub(super) fn run_coarse(
+    prepared: &Prepared,
+    start: &CoarseStart,
+    options: Options,
+    device: &mut dyn Device,
+    cancel: &Cancel,
+    on_row: &mut dyn FnMut(Row),
+) -> Result<Clustered> {
+    let started = Instant::now();
+    let start = start.labels(&prepared.surface, device, cancel)?;
+    run(prepared, started, &start, device, on_row, |steps, keep, record| {
+        flat::boundary_based_recorded(&start.labels, options, steps, cancel, keep, record)
+    })
 }
 
-/// Runs a flat algorithm.
-pub(super) fn run(
+/// Runs a flat algorithm from seeds.
+pub(super) fn run_seeded(
     prepared: &Prepared,
-    from: From<'_>,
+    method: Method,
+    seeds: &SeedFaces,
+    options: Options,
     device: &mut dyn Device,
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
 ) -> Result<Clustered> {
     let Prepared { surface, parameters, .. } = prepared;
-    if parameters.algorithm.is_reference() && device.info().kind == DeviceKind::Gpu {
+    if method != Method::BoundaryBased && device.info().kind == DeviceKind::Gpu {
         return Err(Error::new(
             Kind::DeviceUnsuitable,
             format_args!(
@@ -41,36 +52,36 @@ pub(super) fn run(
         ));
     }
     let started = Instant::now();
-    let start = match from {
-        From::Seeds(seeds) => Start::from_seeds(seeds.clone(), surface.faces()),
-        From::Coarse(start) => start.labels(surface, device, cancel)?,
-    };
+    let start = Start::from_seeds(seeds.clone(), surface.faces());
+    run(prepared, started, &start, device, on_row, |steps, keep, record| match method {
+        Method::BoundaryBased => flat::boundary_based_recorded(&start.labels, options, steps, cancel, keep, record),
+        Method::Acvd => acvd(surface, seeds, options, steps, cancel, keep, record),
+        Method::Variational => variational(surface, seeds, options, cancel, keep, record),
+    })
+}
+
+/// Runs `cluster` on a device that is opened with the clusters of a start, and gathers what it reports.
+fn run(
+    prepared: &Prepared,
+    started: Instant,
+    start: &Start,
+    device: &mut dyn Device,
+    on_row: &mut dyn FnMut(Row),
+    cluster: impl FnOnce(&mut dyn Steps, &mut dyn FnMut(run::Row), &mut Record) -> Result<Clustering>,
+) -> Result<Clustered> {
+    let Prepared { surface, parameters, .. } = prepared;
     let opened = Instant::now();
     let mut steps = device.open(surface, &start.component_of_cluster)?;
     let upload = opened.elapsed();
 
     let mut iterations = Vec::new();
-    let options = Options {
-        max_iterations: parameters.max_iterations.or(parameters.quality.max_iterations()),
-        refine: parameters.refine == Refine::On && parameters.quality.refines(),
-        allow_disconnected: parameters.allow_disconnected,
-    };
     let mut keep = |row: run::Row| {
         let row = iteration(row, finite(surface.energy(row.energy)), started);
         on_row(Row::Iteration(row.clone()));
         iterations.push(row);
     };
     let mut record = Record::new(parameters.snapshots.clone());
-    let clustering = match (parameters.algorithm, from) {
-        (Algorithm::Acvd, From::Seeds(seeds)) => {
-            acvd(surface, seeds, options, steps.as_mut(), cancel, &mut keep, &mut record)?
-        }
-        (Algorithm::Vc, From::Seeds(seeds)) => variational(surface, seeds, options, cancel, &mut keep, &mut record)?,
-        _ => {
-            let steps = steps.as_mut();
-            flat::boundary_based_recorded(&start.labels, options, steps, cancel, &mut keep, &mut record)?
-        }
-    };
+    let clustering = cluster(steps.as_mut(), &mut keep, &mut record)?;
     drop(steps);
     let cluster = started.elapsed() - upload;
     Ok(Clustered {

@@ -10,7 +10,7 @@ use crate::cluster::record::Record;
 use crate::cluster::run;
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
-use crate::parameters::{Algorithm, Parameters, Refine};
+use crate::parameters::Parameters;
 use crate::report::{Input, Level, Row};
 use crate::tree::stored::Header;
 
@@ -20,31 +20,11 @@ const EVERY_ROUND_AT: u64 = 10_000;
 /// Above that, a row for every such part of the clusters that has gone.
 const PART: u64 = 1000;
 
-/// What the parameters mean to the algorithm.
-pub(super) fn options(parameters: &Parameters) -> Options {
-    Options {
-        sequential_at: match parameters.algorithm {
-            Algorithm::Ml | Algorithm::Hr => u64::MAX,
-            Algorithm::Bb | Algorithm::Acvd | Algorithm::Vc | Algorithm::Pml => parameters.switch_to_ml_at.unwrap_or(0),
-        },
-        collapse_fraction: parameters.collapse_fraction,
-        optimise: parameters.optimizes(),
-        refine: parameters.refine == Refine::On,
-        iterations_a_round: [parameters.quality.iterations_a_round(), u32::MAX]
-            .map(|usual| parameters.optimize_iterations.unwrap_or(usual)),
-        optimised_from: parameters.quality.optimised_from(),
-        ties: parameters.ties,
-        pairs: parameters.pairs,
-        clusters: parameters.clusters,
-        levels: parameters.levels().to_vec(),
-        allow_disconnected: parameters.allow_disconnected,
-    }
-}
-
-/// Runs a hierarchical algorithm.
+/// Runs a hierarchical algorithm that ends with `target` clusters.
 pub(super) fn run(
     prepared: &Prepared,
     options: &Options,
+    target: u64,
     device: &mut dyn Device,
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
@@ -56,7 +36,6 @@ pub(super) fn run(
     let upload = opened.elapsed();
 
     let started = Instant::now();
-    let target = options.clusters.unwrap_or(surface.components.len() as u64);
     let mut iterations = Vec::new();
     let mut levels = Levels::new(surface.faces() as u64, target);
     let told = std::cell::RefCell::new(on_row);
@@ -189,17 +168,6 @@ mod tests {
             assert_eq!((left, row.moves), (row.clusters, 2 * row.merges));
         }
         assert_eq!(left, 1);
-    }
-
-    #[test]
-    fn qualities_differ_in_which_rounds_they_optimise_and_for_how_long() {
-        let of = |quality: Quality| {
-            let options = options(&Parameters { algorithm: Algorithm::Pml, quality, ..Parameters::default() });
-            (options.optimised_from, options.iterations_a_round)
-        };
-        assert_eq!(of(Quality::Fast), (4, [1, u32::MAX]));
-        assert_eq!(of(Quality::Default), (4, [2, u32::MAX]));
-        assert_eq!(of(Quality::Best), (1, [16, u32::MAX]));
     }
 
     #[test]

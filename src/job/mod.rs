@@ -9,11 +9,13 @@ mod flat;
 mod hierarchical;
 mod npy;
 mod seed_list;
+mod spec;
 mod weight_list;
 
 pub use finish::{finish, labels_sha256};
 #[cfg(fuzzing)]
 pub(crate) use seed_list::parse as parse_seeds;
+pub use spec::{JobSpec, Method};
 pub use weight_list::check_head as check_head_of_weights;
 #[cfg(fuzzing)]
 pub(crate) use weight_list::parse as parse_weights;
@@ -21,13 +23,13 @@ pub(crate) use weight_list::parse as parse_weights;
 use std::time::{Duration, Instant};
 
 use crate::cluster::coarse::CoarseStart;
-use crate::cluster::hierarchy;
 use crate::cluster::record::Record;
 use crate::cluster::seeds::{self, SeedFaces};
+use crate::cluster::{flat as flat_clustering, hierarchy};
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
-use crate::mesh::{self, Admit, Format, Limits, PolygonMesh, Resources};
-use crate::parameters::{Algorithm, Name, Optimize, Parameters, Refine, Seeds};
+use crate::mesh::{self, Format, Limits, PolygonMesh, Resources};
+use crate::parameters::{Name, Parameters, Seeds};
 use crate::report::{DeviceInfo, DeviceKind, Input, Iteration, Level, Report, Row, Timings, WeightedBy};
 use crate::surface::{Surface, Wanted};
 use crate::tree::Tree;
@@ -44,8 +46,6 @@ pub struct Request<'a> {
     pub resources: &'a dyn Resources,
     /// What the mesh may cost.
     pub limits: Limits,
-    /// Is told how many faces the mesh has before anything is built of them.
-    pub admit: &'a Admit<'a>,
     /// What to do.
     pub parameters: &'a Parameters,
     /// A file that lists the seeds: face numbers of the upload, as `.npy`, a JSON array, or text.
@@ -73,15 +73,20 @@ pub struct Prepared {
     pub timings: Timings,
 }
 
-/// What an algorithm needs to know before it starts.
+/// A [`JobSpec`] with what the mesh decides: where clusters start, and where a hierarchy ends.
 #[derive(Debug)]
 pub enum Plan {
+    /// Boundary-based clustering, coarse to fine.
+    Coarse(CoarseStart, flat_clustering::Options),
     /// A flat clustering from these seeds.
-    Flat(SeedFaces),
-    /// A flat clustering, coarse to fine.
-    Coarse(CoarseStart),
+    Seeded(Method, SeedFaces, flat_clustering::Options),
     /// A hierarchy.
-    Hierarchy(hierarchy::Options),
+    Hierarchy {
+        /// What to build.
+        options: hierarchy::Options,
+        /// Number of clusters that it ends with.
+        target: u64,
+    },
 }
 
 /// What a job gives.
@@ -138,8 +143,25 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
 
 /// As [`prepare`], with errors that say which file they are about.
 pub fn prepare_naming_files(request: &Request<'_>) -> Result<Prepared, Refusal> {
+    open(request, |opened| opened.prepare())?
+}
+
+/// A job whose mesh was opened ([`mesh::open`]).
+pub struct Opened<'a> {
+    mesh: mesh::Opened<'a>,
+    spec: JobSpec,
+    parameters: Parameters,
+    weights: Option<Vec<f64>>,
+    started: Instant,
+}
+
+/// Checks the parameters, opens the mesh and calls `then` with it: the first half of [`prepare`].
+///
+/// # Errors
+/// What is wrong with the parameters or a file; then `then` is not called.
+pub fn open<T>(request: &Request<'_>, then: impl FnOnce(Opened<'_>) -> T) -> Result<T, Refusal> {
     let started = Instant::now();
-    request.parameters.check(request.seeds.is_some())?;
+    let (spec, parameters) = JobSpec::new(request.parameters, request.seeds)?;
     if request.weights.is_some() && request.parameters.weight_attribute.is_some() {
         return Err(Refusal::from(Error::parameter(format_args!(
             "{} and {} exclude each other: give one of them",
@@ -148,93 +170,82 @@ pub fn prepare_naming_files(request: &Request<'_>) -> Result<Prepared, Refusal> 
         ))));
     }
     let weights = request.weights.map(weight_list::parse).transpose().map_err(Refusal::of(InputFile::Weights))?;
-    let listed = request.seeds.map(seed_list::parse).transpose().map_err(Refusal::of(InputFile::Seeds))?;
-    let mut parameters = request.parameters.clone();
-    if let Some(listed) = &listed {
-        let count = listed.len() as u64;
-        if let Some(clusters) = parameters.clusters.filter(|&clusters| clusters != count) {
-            let error = Error::parameter(format_args!(
-                "{name} and the number of listed seeds differ (leave {name} out): {clusters} and {count}",
-                name = Name::CLUSTERS
-            ));
-            return Err(Refusal::of(InputFile::Seeds)(error));
-        }
-        parameters.clusters = Some(count);
-        parameters.seeds = Seeds::Listed;
-    }
-    if parameters.algorithm == Algorithm::Hr {
-        parameters.optimize = Optimize::None;
-    }
-    if parameters.algorithm.is_reference() {
-        parameters.refine = Refine::None;
-        if parameters.seeds == Seeds::Coarse {
-            parameters.seeds = Seeds::Morton;
-        }
-    }
-
-    let attribute = parameters.weight_attribute.as_deref();
-    let (mesh, weights_of_attribute) = mesh::read_admitted(
-        request.bytes,
-        request.format,
-        request.resources,
-        &request.limits,
-        attribute,
-        request.admit,
-    )
-    .map_err(Refusal::of(InputFile::Mesh))?;
-    let parsed = Instant::now();
-    let weights = weights.or(weights_of_attribute);
-    let density = Wanted { weights: weights.as_deref(), curvature_exponent: parameters.curvature_exponent };
-    let surface = Surface::build_with(&mesh, parameters.bridge_components, density).map_err(|error| {
-        let of_weights = request.weights.is_some() && error.kind == Kind::InvalidParameter;
-        Refusal::of(if of_weights { InputFile::Weights } else { InputFile::Mesh })(error)
-    })?;
-    // from within the pool, as in `where_it_works`
-    let plan = rayon::scope(|_| plan(&surface, &parameters, listed.as_deref()))
-        .map_err(Refusal::of(if listed.is_some() { InputFile::Seeds } else { InputFile::Mesh }))?;
-    let input = describe(&mesh, &surface);
-    let mut warnings = mesh.warnings;
-    if surface.counts.zero_area_faces > 0 {
-        warnings.push(format!(
-            "faces without area, which weigh as little as a face can: {}",
-            surface.counts.zero_area_faces
-        ));
-    }
-    if weights.is_some() && attribute.is_none() && mesh.faces.len() == mesh.positions.len() {
-        warnings.push(format!(
-            "there are as many faces as vertices, and the weights were taken as one a face: {}",
-            mesh.faces.len()
-        ));
-    }
-    let mut weighted_by = Vec::new();
-    if weights.is_some() {
-        weighted_by.push(if attribute.is_some() { WeightedBy::Attribute } else { WeightedBy::Weights });
-    }
-    if parameters.curvature_exponent.is_some() {
-        weighted_by.push(WeightedBy::Curvature);
-    }
-    let timings = Timings {
-        parse: milliseconds(parsed - started),
-        topology: milliseconds(parsed.elapsed()),
-        ..Timings::default()
-    };
-    Ok(Prepared { surface, plan, input, parameters, weighted_by, warnings, timings })
+    let Request { bytes, format, resources, ref limits, .. } = *request;
+    let attribute = request.parameters.weight_attribute.as_deref();
+    mesh::open(mesh::Source { bytes, format, resources, limits, attribute }, |mesh| {
+        then(Opened { mesh, spec, parameters, weights, started })
+    })
+    .map_err(Refusal::of(InputFile::Mesh))
 }
 
-/// What an algorithm is told before it starts.
-fn plan(surface: &Surface, parameters: &Parameters, listed: Option<&[u32]>) -> Result<Plan> {
-    if parameters.algorithm.is_hierarchical() {
-        let options = hierarchical::options(parameters);
-        hierarchy::check(surface, &options)?;
-        return Ok(Plan::Hierarchy(options));
+impl Opened<'_> {
+    /// Number of faces that memory is needed for.
+    pub fn faces(&self) -> u64 {
+        self.mesh.faces()
     }
-    // `check` has seen that there is a number
-    let clusters = parameters.clusters.unwrap_or_default();
-    Ok(match parameters.seeds {
-        Seeds::Coarse => {
-            Plan::Coarse(CoarseStart::new(surface, clusters, parameters.seed, parameters.quality.start())?)
+
+    /// Builds the mesh and its surface: the second half of [`prepare`]. May run on another thread than [`open`].
+    pub fn prepare(self) -> Result<Prepared, Refusal> {
+        let Self { mesh, spec, parameters, weights, started } = self;
+        let (mesh, weights_of_attribute) = mesh.read().map_err(Refusal::of(InputFile::Mesh))?;
+        let parsed = Instant::now();
+        let are_listed = weights.is_some();
+        let weights = weights.or(weights_of_attribute);
+        let density = Wanted { weights: weights.as_deref(), curvature_exponent: parameters.curvature_exponent };
+        let surface = Surface::build_with(&mesh, parameters.bridge_components, density).map_err(|error| {
+            let of_weights = are_listed && error.kind == Kind::InvalidParameter;
+            Refusal::of(if of_weights { InputFile::Weights } else { InputFile::Mesh })(error)
+        })?;
+        // from within the pool, as in `where_it_works`
+        let of_seeds = parameters.seeds == Seeds::Listed;
+        let plan = rayon::scope(|_| plan(&surface, spec)).map_err(Refusal::of(if of_seeds {
+            InputFile::Seeds
+        } else {
+            InputFile::Mesh
+        }))?;
+        let input = describe(&mesh, &surface);
+        let mut warnings = mesh.warnings;
+        if surface.counts.zero_area_faces > 0 {
+            warnings.push(format!(
+                "faces without area, which weigh as little as a face can: {}",
+                surface.counts.zero_area_faces
+            ));
         }
-        _ => Plan::Flat(seeds::choose(surface, clusters, &parameters.seeds, parameters.seed, listed)?),
+        if are_listed && mesh.faces.len() == mesh.positions.len() {
+            warnings.push(format!(
+                "there are as many faces as vertices, and the weights were taken as one a face: {}",
+                mesh.faces.len()
+            ));
+        }
+        let mut weighted_by = Vec::new();
+        if weights.is_some() {
+            weighted_by.push(if are_listed { WeightedBy::Weights } else { WeightedBy::Attribute });
+        }
+        if parameters.curvature_exponent.is_some() {
+            weighted_by.push(WeightedBy::Curvature);
+        }
+        let timings = Timings {
+            parse: milliseconds(parsed - started),
+            topology: milliseconds(parsed.elapsed()),
+            ..Timings::default()
+        };
+        Ok(Prepared { surface, plan, input, parameters, weighted_by, warnings, timings })
+    }
+}
+
+/// Chooses seeds or builds a coarse start. Refuses numbers of clusters that the surface cannot have.
+fn plan(surface: &Surface, spec: JobSpec) -> Result<Plan> {
+    Ok(match spec {
+        JobSpec::Coarse { clusters, seed, effort, options } => {
+            Plan::Coarse(CoarseStart::new(surface, clusters, seed, effort)?, options)
+        }
+        JobSpec::Seeded { method, clusters, seeds, seed, listed, options } => {
+            Plan::Seeded(method, seeds::choose(surface, clusters, &seeds, seed, listed.as_deref())?, options)
+        }
+        JobSpec::Hierarchy(options) => {
+            let target = hierarchy::check(surface, &options)?;
+            Plan::Hierarchy { options, target }
+        }
     })
 }
 
@@ -257,9 +268,11 @@ pub fn cluster(
 ) -> Result<Clustered> {
     cancel.check()?;
     where_it_works(device.info().kind, || match &prepared.plan {
-        Plan::Flat(seeds) => flat::run(prepared, flat::From::Seeds(seeds), device, cancel, on_row),
-        Plan::Coarse(start) => flat::run(prepared, flat::From::Coarse(start), device, cancel, on_row),
-        Plan::Hierarchy(options) => hierarchical::run(prepared, options, device, cancel, on_row),
+        Plan::Coarse(start, options) => flat::run_coarse(prepared, start, *options, device, cancel, on_row),
+        Plan::Seeded(method, seeds, options) => {
+            flat::run_seeded(prepared, *method, seeds, *options, device, cancel, on_row)
+        }
+        Plan::Hierarchy { options, target } => hierarchical::run(prepared, options, *target, device, cancel, on_row),
     })
 }
 

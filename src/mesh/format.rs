@@ -1,10 +1,15 @@
-//! Which format a mesh is in: by media type, by file name, by content.
+//! The mesh formats: one table with all that is known of each, and the lookups in it.
+//!
+//! The command line, `Accept-Post`, `GET /v1/formats`, the OpenAPI document and messages take names and media types
+//! from here. A new format is a folder with its reader, a variant of [`Format`], a row of [`TABLE`] and an arm in
+//! [`super::open`].
 
 mod foreign;
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::{gltf, obj};
 use crate::error::{Error, Kind, Result};
 
 /// A mesh format that is read here.
@@ -19,26 +24,133 @@ pub enum Format {
     Gltf,
 }
 
+/// What is known of a format.
+struct Row {
+    format: Format,
+    /// File extensions; the first is also the short name and the value of `?format=`.
+    extensions: &'static [&'static str],
+    /// Media types; the first is the one registered with IANA.
+    media_types: &'static [&'static str],
+    /// With its article, before "file" in messages.
+    noun: &'static str,
+    /// What a file that begins like this format is said to begin like.
+    begins_like: &'static str,
+    /// Whether a file with these first bytes is of this format. Its length in bytes is given if it is known.
+    is_it: fn(&[u8], Option<u64>) -> bool,
+    /// What contradicts this format in the first bytes; the length as in `is_it`.
+    check_head: fn(&[u8], Option<u64>) -> Result<()>,
+    /// Whether a file may refer to buffers in other files.
+    has_buffers: bool,
+    /// Whether vertices may have attributes with names.
+    has_attributes: bool,
+    /// Whether it is text. A text file that begins like another format is taken for a file of that format.
+    is_text: bool,
+    /// Fewest bytes that a face takes in a file of more than a few faces.
+    least_bytes_a_face: u64,
+}
+
+/// Every format, in the order of [`Format`]'s variants.
+static TABLE: [Row; 3] = [
+    Row {
+        format: Format::Obj,
+        extensions: &["obj"],
+        media_types: &["model/obj"],
+        noun: "an OBJ",
+        begins_like: "an OBJ file",
+        is_it: |head, _| obj::is_obj(head),
+        check_head: |head, _| obj::check_head(head),
+        has_buffers: false,
+        has_attributes: false,
+        is_text: true,
+        // a line of four-digit numbers
+        least_bytes_a_face: 16,
+    },
+    Row {
+        format: Format::Glb,
+        extensions: &["glb"],
+        media_types: &["model/gltf-binary"],
+        noun: "a GLB",
+        begins_like: "a GLB file",
+        is_it: |head, _| gltf::is_binary(head),
+        check_head: gltf::check_binary_head,
+        has_buffers: true,
+        has_attributes: true,
+        is_text: false,
+        // indices of two bytes, and half a vertex, uncompressed
+        least_bytes_a_face: 12,
+    },
+    Row {
+        format: Format::Gltf,
+        extensions: &["gltf"],
+        media_types: &["model/gltf+json"],
+        noun: "a glTF JSON",
+        begins_like: "JSON",
+        is_it: |head, _| gltf::is_json(head),
+        check_head: |head, _| gltf::check_json_head(head),
+        has_buffers: true,
+        has_attributes: true,
+        is_text: true,
+        // as in a GLB, in buffers beside it
+        least_bytes_a_face: 12,
+    },
+];
+
 impl Format {
-    /// Every format.
-    pub const ALL: [Format; 3] = [Format::Obj, Format::Glb, Format::Gltf];
+    /// Every format, in the order of the table.
+    pub const ALL: [Format; TABLE.len()] = {
+        let mut all = [Format::Obj; TABLE.len()];
+        let mut at = 0;
+        while at < all.len() {
+            all[at] = TABLE[at].format;
+            assert!(all[at] as usize == at, "rows are in the order of the variants");
+            at += 1;
+        }
+        all
+    };
+
+    fn row(self) -> &'static Row {
+        &TABLE[self as usize]
+    }
 
     /// Short name, also the usual file extension and the value of `?format=`.
     pub fn name(self) -> &'static str {
-        match self {
-            Format::Obj => "obj",
-            Format::Glb => "glb",
-            Format::Gltf => "gltf",
-        }
+        self.row().extensions[0]
     }
 
     /// IANA media type.
     pub fn media_type(self) -> &'static str {
-        match self {
-            Format::Obj => "model/obj",
-            Format::Glb => "model/gltf-binary",
-            Format::Gltf => "model/gltf+json",
-        }
+        self.row().media_types[0]
+    }
+
+    /// Every media type that is taken for this format.
+    pub fn media_types(self) -> &'static [&'static str] {
+        self.row().media_types
+    }
+
+    /// With its article, for messages: `an OBJ`.
+    pub fn noun(self) -> &'static str {
+        self.row().noun
+    }
+
+    /// Whether a file may refer to buffers in other files.
+    pub fn has_buffers(self) -> bool {
+        self.row().has_buffers
+    }
+
+    /// Whether vertices may have attributes with names.
+    pub fn has_attributes(self) -> bool {
+        self.row().has_attributes
+    }
+
+    /// Fewest bytes that a face takes in a file of more than a few faces.
+    pub fn least_bytes_a_face(self) -> u64 {
+        self.row().least_bytes_a_face
+    }
+
+    /// The short names of all formats as a choice, each after `prefix`: `.obj, .glb or .gltf`.
+    pub fn choice(prefix: &str) -> String {
+        let [first @ .., last] = Self::ALL.map(|format| format!("{prefix}{}", format.name()));
+        format!("{} or {last}", first.join(", "))
     }
 
     /// The format of that short name.
@@ -52,36 +164,25 @@ impl Format {
     /// The format of a media type (parameters after `;` are ignored), if it is one of ours.
     pub fn from_media_type(media_type: &str) -> Option<Self> {
         let essence = media_type.split(';').next().unwrap_or_default().trim();
-        Self::ALL.into_iter().find(|format| format.media_type().eq_ignore_ascii_case(essence))
+        let is_ours = |row: &&Row| row.media_types.iter().any(|known| known.eq_ignore_ascii_case(essence));
+        TABLE.iter().find(is_ours).map(|row| row.format)
     }
 
     /// The format that a file's name suggests.
     pub fn from_file_name(name: &str) -> Option<Self> {
         let (_, extension) = name.rsplit_once('.')?;
-        Self::ALL.into_iter().find(|format| format.name().eq_ignore_ascii_case(extension))
+        let is_its = |row: &&Row| row.extensions.iter().any(|known| known.eq_ignore_ascii_case(extension));
+        TABLE.iter().find(is_its).map(|row| row.format)
     }
 
-    /// The format that the first bytes suggest: the GLB magic, a JSON object, or text that begins like an OBJ.
-    pub fn from_content(head: &[u8]) -> Option<Self> {
-        const STATEMENTS: [&[u8]; 16] = [
-            b"v", b"vn", b"vt", b"vp", b"f", b"fo", b"g", b"o", b"s", b"l", b"p", b"mg", b"mtllib", b"usemtl",
-            b"cstype", b"deg",
-        ];
-        if head.starts_with(b"glTF") {
-            return Some(Format::Glb);
-        }
-        let text = without_mark(head).trim_ascii_start();
-        if text.first() == Some(&b'{') {
-            return Some(Format::Gltf);
-        }
-        let keyword = text.split(|byte| byte.is_ascii_whitespace()).next().unwrap_or_default();
-        let is_obj = STATEMENTS.contains(&keyword) || keyword.starts_with(b"#");
-        (is_obj && !text.contains(&0)).then_some(Format::Obj)
+    /// The format that the first bytes suggest; `length` is the length of the whole file in bytes, where it is known.
+    pub fn from_content(head: &[u8], length: Option<u64>) -> Option<Self> {
+        TABLE.iter().find(|row| (row.is_it)(head, length)).map(|row| row.format)
     }
 
-    /// The format of a file: by name, then by content.
-    pub fn recognise(name: Option<&str>, head: &[u8]) -> Result<Self> {
-        if let Some(format) = name.and_then(Self::from_file_name).or_else(|| Self::from_content(head)) {
+    /// The format of a file: by name, then by its first bytes and its length in bytes, where that is known.
+    pub fn recognise(name: Option<&str>, head: &[u8], length: Option<u64>) -> Result<Self> {
+        if let Some(format) = name.and_then(Self::from_file_name).or_else(|| Self::from_content(head, length)) {
             return Ok(format);
         }
         let message = match foreign::recognise(head) {
@@ -94,43 +195,27 @@ impl Format {
 
     /// Refuses a file whose first bytes are plainly not of this format: the cheap check made before a job is accepted.
     ///
-    /// `head` is the first 20 bytes at least, or the whole file; `length` is the length of the whole file in bytes, where
-    /// it is known.
+    /// `head` is the first 20 bytes at least, or the whole file; `length` is the length of the whole file in bytes,
+    /// where it is known.
     pub fn check_head(self, head: &[u8], length: Option<u64>) -> Result<()> {
-        let wanted = match self {
-            Format::Obj => "an OBJ file",
-            Format::Glb => "a GLB file",
-            Format::Gltf => "a glTF JSON file",
-        };
-        let not = |what: &str| Err(Error::mesh(format_args!("this is not {wanted}: {what}")));
-        if length == Some(0) || length.is_none() && head.is_empty() && self != Format::Obj {
-            return not("it is empty");
+        if head.is_empty() || length == Some(0) {
+            return Err(self.is_not("it is empty"));
         }
         if let Some(foreign) = foreign::recognise(head) {
-            return not(&format!("it is {}; {}", foreign.name, foreign.advice));
+            return Err(self.is_not(&format!("it is {}; {}", foreign.name, foreign.advice)));
         }
-        let content = Self::from_content(head);
-        match self {
-            Format::Glb => super::gltf::check_glb_head(head, length),
-            Format::Gltf | Format::Obj if head.starts_with(b"glTF") => {
-                not("it begins like a GLB file; name it .glb, or send it as glb")
-            }
-            Format::Gltf if content == Some(Format::Obj) => {
-                not("it begins like an OBJ file; name it .obj, or send it as obj")
-            }
-            Format::Gltf if content != Some(Format::Gltf) => not("it does not begin with {, as every glTF JSON does"),
-            Format::Obj if head.contains(&0) => not("it holds zero bytes, so it is no text"),
-            Format::Obj if content == Some(Format::Gltf) => {
-                not("it begins like JSON; name it .gltf, or send it as gltf")
-            }
-            Format::Gltf | Format::Obj => Ok(()),
+        let other = Self::from_content(head, length).filter(|&other| other != self && self.row().is_text);
+        if let Some(other) = other {
+            let (like, name) = (other.row().begins_like, other.name());
+            return Err(self.is_not(&format!("it begins like {like}; name it .{name}, or send it as {name}")));
         }
+        (self.row().check_head)(head, length)
     }
-}
 
-/// The text without its byte order mark.
-fn without_mark(text: &[u8]) -> &[u8] {
-    text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text)
+    /// The error of a file that is not of this format, and why.
+    pub(super) fn is_not(self, why: &str) -> Error {
+        Error::mesh(format_args!("this is not {} file: {why}", self.noun()))
+    }
 }
 
 /// The short names of all formats, for messages.
@@ -149,7 +234,13 @@ mod tests {
             assert_eq!(Format::from_media_type(format.media_type()), Some(format));
             let file = format!("My Mesh.v2.{}", format.name().to_uppercase());
             assert_eq!(Format::from_file_name(&file), Some(format));
+            // in stored jobs and in reports
+            assert_eq!(serde_json::to_value(format).expect("JSON"), format.name());
         }
+        assert_eq!(
+            (Format::choice(""), Format::choice(".")),
+            ("obj, glb or gltf".into(), ".obj, .glb or .gltf".into())
+        );
         let with_parameters = Format::from_media_type(" Model/OBJ ; charset=utf-8");
         assert_eq!(with_parameters, Some(Format::Obj));
         assert_eq!(Format::from_media_type("application/octet-stream"), None);
@@ -171,11 +262,11 @@ mod tests {
             (b"\xef\xbb\xbfmtllib a.mtl\r\n", Format::Obj),
             (b"o thing\rv 1 2 3", Format::Obj),
         ] {
-            assert_eq!(Format::recognise(None, head), Ok(format));
-            assert_eq!(Format::recognise(Some("mesh.bin"), head), Ok(format));
-            assert_eq!(format.check_head(b"", None).is_ok(), format == Format::Obj);
+            assert_eq!(Format::recognise(None, head, None), Ok(format));
+            assert_eq!(Format::recognise(Some("mesh.bin"), head, None), Ok(format));
+            assert!(format.check_head(b"", None).is_err());
         }
-        assert_eq!(Format::recognise(Some("a.obj"), b"{}"), Ok(Format::Obj));
+        assert_eq!(Format::recognise(Some("a.obj"), b"{}", None), Ok(Format::Obj));
         for (head, word) in [
             (&b"\x1f\x8b\x08"[..], "gzip"),
             (b"ply\nformat", "PLY"),
@@ -186,7 +277,7 @@ mod tests {
             (b"voxel 1", "neither name nor content"),
             (b"v 1 2 3\0", "neither name nor content"),
         ] {
-            let error = Format::recognise(None, head).expect_err("not read");
+            let error = Format::recognise(None, head, None).expect_err("not read");
             assert_eq!(error.kind, Kind::UnsupportedMediaType);
             assert!(error.message.contains(word), "{error}");
         }

@@ -1,7 +1,11 @@
 //! Polygon meshes and how they are read.
 //!
-//! Every format ends in the same [`PolygonMesh`]; nothing after this module knows where a mesh came from. A new format
-//! is a file (or folder) here, a variant of [`Format`] and an arm in [`read`].
+//! Every format ends in the same [`PolygonMesh`]; nothing after this module knows where a mesh came from. What a new
+//! format needs is said in [`format`].
+//!
+//! Reading has two steps: [`open`] checks the structure of a file and counts its faces, [`Opened::read`] builds the
+//! mesh.
+//! Between the two a caller can wait for memory, choose a thread, or leave it.
 //!
 //! Readers trust nothing: sizes are checked against the bytes that are there before anything is allocated, what a file
 //! says more than once stays in proportion to its bytes (`allowance`), and an error names the line, accessor, vertex or
@@ -130,38 +134,82 @@ impl Limits {
     }
 }
 
+/// The text without its byte order mark.
+fn without_mark(text: &[u8]) -> &[u8] {
+    text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text)
+}
+
 /// Bytes of a file that its format is recognised and checked by, before the rest is looked at.
 pub const HEAD_BYTES: usize = 4096;
 
-/// Is told how many faces a mesh has before anything is built of them; may wait, or refuse.
-pub type Admit<'a> = dyn Fn(u64) -> Result<()> + 'a;
+/// A mesh and, where an attribute was wanted, one number a vertex.
+pub type WithNumbers = (PolygonMesh, Option<Vec<f64>>);
+
+/// A mesh file and how to read it.
+#[derive(Clone, Copy)]
+pub struct Source<'a> {
+    /// The bytes of the file.
+    pub bytes: &'a [u8],
+    /// Their format.
+    pub format: Format,
+    /// Where buffers that the file refers to come from.
+    pub resources: &'a dyn Resources,
+    /// What the mesh may cost.
+    pub limits: &'a Limits,
+    /// A glTF attribute that every primitive must have: one number a vertex.
+    pub attribute: Option<&'a str>,
+}
+
+/// A mesh file that was opened: its faces are counted, and nothing is built of them yet.
+pub struct Opened<'b> {
+    faces: u64,
+    read: Box<dyn FnOnce() -> Result<WithNumbers> + Send + 'b>,
+}
+
+impl<'b> Opened<'b> {
+    fn new(faces: u64, read: impl FnOnce() -> Result<WithNumbers> + Send + 'b) -> Self {
+        Self { faces, read: Box::new(read) }
+    }
+
+    /// Number of faces that memory is needed for: the lines that begin like a face of an OBJ, the triangles of a glTF.
+    pub fn faces(&self) -> u64 {
+        self.faces
+    }
+
+    /// Reads the mesh. May run on another thread than [`open`].
+    pub fn read(self) -> Result<WithNumbers> {
+        (self.read)()
+    }
+}
+
+/// Opens a mesh file and calls `then` with it. The opened file borrows from what its reader has decoded so far, so it
+/// lives no longer than the call.
+///
+/// # Errors
+/// The file is of another format, contradicts itself, or exceeds a limit; then `then` is not called.
+pub fn open<T>(source: Source<'_>, then: impl FnOnce(Opened<'_>) -> T) -> Result<T> {
+    let Source { bytes, format, attribute, .. } = source;
+    source.limits.check_bytes(bytes.len() as u64)?;
+    let head = &bytes[..bytes.len().min(HEAD_BYTES)];
+    format.check_head(head, Some(bytes.len() as u64))?;
+    if let Some(name) = attribute.filter(|_| !format.has_attributes()) {
+        return Err(Error::parameter(format_args!(
+            "{} has no attributes with names, only glTF has: {}",
+            format.noun(),
+            Quoted(name)
+        )));
+    }
+    match format {
+        Format::Obj => obj::open(bytes, source.limits, then),
+        Format::Glb => gltf::open_binary(source, then),
+        Format::Gltf => gltf::open_json(source, then),
+    }
+}
 
 /// Reads a mesh from its bytes.
 pub fn read(bytes: &[u8], format: Format, resources: &dyn Resources, limits: &Limits) -> Result<PolygonMesh> {
-    Ok(read_admitted(bytes, format, resources, limits, None, &|_| Ok(()))?.0)
-}
-
-/// Reads a mesh, if `admit` lets it, and one number a vertex: a glTF attribute, which every primitive must have. None
-/// without `attribute`.
-pub fn read_admitted(
-    bytes: &[u8],
-    format: Format,
-    resources: &dyn Resources,
-    limits: &Limits,
-    attribute: Option<&str>,
-    admit: &Admit<'_>,
-) -> Result<(PolygonMesh, Option<Vec<f64>>)> {
-    limits.check_bytes(bytes.len() as u64)?;
-    let head = &bytes[..bytes.len().min(HEAD_BYTES)];
-    format.check_head(head, Some(bytes.len() as u64))?;
-    match (format, attribute) {
-        (Format::Obj, None) => Ok((obj::read(bytes, limits, admit)?, None)),
-        (Format::Obj, Some(name)) => {
-            Err(Error::parameter(format_args!("an OBJ has no attributes with names, only glTF has: {}", Quoted(name))))
-        }
-        (Format::Glb, _) => gltf::read_binary(bytes, resources, limits, attribute, admit),
-        (Format::Gltf, _) => gltf::read_json(bytes, resources, limits, attribute, admit),
-    }
+    let (mesh, _) = open(Source { bytes, format, resources, limits, attribute: None }, |opened| opened.read())??;
+    Ok(mesh)
 }
 
 #[cfg(test)]

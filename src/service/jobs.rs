@@ -276,9 +276,6 @@ impl JobView {
         ("Idempotency-Key" = Option<String>, Header, description = "A string that is new with every new request: the same request with the same key gives the same job as long as that is kept, another request 422"),
     ),
     request_body(description = "The mesh, or a form", content(
-        (inline(Binary) = "model/obj"),
-        (inline(Binary) = "model/gltf-binary"),
-        (inline(Binary) = "model/gltf+json"),
         (inline(Binary) = "application/octet-stream"),
         (UploadForm = "multipart/form-data"),
     )),

@@ -9,6 +9,7 @@ use axum::http::header;
 use axum::response::IntoResponse;
 use serde_json::{Value, json};
 use utoipa::openapi::path::{Parameter, ParameterBuilder, ParameterIn};
+use utoipa::openapi::request_body::RequestBody;
 use utoipa::openapi::schema::{ObjectBuilder, Type};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{self, Ref, RefOr, Required, Response, ResponseBuilder, Schema};
@@ -18,6 +19,7 @@ use super::problem::{Answer, Problem};
 use super::store::PRIORITIES;
 use super::{events, hierarchy, info, jobs, results, retry};
 use crate::error::{Error, Kind, Result};
+use crate::mesh::Format;
 use crate::parameters::{Levels, Seeds, Snapshots};
 
 /// A whole mesh of four faces, so that tools that read the description can make jobs that succeed.
@@ -129,13 +131,23 @@ impl Modify for Adjustments {
                 }
             }
             if let Some(post) = item.post.as_mut().filter(|_| path == "/v1/jobs") {
-                if let Some(RefOr::T(body)) = &mut post.request_body
-                    && let Some(RefOr::T(content)) = body.content.get_mut("model/obj")
-                {
-                    content.example = Some(json!(TETRAHEDRON));
+                if let Some(RefOr::T(body)) = &mut post.request_body {
+                    add_mesh_types(body);
                 }
                 post.parameters.get_or_insert_default().extend(members.iter().cloned().map(RefOr::from));
             }
+        }
+    }
+}
+
+/// Adds the media types of all mesh formats to a body, each with the schema of any bytes.
+fn add_mesh_types(body: &mut RequestBody) {
+    let Some(RefOr::T(bytes)) = body.content.get("application/octet-stream").cloned() else { return };
+    for format in Format::ALL {
+        let mut content = bytes.clone();
+        content.example = (format == Format::Obj).then(|| json!(TETRAHEDRON));
+        for name in format.media_types() {
+            body.content.insert((*name).to_owned(), content.clone().into());
         }
     }
 }

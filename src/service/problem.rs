@@ -93,7 +93,7 @@ impl IntoResponse for Failure {
         let mut response = status(self.error.kind).into_response();
         let headers = response.headers_mut();
         if self.error.kind == Kind::UnsupportedMediaType {
-            headers.insert("accept-post", HeaderValue::from_static(super::upload::ACCEPTED));
+            headers.insert("accept-post", HeaderValue::from_static(&super::upload::ACCEPTED));
             headers.insert(header::ACCEPT_ENCODING, HeaderValue::from_static(super::upload::ENCODINGS));
         }
         if self.error.kind == Kind::Unauthorized {

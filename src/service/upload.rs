@@ -5,7 +5,7 @@
 
 mod form;
 
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 use axum::body::Bytes;
 use axum::extract::Request;
@@ -22,8 +22,10 @@ use crate::error::{Error, Kind, Result};
 use crate::mesh::{Format, HEAD_BYTES};
 
 /// The media types of bodies that are read, for `Accept-Post` and for messages.
-pub(super) const ACCEPTED: &str = "model/obj, model/gltf-binary, model/gltf+json, multipart/form-data, \
-     application/octet-stream";
+pub(super) static ACCEPTED: LazyLock<String> = LazyLock::new(|| {
+    let meshes = Format::ALL.into_iter().flat_map(Format::media_types).copied();
+    meshes.chain(["multipart/form-data", "application/octet-stream"]).collect::<Vec<_>>().join(", ")
+});
 
 /// The content codings of bodies that are read, for `Accept-Encoding` and for messages.
 pub(super) const ENCODINGS: &str = "gzip, zstd, identity";
@@ -106,7 +108,7 @@ async fn raw(
     let format = agreed(format, wanted.format)?;
     let early = |head: &[u8]| match format {
         Some(format) => format.check_head(head, length),
-        None => Format::recognise(None, head)?.check_head(head, length),
+        None => Format::recognise(None, head, length)?.check_head(head, length),
     };
     let mesh = into.save(content, files::MESH, early).await?;
     let format = mesh.format(format, None)?;
@@ -146,9 +148,10 @@ fn body_kind(headers: &HeaderMap) -> Result<BodyKind> {
         "multipart/form-data" => Ok(BodyKind::Form),
         "application/x-www-form-urlencoded" => unsupported(format!(
             "a mesh is no application/x-www-form-urlencoded (which curl says when it is not told otherwise): \
-             say what it is, as with -H 'Content-Type: model/obj'; one of {ACCEPTED}"
+             say what it is, as with -H 'Content-Type: model/obj'; one of {}",
+            *ACCEPTED
         )),
-        _ => unsupported(format!("the body must be one of {ACCEPTED}, not {essence:?}")),
+        _ => unsupported(format!("the body must be one of {}, not {essence:?}", *ACCEPTED)),
     }
 }
 
@@ -188,7 +191,7 @@ impl Saved {
         }
         let format = match declared {
             Some(format) => format,
-            None => Format::recognise(name, &self.head)?,
+            None => Format::recognise(name, &self.head, Some(self.bytes))?,
         };
         format.check_head(&self.head, Some(self.bytes))?;
         Ok(format)

@@ -26,7 +26,7 @@ fn survive(bytes: &[u8], format: Format) {
             }
         }
     }
-    let _ = Format::recognise(None, bytes);
+    let _ = Format::recognise(None, bytes, Some(bytes.len() as u64));
 }
 
 /// Files of every kind, each a few hundred bytes.

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::path::Path;
 
 use serde_json::{Value, json};
-use tesserae::mesh::{self, Beside, Format, Limits, NoResources, Resources};
+use tesserae::mesh::{self, Beside, Format, Limits, NoResources, Resources, Source};
 use tesserae::{Kind, Result};
 
 use crate::make::{SQUARE, square};
@@ -95,6 +95,25 @@ fn names_are_percent_decoded_and_limited() {
         let error = mesh::read(&document, Format::Gltf, &noting, &limits).expect_err("too large");
         assert_eq!(error.kind, Kind::TooLarge);
     }
+}
+
+#[test]
+fn an_opened_mesh_has_its_faces_counted_and_is_read_on_another_thread_without_loading_anything_again() {
+    let (_, bytes) = square();
+    let noting = Noting { bytes, ..Noting::default() };
+    let document = document("a.bin");
+    let limits = Limits::default();
+    let source = |bytes| Source { bytes, format: Format::Gltf, resources: &noting, limits: &limits, attribute: None };
+    let (mesh, _) = mesh::open(source(&document), |opened| {
+        assert_eq!((opened.faces(), noting.asked.take().len()), (2, 1));
+        std::thread::scope(|scope| scope.spawn(|| opened.read()).join().expect("a thread"))
+    })
+    .flatten()
+    .expect("a mesh");
+    assert_eq!((mesh.positions, mesh.faces.len()), (SQUARE.to_vec(), 2));
+    assert!(noting.asked.take().is_empty());
+    let cut = &document[..document.len() / 2];
+    assert!(mesh::open(source(cut), |_| panic!("what cannot be opened is not given to the caller")).is_err());
 }
 
 #[test]

@@ -263,7 +263,7 @@ proptest! {
 
 #[test]
 fn an_attribute_comes_with_the_vertices_it_belongs_to() {
-    use tesserae::mesh::{Limits, NoResources, read_admitted};
+    use tesserae::mesh::{Format, Limits, NoResources, Source, open};
     let (mut document, mut binary) = square();
     // two placements; weights as normalized bytes
     document["scenes"][0]["nodes"] = json!([0, 1]);
@@ -276,8 +276,10 @@ fn an_attribute_comes_with_the_vertices_it_belongs_to() {
     document["buffers"][0]["byteLength"] = json!(64);
     binary.extend([255, 51, 102, 255]);
     let read = |document: &Value, name: &str| {
-        let bytes = glb(document, &binary);
-        read_admitted(&bytes, tesserae::mesh::Format::Glb, &NoResources, &Limits::default(), Some(name), &|_| Ok(()))
+        let bytes = &glb(document, &binary);
+        let (resources, limits) = (&NoResources, &Limits::default());
+        open(Source { bytes, format: Format::Glb, resources, limits, attribute: Some(name) }, |opened| opened.read())
+            .flatten()
     };
     let (mesh, numbers) = read(&document, "_WEIGHT").expect("a mesh");
     assert_eq!(mesh.positions.len(), 8);

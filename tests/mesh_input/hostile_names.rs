@@ -1,7 +1,7 @@
 //! Names that hold control characters or a megabyte: no message, log line or problem repeats them raw or whole.
 
 use serde_json::{Value, json};
-use tesserae::mesh::{self, Format, Limits, NoResources};
+use tesserae::mesh::{self, Format, Limits, NoResources, Source};
 use tesserae::{Error, Result};
 
 use crate::make::{glb, obj, square};
@@ -77,7 +77,9 @@ fn no_name_of_a_gltf_reaches_a_message_raw_or_whole() {
         // and the attribute that the caller names
         let (document, binary) = square();
         let read = |format, bytes: &[u8]| {
-            mesh::read_admitted(bytes, format, &NoResources, &Limits::default(), Some(&name), &|_| Ok(()))
+            let (resources, limits) = (&NoResources, &Limits::default());
+            mesh::open(Source { bytes, format, resources, limits, attribute: Some(&name) }, |opened| opened.read())
+                .flatten()
         };
         check_message(&read(Format::Glb, &glb(&document, &binary)).expect_err("no attribute").message, 2500);
         check_message(&read(Format::Obj, b"v 0 0 0\nf 1 1 1\n").expect_err("no attribute").message, 2500);

@@ -163,7 +163,7 @@ fn messages_are_those_of_the_table() {
     assert!(inputs.len() >= 60, "{}", inputs.len());
     let mut table = String::new();
     for (what, name, bytes) in inputs {
-        let read = Format::recognise(Some(name), &bytes)
+        let read = Format::recognise(Some(name), &bytes, Some(bytes.len() as u64))
             .and_then(|format| mesh::read(&bytes, format, &NoResources, &Limits::default()));
         let error = read.expect_err(what);
         table += &format!("{what}\n    {}: {}\n", error.kind.slug(), error.message);

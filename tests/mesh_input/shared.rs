@@ -23,7 +23,7 @@ fn folder() -> Option<PathBuf> {
 fn read(path: &Path) -> tesserae::Result<PolygonMesh> {
     let bytes = std::fs::read(path).expect("a file");
     let name = path.file_name().and_then(|name| name.to_str());
-    let format = Format::recognise(name, &bytes)?;
+    let format = Format::recognise(name, &bytes, Some(bytes.len() as u64))?;
     let folder = path.parent().expect("a folder").to_owned();
     mesh::read(&bytes, format, &Beside { folder }, &Limits::default())
 }

@@ -2,6 +2,9 @@
 
 use std::path::Path;
 
+use clap::CommandFactory;
+use tesserae::mesh::Format;
+
 use crate::support::Service;
 
 /// Fails when the file and the code differ. `UPDATE_OPENAPI=1 cargo test --test service openapi` writes the file.
@@ -46,4 +49,50 @@ async fn the_service_serves_its_description_and_answers_at_every_path_of_it() {
     for name in ["clusters", "algorithm", "seeds", "max_iterations", "allow_disconnected", "format", "levels", "ties"] {
         assert!(yaml.contains(&format!("- name: {name}\n")), "{name} is no query parameter");
     }
+}
+
+/// A format that is added to the table is named everywhere; a text that is written by hand and forgets it fails here.
+#[tokio::test]
+async fn every_place_that_lists_mesh_formats_has_exactly_those_of_the_table() {
+    let service = Service::start().await;
+    let names = Format::ALL.map(Format::name);
+    let types: Vec<&str> = Format::ALL.iter().flat_map(|format| format.media_types()).copied().collect();
+
+    let cli = tesserae::cli::Cli::command();
+    let cluster = cli.find_subcommand("cluster").expect("a command");
+    let help = |id: &str| {
+        let argument = cluster.get_arguments().find(|argument| argument.get_id() == id).expect("an argument");
+        argument.get_help().expect("an explanation").to_string()
+    };
+    assert!(help("input").contains(&format!(": {}, or -", Format::choice("."))), "{}", help("input"));
+    assert!(help("format").contains(&format!(": {};", Format::choice(""))), "{}", help("format"));
+    let page = include_str!("../../docs/command-line.md");
+    let dotted = names.map(|name| format!(".{name}")).join(", ");
+    assert!(page.contains(&format!("a mesh ({dotted}, or - for standard input)")), "docs/command-line.md");
+
+    let response = service.post("/v1/jobs?clusters=1").body("x").header("content-type", "model/none").send().await;
+    let response = response.expect("answered");
+    assert_eq!(response.status(), 415);
+    let listed = response.headers()["accept-post"].to_str().expect("text").to_owned();
+    let (meshes, others): (Vec<&str>, Vec<&str>) = listed.split(", ").partition(|name| name.starts_with("model/"));
+    assert_eq!((meshes, others), (types.clone(), vec!["multipart/form-data", "application/octet-stream"]));
+    assert!(response.text().await.expect("text").contains(&listed), "the detail lists the same");
+
+    let formats: serde_json::Value =
+        service.get("/v1/formats").send().await.expect("answered").json().await.expect("JSON");
+    let expected =
+        Format::ALL.map(|format| serde_json::json!({"name": format.name(), "media_type": format.media_type()}));
+    assert_eq!(formats["meshes"], serde_json::json!(expected));
+
+    let yaml = tesserae::service::openapi_yaml().expect("a description");
+    let body = yaml.split_once("requestBody:").and_then(|(_, rest)| rest.split_once("responses:")).expect("a body").0;
+    let in_body = |line: &&str| line.starts_with("          model/");
+    let mut in_yaml: Vec<&str> = body.lines().filter(in_body).map(|line| line.trim().trim_end_matches(':')).collect();
+    let mut sorted = types.clone();
+    (in_yaml.sort_unstable(), sorted.sort_unstable());
+    assert_eq!(in_yaml, sorted);
+    let schema = yaml.split_once("\n    Format:\n").expect("a schema").1;
+    let values =
+        schema.split_once("enum:\n").expect("values").1.lines().map_while(|line| line.trim().strip_prefix("- "));
+    assert_eq!(values.collect::<Vec<_>>(), names);
 }

@@ -84,7 +84,7 @@ pub fn recognise(head: &[u8]) -> Option<Foreign> {
             false => Foreign { name: "a ZIP archive", advice: UNPACK },
         });
     }
-    let head = super::without_mark(head);
+    let head = crate::mesh::without_mark(head);
     let xml = xml_root(head);
     let known = KNOWN.iter().find(|(magic, _, _)| xml.unwrap_or(head).starts_with(magic));
     known.map(|&(_, name, advice)| Foreign { name, advice })

@@ -4,7 +4,7 @@
 
 use crate::error::{Error, Quoted, Result};
 
-const MAGIC: &[u8; 4] = b"glTF";
+pub const MAGIC: &[u8; 4] = b"glTF";
 const HEADER: usize = 12;
 const CHUNK_HEADER: usize = 8;
 

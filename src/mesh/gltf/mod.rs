@@ -26,7 +26,7 @@ mod scene;
 mod slots;
 mod transform;
 
-pub use container::check_head as check_glb_head;
+pub use container::check_head as check_binary_head;
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -36,49 +36,46 @@ use self::buffers::Buffers;
 use self::build::Builder;
 use self::document::Document;
 use self::primitive::{Primitive, Skipped};
-use self::scene::Instances;
-use super::{Adjusted, Admit, Faces, Format, Limits, PolygonMesh, Resources};
+use self::scene::{Instances, Placement};
+use super::allowance::Allowance;
+use super::{Adjusted, Faces, Format, Opened, PolygonMesh, Source, WithNumbers, without_mark};
 use crate::error::{Error, Result};
 
-/// A mesh, and the attribute that was asked for, one number a vertex.
-type WithNumbers = (PolygonMesh, Option<Vec<f64>>);
-
-/// Reads a `.glb` file.
-pub fn read_binary(
-    bytes: &[u8],
-    resources: &dyn Resources,
-    limits: &Limits,
-    attribute: Option<&str>,
-    admit: &Admit<'_>,
-) -> Result<WithNumbers> {
-    let container = container::open(bytes)?;
-    let document = Document::parse(container.json)?;
-    let size = bytes.len() as u64;
-    let buffers = Buffers::new(&document, container.binary, resources, limits, size);
-    read(&Accessors::new(&buffers), Format::Glb, limits, attribute, admit)
+/// Whether a file with these first bytes is a GLB.
+pub fn is_binary(head: &[u8]) -> bool {
+    head.starts_with(container::MAGIC)
 }
 
-/// Reads a `.gltf` file.
-pub fn read_json(
-    bytes: &[u8],
-    resources: &dyn Resources,
-    limits: &Limits,
-    attribute: Option<&str>,
-    admit: &Admit<'_>,
-) -> Result<WithNumbers> {
-    let document = Document::parse(bytes)?;
-    let buffers = Buffers::new(&document, None, resources, limits, bytes.len() as u64);
-    read(&Accessors::new(&buffers), Format::Gltf, limits, attribute, admit)
+/// Whether a file with these first bytes is a JSON object.
+pub fn is_json(head: &[u8]) -> bool {
+    without_mark(head).trim_ascii_start().first() == Some(&b'{')
 }
 
-fn read<'b>(
-    accessors: &'b Accessors<'b>,
-    format: Format,
-    limits: &Limits,
-    attribute: Option<&str>,
-    admit: &Admit<'_>,
-) -> Result<WithNumbers> {
-    let document = accessors.buffers().document();
+/// Refuses what begins like no glTF JSON.
+pub fn check_json_head(head: &[u8]) -> Result<()> {
+    if !is_json(head) {
+        return Err(Format::Gltf.is_not("it does not begin with {, as every glTF JSON does"));
+    }
+    Ok(())
+}
+
+/// Opens a `.glb` file.
+pub fn open_binary<T>(source: Source<'_>, then: impl FnOnce(Opened<'_>) -> T) -> Result<T> {
+    let container = container::open(source.bytes)?;
+    open(source, container.json, container.binary, then)
+}
+
+/// Opens a `.gltf` file.
+pub fn open_json<T>(source: Source<'_>, then: impl FnOnce(Opened<'_>) -> T) -> Result<T> {
+    open(source, source.bytes, None, then)
+}
+
+/// Opens a document with its binary chunk, if it has one.
+fn open<T>(source: Source<'_>, json: &[u8], binary: Option<&[u8]>, then: impl FnOnce(Opened<'_>) -> T) -> Result<T> {
+    let Source { bytes, resources, limits, attribute, .. } = source;
+    let document = &Document::parse(json)?;
+    let buffers = Buffers::new(document, binary, resources, limits, bytes.len() as u64);
+    let accessors = &Accessors::new(&buffers);
     let mut skipped = Skipped::default();
     let mut meshes: BTreeMap<usize, Vec<Primitive<'_>>> = BTreeMap::new();
     let mut places = Vec::new();
@@ -124,25 +121,44 @@ fn read<'b>(
     let allowance = accessors.buffers().allowance();
     allowance.check_faces(triangles, limits.max_faces_per_byte)?;
     allowance.check_parts(parts)?;
-    admit(triangles)?;
-    let mut builder = Builder::new(document, triangles, parts, allowance, attribute.is_some());
-    for (placement, instances) in &places {
-        let primitives = meshes.get(&placement.mesh).map_or(&[][..], Vec::as_slice);
-        builder.place(placement, instances, primitives)?;
+    let placed = Placed { document, meshes, places, triangles, parts, allowance, skipped };
+    Ok(then(Opened::new(triangles, move || placed.build(source.format, attribute.is_some()))))
+}
+
+/// The placements of a document and the primitives that they place, all of them opened.
+struct Placed<'b> {
+    document: &'b Document,
+    meshes: BTreeMap<usize, Vec<Primitive<'b>>>,
+    places: Vec<(Placement, Instances<'b>)>,
+    triangles: u64,
+    parts: u64,
+    allowance: Allowance,
+    skipped: Skipped,
+}
+
+impl Placed<'_> {
+    /// Builds the mesh, and the attribute if there is one.
+    fn build(self, format: Format, has_numbers: bool) -> Result<WithNumbers> {
+        let Self { document, meshes, places, triangles, parts, allowance, skipped } = self;
+        let mut builder = Builder::new(document, triangles, parts, allowance, has_numbers);
+        for (placement, instances) in &places {
+            let primitives = meshes.get(&placement.mesh).map_or(&[][..], Vec::as_slice);
+            builder.place(placement, instances, primitives)?;
+        }
+        let mut warnings = skipped.warnings();
+        warnings.extend(allowance.limit_names(&mut builder.parts));
+        let adjusted = Adjusted {
+            vertices_left_out: builder.vertices_left_out,
+            joined_across_parts: join::across_placements(&mut builder.positions, &builder.corners, &builder.placed),
+        };
+        let mesh = PolygonMesh {
+            format,
+            positions: builder.positions,
+            faces: Faces::from_triangles(builder.corners),
+            parts: builder.parts,
+            warnings,
+            adjusted,
+        };
+        Ok((mesh, builder.numbers))
     }
-    let mut warnings = skipped.warnings();
-    warnings.extend(allowance.limit_names(&mut builder.parts));
-    let adjusted = Adjusted {
-        vertices_left_out: builder.vertices_left_out,
-        joined_across_parts: join::across_placements(&mut builder.positions, &builder.corners, &builder.placed),
-    };
-    let mesh = PolygonMesh {
-        format,
-        positions: builder.positions,
-        faces: Faces::from_triangles(builder.corners),
-        parts: builder.parts,
-        warnings,
-        adjusted,
-    };
-    Ok((mesh, builder.numbers))
 }

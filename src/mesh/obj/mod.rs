@@ -25,33 +25,53 @@ use rayon::prelude::*;
 
 use self::chunk::{Chunk, Fault, What};
 use super::allowance::Allowance;
-use super::{Adjusted, Admit, Faces, Format, Limits, Part, PolygonMesh, part_name};
+use super::{Adjusted, Faces, Format, Limits, Opened, Part, PolygonMesh, part_name, without_mark};
 use crate::error::{Error, Result};
 
 /// Bytes of a piece.
 const PIECE: usize = 256 << 10;
 
+/// Pieces whose faces one thread counts.
+const COUNTED_AT_ONCE: usize = 4;
+
 /// Corners are counted in 32 bits, and a corner takes two bytes at least.
 const MAX_BYTES: u64 = 2 * u32::MAX as u64;
 
-/// Reads an OBJ file.
-pub fn read(bytes: &[u8], limits: &Limits, admit: &Admit<'_>) -> Result<PolygonMesh> {
-    read_in_pieces(bytes, limits, admit, PIECE)
+/// Whether a file with these first bytes is an OBJ: text that begins with a comment or a known statement.
+pub fn is_obj(head: &[u8]) -> bool {
+    const STATEMENTS: [&[u8]; 16] = [
+        b"v", b"vn", b"vt", b"vp", b"f", b"fo", b"g", b"o", b"s", b"l", b"p", b"mg", b"mtllib", b"usemtl", b"cstype",
+        b"deg",
+    ];
+    let text = without_mark(head).trim_ascii_start();
+    let keyword = text.split(|byte| byte.is_ascii_whitespace()).next().unwrap_or_default();
+    (STATEMENTS.contains(&keyword) || keyword.starts_with(b"#")) && !text.contains(&0)
 }
 
-fn read_in_pieces(bytes: &[u8], limits: &Limits, admit: &Admit<'_>, piece: usize) -> Result<PolygonMesh> {
+/// Refuses first bytes that are no text.
+pub fn check_head(head: &[u8]) -> Result<()> {
+    if head.contains(&0) {
+        return Err(Format::Obj.is_not("it holds zero bytes, so it is no text"));
+    }
+    Ok(())
+}
+
+/// Opens an OBJ file: counts the lines that begin like a face.
+pub fn open<T>(bytes: &[u8], limits: &Limits, then: impl FnOnce(Opened<'_>) -> T) -> Result<T> {
     if bytes.len() as u64 > MAX_BYTES {
         return Err(Error::too_large(format_args!(
             "an OBJ file may have {MAX_BYTES} bytes (split it, or convert it to GLB): {}",
             bytes.len()
         )));
     }
-    let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    let text = with_line_feeds(text);
-    let pieces = text::split(&text, piece);
-    admit(pieces.par_iter().map(|piece| face_lines(piece)).sum())?;
-    let parsed: Vec<Result<Chunk<'_>, Fault>> = pieces.par_iter().map(|piece| chunk::parse(piece)).collect();
-    join(&text, &pieces, parsed, limits)
+    let text = with_line_feeds(without_mark(bytes));
+    let pieces = text::split(&text, PIECE);
+    // small files are counted by the thread that opens them
+    let faces = pieces.par_iter().with_min_len(COUNTED_AT_ONCE).map(|piece| face_lines(piece)).sum();
+    Ok(then(Opened::new(faces, || {
+        let parsed: Vec<Result<Chunk<'_>, Fault>> = pieces.par_iter().map(|piece| chunk::parse(piece)).collect();
+        Ok((join(&text, &pieces, parsed, limits)?, None))
+    })))
 }
 
 /// Lines that are faces, most likely: each takes memory as soon as it is parsed.

@@ -10,7 +10,6 @@
 //! For hierarchies the estimate is [`HIERARCHY`] or, with a pair a round, [`SEQUENTIAL`] bytes a face.
 
 use crate::job::Outcome;
-use crate::mesh::Format;
 use crate::parameters::{Algorithm, Parameters, Snapshots};
 use crate::service::store::Spec;
 
@@ -35,19 +34,9 @@ const ITERATIONS: u64 = 64;
 /// Bytes of all snapshots of a job, at most: see `cluster::record`.
 const SNAPSHOTS: u64 = 512 << 20;
 
-/// Fewest bytes of a face in an uncompressed glTF file: indices of two bytes, and half a vertex.
-const GLTF_FACE: u64 = 12;
-
-/// Fewest bytes of a face in an OBJ file of more than a few faces: its line of four-digit numbers.
-const OBJ_FACE: u64 = 16;
-
 /// What the result of a job is expected to take, whose upload has so many bytes and which may have so many faces.
 pub(super) fn of_upload(spec: &Spec, upload: u64, most_faces: u64) -> u64 {
-    let face = match spec.format {
-        Format::Obj => OBJ_FACE,
-        Format::Glb | Format::Gltf => GLTF_FACE,
-    };
-    of_faces(&spec.parameters, (upload / face).min(most_faces))
+    of_faces(&spec.parameters, (upload / spec.format.least_bytes_a_face()).min(most_faces))
 }
 
 /// What the result of a job is expected to take, whose mesh has so many faces.

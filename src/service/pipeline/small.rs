@@ -21,7 +21,7 @@ pub(super) const SMALL_FACES: usize = 8192;
 pub(super) const SMALL_BYTES: u64 = 1 << 20;
 
 /// Threads that work on a mesh each.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct SmallMeshes {
     threads: Arc<Threads>,
     places: Arc<Semaphore>,
@@ -66,6 +66,11 @@ impl SmallMeshes {
 }
 
 impl Thread {
+    /// Runs `work` and waits for it; for blocking threads. A panic is passed on.
+    pub fn install<T: Send>(self, work: impl FnOnce() -> T + Send) -> T {
+        self.threads.pools[self.index].install(work)
+    }
+
     /// Runs `work`. A panic becomes an error. Goes on when the future is dropped.
     pub async fn run<T: Send + 'static>(self, work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<T> {
         let (reply, outcome) = oneshot::channel();

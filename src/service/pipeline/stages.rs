@@ -1,6 +1,5 @@
 //! The stages of one job.
 
-use std::cell::Cell;
 use std::collections::HashMap;
 use std::io::Write;
 use std::iter;
@@ -13,14 +12,13 @@ use tokio::sync::{OwnedSemaphorePermit, mpsc};
 use tokio_util::sync::CancellationToken;
 use tracing::Span;
 
-use super::small::SMALL_BYTES;
 use super::task::Task;
 use super::turns::Visit;
 use super::{AGAIN, Pipeline, caught, memory};
 use crate::device::Cancel;
 use crate::error::{Error, Kind, Result};
 use crate::job::{self, Outcome, Prepared, milliseconds};
-use crate::mesh::{Admit, Resources};
+use crate::mesh::Resources;
 use crate::output::{LabelFormat, write_labels, write_snapshots};
 use crate::parameters::Algorithm;
 use crate::report::Row;
@@ -127,7 +125,7 @@ impl Pipeline {
         Ok(Written { summary, small })
     }
 
-    /// Reads the mesh, when there is memory for it.
+    /// Reads the mesh, when there is memory for it: a small one on a thread for small meshes, others on all threads.
     async fn prepare(&self, ticket: Ticket, job: &Job, slot: Slot, broken_off: CancellationToken) -> Result<Prepared> {
         let spec = job.spec.clone();
         let upload =
@@ -162,44 +160,39 @@ impl Pipeline {
         let is_hierarchical = spec.parameters.algorithm.is_hierarchical();
         let runtime = Handle::current();
         let span = tracing::info_span!("read");
-        let prepare = move |admit: &Admit<'_>| {
-            let mut contents = contents.iter().cloned();
+        let small = self.small.clone();
+        let prepare = move || {
+            let mut contents = contents.into_iter();
             let mesh = contents.next().unwrap_or_default();
-            span.in_scope(|| {
-                job::prepare(&job::Request {
-                    bytes: &mesh,
-                    format: spec.format,
-                    resources: &Parts::new(&spec.buffers, contents),
-                    limits,
-                    admit,
-                    parameters: &spec.parameters,
-                    seeds: seeds.as_deref(),
-                    weights: weights.as_deref(),
-                })
-            })
-        };
-        let attempt = match bytes <= SMALL_BYTES {
-            true => {
-                let slot = slot.clone();
-                let work = move || prepare_small(prepare, memory, is_hierarchical, &slot);
-                self.small.thread().await?.run(work).await?
-            }
-            false => Attempt::NotSmall(prepare, memory),
-        };
-        let mut prepared = match attempt {
-            Attempt::Prepared(prepared) => *prepared,
-            Attempt::NotSmall(prepare, memory) => {
-                let wait = move |faces| {
-                    runtime.block_on(async {
-                        tokio::select! {
-                            held = memory.build(faces, is_hierarchical) => held,
-                            () = broken_off.cancelled() => Err(Error::cancelled()),
+            let request = job::Request {
+                bytes: &mesh,
+                format: spec.format,
+                resources: &Parts::new(&spec.buffers, contents),
+                limits,
+                parameters: &spec.parameters,
+                seeds: seeds.as_deref(),
+                weights: weights.as_deref(),
+            };
+            let wait = Waiting { runtime, broken_off };
+            let prepared = span.in_scope(|| {
+                job::open(&request, |opened| {
+                    let faces = opened.faces();
+                    match memory.build_small(faces, is_hierarchical) {
+                        Ok(held) => {
+                            slot.holds(held);
+                            let thread = wait.until(small.thread())?;
+                            thread.install(|| span.in_scope(|| opened.prepare()))
                         }
-                    })
-                };
-                blocking(|| caught(|| prepare_in_turn(prepare, wait, slot))).await??
-            }
+                        Err(memory) => {
+                            slot.holds(wait.until(memory.build(faces, is_hierarchical))?);
+                            opened.prepare()
+                        }
+                    }
+                })
+            });
+            prepared.flatten().map_err(|refusal| refusal.error)
         };
+        let mut prepared = blocking(|| caught(prepare)).await??;
         prepared.timings.read = milliseconds(read);
         Ok(prepared)
     }
@@ -216,43 +209,21 @@ fn cost(faces: u64, algorithm: Algorithm) -> u64 {
     faces.saturating_mul(factor)
 }
 
-/// What comes of preparing a mesh as a small one.
-enum Attempt<P> {
-    Prepared(Box<Prepared>),
-    /// It has too many faces: what prepares it, and what it holds of the memory. Its turn will come, and all threads work on it.
-    NotSmall(P, memory::Reading),
+/// How a blocking thread waits: for a future, or until the job is broken off.
+struct Waiting {
+    runtime: Handle,
+    broken_off: CancellationToken,
 }
 
-/// Prepares a mesh that is small as far as is known. Waits for nothing: a thread that waits for memory could be what those that
-/// have it wait for.
-fn prepare_small<P: Fn(&Admit<'_>) -> Result<Prepared>>(
-    prepare: P,
-    memory: memory::Reading,
-    is_hierarchical: bool,
-    slot: &Slot,
-) -> Result<Attempt<P>> {
-    let (memory, not_small) = (Cell::new(Some(memory)), Cell::new(None));
-    let prepared = prepare(&|faces| {
-        let Some(memory) = memory.take() else { return Ok(()) };
-        memory.build_small(faces, is_hierarchical).map(|held| slot.holds(held)).map_err(|memory| {
-            not_small.set(Some(memory));
-            Error::new(Kind::Internal, "a mesh is not small")
+impl Waiting {
+    fn until<T>(&self, future: impl Future<Output = Result<T>>) -> Result<T> {
+        self.runtime.block_on(async {
+            tokio::select! {
+                done = future => done,
+                () = self.broken_off.cancelled() => Err(Error::cancelled()),
+            }
         })
-    });
-    match not_small.into_inner() {
-        Some(memory) => Ok(Attempt::NotSmall(prepare, memory)),
-        None => Ok(Attempt::Prepared(Box::new(prepared?))),
     }
-}
-
-/// Prepares any mesh, once its faces are known and it has [waited](memory::Reading::build) for what they take.
-fn prepare_in_turn(
-    prepare: impl Fn(&Admit<'_>) -> Result<Prepared>,
-    wait: impl FnOnce(u64) -> Result<memory::Held>,
-    slot: Slot,
-) -> Result<Prepared> {
-    let wait = Cell::new(Some(wait));
-    prepare(&|faces| wait.take().map_or(Ok(()), |wait| wait(faces).map(|held| slot.holds(held))))
 }
 
 /// The error of an upload that cannot be read: it belongs to a job, so it must be there.

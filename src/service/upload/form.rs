@@ -107,7 +107,7 @@ impl Form {
         let format = agreed(by_type, self.wanted.format)?;
         let early = |head: &[u8]| match format {
             Some(format) => format.check_head(head, None),
-            None => Format::recognise(file_name.as_deref(), head)?.check_head(head, None),
+            None => Format::recognise(file_name.as_deref(), head, None)?.check_head(head, None),
         };
         let saved = self.into.save(content(field), files::MESH, early).await?;
         self.mesh = Some(Mesh { saved, file_name, format });
@@ -138,9 +138,10 @@ impl Form {
         let mesh =
             self.mesh.ok_or_else(|| Error::parameter("the form has no part named mesh: send the mesh as one"))?;
         let format = mesh.saved.format(mesh.format, mesh.file_name.as_deref())?;
-        if !self.buffers.is_empty() && format == Format::Obj {
+        if !self.buffers.is_empty() && !format.has_buffers() {
             return Err(Error::parameter(format_args!(
-                "an OBJ refers to no buffers: leave out the part buffer with file name {:?}",
+                "{} refers to no buffers: leave out the part buffer with file name {:?}",
+                format.noun(),
                 self.buffers[0]
             )));
         }

@@ -1,0 +1,188 @@
+//! What a job does, typed: made once from its parameters. No later stage asks which algorithm has which options.
+
+use super::{InputFile, Refusal, seed_list};
+use crate::cluster::coarse::Effort;
+use crate::cluster::{flat, hierarchy};
+use crate::error::Error;
+use crate::parameters::{Algorithm, Name, Optimize, Parameters, Refine, Seeds};
+
+/// What a job does.
+#[derive(Debug, Clone, PartialEq)]
+pub enum JobSpec {
+    /// Boundary-based clustering, coarse to fine.
+    Coarse {
+        /// Number of clusters.
+        clusters: u64,
+        /// What the random choices are drawn from.
+        seed: u64,
+        /// How much work goes into the start.
+        effort: Effort,
+        /// What follows the start.
+        options: flat::Options,
+    },
+    /// A flat clustering that starts from one face a cluster.
+    Seeded {
+        /// How clusters are made of the seeds.
+        method: Method,
+        /// Number of clusters.
+        clusters: u64,
+        /// How the seeds are chosen: not [`Seeds::Coarse`].
+        seeds: Seeds,
+        /// What random choices are drawn from.
+        seed: u64,
+        /// The faces, where they are listed.
+        listed: Option<Vec<u32>>,
+        /// When to stop, and what follows.
+        options: flat::Options,
+    },
+    /// A hierarchy.
+    Hierarchy(hierarchy::Options),
+}
+
+/// How a flat clustering goes on from seeds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Method {
+    /// Boundary-based clustering ([`flat`]).
+    BoundaryBased,
+    /// Valette & Chassery 2004 ([`crate::cluster::reference::acvd`]); on the cpu only.
+    Acvd,
+    /// Cohen-Steiner et al. 2004 ([`crate::cluster::reference::variational`]); on the cpu only.
+    Variational,
+}
+
+impl JobSpec {
+    /// Checks the parameters and a list of seeds. Returns with the specification the parameters as the report repeats
+    /// them: with the number of listed seeds, and without what the algorithm leaves out.
+    pub(super) fn new(parameters: &Parameters, seeds: Option<&[u8]>) -> Result<(Self, Parameters), Refusal> {
+        parameters.check(seeds.is_some())?;
+        let listed = seeds.map(seed_list::parse).transpose().map_err(Refusal::of(InputFile::Seeds))?;
+        let mut parameters = parameters.clone();
+        if let Some(listed) = &listed {
+            let count = listed.len() as u64;
+            if let Some(clusters) = parameters.clusters.filter(|&clusters| clusters != count) {
+                let error = Error::parameter(format_args!(
+                    "{name} and the number of listed seeds differ (leave {name} out): {clusters} and {count}",
+                    name = Name::CLUSTERS
+                ));
+                return Err(Refusal::of(InputFile::Seeds)(error));
+            }
+            parameters.clusters = Some(count);
+            parameters.seeds = Seeds::Listed;
+        }
+        if parameters.algorithm == Algorithm::Hr {
+            parameters.optimize = Optimize::None;
+        }
+        if parameters.algorithm.is_reference() {
+            parameters.refine = Refine::None;
+            if parameters.seeds == Seeds::Coarse {
+                parameters.seeds = Seeds::Morton;
+            }
+        }
+        let method = match parameters.algorithm {
+            Algorithm::Bb => Method::BoundaryBased,
+            Algorithm::Acvd => Method::Acvd,
+            Algorithm::Vc => Method::Variational,
+            Algorithm::Pml => {
+                let sequential_at = parameters.switch_to_ml_at.unwrap_or(0);
+                return Ok((Self::Hierarchy(hierarchical(&parameters, sequential_at)), parameters));
+            }
+            Algorithm::Ml | Algorithm::Hr => {
+                return Ok((Self::Hierarchy(hierarchical(&parameters, u64::MAX)), parameters));
+            }
+        };
+        // `check` has seen that there is a number
+        let (clusters, seed) = (parameters.clusters.unwrap_or_default(), parameters.seed);
+        let quality = parameters.quality;
+        let options = flat::Options {
+            max_iterations: parameters.max_iterations.or(quality.max_iterations()),
+            refine: parameters.refine == Refine::On && quality.refines(),
+            allow_disconnected: parameters.allow_disconnected,
+        };
+        let spec = match parameters.seeds.clone() {
+            Seeds::Coarse => Self::Coarse { clusters, seed, effort: quality.start(), options },
+            seeds => Self::Seeded { method, clusters, seeds, seed, listed, options },
+        };
+        Ok((spec, parameters))
+    }
+}
+
+/// What the parameters mean to hierarchies whose rounds are sequential from a number of clusters on.
+fn hierarchical(parameters: &Parameters, sequential_at: u64) -> hierarchy::Options {
+    hierarchy::Options {
+        sequential_at,
+        collapse_fraction: parameters.collapse_fraction,
+        optimise: parameters.optimizes(),
+        refine: parameters.refine == Refine::On,
+        iterations_a_round: [parameters.quality.iterations_a_round(), u32::MAX]
+            .map(|usual| parameters.optimize_iterations.unwrap_or(usual)),
+        optimised_from: parameters.quality.optimised_from(),
+        ties: parameters.ties,
+        pairs: parameters.pairs,
+        clusters: parameters.clusters,
+        levels: parameters.levels().to_vec(),
+        allow_disconnected: parameters.allow_disconnected,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cluster::quality::Quality;
+
+    fn spec(parameters: Parameters, seeds: Option<&[u8]>) -> (JobSpec, Parameters) {
+        JobSpec::new(&parameters, seeds).expect("a job")
+    }
+
+    #[test]
+    fn every_algorithm_becomes_its_kind_of_job() {
+        for (algorithm, method) in [
+            (Algorithm::Bb, Some(Method::BoundaryBased)),
+            (Algorithm::Acvd, Some(Method::Acvd)),
+            (Algorithm::Vc, Some(Method::Variational)),
+            (Algorithm::Pml, None),
+            (Algorithm::Ml, None),
+            (Algorithm::Hr, None),
+        ] {
+            let seeds = if method.is_some() { Seeds::Random } else { Seeds::Coarse };
+            let parameters = Parameters { algorithm, clusters: Some(9), seeds, ..Parameters::default() };
+            let (made, settled) = spec(parameters.clone(), None);
+            match made {
+                JobSpec::Seeded { method: made, clusters: 9, listed: None, .. } => assert_eq!(Some(made), method),
+                JobSpec::Hierarchy(options) => {
+                    assert_eq!((method, options.clusters), (None, Some(9)));
+                    assert_eq!(options.sequential_at > 0, algorithm != Algorithm::Pml);
+                    assert_eq!(options.optimise, algorithm != Algorithm::Hr);
+                    assert_eq!(settled.optimize == Optimize::None, algorithm == Algorithm::Hr);
+                }
+                other => panic!("{algorithm:?}: {other:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn listed_seeds_are_the_number_of_clusters_and_references_do_not_start_coarse() {
+        let (made, settled) = spec(Parameters::default(), Some(b"[7, 3]"));
+        assert_eq!((settled.clusters, settled.seeds), (Some(2), Seeds::Listed));
+        let JobSpec::Seeded { clusters: 2, seeds: Seeds::Listed, listed, .. } = made else { panic!("{made:?}") };
+        assert_eq!(listed, Some(vec![7, 3]));
+        let of = |algorithm| Parameters { algorithm, clusters: Some(2), ..Parameters::default() };
+        assert!(matches!(spec(of(Algorithm::Bb), None).0, JobSpec::Coarse { clusters: 2, .. }));
+        let (made, settled) = spec(of(Algorithm::Vc), None);
+        assert!(matches!(made, JobSpec::Seeded { seeds: Seeds::Morton, .. }), "{made:?}");
+        assert_eq!((settled.seeds, settled.refine), (Seeds::Morton, Refine::None));
+        let refusal = JobSpec::new(&of(Algorithm::Bb), Some(b"[1, 2, 3]")).expect_err("another number");
+        assert_eq!(refusal.file, Some(InputFile::Seeds));
+    }
+
+    #[test]
+    fn qualities_differ_in_which_rounds_they_optimise_and_for_how_long() {
+        let of = |quality: Quality| {
+            let parameters = Parameters { algorithm: Algorithm::Pml, quality, ..Parameters::default() };
+            let JobSpec::Hierarchy(options) = spec(parameters, None).0 else { panic!("a hierarchy") };
+            (options.optimised_from, options.iterations_a_round)
+        };
+        assert_eq!(of(Quality::Fast), (4, [1, u32::MAX]));
+        assert_eq!(of(Quality::Default), (4, [2, u32::MAX]));
+        assert_eq!(of(Quality::Best), (1, [16, u32::MAX]));
+    }
+}
