@@ -22,25 +22,26 @@ use tower_http::compression::predicate::{NotForContentType, Predicate as _, Size
 use tower_http::compression::{CompressionLayer, CompressionLevel};
 use tower_http::cors::CorsLayer;
 
-use super::access::Access;
+use super::access::{Access, Caller};
 use super::access_log::{self, AccessLog};
 use super::admission::Admission;
 use super::aging::Reading;
+use super::api::{create, events, health, hierarchy, info, labels, list, metrics, remove, report, retry, show};
 use super::faults::Faults;
 use super::files::Files;
 use super::health::{Health, Part};
-use super::info::DeviceDescription;
 use super::metrics::{Metrics, TimedStore};
 use super::pipeline::device_thread::{DeviceThread, Reopen};
 use super::pipeline::{Costs, Parts, Pipeline};
 use super::retention::Retention;
+use super::state::{DeviceDescription, Shared};
 use super::storage::{self, Storage};
 use super::store::memory::MemoryStore;
 use super::store::sqlite::SqliteStore;
 use super::store::{JobStore, Rules};
 use super::traffic::{self, Traffic, connections, heads};
 use super::webhooks::{Teller, Webhooks};
-use super::{Settings, conditional, events, hierarchy, info, jobs, openapi, problem, results, retry, tls};
+use super::{Settings, conditional, openapi, problem, tls};
 use crate::device::Device;
 use crate::error::{Error, Result};
 
@@ -53,42 +54,6 @@ const ENCODED_AT_ONCE: usize = 2;
 
 /// Bytes of an answer from which on it is compressed for who can read that.
 const COMPRESSED_FROM: u64 = 1024;
-
-/// What all handlers share.
-#[derive(Debug)]
-pub(super) struct Shared {
-    /// The settings.
-    pub settings: Settings,
-    /// The jobs.
-    pub store: Arc<dyn JobStore>,
-    /// Their files.
-    pub files: Arc<Files>,
-    /// Whether these two work.
-    pub storage: Arc<Storage>,
-    /// What clusters.
-    pub device: DeviceDescription,
-    /// What is wrong with the service.
-    pub health: Arc<Health>,
-    /// Cancelled once the service is to stop.
-    pub stop: CancellationToken,
-    /// Large results that may be in memory at a time.
-    pub encoding: Arc<Semaphore>,
-    /// Who may ask.
-    pub access: Access,
-    /// Which requests are logged.
-    pub access_log: AccessLog,
-    /// What is going on.
-    pub traffic: Traffic,
-    /// Jobs that are being created.
-    pub admission: Arc<Admission>,
-    /// What is counted.
-    pub metrics: Arc<Metrics>,
-    /// Where ends of jobs may be told.
-    pub webhooks: Arc<Webhooks>,
-}
-
-/// The state that handlers extract.
-pub(super) type App = State<Arc<Shared>>;
 
 /// What a service can do without.
 #[derive(Default)]
@@ -150,7 +115,7 @@ impl Server {
         let listener = listen(settings.listen, settings.traffic.listen_backlog).map_err(cannot)?;
         let address = listener.local_addr().map_err(cannot)?;
         let faults = extras.faults.clone();
-        let access = Access::open(&settings.access)?;
+        let access = Arc::new(Access::open(&settings.access)?);
         let reload = extras.reload.clone().unwrap_or_default();
         let files = Arc::new(Files::open(settings.data_dir.as_deref(), settings.storage.disk(), faults.clone())?);
         let forgets = settings.storage.forget_lost_jobs;
@@ -191,7 +156,8 @@ impl Server {
             device: DeviceThread::start(
                 device,
                 description.cpu_below_faces,
-                extras,
+                extras.reopen,
+                extras.faults,
                 timeout,
                 Arc::clone(&health),
                 Arc::clone(&metrics),
@@ -205,6 +171,8 @@ impl Server {
             time: settings.work.max_job(),
         };
         let pipeline = Pipeline::start(parts, costs)?;
+        let most = settings.traffic.max_queued_jobs_per_tenant;
+        let admission = Admission::new(Arc::clone(&store), Arc::clone(&metrics), most);
         let shared = Arc::new(Shared {
             store,
             files,
@@ -213,10 +181,9 @@ impl Server {
             health,
             stop: CancellationToken::new(),
             encoding: Arc::new(Semaphore::new(ENCODED_AT_ONCE)),
-            access_log: AccessLog::new(settings.access_log_every),
-            traffic: Traffic::new(&settings.traffic),
+            traffic: Arc::new(Traffic::new(&settings.traffic, Arc::clone(&access))),
             access,
-            admission: Arc::default(),
+            admission,
             webhooks: Arc::new(Webhooks::new(&settings.webhooks)?),
             metrics,
             settings,
@@ -308,9 +275,10 @@ impl Server {
 /// 8. who asks, and whether that is too much;
 /// 9. the routes; around those of results, ETag and Range.
 fn router(shared: Arc<Shared>) -> Router {
+    let log = Arc::new(AccessLog::new(shared.settings.access_log_every, &shared.settings.traffic.trusted_proxies));
     let layers = ServiceBuilder::new()
-        .layer(from_fn_with_state(Arc::clone(&shared), access_log::log))
-        .layer(from_fn_with_state(Arc::clone(&shared), every_answer))
+        .layer(from_fn_with_state(log, access_log::log))
+        .layer(from_fn_with_state(Arc::clone(&shared.metrics), every_answer))
         .option_layer(cors(&shared.settings.access.cors_origins))
         .layer(from_fn(conditional::distinguish_codings))
         .layer(
@@ -318,29 +286,29 @@ fn router(shared: Arc<Shared>) -> Router {
                 .quality(CompressionLevel::Fastest)
                 .compress_when(SizeAbove::new(COMPRESSED_FROM).and(NotForContentType::const_new("text/event-stream"))),
         )
-        .layer(from_fn_with_state(Arc::clone(&shared), problem::render))
+        .layer(from_fn_with_state(Arc::clone(&shared.metrics), problem::render))
         .layer(CatchPanicLayer::custom(problem::panicked))
         .layer(from_fn(heads::check))
-        .layer(from_fn_with_state(Arc::clone(&shared), traffic::admit))
+        .layer(from_fn_with_state(Arc::clone(&shared.traffic), traffic::admit))
         // uploads have a limit of their own, counted as they come
         .layer(DefaultBodyLimit::disable());
     let results = Router::new()
-        .route("/v1/jobs/{id}/labels", get(results::labels))
+        .route("/v1/jobs/{id}/labels", get(labels::labels))
         .route("/v1/jobs/{id}/hierarchy", get(hierarchy::hierarchy))
-        .route("/v1/jobs/{id}/report", get(results::report))
+        .route("/v1/jobs/{id}/report", get(report::report))
         .layer(from_fn(conditional::results));
     let routes = Router::new()
-        .route("/v1/jobs", post(jobs::create).get(jobs::list))
-        .route("/v1/jobs/{id}", get(jobs::show).delete(jobs::remove))
+        .route("/v1/jobs", post(create::create).get(list::list))
+        .route("/v1/jobs/{id}", get(show::show).delete(remove::remove))
         .route("/v1/jobs/{id}/retry", post(retry::retry))
         .route("/v1/jobs/{id}/events", get(events::stream))
         .merge(results)
         .route("/v1/device", get(info::device))
         .route("/v1/formats", get(info::formats))
         .route("/v1/version", get(info::version))
-        .route("/healthz", get(info::healthz))
-        .route("/readyz", get(info::readyz))
-        .route("/metrics", get(info::metrics))
+        .route("/healthz", get(health::healthz))
+        .route("/readyz", get(health::readyz))
+        .route("/metrics", get(metrics::metrics))
         .route("/openapi.yaml", get(openapi::show))
         .layer(from_fn(remember_route))
         .with_state(shared);
@@ -362,24 +330,29 @@ async fn remember_route(route: Option<MatchedPath>, request: Request, next: Next
 }
 
 /// Counts answers, and keeps browsers from guessing types, showing them as pages, and keeping what is someone's own.
-async fn every_answer(State(shared): App, request: Request, next: Next) -> Response {
+async fn every_answer(State(metrics): State<Arc<Metrics>>, request: Request, next: Next) -> Response {
     let started = Instant::now();
     let method = request.method().clone();
     let mut response = next.run(request).await;
     let route = response.extensions().get::<Route>().map_or("none", |Route(route)| route.as_str());
     let status = response.status().as_u16();
-    shared.metrics.answered(&method, route, status, started.elapsed());
-    shared.metrics.answered_to(response.extensions().get(), status);
+    metrics.answered(&method, route, status, started.elapsed());
+    metrics.answered_to(response.extensions().get::<Caller>().and_then(Caller::tenant_name), status);
     let headers = response.headers_mut();
     for (name, value) in [
         (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
-        (header::CONTENT_SECURITY_POLICY, "default-src 'none'; frame-ancestors 'none'"),
         (header::X_FRAME_OPTIONS, "DENY"),
         (header::REFERRER_POLICY, "no-referrer"),
     ] {
         headers.insert(name, HeaderValue::from_static(value));
     }
-    headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
+    // defaults, which a route may replace
+    for (name, value) in [
+        (header::CONTENT_SECURITY_POLICY, "default-src 'none'; frame-ancestors 'none'"),
+        (header::CACHE_CONTROL, "no-store"),
+    ] {
+        headers.entry(name).or_insert(HeaderValue::from_static(value));
+    }
     response
 }
 

@@ -30,7 +30,6 @@ pub(super) use self::limits::Room;
 use self::process::Process;
 use self::tenants::Tenants;
 pub(super) use self::timed_store::TimedStore;
-use super::access::Caller;
 use super::health::{Health, Part, Severity};
 use super::logging;
 use super::settings::Settings;
@@ -351,10 +350,10 @@ impl Metrics {
         self.poison.get_or_create(&ByReason { reason: kind.slug() }).inc();
     }
 
-    /// A request of `caller` was answered.
-    pub fn answered_to(&self, caller: Option<&Caller>, status: u16) {
-        if let Some(tenant) = caller.and_then(|caller| caller.tenant.as_ref()) {
-            self.tenants.answered(&tenant.name, status >= 400);
+    /// A request of `tenant` was answered.
+    pub fn answered_to(&self, tenant: Option<&str>, status: u16) {
+        if let Some(tenant) = tenant {
+            self.tenants.answered(tenant, status >= 400);
         }
     }
 
