@@ -6,13 +6,13 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use super::access::tokens::Tenant;
 use super::metrics::Metrics;
 use super::problem::Failure;
-use super::store::{JobStore, LOCAL_TENANT, State};
+use super::store::{LOCAL_TENANT, Queue, State};
 use crate::error::{Error, Kind};
 
 /// How many jobs wait, and how many more are being created.
 #[derive(Debug)]
 pub(super) struct Admission {
-    store: Arc<dyn JobStore>,
+    store: Arc<dyn Queue>,
     metrics: Arc<Metrics>,
     /// Jobs of a tenant that may wait, unless its quotas say otherwise.
     most: u64,
@@ -32,7 +32,7 @@ pub(super) struct Place {
 
 impl Admission {
     /// Refuses jobs of a tenant beyond `most` that wait, unless its quotas say otherwise.
-    pub fn new(store: Arc<dyn JobStore>, metrics: Arc<Metrics>, most: u64) -> Self {
+    pub fn new(store: Arc<dyn Queue>, metrics: Arc<Metrics>, most: u64) -> Self {
         Self { store, metrics, most, creating: Arc::default() }
     }
 

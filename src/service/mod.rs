@@ -27,7 +27,8 @@
 //! | which trace a request belongs to | `trace` |
 //! | how ends of jobs are told | `webhooks` |
 //! | ETag, Range | `conditional` |
-//! | routes, layers, start and stop | `server` |
+//! | routes and layers | `router` |
+//! | start and stop | `server` |
 //!
 //! Handlers return errors of the crate; one layer makes problem documents of them. Nothing here blocks the runtime:
 //! meshes are read and results written on blocking threads, clustering has a thread of its own, and where a few rows of the store
@@ -62,6 +63,7 @@ mod query;
 mod request;
 mod results;
 mod retention;
+mod router;
 mod server;
 mod settings;
 mod state;

@@ -7,13 +7,13 @@ mod busy;
 mod limits;
 mod process;
 mod tenants;
-mod timed_store;
+pub(super) mod timed_store;
 
 use std::borrow::Cow;
 use std::fmt;
 use std::sync::Mutex;
 use std::sync::PoisonError;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::{Duration, SystemTime};
 
 use prometheus_client::encoding::EncodeLabelSet;
@@ -28,8 +28,7 @@ use self::busy::Busy;
 use self::limits::Limits;
 pub(super) use self::limits::Room;
 use self::process::Process;
-use self::tenants::Tenants;
-pub(super) use self::timed_store::TimedStore;
+use self::tenants::{Seconds, Tenants};
 use super::health::{Health, Part, Severity};
 use super::logging;
 use super::settings::Settings;
@@ -37,6 +36,8 @@ use super::store::{Job, State, Statistics};
 use crate::device::MemoryMeter;
 use crate::error::{Error, Kind, Result};
 use crate::report::{DeviceInfo, DeviceKind, Report};
+
+type Histograms<L> = Family<L, Histogram, Buckets>;
 
 /// Media type of [`Metrics::text`]: OpenMetrics, which Prometheus reads.
 pub(super) const MEDIA_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
@@ -94,9 +95,6 @@ impl MetricConstructor<Histogram> for Buckets {
         Histogram::new(self.0.iter().copied())
     }
 }
-
-type Histograms<L> = Family<L, Histogram, Buckets>;
-type Seconds = Counter<f64, AtomicU64>;
 
 /// What is counted.
 #[derive(Debug)]

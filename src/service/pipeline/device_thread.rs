@@ -17,11 +17,11 @@ use std::sync::mpsc;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use rayon::{ThreadPool, ThreadPoolBuilder};
+use rayon::ThreadPool;
 use tokio::sync::oneshot;
 
 use super::beside::Beside;
-use super::caught;
+use super::bounds::{caught, pool, within};
 use super::small::{SMALL_FACES, SmallMeshes};
 use super::task::{Done, Task};
 use super::turns::{Line, Visit};
@@ -186,32 +186,6 @@ impl DeviceThread {
             tokio::time::sleep(self.timeout).await;
         }
     }
-}
-
-/// A pool of so many threads; of 0, as many as there are processors.
-pub(super) fn pool(threads: usize, name: impl FnMut(usize) -> String + 'static) -> Result<ThreadPool> {
-    let pool = ThreadPoolBuilder::new().num_threads(threads).thread_name(name).build();
-    pool.map_err(|error| Error::new(Kind::Io, format_args!("threads of the device cannot be started: {error}")))
-}
-
-/// What `work` comes to, unless that takes longer than `limit`.
-pub(super) async fn within(limit: Option<Duration>, work: impl Future<Output = Result<Outcome>>) -> Result<Outcome> {
-    match limit {
-        Some(limit) => tokio::time::timeout(limit, work).await.unwrap_or_else(|_| Err(too_slow(limit))),
-        None => work.await,
-    }
-}
-
-/// The error of a job that takes too long.
-fn too_slow(limit: Duration) -> Error {
-    Error::new(
-        Kind::TimeLimit,
-        format_args!(
-            "the job took longer, on the device and for its results, than a job may, {} s (the service's --max-job-seconds); \
-             try a smaller mesh, or fewer iterations (max_iterations)",
-            limit.as_secs()
-        ),
-    )
 }
 
 impl Thread {

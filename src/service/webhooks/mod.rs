@@ -29,7 +29,7 @@ pub use self::target::WebhookHost;
 use super::metrics::Metrics;
 use super::problem::Problem;
 use super::settings::WebhookSettings;
-use super::store::{JobId, JobStore, Notice, State};
+use super::store::{JobId, Notice, Notices, State};
 use super::timestamp::rfc3339;
 use super::urls;
 use crate::error::{Error, Kind, Result};
@@ -131,13 +131,13 @@ fn read_secret(path: &Path) -> Result<Vec<u8>> {
 /// Tells ends.
 #[derive(Debug)]
 pub(super) struct Teller {
-    store: Arc<dyn JobStore>,
+    store: Arc<dyn Notices>,
     webhooks: Arc<Webhooks>,
     metrics: Arc<Metrics>,
 }
 
 impl Teller {
-    pub fn new(store: Arc<dyn JobStore>, webhooks: Arc<Webhooks>, metrics: Arc<Metrics>) -> Self {
+    pub fn new(store: Arc<dyn Notices>, webhooks: Arc<Webhooks>, metrics: Arc<Metrics>) -> Self {
         Self { store, webhooks, metrics }
     }
 
