@@ -146,7 +146,6 @@ impl Levels {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cluster::quality::Quality;
     use crate::energy::LatticeEnergy;
 
     #[test]

@@ -4,6 +4,7 @@
 
 use std::net::IpAddr;
 use std::pin::Pin;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
@@ -18,9 +19,8 @@ use tracing::{Instrument as _, Span};
 use uuid::Uuid;
 
 use super::access::Caller;
-use super::server::App;
-use super::trace::TraceParent;
-use super::traffic::origin;
+use super::trace::{Origin, TraceParent};
+use super::traffic::origin::{self, Network};
 use super::upload;
 
 /// The target of access lines, for `--log`.
@@ -38,28 +38,19 @@ const MAX_PATH: usize = 256;
 /// Paths that probes and monitoring read every few seconds.
 const PROBES: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
 
-/// Where a request comes from, for everything that is logged about it.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Origin {
-    /// Address of the client, behind trusted proxies.
-    pub client: IpAddr,
-    /// Id of the request.
-    pub request: String,
-    /// Its trace.
-    pub trace: TraceParent,
-}
-
 /// Chooses the requests that get a line.
 #[derive(Debug)]
 pub(super) struct AccessLog {
     every: u64,
     requests: AtomicU64,
+    trusted_proxies: Vec<Network>,
 }
 
 impl AccessLog {
     /// One of `every` requests that the service could answer, and all that it could not; none at all for 0.
-    pub fn new(every: u64) -> Self {
-        Self { every, requests: AtomicU64::new(0) }
+    /// The client is behind the trusted proxies.
+    pub fn new(every: u64, trusted_proxies: &[Network]) -> Self {
+        Self { every, requests: AtomicU64::new(0), trusted_proxies: trusted_proxies.to_vec() }
     }
 
     fn takes(&self, status: u16) -> bool {
@@ -72,11 +63,11 @@ impl AccessLog {
 }
 
 /// Gives a request its id, its [`Origin`] and its span, and logs it once it was answered.
-pub(super) async fn log(State(shared): App, mut request: Request, next: Next) -> Response {
+pub(super) async fn log(State(log): State<Arc<AccessLog>>, mut request: Request, next: Next) -> Response {
     let started = Instant::now();
     let id = request_id(request.headers());
     let trace = TraceParent::of_request(request.headers());
-    let client = origin::client(&request, &shared.settings.traffic.trusted_proxies);
+    let client = origin::client(&request, &log.trusted_proxies);
     let path = cut(request.uri().path()).to_owned();
     let span = tracing::info_span!(
         "request",
@@ -97,7 +88,7 @@ pub(super) async fn log(State(shared): App, mut request: Request, next: Next) ->
         response.headers_mut().insert(REQUEST_ID, header);
     }
     let status = response.status().as_u16();
-    let line = shared.access_log.takes(status).then(|| {
+    let line = log.takes(status).then(|| {
         let caller = response.extensions().get::<Caller>();
         Box::new(Line {
             method,
@@ -267,7 +258,7 @@ mod tests {
     #[test]
     fn one_of_so_many_requests_is_logged_and_every_failure() {
         let logged = |every: u64, status: u16| {
-            let log = AccessLog::new(every);
+            let log = AccessLog::new(every, &[]);
             (0..100).filter(|_| log.takes(status)).count()
         };
         assert_eq!((logged(1, 200), logged(10, 404), logged(10, 503), logged(0, 500)), (100, 10, 100, 0));

@@ -6,7 +6,7 @@
 use std::fmt::Display;
 
 use super::access::Caller;
-use super::access_log::Origin;
+use super::trace::Origin;
 use crate::error::Kind;
 
 /// The target of audit lines, for `--log`.

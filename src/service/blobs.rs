@@ -3,11 +3,11 @@
 use object_store::GetRange;
 
 use super::files::{Blob, Files, Folder};
-use super::store::{Job, JobStore};
+use super::store::{Job, Queue};
 use crate::error::{Error, Kind, Result};
 
 /// A blob of the upload of a job.
-pub(super) async fn upload(files: &Files, store: &dyn JobStore, job: &Job, name: &str) -> Result<Blob> {
+pub(super) async fn upload(files: &Files, store: &dyn Queue, job: &Job, name: &str) -> Result<Blob> {
     match job.spec.is_small {
         true => small(files, store, job, name, None).await,
         false => files.read(Folder::Upload(job.id), name, None).await,
@@ -17,7 +17,7 @@ pub(super) async fn upload(files: &Files, store: &dyn JobStore, job: &Job, name:
 /// A blob of the result of a job, or a range of it. [`Kind::NotFound`] for a job without one.
 pub(super) async fn result(
     files: &Files,
-    store: &dyn JobStore,
+    store: &dyn Queue,
     job: &Job,
     name: &str,
     range: Option<GetRange>,
@@ -28,7 +28,7 @@ pub(super) async fn result(
     }
 }
 
-async fn small(files: &Files, store: &dyn JobStore, job: &Job, name: &str, range: Option<GetRange>) -> Result<Blob> {
+async fn small(files: &Files, store: &dyn Queue, job: &Job, name: &str, range: Option<GetRange>) -> Result<Blob> {
     let bytes = store.blob(job.id, name).await?;
     let bytes = bytes.ok_or_else(|| Error::new(Kind::NotFound, "the file is gone: its job was deleted"))?;
     files.held(&bytes, range)

@@ -16,7 +16,8 @@
 //! | what happens when the disk fails | `storage` |
 //! | backups | `backup` |
 //! | asking twice for one job | `idempotency` |
-//! | a resource | `jobs`, `events`, `results`, `hierarchy`, `info`; `encoded` for what is made when it is asked for |
+//! | a resource | `api`, one handler a file; what they share in `state` |
+//! | what results look like | `results`, `negotiate` |
 //! | what errors look like | `problem` |
 //! | what `/readyz` knows | `health` |
 //! | who may ask | `access` |
@@ -26,7 +27,8 @@
 //! | which trace a request belongs to | `trace` |
 //! | how ends of jobs are told | `webhooks` |
 //! | ETag, Range | `conditional` |
-//! | routes, layers, start and stop | `server` |
+//! | routes and layers | `router` |
+//! | start and stop | `server` |
 //!
 //! Handlers return errors of the crate; one layer makes problem documents of them. Nothing here blocks the runtime:
 //! meshes are read and results written on blocking threads, clustering has a thread of its own, and where a few rows of the store
@@ -36,23 +38,19 @@ mod access;
 mod access_log;
 mod admission;
 mod aging;
+mod api;
 mod audit;
 mod backup;
 mod blobs;
 mod conditional;
 mod deletion;
-mod encoded;
-mod events;
 mod faults;
 mod files;
 #[cfg(fuzzing)]
 pub(crate) mod fuzzing;
 mod health;
-mod hierarchy;
 mod idempotency;
-mod info;
 mod intake;
-mod jobs;
 mod logging;
 mod metrics;
 mod negotiate;
@@ -65,10 +63,10 @@ mod query;
 mod request;
 mod results;
 mod retention;
-mod retry;
+mod router;
 mod server;
 mod settings;
-mod snapshots;
+mod state;
 mod storage;
 mod store;
 mod timestamp;
@@ -76,18 +74,19 @@ mod tls;
 mod trace;
 mod traffic;
 mod upload;
+mod urls;
 mod webhooks;
 
 pub use access::tokens::{Quotas, TenantEntry, Token, TokenEntry, TokenFile};
 pub use backup::{Backup, back_up};
 pub use faults::{FaultPoint, Faults};
-pub use info::DeviceDescription;
 pub use logging::{LogFormat, LogSettings, Logging};
 pub use openapi::openapi_yaml;
 pub use pipeline::device_thread::Reopen;
 pub use preflight::preflight;
 pub use server::{Extras, Server, serve};
 pub use settings::{AccessSettings, Settings, StorageSettings, TrafficSettings, WebhookSettings, WorkSettings};
+pub use state::DeviceDescription;
 use store::LOCAL_TENANT;
 pub use traffic::origin::Network;
 pub use webhooks::WebhookHost;

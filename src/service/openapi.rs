@@ -13,29 +13,17 @@ use utoipa::openapi::request_body::RequestBody;
 use utoipa::openapi::schema::{ObjectBuilder, Type};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{self, Ref, RefOr, Required, Response, ResponseBuilder, Schema};
-use utoipa::{Modify, OpenApi, ToResponse, ToSchema};
+use utoipa::{Modify, OpenApi};
 
-use super::problem::{Answer, Problem};
+use super::api::{create, events, health, hierarchy, info, labels, list, metrics, remove, report, retry, show as job};
+use super::problem::{Answer, Problematic};
 use super::store::PRIORITIES;
-use super::{events, hierarchy, info, jobs, results, retry};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Format;
 use crate::parameters::{Levels, Seeds, Snapshots};
 
 /// A whole mesh of four faces, so that tools that read the description can make jobs that succeed.
 const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
-
-/// Bytes.
-#[derive(ToSchema)]
-#[schema(value_type = String, format = Binary)]
-#[expect(dead_code, reason = "describes bodies for openapi.yaml")]
-pub(super) struct Binary(String);
-
-/// What went wrong.
-#[derive(ToResponse)]
-#[response(description = "What went wrong (RFC 9457)", content_type = "application/problem+json")]
-#[expect(dead_code, reason = "describes answers for openapi.yaml")]
-pub(super) struct Problematic(Problem);
 
 #[derive(OpenApi)]
 #[openapi(
@@ -44,21 +32,21 @@ pub(super) struct Problematic(Problem);
         description = "Clusters the faces of polygon meshes: a mesh in, one label a face and live energies out."
     ),
     paths(
-        jobs::create,
-        jobs::list,
-        jobs::show,
-        jobs::remove,
+        create::create,
+        list::list,
+        job::show,
+        remove::remove,
         retry::retry,
         events::stream,
-        results::labels,
+        labels::labels,
         hierarchy::hierarchy,
-        results::report,
+        report::report,
         info::device,
         info::formats,
         info::version,
-        info::healthz,
-        info::readyz,
-        info::metrics,
+        health::healthz,
+        health::readyz,
+        metrics::metrics,
         show,
     ),
     components(

@@ -4,15 +4,19 @@
 //! router, writes the document: there the path (`instance`) is known, and what the framework refuses by itself (unknown
 //! paths, methods, panics) passes through too.
 
+#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
+
+use std::sync::Arc;
+
 use axum::extract::{Request, State};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use percent_encoding::percent_decode_str;
 use serde::Serialize;
-use utoipa::ToSchema;
+use utoipa::{ToResponse, ToSchema};
 
-use super::server::App;
+use super::metrics::Metrics;
 use crate::error::{Error, Kind};
 
 /// Media type of problem documents.
@@ -45,6 +49,12 @@ pub(super) struct Problem {
     #[schema(nullable = false)]
     pub queue_depth: Option<u64>,
 }
+
+/// What went wrong.
+#[derive(ToResponse)]
+#[response(description = "What went wrong (RFC 9457)", content_type = "application/problem+json")]
+#[expect(dead_code, reason = "describes answers for openapi.yaml")]
+pub(super) struct Problematic(Problem);
 
 impl Problem {
     /// The document of `error`, which happened to the resource at path `instance`.
@@ -113,7 +123,7 @@ impl IntoResponse for Failure {
 pub(super) type Answer<T = Response> = Result<T, Failure>;
 
 /// Turns every error response that is no problem document yet into one.
-pub(super) async fn render(State(shared): App, request: Request, next: Next) -> Response {
+pub(super) async fn render(State(metrics): State<Arc<Metrics>>, request: Request, next: Next) -> Response {
     let path = request.uri().path().to_owned();
     let method = request.method().clone();
     let mut response = next.run(request).await;
@@ -127,7 +137,7 @@ pub(super) async fn render(State(shared): App, request: Request, next: Next) -> 
             refused_by_framework(response.status(), &method, &path, allowed).into()
         }
     };
-    shared.metrics.rejected(failure.error.kind);
+    metrics.rejected(failure.error.kind);
     match failure.error.kind {
         // what every probe and every client gets while the service stops
         Kind::Unavailable | Kind::Overloaded => tracing::debug!(kind = failure.error.kind.slug(), "{}", failure.error),

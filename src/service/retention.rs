@@ -108,9 +108,9 @@ mod tests {
     use super::*;
     use crate::service::faults::Faults;
     use crate::service::files::DiskLimits;
-    use crate::service::store::End;
     use crate::service::store::memory::MemoryStore;
     use crate::service::store::tests::{RULES, new_job};
+    use crate::service::store::{End, Queue};
 
     #[tokio::test]
     async fn a_clock_that_jumps_forward_makes_no_job_expire() {

@@ -1,46 +1,36 @@
-//! Routes, layers, start and stop.
+//! Start and stop.
 
 use std::fmt;
 use std::future::Future;
 use std::net::SocketAddr;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use axum::Router;
-use axum::extract::{DefaultBodyLimit, MatchedPath, Request, State};
-use axum::http::{HeaderName, HeaderValue, Method, header};
-use axum::middleware::{Next, from_fn, from_fn_with_state};
-use axum::response::Response;
-use axum::routing::{get, post};
 use tokio::net::{TcpListener, TcpSocket};
 use tokio::sync::{Notify, Semaphore};
 use tokio::time::{sleep, timeout};
 use tokio_util::sync::CancellationToken;
-use tower::ServiceBuilder;
-use tower_http::catch_panic::CatchPanicLayer;
-use tower_http::compression::predicate::{NotForContentType, Predicate as _, SizeAbove};
-use tower_http::compression::{CompressionLayer, CompressionLevel};
-use tower_http::cors::CorsLayer;
 
 use super::access::Access;
-use super::access_log::{self, AccessLog};
 use super::admission::Admission;
 use super::aging::Reading;
 use super::faults::Faults;
 use super::files::Files;
 use super::health::{Health, Part};
-use super::info::DeviceDescription;
-use super::metrics::{Metrics, TimedStore};
+use super::metrics::Metrics;
+use super::metrics::timed_store::TimedStore;
 use super::pipeline::device_thread::{DeviceThread, Reopen};
 use super::pipeline::{Costs, Parts, Pipeline};
 use super::retention::Retention;
+use super::router::router;
+use super::state::{DeviceDescription, Shared};
 use super::storage::{self, Storage};
 use super::store::memory::MemoryStore;
 use super::store::sqlite::SqliteStore;
 use super::store::{JobStore, Rules};
-use super::traffic::{self, Traffic, connections, heads};
+use super::traffic::{Traffic, connections};
 use super::webhooks::{Teller, Webhooks};
-use super::{Settings, conditional, events, hierarchy, info, jobs, openapi, problem, results, retry, tls};
+use super::{Settings, tls};
 use crate::device::Device;
 use crate::error::{Error, Result};
 
@@ -50,45 +40,6 @@ const LAST_MOMENT: Duration = Duration::from_secs(2);
 /// Hierarchies and other large results that are in memory at a time, to be cut or written: other requests wait for
 /// their turn.
 const ENCODED_AT_ONCE: usize = 2;
-
-/// Bytes of an answer from which on it is compressed for who can read that.
-const COMPRESSED_FROM: u64 = 1024;
-
-/// What all handlers share.
-#[derive(Debug)]
-pub(super) struct Shared {
-    /// The settings.
-    pub settings: Settings,
-    /// The jobs.
-    pub store: Arc<dyn JobStore>,
-    /// Their files.
-    pub files: Arc<Files>,
-    /// Whether these two work.
-    pub storage: Arc<Storage>,
-    /// What clusters.
-    pub device: DeviceDescription,
-    /// What is wrong with the service.
-    pub health: Arc<Health>,
-    /// Cancelled once the service is to stop.
-    pub stop: CancellationToken,
-    /// Large results that may be in memory at a time.
-    pub encoding: Arc<Semaphore>,
-    /// Who may ask.
-    pub access: Access,
-    /// Which requests are logged.
-    pub access_log: AccessLog,
-    /// What is going on.
-    pub traffic: Traffic,
-    /// Jobs that are being created.
-    pub admission: Arc<Admission>,
-    /// What is counted.
-    pub metrics: Arc<Metrics>,
-    /// Where ends of jobs may be told.
-    pub webhooks: Arc<Webhooks>,
-}
-
-/// The state that handlers extract.
-pub(super) type App = State<Arc<Shared>>;
 
 /// What a service can do without.
 #[derive(Default)]
@@ -150,7 +101,7 @@ impl Server {
         let listener = listen(settings.listen, settings.traffic.listen_backlog).map_err(cannot)?;
         let address = listener.local_addr().map_err(cannot)?;
         let faults = extras.faults.clone();
-        let access = Access::open(&settings.access)?;
+        let access = Arc::new(Access::open(&settings.access)?);
         let reload = extras.reload.clone().unwrap_or_default();
         let files = Arc::new(Files::open(settings.data_dir.as_deref(), settings.storage.disk(), faults.clone())?);
         let forgets = settings.storage.forget_lost_jobs;
@@ -191,7 +142,8 @@ impl Server {
             device: DeviceThread::start(
                 device,
                 description.cpu_below_faces,
-                extras,
+                extras.reopen,
+                extras.faults,
                 timeout,
                 Arc::clone(&health),
                 Arc::clone(&metrics),
@@ -205,6 +157,8 @@ impl Server {
             time: settings.work.max_job(),
         };
         let pipeline = Pipeline::start(parts, costs)?;
+        let most = settings.traffic.max_queued_jobs_per_tenant;
+        let admission = Admission::new(store.clone(), Arc::clone(&metrics), most);
         let shared = Arc::new(Shared {
             store,
             files,
@@ -213,10 +167,9 @@ impl Server {
             health,
             stop: CancellationToken::new(),
             encoding: Arc::new(Semaphore::new(ENCODED_AT_ONCE)),
-            access_log: AccessLog::new(settings.access_log_every),
-            traffic: Traffic::new(&settings.traffic),
+            traffic: Arc::new(Traffic::new(&settings.traffic, Arc::clone(&access))),
             access,
-            admission: Arc::default(),
+            admission,
             webhooks: Arc::new(Webhooks::new(&settings.webhooks)?),
             metrics,
             settings,
@@ -296,93 +249,6 @@ impl Server {
     }
 }
 
-/// All routes, and around them, from the outside in:
-///
-/// 1. an id for the request, its origin, its trace, and a span for what is logged about it; its line in the access log;
-/// 2. what every answer has, and counting it;
-/// 3. CORS, which answers preflights itself;
-/// 4. compression, of all but event streams, and tags that differ with it;
-/// 5. problem documents, of all that is refused further in;
-/// 6. a net for panics;
-/// 7. heads that are not valid HTTP/1.1;
-/// 8. who asks, and whether that is too much;
-/// 9. the routes; around those of results, ETag and Range.
-fn router(shared: Arc<Shared>) -> Router {
-    let layers = ServiceBuilder::new()
-        .layer(from_fn_with_state(Arc::clone(&shared), access_log::log))
-        .layer(from_fn_with_state(Arc::clone(&shared), every_answer))
-        .option_layer(cors(&shared.settings.access.cors_origins))
-        .layer(from_fn(conditional::distinguish_codings))
-        .layer(
-            CompressionLayer::new()
-                .quality(CompressionLevel::Fastest)
-                .compress_when(SizeAbove::new(COMPRESSED_FROM).and(NotForContentType::const_new("text/event-stream"))),
-        )
-        .layer(from_fn_with_state(Arc::clone(&shared), problem::render))
-        .layer(CatchPanicLayer::custom(problem::panicked))
-        .layer(from_fn(heads::check))
-        .layer(from_fn_with_state(Arc::clone(&shared), traffic::admit))
-        // uploads have a limit of their own, counted as they come
-        .layer(DefaultBodyLimit::disable());
-    let results = Router::new()
-        .route("/v1/jobs/{id}/labels", get(results::labels))
-        .route("/v1/jobs/{id}/hierarchy", get(hierarchy::hierarchy))
-        .route("/v1/jobs/{id}/report", get(results::report))
-        .layer(from_fn(conditional::results));
-    let routes = Router::new()
-        .route("/v1/jobs", post(jobs::create).get(jobs::list))
-        .route("/v1/jobs/{id}", get(jobs::show).delete(jobs::remove))
-        .route("/v1/jobs/{id}/retry", post(retry::retry))
-        .route("/v1/jobs/{id}/events", get(events::stream))
-        .merge(results)
-        .route("/v1/device", get(info::device))
-        .route("/v1/formats", get(info::formats))
-        .route("/v1/version", get(info::version))
-        .route("/healthz", get(info::healthz))
-        .route("/readyz", get(info::readyz))
-        .route("/metrics", get(info::metrics))
-        .route("/openapi.yaml", get(openapi::show))
-        .layer(from_fn(remember_route))
-        .with_state(shared);
-    // Around the router rather than around each route, where the answers that the router makes itself pass through.
-    Router::new().fallback_service(routes).layer(layers)
-}
-
-/// The template of the route that answered, for who counts answers further out.
-#[derive(Debug, Clone)]
-struct Route(MatchedPath);
-
-/// Tells the layers further out which route it is: they are around the router and do not see it.
-async fn remember_route(route: Option<MatchedPath>, request: Request, next: Next) -> Response {
-    let mut response = next.run(request).await;
-    if let Some(route) = route {
-        response.extensions_mut().insert(Route(route));
-    }
-    response
-}
-
-/// Counts answers, and keeps browsers from guessing types, showing them as pages, and keeping what is someone's own.
-async fn every_answer(State(shared): App, request: Request, next: Next) -> Response {
-    let started = Instant::now();
-    let method = request.method().clone();
-    let mut response = next.run(request).await;
-    let route = response.extensions().get::<Route>().map_or("none", |Route(route)| route.as_str());
-    let status = response.status().as_u16();
-    shared.metrics.answered(&method, route, status, started.elapsed());
-    shared.metrics.answered_to(response.extensions().get(), status);
-    let headers = response.headers_mut();
-    for (name, value) in [
-        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
-        (header::CONTENT_SECURITY_POLICY, "default-src 'none'; frame-ancestors 'none'"),
-        (header::X_FRAME_OPTIONS, "DENY"),
-        (header::REFERRER_POLICY, "no-referrer"),
-    ] {
-        headers.insert(name, HeaderValue::from_static(value));
-    }
-    headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
-    response
-}
-
 /// Takes an address; the system keeps `backlog` connections until they are accepted.
 fn listen(address: SocketAddr, backlog: u32) -> std::io::Result<TcpListener> {
     let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
@@ -391,46 +257,4 @@ fn listen(address: SocketAddr, backlog: u32) -> std::io::Result<TcpListener> {
     socket.set_reuseaddr(true)?;
     socket.bind(address)?;
     socket.listen(backlog)
-}
-
-/// Lets the pages of these origins use the service; nobody's when there are none.
-fn cors(origins: &[String]) -> Option<CorsLayer> {
-    let origins: Vec<HeaderValue> = origins.iter().filter_map(|origin| origin.parse().ok()).collect();
-    (!origins.is_empty()).then(|| {
-        CorsLayer::new()
-            .allow_origin(origins)
-            .allow_methods([Method::GET, Method::HEAD, Method::POST, Method::DELETE])
-            .allow_headers(
-                [
-                    "authorization",
-                    "content-type",
-                    "content-encoding",
-                    "prefer",
-                    "last-event-id",
-                    "idempotency-key",
-                    "if-none-match",
-                    "if-range",
-                    "range",
-                    "traceparent",
-                ]
-                .map(HeaderName::from_static),
-            )
-            .expose_headers(
-                [
-                    "location",
-                    "retry-after",
-                    "etag",
-                    "link",
-                    "expires",
-                    "content-range",
-                    "content-disposition",
-                    "preference-applied",
-                    "x-request-id",
-                    "tesserae-cut",
-                    "tesserae-energy",
-                ]
-                .map(HeaderName::from_static),
-            )
-            .max_age(Duration::from_secs(3600))
-    })
 }

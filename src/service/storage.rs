@@ -12,7 +12,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::files::{Files, blocking};
 use super::health::{Health, Part};
-use super::store::{JobStore, ListQuery, State};
+use super::store::{JobStore, ListQuery, Queue, State};
 use crate::error::Result;
 
 /// Time between two looks.
@@ -113,7 +113,7 @@ impl Storage {
 }
 
 /// Promises jobs that were accepted before the service was started room for their results again, oldest first.
-pub(super) async fn promise_again(files: &Files, store: &dyn JobStore, most_faces: u64) -> Result<()> {
+pub(super) async fn promise_again(files: &Files, store: &dyn Queue, most_faces: u64) -> Result<()> {
     let mut jobs = Vec::new();
     for state in [State::Running, State::Queued] {
         let mut query = ListQuery { state: Some(state), limit: PAGE, ..ListQuery::default() };

@@ -4,6 +4,7 @@
 //! the spans go to a collector where there is one.
 
 use std::fmt;
+use std::net::IpAddr;
 
 use axum::http::HeaderMap;
 use opentelemetry::trace::{SpanContext, SpanId, TraceContextExt as _, TraceFlags, TraceId, TraceState};
@@ -20,6 +21,17 @@ pub(super) struct TraceParent {
     trace: TraceId,
     span: SpanId,
     flags: TraceFlags,
+}
+
+/// Where a request comes from, for everything that is logged about it.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Origin {
+    /// Address of the client, behind trusted proxies.
+    pub client: IpAddr,
+    /// Id of the request.
+    pub request: String,
+    /// Its trace.
+    pub trace: TraceParent,
 }
 
 impl TraceParent {

@@ -18,13 +18,13 @@ use tokio::sync::{Notify, watch};
 use tokio_util::sync::CancellationToken;
 
 use self::tokens::{Tenant, TokenName, Tokens};
-use super::access_log::Origin;
 use super::files::blocking;
 use super::health::{Health, Part};
 use super::problem::Failure;
 use super::settings::AccessSettings;
 use super::store::LOCAL_TENANT;
 use super::store::fairness::Shares;
+use super::trace::Origin;
 use crate::error::{Error, Kind, Result};
 
 /// How often the file of tokens is looked at.
@@ -56,6 +56,11 @@ impl<S: Send + Sync> FromRequestParts<S> for Caller {
 }
 
 impl Caller {
+    /// Name of the tenant; none for a path that needs no token.
+    pub fn tenant_name(&self) -> Option<&str> {
+        self.tenant.as_ref().map(|tenant| tenant.name.as_str())
+    }
+
     /// One of whom nothing is asked.
     pub fn anybody() -> Self {
         Self { tenant: None, token: None, origin: None }

@@ -7,7 +7,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use super::{Files, Folder, blocking, cannot_make, private, root};
+use super::failure::{blocking, cannot_make};
+use super::folder::{Files, Folder};
+use super::{private, root};
 use crate::error::{Error, Kind, Result};
 use crate::service::store::JobId;
 

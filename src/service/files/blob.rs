@@ -13,9 +13,11 @@ use tokio::io::AsyncReadExt as _;
 use tokio::runtime::Handle;
 use tokio_util::io::{ReaderStream, SyncIoBridge};
 
-use super::{FaultPoint, Files, Folder, storage_error};
+use super::failure::storage_error;
+use super::folder::{Files, Folder};
 use crate::error::{Error, Kind, Result};
-use crate::service::store::SmallBlob;
+use crate::service::faults::FaultPoint;
+use crate::service::store::{JobId, SmallBlob};
 use crate::tree::stored::Input;
 
 /// Bytes that are held before they are written: a smaller blob is written at once.
@@ -171,6 +173,11 @@ enum Source {
 }
 
 impl Files {
+    /// Starts a blob of a result.
+    pub fn result(self: &Arc<Self>, job: JobId, attempt: u32, name: &str) -> BlobWriter {
+        BlobWriter::new(Arc::clone(self), Folder::Result(job, attempt), name, false)
+    }
+
     /// Opens a blob, or a range of one.
     pub async fn read(&self, folder: Folder, name: &str, range: Option<GetRange>) -> Result<Blob> {
         self.may_read()?;

@@ -6,8 +6,10 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::room::STORE_ROOM;
 use crate::error::{Error, Kind, Result};
+
+/// Bytes that stay free for the store of jobs, whose log grows with every change before it is written over.
+pub(super) const STORE_ROOM: u64 = 8 << 20;
 
 /// What the folder may hold.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

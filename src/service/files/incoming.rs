@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use futures_util::future::try_join_all;
 
-use super::{BlobWriter, Files, Folder, needs};
+use super::blob::BlobWriter;
+use super::folder::{Files, Folder};
+use super::needs;
 use crate::error::Result;
 use crate::service::store::{JobId, SMALL_BLOBS, SmallBlob, Spec};
 
@@ -105,5 +107,14 @@ impl Drop for Incoming {
                 end();
             });
         }
+    }
+}
+
+impl Files {
+    /// Starts an upload, under the name of the job that it will be.
+    pub fn incoming(self: &Arc<Self>) -> Incoming {
+        let id = JobId::random();
+        self.lock_incoming().insert(id);
+        Incoming::new(Arc::clone(self), id)
     }
 }

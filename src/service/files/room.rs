@@ -11,11 +11,8 @@
 use std::collections::HashMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use super::disk::State;
+use super::disk::{STORE_ROOM, State};
 use crate::service::store::JobId;
-
-/// Bytes that stay free for the store of jobs, whose log grows with every change before it is written over.
-pub(super) const STORE_ROOM: u64 = 8 << 20;
 
 /// What jobs were promised.
 #[derive(Debug, Default)]

@@ -9,7 +9,8 @@ use std::path::{Path, PathBuf};
 
 use tempfile::TempDir;
 
-use super::{cannot_make, private};
+use super::failure::cannot_make;
+use super::private;
 use crate::error::{Error, Kind, Result};
 
 /// Start of the names of temporary folders.

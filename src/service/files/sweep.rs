@@ -2,24 +2,25 @@
 
 use std::path::Path;
 
-use super::{Files, Folder, blocking};
+use super::failure::blocking;
+use super::folder::{Files, Folder};
 use crate::error::{Error, Result};
-use crate::service::store::{Job, JobId, JobStore, State};
+use crate::service::store::{Job, JobId, Queue, State};
 
 impl Files {
     /// Removes uploads of jobs that were never accepted, or have ended and are not [kept](Job::keeps_upload) for a retry,
     /// and results of attempts that did not make it. Uploads that are coming in stay. Returns how many folders went.
-    pub async fn sweep(&self, store: &dyn JobStore) -> Result<usize> {
+    pub async fn sweep(&self, store: &dyn Queue) -> Result<usize> {
         self.sweep_all(store, false).await
     }
 
     /// The same when the service starts: what belongs to no job of the store is moved aside, because the store may be
     /// an older copy.
-    pub async fn sweep_at_start(&self, store: &dyn JobStore) -> Result<usize> {
+    pub async fn sweep_at_start(&self, store: &dyn Queue) -> Result<usize> {
         self.sweep_all(store, true).await
     }
 
-    async fn sweep_all(&self, store: &dyn JobStore, moves_aside: bool) -> Result<usize> {
+    async fn sweep_all(&self, store: &dyn Queue, moves_aside: bool) -> Result<usize> {
         let mut removed = 0;
         for id in self.jobs_in("uploads").await? {
             // looked at before the store, which knows an accepted one before it stops coming in

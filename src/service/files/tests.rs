@@ -1,9 +1,14 @@
 use std::io::ErrorKind;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
 
 use super::*;
+use crate::error::{Kind, Result};
+use crate::service::faults::{FaultPoint, Faults};
 use crate::service::store::memory::MemoryStore;
 use crate::service::store::tests::{RULES, new_job};
-use crate::service::store::{Created, End, JobStore, NewJob, SMALL_BLOBS, Summary};
+use crate::service::store::{Created, End, JobId, NewJob, Queue, SMALL_BLOBS, Summary};
 
 fn open(path: &Path, limits: DiskLimits, faults: Faults) -> Arc<Files> {
     Arc::new(Files::open(Some(path), limits, faults).expect("it opens"))

@@ -7,13 +7,13 @@ mod busy;
 mod limits;
 mod process;
 mod tenants;
-mod timed_store;
+pub(super) mod timed_store;
 
 use std::borrow::Cow;
 use std::fmt;
 use std::sync::Mutex;
 use std::sync::PoisonError;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::{Duration, SystemTime};
 
 use prometheus_client::encoding::EncodeLabelSet;
@@ -28,9 +28,7 @@ use self::busy::Busy;
 use self::limits::Limits;
 pub(super) use self::limits::Room;
 use self::process::Process;
-use self::tenants::Tenants;
-pub(super) use self::timed_store::TimedStore;
-use super::access::Caller;
+use self::tenants::{Seconds, Tenants};
 use super::health::{Health, Part, Severity};
 use super::logging;
 use super::settings::Settings;
@@ -38,6 +36,8 @@ use super::store::{Job, State, Statistics};
 use crate::device::MemoryMeter;
 use crate::error::{Error, Kind, Result};
 use crate::report::{DeviceInfo, DeviceKind, Report};
+
+type Histograms<L> = Family<L, Histogram, Buckets>;
 
 /// Media type of [`Metrics::text`]: OpenMetrics, which Prometheus reads.
 pub(super) const MEDIA_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
@@ -95,9 +95,6 @@ impl MetricConstructor<Histogram> for Buckets {
         Histogram::new(self.0.iter().copied())
     }
 }
-
-type Histograms<L> = Family<L, Histogram, Buckets>;
-type Seconds = Counter<f64, AtomicU64>;
 
 /// What is counted.
 #[derive(Debug)]
@@ -351,10 +348,10 @@ impl Metrics {
         self.poison.get_or_create(&ByReason { reason: kind.slug() }).inc();
     }
 
-    /// A request of `caller` was answered.
-    pub fn answered_to(&self, caller: Option<&Caller>, status: u16) {
-        if let Some(tenant) = caller.and_then(|caller| caller.tenant.as_ref()) {
-            self.tenants.answered(&tenant.name, status >= 400);
+    /// A request of `tenant` was answered.
+    pub fn answered_to(&self, tenant: Option<&str>, status: u16) {
+        if let Some(tenant) = tenant {
+            self.tenants.answered(tenant, status >= 400);
         }
     }
 

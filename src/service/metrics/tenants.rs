@@ -1,6 +1,7 @@
 //! What tenants use. The number of label values is bounded: tenants beyond the first [`MOST`] count as `other`.
 
 use std::collections::HashSet;
+use std::sync::atomic::AtomicU64;
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
@@ -9,7 +10,8 @@ use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::registry::{Registry, Unit};
 
-use super::Seconds;
+/// A sum of times, in seconds.
+pub(super) type Seconds = Counter<f64, AtomicU64>;
 
 /// Tenants with numbers of their own, in the order in which they come.
 const MOST: usize = 100;

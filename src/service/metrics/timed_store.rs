@@ -1,7 +1,7 @@
 //! A store whose operations are timed.
 
 use std::sync::Arc;
-use std::time::{Instant, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 
 use async_trait::async_trait;
 use tokio::sync::watch;
@@ -10,8 +10,8 @@ use tokio_util::bytes::Bytes;
 use super::Metrics;
 use crate::error::Result;
 use crate::service::store::{
-    Claiming, Created, Deletion, Ending, Event, Job, JobId, JobStore, ListQuery, NewJob, Notice, Page, Progress, Pulse,
-    Release, Retried, State, Statistics, Ticket, What,
+    Claiming, Created, Deletion, Ending, Event, Events, Job, JobId, JobStore, ListQuery, Maintenance, NewJob, Notice,
+    Notices, Page, Progress, Pulse, Queue, Release, Retried, State, Statistics, Ticket, What,
 };
 
 /// Another store, timed.
@@ -37,134 +37,80 @@ impl TimedStore {
     }
 }
 
-#[async_trait]
-impl JobStore for TimedStore {
-    fn is_durable(&self) -> bool {
-        self.store.is_durable()
-    }
+/// Implements a part of the store: each operation under its label in the metrics, and what is too short to be timed.
+macro_rules! timed {
+    ($part:ident {
+        $($label:literal: $name:ident($($argument:ident: $type:ty),*) -> $output:ty;)*
+    } and {
+        $($untimed:tt)*
+    }) => {
+        #[async_trait]
+        impl $part for TimedStore {
+            $(async fn $name(&self, $($argument: $type),*) -> Result<$output> {
+                self.timed($label, self.store.$name($($argument),*)).await
+            })*
 
-    async fn check_room(&self) -> Result<()> {
-        self.timed("check_room", self.store.check_room()).await
-    }
+            $($untimed)*
+        }
+    };
+}
 
-    async fn knows_key(&self, tenant: &str, key: &str) -> Result<bool> {
-        self.timed("knows_key", self.store.knows_key(tenant, key)).await
-    }
-
-    async fn create(&self, job: NewJob) -> Result<Created> {
-        self.timed("create", self.store.create(job)).await
-    }
-
-    async fn get(&self, id: JobId) -> Result<Option<Job>> {
-        self.timed("get", self.store.get(id)).await
-    }
-
-    async fn list(&self, query: &ListQuery) -> Result<Page> {
-        self.timed("list", self.store.list(query)).await
-    }
-
-    async fn claim_as(&self, claiming: Claiming) -> Result<Vec<(Ticket, Job)>> {
-        self.timed("claim", self.store.claim_as(claiming)).await
-    }
-
-    fn next_start(&self) -> Option<SystemTime> {
+timed!(Queue {
+    "check_room": check_room() -> ();
+    "knows_key": knows_key(tenant: &str, key: &str) -> bool;
+    "create": create(job: NewJob) -> Created;
+    "get": get(id: JobId) -> Option<Job>;
+    "list": list(query: &ListQuery) -> Page;
+    "claim": claim_as(claiming: Claiming) -> Vec<(Ticket, Job)>;
+    "begin": begin(ticket: Ticket) -> ();
+    "retry": retry(id: JobId) -> Retried;
+    "heartbeat": heartbeat(tickets: &[Ticket], lease: Duration) -> Vec<Ticket>;
+    "release": release(ticket: Ticket, release: Release) -> State;
+    "reclaim": reclaim() -> Vec<Ticket>;
+    "finish": end(ticket: Ticket, ending: Ending) -> ();
+    "blob": blob(id: JobId, name: &str) -> Option<Bytes>;
+    "cancel": cancel(id: JobId) -> Option<Job>;
+    "queued_of": queued_of(tenant: &str) -> u64;
+    "counts": counts() -> [u64; State::ALL.len()];
+    "oldest_queued": oldest_queued() -> Option<SystemTime>;
+} and {
+    fn next_start(&self) -> Option<Duration> {
         self.store.next_start()
-    }
-
-    async fn begin(&self, ticket: Ticket) -> Result<()> {
-        self.timed("begin", self.store.begin(ticket)).await
-    }
-
-    async fn retry(&self, id: JobId) -> Result<Retried> {
-        self.timed("retry", self.store.retry(id)).await
-    }
-
-    async fn heartbeat(&self, tickets: &[Ticket], until: SystemTime) -> Result<Vec<Ticket>> {
-        self.timed("heartbeat", self.store.heartbeat(tickets, until)).await
-    }
-
-    async fn release(&self, ticket: Ticket, release: Release) -> Result<State> {
-        self.timed("release", self.store.release(ticket, release)).await
-    }
-
-    async fn reclaim(&self, now: SystemTime) -> Result<Vec<Ticket>> {
-        self.timed("reclaim", self.store.reclaim(now)).await
-    }
-
-    async fn append(&self, ticket: Ticket, events: Vec<What>, progress: Progress) -> Result<()> {
-        self.timed("append", self.store.append(ticket, events, progress)).await
-    }
-
-    async fn end(&self, ticket: Ticket, ending: Ending) -> Result<()> {
-        self.timed("finish", self.store.end(ticket, ending)).await
     }
 
     fn takes(&self, bytes: u64) -> bool {
         self.store.takes(bytes)
     }
 
-    async fn blob(&self, id: JobId, name: &str) -> Result<Option<Bytes>> {
-        self.timed("blob", self.store.blob(id, name)).await
-    }
-
-    async fn free_bytes(&self) -> Result<u64> {
-        self.timed("free_bytes", self.store.free_bytes()).await
-    }
-
-    async fn cancel(&self, id: JobId) -> Result<Option<Job>> {
-        self.timed("cancel", self.store.cancel(id)).await
-    }
-
-    async fn delete(&self, id: JobId) -> Result<Deletion> {
-        self.timed("delete", self.store.delete(id)).await
-    }
-
-    async fn ended_before(&self, time: SystemTime, limit: usize) -> Result<Vec<JobId>> {
-        self.timed("ended_before", self.store.ended_before(time, limit)).await
-    }
-
-    async fn events(&self, id: JobId, after: u64, limit: usize) -> Result<Option<Vec<Event>>> {
-        self.timed("events", self.store.events(id, after, limit)).await
-    }
-
-    async fn watch(&self, id: JobId) -> Result<Option<watch::Receiver<Pulse>>> {
-        self.timed("watch", self.store.watch(id)).await
-    }
-
     fn arrivals(&self) -> watch::Receiver<u64> {
         self.store.arrivals()
     }
+});
 
+timed!(Events {
+    "append": append(ticket: Ticket, events: Vec<What>, progress: Progress) -> ();
+    "events": events(id: JobId, after: u64, limit: usize) -> Option<Vec<Event>>;
+    "watch": watch(id: JobId) -> Option<watch::Receiver<Pulse>>;
+} and {});
+
+timed!(Notices {
+    "untold": untold() -> Vec<JobId>;
+    "notice": notice(id: JobId) -> Option<Notice>;
+    "settle_webhook": settle_webhook(id: JobId) -> ();
+} and {
     fn endings(&self) -> watch::Receiver<u64> {
         self.store.endings()
     }
+});
 
-    async fn untold(&self) -> Result<Vec<JobId>> {
-        self.timed("untold", self.store.untold()).await
-    }
-
-    async fn notice(&self, id: JobId) -> Result<Option<Notice>> {
-        self.timed("notice", self.store.notice(id)).await
-    }
-
-    async fn settle_webhook(&self, id: JobId) -> Result<()> {
-        self.timed("settle_webhook", self.store.settle_webhook(id)).await
-    }
-
-    async fn queued_of(&self, tenant: &str) -> Result<u64> {
-        self.timed("queued_of", self.store.queued_of(tenant)).await
-    }
-
-    async fn counts(&self) -> Result<[u64; State::ALL.len()]> {
-        self.timed("counts", self.store.counts()).await
-    }
-
-    async fn oldest_queued(&self) -> Result<Option<SystemTime>> {
-        self.timed("oldest_queued", self.store.oldest_queued()).await
-    }
-
-    async fn probe(&self) -> Result<()> {
-        self.timed("probe", self.store.probe()).await
+timed!(Maintenance {
+    "free_bytes": free_bytes() -> u64;
+    "delete": delete(id: JobId) -> Deletion;
+    "ended_before": ended_before(time: SystemTime, limit: usize) -> Vec<JobId>;
+    "probe": probe() -> ();
+} and {
+    fn is_durable(&self) -> bool {
+        self.store.is_durable()
     }
 
     fn statistics(&self) -> Statistics {
@@ -174,4 +120,4 @@ impl JobStore for TimedStore {
     async fn close(&self) {
         self.store.close().await;
     }
-}
+});

@@ -11,7 +11,7 @@ use std::time::Duration;
 use rayon::ThreadPool;
 use tokio::sync::oneshot;
 
-use super::device_thread::{pool, within};
+use super::bounds::{caught, pool, within};
 use super::task::Task;
 use super::turns::Line;
 use crate::device::Device;
@@ -54,10 +54,10 @@ impl Beside {
         let (reply, outcome) = oneshot::channel();
         self.threads.spawn(move || {
             let span = task.span.clone();
-            let done = super::caught(|| span.in_scope(|| task.run_on(device, &metrics)));
+            let done = caught(|| span.in_scope(|| task.run_on(device, &metrics)));
             // the next one need not wait for the results
             drop(turn);
-            let outcome = done.and_then(|done| super::caught(|| span.in_scope(|| done.finish(&faults))));
+            let outcome = done.and_then(|done| caught(|| span.in_scope(|| done.finish(&faults))));
             // nobody may be waiting any more
             let _ = reply.send(outcome);
         });

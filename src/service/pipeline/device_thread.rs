@@ -17,11 +17,11 @@ use std::sync::mpsc;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use rayon::{ThreadPool, ThreadPoolBuilder};
+use rayon::ThreadPool;
 use tokio::sync::oneshot;
 
 use super::beside::Beside;
-use super::caught;
+use super::bounds::{caught, pool, within};
 use super::small::{SMALL_FACES, SmallMeshes};
 use super::task::{Done, Task};
 use super::turns::{Line, Visit};
@@ -30,10 +30,10 @@ use crate::device::cpu::CpuDevice;
 use crate::error::{Error, Kind, Result};
 use crate::job::{Clustered, Outcome};
 use crate::report::DeviceKind;
+use crate::service::faults::Faults;
 use crate::service::files::blocking;
 use crate::service::health::{Health, Part, Severity};
 use crate::service::metrics::Metrics;
-use crate::service::server::Extras;
 
 /// Opens the device of the service anew.
 pub type Reopen = Arc<dyn Fn() -> Result<Box<dyn Device>> + Send + Sync>;
@@ -71,7 +71,8 @@ struct Thread {
 
 /// What threads have in common.
 struct Shared {
-    extras: Extras,
+    reopen: Option<Reopen>,
+    faults: Faults,
     /// None when the cpu takes no part.
     cpu_below_faces: Option<u64>,
     health: Arc<Health>,
@@ -92,16 +93,17 @@ impl fmt::Debug for DeviceThread {
 
 impl DeviceThread {
     /// Starts the thread. With `cpu_below_faces`, the cpu clusters meshes with fewer faces, and does what the device cannot, or
-    /// is slow at. A device without a sign of life for `timeout` counts as lost; what reopens it is among the extras.
+    /// is slow at. A device without a sign of life for `timeout` counts as lost; `reopen` then opens another one.
     pub fn start(
         device: Box<dyn Device>,
         cpu_below_faces: Option<u64>,
-        extras: Extras,
+        reopen: Option<Reopen>,
+        faults: Faults,
         timeout: Duration,
         health: Arc<Health>,
         metrics: Arc<Metrics>,
     ) -> Result<Self> {
-        let shared = Arc::new(Shared { extras, cpu_below_faces, health, metrics, left: AtomicU64::default() });
+        let shared = Arc::new(Shared { reopen, faults, cpu_below_faces, health, metrics, left: AtomicU64::default() });
         shared.opened(device.as_ref());
         let takes_small = cpu_below_faces.is_some_and(|faces| faces > SMALL_FACES as u64);
         let cpu = || takes_small.then(|| Box::new(CpuDevice::new()) as Box<dyn Device>);
@@ -118,19 +120,19 @@ impl DeviceThread {
         if let Some(device) = self.another().filter(|_| task.prepared.surface.faces() <= SMALL_FACES) {
             let thread = small.thread().await?;
             let (shared, span) = (Arc::clone(&self.shared), task.span.clone());
-            let work = move || span.in_scope(|| task.run_on(device, &shared.metrics)?.finish(&shared.extras.faults));
+            let work = move || span.in_scope(|| task.run_on(device, &shared.metrics)?.finish(&shared.faults));
             return within(limit, thread.run(work)).await;
         }
         let cost = task.visit.cost;
         if let Some(beside) = self.beside.as_ref().filter(|_| self.line.is_short(cost)) {
-            let done = beside.run(task, Arc::clone(&self.shared.metrics), self.shared.extras.faults.clone(), limit);
+            let done = beside.run(task, Arc::clone(&self.shared.metrics), self.shared.faults.clone(), limit);
             return done.await;
         }
         let turn = self.line.turn(task.visit.clone()).await;
         let work = async {
             let done = self.submit(Some(task)).await;
             drop(turn);
-            let (done, faults, span) = (done?, self.shared.extras.faults.clone(), tracing::info_span!("finish"));
+            let (done, faults, span) = (done?, self.shared.faults.clone(), tracing::info_span!("finish"));
             blocking(move || caught(|| span.in_scope(|| done.finish(&faults)))).await?
         };
         within(limit, work).await
@@ -184,32 +186,6 @@ impl DeviceThread {
             tokio::time::sleep(self.timeout).await;
         }
     }
-}
-
-/// A pool of so many threads; of 0, as many as there are processors.
-pub(super) fn pool(threads: usize, name: impl FnMut(usize) -> String + 'static) -> Result<ThreadPool> {
-    let pool = ThreadPoolBuilder::new().num_threads(threads).thread_name(name).build();
-    pool.map_err(|error| Error::new(Kind::Io, format_args!("threads of the device cannot be started: {error}")))
-}
-
-/// What `work` comes to, unless that takes longer than `limit`.
-pub(super) async fn within(limit: Option<Duration>, work: impl Future<Output = Result<Outcome>>) -> Result<Outcome> {
-    match limit {
-        Some(limit) => tokio::time::timeout(limit, work).await.unwrap_or_else(|_| Err(too_slow(limit))),
-        None => work.await,
-    }
-}
-
-/// The error of a job that takes too long.
-fn too_slow(limit: Duration) -> Error {
-    Error::new(
-        Kind::TimeLimit,
-        format_args!(
-            "the job took longer, on the device and for its results, than a job may, {} s (the service's --max-job-seconds); \
-             try a smaller mesh, or fewer iterations (max_iterations)",
-            limit.as_secs()
-        ),
-    )
 }
 
 impl Thread {
@@ -328,7 +304,7 @@ impl Devices {
                     return Err(error);
                 }
                 self.shared.lost(&error.message);
-                if self.shared.extras.reopen.is_some() {
+                if self.shared.reopen.is_some() {
                     self.device = None;
                 }
                 Err(error)
@@ -348,7 +324,7 @@ impl Devices {
             return Ok(());
         }
         let refuse = |why: &str| Error::new(Kind::DeviceLost, format_args!("the device cannot be opened again: {why}"));
-        let error = match &self.shared.extras.reopen {
+        let error = match &self.shared.reopen {
             // not at every mesh: looking for a device takes its time
             _ if self.next_attempt.is_some_and(|next| Instant::now() < next) => {
                 return Err(refuse("it could not be a moment ago"));

@@ -4,11 +4,11 @@
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
 use tokio_util::sync::CancellationToken;
 
-use crate::service::store::{JobStore, Ticket};
+use crate::service::store::{Queue, Ticket};
 
 /// For how long a job is leased at a time.
 pub(super) const LEASE: Duration = Duration::from_secs(30);
@@ -29,27 +29,27 @@ impl Leases {
     }
 
     /// Prolongs leases and reclaims those that are over, until `stop`.
-    pub async fn keep(&self, store: &dyn JobStore, stop: CancellationToken) {
+    pub async fn keep(&self, store: &dyn Queue, stop: CancellationToken) {
         loop {
             tokio::select! {
                 () = stop.cancelled() => return,
-                () = tokio::time::sleep(HEARTBEAT) => self.beat(store, SystemTime::now()).await,
+                () = tokio::time::sleep(HEARTBEAT) => self.beat(store).await,
             }
         }
     }
 
-    async fn beat(&self, store: &dyn JobStore, now: SystemTime) {
+    async fn beat(&self, store: &dyn Queue) {
         let tickets: Vec<Ticket> = self.lock().keys().copied().collect();
         let lost = match tickets.is_empty() {
             true => Ok(Vec::new()),
-            false => store.heartbeat(&tickets, now + LEASE).await,
+            false => store.heartbeat(&tickets, LEASE).await,
         };
         match lost {
             Ok(lost) => lost.iter().for_each(|ticket| self.lose(*ticket)),
             // no lease is given up for a disk that fails: nobody else could take it over
             Err(error) => return tracing::warn!(%error, "leases cannot be prolonged now"),
         }
-        match store.reclaim(now).await {
+        match store.reclaim().await {
             Ok(reclaimed) => {
                 for ticket in reclaimed {
                     tracing::warn!(job = %ticket.job, "nobody works on it any more; it waits again");
@@ -107,14 +107,15 @@ mod tests {
         let claimed = store.claim(2, LEASE).await.expect("claimable");
         let leases = Arc::<Leases>::default();
         let held = leases.hold(claimed[0].0);
-        let start = SystemTime::now();
-        leases.beat(&store, start + LEASE / 2).await;
+        leases.beat(&store).await;
         assert_eq!(store.counts().await.expect("counted")[..2], [0, 2]);
-        leases.beat(&store, start + LEASE + LEASE / 4).await;
+        let both = [claimed[0].0, claimed[1].0];
+        store.heartbeat(&both, Duration::ZERO).await.expect("both leases are over");
+        leases.beat(&store).await;
         assert_eq!(store.counts().await.expect("counted")[..2], [1, 1], "the other one waits again");
         assert!(!held.lost.is_cancelled());
         store.finish(claimed[0].0, crate::service::store::End::Cancelled).await.expect("finished");
-        leases.beat(&store, start + 2 * LEASE).await;
+        leases.beat(&store).await;
         held.lost().await;
         drop(held);
         assert!(leases.lock().is_empty());

@@ -11,7 +11,7 @@ use std::thread::available_parallelism;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
-use super::caught;
+use super::bounds::caught;
 use crate::error::{Error, Kind, Result};
 
 /// Faces of the largest small mesh.

@@ -8,13 +8,16 @@ use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
 use tokio::runtime::Handle;
-use tokio::sync::{OwnedSemaphorePermit, mpsc};
+use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 use tracing::Span;
 
+use super::bounds::caught;
+use super::parts::{AGAIN, Pipeline};
+use super::slot::Slot;
 use super::task::Task;
 use super::turns::Visit;
-use super::{AGAIN, Pipeline, caught, memory};
+
 use crate::device::Cancel;
 use crate::error::{Error, Kind, Result};
 use crate::job::{self, Outcome, Prepared, milliseconds};
@@ -24,27 +27,7 @@ use crate::parameters::Algorithm;
 use crate::report::Row;
 use crate::service::blobs;
 use crate::service::files::{self, BlobWriter, BlockingWriter, blocking, settle};
-use crate::service::store::{Job, JobStore, Progress, SmallBlob, Summary, Ticket, What};
-
-/// The place of a mesh in memory, shared by all that works on it.
-#[derive(Debug, Clone)]
-pub(super) struct Slot(Arc<Place>);
-
-#[derive(Debug)]
-struct Place {
-    _slot: OwnedSemaphorePermit,
-    memory: Mutex<Option<memory::Held>>,
-}
-
-impl Slot {
-    pub fn new(slot: OwnedSemaphorePermit) -> Self {
-        Self(Arc::new(Place { _slot: slot, memory: Mutex::default() }))
-    }
-
-    fn holds(&self, memory: memory::Held) {
-        *self.0.memory.lock().unwrap_or_else(PoisonError::into_inner) = Some(memory);
-    }
-}
+use crate::service::store::{Events, Job, Progress, SmallBlob, Summary, Ticket, What};
 
 /// Rows that are appended to the job's events at once.
 const ROWS_AT_ONCE: usize = 1024;
@@ -102,7 +85,7 @@ impl Pipeline {
             span: tracing::info_span!("cluster"),
             slot: slot.clone(),
         };
-        let telling = tokio::spawn(tell(Arc::clone(&self.store), ticket, inbox, Arc::clone(log)));
+        let telling = tokio::spawn(tell(self.store.clone(), ticket, inbox, Arc::clone(log)));
         let outcome = self.device.run(task, &self.small, self.time).await?;
         telling.await.map_err(|error| {
             Error::new(Kind::Internal, format_args!("the events of the job were not written: {error}"))
@@ -238,7 +221,7 @@ fn upload_is_gone(error: Error) -> Error {
 
 /// Appends rows to the events of a job as they come, many at once when they come fast; what is left goes to `log`.
 async fn tell(
-    store: Arc<dyn JobStore>,
+    store: Arc<dyn Events>,
     ticket: Ticket,
     mut inbox: mpsc::UnboundedReceiver<Row>,
     log: Arc<Log>,

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use super::caught;
-use super::stages::Slot;
+use super::bounds::caught;
+use super::slot::Slot;
 use super::turns::Visit;
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Result};

@@ -5,7 +5,7 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 use async_trait::async_trait;
 use tokio::sync::watch;
@@ -14,9 +14,9 @@ use tokio_util::bytes::Bytes;
 use super::cursor::Cursors;
 use super::fairness::{Turns, Waiting, first_tenants};
 use super::{
-    Claiming, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob, Notice,
-    Page, Progress, Pulse, Release, Retried, Rules, SMALL_BLOBS, SmallBlob, State, Statistics, Ticket, What, given_up,
-    lease_is_over, no_such_job, not_yours, queue_is_full, reused_key,
+    Claiming, Created, Deletion, End, Ending, Event, Events, Idempotency, Job, JobId, ListQuery, Maintenance, NewJob,
+    Notice, Notices, Page, Progress, Pulse, Queue, Release, Retried, Rules, SMALL_BLOBS, SmallBlob, State, Statistics,
+    Ticket, What, given_up, lease_is_over, no_such_job, not_yours, queue_is_full, reused_key,
 };
 use crate::error::{Kind, Result};
 
@@ -41,7 +41,7 @@ struct Inner {
     /// Jobs by their number, which counts the jobs ever created.
     numbers: BTreeMap<u64, JobId>,
     /// The queue of each tenant that has ever had a job.
-    queues: BTreeMap<String, Queue>,
+    queues: BTreeMap<String, TenantQueue>,
     turns: Turns,
     /// Ended jobs by the time of their end.
     ended: BTreeSet<(SystemTime, JobId)>,
@@ -56,7 +56,7 @@ struct Inner {
 
 /// The live jobs of a tenant.
 #[derive(Debug, Default)]
-struct Queue {
+struct TenantQueue {
     /// Priority, negated, and number of those that wait: the first is claimed first.
     waiting: BTreeSet<(i16, u64)>,
     running: u64,
@@ -255,11 +255,7 @@ impl Entry {
 }
 
 #[async_trait]
-impl JobStore for MemoryStore {
-    fn is_durable(&self) -> bool {
-        false
-    }
-
+impl Queue for MemoryStore {
     async fn check_room(&self) -> Result<()> {
         self.check_queue(&self.lock())
     }
@@ -374,7 +370,7 @@ impl JobStore for MemoryStore {
         Ok(claimed)
     }
 
-    fn next_start(&self) -> Option<SystemTime> {
+    fn next_start(&self) -> Option<Duration> {
         None
     }
 
@@ -402,7 +398,8 @@ impl JobStore for MemoryStore {
         Ok(inner.jobs.get(&id).map_or(Retried::Unknown, |entry| Retried::Queued(Box::new(inner.tell(entry)))))
     }
 
-    async fn heartbeat(&self, tickets: &[Ticket], until: SystemTime) -> Result<Vec<Ticket>> {
+    async fn heartbeat(&self, tickets: &[Ticket], lease: Duration) -> Result<Vec<Ticket>> {
+        let until = SystemTime::now() + lease;
         let mut inner = self.lock();
         let mut lost = Vec::new();
         for ticket in tickets {
@@ -420,12 +417,13 @@ impl JobStore for MemoryStore {
         Ok(self.give_back(&mut inner, ticket.job, release))
     }
 
-    async fn reclaim(&self, now: SystemTime) -> Result<Vec<Ticket>> {
+    async fn reclaim(&self) -> Result<Vec<Ticket>> {
+        let now = SystemTime::now();
         let mut inner = self.lock();
         let mut over: Vec<(u64, Ticket)> = inner
             .jobs
             .values()
-            .filter(|entry| entry.job.state == State::Running && entry.lease_until < now)
+            .filter(|entry| entry.job.state == State::Running && entry.lease_until <= now)
             .map(|entry| (entry.number, Ticket { job: entry.job.id, attempt: entry.job.attempt }))
             .collect();
         over.sort_by_key(|(number, _)| *number);
@@ -433,14 +431,6 @@ impl JobStore for MemoryStore {
             self.give_back(&mut inner, ticket.job, Release::Failed(lease_is_over()));
         }
         Ok(over.into_iter().map(|(_, ticket)| ticket).collect())
-    }
-
-    async fn append(&self, ticket: Ticket, events: Vec<What>, progress: Progress) -> Result<()> {
-        let mut inner = self.lock();
-        let entry = inner.claimed(ticket)?;
-        entry.job.progress = progress;
-        entry.append(events);
-        Ok(())
     }
 
     async fn end(&self, ticket: Ticket, ending: Ending) -> Result<()> {
@@ -467,10 +457,6 @@ impl JobStore for MemoryStore {
         Ok(blob.map(|blob| blob.bytes.clone()))
     }
 
-    async fn free_bytes(&self) -> Result<u64> {
-        Ok(0)
-    }
-
     async fn cancel(&self, id: JobId) -> Result<Option<Job>> {
         let mut inner = self.lock();
         let inner = &mut *inner;
@@ -489,6 +475,85 @@ impl JobStore for MemoryStore {
             State::Succeeded | State::Failed | State::Cancelled => {}
         }
         Ok(inner.jobs.get(&id).map(|entry| entry.job.clone()))
+    }
+
+    fn arrivals(&self) -> watch::Receiver<u64> {
+        let mut receiver = self.arrivals.subscribe();
+        receiver.mark_changed();
+        receiver
+    }
+
+    async fn queued_of(&self, tenant: &str) -> Result<u64> {
+        Ok(self.lock().queues.get(tenant).map_or(0, |queue| queue.waiting.len() as u64))
+    }
+
+    async fn counts(&self) -> Result<[u64; State::ALL.len()]> {
+        let inner = self.lock();
+        Ok(State::ALL.map(|state| inner.jobs.values().filter(|entry| entry.job.state == state).count() as u64))
+    }
+
+    async fn oldest_queued(&self) -> Result<Option<SystemTime>> {
+        let inner = self.lock();
+        let waiting = inner.jobs.values().filter(|entry| entry.job.state == State::Queued);
+        Ok(waiting.map(|entry| entry.job.created_at).min())
+    }
+}
+
+#[async_trait]
+impl Events for MemoryStore {
+    async fn append(&self, ticket: Ticket, events: Vec<What>, progress: Progress) -> Result<()> {
+        let mut inner = self.lock();
+        let entry = inner.claimed(ticket)?;
+        entry.job.progress = progress;
+        entry.append(events);
+        Ok(())
+    }
+
+    async fn events(&self, id: JobId, after: u64, limit: usize) -> Result<Option<Vec<Event>>> {
+        let inner = self.lock();
+        Ok(inner.jobs.get(&id).map(|entry| {
+            let first = usize::try_from(after).unwrap_or(usize::MAX).min(entry.events.len());
+            let end = first.saturating_add(limit).min(entry.events.len());
+            entry.events[first..end].to_vec()
+        }))
+    }
+
+    async fn watch(&self, id: JobId) -> Result<Option<watch::Receiver<Pulse>>> {
+        let inner = self.lock();
+        Ok(inner.jobs.get(&id).map(|entry| entry.pulse.subscribe()))
+    }
+}
+
+#[async_trait]
+impl Notices for MemoryStore {
+    fn endings(&self) -> watch::Receiver<u64> {
+        let mut receiver = self.endings.subscribe();
+        receiver.mark_changed();
+        receiver
+    }
+
+    async fn untold(&self) -> Result<Vec<JobId>> {
+        Ok(self.lock().untold.iter().map(|notice| notice.job).collect())
+    }
+
+    async fn notice(&self, id: JobId) -> Result<Option<Notice>> {
+        Ok(self.lock().untold.iter().find(|notice| notice.job == id).cloned())
+    }
+
+    async fn settle_webhook(&self, id: JobId) -> Result<()> {
+        self.lock().untold.retain(|notice| notice.job != id);
+        Ok(())
+    }
+}
+
+#[async_trait]
+impl Maintenance for MemoryStore {
+    fn is_durable(&self) -> bool {
+        false
+    }
+
+    async fn free_bytes(&self) -> Result<u64> {
+        Ok(0)
     }
 
     async fn delete(&self, id: JobId) -> Result<Deletion> {
@@ -517,60 +582,6 @@ impl JobStore for MemoryStore {
         Ok(inner.ended.iter().take_while(|(ended_at, _)| *ended_at < time).take(limit).map(|(_, id)| *id).collect())
     }
 
-    async fn events(&self, id: JobId, after: u64, limit: usize) -> Result<Option<Vec<Event>>> {
-        let inner = self.lock();
-        Ok(inner.jobs.get(&id).map(|entry| {
-            let first = usize::try_from(after).unwrap_or(usize::MAX).min(entry.events.len());
-            let end = first.saturating_add(limit).min(entry.events.len());
-            entry.events[first..end].to_vec()
-        }))
-    }
-
-    async fn watch(&self, id: JobId) -> Result<Option<watch::Receiver<Pulse>>> {
-        let inner = self.lock();
-        Ok(inner.jobs.get(&id).map(|entry| entry.pulse.subscribe()))
-    }
-
-    fn arrivals(&self) -> watch::Receiver<u64> {
-        let mut receiver = self.arrivals.subscribe();
-        receiver.mark_changed();
-        receiver
-    }
-
-    fn endings(&self) -> watch::Receiver<u64> {
-        let mut receiver = self.endings.subscribe();
-        receiver.mark_changed();
-        receiver
-    }
-
-    async fn untold(&self) -> Result<Vec<JobId>> {
-        Ok(self.lock().untold.iter().map(|notice| notice.job).collect())
-    }
-
-    async fn notice(&self, id: JobId) -> Result<Option<Notice>> {
-        Ok(self.lock().untold.iter().find(|notice| notice.job == id).cloned())
-    }
-
-    async fn settle_webhook(&self, id: JobId) -> Result<()> {
-        self.lock().untold.retain(|notice| notice.job != id);
-        Ok(())
-    }
-
-    async fn queued_of(&self, tenant: &str) -> Result<u64> {
-        Ok(self.lock().queues.get(tenant).map_or(0, |queue| queue.waiting.len() as u64))
-    }
-
-    async fn counts(&self) -> Result<[u64; State::ALL.len()]> {
-        let inner = self.lock();
-        Ok(State::ALL.map(|state| inner.jobs.values().filter(|entry| entry.job.state == state).count() as u64))
-    }
-
-    async fn oldest_queued(&self) -> Result<Option<SystemTime>> {
-        let inner = self.lock();
-        let waiting = inner.jobs.values().filter(|entry| entry.job.state == State::Queued);
-        Ok(waiting.map(|entry| entry.job.created_at).min())
-    }
-
     async fn probe(&self) -> Result<()> {
         Ok(())
     }
@@ -585,6 +596,7 @@ impl JobStore for MemoryStore {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::service::store::JobStore;
     use crate::service::store::conformance::{self, Subject};
 
     struct InMemory;

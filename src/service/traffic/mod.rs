@@ -32,11 +32,10 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use self::budget::Budget;
 use self::clients::{Allowance, Client, Clients, Permit};
 use self::guarded::Guarded;
-use super::access::Caller;
-use super::access_log::Origin;
+use super::access::{Access, Caller};
 use super::problem::Failure;
-use super::server::{App, Shared};
 use super::settings::TrafficSettings;
+use super::trace::Origin;
 use super::{LOCAL_TENANT, audit, intake};
 use crate::error::{Error, Kind};
 
@@ -46,6 +45,7 @@ const PROBES: [&str; 2] = ["/healthz", "/readyz"];
 /// What is going on.
 #[derive(Debug)]
 pub(super) struct Traffic {
+    access: Arc<Access>,
     settings: TrafficSettings,
     clients: Arc<Clients>,
     streams: Arc<Semaphore>,
@@ -55,8 +55,9 @@ pub(super) struct Traffic {
 
 impl Traffic {
     /// Nothing yet.
-    pub fn new(settings: &TrafficSettings) -> Self {
+    pub fn new(settings: &TrafficSettings, access: Arc<Access>) -> Self {
         Self {
+            access,
             settings: settings.clone(),
             clients: Arc::default(),
             streams: Arc::new(Semaphore::new(settings.max_streams as usize)),
@@ -81,12 +82,12 @@ impl Traffic {
 
 /// Finds out who asks, and lets the request through when neither that client nor the service has too much to do. What a
 /// request holds is held until its answer was sent.
-pub(super) async fn admit(State(shared): App, mut request: Request, next: Next) -> Response {
+pub(super) async fn admit(State(traffic): State<Arc<Traffic>>, mut request: Request, next: Next) -> Response {
     if PROBES.contains(&request.uri().path()) {
         request.extensions_mut().insert(Caller::anybody());
         return next.run(request).await;
     }
-    match check(&shared, &request) {
+    match check(&traffic, &request) {
         Ok((mut caller, held)) => {
             caller.origin = request.extensions().get::<Origin>().cloned();
             if let Some(tenant) = &caller.tenant {
@@ -113,11 +114,10 @@ pub(super) async fn admit(State(shared): App, mut request: Request, next: Next) 
 type Holding = (Permit, Option<OwnedSemaphorePermit>);
 
 /// Who asks, and what the request holds from now on.
-fn check(shared: &Shared, request: &Request) -> Result<(Caller, Holding), Failure> {
-    let traffic = &shared.traffic;
+fn check(traffic: &Traffic, request: &Request) -> Result<(Caller, Holding), Failure> {
     let path = request.uri().path();
     let is_stream = request.method() == Method::GET && path.starts_with("/v1/jobs/") && path.ends_with("/events");
-    let caller = shared.access.caller(path, request.headers());
+    let caller = traffic.access.caller(path, request.headers());
     // Who has no token, or needs none, is known by address; so is everybody of a service without tokens.
     let client = match caller.as_ref().ok().and_then(|caller| caller.tenant.as_ref()) {
         Some(tenant) if tenant.name != LOCAL_TENANT => Client::Tenant(tenant.name.clone()),

@@ -26,12 +26,12 @@ use tokio_util::sync::CancellationToken;
 use self::schedule::{GIVEN_UP_AFTER, Outcome, Schedule};
 use self::target::Targets;
 pub use self::target::WebhookHost;
-use super::jobs;
 use super::metrics::Metrics;
 use super::problem::Problem;
 use super::settings::WebhookSettings;
-use super::store::{JobId, JobStore, Notice, State};
+use super::store::{JobId, Notice, Notices, State};
 use super::timestamp::rfc3339;
+use super::urls;
 use crate::error::{Error, Kind, Result};
 
 /// Time for one delivery.
@@ -131,13 +131,13 @@ fn read_secret(path: &Path) -> Result<Vec<u8>> {
 /// Tells ends.
 #[derive(Debug)]
 pub(super) struct Teller {
-    store: Arc<dyn JobStore>,
+    store: Arc<dyn Notices>,
     webhooks: Arc<Webhooks>,
     metrics: Arc<Metrics>,
 }
 
 impl Teller {
-    pub fn new(store: Arc<dyn JobStore>, webhooks: Arc<Webhooks>, metrics: Arc<Metrics>) -> Self {
+    pub fn new(store: Arc<dyn Notices>, webhooks: Arc<Webhooks>, metrics: Arc<Metrics>) -> Self {
         Self { store, webhooks, metrics }
     }
 
@@ -257,7 +257,7 @@ fn host(url: &str) -> String {
 
 impl Sender {
     async fn send(&self, url: Url, notice: &Notice) -> Result<StatusCode> {
-        let path = jobs::path(notice.job);
+        let path = urls::path(notice.job);
         let message = Message {
             kind: "job.ended",
             timestamp: rfc3339(notice.ended_at),

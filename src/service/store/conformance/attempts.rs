@@ -52,17 +52,17 @@ pub(super) async fn a_job_that_fails_too_often_is_given_up(store: &dyn JobStore)
 pub(super) async fn a_lease_that_is_over_is_reclaimed(store: &dyn JobStore) {
     let lost = create(store).await.id;
     let kept = create(store).await.id;
-    let now = SystemTime::now();
     let tickets: Vec<_> =
         store.claim(2, LEASE).await.expect("claimable").into_iter().map(|(ticket, _)| ticket).collect();
-    assert_eq!(store.reclaim(now).await, Ok(vec![]));
-    assert_eq!(store.heartbeat(&tickets[1..], now + 3 * LEASE).await, Ok(vec![]));
-    assert_eq!(store.reclaim(now + 2 * LEASE).await, Ok(vec![tickets[0]]));
+    assert_eq!(store.reclaim().await, Ok(vec![]));
+    assert_eq!(store.heartbeat(&tickets, Duration::ZERO).await, Ok(vec![]));
+    assert_eq!(store.heartbeat(&tickets[1..], LEASE).await, Ok(vec![]), "a lease that is over is prolonged");
+    assert_eq!(store.reclaim().await, Ok(vec![tickets[0]]));
     assert_eq!(get(store, lost).await.state, State::Queued);
     assert_eq!(get(store, kept).await.state, State::Running);
-    assert_eq!(store.heartbeat(&tickets, now + 3 * LEASE).await, Ok(vec![tickets[0]]));
+    assert_eq!(store.heartbeat(&tickets, LEASE).await, Ok(vec![tickets[0]]));
     assert_eq!(claim(store).await.0, Ticket { job: lost, attempt: 2 });
-    assert_eq!(store.heartbeat(&tickets, now + 3 * LEASE).await, Ok(vec![tickets[0]]), "another one's by now");
+    assert_eq!(store.heartbeat(&tickets, LEASE).await, Ok(vec![tickets[0]]), "another one's by now");
 }
 
 pub(super) async fn a_released_job_that_was_to_end_ends(store: &dyn JobStore) {
@@ -130,7 +130,8 @@ pub(super) async fn claims_that_never_began_count_for_nothing(store: &dyn JobSto
         let (ticket, _) = claim(store).await;
         assert_eq!(store.release(ticket, failure()).await, Ok(State::Queued));
         let (ticket, _) = claim(store).await;
-        assert_eq!(store.reclaim(SystemTime::now() + 2 * LEASE).await, Ok(vec![ticket]));
+        assert_eq!(store.heartbeat(&[ticket], Duration::ZERO).await, Ok(vec![]));
+        assert_eq!(store.reclaim().await, Ok(vec![ticket]));
         assert_eq!(store.begin(ticket).await.expect_err("it is over").kind, Kind::Conflict);
     }
     assert_eq!(get(store, id).await.state, State::Queued);

@@ -1,47 +1,18 @@
 //! Claims, and what happens to running jobs after a crash: see the [store](super::super) for the rules.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::SystemTime;
 
 use rusqlite::{Connection, params};
 
-use super::super::fairness::{Turns, Waiting, first_tenants};
+use super::super::fairness::{Waiting, first_tenants};
 use super::super::{ALONE, ALONE_FROM, Claiming, Job, Rules, State, Ticket, What};
+use super::claim_memory::Memory;
 use super::commands::{Live, claimed};
 use super::connections::{Abort, all, execute, first, one};
 use super::rows::{self, column, count, micros, text};
 use super::writer::{Batch, Command, Listeners};
 use crate::error::Result;
-
-/// What the claims have to remember between them.
-#[derive(Debug, Default)]
-pub(super) struct Claims(Mutex<Memory>);
-
-#[derive(Debug, Default)]
-struct Memory {
-    turns: Turns,
-    /// Whether jobs waited when the last claim was made that it did not take.
-    has_held_back: bool,
-    /// When one of them may start, if that needs time only.
-    next_start: Option<SystemTime>,
-}
-
-impl Claims {
-    /// Whether the end of a job may let another one start.
-    pub fn has_held_back(&self) -> bool {
-        self.lock().has_held_back
-    }
-
-    /// When a job may start that was held back.
-    pub fn next_start(&self) -> Option<SystemTime> {
-        self.lock().next_start
-    }
-
-    /// The memory; each field is valid by itself.
-    fn lock(&self) -> MutexGuard<'_, Memory> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
 
 /// Takes jobs from the queue.
 pub(super) struct Claim {

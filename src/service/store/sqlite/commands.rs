@@ -1,6 +1,6 @@
 //! What changes jobs, as SQL: each command checks, then writes, and says whom to wake.
 
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 use rusqlite::{Connection, Row, params};
 
@@ -102,19 +102,21 @@ pub(super) fn check_queue(connection: &Connection, rules: &Rules) -> Result<(), 
 /// Prolongs leases; tells which are over.
 pub(super) struct Heartbeat {
     pub tickets: Vec<Ticket>,
-    pub until: SystemTime,
+    /// Time from now to the end of the leases.
+    pub lease: Duration,
 }
 
 impl Command for Heartbeat {
     type Output = Vec<Ticket>;
 
     fn apply(&self, batch: &mut Batch<'_>) -> Result<Self::Output, Abort> {
+        let until = micros(rows::now() + self.lease);
         let mut lost = Vec::new();
         for ticket in &self.tickets {
             let prolonged = execute(
                 batch.connection,
                 "UPDATE jobs SET lease_until = ?1 WHERE id = ?2 AND attempt = ?3 AND state = 'running'",
-                params![micros(self.until), ticket.job.to_string(), ticket.attempt],
+                params![until, ticket.job.to_string(), ticket.attempt],
             )?;
             if prolonged == 0 {
                 lost.push(*ticket);
@@ -173,20 +175,17 @@ impl Command for GiveBack {
 }
 
 /// Gives back the jobs whose lease ended before a moment.
-pub(super) struct Reclaim {
-    pub now: SystemTime,
-    pub rules: Rules,
-}
+pub(super) struct Reclaim(pub Rules);
 
 impl Command for Reclaim {
     type Output = Vec<Ticket>;
 
     fn apply(&self, batch: &mut Batch<'_>) -> Result<Self::Output, Abort> {
-        let sql = "SELECT * FROM jobs WHERE state = 'running' AND lease_until < ?1 ORDER BY number";
-        let found = all(batch.connection, sql, [micros(self.now)], |row| Live::from_row(rows::id(row, "id")?, row))?;
+        let sql = "SELECT * FROM jobs WHERE state = 'running' AND lease_until <= ?1 ORDER BY number";
+        let found = all(batch.connection, sql, [micros(rows::now())], |row| Live::from_row(rows::id(row, "id")?, row))?;
         let mut reclaimed = Vec::new();
         for mut live in found {
-            live.release(batch, &Release::Failed(lease_is_over()), &self.rules)?;
+            live.release(batch, &Release::Failed(lease_is_over()), &self.0)?;
             reclaimed.push(Ticket { job: live.id, attempt: live.attempt });
         }
         Ok(reclaimed)

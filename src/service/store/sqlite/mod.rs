@@ -10,6 +10,7 @@
 
 mod check;
 mod claim;
+mod claim_memory;
 mod commands;
 mod connections;
 mod retry;
@@ -19,7 +20,7 @@ mod writer;
 
 use std::path::Path;
 use std::sync::Arc;
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 use async_trait::async_trait;
 use rusqlite::{Connection, OptionalExtension as _, params};
@@ -38,8 +39,8 @@ use self::schema::MigrateError;
 use self::writer::{Listeners, Writer};
 use super::cursor::Cursors;
 use super::{
-    Claiming, Created, Deletion, Ending, Event, Job, JobId, JobStore, ListQuery, NewJob, Notice, Page, Progress, Pulse,
-    Release, Retried, Rules, SMALL_BLOBS, State, Statistics, Ticket, What,
+    Claiming, Created, Deletion, Ending, Event, Events, Job, JobId, ListQuery, Maintenance, NewJob, Notice, Notices,
+    Page, Progress, Pulse, Queue, Release, Retried, Rules, SMALL_BLOBS, State, Statistics, Ticket, What,
 };
 use crate::error::{Error, Kind, Result};
 use crate::service::faults::Faults;
@@ -124,11 +125,7 @@ fn cursors(connection: &Connection) -> Result<Cursors, MigrateError> {
 }
 
 #[async_trait]
-impl JobStore for SqliteStore {
-    fn is_durable(&self) -> bool {
-        true
-    }
-
+impl Queue for SqliteStore {
     async fn check_room(&self) -> Result<()> {
         self.readers.read(|reader| check_queue(reader, &self.rules)).await
     }
@@ -171,8 +168,8 @@ impl JobStore for SqliteStore {
         self.writer.carry_out(Claim { claiming, listeners: Arc::clone(&self.listeners) }).await
     }
 
-    fn next_start(&self) -> Option<SystemTime> {
-        self.listeners.claims.next_start()
+    fn next_start(&self) -> Option<Duration> {
+        self.listeners.claims.next_start().map(|start| start.duration_since(rows::now()).unwrap_or_default())
     }
 
     async fn begin(&self, ticket: Ticket) -> Result<()> {
@@ -183,12 +180,16 @@ impl JobStore for SqliteStore {
         self.writer.carry_out(Retry(id, self.rules)).await
     }
 
-    async fn heartbeat(&self, tickets: &[Ticket], until: SystemTime) -> Result<Vec<Ticket>> {
-        self.writer.carry_out(Heartbeat { tickets: tickets.to_vec(), until }).await
+    async fn heartbeat(&self, tickets: &[Ticket], lease: Duration) -> Result<Vec<Ticket>> {
+        self.writer.carry_out(Heartbeat { tickets: tickets.to_vec(), lease }).await
     }
 
-    async fn append(&self, ticket: Ticket, events: Vec<What>, progress: Progress) -> Result<()> {
-        self.writer.carry_out(Append { ticket, events, progress }).await
+    async fn release(&self, ticket: Ticket, release: Release) -> Result<State> {
+        self.writer.carry_out(GiveBack(ticket, release, self.rules)).await
+    }
+
+    async fn reclaim(&self) -> Result<Vec<Ticket>> {
+        self.writer.carry_out(Reclaim(self.rules)).await
     }
 
     async fn end(&self, ticket: Ticket, ending: Ending) -> Result<()> {
@@ -208,83 +209,14 @@ impl JobStore for SqliteStore {
         Ok(self.readers.read_much(read).await?.map(Bytes::from))
     }
 
-    async fn free_bytes(&self) -> Result<u64> {
-        let sql = "SELECT freelist_count * page_size AS bytes FROM pragma_freelist_count, pragma_page_size";
-        self.readers.read(|reader| one(reader, sql, [], |row| count(row, "bytes"))).await
-    }
-
-    async fn release(&self, ticket: Ticket, release: Release) -> Result<State> {
-        self.writer.carry_out(GiveBack(ticket, release, self.rules)).await
-    }
-
-    async fn reclaim(&self, now: SystemTime) -> Result<Vec<Ticket>> {
-        self.writer.carry_out(Reclaim { now, rules: self.rules }).await
-    }
-
     async fn cancel(&self, id: JobId) -> Result<Option<Job>> {
         self.writer.carry_out(Cancel(id)).await
-    }
-
-    async fn delete(&self, id: JobId) -> Result<Deletion> {
-        self.writer.carry_out(Delete(id)).await
-    }
-
-    async fn ended_before(&self, time: SystemTime, limit: usize) -> Result<Vec<JobId>> {
-        let limit = i64::try_from(limit).unwrap_or(i64::MAX);
-        let sql = "SELECT id FROM jobs WHERE ended_at < ?1 ORDER BY ended_at LIMIT ?2";
-        let read = move |reader: &Connection| all(reader, sql, [rows::micros(time), limit], |row| rows::id(row, "id"));
-        self.readers.read_much(read).await
-    }
-
-    async fn events(&self, id: JobId, after: u64, limit: usize) -> Result<Option<Vec<Event>>> {
-        let after = i64::try_from(after).unwrap_or(i64::MAX);
-        let limit = i64::try_from(limit).unwrap_or(i64::MAX);
-        let read = move |reader: &Connection| {
-            let sql = "SELECT number FROM jobs WHERE id = ?1";
-            let Some(number) = first(reader, sql, [id.to_string()], |row| column::<i64>(row, "number"))? else {
-                return Ok(None);
-            };
-            let sql = "SELECT seq, kind, data FROM events WHERE job = ?1 AND seq > ?2 ORDER BY seq LIMIT ?3";
-            all(reader, sql, [number, after, limit], rows::event).map(Some)
-        };
-        self.readers.read_much(read).await
-    }
-
-    async fn watch(&self, id: JobId) -> Result<Option<watch::Receiver<Pulse>>> {
-        let receiver = self.listeners.pulses.subscribe(id);
-        let sql = "SELECT last_seq, cancel_requested, state FROM jobs WHERE id = ?1";
-        let read = |reader: &Connection| first(reader, sql, [id.to_string()], rows::pulse);
-        let Some(pulse) = self.readers.read(read).await? else {
-            return Ok(None);
-        };
-        self.listeners.pulses.publish(id, pulse);
-        Ok(Some(receiver))
     }
 
     fn arrivals(&self) -> watch::Receiver<u64> {
         let mut receiver = self.listeners.arrivals.subscribe();
         receiver.mark_changed();
         receiver
-    }
-
-    fn endings(&self) -> watch::Receiver<u64> {
-        let mut receiver = self.listeners.endings.subscribe();
-        receiver.mark_changed();
-        receiver
-    }
-
-    async fn untold(&self) -> Result<Vec<JobId>> {
-        let sql = "SELECT job FROM notices ORDER BY place";
-        self.readers.read_much(move |reader| all(reader, sql, [], |row| rows::id(row, "job"))).await
-    }
-
-    async fn notice(&self, id: JobId) -> Result<Option<Notice>> {
-        let sql = "SELECT * FROM notices WHERE job = ?1";
-        self.readers.read(|reader| first(reader, sql, [id.to_string()], rows::notice)).await
-    }
-
-    async fn settle_webhook(&self, id: JobId) -> Result<()> {
-        self.writer.carry_out(SettleWebhook(id)).await
     }
 
     async fn queued_of(&self, tenant: &str) -> Result<u64> {
@@ -312,6 +244,84 @@ impl JobStore for SqliteStore {
         let sql = "SELECT min(created_at) AS oldest FROM jobs INDEXED BY jobs_waiting WHERE state = 'queued'";
         let read = |reader: &Connection| one(reader, sql, [], |row| column::<Option<i64>>(row, "oldest"));
         Ok(self.readers.read(read).await?.map(rows::time))
+    }
+}
+
+#[async_trait]
+impl Events for SqliteStore {
+    async fn append(&self, ticket: Ticket, events: Vec<What>, progress: Progress) -> Result<()> {
+        self.writer.carry_out(Append { ticket, events, progress }).await
+    }
+
+    async fn events(&self, id: JobId, after: u64, limit: usize) -> Result<Option<Vec<Event>>> {
+        let after = i64::try_from(after).unwrap_or(i64::MAX);
+        let limit = i64::try_from(limit).unwrap_or(i64::MAX);
+        let read = move |reader: &Connection| {
+            let sql = "SELECT number FROM jobs WHERE id = ?1";
+            let Some(number) = first(reader, sql, [id.to_string()], |row| column::<i64>(row, "number"))? else {
+                return Ok(None);
+            };
+            let sql = "SELECT seq, kind, data FROM events WHERE job = ?1 AND seq > ?2 ORDER BY seq LIMIT ?3";
+            all(reader, sql, [number, after, limit], rows::event).map(Some)
+        };
+        self.readers.read_much(read).await
+    }
+
+    async fn watch(&self, id: JobId) -> Result<Option<watch::Receiver<Pulse>>> {
+        let receiver = self.listeners.pulses.subscribe(id);
+        let sql = "SELECT last_seq, cancel_requested, state FROM jobs WHERE id = ?1";
+        let read = |reader: &Connection| first(reader, sql, [id.to_string()], rows::pulse);
+        let Some(pulse) = self.readers.read(read).await? else {
+            return Ok(None);
+        };
+        self.listeners.pulses.publish(id, pulse);
+        Ok(Some(receiver))
+    }
+}
+
+#[async_trait]
+impl Notices for SqliteStore {
+    fn endings(&self) -> watch::Receiver<u64> {
+        let mut receiver = self.listeners.endings.subscribe();
+        receiver.mark_changed();
+        receiver
+    }
+
+    async fn untold(&self) -> Result<Vec<JobId>> {
+        let sql = "SELECT job FROM notices ORDER BY place";
+        self.readers.read_much(move |reader| all(reader, sql, [], |row| rows::id(row, "job"))).await
+    }
+
+    async fn notice(&self, id: JobId) -> Result<Option<Notice>> {
+        let sql = "SELECT * FROM notices WHERE job = ?1";
+        self.readers.read(|reader| first(reader, sql, [id.to_string()], rows::notice)).await
+    }
+
+    async fn settle_webhook(&self, id: JobId) -> Result<()> {
+        self.writer.carry_out(SettleWebhook(id)).await
+    }
+}
+
+#[async_trait]
+impl Maintenance for SqliteStore {
+    fn is_durable(&self) -> bool {
+        true
+    }
+
+    async fn free_bytes(&self) -> Result<u64> {
+        let sql = "SELECT freelist_count * page_size AS bytes FROM pragma_freelist_count, pragma_page_size";
+        self.readers.read(|reader| one(reader, sql, [], |row| count(row, "bytes"))).await
+    }
+
+    async fn delete(&self, id: JobId) -> Result<Deletion> {
+        self.writer.carry_out(Delete(id)).await
+    }
+
+    async fn ended_before(&self, time: SystemTime, limit: usize) -> Result<Vec<JobId>> {
+        let limit = i64::try_from(limit).unwrap_or(i64::MAX);
+        let sql = "SELECT id FROM jobs WHERE ended_at < ?1 ORDER BY ended_at LIMIT ?2";
+        let read = move |reader: &Connection| all(reader, sql, [rows::micros(time), limit], |row| rows::id(row, "id"));
+        self.readers.read_much(read).await
     }
 
     async fn probe(&self) -> Result<()> {

@@ -6,6 +6,7 @@ use tempfile::TempDir;
 
 use super::*;
 use crate::service::faults::FaultPoint;
+use crate::service::store::JobStore;
 use crate::service::store::conformance::{self, Subject};
 use crate::service::store::tests::{RULES, new_job};
 

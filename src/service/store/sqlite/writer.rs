@@ -19,7 +19,7 @@ use tokio_util::sync::CancellationToken;
 use super::super::pulses::Pulses;
 use super::super::{JobId, Pulse, Statistics};
 use super::check::Damage;
-use super::claim::Claims;
+use super::claim_memory::Claims;
 use super::connections::{self, Abort, closed};
 use crate::error::{Error, Kind, Result};
 use crate::service::faults::{FaultPoint, Faults};

@@ -5,19 +5,19 @@ use std::io::{Read, Write};
 use axum::response::Response;
 use object_store::GetRange;
 
-use super::blobs;
 use super::encoded::{self, encoded};
-use super::files::{self, Blob};
-use super::server::Shared;
-use super::store::{Job, Summary};
 use crate::error::{Error, Kind, Result};
 use crate::output::{LabelFormat, write_labels};
+use crate::service::blobs;
+use crate::service::files::{self, Blob};
+use crate::service::state::Shared;
+use crate::service::store::{Job, Summary};
 
 /// Faces up to which labels are so small that nobody waits for others who encode them.
 const SMALL: u64 = 1 << 16;
 
 /// The labels after an iteration of a flat clustering.
-pub(super) async fn labels(
+pub(in crate::service) async fn labels(
     shared: &Shared,
     job: &Job,
     summary: &Summary,
@@ -35,7 +35,12 @@ pub(super) async fn labels(
 }
 
 /// Labels from where they begin in a blob, in some form.
-pub(super) async fn labels_of(shared: &Shared, rows: Blob, summary: &Summary, format: LabelFormat) -> Result<Response> {
+pub(in crate::service) async fn labels_of(
+    shared: &Shared,
+    rows: Blob,
+    summary: &Summary,
+    format: LabelFormat,
+) -> Result<Response> {
     let (faces, clusters) = (summary.faces, summary.clusters);
     let turn = if faces > SMALL { Some(encoded::turn(shared).await?) } else { None };
     let rows = rows.into_reader();

@@ -1,107 +1,24 @@
-//! From the queue to results: read → cluster → write, for several jobs at a time.
-//!
-//! Jobs are claimed fairly among tenants ([`super::store`]). Each holds a slot until it ends, so that no more meshes are in
-//! memory than there are slots, and one more slot that only a tenant without a running job gets: a tenant that fills all
-//! others holds no other tenant up. A job waits for its share of [`memory`] before it is read; within that, meshes are read and results made and
-//! written on tokio's blocking threads while the one [`device_thread`] clusters; [`small`] meshes have threads of their own. A job that fails, or panics, fails alone.
-//!
-//! An attempt at a job comes to one of three [`Verdict`]s. The job has ended; or it is released, because the device, the
-//! disk or the process failed and not the mesh; or it belongs to somebody else by now. What cannot be stored is stored once
-//! the disk works again: nothing is given up for it.
-
-mod beside;
-pub(super) mod device_thread;
-mod leases;
-mod memory;
-mod small;
-mod stages;
-mod task;
-mod turns;
+//! The run of a pipeline: jobs are claimed, worked on and ended, or given back.
 
 use std::sync::Arc;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
+use tokio::sync::{OwnedSemaphorePermit, watch};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::Instrument;
 
-use self::device_thread::DeviceThread;
-use self::leases::{LEASE, Leases};
-use self::memory::Memory;
-use self::small::SmallMeshes;
-use self::stages::{Log, Written};
-use super::faults::Faults;
-use super::files::Files;
-use super::metrics::Metrics;
-use super::storage::Storage;
-use super::store::fairness::Shares;
-use super::store::{Claiming, End, Ending, Job, JobStore, Release, State, Summary, Ticket};
-use super::trace::TraceParent;
+use super::leases::LEASE;
+use super::parts::{AGAIN, Pipeline};
+use super::slot::Slot;
+use super::stages::{Log, Written};
 use crate::device::Cancel;
-use crate::error::{Error, Kind, Result};
-use crate::mesh::Limits;
-
-/// Time between two attempts to store what could not be stored.
-const AGAIN: Duration = Duration::from_millis(500);
+use crate::error::{Error, Kind};
+use crate::service::store::{Claiming, End, Ending, Job, Release, State, Summary, Ticket};
+use crate::service::trace::TraceParent;
 
 /// Wait for a time that has come by now.
 const EARLY: Duration = Duration::from_millis(1);
-
-/// What a pipeline is made of.
-#[derive(Debug)]
-pub(super) struct Parts {
-    /// The jobs.
-    pub store: Arc<dyn JobStore>,
-    /// Their files.
-    pub files: Arc<Files>,
-    /// Whether these two work.
-    pub storage: Arc<Storage>,
-    /// What clusters.
-    pub device: DeviceThread,
-    /// What is counted.
-    pub metrics: Arc<Metrics>,
-    /// What tenants may use.
-    pub shares: watch::Receiver<Arc<Shares>>,
-    /// Name of this process for clients.
-    pub worker: Arc<str>,
-    /// Failures on purpose.
-    pub faults: Faults,
-}
-
-/// What jobs may cost.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Costs {
-    /// What a mesh may cost.
-    pub limits: Limits,
-    /// Meshes in memory at a time.
-    pub slots: usize,
-    /// Bytes of memory for all meshes; most of what there is when none.
-    pub memory: Option<u64>,
-    /// Time that the device may take for a job.
-    pub time: Option<Duration>,
-}
-
-/// What works on jobs.
-#[derive(Debug)]
-pub(super) struct Pipeline {
-    store: Arc<dyn JobStore>,
-    files: Arc<Files>,
-    storage: Arc<Storage>,
-    device: DeviceThread,
-    limits: Limits,
-    time: Option<Duration>,
-    slots: Arc<Semaphore>,
-    /// The one slot for a tenant without a running job.
-    newcomer: Arc<Semaphore>,
-    shares: watch::Receiver<Arc<Shares>>,
-    worker: Arc<str>,
-    faults: Faults,
-    memory: Memory,
-    small: SmallMeshes,
-    leases: Arc<Leases>,
-    metrics: Arc<Metrics>,
-}
 
 /// What an attempt came to.
 #[derive(Debug)]
@@ -118,28 +35,6 @@ enum Verdict {
 type Claimed = (OwnedSemaphorePermit, Ticket, Job);
 
 impl Pipeline {
-    /// A pipeline of these parts.
-    pub fn start(parts: Parts, costs: Costs) -> Result<Self> {
-        let Parts { store, files, storage, device, metrics, shares, worker, faults } = parts;
-        Ok(Self {
-            store,
-            files,
-            storage,
-            device,
-            limits: costs.limits,
-            time: costs.time,
-            slots: Arc::new(Semaphore::new(costs.slots)),
-            newcomer: Arc::new(Semaphore::new(1)),
-            shares,
-            worker,
-            faults,
-            memory: Memory::new(costs.memory),
-            small: SmallMeshes::start()?,
-            leases: Arc::default(),
-            metrics,
-        })
-    }
-
     /// Works on jobs until `stop`; jobs claimed by then end, or are released when `abort` breaks them off.
     pub async fn run(self, stop: CancellationToken, abort: CancellationToken) {
         let this = Arc::new(self);
@@ -214,10 +109,7 @@ impl Pipeline {
             };
             // Not broken off in the middle: what it takes would stay taken.
             let again = match self.store.claim_as(claiming).await {
-                Ok(claimed) if claimed.is_empty() => {
-                    let wait = |start: SystemTime| start.duration_since(SystemTime::now()).unwrap_or(EARLY);
-                    self.store.next_start().map(wait)
-                }
+                Ok(claimed) if claimed.is_empty() => self.store.next_start().map(|wait| wait.max(EARLY)),
                 Ok(claimed) => {
                     let with_slot = |(ticket, job)| Some((slots.pop().or_else(|| newcomer.take())?, ticket, job));
                     return Some(claimed.into_iter().filter_map(with_slot).collect());
@@ -245,7 +137,7 @@ impl Pipeline {
         tracing::debug!(format = job.spec.format.name(), bytes = job.spec.bytes, "started");
         let lease = self.leases.hold(ticket);
         let cancel = Cancel::default();
-        let slot = stages::Slot::new(slot);
+        let slot = Slot::new(slot);
         let log = Arc::<Log>::default();
         let broken_off = CancellationToken::new();
         let _break_off = broken_off.clone().drop_guard();
@@ -427,11 +319,4 @@ impl End {
             End::Cancelled => State::Cancelled,
         }
     }
-}
-
-/// Runs `work`; a panic becomes an error.
-fn caught<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
-    std::panic::catch_unwind(std::panic::AssertUnwindSafe(work)).unwrap_or_else(|_| {
-        Err(Error::new(Kind::Internal, "the job ran into a defect of the service; its log says more"))
-    })
 }

@@ -11,22 +11,22 @@ use tempfile::{SpooledData, spooled_tempfile_in};
 use tokio::sync::OwnedSemaphorePermit;
 use tokio_util::io::ReaderStream;
 
-use super::files::blocking;
-use super::results::streamed;
-use super::server::Shared;
+use super::body::streamed;
 use crate::error::{Error, Kind, Result};
+use crate::service::files::blocking;
+use crate::service::state::Shared;
 
 /// Bytes of an answer that is held in memory.
 const HELD: usize = 1 << 18;
 
 /// The right to have a large result in memory.
-pub(super) async fn turn(shared: &Shared) -> Result<OwnedSemaphorePermit> {
+pub(in crate::service) async fn turn(shared: &Shared) -> Result<OwnedSemaphorePermit> {
     let turn = shared.encoding.clone().acquire_owned().await;
     turn.map_err(|error| Error::new(Kind::Internal, format_args!("no result can be read: {error}")))
 }
 
 /// What `write` makes, on a thread that may block, as a response; and what else it says. Small results need no turn.
-pub(super) async fn encoded<T: Send + 'static>(
+pub(in crate::service) async fn encoded<T: Send + 'static>(
     shared: &Shared,
     turn: Option<OwnedSemaphorePermit>,
     media_type: &'static str,
@@ -56,6 +56,6 @@ pub(super) async fn encoded<T: Send + 'static>(
 }
 
 /// The error of a result that cannot be written.
-pub(super) fn cannot(error: io::Error) -> Error {
+pub(in crate::service) fn cannot(error: io::Error) -> Error {
     Error::io("the result cannot be written", error)
 }

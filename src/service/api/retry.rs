@@ -5,15 +5,14 @@
 use axum::extract::{Path, State as Extract};
 use axum::http::{HeaderMap, StatusCode};
 
-use super::access::Caller;
-use super::audit::{self, Action};
-use super::jobs::{JobView, answer, find, stopping};
-use super::openapi::Problematic;
-use super::problem::Answer;
-use super::server::App;
-use super::store::{Retried, State, no_such_job};
-use super::{admission, blobs, files};
+use super::view::{JobView, answer};
 use crate::error::{Error, Kind};
+use crate::service::access::Caller;
+use crate::service::audit::{self, Action};
+use crate::service::problem::{Answer, Problematic};
+use crate::service::state::{App, Shared};
+use crate::service::store::{Retried, State, no_such_job};
+use crate::service::{blobs, files};
 
 /// Run a failed job again
 ///
@@ -31,11 +30,11 @@ use crate::error::{Error, Kind};
         (status = 507, response = Problematic),
     ),
 )]
-pub(super) async fn retry(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer {
+pub(in crate::service) async fn retry(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer {
     if shared.stop.is_cancelled() {
-        return Err(stopping().into());
+        return Err(Shared::stopping().into());
     }
-    let job = find(&shared, &caller, &id).await?;
+    let job = shared.job(&caller, &id).await?;
     let id = job.id;
     if job.state != State::Failed {
         return Err(not_failed(job.state).into());
@@ -48,7 +47,7 @@ pub(super) async fn retry(Extract(shared): App, caller: Caller, Path(id): Path<S
         Err(error) if error.kind == Kind::NotFound => return Err(upload_is_gone().into()),
         Err(error) => return Err(error.into()),
     }
-    let _place = admission::place(&shared, caller.tenant()?).await?;
+    let _place = shared.admission.place(caller.tenant()?).await?;
     shared.files.promise_retry(&job, shared.settings.max_faces)?;
     let retried = shared.store.retry(id).await;
     if !matches!(retried, Ok(Retried::Queued(_) | Retried::NotFailed(_))) {
@@ -61,7 +60,7 @@ pub(super) async fn retry(Extract(shared): App, caller: Caller, Path(id): Path<S
         }
         Ok(Retried::NotFailed(state)) => Err(not_failed(state).into()),
         Ok(Retried::Unknown) => Err(no_such_job(id).into()),
-        Err(error) => Err(admission::full(&shared, error).await),
+        Err(error) => Err(shared.admission.full(error).await),
     }
 }
 

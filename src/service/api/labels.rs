@@ -1,33 +1,28 @@
-//! The results of a job: labels and report. What a hierarchy gives is in `hierarchy`.
+//! The labels of a job, also those of an iteration and those cut from its hierarchy.
 
 #![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
 
-use std::ops::Range;
-use std::sync::Arc;
-
-use axum::body::Body;
 use axum::extract::{Path, State as Extract};
-use axum::http::{HeaderMap, Uri, header};
-use axum::response::{IntoResponse, Response};
-use futures_util::future::BoxFuture;
+use axum::http::{HeaderMap, Uri};
 use object_store::GetRange;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use super::access::Caller;
-use super::conditional::{Content, Parts};
-use super::files;
-use super::jobs::{find, tell_expiry};
-use super::problem::Answer;
-use super::server::{App, Shared};
-use super::store::{Job, State, Summary};
-use super::{blobs, hierarchy, negotiate, openapi::Problematic, query, snapshots};
-use crate::error::{Error, Kind, Result};
+use super::binary::Binary;
+use super::view::tell_expiry;
+use crate::error::{Error, Kind};
 use crate::output::LabelFormat;
+use crate::service::access::Caller;
+use crate::service::conditional::Content;
+use crate::service::problem::{Answer, Problematic};
+use crate::service::results::stored::{attachment, stored, succeeded};
+use crate::service::results::{hierarchy, snapshots};
+use crate::service::state::App;
+use crate::service::{blobs, files, negotiate, query};
 
 /// Labels as JSON; the two other formats hold the same numbers.
 #[derive(Debug, Serialize, ToSchema)]
-pub(super) struct Labels {
+pub(in crate::service) struct Labels {
     /// Number of clusters.
     clusters: u64,
     /// Of labels cut from a hierarchy: `exact` for a state that the run had, `merged` for the last one with more clusters
@@ -45,7 +40,7 @@ pub(super) struct Labels {
 #[derive(Debug, Serialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 #[expect(dead_code, reason = "describes labels for openapi.yaml; they are written as they come")]
-pub(super) enum CutKind {
+pub(in crate::service) enum CutKind {
     /// A state that the run had.
     Exact,
     /// The last state with more clusters, and the next round's cheapest merges.
@@ -56,7 +51,7 @@ pub(super) enum CutKind {
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-pub(super) struct LabelsQuery {
+pub(in crate::service) struct LabelsQuery {
     /// Cut a hierarchy at this number of clusters; 409 for a flat clustering, and outside what the hierarchy has
     #[param(minimum = 1)]
     clusters: Option<u64>,
@@ -77,8 +72,8 @@ pub(super) struct LabelsQuery {
     responses(
         (status = 200, description = "The labels", content(
             (Labels = "application/json"),
-            (inline(super::openapi::Binary) = "application/x-npy"),
-            (inline(super::openapi::Binary) = "application/octet-stream"),
+            (inline(Binary) = "application/x-npy"),
+            (inline(Binary) = "application/octet-stream"),
         ), headers(
             ("Tesserae-Cut" = CutKind, description = "Of labels cut from a hierarchy: what kind of cut it is"),
             ("Tesserae-Energy" = f64, description = "Of labels cut from a hierarchy: their energy, source units"),
@@ -90,14 +85,14 @@ pub(super) struct LabelsQuery {
         (status = 500, response = Problematic),
     ),
 )]
-pub(super) async fn labels(
+pub(in crate::service) async fn labels(
     Extract(shared): App,
     caller: Caller,
     Path(id): Path<String>,
     uri: Uri,
     headers: HeaderMap,
 ) -> Answer {
-    let job = find(&shared, &caller, &id).await?;
+    let job = shared.job(&caller, &id).await?;
     let LabelsQuery { clusters, iteration } = query::read(&uri)?;
     let summary = succeeded(&job)?;
     let is_hierarchical = job.spec.parameters.algorithm.is_hierarchical();
@@ -158,89 +153,4 @@ pub(super) async fn labels(
     attachment(&mut response, &job, &format!("{name}.{}", format.extension()));
     tell_expiry(&mut response, &shared, &job);
     Ok(response)
-}
-
-/// Get the report
-///
-/// What was read, the energies, every iteration, the timings. 409 before the job has succeeded.
-#[utoipa::path(
-    get, path = "/v1/jobs/{id}/report", tag = "results", operation_id = "getReport",
-    params(("id" = String, Path, format = "uuid", description = "Id of the job")),
-    responses(
-        (status = 200, description = "The report", body = crate::report::Report),
-        (status = 404, response = Problematic),
-        (status = 409, response = Problematic),
-        (status = 500, response = Problematic),
-    ),
-)]
-pub(super) async fn report(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer {
-    let job = find(&shared, &caller, &id).await?;
-    succeeded(&job)?;
-    let mut response = stored(&shared, &job, files::REPORT, None, "application/json").await?;
-    tell_expiry(&mut response, &shared, &job);
-    Ok(response)
-}
-
-/// What a job gave; an error that says why there is nothing yet, or never will be.
-pub(super) fn succeeded(job: &Job) -> Result<Summary> {
-    let conflict = |message: String| Err(Error::new(Kind::Conflict, message));
-    match (job.state, &job.summary) {
-        (State::Succeeded, Some(summary)) => Ok(summary.clone()),
-        (State::Failed, _) => conflict(format!(
-            "the job failed and has no result: {}",
-            job.problem.as_ref().map_or("", |problem| &problem.message)
-        )),
-        (State::Cancelled, _) => Err(Error::new(Kind::Cancelled, "the job was cancelled and has no result")),
-        (State::Queued | State::Running | State::Succeeded, _) => conflict(format!(
-            "the job has no result yet; follow its events, or ask again later: it is {}",
-            job.state.name()
-        )),
-    }
-}
-
-/// A result, or a range of it, as a response that streams it.
-pub(super) async fn stored(
-    shared: &Shared,
-    job: &Job,
-    name: &str,
-    range: Option<GetRange>,
-    media_type: &'static str,
-) -> Result<Response> {
-    let (files, store) = (Arc::clone(&shared.files), Arc::clone(&shared.store));
-    let blob = blobs::result(&files, store.as_ref(), job, name, range).await?;
-    let (job, name, start) = (job.clone(), name.to_owned(), blob.start());
-    let part = move |range: Range<u64>| -> BoxFuture<'static, Result<Body>> {
-        let (files, store, job, name) = (Arc::clone(&files), Arc::clone(&store), job.clone(), name.clone());
-        let range = GetRange::Bounded(start + range.start..start + range.end);
-        Box::pin(async move { Ok(blobs::result(&files, store.as_ref(), &job, &name, Some(range)).await?.into_body()) })
-    };
-    let mut response = streamed(blob.length(), blob.into_body(), media_type);
-    response.extensions_mut().insert(Parts(Arc::new(part)));
-    Ok(response)
-}
-
-/// A body of known length as a response.
-pub(super) fn streamed(length: u64, body: Body, media_type: &'static str) -> Response {
-    ([(header::CONTENT_TYPE, media_type.to_owned()), (header::CONTENT_LENGTH, length.to_string())], body)
-        .into_response()
-}
-
-/// Says under which name a result is best kept, and that there are others.
-pub(super) fn attachment(response: &mut Response, job: &Job, name: &str) {
-    let headers = response.headers_mut();
-    if let Ok(value) = format!("attachment; filename=\"{}-{name}\"", stem(job)).parse() {
-        headers.insert(header::CONTENT_DISPOSITION, value);
-    }
-    headers.insert(header::VARY, header::HeaderValue::from_static("accept"));
-}
-
-/// What results are called after: the mesh file's name as far as it is harmless in a header, else the job.
-fn stem(job: &Job) -> String {
-    let name = job.spec.file_name.as_deref().unwrap_or_default();
-    let name = name.rsplit(['/', '\\']).next().unwrap_or_default();
-    let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
-    let stem: String =
-        stem.chars().filter(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.')).take(100).collect();
-    let stem = stem.trim_start_matches('.');
-    if stem.is_empty() { job.id.to_string() } else { stem.to_owned() }
 }

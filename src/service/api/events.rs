@@ -19,12 +19,12 @@ use serde::Serialize;
 use tokio::sync::watch;
 use utoipa::ToSchema;
 
-use super::access::Caller;
-use super::jobs;
-use super::problem::{Answer, Problem};
-use super::server::{App, Shared};
-use super::store::{Event, JobId, Pulse, State, What, no_such_job};
 use crate::error::{Error, Kind, Result};
+use crate::service::access::Caller;
+use crate::service::problem::{Answer, Problem, Problematic};
+use crate::service::state::{App, Shared};
+use crate::service::store::{Event, JobId, Pulse, State, What, no_such_job};
+use crate::service::urls;
 
 /// Events that are read from the log at once.
 const PAGE: usize = 256;
@@ -34,7 +34,7 @@ const RETRY: Duration = Duration::from_secs(2);
 
 /// Data of the event `state`.
 #[derive(Debug, Serialize, ToSchema)]
-pub(super) struct StateEvent {
+pub(in crate::service) struct StateEvent {
     /// The state that the job entered.
     state: State,
     /// Of `running`: the number of the attempt, which iterations and rounds up to the next state are of.
@@ -49,7 +49,7 @@ pub(super) struct StateEvent {
 
 /// Data of the event `end`.
 #[derive(Debug, Serialize, ToSchema)]
-pub(super) struct EndEvent {
+pub(in crate::service) struct EndEvent {
     /// The state that the job ended in.
     state: State,
     /// Why it failed.
@@ -59,7 +59,7 @@ pub(super) struct EndEvent {
 /// One event of the stream, as its three fields
 #[expect(dead_code, reason = "describes the stream for openapi.yaml")]
 #[derive(ToSchema)]
-pub(super) struct StreamEvent {
+pub(in crate::service) struct StreamEvent {
     /// Number of the event, from 1 without gaps.
     #[schema(example = "7")]
     id: String,
@@ -88,13 +88,18 @@ pub(super) struct StreamEvent {
     responses(
         (status = 200, description = "The events", body = StreamEvent, content_type = "text/event-stream"),
         (status = 204, description = "The job has ended and there is no event after that one"),
-        (status = 400, response = super::openapi::Problematic),
-        (status = 404, response = super::openapi::Problematic),
-        (status = 500, response = super::openapi::Problematic),
+        (status = 400, response = Problematic),
+        (status = 404, response = Problematic),
+        (status = 500, response = Problematic),
     ),
 )]
-pub(super) async fn stream(Extract(shared): App, caller: Caller, Path(id): Path<String>, headers: HeaderMap) -> Answer {
-    let id = jobs::find(&shared, &caller, &id).await?.id;
+pub(in crate::service) async fn stream(
+    Extract(shared): App,
+    caller: Caller,
+    Path(id): Path<String>,
+    headers: HeaderMap,
+) -> Answer {
+    let id = shared.job(&caller, &id).await?.id;
     let after = last_event_id(&headers)?;
     let mut pulses = shared.store.watch(id).await?.ok_or_else(|| no_such_job(id))?;
     let pulse = *pulses.borrow_and_update();
@@ -187,7 +192,7 @@ impl Reader {
             What::Iteration(row) => ("iteration", Ok(row)),
             What::Round(row) => ("round", Ok(row)),
             What::End(state, error) => {
-                let problem = error.map(|error| Problem::new(&error, jobs::path(self.id)));
+                let problem = error.map(|error| Problem::new(&error, urls::path(self.id)));
                 ("end", serde_json::to_string(&EndEvent { state, problem }))
             }
         };

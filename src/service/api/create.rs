@@ -1,0 +1,185 @@
+//! A new job from an upload.
+
+#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::{Request, State as Extract};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::IntoResponse;
+use tracing::Instrument as _;
+use utoipa::ToSchema;
+
+use super::binary::Binary;
+use super::view::{JobView, answer};
+use crate::error::{Error, Kind, Result};
+use crate::mesh::Format;
+use crate::parameters::Parameters;
+use crate::service::access::Caller;
+use crate::service::audit::{self, Action};
+use crate::service::intake::Rules;
+use crate::service::problem::{Answer, Failure, Problematic};
+use crate::service::state::{App, Shared};
+use crate::service::store::{Created, Job, NewJob};
+use crate::service::trace::TraceParent;
+use crate::service::upload::{self, Upload};
+use crate::service::{idempotency, intake, prefer, urls};
+
+/// The form of an upload.
+#[derive(ToSchema)]
+#[expect(dead_code, reason = "describes the form for openapi.yaml; the parts are read one by one")]
+pub(in crate::service) struct UploadForm {
+    /// The mesh: OBJ, GLB or glTF, recognised by media type, file name or content.
+    #[schema(value_type = Binary)]
+    mesh: Binary,
+    /// What to do; the same names as in the query. A parameter may stand in both with the same value only.
+    parameters: Option<Parameters>,
+    /// Buffers that a `.gltf` refers to: the file name of each part is the URI, percent-decoded.
+    #[schema(value_type = Option<Vec<Binary>>)]
+    buffer: Option<Vec<Binary>>,
+    /// Listed seeds, one face number a cluster: `.npy`, a JSON array, or numbers in text.
+    #[schema(value_type = Option<Binary>)]
+    seeds: Option<Binary>,
+    /// Weights that areas are multiplied by, so that clusters are smaller where they are larger: `.npy` with floats above 0,
+    /// one a face or one a vertex, whose mean a face takes.
+    #[schema(value_type = Option<Binary>)]
+    weights: Option<Binary>,
+}
+
+/// Submit a mesh
+///
+/// The body is the mesh, or a form with the mesh and more. `Prefer: wait=N` waits up to N seconds for the job's end: 200
+/// with the ended job, the problem of a failed one, or 202 when it takes longer.
+#[utoipa::path(
+    post, path = "/v1/jobs", tag = "jobs", operation_id = "createJob",
+    params(
+        ("format" = Option<Format>, Query, description = "Format of the mesh, where its media type does not say it"),
+        ("priority" = Option<i8>, Query, minimum = -100, maximum = 100, description = "Of your waiting jobs, those with a higher priority start first; 0 when left out"),
+        ("webhook" = Option<String>, Query, description = "URL that is told the end of the job, signed as Standard Webhooks says; on a host that the operator allows"),
+        ("Prefer" = Option<String>, Header, description = "`wait=N`: answer when the job has ended, or after N seconds"),
+        ("Idempotency-Key" = Option<String>, Header, description = "A string that is new with every new request: the same request with the same key gives the same job as long as that is kept, another request 422"),
+    ),
+    request_body(description = "The mesh, or a form", content(
+        (inline(Binary) = "application/octet-stream"),
+        (UploadForm = "multipart/form-data"),
+    )),
+    responses(
+        (status = 200, description = "The job has succeeded, or was cancelled, while the request waited for it", body = JobView,
+         headers(("Location" = String, description = "Path of the job"), ("Preference-Applied" = String, description = "`wait`"))),
+        (status = 202, description = "The job was accepted", body = JobView,
+         headers(("Location" = String, description = "Path of the job"))),
+        (status = 400, response = Problematic),
+        (status = 409, response = Problematic),
+        (status = 413, response = Problematic),
+        (status = 415, response = Problematic),
+        (status = 422, response = Problematic),
+        (status = 429, response = Problematic),
+        (status = 500, response = Problematic),
+        (status = 503, response = Problematic),
+        (status = 507, response = Problematic),
+    ),
+)]
+pub(in crate::service) async fn create(Extract(shared): App, caller: Caller, request: Request) -> Answer {
+    if shared.stop.is_cancelled() {
+        return Err(Shared::stopping().into());
+    }
+    let tenant = caller.tenant()?.clone();
+    let key = idempotency::key(request.headers())?;
+    let is_known = match &key {
+        Some(key) => shared.store.knows_key(&tenant.name, key).await?,
+        None => false,
+    };
+    let uploads = Arc::clone(&shared.traffic.uploads);
+    let rules = Rules::new(shared.settings.max_upload_bytes, &shared.settings.traffic, uploads);
+    if !is_known {
+        let bytes = upload::content_length(request.headers()).unwrap_or(0);
+        let room = match shared.admission.check(&tenant).await {
+            // before the disk: an upload over the limit says nothing about the disk
+            Ok(()) if bytes > rules.limit => Err(rules.too_large(bytes).into()),
+            Ok(()) => shared.files.check_room(bytes).map_err(Failure::from),
+            Err(full) => Err(full),
+        };
+        if let Err(refusal) = room {
+            intake::refuse(request);
+            return Err(refusal);
+        }
+    }
+    let wait = prefer::wait(request.headers(), shared.settings.max_wait());
+    let parent = request.extensions().get::<TraceParent>().map(|parent| parent.at(&tracing::Span::current()));
+    let mut upload = upload::receive(request, &shared.files, &tenant.name, key.is_some(), rules).await?;
+    upload.spec.trace_parent = parent.map(|parent| parent.to_string());
+    if let Some(webhook) = &upload.spec.webhook {
+        shared.webhooks.check(webhook)?;
+    }
+    // On a task of its own, so that a client who hangs up now leaves no half of it.
+    let job = tokio::spawn(accept(Arc::clone(&shared), caller, upload, key).in_current_span())
+        .await
+        .map_err(|error| Error::new(Kind::Internal, format_args!("the job was not accepted: {error}")))??;
+    let location = urls::path(job.id);
+    let job = match wait {
+        Some(wait) => wait_for_end(&shared, job, wait).await?,
+        None => job,
+    };
+    let mut headers = HeaderMap::new();
+    if let Ok(value) = HeaderValue::from_str(&location) {
+        headers.insert(header::LOCATION, value);
+    }
+    if !job.state.is_ended() {
+        return Ok(answer(&shared, StatusCode::ACCEPTED, headers, job));
+    }
+    if wait.is_some() {
+        headers.insert("preference-applied", HeaderValue::from_static("wait"));
+    }
+    Ok(match job.problem {
+        Some(error) => (headers, Failure { instance: Some(location), ..error.into() }).into_response(),
+        None => answer(&shared, StatusCode::OK, headers, job),
+    })
+}
+
+/// Makes a job of an upload, or finds the one that was made of it before.
+async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option<String>) -> Result<Job, Failure> {
+    let tenant = caller.tenant()?;
+    let Upload { mut folder, mut spec, digests } = upload;
+    let is_known = match &key {
+        Some(key) => shared.store.knows_key(&tenant.name, key).await?,
+        None => false,
+    };
+    let _place = match is_known {
+        true => None,
+        false => Some(shared.admission.place(tenant).await?),
+    };
+    let idempotency = key.map(|key| idempotency::idempotency(key, &spec, &digests)).transpose()?;
+    let id = folder.id();
+    if !is_known {
+        folder.promise(&spec, shared.settings.max_faces)?;
+    }
+    let upload = folder.settle(|bytes| shared.store.takes(bytes)).await?;
+    spec.is_small = !upload.is_empty();
+    match shared.store.create(NewJob { id, spec, idempotency, upload }).await {
+        Ok(Created::New(job)) => {
+            folder.keep();
+            audit::record(Action::Accepted(job.spec.bytes), &caller, id);
+            shared.metrics.accepted(&job);
+            Ok(job)
+        }
+        Ok(Created::Known(job)) => {
+            audit::record(Action::Repeated, &caller, job.id);
+            Ok(job)
+        }
+        Err(error) => Err(shared.admission.full(error).await),
+    }
+}
+
+/// The job after it ended, or after a while.
+async fn wait_for_end(shared: &Shared, job: Job, wait: Duration) -> Result<Job> {
+    let Some(mut pulses) = shared.store.watch(job.id).await? else {
+        return Ok(job);
+    };
+    tokio::select! {
+        _ = pulses.wait_for(|pulse| pulse.ended) => {}
+        () = tokio::time::sleep(wait) => {}
+        () = shared.stop.cancelled() => {}
+    }
+    Ok(shared.store.get(job.id).await?.unwrap_or(job))
+}

@@ -1,0 +1,77 @@
+//! The device, the formats and the version.
+
+#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
+
+use axum::Json;
+use axum::extract::State as Extract;
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use crate::mesh::Format;
+use crate::output::LabelFormat;
+use crate::service::state::{App, DeviceDescription};
+
+/// Formats that are read and written.
+#[derive(Debug, Serialize, ToSchema)]
+pub(in crate::service) struct Formats {
+    /// Formats of meshes.
+    meshes: Vec<FormatView>,
+    /// Formats of labels; the first is what a request gets that accepts anything.
+    labels: Vec<FormatView>,
+}
+
+/// A format.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = FormatInfo)]
+pub(in crate::service) struct FormatView {
+    /// Usual file extension; of meshes, also the value of `format`.
+    #[schema(example = "glb")]
+    name: &'static str,
+    /// Media type.
+    #[schema(example = "model/gltf-binary")]
+    media_type: &'static str,
+}
+
+/// The version of the service.
+#[derive(Debug, Serialize, ToSchema)]
+pub(in crate::service) struct Version {
+    /// `tesserae`.
+    name: &'static str,
+    /// Semantic version.
+    version: &'static str,
+}
+
+/// The device
+///
+/// What clusters here, and how it was chosen.
+#[utoipa::path(
+    get, path = "/v1/device", tag = "service", operation_id = "getDevice",
+    responses((status = 200, description = "The device", body = DeviceDescription)),
+)]
+pub(in crate::service) async fn device(Extract(shared): App) -> Json<DeviceDescription> {
+    Json(shared.device.clone())
+}
+
+/// Formats
+///
+/// What meshes can be, and what labels can be asked for as.
+#[utoipa::path(
+    get, path = "/v1/formats", tag = "service", operation_id = "getFormats",
+    responses((status = 200, description = "The formats", body = Formats)),
+)]
+pub(in crate::service) async fn formats() -> Json<Formats> {
+    let mesh = |format: Format| FormatView { name: format.name(), media_type: format.media_type() };
+    let label = |format: LabelFormat| FormatView { name: format.extension(), media_type: format.media_type() };
+    Json(Formats { meshes: Format::ALL.map(mesh).into(), labels: LabelFormat::ALL.map(label).into() })
+}
+
+/// Version
+///
+/// Which release answers.
+#[utoipa::path(
+    get, path = "/v1/version", tag = "service", operation_id = "getVersion",
+    responses((status = 200, description = "The version", body = Version)),
+)]
+pub(in crate::service) async fn version() -> Json<Version> {
+    Json(Version { name: env!("CARGO_PKG_NAME"), version: env!("CARGO_PKG_VERSION") })
+}

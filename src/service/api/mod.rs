@@ -1,0 +1,17 @@
+//! The handlers: one resource and method a file. They stand on top: nothing but the router and the description of the
+//! interface imports them.
+
+mod binary;
+pub(super) mod create;
+pub(super) mod events;
+pub(super) mod health;
+pub(super) mod hierarchy;
+pub(super) mod info;
+pub(super) mod labels;
+pub(super) mod list;
+pub(super) mod metrics;
+pub(super) mod remove;
+pub(super) mod report;
+pub(super) mod retry;
+pub(super) mod show;
+mod view;

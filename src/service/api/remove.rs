@@ -1,0 +1,56 @@
+//! The end of a job, or of an ended job its deletion.
+
+#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
+
+use axum::extract::{Path, State as Extract};
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::{IntoResponse, Response};
+
+use super::view::{JobView, answer};
+use crate::service::access::Caller;
+use crate::service::audit::{self, Action};
+use crate::service::deletion;
+use crate::service::problem::{Answer, Problematic};
+use crate::service::state::App;
+use crate::service::store::{Deletion, State, no_such_job};
+
+/// Cancel or delete a job
+///
+/// A job that has not ended is cancelled: it ends soon and stays in the list. One that has ended is deleted with its
+/// results; what its webhook is still to be told is told all the same.
+#[utoipa::path(
+    delete, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "deleteJob",
+    params(("id" = String, Path, format = "uuid", description = "Id of the job")),
+    responses(
+        (status = 202, description = "The job will be cancelled", body = JobView),
+        (status = 204, description = "The job was deleted"),
+        (status = 404, response = Problematic),
+        (status = 500, response = Problematic),
+    ),
+)]
+pub(in crate::service) async fn remove(
+    Extract(shared): App,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> Answer<Response> {
+    let id = shared.job(&caller, &id).await?.id;
+    match deletion::delete(&shared.files, shared.store.as_ref(), id).await? {
+        Deletion::Unknown => Err(no_such_job(id).into()),
+        Deletion::Deleted => {
+            audit::record(Action::Deleted, &caller, id);
+            Ok(StatusCode::NO_CONTENT.into_response())
+        }
+        Deletion::Live => {
+            let job = shared.store.cancel(id).await?.ok_or_else(|| no_such_job(id))?;
+            audit::record(Action::Cancelled, &caller, id);
+            if job.state == State::Cancelled {
+                // it waited: no worker ends it
+                shared.files.give_back(id);
+                if !job.spec.is_small {
+                    shared.files.remove_upload(id).await;
+                }
+            }
+            Ok(answer(&shared, StatusCode::ACCEPTED, HeaderMap::new(), job))
+        }
+    }
+}

@@ -1,0 +1,28 @@
+//! One job.
+
+#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
+
+use axum::extract::{Path, State as Extract};
+use axum::http::{HeaderMap, StatusCode};
+
+use super::view::{JobView, answer};
+use crate::service::access::Caller;
+use crate::service::problem::{Answer, Problematic};
+use crate::service::state::App;
+
+/// Look at a job
+///
+/// Where it is in its life and how far.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "getJob",
+    params(("id" = String, Path, format = "uuid", description = "Id of the job")),
+    responses(
+        (status = 200, description = "The job", body = JobView),
+        (status = 404, response = Problematic),
+        (status = 500, response = Problematic),
+    ),
+)]
+pub(in crate::service) async fn show(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer {
+    let job = shared.job(&caller, &id).await?;
+    Ok(answer(&shared, StatusCode::OK, HeaderMap::new(), job))
+}

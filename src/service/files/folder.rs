@@ -1,0 +1,322 @@
+//! The folder of the files: opened, promised to jobs, watched and emptied.
+
+use std::collections::HashSet;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use object_store::local::LocalFileSystem;
+use object_store::path::Path as BlobPath;
+
+use super::ballast::Ballast;
+use super::disk::{self, Disk, DiskLimits};
+use super::failure::{blocking, cannot_make, storage_error};
+use super::room::{self, Room};
+use super::root::{self, Root};
+use super::{needs, private};
+use crate::error::{Error, Kind, Result};
+use crate::service::faults::{FaultPoint, Faults};
+use crate::service::store::{Job, JobId};
+
+/// Time between two looks for room that a job waits for.
+const AGAIN: Duration = Duration::from_millis(500);
+
+/// For how long a job that needs more room than it was promised waits for jobs that are still to be read.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// Blobs that belong together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::service) enum Folder {
+    /// What was uploaded for a job.
+    Upload(JobId),
+    /// What an attempt at a job gave.
+    Result(JobId, u32),
+}
+
+impl Folder {
+    pub(super) fn path(self) -> PathBuf {
+        match self {
+            Folder::Upload(job) => Path::new("uploads").join(job.to_string()),
+            Folder::Result(job, attempt) => Path::new("results").join(job.to_string()).join(attempt.to_string()),
+        }
+    }
+
+    pub(super) fn blob(self, name: &str) -> BlobPath {
+        match self {
+            Folder::Upload(job) => BlobPath::from_iter(["uploads", &job.to_string(), name]),
+            Folder::Result(job, attempt) => {
+                BlobPath::from_iter(["results", &job.to_string(), &attempt.to_string(), name])
+            }
+        }
+    }
+}
+
+/// The folder and everything in it.
+#[derive(Debug)]
+pub(in crate::service) struct Files {
+    pub(super) root: Root,
+    pub(super) blobs: LocalFileSystem,
+    pub(super) disk: Disk,
+    pub(super) ballast: Ballast,
+    pub(super) room: Room,
+    /// Jobs whose uploads are coming in: nobody else knows them yet.
+    pub(super) incoming: Mutex<HashSet<JobId>>,
+    pub(super) failures: AtomicU64,
+    pub(super) faults: Faults,
+}
+
+impl Files {
+    /// Takes the folder `data_dir`, which is made if need be, or a temporary one. A folder that another process works in
+    /// is refused.
+    pub fn open(data_dir: Option<&Path>, limits: DiskLimits, faults: Faults) -> Result<Self> {
+        let root = match data_dir {
+            Some(path) => Root::keep(path)?,
+            None => Root::temporary(&std::env::temp_dir())?,
+        };
+        for folder in ["uploads", "results", "scratch"] {
+            let path = root.path().join(folder);
+            let made = private::make_folder(&path).and_then(|()| private::tighten(&path));
+            made.map_err(|error| cannot_make(&path, error))?;
+        }
+        let blobs = LocalFileSystem::new_with_prefix(root.path())
+            .map_err(|error| cannot_make(root.path(), io::Error::other(error)))?
+            .with_fsync(root.is_kept());
+        let ballast = Ballast::new(root.path(), disk::total_bytes(root.path()), limits.max_bytes, root.is_kept());
+        let disk = Disk::new(root.path().to_owned(), limits);
+        let room = Room::default();
+        let (incoming, failures) = (Mutex::default(), AtomicU64::new(0));
+        let files = Self { root, blobs, disk, ballast, room, incoming, failures, faults };
+        match files.disk.free() {
+            // the store needs some room to be opened
+            Some(free) if free < disk::STORE_ROOM / 8 => drop(files.ballast.give_up()),
+            _ => files.make_ballast(),
+        }
+        Ok(files)
+    }
+
+    /// Where the store of jobs is to be; none in a temporary folder, which nothing outlasts.
+    pub fn database(&self) -> Option<PathBuf> {
+        self.root.is_kept().then(|| self.root.path().join(root::STORE[0]))
+    }
+
+    /// Where the time by which jobs grow old is kept; none in a temporary folder.
+    pub fn clock(&self) -> Option<PathBuf> {
+        self.root.is_kept().then(|| self.root.path().join("clock"))
+    }
+
+    /// A folder for files without a name.
+    pub fn scratch(&self) -> PathBuf {
+        self.root.path().join("scratch")
+    }
+
+    /// Removes the upload of a job.
+    pub async fn remove_upload(&self, id: JobId) {
+        self.remove_folder(Folder::Upload(id).path()).await;
+    }
+
+    /// Removes what an attempt at a job left.
+    pub async fn remove_result(&self, id: JobId, attempt: u32) {
+        self.remove_folder(Folder::Result(id, attempt).path()).await;
+    }
+
+    /// Removes everything of a job.
+    pub async fn remove(&self, id: JobId) {
+        self.remove_upload(id).await;
+        self.remove_folder(Path::new("results").join(id.to_string())).await;
+    }
+
+    /// Refuses an upload of so many bytes, as far as is known, when there is no room for it or no folder any more.
+    pub fn check_room(&self, bytes: u64) -> Result<()> {
+        self.check_root()?;
+        self.disk.check(bytes, self.room.promised().saturating_add(self.ballast.missing()))
+    }
+
+    /// Promises a job that is being accepted room for its result. Refuses when there is none.
+    pub fn promise(&self, job: JobId, bytes: u64) -> Result<()> {
+        self.check_root()?;
+        let missing = self.ballast.missing();
+        self.room.promise(job, bytes, |promised| self.disk.check(0, promised.saturating_add(missing)))
+    }
+
+    /// Promises jobs that were accepted before the service was started room again.
+    pub fn promise_again<'j>(&self, jobs: impl Iterator<Item = &'j Job>, most_faces: u64) {
+        for job in jobs {
+            let _ = self.room.promise(job.id, self.needs_of(job, most_faces), |_| Ok::<_, Error>(()));
+        }
+    }
+
+    /// Promises a job that runs again room for its result. Refuses when there is none.
+    pub fn promise_retry(&self, job: &Job, most_faces: u64) -> Result<()> {
+        self.promise(job.id, self.needs_of(job, most_faces))
+    }
+
+    /// Estimate of a result, from the upload that is kept.
+    fn needs_of(&self, job: &Job, most_faces: u64) -> u64 {
+        let upload = match job.spec.is_small {
+            true => job.spec.bytes,
+            false => disk::size(&self.root.path().join(Folder::Upload(job.id).path())),
+        };
+        needs::of_upload(&job.spec, upload, most_faces)
+    }
+
+    /// The job ended: what it was promised is free.
+    pub fn give_back(&self, job: JobId) {
+        self.room.give_back(job);
+    }
+
+    /// Jobs that were promised room.
+    pub fn promised_jobs(&self) -> Vec<JobId> {
+        self.room.jobs()
+    }
+
+    /// Waits for room for the result of a job, which turned out to need so many bytes. Fails with
+    /// [`Kind::InsufficientStorage`] when nothing can make room; [`gave_up`](Self::gave_up) holds from then on.
+    pub async fn secure(&self, job: JobId, bytes: u64) -> Result<()> {
+        let started = Instant::now();
+        let mut is_told = false;
+        loop {
+            let disk = self.disk.state(self.ballast.there());
+            match self.room.try_secure(job, bytes, disk, started.elapsed() < PATIENCE) {
+                room::Outcome::Secured => return Ok(()),
+                room::Outcome::Never => {
+                    return Err(Error::new(
+                        Kind::InsufficientStorage,
+                        format_args!(
+                            "the disk of the service has no room for the result of the job, and no other job will make \
+                             some; delete jobs and submit it again; bytes needed: {bytes}"
+                        ),
+                    ));
+                }
+                room::Outcome::Wait => {
+                    if !std::mem::replace(&mut is_told, true) {
+                        tracing::warn!(job = %job, bytes, "the result of a job waits for room on the disk");
+                    }
+                    tokio::time::sleep(AGAIN).await;
+                }
+            }
+        }
+    }
+
+    /// The job waits for its turn again.
+    pub fn put_back(&self, job: JobId) {
+        self.room.put_back(job);
+    }
+
+    /// Whether there will be no room for the result of a job.
+    pub fn gave_up(&self, job: JobId) -> bool {
+        self.room.gave_up(job)
+    }
+
+    /// Makes the ballast if it is missing and there is room beside the reserve. Blocks.
+    pub fn make_ballast(&self) {
+        if self.ballast.missing() == 0 {
+            return;
+        }
+        let spare = self.disk.spare(self.room.promised());
+        if let Err(error) = self.ballast.make(spare) {
+            tracing::warn!(%error, "the ballast cannot be made; without it, a full disk may stop deletions");
+        }
+    }
+
+    /// Gives the ballast up, so that the store can write; whether there was any.
+    pub async fn give_up_ballast(self: &Arc<Self>) -> bool {
+        let this = Arc::clone(self);
+        let had_any = blocking(move || this.ballast.give_up()).await.unwrap_or(false);
+        if had_any {
+            tracing::warn!("the disk is full: the ballast was given up, so that jobs can be forgotten");
+        }
+        had_any
+    }
+
+    /// How often a blob could not be written or read for reasons of the disk.
+    pub fn failures(&self) -> u64 {
+        self.failures.load(Ordering::Relaxed)
+    }
+
+    /// Bytes in the folder: uploads, results and the store of jobs.
+    pub fn used_bytes(&self) -> u64 {
+        self.disk.used()
+    }
+
+    /// Bytes that may still be written to the file system of the folder; none where the system does not tell.
+    pub fn free_bytes(&self) -> Option<u64> {
+        self.disk.free()
+    }
+
+    /// So many bytes of the store of jobs are free for it to use again.
+    pub fn free_in_store(&self, bytes: u64) {
+        self.disk.free_in_store(bytes);
+    }
+
+    /// Whether the folder is there and takes a file; says what is wrong. Blocks.
+    pub fn probe(&self) -> Result<()> {
+        let cannot = |error| {
+            storage_error(
+                format_args!("no file can be written in the data folder: {}", self.root.path().display()),
+                error,
+            )
+        };
+        self.faults.hit(FaultPoint::ProbeFolder).map_err(cannot)?;
+        self.check_root()?;
+        let write = || {
+            let mut file = tempfile::tempfile_in(self.scratch())?;
+            io::Write::write_all(&mut file, &[0; 4096])?;
+            file.sync_all()
+        };
+        write().map_err(cannot)
+    }
+
+    /// An error when the folder is not the one that was opened any more.
+    pub(super) fn check_root(&self) -> Result<()> {
+        self.root.check().map_err(|error| {
+            let what = format_args!("the data folder cannot be used: {}", self.root.path().display());
+            Error::new(Kind::Unavailable, format_args!("{what}: {error}"))
+        })
+    }
+
+    /// Counts an error of the disk.
+    pub(super) fn noted(&self, error: Error) -> Error {
+        if error.is_of_storage() {
+            self.failures.fetch_add(1, Ordering::Relaxed);
+        }
+        error
+    }
+
+    /// Lets go of the folder: removes a temporary one, and lets another process have one that stays.
+    pub async fn close(&self) {
+        match &self.root {
+            Root::Kept { lock, .. } => {
+                if let Err(error) = lock.unlock() {
+                    tracing::warn!(%error, "the data folder stays locked until the process ends");
+                }
+            }
+            Root::Temporary { folder, .. } => {
+                let _ = tokio::fs::remove_dir_all(folder.path()).await;
+            }
+        }
+    }
+
+    pub(super) fn lock_incoming(&self) -> MutexGuard<'_, HashSet<JobId>> {
+        self.incoming.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Removes a folder below the root, if it is there. What cannot be removed now is swept away later.
+    pub(super) async fn remove_folder(&self, folder: PathBuf) {
+        let path = self.root.path().join(folder);
+        let removed = blocking(move || {
+            let bytes = disk::size(&path);
+            std::fs::remove_dir_all(&path).map(|()| bytes).map_err(|error| (path, error))
+        });
+        match removed.await {
+            Ok(Ok(bytes)) => self.disk.removed(bytes),
+            Ok(Err((_, error))) if error.kind() == io::ErrorKind::NotFound => {}
+            Ok(Err((path, error))) => {
+                tracing::warn!(folder = %path.display(), %error, "a folder cannot be removed");
+            }
+            Err(error) => tracing::warn!(%error, "a folder cannot be removed"),
+        }
+    }
+}

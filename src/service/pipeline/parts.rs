@@ -1,0 +1,101 @@
+//! What a pipeline is made of.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::{Semaphore, watch};
+
+use super::device_thread::DeviceThread;
+use super::leases::Leases;
+use super::memory::Memory;
+use super::small::SmallMeshes;
+use crate::error::Result;
+use crate::mesh::Limits;
+use crate::service::faults::Faults;
+use crate::service::files::Files;
+use crate::service::metrics::Metrics;
+use crate::service::storage::Storage;
+use crate::service::store::JobStore;
+use crate::service::store::fairness::Shares;
+
+/// Time between two attempts to store what could not be stored.
+pub(super) const AGAIN: Duration = Duration::from_millis(500);
+
+/// What a pipeline is made of.
+#[derive(Debug)]
+pub(in crate::service) struct Parts {
+    /// The jobs.
+    pub store: Arc<dyn JobStore>,
+    /// Their files.
+    pub files: Arc<Files>,
+    /// Whether these two work.
+    pub storage: Arc<Storage>,
+    /// What clusters.
+    pub device: DeviceThread,
+    /// What is counted.
+    pub metrics: Arc<Metrics>,
+    /// What tenants may use.
+    pub shares: watch::Receiver<Arc<Shares>>,
+    /// Name of this process for clients.
+    pub worker: Arc<str>,
+    /// Failures on purpose.
+    pub faults: Faults,
+}
+
+/// What jobs may cost.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::service) struct Costs {
+    /// What a mesh may cost.
+    pub limits: Limits,
+    /// Meshes in memory at a time.
+    pub slots: usize,
+    /// Bytes of memory for all meshes; most of what there is when none.
+    pub memory: Option<u64>,
+    /// Time that the device may take for a job.
+    pub time: Option<Duration>,
+}
+
+/// What works on jobs.
+#[derive(Debug)]
+pub(in crate::service) struct Pipeline {
+    pub(super) store: Arc<dyn JobStore>,
+    pub(super) files: Arc<Files>,
+    pub(super) storage: Arc<Storage>,
+    pub(super) device: DeviceThread,
+    pub(super) limits: Limits,
+    pub(super) time: Option<Duration>,
+    pub(super) slots: Arc<Semaphore>,
+    /// The one slot for a tenant without a running job.
+    pub(super) newcomer: Arc<Semaphore>,
+    pub(super) shares: watch::Receiver<Arc<Shares>>,
+    pub(super) worker: Arc<str>,
+    pub(super) faults: Faults,
+    pub(super) memory: Memory,
+    pub(super) small: SmallMeshes,
+    pub(super) leases: Arc<Leases>,
+    pub(super) metrics: Arc<Metrics>,
+}
+
+impl Pipeline {
+    /// A pipeline of these parts.
+    pub fn start(parts: Parts, costs: Costs) -> Result<Self> {
+        let Parts { store, files, storage, device, metrics, shares, worker, faults } = parts;
+        Ok(Self {
+            store,
+            files,
+            storage,
+            device,
+            limits: costs.limits,
+            time: costs.time,
+            slots: Arc::new(Semaphore::new(costs.slots)),
+            newcomer: Arc::new(Semaphore::new(1)),
+            shares,
+            worker,
+            faults,
+            memory: Memory::new(costs.memory),
+            small: SmallMeshes::start()?,
+            leases: Arc::default(),
+            metrics,
+        })
+    }
+}

@@ -1,0 +1,65 @@
+//! What is made of a stored hierarchy, without clustering again: labels at a number of clusters, and other forms.
+
+use std::io::Write;
+
+use axum::http::HeaderValue;
+use axum::response::Response;
+
+use super::encoded::{self, encoded};
+use crate::error::{Error, Kind, Result};
+use crate::output::{LabelFormat, write_cut};
+use crate::service::state::Shared;
+use crate::service::store::Job;
+use crate::service::{blobs, files};
+use crate::tree::stored::{self, Input, Stored};
+
+/// The labels at any number of clusters, with headers that say what they are.
+pub(in crate::service) async fn cut(
+    shared: &Shared,
+    job: &Job,
+    clusters: u64,
+    format: LabelFormat,
+) -> Result<Response> {
+    let turn = encoded::turn(shared).await?;
+    let (file, length) = open(shared, job).await?;
+    let write = move |out: &mut dyn Write| {
+        let (_, cut) = stored::cut(file, length, u64::MAX, clusters).map_err(|error| match error.kind {
+            // the number is sound, this hierarchy has no such state
+            Kind::InvalidParameter => Error::new(Kind::Conflict, error.message),
+            _ => Error::new(Kind::Internal, error.message),
+        })?;
+        write_cut(out, format, &cut).map_err(encoded::cannot)?;
+        Ok((cut.kind(), cut.energy))
+    };
+    let (mut response, (kind, energy)) = encoded(shared, Some(turn), format.media_type(), write).await?;
+    let headers = response.headers_mut();
+    headers.insert("tesserae-cut", HeaderValue::from_static(kind));
+    if let Ok(value) = HeaderValue::try_from(format!("{energy:e}")) {
+        headers.insert("tesserae-energy", value);
+    }
+    Ok(response)
+}
+
+/// A stored hierarchy and its length.
+async fn open(shared: &Shared, job: &Job) -> Result<(Box<dyn Input + Send>, u64)> {
+    let blob = blobs::result(&shared.files, shared.store.as_ref(), job, files::HIERARCHY, None).await?;
+    let length = blob.length();
+    Ok((blob.into_reader(), length))
+}
+
+/// What `write` makes of a hierarchy, as a response that streams it.
+pub(in crate::service) async fn written(
+    shared: &Shared,
+    job: &Job,
+    media_type: &'static str,
+    write: impl FnOnce(&mut dyn Write, &Stored) -> Result<std::io::Result<()>> + Send + 'static,
+) -> Result<Response> {
+    let turn = encoded::turn(shared).await?;
+    let (stored, length) = open(shared, job).await?;
+    let write = move |out: &mut dyn Write| {
+        // this service wrote it
+        let tree = Stored::read(stored, length, u64::MAX).map_err(|error| Error::new(Kind::Internal, error.message))?;
+        write(out, &tree)?.map_err(encoded::cannot)
+    };
+    Ok(encoded(shared, Some(turn), media_type, write).await?.0)
+}

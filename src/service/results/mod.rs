@@ -1,0 +1,7 @@
+//! Results as responses: what is stored, and what is made of it on request. Handlers use these, and not the other way round.
+
+mod body;
+pub(super) mod encoded;
+pub(super) mod hierarchy;
+pub(super) mod snapshots;
+pub(super) mod stored;

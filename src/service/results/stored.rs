@@ -1,0 +1,75 @@
+//! The stored blobs of a result as responses.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use axum::body::Body;
+use axum::http::header;
+use axum::response::Response;
+use futures_util::future::BoxFuture;
+use object_store::GetRange;
+
+use super::body::streamed;
+use crate::error::{Error, Kind, Result};
+use crate::service::blobs;
+use crate::service::conditional::Parts;
+use crate::service::state::Shared;
+use crate::service::store::{Job, State, Summary};
+
+/// What a job gave; an error that says why there is nothing yet, or never will be.
+pub(in crate::service) fn succeeded(job: &Job) -> Result<Summary> {
+    let conflict = |message: String| Err(Error::new(Kind::Conflict, message));
+    match (job.state, &job.summary) {
+        (State::Succeeded, Some(summary)) => Ok(summary.clone()),
+        (State::Failed, _) => conflict(format!(
+            "the job failed and has no result: {}",
+            job.problem.as_ref().map_or("", |problem| &problem.message)
+        )),
+        (State::Cancelled, _) => Err(Error::new(Kind::Cancelled, "the job was cancelled and has no result")),
+        (State::Queued | State::Running | State::Succeeded, _) => conflict(format!(
+            "the job has no result yet; follow its events, or ask again later: it is {}",
+            job.state.name()
+        )),
+    }
+}
+
+/// A result, or a range of it, as a response that streams it.
+pub(in crate::service) async fn stored(
+    shared: &Shared,
+    job: &Job,
+    name: &str,
+    range: Option<GetRange>,
+    media_type: &'static str,
+) -> Result<Response> {
+    let (files, store) = (Arc::clone(&shared.files), Arc::clone(&shared.store));
+    let blob = blobs::result(&files, store.as_ref(), job, name, range).await?;
+    let (job, name, start) = (job.clone(), name.to_owned(), blob.start());
+    let part = move |range: Range<u64>| -> BoxFuture<'static, Result<Body>> {
+        let (files, store, job, name) = (Arc::clone(&files), Arc::clone(&store), job.clone(), name.clone());
+        let range = GetRange::Bounded(start + range.start..start + range.end);
+        Box::pin(async move { Ok(blobs::result(&files, store.as_ref(), &job, &name, Some(range)).await?.into_body()) })
+    };
+    let mut response = streamed(blob.length(), blob.into_body(), media_type);
+    response.extensions_mut().insert(Parts(Arc::new(part)));
+    Ok(response)
+}
+
+/// Says under which name a result is best kept, and that there are others.
+pub(in crate::service) fn attachment(response: &mut Response, job: &Job, name: &str) {
+    let headers = response.headers_mut();
+    if let Ok(value) = format!("attachment; filename=\"{}-{name}\"", stem(job)).parse() {
+        headers.insert(header::CONTENT_DISPOSITION, value);
+    }
+    headers.insert(header::VARY, header::HeaderValue::from_static("accept"));
+}
+
+/// What results are called after: the mesh file's name as far as it is harmless in a header, else the job.
+fn stem(job: &Job) -> String {
+    let name = job.spec.file_name.as_deref().unwrap_or_default();
+    let name = name.rsplit(['/', '\\']).next().unwrap_or_default();
+    let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
+    let stem: String =
+        stem.chars().filter(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.')).take(100).collect();
+    let stem = stem.trim_start_matches('.');
+    if stem.is_empty() { job.id.to_string() } else { stem.to_owned() }
+}

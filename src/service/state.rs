@@ -1,0 +1,93 @@
+//! What handlers share.
+
+use std::sync::Arc;
+use std::time::SystemTime;
+
+use axum::extract::State;
+use serde::Serialize;
+use tokio::sync::Semaphore;
+use tokio_util::sync::CancellationToken;
+use utoipa::ToSchema;
+
+use super::Settings;
+use super::access::{Access, Caller};
+use super::admission::Admission;
+use super::files::Files;
+use super::health::Health;
+use super::metrics::Metrics;
+use super::storage::Storage;
+use super::store::{Job, JobId, JobStore, no_such_job};
+use super::traffic::Traffic;
+use super::webhooks::Webhooks;
+use crate::error::{Error, Kind, Result};
+use crate::report::DeviceInfo;
+
+/// The device of this process and why it is that one.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct DeviceDescription {
+    /// What it is.
+    #[serde(flatten)]
+    pub info: DeviceInfo,
+    /// How it was chosen, for people.
+    #[schema(example = "auto: there is no GPU")]
+    pub chosen: String,
+    /// Meshes with fewer faces are clustered by the processor, as is what the device cannot do or is slow at; null when the
+    /// device was asked for by name, and the processor takes no part.
+    #[schema(example = 200_000)]
+    pub cpu_below_faces: Option<u64>,
+}
+
+/// What all handlers share.
+#[derive(Debug)]
+pub(super) struct Shared {
+    /// The settings.
+    pub settings: Settings,
+    /// The jobs.
+    pub store: Arc<dyn JobStore>,
+    /// Their files.
+    pub files: Arc<Files>,
+    /// Whether these two work.
+    pub storage: Arc<Storage>,
+    /// What clusters.
+    pub device: DeviceDescription,
+    /// What is wrong with the service.
+    pub health: Arc<Health>,
+    /// Cancelled once the service is to stop.
+    pub stop: CancellationToken,
+    /// Large results that may be in memory at a time.
+    pub encoding: Arc<Semaphore>,
+    /// Who may ask.
+    pub access: Arc<Access>,
+    /// What is going on.
+    pub traffic: Arc<Traffic>,
+    /// Jobs that are being created.
+    pub admission: Admission,
+    /// What is counted.
+    pub metrics: Arc<Metrics>,
+    /// Where ends of jobs may be told.
+    pub webhooks: Arc<Webhooks>,
+}
+
+/// The state that handlers extract.
+pub(super) type App = State<Arc<Shared>>;
+
+impl Shared {
+    /// The job with that id, if it is the caller's: for another tenant it does not exist. Handlers have no other way from an
+    /// id to a job.
+    pub async fn job(&self, caller: &Caller, id: &str) -> Result<Job> {
+        let id: JobId = id.parse()?;
+        let tenant = caller.tenant()?;
+        let job = self.store.get(id).await?.filter(|job| job.spec.tenant == tenant.name);
+        job.ok_or_else(|| no_such_job(id))
+    }
+
+    /// When a job will be deleted.
+    pub fn expires_at(&self, job: &Job) -> Option<SystemTime> {
+        job.ended_at?.checked_add(self.settings.storage.retention()?)
+    }
+
+    /// The error of a service that is about to end.
+    pub fn stopping() -> Error {
+        Error::new(Kind::Unavailable, "the service is stopping")
+    }
+}

@@ -1,0 +1,227 @@
+//! A job as a store keeps it.
+
+use std::fmt;
+use std::str::FromStr;
+use std::time::SystemTime;
+
+use serde::{Deserialize, Serialize};
+use tokio_util::bytes::Bytes;
+use utoipa::ToSchema;
+use uuid::Uuid;
+
+use crate::error::{Error, Kind, Result};
+use crate::mesh::Format;
+use crate::parameters::Parameters;
+use crate::report::Phase;
+
+/// The tenant of every job of a service without tokens.
+pub(in crate::service) const LOCAL_TENANT: &str = "local";
+
+/// Name of a job: 122 random bits, so that nobody guesses another's.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, ToSchema)]
+#[schema(value_type = String, format = "uuid")]
+pub(in crate::service) struct JobId(Uuid);
+
+impl JobId {
+    /// A new one.
+    pub fn random() -> Self {
+        Self(Uuid::new_v4())
+    }
+}
+
+impl fmt::Display for JobId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.as_hyphenated().fmt(f)
+    }
+}
+
+impl Serialize for JobId {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl FromStr for JobId {
+    type Err = Error;
+
+    /// Takes the hyphenated form only, so that a job has one address.
+    fn from_str(text: &str) -> Result<Self> {
+        Uuid::try_parse(text).ok().map(Self).filter(|id| id.to_string() == text).ok_or_else(|| no_such_job(text))
+    }
+}
+
+/// The error for a job that does not exist.
+pub(in crate::service) fn no_such_job(id: impl fmt::Display) -> Error {
+    Error::new(Kind::NotFound, format_args!("there is no such job: {id}"))
+}
+
+/// Where a job is in its life.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub(in crate::service) enum State {
+    /// Accepted; waits for its turn.
+    Queued,
+    /// Being read, clustered or written.
+    Running,
+    /// Ended; labels and report are there.
+    Succeeded,
+    /// Ended; `problem` says why.
+    Failed,
+    /// Ended because someone asked for it.
+    Cancelled,
+}
+
+impl State {
+    /// Every state.
+    pub const ALL: [State; 5] = [State::Queued, State::Running, State::Succeeded, State::Failed, State::Cancelled];
+
+    /// As it is written in JSON and in queries.
+    pub fn name(self) -> &'static str {
+        match self {
+            State::Queued => "queued",
+            State::Running => "running",
+            State::Succeeded => "succeeded",
+            State::Failed => "failed",
+            State::Cancelled => "cancelled",
+        }
+    }
+
+    /// Whether nothing about the job will change any more.
+    pub fn is_ended(self) -> bool {
+        match self {
+            State::Queued | State::Running => false,
+            State::Succeeded | State::Failed | State::Cancelled => true,
+        }
+    }
+}
+
+/// What was uploaded, by whom, and what is to be done with it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(in crate::service) struct Spec {
+    /// Name of the tenant whose job it is: [`LOCAL_TENANT`] for a service without tokens.
+    pub tenant: String,
+    /// The `traceparent` of the request (W3C Trace Context), which the work on the job continues.
+    pub trace_parent: Option<String>,
+    /// Where the end of the job is to be told.
+    pub webhook: Option<String>,
+    /// What to do.
+    pub parameters: Parameters,
+    /// Name that the client gave the mesh file. For people; never a path here.
+    pub file_name: Option<String>,
+    /// Format of the mesh.
+    pub format: Format,
+    /// Length of the mesh file.
+    pub bytes: u64,
+    /// Names of the buffers that came with the mesh, in the order of their parts.
+    pub buffers: Vec<String>,
+    /// Whether a list of seeds came with the mesh.
+    pub listed_seeds: bool,
+    /// Whether weights came with the mesh.
+    pub has_weights: bool,
+    /// Whether all of these are small blobs, which the store keeps.
+    #[serde(default)]
+    pub is_small: bool,
+    /// Jobs of a tenant with a higher priority are claimed first. Left out where it is 0, so that the digest of an
+    /// idempotent request is the same as in releases without priorities.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub priority: i8,
+}
+
+fn is_zero(priority: &i8) -> bool {
+    *priority == 0
+}
+
+/// The priorities that a job may have.
+pub(in crate::service) const PRIORITIES: std::ops::RangeInclusive<i8> = -100..=100;
+
+/// How far a running job is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub(in crate::service) struct Progress {
+    /// Iterations made.
+    pub iterations: u32,
+    /// Phase of the last of them.
+    pub phase: Option<Phase>,
+    /// Hierarchies: rounds made.
+    pub rounds: u32,
+    /// Hierarchies: clusters left.
+    pub clusters_left: Option<u64>,
+    /// Energy after the last iteration or round.
+    pub energy: Option<f64>,
+}
+
+/// What is known about the result of a job without opening it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub(in crate::service) struct Summary {
+    /// Faces of the mesh, each with a label.
+    pub faces: u64,
+    /// Clusters.
+    pub clusters: u64,
+    /// Whether there are labels at that number: not for a whole hierarchy.
+    pub has_labels: bool,
+    /// The report's `labels_sha256`.
+    #[serde(default)]
+    pub labels_sha256: Option<String>,
+    /// Whether the result is small blobs, which the store keeps.
+    #[serde(default)]
+    pub is_small: bool,
+}
+
+/// Bytes of all small blobs of an upload, or of a result, at the most.
+pub(in crate::service) const SMALL_BLOBS: u64 = 256 << 10;
+
+/// A file of a job that is so small that it is kept with the job: that costs no file, and no wait for the disk of its own.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(in crate::service) struct SmallBlob {
+    /// Its name; unique among those of the job.
+    pub name: String,
+    /// What it holds.
+    pub bytes: Bytes,
+}
+
+/// A job as it is now.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::service) struct Job {
+    /// Its name.
+    pub id: JobId,
+    /// Where it is in its life.
+    pub state: State,
+    /// What it is.
+    pub spec: Spec,
+    /// Place among the waiting jobs of its tenant: 1 for the one that is claimed first; none when it does not wait.
+    pub queue_position: Option<u64>,
+    /// Claims so far; results of others than the last one mean nothing.
+    pub attempt: u32,
+    /// Name of the process that claimed it last.
+    pub worker: Option<String>,
+    /// How far it is.
+    pub progress: Progress,
+    /// Whether someone asked for its end.
+    pub cancel_requested: bool,
+    /// Why it failed.
+    pub problem: Option<Error>,
+    /// What it gave.
+    pub summary: Option<Summary>,
+    /// When it was accepted.
+    pub created_at: SystemTime,
+    /// When it was claimed.
+    pub started_at: Option<SystemTime>,
+    /// When it ended.
+    pub ended_at: Option<SystemTime>,
+}
+
+impl Job {
+    /// Whether its upload is kept after its end: that of a job that was given up, which may be run again.
+    pub fn keeps_upload(&self) -> bool {
+        self.problem.as_ref().is_some_and(|problem| problem.kind == Kind::Poison)
+    }
+}
+
+/// The right to write about a running job.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(in crate::service) struct Ticket {
+    /// The job.
+    pub job: JobId,
+    /// Counts the claims of the job; an older one writes nothing.
+    pub attempt: u32,
+}

@@ -1,0 +1,58 @@
+//! Deletions, and the care of the store itself.
+
+use std::fmt;
+use std::time::SystemTime;
+
+use async_trait::async_trait;
+
+use super::job::JobId;
+use crate::error::Result;
+
+/// What a store counts since it was opened, for the metrics.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(in crate::service) struct Statistics {
+    /// Transactions committed.
+    pub commits: u64,
+    /// Changes in them: over `commits`, how many share one.
+    pub commands: u64,
+    /// Transactions that failed.
+    pub failures: u64,
+    /// Time spent in transactions, in seconds.
+    pub commit_seconds: f64,
+}
+
+/// What came of asking to delete a job.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::service) enum Deletion {
+    /// It is gone.
+    Deleted,
+    /// It has not ended; it was left as it is.
+    Live,
+    /// There is no such job.
+    Unknown,
+}
+
+/// Deletes jobs, and says how the store is.
+#[async_trait]
+pub(in crate::service) trait Maintenance: fmt::Debug + Send + Sync {
+    /// Whether jobs outlast the process.
+    fn is_durable(&self) -> bool;
+
+    /// Bytes on disk that the store has taken and will use again before it takes more.
+    async fn free_bytes(&self) -> Result<u64>;
+
+    /// Forgets an ended job, its events and its key. That its end is to be told stays.
+    async fn delete(&self, id: JobId) -> Result<Deletion>;
+
+    /// Jobs that ended before a moment, at most `limit`, the longest ended first.
+    async fn ended_before(&self, time: SystemTime, limit: usize) -> Result<Vec<JobId>>;
+
+    /// Writes something of no meaning, to see whether it can.
+    async fn probe(&self) -> Result<()>;
+
+    /// What it counts.
+    fn statistics(&self) -> Statistics;
+
+    /// Finishes what it was asked for and lets go of its files. Nothing works afterwards.
+    async fn close(&self);
+}

@@ -1,0 +1,45 @@
+//! Ends of jobs that webhooks are still to be sent.
+
+use std::fmt;
+use std::time::SystemTime;
+
+use async_trait::async_trait;
+use tokio::sync::watch;
+
+use super::job::{JobId, State};
+use crate::error::{Error, Result};
+
+/// The end of a job that a webhook is to tell. It is kept apart from the job and outlasts it: who was promised to be told
+/// is told, also when the job is deleted or forgotten before that.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::service) struct Notice {
+    /// The job.
+    pub job: JobId,
+    /// Where it is to be told.
+    pub webhook: String,
+    /// The `traceparent` of the request that the job came with.
+    pub trace_parent: Option<String>,
+    /// The state that the job ended in.
+    pub state: State,
+    /// Why it failed.
+    pub problem: Option<Error>,
+    /// When it ended.
+    pub ended_at: SystemTime,
+}
+
+/// Keeps the ends of jobs until their webhooks are settled.
+#[async_trait]
+pub(in crate::service) trait Notices: fmt::Debug + Send + Sync {
+    /// Changes whenever a job with a webhook ended: what the teller of ends waits for. Marked as changed from the start.
+    fn endings(&self) -> watch::Receiver<u64>;
+
+    /// Jobs whose webhook was not settled yet, in the order of their ends, also those that were deleted since. Outlasts
+    /// the process where jobs do.
+    async fn untold(&self) -> Result<Vec<JobId>>;
+
+    /// What is to be told about one of the [untold](Self::untold); none for another job.
+    async fn notice(&self, id: JobId) -> Result<Option<Notice>>;
+
+    /// The webhook of a job was delivered or given up: it is told no more. Nothing happens for an unknown job.
+    async fn settle_webhook(&self, id: JobId) -> Result<()>;
+}

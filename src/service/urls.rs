@@ -1,0 +1,42 @@
+//! The paths of a job's resources.
+
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::store::JobId;
+
+/// Where everything about a job is: paths on this service.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct Urls {
+    /// The job itself.
+    #[serde(rename = "self")]
+    #[schema(rename = "self")]
+    job: String,
+    /// Its events.
+    events: String,
+    /// Its labels, once it has succeeded; of a whole hierarchy, with `?clusters=K`.
+    labels: String,
+    /// Its hierarchy, once it has succeeded; null for flat algorithms.
+    hierarchy: Option<String>,
+    /// Its report, once it has succeeded.
+    report: String,
+}
+
+/// Path of a job.
+pub(super) fn path(id: JobId) -> String {
+    format!("/v1/jobs/{id}")
+}
+
+impl Urls {
+    /// Those of a job.
+    pub fn of(id: JobId, is_hierarchical: bool) -> Self {
+        let path = path(id);
+        Self {
+            events: format!("{path}/events"),
+            labels: format!("{path}/labels"),
+            hierarchy: is_hierarchical.then(|| format!("{path}/hierarchy")),
+            report: format!("{path}/report"),
+            job: path,
+        }
+    }
+}
