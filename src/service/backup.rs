@@ -99,6 +99,16 @@ fn copy_store(store: &Path, copy: &Path) -> rusqlite::Result<()> {
     // SQLite writes into a file that is there if it is empty; this one is for the owner only
     private::options().open(copy).map_err(|_| rusqlite::Error::InvalidPath(copy.to_owned()))?;
     connection.execute("VACUUM INTO ?1", [copy.to_string_lossy()])?;
+    forget_attempts(copy)
+}
+
+/// Makes the jobs that run wait again without suspicion when a service starts on the copy: no process died.
+fn forget_attempts(copy: &Path) -> rusqlite::Result<()> {
+    let connection = Connection::open(copy)?;
+    // tables of an earlier release have no such column
+    if connection.column_exists(None, "jobs", "begun")? {
+        connection.execute("UPDATE jobs SET begun = 0 WHERE state = 'running'", [])?;
+    }
     Ok(())
 }
 
