@@ -164,8 +164,12 @@ impl Teller {
                 under_way.spawn(async move { (id, this.attempt(id).await) });
             }
             if !turn.give_up.is_empty() {
+                let mut is_stored = true;
                 for id in turn.give_up {
-                    this.settle(id, Outcome::GivenUp).await;
+                    is_stored &= this.settle(id, Outcome::GivenUp).await;
+                }
+                if !is_stored {
+                    let _ = stop.run_until_cancelled(tokio::time::sleep(BREATHER)).await;
                 }
                 continue;
             }
@@ -207,8 +211,8 @@ impl Teller {
         Ok(untold)
     }
 
-    /// Counts an outcome and stores it. An end whose outcome cannot be stored is delivered again after a pause.
-    async fn settle(&self, id: JobId, outcome: Outcome) {
+    /// Counts an outcome and stores it; false when it cannot be stored. The end is delivered again after a pause then.
+    async fn settle(&self, id: JobId, outcome: Outcome) -> bool {
         self.metrics.told(match outcome {
             Outcome::Delivered => "delivered",
             Outcome::Refused | Outcome::Unanswered => "failed",
@@ -218,7 +222,9 @@ impl Teller {
             && let Err(error) = self.store.settle_webhook(id).await
         {
             tracing::error!(%error, job = %id, "it cannot be stored that an end was told");
+            return false;
         }
+        true
     }
 
     /// Delivers the end of a job once.
