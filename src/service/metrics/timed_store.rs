@@ -147,8 +147,8 @@ impl JobStore for TimedStore {
         self.timed("notice", self.store.notice(id)).await
     }
 
-    async fn settle_webhook(&self, id: JobId) -> Result<()> {
-        self.timed("settle_webhook", self.store.settle_webhook(id)).await
+    async fn settle_webhook(&self, id: JobId, ended_at: SystemTime) -> Result<()> {
+        self.timed("settle_webhook", self.store.settle_webhook(id, ended_at)).await
     }
 
     async fn queued_of(&self, tenant: &str) -> Result<u64> {

@@ -464,6 +464,8 @@ pub(super) struct Notice {
     pub problem: Option<Error>,
     /// When it ended.
     pub ended_at: SystemTime,
+    /// Number of this end: 1, or more for a job that was retried.
+    pub end: u32,
 }
 
 /// A page of the list of jobs.
@@ -603,8 +605,9 @@ pub(super) trait JobStore: fmt::Debug + Send + Sync {
     /// What is to be told about one of the [untold](Self::untold); none for another job.
     async fn notice(&self, id: JobId) -> Result<Option<Notice>>;
 
-    /// The webhook of a job was delivered or given up: it is told no more. Nothing happens for an unknown job.
-    async fn settle_webhook(&self, id: JobId) -> Result<()>;
+    /// The webhook of the end of a job at `ended_at` was delivered or given up: it is told no more. Nothing happens for
+    /// an unknown job, or one that was retried and has ended again since.
+    async fn settle_webhook(&self, id: JobId, ended_at: SystemTime) -> Result<()>;
 
     /// Number of jobs of a tenant that wait.
     async fn queued_of(&self, tenant: &str) -> Result<u64>;
