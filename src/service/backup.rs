@@ -223,7 +223,7 @@ mod tests {
         let folder = PathBuf::from("uploads/a");
         let wanted = Wanted { job: "a".to_owned(), folder: folder.clone(), is_needed: true, file: files::MESH };
         let file = folder.join(files::MESH);
-        take_files(from.path(), to.path(), &[file.clone()]).expect("nothing to take");
+        take_files(from.path(), to.path(), std::slice::from_ref(&file)).expect("nothing to take");
         assert!(!to.path().join(&folder).exists() && wanted.is_lost(to.path()));
         std::fs::create_dir_all(to.path().join(&folder)).expect("made");
         assert!(wanted.is_lost(to.path()), "an empty folder is no upload");
