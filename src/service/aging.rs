@@ -3,6 +3,9 @@
 //! A clock that jumps forward must not make jobs expire that ended a moment ago. Neither can a jump be told from a time
 //! in which the service was stopped. So time that this process did not see pass is caught up with: while the clock is
 //! ahead, jobs age by two seconds a second. The time reached is kept in a file, so that a restart does not lose it.
+//!
+//! The time reached never goes back. While the clock is behind it, jobs age as the clock says; once the clock is right
+//! again, nothing has to be caught up with.
 
 use std::io::{self, Read as _, Seek as _, Write as _};
 use std::path::Path;
@@ -32,7 +35,8 @@ impl Reading {
 /// The time by which jobs grow old.
 #[derive(Debug)]
 pub(super) struct Aging {
-    time: SystemTime,
+    /// The latest time reached. Later than the clock when the clock was set back.
+    reached: SystemTime,
     seen: Instant,
     is_behind: bool,
 }
@@ -40,23 +44,30 @@ pub(super) struct Aging {
 impl Aging {
     /// Goes on at the time that was `reached` earlier, or begins with what the clock says.
     pub fn new(reached: Option<SystemTime>, now: Reading) -> Self {
-        let time = reached.map_or(now.wall, |reached| reached.min(now.wall));
-        let mut aging = Self { time, seen: now.steady, is_behind: false };
+        let reached = reached.unwrap_or(now.wall);
+        let mut aging = Self { reached, seen: now.steady, is_behind: false };
         aging.tell(now.wall);
         aging
     }
 
-    /// The time now: jobs that ended so long before it are so old.
+    /// The time now: the age of an ended job is counted up to it. Never later than the clock.
     pub fn time(&mut self, now: Reading) -> SystemTime {
         let passed = now.steady.saturating_duration_since(self.seen);
         self.seen = now.steady;
-        self.time = (self.time + 2 * passed).min(now.wall);
+        // none: a time that no file of this service holds, which no clock reaches either
+        let most = self.reached.checked_add(2 * passed).unwrap_or(now.wall);
+        self.reached = self.reached.max(most.min(now.wall));
         self.tell(now.wall);
-        self.time
+        self.reached.min(now.wall)
+    }
+
+    /// The latest time reached, for [`Aging::new`] after a restart.
+    pub fn reached(&self) -> SystemTime {
+        self.reached
     }
 
     fn tell(&mut self, wall: SystemTime) {
-        let ahead = wall.duration_since(self.time).unwrap_or_default();
+        let ahead = wall.duration_since(self.reached).unwrap_or_default();
         let is_behind = ahead > NOTABLE;
         if is_behind && !self.is_behind {
             let seconds = ahead.as_secs();
@@ -119,12 +130,23 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_is_set_back_makes_nothing_older() {
+    fn a_clock_that_is_set_back_and_corrected_stops_nothing() {
         let start = Reading::now();
+        let (second, hour) = (Duration::from_secs(1), Duration::from_secs(3600));
+        let back = Reading { wall: start.wall - 300 * DAY, steady: start.steady + second };
+        let corrected = later(start, hour, hour);
         let mut aging = Aging::new(None, start);
-        let back = Reading { wall: start.wall - DAY, steady: start.steady + Duration::from_secs(1) };
-        assert_eq!(aging.time(back), back.wall);
-        assert_eq!(Aging::new(Some(start.wall), back).time, back.wall);
+        assert_eq!(aging.time(back), back.wall, "jobs that end now are not old");
+        assert_eq!(aging.reached(), start.wall);
+        // started while the clock is behind
+        let mut restarted = Aging::new(Some(aging.reached()), back);
+        for aging in [&mut aging, &mut restarted] {
+            assert_eq!(aging.time(back), back.wall);
+            assert_eq!(aging.time(corrected), corrected.wall);
+        }
+        // a time that only a damaged file holds
+        let far = UNIX_EPOCH + Duration::from_secs(i64::MAX as u64);
+        assert_eq!(Aging::new(Some(far), start).time(corrected), corrected.wall);
     }
 
     #[test]

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use rusqlite::{Connection, OpenFlags};
 
-use super::files::private;
+use super::files::{self, private};
 use crate::error::{Error, Kind, Result};
 
 /// Name of the store of jobs.
@@ -39,6 +39,15 @@ struct Wanted {
     folder: PathBuf,
     /// Whether the job is worth nothing without them. An upload of a job that failed may be there or not.
     is_needed: bool,
+    /// A file that every such folder holds: the mesh of an upload, the report of a result.
+    file: &'static str,
+}
+
+impl Wanted {
+    /// Whether the backup in `to` lacks files that the job needs.
+    fn is_lost(&self, to: &Path) -> bool {
+        self.is_needed && !to.join(&self.folder).join(self.file).is_file()
+    }
 }
 
 /// Copies the data folder `from` to `to`, which must be missing or empty. [`Kind::Conflict`] when it is not,
@@ -62,8 +71,8 @@ pub fn back_up(from: &Path, to: &Path) -> Result<Backup> {
         copy_store(&store, &copy).map_err(|error| failed(&copy, &error))?;
         let wanted = wanted(&copy).map_err(|error| failed(&copy, &error))?;
         take_files(from, to, &all_files(from)).map_err(cannot_write)?;
-        let is_lost = |wanted: &&Wanted| wanted.is_needed && !to.join(&wanted.folder).is_dir();
-        let lost: Vec<&str> = wanted.iter().filter(is_lost).map(|wanted| wanted.job.as_str()).collect();
+        let lost: Vec<&str> =
+            wanted.iter().filter(|wanted| wanted.is_lost(to)).map(|wanted| wanted.job.as_str()).collect();
         if lost.is_empty() || round == ROUNDS {
             leave_out(&copy, &lost).map_err(|error| failed(&copy, &error))?;
             backup.left_out = lost.len() as u64;
@@ -90,6 +99,16 @@ fn copy_store(store: &Path, copy: &Path) -> rusqlite::Result<()> {
     // SQLite writes into a file that is there if it is empty; this one is for the owner only
     private::options().open(copy).map_err(|_| rusqlite::Error::InvalidPath(copy.to_owned()))?;
     connection.execute("VACUUM INTO ?1", [copy.to_string_lossy()])?;
+    forget_attempts(copy)
+}
+
+/// Makes the jobs that run wait again without suspicion when a service starts on the copy: no process died.
+fn forget_attempts(copy: &Path) -> rusqlite::Result<()> {
+    let connection = Connection::open(copy)?;
+    // tables of an earlier release have no such column
+    if connection.column_exists(None, "jobs", "begun")? {
+        connection.execute("UPDATE jobs SET begun = 0 WHERE state = 'running'", [])?;
+    }
     Ok(())
 }
 
@@ -97,11 +116,13 @@ fn copy_store(store: &Path, copy: &Path) -> rusqlite::Result<()> {
 fn wanted(store: &Path) -> rusqlite::Result<Vec<Wanted>> {
     let connection = Connection::open_with_flags(store, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
     let sql = "SELECT id, CASE WHEN state = 'succeeded' THEN 'results/' || id || '/' || attempt ELSE 'uploads/' || id \
-               END, state IN ('succeeded', 'queued', 'running') FROM jobs \
+               END, state IN ('succeeded', 'queued', 'running'), state = 'succeeded' FROM jobs \
                WHERE NOT coalesce(CASE WHEN state = 'succeeded' THEN summary ELSE spec END ->> 'is_small', 0)";
     let mut statement = connection.prepare(sql)?;
     let rows = statement.query_map([], |row| {
-        Ok(Wanted { job: row.get(0)?, folder: PathBuf::from(row.get::<_, String>(1)?), is_needed: row.get(2)? })
+        let folder = PathBuf::from(row.get::<_, String>(1)?);
+        let file = if row.get(3)? { files::REPORT } else { files::MESH };
+        Ok(Wanted { job: row.get(0)?, folder, is_needed: row.get(2)?, file })
     })?;
     rows.collect()
 }
@@ -153,14 +174,14 @@ fn take_files(from: &Path, to: &Path, files: &[PathBuf]) -> io::Result<()> {
         if target.exists() {
             continue;
         }
+        // opened first: a folder without its file would look like one that was taken
+        let mut opened = match File::open(&source) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
+            opened => opened?,
+        };
         private::make_folder(target.parent().unwrap_or(to))?;
-        if std::fs::hard_link(&source, &target).is_ok() {
-            continue;
-        }
-        match std::fs::copy(&source, &target) {
-            Ok(_) => private::tighten(&target)?,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-            Err(error) => return Err(error),
+        if std::fs::hard_link(&source, &target).is_err() {
+            io::copy(&mut opened, &mut private::options().open(&target)?)?;
         }
     }
     Ok(())
@@ -190,4 +211,25 @@ fn sync(folder: &Path) -> io::Result<()> {
         }
     }
     File::open(folder)?.sync_all()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_job_whose_files_went_is_lost() {
+        let (from, to) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let folder = PathBuf::from("uploads/a");
+        let wanted = Wanted { job: "a".to_owned(), folder: folder.clone(), is_needed: true, file: files::MESH };
+        let file = folder.join(files::MESH);
+        take_files(from.path(), to.path(), std::slice::from_ref(&file)).expect("nothing to take");
+        assert!(!to.path().join(&folder).exists() && wanted.is_lost(to.path()));
+        std::fs::create_dir_all(to.path().join(&folder)).expect("made");
+        assert!(wanted.is_lost(to.path()), "an empty folder is no upload");
+        std::fs::create_dir_all(from.path().join(&folder)).expect("made");
+        std::fs::write(from.path().join(&file), "mesh").expect("written");
+        take_files(from.path(), to.path(), &[file]).expect("taken");
+        assert!(!wanted.is_lost(to.path()));
+    }
 }

@@ -1,4 +1,4 @@
-//! Forgetting a job and its files, also when the disk is full.
+//! Cancelling a job, and forgetting one and its files, also when the disk is full.
 //!
 //! The job goes first, because files without a job are found and removed later. To forget it the store writes, so a
 //! full disk is helped in two steps: the ballast is given up, and then the files of the job go first.
@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use super::files::Files;
-use super::store::{Deletion, JobId, JobStore};
+use super::store::{Deletion, Job, JobId, JobStore};
 use crate::error::{Kind, Result};
 
 /// Deletes an ended job and its files.
@@ -25,6 +25,42 @@ pub(super) async fn delete(files: &Arc<Files>, store: &dyn JobStore, id: JobId) 
     outcome
 }
 
-fn is_full(outcome: &Result<Deletion>) -> bool {
+/// Asks for the end of a job, as [`JobStore::cancel`] does.
+pub(super) async fn cancel(files: &Arc<Files>, store: &dyn JobStore, id: JobId) -> Result<Option<Job>> {
+    let mut outcome = store.cancel(id).await;
+    if is_full(&outcome) && files.give_up_ballast().await {
+        outcome = store.cancel(id).await;
+    }
+    outcome
+}
+
+fn is_full<T>(outcome: &Result<T>) -> bool {
     outcome.as_ref().is_err_and(|error| error.kind == Kind::InsufficientStorage)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::service::faults::{FaultPoint, Faults};
+    use crate::service::files::DiskLimits;
+    use crate::service::store::{Queue, State};
+    use crate::service::store::sqlite::SqliteStore;
+    use crate::service::store::tests::{RULES, new_job};
+
+    #[tokio::test]
+    async fn a_job_is_cancelled_on_a_full_disk() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let faults = Faults::default();
+        let files =
+            Arc::new(Files::open(Some(folder.path()), DiskLimits::default(), faults.clone()).expect("it opens"));
+        files.make_ballast();
+        let path = files.database().expect("a folder that stays");
+        let store = SqliteStore::open(&path, RULES, faults.clone()).await.expect("a store");
+        let job = new_job();
+        store.create(job.clone()).await.expect("created");
+        faults.arm(FaultPoint::Commit, std::io::ErrorKind::StorageFull, 0, 1);
+        let cancelled = cancel(&files, &store, job.id).await.expect("cancelled").expect("there");
+        assert_eq!(cancelled.state, State::Cancelled);
+        assert!(!folder.path().join("ballast").exists(), "it was given up");
+    }
 }

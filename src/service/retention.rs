@@ -70,7 +70,7 @@ impl Retention {
     async fn look(&mut self, now: Reading) -> SystemTime {
         let time = self.aging.time(now);
         if let Some(clock) = &self.clock
-            && let Err(error) = aging::save(clock, time)
+            && let Err(error) = aging::save(clock, self.aging.reached())
         {
             tracing::debug!(%error, "the time cannot be kept");
         }

@@ -112,8 +112,9 @@ impl Storage {
     }
 }
 
-/// Promises jobs that were accepted before the service was started room for their results again, oldest first.
-pub(super) async fn promise_again(files: &Files, store: &dyn Queue, most_faces: u64) -> Result<()> {
+/// Promises jobs that were accepted before the service was started room for their results again, oldest first. The
+/// ballast is made after that, so that it takes none of their room.
+pub(super) async fn promise_again(files: &Arc<Files>, store: &dyn Queue, most_faces: u64) -> Result<()> {
     let mut jobs = Vec::new();
     for state in [State::Running, State::Queued] {
         let mut query = ListQuery { state: Some(state), limit: PAGE, ..ListQuery::default() };
@@ -128,5 +129,39 @@ pub(super) async fn promise_again(files: &Files, store: &dyn Queue, most_faces: 
     }
     jobs.sort_by_key(|job| job.created_at);
     files.promise_again(jobs.iter(), most_faces);
-    Ok(())
+    let files = Arc::clone(files);
+    blocking(move || files.make_ballast()).await
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::service::faults::Faults;
+    use crate::service::files::DiskLimits;
+    use crate::service::store::memory::MemoryStore;
+    use crate::service::store::tests::{RULES, new_job};
+
+    #[tokio::test]
+    async fn the_ballast_takes_no_room_that_jobs_were_promised() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let ballast = folder.path().join("ballast");
+        let store = MemoryStore::new(RULES).expect("a store");
+        for is_promised in [true, false] {
+            let files = Files::open(Some(folder.path()), DiskLimits::default(), Faults::default());
+            let files = Arc::new(files.expect("it opens"));
+            let mut job = new_job();
+            // a result larger than any disk
+            job.spec.is_small = true;
+            job.spec.bytes = 1 << 60;
+            if is_promised {
+                store.create(job.clone()).await.expect("created");
+            }
+            promise_again(&files, &store, u64::MAX).await.expect("promised");
+            assert_eq!(ballast.exists(), !is_promised);
+            for job in files.promised_jobs() {
+                store.cancel(job).await.expect("cancelled");
+            }
+            files.close().await;
+        }
+    }
 }

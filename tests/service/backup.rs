@@ -49,6 +49,11 @@ async fn a_service_on_a_backup_serves_results_and_runs_what_waited() {
     let backup = back_up_to(&service, to.path()).await;
     // a report and labels of the large job that ended, and the mesh of the one that runs
     assert_eq!((backup.jobs, backup.files, backup.left_out), (4, 3, 0));
+    let store = rusqlite::Connection::open(to.path().join("jobs.sqlite3")).expect("it opens");
+    let sql = "SELECT count(*), sum(begun) FROM jobs WHERE state = 'running'";
+    let running: (i64, i64) = store.query_row(sql, [], |row| Ok((row.get(0)?, row.get(1)?))).expect("readable");
+    assert_eq!(running, (1, 0), "no process died in which the job ran");
+    drop(store);
     let copy = Service::on(to, |_| {}, Box::new(CpuDevice::new()), None, Extras::default()).await;
     for (expected, job) in &ended {
         assert!(labels(&copy, job).await == *expected);

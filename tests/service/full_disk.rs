@@ -197,6 +197,28 @@ async fn deletions_work_on_a_full_disk() {
 }
 
 #[tokio::test]
+async fn jobs_are_cancelled_on_a_full_disk() {
+    let Some(disk) = Disk::mount(48 * MIB) else { return };
+    let (device, _gate) = Held::behind_gate();
+    let change = |settings: &mut Settings| {
+        settings.storage.min_free_bytes = 0;
+        settings.meshes_in_memory = 1;
+    };
+    let service = disk.service(device, change).await;
+    let running = service.submit("clusters=5", sphere(300)).await;
+    service.reaches(&running, "running").await;
+    let mut waiting = Vec::new();
+    for _ in 0..50 {
+        waiting.push(service.submit("clusters=5", sphere(300)).await);
+    }
+    disk.fill("filler");
+    for job in waiting.iter().chain([&running]) {
+        assert_eq!(service.delete(path(job)).send().await.expect("answered").status(), 202);
+        assert_eq!(service.ended(job).await["state"], "cancelled");
+    }
+}
+
+#[tokio::test]
 async fn jobs_expire_on_a_full_disk() {
     let Some(disk) = Disk::mount(48 * MIB) else { return };
     let mut service = disk.service(Box::new(CpuDevice::new()), |settings| settings.storage.min_free_bytes = 0).await;

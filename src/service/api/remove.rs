@@ -41,7 +41,8 @@ pub(in crate::service) async fn remove(
             Ok(StatusCode::NO_CONTENT.into_response())
         }
         Deletion::Live => {
-            let job = shared.store.cancel(id).await?.ok_or_else(|| no_such_job(id))?;
+            let cancelled = deletion::cancel(&shared.files, shared.store.as_ref(), id).await?;
+            let job = cancelled.ok_or_else(|| no_such_job(id))?;
             audit::record(Action::Cancelled, &caller, id);
             if job.state == State::Cancelled {
                 // it waited: no worker ends it

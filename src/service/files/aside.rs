@@ -58,7 +58,7 @@ impl Files {
         )
     }
 
-    /// Moves the files of all jobs aside, and what is left of a store that is empty.
+    /// Moves the files of all jobs aside. The store stays where it is.
     async fn move_all_aside(&self) -> Result<()> {
         for id in self.jobs_in("uploads").await? {
             self.move_aside(Folder::Upload(id).path()).await?;

@@ -70,7 +70,7 @@ pub(in crate::service) struct Files {
 
 impl Files {
     /// Takes the folder `data_dir`, which is made if need be, or a temporary one. A folder that another process works in
-    /// is refused.
+    /// is refused. Call [`make_ballast`](Self::make_ballast) once the jobs of the store have their promises again.
     pub fn open(data_dir: Option<&Path>, limits: DiskLimits, faults: Faults) -> Result<Self> {
         let root = match data_dir {
             Some(path) => Root::keep(path)?,
@@ -89,10 +89,9 @@ impl Files {
         let room = Room::default();
         let (incoming, failures) = (Mutex::default(), AtomicU64::new(0));
         let files = Self { root, blobs, disk, ballast, room, incoming, failures, faults };
-        match files.disk.free() {
-            // the store needs some room to be opened
-            Some(free) if free < disk::STORE_ROOM / 8 => drop(files.ballast.give_up()),
-            _ => files.make_ballast(),
+        // the store needs some room to be opened
+        if files.disk.free().is_some_and(|free| free < disk::STORE_ROOM / 8) {
+            files.ballast.give_up();
         }
         Ok(files)
     }

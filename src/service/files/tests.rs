@@ -33,6 +33,7 @@ fn content(bytes: usize) -> Vec<u8> {
 async fn blobs_of_every_size_come_back_whole_and_in_ranges() {
     let folder = tempfile::tempdir().expect("a folder");
     let files = open(folder.path(), DiskLimits::default(), Faults::default());
+    files.make_ballast();
     let id = JobId::random();
     for (attempt, bytes) in (1..).zip([0, 1, (1 << 20) - 1, 1 << 20, (1 << 20) + 1, 3 << 20]) {
         let content = content(bytes);

@@ -96,7 +96,7 @@ timed!(Events {
 timed!(Notices {
     "untold": untold() -> Vec<JobId>;
     "notice": notice(id: JobId) -> Option<Notice>;
-    "settle_webhook": settle_webhook(id: JobId) -> ();
+    "settle_webhook": settle_webhook(id: JobId, ended_at: SystemTime) -> ();
 } and {
     fn endings(&self) -> watch::Receiver<u64> {
         self.store.endings()

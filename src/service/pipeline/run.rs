@@ -196,7 +196,8 @@ impl Pipeline {
                     match self.store.end(ticket, ending.clone()).await {
                         Err(error) if self.may_try_again(&error, abort).await => {
                             // its end makes room, and on a full disk it takes some
-                            if self.files.gave_up(job.id) {
+                            let is_full = error.kind == Kind::InsufficientStorage;
+                            if self.files.gave_up(job.id) || is_full && state == State::Cancelled {
                                 self.files.give_up_ballast().await;
                             }
                         }

@@ -129,6 +129,7 @@ impl MemoryStore {
                 state: entry.job.state,
                 problem: entry.job.problem.clone(),
                 ended_at,
+                end: entry.events.iter().filter(|event| matches!(event.what, What::End(..))).count() as u32,
             });
             self.endings.send_modify(|count| *count += 1);
         }
@@ -540,8 +541,8 @@ impl Notices for MemoryStore {
         Ok(self.lock().untold.iter().find(|notice| notice.job == id).cloned())
     }
 
-    async fn settle_webhook(&self, id: JobId) -> Result<()> {
-        self.lock().untold.retain(|notice| notice.job != id);
+    async fn settle_webhook(&self, id: JobId, ended_at: SystemTime) -> Result<()> {
+        self.lock().untold.retain(|notice| (notice.job, notice.ended_at) != (id, ended_at));
         Ok(())
     }
 }

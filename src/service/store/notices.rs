@@ -25,6 +25,8 @@ pub(in crate::service) struct Notice {
     pub problem: Option<Error>,
     /// When it ended.
     pub ended_at: SystemTime,
+    /// Number of this end: 1, or more for a job that was retried.
+    pub end: u32,
 }
 
 /// Keeps the ends of jobs until their webhooks are settled.
@@ -40,6 +42,7 @@ pub(in crate::service) trait Notices: fmt::Debug + Send + Sync {
     /// What is to be told about one of the [untold](Self::untold); none for another job.
     async fn notice(&self, id: JobId) -> Result<Option<Notice>>;
 
-    /// The webhook of a job was delivered or given up: it is told no more. Nothing happens for an unknown job.
-    async fn settle_webhook(&self, id: JobId) -> Result<()>;
+    /// Removes the notice of the end of a job at `ended_at`: its webhook was delivered or given up. Nothing happens for an
+    /// unknown job, or one that was retried and has ended again since.
+    async fn settle_webhook(&self, id: JobId, ended_at: SystemTime) -> Result<()>;
 }

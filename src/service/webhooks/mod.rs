@@ -4,8 +4,8 @@
 //! and whenever a job with a webhook ended. A delivery is signed as [Standard
 //! Webhooks](https://www.standardwebhooks.com) says, tried again with growing pauses, and given up a day after the end
 //! of the job, or when the receiver answers 410. Deleting the job changes nothing about that. An end may be delivered
-//! twice: `webhook-id` is the id of the job, by which receivers recognise it. [`schedule`] decides which delivery is
-//! next, so that no receiver delays another one's.
+//! twice: receivers recognise it by its `webhook-id`, the id of the job, with `.2` behind it for the second end of a job
+//! that was retried, and so on. [`schedule`] decides which delivery is next, so that no receiver delays another one's.
 
 mod schedule;
 mod target;
@@ -146,7 +146,7 @@ impl Teller {
         let this = Arc::new(self);
         let mut schedule = Schedule::default();
         let mut endings = this.store.endings();
-        let mut under_way: JoinSet<(JobId, Outcome)> = JoinSet::new();
+        let mut under_way: JoinSet<(JobId, Outcome, Option<SystemTime>)> = JoinSet::new();
         while !stop.is_cancelled() {
             endings.borrow_and_update();
             let untold = match this.untold(&mut schedule).await {
@@ -161,11 +161,21 @@ impl Teller {
             let turn = schedule.turn(&untold, Instant::now(), SystemTime::now());
             for id in turn.begin {
                 let this = Arc::clone(&this);
-                under_way.spawn(async move { (id, this.attempt(id).await) });
+                under_way.spawn(async move {
+                    let (outcome, ended_at) = this.attempt(id).await;
+                    (id, outcome, ended_at)
+                });
             }
             if !turn.give_up.is_empty() {
-                for id in turn.give_up {
-                    this.settle(id, Outcome::GivenUp).await;
+                let mut is_stored = true;
+                for (id, ended_at) in turn.give_up {
+                    match this.settle(id, Outcome::GivenUp, Some(ended_at)).await {
+                        true => schedule.forget(id),
+                        false => is_stored = false,
+                    }
+                }
+                if !is_stored {
+                    let _ = stop.run_until_cancelled(tokio::time::sleep(BREATHER)).await;
                 }
                 continue;
             }
@@ -179,14 +189,18 @@ impl Teller {
                 () = stop.cancelled() => break,
                 changed = endings.changed() => if changed.is_err() { break },
                 Some(done) = under_way.join_next() => {
-                    let Ok((id, outcome)) = done else {
+                    let Ok((id, outcome, ended_at)) = done else {
                         // a defect, which was logged: everything is tried again
                         under_way.shutdown().await;
                         schedule.reset();
                         continue;
                     };
-                    this.settle(id, outcome).await;
+                    let is_stored = this.settle(id, outcome, ended_at).await;
                     schedule.done(id, outcome, Instant::now());
+                    if is_stored && outcome.is_last() {
+                        // a retried job may have ended again meanwhile: that end begins anew
+                        schedule.forget(id);
+                    }
                 }
                 () = pause => {}
             }
@@ -207,37 +221,42 @@ impl Teller {
         Ok(untold)
     }
 
-    /// Counts an outcome and stores it. An end whose outcome cannot be stored is delivered again after a pause.
-    async fn settle(&self, id: JobId, outcome: Outcome) {
+    /// Counts an outcome and stores it, unless the job has ended again since `ended_at`. False when it cannot be stored:
+    /// the end is delivered again after a pause then.
+    async fn settle(&self, id: JobId, outcome: Outcome, ended_at: Option<SystemTime>) -> bool {
         self.metrics.told(match outcome {
             Outcome::Delivered => "delivered",
             Outcome::Refused | Outcome::Unanswered => "failed",
             Outcome::GivenUp => "given_up",
         });
-        if matches!(outcome, Outcome::Delivered | Outcome::GivenUp)
-            && let Err(error) = self.store.settle_webhook(id).await
+        if outcome.is_last()
+            && let Some(ended_at) = ended_at
+            && let Err(error) = self.store.settle_webhook(id, ended_at).await
         {
             tracing::error!(%error, job = %id, "it cannot be stored that an end was told");
+            return false;
         }
+        true
     }
 
-    /// Delivers the end of a job once.
-    async fn attempt(&self, id: JobId) -> Outcome {
+    /// Delivers the end of a job once; the outcome, and when the job ended. None when there is nothing to deliver.
+    async fn attempt(&self, id: JobId) -> (Outcome, Option<SystemTime>) {
         let notice = match self.store.notice(id).await {
             Ok(Some(notice)) => notice,
-            Ok(None) => return Outcome::GivenUp,
+            Ok(None) => return (Outcome::GivenUp, None),
             // nothing is known about the receiver: as if it had answered
-            Err(_) => return Outcome::Refused,
+            Err(_) => return (Outcome::Refused, None),
         };
+        let ended_at = Some(notice.ended_at);
         let (outcome, why) = match self.send(&notice).await {
-            Ok(status) if status.is_success() => return Outcome::Delivered,
-            Ok(StatusCode::GONE) => return Outcome::GivenUp,
+            Ok(status) if status.is_success() => return (Outcome::Delivered, ended_at),
+            Ok(StatusCode::GONE) => return (Outcome::GivenUp, ended_at),
             Ok(status) => (Outcome::Refused, format!("the receiver answered {status}")),
             Err(error) => (Outcome::Unanswered, error.message),
         };
         let age = notice.ended_at.elapsed().unwrap_or_default();
         tracing::warn!(job = %id, seconds_since_end = age.as_secs(), "a webhook was not delivered: {why}");
-        if age > GIVEN_UP_AFTER { Outcome::GivenUp } else { outcome }
+        (if age > GIVEN_UP_AFTER { Outcome::GivenUp } else { outcome }, ended_at)
     }
 
     /// Sends a notice, if that is allowed now: the list of hosts may be another than when the job was accepted, and may
@@ -253,6 +272,14 @@ impl Teller {
 /// Scheme, host and port of a URL; empty for what is none.
 fn host(url: &str) -> String {
     Url::parse(url).map(|url| url.origin().ascii_serialization()).unwrap_or_default()
+}
+
+/// The `webhook-id` of a notice: the job's id, and for later ends of a retried job their number.
+fn webhook_id(notice: &Notice) -> String {
+    match notice.end {
+        0 | 1 => notice.job.to_string(),
+        end => format!("{}.{end}", notice.job),
+    }
 }
 
 impl Sender {
@@ -273,12 +300,13 @@ impl Sender {
         };
         let body = serde_json::to_string(&message).map_err(|error| internal(&error))?;
         let timestamp = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
-        let signature = sign(&self.key, notice.job, timestamp, &body).ok_or_else(|| internal(&"no key"))?;
+        let id = webhook_id(notice);
+        let signature = sign(&self.key, &id, timestamp, &body).ok_or_else(|| internal(&"no key"))?;
         let mut request = self
             .client
             .post(url)
             .header("content-type", "application/json")
-            .header("webhook-id", notice.job.to_string())
+            .header("webhook-id", id)
             .header("webhook-timestamp", timestamp)
             .header("webhook-signature", signature);
         if let Some(parent) = &notice.trace_parent {
@@ -319,6 +347,21 @@ mod tests {
         let key = STANDARD.decode("MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw").expect("base64");
         let signature = sign(&key, "msg_p5jXN8AQM9LWM0D4loKWxJek", 1_614_265_330, r#"{"test": 2432232314}"#);
         assert_eq!(signature.as_deref(), Some("v1,g0hM9SsE+OTPJTGt/tmIKtSyZlE3uFJELVlNIOLJ1OE="));
+    }
+
+    #[test]
+    fn a_later_end_of_a_retried_job_has_an_id_of_its_own() {
+        let notice = Notice {
+            job: JobId::random(),
+            webhook: String::new(),
+            trace_parent: None,
+            state: State::Succeeded,
+            problem: None,
+            ended_at: UNIX_EPOCH,
+            end: 1,
+        };
+        assert_eq!(webhook_id(&notice), notice.job.to_string());
+        assert_eq!(webhook_id(&Notice { end: 2, ..notice.clone() }), format!("{}.2", notice.job));
     }
 
     #[test]

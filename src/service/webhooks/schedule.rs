@@ -41,6 +41,13 @@ pub(super) enum Outcome {
     GivenUp,
 }
 
+impl Outcome {
+    /// Whether no attempt follows.
+    pub fn is_last(self) -> bool {
+        matches!(self, Outcome::Delivered | Outcome::GivenUp)
+    }
+}
+
 /// Deliveries that are not settled, and the hosts that they go to.
 #[derive(Debug, Default)]
 pub(super) struct Schedule {
@@ -73,8 +80,8 @@ struct Host {
 pub(super) struct Turn {
     /// Deliveries to begin; they count as under way.
     pub begin: Vec<JobId>,
-    /// Deliveries that are too old, and whose host does not answer.
-    pub give_up: Vec<JobId>,
+    /// Deliveries that are too old, and whose host does not answer, with the ends of their jobs.
+    pub give_up: Vec<(JobId, SystemTime)>,
     /// When another delivery is due, unless a place becomes free before.
     pub next: Option<Instant>,
 }
@@ -100,6 +107,11 @@ impl Schedule {
         self.hosts.retain(|host, _| in_use.contains(host));
     }
 
+    /// Forgets a delivery that is settled and not under way.
+    pub fn forget(&mut self, job: JobId) {
+        self.deliveries.remove(&job);
+    }
+
     /// Chooses the deliveries that begin now, in the order of `untold`: those to hosts that answer first.
     pub fn turn(&mut self, untold: &[JobId], now: Instant, clock: SystemTime) -> Turn {
         let mut turn = Turn::default();
@@ -117,7 +129,7 @@ impl Schedule {
                     continue;
                 }
                 if of_resting && clock.duration_since(delivery.ended_at).is_ok_and(|age| age > GIVEN_UP_AFTER) {
-                    turn.give_up.push(*job);
+                    turn.give_up.push((*job, delivery.ended_at));
                     continue;
                 }
                 let due = host.rests_until.map_or(delivery.due, |until| until.max(delivery.due));
@@ -252,7 +264,8 @@ mod tests {
             schedule.done(job, Outcome::Unanswered, now);
         }
         let tomorrow = SystemTime::now() + GIVEN_UP_AFTER + Duration::from_secs(1);
-        assert_eq!(schedule.turn(&untold, now, tomorrow).give_up, untold);
+        let given_up = schedule.turn(&untold, now, tomorrow).give_up;
+        assert_eq!(given_up.iter().map(|(job, _)| *job).collect::<Vec<_>>(), untold);
         schedule.keep_only(&[]);
         assert!(schedule.hosts.is_empty());
     }

@@ -174,13 +174,17 @@ pub(super) async fn a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_r
     assert_eq!(store.ended_before(SystemTime::now() + LEASE, 9).await, Ok(vec![others[0]]), "it does not expire");
     // with a fresh count, and the same end, which is told again
     give_up().await;
+    let earlier = store.notice(id).await.expect("readable").expect("untold");
+    assert_eq!(earlier.end, 2);
     let Ok(Retried::Queued(_)) = store.retry(id).await else { panic!("it has failed again") };
     assert_eq!(store.untold().await, Ok(vec![id]));
     let (ticket, _) = claim(store).await;
     assert_eq!(ticket.attempt, 7);
     store.finish(ticket, End::Succeeded(SUMMARY)).await.expect("finished");
     assert_eq!(store.untold().await, Ok(vec![id]), "the last end is told");
-    assert_eq!(store.notice(id).await.expect("readable").map(|notice| notice.state), Some(State::Succeeded));
+    store.settle_webhook(id, earlier.ended_at).await.expect("nothing");
+    let last = store.notice(id).await.expect("readable").expect("it is another end");
+    assert_eq!((last.state, last.end), (State::Succeeded, 3));
     assert_eq!(store.blob(id, "mesh").await, Ok(None), "it is of no use any more");
     let seqs: Vec<_> = events(store, id, 0, 99).await.into_iter().map(|event| event.seq).collect();
     assert_eq!(seqs, (1..=seqs.len() as u64).collect::<Vec<_>>());

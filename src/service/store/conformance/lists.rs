@@ -121,9 +121,12 @@ pub(super) async fn every_end_with_a_webhook_is_untold_until_settled(store: &dyn
     assert_eq!(ticket.job, silent);
     store.finish(ticket, End::Cancelled).await.expect("finished");
     assert_eq!(store.untold().await.expect("readable"), ended, "without a webhook there is nobody to tell");
-    store.settle_webhook(ended[1]).await.expect("settled");
-    store.settle_webhook(ended[1]).await.expect("settled again");
-    store.settle_webhook(JobId::random()).await.expect("nothing");
+    let ended_at = get(store, ended[1]).await.ended_at.expect("ended");
+    store.settle_webhook(ended[1], ended_at - LEASE).await.expect("another end");
+    assert_eq!(store.untold().await.expect("readable"), ended);
+    store.settle_webhook(ended[1], ended_at).await.expect("settled");
+    store.settle_webhook(ended[1], ended_at).await.expect("settled again");
+    store.settle_webhook(JobId::random(), ended_at).await.expect("nothing");
     assert_eq!(store.untold().await.expect("readable"), [&ended[..1], &ended[2..]].concat());
     // what was promised outlasts the job
     for (id, state, problem) in
@@ -138,11 +141,13 @@ pub(super) async fn every_end_with_a_webhook_is_untold_until_settled(store: &dyn
             state,
             problem,
             ended_at: job.ended_at.expect("ended"),
+            end: 1,
         };
         assert_eq!(store.notice(id).await.expect("readable"), Some(notice));
     }
     assert_eq!(store.untold().await.expect("readable"), [&ended[..1], &ended[2..]].concat());
-    store.settle_webhook(ended[0]).await.expect("settled");
+    let notice = store.notice(ended[0]).await.expect("readable").expect("untold");
+    store.settle_webhook(ended[0], notice.ended_at).await.expect("settled");
     assert_eq!(store.untold().await.expect("readable"), ended[2..]);
     for id in [ended[0], silent, JobId::random()] {
         assert_eq!(store.notice(id).await.expect("readable"), None);

@@ -243,14 +243,15 @@ impl Command for Delete {
     }
 }
 
-/// The webhook of a job is told no more.
-pub(super) struct SettleWebhook(pub JobId);
+/// The end of a job at a moment is told no more.
+pub(super) struct SettleWebhook(pub JobId, pub SystemTime);
 
 impl Command for SettleWebhook {
     type Output = ();
 
     fn apply(&self, batch: &mut Batch<'_>) -> Result<(), Abort> {
-        execute(batch.connection, "DELETE FROM notices WHERE job = ?1", [self.0.to_string()])?;
+        let sql = "DELETE FROM notices WHERE job = ?1 AND ended_at = ?2";
+        execute(batch.connection, sql, params![self.0.to_string(), micros(self.1)])?;
         Ok(())
     }
 }
@@ -353,9 +354,9 @@ impl Live {
         if has_webhook {
             execute(
                 batch.connection,
-                "INSERT OR REPLACE INTO notices (job, webhook, trace_parent, state, problem, ended_at) \
-                 SELECT id, spec ->> 'webhook', spec ->> 'trace_parent', state, problem, ended_at FROM jobs \
-                 WHERE number = ?1",
+                "INSERT OR REPLACE INTO notices (job, webhook, trace_parent, state, problem, ended_at, nth) \
+                 SELECT id, spec ->> 'webhook', spec ->> 'trace_parent', state, problem, ended_at, \
+                 (SELECT count(*) FROM events WHERE job = number AND kind = 'end') FROM jobs WHERE number = ?1",
                 [self.number],
             )?;
             batch.effects.endings += 1;

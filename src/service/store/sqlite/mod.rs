@@ -297,8 +297,8 @@ impl Notices for SqliteStore {
         self.readers.read(|reader| first(reader, sql, [id.to_string()], rows::notice)).await
     }
 
-    async fn settle_webhook(&self, id: JobId) -> Result<()> {
-        self.writer.carry_out(SettleWebhook(id)).await
+    async fn settle_webhook(&self, id: JobId, ended_at: SystemTime) -> Result<()> {
+        self.writer.carry_out(SettleWebhook(id, ended_at)).await
     }
 }
 

@@ -113,6 +113,7 @@ pub(super) fn notice(row: &Row<'_>) -> Result<Notice> {
         state: state(row)?,
         problem: optional_text(row, "problem")?.map(|text| from_json("problem", text)).transpose()?,
         ended_at: time(column(row, "ended_at")?),
+        end: column(row, "nth")?,
     })
 }
 

@@ -9,11 +9,12 @@ use rusqlite::{Connection, TransactionBehavior};
 use super::connections::message;
 
 /// Every migration's SQL.
-const MIGRATIONS: [&str; 4] = [
+const MIGRATIONS: [&str; 5] = [
     include_str!("migrations/0001_jobs.sql"),
     include_str!("migrations/0002_blobs.sql"),
     include_str!("migrations/0003_notices.sql"),
     include_str!("migrations/0004_fairness.sql"),
+    include_str!("migrations/0005_nth_end.sql"),
 ];
 
 /// Why the tables cannot be brought up to date.

@@ -215,7 +215,7 @@ async fn an_end_that_was_to_be_told_before_an_update_is_told_after_it() {
         connection.execute(sql, row).expect("written");
         if let (Some(place), Some(webhook)) = (untold, spec.webhook) {
             let ended_at = rows::time(2);
-            told.push((place, Notice { job: id, webhook, trace_parent: None, state, problem, ended_at }));
+            told.push((place, Notice { job: id, webhook, trace_parent: None, state, problem, ended_at, end: 1 }));
         }
     }
     connection.close().expect("closed");
@@ -281,7 +281,7 @@ async fn a_file_with_the_earlier_bookkeeping_is_taken_over_with_its_jobs() {
         }
         let connection = Connection::open(&path).expect("it opens");
         let version: u32 = connection.pragma_query_value(None, "user_version", |row| row.get(0)).expect("readable");
-        assert_eq!(version, 4);
+        assert_eq!(version, 5);
         assert_eq!(connection.table_exists(None, "_sqlx_migrations"), Ok(false), "nobody keeps it up");
     }
 }
@@ -317,7 +317,7 @@ async fn tables_of_a_later_version_are_refused_and_left_alone() {
         connection.close().expect("closed");
         let before = std::fs::read(&path).expect("readable");
         let error = SqliteStore::open(&path, RULES, Faults::default()).await.expect_err("too new");
-        for part in [&format!("version {found},"), NAME, "up to 4"] {
+        for part in [&format!("version {found},"), NAME, "up to 5"] {
             assert!(error.message.contains(part), "{error}");
         }
         assert!(std::fs::read(&path).expect("readable") == before);
