@@ -5,7 +5,8 @@
 //! Webhooks](https://www.standardwebhooks.com) says, tried again with growing pauses, and given up a day after the end
 //! of the job, or when the receiver answers 410. Deleting the job changes nothing about that. An end may be delivered
 //! twice: receivers recognise it by its `webhook-id`, the id of the job, with `.2` behind it for the second end of a
-//! job that was retried, and so on. [`schedule`] decides which delivery is next, so that no receiver delays another one's.
+//! job that was retried, and so on. [`schedule`] decides which delivery is next, so that no receiver delays
+//! another one's.
 
 mod schedule;
 mod target;
