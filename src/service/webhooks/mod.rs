@@ -4,8 +4,9 @@
 //! and whenever a job with a webhook ended. A delivery is signed as [Standard
 //! Webhooks](https://www.standardwebhooks.com) says, tried again with growing pauses, and given up a day after the end
 //! of the job, or when the receiver answers 410. Deleting the job changes nothing about that. An end may be delivered
-//! twice: receivers recognise it by its `webhook-id`, the id of the job, with `.2` behind it for the second end of a job
-//! that was retried, and so on. [`schedule`] decides which delivery is next, so that no receiver delays another one's.
+//! twice: receivers recognise it by its `webhook-id`, the id of the job, with `.2` behind it for the second end of a
+//! job that was retried, and so on. [`schedule`] decides which delivery is next, so that no receiver delays
+//! another one's.
 
 mod schedule;
 mod target;
@@ -221,8 +222,8 @@ impl Teller {
         Ok(untold)
     }
 
-    /// Counts an outcome and stores it, unless the job has ended again since `ended_at`. False when it cannot be stored:
-    /// the end is delivered again after a pause then.
+    /// Counts an outcome and stores it, unless the job has ended again since `ended_at`. False when it cannot be
+    /// stored: the end is delivered again after a pause then.
     async fn settle(&self, id: JobId, outcome: Outcome, ended_at: Option<SystemTime>) -> bool {
         self.metrics.told(match outcome {
             Outcome::Delivered => "delivered",
