@@ -341,6 +341,10 @@ pub(super) struct Statistics {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum End {
     /// With a result.
+    /// Attempts that failed because the process ended or their lease was over, with [`Kind::Unavailable`].
+    pub attempts_failed: u64,
+    /// Jobs that were given up after such an attempt.
+    pub given_up: u64,
     Succeeded(Summary),
     /// With an error.
     Failed(Error),
