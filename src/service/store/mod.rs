@@ -34,10 +34,12 @@
 //!
 //! A crash is a start that finds running jobs. Those that had not begun wait again as if nothing had happened. Those that
 //! had begun become *suspects*: any of them may have killed the process. The crash counts as an attempt for a job only if
-//! it was the only one that had begun, or the only one of them that had been suspect in two crashes or more. Suspects
-//! start one at a time, and each pauses before it starts again, [ten times as long](Rules::pause) after every further
-//! crash. After its second crash a suspect runs alone: nothing else is claimed while it starts, for [`ALONE`] at most. So
-//! a job that kills the process is given up, and its neighbours are not.
+//! it was the only one that had begun, or the only one of them that had been suspect in two crashes or more. In the
+//! second case, a job that had begun and was claimed later may as well be the cause: then the crash counts for neither,
+//! unless the suspect was in [five](BLAMED_FROM) crashes before, so that a job that kills the process late is given up,
+//! too. Suspects start one at a time, and each pauses before it starts again, [ten times as long](Rules::pause) after
+//! every further crash. After its second crash a suspect runs alone: nothing else is claimed while it starts, for
+//! [`ALONE`] at most. So a job that kills the process is given up, and its neighbours are not.
 
 #[cfg(test)]
 pub(super) mod conformance;
@@ -282,6 +284,9 @@ pub(super) const ALONE: Duration = Duration::from_secs(30);
 const ALONE_FROM: u32 = 2;
 
 impl Rules {
+/// Crashes after which the only old suspect is blamed for another one, whatever started after it.
+const BLAMED_FROM: u32 = 5;
+
     /// The pause of a job after so many crashes that it was worked on in.
     fn pause(&self, crashes: u32) -> Duration {
         let factor = 10u32.saturating_pow(crashes.saturating_sub(1));
