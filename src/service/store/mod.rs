@@ -28,7 +28,8 @@
 //! The tenant with the fewest running jobs divided by its weight comes first; among equals, the tenant whose virtual time
 //! is earliest ([`fairness`]); then the job with the highest priority, then the oldest one. So a priority orders the jobs
 //! of one tenant, and decides between tenants only where these are equal. A tenant at its limit of running jobs is passed
-//! over. The cost is that of the tenants with waiting jobs and one look-up in an index for each job claimed.
+//! over. Each job claimed costs a pass over the tenants with waiting jobs, and one look-up in an index for each of the
+//! tenants that are equal.
 //!
 //! # After a crash
 //!
@@ -283,10 +284,10 @@ pub(super) const ALONE: Duration = Duration::from_secs(30);
 /// Crashes after which a suspect is to run alone.
 const ALONE_FROM: u32 = 2;
 
-impl Rules {
 /// Crashes after which the only old suspect is blamed for another one, whatever started after it.
 const BLAMED_FROM: u32 = 5;
 
+impl Rules {
     /// The pause of a job after so many crashes that it was worked on in.
     fn pause(&self, crashes: u32) -> Duration {
         let factor = 10u32.saturating_pow(crashes.saturating_sub(1));
@@ -340,16 +341,16 @@ pub(super) struct Statistics {
     pub failures: u64,
     /// Time spent in transactions, in seconds.
     pub commit_seconds: f64,
+    /// Attempts that failed because the process ended or their lease was over, with [`Kind::Unavailable`].
+    pub attempts_failed: u64,
+    /// Jobs that were given up after such an attempt.
+    pub given_up: u64,
 }
 
 /// How a job ends.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum End {
     /// With a result.
-    /// Attempts that failed because the process ended or their lease was over, with [`Kind::Unavailable`].
-    pub attempts_failed: u64,
-    /// Jobs that were given up after such an attempt.
-    pub given_up: u64,
     Succeeded(Summary),
     /// With an error.
     Failed(Error),
