@@ -91,6 +91,11 @@ async fn a_mesh_that_kills_the_process_is_given_up_and_its_neighbours_succeed() 
     let path = folder.path("tokens.json");
     let token = |tenant: &str| TokenFile::change(&path, |file| Ok(file.add(tenant)?.reveal())).expect("made");
     let bad = token("bad");
+    let may_read_metrics = |file: &mut TokenFile| {
+        file.tenants.get_mut("bad").expect("just made").metrics = true;
+        Ok(())
+    };
+    TokenFile::change(&path, may_read_metrics).expect("made");
     let good: Vec<String> = (0..4).map(|number| token(&format!("good-{number}"))).collect();
     let mut mesh = Vec::new();
     sample::write_obj(&mut mesh, &sample::generate(Sample::Sphere, 300).expect("a sphere")).expect("written");
@@ -132,6 +137,12 @@ async fn a_mesh_that_kills_the_process_is_given_up_and_its_neighbours_succeed() 
         }
     }
     assert!((3..=6).contains(&service.deaths), "it died {} times", service.deaths);
+    let metrics = service.client.get(format!("http://{}/metrics", service.address)).bearer_auth(&bad).send();
+    let metrics = metrics.await.expect("it lives").text().await.expect("text");
+    for name in ["poison", "attempts_failed"] {
+        let line = format!("\ntesserae_{name}_total{{reason=\"unavailable\"}} 1\n");
+        assert!(metrics.contains(&line), "{line:?} is missing:\n{metrics}");
+    }
     // what was given up is run again on request, and kills again, and only itself
     let (token, id) = &jobs[4];
     let retry =

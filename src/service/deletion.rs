@@ -43,9 +43,9 @@ mod tests {
     use super::*;
     use crate::service::faults::{FaultPoint, Faults};
     use crate::service::files::DiskLimits;
-    use crate::service::store::{Queue, State};
     use crate::service::store::sqlite::SqliteStore;
     use crate::service::store::tests::{RULES, new_job};
+    use crate::service::store::{Queue, State};
 
     #[tokio::test]
     async fn a_job_is_cancelled_on_a_full_disk() {

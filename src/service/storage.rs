@@ -88,6 +88,7 @@ impl Storage {
         for job in self.files.promised_jobs() {
             match self.store.get(job).await {
                 // one that is just being accepted is not there yet
+                Ok(Some(found)) if found.state == State::Failed => self.files.give_back_of(job, found.attempt),
                 Ok(Some(found)) if found.state.is_ended() => self.files.give_back(job),
                 Ok(_) => {}
                 Err(_) => return,

@@ -89,7 +89,8 @@ async fn every_place_that_lists_mesh_formats_has_exactly_those_of_the_table() {
     let in_body = |line: &&str| line.starts_with("          model/");
     let mut in_yaml: Vec<&str> = body.lines().filter(in_body).map(|line| line.trim().trim_end_matches(':')).collect();
     let mut sorted = types.clone();
-    (in_yaml.sort_unstable(), sorted.sort_unstable());
+    in_yaml.sort_unstable();
+    sorted.sort_unstable();
     assert_eq!(in_yaml, sorted);
     let schema = yaml.split_once("\n    Format:\n").expect("a schema").1;
     let values =

@@ -135,21 +135,25 @@ impl Files {
 
     /// Promises a job that is being accepted room for its result. Refuses when there is none.
     pub fn promise(&self, job: JobId, bytes: u64) -> Result<()> {
+        self.promise_from(job, 0, bytes)
+    }
+
+    fn promise_from(&self, job: JobId, attempt: u32, bytes: u64) -> Result<()> {
         self.check_root()?;
         let missing = self.ballast.missing();
-        self.room.promise(job, bytes, |promised| self.disk.check(0, promised.saturating_add(missing)))
+        self.room.promise(job, attempt, bytes, |promised| self.disk.check(0, promised.saturating_add(missing)))
     }
 
     /// Promises jobs that were accepted before the service was started room again.
     pub fn promise_again<'j>(&self, jobs: impl Iterator<Item = &'j Job>, most_faces: u64) {
         for job in jobs {
-            let _ = self.room.promise(job.id, self.needs_of(job, most_faces), |_| Ok::<_, Error>(()));
+            let _ = self.room.promise(job.id, job.attempt, self.needs_of(job, most_faces), |_| Ok::<_, Error>(()));
         }
     }
 
     /// Promises a job that runs again room for its result. Refuses when there is none.
     pub fn promise_retry(&self, job: &Job, most_faces: u64) -> Result<()> {
-        self.promise(job.id, self.needs_of(job, most_faces))
+        self.promise_from(job.id, job.attempt + 1, self.needs_of(job, most_faces))
     }
 
     /// Estimate of a result, from the upload that is kept.
@@ -161,9 +165,14 @@ impl Files {
         needs::of_upload(&job.spec, upload, most_faces)
     }
 
-    /// The job ended: what it was promised is free.
+    /// The job ended, and will not be run again: what it was promised is free.
     pub fn give_back(&self, job: JobId) {
         self.room.give_back(job);
+    }
+
+    /// The job ended with an attempt: what it was promised is free, unless it is run again already.
+    pub fn give_back_of(&self, job: JobId, attempt: u32) {
+        self.room.give_back_of(job, attempt);
     }
 
     /// Jobs that were promised room.
@@ -171,14 +180,14 @@ impl Files {
         self.room.jobs()
     }
 
-    /// Waits for room for the result of a job, which turned out to need so many bytes. Fails with
+    /// Waits for room for the result of an attempt at a job, which turned out to need so many bytes. Fails with
     /// [`Kind::InsufficientStorage`] when nothing can make room; [`gave_up`](Self::gave_up) holds from then on.
-    pub async fn secure(&self, job: JobId, bytes: u64) -> Result<()> {
+    pub async fn secure(&self, job: JobId, attempt: u32, bytes: u64) -> Result<()> {
         let started = Instant::now();
         let mut is_told = false;
         loop {
             let disk = self.disk.state(self.ballast.there());
-            match self.room.try_secure(job, bytes, disk, started.elapsed() < PATIENCE) {
+            match self.room.try_secure(job, attempt, bytes, disk, started.elapsed() < PATIENCE) {
                 room::Outcome::Secured => return Ok(()),
                 room::Outcome::Never => {
                     return Err(Error::new(
@@ -199,9 +208,9 @@ impl Files {
         }
     }
 
-    /// The job waits for its turn again.
-    pub fn put_back(&self, job: JobId) {
-        self.room.put_back(job);
+    /// The job waits for its turn again after an attempt.
+    pub fn put_back(&self, job: JobId, attempt: u32) {
+        self.room.put_back(job, attempt);
     }
 
     /// Whether there will be no room for the result of a job.

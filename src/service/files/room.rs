@@ -31,6 +31,8 @@ struct Promises {
 struct Promise {
     bytes: u64,
     stage: Stage,
+    /// The attempt that it is for: 0 for a new job, which any attempt may change. Older attempts change nothing.
+    attempt: u32,
 }
 
 /// How far a job is.
@@ -69,26 +71,45 @@ impl Room {
         self.lock().jobs.keys().copied().collect()
     }
 
-    /// Promises room to a job if `check` allows so many bytes beside what was promised before.
-    pub fn promise<E>(&self, job: JobId, bytes: u64, check: impl FnOnce(u64) -> Result<(), E>) -> Result<(), E> {
+    /// Promises room to a job, from an attempt on, if `check` allows so many bytes beside what others were promised.
+    pub fn promise<E>(
+        &self,
+        job: JobId,
+        attempt: u32,
+        bytes: u64,
+        check: impl FnOnce(u64) -> Result<(), E>,
+    ) -> Result<(), E> {
         let mut promises = self.lock();
-        check(promises.bytes.saturating_add(bytes))?;
+        let before = promises.jobs.get(&job).map_or(0, |promise| promise.bytes);
+        check((promises.bytes - before).saturating_add(bytes))?;
         promises.set(job, bytes);
+        promises.set_stage(job, Stage::Accepted);
+        promises.set_attempt(job, attempt);
         Ok(())
     }
 
-    /// The job ended.
+    /// The job ended, and no attempt will follow.
     pub fn give_back(&self, job: JobId) {
         let mut promises = self.lock();
         promises.set(job, 0);
         promises.jobs.remove(&job);
     }
 
-    /// Promises a job what it turns out to need, of what is free on the disk. With `is_patient` it would rather wait
-    /// for jobs that are still to be read.
-    pub fn try_secure(&self, job: JobId, needs: u64, disk: State, is_patient: bool) -> Outcome {
+    /// The job ended with an attempt. Nothing happens if it has been promised room for a later one since.
+    pub fn give_back_of(&self, job: JobId, attempt: u32) {
+        let mut promises = self.lock();
+        if promises.jobs.get(&job).is_some_and(|promise| promise.attempt <= attempt) {
+            promises.set(job, 0);
+            promises.jobs.remove(&job);
+        }
+    }
+
+    /// Promises an attempt at a job what it turns out to need, of what is free on the disk. With `is_patient` it would
+    /// rather wait for jobs that are still to be read.
+    pub fn try_secure(&self, job: JobId, attempt: u32, needs: u64, disk: State, is_patient: bool) -> Outcome {
         let State { free, foreign } = disk;
         let mut promises = self.lock();
+        promises.set_attempt(job, attempt);
         let promised = promises.jobs.get(&job).map_or(0, |promise| promise.bytes);
         let others = promises.bytes - promised;
         let fits = match needs <= promised {
@@ -124,10 +145,10 @@ impl Room {
         Outcome::Never
     }
 
-    /// The job waits for its turn again.
-    pub fn put_back(&self, job: JobId) {
+    /// The job waits for its turn again after an attempt. Nothing happens if a later one has been secured room since.
+    pub fn put_back(&self, job: JobId, attempt: u32) {
         let mut promises = self.lock();
-        if promises.jobs.contains_key(&job) {
+        if promises.jobs.get(&job).is_some_and(|promise| promise.attempt <= attempt) {
             promises.set_stage(job, Stage::Accepted);
         }
     }
@@ -152,6 +173,11 @@ impl Promises {
     fn set_stage(&mut self, job: JobId, stage: Stage) {
         self.jobs.entry(job).or_default().stage = stage;
     }
+
+    fn set_attempt(&mut self, job: JobId, attempt: u32) {
+        let promise = self.jobs.entry(job).or_default();
+        promise.attempt = promise.attempt.max(attempt);
+    }
 }
 
 #[cfg(test)]
@@ -166,7 +192,7 @@ mod tests {
 
     fn promise(room: &Room, bytes: u64, free: u64) -> Result<JobId, u64> {
         let id = JobId::random();
-        room.promise(id, bytes, |all| if all <= free { Ok(()) } else { Err(all) })?;
+        room.promise(id, 0, bytes, |all| if all <= free { Ok(()) } else { Err(all) })?;
         Ok(id)
     }
 
@@ -186,7 +212,7 @@ mod tests {
     fn a_job_that_needs_less_than_it_was_promised_leaves_the_rest_to_others() {
         let room = Room::default();
         let job = promise(&room, 100 * MIB, u64::MAX).expect("room");
-        assert_eq!(room.try_secure(job, 40 * MIB, free(41 * MIB), true), Outcome::Secured);
+        assert_eq!(room.try_secure(job, 1, 40 * MIB, free(41 * MIB), true), Outcome::Secured);
         assert_eq!(room.promised(), 40 * MIB);
     }
 
@@ -195,10 +221,10 @@ mod tests {
         let room = Room::default();
         let job = promise(&room, 100 * MIB, u64::MAX).expect("room");
         let others = State { free: 50 * MIB, foreign: 50 * MIB };
-        assert_eq!(room.try_secure(job, 90 * MIB, others, false), Outcome::Wait);
-        assert_eq!(room.try_secure(job, 90 * MIB, free(90 * MIB), false), Outcome::Secured);
+        assert_eq!(room.try_secure(job, 1, 90 * MIB, others, false), Outcome::Wait);
+        assert_eq!(room.try_secure(job, 1, 90 * MIB, free(90 * MIB), false), Outcome::Secured);
         // without others, the service itself promised more than there is
-        assert_eq!(room.try_secure(job, 90 * MIB, free(50 * MIB), false), Outcome::Never);
+        assert_eq!(room.try_secure(job, 1, 90 * MIB, free(50 * MIB), false), Outcome::Never);
     }
 
     #[test]
@@ -206,11 +232,11 @@ mod tests {
         let room = Room::default();
         let running = promise(&room, 20 * MIB, u64::MAX).expect("room");
         let larger = promise(&room, 10 * MIB, u64::MAX).expect("room");
-        assert_eq!(room.try_secure(running, 20 * MIB, free(60 * MIB), false), Outcome::Secured);
-        assert_eq!(room.try_secure(larger, 60 * MIB, free(60 * MIB), false), Outcome::Wait);
+        assert_eq!(room.try_secure(running, 1, 20 * MIB, free(60 * MIB), false), Outcome::Secured);
+        assert_eq!(room.try_secure(larger, 1, 60 * MIB, free(60 * MIB), false), Outcome::Wait);
         room.give_back(running);
         // less than what it needs and the store's room
-        assert_eq!(room.try_secure(larger, 60 * MIB, free(60 * MIB), false), Outcome::Never);
+        assert_eq!(room.try_secure(larger, 1, 60 * MIB, free(60 * MIB), false), Outcome::Never);
         assert!(room.gave_up(larger));
         room.give_back(larger);
         assert!(!room.gave_up(larger));
@@ -221,15 +247,15 @@ mod tests {
         let room = Room::default();
         let jobs = [10, 10, 10].map(|bytes| promise(&room, bytes * MIB, u64::MAX).expect("room"));
         for job in &jobs[..2] {
-            assert_eq!(room.try_secure(*job, 50 * MIB, free(60 * MIB), true), Outcome::Wait);
+            assert_eq!(room.try_secure(*job, 1, 50 * MIB, free(60 * MIB), true), Outcome::Wait);
         }
         // now all wait: patience changes nothing
-        assert_eq!(room.try_secure(jobs[2], 50 * MIB, free(60 * MIB), true), Outcome::Never);
-        assert_eq!(room.try_secure(jobs[0], 50 * MIB, free(60 * MIB), true), Outcome::Wait);
-        assert_eq!(room.try_secure(jobs[1], 50 * MIB, free(60 * MIB), true), Outcome::Wait);
+        assert_eq!(room.try_secure(jobs[2], 1, 50 * MIB, free(60 * MIB), true), Outcome::Never);
+        assert_eq!(room.try_secure(jobs[0], 1, 50 * MIB, free(60 * MIB), true), Outcome::Wait);
+        assert_eq!(room.try_secure(jobs[1], 1, 50 * MIB, free(60 * MIB), true), Outcome::Wait);
         room.give_back(jobs[2]);
-        assert_eq!(room.try_secure(jobs[0], 50 * MIB, free(70 * MIB), true), Outcome::Secured);
-        assert_eq!(room.try_secure(jobs[1], 50 * MIB, free(70 * MIB), false), Outcome::Wait);
+        assert_eq!(room.try_secure(jobs[0], 1, 50 * MIB, free(70 * MIB), true), Outcome::Secured);
+        assert_eq!(room.try_secure(jobs[1], 1, 50 * MIB, free(70 * MIB), false), Outcome::Wait);
     }
 
     #[test]
@@ -237,7 +263,25 @@ mod tests {
         let room = Room::default();
         let larger = promise(&room, MIB, u64::MAX).expect("room");
         promise(&room, MIB, u64::MAX).expect("room");
-        assert_eq!(room.try_secure(larger, 50 * MIB, free(50 * MIB), true), Outcome::Wait);
-        assert_eq!(room.try_secure(larger, 50 * MIB, free(50 * MIB), false), Outcome::Never);
+        assert_eq!(room.try_secure(larger, 1, 50 * MIB, free(50 * MIB), true), Outcome::Wait);
+        assert_eq!(room.try_secure(larger, 1, 50 * MIB, free(50 * MIB), false), Outcome::Never);
+    }
+
+    #[test]
+    fn an_attempt_that_is_over_changes_nothing_for_the_next_one() {
+        let room = Room::default();
+        let job = promise(&room, MIB, u64::MAX).expect("room");
+        assert_eq!(room.try_secure(job, 1, MIB, free(9 * MIB), false), Outcome::Secured);
+        // it is retried before the end of the first attempt was taken note of
+        room.promise(job, 2, 3 * MIB, |all| if all == 3 * MIB { Ok(()) } else { Err(all) }).expect("room");
+        room.give_back_of(job, 1);
+        assert_eq!(room.promised(), 3 * MIB);
+        assert_eq!(room.try_secure(job, 2, 50 * MIB, free(MIB), false), Outcome::Never);
+        room.put_back(job, 1);
+        assert!(room.gave_up(job), "the second attempt did not end");
+        room.put_back(job, 2);
+        assert!(!room.gave_up(job));
+        room.give_back_of(job, 2);
+        assert_eq!((room.promised(), room.jobs()), (0, vec![]));
     }
 }

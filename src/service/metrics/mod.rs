@@ -499,6 +499,11 @@ impl Metrics {
         self.store_commands.inner().store(now.store.commands, Ordering::Relaxed);
         self.store_failed_commits.inner().store(now.store.failures, Ordering::Relaxed);
         self.store_commit_seconds.inner().store(now.store.commit_seconds.to_bits(), Ordering::Relaxed);
+        // only the store ends attempts for this reason
+        let unavailable = ByReason { reason: Kind::Unavailable.slug() };
+        let attempts_failed = self.attempts_failed.get_or_create(&unavailable);
+        attempts_failed.inner().store(now.store.attempts_failed, Ordering::Relaxed);
+        self.poison.get_or_create(&unavailable).inner().store(now.store.given_up, Ordering::Relaxed);
         self.ready.set(i64::from(health.why_not_ready().is_none()));
         for part in Part::ALL {
             let now = health.severity(part);

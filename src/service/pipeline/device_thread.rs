@@ -24,7 +24,7 @@ use super::beside::Beside;
 use super::bounds::{caught, pool, within};
 use super::small::{SMALL_FACES, SmallMeshes};
 use super::task::{Done, Task};
-use super::turns::{Line, Visit};
+use super::turns::{Line, Place, Visit};
 use crate::device::Device;
 use crate::device::cpu::CpuDevice;
 use crate::error::{Error, Kind, Result};
@@ -123,12 +123,16 @@ impl DeviceThread {
             let work = move || span.in_scope(|| task.run_on(device, &shared.metrics)?.finish(&shared.faults));
             return within(limit, thread.run(work)).await;
         }
-        let cost = task.visit.cost;
-        if let Some(beside) = self.beside.as_ref().filter(|_| self.line.is_short(cost)) {
-            let done = beside.run(task, Arc::clone(&self.shared.metrics), self.shared.faults.clone(), limit);
-            return done.await;
-        }
-        let turn = self.line.turn(task.visit.clone()).await;
+        let turn = match &self.beside {
+            None => self.line.turn(task.visit.clone()).await,
+            Some(beside) => match self.line.place(task.visit.clone()).await {
+                Place::Turn(turn) => turn,
+                Place::Beside => {
+                    let (metrics, faults) = (Arc::clone(&self.shared.metrics), self.shared.faults.clone());
+                    return beside.run(task, metrics, faults, limit).await;
+                }
+            },
+        };
         let work = async {
             let done = self.submit(Some(task)).await;
             drop(turn);

@@ -232,8 +232,8 @@ impl Pipeline {
             self.files.remove_result(job.id, ticket.attempt).await;
         }
         match &state {
-            Ok(state) if state.is_ended() => self.files.give_back(job.id),
-            _ => self.files.put_back(job.id),
+            Ok(state) if state.is_ended() => self.files.give_back_of(job.id, ticket.attempt),
+            _ => self.files.put_back(job.id, ticket.attempt),
         }
         match state {
             Ok(state) if state.is_ended() && !job.spec.is_small && !is_given_up => {

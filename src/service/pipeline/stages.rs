@@ -67,7 +67,7 @@ impl Pipeline {
             Span::current().record("clusters", prepared.parameters.clusters);
         }
 
-        self.files.secure(job.id, files::of_faces(&prepared.parameters, prepared.input.faces)).await?;
+        self.files.secure(job.id, job.attempt, files::of_faces(&prepared.parameters, prepared.input.faces)).await?;
 
         let cost = cost(prepared.surface.faces() as u64, prepared.parameters.algorithm);
         let (rows, inbox) = mpsc::unbounded_channel();
@@ -90,7 +90,7 @@ impl Pipeline {
         telling.await.map_err(|error| {
             Error::new(Kind::Internal, format_args!("the events of the job were not written: {error}"))
         })??;
-        self.files.secure(job.id, files::of_result(&outcome)).await?;
+        self.files.secure(job.id, job.attempt, files::of_result(&outcome)).await?;
         Ok(outcome)
     }
 

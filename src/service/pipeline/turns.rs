@@ -1,4 +1,4 @@
-//! Turns at the device: which of the meshes that wait for it is next, and which may pass it by.
+//! Turns at the device: which of the meshes that wait for it is next, and which are clustered beside it.
 //!
 //! Turns are shared fairly among tenants by the time that each used the device, divided by its weight ([`fairness`]); a
 //! tenant's own meshes come in the order of their arrival. Knows no device.
@@ -31,7 +31,18 @@ struct State {
 #[derive(Debug)]
 struct Waiting {
     visit: Visit,
-    called: oneshot::Sender<Turn>,
+    /// Whether it may be sent [`Place::Beside`].
+    may_pass: bool,
+    called: oneshot::Sender<Place>,
+}
+
+/// Where a mesh is clustered.
+#[derive(Debug)]
+pub(super) enum Place {
+    /// At the device.
+    Turn(Turn),
+    /// Beside the device: the mesh there has at least four times the cost.
+    Beside,
 }
 
 /// What waits for a turn.
@@ -52,6 +63,11 @@ impl Visit {
     }
 }
 
+/// Whether a mesh of that cost is short beside another one.
+fn is_short(cost: u64, other: u64) -> bool {
+    cost <= other / SHORT
+}
+
 /// The turn of a mesh, until it is dropped.
 #[derive(Debug)]
 pub(super) struct Turn {
@@ -63,41 +79,55 @@ pub(super) struct Turn {
 impl Line {
     /// Waits for the turn of a mesh.
     pub async fn turn(self: &Arc<Self>, visit: Visit) -> Turn {
-        let called = {
+        loop {
+            if let Place::Turn(turn) = self.wait(visit.clone(), false).await {
+                return turn;
+            }
+        }
+    }
+
+    /// Waits for the turn of a mesh, or until the mesh that has its turn is so long that this one is short beside it.
+    pub async fn place(self: &Arc<Self>, visit: Visit) -> Place {
+        self.wait(visit, true).await
+    }
+
+    async fn wait(self: &Arc<Self>, visit: Visit, may_pass: bool) -> Place {
+        let call = {
             let mut state = self.lock();
-            if state.cost.is_none() {
-                return self.begin(&mut state, visit);
+            match state.cost {
+                None => return Place::Turn(self.begin(&mut state, visit)),
+                Some(other) if may_pass && is_short(visit.cost, other) => return Place::Beside,
+                Some(_) => {}
             }
             let (called, call) = oneshot::channel();
-            state.waiting.push(Waiting { visit: visit.clone(), called });
+            state.waiting.push(Waiting { visit, may_pass, called });
             call
         };
-        match called.await {
-            Ok(turn) => turn,
+        match call.await {
+            Ok(place) => place,
             // never: the sender is kept until it is used
             Err(_) => std::future::pending().await,
         }
     }
 
-    /// Whether a mesh is short beside the one that has its turn.
-    pub fn is_short(&self, cost: u64) -> bool {
-        self.lock().cost.is_some_and(|other| other / SHORT >= cost)
-    }
-
     fn begin(self: &Arc<Self>, state: &mut State, visit: Visit) -> Turn {
         state.cost = Some(visit.cost);
         state.turns.serve(&visit.tenant);
+        for passing in state.waiting.extract_if(.., |one| one.may_pass && is_short(one.visit.cost, visit.cost)) {
+            // A visit that stopped waiting needs no place.
+            let _ = passing.called.send(Place::Beside);
+        }
         Turn { line: Arc::clone(self), visit, started: Instant::now() }
     }
 
     /// The turn of the next one that still waits.
-    fn call_next(self: &Arc<Self>, state: &mut State) -> Option<(oneshot::Sender<Turn>, Turn)> {
+    fn call_next(self: &Arc<Self>, state: &mut State) -> Option<(oneshot::Sender<Place>, Turn)> {
         state.cost = None;
         state.waiting.retain(|waiting| !waiting.called.is_closed());
         let start = |waiting: &Waiting| state.turns.start(&waiting.visit.tenant);
         let next =
             (0..state.waiting.len()).min_by(|&a, &b| start(&state.waiting[a]).total_cmp(&start(&state.waiting[b])))?;
-        let Waiting { visit, called } = state.waiting.remove(next);
+        let Waiting { visit, called, .. } = state.waiting.remove(next);
         Some((called, self.begin(state, visit)))
     }
 
@@ -118,7 +148,7 @@ impl Drop for Turn {
         };
         if let Some((called, turn)) = next {
             // One that stopped waiting in this moment drops its turn, which calls the next.
-            let _ = called.send(turn);
+            let _ = called.send(Place::Turn(turn));
         }
     }
 }
@@ -156,10 +186,33 @@ mod tests {
     #[tokio::test]
     async fn a_mesh_is_short_beside_a_longer_one_only() {
         let line = Arc::<Line>::default();
-        assert!(!line.is_short(1), "nothing has its turn");
         let turn = line.turn(visit("a", 100)).await;
-        assert!(line.is_short(25) && !line.is_short(26));
+        assert!(matches!(line.place(visit("b", 25)).now_or_never(), Some(Place::Beside)));
+        assert!(line.place(visit("b", 26)).now_or_never().is_none());
+        assert!(line.turn(visit("b", 25)).now_or_never().is_none(), "it must not go beside");
         drop(turn);
-        assert!(!line.is_short(1));
+        assert!(matches!(line.place(visit("b", 1)).now_or_never(), Some(Place::Turn(_))), "the line is empty");
+    }
+
+    #[tokio::test]
+    async fn short_meshes_that_wait_go_beside_a_long_one_once_it_has_its_turn() {
+        let line = Arc::<Line>::default();
+        let first = line.turn(visit("first", 10)).await;
+        let mut long = Box::pin(line.place(visit("a", 100)));
+        let mut short = Box::pin(line.place(visit("b", 10)));
+        let mut similar = Box::pin(line.place(visit("c", 30)));
+        let mut fixed = Box::pin(line.turn(visit("d", 10)));
+        for waiting in [&mut long, &mut short, &mut similar] {
+            assert!(waiting.now_or_never().is_none(), "the first has its turn");
+        }
+        assert!((&mut fixed).now_or_never().is_none(), "the first has its turn");
+        drop(first);
+        let Some(Place::Turn(turn)) = long.now_or_never() else { panic!("it came first") };
+        assert!(matches!((&mut short).now_or_never(), Some(Place::Beside)), "it was asked again");
+        assert!((&mut similar).now_or_never().is_none(), "it is not short");
+        assert!((&mut fixed).now_or_never().is_none(), "it must not go beside");
+        drop(turn);
+        assert!(matches!(similar.now_or_never(), Some(Place::Turn(_))), "it is next");
+        assert!(fixed.now_or_never().is_some(), "nothing else waits");
     }
 }

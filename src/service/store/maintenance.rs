@@ -19,6 +19,11 @@ pub(in crate::service) struct Statistics {
     pub failures: u64,
     /// Time spent in transactions, in seconds.
     pub commit_seconds: f64,
+    /// Attempts that failed because the process ended or their lease was over, with
+    /// [`Kind::Unavailable`](crate::Kind::Unavailable).
+    pub attempts_failed: u64,
+    /// Jobs that were given up after such an attempt.
+    pub given_up: u64,
 }
 
 /// What came of asking to delete a job.

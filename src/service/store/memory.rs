@@ -52,6 +52,10 @@ struct Inner {
     untold: Vec<Notice>,
     /// Bytes of all small blobs.
     blob_bytes: u64,
+    /// As in [`Statistics`].
+    attempts_failed: u64,
+    /// As in [`Statistics`].
+    given_up: u64,
 }
 
 /// The live jobs of a tenant.
@@ -429,7 +433,10 @@ impl Queue for MemoryStore {
             .collect();
         over.sort_by_key(|(number, _)| *number);
         for (_, ticket) in &over {
-            self.give_back(&mut inner, ticket.job, Release::Failed(lease_is_over()));
+            let has_begun = inner.jobs.get(&ticket.job).is_some_and(|entry| entry.has_begun);
+            let state = self.give_back(&mut inner, ticket.job, Release::Failed(lease_is_over()));
+            inner.attempts_failed += u64::from(has_begun);
+            inner.given_up += u64::from(state == State::Failed);
         }
         Ok(over.into_iter().map(|(_, ticket)| ticket).collect())
     }
@@ -588,7 +595,8 @@ impl Maintenance for MemoryStore {
     }
 
     fn statistics(&self) -> Statistics {
-        Statistics::default()
+        let inner = self.lock();
+        Statistics { attempts_failed: inner.attempts_failed, given_up: inner.given_up, ..Statistics::default() }
     }
 
     async fn close(&self) {}

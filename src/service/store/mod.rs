@@ -28,16 +28,19 @@
 //! The tenant with the fewest running jobs divided by its weight comes first; among equals, the tenant whose virtual time
 //! is earliest ([`fairness`]); then the job with the highest priority, then the oldest one. So a priority orders the jobs
 //! of one tenant, and decides between tenants only where these are equal. A tenant at its limit of running jobs is passed
-//! over. The cost is that of the tenants with waiting jobs and one look-up in an index for each job claimed.
+//! over. Each job claimed costs a pass over the tenants with waiting jobs, and one look-up in an index for each of the
+//! tenants that are equal.
 //!
 //! # After a crash
 //!
 //! A crash is a start that finds running jobs. Those that had not begun wait again as if nothing had happened. Those that
 //! had begun become *suspects*: any of them may have killed the process. The crash counts as an attempt for a job only if
-//! it was the only one that had begun, or the only one of them that had been suspect in two crashes or more. Suspects
-//! start one at a time, and each pauses before it starts again, [ten times as long](Rules::pause) after every further
-//! crash. After its second crash a suspect runs alone: nothing else is claimed while it starts, for [`ALONE`] at most. So
-//! a job that kills the process is given up, and its neighbours are not.
+//! it was the only one that had begun, or the only one of them that had been suspect in two crashes or more. In the
+//! second case, a job that had begun and was claimed later may as well be the cause: then the crash counts for neither,
+//! unless the suspect was in [five](BLAMED_FROM) crashes before, so that a job that kills the process late is given up,
+//! too. Suspects start one at a time, and each pauses before it starts again, [ten times as long](Rules::pause) after
+//! every further crash. After its second crash a suspect runs alone: nothing else is claimed while it starts, for
+//! [`ALONE`] at most. So a job that kills the process is given up, and its neighbours are not.
 
 #[cfg(test)]
 pub(super) mod conformance;
@@ -61,7 +64,7 @@ pub(super) use self::notices::{Notice, Notices};
 pub(super) use self::queue::{
     ALONE, Claiming, Created, End, Ending, Idempotency, ListQuery, NewJob, Page, Queue, Release, Retried, Rules,
 };
-use self::queue::{ALONE_FROM, given_up, lease_is_over, not_yours, queue_is_full, reused_key};
+use self::queue::{ALONE_FROM, BLAMED_FROM, given_up, lease_is_over, not_yours, queue_is_full, reused_key};
 
 /// A whole store. See the [module](self) for the life of a job.
 pub(super) trait JobStore: Queue + Events + Notices + Maintenance {}

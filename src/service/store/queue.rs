@@ -64,6 +64,9 @@ pub(in crate::service) const ALONE: Duration = Duration::from_secs(30);
 /// Crashes after which a suspect is to run alone.
 pub(in crate::service::store) const ALONE_FROM: u32 = 2;
 
+/// Crashes after which the only old suspect is blamed for another one, whatever started after it.
+pub(in crate::service::store) const BLAMED_FROM: u32 = 5;
+
 impl Rules {
     /// The pause of a job after so many crashes that it was worked on in.
     pub(in crate::service::store) fn pause(&self, crashes: u32) -> Duration {

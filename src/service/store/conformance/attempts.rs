@@ -65,6 +65,27 @@ pub(super) async fn a_lease_that_is_over_is_reclaimed(store: &dyn JobStore) {
     assert_eq!(store.heartbeat(&tickets, LEASE).await, Ok(vec![tickets[0]]), "another one's by now");
 }
 
+pub(super) async fn attempts_whose_lease_is_over_are_counted(store: &dyn JobStore) {
+    let id = create(store).await.id;
+    let count = || {
+        let Statistics { attempts_failed, given_up, .. } = store.statistics();
+        (attempts_failed, given_up)
+    };
+    // one that has not begun counts for nothing
+    let (ticket, _) = claim(store).await;
+    assert_eq!(store.heartbeat(&[ticket], Duration::ZERO).await, Ok(vec![]));
+    assert_eq!(store.reclaim().await, Ok(vec![ticket]));
+    assert_eq!(count(), (0, 0));
+    for expected in [(1, 0), (2, 0), (3, 1)] {
+        let (ticket, _) = claim(store).await;
+        store.begin(ticket).await.expect("begun");
+        assert_eq!(store.heartbeat(&[ticket], Duration::ZERO).await, Ok(vec![]));
+        assert_eq!(store.reclaim().await, Ok(vec![ticket]));
+        assert_eq!(count(), expected);
+    }
+    assert!(get(store, id).await.keeps_upload(), "it was given up");
+}
+
 pub(super) async fn a_released_job_that_was_to_end_ends(store: &dyn JobStore) {
     let id = create(store).await.id;
     let (ticket, _) = claim(store).await;
@@ -95,6 +116,7 @@ pub(super) async fn a_crash_loses_nothing(subject: &dyn Subject) {
 
     let Some(again) = subject.after_crash(RULES).await else { return };
     let again = again.as_ref();
+    assert_eq!(again.statistics().attempts_failed, 1, "of the only job that had begun");
     assert_eq!((get(again, ended).await, events(again, ended, 0, 999).await), before);
     assert_eq!(get(again, waiting.id).await, waiting);
     assert_eq!(get(again, asked_to_end).await.state, State::Cancelled);
@@ -221,6 +243,7 @@ pub(super) async fn crashes_count_for_the_job_that_caused_them_only(subject: &dy
         }
         assert!(crashes < 20, "the killer is found");
     }
+    assert_eq!(store.statistics().given_up, 1);
     let problem = get(store.as_ref(), killer).await.problem.expect("a reason");
     assert!(problem.kind == Kind::Poison && problem.message.contains("after 3 attempts"), "{problem}");
     loop {

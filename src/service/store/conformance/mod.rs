@@ -7,7 +7,7 @@ use async_trait::async_trait;
 
 use super::{
     Claiming, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob, Notice,
-    Page, Progress, Release, Retried, Rules, SMALL_BLOBS, SmallBlob, Spec, State, Summary, Ticket, What,
+    Page, Progress, Release, Retried, Rules, SMALL_BLOBS, SmallBlob, Spec, State, Statistics, Summary, Ticket, What,
 };
 use crate::error::{Error, Kind};
 use crate::mesh::Format;
@@ -60,6 +60,7 @@ pub(in crate::service) async fn run(subject: &dyn Subject) {
     attempts::a_released_job_runs_again_in_its_place(make(9).await.as_ref()).await;
     attempts::a_job_that_fails_too_often_is_given_up(make(9).await.as_ref()).await;
     attempts::a_lease_that_is_over_is_reclaimed(make(9).await.as_ref()).await;
+    attempts::attempts_whose_lease_is_over_are_counted(make(9).await.as_ref()).await;
     attempts::a_released_job_that_was_to_end_ends(make(9).await.as_ref()).await;
     attempts::claims_that_never_began_count_for_nothing(make(9).await.as_ref()).await;
     attempts::a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_request(make(2).await.as_ref()).await;

@@ -6,7 +6,7 @@ use std::time::SystemTime;
 use rusqlite::{Connection, params};
 
 use super::super::fairness::{Waiting, first_tenants};
-use super::super::{ALONE, ALONE_FROM, Claiming, Job, Rules, State, Ticket, What};
+use super::super::{ALONE, ALONE_FROM, BLAMED_FROM, Claiming, Job, Rules, State, Ticket, What};
 use super::claim_memory::Memory;
 use super::commands::{Live, claimed};
 use super::connections::{Abort, all, execute, first, one};
@@ -199,17 +199,19 @@ impl Command for Recover {
     fn apply(&self, batch: &mut Batch<'_>) -> Result<Self::Output, Abort> {
         let now = rows::now();
         let sql = "SELECT * FROM jobs WHERE state = 'running' ORDER BY number";
-        let jobs = all(batch.connection, sql, [], |row| Live::from_row(rows::id(row, "id")?, row))?;
-        let begun = || jobs.iter().filter(|job| job.has_begun);
-        let mut alone = begun().filter(|job| job.suspicion >= ALONE_FROM);
-        let guilty = match (begun().count(), alone.next(), alone.next()) {
-            (1, _, _) => begun().next(),
-            (_, Some(only), None) => Some(only),
+        let jobs = all(batch.connection, sql, [], |row| {
+            Ok((Live::from_row(rows::id(row, "id")?, row)?, column::<Option<i64>>(row, "started_at")?))
+        })?;
+        let begun: Vec<_> = jobs.iter().filter(|(job, _)| job.has_begun).collect();
+        let last = begun.iter().map(|(_, started)| *started).max();
+        let old: Vec<_> = begun.iter().filter(|(job, _)| job.suspicion >= ALONE_FROM).collect();
+        let guilty = match (&begun[..], &old[..]) {
+            ([(only, _)], _) => Some(only.number),
+            (_, [(only, started)]) if Some(*started) == last || only.suspicion >= BLAMED_FROM => Some(only.number),
             _ => None,
         };
-        let guilty = guilty.map(|job| job.number);
         let mut recovered = Recovered::default();
-        for mut job in jobs {
+        for (mut job, _) in jobs {
             let is_suspect = job.has_begun;
             let is_guilty = guilty == Some(job.number);
             match job.crashed(batch, is_guilty, now, &self.0)? {

@@ -185,7 +185,10 @@ impl Command for Reclaim {
         let found = all(batch.connection, sql, [micros(rows::now())], |row| Live::from_row(rows::id(row, "id")?, row))?;
         let mut reclaimed = Vec::new();
         for mut live in found {
-            live.release(batch, &Release::Failed(lease_is_over()), &self.0)?;
+            match live.has_begun {
+                true => live.abandoned(batch, &self.0, rows::now())?,
+                false => live.free(batch, rows::now())?,
+            };
             reclaimed.push(Ticket { job: live.id, attempt: live.attempt });
         }
         Ok(reclaimed)
@@ -391,9 +394,17 @@ impl Live {
         }
         let not_before = now + rules.pause(self.suspicion);
         match is_guilty {
-            true => self.failed(batch, &lease_is_over(), rules, not_before),
+            true => self.abandoned(batch, rules, not_before),
             false => self.free(batch, not_before),
         }
+    }
+
+    /// The attempt counts. Its worker is gone, so the store counts it for the metrics.
+    fn abandoned(&mut self, batch: &mut Batch<'_>, rules: &Rules, not_before: SystemTime) -> Result<State, Abort> {
+        let state = self.failed(batch, &lease_is_over(), rules, not_before)?;
+        batch.effects.attempts_failed += 1;
+        batch.effects.given_up += u64::from(state == State::Failed);
+        Ok(state)
     }
 
     /// The attempt counts.

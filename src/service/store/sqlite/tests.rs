@@ -369,3 +369,35 @@ async fn damage_that_a_reader_finds_fails_the_probe_until_the_store_is_opened_ag
         assert!(error.message.contains("damaged"), "{error}");
     }
 }
+
+/// Whether a crash counts for a suspect of `crashes` crashes that started a minute before a new job, or after it.
+async fn is_blamed(crashes: u32, is_last: bool) -> bool {
+    let subject = OnDisk::default();
+    let store = subject.empty(RULES).await;
+    let mut jobs = Vec::new();
+    for _ in 0..2 {
+        jobs.push(store.create(new_job()).await.expect("created"));
+        let claimed = store.claim(1, Duration::from_secs(60)).await.expect("claimable");
+        store.begin(claimed[0].0).await.expect("begun");
+    }
+    let Created::New(suspect) = &jobs[usize::from(is_last)] else { panic!("it is new") };
+    {
+        let folders = subject.0.lock().expect("no panic");
+        let connection = Connection::open(folders[0].path().join(NAME)).expect("it opens");
+        let sql = "UPDATE jobs SET suspicion = ?1 WHERE id = ?2";
+        assert_eq!(connection.execute(sql, params![crashes, suspect.id.to_string()]), Ok(1));
+        let sql = "UPDATE jobs SET started_at = started_at - 60000000 WHERE number = 1";
+        assert_eq!(connection.execute(sql, []), Ok(1));
+    }
+    let again = subject.after_crash(RULES).await.expect("it is durable");
+    assert_eq!(again.counts().await.expect("counted")[..2], [2, 0], "both wait");
+    again.statistics().attempts_failed > 0
+}
+
+#[tokio::test]
+async fn a_crash_does_not_count_for_a_suspect_when_a_new_job_started_after_it() {
+    assert!(is_blamed(2, true).await, "the suspect started last");
+    assert!(!is_blamed(2, false).await, "the new job may be the cause");
+    assert!(!is_blamed(1, true).await, "it is no old suspect");
+    assert!(is_blamed(5, false).await, "it was in too many crashes");
+}

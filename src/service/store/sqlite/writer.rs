@@ -58,6 +58,10 @@ pub(super) struct Effects {
     pub ends: u64,
     /// Jobs that ended and have a webhook.
     pub endings: u64,
+    /// As in [`Statistics`].
+    pub attempts_failed: u64,
+    /// As in [`Statistics`].
+    pub given_up: u64,
 }
 
 /// Those who wait for changes.
@@ -93,6 +97,8 @@ pub(super) struct Counters {
     commands: AtomicU64,
     failures: AtomicU64,
     busy_us: AtomicU64,
+    attempts_failed: AtomicU64,
+    given_up: AtomicU64,
 }
 
 impl Counters {
@@ -103,6 +109,8 @@ impl Counters {
             commands: get(&self.commands),
             failures: get(&self.failures),
             commit_seconds: get(&self.busy_us) as f64 / 1e6,
+            attempts_failed: get(&self.attempts_failed),
+            given_up: get(&self.given_up),
         }
     }
 }
@@ -254,6 +262,8 @@ impl Worker {
             Ok(effects) => {
                 self.counters.commits.fetch_add(1, Ordering::Relaxed);
                 self.counters.commands.fetch_add(batch.len() as u64, Ordering::Relaxed);
+                self.counters.attempts_failed.fetch_add(effects.attempts_failed, Ordering::Relaxed);
+                self.counters.given_up.fetch_add(effects.given_up, Ordering::Relaxed);
                 self.listeners.tell(effects);
                 Ok(())
             }
