@@ -10,7 +10,7 @@ use tokio_util::sync::CancellationToken;
 use super::aging::{self, Aging, Reading};
 use super::deletion;
 use super::files::Files;
-use super::store::{Deletion, JobStore};
+use super::store::{Deletion, JobStore, ListQuery};
 use crate::error::Result;
 
 /// Jobs that are forgotten before the next look at the time.
@@ -35,11 +35,36 @@ pub(super) struct Retention {
 }
 
 impl Retention {
-    /// For the jobs of a store, from `now` on.
-    pub fn new(files: Arc<Files>, store: Arc<dyn JobStore>, kept: Option<Duration>, now: Reading) -> Self {
+    /// For the jobs of a store, from `now` on. Where no file has the time that was reached, that is when the newest job
+    /// was made: a clock that jumped since then must not expire it.
+    pub async fn new(
+        files: Arc<Files>,
+        store: Arc<dyn JobStore>,
+        kept: Option<Duration>,
+        now: Reading,
+    ) -> Result<Self> {
         let clock = files.clock();
-        let aging = Aging::new(clock.as_deref().and_then(aging::load), now);
-        Self { files, store, kept, aging, clock }
+        let reached = match clock.as_deref().and_then(aging::load) {
+            None => store
+                .list(&ListQuery { limit: 1, ..ListQuery::default() })
+                .await?
+                .jobs
+                .first()
+                .map(|job| job.created_at),
+            reached => reached,
+        };
+        let retention = Self { files, store, kept, aging: Aging::new(reached, now), clock };
+        retention.save();
+        Ok(retention)
+    }
+
+    /// Keeps the time that was reached.
+    fn save(&self) {
+        if let Some(clock) = &self.clock
+            && let Err(error) = aging::save(clock, self.aging.reached())
+        {
+            tracing::debug!(%error, "the time cannot be kept");
+        }
     }
 
     /// Forgets jobs until `stop`.
@@ -49,7 +74,7 @@ impl Retention {
         let mut swept = Instant::now();
         loop {
             tokio::select! {
-                () = stop.cancelled() => return,
+                () = stop.cancelled() => return self.save(),
                 () = tokio::time::sleep(interval) => {}
             }
             let time = self.look(Reading::now()).await;
@@ -69,11 +94,7 @@ impl Retention {
     /// Forgets what is old by now; the time by which that is told.
     async fn look(&mut self, now: Reading) -> SystemTime {
         let time = self.aging.time(now);
-        if let Some(clock) = &self.clock
-            && let Err(error) = aging::save(clock, self.aging.reached())
-        {
-            tracing::debug!(%error, "the time cannot be kept");
-        }
+        self.save();
         let before = self.kept.and_then(|kept| time.checked_sub(kept));
         if let Some(before) = before
             && let Err(error) = self.expire(before).await
@@ -127,10 +148,17 @@ mod tests {
         let is_there = async || store.get(claimed[0].0.job).await.expect("readable").is_some();
 
         let start = Reading::now();
-        let (files, jobs) = (open(), Arc::clone(&store));
-        let mut retention = Retention::new(Arc::clone(&files), jobs, Some(week), start);
         let at = |wall: Duration, steady: Duration| Reading { wall: start.wall + wall, steady: start.steady + steady };
         let minute = Duration::from_secs(60);
+        let from = async |files: &Arc<Files>, now| {
+            let jobs = Arc::clone(&store) as Arc<dyn JobStore>;
+            Retention::new(Arc::clone(files), jobs, Some(week), now).await.expect("readable")
+        };
+        let files = open();
+        from(&files, at(2 * week, Duration::ZERO)).await.look(at(2 * week + minute, minute)).await;
+        assert!(is_there().await, "it jumped before the first start that keeps the time");
+        std::fs::remove_file(files.clock().expect("a folder that stays")).expect("there");
+        let mut retention = from(&files, start).await;
         retention.look(at(minute, minute)).await;
         retention.look(at(week + 2 * minute, 2 * minute)).await;
         assert!(is_there().await, "the clock jumped by a week while the service ran");
@@ -138,7 +166,7 @@ mod tests {
         drop((retention, files));
 
         let now = at(2 * week, 3 * minute);
-        let mut retention = Retention::new(open(), Arc::clone(&store) as Arc<dyn JobStore>, Some(week), now);
+        let mut retention = from(&open(), now).await;
         retention.look(at(2 * week + minute, 4 * minute)).await;
         assert!(is_there().await, "it jumped while the service was stopped");
         retention.look(at(2 * week + week / 2, 4 * minute + week / 2)).await;

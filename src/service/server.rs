@@ -189,16 +189,15 @@ impl Server {
         let Self { listener, address, shared, pipeline, reload } = self;
         let stop = shared.stop.clone();
         let (abort, close) = (CancellationToken::new(), CancellationToken::new());
+        let kept = shared.settings.storage.retention();
+        let (files, store) = (Arc::clone(&shared.files), Arc::clone(&shared.store));
+        let retention = Retention::new(files, store, kept, Reading::now()).await?;
         let mut work = tokio::spawn(pipeline.run(stop.clone(), abort.clone()));
         let watching = tokio::spawn({
             let (storage, until) = (Arc::clone(&shared.storage), close.clone());
             async move { storage.watch(until).await }
         });
-        let forgetting = tokio::spawn({
-            let (files, store, until) = (Arc::clone(&shared.files), Arc::clone(&shared.store), stop.clone());
-            let kept = shared.settings.storage.retention();
-            Retention::new(files, store, kept, Reading::now()).run(until)
-        });
+        let forgetting = tokio::spawn(retention.run(stop.clone()));
         let mut serving = tokio::spawn(connections::serve(
             listener,
             router(Arc::clone(&shared)),

@@ -13,6 +13,7 @@ import urllib.request
 from service import Service
 
 SCHEMATHESIS = pathlib.Path(sys.executable).parent / "schemathesis"
+HOOKS = pathlib.Path(__file__).resolve().parent / "fuzz_hooks.py"
 
 
 def ended_job(binary, url, folder, token=None):
@@ -40,7 +41,7 @@ checks.ensure_resource_availability.enabled = false
 def fuzz(url, folder, config, *options):
     """One run. Whether bytes are a mesh is nothing that the document can say: that they are refused is no fault."""
     path = folder / "schemathesis.toml"
-    path.write_text(config + NO_HIERARCHY)
+    path.write_text(f'hooks = "{HOOKS}"\n' + config + NO_HIERARCHY)
     subprocess.run(
         [SCHEMATHESIS, "--no-color", "--config-file", path, "run", url + "/openapi.yaml", "--seed", "1", "--workers", "2",
          "--request-timeout", "30", "--max-failures", "20", "--exclude-checks", "positive_data_acceptance", *options],
