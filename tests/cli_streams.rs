@@ -281,3 +281,14 @@ fn an_input_may_be_a_pipe() {
     folder.run(&["cluster", "mesh.obj", "-k", "10"]).expect_success();
     writer.join().expect("no panic");
 }
+
+#[test]
+fn two_links_to_one_file_that_is_not_there_are_one_output() {
+    let folder = with_sphere();
+    for link in ["l1.npy", "l2.json"] {
+        symlink("z.npy", folder.path(link)).expect("a link");
+    }
+    let done = folder.run(&[&CLUSTER[..], &["--labels", "l1.npy", "--report", "l2.json"]].concat());
+    assert_eq!(done.status, Some(2), "{done:?}");
+    assert!(!folder.path("z.npy").exists());
+}

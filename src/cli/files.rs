@@ -261,7 +261,7 @@ impl Place {
 }
 
 /// Where symbolic links lead, to a file that is not there yet.
-fn end_of_links(path: &Path) -> io::Result<PathBuf> {
+pub(super) fn end_of_links(path: &Path) -> io::Result<PathBuf> {
     const MOST: u32 = 40; // as many as Linux follows
     let mut path = path.to_owned();
     for _ in 0..MOST {

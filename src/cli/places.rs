@@ -5,7 +5,7 @@ use std::fs::{self, Metadata};
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::files::{Source, Target, folder};
+use super::files::{Source, Target, end_of_links, folder};
 use crate::error::Error;
 use crate::mesh::{Beside, Resources};
 
@@ -61,7 +61,11 @@ struct Place {
 
 impl Place {
     fn of_file(path: &Path) -> Self {
-        let beside = || Some(fs::canonicalize(folder(path)).ok()?.join(path.file_name()?));
+        // where a link leads counts, though nothing is there yet
+        let beside = || {
+            let end = end_of_links(path).ok()?;
+            Some(fs::canonicalize(folder(&end)).ok()?.join(end.file_name()?))
+        };
         Self {
             path: fs::canonicalize(path).ok().or_else(beside).unwrap_or_else(|| path.to_owned()),
             file: fs::metadata(path).ok().and_then(|metadata| file_id(&metadata)),

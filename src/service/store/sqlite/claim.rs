@@ -198,6 +198,10 @@ impl Command for Recover {
 
     fn apply(&self, batch: &mut Batch<'_>) -> Result<Self::Output, Abort> {
         let now = rows::now();
+        // no pause is longer than this, unless a clock was wrong when it began
+        let latest = micros(now + self.0.pause(u32::MAX));
+        let sql = "UPDATE jobs SET not_before = ?1 WHERE state = 'queued' AND suspicion > 0 AND not_before > ?1";
+        execute(batch.connection, sql, [latest])?;
         let sql = "SELECT * FROM jobs WHERE state = 'running' ORDER BY number";
         let jobs = all(batch.connection, sql, [], |row| {
             Ok((Live::from_row(rows::id(row, "id")?, row)?, column::<Option<i64>>(row, "started_at")?))
