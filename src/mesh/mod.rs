@@ -1,7 +1,7 @@
 //! Polygon meshes and how they are read.
 //!
 //! Every format ends in the same [`PolygonMesh`]; nothing after this module knows where a mesh came from. What a new
-//! format needs is said in [`format`].
+//! format needs is said in [`mod@format`].
 //!
 //! Reading has two steps: [`open`] checks the structure of a file and counts its faces, [`Opened::read`] builds the
 //! mesh.

@@ -25,7 +25,7 @@ pub(super) async fn delete(files: &Arc<Files>, store: &dyn JobStore, id: JobId) 
     outcome
 }
 
-/// Asks for the end of a job, as [`JobStore::cancel`] does.
+/// Asks for the end of a job, as [`Queue::cancel`](super::store::Queue::cancel) does.
 pub(super) async fn cancel(files: &Arc<Files>, store: &dyn JobStore, id: JobId) -> Result<Option<Job>> {
     let mut outcome = store.cancel(id).await;
     if is_full(&outcome) && files.give_up_ballast().await {
