@@ -47,6 +47,8 @@ class Server:
         self.process = subprocess.Popen(
             [BINARY, "serve", "--listen", "%s:%d" % self.address, "--data-dir", DATA, "--device", "cpu",
              "--max-queued-jobs", "100000", "--min-free-bytes", "0", "--log", "warn",
+             # kills are so many that a job may be alone at work in several, and so close that pauses would fill the time
+             "--crash-pause", "0", "--max-attempts", "1000",
              *LIMITS],
             stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log)
 
