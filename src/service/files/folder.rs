@@ -62,7 +62,7 @@ pub(in crate::service) struct Files {
     pub(super) disk: Disk,
     pub(super) ballast: Ballast,
     pub(super) room: Room,
-    /// Jobs whose uploads are coming in: nobody else knows them yet.
+    /// Uploads in progress; the store has no row for them.
     pub(super) incoming: Mutex<HashSet<JobId>>,
     pub(super) failures: AtomicU64,
     pub(super) faults: Faults,

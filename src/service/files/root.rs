@@ -76,7 +76,7 @@ impl Root {
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
         let folder = builder.tempdir_in(among).map_err(cannot)?;
-        // Locked before it has its name: a lock that another process finds free belongs to nobody.
+        // Locked before it has its name, so an unlocked `lock` file means that its process has ended.
         let (new, name) = (folder.path().join("lock.new"), folder.path().join(LOCK));
         let lock_it = || {
             let mut lock = private::options().open(&new)?;
