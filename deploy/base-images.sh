@@ -31,7 +31,7 @@ sed -n 's/^ARG [A-Z]*_IMAGE=//p' Dockerfile | sort -u | while read -r image; do
         suite=${tag##*-}
         packages=ca-certificates,gcc,libc6-dev
         version=${tag%%-*}
-        rustc --version | grep --quiet "^rustc $version\." || {
+        grep --quiet "^rustc $version\." <<<"$(rustc --version)" || {
             echo "base-images: $image needs Rust $version, here is $(rustc --version)" >&2
             exit 1
         }

@@ -33,7 +33,7 @@ symbols=$(mktemp -d)
 echo "int main(void) { return 0; }" | cc -g -x c -o "$symbols/program" -
 ./split-symbols.sh "$symbols/program"
 "$symbols/program" && [ -s "$symbols/program.debug" ]
-readelf --sections "$symbols/program" | grep --quiet '\.gnu_debuglink' || { echo "no link to the symbols" >&2; exit 1; }
+grep --quiet '\.gnu_debuglink' <<<"$(readelf --sections "$symbols/program")" || { echo "no link to the symbols" >&2; exit 1; }
 rm -r "$symbols"
 # every setting that these files speak of exists
 known=$(grep -o 'TESSERAE_[A-Z_]*' ../docs/operations.md | sort -u)

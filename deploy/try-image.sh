@@ -81,7 +81,7 @@ inside grep --quiet '^CapEff:[[:space:]]*0*$' /proc/1/status || fail "it has cap
 
 # its symbols are in the stage `symbols`
 inside cat /usr/local/bin/tesserae >"$work/tesserae"
-if readelf --sections --wide "$work/tesserae" | grep --quiet '\.debug_info'; then fail "the binary has its symbols"; fi
+if grep --quiet '\.debug_info' <<<"$(readelf --sections --wide "$work/tesserae")"; then fail "the binary has its symbols"; fi
 
 inside tesserae devices >"$work/devices"
 grep --ignore-case --quiet llvmpipe "$work/devices" || fail "Vulkan finds no driver: $(cat "$work/devices")"
@@ -93,7 +93,7 @@ inside cmp /tmp/gpu.bin /tmp/cpu.bin || fail "the software gpu and the cpu diffe
 
 mesh=$work/mesh.obj
 if [ -n "${TESSERAE_TEST_MESHES:-}" ]; then
-    mesh=$(find "$TESSERAE_TEST_MESHES" -name '*.obj' -size +1M -size -20M | sort | head -n 1)
+    mesh=$(find "$TESSERAE_TEST_MESHES" -name '*.obj' -size +1M -size -20M | sort | sed -n 1p)
 else
     inside tesserae sample knot --faces 50000 /tmp/knot.obj
     inside cat /tmp/knot.obj >"$mesh"
