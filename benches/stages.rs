@@ -8,8 +8,8 @@ use std::hint::black_box;
 use std::path::Path;
 
 use criterion::{BenchmarkId, Criterion, Throughput};
+use tesserae::dev::sample::{self, Sample};
 use tesserae::mesh::{self, Format, Limits, NoResources, PolygonMesh};
-use tesserae::sample::{self, Sample};
 use tesserae::surface::Surface;
 
 /// A mesh by name, and the files that hold it.

@@ -6,7 +6,7 @@
 //! # Bird's-eye view
 //!
 //! ```text
-//! bytes ─ mesh ─→ PolygonMesh ─ surface ─→ Surface ─ cluster (on a device) ─→ labels, Tree ─ output, tree ─→ bytes
+//! bytes ─ mesh ─→ PolygonMesh ─ surface ─→ Surface ─ cluster (on a device) ─→ labels, Tree ─ output, hierarchy ─→ bytes
 //! ```
 //!
 //! A module imports only modules above it in this table; `tests/architecture.rs` finds circles.
@@ -18,18 +18,17 @@
 //! | [`energy`] | what is minimised: sums, proxies, costs, gains; `shaders/energy/` is its WGSL |
 //! | [`surface`] | welding, adjacency, components, the integer lattice, face order, coarser graphs |
 //! | [`device`] | the steps of algorithms: `plain` defines them, `cpu` and `gpu` (with `shaders/`) are in use |
-//! | [`tree`] | hierarchies: their file, their JSON, cuts, scipy's matrix |
+//! | [`hierarchy`] | hierarchies: their file, their JSON, cuts, scipy's matrix |
 //! | [`cluster`] | the algorithms: their definitions, proofs and drivers |
 //! | [`output`] | encodings of labels |
 //! | [`parameters`] | what a job may ask for |
 //! | [`report`] | what is said about a job |
 //! | [`job`] | one job from bytes to results |
-//! | [`sample`] | meshes made from nothing |
-//! | [`plot`], [`evaluate`], [`mod@bench`] | pictures of reports; the paper's tables; time of each stage |
+//! | [`dev`] | tools: meshes made from nothing, time of each stage, the paper's tables, pictures of reports |
 //! | [`service`] | the HTTP service |
 //! | [`cli`] | the command line |
 //!
-//! Below all of them: `union_find`, `prefetch`, `npy`, `markdown`, and `memory` (settings of the allocator).
+//! Below all of them: `union_find`, `prefetch`, `npy`, and `memory` (settings of the allocator).
 //!
 //! # Invariants
 //!
@@ -43,29 +42,25 @@
 //! 5. [`cluster`] knows no wgpu type, [`device`] knows no file format, and nothing below [`service`] knows of HTTP.
 //! 6. Nothing that input reaches panics.
 
-pub mod bench;
 pub mod cli;
 pub mod cluster;
+pub mod dev;
 pub mod device;
 pub mod energy;
 pub mod error;
-pub mod evaluate;
 #[cfg(fuzzing)]
 pub mod fuzzing;
+pub mod hierarchy;
 pub mod job;
-mod markdown;
 mod memory;
 pub mod mesh;
 mod npy;
 pub mod output;
 pub mod parameters;
-pub mod plot;
 mod prefetch;
 pub mod report;
-pub mod sample;
 pub mod service;
 pub mod surface;
-pub mod tree;
 mod union_find;
 
 pub use error::{Error, Kind, Result};

@@ -3,8 +3,8 @@
 use std::io::{self, Write};
 
 use crate::cluster::record::Record;
+use crate::hierarchy::Cut;
 pub use crate::npy::npy_header;
-use crate::tree::Cut;
 
 /// How labels are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

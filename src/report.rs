@@ -5,9 +5,9 @@ use utoipa::ToSchema;
 
 pub use crate::cluster::run::Phase;
 pub use crate::device::{DeviceInfo, DeviceKind};
+pub use crate::hierarchy::Level;
 use crate::mesh::{Format, Part};
 use crate::parameters::{Algorithm, Parameters};
-pub use crate::tree::Level;
 
 /// Everything that is said about an ended clustering.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]

@@ -12,7 +12,7 @@ const ENGINE: [(&str, &[&str]); 4] = [
     ("energy", &[]),
     ("surface", &["energy", "error", "mesh", "prefetch", "union_find"]),
     ("device", &["energy", "error", "prefetch", "surface", "union_find"]),
-    ("cluster", &["device", "energy", "error", "surface", "tree", "union_find"]),
+    ("cluster", &["device", "energy", "error", "hierarchy", "surface", "union_find"]),
 ];
 
 /// Circles that are still there, and why. An entry that is no longer needed fails the test.

@@ -174,7 +174,7 @@ fn where_repairs_go_round_in_circles_the_last_word_lowers_the_energy_and_keeps_c
 
 #[test]
 fn a_changed_weight_shows_in_the_comparison_with_the_definition() {
-    let mesh = tesserae::sample::generate(tesserae::sample::Sample::Knot, 2500).expect("a sample");
+    let mesh = tesserae::dev::sample::generate(tesserae::dev::sample::Sample::Knot, 2500).expect("a sample");
     let surface = Surface::build(&mesh).expect("a surface");
     let seeds = seeds(&surface, 40, &Seeds::Morton, 1);
     let (clustering, rows) = run(&surface, &seeds, PLAIN);
@@ -219,7 +219,7 @@ fn energy_never_rises_within_a_phase_and_clusters_are_whole() {
 #[test]
 fn repair_is_needed_somewhere() {
     // otherwise the test above would pass without any repair
-    let mesh = tesserae::sample::generate(tesserae::sample::Sample::Knot, 20_000).expect("a sample");
+    let mesh = tesserae::dev::sample::generate(tesserae::dev::sample::Sample::Knot, 20_000).expect("a sample");
     let surface = Surface::build(&mesh).expect("a surface");
     let (_, rows) = run(&surface, &seeds(&surface, 300, &Seeds::Random, 0), CONNECTED);
     assert!(rows.iter().any(|row| row.phase == Phase::Repair), "{}", rows.len());
@@ -227,7 +227,7 @@ fn repair_is_needed_somewhere() {
 
 #[test]
 fn a_limit_on_iterations_ends_with_whole_clusters_too() {
-    let mesh = tesserae::sample::generate(tesserae::sample::Sample::Knot, 2500).expect("a sample");
+    let mesh = tesserae::dev::sample::generate(tesserae::dev::sample::Sample::Knot, 2500).expect("a sample");
     let surface = Surface::build(&mesh).expect("a surface");
     let seeds = seeds(&surface, 100, &Seeds::Random, 3);
     for limit in [0, 1, 2, 5] {
@@ -240,7 +240,7 @@ fn a_limit_on_iterations_ends_with_whole_clusters_too() {
 
 #[test]
 fn a_cancelled_run_stops() {
-    let mesh = tesserae::sample::generate(tesserae::sample::Sample::Knot, 2500).expect("a sample");
+    let mesh = tesserae::dev::sample::generate(tesserae::dev::sample::Sample::Knot, 2500).expect("a sample");
     let surface = Surface::build(&mesh).expect("a surface");
     let seeds = seeds(&surface, 100, &Seeds::Random, 3);
     let mut device = CpuDevice::new();

@@ -1,11 +1,11 @@
 //! `bridge_components`: one tree over separate parts, and fewer clusters than parts.
 
+use tesserae::dev::sample::{Sample, generate, write_obj};
 use tesserae::device::Cancel;
 use tesserae::device::cpu::CpuDevice;
 use tesserae::job::{self, Outcome, Request};
 use tesserae::mesh::{Format, Limits, NoResources};
 use tesserae::parameters::{Algorithm, Parameters};
-use tesserae::sample::{Sample, generate, write_obj};
 
 fn run(parameters: &Parameters) -> tesserae::Result<Outcome> {
     let mut bytes = Vec::new();

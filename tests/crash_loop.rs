@@ -12,7 +12,7 @@ use cli_support::Folder;
 use reqwest::multipart::{Form, Part};
 use reqwest::{Client, RequestBuilder};
 use serde_json::Value;
-use tesserae::sample::{self, Sample};
+use tesserae::dev::sample::{self, Sample};
 use tesserae::service::TokenFile;
 
 /// File name of the mesh that kills the process.

@@ -2,10 +2,10 @@
 //! approximated centroidal Voronoi diagrams (ACVD, Valette & Chassery 2004).
 
 use tesserae::cluster::{self, flat::Options};
+use tesserae::dev::sample::{Sample, generate};
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::{Cancel, Device};
 use tesserae::parameters::Seeds;
-use tesserae::sample::{Sample, generate};
 use tesserae::surface::Surface;
 
 /// ACVD in its plainest form: sequentially, each face that lies on a boundary moves to the neighbouring cluster for

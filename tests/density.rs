@@ -7,11 +7,11 @@ use cli_support::Folder;
 use common::zoo;
 use tesserae::Result;
 use tesserae::cluster::{self, flat::Options, seeds};
+use tesserae::dev::sample::{Sample, generate};
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::{Cancel, Device};
 use tesserae::mesh::PolygonMesh;
 use tesserae::parameters::Seeds;
-use tesserae::sample::{Sample, generate};
 use tesserae::surface::{Surface, Wanted};
 
 fn build(mesh: &PolygonMesh, wanted: Wanted<'_>) -> Surface {

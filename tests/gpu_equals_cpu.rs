@@ -12,12 +12,12 @@ use tesserae::cluster::coarse::CoarseStart;
 use tesserae::cluster::flat::Options;
 use tesserae::cluster::quality::Quality;
 use tesserae::cluster::run::Row;
+use tesserae::dev::sample::{Sample, generate};
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::gpu::GpuDevice;
 use tesserae::device::{Cancel, Device};
 use tesserae::mesh::{self, Format, Limits, NoResources};
 use tesserae::parameters::Seeds;
-use tesserae::sample::{Sample, generate};
 use tesserae::surface::{Surface, Wanted};
 
 /// Compares a run on both devices.

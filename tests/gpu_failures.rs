@@ -7,12 +7,12 @@ mod gpu_support;
 use gpu_support::{ALL, adapter, device, device_with, run, seeds};
 use tesserae::Kind;
 use tesserae::cluster::seeds::SeedFaces;
+use tesserae::dev::sample::{Sample, generate};
 use tesserae::device::gpu::{Fault, FaultPoint, GpuDevice, Overrides};
 use tesserae::device::select::{self, DeviceChoice};
 use tesserae::device::{Cancel, Device, FREE};
 use tesserae::parameters::Seeds;
 use tesserae::report::DeviceKind;
-use tesserae::sample::{Sample, generate};
 use tesserae::surface::Surface;
 
 fn example() -> (Surface, SeedFaces) {

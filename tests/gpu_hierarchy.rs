@@ -11,6 +11,7 @@ use gpu_support::{ALL, adapter, device, device_with, run as run_flat, seeds};
 use tesserae::Kind;
 use tesserae::cluster::hierarchy::{Options, Pairs, RoundRow, hierarchical};
 use tesserae::cluster::run::Row;
+use tesserae::dev::sample::{Sample, generate};
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::dual_edge::{Rank, Ties, mutual};
 use tesserae::device::gpu::adapter::AdapterKind;
@@ -19,10 +20,9 @@ use tesserae::device::{Cancel, Device, DualEdge, Ending, FREE};
 use tesserae::energy::Sums;
 use tesserae::energy::cvd::{ClusterSums, End, exact_cost, packed_cost};
 use tesserae::error::Result;
+use tesserae::hierarchy::Tree;
 use tesserae::parameters::Seeds;
-use tesserae::sample::{Sample, generate};
 use tesserae::surface::{Component, Surface};
-use tesserae::tree::Tree;
 
 /// Parallel rounds with optimisation, to the top.
 fn pml() -> Options {

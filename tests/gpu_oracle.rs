@@ -5,12 +5,12 @@ mod gpu_support;
 
 use common::zoo;
 use gpu_support::{cluster_counts, device, seeds};
+use tesserae::dev::sample::{Sample, generate};
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::pieces;
 use tesserae::device::plain;
 use tesserae::device::{Cancel, Device, Ending, FREE, Step};
 use tesserae::parameters::Seeds;
-use tesserae::sample::{Sample, generate};
 use tesserae::surface::Surface;
 
 fn surface(sample: Sample, faces: u64) -> Surface {

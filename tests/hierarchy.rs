@@ -4,6 +4,7 @@ mod common;
 
 use common::zoo;
 use tesserae::cluster::hierarchy::{Options, Pairs, RoundRow, hierarchical};
+use tesserae::dev::sample::{Sample, generate};
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::dual_edge::{Rank, Ties};
 use tesserae::device::pieces::disconnected_clusters;
@@ -11,9 +12,8 @@ use tesserae::device::plain;
 use tesserae::device::{Cancel, Device};
 use tesserae::energy::Sums;
 use tesserae::energy::cvd::{ClusterSums, End, exact_cost, packed_cost};
-use tesserae::sample::{Sample, generate};
+use tesserae::hierarchy::Tree;
 use tesserae::surface::Surface;
-use tesserae::tree::Tree;
 
 /// Parallel rounds with optimisation, to the top.
 fn pml() -> Options {

@@ -13,9 +13,9 @@ use tesserae::device::cpu::CpuDevice;
 use tesserae::device::dual_edge::Ties;
 use tesserae::device::plain::PlainDevice;
 use tesserae::device::{Cancel, Device};
+use tesserae::hierarchy::Tree;
 use tesserae::parameters::Seeds;
 use tesserae::surface::Surface;
-use tesserae::tree::Tree;
 
 /// Meshes on which the plain device does not take long.
 fn small_surfaces(most_faces: usize) -> Vec<(String, Surface)> {

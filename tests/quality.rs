@@ -8,12 +8,12 @@ use std::collections::{HashMap, HashSet};
 use cli_support::Folder;
 use common::zoo;
 use tesserae::cluster::quality::Quality;
+use tesserae::dev::sample::{Sample, generate, write_obj};
 use tesserae::device::Cancel;
 use tesserae::device::cpu::CpuDevice;
 use tesserae::job::{self, Outcome, Request};
 use tesserae::mesh::{Faces, Format, Limits, NoResources, Part, PolygonMesh};
 use tesserae::parameters::{Algorithm, Parameters};
-use tesserae::sample::{Sample, generate, write_obj};
 
 fn run(mesh: &PolygonMesh, parameters: Parameters) -> Outcome {
     let mut obj = Vec::new();

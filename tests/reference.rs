@@ -9,6 +9,7 @@ use tesserae::cluster::reference::acvd::acvd;
 use tesserae::cluster::reference::variational::variational;
 use tesserae::cluster::run::Row;
 use tesserae::cluster::{seeds, seeds::SeedFaces};
+use tesserae::dev::sample::{Sample, generate};
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::pieces;
 use tesserae::device::plain;
@@ -17,7 +18,6 @@ use tesserae::job::{self, Request};
 use tesserae::mesh::{Format, Limits, NoResources};
 use tesserae::parameters::{Algorithm, Parameters, Seeds};
 use tesserae::report::{DeviceInfo, DeviceKind};
-use tesserae::sample::{Sample, generate};
 use tesserae::surface::{Component, DualGraph, Surface};
 use tesserae::{Error, Kind};
 

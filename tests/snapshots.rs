@@ -8,6 +8,7 @@ mod gpu_support;
 use cli_support::Folder;
 use common::zoo;
 use tesserae::cluster::flat::Options;
+use tesserae::dev::sample::{Sample, generate, write_obj};
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::plain;
 use tesserae::device::{Cancel, Device, Ending, Step};
@@ -16,7 +17,6 @@ use tesserae::job::{self, Outcome, Prepared, Request};
 use tesserae::mesh::{Format, Limits, NoResources, PolygonMesh};
 use tesserae::parameters::{Algorithm, Parameters, Seeds, Snapshots};
 use tesserae::report::Phase;
-use tesserae::sample::{Sample, generate, write_obj};
 use tesserae::surface::Surface;
 
 fn prepare(mesh: &PolygonMesh, parameters: &Parameters) -> Prepared {

@@ -8,11 +8,11 @@ use super::files::{Source, Target, path_parser};
 use super::progress::Progress;
 use super::results::check_places;
 use super::signals;
-use crate::bench::{self, Measured, Mesh, Plan, Work};
+use crate::dev::bench::{self, Measured, Mesh, Plan, Work};
+use crate::dev::sample::MAX_FACES;
 use crate::device::cpu::CpuDevice;
 use crate::device::select::{self, AdapterKind, DeviceChoice};
 use crate::parameters::Optimize;
-use crate::sample::MAX_FACES;
 
 /// Faces of the samples on a gpu: as far as it holds them.
 const ON_GPU: [u64; 5] = [100_000, 1_000_000, 4_000_000, 10_000_000, 28_000_000];

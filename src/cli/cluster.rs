@@ -12,12 +12,12 @@ use super::{Failure, complain, print_line, say, signals};
 use crate::device::Cancel;
 use crate::device::cpu::CpuDevice;
 use crate::error::{Error, Kind};
+use crate::hierarchy::linkage::no_single_root;
 use crate::job::{self, InputFile, Outcome, Plan, Prepared, Request, milliseconds};
 use crate::mesh::{Beside, Format, Limits, NoResources, Resources};
 use crate::output::write_labels;
 use crate::parameters::{Parameters, Seeds};
 use crate::report::{Report, Row};
-use crate::tree::linkage::no_single_root;
 
 /// Arguments of `tesserae cluster`.
 #[derive(Debug, clap::Args)]

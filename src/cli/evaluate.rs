@@ -6,10 +6,10 @@ use super::Failure;
 use super::files::Target;
 use super::progress::Progress;
 use super::signals;
+use crate::dev::evaluate::{self, Devices};
 use crate::device::Device;
 use crate::device::select::{self, AdapterKind, DeviceChoice};
 use crate::error::Error;
-use crate::evaluate::{self, Devices};
 use crate::mesh::Format;
 
 /// Arguments of `tesserae evaluate`.

@@ -15,7 +15,7 @@ use clap::builder::{PathBufValueParser, TypedValueParser};
 use super::Failure;
 use super::signals::{self, Blocking};
 use crate::error::{Error, Kind, Result};
-use crate::tree::stored::Input;
+use crate::hierarchy::stored::Input;
 
 /// A path as messages show it: control characters escaped.
 pub struct Shown<'a>(pub &'a Path);

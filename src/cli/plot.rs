@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::files::{Source, Target};
 use super::results::check_places;
 use super::{Failure, signals};
-use crate::plot::{Curve, draw};
+use crate::dev::plot::{Curve, draw};
 
 /// Arguments of `tesserae plot`.
 #[derive(Debug, clap::Args)]

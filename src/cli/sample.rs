@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use super::files::{Shown, Target};
 use super::{Failure, print_line, signals};
+use crate::dev::sample::{Sample, generate, write_glb, write_obj};
 use crate::mesh::Format;
-use crate::sample::{Sample, generate, write_glb, write_obj};
 
 /// Arguments of `tesserae sample`.
 #[derive(Debug, clap::Args)]

@@ -8,7 +8,7 @@ use tokio::sync::Notify;
 
 use super::device::DeviceArguments;
 use super::{Cli, Failure, signals};
-use crate::bench;
+use crate::dev::bench;
 use crate::device::select::DeviceChoice;
 use crate::error::Error;
 use crate::report::{DeviceInfo, DeviceKind};

@@ -299,8 +299,8 @@ fn merge_cheaper_half(steps: &mut dyn MergeSteps, component_of_cluster: &[u32], 
 mod tests {
     use super::*;
     use crate::cluster::quality::Quality;
+    use crate::dev::sample::{Sample, generate};
     use crate::device::cpu::CpuDevice;
-    use crate::sample::{Sample, generate};
 
     /// Some heavy faces among light ones: areas say little about how many faces there are.
     fn uneven(sample: Sample, faces: u64) -> Surface {

@@ -51,8 +51,8 @@ use crate::energy::ClusterSums;
 use crate::energy::LatticeEnergy;
 use crate::error::names::Name;
 use crate::error::{Error, Kind, Result};
+use crate::hierarchy::{FaceMove, Merge, Round, Tree};
 use crate::surface::{Merged, Surface};
-use crate::tree::{FaceMove, Merge, Round, Tree};
 
 /// Which of the pairs of clusters that chose each other merge in a parallel round.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]

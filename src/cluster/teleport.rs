@@ -183,10 +183,10 @@ impl Members {
 mod tests {
     use super::*;
     use crate::cluster::seeds;
+    use crate::dev::sample::{Sample, generate};
     use crate::device::dual_edge::Ties;
     use crate::device::pieces;
     use crate::device::{Cancel, Device, cpu::CpuDevice};
-    use crate::sample::{Sample, generate};
     use crate::surface::Surface;
 
     fn surface(sample: Sample, faces: u64) -> Surface {

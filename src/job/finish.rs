@@ -10,10 +10,10 @@ use super::{Clustered, Outcome, Prepared, finite, hierarchical, milliseconds};
 use crate::device::pieces;
 use crate::energy::Functional as _;
 use crate::error::{Error, Kind, Result};
+use crate::hierarchy::stored::Stored;
 use crate::parameters::Seeds;
 use crate::report::{Energy, Report, Timings};
 use crate::surface::Surface;
-use crate::tree::stored::Stored;
 
 /// Makes the results of what a device gave for this mesh.
 pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
@@ -162,7 +162,7 @@ pub fn labels_sha256(labels: &[u32]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::{Sample, generate};
+    use crate::dev::sample::{Sample, generate};
 
     #[test]
     fn meshes_whose_energies_leave_f64_are_warned_about() {

@@ -10,9 +10,9 @@ use crate::cluster::record::Record;
 use crate::cluster::run;
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
+use crate::hierarchy::stored::Header;
 use crate::parameters::Parameters;
 use crate::report::{Input, Level, Row};
-use crate::tree::stored::Header;
 
 /// Number of clusters from which on every round has a row.
 const EVERY_ROUND_AT: u64 = 10_000;

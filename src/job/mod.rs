@@ -28,12 +28,12 @@ use crate::cluster::seeds::{self, SeedFaces};
 use crate::cluster::{flat as flat_clustering, hierarchy};
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
+use crate::hierarchy::Tree;
+use crate::hierarchy::stored::Stored;
 use crate::mesh::{self, Format, Limits, PolygonMesh, Resources};
 use crate::parameters::{Name, Parameters, Seeds};
 use crate::report::{DeviceInfo, DeviceKind, Input, Iteration, Level, Report, Row, Timings, WeightedBy};
 use crate::surface::{Surface, Wanted};
-use crate::tree::Tree;
-use crate::tree::stored::Stored;
 
 /// Everything that a job is made of.
 #[derive(Clone, Copy)]

@@ -321,7 +321,7 @@ impl Groups {
 #[cfg(test)]
 mod tests {
     use super::{Coarse, FEW, Run};
-    use crate::sample::{Sample, generate};
+    use crate::dev::sample::{Sample, generate};
     use crate::surface::{DualGraph, Surface};
 
     fn surface(sample: Sample, faces: u64) -> Surface {

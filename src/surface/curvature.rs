@@ -91,7 +91,7 @@ fn squared_difference(a: &Symmetric, b: &Symmetric) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::{Sample, generate};
+    use crate::dev::sample::{Sample, generate};
     use crate::surface::weld;
 
     /// κ of each face in source units.

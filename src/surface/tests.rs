@@ -154,7 +154,7 @@ fn small_components_keep_their_resolution() {
 
 #[test]
 fn the_lattice_energy_is_the_energy_from_the_source() {
-    let mesh = crate::sample::generate(crate::sample::Sample::Knot, 2000).expect("a sample");
+    let mesh = crate::dev::sample::generate(crate::dev::sample::Sample::Knot, 2000).expect("a sample");
     let mut ratios = Vec::new();
     for (scale, power) in [(1.0, 0), (libm::ldexp(1.0, -300), -300), (libm::ldexp(1.0, 270), 270)] {
         let mut mesh = mesh.clone();
@@ -237,7 +237,7 @@ fn a_planar_tiling_by_hexagons_has_ratio_one() {
 
 #[test]
 fn bridges_join_every_component_once_and_near_ones_first() {
-    let mesh = crate::sample::generate(crate::sample::Sample::Parts, 1000).expect("a sample");
+    let mesh = crate::dev::sample::generate(crate::dev::sample::Sample::Parts, 1000).expect("a sample");
     let plain = Surface::build(&mesh).expect("a surface");
     let bridged = Surface::build_bridged(&mesh, true).expect("a surface");
     let parts = plain.components.len();

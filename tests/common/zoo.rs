@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
+use tesserae::dev::sample::{Sample, generate};
 use tesserae::mesh::{Adjusted, Faces, Format, Part, PolygonMesh};
-use tesserae::sample::{Sample, generate};
 
 /// A mesh from positions and faces.
 pub fn mesh(positions: &[[f64; 3]], faces: &[&[u32]]) -> PolygonMesh {

@@ -2,13 +2,13 @@
 
 use reqwest::Response;
 use serde_json::Value;
+use tesserae::dev::sample::{self, Sample};
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::{Device, MergeSteps, Steps};
 use tesserae::error::{Error, Kind};
+use tesserae::hierarchy::stored::Stored;
 use tesserae::report::{DeviceInfo, DeviceKind};
-use tesserae::sample::{self, Sample};
 use tesserae::surface::DualGraph;
-use tesserae::tree::stored::Stored;
 
 use crate::support::*;
 

@@ -2,9 +2,9 @@ use std::cmp::Reverse;
 
 use super::listed::Listed;
 use super::*;
+use crate::dev::sample::{Sample, generate};
 use crate::device::Cancel;
 use crate::device::dual_edge::{Rank, Ties};
-use crate::sample::{Sample, generate};
 use crate::surface::Surface;
 
 #[test]

@@ -1,4 +1,4 @@
-//! Device time of each pass, from timestamps that the device writes, for [`crate::bench`].
+//! Device time of each pass, from timestamps that the device writes, for [`crate::dev::bench`].
 
 use std::collections::BTreeMap;
 use std::sync::Mutex;

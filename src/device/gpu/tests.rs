@@ -10,9 +10,9 @@ use super::layout::{BoundaryList, WORKGROUP};
 use super::steps::GpuSteps;
 use super::{GpuDevice, Overrides};
 use crate::cluster::seeds;
+use crate::dev::sample::{Sample, generate};
 use crate::device::dual_edge::{Rank, Ties, mutual};
 use crate::device::{Cancel, Device, FREE, MergeSteps, Steps};
-use crate::sample::{Sample, generate};
 use crate::surface::{DualGraph, Surface};
 
 /// The best adapter, opened.

@@ -10,13 +10,13 @@ use utoipa::IntoParams;
 use super::binary::Binary;
 use super::view::tell_expiry;
 use crate::error::{Error, Kind};
+use crate::hierarchy::json::{Hierarchy, Limits};
 use crate::service::access::Caller;
 use crate::service::problem::{Answer, Problematic};
 use crate::service::results::hierarchy::written;
 use crate::service::results::stored::{attachment, stored, succeeded};
 use crate::service::state::App;
 use crate::service::{files, negotiate, query};
-use crate::tree::json::{Hierarchy, Limits};
 
 /// The query of the hierarchy.
 #[derive(Debug, Deserialize, IntoParams)]

@@ -16,9 +16,9 @@ use tokio_util::io::{ReaderStream, SyncIoBridge};
 use super::failure::storage_error;
 use super::folder::{Files, Folder};
 use crate::error::{Error, Kind, Result};
+use crate::hierarchy::stored::Input;
 use crate::service::faults::FaultPoint;
 use crate::service::store::{JobId, SmallBlob};
-use crate::tree::stored::Input;
 
 /// Bytes that are held before they are written: a smaller blob is written at once.
 const PART: usize = 1 << 20;

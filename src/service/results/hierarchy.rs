@@ -7,11 +7,11 @@ use axum::response::Response;
 
 use super::encoded::{self, encoded};
 use crate::error::{Error, Kind, Result};
+use crate::hierarchy::stored::{self, Input, Stored};
 use crate::output::{LabelFormat, write_cut};
 use crate::service::state::Shared;
 use crate::service::store::Job;
 use crate::service::{blobs, files};
-use crate::tree::stored::{self, Input, Stored};
 
 /// The labels at any number of clusters, with headers that say what they are.
 pub(in crate::service) async fn cut(

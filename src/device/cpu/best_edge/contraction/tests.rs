@@ -1,7 +1,7 @@
 use super::*;
+use crate::dev::sample::{Sample, generate};
 use crate::device::dual_edge::mutual;
 use crate::energy::cvd::{End, packed_cost};
-use crate::sample::{Sample, generate};
 use crate::surface::{Component, Surface};
 
 /// Clusters and their contraction, and what the faces themselves say about them.

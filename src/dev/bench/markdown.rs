@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::{Measurements, Row};
-use crate::markdown::{line, table_head};
+use crate::dev::markdown::{line, table_head};
 use crate::report::DeviceKind;
 
 /// Writes everything.

@@ -3,11 +3,11 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+use crate::dev::sample::{Sample, generate, write_glb};
 use crate::error::{Error, Result};
 use crate::job::{self, Prepared, Request};
 use crate::mesh::{Beside, Format, Limits};
 use crate::parameters::{Algorithm, Optimize, Parameters};
-use crate::sample::{Sample, generate, write_glb};
 
 /// A mesh to be clustered.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -141,7 +141,7 @@ pub fn run(
     let build = if cfg!(debug_assertions) { " (a debug build: its times say nothing)" } else { "" };
     let mut measurements = Measurements {
         tesserae: format!("{}{build}", env!("CARGO_PKG_VERSION")),
-        processor: crate::markdown::processor(),
+        processor: crate::dev::markdown::processor(),
         threads: rayon::current_num_threads(),
         device: measured.device().info().clone(),
         copy_bytes_a_second: None,

@@ -3,9 +3,9 @@
 use super::Flat;
 use super::printed::FIGURE_6;
 use super::runs::{MeshFile, Runner};
+use crate::dev::plot;
 use crate::error::Result;
 use crate::parameters::{Algorithm, Parameters};
-use crate::plot;
 
 /// Numbers of clusters at which flat clusterings are measured and all curves compared.
 pub(super) const NUMBERS: [u64; 6] = [2000, 1800, 1600, 1400, 1200, 1000];

@@ -5,8 +5,8 @@ use std::io::{Cursor, Read};
 
 use super::blocks::{BLOCK, SUM};
 use super::*;
-use crate::tree::tests::small;
-use crate::tree::{FaceMove, Merge};
+use crate::hierarchy::tests::small;
+use crate::hierarchy::{FaceMove, Merge};
 
 fn file() -> Vec<u8> {
     let mut bytes = Vec::new();

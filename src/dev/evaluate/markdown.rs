@@ -7,7 +7,7 @@ use super::printed::MODELS;
 use super::runs::{MeshFile, Runner, Timed};
 use super::statements::Statement;
 use super::{FlatRow, TreeRow};
-use crate::markdown::{line, processor, table_head};
+use crate::dev::markdown::{line, processor, table_head};
 use crate::parameters::Algorithm;
 use crate::report::{DeviceInfo, DeviceKind};
 

@@ -13,7 +13,7 @@ use utoipa::ToSchema;
 use super::stored::Stored;
 use super::{Nodes, Tree};
 use crate::error::names::Name;
-use crate::tree::Level;
+use crate::hierarchy::Level;
 
 /// A hierarchy: what `--hierarchy OUT.json` writes.
 #[derive(Debug, Serialize, ToSchema)]

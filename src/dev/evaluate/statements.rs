@@ -3,11 +3,11 @@
 use super::figure::{Curve, Figure, NUMBERS};
 use super::runs::{MeshFile, Runner, Timed};
 use super::{Flat, FlatRow, TreeRow};
+use crate::dev::sample::{Sample, generate, write_obj};
 use crate::error::{Error, Result};
 use crate::mesh::Format;
 use crate::parameters::Algorithm;
 use crate::report::DeviceInfo;
-use crate::sample::{Sample, generate, write_obj};
 
 /// "Slightly higher", in parts: what the paper's figure shows as slightly is not printed.
 const SLIGHTLY: f64 = 0.05;
