@@ -1,6 +1,6 @@
 //! The command line.
 //!
-//! One file a command; what they share is in `device`, `files`, `places`, `results`, `progress` and `signals`. Exit status:
+//! One file a command, those of the service in `service`; what they share is in `device`, `files`, `places`, `results`, `progress` and `signals`. Exit status:
 //! 0; 2 for a command line that is wrong in itself; 1 for everything else, with one line on standard error (graphics
 //! drivers may add lines of their own). Progress goes to standard error, and only to a terminal. A reader of standard
 //! output that stops reading before the end gives status 1 without a message.
@@ -8,7 +8,6 @@
 //! A message begins with the name of the program and, where it is about an input, with the name of that file
 //! ([`Failure::about`]). Parameters are spelled as flags ([`names::spell_as_flags`]).
 
-mod backup;
 mod bench;
 mod cluster;
 mod cut;
@@ -16,15 +15,13 @@ mod device;
 mod devices;
 mod evaluate;
 mod files;
-mod health;
 mod places;
 mod plot;
 mod progress;
 mod results;
 mod sample;
-mod serve;
+mod service;
 mod signals;
-mod token;
 
 use std::fmt::Display;
 use std::io::{self, Write};
@@ -65,14 +62,8 @@ enum Command {
     Evaluate(evaluate::Arguments),
     /// Measure what a device takes for each stage of a job
     Bench(bench::Arguments),
-    /// Serve jobs over HTTP
-    Serve(Box<serve::Arguments>),
-    /// Copy the data folder of a service, also while it runs
-    Backup(backup::Arguments),
-    /// Make, list and take back the tokens that a service asks for
-    Token(token::Arguments),
-    /// Ask a service whether it is well; the exit status tells
-    Health(health::Arguments),
+    #[command(flatten)]
+    Service(service::Command),
     /// Make a mesh from nothing, for trying out and testing
     Sample(sample::Arguments),
     /// List every device, usable or why not, and which one `--device auto` takes
@@ -83,8 +74,8 @@ enum Command {
 pub fn main() -> ExitCode {
     names::spell_as_flags(true);
     let command = Cli::parse().command;
-    match command {
-        Command::Serve(_) => {
+    match &command {
+        Command::Service(service::Command::Serve(_)) => {
             names::spell_as_flags(false);
             memory::keep_between_jobs();
         }
@@ -96,10 +87,7 @@ pub fn main() -> ExitCode {
         Command::Plot(arguments) => plot::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
-        Command::Serve(arguments) => serve::run(*arguments),
-        Command::Backup(arguments) => backup::run(&arguments),
-        Command::Token(arguments) => token::run(&arguments),
-        Command::Health(arguments) => health::run(&arguments),
+        Command::Service(command) => service::run(command),
         Command::Sample(arguments) => sample::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
     };

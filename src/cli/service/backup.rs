@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use super::Failure;
+use crate::cli::Failure;
 use crate::service;
 
 /// Arguments of `tesserae backup`.

@@ -3,8 +3,8 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use super::Failure;
-use super::files::Target;
+use crate::cli::Failure;
+use crate::cli::files::Target;
 use crate::error::{Error, Kind};
 use crate::service::TokenFile;
 

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use clap::CommandFactory as _;
 use tokio::sync::Notify;
 
-use super::device::DeviceArguments;
-use super::{Cli, Failure, signals};
+use crate::cli::device::DeviceArguments;
+use crate::cli::{Cli, Failure, signals};
 use crate::dev::bench;
 use crate::device::select::DeviceChoice;
 use crate::error::Error;

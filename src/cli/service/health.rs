@@ -4,7 +4,7 @@ use std::io::{Read, Write};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpStream};
 use std::time::Duration;
 
-use super::Failure;
+use crate::cli::Failure;
 use crate::error::{Error, Kind};
 
 /// Time to connect, and to answer.
