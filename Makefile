@@ -29,10 +29,11 @@ test: lint  ## install what is missing and check everything, on cpu and on a sof
 	@$(MAKE) --no-print-directory unit end-to-end memory crash fuzz deploy
 
 .PHONY: lint
-lint: install-test  ## formatting, clippy and documentation, warnings denied
+lint: install-test  ## formatting, clippy, documentation and choices of cargo features, warnings denied
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
 	cargo rustc --locked --lib --profile check -- --cfg fuzzing -D warnings
+	tests/scripts/features.sh
 	RUSTDOCFLAGS="-D warnings -A rustdoc::private-intra-doc-links" cargo doc --locked --no-deps --document-private-items
 
 .PHONY: unit
@@ -105,8 +106,8 @@ picture: debug-binary $(VENV)/ready  ## draw docs/knot.png anew
 	$(VENV)/bin/python docs/render.py $(TARGET)/knot.obj $(TARGET)/knot.npy docs/knot.png
 
 .PHONY: debug-binary
-debug-binary: install-test  # as the tests build it: other features of dependencies would build everything again
-	cargo test --locked --no-run
+debug-binary: install-test
+	cargo build --locked
 
 .PHONY: install-test
 install-test:

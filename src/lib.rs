@@ -30,6 +30,11 @@
 //!
 //! Below all of them: `union_find`, `prefetch`, `npy`, and `memory` (settings of the allocator).
 //!
+//! # Features
+//!
+//! `gpu` has the device of that name (wgpu), `service` the modules [`service`] (axum, SQLite, …) and `cli::service`. Both
+//! are on by default; without them, everything else works on the cpu.
+//!
 //! # Invariants
 //!
 //! 1. Labels are a function of the mesh and the parameters only. Everything that decides a label is integer arithmetic
@@ -52,6 +57,7 @@ pub mod error;
 pub mod fuzzing;
 pub mod hierarchy;
 pub mod job;
+#[cfg_attr(not(feature = "service"), expect(dead_code, reason = "a part is for the service"))]
 mod memory;
 pub mod mesh;
 mod npy;
@@ -59,6 +65,7 @@ pub mod output;
 pub mod parameters;
 mod prefetch;
 pub mod report;
+#[cfg(feature = "service")]
 pub mod service;
 pub mod surface;
 mod union_find;

@@ -8,8 +8,9 @@ use super::files::{Source, Target, path_parser};
 use super::progress::Progress;
 use super::results::check_places;
 use super::signals;
-use crate::dev::bench::{self, Measured, Mesh, Plan, Work};
+use crate::dev::bench::{self, Mesh, Plan, Work};
 use crate::dev::sample::MAX_FACES;
+use crate::device::Device;
 use crate::device::cpu::CpuDevice;
 use crate::device::select::{self, AdapterKind, DeviceChoice};
 use crate::parameters::Optimize;
@@ -103,12 +104,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let outputs: Vec<_> = json.iter().map(|json| ("--json", json)).chain([("--markdown", &markdown)]).collect();
     check_places("bench", &inputs, &outputs)?;
     let cancel = signals::cancel_when_asked();
-    let (mut measured, sizes) = open(&arguments.device)?;
+    let (mut device, sizes) = open(&arguments.device)?;
     let sizes = arguments.faces.as_deref().unwrap_or(sizes);
     let plan = Plan { repeats: arguments.repeats, compare_up_to: arguments.compare_up_to };
     let progress = Progress::new(None);
     let work = work(sizes, &arguments.meshes);
-    let (measurements, outcome) = bench::run(&work, &mut measured, plan, &cancel, &mut |stage| progress.stage(stage));
+    let (measurements, outcome) = bench::run(&work, device.as_mut(), plan, &cancel, &mut |stage| progress.stage(stage));
     progress.finish();
     if measurements.rows.is_empty() {
         outcome?;
@@ -125,13 +126,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// The device, and the sizes of samples that suit it. `auto` takes a gpu where there is one.
-fn open(device: &DeviceArguments) -> Result<(Measured, &'static [u64]), Failure> {
+fn open(device: &DeviceArguments) -> Result<(Box<dyn Device>, &'static [u64]), Failure> {
     let has_gpu = || select::auto_adapter(&select::adapters()).is_some();
     if device.device == DeviceChoice::Cpu || device.is_auto() && !has_gpu() {
-        return Ok((Measured::Cpu(CpuDevice::new()), &ON_CPU));
+        return Ok((Box::new(CpuDevice::new()), &ON_CPU));
     }
     let (kind, gpu) = select::open_timed(device.adapter.as_deref())?;
-    Ok((Measured::Gpu(Box::new(gpu)), if kind == AdapterKind::Software { &ON_SOFTWARE } else { &ON_GPU }))
+    Ok((gpu, if kind == AdapterKind::Software { &ON_SOFTWARE } else { &ON_GPU }))
 }
 
 /// Everything that is run: the files first.

@@ -42,9 +42,4 @@ impl DeviceArguments {
         };
         select::open(self.device, self.adapter.as_deref(), Some(faces))
     }
-
-    /// Opens the device for meshes that are not known yet.
-    pub fn open_for_any(&self) -> Result<Box<dyn Device>> {
-        select::open(self.device, self.adapter.as_deref(), None)
-    }
 }

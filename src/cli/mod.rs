@@ -1,9 +1,9 @@
 //! The command line.
 //!
-//! One file a command, those of the service in `service`; what they share is in `device`, `files`, `places`, `results`, `progress` and `signals`. Exit status:
-//! 0; 2 for a command line that is wrong in itself; 1 for everything else, with one line on standard error (graphics
-//! drivers may add lines of their own). Progress goes to standard error, and only to a terminal. A reader of standard
-//! output that stops reading before the end gives status 1 without a message.
+//! One file a command, those of the service in `service`; what they share is in `device`, `files`, `places`, `results`,
+//! `progress` and `signals`. Exit status: 0; 2 for a command line that is wrong in itself; 1 for everything else, with
+//! one line on standard error (graphics drivers may add lines of their own). Progress goes to standard error, and only
+//! to a terminal. A reader of standard output that stops reading before the end gives status 1 without a message.
 //!
 //! A message begins with the name of the program and, where it is about an input, with the name of that file
 //! ([`Failure::about`]). Parameters are spelled as flags ([`names::spell_as_flags`]).
@@ -20,6 +20,7 @@ mod plot;
 mod progress;
 mod results;
 mod sample;
+#[cfg(feature = "service")]
 mod service;
 mod signals;
 
@@ -62,6 +63,7 @@ enum Command {
     Evaluate(evaluate::Arguments),
     /// Measure what a device takes for each stage of a job
     Bench(bench::Arguments),
+    #[cfg(feature = "service")]
     #[command(flatten)]
     Service(service::Command),
     /// Make a mesh from nothing, for trying out and testing
@@ -75,6 +77,7 @@ pub fn main() -> ExitCode {
     names::spell_as_flags(true);
     let command = Cli::parse().command;
     match &command {
+        #[cfg(feature = "service")]
         Command::Service(service::Command::Serve(_)) => {
             names::spell_as_flags(false);
             memory::keep_between_jobs();
@@ -87,6 +90,7 @@ pub fn main() -> ExitCode {
         Command::Plot(arguments) => plot::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
+        #[cfg(feature = "service")]
         Command::Service(command) => service::run(command),
         Command::Sample(arguments) => sample::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),

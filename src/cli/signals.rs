@@ -1,14 +1,12 @@
-//! Signals: Ctrl-C and SIGTERM stop a command, SIGHUP makes the service read its tokens again.
+//! Signals to a command that works on meshes: Ctrl-C and SIGTERM stop it.
 //!
 //! A command has one flag for stopping. Work looks at it and ends in order; a system call that may block for ever, such
 //! as opening a named pipe, is marked by [`Blocking`], and the process then ends at once.
 
 use std::io;
 use std::process;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering, fence};
-use std::sync::{Arc, OnceLock};
-
-use tokio::sync::Notify;
 
 use super::complain;
 use crate::device::Cancel;
@@ -20,57 +18,42 @@ static SIGNAL: OnceLock<&'static str> = OnceLock::new();
 /// How many [`Blocking`] there are.
 static BLOCKING: AtomicUsize = AtomicUsize::new(0);
 
-/// Takes requests to stop from here on; the future completes with the first. Needs a tokio runtime around it.
-pub fn requests_to_stop() -> io::Result<impl Future<Output = ()>> {
-    let mut requests = Requests::new()?;
-    Ok(async move {
-        requests.next().await;
-    })
-}
-
-/// Notifies at every SIGHUP from here on, which would end the process otherwise. Needs a tokio runtime around it.
-#[cfg(unix)]
-pub fn notify_at_hangup(notify: Arc<Notify>) -> io::Result<()> {
-    use tokio::signal::unix::{SignalKind, signal};
-    let mut hangups = signal(SignalKind::hangup())?;
-    tokio::spawn(async move {
-        while hangups.recv().await.is_some() {
-            tracing::info!("SIGHUP: reading the tokens again, where there are any");
-            notify.notify_one();
-        }
-    });
-    Ok(())
-}
-
-/// There is no such signal.
-#[cfg(windows)]
-pub fn notify_at_hangup(_: Arc<Notify>) -> io::Result<()> {
-    Ok(())
-}
-
 /// A flag that the first request to stop raises. The second ends the process, as does the first while [`Blocking`].
 pub fn cancel_when_asked() -> Cancel {
     let cancel = CANCEL.get_or_init(Cancel::default).clone();
     let raised = cancel.clone();
-    std::thread::spawn(move || {
-        // Without a runtime or handlers the system's own way of stopping stays in force.
-        let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() else {
-            return;
-        };
-        runtime.block_on(async {
-            let Ok(mut requests) = Requests::new() else { return };
-            let _ = SIGNAL.set(requests.next().await);
-            raised.cancel();
-            fence(Ordering::SeqCst); // either this thread sees the mark or `Blocking::begin` sees the flag
-            if BLOCKING.load(Ordering::SeqCst) > 0 {
-                complain(&stopped());
-                process::exit(1);
-            }
-            requests.next().await;
+    let on_request = move |signal| {
+        if raised.is_cancelled() {
             process::exit(130);
-        });
-    });
+        }
+        let _ = SIGNAL.set(signal);
+        raised.cancel();
+        fence(Ordering::SeqCst); // either this thread sees the mark or `Blocking::begin` sees the flag
+        if BLOCKING.load(Ordering::SeqCst) > 0 {
+            complain(&stopped());
+            process::exit(1);
+        }
+    };
+    // Without handlers the system's own way of stopping stays in force.
+    let _ = handle(on_request);
     cancel
+}
+
+/// Calls `on_request` with the name of each signal that asks to stop, on a thread of its own.
+#[cfg(unix)]
+fn handle(on_request: impl Fn(&'static str) + Send + 'static) -> io::Result<()> {
+    use signal_hook::consts::{SIGINT, SIGTERM};
+    let mut signals = signal_hook::iterator::Signals::new([SIGTERM, SIGINT])?;
+    std::thread::Builder::new().name("signals".to_owned()).spawn(move || {
+        signals.forever().for_each(|signal| on_request(if signal == SIGTERM { "SIGTERM" } else { "SIGINT" }));
+    })?;
+    Ok(())
+}
+
+/// Calls `on_request` at each Ctrl-C, on a thread of its own.
+#[cfg(windows)]
+fn handle(on_request: impl Fn(&'static str) + Send + 'static) -> Result<(), ctrlc::Error> {
+    ctrlc::set_handler(move || on_request("Ctrl-C"))
 }
 
 /// What is said when a request to stop has ended the command.
@@ -105,45 +88,5 @@ impl Blocking {
 impl Drop for Blocking {
     fn drop(&mut self) {
         BLOCKING.fetch_sub(1, Ordering::SeqCst);
-    }
-}
-
-/// The signals that ask to stop.
-#[cfg(unix)]
-struct Requests {
-    terminate: tokio::signal::unix::Signal,
-    interrupt: tokio::signal::unix::Signal,
-}
-
-#[cfg(unix)]
-impl Requests {
-    fn new() -> io::Result<Self> {
-        use tokio::signal::unix::{SignalKind, signal};
-        Ok(Self { terminate: signal(SignalKind::terminate())?, interrupt: signal(SignalKind::interrupt())? })
-    }
-
-    /// Waits for the next request; gives the name of the signal.
-    async fn next(&mut self) -> &'static str {
-        tokio::select! {
-            _ = self.terminate.recv() => "SIGTERM",
-            _ = self.interrupt.recv() => "SIGINT",
-        }
-    }
-}
-
-/// The signals that ask to stop.
-#[cfg(windows)]
-struct Requests(tokio::signal::windows::CtrlC);
-
-#[cfg(windows)]
-impl Requests {
-    fn new() -> io::Result<Self> {
-        Ok(Self(tokio::signal::windows::ctrl_c()?))
-    }
-
-    /// Waits for the next request; gives the name of the signal.
-    async fn next(&mut self) -> &'static str {
-        self.0.recv().await;
-        "Ctrl-C"
     }
 }

@@ -4,11 +4,17 @@
 //! [`plain`] is the definition of each step as sequential code. `cpu` and `gpu` are the ones in use, and a given
 //! sequence of calls gives the same labels and energies, bit for bit, on all three.
 
+pub mod adapter;
 pub mod cpu;
 pub mod dual_edge;
+#[cfg(feature = "gpu")]
 pub mod gpu;
+#[cfg(not(feature = "gpu"))]
+#[path = "no_gpu.rs"]
+mod gpu;
 pub mod pieces;
 pub mod plain;
+mod profile;
 pub mod select;
 
 use std::sync::Arc;
@@ -19,6 +25,7 @@ use utoipa::ToSchema;
 
 pub use self::dual_edge::DualEdge;
 use self::dual_edge::{Rank, Ties, mutual};
+pub use self::profile::{Profile, StageTime};
 use crate::energy::{ClusterSums, LatticeEnergy};
 use crate::error::{Error, Result};
 use crate::surface::DualGraph;
@@ -67,6 +74,17 @@ pub trait Device: Send {
     /// Tells of its memory.
     fn memory_meter(&self) -> MemoryMeter {
         Arc::new(|| None)
+    }
+
+    /// Takes the device time of the work since the last call; none if the device was not opened to be timed, or has no
+    /// timestamps.
+    fn take_profile(&mut self) -> Result<Option<Profile>> {
+        Ok(None)
+    }
+
+    /// Bytes a second, read and written, of copies within the device's memory; none without timestamps.
+    fn copy_bandwidth(&mut self) -> Result<Option<f64>> {
+        Ok(None)
     }
 
     /// Brings a surface to the device, with all faces free.

@@ -81,6 +81,7 @@ mod tests {
     use super::*;
     use crate::cli::Cli;
 
+    #[cfg(feature = "service")]
     #[test]
     fn every_name_is_a_flag_of_cluster_and_a_parameter_over_http() {
         let yaml = crate::service::openapi_yaml().expect("a description");

@@ -10,9 +10,10 @@ use opentelemetry_otlp::{Protocol, SpanExporter, WithExportConfig as _};
 use opentelemetry_sdk::Resource;
 use opentelemetry_sdk::error::OTelSdkResult;
 use opentelemetry_sdk::trace::{SdkTracerProvider, SpanData};
+use tracing_subscriber::Layer as _;
+use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
-use tracing_subscriber::{EnvFilter, Layer as _};
 
 use crate::error::{Error, Kind, Result};
 
@@ -65,7 +66,7 @@ impl Drop for Logging {
 impl LogSettings {
     /// Starts logging for the whole process. A second call is an error.
     pub fn start(&self) -> Result<Logging> {
-        let filter = EnvFilter::try_new(&self.log).map_err(|error| {
+        let filter: Targets = self.log.parse().map_err(|error| {
             Error::parameter(format_args!("the log filter cannot be read ({error}): {:?}", self.log))
         })?;
         let spans = self.otlp_endpoint.as_deref().map(collector).transpose()?;

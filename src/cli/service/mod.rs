@@ -3,6 +3,7 @@
 mod backup;
 mod health;
 mod serve;
+mod signals;
 mod token;
 
 use super::Failure;

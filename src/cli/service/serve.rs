@@ -6,11 +6,13 @@ use std::sync::Arc;
 use clap::CommandFactory as _;
 use tokio::sync::Notify;
 
+use super::signals;
 use crate::cli::device::DeviceArguments;
-use crate::cli::{Cli, Failure, signals};
+use crate::cli::{Cli, Failure};
 use crate::dev::bench;
-use crate::device::select::DeviceChoice;
-use crate::error::Error;
+use crate::device::Device;
+use crate::device::select::{self, DeviceChoice};
+use crate::error::{Error, Result};
 use crate::report::{DeviceInfo, DeviceKind};
 use crate::service::{self, DeviceDescription, Extras, LogSettings, Settings};
 
@@ -52,7 +54,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     let logging = arguments.log.start().map_err(|error| Failure::Usage("serve", error.message))?;
     // what the service writes is for its own user only
     #[cfg(unix)]
-    nix::sys::stat::umask(nix::sys::stat::Mode::from_bits_truncate(0o077));
+    rustix::process::umask(rustix::fs::Mode::from_bits_truncate(0o077));
     // a connection is an open file; where it cannot be raised, the limit is as it is
     match rlimit::increase_nofile_limit(OPEN_FILES) {
         Ok(limit) => tracing::debug!(limit, "open files"),
@@ -68,10 +70,10 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     }
     // before the device is opened, which takes seconds
     service::preflight(&arguments.settings)?;
-    let device = arguments.device.open_for_any()?;
+    let device = open(&arguments.device)?;
     let (device, cpu_below_faces) = match (arguments.device.is_auto(), device.info().kind) {
         (true, DeviceKind::Gpu) => {
-            let (device, faces) = bench::calibrated(device, bench::PATIENCE, || arguments.device.open_for_any())?;
+            let (device, faces) = bench::calibrated(device, bench::PATIENCE, || open(&arguments.device))?;
             (device, Some(faces))
         }
         (true, DeviceKind::Cpu) => (device, Some(0)),
@@ -83,7 +85,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         cpu_below_faces,
     };
     let choice = arguments.device.clone();
-    let reopen: service::Reopen = Arc::new(move || choice.open_for_any());
+    let reopen: service::Reopen = Arc::new(move || open(&choice));
     let reload = Arc::<Notify>::default();
     let extras = Extras { reopen: Some(reopen), reload: Some(Arc::clone(&reload)), ..Extras::default() };
     let runtime = tokio::runtime::Builder::new_multi_thread()
@@ -100,6 +102,11 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     runtime.shutdown_background();
     drop(logging);
     Ok(served?)
+}
+
+/// Opens the device for meshes that are not known yet.
+fn open(device: &DeviceArguments) -> Result<Box<dyn Device>> {
+    select::open(device.device, device.adapter.as_deref(), None)
 }
 
 /// Warns of environment variables that look like settings and are none: a typing error would otherwise change nothing

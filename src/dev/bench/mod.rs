@@ -21,29 +21,14 @@ pub use calibration::{PATIENCE, calibrated};
 pub use work::{Mesh, Work};
 
 use crate::device::cpu::CpuDevice;
-use crate::device::gpu::{GpuDevice, SWEEP_BYTES_A_FACE, StageTime};
-use crate::device::{Cancel, Device};
+use crate::device::{Cancel, Device, DeviceKind, StageTime};
 use crate::error::{Error, Kind, Result};
 use crate::job::{self, Outcome, Prepared};
 use crate::report::DeviceInfo;
 
-/// The device that is measured.
-#[derive(Debug)]
-pub enum Measured {
-    /// The threads of this machine.
-    Cpu(CpuDevice),
-    /// A gpu, opened to be timed.
-    Gpu(Box<GpuDevice>),
-}
-
-impl Measured {
-    fn device(&mut self) -> &mut dyn Device {
-        match self {
-            Measured::Cpu(cpu) => cpu,
-            Measured::Gpu(gpu) => gpu.as_mut(),
-        }
-    }
-}
+/// Bytes a face of a closed triangle mesh that a gpu's first fit after new labels reads and writes, in `sums_gather` and
+/// `boundary_build`; labels of neighbours come from the caches.
+const SWEEP_BYTES_A_FACE: u64 = 48;
 
 /// How to measure.
 #[derive(Debug, Clone, Copy)]
@@ -121,7 +106,7 @@ pub struct Row {
 /// Sums and lists from labels: a pass over all faces.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct Sweep {
-    /// Bytes that its kernels read and write, as [`crate::device::gpu`] counts them.
+    /// Bytes that its kernels read and write.
     pub bytes: u64,
     /// What it took on the device, milliseconds.
     pub milliseconds: f64,
@@ -129,11 +114,13 @@ pub struct Sweep {
     pub share_of_copy: f64,
 }
 
-/// Runs everything; what was measured is given even when something fails, with the error. `on_stage` is told what is being done.
-/// A job that does not fit is told as such, and those of larger meshes with the same algorithm are left out.
+/// Runs everything on a device; a gpu should be opened to be timed. Returns what was measured even when something fails,
+/// with the error. `on_stage` gets a line about each job.
+///
+/// A job that does not fit has the reason in its row, and those of larger meshes with the same algorithm are left out.
 pub fn run(
     work: &[Work],
-    measured: &mut Measured,
+    device: &mut dyn Device,
     plan: Plan,
     cancel: &Cancel,
     on_stage: &mut dyn FnMut(String),
@@ -143,11 +130,11 @@ pub fn run(
         tesserae: format!("{}{build}", env!("CARGO_PKG_VERSION")),
         processor: crate::dev::markdown::processor(),
         threads: rayon::current_num_threads(),
-        device: measured.device().info().clone(),
+        device: device.info().clone(),
         copy_bytes_a_second: None,
         rows: Vec::new(),
     };
-    let outcome = measurements.fill(work, measured, plan, cancel, on_stage);
+    let outcome = measurements.fill(work, device, plan, cancel, on_stage);
     (measurements, outcome)
 }
 
@@ -155,14 +142,12 @@ impl Measurements {
     fn fill(
         &mut self,
         work: &[Work],
-        measured: &mut Measured,
+        device: &mut dyn Device,
         plan: Plan,
         cancel: &Cancel,
         on_stage: &mut dyn FnMut(String),
     ) -> Result<()> {
-        if let Measured::Gpu(gpu) = measured {
-            self.copy_bytes_a_second = gpu.copy_bandwidth()?;
-        }
+        self.copy_bytes_a_second = device.copy_bandwidth()?;
         for work in work {
             let is_beyond =
                 |row: &Row| row.refused.is_some() && row.algorithm == work.name() && work.is_larger(row.faces);
@@ -170,7 +155,7 @@ impl Measurements {
                 continue;
             }
             on_stage(format!("{}, {}", work.mesh, work.name()));
-            self.rows.push(measure(work, measured, plan, self.copy_bytes_a_second, cancel)?);
+            self.rows.push(measure(work, device, plan, self.copy_bytes_a_second, cancel)?);
         }
         Ok(())
     }
@@ -205,7 +190,7 @@ impl Measurements {
 /// One job: run on the device, on the cpu if it shall be compared, and its sweep.
 fn measure(
     work: &Work,
-    measured: &mut Measured,
+    device: &mut dyn Device,
     plan: Plan,
     copy_bytes_a_second: Option<f64>,
     cancel: &Cancel,
@@ -216,21 +201,16 @@ fn measure(
     (row.parse, row.topology) = (prepared.timings.parse, prepared.timings.topology);
     let mut best: Option<Outcome> = None;
     for _ in 0..plan.repeats {
-        if let Measured::Gpu(gpu) = measured {
-            // what earlier jobs left
-            gpu.take_profile()?;
-        }
-        let outcome = match job::run(&prepared, measured.device(), cancel, &mut |_| {}) {
+        // what earlier jobs left
+        device.take_profile()?;
+        let outcome = match job::run(&prepared, device, cancel, &mut |_| {}) {
             Ok(outcome) => outcome,
             Err(error) if matches!(error.kind, Kind::DeviceUnsuitable | Kind::TooLarge | Kind::DeviceLost) => {
                 return Ok(Row { refused: Some(error.message), ..Row::new(work, faces, clusters) });
             }
             Err(error) => return Err(error),
         };
-        let profile = match measured {
-            Measured::Cpu(_) => None,
-            Measured::Gpu(gpu) => gpu.take_profile()?,
-        };
+        let profile = device.take_profile()?;
         let timings = &outcome.report.timings_ms;
         if let Some(best) = &best {
             row.same_each_time &= best.labels == outcome.labels && best.hierarchy == outcome.hierarchy;
@@ -251,14 +231,14 @@ fn measure(
     row.iterations = best.report.iterations.iter().filter(|iteration| iteration.moves > 0).count() as u64;
     row.energy = best.report.energy.final_;
     row.hexagon_ratio = best.report.energy.hexagon_ratio;
-    if let Measured::Gpu(gpu) = measured {
+    if device.info().kind == DeviceKind::Gpu {
         if faces <= plan.compare_up_to {
             let on_cpu = job::run(&prepared, &mut CpuDevice::new(), cancel, &mut |_| {})?;
             row.cluster_on_cpu = Some(on_cpu.report.timings_ms.cluster);
             row.same_as_cpu = Some(on_cpu.labels == best.labels && on_cpu.hierarchy == best.hierarchy);
         }
         if let (Some(labels), Some(copy)) = (&best.labels, copy_bytes_a_second) {
-            row.sweep = sweep(gpu, &prepared, clusters, labels, copy)?;
+            row.sweep = sweep(device, &prepared, clusters, labels, copy)?;
         }
     }
     Ok(row)
@@ -266,7 +246,7 @@ fn measure(
 
 /// Times the sums and lists of `labels`.
 fn sweep(
-    gpu: &mut GpuDevice,
+    gpu: &mut dyn Device,
     prepared: &Prepared,
     clusters: u64,
     labels: &[u32],

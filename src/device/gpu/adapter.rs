@@ -1,70 +1,8 @@
 //! What adapters there are, and which of them can cluster.
 
-use std::fmt;
-
-use serde::Serialize;
-use utoipa::ToSchema;
-
 use super::kernels::KERNELS;
 use super::layout::WORKGROUP;
-
-/// An adapter as it is reported: in `tesserae devices` and `GET /v1/device`.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
-pub struct AdapterReport {
-    /// Number that `--adapter` takes.
-    pub index: usize,
-    /// Name; a part of it is what `--adapter` takes, too.
-    pub name: String,
-    /// What kind of processor it is.
-    pub kind: AdapterKind,
-    /// `vulkan`, `metal` or `dx12`.
-    pub backend: String,
-    /// Driver and its version.
-    pub driver: String,
-    /// Whether it can cluster.
-    pub usable: bool,
-    /// Why it cannot; null when it can.
-    pub reason: Option<String>,
-}
-
-impl fmt::Display for AdapterReport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { index, name, kind, backend, .. } = self;
-        write!(f, "{index}: {name} ({kind}, {backend}")?;
-        match &self.reason {
-            Some(reason) => write!(f, ", unusable: {reason})"),
-            None => f.write_str(")"),
-        }
-    }
-}
-
-/// Kinds of adapters, the fastest first.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum AdapterKind {
-    /// A graphics processor with its own memory.
-    Discrete,
-    /// A graphics processor that shares memory with the cpu.
-    Integrated,
-    /// A share of a graphics processor, passed to a virtual machine.
-    Virtual,
-    /// The driver does not say.
-    Other,
-    /// No graphics processor: a driver that computes on the cpu.
-    Software,
-}
-
-impl fmt::Display for AdapterKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Discrete => "discrete",
-            Self::Integrated => "integrated",
-            Self::Virtual => "virtual",
-            Self::Other => "other",
-            Self::Software => "software",
-        })
-    }
-}
+use crate::device::adapter::{AdapterKind, AdapterReport};
 
 impl From<wgpu::DeviceType> for AdapterKind {
     fn from(kind: wgpu::DeviceType) -> Self {

@@ -3,9 +3,8 @@
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 
-use serde::Serialize;
-
 use super::connection::lock;
+use crate::device::{Profile, StageTime};
 
 /// Passes that can be timed between two reads: a pass takes two queries of the set.
 const PASSES: u32 = wgpu::QUERY_SET_MAX_QUERIES / 2;
@@ -13,28 +12,6 @@ const PASSES: u32 = wgpu::QUERY_SET_MAX_QUERIES / 2;
 /// The features of the device that a clock needs.
 pub(super) const FEATURES: wgpu::Features =
     wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS);
-
-/// What a device did since the last read.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct Profile {
-    /// Device time by stage, in the order in which the stages first ran.
-    pub stages: Vec<StageTime>,
-    /// Passes beyond those that can be timed.
-    pub untimed_passes: u64,
-    /// Dispatches of each kernel, those without workgroups included.
-    pub dispatches: BTreeMap<&'static str, u64>,
-}
-
-/// Device time of a stage.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct StageTime {
-    /// Name of the stage: `boundary`, `refine`, …
-    pub stage: &'static str,
-    /// Number of passes.
-    pub passes: u64,
-    /// Their total time.
-    pub milliseconds: f64,
-}
 
 /// Timestamps around passes.
 #[derive(Debug)]

@@ -10,10 +10,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use super::adapter::{AdapterKind, Found};
-use super::clock::{self, Clock, Profile};
+use super::adapter::Found;
+use super::clock::{self, Clock};
 use super::kernels::{KERNELS, Kernel};
 use super::{Fault, FaultPoint, Overrides};
+use crate::device::Profile;
+use crate::device::adapter::AdapterKind;
 use crate::error::{Error, Kind, Result};
 
 /// How long a batch may take before the device counts as lost.

@@ -3,7 +3,7 @@
 //!
 //! | file | what it has |
 //! |---|---|
-//! | `adapter` | the adapters of the machine, and which of them can cluster |
+//! | `adapter`, `choice` | the adapters of the machine, which of them can cluster, and which is meant |
 //! | `connection` | an open adapter: queue, pipelines, errors, injected faults; `clock` times its passes |
 //! | `kernels` | the table of kernels: a kernel is its WGSL file, a row, and a dispatch |
 //! | `buffers` | the table of storage buffers; `layout` has the structs in them |
@@ -31,6 +31,7 @@
 pub mod adapter;
 mod batches;
 pub mod buffers;
+mod choice;
 mod clock;
 mod connection;
 pub mod kernels;
@@ -45,12 +46,12 @@ mod upload;
 
 use std::sync::{Arc, Mutex};
 
-use self::adapter::{AdapterReport, Found};
-pub use self::clock::{Profile, StageTime};
+use self::adapter::Found;
+pub use self::choice::{adapters, open, open_hardware};
 use self::connection::{Connection, lock};
 use self::steps::GpuSteps;
-use super::{Device, MemoryMeter, MergeSteps, Steps};
-use crate::device::{DeviceInfo, DeviceKind};
+use super::adapter::AdapterReport;
+use super::{Device, DeviceInfo, DeviceKind, MemoryMeter, MergeSteps, Profile, Steps};
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
 
@@ -62,13 +63,9 @@ pub struct Overrides {
     pub workgroups_per_dimension: Option<u32>,
     /// Bytes of the largest binding.
     pub binding_size: Option<u64>,
-    /// Whether passes are timed and dispatches counted, for [`GpuDevice::take_profile`].
+    /// Whether passes are timed and dispatches counted, for [`Device::take_profile`].
     pub timed: bool,
 }
-
-/// Bytes a face of a closed triangle mesh that the first fit after new labels reads and writes, in `sums_gather` and
-/// `boundary_build`; labels of neighbours come from the caches.
-pub const SWEEP_BYTES_A_FACE: u64 = 48;
 
 /// A failure that a test injects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -152,18 +149,6 @@ impl GpuDevice {
         })
     }
 
-    /// Takes the profile since the last call; none if the device was not opened `timed`, or has no timestamps.
-    pub fn take_profile(&mut self) -> Result<Option<Profile>> {
-        self.connection()?.take_profile()
-    }
-
-    /// Bytes a second, read and written, of copies within the device's memory, of buffers of at most 256 MiB; none
-    /// without timestamps.
-    pub fn copy_bandwidth(&mut self) -> Result<Option<f64>> {
-        let connection = self.connection()?;
-        connection.copy_bandwidth(connection.limits.max_buffer_size.min(1 << 28))
-    }
-
     /// Makes something fail once, on the next surface that is opened.
     pub fn inject(&mut self, fault: Fault) {
         self.fault = Some(fault);
@@ -229,6 +214,16 @@ impl Device for GpuDevice {
             let connection = lock(&opened).clone();
             Some(connection?.device.generate_allocator_report()?.total_reserved_bytes)
         })
+    }
+
+    fn take_profile(&mut self) -> Result<Option<Profile>> {
+        self.connection()?.take_profile()
+    }
+
+    fn copy_bandwidth(&mut self) -> Result<Option<f64>> {
+        let connection = self.connection()?;
+        // of buffers of at most 256 MiB
+        connection.copy_bandwidth(connection.limits.max_buffer_size.min(1 << 28))
     }
 
     fn open<'a>(&'a mut self, graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {

@@ -1,0 +1,38 @@
+//! `device::gpu` of a build without the feature `gpu`: no adapters, and an error where a gpu is required.
+
+use super::Device;
+use super::adapter::{AdapterKind, AdapterReport};
+use crate::error::{Error, Kind, Result};
+
+/// No adapters.
+pub fn adapters() -> Vec<AdapterReport> {
+    Vec::new()
+}
+
+/// The error.
+pub fn open(_: Option<&str>, _: bool) -> Result<(AdapterKind, Box<dyn Device>)> {
+    Err(Error::new(
+        Kind::DeviceUnsuitable,
+        "this build has no gpu: take the device cpu, or build tesserae with the feature gpu",
+    ))
+}
+
+/// No gpu.
+pub fn open_hardware() -> Result<Option<Box<dyn Device>>> {
+    Ok(None)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::device::select::{DeviceChoice, adapters, open};
+
+    #[test]
+    fn the_device_gpu_is_an_error_that_names_the_feature_and_auto_is_the_cpu() {
+        for (choice, adapter) in [(DeviceChoice::Gpu, None), (DeviceChoice::Auto, Some("0"))] {
+            let error = open(choice, adapter, None).err().expect("no gpu");
+            assert!(error.message.contains("the feature gpu"), "{error}");
+        }
+        assert_eq!(open(DeviceChoice::Auto, None, None).expect("the cpu").info().backend, "rayon");
+        assert_eq!(adapters(), []);
+    }
+}
