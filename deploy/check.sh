@@ -35,6 +35,8 @@ echo "int main(void) { return 0; }" | cc -g -x c -o "$symbols/program" -
 "$symbols/program" && [ -s "$symbols/program.debug" ]
 grep --quiet '\.gnu_debuglink' <<<"$(readelf --sections "$symbols/program")" || { echo "no link to the symbols" >&2; exit 1; }
 rm -r "$symbols"
+profile=$(sed -n 's/.*cargo build --profile \([a-z]*\).*/\1/p' Dockerfile)
+grep --quiet "^\[profile\.$profile\]" ../Cargo.toml || { echo "no profile of cargo: '$profile'" >&2; exit 1; }
 # every setting that these files speak of exists
 known=$(grep -o 'TESSERAE_[A-Z_]*' ../docs/operations.md | sort -u)
 for name in $(grep -oh 'TESSERAE_[A-Z_]*' Dockerfile compose.yaml tesserae.service | sort -u); do
