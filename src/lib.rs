@@ -6,7 +6,7 @@
 //! # Bird's-eye view
 //!
 //! ```text
-//! bytes ─ mesh ─→ PolygonMesh ─ surface ─→ Surface ─ cluster (on a device) ─→ labels, Tree ─ output, hierarchy ─→ bytes
+//! bytes ─ mesh ─→ PolygonMesh ─ surface ─→ Surface ─ cluster (on a device) ─→ labels, Tree ─ artifacts, hierarchy ─→ bytes
 //! ```
 //!
 //! A module imports only modules above it in this table; `tests/architecture.rs` finds circles.
@@ -20,7 +20,7 @@
 //! | [`device`] | the steps of algorithms: `plain` defines them, `cpu` and `gpu` (with `shaders/`) are in use |
 //! | [`hierarchy`] | hierarchies: their file, their JSON, cuts, scipy's matrix |
 //! | [`cluster`] | the algorithms: their definitions, proofs and drivers |
-//! | [`output`] | encodings of labels |
+//! | [`artifacts`] | encodings of labels |
 //! | [`parameters`] | what a job may ask for |
 //! | [`report`] | what is said about a job |
 //! | [`job`] | one job from bytes to results |
@@ -28,7 +28,7 @@
 //! | [`service`] | the HTTP service |
 //! | [`cli`] | the command line |
 //!
-//! Below all of them: `union_find`, `prefetch`, `npy`, and `memory` (settings of the allocator).
+//! Below all of them: `union_find`, `prefetch`, and `memory` (settings of the allocator).
 //!
 //! # Invariants
 //!
@@ -42,6 +42,7 @@
 //! 5. [`cluster`] knows no wgpu type, [`device`] knows no file format, and nothing below [`service`] knows of HTTP.
 //! 6. Nothing that input reaches panics.
 
+pub mod artifacts;
 pub mod cli;
 pub mod cluster;
 pub mod dev;
@@ -54,8 +55,6 @@ pub mod hierarchy;
 pub mod job;
 mod memory;
 pub mod mesh;
-mod npy;
-pub mod output;
 pub mod parameters;
 mod prefetch;
 pub mod report;

@@ -9,13 +9,13 @@ use super::places::{Kept, Output};
 use super::progress::Progress;
 use super::results::{LabelFile, TreeFiles, check_places};
 use super::{Failure, complain, print_line, say, signals};
+use crate::artifacts::write_labels;
 use crate::device::Cancel;
 use crate::device::cpu::CpuDevice;
 use crate::error::{Error, Kind};
 use crate::hierarchy::linkage::no_single_root;
 use crate::job::{self, InputFile, Outcome, Plan, Prepared, Request, milliseconds};
 use crate::mesh::{Beside, Format, Limits, NoResources, Resources};
-use crate::output::write_labels;
 use crate::parameters::{Parameters, Seeds};
 use crate::report::{Report, Row};
 

@@ -7,11 +7,11 @@ use serde_json::json;
 use super::files::{Source, Target, path_parser};
 use super::results::{LabelFile, TreeFiles, check_places};
 use super::{Failure, print_line, say, signals};
+use crate::artifacts::write_cut;
 use crate::hierarchy::Cut;
 use crate::hierarchy::stored::{self, Header, Stored};
 use crate::job::labels_sha256;
 use crate::mesh::Limits;
-use crate::output::write_cut;
 
 /// Arguments of `tesserae cut`.
 #[derive(Debug, clap::Args)]

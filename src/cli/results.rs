@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use super::Failure;
 use super::files::{Extension, Source, Target, path_parser};
 use super::places::{self, Output};
+use crate::artifacts::LabelFormat;
 use crate::hierarchy::json::Limits;
 use crate::hierarchy::stored::Stored;
-use crate::output::LabelFormat;
 
 /// Where and how labels are written.
 #[derive(Debug, Clone, PartialEq, Eq)]

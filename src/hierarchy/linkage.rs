@@ -110,7 +110,7 @@ impl Linkage {
 
     /// Writes it as `.npy`, float64 (n − 1, 4), in many small pieces.
     pub fn write_npy(&self, out: &mut dyn Write) -> io::Result<()> {
-        out.write_all(&crate::npy::npy_header("<f8", &format!("({}, 4)", self.rows.len())))?;
+        out.write_all(&crate::artifacts::npy_header("<f8", &format!("({}, 4)", self.rows.len())))?;
         for row in &self.rows {
             let [a, b] = row.children;
             let distance = (2.0 * row.cost).sqrt();

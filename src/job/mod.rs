@@ -1,7 +1,7 @@
 //! One job from bytes to results: what the command line and the service both do.
 //!
 //! Stages, so that the service can overlap them for neighbouring jobs: [`cluster`] belongs on the thread of the device; what
-//! comes before ([`prepare`]: parse, topology, seeds) and after ([`finish()`], and the encoding of results, [`crate::output`])
+//! comes before ([`prepare`]: parse, topology, seeds) and after ([`finish()`], and the encoding of results, [`crate::artifacts`])
 //! on the cpu pool.
 
 mod finish;

@@ -11,7 +11,7 @@
 //! | what a request may ask for | `request`, `query` |
 //! | how bodies come in | `upload`, `intake` |
 //! | what happens to a job | `pipeline` |
-//! | how jobs are kept | `store`, and their files in `files`; `blobs` knows which are where |
+//! | how jobs are kept | `store`, and their files in `files`; `job_blobs` knows which are where |
 //! | how long they are kept | `retention`, by the time of `aging`; `deletion` |
 //! | what happens when the disk fails | `storage` |
 //! | backups | `backup` |
@@ -41,7 +41,7 @@ mod aging;
 mod api;
 mod audit;
 mod backup;
-mod blobs;
+
 mod conditional;
 mod deletion;
 mod faults;
@@ -51,6 +51,7 @@ pub(crate) mod fuzzing;
 mod health;
 mod idempotency;
 mod intake;
+mod job_blobs;
 mod logging;
 mod metrics;
 mod negotiate;

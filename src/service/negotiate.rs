@@ -2,8 +2,8 @@
 
 use axum::http::{HeaderMap, header};
 
+use crate::artifacts::LabelFormat;
 use crate::error::{Error, Kind, Result};
-use crate::output::LabelFormat;
 
 /// The format of labels that the client likes best.
 pub(super) fn label_format(headers: &HeaderMap) -> Result<LabelFormat> {

@@ -7,8 +7,8 @@ use axum::extract::State as Extract;
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use crate::artifacts::LabelFormat;
 use crate::mesh::Format;
-use crate::output::LabelFormat;
 use crate::service::state::{App, DeviceDescription};
 
 /// Formats that are read and written.

@@ -10,15 +10,15 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::binary::Binary;
 use super::view::tell_expiry;
+use crate::artifacts::LabelFormat;
 use crate::error::{Error, Kind};
-use crate::output::LabelFormat;
 use crate::service::access::Caller;
 use crate::service::conditional::Content;
 use crate::service::problem::{Answer, Problematic};
 use crate::service::results::stored::{attachment, stored, succeeded};
 use crate::service::results::{hierarchy, snapshots};
 use crate::service::state::App;
-use crate::service::{blobs, files, negotiate, query};
+use crate::service::{files, job_blobs, negotiate, query};
 
 /// Labels as JSON; the two other formats hold the same numbers.
 #[derive(Debug, Serialize, ToSchema)]
@@ -137,7 +137,8 @@ pub(in crate::service) async fn labels(
         }
         (None, LabelFormat::Json) => {
             let numbers = Some(GetRange::Suffix(4 * summary.faces));
-            let numbers = blobs::result(&shared.files, shared.store.as_ref(), &job, files::LABELS_NPY, numbers).await?;
+            let numbers =
+                job_blobs::result(&shared.files, shared.store.as_ref(), &job, files::LABELS_NPY, numbers).await?;
             snapshots::labels_of(&shared, numbers, &summary, format).await?
         }
         (None, LabelFormat::Npy) => stored(&shared, &job, files::LABELS_NPY, None, format.media_type()).await?,

@@ -12,7 +12,7 @@ use crate::service::audit::{self, Action};
 use crate::service::problem::{Answer, Problematic};
 use crate::service::state::{App, Shared};
 use crate::service::store::{Retried, State, no_such_job};
-use crate::service::{blobs, files};
+use crate::service::{files, job_blobs};
 
 /// Run a failed job again
 ///
@@ -42,7 +42,7 @@ pub(in crate::service) async fn retry(Extract(shared): App, caller: Caller, Path
     if !job.keeps_upload() {
         return Err(upload_is_gone().into());
     }
-    match blobs::upload(&shared.files, shared.store.as_ref(), &job, files::MESH).await {
+    match job_blobs::upload(&shared.files, shared.store.as_ref(), &job, files::MESH).await {
         Ok(_) => {}
         Err(error) if error.kind == Kind::NotFound => return Err(upload_is_gone().into()),
         Err(error) => return Err(error.into()),

@@ -18,15 +18,15 @@ use super::slot::Slot;
 use super::task::Task;
 use super::turns::Visit;
 
+use crate::artifacts::{LabelFormat, write_labels, write_snapshots};
 use crate::device::Cancel;
 use crate::error::{Error, Kind, Result};
 use crate::job::{self, Outcome, Prepared, milliseconds};
 use crate::mesh::Resources;
-use crate::output::{LabelFormat, write_labels, write_snapshots};
 use crate::parameters::Algorithm;
 use crate::report::Row;
-use crate::service::blobs;
 use crate::service::files::{self, BlobWriter, BlockingWriter, blocking, settle};
+use crate::service::job_blobs;
 use crate::service::store::{Events, Job, Progress, SmallBlob, Summary, Ticket, What};
 
 /// Rows that are appended to the job's events at once.
@@ -111,8 +111,9 @@ impl Pipeline {
     /// Reads the mesh, when there is memory for it: a small one on a thread for small meshes, others on all threads.
     async fn prepare(&self, ticket: Ticket, job: &Job, slot: Slot, broken_off: CancellationToken) -> Result<Prepared> {
         let spec = job.spec.clone();
-        let upload =
-            async |name: &str| blobs::upload(&self.files, self.store.as_ref(), job, name).await.map_err(upload_is_gone);
+        let upload = async |name: &str| {
+            job_blobs::upload(&self.files, self.store.as_ref(), job, name).await.map_err(upload_is_gone)
+        };
         let mut uploads = Vec::new();
         for name in iter::once(files::MESH.to_owned()).chain((0..spec.buffers.len()).map(files::buffer)) {
             uploads.push(upload(&name).await?);

@@ -6,12 +6,12 @@ use axum::http::HeaderValue;
 use axum::response::Response;
 
 use super::encoded::{self, encoded};
+use crate::artifacts::{LabelFormat, write_cut};
 use crate::error::{Error, Kind, Result};
 use crate::hierarchy::stored::{self, Input, Stored};
-use crate::output::{LabelFormat, write_cut};
 use crate::service::state::Shared;
 use crate::service::store::Job;
-use crate::service::{blobs, files};
+use crate::service::{files, job_blobs};
 
 /// The labels at any number of clusters, with headers that say what they are.
 pub(in crate::service) async fn cut(
@@ -42,7 +42,7 @@ pub(in crate::service) async fn cut(
 
 /// A stored hierarchy and its length.
 async fn open(shared: &Shared, job: &Job) -> Result<(Box<dyn Input + Send>, u64)> {
-    let blob = blobs::result(&shared.files, shared.store.as_ref(), job, files::HIERARCHY, None).await?;
+    let blob = job_blobs::result(&shared.files, shared.store.as_ref(), job, files::HIERARCHY, None).await?;
     let length = blob.length();
     Ok((blob.into_reader(), length))
 }

@@ -6,10 +6,10 @@ use axum::response::Response;
 use object_store::GetRange;
 
 use super::encoded::{self, encoded};
+use crate::artifacts::{LabelFormat, write_labels};
 use crate::error::{Error, Kind, Result};
-use crate::output::{LabelFormat, write_labels};
-use crate::service::blobs;
 use crate::service::files::{self, Blob};
+use crate::service::job_blobs;
 use crate::service::state::Shared;
 use crate::service::store::{Job, Summary};
 
@@ -30,7 +30,7 @@ pub(in crate::service) async fn labels(
     };
     let from_end = 4 * summary.faces * (kept.len() - row) as u64;
     let range = Some(GetRange::Suffix(from_end));
-    let rows = blobs::result(&shared.files, shared.store.as_ref(), job, files::SNAPSHOTS, range).await?;
+    let rows = job_blobs::result(&shared.files, shared.store.as_ref(), job, files::SNAPSHOTS, range).await?;
     labels_of(shared, rows, summary, format).await
 }
 
@@ -52,7 +52,7 @@ pub(in crate::service) async fn labels_of(
 
 /// The iterations whose labels were kept.
 async fn list(shared: &Shared, job: &Job) -> Result<Vec<u32>> {
-    let json = match blobs::result(&shared.files, shared.store.as_ref(), job, files::SNAPSHOT_LIST, None).await {
+    let json = match job_blobs::result(&shared.files, shared.store.as_ref(), job, files::SNAPSHOT_LIST, None).await {
         Ok(list) => list.bytes().await?,
         Err(error) if error.kind == Kind::NotFound => return Ok(Vec::new()),
         Err(error) => return Err(error),

@@ -2,9 +2,9 @@
 
 use std::io::{self, Write};
 
+use super::npy_header;
 use crate::cluster::record::Record;
 use crate::hierarchy::Cut;
-pub use crate::npy::npy_header;
 
 /// How labels are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
