@@ -6,7 +6,7 @@
 //! # Bird's-eye view
 //!
 //! ```text
-//! bytes ─ mesh ─→ PolygonMesh ─ surface ─→ Surface ─ cluster (on a device) ─→ labels, Tree ─ artifacts, hierarchy ─→ bytes
+//! bytes ─ mesh ─→ PolygonMesh ─ surface ─→ Surface ─ cluster (on a device) ─→ labels, Tree ─ artifacts ─→ bytes
 //! ```
 //!
 //! A module imports only modules above it in this table; `tests/architecture.rs` finds circles.
@@ -20,9 +20,9 @@
 //! | [`device`] | the steps of algorithms: `plain` defines them, `cpu` and `gpu` (with `shaders/`) are in use |
 //! | [`hierarchy`] | hierarchies: their file, their JSON, cuts, scipy's matrix |
 //! | [`cluster`] | the algorithms: their definitions, proofs and drivers |
-//! | [`artifacts`] | encodings of labels |
 //! | [`parameters`] | what a job may ask for |
 //! | [`report`] | what is said about a job |
+//! | [`artifacts`] | outputs: one table of what a job can be written as |
 //! | [`job`] | one job from bytes to results |
 //! | [`dev`] | tools: meshes made from nothing, time of each stage, the paper's tables, pictures of reports |
 //! | [`service`] | the HTTP service |

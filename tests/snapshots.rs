@@ -30,6 +30,7 @@ fn prepare(mesh: &PolygonMesh, parameters: &Parameters) -> Prepared {
         parameters,
         seeds: None,
         weights: None,
+        outputs: &[],
     })
     .expect("a mesh")
 }

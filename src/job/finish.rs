@@ -7,6 +7,7 @@ use std::time::Instant;
 use sha2::{Digest, Sha256};
 
 use super::{Clustered, Outcome, Prepared, finite, hierarchical, milliseconds};
+use crate::artifacts::Need;
 use crate::device::pieces;
 use crate::energy::Functional as _;
 use crate::error::{Error, Kind, Result};
@@ -31,7 +32,7 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         final_: finite(results.energy),
         hexagon_ratio: results.hexagon_ratio,
     };
-    let (labels, labels_sha256) = if parameters.has_labels() {
+    let (labels, labels_sha256) = if Need::Labels.is_met(parameters) {
         let Numbered { labels, number_of_cluster, sha256 } = results.labels?;
         snapshots.renumber(&surface.upload_face, &number_of_cluster);
         (Some(labels), Some(sha256))
@@ -65,7 +66,7 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         snapshots: snapshots.iterations(),
         warnings,
     };
-    Ok(Outcome { labels, hierarchy, snapshots, report })
+    Ok(Outcome { labels, hierarchy, snapshots, mesh: prepared.mesh.clone(), report })
 }
 
 /// A warning where the mesh is so large or small that its energies leave the range of f64.

@@ -41,7 +41,6 @@ mod aging;
 mod api;
 mod audit;
 mod backup;
-
 mod conditional;
 mod deletion;
 mod faults;

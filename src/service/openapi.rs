@@ -8,16 +8,19 @@ use std::collections::BTreeMap;
 use axum::http::header;
 use axum::response::IntoResponse;
 use serde_json::{Value, json};
-use utoipa::openapi::path::{Parameter, ParameterBuilder, ParameterIn};
+use utoipa::openapi::path::{HttpMethod, Operation, OperationBuilder, Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::request_body::RequestBody;
 use utoipa::openapi::schema::{ObjectBuilder, Type};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{self, Ref, RefOr, Required, Response, ResponseBuilder, Schema};
-use utoipa::{Modify, OpenApi};
+use utoipa::{Modify, OpenApi, PartialSchema as _};
 
-use super::api::{create, events, health, hierarchy, info, labels, list, metrics, remove, report, retry, show as job};
+use super::api::binary::Binary;
+use super::api::{create, events, health, hierarchy, info, labels, list, metrics, remove, retry, show as job};
 use super::problem::{Answer, Problematic};
 use super::store::PRIORITIES;
+use super::urls;
+use crate::artifacts::{self, Artifact};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Format;
 use crate::parameters::{Levels, Seeds, Snapshots};
@@ -40,7 +43,6 @@ const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\
         events::stream,
         labels::labels,
         hierarchy::hierarchy,
-        report::report,
         info::device,
         info::formats,
         info::version,
@@ -62,8 +64,8 @@ const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\
 )]
 struct Document;
 
-/// What the derives cannot say: the members of `Parameters` are query parameters of `POST /v1/jobs` too, no request
-/// carries a null, and seeds are no path here.
+/// What the derives cannot say: outputs come from their table, the members of `Parameters` are query parameters of
+/// `POST /v1/jobs` too, no request carries a null, and seeds are no path here.
 struct Adjustments;
 
 impl Modify for Adjustments {
@@ -107,8 +109,25 @@ impl Modify for Adjustments {
         if let Some(form) = schemas.get_mut("UploadForm") {
             refer_to(form, "#/components/schemas/Parameters", "#/components/schemas/JobParameters");
         }
+        let mut schemas_of_outputs = artifacts::Schemas::new();
+        for artifact in artifacts::ALL.into_iter().filter(|artifact| artifact.is_served) {
+            let answer = answer_with(artifact, &mut schemas_of_outputs);
+            let path = urls::route(artifact);
+            if document.paths.get_path_item(&path).is_none() {
+                document.paths.add_path_operation(&path, vec![HttpMethod::Get], operation_of(artifact));
+            }
+            let operation = document.paths.paths.get_mut(&path).and_then(|item| item.get.as_mut());
+            let Some(answers) = operation.map(|operation| &mut operation.responses.responses) else { continue };
+            if let Some(RefOr::T(given)) = answers.get_mut("200") {
+                given.content = answer.content;
+            }
+        }
+        schemas.extend(schemas_of_outputs);
         for (path, item) in &mut document.paths.paths {
             for operation in [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten() {
+                if path.contains("{id}") {
+                    operation.parameters.get_or_insert_default().insert(0, id_of_job().into());
+                }
                 add_common_answers(path, &mut operation.responses.responses);
             }
             for operation in [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten() {
@@ -126,6 +145,45 @@ impl Modify for Adjustments {
             }
         }
     }
+}
+
+/// The id in the path of a job's resources.
+fn id_of_job() -> Parameter {
+    let id =
+        ObjectBuilder::new().schema_type(Type::String).format(Some(openapi::SchemaFormat::Custom("uuid".to_owned())));
+    ParameterBuilder::new()
+        .name("id")
+        .parameter_in(ParameterIn::Path)
+        .required(Required::True)
+        .description(Some("Id of the job"))
+        .schema(Some(Schema::from(id)))
+        .build()
+}
+
+/// The operation of an output without a handler of its own.
+fn operation_of(artifact: &Artifact) -> Operation {
+    let name = artifact.name;
+    let capital: String = name[..1].to_uppercase() + &name[1..];
+    OperationBuilder::new()
+        .tag("results")
+        .summary(Some(format!("Get the {name}")))
+        .description(Some(format!("{} 409 before the job has succeeded.", artifact.about)))
+        .operation_id(Some(format!("get{capital}")))
+        .response("200", ResponseBuilder::new().description(format!("The {name}")))
+        .build()
+}
+
+/// An answer with the forms of an output, whose schemas are added to `schemas`.
+fn answer_with(artifact: &Artifact, schemas: &mut artifacts::Schemas) -> Response {
+    let content = |schema: RefOr<Schema>| openapi::ContentBuilder::new().schema(Some(schema)).build();
+    artifact
+        .forms
+        .iter()
+        .fold(ResponseBuilder::new(), |answer, form| {
+            let schema = form.schema.map(|schema| Ref::from_schema_name(schema(schemas)).into());
+            answer.content(form.media_type, content(schema.unwrap_or_else(Binary::schema)))
+        })
+        .build()
 }
 
 /// Adds the media types of all mesh formats to a body, each with the schema of any bytes.
@@ -149,6 +207,12 @@ fn add_common_answers(path: &str, answers: &mut BTreeMap<String, RefOr<Response>
     if ["/healthz", "/readyz"].contains(&path) {
         return;
     }
+    if path.starts_with("/v1/jobs") {
+        add("500", problem());
+    }
+    if path.contains("{id}") {
+        add("404", problem());
+    }
     for status in ["429", "503"] {
         add(status, problem());
     }
@@ -161,7 +225,12 @@ fn add_common_answers(path: &str, answers: &mut BTreeMap<String, RefOr<Response>
     if path == "/v1/jobs" {
         add("408", problem());
     }
-    if ["labels", "hierarchy", "report"].iter().any(|result| path.ends_with(result)) {
+    let is_its = |artifact: &&&Artifact| artifact.is_served && path == urls::route(artifact);
+    if let Some(artifact) = artifacts::ALL.iter().find(is_its) {
+        if artifact.forms.len() > 1 {
+            add("406", problem());
+        }
+        add("409", problem());
         let unchanged = ResponseBuilder::new().description("The client has it already (`If-None-Match`)");
         add("304", unchanged.build().into());
         add("416", problem());

@@ -74,9 +74,6 @@ pub(in crate::service) struct UploadForm {
         (status = 413, response = Problematic),
         (status = 415, response = Problematic),
         (status = 422, response = Problematic),
-        (status = 429, response = Problematic),
-        (status = 500, response = Problematic),
-        (status = 503, response = Problematic),
         (status = 507, response = Problematic),
     ),
 )]

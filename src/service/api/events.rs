@@ -82,15 +82,12 @@ pub(in crate::service) struct StreamEvent {
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/events", tag = "jobs", operation_id = "streamEvents",
     params(
-        ("id" = String, Path, format = "uuid", description = "Id of the job"),
         ("Last-Event-ID" = Option<u64>, Header, description = "Number of the last event that is known; 0 or absent for none"),
     ),
     responses(
         (status = 200, description = "The events", body = StreamEvent, content_type = "text/event-stream"),
         (status = 204, description = "The job has ended and there is no event after that one"),
         (status = 400, response = Problematic),
-        (status = 404, response = Problematic),
-        (status = 500, response = Problematic),
     ),
 )]
 pub(in crate::service) async fn stream(

@@ -58,7 +58,6 @@ pub(in crate::service) struct ListParameters {
             ("Link" = String, description = "The next page, `rel=\"next\"`; absent on the last"),
         )),
         (status = 422, response = Problematic),
-        (status = 500, response = Problematic),
     ),
 )]
 pub(in crate::service) async fn list(Extract(shared): App, caller: Caller, uri: Uri) -> Answer {

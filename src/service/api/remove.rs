@@ -10,7 +10,7 @@ use super::view::{JobView, answer};
 use crate::service::access::Caller;
 use crate::service::audit::{self, Action};
 use crate::service::deletion;
-use crate::service::problem::{Answer, Problematic};
+use crate::service::problem::Answer;
 use crate::service::state::App;
 use crate::service::store::{Deletion, State, no_such_job};
 
@@ -20,12 +20,9 @@ use crate::service::store::{Deletion, State, no_such_job};
 /// results; what its webhook is still to be told is told all the same.
 #[utoipa::path(
     delete, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "deleteJob",
-    params(("id" = String, Path, format = "uuid", description = "Id of the job")),
     responses(
         (status = 202, description = "The job will be cancelled", body = JobView),
         (status = 204, description = "The job was deleted"),
-        (status = 404, response = Problematic),
-        (status = 500, response = Problematic),
     ),
 )]
 pub(in crate::service) async fn remove(

@@ -21,12 +21,9 @@ use crate::service::{files, job_blobs};
 /// all other ended jobs the upload is gone: submit the mesh again.
 #[utoipa::path(
     post, path = "/v1/jobs/{id}/retry", tag = "jobs", operation_id = "retryJob",
-    params(("id" = String, Path, format = "uuid", description = "Id of the job")),
     responses(
         (status = 202, description = "The job waits again", body = JobView),
-        (status = 404, response = Problematic),
         (status = 409, response = Problematic),
-        (status = 500, response = Problematic),
         (status = 507, response = Problematic),
     ),
 )]

@@ -44,16 +44,6 @@ pub(super) const MESH: &str = "mesh";
 pub(super) const SEEDS: &str = "seeds";
 /// Name of the weights among a job's uploads.
 pub(super) const WEIGHTS: &str = "weights";
-/// Name of the labels as `.npy` among a job's results; other forms are made of it.
-pub(super) const LABELS_NPY: &str = "labels.npy";
-/// Name of the labels of iterations among a job's results: `.npy`, a row an iteration.
-pub(super) const SNAPSHOTS: &str = "snapshots.npy";
-/// Name of the list of those iterations among a job's results.
-pub(super) const SNAPSHOT_LIST: &str = "snapshots.json";
-/// Name of the hierarchy among a job's results.
-pub(super) const HIERARCHY: &str = "hierarchy.tsr";
-/// Name of the report among a job's results.
-pub(super) const REPORT: &str = "report.json";
 
 /// Name of buffer number `index` among a job's uploads.
 pub(super) fn buffer(index: usize) -> String {
