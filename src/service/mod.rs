@@ -12,6 +12,7 @@
 //! | how bodies come in | `upload`, `intake` |
 //! | what happens to a job | `pipeline` |
 //! | how jobs are kept | `store`, and their files in `files`; `job_blobs` knows which are where |
+//! | where files lie: a folder, later an object store | `blobs` |
 //! | how long they are kept | `retention`, by the time of `aging`; `deletion` |
 //! | what happens when the disk fails | `storage` |
 //! | backups | `backup` |
@@ -41,6 +42,7 @@ mod aging;
 mod api;
 mod audit;
 mod backup;
+mod blobs;
 mod conditional;
 mod deletion;
 mod faults;

@@ -22,7 +22,7 @@ mod aside;
 mod ballast;
 mod blob;
 mod disk;
-mod failure;
+pub(in crate::service) mod failure;
 mod folder;
 mod incoming;
 mod needs;
@@ -31,7 +31,7 @@ mod room;
 mod root;
 mod sweep;
 
-pub(super) use self::blob::{Blob, BlobWriter, BlockingWriter};
+pub(super) use self::blob::{BlobWriter, BlockingWriter};
 pub(super) use self::disk::DiskLimits;
 pub(super) use self::failure::blocking;
 pub(super) use self::folder::{Files, Folder};
