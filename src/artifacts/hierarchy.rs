@@ -14,8 +14,8 @@ pub static HIERARCHY: Artifact = Artifact {
         Flag {
             name: "--hierarchy",
             value: "OUT",
-            help: "Where to write the hierarchy: OUT.tsr, from which `tesserae cut` takes labels, OUT.json, or - for JSON on \
-                   standard output",
+            help: "Where to write the hierarchy: OUT.tsr, from which `tesserae cut` takes labels, OUT.json, or - for \
+                   JSON on standard output",
         },
         Flag {
             name: "--linkage",

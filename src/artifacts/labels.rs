@@ -17,7 +17,8 @@ pub static LABELS: Artifact = Artifact {
     flags: &[Flag {
         name: "--labels",
         value: "OUT",
-        help: "Where to write the labels: OUT.npy, OUT.json, OUT.bin (u32, little-endian), or - for JSON on standard output",
+        help: "Where to write the labels: OUT.npy, OUT.json, OUT.bin (u32, little-endian), or - for JSON on standard \
+               output",
     }],
     is_served: true,
 };
@@ -44,8 +45,8 @@ pub const LABELS_BIN: Form =
 pub struct Labels<'a> {
     /// Number of clusters.
     pub clusters: u64,
-    /// Of labels cut from a hierarchy: `exact` for a state that the run had, `merged` for the last one with more clusters
-    /// and the next round's cheapest merges on top.
+    /// Of labels cut from a hierarchy: `exact` for a state that the run had, `merged` for the last one with more
+    /// clusters and the next round's cheapest merges on top.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<CutKind>)]
     pub cut: Option<&'static str>,

@@ -1,11 +1,11 @@
 //! Outputs: everything that a job can be written as, in one table, [`ALL`].
 //!
 //! Flags of the command line, names and extensions of files, blobs that the service stores, the media types that
-//! `Accept` chooses from, `GET /v1/formats`, the OpenAPI document and the table in `docs/results.md` come from it. A new
-//! output is a file here with its [`Artifact`], and a row of [`ALL`].
+//! `Accept` chooses from, `GET /v1/formats`, the OpenAPI document and the table in `docs/results.md` come from it. A
+//! new output is a file here with its [`Artifact`], and a row of [`ALL`].
 //!
-//! An encoder turns a [`Content`] into bytes. It knows no HTTP, no flags and no folders. [`Need`] says what of a job it is
-//! made of; a job keeps that until it is written.
+//! An encoder turns a [`Content`] into bytes. It knows no HTTP, no flags and no folders. [`Need`] says what of a job it
+//! is made of; a job keeps that until it is written.
 
 mod hierarchy;
 mod labels;

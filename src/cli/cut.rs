@@ -18,7 +18,8 @@ use crate::mesh::Limits;
 #[command(after_help = "\
 A number of clusters that a round of the run ended with gives the labels that the run had there, as does every number
 that was asked for with --levels. Any other takes the last round before it and applies the next round's cheapest merges.
-Which of the two it was, and the energy, is said in one line; --report has it as JSON, with where the hierarchy comes from.
+One line says which of the two it was, and the energy; --report writes the same as JSON, with where the hierarchy comes
+from.
 
 Examples:
   tesserae cut horse.tsr --clusters 750 --labels horse-750.npy

@@ -98,7 +98,8 @@ impl OutputFile {
         self.artifact.needs.contains(&need)
     }
 
-    /// Where the labels of an iteration go, beside these: `out.npy` becomes `out.iteration-6.npy`. None on standard output.
+    /// Where the labels of an iteration go, beside these: `out.npy` becomes `out.iteration-6.npy`. None on standard
+    /// output.
     pub fn of_iteration(&self, iteration: u32) -> Option<Self> {
         let Target::File(path) = &self.target else { return None };
         let mut name = path.file_stem()?.to_owned();

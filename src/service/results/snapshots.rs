@@ -8,7 +8,7 @@ use object_store::GetRange;
 use super::encoded::{self, encoded};
 use crate::artifacts::{Content, Form, Labels, SNAPSHOTS_JSON, SNAPSHOTS_NPY};
 use crate::error::{Error, Kind, Result};
-use crate::service::files::Blob;
+use crate::service::blobs::Blob;
 use crate::service::job_blobs;
 use crate::service::state::Shared;
 use crate::service::store::{Job, Summary};
@@ -70,8 +70,8 @@ fn none_of(kept: &[u32], iteration: u32) -> Error {
         Kind::NotFound,
         match list.is_empty() {
             true => format!(
-                "this job kept the labels of no iteration: ask for them with the parameter snapshots; there are none of \
-                 {iteration}"
+                "this job kept the labels of no iteration: ask for them with the parameter snapshots; there are none \
+                 of {iteration}"
             ),
             false => format!("this job kept the labels of iterations {}, not of {iteration}", list.join(", ")),
         },
