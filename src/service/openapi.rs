@@ -70,6 +70,7 @@ struct Adjustments;
 
 impl Modify for Adjustments {
     fn modify(&self, document: &mut openapi::OpenApi) {
+        add_outputs(document);
         let Some(components) = document.components.as_mut() else { return };
         let token = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(
             "A token of the operator's; needed where the service runs with tokens, everywhere but at /healthz, \
@@ -109,20 +110,6 @@ impl Modify for Adjustments {
         if let Some(form) = schemas.get_mut("UploadForm") {
             refer_to(form, "#/components/schemas/Parameters", "#/components/schemas/JobParameters");
         }
-        let mut schemas_of_outputs = artifacts::Schemas::new();
-        for artifact in artifacts::ALL.into_iter().filter(|artifact| artifact.is_served) {
-            let answer = answer_with(artifact, &mut schemas_of_outputs);
-            let path = urls::route(artifact);
-            if document.paths.get_path_item(&path).is_none() {
-                document.paths.add_path_operation(&path, vec![HttpMethod::Get], operation_of(artifact));
-            }
-            let operation = document.paths.paths.get_mut(&path).and_then(|item| item.get.as_mut());
-            let Some(answers) = operation.map(|operation| &mut operation.responses.responses) else { continue };
-            if let Some(RefOr::T(given)) = answers.get_mut("200") {
-                given.content = answer.content;
-            }
-        }
-        schemas.extend(schemas_of_outputs);
         for (path, item) in &mut document.paths.paths {
             for operation in [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten() {
                 if path.contains("{id}") {
@@ -173,17 +160,27 @@ fn operation_of(artifact: &Artifact) -> Operation {
         .build()
 }
 
-/// An answer with the forms of an output, whose schemas are added to `schemas`.
-fn answer_with(artifact: &Artifact, schemas: &mut artifacts::Schemas) -> Response {
-    let content = |schema: RefOr<Schema>| openapi::ContentBuilder::new().schema(Some(schema)).build();
-    artifact
-        .forms
-        .iter()
-        .fold(ResponseBuilder::new(), |answer, form| {
-            let schema = form.schema.map(|schema| Ref::from_schema_name(schema(schemas)).into());
-            answer.content(form.media_type, content(schema.unwrap_or_else(Binary::schema)))
-        })
-        .build()
+/// Adds the forms of every output to its operation, and their schemas.
+fn add_outputs(document: &mut openapi::OpenApi) {
+    let mut schemas = artifacts::Schemas::new();
+    for artifact in artifacts::ALL.into_iter().filter(|artifact| artifact.is_served) {
+        let path = urls::route(artifact);
+        if document.paths.get_path_item(&path).is_none() {
+            document.paths.add_path_operation(&path, vec![HttpMethod::Get], operation_of(artifact));
+        }
+        let operation = document.paths.paths.get_mut(&path).and_then(|item| item.get.as_mut());
+        let answer = operation.and_then(|operation| operation.responses.responses.get_mut("200"));
+        let Some(RefOr::T(answer)) = answer else { continue };
+        for form in artifact.forms {
+            let schema = form.schema.map(|schema| Ref::from_schema_name(schema(&mut schemas)).into());
+            let content = openapi::ContentBuilder::new().schema(Some(schema.unwrap_or_else(Binary::schema))).build();
+            answer.content.insert(form.media_type.to_owned(), content.into());
+        }
+    }
+    let components = document.components.get_or_insert_default();
+    for (name, schema) in schemas {
+        components.schemas.entry(name).or_insert(schema);
+    }
 }
 
 /// Adds the media types of all mesh formats to a body, each with the schema of any bytes.
