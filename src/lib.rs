@@ -6,7 +6,7 @@
 //! # Bird's-eye view
 //!
 //! ```text
-//! bytes ─ mesh ─→ PolygonMesh ─ surface ─→ Surface ─ cluster (on a device) ─→ labels, Tree ─ output, hierarchy ─→ bytes
+//! bytes ─ mesh ─→ PolygonMesh ─ surface ─→ Surface ─ cluster (on a device) ─→ labels, Tree ─ artifacts ─→ bytes
 //! ```
 //!
 //! A module imports only modules above it in this table; `tests/architecture.rs` finds circles.
@@ -20,15 +20,15 @@
 //! | [`device`] | the steps of algorithms: `plain` defines them, `cpu` and `gpu` (with `shaders/`) are in use |
 //! | [`hierarchy`] | hierarchies: their file, their JSON, cuts, scipy's matrix |
 //! | [`cluster`] | the algorithms: their definitions, proofs and drivers |
-//! | [`output`] | encodings of labels |
 //! | [`parameters`] | what a job may ask for |
 //! | [`report`] | what is said about a job |
+//! | [`artifacts`] | outputs: one table of what a job can be written as |
 //! | [`job`] | one job from bytes to results |
 //! | [`dev`] | tools: meshes made from nothing, time of each stage, the paper's tables, pictures of reports |
 //! | [`service`] | the HTTP service |
 //! | [`cli`] | the command line |
 //!
-//! Below all of them: `union_find`, `prefetch`, `npy`, and `memory` (settings of the allocator).
+//! Below all of them: `union_find`, `prefetch`, and `memory` (settings of the allocator).
 //!
 //! # Features
 //!
@@ -47,6 +47,7 @@
 //! 5. [`cluster`] knows no wgpu type, [`device`] knows no file format, and nothing below [`service`] knows of HTTP.
 //! 6. Nothing that input reaches panics.
 
+pub mod artifacts;
 pub mod cli;
 pub mod cluster;
 pub mod dev;
@@ -60,8 +61,6 @@ pub mod job;
 #[cfg_attr(not(feature = "service"), expect(dead_code, reason = "a part is for the service"))]
 mod memory;
 pub mod mesh;
-mod npy;
-pub mod output;
 pub mod parameters;
 mod prefetch;
 pub mod report;

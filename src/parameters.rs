@@ -192,12 +192,6 @@ impl Parameters {
         self.optimize == Optimize::On && self.algorithm != Algorithm::Hr
     }
 
-    /// Whether the result has one label a face. A whole hierarchy has none: it has labels at every number of clusters.
-    /// Flat clusterings without a number of clusters have listed seeds.
-    pub fn has_labels(&self) -> bool {
-        !self.algorithm.is_hierarchical() || self.clusters.is_some()
-    }
-
     /// The numbers of clusters to stop at on the way.
     pub fn levels(&self) -> &[u64] {
         self.levels.as_ref().map_or(&[], |levels| &levels.0)
@@ -303,14 +297,6 @@ impl Algorithm {
         match self {
             Algorithm::Bb | Algorithm::Acvd | Algorithm::Vc => false,
             Algorithm::Pml | Algorithm::Ml | Algorithm::Hr => true,
-        }
-    }
-
-    /// Whether it goes one step after the other from the start, which a gpu is slow at or cannot do.
-    pub fn is_sequential(self) -> bool {
-        match self {
-            Algorithm::Bb | Algorithm::Pml => false,
-            Algorithm::Ml | Algorithm::Hr | Algorithm::Acvd | Algorithm::Vc => true,
         }
     }
 

@@ -18,6 +18,7 @@ fn run(parameters: &Parameters) -> tesserae::Result<Outcome> {
         parameters,
         seeds: None,
         weights: None,
+        outputs: &[],
     })?;
     job::run(&prepared, &mut CpuDevice::new(), &Cancel::default(), &mut |_| {})
 }

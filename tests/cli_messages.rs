@@ -153,7 +153,7 @@ fn instances_of_a_mesh_are_limited_by_faces_and_on_request_by_faces_a_byte() {
 
 /// An array of floats in NumPy's format.
 fn npy(numbers: &[f64]) -> Vec<u8> {
-    let mut bytes = tesserae::output::npy_header("<f8", &format!("({},)", numbers.len()));
+    let mut bytes = tesserae::artifacts::npy_header("<f8", &format!("({},)", numbers.len()));
     bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
     bytes
 }

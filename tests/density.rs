@@ -142,7 +142,7 @@ fn the_command_line_takes_weights_attributes_and_curvature() {
     let folder = Folder::new();
     folder.sample("sphere", 500, "s.obj");
     let npy = |weights: &[f32]| {
-        let mut bytes = tesserae::output::npy_header("<f4", &format!("({},)", weights.len()));
+        let mut bytes = tesserae::artifacts::npy_header("<f4", &format!("({},)", weights.len()));
         weights.iter().for_each(|weight| bytes.extend(weight.to_le_bytes()));
         bytes
     };

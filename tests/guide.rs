@@ -1,9 +1,10 @@
-//! The guide in `docs/` against the code: the table of settings, and numbers that its prose repeats.
+//! The guide in `docs/` against the code: the tables of settings and outputs, and numbers that its prose repeats.
 
 use std::fmt::Write;
 use std::path::Path;
 
 use clap::CommandFactory;
+use tesserae::artifacts::Artifact;
 use tesserae::cli::Cli;
 use tesserae::cluster::quality::Quality;
 
@@ -49,18 +50,34 @@ fn the_guide_has_the_numbers_of_the_code() {
     }
 }
 
-/// `UPDATE_PAGES=1 cargo test --test guide` writes the table.
+/// The outputs as a table.
+fn outputs() -> String {
+    let mut table = "| output | | flags | route | files |\n|---|---|---|---|---|\n".to_owned();
+    for artifact in tesserae::artifacts::ALL {
+        let Artifact { name, about, .. } = artifact;
+        let flags: Vec<String> = artifact.flags.iter().map(|flag| format!("`{} {}`", flag.name, flag.value)).collect();
+        let route = if artifact.is_served { format!("`GET …/{name}`") } else { String::new() };
+        let files: Vec<String> =
+            artifact.forms.iter().map(|form| format!("`{}` (`{}`)", form.file, form.media_type)).collect();
+        let (flags, files) = (flags.join(", "), files.join(", "));
+        writeln!(table, "| {name} | {about} | {flags} | {route} | {files} |").expect("a string");
+    }
+    table
+}
+
+/// `UPDATE_PAGES=1 cargo test --test guide` writes the tables.
 #[test]
-fn the_documented_settings_are_those_of_the_program() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/operations.md");
-    let page = std::fs::read_to_string(&path).expect("a page");
-    let (before, rest) = page.split_once("<!-- settings -->\n").expect("a mark");
-    let (table, after) = rest.split_once("<!-- end of settings -->").expect("a mark");
-    let now = settings();
-    if std::env::var_os("UPDATE_PAGES").is_some() {
-        let text = format!("{before}<!-- settings -->\n{now}<!-- end of settings -->{after}");
-        std::fs::write(&path, text).expect("written");
-    } else {
-        assert_eq!(table, now, "out of date: run UPDATE_PAGES=1 cargo test --test guide");
+fn the_documented_tables_are_those_of_the_program() {
+    for (name, mark, now) in [("operations.md", "settings", settings()), ("results.md", "outputs", outputs())] {
+        let (begin, end) = (format!("<!-- {mark} -->\n"), format!("<!-- end of {mark} -->"));
+        let text = page(name);
+        let (before, rest) = text.split_once(&begin).expect("a mark");
+        let (table, after) = rest.split_once(&end).expect("a mark");
+        if std::env::var_os("UPDATE_PAGES").is_some() {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs").join(name);
+            std::fs::write(&path, format!("{before}{begin}{now}{end}{after}")).expect("written");
+        } else {
+            assert_eq!(table, now, "{name} is out of date: run UPDATE_PAGES=1 cargo test --test guide");
+        }
     }
 }

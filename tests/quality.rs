@@ -28,6 +28,7 @@ fn run(mesh: &PolygonMesh, parameters: Parameters) -> Outcome {
         parameters: &parameters,
         seeds: None,
         weights: None,
+        outputs: &[],
     })
     .expect("a mesh");
     job::run(&prepared, &mut CpuDevice::new(), &Cancel::default(), &mut |_| {}).expect("a result")

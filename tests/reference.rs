@@ -261,6 +261,7 @@ fn a_gpu_does_not_run_references_and_says_so() {
             parameters: &parameters,
             seeds: None,
             weights: None,
+            outputs: &[],
         })
         .expect("a mesh");
         let info = CpuDevice::new().info().clone();

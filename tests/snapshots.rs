@@ -30,6 +30,7 @@ fn prepare(mesh: &PolygonMesh, parameters: &Parameters) -> Prepared {
         parameters,
         seeds: None,
         weights: None,
+        outputs: &[],
     })
     .expect("a mesh")
 }
@@ -208,6 +209,6 @@ fn the_command_line_writes_them_beside_the_labels() {
     run(&["--snapshots", "5", "--labels", "-"]).expect_usage_error(&["--labels"]);
     run(&["--snapshots", "x", "--labels", "l.bin"]).expect_usage_error(&["0,6,46", "\"x\""]);
     run(&["--snapshots", "5", "--algorithm", "pml", "--labels", "l.bin"]).expect_usage_error(&["snapshots", "pml"]);
-    folder.write("w.iteration-0.npy", tesserae::output::npy_header("<f4", "(0,)"));
+    folder.write("w.iteration-0.npy", tesserae::artifacts::npy_header("<f4", "(0,)"));
     run(&["--weights", "w.iteration-0.npy", "--snapshots", "0", "--labels", "w.npy"]).expect_failure(&["weight"]);
 }

@@ -4,18 +4,18 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use super::device::DeviceArguments;
-use super::files::{self, Source, Target, path_parser};
-use super::places::{Kept, Output};
+use super::files::{self, Source, Target};
+use super::places::Kept;
 use super::progress::Progress;
-use super::results::{LabelFile, TreeFiles, check_places};
+use super::results::{OutputFile, Outputs, check_places};
 use super::{Failure, complain, print_line, say, signals};
+use crate::artifacts::{Artifact, Content, LABELS, LINKAGE_NPY, Labels, Need};
 use crate::device::Cancel;
 use crate::device::cpu::CpuDevice;
 use crate::error::{Error, Kind};
 use crate::hierarchy::linkage::no_single_root;
 use crate::job::{self, InputFile, Outcome, Plan, Prepared, Request, milliseconds};
 use crate::mesh::{Beside, Format, Limits, NoResources, Resources};
-use crate::output::write_labels;
 use crate::parameters::{Parameters, Seeds};
 use crate::report::{Report, Row};
 
@@ -25,8 +25,8 @@ use crate::report::{Report, Row};
 Labels are one number from 0 to K - 1 a face, in the order of the file. Hierarchies (pml, ml, hr) may leave --clusters
 out: they go to the top, and `tesserae cut` takes labels at any number of clusters from the hierarchy.
 
-A regular file is replaced as a whole. Named pipes, /dev/fd/N and devices are opened once, when the result is there, and get
-JSON unless their name says otherwise.
+A regular file is replaced as a whole. Named pipes, /dev/fd/N and devices are opened once, when the result is there, and
+get JSON unless their name says otherwise.
 
 Examples:
   tesserae cluster horse.obj --clusters 2000 --labels horse.npy --report horse.json
@@ -48,25 +48,16 @@ pub struct Arguments {
     #[command(flatten)]
     parameters: Parameters,
 
-    /// Multiply the area of each face by a weight, so that clusters are smaller where it is larger: a .npy file with floats above
-    /// 0, one a face or one a vertex (whose mean a face takes)
+    /// Multiply the area of each face by a weight, so that clusters are smaller where it is larger: a .npy file with
+    /// floats above 0, one a face or one a vertex (whose mean a face takes)
     #[arg(long, value_name = "IN.npy", conflicts_with = "weight_attribute")]
     weights: Option<PathBuf>,
 
     #[command(flatten)]
     device: DeviceArguments,
 
-    /// Where to write the labels: OUT.npy, OUT.json, OUT.bin (u32, little-endian), or - for JSON on standard output; those of
-    /// iterations (--snapshots) go beside it, as OUT.iteration-6.npy
-    #[arg(long, value_name = "OUT", value_parser = path_parser(LabelFile::parse))]
-    labels: Option<LabelFile>,
-
     #[command(flatten)]
-    trees: TreeFiles,
-
-    /// Where to write the report (JSON): a file, or - for standard output
-    #[arg(long, value_name = "OUT.json")]
-    report: Option<PathBuf>,
+    outputs: Outputs,
 
     /// Largest number of faces that is accepted
     #[arg(long, env = "TESSERAE_MAX_FACES", value_name = "N", default_value_t = Limits::default().max_faces)]
@@ -85,32 +76,34 @@ pub struct Arguments {
 /// Reads, clusters, writes, and says in one line what came out.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let begin = Instant::now();
-    let report_target = arguments.report.clone().map(Target::from);
-    let outputs = outputs(arguments, report_target.as_ref());
-    check(arguments, &outputs)?;
+    check(arguments)?;
 
     let mut progress = Progress::new(arguments.parameters.max_iterations);
-    let mut outcome = cluster(arguments, &outputs, &mut progress)?;
+    let mut outcome = cluster(arguments, &mut progress)?;
 
     progress.stage("writing");
     let writing = Instant::now();
-    write(arguments, &outputs, &outcome)?;
+    let input = Source::from(arguments.input.clone());
+    let (with_report, others): (Vec<&OutputFile>, Vec<&OutputFile>) =
+        arguments.outputs.files().iter().partition(|file| file.needs(Need::Report));
+    let write = |files: &[&OutputFile], outcome: &Outcome| {
+        let limits = arguments.outputs.limits();
+        files
+            .iter()
+            .try_for_each(|file| file.write(&Content { limits, is_indented: true, ..outcome.content() }, &input))
+    };
+    write(&others, &outcome)?;
+    write_iterations(arguments, &outcome, &input)?;
     outcome.report.timings_ms.write = milliseconds(writing.elapsed());
     outcome.report.timings_ms.total = milliseconds(begin.elapsed());
-    if let Some(target) = &report_target {
-        target.write(|out| {
-            serde_json::to_writer_pretty(&mut *out, &outcome.report)?;
-            out.write_all(b"\n")
-        })?;
-    }
+    write(&with_report, &outcome)?;
     progress.finish();
 
-    let input = Source::from(arguments.input.clone());
     for warning in &outcome.report.warnings {
         complain(&format!("{input}: warning: {warning}"));
     }
     let summary = summary(&outcome.report);
-    if outputs.iter().any(|(_, target)| **target == Target::Stdout) {
+    if arguments.outputs.use_stdout() {
         say(&summary);
         Ok(())
     } else {
@@ -119,9 +112,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// Refuses what needs no mesh to be refused.
-fn check(arguments: &Arguments, outputs: &[Output<'_>]) -> Result<(), Failure> {
+fn check(arguments: &Arguments) -> Result<(), Failure> {
     let usage = |message: String| Err(Failure::Usage("cluster", message));
-    let parameters = &arguments.parameters;
+    let (parameters, outputs) = (&arguments.parameters, &arguments.outputs);
     let listed = matches!(parameters.seeds, Seeds::File(_));
     parameters.check(listed).map_err(|error| Failure::Usage("cluster", error.message))?;
     if let Some(message) = arguments.device.contradiction() {
@@ -133,13 +126,12 @@ fn check(arguments: &Arguments, outputs: &[Output<'_>]) -> Result<(), Failure> {
             "the algorithm {name} is a sequential reference that no gpu runs: take --device cpu or auto"
         ));
     }
-    arguments.trees.check("cluster")?;
-    let is_hierarchical = parameters.algorithm.is_hierarchical();
-    if let Some(flag) = arguments.trees.first().filter(|_| !is_hierarchical) {
-        let name = parameters.algorithm.name();
+    outputs.check("cluster")?;
+    if let Some(file) = outputs.that_needs(Need::Hierarchy).filter(|_| !Need::Hierarchy.is_met(parameters)) {
+        let (flag, name) = (file.flag, parameters.algorithm.name());
         return usage(format!("{flag} goes with hierarchies (pml, ml, hr), not with the algorithm {name}"));
     }
-    let has_file = arguments.labels.as_ref().is_some_and(|labels| labels.target != Target::Stdout);
+    let has_file = labels(arguments).is_some_and(|file| file.target != Target::Stdout);
     if parameters.snapshots.is_some() && !has_file {
         return usage(
             "--snapshots needs --labels OUT, a file, beside which the labels of iterations are written, as \
@@ -147,14 +139,14 @@ fn check(arguments: &Arguments, outputs: &[Output<'_>]) -> Result<(), Failure> {
                 .to_owned(),
         );
     }
-    if arguments.labels.is_some() && !parameters.has_labels() {
+    if outputs.that_needs(Need::Labels).is_some() && !Need::Labels.is_met(parameters) {
         return usage(
             "a whole hierarchy has labels at every number of clusters: give --clusters as well, or write the hierarchy \
              with --hierarchy OUT.tsr and take labels from it with `tesserae cut`"
                 .to_owned(),
         );
     }
-    if arguments.trees.linkage.is_some() {
+    if outputs.includes(&LINKAGE_NPY) {
         if parameters.optimizes() {
             return usage("--linkage needs a nested tree, in which no face moves: add --optimize none".to_owned());
         }
@@ -162,7 +154,7 @@ fn check(arguments: &Arguments, outputs: &[Output<'_>]) -> Result<(), Failure> {
             return usage("--linkage needs a whole tree: leave --clusters out".to_owned());
         }
     }
-    check_places("cluster", &inputs(arguments), outputs)
+    check_places("cluster", &inputs(arguments), &outputs.places())
 }
 
 /// Where everything comes from, after what it is.
@@ -177,37 +169,25 @@ fn inputs(arguments: &Arguments) -> Vec<(&'static str, Source)> {
     inputs
 }
 
-/// Writes everything but the report.
-fn write(arguments: &Arguments, outputs: &[Output<'_>], outcome: &Outcome) -> Result<(), Failure> {
-    if let Some(file) = &arguments.labels {
-        let defect = || Error::new(Kind::Internal, "there are no labels");
-        let labels = outcome.labels.as_deref().ok_or_else(defect)?;
-        let clusters = outcome.report.clusters;
-        file.target.write(|out| write_labels(out, file.format, clusters, labels))?;
-        outcome.snapshots.replay(|iteration, labels| match file.of_iteration(iteration) {
-            Some(file) => {
-                let target = ("--snapshots", &file.target);
-                check_places("cluster", &inputs(arguments), &[outputs, &[target]].concat())?;
-                file.target.write(|out| write_labels(out, file.format, clusters, labels))
-            }
-            None => Ok(()),
-        })?;
-    }
-    match &outcome.hierarchy {
-        Some(hierarchy) => arguments.trees.write(hierarchy, &Source::from(arguments.input.clone())),
-        None => Ok(()),
-    }
+/// Where the labels go.
+fn labels(arguments: &Arguments) -> Option<&OutputFile> {
+    arguments.outputs.files().iter().find(|file| file.artifact.name == LABELS.name)
 }
 
-/// Where results go.
-fn outputs<'a>(arguments: &'a Arguments, report: Option<&'a Target>) -> Vec<Output<'a>> {
-    let labels = arguments.labels.as_ref().map(|labels| ("--labels", &labels.target));
-    let report = report.map(|target| ("--report", target));
-    labels.into_iter().chain(report).chain(arguments.trees.targets()).collect()
+/// Writes the labels of iterations beside those of the end.
+fn write_iterations(arguments: &Arguments, outcome: &Outcome, input: &Source) -> Result<(), Failure> {
+    let Some(labels) = labels(arguments) else { return Ok(()) };
+    outcome.snapshots.replay(|iteration, labels_then| {
+        let Some(file) = labels.of_iteration(iteration) else { return Ok(()) };
+        let places = [arguments.outputs.places(), vec![file.place()]].concat();
+        check_places("cluster", &inputs(arguments), &places)?;
+        let labels = Labels::new(outcome.report.clusters, labels_then);
+        file.write(&Content { labels: Some(labels), ..Content::default() }, input)
+    })
 }
 
 /// From the input to labels and report.
-fn cluster(arguments: &Arguments, outputs: &[Output<'_>], progress: &mut Progress) -> Result<Outcome, Failure> {
+fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Failure> {
     let limits = Limits {
         max_bytes: arguments.max_upload_bytes,
         max_faces: arguments.max_faces,
@@ -235,14 +215,18 @@ fn cluster(arguments: &Arguments, outputs: &[Output<'_>], progress: &mut Progres
         Some(format) => format,
         None => Format::recognise(name.as_deref(), &bytes, Some(bytes.len() as u64)).map_err(Failure::about(&input))?,
     };
+    let places = arguments.outputs.places();
     let resources: Box<dyn Resources> = match &input {
         Source::Stdin => Box::new(NoResources),
-        Source::File(path) => Box::new(Kept { beside: Beside { folder: files::folder(path).to_owned() }, outputs }),
+        Source::File(path) => {
+            Box::new(Kept { beside: Beside { folder: files::folder(path).to_owned() }, outputs: &places })
+        }
     };
 
     // Until here there is nothing to end in order, and a read that waits for input could not be told to stop.
     let cancel = signals::cancel_when_asked();
     progress.stage("preparing");
+    let outputs: Vec<&Artifact> = arguments.outputs.files().iter().map(|file| file.artifact).collect();
     let prepared = job::prepare_naming_files(&Request {
         bytes: &bytes,
         format,
@@ -251,6 +235,7 @@ fn cluster(arguments: &Arguments, outputs: &[Output<'_>], progress: &mut Progres
         parameters: &arguments.parameters,
         seeds: seed_bytes.as_deref(),
         weights: weight_bytes.as_deref(),
+        outputs: &outputs,
     });
     let mut prepared = prepared.map_err(|refusal| {
         let file = match refusal.file {
@@ -268,7 +253,7 @@ fn cluster(arguments: &Arguments, outputs: &[Output<'_>], progress: &mut Progres
     drop(bytes);
     cancel.check()?;
     if let Plan::Hierarchy { target, .. } = prepared.plan {
-        if arguments.trees.linkage.is_some() && target > 1 {
+        if arguments.outputs.includes(&LINKAGE_NPY) && target > 1 {
             return Err(Failure::about(&input)(Error::new(Kind::Conflict, no_single_root(target))));
         }
         progress.hierarchy(prepared.input.faces, target);

@@ -4,21 +4,22 @@ use std::path::PathBuf;
 
 use serde_json::json;
 
-use super::files::{Source, Target, path_parser};
-use super::results::{LabelFile, TreeFiles, check_places};
+use super::files::Source;
+use super::results::{Outputs, check_places};
 use super::{Failure, print_line, say, signals};
+use crate::artifacts::{Content, Labels, Need};
 use crate::hierarchy::Cut;
 use crate::hierarchy::stored::{self, Header, Stored};
 use crate::job::labels_sha256;
 use crate::mesh::Limits;
-use crate::output::write_cut;
 
 /// Arguments of `tesserae cut`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 A number of clusters that a round of the run ended with gives the labels that the run had there, as does every number
 that was asked for with --levels. Any other takes the last round before it and applies the next round's cheapest merges.
-Which of the two it was, and the energy, is said in one line.
+One line says which of the two it was, and the energy; --report writes the same as JSON, with where the hierarchy comes
+from.
 
 Examples:
   tesserae cut horse.tsr --clusters 750 --labels horse-750.npy
@@ -32,16 +33,8 @@ pub struct Arguments {
     #[arg(long, short = 'k', value_name = "K")]
     clusters: Option<u64>,
 
-    /// Where to write the labels: OUT.npy, OUT.json, OUT.bin (u32, little-endian), or - for JSON on standard output
-    #[arg(long, value_name = "OUT", value_parser = path_parser(LabelFile::parse))]
-    labels: Option<LabelFile>,
-
-    /// Where to write what is known of the cut (JSON): a file, or - for standard output
-    #[arg(long, value_name = "OUT.json")]
-    report: Option<PathBuf>,
-
     #[command(flatten)]
-    trees: TreeFiles,
+    outputs: Outputs,
 
     /// Largest number of faces that is accepted
     #[arg(long, env = "TESSERAE_MAX_FACES", value_name = "N", default_value_t = Limits::default().max_faces)]
@@ -50,65 +43,62 @@ pub struct Arguments {
 
 /// Reads, cuts, writes, and says in one line what came out.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let report = arguments.report.clone().map(Target::from);
-    let targets = check(arguments, report.as_ref())?;
+    check(arguments)?;
+    let outputs = &arguments.outputs;
     let input = Source::from(arguments.input.clone());
     let (file, length) = input.open()?;
     signals::cancel_when_asked();
     let about_input = || Failure::about(&input);
-    let mut line = None;
-    if arguments.trees.first().is_some() {
-        let stored = Stored::read(file, length, arguments.max_faces).map_err(about_input())?;
-        if let Some(clusters) = arguments.clusters {
-            let cut = stored.tree.labels_at(clusters).map_err(about_input())?;
-            line = Some(write(arguments, report.as_ref(), &stored.header, &cut)?);
+    let (stored, cut) = match arguments.clusters {
+        Some(clusters) if outputs.that_needs(Need::Hierarchy).is_none() => {
+            let cut = stored::cut(file, length, arguments.max_faces, clusters).map_err(about_input())?;
+            (None, Some(cut))
         }
-        arguments.trees.write(&stored, &input)?;
-    } else if let Some(clusters) = arguments.clusters {
-        let (header, cut) = stored::cut(file, length, arguments.max_faces, clusters).map_err(about_input())?;
-        line = Some(write(arguments, report.as_ref(), &header, &cut)?);
-    }
-    let Some(line) = line else {
-        return Ok(());
+        clusters => {
+            let stored = Stored::read(file, length, arguments.max_faces).map_err(about_input())?;
+            let cut = clusters.map(|clusters| stored.tree.labels_at(clusters)).transpose().map_err(about_input())?;
+            let cut = cut.map(|cut| (stored.header.clone(), cut));
+            (Some(stored), cut)
+        }
     };
-    if targets.contains(&&Target::Stdout) {
-        say(&line);
-        Ok(())
-    } else {
-        print_line(&line)
-    }
-}
-
-/// Writes labels and report of a cut; gives what came out, in one line.
-fn write(arguments: &Arguments, report: Option<&Target>, header: &Header, cut: &Cut) -> Result<String, Failure> {
-    if let Some(labels) = &arguments.labels {
-        labels.target.write(|out| write_cut(out, labels.format, cut))?;
-    }
-    if let Some(target) = report {
-        target.write(|out| write_report(out, header, cut))?;
-    }
-    Ok(summary(cut))
-}
-
-/// Refuses what needs no hierarchy to be refused; gives everything that is written.
-fn check<'a>(arguments: &'a Arguments, report: Option<&'a Target>) -> Result<Vec<&'a Target>, Failure> {
-    let usage = |message: &str| Err(Failure::Usage("cut", message.to_owned()));
-    let labels = arguments.labels.as_ref().map(|labels| ("--labels", &labels.target));
-    let report = report.map(|target| ("--report", target));
-    match arguments.clusters {
-        None if labels.is_some() || report.is_some() => {
-            return usage("--clusters is missing: say how many clusters you want");
+    let content = Content {
+        labels: cut.as_ref().map(|(_, cut)| Labels::from(cut)),
+        hierarchy: stored.as_ref(),
+        limits: outputs.limits(),
+        ..Content::default()
+    };
+    for file in outputs.files() {
+        match &cut {
+            Some((header, cut)) if file.needs(Need::Report) => {
+                file.target.write(|out| write_report(out, header, cut))?;
+            }
+            _ => file.write(&content, &input)?,
         }
-        None if arguments.trees.first().is_none() => {
+    }
+    match cut.map(|(_, cut)| summary(&cut)) {
+        Some(line) if outputs.use_stdout() => {
+            say(&line);
+            Ok(())
+        }
+        Some(line) => print_line(&line),
+        None => Ok(()),
+    }
+}
+
+/// Refuses what needs no hierarchy to be refused.
+fn check(arguments: &Arguments) -> Result<(), Failure> {
+    let usage = |message: &str| Err(Failure::Usage("cut", message.to_owned()));
+    let outputs = &arguments.outputs;
+    let of_cut = outputs.that_needs(Need::Labels).or(outputs.that_needs(Need::Report));
+    match arguments.clusters {
+        None if of_cut.is_some() => return usage("--clusters is missing: say how many clusters you want"),
+        None if outputs.files().is_empty() => {
             return usage("nothing is asked for: give --clusters and --labels, --hierarchy or --linkage");
         }
         _ => {}
     }
-    arguments.trees.check("cut")?;
-    let targets: Vec<_> = labels.into_iter().chain(report).chain(arguments.trees.targets()).collect();
-    let input = ("the hierarchy", Source::from(arguments.input.clone()));
-    check_places("cut", &[input], &targets)?;
-    Ok(targets.into_iter().map(|(_, target)| target).collect())
+    outputs.check("cut")?;
+    check_places("cut", &[("the hierarchy", Source::from(arguments.input.clone()))], &outputs.places())
 }
 
 /// What is known of a cut.

@@ -36,7 +36,7 @@ impl DeviceArguments {
 
     /// Opens the device for one mesh. `auto` takes the cpu for what merges one pair after the other, as for small meshes.
     pub fn open(&self, prepared: &Prepared) -> Result<Box<dyn Device>> {
-        let faces = match prepared.parameters.algorithm.is_sequential() {
+        let faces = match prepared.plan.is_sequential() {
             true => 0,
             false => prepared.input.faces,
         };

@@ -196,7 +196,7 @@ const BUFFER: usize = 1 << 16;
 
 /// Takes a flag's value as a path, of any bytes, and makes of it what `parse` does.
 pub fn path_parser<T: Clone + Send + Sync + 'static>(
-    parse: fn(PathBuf) -> std::result::Result<T, String>,
+    parse: impl Fn(PathBuf) -> std::result::Result<T, String> + Clone + Send + Sync + 'static,
 ) -> impl TypedValueParser<Value = T> {
     PathBufValueParser::new().try_map(parse)
 }

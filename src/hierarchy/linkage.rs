@@ -8,8 +8,6 @@
 //! Inverted rows therefore tie with one below them, and a threshold that takes one takes the other: `fcluster` with
 //! `maxclust` may return fewer clusters than asked for. Exactly K clusters come from [`Tree::labels_at`].
 
-use std::io::{self, Write};
-
 use super::stored::Stored;
 use super::{Nodes, Tree};
 use crate::error::names::Name;
@@ -103,21 +101,11 @@ impl Linkage {
         Self { rows }
     }
 
-    /// Number of rows, one less than there are faces.
-    pub fn rows(&self) -> usize {
-        self.rows.len()
-    }
-
-    /// Writes it as `.npy`, float64 (n − 1, 4), in many small pieces.
-    pub fn write_npy(&self, out: &mut dyn Write) -> io::Result<()> {
-        out.write_all(&crate::npy::npy_header("<f8", &format!("({}, 4)", self.rows.len())))?;
-        for row in &self.rows {
-            let [a, b] = row.children;
-            let distance = (2.0 * row.cost).sqrt();
-            for number in [f64::from(a), f64::from(b), distance, f64::from(row.faces)] {
-                out.write_all(&number.to_le_bytes())?;
-            }
-        }
-        Ok(())
+    /// The rows, one less than there are faces: two clusters, their distance, their number of faces.
+    pub fn rows(&self) -> impl ExactSizeIterator<Item = [f64; 4]> {
+        self.rows.iter().map(|row| {
+            let [a, b] = row.children.map(f64::from);
+            [a, b, (2.0 * row.cost).sqrt(), f64::from(row.faces)]
+        })
     }
 }

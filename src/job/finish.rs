@@ -1,4 +1,5 @@
-//! From what the device gave to results: labels in upload order and their hash, energies from source positions, the report.
+//! From what the device gave to results: labels in upload order and their hash, energies from source positions, the
+//! report.
 //!
 //! Needs no device, so that this can go on while the device works on the next mesh.
 
@@ -7,6 +8,7 @@ use std::time::Instant;
 use sha2::{Digest, Sha256};
 
 use super::{Clustered, Outcome, Prepared, finite, hierarchical, milliseconds};
+use crate::artifacts::Need;
 use crate::device::pieces;
 use crate::energy::Functional as _;
 use crate::error::{Error, Kind, Result};
@@ -31,7 +33,7 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         final_: finite(results.energy),
         hexagon_ratio: results.hexagon_ratio,
     };
-    let (labels, labels_sha256) = if parameters.has_labels() {
+    let (labels, labels_sha256) = if Need::Labels.is_met(parameters) {
         let Numbered { labels, number_of_cluster, sha256 } = results.labels?;
         snapshots.renumber(&surface.upload_face, &number_of_cluster);
         (Some(labels), Some(sha256))
@@ -65,7 +67,7 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         snapshots: snapshots.iterations(),
         warnings,
     };
-    Ok(Outcome { labels, hierarchy, snapshots, report })
+    Ok(Outcome { labels, hierarchy, snapshots, mesh: prepared.mesh.clone(), report })
 }
 
 /// A warning where the mesh is so large or small that its energies leave the range of f64.
@@ -81,12 +83,12 @@ fn out_of_range(surface: &Surface, energy: f64) -> Option<String> {
         return None;
     };
     Some(format!(
-        "energies are {what}, since they grow with the fourth power of lengths; labels are not affected; scale the mesh \
-         to a size near 1; its longest side is about 2^{exponent}"
+        "energies are {what}, since they grow with the fourth power of lengths; labels are not affected; scale the \
+         mesh to a size near 1; its longest side is about 2^{exponent}"
     ))
 }
 
-/// What is told of labels, found side by side.
+/// What the report says of labels, computed in parallel.
 struct Results {
     /// Source units.
     initial_energy: Option<f64>,
@@ -120,8 +122,8 @@ impl Results {
 }
 
 impl Numbered {
-    /// Those of listed seeds keep their numbers, others are numbered by the first face that carries them. Checks that every cluster
-    /// has a face.
+    /// Those of listed seeds keep their numbers, others are numbered by the first face that carries them. Checks that
+    /// every cluster has a face.
     fn of(surface: &Surface, internal: &[u32], clusters: usize, keep_numbers: bool) -> Result<Self> {
         /// Of a cluster without faces.
         const NONE: u32 = u32::MAX;

@@ -1,8 +1,8 @@
 //! One job from bytes to results: what the command line and the service both do.
 //!
-//! Stages, so that the service can overlap them for neighbouring jobs: [`cluster`] belongs on the thread of the device; what
-//! comes before ([`prepare`]: parse, topology, seeds) and after ([`finish()`], and the encoding of results, [`crate::output`])
-//! on the cpu pool.
+//! Stages, so that the service can overlap them for neighbouring jobs: [`cluster`] belongs on the thread of the device;
+//! what comes before ([`prepare`]: parse, topology, seeds) and after ([`finish()`], and the encoding of results,
+//! [`crate::artifacts`]) on the cpu pool.
 
 mod finish;
 mod flat;
@@ -20,8 +20,10 @@ pub use weight_list::check_head as check_head_of_weights;
 #[cfg(fuzzing)]
 pub(crate) use weight_list::parse as parse_weights;
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use crate::artifacts::{Artifact, Content, Labels, Need};
 use crate::cluster::coarse::CoarseStart;
 use crate::cluster::record::Record;
 use crate::cluster::seeds::{self, SeedFaces};
@@ -52,6 +54,8 @@ pub struct Request<'a> {
     pub seeds: Option<&'a [u8]>,
     /// A file with one weight a face or vertex: `.npy` with floats.
     pub weights: Option<&'a [u8]>,
+    /// What will be written of the job: the mesh is kept if one of these needs it.
+    pub outputs: &'a [&'a Artifact],
 }
 
 /// A mesh that is ready to be clustered.
@@ -67,8 +71,10 @@ pub struct Prepared {
     pub parameters: Parameters,
     /// What areas are multiplied by.
     pub weighted_by: Vec<WeightedBy>,
-    /// What is unusual about the mesh, for people.
+    /// What is unusual about the mesh.
     pub warnings: Vec<String>,
+    /// The mesh, if an output needs it.
+    pub mesh: Option<Arc<PolygonMesh>>,
     /// What the stages so far took.
     pub timings: Timings,
 }
@@ -89,6 +95,17 @@ pub enum Plan {
     },
 }
 
+impl Plan {
+    /// Whether each step waits for the one before, so that a gpu is slow at it or cannot do it.
+    pub fn is_sequential(&self) -> bool {
+        match self {
+            Self::Coarse(..) => false,
+            Self::Seeded(method, ..) => *method != Method::BoundaryBased,
+            Self::Hierarchy { options, .. } => options.sequential_at == u64::MAX,
+        }
+    }
+}
+
 /// What a job gives.
 #[derive(Debug)]
 pub struct Outcome {
@@ -96,11 +113,27 @@ pub struct Outcome {
     pub labels: Option<Vec<u32>>,
     /// The hierarchy, of hierarchical algorithms.
     pub hierarchy: Option<Stored>,
-    /// The labels of the iterations that were asked for, in upload order; numbered as `labels`, so that a number means the same
-    /// cluster in all of them.
+    /// The labels of the iterations that were asked for, in upload order; numbered as `labels`, so that a number means
+    /// the same cluster in all of them.
     pub snapshots: Record,
+    /// The mesh, if an output needs it.
+    pub mesh: Option<Arc<PolygonMesh>>,
     /// The report; `timings_ms.read`, `.write` and `.total` are the caller's to fill.
     pub report: Report,
+}
+
+impl Outcome {
+    /// What outputs are written from.
+    pub fn content(&self) -> Content<'_> {
+        Content {
+            labels: self.labels.as_deref().map(|labels| Labels::new(self.report.clusters, labels)),
+            snapshots: Some(&self.snapshots),
+            hierarchy: self.hierarchy.as_ref(),
+            report: Some(&self.report),
+            mesh: self.mesh.as_deref(),
+            ..Content::default()
+        }
+    }
 }
 
 /// The file of a [`Request`] that an error is about.
@@ -152,6 +185,7 @@ pub struct Opened<'a> {
     spec: JobSpec,
     parameters: Parameters,
     weights: Option<Vec<f64>>,
+    keeps_mesh: bool,
     started: Instant,
 }
 
@@ -172,13 +206,19 @@ pub fn open<T>(request: &Request<'_>, then: impl FnOnce(Opened<'_>) -> T) -> Res
     let weights = request.weights.map(weight_list::parse).transpose().map_err(Refusal::of(InputFile::Weights))?;
     let Request { bytes, format, resources, ref limits, .. } = *request;
     let attribute = request.parameters.weight_attribute.as_deref();
+    let keeps_mesh = request.outputs.iter().any(|output| output.needs.contains(&Need::Mesh));
     mesh::open(mesh::Source { bytes, format, resources, limits, attribute }, |mesh| {
-        then(Opened { mesh, spec, parameters, weights, started })
+        then(Opened { mesh, spec, parameters, weights, keeps_mesh, started })
     })
     .map_err(Refusal::of(InputFile::Mesh))
 }
 
 impl Opened<'_> {
+    /// What the job does.
+    pub fn spec(&self) -> &JobSpec {
+        &self.spec
+    }
+
     /// Number of faces that memory is needed for.
     pub fn faces(&self) -> u64 {
         self.mesh.faces()
@@ -186,8 +226,8 @@ impl Opened<'_> {
 
     /// Builds the mesh and its surface: the second half of [`prepare`]. May run on another thread than [`open`].
     pub fn prepare(self) -> Result<Prepared, Refusal> {
-        let Self { mesh, spec, parameters, weights, started } = self;
-        let (mesh, weights_of_attribute) = mesh.read().map_err(Refusal::of(InputFile::Mesh))?;
+        let Self { mesh, spec, parameters, weights, keeps_mesh, started } = self;
+        let (mut mesh, weights_of_attribute) = mesh.read().map_err(Refusal::of(InputFile::Mesh))?;
         let parsed = Instant::now();
         let are_listed = weights.is_some();
         let weights = weights.or(weights_of_attribute);
@@ -204,7 +244,7 @@ impl Opened<'_> {
             InputFile::Mesh
         }))?;
         let input = describe(&mesh, &surface);
-        let mut warnings = mesh.warnings;
+        let mut warnings = std::mem::take(&mut mesh.warnings);
         if surface.counts.zero_area_faces > 0 {
             warnings.push(format!(
                 "faces without area, which weigh as little as a face can: {}",
@@ -229,7 +269,8 @@ impl Opened<'_> {
             topology: milliseconds(parsed.elapsed()),
             ..Timings::default()
         };
-        Ok(Prepared { surface, plan, input, parameters, weighted_by, warnings, timings })
+        let mesh = keeps_mesh.then(|| Arc::new(mesh));
+        Ok(Prepared { surface, plan, input, parameters, weighted_by, warnings, mesh, timings })
     }
 }
 
@@ -249,7 +290,7 @@ fn plan(surface: &Surface, spec: JobSpec) -> Result<Plan> {
     })
 }
 
-/// Clusters a prepared mesh, and finishes. `on_row` is told of every row of the report as it comes.
+/// Clusters a prepared mesh, and finishes. Calls `on_row` with every row of the report as it comes.
 pub fn run(
     prepared: &Prepared,
     device: &mut dyn Device,
@@ -276,9 +317,9 @@ pub fn cluster(
     })
 }
 
-/// Does what a device is asked for. The cpu works from within rayon's pool, the current one or else the global: each of its many
-/// short parallel steps would otherwise wake the pool and wait for it, which took an eighth of a clustering's time. A gpu is waited
-/// for outside.
+/// Does what a device is asked for. The cpu works from within rayon's pool, the current one or else the global: each of
+/// its many short parallel steps would otherwise wake the pool and wait for it, which took an eighth of a clustering's
+/// time. A gpu is waited for outside.
 fn where_it_works<T: Send>(kind: DeviceKind, work: impl FnOnce() -> T + Send) -> T {
     match kind {
         DeviceKind::Cpu => rayon::scope(|_| work()),
@@ -332,3 +373,6 @@ fn finite(value: f64) -> Option<f64> {
 pub fn milliseconds(duration: Duration) -> f64 {
     duration.as_secs_f64() * 1e3
 }
+
+#[cfg(test)]
+mod tests;

@@ -51,6 +51,11 @@ pub enum Method {
 }
 
 impl JobSpec {
+    /// Whether it makes a hierarchy.
+    pub fn is_hierarchical(&self) -> bool {
+        matches!(self, Self::Hierarchy(_))
+    }
+
     /// Checks the parameters and a list of seeds. Returns with the specification the parameters as the report repeats
     /// them: with the number of listed seeds, and without what the algorithm leaves out.
     pub(super) fn new(parameters: &Parameters, seeds: Option<&[u8]>) -> Result<(Self, Parameters), Refusal> {

@@ -24,7 +24,7 @@ pub fn check_head(head: &[u8]) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::output::npy_header;
+    use crate::artifacts::npy_header;
 
     #[test]
     fn floats_of_both_widths_are_read_and_nothing_else_is() {

@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use rusqlite::{Connection, OpenFlags};
 
 use super::files::{self, private};
+use crate::artifacts::REPORT_JSON;
 use crate::error::{Error, Kind, Result};
 
 /// Name of the store of jobs.
@@ -121,7 +122,7 @@ fn wanted(store: &Path) -> rusqlite::Result<Vec<Wanted>> {
     let mut statement = connection.prepare(sql)?;
     let rows = statement.query_map([], |row| {
         let folder = PathBuf::from(row.get::<_, String>(1)?);
-        let file = if row.get(3)? { files::REPORT } else { files::MESH };
+        let file = if row.get(3)? { REPORT_JSON.file } else { files::MESH };
         Ok(Wanted { job: row.get(0)?, folder, is_needed: row.get(2)?, file })
     })?;
     rows.collect()

@@ -64,7 +64,7 @@ pub fn headers(bytes: &[u8]) {
     let parent = TraceParent::of_request(&headers);
     assert_eq!(TraceParent::parse(&parent.to_string()), Some(parent));
     let _ = prefer::wait(&headers, std::time::Duration::from_secs(60));
-    let _ = negotiate::label_format(&headers);
+    let _ = negotiate::choose(&headers, &crate::artifacts::LABELS);
     conditional::for_fuzzing(&headers, 100);
     if let Ok(text) = value.to_str() {
         webhooks::for_fuzzing(text);

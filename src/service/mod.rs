@@ -11,7 +11,8 @@
 //! | what a request may ask for | `request`, `query` |
 //! | how bodies come in | `upload`, `intake` |
 //! | what happens to a job | `pipeline` |
-//! | how jobs are kept | `store`, and their files in `files`; `blobs` knows which are where |
+//! | how jobs are kept | `store`, and their files in `files`; `job_blobs` knows which are where |
+//! | where files lie: a folder, later an object store | `blobs` |
 //! | how long they are kept | `retention`, by the time of `aging`; `deletion` |
 //! | what happens when the disk fails | `storage` |
 //! | backups | `backup` |
@@ -51,6 +52,7 @@ pub(crate) mod fuzzing;
 mod health;
 mod idempotency;
 mod intake;
+mod job_blobs;
 mod logging;
 mod metrics;
 mod negotiate;

@@ -2,31 +2,29 @@
 
 use axum::http::{HeaderMap, header};
 
+use crate::artifacts::{Artifact, Form};
 use crate::error::{Error, Kind, Result};
-use crate::output::LabelFormat;
 
-/// The format of labels that the client likes best.
-pub(super) fn label_format(headers: &HeaderMap) -> Result<LabelFormat> {
-    choose(headers, "labels", &LabelFormat::ALL.map(|format| (format, format.media_type())))
-}
-
-/// The form that the client likes best of those that `what` comes as; the earlier one when it likes several alike.
-pub(super) fn choose<T: Copy>(headers: &HeaderMap, what: &str, forms: &[(T, &str)]) -> Result<T> {
+/// The form of an output that the client prefers; the earlier one if it likes several alike.
+pub(super) fn choose(headers: &HeaderMap, artifact: &'static Artifact) -> Result<&'static Form> {
     let accepted: Vec<&str> = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
     let accepted = match accepted.join(",") {
         nothing if nothing.trim().is_empty() => "*/*".to_owned(),
         accepted => accepted,
     };
     let mut best = None;
-    for &(form, media_type) in forms {
-        let quality = quality(&accepted, media_type);
+    for form in artifact.forms {
+        let quality = quality(&accepted, form.media_type);
         if quality > 0 && best.is_none_or(|(_, other)| quality > other) {
             best = Some((form, quality));
         }
     }
     best.map(|(form, _)| form).ok_or_else(|| {
-        let media_types: Vec<&str> = forms.iter().map(|(_, media_type)| *media_type).collect();
-        Error::new(Kind::NotAcceptable, format_args!("{what} come as {}, not as {accepted:?}", media_types.join(", ")))
+        let media_types: Vec<&str> = artifact.forms.iter().map(|form| form.media_type).collect();
+        Error::new(
+            Kind::NotAcceptable,
+            format_args!("the media types of {} are {}, not {accepted:?}", artifact.name, media_types.join(", ")),
+        )
     })
 }
 
@@ -62,29 +60,31 @@ mod tests {
     use axum::http::HeaderValue;
 
     use super::*;
+    use crate::artifacts::LABELS;
 
     #[test]
     fn the_best_liked_format_is_chosen() {
-        use LabelFormat::{Json, Npy, Raw};
+        let [json, npy, raw] = LABELS.forms else { panic!("three forms") };
         for (accept, expected) in [
-            ("*/*", Some(Json)),
-            ("application/*", Some(Json)),
-            ("application/x-npy", Some(Npy)),
-            ("APPLICATION/Octet-Stream", Some(Raw)),
-            ("application/json;q=0.5, application/x-npy;q=0.9", Some(Npy)),
-            ("application/x-npy, */*;q=0.1", Some(Npy)),
-            ("application/json;q=0, */*", Some(Npy)),
-            ("text/html, application/*;q=0.2", Some(Json)),
+            ("*/*", Some(json)),
+            ("application/*", Some(json)),
+            ("application/x-npy", Some(npy)),
+            ("APPLICATION/Octet-Stream", Some(raw)),
+            ("application/json;q=0.5, application/x-npy;q=0.9", Some(npy)),
+            ("application/x-npy, */*;q=0.1", Some(npy)),
+            ("application/json;q=0, */*", Some(npy)),
+            ("text/html, application/*;q=0.2", Some(json)),
             ("text/html", None),
             ("*/*;q=0", None),
             ("application/json;q=0", None),
             ("nonsense", None),
-            ("", Some(Json)),
+            ("", Some(json)),
         ] {
             let mut headers = HeaderMap::new();
             headers.insert(header::ACCEPT, HeaderValue::from_static(accept));
-            assert_eq!(label_format(&headers).ok(), expected, "{accept}");
+            let chosen = choose(&headers, &LABELS).ok();
+            assert_eq!(chosen.map(|form| form.file), expected.map(|form| form.file), "{accept}");
         }
-        assert_eq!(label_format(&HeaderMap::new()), Ok(Json));
+        assert_eq!(choose(&HeaderMap::new(), &LABELS).map(|form| form.file), Ok(json.file));
     }
 }

@@ -8,16 +8,19 @@ use std::collections::BTreeMap;
 use axum::http::header;
 use axum::response::IntoResponse;
 use serde_json::{Value, json};
-use utoipa::openapi::path::{Parameter, ParameterBuilder, ParameterIn};
+use utoipa::openapi::path::{HttpMethod, Operation, OperationBuilder, Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::request_body::RequestBody;
 use utoipa::openapi::schema::{ObjectBuilder, Type};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{self, Ref, RefOr, Required, Response, ResponseBuilder, Schema};
-use utoipa::{Modify, OpenApi};
+use utoipa::{Modify, OpenApi, PartialSchema as _};
 
-use super::api::{create, events, health, hierarchy, info, labels, list, metrics, remove, report, retry, show as job};
+use super::api::binary::Binary;
+use super::api::{create, events, health, hierarchy, info, labels, list, metrics, remove, retry, show as job};
 use super::problem::{Answer, Problematic};
 use super::store::PRIORITIES;
+use super::urls;
+use crate::artifacts::{self, Artifact};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Format;
 use crate::parameters::{Levels, Seeds, Snapshots};
@@ -40,7 +43,6 @@ const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\
         events::stream,
         labels::labels,
         hierarchy::hierarchy,
-        report::report,
         info::device,
         info::formats,
         info::version,
@@ -62,16 +64,17 @@ const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\
 )]
 struct Document;
 
-/// What the derives cannot say: the members of `Parameters` are query parameters of `POST /v1/jobs` too, no request
-/// carries a null, and seeds are no path here.
+/// What the derives cannot say: outputs come from their table, the members of `Parameters` are query parameters of
+/// `POST /v1/jobs` too, no request carries a null, and seeds are no path here.
 struct Adjustments;
 
 impl Modify for Adjustments {
     fn modify(&self, document: &mut openapi::OpenApi) {
+        add_outputs(document);
         let Some(components) = document.components.as_mut() else { return };
         let token = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(
-            "A token of the operator's; needed where the service runs with tokens, everywhere but at /healthz, /readyz, \
-             /v1/version and /openapi.yaml",
+            "A token of the operator's; needed where the service runs with tokens, everywhere but at /healthz, \
+             /readyz, /v1/version and /openapi.yaml",
         ));
         components.add_security_scheme("token", SecurityScheme::Http(token.build()));
         // either without or with one: which of the two is the operator's choice
@@ -95,7 +98,7 @@ impl Modify for Adjustments {
         of_jobs.description = Some("The parameters of a job, as the JSON part of a form".to_owned());
         let webhook = ObjectBuilder::new()
             .schema_type(Type::String)
-            .description(Some("URL that is told the end of the job; on a host that the operator allows"));
+            .description(Some("URL that is called at the end of the job; on a host that the operator allows"));
         let priority = ObjectBuilder::new()
             .schema_type(Type::Integer)
             .minimum(Some(*PRIORITIES.start()))
@@ -109,6 +112,9 @@ impl Modify for Adjustments {
         }
         for (path, item) in &mut document.paths.paths {
             for operation in [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten() {
+                if path.contains("{id}") {
+                    operation.parameters.get_or_insert_default().insert(0, id_of_job().into());
+                }
                 add_common_answers(path, &mut operation.responses.responses);
             }
             for operation in [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten() {
@@ -125,6 +131,55 @@ impl Modify for Adjustments {
                 post.parameters.get_or_insert_default().extend(members.iter().cloned().map(RefOr::from));
             }
         }
+    }
+}
+
+/// The id in the path of a job's resources.
+fn id_of_job() -> Parameter {
+    let id =
+        ObjectBuilder::new().schema_type(Type::String).format(Some(openapi::SchemaFormat::Custom("uuid".to_owned())));
+    ParameterBuilder::new()
+        .name("id")
+        .parameter_in(ParameterIn::Path)
+        .required(Required::True)
+        .description(Some("Id of the job"))
+        .schema(Some(Schema::from(id)))
+        .build()
+}
+
+/// The operation of an output without a handler of its own.
+fn operation_of(artifact: &Artifact) -> Operation {
+    let name = artifact.name;
+    let capital: String = name[..1].to_uppercase() + &name[1..];
+    OperationBuilder::new()
+        .tag("results")
+        .summary(Some(format!("Get the {name}")))
+        .description(Some(format!("{} 409 before the job has succeeded.", artifact.about)))
+        .operation_id(Some(format!("get{capital}")))
+        .response("200", ResponseBuilder::new().description(format!("The {name}")))
+        .build()
+}
+
+/// Adds the forms of every output to its operation, and their schemas.
+fn add_outputs(document: &mut openapi::OpenApi) {
+    let mut schemas = artifacts::Schemas::new();
+    for artifact in artifacts::ALL.into_iter().filter(|artifact| artifact.is_served) {
+        let path = urls::route(artifact);
+        if document.paths.get_path_item(&path).is_none() {
+            document.paths.add_path_operation(&path, vec![HttpMethod::Get], operation_of(artifact));
+        }
+        let operation = document.paths.paths.get_mut(&path).and_then(|item| item.get.as_mut());
+        let answer = operation.and_then(|operation| operation.responses.responses.get_mut("200"));
+        let Some(RefOr::T(answer)) = answer else { continue };
+        for form in artifact.forms {
+            let schema = form.schema.map(|schema| Ref::from_schema_name(schema(&mut schemas)).into());
+            let content = openapi::ContentBuilder::new().schema(Some(schema.unwrap_or_else(Binary::schema))).build();
+            answer.content.insert(form.media_type.to_owned(), content.into());
+        }
+    }
+    let components = document.components.get_or_insert_default();
+    for (name, schema) in schemas {
+        components.schemas.entry(name).or_insert(schema);
     }
 }
 
@@ -149,6 +204,12 @@ fn add_common_answers(path: &str, answers: &mut BTreeMap<String, RefOr<Response>
     if ["/healthz", "/readyz"].contains(&path) {
         return;
     }
+    if path.starts_with("/v1/jobs") {
+        add("500", problem());
+    }
+    if path.contains("{id}") {
+        add("404", problem());
+    }
     for status in ["429", "503"] {
         add(status, problem());
     }
@@ -161,7 +222,12 @@ fn add_common_answers(path: &str, answers: &mut BTreeMap<String, RefOr<Response>
     if path == "/v1/jobs" {
         add("408", problem());
     }
-    if ["labels", "hierarchy", "report"].iter().any(|result| path.ends_with(result)) {
+    let is_its = |artifact: &&&Artifact| artifact.is_served && path == urls::route(artifact);
+    if let Some(artifact) = artifacts::ALL.iter().find(is_its) {
+        if artifact.forms.len() > 1 {
+            add("406", problem());
+        }
+        add("409", problem());
         let unchanged = ResponseBuilder::new().description("The client has it already (`If-None-Match`)");
         add("304", unchanged.build().into());
         add("416", problem());

@@ -17,11 +17,12 @@ use tower_http::cors::CorsLayer;
 
 use super::access::Caller;
 use super::access_log::{self, AccessLog};
-use super::api::{create, events, health, hierarchy, info, labels, list, metrics, remove, report, retry, show};
+use super::api::{create, events, health, hierarchy, info, labels, list, metrics, output, remove, retry, show};
 use super::metrics::Metrics;
 use super::state::Shared;
 use super::traffic::{self, heads};
-use super::{conditional, openapi, problem};
+use super::{conditional, openapi, problem, urls};
+use crate::artifacts;
 
 /// Bytes from which on an answer is compressed if the client can read that.
 const COMPRESSED_FROM: u64 = 1024;
@@ -55,11 +56,16 @@ pub(super) fn router(shared: Arc<Shared>) -> Router {
         .layer(from_fn_with_state(Arc::clone(&shared.traffic), traffic::admit))
         // uploads have a limit of their own, counted as they come
         .layer(DefaultBodyLimit::disable());
-    let results = Router::new()
-        .route("/v1/jobs/{id}/labels", get(labels::labels))
-        .route("/v1/jobs/{id}/hierarchy", get(hierarchy::hierarchy))
-        .route("/v1/jobs/{id}/report", get(report::report))
-        .layer(from_fn(conditional::results));
+    let results =
+        artifacts::ALL.into_iter().filter(|artifact| artifact.is_served).fold(Router::new(), |routes, artifact| {
+            let handler = match artifact.name {
+                "labels" => get(labels::labels),
+                "hierarchy" => get(hierarchy::hierarchy),
+                _ => get(move |shared, caller, id, headers| output::output(artifact, shared, caller, id, headers)),
+            };
+            routes.route(&urls::route(artifact), handler)
+        });
+    let results = results.layer(from_fn(conditional::results));
     let routes = Router::new()
         .route("/v1/jobs", post(create::create).get(list::list))
         .route("/v1/jobs/{id}", get(show::show).delete(remove::remove))

@@ -4,6 +4,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::store::JobId;
+use crate::artifacts::Artifact;
 
 /// Where everything about a job is: paths on this service.
 #[derive(Debug, Serialize, ToSchema)]
@@ -25,6 +26,11 @@ pub(super) struct Urls {
 /// Path of a job.
 pub(super) fn path(id: JobId) -> String {
     format!("/v1/jobs/{id}")
+}
+
+/// The route of an output.
+pub(super) fn route(artifact: &Artifact) -> String {
+    format!("/v1/jobs/{{id}}/{}", artifact.name)
 }
 
 impl Urls {

@@ -3,9 +3,12 @@
 use std::path::Path;
 
 use clap::CommandFactory;
+use tesserae::artifacts;
 use tesserae::mesh::Format;
 
 use crate::support::Service;
+
+const TETRAHEDRON: &[u8] = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
 
 /// Fails when the file and the code differ. `UPDATE_OPENAPI=1 cargo test --test service openapi` writes the file.
 #[test]
@@ -43,8 +46,7 @@ async fn the_service_serves_its_description_and_answers_at_every_path_of_it() {
     let example =
         yaml.split_once("model/obj:").and_then(|(_, rest)| rest.split_once("example:")).expect("an example").1;
     assert!(example.trim_start().starts_with('|') && example.contains("f 2 3 4"), "{}", &example[..200]);
-    let job = service
-        .submit("clusters=2", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n".to_vec());
+    let job = service.submit("clusters=2", TETRAHEDRON.to_vec());
     assert_eq!(service.ended(&job.await).await["state"], "succeeded");
     for name in ["clusters", "algorithm", "seeds", "max_iterations", "allow_disconnected", "format", "levels", "ties"] {
         assert!(yaml.contains(&format!("- name: {name}\n")), "{name} is no query parameter");
@@ -96,4 +98,46 @@ async fn every_place_that_lists_mesh_formats_has_exactly_those_of_the_table() {
     let values =
         schema.split_once("enum:\n").expect("values").1.lines().map_while(|line| line.trim().strip_prefix("- "));
     assert_eq!(values.collect::<Vec<_>>(), names);
+}
+
+/// An output that is added to the table is served and described with no other change.
+#[tokio::test]
+async fn every_output_of_the_table_has_its_flags_and_its_route_with_exactly_its_media_types() {
+    let service = Service::start().await;
+    let job = service.submit("algorithm=hr&clusters=1", TETRAHEDRON.to_vec()).await;
+    let job = service.ended(&job).await;
+    assert_eq!(job["state"], "succeeded");
+    let yaml = tesserae::service::openapi_yaml().expect("a description");
+    let cli = tesserae::cli::Cli::command();
+    for artifact in artifacts::ALL {
+        let name = artifact.name;
+        for flag in artifact.flags {
+            assert!(flag.forms(artifact).next().is_some(), "{} writes nothing", flag.name);
+            for command in ["cluster", "cut"] {
+                let command = cli.find_subcommand(command).expect("a command");
+                let argument = command.get_arguments().find(|argument| argument.get_long() == Some(flag.long()));
+                assert_eq!(argument.expect(flag.name).get_help().expect("help").to_string(), flag.help);
+            }
+        }
+        let path = format!("\n  /v1/jobs/{{id}}/{name}:\n");
+        assert_eq!(yaml.contains(&path), artifact.is_served, "{name}");
+        let Some((_, operation)) = yaml.split_once(&path) else { continue };
+        let answer = operation.split_once("'200':").and_then(|(_, rest)| rest.split_once("        '206':"));
+        let lines = answer.expect("an answer").0.lines();
+        let described: Vec<&str> =
+            lines.filter_map(|line| line.strip_prefix("            a")?.strip_suffix(':')).collect();
+        let types: Vec<&str> = artifact.forms.iter().map(|form| form.media_type).collect();
+        assert_eq!(described, types.iter().map(|name| &name[1..]).collect::<Vec<_>>(), "{name}");
+        let url = job["urls"][name].as_str().expect(name);
+        for form in artifact.forms {
+            let response = service.get(url).header("accept", form.media_type).send().await.expect("answered");
+            assert_eq!(
+                (response.status().as_u16(), response.headers()["content-type"].to_str().expect("text")),
+                (200, form.media_type)
+            );
+            let saved_as = response.headers().get("content-disposition").map(|value| value.to_str().expect("text"));
+            assert_eq!(saved_as.is_some(), artifact.forms.len() > 1, "{name}");
+            assert!(saved_as.is_none_or(|value| value.ends_with(&format!("-{}\"", form.file))), "{saved_as:?}");
+        }
+    }
 }

@@ -193,7 +193,7 @@ async fn forms_are_refused_by_part() {
 
 /// A part with weights.
 fn weights(weights: &[f64]) -> Part {
-    let mut bytes = tesserae::output::npy_header("<f8", &format!("({},)", weights.len()));
+    let mut bytes = tesserae::artifacts::npy_header("<f8", &format!("({},)", weights.len()));
     weights.iter().for_each(|weight| bytes.extend(weight.to_le_bytes()));
     file(bytes, "w.npy")
 }

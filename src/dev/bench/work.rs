@@ -105,6 +105,7 @@ impl Work {
             parameters: &parameters,
             seeds: None,
             weights: None,
+            outputs: &[],
         });
         let prepared =
             prepared.map_err(|error| Error::new(error.kind, format_args!("{}: {}", self.mesh, error.message)))?;

@@ -153,7 +153,7 @@ fn table_1(runner: &mut Runner<'_>, mesh: &MeshFile, clusters: u64) -> Result<Ve
 fn table_2(runner: &mut Runner<'_>, mesh: &MeshFile) -> Result<Vec<(Algorithm, usize, Timed)>> {
     let mut runs = Vec::new();
     for algorithm in [Algorithm::Ml, Algorithm::Pml, Algorithm::Hr] {
-        let devices = if algorithm.is_sequential() { 1 } else { runner.devices.len() };
+        let devices = if algorithm == Algorithm::Pml { runner.devices.len() } else { 1 };
         for device in 0..devices {
             let parameters = Parameters { algorithm, ..Parameters::default() };
             runs.push((algorithm, device, runner.run(mesh, &parameters, device, 1)?));

@@ -107,6 +107,7 @@ impl Runner<'_> {
             parameters,
             seeds: None,
             weights: None,
+            outputs: &[],
         })?;
         let mut run = || -> Result<Report> {
             Ok(job::run(&prepared, self.devices.0[device].as_mut(), self.cancel, &mut |_| {})?.report)

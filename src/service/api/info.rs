@@ -7,8 +7,8 @@ use axum::extract::State as Extract;
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use crate::artifacts::{Form, LABELS};
 use crate::mesh::Format;
-use crate::output::LabelFormat;
 use crate::service::state::{App, DeviceDescription};
 
 /// Formats that are read and written.
@@ -61,8 +61,8 @@ pub(in crate::service) async fn device(Extract(shared): App) -> Json<DeviceDescr
 )]
 pub(in crate::service) async fn formats() -> Json<Formats> {
     let mesh = |format: Format| FormatView { name: format.name(), media_type: format.media_type() };
-    let label = |format: LabelFormat| FormatView { name: format.extension(), media_type: format.media_type() };
-    Json(Formats { meshes: Format::ALL.map(mesh).into(), labels: LabelFormat::ALL.map(label).into() })
+    let label = |form: &Form| FormatView { name: form.extension(), media_type: form.media_type };
+    Json(Formats { meshes: Format::ALL.map(mesh).into(), labels: LABELS.forms.iter().map(label).collect() })
 }
 
 /// Version

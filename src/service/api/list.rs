@@ -42,7 +42,7 @@ pub(in crate::service) struct ListParameters {
     /// Go on where an earlier page ended: its `next`
     #[param(min_length = 1)]
     cursor: Option<String>,
-    /// At most so many jobs; 50 when left out
+    /// Largest number of jobs; 50 when left out
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<usize>,
 }
@@ -58,7 +58,6 @@ pub(in crate::service) struct ListParameters {
             ("Link" = String, description = "The next page, `rel=\"next\"`; absent on the last"),
         )),
         (status = 422, response = Problematic),
-        (status = 500, response = Problematic),
     ),
 )]
 pub(in crate::service) async fn list(Extract(shared): App, caller: Caller, uri: Uri) -> Answer {

@@ -1,7 +1,7 @@
 //! The handlers: one resource and method a file. They stand on top: nothing but the router and the description of the
 //! interface imports them.
 
-mod binary;
+pub(super) mod binary;
 pub(super) mod create;
 pub(super) mod events;
 pub(super) mod health;
@@ -10,8 +10,8 @@ pub(super) mod info;
 pub(super) mod labels;
 pub(super) mod list;
 pub(super) mod metrics;
+pub(super) mod output;
 pub(super) mod remove;
-pub(super) mod report;
 pub(super) mod retry;
 pub(super) mod show;
 mod view;

@@ -10,22 +10,19 @@ use super::view::{JobView, answer};
 use crate::service::access::Caller;
 use crate::service::audit::{self, Action};
 use crate::service::deletion;
-use crate::service::problem::{Answer, Problematic};
+use crate::service::problem::Answer;
 use crate::service::state::App;
 use crate::service::store::{Deletion, State, no_such_job};
 
 /// Cancel or delete a job
 ///
 /// A job that has not ended is cancelled: it ends soon and stays in the list. One that has ended is deleted with its
-/// results; what its webhook is still to be told is told all the same.
+/// results; its webhook is still called.
 #[utoipa::path(
     delete, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "deleteJob",
-    params(("id" = String, Path, format = "uuid", description = "Id of the job")),
     responses(
         (status = 202, description = "The job will be cancelled", body = JobView),
         (status = 204, description = "The job was deleted"),
-        (status = 404, response = Problematic),
-        (status = 500, response = Problematic),
     ),
 )]
 pub(in crate::service) async fn remove(

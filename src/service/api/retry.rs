@@ -12,21 +12,18 @@ use crate::service::audit::{self, Action};
 use crate::service::problem::{Answer, Problematic};
 use crate::service::state::{App, Shared};
 use crate::service::store::{Retried, State, no_such_job};
-use crate::service::{blobs, files};
+use crate::service::{files, job_blobs};
 
 /// Run a failed job again
 ///
 /// A job that was given up (`/problems/poison`) keeps its upload until it is deleted, so that it can be run again: it
-/// waits at its old place in the queue, and no earlier attempt counts. Its events go on after the `end` of the failure. Of
-/// all other ended jobs the upload is gone: submit the mesh again.
+/// waits at its old place in the queue, and no earlier attempt counts. Its events go on after the `end` of the failure.
+/// Of all other ended jobs the upload is gone: submit the mesh again.
 #[utoipa::path(
     post, path = "/v1/jobs/{id}/retry", tag = "jobs", operation_id = "retryJob",
-    params(("id" = String, Path, format = "uuid", description = "Id of the job")),
     responses(
         (status = 202, description = "The job waits again", body = JobView),
-        (status = 404, response = Problematic),
         (status = 409, response = Problematic),
-        (status = 500, response = Problematic),
         (status = 507, response = Problematic),
     ),
 )]
@@ -42,7 +39,7 @@ pub(in crate::service) async fn retry(Extract(shared): App, caller: Caller, Path
     if !job.keeps_upload() {
         return Err(upload_is_gone().into());
     }
-    match blobs::upload(&shared.files, shared.store.as_ref(), &job, files::MESH).await {
+    match job_blobs::upload(&shared.files, shared.store.as_ref(), &job, files::MESH).await {
         Ok(_) => {}
         Err(error) if error.kind == Kind::NotFound => return Err(upload_is_gone().into()),
         Err(error) => return Err(error.into()),

@@ -7,7 +7,7 @@ use axum::http::{HeaderMap, StatusCode};
 
 use super::view::{JobView, answer};
 use crate::service::access::Caller;
-use crate::service::problem::{Answer, Problematic};
+use crate::service::problem::Answer;
 use crate::service::state::App;
 
 /// Look at a job
@@ -15,11 +15,8 @@ use crate::service::state::App;
 /// Where it is in its life and how far.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "getJob",
-    params(("id" = String, Path, format = "uuid", description = "Id of the job")),
     responses(
         (status = 200, description = "The job", body = JobView),
-        (status = 404, response = Problematic),
-        (status = 500, response = Problematic),
     ),
 )]
 pub(in crate::service) async fn show(Extract(shared): App, caller: Caller, Path(id): Path<String>) -> Answer {

@@ -36,7 +36,7 @@ pub(in crate::service) struct JobView {
     worker: Option<String>,
     /// How far it is.
     progress: ProgressView,
-    /// Whether someone asked for its end.
+    /// Whether its cancellation was requested.
     cancel_requested: bool,
     /// Why it failed.
     problem: Option<Problem>,

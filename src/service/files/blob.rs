@@ -1,29 +1,24 @@
-//! One blob: written as it comes, read as it is wanted, never held.
+//! The writing of a blob: as its bytes come, never all of them in memory.
 
-use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::io::{self, Write};
 use std::sync::Arc;
 
-use axum::body::{Body, Bytes};
+use axum::body::Bytes;
+use object_store::GetRange;
 use object_store::path::Path as BlobPath;
-use object_store::{
-    GetOptions, GetRange, GetResult, GetResultPayload, MultipartUpload, ObjectStore, ObjectStoreExt as _,
-};
-use tokio::io::AsyncReadExt as _;
 use tokio::runtime::Handle;
-use tokio_util::io::{ReaderStream, SyncIoBridge};
 
 use super::failure::storage_error;
 use super::folder::{Files, Folder};
 use crate::error::{Error, Kind, Result};
-use crate::hierarchy::stored::Input;
+use crate::service::blobs::{Blob, Parts};
 use crate::service::faults::FaultPoint;
 use crate::service::store::{JobId, SmallBlob};
 
 /// Bytes that are held before they are written: a smaller blob is written at once.
 const PART: usize = 1 << 20;
 
-/// Bytes that are read at once.
+/// Bytes of the buffer of a thread that may block.
 const CHUNK: usize = 1 << 16;
 
 /// A blob in the making; without [`finish`](Self::finish) nothing is left of it.
@@ -34,7 +29,7 @@ pub(in crate::service) struct BlobWriter {
     /// Whether it is refused when there is no room to spare.
     is_upload: bool,
     buffer: Vec<u8>,
-    parts: Option<Box<dyn MultipartUpload>>,
+    parts: Option<Parts>,
     written: u64,
 }
 
@@ -84,11 +79,12 @@ impl BlobWriter {
         if self.parts.is_some() && !self.buffer.is_empty() {
             self.write_part().await?;
         }
-        if let Some(parts) = &mut self.parts {
-            parts.complete().await.map_err(cannot_store)?;
-        } else {
-            let bytes = self.take_buffer()?;
-            self.files.blobs.put(&self.path(), bytes.into()).await.map_err(cannot_store)?;
+        match self.parts.take() {
+            Some(parts) => parts.complete().await?,
+            None => {
+                let bytes = self.take_buffer()?;
+                self.files.blobs.put(&self.path(), bytes).await?;
+            }
         }
         self.files.disk.written(self.written);
         Ok(())
@@ -99,9 +95,9 @@ impl BlobWriter {
         let path = self.path();
         let parts = match &mut self.parts {
             Some(parts) => parts,
-            none => none.insert(self.files.blobs.put_multipart(&path).await.map_err(cannot_store)?),
+            none => none.insert(self.files.blobs.start(&path).await?),
         };
-        parts.put_part(bytes.into()).await.map_err(cannot_store)
+        parts.add(bytes).await
     }
 
     /// What is held, if it may be written.
@@ -162,16 +158,6 @@ impl Write for BlockingWriter {
     }
 }
 
-/// A blob that is there, or a range of it.
-#[derive(Debug)]
-pub(in crate::service) struct Blob(Source);
-
-#[derive(Debug)]
-enum Source {
-    Found(Box<GetResult>),
-    Held { bytes: Bytes, start: u64 },
-}
-
 impl Files {
     /// Starts a blob of a result.
     pub fn result(self: &Arc<Self>, job: JobId, attempt: u32, name: &str) -> BlobWriter {
@@ -181,125 +167,22 @@ impl Files {
     /// Opens a blob, or a range of one.
     pub async fn read(&self, folder: Folder, name: &str, range: Option<GetRange>) -> Result<Blob> {
         self.may_read()?;
-        let options = GetOptions { range, ..GetOptions::default() };
-        let found = self.blobs.get_opts(&folder.blob(name), options).await;
-        found.map(|found| Blob(Source::Found(Box::new(found)))).map_err(|error| self.noted(self.cannot_read(error)))
-    }
-
-    /// The error of a blob that cannot be opened. That it is not there means nothing while the folder is not there.
-    fn cannot_read(&self, error: object_store::Error) -> Error {
-        match (&error, self.check_root()) {
-            (object_store::Error::NotFound { .. }, Err(away)) => away,
-            _ => cannot_read(error),
-        }
+        let found = self.blobs.get(&folder.blob(name), range).await;
+        // that a blob is not there means nothing while the folder is not there
+        found.map_err(|error| match self.check_root() {
+            Err(away) if error.kind == Kind::NotFound => self.noted(away),
+            _ => self.noted(error),
+        })
     }
 
     /// A small blob that the store kept, or a range of it.
     pub fn held(&self, bytes: &Bytes, range: Option<GetRange>) -> Result<Blob> {
         self.may_read()?;
-        let range = range.map_or(Ok(0..bytes.len() as u64), |range| range.as_range(bytes.len() as u64));
-        let range = range.map_err(|error| Error::new(Kind::Io, format_args!("a file is too short: {error}")))?;
-        let bytes = bytes.slice(range.start as usize..range.end as usize);
-        Ok(Blob(Source::Held { bytes, start: range.start }))
+        Blob::held(bytes, range)
     }
 
     fn may_read(&self) -> Result<()> {
         let hit = self.faults.hit(FaultPoint::ReadBlob).map_err(|error| storage_error("a file cannot be read", error));
         hit.map_err(|error| self.noted(error))
     }
-}
-
-impl Blob {
-    /// Number of bytes that will be read.
-    pub fn length(&self) -> u64 {
-        match &self.0 {
-            Source::Found(found) => found.range.end - found.range.start,
-            Source::Held { bytes, .. } => bytes.len() as u64,
-        }
-    }
-
-    /// Where they begin in the whole blob.
-    pub fn start(&self) -> u64 {
-        match &self.0 {
-            Source::Found(found) => found.range.start,
-            Source::Held { start, .. } => *start,
-        }
-    }
-
-    /// The bytes as the body of an answer.
-    pub fn into_body(self) -> Body {
-        let length = self.length();
-        match self.0 {
-            Source::Held { bytes, .. } => Body::from(bytes),
-            Source::Found(found) => match file(found) {
-                Ok(file) => {
-                    let file = tokio::fs::File::from_std(file).take(length);
-                    Body::from_stream(ReaderStream::with_capacity(file, CHUNK))
-                }
-                Err(found) => Body::from_stream(found.into_stream()),
-            },
-        }
-    }
-
-    /// The bytes for a thread that may block; to be called on the runtime.
-    pub fn into_reader(self) -> Box<dyn Input + Send> {
-        let length = self.length();
-        match self.0 {
-            Source::Held { bytes, .. } => Box::new(io::Cursor::new(bytes)),
-            Source::Found(found) => match file(found) {
-                Ok(file) => Box::new(file.take(length)),
-                Err(found) => {
-                    let stream =
-                        futures_util::StreamExt::map(found.into_stream(), |chunk| chunk.map_err(io::Error::other));
-                    Box::new(SyncIoBridge::new(tokio_util::io::StreamReader::new(stream)))
-                }
-            },
-        }
-    }
-
-    /// All bytes.
-    pub async fn bytes(self) -> Result<Bytes> {
-        match self.0 {
-            Source::Held { bytes, .. } => Ok(bytes),
-            Source::Found(found) => found.bytes().await.map_err(cannot_read),
-        }
-    }
-}
-
-impl<T> Input for SyncIoBridge<T> where SyncIoBridge<T>: Read {}
-
-/// A file where the bytes begin, for a blob that is one.
-fn file(found: Box<GetResult>) -> Result<File, Box<GetResult>> {
-    match found.payload {
-        GetResultPayload::File(mut file, path) => match file.seek(SeekFrom::Start(found.range.start)) {
-            Ok(_) => Ok(file),
-            Err(_) => Err(Box::new(GetResult { payload: GetResultPayload::File(file, path), ..*found })),
-        },
-        GetResultPayload::Stream(_) => Err(found),
-    }
-}
-
-/// The error of a blob that cannot be stored.
-fn cannot_store(error: object_store::Error) -> Error {
-    Error::new(kind_of(&error), format_args!("a file cannot be stored: {error}"))
-}
-
-/// The error of a blob that cannot be read.
-fn cannot_read(error: object_store::Error) -> Error {
-    match error {
-        object_store::Error::NotFound { .. } => Error::new(Kind::NotFound, "the file is gone: its job was deleted"),
-        error => Error::new(kind_of(&error), format_args!("a file cannot be read: {error}")),
-    }
-}
-
-/// What kind of trouble it is: that of the first error of the system among its causes.
-fn kind_of(error: &object_store::Error) -> Kind {
-    let mut cause: Option<&(dyn std::error::Error + 'static)> = Some(error);
-    while let Some(error) = cause {
-        if let Some(error) = error.downcast_ref::<io::Error>() {
-            return Kind::of_storage(error);
-        }
-        cause = error.source();
-    }
-    Kind::Io
 }

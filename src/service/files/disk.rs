@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::error::{Error, Kind, Result};
+pub(super) use crate::service::blobs::folder::size;
 
 /// Bytes that stay free for the store of jobs, whose log grows with every change before it is written over.
 pub(super) const STORE_ROOM: u64 = 8 << 20;
@@ -119,22 +120,6 @@ impl Disk {
             .sum();
         (self.blobs.load(Ordering::Relaxed) + database).saturating_sub(self.free_in_store.load(Ordering::Relaxed))
     }
-}
-
-/// Bytes of all files in a folder and below it; what disappears meanwhile does not count.
-pub(super) fn size(folder: &Path) -> u64 {
-    let mut bytes = 0;
-    let mut folders = vec![folder.to_owned()];
-    while let Some(folder) = folders.pop() {
-        for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-            match entry.metadata() {
-                Ok(metadata) if metadata.is_dir() => folders.push(entry.path()),
-                Ok(metadata) => bytes += metadata.len(),
-                Err(_) => {}
-            }
-        }
-    }
-    bytes
 }
 
 /// Bytes of the file system of a folder: those that this process may still write, all, and those that are taken. None

@@ -8,7 +8,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use object_store::local::LocalFileSystem;
 use object_store::path::Path as BlobPath;
 
 use super::ballast::Ballast;
@@ -18,6 +17,8 @@ use super::room::{self, Room};
 use super::root::{self, Root};
 use super::{needs, private};
 use crate::error::{Error, Kind, Result};
+use crate::service::blobs::Blobs;
+use crate::service::blobs::folder::FolderBlobs;
 use crate::service::faults::{FaultPoint, Faults};
 use crate::service::store::{Job, JobId};
 
@@ -58,7 +59,7 @@ impl Folder {
 #[derive(Debug)]
 pub(in crate::service) struct Files {
     pub(super) root: Root,
-    pub(super) blobs: LocalFileSystem,
+    pub(super) blobs: Box<dyn Blobs>,
     pub(super) disk: Disk,
     pub(super) ballast: Ballast,
     pub(super) room: Room,
@@ -81,9 +82,8 @@ impl Files {
             let made = private::make_folder(&path).and_then(|()| private::tighten(&path));
             made.map_err(|error| cannot_make(&path, error))?;
         }
-        let blobs = LocalFileSystem::new_with_prefix(root.path())
-            .map_err(|error| cannot_make(root.path(), io::Error::other(error)))?
-            .with_fsync(root.is_kept());
+        let blobs = FolderBlobs::open(root.path(), root.is_kept());
+        let blobs = Box::new(blobs.map_err(|error| cannot_make(root.path(), error))?);
         let ballast = Ballast::new(root.path(), disk::total_bytes(root.path()), limits.max_bytes, root.is_kept());
         let disk = Disk::new(root.path().to_owned(), limits);
         let room = Room::default();
@@ -313,18 +313,10 @@ impl Files {
 
     /// Removes a folder below the root, if it is there. What cannot be removed now is swept away later.
     pub(super) async fn remove_folder(&self, folder: PathBuf) {
-        let path = self.root.path().join(folder);
-        let removed = blocking(move || {
-            let bytes = disk::size(&path);
-            std::fs::remove_dir_all(&path).map(|()| bytes).map_err(|error| (path, error))
-        });
-        match removed.await {
-            Ok(Ok(bytes)) => self.disk.removed(bytes),
-            Ok(Err((_, error))) if error.kind() == io::ErrorKind::NotFound => {}
-            Ok(Err((path, error))) => {
-                tracing::warn!(folder = %path.display(), %error, "a folder cannot be removed");
-            }
-            Err(error) => tracing::warn!(%error, "a folder cannot be removed"),
+        let path = BlobPath::from_iter(folder.iter().filter_map(|part| part.to_str()));
+        match self.blobs.remove(&path).await {
+            Ok(bytes) => self.disk.removed(bytes),
+            Err(error) => tracing::warn!("{error}"),
         }
     }
 }

@@ -22,7 +22,7 @@ mod aside;
 mod ballast;
 mod blob;
 mod disk;
-mod failure;
+pub(in crate::service) mod failure;
 mod folder;
 mod incoming;
 mod needs;
@@ -31,7 +31,7 @@ mod room;
 mod root;
 mod sweep;
 
-pub(super) use self::blob::{Blob, BlobWriter, BlockingWriter};
+pub(super) use self::blob::{BlobWriter, BlockingWriter};
 pub(super) use self::disk::DiskLimits;
 pub(super) use self::failure::blocking;
 pub(super) use self::folder::{Files, Folder};
@@ -44,16 +44,6 @@ pub(super) const MESH: &str = "mesh";
 pub(super) const SEEDS: &str = "seeds";
 /// Name of the weights among a job's uploads.
 pub(super) const WEIGHTS: &str = "weights";
-/// Name of the labels as `.npy` among a job's results; other forms are made of it.
-pub(super) const LABELS_NPY: &str = "labels.npy";
-/// Name of the labels of iterations among a job's results: `.npy`, a row an iteration.
-pub(super) const SNAPSHOTS: &str = "snapshots.npy";
-/// Name of the list of those iterations among a job's results.
-pub(super) const SNAPSHOT_LIST: &str = "snapshots.json";
-/// Name of the hierarchy among a job's results.
-pub(super) const HIERARCHY: &str = "hierarchy.tsr";
-/// Name of the report among a job's results.
-pub(super) const REPORT: &str = "report.json";
 
 /// Name of buffer number `index` among a job's uploads.
 pub(super) fn buffer(index: usize) -> String {

@@ -2,9 +2,10 @@
 
 use std::path::Path;
 
-use super::failure::blocking;
+use object_store::path::Path as BlobPath;
+
 use super::folder::{Files, Folder};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::service::store::{Job, JobId, Queue, State};
 
 impl Files {
@@ -73,16 +74,6 @@ impl Files {
     }
 
     async fn names_in(&self, folder: &str) -> Result<Vec<String>> {
-        let path = self.root.path().join(folder);
-        blocking(move || names(&path)).await?
+        self.blobs.names(&BlobPath::from(folder)).await
     }
-}
-
-fn names(folder: &Path) -> Result<Vec<String>> {
-    let cannot = |error| Error::io(format_args!("the data folder cannot be read: {}", folder.display()), error);
-    let mut names = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(cannot)? {
-        names.extend(entry.map_err(cannot)?.file_name().into_string());
-    }
-    Ok(names)
 }

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::*;
+use crate::artifacts::REPORT_JSON;
 use crate::error::{Kind, Result};
 use crate::service::faults::{FaultPoint, Faults};
 use crate::service::store::memory::MemoryStore;
@@ -194,13 +195,13 @@ async fn a_sweep_leaves_what_jobs_know_of() {
     write(coming_in.blob(MESH), b"mesh").await.expect("written");
     let claimed = store.claim(1, Duration::from_secs(60)).await.expect("claimable");
     let ticket = claimed[0].0;
-    let summary = Summary { faces: 1, clusters: 1, has_labels: true, labels_sha256: None, is_small: false };
+    let summary = Summary { faces: 1, clusters: 1, labels_sha256: None, is_small: false };
     store.finish(ticket, End::Succeeded(summary)).await.expect("finished");
-    write(files.result(succeeded, 1, REPORT), b"{}").await.expect("written");
-    write(files.result(succeeded, 7, REPORT), b"{}").await.expect("written");
-    write(files.result(waiting, 1, REPORT), b"{}").await.expect("written");
+    write(files.result(succeeded, 1, REPORT_JSON.file), b"{}").await.expect("written");
+    write(files.result(succeeded, 7, REPORT_JSON.file), b"{}").await.expect("written");
+    write(files.result(waiting, 1, REPORT_JSON.file), b"{}").await.expect("written");
     let unknown = JobId::random();
-    write(files.result(unknown, 1, REPORT), b"{}").await.expect("written");
+    write(files.result(unknown, 1, REPORT_JSON.file), b"{}").await.expect("written");
     // half-written by a process that was killed
     let never_accepted = folder.path().join(Folder::Upload(JobId::random()).path());
     std::fs::create_dir(&never_accepted).expect("made");
@@ -214,10 +215,10 @@ async fn a_sweep_leaves_what_jobs_know_of() {
         (Folder::Upload(succeeded), MESH, false),
         (Folder::Upload(waiting), MESH, true),
         (Folder::Upload(coming_in.id()), MESH, true),
-        (Folder::Result(succeeded, 1), REPORT, true),
-        (Folder::Result(succeeded, 7), REPORT, false),
-        (Folder::Result(waiting, 1), REPORT, false),
-        (Folder::Result(unknown, 1), REPORT, false),
+        (Folder::Result(succeeded, 1), REPORT_JSON.file, true),
+        (Folder::Result(succeeded, 7), REPORT_JSON.file, false),
+        (Folder::Result(waiting, 1), REPORT_JSON.file, false),
+        (Folder::Result(unknown, 1), REPORT_JSON.file, false),
     ] {
         assert_eq!(files.read(folder, name, None).await.is_ok(), is_there, "{folder:?}");
     }

@@ -225,7 +225,7 @@ impl Shared {
 
     /// Whether the cpu takes a mesh, if it takes part.
     fn is_for_cpu(&self, task: &Task) -> bool {
-        task.prepared.parameters.algorithm.is_sequential() || task.is_retry || self.is_few(task)
+        task.prepared.plan.is_sequential() || task.is_retry || self.is_few(task)
     }
 
     fn opened(&self, device: &dyn Device) {

@@ -1,7 +1,6 @@
 //! The stages of one job.
 
 use std::collections::HashMap;
-use std::io::Write;
 use std::iter;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -18,15 +17,14 @@ use super::slot::Slot;
 use super::task::Task;
 use super::turns::Visit;
 
+use crate::artifacts;
 use crate::device::Cancel;
 use crate::error::{Error, Kind, Result};
-use crate::job::{self, Outcome, Prepared, milliseconds};
+use crate::job::{self, Outcome, Plan, Prepared, milliseconds};
 use crate::mesh::Resources;
-use crate::output::{LabelFormat, write_labels, write_snapshots};
-use crate::parameters::Algorithm;
 use crate::report::Row;
-use crate::service::blobs;
 use crate::service::files::{self, BlobWriter, BlockingWriter, blocking, settle};
+use crate::service::job_blobs;
 use crate::service::store::{Events, Job, Progress, SmallBlob, Summary, Ticket, What};
 
 /// Rows that are appended to the job's events at once.
@@ -69,7 +67,7 @@ impl Pipeline {
 
         self.files.secure(job.id, job.attempt, files::of_faces(&prepared.parameters, prepared.input.faces)).await?;
 
-        let cost = cost(prepared.surface.faces() as u64, prepared.parameters.algorithm);
+        let cost = cost(prepared.surface.faces() as u64, &prepared.plan);
         let (rows, inbox) = mpsc::unbounded_channel();
         let task = Task {
             prepared: Arc::new(prepared),
@@ -111,8 +109,9 @@ impl Pipeline {
     /// Reads the mesh, when there is memory for it: a small one on a thread for small meshes, others on all threads.
     async fn prepare(&self, ticket: Ticket, job: &Job, slot: Slot, broken_off: CancellationToken) -> Result<Prepared> {
         let spec = job.spec.clone();
-        let upload =
-            async |name: &str| blobs::upload(&self.files, self.store.as_ref(), job, name).await.map_err(upload_is_gone);
+        let upload = async |name: &str| {
+            job_blobs::upload(&self.files, self.store.as_ref(), job, name).await.map_err(upload_is_gone)
+        };
         let mut uploads = Vec::new();
         for name in iter::once(files::MESH.to_owned()).chain((0..spec.buffers.len()).map(files::buffer)) {
             uploads.push(upload(&name).await?);
@@ -140,7 +139,6 @@ impl Pipeline {
         };
         let read = reading.elapsed();
         let limits = self.limits;
-        let is_hierarchical = spec.parameters.algorithm.is_hierarchical();
         let runtime = Handle::current();
         let span = tracing::info_span!("read");
         let small = self.small.clone();
@@ -155,11 +153,12 @@ impl Pipeline {
                 parameters: &spec.parameters,
                 seeds: seeds.as_deref(),
                 weights: weights.as_deref(),
+                outputs: &artifacts::ALL,
             };
             let wait = Waiting { runtime, broken_off };
             let prepared = span.in_scope(|| {
                 job::open(&request, |opened| {
-                    let faces = opened.faces();
+                    let (faces, is_hierarchical) = (opened.faces(), opened.spec().is_hierarchical());
                     match memory.build_small(faces, is_hierarchical) {
                         Ok(held) => {
                             slot.holds(held);
@@ -181,13 +180,13 @@ impl Pipeline {
     }
 }
 
-/// About how much work a mesh is, to tell short jobs from long ones: faces, times what hierarchies and the sequential
-/// references take longer (the order of magnitude; measured on 20,000 to 1,000,000 faces).
-fn cost(faces: u64, algorithm: Algorithm) -> u64 {
-    let factor = match (algorithm.is_sequential(), algorithm.is_hierarchical()) {
-        (true, _) => 16,
-        (false, true) => 4,
-        (false, false) => 1,
+/// About how much work a mesh is, to tell short jobs from long ones: faces, times what hierarchies and sequential
+/// algorithms take longer (the order of magnitude; measured on 20,000 to 1,000,000 faces).
+fn cost(faces: u64, plan: &Plan) -> u64 {
+    let factor = match plan {
+        plan if plan.is_sequential() => 16,
+        Plan::Hierarchy { .. } => 4,
+        Plan::Coarse(..) | Plan::Seeded(..) => 1,
     };
     faces.saturating_mul(factor)
 }
@@ -294,39 +293,26 @@ pub(super) struct Written {
 
 /// Writes the result of a job to blobs, which are still to be settled.
 fn write(
-    outcome: Outcome,
+    mut outcome: Outcome,
     blob: impl Fn(&str) -> BlockingWriter,
     started: Instant,
 ) -> Result<(Summary, Vec<BlobWriter>)> {
-    let Outcome { labels, hierarchy, snapshots, mut report } = outcome;
     let writing = Instant::now();
     let mut blobs = Vec::new();
-    if let Some(labels) = &labels {
-        let write = |out: &mut dyn Write| write_labels(out, LabelFormat::Npy, report.clusters, labels);
-        blobs.push(blob(files::LABELS_NPY).fill(write)?);
+    for form in artifacts::stored(&outcome.report.parameters) {
+        // the report comes last, and has the times
+        outcome.report.timings_ms.write = milliseconds(writing.elapsed());
+        outcome.report.timings_ms.total = milliseconds(started.elapsed());
+        let encoding = (form.encode)(&outcome.content())?;
+        blobs.push(blob(form.file).fill(encoding)?);
     }
-    if !report.snapshots.is_empty() {
-        let faces = report.input.faces;
-        blobs.push(blob(files::SNAPSHOTS).fill(|out| write_snapshots(out, &snapshots, faces))?);
-        blobs.push(blob(files::SNAPSHOT_LIST).fill(|out| Ok(serde_json::to_writer(out, &report.snapshots)?))?);
-    }
-    if let Some(hierarchy) = &hierarchy {
-        blobs.push(blob(files::HIERARCHY).fill(|out| hierarchy.write(out))?);
-    }
-    report.timings_ms.write = milliseconds(writing.elapsed());
-    report.timings_ms.total = milliseconds(started.elapsed());
-    let has_labels = labels.is_some();
+    let report = outcome.report;
     let summary = Summary {
         faces: report.input.faces,
         clusters: report.clusters,
-        has_labels,
-        labels_sha256: report.labels_sha256.clone(),
+        labels_sha256: report.labels_sha256,
         is_small: false,
     };
-    blobs.push(blob(files::REPORT).fill(|out| {
-        serde_json::to_writer(&mut *out, &report)?;
-        out.write_all(b"\n")
-    })?);
     Ok((summary, blobs))
 }
 

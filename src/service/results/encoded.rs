@@ -1,7 +1,7 @@
 //! Results that are made when they are asked for, from what is stored: hierarchies, cuts, labels in other forms.
 //!
-//! What one is made of is in memory only while it is made, and only so many large ones are at a time. What is made streams to
-//! the client, who may take as long as it likes: if it is large, from a file without a name.
+//! The source is in memory only while a result is made, and a semaphore limits how many large ones are at a time. The
+//! result streams to the client at the client's pace; a large one streams from a file without a name.
 
 use std::io::{self, BufWriter, Seek, Write};
 
@@ -25,7 +25,7 @@ pub(in crate::service) async fn turn(shared: &Shared) -> Result<OwnedSemaphorePe
     turn.map_err(|error| Error::new(Kind::Internal, format_args!("no result can be read: {error}")))
 }
 
-/// What `write` makes, on a thread that may block, as a response; and what else it says. Small results need no turn.
+/// What `write` makes, on a thread that may block, as a response, and what `write` returns. Small results need no turn.
 pub(in crate::service) async fn encoded<T: Send + 'static>(
     shared: &Shared,
     turn: Option<OwnedSemaphorePermit>,
@@ -33,26 +33,26 @@ pub(in crate::service) async fn encoded<T: Send + 'static>(
     write: impl FnOnce(&mut dyn Write) -> Result<T> + Send + 'static,
 ) -> Result<(Response, T)> {
     let folder = shared.files.scratch();
-    let (length, body, said) = blocking(move || {
+    let (length, body, returned) = blocking(move || {
         let _turn = turn;
         let mut out = BufWriter::with_capacity(1 << 16, spooled_tempfile_in(HELD, folder));
-        let said = write(&mut out)?;
+        let returned = write(&mut out)?;
         let file = out.into_inner().map_err(|error| cannot(error.into_error()))?;
         Ok::<_, Error>(match file.into_inner() {
             SpooledData::InMemory(bytes) => {
                 let bytes = bytes.into_inner();
-                (bytes.len() as u64, Body::from(bytes), said)
+                (bytes.len() as u64, Body::from(bytes), returned)
             }
             SpooledData::OnDisk(mut file) => {
                 let length = file.stream_position().map_err(cannot)?;
                 file.rewind().map_err(cannot)?;
                 let file = tokio::fs::File::from_std(file);
-                (length, Body::from_stream(ReaderStream::with_capacity(file, 1 << 16)), said)
+                (length, Body::from_stream(ReaderStream::with_capacity(file, 1 << 16)), returned)
             }
         })
     })
     .await??;
-    Ok((streamed(length, body, media_type), said))
+    Ok((streamed(length, body, media_type), returned))
 }
 
 /// The error of a result that cannot be written.

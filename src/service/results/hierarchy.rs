@@ -6,19 +6,20 @@ use axum::http::HeaderValue;
 use axum::response::Response;
 
 use super::encoded::{self, encoded};
+use crate::artifacts::{Content, Form, HIERARCHY_TSR, Labels};
 use crate::error::{Error, Kind, Result};
+use crate::hierarchy::json::Limits;
 use crate::hierarchy::stored::{self, Input, Stored};
-use crate::output::{LabelFormat, write_cut};
+use crate::service::job_blobs;
 use crate::service::state::Shared;
 use crate::service::store::Job;
-use crate::service::{blobs, files};
 
 /// The labels at any number of clusters, with headers that say what they are.
 pub(in crate::service) async fn cut(
     shared: &Shared,
     job: &Job,
     clusters: u64,
-    format: LabelFormat,
+    form: &'static Form,
 ) -> Result<Response> {
     let turn = encoded::turn(shared).await?;
     let (file, length) = open(shared, job).await?;
@@ -28,10 +29,11 @@ pub(in crate::service) async fn cut(
             Kind::InvalidParameter => Error::new(Kind::Conflict, error.message),
             _ => Error::new(Kind::Internal, error.message),
         })?;
-        write_cut(out, format, &cut).map_err(encoded::cannot)?;
+        let content = Content { labels: Some(Labels::from(&cut)), ..Content::default() };
+        (form.encode)(&content)?(out).map_err(encoded::cannot)?;
         Ok((cut.kind(), cut.energy))
     };
-    let (mut response, (kind, energy)) = encoded(shared, Some(turn), format.media_type(), write).await?;
+    let (mut response, (kind, energy)) = encoded(shared, Some(turn), form.media_type, write).await?;
     let headers = response.headers_mut();
     headers.insert("tesserae-cut", HeaderValue::from_static(kind));
     if let Ok(value) = HeaderValue::try_from(format!("{energy:e}")) {
@@ -42,24 +44,25 @@ pub(in crate::service) async fn cut(
 
 /// A stored hierarchy and its length.
 async fn open(shared: &Shared, job: &Job) -> Result<(Box<dyn Input + Send>, u64)> {
-    let blob = blobs::result(&shared.files, shared.store.as_ref(), job, files::HIERARCHY, None).await?;
+    let blob = job_blobs::result(&shared.files, shared.store.as_ref(), job, HIERARCHY_TSR.file, None).await?;
     let length = blob.length();
     Ok((blob.into_reader(), length))
 }
 
-/// What `write` makes of a hierarchy, as a response that streams it.
-pub(in crate::service) async fn written(
+/// A hierarchy in a form that is made of the stored one.
+pub(in crate::service) async fn made(
     shared: &Shared,
     job: &Job,
-    media_type: &'static str,
-    write: impl FnOnce(&mut dyn Write, &Stored) -> Result<std::io::Result<()>> + Send + 'static,
+    form: &'static Form,
+    limits: Limits,
 ) -> Result<Response> {
     let turn = encoded::turn(shared).await?;
     let (stored, length) = open(shared, job).await?;
     let write = move |out: &mut dyn Write| {
         // this service wrote it
         let tree = Stored::read(stored, length, u64::MAX).map_err(|error| Error::new(Kind::Internal, error.message))?;
-        write(out, &tree)?.map_err(encoded::cannot)
+        let content = Content { hierarchy: Some(&tree), limits, ..Content::default() };
+        (form.encode)(&content)?(out).map_err(encoded::cannot)
     };
-    Ok(encoded(shared, Some(turn), media_type, write).await?.0)
+    Ok(encoded(shared, Some(turn), form.media_type, write).await?.0)
 }

@@ -6,14 +6,14 @@ use axum::response::Response;
 use object_store::GetRange;
 
 use super::encoded::{self, encoded};
+use crate::artifacts::{Content, Form, Labels, SNAPSHOTS_JSON, SNAPSHOTS_NPY};
 use crate::error::{Error, Kind, Result};
-use crate::output::{LabelFormat, write_labels};
-use crate::service::blobs;
-use crate::service::files::{self, Blob};
+use crate::service::blobs::Blob;
+use crate::service::job_blobs;
 use crate::service::state::Shared;
 use crate::service::store::{Job, Summary};
 
-/// Faces up to which labels are so small that nobody waits for others who encode them.
+/// Faces up to which labels are encoded without waiting for a turn.
 const SMALL: u64 = 1 << 16;
 
 /// The labels after an iteration of a flat clustering.
@@ -22,7 +22,7 @@ pub(in crate::service) async fn labels(
     job: &Job,
     summary: &Summary,
     iteration: u32,
-    format: LabelFormat,
+    form: &'static Form,
 ) -> Result<Response> {
     let kept = list(shared, job).await?;
     let Some(row) = kept.iter().position(|&kept| kept == iteration) else {
@@ -30,29 +30,31 @@ pub(in crate::service) async fn labels(
     };
     let from_end = 4 * summary.faces * (kept.len() - row) as u64;
     let range = Some(GetRange::Suffix(from_end));
-    let rows = blobs::result(&shared.files, shared.store.as_ref(), job, files::SNAPSHOTS, range).await?;
-    labels_of(shared, rows, summary, format).await
+    let rows = job_blobs::result(&shared.files, shared.store.as_ref(), job, SNAPSHOTS_NPY.file, range).await?;
+    labels_of(shared, rows, summary, form).await
 }
 
-/// Labels from where they begin in a blob, in some form.
+/// Labels from where they begin in a blob, in a form that is made of them.
 pub(in crate::service) async fn labels_of(
     shared: &Shared,
     rows: Blob,
     summary: &Summary,
-    format: LabelFormat,
+    form: &'static Form,
 ) -> Result<Response> {
     let (faces, clusters) = (summary.faces, summary.clusters);
     let turn = if faces > SMALL { Some(encoded::turn(shared).await?) } else { None };
     let rows = rows.into_reader();
     let write = move |out: &mut dyn Write| {
-        write_labels(out, format, clusters, &first_row(rows, faces)?).map_err(encoded::cannot)
+        let labels = first_row(rows, faces)?;
+        let content = Content { labels: Some(Labels::new(clusters, &labels)), ..Content::default() };
+        (form.encode)(&content)?(out).map_err(encoded::cannot)
     };
-    Ok(encoded(shared, turn, format.media_type(), write).await?.0)
+    Ok(encoded(shared, turn, form.media_type, write).await?.0)
 }
 
 /// The iterations whose labels were kept.
 async fn list(shared: &Shared, job: &Job) -> Result<Vec<u32>> {
-    let json = match blobs::result(&shared.files, shared.store.as_ref(), job, files::SNAPSHOT_LIST, None).await {
+    let json = match job_blobs::result(&shared.files, shared.store.as_ref(), job, SNAPSHOTS_JSON.file, None).await {
         Ok(list) => list.bytes().await?,
         Err(error) if error.kind == Kind::NotFound => return Ok(Vec::new()),
         Err(error) => return Err(error),
@@ -68,8 +70,8 @@ fn none_of(kept: &[u32], iteration: u32) -> Error {
         Kind::NotFound,
         match list.is_empty() {
             true => format!(
-                "this job kept the labels of no iteration: ask for them with the parameter snapshots; there are none of \
-                 {iteration}"
+                "this job kept the labels of no iteration: ask for them with the parameter snapshots; there are none \
+                 of {iteration}"
             ),
             false => format!("this job kept the labels of iterations {}, not of {iteration}", list.join(", ")),
         },

@@ -11,8 +11,8 @@ use object_store::GetRange;
 
 use super::body::streamed;
 use crate::error::{Error, Kind, Result};
-use crate::service::blobs;
 use crate::service::conditional::Parts;
+use crate::service::job_blobs;
 use crate::service::state::Shared;
 use crate::service::store::{Job, State, Summary};
 
@@ -42,12 +42,14 @@ pub(in crate::service) async fn stored(
     media_type: &'static str,
 ) -> Result<Response> {
     let (files, store) = (Arc::clone(&shared.files), Arc::clone(&shared.store));
-    let blob = blobs::result(&files, store.as_ref(), job, name, range).await?;
+    let blob = job_blobs::result(&files, store.as_ref(), job, name, range).await?;
     let (job, name, start) = (job.clone(), name.to_owned(), blob.start());
     let part = move |range: Range<u64>| -> BoxFuture<'static, Result<Body>> {
         let (files, store, job, name) = (Arc::clone(&files), Arc::clone(&store), job.clone(), name.clone());
         let range = GetRange::Bounded(start + range.start..start + range.end);
-        Box::pin(async move { Ok(blobs::result(&files, store.as_ref(), &job, &name, Some(range)).await?.into_body()) })
+        Box::pin(
+            async move { Ok(job_blobs::result(&files, store.as_ref(), &job, &name, Some(range)).await?.into_body()) },
+        )
     };
     let mut response = streamed(blob.length(), blob.into_body(), media_type);
     response.extensions_mut().insert(Parts(Arc::new(part)));

@@ -157,8 +157,6 @@ pub(in crate::service) struct Summary {
     pub faces: u64,
     /// Clusters.
     pub clusters: u64,
-    /// Whether there are labels at that number: not for a whole hierarchy.
-    pub has_labels: bool,
     /// The report's `labels_sha256`.
     #[serde(default)]
     pub labels_sha256: Option<String>,

@@ -118,7 +118,7 @@ async fn events(store: &dyn JobStore, id: JobId, after: u64, limit: usize) -> Ve
     store.events(id, after, limit).await.expect("readable").expect("a job")
 }
 
-const SUMMARY: Summary = Summary { faces: 12, clusters: 7, has_labels: true, labels_sha256: None, is_small: false };
+const SUMMARY: Summary = Summary { faces: 12, clusters: 7, labels_sha256: None, is_small: false };
 
 fn with_key(tenant: &str, key: &str, request: &str) -> NewJob {
     NewJob {

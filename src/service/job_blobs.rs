@@ -2,7 +2,8 @@
 
 use object_store::GetRange;
 
-use super::files::{Blob, Files, Folder};
+use super::blobs::Blob;
+use super::files::{Files, Folder};
 use super::store::{Job, Queue};
 use crate::error::{Error, Kind, Result};
 

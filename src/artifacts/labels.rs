@@ -1,0 +1,133 @@
+//! Labels: one a face, in upload order.
+
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::npy::write_u32;
+use super::{Artifact, Content, Encoding, Flag, Form, Need, given, npy_header, schema_of};
+use crate::error::Result;
+use crate::hierarchy::Cut;
+
+/// The labels of a job, an iteration or a cut.
+pub static LABELS: Artifact = Artifact {
+    name: "labels",
+    about: "The cluster of each face, in upload order.",
+    needs: &[Need::Labels],
+    forms: &[LABELS_JSON, LABELS_NPY, LABELS_BIN],
+    flags: &[Flag {
+        name: "--labels",
+        value: "OUT",
+        help: "Where to write the labels: OUT.npy, OUT.json, OUT.bin (u32, little-endian), or - for JSON on standard \
+               output",
+    }],
+    is_served: true,
+};
+
+/// `{"clusters": K, "labels": […]}`; of a cut also its kind and energy.
+pub const LABELS_JSON: Form = Form {
+    file: "labels.json",
+    media_type: "application/json",
+    is_stored: false,
+    schema: Some(schema_of::<Labels>),
+    encode: json,
+};
+
+/// NumPy's `.npy`, format version 1.0, one-dimensional uint32, little-endian.
+pub const LABELS_NPY: Form =
+    Form { file: "labels.npy", media_type: "application/x-npy", is_stored: true, schema: None, encode: npy };
+
+/// One u32 a face, little-endian, nothing else: what follows the header of the `.npy`.
+pub const LABELS_BIN: Form =
+    Form { file: "labels.bin", media_type: "application/octet-stream", is_stored: false, schema: None, encode: raw };
+
+/// Labels as JSON; the two other formats hold the same numbers.
+#[derive(Debug, Clone, Copy, Serialize, ToSchema)]
+pub struct Labels<'a> {
+    /// Number of clusters.
+    pub clusters: u64,
+    /// Of labels cut from a hierarchy: `exact` for a state that the run had, `merged` for the last one with more
+    /// clusters and the next round's cheapest merges on top.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<CutKind>)]
+    pub cut: Option<&'static str>,
+    /// Of labels cut from a hierarchy: their energy, source units. Null when it overflows.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub energy: Option<f64>,
+    /// The cluster of each face, in upload order: 0 … clusters − 1.
+    pub labels: &'a [u32],
+}
+
+/// What a cut of a hierarchy is
+#[derive(Debug, Serialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum CutKind {
+    /// A state that the run had.
+    Exact,
+    /// The last state with more clusters, and the next round's cheapest merges.
+    Merged,
+}
+
+impl<'a> Labels<'a> {
+    /// Labels that are not cut from a hierarchy.
+    pub fn new(clusters: u64, labels: &'a [u32]) -> Self {
+        Self { clusters, cut: None, energy: None, labels }
+    }
+}
+
+impl<'a> From<&'a Cut> for Labels<'a> {
+    fn from(cut: &'a Cut) -> Self {
+        Self { clusters: cut.clusters(), cut: Some(cut.kind()), energy: Some(cut.energy), labels: &cut.labels }
+    }
+}
+
+fn json<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
+    let labels = given(content.labels)?;
+    Ok(Box::new(move |out| {
+        serde_json::to_writer(&mut *out, &labels)?;
+        out.write_all(b"\n")
+    }))
+}
+
+fn npy<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
+    let labels = given(content.labels)?.labels;
+    Ok(Box::new(move |out| {
+        out.write_all(&npy_header("<u4", &format!("({},)", labels.len())))?;
+        write_u32(out, labels)
+    }))
+}
+
+fn raw<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
+    let labels = given(content.labels)?.labels;
+    Ok(Box::new(move |out| write_u32(out, labels)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn written(form: &Form, labels: Labels<'_>) -> Vec<u8> {
+        let content = Content { labels: Some(labels), ..Content::default() };
+        let mut out = Vec::new();
+        (form.encode)(&content).expect("labels")(&mut out).expect("a vector takes everything");
+        out
+    }
+
+    #[test]
+    fn npy_data_begins_at_a_multiple_of_64() {
+        let labels = Labels::new(3, &[7, 1 << 31]);
+        let bytes = written(&LABELS_NPY, labels);
+        assert_eq!(bytes.len() % 64, 8);
+        assert_eq!(&bytes[bytes.len() - 8..], [7, 0, 0, 0, 0, 0, 0, 128]);
+        assert_eq!(&bytes[..8], b"\x93NUMPY\x01\x00");
+        assert_eq!(written(&LABELS_BIN, labels), bytes[bytes.len() - 8..]);
+    }
+
+    #[test]
+    fn json_names_the_clusters_and_lists_the_labels() {
+        let labels = Labels::new(3, &[0, 2, 1]);
+        assert_eq!(written(&LABELS_JSON, labels), b"{\"clusters\":3,\"labels\":[0,2,1]}\n");
+        let cut = Labels { cut: Some("exact"), energy: Some(f64::INFINITY), ..labels };
+        let json = b"{\"clusters\":3,\"cut\":\"exact\",\"energy\":null,\"labels\":[0,2,1]}\n";
+        assert_eq!(written(&LABELS_JSON, cut), json);
+    }
+}

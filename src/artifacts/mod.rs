@@ -1,0 +1,183 @@
+//! Outputs: everything that a job can be written as, in one table, [`ALL`].
+//!
+//! Flags of the command line, names and extensions of files, blobs that the service stores, the media types that
+//! `Accept` chooses from, `GET /v1/formats`, the OpenAPI document and the table in `docs/results.md` come from it. A
+//! new output is a file here with its [`Artifact`], and a row of [`ALL`]; if it is served, also a member of `urls`.
+//!
+//! An encoder turns a [`Content`] into bytes. It knows no HTTP, no flags and no folders. [`Need`] says what of a job it
+//! is made of; a job keeps that until it is written.
+
+mod hierarchy;
+mod labels;
+mod npy;
+mod report;
+mod snapshots;
+
+use std::io::{self, Write};
+
+use utoipa::ToSchema;
+use utoipa::openapi::{RefOr, Schema};
+
+use crate::cluster::record::Record;
+use crate::error::{Error, Kind, Result};
+use crate::hierarchy::json::Limits;
+use crate::hierarchy::stored::Stored;
+use crate::mesh::PolygonMesh;
+use crate::parameters::Parameters;
+use crate::report::Report;
+
+pub use hierarchy::{HIERARCHY, HIERARCHY_JSON, HIERARCHY_TSR, LINKAGE_NPY};
+pub use labels::{CutKind, LABELS, LABELS_BIN, LABELS_JSON, LABELS_NPY, Labels};
+pub use npy::npy_header;
+pub use report::{REPORT, REPORT_JSON};
+pub use snapshots::{SNAPSHOTS, SNAPSHOTS_JSON, SNAPSHOTS_NPY};
+
+/// Every output. The report is last: it has the time that writing the others took.
+pub static ALL: [&Artifact; 4] = [&LABELS, &SNAPSHOTS, &HIERARCHY, &REPORT];
+
+/// An output.
+#[derive(Debug)]
+pub struct Artifact {
+    /// Its name, and the last segment of its route.
+    pub name: &'static str,
+    /// What it is, in a sentence.
+    pub about: &'static str,
+    /// What it is made of.
+    pub needs: &'static [Need],
+    /// What it can be written as, the default first.
+    pub forms: &'static [Form],
+    /// Flags of the command line that write it.
+    pub flags: &'static [Flag],
+    /// Whether it has a route. One without a handler of its own serves the stored forms.
+    pub is_served: bool,
+}
+
+/// What an output can be written as.
+#[derive(Debug)]
+pub struct Form {
+    /// Name of the blob, and of a download; its extension is that of files on the command line.
+    pub file: &'static str,
+    /// Media type (`application/x-npy` is not registered with IANA, but usual).
+    pub media_type: &'static str,
+    /// Whether the service stores it. It makes the others on request.
+    pub is_stored: bool,
+    /// Its schema, of JSON.
+    pub schema: Option<fn(&mut Schemas) -> String>,
+    /// Finds what is wrong with the content, and then writes it.
+    pub encode: for<'a> fn(&Content<'a>) -> Result<Encoding<'a>>,
+}
+
+/// Schemas of JSON by their names, for the OpenAPI document.
+pub type Schemas = Vec<(String, RefOr<Schema>)>;
+
+/// Adds the schema of a type and all that it refers to; gives its name.
+fn schema_of<T: ToSchema>(schemas: &mut Schemas) -> String {
+    T::schemas(schemas);
+    schemas.push((T::name().into_owned(), T::schema()));
+    T::name().into_owned()
+}
+
+/// Writes an output.
+pub type Encoding<'a> = Box<dyn FnOnce(&mut dyn Write) -> io::Result<()> + 'a>;
+
+/// A flag of the command line. It writes the forms whose files have its name, and takes any file name if JSON is the
+/// only one.
+#[derive(Debug)]
+pub struct Flag {
+    /// Its name, with dashes.
+    pub name: &'static str,
+    /// What stands for its value in the help.
+    pub value: &'static str,
+    /// Its help.
+    pub help: &'static str,
+}
+
+/// Something that outputs are made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Need {
+    /// One label a face.
+    Labels,
+    /// The labels of the iterations that were asked for.
+    Snapshots,
+    /// The hierarchy.
+    Hierarchy,
+    /// The report.
+    Report,
+    /// Faces and positions of the mesh as they were read.
+    Mesh,
+}
+
+impl Need {
+    /// Whether jobs with these parameters have it. A whole hierarchy has labels at every number of clusters, so it has
+    /// none of its own. (A flat clustering without a number of clusters has listed seeds.)
+    pub fn is_met(self, parameters: &Parameters) -> bool {
+        let is_hierarchical = parameters.algorithm.is_hierarchical();
+        match self {
+            Need::Labels => !is_hierarchical || parameters.clusters.is_some(),
+            Need::Snapshots => parameters.snapshots.is_some(),
+            Need::Hierarchy => is_hierarchical,
+            Need::Report | Need::Mesh => true,
+        }
+    }
+}
+
+impl Artifact {
+    /// Whether jobs with these parameters have it.
+    pub fn is_made(&self, parameters: &Parameters) -> bool {
+        self.needs.iter().all(|need| need.is_met(parameters))
+    }
+}
+
+impl Form {
+    /// File name without its extension.
+    fn stem(&self) -> &'static str {
+        self.file.rsplit_once('.').map_or(self.file, |(stem, _)| stem)
+    }
+
+    /// File extension, without the dot.
+    pub fn extension(&self) -> &'static str {
+        self.file.rsplit_once('.').map_or("", |(_, extension)| extension)
+    }
+}
+
+impl Flag {
+    /// Its name without dashes.
+    pub fn long(&self) -> &'static str {
+        self.name.trim_start_matches('-')
+    }
+
+    /// The forms of its output that the flag writes.
+    pub fn forms(&self, artifact: &'static Artifact) -> impl Iterator<Item = &'static Form> {
+        artifact.forms.iter().filter(|form| form.stem() == self.long())
+    }
+}
+
+/// The forms that the service stores of jobs with these parameters, in the order in which they are written.
+pub fn stored(parameters: &Parameters) -> impl Iterator<Item = &'static Form> {
+    let made = ALL.into_iter().filter(|artifact| artifact.is_made(parameters));
+    made.flat_map(|artifact| artifact.forms).filter(|form| form.is_stored)
+}
+
+/// What outputs are written from: as much of a job as there is.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Content<'a> {
+    /// The labels.
+    pub labels: Option<Labels<'a>>,
+    /// The labels of iterations.
+    pub snapshots: Option<&'a Record>,
+    /// The hierarchy.
+    pub hierarchy: Option<&'a Stored>,
+    /// Which part of the hierarchy is written as JSON.
+    pub limits: Limits,
+    /// The report.
+    pub report: Option<&'a Report>,
+    /// Whether the report is indented.
+    pub is_indented: bool,
+    /// The mesh, where an output needs it.
+    pub mesh: Option<&'a PolygonMesh>,
+}
+
+/// A part of a content that an encoder needs.
+fn given<T>(part: Option<T>) -> Result<T> {
+    part.ok_or_else(|| Error::new(Kind::Internal, "an output was to be written without what it is made of"))
+}

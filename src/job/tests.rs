@@ -1,0 +1,27 @@
+use super::*;
+use crate::artifacts::LABELS;
+use crate::device::cpu::CpuDevice;
+use crate::mesh::NoResources;
+
+#[test]
+fn a_mesh_is_kept_for_an_output_that_needs_it_and_for_no_other() {
+    let made_of_mesh =
+        Artifact { name: "mesh", about: "", needs: &[Need::Mesh], forms: &[], flags: &[], is_served: false };
+    let parameters = Parameters { clusters: Some(1), ..Parameters::default() };
+    for (outputs, positions) in [(vec![&LABELS, &made_of_mesh], Some(4)), (vec![&LABELS], None)] {
+        let request = Request {
+            bytes: b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n",
+            format: Format::Obj,
+            resources: &NoResources,
+            limits: Limits::default(),
+            parameters: &parameters,
+            seeds: None,
+            weights: None,
+            outputs: &outputs,
+        };
+        let prepared = prepare(&request).expect("a mesh");
+        let outcome = run(&prepared, &mut CpuDevice::new(), &Cancel::default(), &mut |_| {}).expect("a result");
+        drop(prepared);
+        assert_eq!(outcome.content().mesh.map(|mesh| mesh.positions.len()), positions);
+    }
+}

@@ -1,0 +1,39 @@
+//! Outputs whose route has no query: those of the table without a handler of their own.
+
+use axum::extract::{Path, State as Extract};
+use axum::http::HeaderMap;
+
+use super::view::tell_expiry;
+use crate::artifacts::Artifact;
+use crate::error::{Error, Kind};
+use crate::service::access::Caller;
+use crate::service::negotiate;
+use crate::service::problem::Answer;
+use crate::service::results::stored::{attachment, stored, succeeded};
+use crate::service::state::App;
+
+/// Serves the stored forms of an output.
+pub(in crate::service) async fn output(
+    artifact: &'static Artifact,
+    Extract(shared): App,
+    caller: Caller,
+    Path(id): Path<String>,
+    headers: HeaderMap,
+) -> Answer {
+    let job = shared.job(&caller, &id).await?;
+    if !artifact.is_made(&job.spec.parameters) {
+        let message = format!("jobs with these parameters have no such output: {}", artifact.name);
+        return Err(Error::new(Kind::NotFound, message).into());
+    }
+    succeeded(&job)?;
+    let (form, is_only) = match artifact.forms {
+        [form] => (form, true),
+        _ => (negotiate::choose(&headers, artifact)?, false),
+    };
+    let mut response = stored(&shared, &job, form.file, None, form.media_type).await?;
+    if !is_only {
+        attachment(&mut response, &job, form.file);
+    }
+    tell_expiry(&mut response, &shared, &job);
+    Ok(response)
+}

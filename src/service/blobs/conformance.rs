@@ -1,0 +1,123 @@
+//! What every place for blobs does.
+
+use futures_util::StreamExt as _;
+use object_store::memory::InMemory;
+use object_store::path::Path;
+
+use super::folder::FolderBlobs;
+use super::*;
+use crate::service::files::failure::blocking;
+
+fn content(bytes: usize) -> Bytes {
+    (0..bytes).map(|at| (at % 251) as u8).collect()
+}
+
+async fn read(blobs: &dyn Blobs, path: &str, range: Option<GetRange>) -> Result<Bytes> {
+    blobs.get(&Path::from(path), range).await?.bytes().await
+}
+
+async fn sorted_names(blobs: &dyn Blobs, below: &str) -> Vec<String> {
+    let mut names = blobs.names(&Path::from(below)).await.expect("listed");
+    names.sort();
+    names
+}
+
+/// Blobs of every size come back whole and in ranges, as bytes, as a body and to a thread that blocks.
+async fn reading(blobs: &dyn Blobs) {
+    for size in [0, 1, 1000, 3 << 20] {
+        let (path, bytes) = (format!("read/{size}"), content(size));
+        blobs.put(&Path::from(path.as_str()), bytes.clone()).await.expect("stored");
+        assert_eq!(read(blobs, &path, None).await, Ok(bytes.clone()));
+        if size < 1000 {
+            continue;
+        }
+        let end = size as u64;
+        for (range, expected) in [
+            (None, 0..end),
+            (Some(GetRange::Bounded(3..9)), 3..9),
+            (Some(GetRange::Suffix(7)), end - 7..end),
+            (Some(GetRange::Offset(end - 1)), end - 1..end),
+        ] {
+            let slice = bytes.slice(expected.start as usize..expected.end as usize);
+            let open = async || blobs.get(&Path::from(path.as_str()), range.clone()).await.expect("there");
+            let blob = open().await;
+            assert_eq!((blob.start(), blob.length()), (expected.start, slice.len() as u64));
+            assert_eq!(blob.bytes().await, Ok(slice.clone()));
+            let mut body = Vec::new();
+            let mut chunks = open().await.into_body().into_data_stream();
+            while let Some(chunk) = chunks.next().await {
+                body.extend(chunk.expect("a chunk"));
+            }
+            assert!(body == slice, "{range:?}");
+            let mut reader = open().await.into_reader();
+            let to_thread = blocking(move || {
+                let mut bytes = Vec::new();
+                reader.read_to_end(&mut bytes).map(|_| bytes)
+            });
+            assert!(to_thread.await.expect("ran").expect("readable") == slice, "{range:?}");
+        }
+    }
+    assert_eq!(read(blobs, "read/none", None).await.expect_err("none").kind, Kind::NotFound);
+}
+
+/// A blob in parts appears when it is complete; one that is dropped never does.
+async fn parts(blobs: &dyn Blobs) {
+    let bytes = content((12 << 20) + 1);
+    for is_completed in [true, false] {
+        let path = format!("parts/{is_completed}");
+        let mut parts = blobs.start(&Path::from(path.as_str())).await.expect("started");
+        for at in (0..bytes.len()).step_by(6 << 20) {
+            parts.add(bytes.slice(at..bytes.len().min(at + (6 << 20)))).await.expect("stored");
+        }
+        assert_eq!(read(blobs, &path, None).await.expect_err("not complete").kind, Kind::NotFound);
+        if is_completed {
+            parts.complete().await.expect("completed");
+            assert!(read(blobs, &path, None).await == Ok(bytes.clone()));
+        } else {
+            drop(parts);
+            assert_eq!(read(blobs, &path, None).await.expect_err("dropped").kind, Kind::NotFound);
+        }
+    }
+}
+
+/// Names are those directly below a path, and what is removed is what lies below it.
+async fn listing_and_removing(blobs: &dyn Blobs) {
+    for (path, size) in [("a/1/x", 5), ("a/1/y/z", 7), ("a/10/x", 11), ("a/b", 13)] {
+        blobs.put(&Path::from(path), content(size)).await.expect("stored");
+    }
+    assert_eq!(sorted_names(blobs, "a").await, ["1", "10", "b"]);
+    assert_eq!(sorted_names(blobs, "a/1").await, ["x", "y"]);
+    assert!(sorted_names(blobs, "nothing").await.is_empty());
+    assert_eq!(blobs.remove(&Path::from("a/1")).await, Ok(12));
+    assert_eq!(sorted_names(blobs, "a").await, ["10", "b"]);
+    for gone in ["a/1/x", "a/1/y/z"] {
+        assert_eq!(read(blobs, gone, None).await.expect_err("removed").kind, Kind::NotFound);
+    }
+    assert_eq!(read(blobs, "a/10/x", None).await, Ok(content(11)));
+    assert_eq!(blobs.remove(&Path::from("a/1")).await, Ok(0));
+    blobs.put(&Path::from("a/1/x"), content(1)).await.expect("stored again");
+    assert_eq!(blobs.remove(&Path::from("a")).await, Ok(25));
+    assert!(sorted_names(blobs, "a").await.is_empty());
+}
+
+async fn check(blobs: &dyn Blobs) {
+    reading(blobs).await;
+    parts(blobs).await;
+    listing_and_removing(blobs).await;
+}
+
+#[tokio::test]
+async fn a_folder_conforms() {
+    for is_kept in [false, true] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let blobs = FolderBlobs::open(folder.path(), is_kept).expect("opened");
+        check(&blobs).await;
+        drop(folder);
+        assert!(blobs.names(&Path::from("a")).await.is_err(), "a folder that is away is not an empty one");
+    }
+}
+
+#[tokio::test]
+async fn an_object_store_in_memory_conforms() {
+    check(&InMemory::new()).await;
+}

@@ -1,0 +1,209 @@
+//! Blobs: bytes under a path, which appear whole, never change, and are removed together with others below a path.
+//!
+//! [`Blobs`] is all that the service needs of a place that keeps them. Every [`ObjectStore`] is one; the folder on a
+//! disk, [`folder::FolderBlobs`], is one of its own, because a folder can be listed and removed as such. One
+//! suite of tests runs for each (`conformance`). Nothing here knows of jobs, or of room on a disk: `files` does.
+
+#[cfg(test)]
+mod conformance;
+pub(super) mod folder;
+
+use std::fmt::Debug;
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
+
+use async_trait::async_trait;
+use axum::body::{Body, Bytes};
+use futures_util::{StreamExt as _, TryStreamExt as _, future, stream};
+use object_store::path::Path;
+use object_store::{
+    GetOptions, GetRange, GetResult, GetResultPayload, MultipartUpload, ObjectMeta, ObjectStore, PutMultipartOptions,
+    PutOptions,
+};
+use tokio::io::AsyncReadExt as _;
+use tokio_util::io::{ReaderStream, StreamReader, SyncIoBridge};
+
+use crate::error::{Error, Kind, Result};
+use crate::hierarchy::stored::Input;
+
+/// Bytes that are read at once.
+const CHUNK: usize = 1 << 16;
+
+/// A place that keeps blobs.
+#[async_trait]
+pub(super) trait Blobs: Debug + Send + Sync {
+    /// Stores a blob, which stays when this returns.
+    async fn put(&self, path: &Path, bytes: Bytes) -> Result<()>;
+
+    /// Starts a blob that is stored in parts.
+    async fn start(&self, path: &Path) -> Result<Parts>;
+
+    /// Opens a blob, or a range of it. [`Kind::NotFound`] if it is not there.
+    async fn get(&self, path: &Path, range: Option<GetRange>) -> Result<Blob>;
+
+    /// The next segment of every path below a path, once each, in no order.
+    async fn names(&self, below: &Path) -> Result<Vec<String>>;
+
+    /// Removes all blobs below a path, and returns the number of their bytes.
+    async fn remove(&self, below: &Path) -> Result<u64>;
+}
+
+#[async_trait]
+impl<S: ObjectStore> Blobs for S {
+    async fn put(&self, path: &Path, bytes: Bytes) -> Result<()> {
+        self.put_opts(path, bytes.into(), PutOptions::default()).await.map(drop).map_err(cannot_store)
+    }
+
+    async fn start(&self, path: &Path) -> Result<Parts> {
+        self.put_multipart_opts(path, PutMultipartOptions::default()).await.map(Parts).map_err(cannot_store)
+    }
+
+    async fn get(&self, path: &Path, range: Option<GetRange>) -> Result<Blob> {
+        let options = GetOptions { range, ..GetOptions::default() };
+        let found = self.get_opts(path, options).await.map_err(cannot_read)?;
+        Ok(Blob(Source::Found(Box::new(found))))
+    }
+
+    async fn names(&self, below: &Path) -> Result<Vec<String>> {
+        let found = self.list_with_delimiter(Some(below)).await.map_err(cannot_read)?;
+        let paths = found.common_prefixes.into_iter().chain(found.objects.into_iter().map(|blob| blob.location));
+        Ok(paths.filter_map(|path| path.filename().map(str::to_owned)).collect())
+    }
+
+    async fn remove(&self, below: &Path) -> Result<u64> {
+        let found: Vec<ObjectMeta> = self.list(Some(below)).try_collect().await.map_err(cannot_read)?;
+        let bytes = found.iter().map(|blob| blob.size).sum();
+        let paths = stream::iter(found.into_iter().map(|blob| Ok(blob.location))).boxed();
+        self.delete_stream(paths).try_for_each(|_| future::ready(Ok(()))).await.map_err(cannot_store)?;
+        Ok(bytes)
+    }
+}
+
+/// A blob that is stored in parts. It is there when [complete](Self::complete); of one that is dropped before, nothing
+/// can be read.
+#[derive(Debug)]
+pub(super) struct Parts(Box<dyn MultipartUpload>);
+
+impl Parts {
+    /// Stores the next part.
+    pub async fn add(&mut self, bytes: Bytes) -> Result<()> {
+        self.0.put_part(bytes.into()).await.map_err(cannot_store)
+    }
+
+    /// Makes the blob appear. It stays when this returns.
+    pub async fn complete(mut self) -> Result<()> {
+        self.0.complete().await.map(drop).map_err(cannot_store)
+    }
+}
+
+/// A blob that is there, or a range of it.
+#[derive(Debug)]
+pub(super) struct Blob(Source);
+
+#[derive(Debug)]
+enum Source {
+    Found(Box<GetResult>),
+    Held { bytes: Bytes, start: u64 },
+}
+
+impl Blob {
+    /// A blob that is held in memory, or a range of it.
+    pub fn held(bytes: &Bytes, range: Option<GetRange>) -> Result<Self> {
+        let range = range.map_or(Ok(0..bytes.len() as u64), |range| range.as_range(bytes.len() as u64));
+        let range = range.map_err(|error| Error::new(Kind::Io, format_args!("a file is too short: {error}")))?;
+        let bytes = bytes.slice(range.start as usize..range.end as usize);
+        Ok(Self(Source::Held { bytes, start: range.start }))
+    }
+
+    /// Number of bytes that will be read.
+    pub fn length(&self) -> u64 {
+        match &self.0 {
+            Source::Found(found) => found.range.end - found.range.start,
+            Source::Held { bytes, .. } => bytes.len() as u64,
+        }
+    }
+
+    /// Where they begin in the whole blob.
+    pub fn start(&self) -> u64 {
+        match &self.0 {
+            Source::Found(found) => found.range.start,
+            Source::Held { start, .. } => *start,
+        }
+    }
+
+    /// The bytes as the body of an answer.
+    pub fn into_body(self) -> Body {
+        let length = self.length();
+        match self.0 {
+            Source::Held { bytes, .. } => Body::from(bytes),
+            Source::Found(found) => match file(found) {
+                Ok(file) => {
+                    let file = tokio::fs::File::from_std(file).take(length);
+                    Body::from_stream(ReaderStream::with_capacity(file, CHUNK))
+                }
+                Err(found) => Body::from_stream(found.into_stream()),
+            },
+        }
+    }
+
+    /// The bytes for a thread that may block; to be called on the runtime.
+    pub fn into_reader(self) -> Box<dyn Input + Send> {
+        let length = self.length();
+        match self.0 {
+            Source::Held { bytes, .. } => Box::new(io::Cursor::new(bytes)),
+            Source::Found(found) => match file(found) {
+                Ok(file) => Box::new(file.take(length)),
+                Err(found) => {
+                    let stream = found.into_stream().map(|chunk| chunk.map_err(io::Error::other));
+                    Box::new(SyncIoBridge::new(StreamReader::new(stream)))
+                }
+            },
+        }
+    }
+
+    /// All bytes.
+    pub async fn bytes(self) -> Result<Bytes> {
+        match self.0 {
+            Source::Held { bytes, .. } => Ok(bytes),
+            Source::Found(found) => found.bytes().await.map_err(cannot_read),
+        }
+    }
+}
+
+impl<T> Input for SyncIoBridge<T> where SyncIoBridge<T>: Read {}
+
+/// A file where the bytes begin, for a blob that is one.
+fn file(found: Box<GetResult>) -> Result<File, Box<GetResult>> {
+    match found.payload {
+        GetResultPayload::File(mut file, path) => match file.seek(SeekFrom::Start(found.range.start)) {
+            Ok(_) => Ok(file),
+            Err(_) => Err(Box::new(GetResult { payload: GetResultPayload::File(file, path), ..*found })),
+        },
+        GetResultPayload::Stream(_) => Err(found),
+    }
+}
+
+/// The error of a blob that cannot be stored.
+fn cannot_store(error: object_store::Error) -> Error {
+    Error::new(kind_of(&error), format_args!("a file cannot be stored: {error}"))
+}
+
+/// The error of a blob that cannot be read.
+fn cannot_read(error: object_store::Error) -> Error {
+    match error {
+        object_store::Error::NotFound { .. } => Error::new(Kind::NotFound, "the file is gone: its job was deleted"),
+        error => Error::new(kind_of(&error), format_args!("a file cannot be read: {error}")),
+    }
+}
+
+/// What kind of trouble it is: that of the first error of the system among its causes.
+fn kind_of(error: &object_store::Error) -> Kind {
+    let mut cause: Option<&(dyn std::error::Error + 'static)> = Some(error);
+    while let Some(error) = cause {
+        if let Some(error) = error.downcast_ref::<io::Error>() {
+            return Kind::of_storage(error);
+        }
+        cause = error.source();
+    }
+    Kind::Io
+}
