@@ -1,7 +1,9 @@
 //! How many jobs may wait: of one tenant here, of all in the store.
 
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
+
+use parking_lot::Mutex;
 
 use super::access::tokens::Tenant;
 use super::metrics::Metrics;
@@ -50,7 +52,7 @@ impl Admission {
     pub async fn place(&self, tenant: &Tenant) -> Result<Place, Failure> {
         let place = Place { creating: Arc::clone(&self.creating), tenant: tenant.name.clone() };
         let others = {
-            let mut creating = self.creating.lock();
+            let mut creating = self.creating.0.lock();
             let count = creating.entry(tenant.name.clone()).or_default();
             *count += 1;
             *count - 1
@@ -88,15 +90,11 @@ impl Admission {
     }
 }
 
-impl Creating {
-    fn lock(&self) -> MutexGuard<'_, HashMap<String, u64>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
+impl Creating {}
 
 impl Drop for Place {
     fn drop(&mut self) {
-        let mut creating = self.creating.lock();
+        let mut creating = self.creating.0.lock();
         if let Some(count) = creating.get_mut(&self.tenant) {
             *count -= 1;
             if *count == 0 {

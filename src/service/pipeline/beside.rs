@@ -5,9 +5,10 @@
 //! a short job takes at most about twice its own time, and a long one is held up by no more than that. Labels depend on
 //! neither.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
+use parking_lot::Mutex;
 use rayon::ThreadPool;
 use tokio::sync::oneshot;
 
@@ -50,7 +51,7 @@ impl Beside {
     ) -> Result<Outcome> {
         let turn = self.line.turn(task.visit.clone()).await;
         let gone = || Error::new(Kind::Internal, "the threads for short meshes are gone");
-        let device = self.like.lock().unwrap_or_else(PoisonError::into_inner).another().ok_or_else(gone)?;
+        let device = self.like.lock().another().ok_or_else(gone)?;
         let (reply, outcome) = oneshot::channel();
         self.threads.spawn(move || {
             let span = task.span.clone();

@@ -12,11 +12,12 @@
 //! one that is [short](Beside) beside a long one. The others take [turns](Line), shared fairly among tenants.
 
 use std::fmt;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use parking_lot::Mutex;
 use rayon::ThreadPool;
 use tokio::sync::oneshot;
 
@@ -81,10 +82,6 @@ struct Shared {
     left: AtomicU64,
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl fmt::Debug for DeviceThread {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("DeviceThread").finish_non_exhaustive()
@@ -143,7 +140,7 @@ impl DeviceThread {
     }
 
     fn another(&self) -> Option<Box<dyn Device>> {
-        lock(&self.like).as_ref()?.another()
+        self.like.lock().as_ref()?.another()
     }
 
     /// Completes once there is a device, or something to stand in for it.
@@ -158,7 +155,7 @@ impl DeviceThread {
     async fn submit(&self, task: Option<Task>) -> Result<Done> {
         let gone = || Error::new(Kind::Internal, "the thread of the device is gone");
         let (reply, mut outcome) = oneshot::channel();
-        let Thread { tasks, life } = lock(&self.thread).clone();
+        let Thread { tasks, life } = self.thread.lock().clone();
         let work = async {
             tasks.send(Submitted { task, reply }).map_err(|_| gone())?;
             (&mut outcome).await.map_err(|_| gone())?
@@ -170,7 +167,7 @@ impl DeviceThread {
                 self.shared.lost("it showed no sign of life");
                 self.shared.left.fetch_add(1, Ordering::SeqCst);
                 let thread = Thread::start(Devices::new(None, &self.shared)?)?;
-                *lock(&self.thread) = thread;
+                *self.thread.lock() = thread;
                 Err(Error::new(
                     Kind::DeviceLost,
                     format_args!("the device showed no sign of life for {:?} (the service's --device-timeout)", self.timeout),

@@ -3,9 +3,10 @@
 //! Prolonged by a task of the runtime, away from the thread of the device: a long step on the device costs no lease.
 
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
+use parking_lot::Mutex;
 use tokio_util::sync::CancellationToken;
 
 use crate::service::store::{Queue, Ticket};
@@ -24,7 +25,7 @@ impl Leases {
     /// Prolongs the lease of a job until this is dropped.
     pub fn hold(self: &Arc<Self>, ticket: Ticket) -> Lease {
         let lost = CancellationToken::new();
-        self.lock().insert(ticket, lost.clone());
+        self.0.lock().insert(ticket, lost.clone());
         Lease { leases: Arc::clone(self), ticket, lost }
     }
 
@@ -39,7 +40,7 @@ impl Leases {
     }
 
     async fn beat(&self, store: &dyn Queue) {
-        let tickets: Vec<Ticket> = self.lock().keys().copied().collect();
+        let tickets: Vec<Ticket> = self.0.lock().keys().copied().collect();
         let lost = match tickets.is_empty() {
             true => Ok(Vec::new()),
             false => store.heartbeat(&tickets, LEASE).await,
@@ -61,13 +62,9 @@ impl Leases {
     }
 
     fn lose(&self, ticket: Ticket) {
-        if let Some(lost) = self.lock().get(&ticket) {
+        if let Some(lost) = self.0.lock().get(&ticket) {
             lost.cancel();
         }
-    }
-
-    fn lock(&self) -> MutexGuard<'_, HashMap<Ticket, CancellationToken>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -88,7 +85,7 @@ impl Lease {
 
 impl Drop for Lease {
     fn drop(&mut self) {
-        self.leases.lock().remove(&self.ticket);
+        self.leases.0.lock().remove(&self.ticket);
     }
 }
 
@@ -118,6 +115,6 @@ mod tests {
         leases.beat(&store).await;
         held.lost().await;
         drop(held);
-        assert!(leases.lock().is_empty());
+        assert!(leases.0.lock().is_empty());
     }
 }

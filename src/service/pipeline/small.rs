@@ -5,9 +5,10 @@
 //! thread each; what asks for more threads there goes on by itself. Which device may be asked for several meshes at a time,
 //! the device says ([`Device::another`](crate::device::Device::another)).
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::thread::available_parallelism;
 
+use parking_lot::Mutex;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
@@ -60,7 +61,7 @@ impl SmallMeshes {
     /// A thread without work, once there is one.
     pub async fn thread(&self) -> Result<Thread> {
         let place = Arc::clone(&self.places).acquire_owned().await.map_err(|_| gone())?;
-        let index = self.threads.idle().pop().ok_or_else(gone)?;
+        let index = self.threads.idle.lock().pop().ok_or_else(gone)?;
         Ok(Thread { threads: Arc::clone(&self.threads), index, _place: place })
     }
 }
@@ -89,16 +90,12 @@ fn gone() -> Error {
     Error::new(Kind::Internal, "the threads for small meshes are gone")
 }
 
-impl Threads {
-    fn idle(&self) -> MutexGuard<'_, Vec<usize>> {
-        self.idle.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
+impl Threads {}
 
 impl Drop for Thread {
     fn drop(&mut self) {
         // before the place, which tells others that there is one
-        self.threads.idle().push(self.index);
+        self.threads.idle.lock().push(self.index);
     }
 }
 
@@ -131,6 +128,6 @@ mod tests {
                 assert_eq!(failed.kind, Kind::Internal);
             }
         }
-        assert_eq!(small.threads.idle().len(), count);
+        assert_eq!(small.threads.idle.lock().len(), count);
     }
 }

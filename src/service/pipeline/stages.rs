@@ -3,10 +3,11 @@
 use std::collections::HashMap;
 use std::io::Write;
 use std::iter;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
+use parking_lot::Mutex;
 use tokio::runtime::Handle;
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
@@ -42,11 +43,11 @@ pub(super) struct Log(Mutex<Option<(Vec<What>, Progress)>>);
 impl Log {
     /// The rows that are left, and the progress after them.
     pub fn rest(&self) -> Option<(Vec<What>, Progress)> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.0.lock().clone()
     }
 
     fn leave(&self, rows: Vec<What>, progress: Progress) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some((rows, progress));
+        *self.0.lock() = Some((rows, progress));
     }
 }
 

@@ -5,9 +5,10 @@
 //!
 //! [`fairness`]: crate::service::store::fairness
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Instant;
 
+use parking_lot::Mutex;
 use tokio::sync::oneshot;
 
 use crate::service::store::fairness::{Share, Turns};
@@ -93,7 +94,7 @@ impl Line {
 
     async fn wait(self: &Arc<Self>, visit: Visit, may_pass: bool) -> Place {
         let call = {
-            let mut state = self.lock();
+            let mut state = self.0.lock();
             match state.cost {
                 None => return Place::Turn(self.begin(&mut state, visit)),
                 Some(other) if may_pass && is_short(visit.cost, other) => return Place::Beside,
@@ -130,16 +131,12 @@ impl Line {
         let Waiting { visit, called, .. } = state.waiting.remove(next);
         Some((called, self.begin(state, visit)))
     }
-
-    fn lock(&self) -> MutexGuard<'_, State> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
 }
 
 impl Drop for Turn {
     fn drop(&mut self) {
         let next = {
-            let mut state = self.line.lock();
+            let mut state = self.line.0.lock();
             if self.visit.cost > 0 {
                 let seconds = self.started.elapsed().as_secs_f64();
                 state.turns.charge(&self.visit.tenant, seconds, self.visit.share);
