@@ -187,9 +187,8 @@ impl Pipeline {
         let state = match verdict {
             Verdict::Ended(mut ending) => {
                 log_end(&ending.end, milliseconds);
-                let kind = if let End::Failed(error) = &ending.end { Some(error.kind) } else { None };
-                let state = ending.end.state();
-                self.metrics.ended(job, state, started.elapsed(), kind);
+                let (state, problem, _) = ending.end.parts();
+                self.metrics.ended(job, state, started.elapsed(), problem.map(|problem| problem.kind));
                 may_have_files = !matches!(&ending.end, End::Succeeded(summary) if summary.is_small);
                 ending.rest = log.rest();
                 loop {
@@ -308,16 +307,5 @@ fn log_end(end: &End, milliseconds: u64) {
         End::Succeeded(Summary { faces, .. }) => tracing::info!(milliseconds, faces, "succeeded"),
         End::Cancelled => tracing::info!(milliseconds, "cancelled"),
         End::Failed(error) => tracing::warn!(milliseconds, kind = error.kind.slug(), "failed: {error}"),
-    }
-}
-
-impl End {
-    /// The state of a job that ended so.
-    fn state(&self) -> State {
-        match self {
-            End::Succeeded(_) => State::Succeeded,
-            End::Failed(_) => State::Failed,
-            End::Cancelled => State::Cancelled,
-        }
     }
 }

@@ -211,6 +211,25 @@ pub(in crate::service) struct Job {
 }
 
 impl Job {
+    /// A new job, which waits.
+    pub fn queued(id: JobId, spec: Spec, created_at: SystemTime) -> Self {
+        Self {
+            id,
+            state: State::Queued,
+            spec,
+            queue_position: None,
+            attempt: 0,
+            worker: None,
+            progress: Progress::default(),
+            cancel_requested: false,
+            problem: None,
+            summary: None,
+            created_at,
+            started_at: None,
+            ended_at: None,
+        }
+    }
+
     /// Whether its upload is kept after its end: that of a job that was given up, which may be run again.
     pub fn keeps_upload(&self) -> bool {
         self.problem.as_ref().is_some_and(|problem| problem.kind == Kind::Poison)

@@ -64,7 +64,7 @@ pub(super) use self::notices::{Notice, Notices};
 pub(super) use self::queue::{
     ALONE, Claiming, Created, End, Ending, Idempotency, ListQuery, NewJob, Page, Queue, Release, Retried, Rules,
 };
-use self::queue::{ALONE_FROM, BLAMED_FROM, given_up, lease_is_over, not_yours, queue_is_full, reused_key};
+use self::queue::{ALONE_FROM, BLAMED_FROM, given_up, lease_is_over, not_yours, reused_key};
 
 /// A whole store. See the [module](self) for the life of a job.
 pub(super) trait JobStore: Queue + Events + Notices + Maintenance {}

@@ -68,6 +68,17 @@ pub(in crate::service::store) const ALONE_FROM: u32 = 2;
 pub(in crate::service::store) const BLAMED_FROM: u32 = 5;
 
 impl Rules {
+    /// [`Kind::QueueFull`] when as many jobs wait as may.
+    pub(in crate::service::store) fn check_room(&self, waiting: u64) -> Result<()> {
+        match waiting < self.max_queued as u64 {
+            true => Ok(()),
+            false => Err(Error::new(
+                Kind::QueueFull,
+                format_args!("as many jobs wait as may; try again later: {}", self.max_queued),
+            )),
+        }
+    }
+
     /// The pause of a job after so many crashes that it was worked on in.
     pub(in crate::service::store) fn pause(&self, crashes: u32) -> Duration {
         let factor = 10u32.saturating_pow(crashes.saturating_sub(1));
@@ -117,8 +128,19 @@ pub(in crate::service) enum End {
     Succeeded(Summary),
     /// With an error.
     Failed(Error),
-    /// Because someone asked for it.
+    /// On request.
     Cancelled,
+}
+
+impl End {
+    /// The state that the job ends in, why it failed, and what it gave.
+    pub fn parts(&self) -> (State, Option<&Error>, Option<&Summary>) {
+        match self {
+            Self::Succeeded(summary) => (State::Succeeded, None, Some(summary)),
+            Self::Failed(error) => (State::Failed, Some(error), None),
+            Self::Cancelled => (State::Cancelled, None, None),
+        }
+    }
 }
 
 /// The end of a running job, and what comes with it, in one step.
@@ -243,11 +265,6 @@ pub(in crate::service) trait Queue: fmt::Debug + Send + Sync {
 
     /// When the job was accepted that waits longest; none when no job waits.
     async fn oldest_queued(&self) -> Result<Option<SystemTime>>;
-}
-
-/// The error of a queue that holds as many jobs as it may.
-pub(in crate::service::store) fn queue_is_full(max_queued: usize) -> Error {
-    Error::new(Kind::QueueFull, format_args!("as many jobs wait as may; try again later: {max_queued}"))
 }
 
 /// The error of a ticket that is over.

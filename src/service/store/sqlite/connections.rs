@@ -5,9 +5,10 @@
 //! itself; what may be much, or far from memory, is read on a thread for blocking work. Knows no table.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
+use parking_lot::Mutex;
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, ErrorCode, OpenFlags, Params, Row};
 use tokio::runtime::{Handle, RuntimeFlavor};
@@ -168,11 +169,11 @@ impl Readers {
     pub async fn close(&self) {
         let _all = self.places.acquire_many(READERS).await;
         self.places.close();
-        self.idle().clear();
+        self.idle.lock().clear();
     }
 
     fn work<T>(&self, work: impl FnOnce(&Connection) -> Result<T, Abort>) -> Result<T> {
-        let idle = self.idle().pop();
+        let idle = self.idle.lock().pop();
         let connection = match idle {
             Some(connection) => connection,
             None => self.connection()?,
@@ -193,11 +194,7 @@ impl Readers {
     }
 
     fn give_back(&self, connection: Connection) {
-        self.idle().push(connection);
-    }
-
-    fn idle(&self) -> MutexGuard<'_, Vec<Connection>> {
-        self.idle.lock().unwrap_or_else(PoisonError::into_inner)
+        self.idle.lock().push(connection);
     }
 }
 

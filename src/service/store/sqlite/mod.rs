@@ -13,7 +13,7 @@ mod claim;
 mod claim_memory;
 mod commands;
 mod connections;
-mod retry;
+mod live;
 mod rows;
 mod schema;
 mod writer;
@@ -28,12 +28,8 @@ use tokio::sync::watch;
 use tokio_util::bytes::Bytes;
 
 use self::check::{Damage, START, is_damage};
-use self::claim::{Begin, Claim, Recover, Recovered};
-use self::commands::{
-    Append, Cancel, Create, Delete, Finish, GiveBack, Heartbeat, Probe, Reclaim, SettleWebhook, check_queue, find,
-};
+use self::claim::Recovered;
 use self::connections::{Readers, all, first, one};
-use self::retry::Retry;
 use self::rows::{column, count, jobs};
 use self::schema::MigrateError;
 use self::writer::{Listeners, Writer};
@@ -75,7 +71,7 @@ impl SqliteStore {
         let writer = writer.map_err(|error| cannot(&error))?;
         let store = Self { rules, readers: Arc::new(readers), writer, listeners, damage, cursors };
         // One process has the file: whatever ran, ran in one that ended.
-        let recovered = store.writer.carry_out(Recover(rules)).await?;
+        let recovered = store.writer.carry_out(move |batch| claim::recover(batch, &rules)).await?;
         if recovered != Recovered::default() {
             let Recovered { unharmed, suspects, ended } = recovered;
             tracing::warn!(unharmed, suspects, ended, "the service did not stop in order; jobs that ran wait again");
@@ -127,7 +123,7 @@ fn cursors(connection: &Connection) -> Result<Cursors, MigrateError> {
 #[async_trait]
 impl Queue for SqliteStore {
     async fn check_room(&self) -> Result<()> {
-        self.readers.read(|reader| check_queue(reader, &self.rules)).await
+        self.readers.read(|reader| commands::check_room(reader, &self.rules)).await
     }
 
     async fn knows_key(&self, tenant: &str, key: &str) -> Result<bool> {
@@ -137,11 +133,12 @@ impl Queue for SqliteStore {
     }
 
     async fn create(&self, job: NewJob) -> Result<Created> {
-        self.writer.carry_out(Create(job, self.rules)).await
+        let rules = self.rules;
+        self.writer.carry_out(move |batch| commands::create(batch, &job, &rules)).await
     }
 
     async fn get(&self, id: JobId) -> Result<Option<Job>> {
-        self.readers.read(|reader| find(reader, id)).await
+        self.readers.read(|reader| commands::find(reader, id)).await
     }
 
     async fn list(&self, list: &ListQuery) -> Result<Page> {
@@ -165,35 +162,40 @@ impl Queue for SqliteStore {
     }
 
     async fn claim_as(&self, claiming: Claiming) -> Result<Vec<(Ticket, Job)>> {
-        self.writer.carry_out(Claim { claiming, listeners: Arc::clone(&self.listeners) }).await
+        let listeners = Arc::clone(&self.listeners);
+        self.writer.carry_out(move |batch| claim::claim(batch, &claiming, &listeners.claims)).await
     }
 
     fn next_start(&self) -> Option<Duration> {
-        self.listeners.claims.next_start().map(|start| start.duration_since(rows::now()).unwrap_or_default())
+        self.listeners.claims.lock().next_start.map(|start| start.duration_since(rows::now()).unwrap_or_default())
     }
 
     async fn begin(&self, ticket: Ticket) -> Result<()> {
-        self.writer.carry_out(Begin(ticket)).await
+        self.writer.carry_out(move |batch| commands::begin(batch, ticket)).await
     }
 
     async fn retry(&self, id: JobId) -> Result<Retried> {
-        self.writer.carry_out(Retry(id, self.rules)).await
+        let rules = self.rules;
+        self.writer.carry_out(move |batch| commands::retry(batch, id, &rules)).await
     }
 
     async fn heartbeat(&self, tickets: &[Ticket], lease: Duration) -> Result<Vec<Ticket>> {
-        self.writer.carry_out(Heartbeat { tickets: tickets.to_vec(), lease }).await
+        let tickets = tickets.to_vec();
+        self.writer.carry_out(move |batch| commands::heartbeat(batch, &tickets, lease)).await
     }
 
     async fn release(&self, ticket: Ticket, release: Release) -> Result<State> {
-        self.writer.carry_out(GiveBack(ticket, release, self.rules)).await
+        let rules = self.rules;
+        self.writer.carry_out(move |batch| commands::release(batch, ticket, &release, &rules)).await
     }
 
     async fn reclaim(&self) -> Result<Vec<Ticket>> {
-        self.writer.carry_out(Reclaim(self.rules)).await
+        let rules = self.rules;
+        self.writer.carry_out(move |batch| commands::reclaim(batch, &rules)).await
     }
 
     async fn end(&self, ticket: Ticket, ending: Ending) -> Result<()> {
-        self.writer.carry_out(Finish(ticket, ending)).await
+        self.writer.carry_out(move |batch| commands::end(batch, ticket, &ending)).await
     }
 
     fn takes(&self, bytes: u64) -> bool {
@@ -210,13 +212,11 @@ impl Queue for SqliteStore {
     }
 
     async fn cancel(&self, id: JobId) -> Result<Option<Job>> {
-        self.writer.carry_out(Cancel(id)).await
+        self.writer.carry_out(move |batch| commands::cancel(batch, id)).await
     }
 
     fn arrivals(&self) -> watch::Receiver<u64> {
-        let mut receiver = self.listeners.arrivals.subscribe();
-        receiver.mark_changed();
-        receiver
+        self.listeners.arrivals.subscribe()
     }
 
     async fn queued_of(&self, tenant: &str) -> Result<u64> {
@@ -250,7 +250,7 @@ impl Queue for SqliteStore {
 #[async_trait]
 impl Events for SqliteStore {
     async fn append(&self, ticket: Ticket, events: Vec<What>, progress: Progress) -> Result<()> {
-        self.writer.carry_out(Append { ticket, events, progress }).await
+        self.writer.carry_out(move |batch| commands::append(batch, ticket, &events, &progress)).await
     }
 
     async fn events(&self, id: JobId, after: u64, limit: usize) -> Result<Option<Vec<Event>>> {
@@ -282,9 +282,7 @@ impl Events for SqliteStore {
 #[async_trait]
 impl Notices for SqliteStore {
     fn endings(&self) -> watch::Receiver<u64> {
-        let mut receiver = self.listeners.endings.subscribe();
-        receiver.mark_changed();
-        receiver
+        self.listeners.endings.subscribe()
     }
 
     async fn untold(&self) -> Result<Vec<JobId>> {
@@ -298,7 +296,7 @@ impl Notices for SqliteStore {
     }
 
     async fn settle_webhook(&self, id: JobId, ended_at: SystemTime) -> Result<()> {
-        self.writer.carry_out(SettleWebhook(id, ended_at)).await
+        self.writer.carry_out(move |batch| commands::settle_webhook(batch, id, ended_at)).await
     }
 }
 
@@ -314,7 +312,7 @@ impl Maintenance for SqliteStore {
     }
 
     async fn delete(&self, id: JobId) -> Result<Deletion> {
-        self.writer.carry_out(Delete(id)).await
+        self.writer.carry_out(move |batch| commands::delete(batch, id)).await
     }
 
     async fn ended_before(&self, time: SystemTime, limit: usize) -> Result<Vec<JobId>> {
@@ -327,7 +325,7 @@ impl Maintenance for SqliteStore {
     async fn probe(&self) -> Result<()> {
         match self.damage.found() {
             Some(error) => Err(error),
-            None => self.writer.carry_out(Probe).await,
+            None => self.writer.carry_out(commands::probe).await,
         }
     }
 

@@ -88,9 +88,10 @@ async fn a_full_database_is_no_room_and_takes_jobs_again_later() {
     let writer = Writer::start(connection, path, Arc::default(), Arc::default(), Faults::default()).expect("it starts");
     let mut large = new_job();
     large.spec.buffers = vec!["x".repeat(1 << 20)];
-    let error = writer.carry_out(Create(large.clone(), RULES)).await.expect_err("no room");
+    let create = move |batch: &mut writer::Batch<'_>| commands::create(batch, &large, &RULES);
+    let error = writer.carry_out(create.clone()).await.expect_err("no room");
     assert_eq!(error.kind, Kind::InsufficientStorage, "{error}");
-    writer.carry_out(Create(large, RULES)).await.expect("there is room again");
+    writer.carry_out(create).await.expect("there is room again");
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -117,15 +118,9 @@ async fn a_command_that_fails_takes_no_other_with_it() {
 }
 
 /// A command with a defect.
-struct Panic;
-
-impl writer::Command for Panic {
-    type Output = ();
-
-    fn apply(&self, batch: &mut writer::Batch<'_>) -> Result<(), connections::Abort> {
-        connections::execute(batch.connection, "DELETE FROM jobs", [])?;
-        panic!("on purpose")
-    }
+fn panics(batch: &mut writer::Batch<'_>) -> Result<(), connections::Abort> {
+    connections::execute(batch.connection, "DELETE FROM jobs", [])?;
+    panic!("on purpose")
 }
 
 #[tokio::test]
@@ -144,7 +139,7 @@ async fn a_command_that_panics_fails_alone_and_leaves_nothing() {
     let (before, defect, after, ()) = tokio::join!(
         biased;
         store.create(new_job()),
-        store.writer.carry_out(Panic),
+        store.writer.carry_out(panics),
         store.create(new_job()),
         async { faults.disarm() },
     );
