@@ -4,6 +4,7 @@
 //! tenant is not there. Without a file of tokens everybody is one tenant. A token is never logged, nor part of an
 //! error.
 
+mod file;
 pub(super) mod tokens;
 
 use std::net::IpAddr;
