@@ -38,7 +38,7 @@ pub struct Faults {
     held: Arc<Held>,
 }
 
-/// Points at which everything waits, and how many wait there.
+/// Points that are held, and the number of threads that wait there.
 #[cfg(debug_assertions)]
 #[derive(Debug, Default)]
 struct Held {
@@ -71,26 +71,26 @@ struct Armed {
 }
 
 impl Faults {
-    /// From the time `after` on, `point` fails `times` times as `kind` says.
+    /// `point` is passed `after` times, then fails `times` times with an error of `kind`.
     #[cfg(debug_assertions)]
     pub fn arm(&self, point: FaultPoint, kind: io::ErrorKind, after: usize, times: usize) {
         let armed = Armed { point, kind, passes: after, failures: times };
         self.armed.lock().push(armed);
     }
 
-    /// From now on, everything that comes to `point` waits there. Not for points on the runtime's own threads.
+    /// From now on, every thread that reaches `point` waits there. Not for points on the runtime's own threads.
     #[cfg(debug_assertions)]
     pub fn hold(&self, point: FaultPoint) {
         self.held.points.lock().push((point, 0));
     }
 
-    /// How many wait at a point.
+    /// Number of threads that wait at a point.
     #[cfg(debug_assertions)]
     pub fn waiting(&self, at: FaultPoint) -> usize {
         self.held.points.lock().iter().find(|(point, _)| *point == at).map_or(0, |(_, waiting)| *waiting)
     }
 
-    /// Nothing fails any more, or waits.
+    /// Ends all faults and all waits.
     #[cfg(debug_assertions)]
     pub fn disarm(&self) {
         self.armed.lock().clear();
@@ -98,7 +98,7 @@ impl Faults {
         self.held.changed.notify_all();
     }
 
-    /// Aborts the process when a test says so about a file of this name, as a mesh would that takes all memory.
+    /// Aborts the process when [`ABORT_AT`] names this file, as a mesh would that takes all memory.
     #[cfg(debug_assertions)]
     pub(super) fn abort_at(&self, file_name: Option<&str>) {
         if file_name.is_some_and(|name| std::env::var(ABORT_AT).is_ok_and(|wanted| wanted == name)) {

@@ -1,7 +1,7 @@
 //! What is wrong with the service right now, by name: the reasons in `/readyz` and in the metrics.
 //!
-//! Whoever finds a part of the service broken says so here, and takes it back when the part works again. A part that
-//! fails makes the service not ready; one that is degraded is told, and jobs are taken all the same.
+//! Code that finds a part of the service broken reports it here, and clears it when the part works again. A part that
+//! fails makes the service not ready. A degraded part is listed; jobs are taken all the same.
 
 use std::collections::BTreeMap;
 

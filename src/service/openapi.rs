@@ -70,8 +70,8 @@ impl Modify for Adjustments {
     fn modify(&self, document: &mut openapi::OpenApi) {
         let Some(components) = document.components.as_mut() else { return };
         let token = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(
-            "A token of the operator's; needed where the service runs with tokens, everywhere but at /healthz, /readyz, \
-             /v1/version and /openapi.yaml",
+            "A token of the operator's; needed where the service runs with tokens, everywhere but at /healthz, \
+             /readyz, /v1/version and /openapi.yaml",
         ));
         components.add_security_scheme("token", SecurityScheme::Http(token.build()));
         // either without or with one: which of the two is the operator's choice
@@ -95,7 +95,7 @@ impl Modify for Adjustments {
         of_jobs.description = Some("The parameters of a job, as the JSON part of a form".to_owned());
         let webhook = ObjectBuilder::new()
             .schema_type(Type::String)
-            .description(Some("URL that is told the end of the job; on a host that the operator allows"));
+            .description(Some("URL that receives a POST when the job has ended; on a host that the operator allows"));
         let priority = ObjectBuilder::new()
             .schema_type(Type::Integer)
             .minimum(Some(*PRIORITIES.start()))

@@ -1,7 +1,7 @@
-//! Who imports whom: no module imports in a circle, no file of the service does, and the engine imports nothing above it.
+//! Imports: no module imports in a circle, no file of the service does, and the engine imports nothing above it.
 //!
-//! The paths in the source (`crate::`, `super::`, `self::`, `use`) are read, apart from comments and from what is compiled
-//! for tests only. A `mod` item is no import: a parent that declares a child does not use it.
+//! The tests read the paths in the source (`crate::`, `super::`, `self::`, `use`), without comments and test code. A
+//! `mod` item is no import: a parent that declares a child does not use it.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -28,6 +28,22 @@ fn files_of_the_service_do_not_import_in_circles() {
     let graph = imports(&crate_sources(), file_of_the_service);
     assert!(graph.len() > 50 && graph["service::retention"].contains("service::store"), "{graph:?}");
     assert_eq!(circles(&graph), Vec::<Vec<String>>::new());
+}
+
+#[test]
+fn modules_import_only_modules_above_them_in_the_map_of_the_crate() {
+    let map = |text: &str| -> Vec<String> {
+        let rows = text.lines().filter_map(|line| line.strip_prefix("//! | [`"));
+        rows.filter_map(|row| Some(row.split('`').next()?.trim_start_matches("mod@").to_owned())).collect()
+    };
+    let sources = crate_sources();
+    let order = map(&sources.iter().find(|source| source.path == "src/lib.rs").expect("the library").text);
+    assert!(order.len() > 10, "{order:?}");
+    let graph = imports(&sources, layer);
+    assert_eq!(arrows_downwards(&graph, &order), Vec::<String>::new());
+    let order = map("//! | [`mod@error`] | x |\n//! | [`mesh`] | y |");
+    let graph = Graph::from([("error".to_owned(), BTreeSet::from(["mesh".to_owned(), "error".to_owned()]))]);
+    assert_eq!(arrows_downwards(&graph, &order), ["error -> mesh"]);
 }
 
 #[test]
@@ -245,6 +261,14 @@ fn circles(graph: &Graph) -> Vec<Vec<String>> {
         }
     }
     found.into_iter().collect()
+}
+
+/// Imports of a module that stands lower in the map: `from -> to`. What the map leaves out lies below all of it.
+fn arrows_downwards(graph: &Graph, order: &[String]) -> Vec<String> {
+    let place = |node: &str| order.iter().position(|name| name == node.split("::").next().unwrap_or(node));
+    let arrows = graph.iter().flat_map(|(from, to)| to.iter().map(move |to| (from, to)));
+    let bad = arrows.filter(|(from, to)| place(from).is_some_and(|from| place(to).is_some_and(|to| to > from)));
+    bad.map(|(from, to)| format!("{from} -> {to}")).collect()
 }
 
 /// What a module of the engine imports although it may not: `from -> to`.

@@ -1,8 +1,8 @@
 //! Tokens: which tenants may use the service, and how much of it.
 //!
 //! A token is `tess_ID_SECRET`. The file of tokens has the id, a salt, and the SHA-256 of salt and secret, so that a
-//! reader of the file has no token. The secret is 256 random bits: a slow hash would gain nothing. [`file`](super::file)
-//! reads and writes the file.
+//! reader of the file has no token. The secret is 256 random bits: a slow hash would gain nothing.
+//! [`file`](super::file) reads and writes the file.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
@@ -66,7 +66,7 @@ pub struct TokenFile {
 pub struct TenantEntry {
     /// What it may use.
     pub quotas: Quotas,
-    /// Whether it may read `/metrics`, which tell about everybody.
+    /// Whether it may read `/metrics`, which cover all tenants.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub metrics: bool,
     /// Its tokens, any of which will do.
@@ -193,8 +193,8 @@ struct Known {
     tenant: Tenant,
 }
 
-/// Which token a request came with: its id, and the digest of its secret, which differs when the token is replaced under
-/// the same id.
+/// Which token a request came with: its id, and the digest of its secret, which differs when the token is replaced
+/// under the same id.
 #[derive(Clone, PartialEq, Eq)]
 pub(in crate::service) struct TokenName {
     id: String,
@@ -237,7 +237,7 @@ impl Tokens {
         self.shares.clone()
     }
 
-    /// Whose token it is, and which one. Takes as long for a wrong token as for a right one.
+    /// The tenant of a token, and which token it is. Takes as long for a wrong token as for a right one.
     pub fn tenant(&self, token: &str) -> Option<(&Tenant, TokenName)> {
         let (id, secret) = token.strip_prefix(PREFIX).and_then(|rest| rest.split_once('_'))?;
         let known = self.by_id.get(id);

@@ -41,32 +41,39 @@ pub(in crate::service) struct UploadForm {
     /// Listed seeds, one face number a cluster: `.npy`, a JSON array, or numbers in text.
     #[schema(value_type = Option<Binary>)]
     seeds: Option<Binary>,
-    /// Weights that areas are multiplied by, so that clusters are smaller where they are larger: `.npy` with floats above 0,
-    /// one a face or one a vertex, whose mean a face takes.
+    /// Weights that areas are multiplied by, so that clusters are smaller where they are larger: `.npy` with floats
+    /// above 0, one a face or one a vertex, whose mean a face takes.
     #[schema(value_type = Option<Binary>)]
     weights: Option<Binary>,
 }
 
 /// Submit a mesh
 ///
-/// The body is the mesh, or a form with the mesh and more. `Prefer: wait=N` waits up to N seconds for the job's end: 200
-/// with the ended job, the problem of a failed one, or 202 when it takes longer.
+/// The body is the mesh, or a form with the mesh and more. `Prefer: wait=N` waits up to N seconds for the job's end:
+/// 200 with the ended job, the problem of a failed one, or 202 when it takes longer.
 #[utoipa::path(
     post, path = "/v1/jobs", tag = "jobs", operation_id = "createJob",
     params(
         ("format" = Option<Format>, Query, description = "Format of the mesh, where its media type does not say it"),
-        ("priority" = Option<i8>, Query, minimum = -100, maximum = 100, description = "Of your waiting jobs, those with a higher priority start first; 0 when left out"),
-        ("webhook" = Option<String>, Query, description = "URL that is told the end of the job, signed as Standard Webhooks says; on a host that the operator allows"),
-        ("Prefer" = Option<String>, Header, description = "`wait=N`: answer when the job has ended, or after N seconds"),
-        ("Idempotency-Key" = Option<String>, Header, description = "A string that is new with every new request: the same request with the same key gives the same job as long as that is kept, another request 422"),
+        ("priority" = Option<i8>, Query, minimum = -100, maximum = 100,
+         description = "Of your waiting jobs, those with a higher priority start first; 0 when left out"),
+        ("webhook" = Option<String>, Query,
+         description = "URL that receives a signed POST (Standard Webhooks) when the job has ended; on a host that the \
+                        operator allows"),
+        ("Prefer" = Option<String>, Header,
+         description = "`wait=N`: answer when the job has ended, or after N seconds"),
+        ("Idempotency-Key" = Option<String>, Header,
+         description = "A string that is new with every new request: the same request with the same key gives the same \
+                        job as long as that is kept, another request 422"),
     ),
     request_body(description = "The mesh, or a form", content(
         (inline(Binary) = "application/octet-stream"),
         (UploadForm = "multipart/form-data"),
     )),
     responses(
-        (status = 200, description = "The job has succeeded, or was cancelled, while the request waited for it", body = JobView,
-         headers(("Location" = String, description = "Path of the job"), ("Preference-Applied" = String, description = "`wait`"))),
+        (status = 200, description = "The job has succeeded, or was cancelled, while the request waited for it",
+         body = JobView, headers(("Location" = String, description = "Path of the job"),
+                                 ("Preference-Applied" = String, description = "`wait`"))),
         (status = 202, description = "The job was accepted", body = JobView,
          headers(("Location" = String, description = "Path of the job"))),
         (status = 400, response = Problematic),

@@ -73,17 +73,18 @@ pub(in crate::service) struct StreamEvent {
 
 /// Follow a job
 ///
-/// Events `state` ({state}, and of `running` {attempt, worker}), `iteration` (a row of the report's `iterations`), `round`
-/// (a row of its `levels`) and `end` ({state, problem}), after which the stream closes unless the job was run again;
-/// comments keep a quiet stream open. An attempt that was broken off is made again from the beginning: `state` tells the
-/// number of the attempt that the following iterations and rounds are of, and their numbers begin again. The id of an
-/// event is its number, from 1 without gaps. With `Last-Event-ID` the stream begins after that event; when there is
-/// nothing after it and the job has ended, the answer is 204, which tells an EventSource not to come back.
+/// Events `state` ({state}, and of `running` {attempt, worker}), `iteration` (a row of the report's `iterations`),
+/// `round` (a row of its `levels`) and `end` ({state, problem}), after which the stream closes unless the job was run
+/// again; comments keep a quiet stream open. An attempt that was broken off is made again from the beginning: `state`
+/// tells the number of the attempt that the following iterations and rounds are of, and their numbers begin again. The
+/// id of an event is its number, from 1 without gaps. With `Last-Event-ID` the stream begins after that event; when
+/// there is nothing after it and the job has ended, the answer is 204, which tells an EventSource not to come back.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/events", tag = "jobs", operation_id = "streamEvents",
     params(
         ("id" = String, Path, format = "uuid", description = "Id of the job"),
-        ("Last-Event-ID" = Option<u64>, Header, description = "Number of the last event that is known; 0 or absent for none"),
+        ("Last-Event-ID" = Option<u64>, Header,
+         description = "Number of the last event that is known; 0 or absent for none"),
     ),
     responses(
         (status = 200, description = "The events", body = StreamEvent, content_type = "text/event-stream"),

@@ -44,8 +44,8 @@ pub(in crate::service) async fn healthz() -> Json<HealthView> {
 
 /// Readiness
 ///
-/// Whether jobs are taken; if not, which part does not work. Why, with paths and causes, is told to tokens that may read
-/// metrics, and on the service's own machine where there are no tokens.
+/// Whether jobs are taken; if not, which part does not work. Causes and paths are included for tokens that may read
+/// metrics and, in a service without tokens, for requests from its own machine.
 #[utoipa::path(
     get, path = "/readyz", tag = "service", operation_id = "getReadiness",
     responses(

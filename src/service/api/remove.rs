@@ -17,7 +17,7 @@ use crate::service::store::{Deletion, State, no_such_job};
 /// Cancel or delete a job
 ///
 /// A job that has not ended is cancelled: it ends soon and stays in the list. One that has ended is deleted with its
-/// results; what its webhook is still to be told is told all the same.
+/// results; a webhook that was not delivered yet is delivered all the same.
 #[utoipa::path(
     delete, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "deleteJob",
     params(("id" = String, Path, format = "uuid", description = "Id of the job")),

@@ -36,13 +36,13 @@ pub(in crate::service) struct JobView {
     worker: Option<String>,
     /// How far it is.
     progress: ProgressView,
-    /// Whether someone asked for its end.
+    /// Whether it is to be cancelled.
     cancel_requested: bool,
     /// Why it failed.
     problem: Option<Problem>,
     /// What it gave; null before it has succeeded.
     result: Option<ResultView>,
-    /// What is asked for.
+    /// The parameters of the request.
     parameters: Parameters,
     /// What was uploaded.
     mesh: MeshView,

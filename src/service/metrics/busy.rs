@@ -1,4 +1,4 @@
-//! How long something was at work: time with one job or several counts once.
+//! Time in which the device worked: time with one job or several counts once.
 
 use std::time::{Duration, Instant};
 

@@ -203,7 +203,7 @@ impl Metrics {
         self.families.faces.get_or_create(&label).inc_by(report.input.faces);
     }
 
-    /// A device was opened, which tells of its memory so.
+    /// A device was opened; `memory` reads how much it has allocated.
     pub fn device_opened(&self, memory: MemoryMeter) {
         *self.memory_meter.lock() = Some(Meter(memory));
     }
@@ -247,17 +247,17 @@ impl Metrics {
         }
     }
 
-    /// The end of a job was told, or not.
+    /// An attempt at a webhook ended.
     pub fn told(&self, outcome: &'static str) {
         self.families.webhooks.get_or_create(&ByOutcome { outcome }).inc();
     }
 
-    /// So many ends are still to be told.
+    /// Number of webhooks that are not settled.
     pub fn webhooks_pending(&self, count: usize) {
         self.families.webhooks_pending.set(count as i64);
     }
 
-    /// So many more connections are open.
+    /// `more` connections were opened, or closed where it is negative.
     pub fn connections(&self, more: i64) {
         self.families.connections.inc_by(more);
     }
@@ -267,7 +267,7 @@ impl Metrics {
         self.families.connections_refused.inc();
     }
 
-    /// Seconds after which the last of `queued` jobs will have begun, as far as the past tells.
+    /// Estimated seconds until the last of `queued` jobs has begun.
     pub fn seconds_to_empty(&self, queued: u64) -> Option<u32> {
         let pace = (*self.pace.lock())?;
         Some((pace * queued as f64).ceil().clamp(1.0, 300.0) as u32)

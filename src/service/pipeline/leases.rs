@@ -1,6 +1,6 @@
-//! Leases: what is worked on here stays this process's, and what another let go is worked on again.
+//! Leases: a task prolongs those of this process's jobs, and returns jobs whose lease is over to the queue.
 //!
-//! Prolonged by a task of the runtime, away from the thread of the device: a long step on the device costs no lease.
+//! The task runs on the runtime, not on the thread of the device: a long step on the device costs no lease.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -47,13 +47,13 @@ impl Leases {
         };
         match lost {
             Ok(lost) => lost.iter().for_each(|ticket| self.lose(*ticket)),
-            // no lease is given up for a disk that fails: nobody else could take it over
+            // a disk that fails costs no lease: no other process could take the job either
             Err(error) => return tracing::warn!(%error, "leases cannot be prolonged now"),
         }
         match store.reclaim().await {
             Ok(reclaimed) => {
                 for ticket in reclaimed {
-                    tracing::warn!(job = %ticket.job, "nobody works on it any more; it waits again");
+                    tracing::warn!(job = %ticket.job, "the lease of the job is over; it waits again");
                     self.lose(ticket);
                 }
             }

@@ -1,9 +1,9 @@
 //! Small meshes: one thread works on each, several meshes at a time.
 //!
-//! Threads that share a small mesh spend more time on handing it to each other than on working on it: 5,000 faces take one
-//! thread about as long as two (measured), so two meshes at a time are done twice as fast. Here are pools of rayon's with one
-//! thread each; what asks for more threads there goes on by itself. Which device may be asked for several meshes at a time,
-//! the device says ([`Device::another`](crate::device::Device::another)).
+//! Threads that share a small mesh lose more time on synchronisation than they gain: 5,000 faces take one thread about
+//! as long as two (measured), so two meshes at a time are done twice as fast. Each pool has one thread; parallel code
+//! runs sequentially there. [`Device::another`](crate::device::Device::another) says whether a device takes several
+//! meshes at a time.
 
 use std::sync::Arc;
 use std::thread::available_parallelism;
@@ -79,7 +79,7 @@ impl Thread {
         threads.pools[self.index].spawn(move || {
             let outcome = caught(work);
             drop(self);
-            // Nobody may be waiting any more.
+            // the receiver may be gone
             let _ = reply.send(outcome);
         });
         outcome.await.map_err(|_| gone())?
@@ -94,7 +94,7 @@ impl Threads {}
 
 impl Drop for Thread {
     fn drop(&mut self) {
-        // before the place, which tells others that there is one
+        // before the place is freed, which lets the next mesh take a thread
         self.threads.idle.lock().push(self.index);
     }
 }

@@ -52,7 +52,7 @@ impl Log {
 }
 
 impl Pipeline {
-    /// From the upload to labels, in memory. May be dropped in the middle; `broken_off` tells what then still waits.
+    /// From the upload to labels, in memory. May be dropped in the middle; `broken_off` then stops what still waits.
     pub(super) async fn cluster(
         &self,
         slot: &Slot,
@@ -95,7 +95,7 @@ impl Pipeline {
         Ok(outcome)
     }
 
-    /// From labels to files. Must not be dropped in the middle: it would go on, and leave files that nobody knows of.
+    /// From labels to files. Must not be dropped in the middle: it would go on, and leave files of no job.
     pub(super) async fn write(&self, slot: Slot, job: &Job, outcome: Outcome, started: Instant) -> Result<Written> {
         let files = Arc::clone(&self.files);
         let (id, attempt) = (job.id, job.attempt);

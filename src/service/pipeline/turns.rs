@@ -13,7 +13,7 @@ use tokio::sync::oneshot;
 
 use crate::service::store::fairness::{Share, Turns};
 
-/// A mesh is short beside another one of at least so many times its cost.
+/// A mesh is short beside another one of at least this multiple of its cost.
 const SHORT: u64 = 4;
 
 /// A queue before the device, in which one mesh at a time has its turn.
@@ -25,7 +25,7 @@ struct State {
     turns: Turns,
     /// Cost of the mesh that has its turn.
     cost: Option<u64>,
-    /// Those that wait, in the order of their arrival. Some may not wait any more.
+    /// Visits that wait, in the order of their arrival; some may have given up.
     waiting: Vec<Waiting>,
 }
 
@@ -46,14 +46,14 @@ pub(super) enum Place {
     Beside,
 }
 
-/// What waits for a turn.
+/// A mesh that waits for its turn.
 #[derive(Debug, Clone)]
 pub(super) struct Visit {
-    /// Whose mesh it is.
+    /// The tenant of the mesh.
     pub tenant: Arc<str>,
-    /// What that tenant may use.
+    /// The share of that tenant.
     pub share: Share,
-    /// About how much work it is, in any unit; 0 takes the turn without being charged to anybody.
+    /// Approximate work, in any unit; a turn of cost 0 is charged to no tenant.
     pub cost: u64,
 }
 

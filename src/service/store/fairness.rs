@@ -1,9 +1,9 @@
 //! Which tenant is served next: start-time fair queueing over tenants.
 //!
 //! Two queues use it, each with a [`Turns`] of its own: claims from the store (one unit a job), and time on the device
-//! (seconds). Every tenant has a virtual time that advances by what it used, divided by its weight. A tenant that comes back
-//! after a pause starts at the current virtual time: it neither waits for what it did not use, nor gets credit for it. The
-//! state is kept in memory only; after a restart all tenants start equal.
+//! (seconds). Every tenant has a virtual time that advances by what it used, divided by its weight. A tenant that comes
+//! back after a pause starts at the current virtual time: it neither waits for what it did not use, nor gets credit for
+//! it. The state is kept in memory only; after a restart all tenants start equal.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -49,7 +49,7 @@ pub(in crate::service) struct Turns {
     next: HashMap<Arc<str>, f64>,
 }
 
-/// Tenants above which those that are no later than the clock are forgotten.
+/// Number of tenants above which those at or before the clock are dropped.
 const KEPT: usize = 1024;
 
 impl Turns {
@@ -63,7 +63,7 @@ impl Turns {
         self.clock = self.start(tenant);
     }
 
-    /// A tenant used so much, in any unit that is the same for all.
+    /// A tenant used `amount`, in a unit that is the same for all tenants.
     pub fn charge(&mut self, tenant: &str, amount: f64, share: Share) {
         let next = self.start(tenant) + amount / f64::from(share.weight.max(1));
         if self.next.len() >= KEPT {
@@ -84,8 +84,8 @@ pub(super) struct Waiting {
 }
 
 /// The waiting tenants that come first: fewest running jobs divided by weight, then the earliest virtual time. Those at
-/// their limit are left out, and with `newcomers` all that have a running job. Several only when they are equal: priority
-/// and age of their first jobs decide then.
+/// their limit are left out, and with `newcomers` all that have a running job. Several only when they are equal:
+/// priority and age of their first jobs decide then.
 pub(super) fn first_tenants(waiting: &[Waiting], turns: &Turns, shares: &Shares, newcomers: bool) -> Vec<usize> {
     let mut best: Option<(f64, f64)> = None;
     let mut found = Vec::new();

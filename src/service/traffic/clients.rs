@@ -1,4 +1,4 @@
-//! What each client has going on, and how often it asks.
+//! The requests and streams of each client, and their rate.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv6Addr};
@@ -10,13 +10,13 @@ use parking_lot::Mutex;
 use super::super::problem::Failure;
 use crate::error::{Error, Kind};
 
-/// Seconds over which the rate of requests is averaged: so many seconds' worth may come at once.
+/// Seconds over which the rate of requests is averaged: a burst may be as large as this many seconds allow.
 const BURST_SECONDS: f64 = 5.0;
 
-/// Number of clients above which those who have been quiet are forgotten.
+/// Number of clients above which quiet ones are dropped.
 const SWEEP_ABOVE: usize = 4096;
 
-/// Whoever shares one allowance.
+/// A client: its requests share one allowance.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(super) enum Client {
     /// A tenant.
@@ -46,7 +46,7 @@ pub(super) struct Allowance {
     pub streams: u32,
 }
 
-/// All clients that were heard of lately.
+/// All clients with recent requests.
 #[derive(Debug, Default)]
 pub(super) struct Clients(Mutex<HashMap<Client, Account>>);
 
@@ -69,7 +69,7 @@ pub(super) struct Permit {
 }
 
 impl Clients {
-    /// Lets one more request in, or says why not.
+    /// Admits one more request, or gives the reason for a refusal.
     pub fn admit(self: &Arc<Self>, client: Client, allowance: Allowance, is_stream: bool) -> Result<Permit, Failure> {
         self.admit_at(client, allowance, is_stream, Instant::now())
     }

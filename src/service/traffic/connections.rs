@@ -1,4 +1,4 @@
-//! Accepting connections, only so many, and serving each until it ends, hangs or the service closes.
+//! Accepts a limited number of connections, and serves each until it ends, hangs or the service closes.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, SocketAddr};
@@ -25,7 +25,7 @@ use crate::service::settings::TrafficSettings;
 /// For how long nothing is accepted after the system had no means to (too many open files).
 const BREATHER: Duration = Duration::from_millis(200);
 
-/// Serves `router` to who connects, until `close`; then requests under way are answered first.
+/// Serves `router` until `close`; then requests under way are answered first.
 pub(in crate::service) async fn serve(
     listener: TcpListener,
     router: Router,

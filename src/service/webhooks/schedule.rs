@@ -189,7 +189,7 @@ fn pause(pauses: &[u64], made: usize) -> Duration {
 mod tests {
     use super::*;
 
-    /// A schedule with so many deliveries to each host, and all of them in order.
+    /// A schedule with a number of deliveries to each host, and all of them in order.
     fn schedule(hosts: &[(&str, usize)], now: Instant) -> (Schedule, Vec<JobId>) {
         let mut schedule = Schedule::default();
         let mut untold = Vec::new();

@@ -1,12 +1,12 @@
 //! Jobs in SQLite: for one process at a time, across restarts.
 //!
-//! Every change goes through the one [`writer`], as one of the [`commands`]; what only reads has connections of its own and
-//! is never held up. The journal is a write-ahead log, and a commit returns when it is on the disk (`synchronous = FULL`):
-//! what was answered survives a crash of the process, of the system, and of the power. Jobs that were running then are
-//! given back when the store is opened again ([`claim`]).
+//! Every change is one of the [`commands`], which the one [`writer`] runs; reads have connections of their own and do
+//! not wait for writes. The journal is a write-ahead log, and a commit returns when it is on the disk (`synchronous =
+//! FULL`): answered changes survive a crash of the process, of the system, and of the power. When the store is opened
+//! again, running jobs return to the queue ([`claim`]).
 //!
-//! What is asked of a job by value (its state, its tenant, when it ended) is a column; everything else is JSON, so that
-//! the service can come to know more about jobs without another [`schema`]. Small blobs have a table of their own.
+//! What queries select by (state, tenant, time of the end) is a column; everything else is JSON, so that a new field of
+//! a job needs no new [`schema`]. Small blobs have a table of their own.
 
 mod check;
 mod claim;
@@ -54,7 +54,7 @@ pub(in crate::service) struct SqliteStore {
 }
 
 impl SqliteStore {
-    /// Opens the store in the file at `path`, or makes it. Nobody else may have it open.
+    /// Opens the store in the file at `path`, or makes it. No other process may have it open.
     pub async fn open(path: &Path, rules: Rules, faults: Faults) -> Result<Self> {
         let cannot = |error: &dyn std::fmt::Display| {
             Error::new(Kind::Io, format_args!("the store of jobs cannot be opened: {}: {error}", path.display()))
@@ -70,7 +70,7 @@ impl SqliteStore {
         let writer = Writer::start(connection, path.to_owned(), Arc::clone(&listeners), Arc::clone(&damage), faults);
         let writer = writer.map_err(|error| cannot(&error))?;
         let store = Self { rules, readers: Arc::new(readers), writer, listeners, damage, cursors };
-        // One process has the file: whatever ran, ran in one that ended.
+        // one process has the file: running jobs are those of a process that ended
         let recovered = store.writer.carry_out(move |batch| claim::recover(batch, &rules)).await?;
         if recovered != Recovered::default() {
             let Recovered { unharmed, suspects, ended } = recovered;
@@ -79,14 +79,14 @@ impl SqliteStore {
         Ok(store)
     }
 
-    /// Whether a job was ever added, also one that is forgotten.
+    /// Whether a job was ever added, deleted ones included.
     pub async fn was_used(&self) -> Result<bool> {
         let sql = "SELECT 1 FROM sqlite_sequence WHERE name = 'jobs' AND seq > 0";
         Ok(self.readers.read_much(move |reader| first(reader, sql, [], |_| Ok(()))).await?.is_some())
     }
 
-    /// The SQL of a page, one text a filter, so that each has its index; and how many it takes of: the number before which
-    /// the page begins, the most rows, the state, the tenant.
+    /// The SQL of a page, one text a filter, so that each has its index; and how many of these parameters it takes: the
+    /// number before which the page begins, the most rows, the state, the tenant.
     fn list_sql(query: &ListQuery) -> (&'static str, usize) {
         match (&query.tenant, query.state) {
             (None, None) => (jobs!("WHERE number < ?1 ORDER BY number DESC LIMIT ?2"), 2),
@@ -146,7 +146,7 @@ impl Queue for SqliteStore {
             Some(cursor) => i64::try_from(self.cursors.number_of(cursor)?).unwrap_or(i64::MAX),
             None => i64::MAX,
         };
-        // one more than asked for tells whether there is another page
+        // one more than the limit, to know whether there is another page
         let most = i64::try_from(list.limit).unwrap_or(i64::MAX).saturating_add(1);
         let (sql, takes) = Self::list_sql(list);
         let (state, tenant) = (list.state.map(State::name), list.tenant.clone());
@@ -331,12 +331,12 @@ impl Maintenance for SqliteStore {
 
     fn statistics(&self) -> Statistics {
         let written = self.writer.counters.read();
-        // damage is found by those that read, too
+        // reads find damage, too
         Statistics { failures: written.failures + u64::from(self.damage.found().is_some()), ..written }
     }
 
     async fn close(&self) {
-        // first, so that the writer is the last to go, who empties the log
+        // readers first: the last connection to close empties the log
         self.readers.close().await;
         self.writer.close().await;
     }

@@ -84,7 +84,7 @@ async fn a_full_database_is_no_room_and_takes_jobs_again_later() {
     SqliteStore::open(&path, RULES, Faults::default()).await.expect("it opens").close().await;
     let connection = connections::writing(&path, false).expect("it opens");
     connection.pragma_update(None, "max_page_count", 1).expect("set");
-    // Whoever opens the file anew after the failure finds room.
+    // the connection that is opened after the failure finds room
     let writer = Writer::start(connection, path, Arc::default(), Arc::default(), Faults::default()).expect("it starts");
     let mut large = new_job();
     large.spec.buffers = vec!["x".repeat(1 << 20)];
@@ -135,7 +135,7 @@ async fn a_command_that_panics_fails_alone_and_leaves_nothing() {
     while faults.waiting(FaultPoint::Commit) == 0 {
         tokio::task::yield_now().await;
     }
-    // asked for while the writer waits, so that they share a transaction
+    // sent while the writer waits, so that they share a transaction
     let (before, defect, after, ()) = tokio::join!(
         biased;
         store.create(new_job()),
@@ -235,9 +235,12 @@ CREATE TABLE _sqlx_migrations (
     execution_time BIGINT NOT NULL
 );
 INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) VALUES
-    (1, 'jobs and events', 1, x'AF1D01B559AF86D06BB2905040BBC0CAF5A681658210F5CC9813A60E8ADC4CA4A14914534767A14E53663A566CEA42DB', 1234567),
-    (2, 'small blobs', 1, x'38CF0710A226B78C9BED54EC4E33DEDA3B4A4D04FC831ECFF721954874498F34EDF4634CAA19FC556E71150ED82833A2', 234567),
-    (3, 'ends to be told', 1, x'90B6465808734AD7AEFDC4D10D483A94E5DAF8963397B0E82E4E8864CF2FFBC85EE7F8FC3248AB61D3C9038D1A09BFA3', 345678);
+    (1, 'jobs and events', 1,
+     x'AF1D01B559AF86D06BB2905040BBC0CAF5A681658210F5CC9813A60E8ADC4CA4A14914534767A14E53663A566CEA42DB', 1234567),
+    (2, 'small blobs', 1,
+     x'38CF0710A226B78C9BED54EC4E33DEDA3B4A4D04FC831ECFF721954874498F34EDF4634CAA19FC556E71150ED82833A2', 234567),
+    (3, 'ends to be told', 1,
+     x'90B6465808734AD7AEFDC4D10D483A94E5DAF8963397B0E82E4E8864CF2FFBC85EE7F8FC3248AB61D3C9038D1A09BFA3', 345678);
 ";
 
 /// A file as it was written when migrations were rows of a table, with tables of a version.

@@ -1,9 +1,9 @@
 //! The one writer: a thread that makes every change of a job, many in one transaction.
 //!
 //! A commit waits for the disk. Commands that arrive during that wait go into the next transaction together (group
-//! commit): commits are few under load, and a command waits for two of them at most. Answers are sent, and waiting tasks
-//! woken, after the commit. When a transaction fails, each of its commands is tried once more in a transaction of its
-//! own: a command that the database refuses, or that panics, fails alone.
+//! commit): commits are few under load, and a command waits for two of them at most. Answers are sent, and waiting
+//! tasks woken, after the commit. When a transaction fails, each of its commands is tried once more in a transaction of
+//! its own: a command that the database refuses, or that panics, fails alone.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
