@@ -6,7 +6,7 @@
 //! # Bird's-eye view
 //!
 //! ```text
-//! bytes ─ mesh ─→ PolygonMesh ─ surface ─→ Surface ─ cluster (on a device) ─→ labels, Tree ─ output, hierarchy ─→ bytes
+//! bytes ─ mesh ─→ PolygonMesh ─ surface ─→ Surface ─ cluster, device ─→ labels, Tree ─ output, hierarchy ─→ bytes
 //! ```
 //!
 //! A module imports only modules above it in this table; `tests/architecture` checks that.
@@ -34,7 +34,7 @@
 //!
 //! | question | answer |
 //! |---|---|
-//! | what a boundary iteration is (P§3.2) | definition and proof: [`cluster::flat`]; as code: [`device::plain::iterate`] |
+//! | what a boundary iteration is (P§3.2) | definition, proof: [`cluster::flat`]; as code: [`device::plain::iterate`] |
 //! | the same on the cpu | `BoundaryPhase::moves` in `device/cpu/boundary.rs`; [`device::cpu`] has the reading order |
 //! | the same on the gpu | `boundary_propose`, `boundary_apply` and `proxies_fit` in `shaders/`; [`device::gpu`] |
 //! | what a merge costs (P§6) | `merge_cost` in `energy/cvd.rs` and `shaders/energy/cvd.wgsl` |

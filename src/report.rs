@@ -22,15 +22,15 @@ pub struct Report {
     pub device: DeviceInfo,
     /// Number of clusters, none of them empty; of a whole hierarchy, that of its roots.
     pub clusters: u64,
-    /// Clusters that are in several pieces across shared edges; counted on the final labels. An edge of more than two faces
-    /// connects them as a chain, in the order of their numbers: each with the one before and the one after.
+    /// Clusters that are in several pieces across shared edges; counted on the final labels. An edge of more than two
+    /// faces connects them as a chain, in the order of their numbers: each with the one before and the one after.
     pub disconnected_clusters: u64,
     /// The energy before and after.
     pub energy: Energy,
     /// One row an iteration; of hierarchies, the iterations of parallel rounds and at levels.
     pub iterations: Vec<Iteration>,
-    /// Hierarchies: the energy against the number of clusters, one row a round; empty for flat clusterings. Above 10,000
-    /// clusters, rounds that merge less than a thousandth of the clusters share a row.
+    /// Hierarchies: the energy against the number of clusters, one row a round; empty for flat clusterings. Above
+    /// 10,000 clusters, rounds that merge less than a thousandth of the clusters share a row.
     pub levels: Vec<Level>,
     /// Where the time went.
     pub timings_ms: Timings,
@@ -61,12 +61,14 @@ pub struct Input {
     pub joined_across_parts: u64,
     /// Sets of faces connected across shared edges.
     pub components: u64,
-    /// Edges of exactly one face. A face that runs along an edge several times counts once for an odd number of times and
-    /// not at all for an even one: there and back, as at the slit of a polygon with a hole, it has itself on both sides.
+    /// Edges of exactly one face. A face that runs along an edge several times counts once for an odd number of times
+    /// and not at all for an even one: there and back, as at the slit of a polygon with a hole, it has itself on both
+    /// sides.
     pub boundary_edges: u64,
     /// Edges of more than two faces, counted in the same way.
     pub non_manifold_edges: u64,
-    /// Faces with two corners at one position. Others may have no area, too: where there are any, a warning says how many.
+    /// Faces with two corners at one position. Others may have no area, too: where there are any, a warning says how
+    /// many.
     pub degenerate_faces: u64,
     /// Faces whose set of corner positions an earlier face has; extra copies only.
     pub duplicate_faces: u64,
@@ -77,20 +79,21 @@ pub struct Input {
 /// Energies, in source units: area × length².
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Energy {
-    /// Name of the energy functional: `cvd`, the sum over faces of area × squared distance between the face's centroid and
-    /// its cluster's (centroidal Voronoi diagram).
+    /// Name of the energy functional: `cvd`, the sum over faces of area × squared distance between the face's centroid
+    /// and its cluster's (centroidal Voronoi diagram).
     pub functional: String,
     /// What areas are multiplied by, in these energies and wherever faces are weighed; empty where area alone counts.
     pub weighted_by: Vec<WeightedBy>,
-    /// After the initial growth; f64 from the source positions. Null when it overflows, and for hierarchies, which start
-    /// with every face a cluster.
+    /// After the initial growth; f64 from the source positions. Null when it overflows, and for hierarchies, which
+    /// start with every face a cluster.
     pub initial: Option<f64>,
     /// Of the final labels; f64 from the source positions. Null when it overflows.
     #[serde(rename = "final")]
     #[schema(rename = "final")]
     pub final_: Option<f64>,
     /// `final` over the energy of a flat tiling by regular hexagons with as many clusters, less what lies inside the
-    /// faces; null where that difference leaves less than half of the tiling's energy, and where `weighted_by` is not empty.
+    /// faces; null where that difference leaves less than half of the tiling's energy, and where `weighted_by` is not
+    /// empty.
     pub hexagon_ratio: Option<f64>,
 }
 
@@ -115,9 +118,9 @@ pub struct Iteration {
     pub phase: Phase,
     /// Hierarchies: the round of merges it belongs to; null for flat clusterings.
     pub round: Option<u32>,
-    /// Energy of the labels after it, source units: of cluster centres rounded to the lattice that decides the labels, so it
-    /// may differ from `energy` of the report in the last digits. It never rises within a phase, except `repair`. Null when
-    /// it overflows.
+    /// Energy of the labels after it, source units: of cluster centres rounded to the lattice that decides the labels,
+    /// so it may differ from `energy` of the report in the last digits. It never rises within a phase, except `repair`.
+    /// Null when it overflows.
     pub energy: Option<f64>,
     /// Faces that changed their cluster.
     pub moves: u64,

@@ -25,8 +25,8 @@ use crate::report::{Report, Row};
 Labels are one number from 0 to K - 1 a face, in the order of the file. Hierarchies (pml, ml, hr) may leave --clusters
 out: they go to the top, and `tesserae cut` takes labels at any number of clusters from the hierarchy.
 
-A regular file is replaced as a whole. Named pipes, /dev/fd/N and devices are opened once, when the result is there, and get
-JSON unless their name says otherwise.
+A regular file is replaced as a whole. Named pipes, /dev/fd/N and devices are opened once, when the result is there, and
+get JSON unless their name says otherwise.
 
 Examples:
   tesserae cluster horse.obj --clusters 2000 --labels horse.npy --report horse.json
@@ -48,16 +48,16 @@ pub struct Arguments {
     #[command(flatten)]
     parameters: Parameters,
 
-    /// Multiply the area of each face by a weight, so that clusters are smaller where it is larger: a .npy file with floats above
-    /// 0, one a face or one a vertex (whose mean a face takes)
+    /// Multiply the area of each face by a weight, so that clusters are smaller where it is larger: a .npy file with
+    /// floats above 0, one a face or one a vertex (whose mean a face takes)
     #[arg(long, value_name = "IN.npy", conflicts_with = "weight_attribute")]
     weights: Option<PathBuf>,
 
     #[command(flatten)]
     device: DeviceArguments,
 
-    /// Where to write the labels: OUT.npy, OUT.json, OUT.bin (u32, little-endian), or - for JSON on standard output; those of
-    /// iterations (--snapshots) go beside it, as OUT.iteration-6.npy
+    /// Where to write the labels: OUT.npy, OUT.json, OUT.bin (u32, little-endian), or - for JSON on standard output;
+    /// those of iterations (--snapshots) go beside it, as OUT.iteration-6.npy
     #[arg(long, value_name = "OUT", value_parser = path_parser(LabelFile::parse))]
     labels: Option<LabelFile>,
 
@@ -277,7 +277,7 @@ fn cluster(arguments: &Arguments, outputs: &[Output<'_>], progress: &mut Progres
     run_on_device(arguments, &prepared, &cancel, progress)
 }
 
-/// Clusters on the device that was asked for; with `auto`, what a gpu cannot do is done by the cpu.
+/// Clusters on the chosen device; with `auto`, the cpu does what a gpu cannot.
 fn run_on_device(
     arguments: &Arguments,
     prepared: &Prepared,

@@ -1,9 +1,9 @@
 //! The command line.
 //!
-//! One file a command; what they share is in `device`, `files`, `places`, `results`, `progress` and `signals`. Exit status:
-//! 0; 2 for a command line that is wrong in itself; 1 for everything else, with one line on standard error (graphics
-//! drivers may add lines of their own). Progress goes to standard error, and only to a terminal. A reader of standard
-//! output that stops reading before the end gives status 1 without a message.
+//! One file a command; what they share is in `device`, `files`, `places`, `results`, `progress` and `signals`. Exit
+//! status: 0; 2 for a command line that is wrong in itself; 1 for everything else, with one line on standard error
+//! (graphics drivers may add lines of their own). Progress goes to standard error, and only to a terminal. A reader of
+//! standard output that stops reading before the end gives status 1 without a message.
 //!
 //! A message begins with the name of the program and, where it is about an input, with the name of that file
 //! ([`Failure::about`]). Parameters are spelled as flags ([`names::spell_as_flags`]).
@@ -69,7 +69,7 @@ enum Command {
     Serve(Box<serve::Arguments>),
     /// Copy the data folder of a service, also while it runs
     Backup(backup::Arguments),
-    /// Make, list and take back the tokens that a service asks for
+    /// Make, list and take back the tokens of a service
     Token(token::Arguments),
     /// Ask a service whether it is well; the exit status tells
     Health(health::Arguments),
@@ -123,7 +123,7 @@ fn complain(message: &str) {
     say(&format!("tesserae: {message}"));
 }
 
-/// Writes one line to standard error, whatever a file name or a driver put into it; lost when nobody can read it.
+/// Writes one line to standard error, whatever a file name or a driver put into it; lost when standard error is closed.
 fn say(line: &str) {
     let _ = writeln!(io::stderr(), "{}", line.replace(['\n', '\r'], " "));
 }

@@ -40,7 +40,8 @@ impl LabelFile {
 }
 
 impl LabelFile {
-    /// Where the labels of an iteration go, beside these: `out.npy` becomes `out.iteration-6.npy`. None on standard output.
+    /// Where the labels of an iteration go, beside these: `out.npy` becomes `out.iteration-6.npy`. None on standard
+    /// output.
     pub fn of_iteration(&self, iteration: u32) -> Option<Self> {
         let Target::File(path) = &self.target else { return None };
         let mut name = path.file_stem()?.to_owned();
@@ -53,8 +54,8 @@ impl LabelFile {
 /// Where hierarchies are written.
 #[derive(Debug, clap::Args)]
 pub struct TreeFiles {
-    /// Where to write the hierarchy: OUT.tsr, from which `tesserae cut` takes labels, OUT.json, or - for JSON on standard
-    /// output
+    /// Where to write the hierarchy: OUT.tsr, from which `tesserae cut` takes labels, OUT.json, or - for JSON on
+    /// standard output
     #[arg(long, value_name = "OUT", value_parser = path_parser(TreeFile::parse))]
     pub hierarchy: Option<TreeFile>,
 
@@ -95,7 +96,7 @@ impl TreeFiles {
         hierarchy.chain(self.linkage.iter().map(|target| ("--linkage", target)))
     }
 
-    /// Writes everything that was asked for, of what `input` became.
+    /// Writes all outputs of the command; `input` is the source of the mesh.
     pub fn write(&self, stored: &Stored, input: &Source) -> Result<(), Failure> {
         if let Some(file) = &self.hierarchy {
             file.target.write(|out| match file.format {

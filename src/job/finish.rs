@@ -1,4 +1,5 @@
-//! From what the device gave to results: labels in upload order and their hash, energies from source positions, the report.
+//! From what the device gave to results: labels in upload order and their hash, energies from source positions, the
+//! report.
 //!
 //! Needs no device, so that this can go on while the device works on the next mesh.
 
@@ -81,12 +82,12 @@ fn out_of_range(surface: &Surface, energy: f64) -> Option<String> {
         return None;
     };
     Some(format!(
-        "energies are {what}, since they grow with the fourth power of lengths; labels are not affected; scale the mesh \
-         to a size near 1; its longest side is about 2^{exponent}"
+        "energies are {what}, since they grow with the fourth power of lengths; labels are not affected; scale the \
+         mesh to a size near 1; its longest side is about 2^{exponent}"
     ))
 }
 
-/// What is told of labels, found side by side.
+/// What the report has of the labels, computed at the same time.
 struct Results {
     /// Source units.
     initial_energy: Option<f64>,
@@ -120,8 +121,8 @@ impl Results {
 }
 
 impl Numbered {
-    /// Those of listed seeds keep their numbers, others are numbered by the first face that carries them. Checks that every cluster
-    /// has a face.
+    /// Those of listed seeds keep their numbers, others are numbered by the first face that carries them. Checks that
+    /// every cluster has a face.
     fn of(surface: &Surface, internal: &[u32], clusters: usize, keep_numbers: bool) -> Result<Self> {
         /// Of a cluster without faces.
         const NONE: u32 = u32::MAX;

@@ -99,7 +99,7 @@ fn run(
     })
 }
 
-/// A row of a run as it is told; `energy` in source units.
+/// A row of a run as the report has it; `energy` in source units.
 pub(super) fn iteration(row: run::Row, energy: Option<f64>, started: Instant) -> Iteration {
     Iteration {
         iteration: row.iteration,

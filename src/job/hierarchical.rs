@@ -86,7 +86,8 @@ pub(super) fn header(input: &Input, parameters: &Parameters) -> Result<Header> {
     })
 }
 
-/// Gives clusters the numbers 0 … K − 1, by the first face that carries them. Checks that there are as many as expected.
+/// Gives clusters the numbers 0 … K − 1, by the first face that carries them. Checks that there are as many as
+/// expected.
 pub(super) fn number(labels: &mut [u32], expected: usize) -> Result<()> {
     let mut number_of_cluster: Vec<Option<u32>> = vec![None; labels.len()];
     let mut seen = 0;

@@ -1,8 +1,8 @@
 //! One job from bytes to results: what the command line and the service both do.
 //!
-//! Stages, so that the service can overlap them for neighbouring jobs: [`cluster`] belongs on the thread of the device; what
-//! comes before ([`prepare`]: parse, topology, seeds) and after ([`finish()`], and the encoding of results, [`crate::output`])
-//! on the cpu pool.
+//! Stages, so that the service can overlap them for neighbouring jobs: [`cluster`] belongs on the thread of the device;
+//! what comes before ([`prepare`]: parse, topology, seeds) and after ([`finish()`], and the encoding of results,
+//! [`crate::output`]) on the cpu pool.
 
 mod finish;
 mod flat;
@@ -96,7 +96,7 @@ pub struct Outcome {
     pub labels: Option<Vec<u32>>,
     /// The hierarchy, of hierarchical algorithms.
     pub hierarchy: Option<Stored>,
-    /// The labels of the iterations that were asked for, in upload order; numbered as `labels`, so that a number means the same
+    /// The labels of the requested iterations, in upload order; numbered as `labels`, so that a number means the same
     /// cluster in all of them.
     pub snapshots: Record,
     /// The report; `timings_ms.read`, `.write` and `.total` are the caller's to fill.
@@ -249,7 +249,7 @@ fn plan(surface: &Surface, spec: JobSpec) -> Result<Plan> {
     })
 }
 
-/// Clusters a prepared mesh, and finishes. `on_row` is told of every row of the report as it comes.
+/// Clusters a prepared mesh, and finishes. `on_row` receives every row of the report as it is made.
 pub fn run(
     prepared: &Prepared,
     device: &mut dyn Device,
@@ -276,9 +276,9 @@ pub fn cluster(
     })
 }
 
-/// Does what a device is asked for. The cpu works from within rayon's pool, the current one or else the global: each of its many
-/// short parallel steps would otherwise wake the pool and wait for it, which took an eighth of a clustering's time. A gpu is waited
-/// for outside.
+/// Runs `work` for a device. The cpu works from within rayon's pool, the current one or else the global: each of its
+/// many short parallel steps would otherwise wake the pool and wait for it, which took an eighth of a clustering's
+/// time. A gpu is waited for outside.
 fn where_it_works<T: Send>(kind: DeviceKind, work: impl FnOnce() -> T + Send) -> T {
     match kind {
         DeviceKind::Cpu => rayon::scope(|_| work()),

@@ -1,8 +1,8 @@
 //! Whether what is stored stays stored: watches folder and store, and says when they fail and when they work again.
 //!
-//! Nobody reports failures here: folder and store count theirs, and [`Storage::watch`] looks. A part that failed is tried
-//! with a write of its own until it works; meanwhile the service is not ready and no job is begun. Where there is only too
-//! little room for more uploads the service is not ready, but jobs go on: they make room.
+//! Failures are not reported here: folder and store count theirs, and [`Storage::watch`] reads the counts. A part that
+//! failed is tried with a write of its own until it works; meanwhile the service is not ready and no job is begun.
+//! Where there is only too little room for more uploads the service is not ready, but jobs go on: they make room.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};

@@ -1,5 +1,5 @@
-//! What a device takes for each stage of a job: on samples of growing size and on mesh files, from the upload's bytes to
-//! labels, with the time that a gpu itself measures beside that of the host. Needs nothing but this program.
+//! What a device takes for each stage of a job: on samples of growing size and on mesh files, from the upload's bytes
+//! to labels, with the time that a gpu itself measures beside that of the host. Needs nothing but this program.
 //!
 //! | what | where |
 //! |---|---|
@@ -48,7 +48,7 @@ impl Measured {
 /// How to measure.
 #[derive(Debug, Clone, Copy)]
 pub struct Plan {
-    /// How often each job is run; the fastest run is told.
+    /// How often each job is run; the fastest run counts.
     pub repeats: u32,
     /// Largest mesh, in faces, whose labels are compared with the cpu's.
     pub compare_up_to: u64,
@@ -129,8 +129,8 @@ pub struct Sweep {
     pub share_of_copy: f64,
 }
 
-/// Runs everything; what was measured is given even when something fails, with the error. `on_stage` is told what is being done.
-/// A job that does not fit is told as such, and those of larger meshes with the same algorithm are left out.
+/// Runs everything; what was measured is given even when something fails, with the error. `on_stage` receives the name
+/// of each stage. A job that does not fit is reported as such, and larger meshes with the same algorithm are left out.
 pub fn run(
     work: &[Work],
     measured: &mut Measured,

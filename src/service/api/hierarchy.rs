@@ -52,8 +52,8 @@ impl Form {
 
 /// Get the hierarchy
 ///
-/// As JSON, as scipy's linkage matrix (`application/x-npy`: float64, a row a merge, for nested trees with one root: other
-/// trees are 409), or as the file that `tesserae cut` reads (`application/octet-stream`); the format is chosen by
+/// As JSON, as scipy's linkage matrix (`application/x-npy`: float64, a row a merge, for nested trees with one root:
+/// other trees are 409), or as the file that `tesserae cut` reads (`application/octet-stream`); the format is chosen by
 /// `Accept`. 404 for jobs of flat algorithms, 409 before the job has succeeded.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/hierarchy", tag = "results", operation_id = "getHierarchy",

@@ -25,8 +25,8 @@ use crate::service::{blobs, files, negotiate, query};
 pub(in crate::service) struct Labels {
     /// Number of clusters.
     clusters: u64,
-    /// Of labels cut from a hierarchy: `exact` for a state that the run had, `merged` for the last one with more clusters
-    /// and the next round's cheapest merges on top.
+    /// Of labels cut from a hierarchy: `exact` for a state that the run had, `merged` for the last one with more
+    /// clusters and the next round's cheapest merges on top.
     #[serde(skip_serializing_if = "Option::is_none")]
     cut: Option<CutKind>,
     /// Of labels cut from a hierarchy: their energy, source units. Null when it overflows.
@@ -55,17 +55,17 @@ pub(in crate::service) struct LabelsQuery {
     /// Cut a hierarchy at this number of clusters; 409 for a flat clustering, and outside what the hierarchy has
     #[param(minimum = 1)]
     clusters: Option<u64>,
-    /// The labels after this iteration of a flat clustering, where `snapshots` asked for them: `snapshots` of the report lists
-    /// them; 404 for others
+    /// The labels after this iteration of a flat clustering, where `snapshots` keeps them: `snapshots` of the report
+    /// lists them; 404 for others
     #[param(minimum = 0)]
     iteration: Option<u32>,
 }
 
 /// Get the labels
 ///
-/// One cluster number a face, in upload order; the format is chosen by `Accept`. `clusters` cuts a hierarchy, and headers
-/// and JSON then say what kind of cut it is and what its energy. 409 before the job has succeeded, and for a whole
-/// hierarchy without `clusters`.
+/// One cluster number a face, in upload order; the format is chosen by `Accept`. `clusters` cuts a hierarchy, and
+/// headers and JSON then say what kind of cut it is and what its energy. 409 before the job has succeeded, and for a
+/// whole hierarchy without `clusters`.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/labels", tag = "results", operation_id = "getLabels",
     params(("id" = String, Path, format = "uuid", description = "Id of the job"), LabelsQuery),
@@ -111,8 +111,8 @@ pub(in crate::service) async fn labels(
         return Err(Error::new(
             Kind::Conflict,
             format_args!(
-                "this job made a hierarchy, which keeps the labels of no iteration: give clusters instead of iteration, \
-                 {iteration}"
+                "this job made a hierarchy, which keeps the labels of no iteration: give clusters instead of \
+                 iteration, {iteration}"
             ),
         )
         .into());

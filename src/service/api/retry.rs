@@ -17,8 +17,8 @@ use crate::service::{blobs, files};
 /// Run a failed job again
 ///
 /// A job that was given up (`/problems/poison`) keeps its upload until it is deleted, so that it can be run again: it
-/// waits at its old place in the queue, and no earlier attempt counts. Its events go on after the `end` of the failure. Of
-/// all other ended jobs the upload is gone: submit the mesh again.
+/// waits at its old place in the queue, and no earlier attempt counts. Its events go on after the `end` of the failure.
+/// Of all other ended jobs the upload is gone: submit the mesh again.
 #[utoipa::path(
     post, path = "/v1/jobs/{id}/retry", tag = "jobs", operation_id = "retryJob",
     params(("id" = String, Path, format = "uuid", description = "Id of the job")),

@@ -1,7 +1,7 @@
 //! Room: how much the folder holds and may hold.
 //!
-//! Uploads are refused while there is still room, so that what was accepted can end: results and the store of jobs use what
-//! is left.
+//! Uploads are refused while there is still room, so that what was accepted can end: results and the store of jobs use
+//! what is left.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};

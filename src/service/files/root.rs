@@ -47,7 +47,8 @@ impl Root {
                 return Err(Error::new(
                     Kind::Conflict,
                     format_args!(
-                        "another process ({}) works in the data folder; stop it, or give this one another --data-dir: {}",
+                        "another process ({}) works in the data folder; stop it, or give this one another --data-dir: \
+                         {}",
                         holder.trim(),
                         path.display()
                     ),

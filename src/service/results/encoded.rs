@@ -1,7 +1,7 @@
-//! Results that are made when they are asked for, from what is stored: hierarchies, cuts, labels in other forms.
+//! Results that are made on request, from what is stored: hierarchies, cuts, labels in other forms.
 //!
-//! What one is made of is in memory only while it is made, and only so many large ones are at a time. What is made streams to
-//! the client, who may take as long as it likes: if it is large, from a file without a name.
+//! What one is made of is in memory only while it is made, and only so many large ones are at a time. What is made
+//! streams to the client, who may take as long as it likes: if it is large, from a file without a name.
 
 use std::io::{self, BufWriter, Seek, Write};
 

@@ -1,4 +1,5 @@
-//! Results as responses: what is stored, and what is made of it on request. Handlers use these, and not the other way round.
+//! Results as responses: what is stored, and what is made of it on request. Handlers use these, and not the other way
+//! round.
 
 mod body;
 pub(super) mod encoded;

@@ -13,7 +13,7 @@ use crate::service::files::{self, Blob};
 use crate::service::state::Shared;
 use crate::service::store::{Job, Summary};
 
-/// Faces up to which labels are so small that nobody waits for others who encode them.
+/// Faces up to which labels are encoded without a wait for other requests.
 const SMALL: u64 = 1 << 16;
 
 /// The labels after an iteration of a flat clustering.
@@ -68,8 +68,8 @@ fn none_of(kept: &[u32], iteration: u32) -> Error {
         Kind::NotFound,
         match list.is_empty() {
             true => format!(
-                "this job kept the labels of no iteration: ask for them with the parameter snapshots; there are none of \
-                 {iteration}"
+                "this job kept the labels of no iteration: ask for them with the parameter snapshots; there are none \
+                 of {iteration}"
             ),
             false => format!("this job kept the labels of iterations {}, not of {iteration}", list.join(", ")),
         },

@@ -17,10 +17,6 @@ struct OnDisk(Mutex<Vec<TempDir>>);
 const NAME: &str = "jobs.sqlite3";
 
 impl OnDisk {
-    fn folder(&self) -> TempDir {
-        tempfile::tempdir().expect("a folder")
-    }
-
     /// Opens a store in the folder, which becomes the last one.
     async fn open(&self, folder: TempDir, rules: Rules) -> SqliteStore {
         let path = folder.path().join(NAME);
@@ -32,12 +28,12 @@ impl OnDisk {
 #[async_trait]
 impl Subject for OnDisk {
     async fn empty(&self, rules: Rules) -> Box<dyn JobStore> {
-        Box::new(self.open(self.folder(), rules).await)
+        Box::new(self.open(tempfile::tempdir().expect("a folder"), rules).await)
     }
 
     /// A copy of the files of a store that is open: what a crash at this moment would leave.
     async fn after_crash(&self, rules: Rules) -> Option<Box<dyn JobStore>> {
-        let copy = self.folder();
+        let copy = tempfile::tempdir().expect("a folder");
         {
             let folders = self.0.lock().expect("no panic");
             let last = folders.last().expect("a store was made").path();
