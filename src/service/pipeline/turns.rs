@@ -11,7 +11,7 @@ use std::time::Instant;
 use parking_lot::Mutex;
 use tokio::sync::oneshot;
 
-use crate::service::store::fairness::{Share, Turns};
+use crate::service::store::fairness::{Share, VirtualTimes};
 
 /// A mesh is short beside another one of at least this multiple of its cost.
 const SHORT: u64 = 4;
@@ -22,7 +22,7 @@ pub(super) struct Line(Mutex<State>);
 
 #[derive(Debug, Default)]
 struct State {
-    turns: Turns,
+    virtual_times: VirtualTimes,
     /// Cost of the mesh that has its turn.
     cost: Option<u64>,
     /// Visits that wait, in the order of their arrival; some may have given up.
@@ -113,7 +113,7 @@ impl Line {
 
     fn begin(self: &Arc<Self>, state: &mut State, visit: Visit) -> Turn {
         state.cost = Some(visit.cost);
-        state.turns.serve(&visit.tenant);
+        state.virtual_times.serve(&visit.tenant);
         for passing in state.waiting.extract_if(.., |one| one.may_pass && is_short(one.visit.cost, visit.cost)) {
             // A visit that stopped waiting needs no place.
             let _ = passing.called.send(Place::Beside);
@@ -125,7 +125,7 @@ impl Line {
     fn call_next(self: &Arc<Self>, state: &mut State) -> Option<(oneshot::Sender<Place>, Turn)> {
         state.cost = None;
         state.waiting.retain(|waiting| !waiting.called.is_closed());
-        let start = |waiting: &Waiting| state.turns.start(&waiting.visit.tenant);
+        let start = |waiting: &Waiting| state.virtual_times.start(&waiting.visit.tenant);
         let next =
             (0..state.waiting.len()).min_by(|&a, &b| start(&state.waiting[a]).total_cmp(&start(&state.waiting[b])))?;
         let Waiting { visit, called, .. } = state.waiting.remove(next);
@@ -139,7 +139,7 @@ impl Drop for Turn {
             let mut state = self.line.0.lock();
             if self.visit.cost > 0 {
                 let seconds = self.started.elapsed().as_secs_f64();
-                state.turns.charge(&self.visit.tenant, seconds, self.visit.share);
+                state.virtual_times.charge(&self.visit.tenant, seconds, self.visit.share);
             }
             self.line.call_next(&mut state)
         };

@@ -159,17 +159,17 @@ impl Teller {
                 }
             };
             this.metrics.webhooks_pending(untold.len());
-            let turn = schedule.turn(&untold, Instant::now(), SystemTime::now());
-            for id in turn.begin {
+            let due = schedule.due(&untold, Instant::now(), SystemTime::now());
+            for id in due.begin {
                 let this = Arc::clone(&this);
                 under_way.spawn(async move {
                     let (outcome, ended_at) = this.attempt(id).await;
                     (id, outcome, ended_at)
                 });
             }
-            if !turn.give_up.is_empty() {
+            if !due.give_up.is_empty() {
                 let mut is_stored = true;
-                for (id, ended_at) in turn.give_up {
+                for (id, ended_at) in due.give_up {
                     match this.settle(id, Outcome::GivenUp, Some(ended_at)).await {
                         true => schedule.forget(id),
                         false => is_stored = false,
@@ -181,7 +181,7 @@ impl Teller {
                 continue;
             }
             let pause = async {
-                match turn.next {
+                match due.next {
                     Some(due) => tokio::time::sleep_until(due.into()).await,
                     None => std::future::pending().await,
                 }

@@ -5,7 +5,7 @@ use std::time::SystemTime;
 
 use tokio::sync::watch;
 
-use super::super::fairness::{Turns, Waiting, first_tenants};
+use super::super::fairness::{VirtualTimes, Waiting, first_tenants};
 use super::super::pulses::Signal;
 use super::super::{
     Claiming, End, Event, Idempotency, Job, JobId, Notice, Pulse, Release, Rules, SmallBlob, State, Statistics, Ticket,
@@ -22,7 +22,7 @@ pub(super) struct Jobs {
     pub numbers: BTreeMap<u64, JobId>,
     /// The queue of each tenant that has ever had a job.
     pub queues: BTreeMap<String, TenantQueue>,
-    pub turns: Turns,
+    pub virtual_times: VirtualTimes,
     /// Ended jobs by the time of their end.
     pub ended: BTreeSet<(SystemTime, JobId)>,
     /// Jobs by tenant and key.
@@ -70,7 +70,7 @@ impl Jobs {
             by_id: HashMap::new(),
             numbers: BTreeMap::new(),
             queues: BTreeMap::new(),
-            turns: Turns::default(),
+            virtual_times: VirtualTimes::default(),
             ended: BTreeSet::new(),
             keys: HashMap::new(),
             created: 0,
@@ -101,7 +101,7 @@ impl Jobs {
         let queues = self.queues.iter().filter(|(_, queue)| !queue.waiting.is_empty());
         let waiting: Vec<_> =
             queues.map(|(tenant, queue)| Waiting { tenant: tenant.clone(), running: queue.running }).collect();
-        let first = first_tenants(&waiting, &self.turns, &claiming.shares, newcomers);
+        let first = first_tenants(&waiting, &self.virtual_times, &claiming.shares, newcomers);
         let heads = first.iter().filter_map(|&index| self.queues[&waiting[index].tenant].waiting.first());
         self.numbers.get(&heads.min()?.1).copied()
     }

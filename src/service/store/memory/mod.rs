@@ -128,8 +128,8 @@ impl Queue for MemoryStore {
             entry.has_begun = entry.job.spec.is_small;
             entry.append([What::Started(entry.job.attempt, claiming.worker.to_string())]);
             claimed.push((Ticket { job: id, attempt: entry.job.attempt }, entry.job.clone()));
-            jobs.turns.serve(&tenant);
-            jobs.turns.charge(&tenant, 1.0, claiming.shares.of(&tenant));
+            jobs.virtual_times.serve(&tenant);
+            jobs.virtual_times.charge(&tenant, 1.0, claiming.shares.of(&tenant));
             jobs.queues.entry(tenant).or_default().running += 1;
         }
         jobs.has_held_back = jobs.waiting() > 0;

@@ -59,7 +59,7 @@ pub(super) fn claim(
         waiting.iter_mut().filter(|one| one.tenant == job.spec.tenant).for_each(|one| one.running += 1);
     }
     while taken.len() < limit + newcomers && !waiting.is_empty() {
-        let tied = first_tenants(&waiting, &memory.turns, shares, taken.len() >= *limit);
+        let tied = first_tenants(&waiting, &memory.virtual_times, shares, taken.len() >= *limit);
         let mut heads = Vec::new();
         let mut without = Vec::new();
         for index in tied {
@@ -79,8 +79,8 @@ pub(super) fn claim(
         taken.push(start(batch, claiming, number, now)?);
         let tenant = &mut waiting[index];
         tenant.running += 1;
-        memory.turns.serve(&tenant.tenant);
-        memory.turns.charge(&tenant.tenant, 1.0, shares.of(&tenant.tenant));
+        memory.virtual_times.serve(&tenant.tenant);
+        memory.virtual_times.charge(&tenant.tenant, 1.0, shares.of(&tenant.tenant));
     }
     memory.has_held_back = queued > taken.len() as u64;
     Ok(taken)
