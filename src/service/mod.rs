@@ -10,7 +10,7 @@
 //! | a setting | [`settings`](Settings) |
 //! | parameters of a request | `request`, `query` |
 //! | how bodies are received | `upload`, `intake` |
-//! | what happens to a job | `pipeline` |
+//! | what happens to a job, until its result is written | `pipeline` |
 //! | how jobs are stored | `store`, and their files in `files`; `blobs` knows which are where |
 //! | how long they are kept | `retention`, by the time of `aging`; `deletion` |
 //! | what happens when the disk fails | `storage` |
