@@ -1,8 +1,8 @@
 //! The stages before the clustering, each by itself: parsing OBJ (beside `tobj`), parsing GLB, topology.
 //!
-//! On meshes made from nothing, and on the real ones in the folder that `TESSERAE_TEST_MESHES` names, where there is one.
-//! `make bench` runs it; `make bench FILTER=topology` runs a part. Throughput is in bytes for parsers and in faces for the
-//! topology.
+//! On meshes made from nothing, and on the real ones in the folder that `TESSERAE_TEST_MESHES` names, where there is
+//! one. `make bench` runs it; `make bench FILTER=topology` runs a part. Throughput is in bytes for parsers and in faces
+//! for the topology.
 
 use std::hint::black_box;
 use std::path::Path;

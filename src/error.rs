@@ -35,17 +35,17 @@ pub enum Kind {
     MethodNotAllowed,
     /// The request uses a feature of HTTP that is not supported.
     NotImplemented,
-    /// Who asks did not say who they are, or not so that it can be believed.
+    /// Missing or invalid credentials.
     Unauthorized,
-    /// Who asks may not do this.
+    /// The credentials do not permit this.
     Forbidden,
     /// The request took too long to arrive.
     Timeout,
-    /// The part of a result that was asked for is not there.
+    /// The result has no such part.
     RangeNotSatisfiable,
-    /// This client asks for more than its share.
+    /// This client is over its limit.
     RateLimited,
-    /// All clients together ask for more than the service can do at a time.
+    /// All clients together are over a limit of the service.
     Overloaded,
     /// None of the representations the client accepts exists.
     NotAcceptable,
@@ -65,7 +65,7 @@ pub enum Kind {
     Cancelled,
     /// The service is starting, stopping or lacks a resource.
     Unavailable,
-    /// The asked-for device does not exist or cannot take this mesh.
+    /// The chosen device does not exist or cannot take this mesh.
     DeviceUnsuitable,
     /// The device was lost or ran out of memory.
     DeviceLost,
@@ -204,7 +204,7 @@ impl Kind {
 }
 
 impl Kind {
-    /// What an error of the file system means to one who stores something: whether there is no room, or no disk.
+    /// The kind of a file system error while something is stored: no room, or no disk.
     pub fn of_storage(error: &io::Error) -> Self {
         match error.kind() {
             io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded | io::ErrorKind::FileTooLarge => {
@@ -262,7 +262,7 @@ impl Error {
         Self::new(Kind::Io, format_args!("{what}: {error}"))
     }
 
-    /// Whether it is one of the disk, rather than of what is asked for: another attempt may find the disk well again.
+    /// Whether the disk failed, not the request: a later attempt may succeed.
     pub fn is_of_storage(&self) -> bool {
         matches!(self.kind, Kind::InsufficientStorage | Kind::Unavailable)
     }

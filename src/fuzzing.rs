@@ -1,4 +1,4 @@
-//! What fuzzers (`fuzz/`) get at that nobody else does: parsers that are not public. Compiled for them only.
+//! Parsers that are not public, for the fuzzers (`fuzz/`). Compiled for them only.
 
 use crate::error::{Error, Result};
 use crate::job;

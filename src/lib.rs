@@ -9,7 +9,7 @@
 //! bytes ─ mesh ─→ PolygonMesh ─ surface ─→ Surface ─ cluster (on a device) ─→ labels, Tree ─ artifacts ─→ bytes
 //! ```
 //!
-//! A module imports only modules above it in this table; `tests/architecture.rs` finds circles.
+//! A module imports only modules above it in this table; `tests/architecture` checks that.
 //!
 //! | module | what is there |
 //! |---|---|
@@ -34,6 +34,21 @@
 //!
 //! `gpu` has the device of that name (wgpu), `service` the modules [`service`] (axum, SQLite, …) and `cli::service`. Both
 //! are on by default; without them, everything else works on the cpu.
+//!
+//! # Where to begin
+//!
+//! | question | answer |
+//! |---|---|
+//! | what a boundary iteration is (P§3.2) | definition, proof: [`cluster::flat`]; as code: [`device::plain::iterate`] |
+//! | the same on the cpu | `BoundaryPhase::moves` in `device/cpu/boundary.rs`; [`device::cpu`] has the reading order |
+//! | the same on the gpu | `boundary_propose`, `boundary_apply` and `proxies_fit` in `shaders/`; [`device::gpu`] |
+//! | what a merge costs (P§6) | `merge_cost` in `energy/cvd.rs` and `shaders/energy/cvd.wgsl` |
+//! | which merge is next (P§5.4) | the order: [`device::dual_edge`]; the rounds: [`cluster::hierarchy`] |
+//! | how a label reaches an answer | [`job::finish()`], `service/pipeline/stages.rs`, `service/api/labels.rs` |
+//! | what a new mesh format needs | `mesh/format.rs` says it; a reader gives a [`mesh::PolygonMesh`] |
+//! | what a new energy needs | [`energy`] |
+//! | what a new kernel needs | [`device::gpu::kernels`] |
+//! | what a new route or setting needs | [`service`] |
 //!
 //! # Invariants
 //!

@@ -1,4 +1,4 @@
-//! What a caller may ask of a clustering: defined once, for the command line, the query string and the JSON part.
+//! The parameters of a job: defined once, for the command line, the query string and the JSON part.
 
 mod levels;
 
@@ -19,10 +19,10 @@ use crate::error::{Error, Result};
 #[derive(Debug, Clone, Default, PartialEq, clap::Args, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Parameters {
-    /// How to cluster: bb, boundary-based clustering (Parallel Mesh Clustering, section 3), makes flat clusters; pml (parallel
-    /// multilevel), ml (multilevel) and hr (hierarchical, one merge a step and no optimisation) make hierarchies; acvd
-    /// (Valette & Chassery 2004) and vc (variational clustering, Cohen-Steiner et al. 2004) make flat clusters one face after
-    /// the other on the cpu, to compare with
+    /// How to cluster: bb, boundary-based clustering (Parallel Mesh Clustering, section 3), makes flat clusters; pml
+    /// (parallel multilevel), ml (multilevel) and hr (hierarchical, one merge a step and no optimisation) make
+    /// hierarchies; acvd (Valette & Chassery 2004) and vc (variational clustering, Cohen-Steiner et al. 2004) make flat
+    /// clusters one face after the other on the cpu, to compare with
     #[arg(long, value_enum, default_value_t)]
     pub algorithm: Algorithm,
 
@@ -38,8 +38,8 @@ pub struct Parameters {
     pub quality: Quality,
 
     /// Where flat clusters start: coarse (begins with 33 percent more clusters on a coarser mesh, 20 with quality fast
-    /// and 50 with best, and merges the cheapest pairs), morton (stratified by area along a Morton curve), random (as in
-    /// the paper) or file:PATH with a list of face numbers; acvd and vc take morton for coarse
+    /// and 50 with best, and merges the cheapest pairs), morton (stratified by area along a Morton curve), random (as
+    /// in the paper) or file:PATH with a list of face numbers; acvd and vc take morton for coarse
     #[arg(
         long,
         default_value_t,
@@ -58,8 +58,8 @@ pub struct Parameters {
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub max_iterations: Option<u32>,
 
-    /// Refine what boundary-based optimisation ends with by exact gains (lower energy), or leave it as it is; acvd and vc have
-    /// nothing to refine, and flat clusterings with quality fast do not
+    /// Refine what boundary-based optimisation ends with by exact gains (lower energy), or leave it as it is; acvd and
+    /// vc have nothing to refine, and flat clusterings with quality fast do not
     #[arg(long, value_enum, default_value_t)]
     pub refine: Refine,
 
@@ -67,33 +67,35 @@ pub struct Parameters {
     #[arg(long)]
     pub allow_disconnected: bool,
 
-    /// Join separate parts where they are nearest, as if they shared an edge: one tree over all of them, or fewer clusters
-    /// than parts
+    /// Join separate parts where they are nearest, as if they shared an edge: one tree over all of them, or fewer
+    /// clusters than parts
     #[arg(long)]
     pub bridge_components: bool,
 
-    /// Keep the labels at iterations of a flat clustering: N for every N-th, or a list, 0,6,46 (a single one with a comma behind
-    /// it); 0 is the initial growth
+    /// Keep the labels at iterations of a flat clustering: N for every N-th, or a list, 0,6,46 (a single one with a
+    /// comma behind it); 0 is the initial growth
     #[arg(long, value_name = "N|LIST")]
     pub snapshots: Option<Snapshots>,
 
-    /// Let clusters be smaller where the surface bends: areas are multiplied by curvature (over its root mean square, kept
-    /// within a factor of 100 of it) to this power; from 0, which is nothing, to 10
+    /// Let clusters be smaller where the surface bends: areas are multiplied by curvature (over its root mean square,
+    /// kept within a factor of 100 of it) to this power; from 0, which is nothing, to 10
     #[arg(long, value_name = "G", allow_negative_numbers = true)]
     #[schema(minimum = 0, maximum = 10)]
     pub curvature_exponent: Option<f64>,
 
-    /// glTF: multiply areas by this attribute of the vertices, a number above 0 each; its name begins with an underscore
+    /// glTF: multiply areas by this attribute of the vertices, a number above 0 each; its name begins with an
+    /// underscore
     #[arg(long, value_name = "NAME")]
     pub weight_attribute: Option<String>,
 
-    /// Hierarchies: optimise after the merges of a round, or not, which gives a strictly nested tree; hr never does. Rounds of pml do
-    /// so once clusters have 4 faces on average, with quality best from the first on; levels and the end always
+    /// Hierarchies: optimise after the merges of a round, or not, which gives a strictly nested tree; hr never does.
+    /// Rounds of pml do so once clusters have 4 faces on average, with quality best from the first on; levels and the
+    /// end always
     #[arg(long, value_enum, default_value_t)]
     pub optimize: Optimize,
 
-    /// Hierarchies: at most this many iterations in a round that is optimised, except at levels and at the end; when left out, 2 in
-    /// parallel rounds (1 with quality fast, 16 with best) and as many as it takes in those of ml
+    /// Hierarchies: at most this many iterations in a round that is optimised, except at levels and at the end; when
+    /// left out, 2 in parallel rounds (1 with quality fast, 16 with best) and as many as it takes in those of ml
     #[arg(long, value_name = "N")]
     #[schema(minimum = 1)]
     pub optimize_iterations: Option<u32>,
@@ -103,8 +105,8 @@ pub struct Parameters {
     #[schema(minimum = 1)]
     pub switch_to_ml_at: Option<u64>,
 
-    /// ml, hr and pml after its switch: merge this percentage of the clusters a step, the cheapest pairs first, instead of
-    /// one pair; above 0, at most 50
+    /// ml, hr and pml after its switch: merge this percentage of the clusters a step, the cheapest pairs first, instead
+    /// of one pair; above 0, at most 50
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
     #[schema(exclusive_minimum = 0, maximum = 50)]
     pub collapse_fraction: Option<f64>,
@@ -197,7 +199,7 @@ impl Parameters {
         self.levels.as_ref().map_or(&[], |levels| &levels.0)
     }
 
-    /// What only flat clusterings have, and whether it was asked for.
+    /// Parameters of flat clusterings only, and whether each was given.
     fn flat_only(&self, listed: bool) -> Vec<(Name, bool)> {
         vec![
             (Name::SEEDS, listed || self.seeds != Seeds::Coarse),
@@ -207,7 +209,7 @@ impl Parameters {
         ]
     }
 
-    /// What only hierarchies have, and whether it was asked for.
+    /// Parameters of hierarchies only, and whether each was given.
     fn hierarchical_only(&self) -> Vec<(Name, bool)> {
         vec![
             (Name::OPTIMIZE, self.optimize != Optimize::On),
@@ -220,7 +222,7 @@ impl Parameters {
         ]
     }
 
-    /// Checks what a hierarchy is asked for.
+    /// Checks the parameters of a hierarchy.
     fn check_hierarchy(&self) -> Result<()> {
         if self.optimize_iterations.is_some() && !self.optimizes() {
             let name = Name::OPTIMIZE_ITERATIONS;
@@ -265,17 +267,18 @@ pub enum Algorithm {
     /// Boundary-based clustering (Parallel Mesh Clustering, section 3)
     #[default]
     Bb,
-    /// Parallel multilevel clustering: all pairs that choose each other merge at once, then the faces move (Parallel Mesh Clustering, section 4)
+    /// Parallel multilevel clustering: all pairs that choose each other merge at once, then the faces move (Parallel
+    /// Mesh Clustering, section 4)
     Pml,
     /// Multilevel clustering: the cheapest pair merges, then the faces move (Parallel Mesh Clustering, section 4)
     Ml,
     /// Hierarchical clustering: the cheapest pair merges; Ward's method on neighbouring clusters
     Hr,
-    /// Approximated centroidal Voronoi diagrams: sequential energy minimisation by local queries (Valette & Chassery 2004);
-    /// a reference, on the cpu
+    /// Approximated centroidal Voronoi diagrams: sequential energy minimisation by local queries (Valette & Chassery
+    /// 2004); a reference, on the cpu
     Acvd,
-    /// Variational clustering: all clusters grown anew in every iteration, by a priority queue (Cohen-Steiner et al. 2004);
-    /// a reference, on the cpu
+    /// Variational clustering: all clusters grown anew in every iteration, by a priority queue (Cohen-Steiner et al.
+    /// 2004); a reference, on the cpu
     Vc,
 }
 

@@ -5,77 +5,10 @@ mod cli_support;
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
-use std::process::{Child, Command, Stdio};
+use std::process::Command;
 
 use cli_support::Folder;
-
-/// The service in a process of its own; killed when the test ends before it does.
-struct Running {
-    child: Child,
-    address: String,
-    /// What it wrote up to the address, and what it writes afterwards.
-    log: BufReader<std::process::ChildStderr>,
-}
-
-impl Running {
-    fn start(folder: &Folder) -> Self {
-        Self::with(folder, &[])
-    }
-
-    fn with(folder: &Folder, more: &[&str]) -> Self {
-        let mut command = Self::command(folder);
-        command.args(more);
-        Self::spawn(command)
-    }
-
-    fn command(folder: &Folder) -> Command {
-        folder.tesserae(&["serve", "--listen", "127.0.0.1:0", "--device", "cpu"])
-    }
-
-    fn spawn(mut command: Command) -> Self {
-        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the binary runs");
-        let mut log = BufReader::new(child.stderr.take().expect("a pipe"));
-        let mut line = String::new();
-        while !line.contains("listening on http://") {
-            line.clear();
-            assert_ne!(log.read_line(&mut line).expect("text"), 0, "it ended before it listened");
-        }
-        let (_, rest) = line.split_once("listening on http://").expect("just found");
-        let address = rest.split([' ', '"', '\n']).next().expect("an address").to_owned();
-        Self { child, address, log }
-    }
-
-    /// The whole answer to a request without a body.
-    fn get(&self, path: &str) -> String {
-        self.get_with(path, "")
-    }
-
-    /// The same with more lines in the head.
-    fn get_with(&self, path: &str, head: &str) -> String {
-        let mut stream = TcpStream::connect(&self.address).expect("it listens");
-        write!(stream, "GET {path} HTTP/1.0\r\nHost: {}\r\n{head}\r\n", self.address).expect("it reads");
-        let mut answer = String::new();
-        stream.read_to_string(&mut answer).expect("it answers");
-        answer
-    }
-
-    /// Sends a signal and gives the exit status and the rest of the log.
-    fn end(mut self, signal: &str) -> (Option<i32>, String) {
-        let id = self.child.id().to_string();
-        assert!(Command::new("kill").args([signal, &id]).status().expect("kill runs").success());
-        let mut log = String::new();
-        self.log.read_to_string(&mut log).expect("text");
-        (self.child.wait().expect("it ends").code(), log)
-    }
-}
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        // It may have ended already.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
+use cli_support::running::Running;
 
 #[test]
 fn it_says_where_it_listens_and_ends_in_order_when_asked() {
@@ -132,15 +65,9 @@ fn temporary_folders_of_killed_processes_are_removed_and_others_are_private() {
 fn a_backup_is_made_while_the_service_runs_and_a_service_starts_on_it() {
     let folder = Folder::new();
     folder.sample("sphere", 300, "sphere.obj");
-    let mesh = folder.read("sphere.obj");
     folder.run(&["backup", "--data-dir", "data", "backup"]).expect_failure(&["no store of jobs", "data"]);
     let service = Running::with(&folder, &["--data-dir", "data"]);
-    let mut stream = TcpStream::connect(&service.address).expect("it listens");
-    let head = "POST /v1/jobs?clusters=5 HTTP/1.0\r\nContent-Type: model/obj\r\nPrefer: wait=60\r\nHost: x";
-    write!(stream, "{head}\r\nContent-Length: {}\r\n\r\n", mesh.len()).expect("it reads");
-    stream.write_all(&mesh).expect("it reads");
-    let mut answer = String::new();
-    stream.read_to_string(&mut answer).expect("it answers");
+    let answer = service.post("clusters=5", "Prefer: wait=60\r\n", &folder.read("sphere.obj"));
     assert!(answer.starts_with("HTTP/1.0 200 "), "{answer}");
     let made = folder.run(&["backup", "--data-dir", "data", "backup"]);
     assert!(made.text().starts_with("jobs: 1, files: 0,"), "{made:?}");
@@ -343,18 +270,10 @@ fn a_webhook_is_told_after_the_service_was_killed_while_it_told_it() {
     let folder = Folder::new();
     folder.write("secret", "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw");
     folder.sample("sphere", 300, "sphere.obj");
-    let mesh = folder.read("sphere.obj");
     let host = format!("http://{address}");
     let settings = ["--data-dir", "data", "--webhook-hosts", &host, "--webhook-secret", "secret"];
     let service = Running::with(&folder, &settings);
-    let mut stream = TcpStream::connect(&service.address).expect("it listens");
-    let query = format!("clusters=5&webhook={host}/");
-    let length = mesh.len();
-    write!(stream, "POST /v1/jobs?{query} HTTP/1.0\r\nContent-Type: model/obj\r\nContent-Length: {length}\r\n\r\n")
-        .expect("it reads");
-    stream.write_all(&mesh).expect("it reads");
-    let mut answer = String::new();
-    stream.read_to_string(&mut answer).expect("it answers");
+    let answer = service.post(&format!("clusters=5&webhook={host}/"), "", &folder.read("sphere.obj"));
     assert!(answer.starts_with("HTTP/1.0 202 "), "{answer}");
     let (first, unanswered) = next();
     service.end("-KILL");
@@ -385,19 +304,9 @@ fn spans_of_a_request_and_of_its_job_reach_the_collector_as_one_trace() {
     let endpoint = format!("http://{}/v1/traces", collector.address);
     let service = Running::with(&folder, &["--otlp-endpoint", &endpoint, "--log-format", "json"]);
     folder.sample("sphere", 300, "sphere.obj");
-    let mesh = folder.read("sphere.obj");
     let (trace, parent) = ("0af7651916cd43dd8448eb211c80319c", "b7ad6b7169203331");
-    let mut stream = TcpStream::connect(&service.address).expect("it listens");
-    write!(
-        stream,
-        "POST /v1/jobs?clusters=5 HTTP/1.0\r\nHost: x\r\nContent-Type: model/obj\r\nPrefer: wait=60\r\n\
-         traceparent: 00-{trace}-{parent}-01\r\nContent-Length: {}\r\n\r\n",
-        mesh.len()
-    )
-    .expect("it reads");
-    stream.write_all(&mesh).expect("it reads");
-    let mut answer = String::new();
-    stream.read_to_string(&mut answer).expect("it answers");
+    let head = format!("Prefer: wait=60\r\ntraceparent: 00-{trace}-{parent}-01\r\n");
+    let answer = service.post("clusters=5", &head, &folder.read("sphere.obj"));
     assert!(answer.starts_with("HTTP/1.0 200 "), "{answer}");
     let (status, log) = service.end("-TERM");
     assert_eq!(status, Some(0), "{log}");

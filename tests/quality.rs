@@ -1,4 +1,5 @@
-//! What is promised of every result, looked at from outside: by means of its own, from positions, faces and labels alone.
+//! What is promised of every result, looked at from outside: by means of its own, from positions, faces and labels
+//! alone.
 
 mod cli_support;
 mod common;

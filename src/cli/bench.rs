@@ -30,10 +30,10 @@ const MOST_FOR_HIERARCHY: u64 = 1_000_000;
 /// Arguments of `tesserae bench`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Measures flat clusterings and whole hierarchies of samples of growing size, and of the meshes that are named: what reading,
-topology, transfers and clustering take, what the gpu itself says of its passes (timestamp queries), how often each kernel
-was dispatched, and a pass over all faces (sums and lists from labels) beside the card's own copies. A gpu's labels are compared with the
-cpu's; others are an error. Sizes that do not fit are told as such. Needs no network and no other file.
+Measures flat clusterings and whole hierarchies of samples of growing size, and of the meshes that are named: the time
+of reading, topology, transfers and clustering, the gpu's own times of its passes (timestamp queries), the dispatches of
+each kernel, and a pass over all faces (sums and lists from labels) beside the card's own copies. Labels of a gpu that
+differ from the cpu's are an error. Sizes that do not fit are reported as such. Needs no network and no other file.
 
 Examples:
   tesserae bench --device gpu --markdown gpu.md --json gpu.json
@@ -44,14 +44,15 @@ pub struct Arguments {
     device: DeviceArguments,
 
     /// Faces of the samples, about; by default as many sizes as suit the device
-    #[arg(long, value_name = "N,…", value_delimiter = ',', value_parser = clap::value_parser!(u64).range(100..=MAX_FACES))]
+    #[arg(long, value_name = "N,…", value_delimiter = ',',
+          value_parser = clap::value_parser!(u64).range(100..=MAX_FACES))]
     faces: Option<Vec<u64>>,
 
     /// A mesh file, and the number of clusters to cut it into; may be given several times
     #[arg(long = "mesh", value_name = "FILE:K", value_parser = path_parser(mesh_and_clusters))]
     meshes: Vec<(PathBuf, u64)>,
 
-    /// How often each job is run; the fastest run is told
+    /// How often each job is run; the fastest run counts
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
     repeats: u32,
 

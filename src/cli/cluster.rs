@@ -262,7 +262,7 @@ fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Fa
     run_on_device(arguments, &prepared, &cancel, progress)
 }
 
-/// Clusters on the device that was asked for; with `auto`, what a gpu cannot do is done by the cpu.
+/// Clusters on the chosen device; with `auto`, the cpu does what a gpu cannot.
 fn run_on_device(
     arguments: &Arguments,
     prepared: &Prepared,

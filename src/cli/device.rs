@@ -34,7 +34,8 @@ impl DeviceArguments {
         self.device == DeviceChoice::Gpu || self.adapter.is_some()
     }
 
-    /// Opens the device for one mesh. `auto` takes the cpu for what merges one pair after the other, as for small meshes.
+    /// Opens the device for one mesh. `auto` takes the cpu for what merges one pair after the other, as for small
+    /// meshes.
     pub fn open(&self, prepared: &Prepared) -> Result<Box<dyn Device>> {
         let faces = match prepared.plan.is_sequential() {
             true => 0,

@@ -21,8 +21,8 @@ pub struct Arguments {
 
 #[derive(Debug, clap::Subcommand)]
 enum What {
-    /// Tables 1 and 2 and Figure 6 of "Parallel Mesh Clustering", on the meshes that are there, with the paper's figures beside
-    /// ours: report.md and figure-6.svg
+    /// Tables 1 and 2 and Figure 6 of "Parallel Mesh Clustering", on the meshes that are there, with the paper's
+    /// figures beside ours: report.md and figure-6.svg
     Paper(Paper),
 }
 
@@ -42,7 +42,7 @@ struct Paper {
     #[arg(value_name = "OUT_DIR")]
     out: PathBuf,
 
-    /// How often each time of Table 1 is measured; the least is told
+    /// How often each time of Table 1 is measured; the least counts
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
     repeats: u32,
 

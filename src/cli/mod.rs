@@ -115,7 +115,7 @@ fn complain(message: &str) {
     say(&format!("tesserae: {message}"));
 }
 
-/// Writes one line to standard error, whatever a file name or a driver put into it; lost when nobody can read it.
+/// Writes one line to standard error, whatever a file name or a driver put into it; lost when standard error is closed.
 fn say(line: &str) {
     let _ = writeln!(io::stderr(), "{}", line.replace(['\n', '\r'], " "));
 }

@@ -4,11 +4,11 @@
 //!
 //! Every face starts as a cluster. A round merges clusters and then optimises:
 //!
-//! * *Parallel rounds* (PML): every cluster finds its best dual edge ([`crate::device::dual_edge`]: packed cost, then the tie
-//!   rule); of the pairs that chose each other, those that cost no more than their median merge, or, as in the paper,
-//!   all ([`Pairs`]), all at once. The edges are totally ordered (or, with the paper's tie rule, the cluster with the
-//!   largest number among those of the cheapest edges has a partner that chose it back), so there is always such a
-//!   pair, and a round never does nothing while a dual edge is left.
+//! * *Parallel rounds* (PML): every cluster finds its best dual edge ([`crate::device::dual_edge`]: packed cost, then
+//!   the tie rule); of the pairs that chose each other, those that cost no more than their median merge, or, as in the
+//!   paper, all ([`Pairs`]), all at once. The edges are totally ordered (or, with the paper's tie rule, the cluster
+//!   with the largest number among those of the cheapest edges has a partner that chose it back), so there is always
+//!   such a pair, and a round never does nothing while a dual edge is left.
 //! * *Sequential rounds* (ML): the dual edge with the smallest exact cost of all merges; with `collapse_fraction` P,
 //!   one after the other until P % of the clusters are gone (Chiosa & Kolb 2008).
 //! * *Optimisation*: the boundary phase and the refinement of [`super::flat`], on the merged clusters. Between stops,

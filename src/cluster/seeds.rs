@@ -115,8 +115,8 @@ impl SeedFaces {
     }
 }
 
-/// How many clusters each component gets: at least 1, at most its faces, by area. Refuses numbers that the surface cannot
-/// have.
+/// How many clusters each component gets: at least 1, at most its faces, by area. Refuses numbers that the surface
+/// cannot have.
 pub fn shares(surface: &Surface, clusters: u64) -> Result<Vec<usize>> {
     check_clusters(surface, clusters)?;
     Ok(apportion(surface, clusters as usize))

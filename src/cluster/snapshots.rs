@@ -142,8 +142,8 @@ impl PartialSchema for Snapshots {
                 .item(text)
                 .examples([json!(10), json!([0, 6, 46]), json!("0,6,46")])
                 .description(Some(
-                    "Iterations whose labels are kept: a number `N` for every N-th, or a list, as an array or as text `0,6,46` (a \
-                     single one with a comma behind it); 0 is the initial growth.",
+                    "Iterations whose labels are kept: a number `N` for every N-th, or a list, as an array or as text \
+                     `0,6,46` (a single one with a comma behind it); 0 is the initial growth.",
                 )),
         )
         .into()

@@ -1,7 +1,7 @@
 //! Reports as a picture (SVG): energy against the number of clusters for hierarchies (the paper's Figure 6), energy per
 //! iteration for flat clusterings. Reports of both kinds give two panels, with the flat ones as points in the first.
 //!
-//! Text is set by whoever shows the picture: no font is needed here.
+//! The viewer of the picture sets its text: no font is needed here.
 
 use std::ops::Range;
 
@@ -107,8 +107,8 @@ pub fn draw(curves: &[Curve]) -> Result<String> {
 /// A line of (clusters, energy) with its name.
 pub type Line = (String, Vec<(u64, f64)>);
 
-/// Draws lines as SVG, and below them others whose energies are told as parts of something. Fails when there is nothing to
-/// show.
+/// Draws lines as SVG, and below them others whose energies are told as parts of something. Fails when there is nothing
+/// to show.
 pub fn draw_against_clusters(lines: &[Line], part_of: &str, parts: &[Line]) -> Result<String> {
     let points = |(name, points): &Line| {
         (name.clone(), drawable(points.iter().map(|&(clusters, energy)| (logarithm(clusters), Some(energy)))))
@@ -221,7 +221,8 @@ mod tests {
     use super::*;
 
     const FLAT: &str = r#"{"algorithm": "bb", "clusters": 9, "energy": {"final": 1.5}, "levels": [],
-        "iterations": [{"iteration": 0, "energy": 3.0}, {"iteration": 1, "energy": 2.0}, {"iteration": 2, "energy": 1.5}]}"#;
+        "iterations": [{"iteration": 0, "energy": 3.0}, {"iteration": 1, "energy": 2.0},
+                       {"iteration": 2, "energy": 1.5}]}"#;
     const TREE: &str = r#"{"algorithm": "pml", "clusters": 1, "energy": {"final": 8.0}, "iterations": [],
         "levels": [{"clusters": 40, "energy": 0.0}, {"clusters": 10, "energy": 1.0}, {"clusters": 1, "energy": 8.0}]}"#;
 

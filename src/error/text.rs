@@ -88,8 +88,8 @@ impl Write for Line {
     }
 }
 
-/// Whether a terminal or a viewer of logs acts on the character instead of showing it: control characters, separators of
-/// lines and paragraphs, direction overrides, and characters without width.
+/// Whether a terminal or a viewer of logs acts on the character instead of showing it: control characters, separators
+/// of lines and paragraphs, direction overrides, and characters without width.
 fn is_obeyed(char: char) -> bool {
     char.is_control()
         || matches!(

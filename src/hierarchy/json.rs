@@ -25,11 +25,12 @@ pub struct Hierarchy {
     pub parameters: Map<String, Value>,
     /// Number of faces n: the leaves.
     pub faces: u32,
-    /// The rounds that left so many clusters as were asked for, in order.
+    /// The rounds at the requested numbers of clusters, in order.
     pub levels: Vec<Level>,
-    /// The merges that left so many clusters as were asked for, in order: children before parents.
+    /// The merges down to the requested number of clusters, in order: children before parents.
     pub nodes: Vec<Node>,
-    /// The nodes (leaves too) that nothing in `nodes` merges, ascending: one a cluster that is left at the end of the list.
+    /// The nodes (leaves too) that nothing in `nodes` merges, ascending: one a cluster that is left at the end of the
+    /// list.
     pub roots: Vec<u32>,
 }
 
@@ -50,8 +51,8 @@ pub struct Node {
     /// Energy of the merged cluster before any optimisation, source units. Null when it overflows.
     #[schema(value_type = Option<f64>)]
     pub energy: f64,
-    /// Faces of the merged cluster. With optimisation faces also move between clusters, so it need not be the sum of the
-    /// children's.
+    /// Faces of the merged cluster. With optimisation faces also move between clusters, so it need not be the sum of
+    /// the children's.
     pub faces: u32,
     /// Its area, source units. Null when it overflows.
     #[schema(value_type = Option<f64>)]

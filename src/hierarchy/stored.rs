@@ -13,19 +13,23 @@
 //! | 28 | 4 | C, the number of checkpoints |
 //! | 32 | 8 | V, the number of moves |
 //! | 40 | H | header: a JSON object in UTF-8, see [`Header`] |
-//! | | 32·R | rounds: clusters left u32, end of its merges u32, end of its moves u64, energy f64, 1 if a checkpoint follows it, else 0, u32, 0 u32 |
-//! | | 16·M + 8·V + 4·F·C | for each round its merges: into u32, from u32, cost f64; its moves: face u32, the cluster it goes to u32; its checkpoint, if it has one: for each face the living cluster that it is in, u32 |
-//! | | 44·M | what each merge made: faces u32, energy f64, weight f64, proxy 3 × f64 |
+//! | | 32·R | the rounds |
+//! | | 16·M + 8·V + 4·F·C | for each round its merges, its moves and its checkpoint, if it has one |
+//! | | 44·M | the clusters that merges made: faces u32, energy f64, weight f64, proxy 3 × f64 |
 //!
-//! What the numbers mean is said at [`Round`], [`super::Merge`] and [`super::FaceMove`]. The file is this content in blocks, each with a
-//! checksum ([`blocks`]), and nothing else.
+//! A round is: clusters left u32, end of its merges u32, end of its moves u64, energy f64, 1 as u32 if a checkpoint
+//! follows it and else 0, 0 u32. A merge is: into u32, from u32, cost f64. A move is: face u32, the cluster it goes to
+//! u32. A checkpoint has for each face the living cluster that it is in, u32.
+//!
+//! What the numbers mean is said at [`Round`], [`super::Merge`] and [`super::FaceMove`]. The file is this content in
+//! blocks, each with a checksum ([`blocks`]), and nothing else.
 //!
 //! # Why checkpoints
 //!
-//! A cut starts at the last checkpoint before it and reads only what lies between: however long the run was, that is one
-//! label a face and records of fewer than [`BETWEEN_CHECKPOINTS`] bytes a face and of one round more. Besides it reads the list
-//! of rounds, which is short for parallel hierarchies, and has 32 bytes a face for those that merge one pair a round. Blocks
-//! before and after are not read.
+//! A cut starts at the last checkpoint before it and reads only what lies between: however long the run was, that is
+//! one label a face and records of fewer than [`BETWEEN_CHECKPOINTS`] bytes a face and of one round more. Besides it
+//! reads the list of rounds, which is short for parallel hierarchies, and has 32 bytes a face for those that merge one
+//! pair a round. Blocks before and after are not read.
 
 use std::io::{self, Write};
 
@@ -56,8 +60,8 @@ const MAX_HEADER: usize = 1 << 20;
 /// Bytes of records that are read at once.
 const READ_AT_ONCE: usize = 1 << 20;
 
-/// A round has a checkpoint when the records since the last one have as many bytes for each face. So checkpoints make up no
-/// more than a third of all of them.
+/// A round has a checkpoint when the records since the last one have as many bytes for each face. So checkpoints make
+/// up no more than a third of all of them.
 const BETWEEN_CHECKPOINTS: u64 = 8;
 
 /// A hierarchy and where it comes from.
@@ -190,8 +194,8 @@ impl Stored {
 }
 
 /// A cut of a hierarchy in a file, without the tree ever being in memory; see [`Tree::labels_at`] and [`Stored::read`].
-/// Only what the cut needs is read, and only that is compared with its checksums. Whether a checkpoint is what the merges and
-/// moves before it make, only [`Stored::read`] looks.
+/// Only what the cut needs is read, and only that is compared with its checksums. Whether a checkpoint is what the
+/// merges and moves before it make, only [`Stored::read`] looks.
 pub fn cut(from: impl Input, length: u64, max_faces: u64, clusters: u64) -> Result<(Header, Cut)> {
     let mut reader = Reader(BlockReader::new(from, length));
     let sizes = reader.sizes(length, max_faces)?;

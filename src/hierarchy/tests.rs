@@ -14,7 +14,8 @@ fn round(clusters: u32, merges_end: u32, moves_end: u64, energy: f64) -> Round {
     Round { clusters, energy, merges_end, moves_end }
 }
 
-/// Seven faces. Round 1 merges 0+1, 2+3 and 4+5; face 5 goes to cluster 2. Round 2 merges 2+6 and 0+4. Round 3 the rest.
+/// Seven faces. Round 1 merges 0+1, 2+3 and 4+5; face 5 goes to cluster 2. Round 2 merges 2+6 and 0+4. Round 3 the
+/// rest.
 pub(super) fn small() -> Stored {
     let tree = Tree {
         faces: 7,

@@ -4,8 +4,7 @@
 //! format needs is said in [`mod@format`].
 //!
 //! Reading has two steps: [`open`] checks the structure of a file and counts its faces, [`Opened::read`] builds the
-//! mesh.
-//! Between the two a caller can wait for memory, choose a thread, or leave it.
+//! mesh. Between the two a caller can wait for memory, choose a thread, or give up.
 //!
 //! Readers trust nothing: sizes are checked against the bytes that are there before anything is allocated, what a file
 //! says more than once stays in proportion to its bytes (`allowance`), and an error names the line, accessor, vertex or

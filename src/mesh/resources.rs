@@ -57,7 +57,7 @@ impl Resources for Beside {
                 Quoted(uri)
             )));
         }
-        // looked at before it is opened: opening a pipe would wait for whoever writes to it
+        // checked before it is opened: opening a pipe would wait for its writer
         check_regular(&path.metadata().map_err(failed)?, uri)?;
         let file = File::open(&path).map_err(failed)?;
         let metadata = file.metadata().map_err(failed)?;
@@ -86,7 +86,8 @@ fn check_regular(metadata: &Metadata, uri: &str) -> Result<()> {
     Err(Error::mesh(format_args!("the mesh refers to a buffer that is not a regular file: {}", Quoted(uri))))
 }
 
-/// Refuses a URI that is anything but a path downwards: absolute, upwards, with a scheme or drive, or in another system's way.
+/// Refuses a URI that is anything but a path downwards: absolute, upwards, with a scheme or drive, or in another
+/// system's way.
 pub(super) fn check_relative(uri: &str) -> Result<()> {
     let refuse = |what: &str| {
         Err(Error::mesh(format_args!(

@@ -1,4 +1,4 @@
-//! The access log: one line a request, once its answer was sent, with everything in it; and the span of the request.
+//! The access log: one line a request, written once its answer was sent; and the span of the request.
 //!
 //! Lines have the target `tesserae::access` and no span, whose fields they hold themselves. Probes are logged at DEBUG.
 
@@ -180,9 +180,9 @@ struct Logged {
     body: Body,
     span: Span,
     line: Option<Box<Line>>,
-    /// Bytes that were sent, compressed as they are.
     /// Bytes of the whole body, if it states them.
     length: Option<u64>,
+    /// Bytes that were sent, compressed as they are.
     bytes: u64,
     /// Whether more was to come when the client went away.
     is_cut_short: bool,
@@ -201,7 +201,7 @@ impl HttpBody for Logged {
         match &polled {
             Poll::Ready(Some(Ok(frame))) => {
                 this.bytes += frame.data_ref().map_or(0, |data| data.len() as u64);
-                // hyper does not ask for more once the declared length was sent
+                // hyper does not poll again once the declared length was sent
                 this.is_cut_short = match this.length {
                     Some(length) => this.bytes < length,
                     None => !this.body.is_end_stream(),
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn one_of_so_many_requests_is_logged_and_every_failure() {
+    fn one_of_n_requests_is_logged_and_every_failure() {
         let logged = |every: u64, status: u16| {
             let log = AccessLog::new(every, &[]);
             (0..100).filter(|_| log.takes(status)).count()

@@ -1,7 +1,9 @@
-//! How many jobs may wait: of one tenant here, of all in the store.
+//! Limits of waiting jobs: of one tenant here, of all tenants in the store.
 
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
+
+use parking_lot::Mutex;
 
 use super::access::tokens::Tenant;
 use super::metrics::Metrics;
@@ -9,21 +11,21 @@ use super::problem::Failure;
 use super::store::{LOCAL_TENANT, Queue, State};
 use crate::error::{Error, Kind};
 
-/// How many jobs wait, and how many more are being created.
+/// Admits jobs to the queue.
 #[derive(Debug)]
 pub(super) struct Admission {
     store: Arc<dyn Queue>,
     metrics: Arc<Metrics>,
-    /// Jobs of a tenant that may wait, unless its quotas say otherwise.
+    /// Most waiting jobs of a tenant whose quotas have no number.
     most: u64,
     creating: Arc<Creating>,
 }
 
-/// Jobs that are being created, by tenant: they do not wait yet, but will.
+/// Jobs that are being created, by tenant: they count as waiting jobs.
 #[derive(Debug, Default)]
 struct Creating(Mutex<HashMap<String, u64>>);
 
-/// The place of a job that is being created; given up when dropped.
+/// The place of a job that is being created, until it is dropped.
 #[derive(Debug)]
 pub(super) struct Place {
     creating: Arc<Creating>,
@@ -31,12 +33,12 @@ pub(super) struct Place {
 }
 
 impl Admission {
-    /// Refuses jobs of a tenant beyond `most` that wait, unless its quotas say otherwise.
+    /// Allows `most` waiting jobs of a tenant whose quotas have no number.
     pub fn new(store: Arc<dyn Queue>, metrics: Arc<Metrics>, most: u64) -> Self {
         Self { store, metrics, most, creating: Arc::default() }
     }
 
-    /// Refuses a job, before its upload comes, for which there is no room now.
+    /// Refuses a job before its upload is read when there is no room for it now.
     pub async fn check(&self, tenant: &Tenant) -> Result<(), Failure> {
         let checked = self.store.check_room().await;
         if let Err(error) = checked {
@@ -45,17 +47,17 @@ impl Admission {
         self.check_tenant(tenant, 0).await
     }
 
-    /// Takes the place of a job that is to be created now. A tenant never gets more than it may have, however many of its
-    /// jobs are created at once; then some may be refused that would just have fitted.
+    /// Takes a place for a job that is about to be created. A tenant never exceeds its limit, however many of its jobs
+    /// are created at once; near the limit, some of these may be refused that would have fitted.
     pub async fn place(&self, tenant: &Tenant) -> Result<Place, Failure> {
         let place = Place { creating: Arc::clone(&self.creating), tenant: tenant.name.clone() };
         let others = {
-            let mut creating = self.creating.lock();
+            let mut creating = self.creating.0.lock();
             let count = creating.entry(tenant.name.clone()).or_default();
             *count += 1;
             *count - 1
         };
-        // counted only now, so that whoever gave up its place since is counted there
+        // waiting jobs are counted after `others`: a job that left `creating` meanwhile is counted as waiting
         self.check_tenant(tenant, others).await?;
         Ok(place)
     }
@@ -74,7 +76,7 @@ impl Admission {
     async fn check_tenant(&self, tenant: &Tenant, creating: u64) -> Result<(), Failure> {
         let quota = match tenant.quotas.max_queued_jobs {
             Some(quota) => quota,
-            // everybody, as far as is known: the limit of the whole queue will do
+            // without tokens all clients are this tenant: the limit of the whole queue is enough
             None if tenant.name == LOCAL_TENANT => return Ok(()),
             None => self.most,
         };
@@ -88,15 +90,11 @@ impl Admission {
     }
 }
 
-impl Creating {
-    fn lock(&self) -> MutexGuard<'_, HashMap<String, u64>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
+impl Creating {}
 
 impl Drop for Place {
     fn drop(&mut self) {
-        let mut creating = self.creating.lock();
+        let mut creating = self.creating.0.lock();
         if let Some(count) = creating.get_mut(&self.tenant) {
             *count -= 1;
             if *count == 0 {

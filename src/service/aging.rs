@@ -1,11 +1,12 @@
-//! The time by which jobs grow old: that of the system's clock, but never faster than twice the time that passed.
+//! The clock by which jobs expire: the system's clock, but at most twice as fast as the time that this process saw
+//! pass.
 //!
-//! A clock that jumps forward must not make jobs expire that ended a moment ago. Neither can a jump be told from a time
-//! in which the service was stopped. So time that this process did not see pass is caught up with: while the clock is
-//! ahead, jobs age by two seconds a second. The time reached is kept in a file, so that a restart does not lose it.
+//! Jobs must not expire because the clock jumped forward, and a jump cannot be distinguished from a time in which the
+//! service was stopped. Therefore, while the system's clock is ahead, jobs age by two seconds a second. A file keeps
+//! the time reached, so that a restart does not lose it.
 //!
-//! The time reached never goes back. While the clock is behind it, jobs age as the clock says; once the clock is right
-//! again, nothing has to be caught up with.
+//! The time reached never goes back. While the system's clock is behind it, jobs age by the system's clock; once that
+//! is corrected, nothing is to be caught up.
 
 use std::io::{self, Read as _, Seek as _, Write as _};
 use std::path::Path;
@@ -19,9 +20,9 @@ const NOTABLE: Duration = Duration::from_secs(600);
 /// The clocks of the system, read at once.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Reading {
-    /// What the clock says, which people and other computers set.
+    /// The system's clock, which people and other computers set.
     pub wall: SystemTime,
-    /// Time that only passes.
+    /// The monotonic clock.
     pub steady: Instant,
 }
 
@@ -42,11 +43,11 @@ pub(super) struct Aging {
 }
 
 impl Aging {
-    /// Goes on at the time that was `reached` earlier, or begins with what the clock says.
+    /// Continues at the time that was `reached` earlier, or starts at the system's clock.
     pub fn new(reached: Option<SystemTime>, now: Reading) -> Self {
         let reached = reached.unwrap_or(now.wall);
         let mut aging = Self { reached, seen: now.steady, is_behind: false };
-        aging.tell(now.wall);
+        aging.warn(now.wall);
         aging
     }
 
@@ -57,7 +58,7 @@ impl Aging {
         // none: a time that no file of this service holds, which no clock reaches either
         let most = self.reached.checked_add(2 * passed).unwrap_or(now.wall);
         self.reached = self.reached.max(most.min(now.wall));
-        self.tell(now.wall);
+        self.warn(now.wall);
         self.reached.min(now.wall)
     }
 
@@ -66,7 +67,7 @@ impl Aging {
         self.reached
     }
 
-    fn tell(&mut self, wall: SystemTime) {
+    fn warn(&mut self, wall: SystemTime) {
         let ahead = wall.duration_since(self.reached).unwrap_or_default();
         let is_behind = ahead > NOTABLE;
         if is_behind && !self.is_behind {

@@ -1,4 +1,4 @@
-//! The audit log: which tenant, by which token and from which address, changed what; and who was refused.
+//! The audit log: which tenant, by which token and from which address, changed what; and which requests were denied.
 //!
 //! Lines have the target `tesserae::audit`, so that they can be kept apart from the access log, which may be sampled.
 //! They name tokens by their id, never by their secret.
@@ -15,11 +15,11 @@ const TARGET: &str = "tesserae::audit";
 /// What a tenant did to a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Action {
-    /// A job was made, of an upload of so many bytes.
+    /// A job was made, of an upload of this many bytes.
     Accepted(u64),
     /// A request came again that had made the job (`Idempotency-Key`).
     Repeated,
-    /// The end of a job was asked for.
+    /// A job was cancelled, or is to be.
     Cancelled,
     /// A job was deleted with its results.
     Deleted,
@@ -51,7 +51,7 @@ pub(super) fn record(action: Action, caller: &Caller, job: impl Display) {
     );
 }
 
-/// Writes that a request was refused because of who sent it.
+/// Writes that a request was denied.
 pub(super) fn denied(kind: Kind, method: impl Display, path: &str, origin: Option<&Origin>) {
     tracing::info!(
         target: TARGET,

@@ -53,7 +53,7 @@ pub(super) async fn results(request: Request, next: Next) -> Response {
     if let Ok(value) = HeaderValue::try_from(format!("\"{tag}\"")) {
         headers.insert(header::ETAG, value);
     }
-    // kept by whom it is for, and asked for again before it is used
+    // kept by the client only, and validated before each use
     headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("private, no-cache"));
     headers.insert(header::ACCEPT_RANGES, HeaderValue::from_static("bytes"));
     if let Some(coding) = known(&asked, &tag) {
@@ -112,7 +112,7 @@ fn known(asked: &HeaderMap, tag: &str) -> Option<Option<&'static str>> {
     })
 }
 
-/// Whether a range may be answered: the client says to have a part of these very bytes, or nothing.
+/// Whether a range may be answered: `If-Range` is absent, or names these very bytes.
 fn if_range(asked: &HeaderMap, tag: &str) -> bool {
     asked.get(header::IF_RANGE).is_none_or(|value| value.as_bytes() == format!("\"{tag}\"").as_bytes())
 }
@@ -123,7 +123,7 @@ fn length(response: &Response) -> Option<u64> {
     declared.or_else(|| response.body().size_hint().exact())
 }
 
-/// The bytes that a `Range` asks for. None for what may be ignored: other units, several ranges, and nonsense.
+/// The bytes of a `Range` header. None for what may be ignored: other units, several ranges, and nonsense.
 fn parse(range: &HeaderValue, length: u64) -> Option<Result<Range<u64>, Error>> {
     let range = range.to_str().ok()?.strip_prefix("bytes=")?.trim();
     let (first, last) = range.split_once('-')?;

@@ -1,7 +1,8 @@
-//! Cancelling a job, and forgetting one and its files, also when the disk is full.
+//! Cancelling a job, and deleting one with its files, also when the disk is full.
 //!
-//! The job goes first, because files without a job are found and removed later. To forget it the store writes, so a
-//! full disk is helped in two steps: the ballast is given up, and then the files of the job go first.
+//! The store deletes the job before its files are removed, because a sweep finds files without a job later. To delete a
+//! job the store must write. On a full disk there are two more attempts: after the ballast is removed, and after the
+//! files of the job are.
 
 use std::sync::Arc;
 
@@ -25,7 +26,7 @@ pub(super) async fn delete(files: &Arc<Files>, store: &dyn JobStore, id: JobId) 
     outcome
 }
 
-/// Asks for the end of a job, as [`Queue::cancel`](super::store::Queue::cancel) does.
+/// Cancels a job, as [`Queue::cancel`](super::store::Queue::cancel) does.
 pub(super) async fn cancel(files: &Arc<Files>, store: &dyn JobStore, id: JobId) -> Result<Option<Job>> {
     let mut outcome = store.cancel(id).await;
     if is_full(&outcome) && files.give_up_ballast().await {

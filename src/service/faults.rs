@@ -4,7 +4,10 @@
 
 use std::io;
 #[cfg(debug_assertions)]
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
+
+#[cfg(debug_assertions)]
+use parking_lot::{Condvar, Mutex};
 
 /// Where something can be made to fail, or to wait.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,7 +38,7 @@ pub struct Faults {
     held: Arc<Held>,
 }
 
-/// Points at which everything waits, and how many wait there.
+/// Points that are held, and the number of threads that wait there.
 #[cfg(debug_assertions)]
 #[derive(Debug, Default)]
 struct Held {
@@ -45,18 +48,14 @@ struct Held {
 
 #[cfg(debug_assertions)]
 impl Held {
-    fn points(&self) -> MutexGuard<'_, Vec<(FaultPoint, usize)>> {
-        self.points.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Waits as long as the point is held.
     fn pass(&self, at: FaultPoint) {
-        let mut points = self.points();
+        let mut points = self.points.lock();
         if let Some((_, waiting)) = points.iter_mut().find(|(point, _)| *point == at) {
             *waiting += 1;
         }
         while points.iter().any(|(point, _)| *point == at) {
-            points = self.changed.wait(points).unwrap_or_else(PoisonError::into_inner);
+            self.changed.wait(&mut points);
         }
     }
 }
@@ -72,34 +71,34 @@ struct Armed {
 }
 
 impl Faults {
-    /// From the time `after` on, `point` fails `times` times as `kind` says.
+    /// `point` is passed `after` times, then fails `times` times with an error of `kind`.
     #[cfg(debug_assertions)]
     pub fn arm(&self, point: FaultPoint, kind: io::ErrorKind, after: usize, times: usize) {
         let armed = Armed { point, kind, passes: after, failures: times };
-        self.armed.lock().unwrap_or_else(PoisonError::into_inner).push(armed);
+        self.armed.lock().push(armed);
     }
 
-    /// From now on, everything that comes to `point` waits there. Not for points on the runtime's own threads.
+    /// From now on, every thread that reaches `point` waits there. Not for points on the runtime's own threads.
     #[cfg(debug_assertions)]
     pub fn hold(&self, point: FaultPoint) {
-        self.held.points().push((point, 0));
+        self.held.points.lock().push((point, 0));
     }
 
-    /// How many wait at a point.
+    /// Number of threads that wait at a point.
     #[cfg(debug_assertions)]
     pub fn waiting(&self, at: FaultPoint) -> usize {
-        self.held.points().iter().find(|(point, _)| *point == at).map_or(0, |(_, waiting)| *waiting)
+        self.held.points.lock().iter().find(|(point, _)| *point == at).map_or(0, |(_, waiting)| *waiting)
     }
 
-    /// Nothing fails any more, or waits.
+    /// Ends all faults and all waits.
     #[cfg(debug_assertions)]
     pub fn disarm(&self) {
-        self.armed.lock().unwrap_or_else(PoisonError::into_inner).clear();
-        self.held.points().clear();
+        self.armed.lock().clear();
+        self.held.points.lock().clear();
         self.held.changed.notify_all();
     }
 
-    /// Aborts the process when a test says so about a file of this name, as a mesh would that takes all memory.
+    /// Aborts the process when [`ABORT_AT`] names this file, as a mesh would that takes all memory.
     #[cfg(debug_assertions)]
     pub(super) fn abort_at(&self, file_name: Option<&str>) {
         if file_name.is_some_and(|name| std::env::var(ABORT_AT).is_ok_and(|wanted| wanted == name)) {
@@ -116,7 +115,7 @@ impl Faults {
     #[cfg(debug_assertions)]
     pub(super) fn hit(&self, point: FaultPoint) -> io::Result<()> {
         self.held.pass(point);
-        let mut armed = self.armed.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut armed = self.armed.lock();
         for fault in armed.iter_mut().filter(|fault| fault.point == point) {
             if fault.passes > 0 {
                 fault.passes -= 1;

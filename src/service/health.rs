@@ -1,11 +1,11 @@
 //! What is wrong with the service right now, by name: the reasons in `/readyz` and in the metrics.
 //!
-//! Whoever finds a part of the service broken says so here, and takes it back when the part works again. A part that
-//! fails makes the service not ready; one that is degraded is told, and jobs are taken all the same.
+//! Code that finds a part of the service broken reports it here, and clears it when the part works again. A part that
+//! fails makes the service not ready. A degraded part is listed; jobs are taken all the same.
 
 use std::collections::BTreeMap;
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
+use parking_lot::Mutex;
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -100,19 +100,19 @@ impl Health {
 
     /// `part` works.
     pub fn clear(&self, part: Part) {
-        if self.lock().remove(&part).is_some() {
+        if self.wrong.lock().remove(&part).is_some() {
             tracing::info!(part = part.name(), "works again");
         }
     }
 
     /// Everything that is wrong, in the order of [`Part::ALL`].
     pub fn conditions(&self) -> Vec<Condition> {
-        self.lock().values().cloned().collect()
+        self.wrong.lock().values().cloned().collect()
     }
 
     /// How bad `part` is; none when nothing is wrong with it.
     pub fn severity(&self, part: Part) -> Option<Severity> {
-        self.lock().get(&part).map(|condition| condition.severity)
+        self.wrong.lock().get(&part).map(|condition| condition.severity)
     }
 
     /// Why no jobs can be taken, for people; none when they can.
@@ -122,15 +122,11 @@ impl Health {
 
     fn set(&self, part: Part, severity: Severity, detail: String) {
         let condition = Condition { part, severity, detail };
-        let mut wrong = self.lock();
+        let mut wrong = self.wrong.lock();
         if wrong.get(&part) != Some(&condition) {
             tracing::warn!(part = part.name(), ?severity, "{}", condition.detail);
             wrong.insert(part, condition);
         }
-    }
-
-    fn lock(&self) -> MutexGuard<'_, BTreeMap<Part, Condition>> {
-        self.wrong.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

@@ -1,8 +1,8 @@
-//! The `Idempotency-Key` header (draft-ietf-httpapi-idempotency-key-header-07): a client that does not know whether its
-//! request was heard sends it again with the same key, and gets the same job.
+//! The `Idempotency-Key` header (draft-ietf-httpapi-idempotency-key-header-07): a client that got no answer repeats its
+//! request with the same key, and gets the same job.
 //!
-//! A key belongs to a tenant, and stands for one request for as long as the job is kept: parameters, format, file names and
-//! every byte of the files. What only says how the answer is to come (`Prefer`, `Accept`) is no part of it.
+//! A key belongs to a tenant and to one request as long as the job is kept: its parameters, format, file names and
+//! every byte of its files. Headers about the answer (`Prefer`, `Accept`) do not count.
 
 use axum::http::HeaderMap;
 use serde::Serialize;
@@ -69,7 +69,7 @@ pub(super) fn idempotency(key: String, spec: &Spec, digests: &[[u8; 32]]) -> Res
         digests: &'a [[u8; 32]],
     }
     let request = Request {
-        // whose it is, is known; and each attempt has its own trace
+        // the key is the tenant's already, and each attempt has its own trace
         spec: Spec { tenant: String::new(), trace_parent: None, ..spec.clone() },
         digests,
     };

@@ -37,7 +37,8 @@ const ANY_INFLATION: u64 = 1 << 20;
 /// Bytes that are decompressed at once.
 const CHUNK: usize = 1 << 16;
 
-/// Binary logarithm of the largest window of zstd, in bytes: 8 MiB, which every decoder must have (RFC 8878 §3.1.1.1.2).
+/// Binary logarithm of the largest window of zstd, in bytes: 8 MiB, which every decoder must have (RFC 8878
+/// §3.1.1.1.2).
 const ZSTD_WINDOW_LOG: u32 = 23;
 
 /// How a body is compressed.
@@ -101,7 +102,7 @@ pub(super) struct Content {
     gave: bool,
 }
 
-/// How many more bytes may come before someone has to say that things are going well.
+/// Bytes that may still come before the next part of a form begins.
 ///
 /// The multipart reader gathers the headers of a part in memory, however long; this bounds them.
 #[derive(Debug, Clone)]
@@ -129,7 +130,7 @@ impl Allowance {
     }
 }
 
-/// Takes over a body, of `length` bytes if it says so.
+/// Takes over a body, of `length` bytes where that is declared.
 pub(super) fn open(
     body: Body,
     headers: &HeaderMap,
@@ -264,7 +265,8 @@ impl Intake {
             return Err(Error::new(
                 Kind::Timeout,
                 format_args!(
-                    "the upload comes at less than {} bytes a second (the service's --min-upload-rate): {received} bytes so far",
+                    "the upload comes at less than {} bytes a second (the service's --min-upload-rate): {received} \
+                     bytes so far",
                     self.rules.min_rate
                 ),
             ));

@@ -113,7 +113,7 @@ impl opentelemetry_sdk::trace::SpanExporter for Watched {
             Err(error) => {
                 LOST_SPANS.fetch_add(spans, Ordering::Relaxed);
                 if !self.fails.swap(true, Ordering::Relaxed) {
-                    tracing::warn!(%error, "the collector of spans (--otlp-endpoint) does not take them; they are lost");
+                    tracing::warn!(%error, "the collector (--otlp-endpoint) does not take spans; they are lost");
                 }
             }
         }

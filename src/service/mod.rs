@@ -16,24 +16,24 @@
 //! | how long they are kept | `retention`, by the time of `aging`; `deletion` |
 //! | what happens when the disk fails | `storage` |
 //! | backups | `backup` |
-//! | asking twice for one job | `idempotency` |
+//! | repeated requests | `idempotency` |
 //! | a resource | `api`, one handler a file; what they share in `state` |
 //! | what results look like | `results`, `negotiate` |
 //! | what errors look like | `problem` |
 //! | what `/readyz` knows | `health` |
-//! | who may ask | `access` |
-//! | how much may be asked for | `traffic`, `admission` |
-//! | what is measured | `metrics` |
+//! | tokens and tenants | `access` |
+//! | limits of traffic and of the queue | `traffic`, `admission` |
+//! | metrics | `metrics` |
 //! | what is logged about requests | `access_log`, `audit` |
 //! | which trace a request belongs to | `trace` |
-//! | how ends of jobs are told | `webhooks` |
+//! | webhooks | `webhooks` |
 //! | ETag, Range | `conditional` |
 //! | routes and layers | `router` |
 //! | start and stop | `server` |
 //!
 //! Handlers return errors of the crate; one layer makes problem documents of them. Nothing here blocks the runtime:
-//! meshes are read and results written on blocking threads, clustering has a thread of its own, and where a few rows of the store
-//! are read at once, the runtime goes on at another thread. Names that clients give are for people; no path is made of them.
+//! meshes are read and results written on blocking threads, clustering has a thread of its own, and `block_in_place` is
+//! around the store's short reads. No path is made of a name that a client gave.
 
 mod access;
 mod access_log;

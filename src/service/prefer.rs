@@ -1,4 +1,4 @@
-//! The `Prefer` header (RFC 7240): `wait=N`, in seconds. Everything else in it is ignored, as the standard asks.
+//! The `Prefer` header (RFC 7240): `wait=N`, in seconds. Everything else in it is ignored, as the standard requires.
 
 use std::time::Duration;
 

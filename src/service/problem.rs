@@ -92,7 +92,7 @@ impl From<Error> for Failure {
 }
 
 impl Failure {
-    /// An error that may be over after so many seconds.
+    /// An error that may be over after this many seconds.
     pub fn retry_after(error: Error, seconds: u32) -> Self {
         Self { retry_after: Some(seconds), ..error.into() }
     }

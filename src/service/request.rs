@@ -1,4 +1,4 @@
-//! What a job request asks for: parameters from the query string and from the JSON part, made one.
+//! The parameters of a job request: those of the query string and of the JSON part, merged.
 //!
 //! A parameter may stand in either place, or in both with the same value; different values are refused. A path is never
 //! a parameter here: files arrive in the request.
@@ -19,12 +19,12 @@ use crate::parameters::{Parameters, Seeds};
 /// Largest JSON part with parameters, in bytes.
 pub(super) const MAX_PARAMETERS_BYTES: u64 = 64 << 10;
 
-/// What was asked for so far.
+/// The parameters so far.
 #[derive(Debug, Clone)]
 pub(super) struct Wanted {
-    /// Format of the mesh, when the query says it.
+    /// Format of the mesh, if the query has it.
     pub format: Option<Format>,
-    /// Where the end of the job is to be told.
+    /// URL that receives the end of the job.
     webhook: Option<String>,
     priority: Option<i8>,
     parameters: Parameters,
@@ -51,7 +51,7 @@ impl Wanted {
         Ok(Self { format, webhook, priority, parameters, given })
     }
 
-    /// Adds what the JSON part says.
+    /// Adds the parameters of the JSON part.
     pub fn add_json(&mut self, json: &[u8]) -> Result<()> {
         // Read twice: as a map, which knows what was given, and as parameters, which know types, names and duplicates.
         let malformed = |error: serde_json::Error| {
@@ -90,7 +90,7 @@ impl Wanted {
         Ok(())
     }
 
-    /// Adds a webhook that the JSON part says.
+    /// Adds the webhook of the JSON part.
     fn add_webhook(&mut self, webhook: Value) -> Result<()> {
         let Value::String(webhook) = webhook else {
             return Err(Error::parameter(format_args!("webhook must be a text with a URL, not {webhook}")));
@@ -106,7 +106,7 @@ impl Wanted {
         }
     }
 
-    /// Adds a priority that the JSON part says.
+    /// Adds the priority of the JSON part.
     fn add_priority(&mut self, priority: &Value) -> Result<()> {
         let priority = priority_of(priority.as_i64(), priority)?;
         match self.priority.replace(priority) {

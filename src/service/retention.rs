@@ -1,4 +1,4 @@
-//! Forgetting: jobs that ended long ago go, with their results, and what no job knows of is swept away.
+//! Retention: deletes jobs some time after their end, with their results, and sweeps files that belong to no job.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -13,16 +13,16 @@ use super::files::Files;
 use super::store::{Deletion, JobStore, ListQuery};
 use crate::error::Result;
 
-/// Jobs that are forgotten before the next look at the time.
+/// Jobs that are deleted at a time.
 const AT_ONCE: usize = 100;
 
-/// Longest time between two looks for jobs that are to be forgotten.
+/// Longest time between two looks for expired jobs.
 const INTERVAL: Duration = Duration::from_secs(30);
 
-/// Time between two sweeps: what they find was left by a removal that failed.
+/// Time between two sweeps of files that a failed removal left.
 const SWEEP: Duration = Duration::from_secs(3600);
 
-/// Forgets jobs some time after their end.
+/// Deletes jobs some time after their end.
 #[derive(Debug)]
 pub(super) struct Retention {
     files: Arc<Files>,
@@ -30,13 +30,13 @@ pub(super) struct Retention {
     /// Time for which an ended job is kept; for ever when none.
     kept: Option<Duration>,
     aging: Aging,
-    /// Where the time that was reached is kept.
+    /// The file with the time that was reached.
     clock: Option<PathBuf>,
 }
 
 impl Retention {
-    /// For the jobs of a store, from `now` on. Where no file has the time that was reached, that is when the newest job
-    /// was made: a clock that jumped since then must not expire it.
+    /// For the jobs of a store, from `now` on. Without a file, the time reached is the creation of the newest job: a
+    /// clock that jumped since then must not expire it.
     pub async fn new(
         files: Arc<Files>,
         store: Arc<dyn JobStore>,
@@ -58,7 +58,7 @@ impl Retention {
         Ok(retention)
     }
 
-    /// Keeps the time that was reached.
+    /// Writes the time that was reached to its file.
     fn save(&self) {
         if let Some(clock) = &self.clock
             && let Err(error) = aging::save(clock, self.aging.reached())
@@ -67,7 +67,7 @@ impl Retention {
         }
     }
 
-    /// Forgets jobs until `stop`.
+    /// Deletes expired jobs until `stop`.
     pub async fn run(mut self, stop: CancellationToken) {
         let kept = self.kept;
         let interval = kept.map_or(INTERVAL, |kept| (kept / 10).clamp(Duration::from_millis(100), INTERVAL));
@@ -91,7 +91,7 @@ impl Retention {
         }
     }
 
-    /// Forgets what is old by now; the time by which that is told.
+    /// Deletes the jobs that have expired; the time by which they did.
     async fn look(&mut self, now: Reading) -> SystemTime {
         let time = self.aging.time(now);
         self.save();
@@ -99,12 +99,12 @@ impl Retention {
         if let Some(before) = before
             && let Err(error) = self.expire(before).await
         {
-            tracing::warn!(%error, "jobs cannot be forgotten now");
+            tracing::warn!(%error, "expired jobs cannot be deleted now");
         }
         time
     }
 
-    /// Forgets every job that ended earlier.
+    /// Deletes every job that ended before a moment.
     async fn expire(&self, before: SystemTime) -> Result<()> {
         loop {
             let old = self.store.ended_before(before, AT_ONCE).await?;

@@ -36,7 +36,7 @@ const COMPRESSED_FROM: u64 = 1024;
 /// 5. problem documents, of all that is refused further in;
 /// 6. a net for panics;
 /// 7. heads that are not valid HTTP/1.1;
-/// 8. who asks, and whether that is too much;
+/// 8. access and traffic limits;
 /// 9. the routes; around those of results, ETag and Range.
 pub(super) fn router(shared: Arc<Shared>) -> Router {
     let log = Arc::new(AccessLog::new(shared.settings.access_log_every, &shared.settings.traffic.trusted_proxies));
@@ -85,11 +85,11 @@ pub(super) fn router(shared: Arc<Shared>) -> Router {
     Router::new().fallback_service(routes).layer(layers)
 }
 
-/// The template of the route that answered, for who counts answers further out.
+/// The template of the route that answered, for the layers that count answers.
 #[derive(Debug, Clone)]
 struct Route(MatchedPath);
 
-/// Tells the layers further out which route it is: they are around the router and do not see it.
+/// Passes the route to the layers around the router, which do not see it.
 async fn remember_route(route: Option<MatchedPath>, request: Request, next: Next) -> Response {
     let mut response = next.run(request).await;
     if let Some(route) = route {
@@ -98,7 +98,7 @@ async fn remember_route(route: Option<MatchedPath>, request: Request, next: Next
     response
 }
 
-/// Counts answers, and keeps browsers from guessing types, showing them as pages, and keeping what is someone's own.
+/// Counts answers, and adds the headers that every answer has.
 async fn every_answer(State(metrics): State<Arc<Metrics>>, request: Request, next: Next) -> Response {
     let started = Instant::now();
     let method = request.method().clone();
@@ -111,7 +111,8 @@ async fn every_answer(State(metrics): State<Arc<Metrics>>, request: Request, nex
     response
 }
 
-/// Adds the headers that every answer has. A route may set its own content security policy and caching.
+/// Adds the headers that every answer has: browsers must not guess types, show answers as pages, or cache the data of a
+/// tenant. A route may set its own content security policy and caching.
 fn complete(headers: &mut HeaderMap) {
     for (name, value) in [
         (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
@@ -128,7 +129,7 @@ fn complete(headers: &mut HeaderMap) {
     }
 }
 
-/// Lets the pages of these origins use the service; nobody's when there are none.
+/// Lets the pages of these origins use the service; none without origins.
 fn cors(origins: &[String]) -> Option<CorsLayer> {
     let origins: Vec<HeaderValue> = origins.iter().filter_map(|origin| origin.parse().ok()).collect();
     (!origins.is_empty()).then(|| {

@@ -1,5 +1,15 @@
 //! The settings of the service: each defined once, here, with its flag, variable, meaning and default.
 
+/// Methods that give settings in seconds as durations.
+macro_rules! durations {
+    ($($field:ident),+) => {$(
+        #[doc = concat!("[`", stringify!($field), "`](Self::", stringify!($field), ") as a duration.")]
+        pub(in crate::service) fn $field(&self) -> std::time::Duration {
+            std::time::Duration::from_secs(self.$field)
+        }
+    )+};
+}
+
 mod access;
 mod storage;
 mod traffic;
@@ -8,7 +18,6 @@ mod work;
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
-use std::time::Duration;
 
 pub use self::access::AccessSettings;
 pub use self::storage::StorageSettings;
@@ -34,7 +43,8 @@ pub struct Settings {
     pub data_dir: Option<PathBuf>,
 
     /// Largest upload, in bytes, all its parts together
-    #[arg(long, env = "TESSERAE_MAX_UPLOAD_BYTES", value_name = "BYTES", default_value_t = Settings::default().max_upload_bytes)]
+    #[arg(long, env = "TESSERAE_MAX_UPLOAD_BYTES", value_name = "BYTES",
+          default_value_t = Settings::default().max_upload_bytes)]
     pub max_upload_bytes: u64,
 
     /// Largest number of faces of a mesh
@@ -52,16 +62,18 @@ pub struct Settings {
     pub max_faces_per_byte: u64,
 
     /// Jobs that may wait; more are answered with 429
-    #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS", value_name = "N", default_value_t = Settings::default().max_queued_jobs)]
+    #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS", value_name = "N",
+          default_value_t = Settings::default().max_queued_jobs)]
     pub max_queued_jobs: usize,
 
     /// Jobs that are worked on at a time: some are read and some written while the device works on others, as memory
     /// allows
-    #[arg(long, env = "TESSERAE_MESHES_IN_MEMORY", value_name = "N", default_value_t = Settings::default().meshes_in_memory,
+    #[arg(long, env = "TESSERAE_MESHES_IN_MEMORY", value_name = "N",
+          default_value_t = Settings::default().meshes_in_memory,
           value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1024))]
     pub meshes_in_memory: usize,
 
-    /// Longest time that `Prefer: wait` can ask for, in seconds
+    /// Longest time for `Prefer: wait`, in seconds
     #[arg(long, env = "TESSERAE_MAX_WAIT", value_name = "SECONDS", default_value_t = Settings::default().max_wait,
           value_parser = clap::value_parser!(u64).range(0..=86_400))]
     pub max_wait: u64,
@@ -72,7 +84,8 @@ pub struct Settings {
     pub keep_alive: u64,
 
     /// Time that running jobs get to finish when the service is asked to stop, in seconds
-    #[arg(long, env = "TESSERAE_GRACE_PERIOD", value_name = "SECONDS", default_value_t = Settings::default().grace_period,
+    #[arg(long, env = "TESSERAE_GRACE_PERIOD", value_name = "SECONDS",
+          default_value_t = Settings::default().grace_period,
           value_parser = clap::value_parser!(u64).range(0..=86_400))]
     pub grace_period: u64,
 
@@ -84,7 +97,8 @@ pub struct Settings {
 
     /// Requests of which one has a line in the access log, 1 for all; those that the service fails at (5xx) always have
     /// one; 0 for no access log
-    #[arg(long, env = "TESSERAE_ACCESS_LOG_EVERY", value_name = "N", default_value_t = Settings::default().access_log_every)]
+    #[arg(long, env = "TESSERAE_ACCESS_LOG_EVERY", value_name = "N",
+          default_value_t = Settings::default().access_log_every)]
     pub access_log_every: u64,
 
     /// What is kept.
@@ -95,15 +109,15 @@ pub struct Settings {
     #[command(flatten)]
     pub work: WorkSettings,
 
-    /// Who may use the service.
+    /// Access.
     #[command(flatten)]
     pub access: AccessSettings,
 
-    /// How much clients may ask for at a time.
+    /// Limits of traffic.
     #[command(flatten)]
     pub traffic: TrafficSettings,
 
-    /// Where ends of jobs may be told.
+    /// Webhooks.
     #[command(flatten)]
     pub webhooks: WebhookSettings,
 }
@@ -134,14 +148,16 @@ impl Default for Settings {
 }
 
 impl Settings {
+    durations!(max_wait, keep_alive, grace_period, drain_delay);
+
     /// Checks what the settings say together.
     pub fn check(&self) -> Result<()> {
         let is_open = self.access.tokens.is_none() && !self.access.insecure_no_auth;
         if is_open && !self.listen.ip().to_canonical().is_loopback() {
             return Err(Error::parameter(format_args!(
-                "without tokens the service listens to this machine only, because whoever reaches it may read and delete \
-                 every job: make a token (`tesserae token new NAME --tokens FILE`) and give --tokens FILE, or say \
-                 --insecure-no-auth, to listen on {}",
+                "without tokens the service listens to this machine only, because any client that reaches it could \
+                 read and delete every job: make a token (`tesserae token new NAME --tokens FILE`) and give --tokens \
+                 FILE, or say --insecure-no-auth, to listen on {}",
                 self.listen
             )));
         }
@@ -168,14 +184,14 @@ impl Settings {
         ] {
             if value < least {
                 return Err(Error::parameter(format_args!(
-                    "no job could ever be done with this --{flag}: give at least {least}, or leave it out; it is {value}"
+                    "no job could ever run with this --{flag}: give at least {least}, or leave it out; it is {value}"
                 )));
             }
         }
         if traffic.max_bytes_in_flight < self.max_upload_bytes {
             return Err(Error::parameter(format_args!(
-                "an upload of --max-upload-bytes ({}) could never come in with a lower --max-bytes-in-flight: lower the \
-                 first or raise the second, which is {}",
+                "an upload of --max-upload-bytes ({}) could never come in with a lower --max-bytes-in-flight: lower \
+                 the first or raise the second, which is {}",
                 self.max_upload_bytes, traffic.max_bytes_in_flight
             )));
         }
@@ -194,26 +210,6 @@ impl Settings {
             max_faces: self.max_faces,
             max_faces_per_byte: Some(self.max_faces_per_byte),
         }
-    }
-
-    /// [`max_wait`](Self::max_wait) as a duration.
-    pub(super) fn max_wait(&self) -> Duration {
-        Duration::from_secs(self.max_wait)
-    }
-
-    /// [`keep_alive`](Self::keep_alive) as a duration.
-    pub(super) fn keep_alive(&self) -> Duration {
-        Duration::from_secs(self.keep_alive)
-    }
-
-    /// [`grace_period`](Self::grace_period) as a duration.
-    pub(super) fn grace_period(&self) -> Duration {
-        Duration::from_secs(self.grace_period)
-    }
-
-    /// [`drain_delay`](Self::drain_delay) as a duration.
-    pub(super) fn drain_delay(&self) -> Duration {
-        Duration::from_secs(self.drain_delay)
     }
 }
 

@@ -31,8 +31,8 @@ pub struct DeviceDescription {
     /// How it was chosen, for people.
     #[schema(example = "auto: there is no GPU")]
     pub chosen: String,
-    /// Meshes with fewer faces are clustered by the processor, as is what the device cannot do or is slow at; null when the
-    /// device was asked for by name, and the processor takes no part.
+    /// Meshes with fewer faces are clustered by the processor, as is what the device cannot do or is slow at; null when
+    /// the device was chosen by name, and the processor takes no part.
     #[schema(example = 200_000)]
     pub cpu_below_faces: Option<u64>,
 }
@@ -56,15 +56,15 @@ pub(super) struct Shared {
     pub stop: CancellationToken,
     /// Large results that may be in memory at a time.
     pub encoding: Arc<Semaphore>,
-    /// Who may ask.
+    /// Tokens and their tenants.
     pub access: Arc<Access>,
-    /// What is going on.
+    /// Limits of traffic.
     pub traffic: Arc<Traffic>,
     /// Jobs that are being created.
     pub admission: Admission,
     /// What is counted.
     pub metrics: Arc<Metrics>,
-    /// Where ends of jobs may be told.
+    /// Hosts and secret of webhooks.
     pub webhooks: Arc<Webhooks>,
 }
 
@@ -72,8 +72,8 @@ pub(super) struct Shared {
 pub(super) type App = State<Arc<Shared>>;
 
 impl Shared {
-    /// The job with that id, if it is the caller's: for another tenant it does not exist. Handlers have no other way from an
-    /// id to a job.
+    /// The job with that id, if it is the caller's: for another tenant it does not exist. Handlers have no other way
+    /// from an id to a job.
     pub async fn job(&self, caller: &Caller, id: &str) -> Result<Job> {
         let id: JobId = id.parse()?;
         let tenant = caller.tenant()?;

@@ -1,8 +1,8 @@
-//! Whether what is stored stays stored: watches folder and store, and says when they fail and when they work again.
+//! Watches the data folder and the store, and sets the health of both.
 //!
-//! Nobody reports failures here: folder and store count theirs, and [`Storage::watch`] looks. A part that failed is tried
-//! with a write of its own until it works; meanwhile the service is not ready and no job is begun. Where there is only too
-//! little room for more uploads the service is not ready, but jobs go on: they make room.
+//! Folder and store count their failures, and [`Storage::watch`] reads the counts. It then writes to the part that
+//! failed until that works; meanwhile the service is not ready and no job begins. With too little room for uploads the
+//! service is not ready either, but jobs continue, because they make room.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -15,7 +15,7 @@ use super::health::{Health, Part};
 use super::store::{JobStore, ListQuery, Queue, State};
 use crate::error::Result;
 
-/// Time between two looks.
+/// Time between two looks at the counts.
 const INTERVAL: Duration = Duration::from_millis(500);
 
 /// Time after which the folder is tried although nothing failed.
@@ -44,7 +44,7 @@ impl Storage {
         let _ = self.works.subscribe().wait_for(|works| *works).await;
     }
 
-    /// Looks after folder and store until `stop`.
+    /// Watches folder and store until `stop`.
     pub async fn watch(&self, stop: CancellationToken) {
         let mut seen = (0, 0);
         let mut tried = Instant::now();
@@ -83,7 +83,7 @@ impl Storage {
         self.works.send_if_modified(|before| std::mem::replace(before, works) != works);
     }
 
-    /// Gives back what jobs were promised that ended elsewhere than in the pipeline, as when they were reclaimed.
+    /// Gives back the promises of jobs that ended outside of the pipeline, as reclaimed jobs do.
     async fn give_back_room(&self) {
         for job in self.files.promised_jobs() {
             match self.store.get(job).await {
@@ -113,8 +113,8 @@ impl Storage {
     }
 }
 
-/// Promises jobs that were accepted before the service was started room for their results again, oldest first. The
-/// ballast is made after that, so that it takes none of their room.
+/// Renews the promises of jobs that were accepted before the service was started, oldest first. The ballast is made
+/// after that, so that it takes none of their room.
 pub(super) async fn promise_again(files: &Arc<Files>, store: &dyn Queue, most_faces: u64) -> Result<()> {
     let mut jobs = Vec::new();
     for state in [State::Running, State::Queued] {

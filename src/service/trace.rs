@@ -1,7 +1,7 @@
 //! Traces: where a request comes from (W3C Trace Context), and that the work on its job belongs to it.
 //!
-//! Every request has a trace, its caller's or a new one. Its id is in every line of the log about the request and the job;
-//! the spans go to a collector where there is one.
+//! Every request has a trace, its caller's or a new one. Its id is in every line of the log about the request and the
+//! job; the spans go to a collector where there is one.
 
 use std::fmt;
 use std::net::IpAddr;
@@ -35,7 +35,7 @@ pub(super) struct Origin {
 }
 
 impl TraceParent {
-    /// Where the request comes from; a new trace for one that does not say so, or not as the standard asks.
+    /// The caller's trace; a new one where the header is absent or not valid.
     pub fn of_request(headers: &HeaderMap) -> Self {
         let mut values = headers.get_all(HEADER).iter();
         let only = values.next().filter(|_| values.next().is_none());

@@ -40,7 +40,7 @@ pub(super) struct Upload {
     pub folder: Incoming,
     /// What it is.
     pub spec: Spec,
-    /// SHA-256 of each file: the mesh, seeds and weights if there are any, the buffers. Empty where nobody wants them.
+    /// SHA-256 of each file: the mesh, seeds and weights if there are any, the buffers. Empty unless requested.
     pub digests: Vec<[u8; 32]>,
 }
 
@@ -53,7 +53,8 @@ enum BodyKind {
     Form,
 }
 
-/// Receives an upload for a tenant; whether with [digests](Upload::digests) is for the caller to say, and whose trace it belongs to.
+/// Receives an upload for a tenant, with [digests](Upload::digests) where the caller needs them. The caller sets the
+/// trace.
 pub(super) async fn receive(
     request: Request,
     files: &Arc<Files>,

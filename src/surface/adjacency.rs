@@ -1,12 +1,12 @@
 //! Which faces share an edge.
 //!
-//! Half-edges are put into one bucket for each lower end vertex; within a bucket, those with the same upper end belong to
-//! one edge. Two faces of an edge are linked, more than two are linked as a chain by face number (never all pairs, which
-//! would be quadratic).
+//! Half-edges are put into one bucket for each lower end vertex; within a bucket, those with the same upper end belong
+//! to one edge. Two faces of an edge are linked, more than two are linked as a chain by face number (never all pairs,
+//! which would be quadratic).
 //!
 //! A bucket has six half-edges on average, and is a list through the memory that later holds the links. Its half-edges
-//! meet in a table with a place for each upper end: nothing there depends on a branch that cannot be foreseen, and nothing
-//! is sorted but large buckets and those with an edge of more than two faces.
+//! meet in a table with a place for each upper end: nothing there depends on a branch that cannot be foreseen, and
+//! nothing is sorted but large buckets and those with an edge of more than two faces.
 
 mod rows;
 
@@ -61,9 +61,9 @@ struct Edges<'a> {
 impl<'a> Links<'a> {
     /// Finds the pairs of faces that share an edge, and counts edges and degenerate faces.
     ///
-    /// An edge between corners at one position is none. For the counts, a face that runs along an edge several times counts
-    /// once when it does so an odd number of times, and not at all otherwise: there and back, it has itself on both sides,
-    /// as at the slit of a polygon with a hole or in a spike. Links do not depend on the number of times.
+    /// An edge between corners at one position is none. For the counts, a face that runs along an edge several times
+    /// counts once when it does so an odd number of times, and not at all otherwise: there and back, it has itself on
+    /// both sides, as at the slit of a polygon with a hole or in a spike. Links do not depend on the number of times.
     ///
     /// `positions` has a number below `vertices` for each corner.
     pub fn new(faces: &'a Faces, positions: Vec<u32>, vertices: u32) -> Self {
@@ -103,8 +103,8 @@ impl<'a> Links<'a> {
         self.bridges.sort_by_key(|&(face, _)| face);
     }
 
-    /// For each corner of a face a face that it is linked to, within a chain the one before; where there is none, no face's number.
-    /// Of two linked faces, the later sees the other. Without [`bridges`](Self::bridges).
+    /// For each corner of a face a face that it is linked to, within a chain the one before; where there is none, no
+    /// face's number. Of two linked faces, the later sees the other. Without [`bridges`](Self::bridges).
     #[inline]
     pub fn beside(&self, face: usize) -> impl Iterator<Item = u32> + '_ {
         let corners = self.edges.faces.first_corner(face)..self.edges.faces.first_corner(face + 1);
@@ -128,8 +128,8 @@ impl<'a> Links<'a> {
 
     /// Counts extra copies of faces with the same set of corner positions; degenerate faces are left out.
     ///
-    /// Copies share all their edges. So a face can be one only if it shares several edges with one neighbour (`repeating`),
-    /// or an edge with more than one face; only such faces are compared.
+    /// Copies share all their edges. So a face can be one only if it shares several edges with one neighbour
+    /// (`repeating`), or an edge with more than one face; only such faces are compared.
     pub fn duplicates(&self, repeating: &[u32]) -> u64 {
         let mut suspects = [repeating, &self.crowded].concat();
         suspects.sort_unstable();
@@ -250,8 +250,8 @@ struct Buckets<'a> {
 /// Largest bucket that is not sorted.
 const MOST_UNSORTED: usize = 32;
 
-/// What is known of an edge whose lower end is that of the current bucket: the lower end, how many half-edges it has (at
-/// most 3), and their corners, combined by exclusive or. Lower ends and corners have 31 bits.
+/// What is known of an edge whose lower end is that of the current bucket: the lower end, how many half-edges it has
+/// (at most 3), and their corners, combined by exclusive or. Lower ends and corners have 31 bits.
 #[derive(Clone, Copy, Default)]
 struct Edge(u64);
 

@@ -3,9 +3,8 @@
 //! In internal order, every face that is in no group yet forms one with its neighbours that are in none; then groups of
 //! one face join the smallest neighbouring group. On triangles a group has 2.6 faces on average.
 //!
-//! Which neighbours are free, or in another group, follows no pattern: the loops here compute both outcomes and select
-//! one. With branches, a whole clustering of the bunny at quality fast takes 1.09 times as long
-//! (`benches/results/2026-11-22-two-cores/deleted.md`).
+//! Whether a neighbour is free, or in another group, follows no pattern: loops compute both outcomes and select one.
+//! With branches, the bunny at quality fast takes 9 % longer (`benches/results/2026-11-22-two-cores/deleted.md`).
 
 use std::array::from_fn;
 use std::hint::select_unpredictable;
@@ -18,7 +17,6 @@ use crate::energy::{ClusterSums, Sums};
 
 /// No group yet.
 const NONE: u32 = u32::MAX;
-
 /// Groups of a chunk.
 const RUN: usize = 4096;
 

@@ -1,9 +1,11 @@
-//! Density: what a unit of area counts, from weights that the caller gives and from the curvature (Valette, Chassery & Prost
-//! 2008). Where it is higher, clusters are smaller: in the limit of many, a cluster's width goes as density^(−1/4).
+//! Density: what a unit of area counts, from weights that the caller gives and from the curvature (Valette, Chassery &
+//! Prost 2008). Where it is higher, clusters are smaller: in the limit of many, a cluster's width goes as
+//! density^(−1/4).
 //!
 //! Densities only matter relative to each other. They are divided by the largest before they meet the lattice, so that
-//! equal ones give exactly the labels that none give; the largest comes back in when energies are told in source units. A
-//! face that counts less than a unit of the lattice counts one unit (some 2³³ are shared by the faces of a component).
+//! equal ones give exactly the labels that none give; the largest comes back in when energies are told in source units.
+//! A face that counts less than a unit of the lattice counts one unit (some 2³³ are shared by the faces of a
+//! component).
 
 use super::curvature;
 use super::lattice::{AREA, FaceGeometry, Frame};
@@ -11,8 +13,8 @@ use super::weld::Weld;
 use crate::error::{Error, Result};
 use crate::mesh::PolygonMesh;
 
-/// Curvatures are kept within this factor of their root mean square, up and down: flat parts count something too, and no
-/// crease takes it all.
+/// Curvatures are kept within this factor of their root mean square, up and down: flat parts count something too, and
+/// no crease takes it all.
 const CURVATURE_RANGE: f64 = 100.0;
 
 /// What clusters shall follow besides area.

@@ -1,8 +1,8 @@
 //! Welding: vertices at exactly equal positions become one, so that seams of texture coordinates or normals do not cut
 //! the surface. −0 equals 0; there is no tolerance.
 //!
-//! Nearly all vertices of most meshes lie alone. So repeated positions are looked for first, by hashing in parts that fit
-//! the cache; only where there are any does the numbering look them up.
+//! Nearly all vertices of most meshes lie alone. So repeated positions are looked for first, by hashing in parts that
+//! fit the cache; only where there are any does the numbering look them up.
 
 use std::hash::{BuildHasher, RandomState};
 use std::hint::select_unpredictable;
@@ -64,7 +64,7 @@ fn number(faces: &Faces, numbers: &mut [u32], count: &mut u32, first: impl Fn(u3
 
 /// Vertices at the position of an earlier one, each with the first at that position.
 ///
-/// Hash tables with linear probing, keyed afresh in every run: nobody can prepare a mesh whose positions collide. The
+/// Hash tables with linear probing, keyed afresh in every run: no mesh can be prepared whose positions collide. The
 /// key decides only where a vertex is kept.
 fn repeated(positions: &[[f64; 3]]) -> Vec<(u32, u32)> {
     /// Vertices of a table, about: its slots then take 64 KiB.

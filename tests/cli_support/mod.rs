@@ -1,6 +1,8 @@
 //! Running the real binary in a folder of its own.
 #![allow(dead_code, reason = "every test file uses a part of it")]
 
+pub mod running;
+
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -95,7 +97,7 @@ pub struct Done {
 
 impl Done {
     pub fn of(output: Output) -> Self {
-        // Wayland's client library, which Mesa asks for displays, complains here where there is none.
+        // Wayland's client library, which Mesa loads to find displays, complains here where there is none.
         let stderr = String::from_utf8(output.stderr).expect("text");
         let stderr = stderr.lines().filter(|line| !line.contains("XDG_RUNTIME_DIR"));
         Self {

@@ -4,6 +4,7 @@
 use tesserae::cluster::flat::{Clustering, Options};
 use tesserae::cluster::run::Row;
 use tesserae::cluster::{self, seeds::SeedFaces};
+use tesserae::dev::sample::{Sample, generate};
 use tesserae::device::gpu::adapter::{Found, enumerate};
 use tesserae::device::gpu::{GpuDevice, Overrides};
 use tesserae::device::{Cancel, Device};
@@ -62,4 +63,17 @@ pub fn cluster_counts(surface: &Surface) -> Vec<u64> {
     counts.sort_unstable();
     counts.dedup();
     counts
+}
+
+/// A sample as a surface.
+pub fn surface(sample: Sample, faces: u64) -> Surface {
+    Surface::build(&generate(sample, faces).expect("a sample")).expect("a surface")
+}
+
+/// Numbers at random, the same in every run.
+pub fn numbers(mut state: u64) -> impl FnMut(u64) -> u64 {
+    move |bound| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 20) % bound
+    }
 }

@@ -31,7 +31,8 @@ fn survive(bytes: &[u8], format: Format) {
 
 /// Files of every kind, each a few hundred bytes.
 fn sound() -> Vec<(Format, Vec<u8>)> {
-    let text = "# mesh\no a\nv 0 0 0\nv 1.5e-1 0 0 1\r\nv 1 1 0 .5 .5 .5\nv -1 .25 0\ng b c\nvt 0 0\nvn 0 0 1\nf 1/1/1 2/1/1 3//1\n\
+    let text = "# mesh\no a\nv 0 0 0\nv 1.5e-1 0 0 1\r\nv 1 1 0 .5 .5 .5\nv -1 .25 0\ng b c\nvt 0 0\nvn 0 0 1\n\
+                f 1/1/1 2/1/1 3//1\n\
                 f -1 -2 \\\n-3\nl 1 2\ns off\nf 1 2 3 4 # quad\n";
     let (plain, binary) = square();
     let mut inline = plain.clone();
@@ -49,9 +50,11 @@ fn sound() -> Vec<(Format, Vec<u8>)> {
     rich["buffers"] = json!([{"byteLength": bytes.len()}, {"byteLength": 60}]);
     rich["bufferViews"] = json!([
         {"buffer": 1, "byteLength": 48, "extensions": {"EXT_meshopt_compression": {
-            "buffer": 0, "byteOffset": first, "byteLength": positions.len(), "byteStride": 12, "count": 4, "mode": "ATTRIBUTES"}}},
+            "buffer": 0, "byteOffset": first, "byteLength": positions.len(), "byteStride": 12, "count": 4,
+            "mode": "ATTRIBUTES"}}},
         {"buffer": 1, "byteLength": 12, "extensions": {"EXT_meshopt_compression": {
-            "buffer": 0, "byteOffset": second, "byteLength": indices.len(), "byteStride": 2, "count": 6, "mode": "TRIANGLES"}}},
+            "buffer": 0, "byteOffset": second, "byteLength": indices.len(), "byteStride": 2, "count": 6,
+            "mode": "TRIANGLES"}}},
         {"buffer": 0, "byteOffset": 60, "byteLength": 24},
         {"buffer": 0, "byteOffset": 48, "byteLength": 12},
     ]);
@@ -273,7 +276,8 @@ proptest! {
     #[test]
     fn lines_of_words(lines in prop::collection::vec(
         prop::collection::vec(prop::sample::select(vec![
-            "v", "f", "vn", "g", "o", "l", "curv", "#", "\\\n", "\\", "1", "-1", "2", "0", "1/2/3", "1//", "/", "1e5", "nan", ".", "-", "x", "\r",
+            "v", "f", "vn", "g", "o", "l", "curv", "#", "\\\n", "\\", "1", "-1", "2", "0", "1/2/3", "1//", "/", "1e5",
+            "nan", ".", "-", "x", "\r",
         ]), 0..7), 0..12,
     )) {
         let text: Vec<String> = lines.iter().map(|words| words.join(" ")).collect();
@@ -282,7 +286,10 @@ proptest! {
     }
 
     #[test]
-    fn any_bytes_behind_a_magic(magic in prop::sample::select(vec![&b"glTF\x02\0\0\0"[..], b"{", b"v ", b""]), bytes: Vec<u8>) {
+    fn any_bytes_behind_a_magic(
+        magic in prop::sample::select(vec![&b"glTF\x02\0\0\0"[..], b"{", b"v ", b""]),
+        bytes: Vec<u8>,
+    ) {
         let bytes = [magic, &bytes].concat();
         for format in Format::ALL {
             survive(&bytes, format);

@@ -9,7 +9,7 @@ use tesserae::{Kind, Result};
 
 use crate::make::{SQUARE, square};
 
-/// Notes what it is asked for and gives the same bytes every time.
+/// Notes every request and gives the same bytes every time.
 #[derive(Default)]
 struct Noting {
     bytes: Vec<u8>,

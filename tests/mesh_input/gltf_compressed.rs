@@ -99,7 +99,7 @@ fn compressed_instance_rotations() {
 
 #[test]
 fn octahedral_vectors_of_both_sizes() {
-    // nobody stores positions so; it shows the filter
+    // no file stores positions so; it shows the filter
     let units: [[f32; 4]; 4] = [[0., 0., 1., 0.], [0.6, -0.8, 0., 0.], [-0.6, 0., -0.8, 0.], [0., -1., 0., 0.]];
     let small = meshopt::encode_filter_oct::<i8>(&units, 8);
     let large = meshopt::encode_filter_oct::<i16>(&units, 12);
@@ -174,7 +174,8 @@ fn compressions_that_cannot_be() {
 fn decompressed_bytes_count_against_the_limit() {
     let encoded = meshopt::encode_vertex_buffer(&vec![[0u32; 16]; 50_000]).expect("encoded");
     let document = json!({
-        "asset": {"version": "2.0"}, "nodes": [{"mesh": 0}], "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "asset": {"version": "2.0"}, "nodes": [{"mesh": 0}],
+    "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
         "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
         "bufferViews": [{"buffer": 1, "byteLength": 3_200_000, "extensions": {"EXT_meshopt_compression": {
             "buffer": 0, "byteLength": encoded.len(), "byteStride": 64, "count": 50_000, "mode": "ATTRIBUTES",

@@ -35,7 +35,10 @@ fn small_files_that_place_very_much() {
     let (mut document, _) = square();
     document["accessors"][0]["count"] = json!(vertices);
     document["accessors"][1]["count"] = json!(3);
-    document["bufferViews"] = json!([{"buffer": 0, "byteLength": 12 * vertices}, {"buffer": 0, "byteOffset": 12 * vertices, "byteLength": 6}]);
+    document["bufferViews"] = json!([
+        {"buffer": 0, "byteLength": 12 * vertices},
+        {"buffer": 0, "byteOffset": 12 * vertices, "byteLength": 6},
+    ]);
     document["buffers"][0]["byteLength"] = json!(binary.len());
     document["nodes"] = (0..20_001)
         .map(|node| match node {
@@ -62,7 +65,8 @@ fn sparse_accessors_that_share_their_values_over_and_over() {
     let document = json!({
         "asset": {"version": "2.0"}, "nodes": [{"mesh": 0}], "accessors": vec![accessor; 1000],
         "meshes": [{"primitives": (0..1000).map(|p| json!({"attributes": {"POSITION": p}})).collect::<Vec<_>>()}],
-        "bufferViews": [{"buffer": 0, "byteLength": 12 * count}, {"buffer": 0, "byteOffset": 12 * count, "byteLength": 4 * count}],
+        "bufferViews": [{"buffer": 0, "byteLength": 12 * count},
+                        {"buffer": 0, "byteOffset": 12 * count, "byteLength": 4 * count}],
         "buffers": [{"byteLength": 16 * count}],
     });
     let start = Instant::now();

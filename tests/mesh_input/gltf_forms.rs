@@ -70,8 +70,10 @@ fn quantised_positions_of_every_type() {
     ] {
         for is_normalized in [false, true] {
             let document = json!({
-                "asset": {"version": "2.0"}, "nodes": [{"mesh": 0}], "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
-                "accessors": [{"bufferView": 0, "componentType": kind, "normalized": is_normalized, "count": 3, "type": "VEC3"}],
+                "asset": {"version": "2.0"}, "nodes": [{"mesh": 0}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+                "accessors": [{"bufferView": 0, "componentType": kind, "normalized": is_normalized, "count": 3,
+                               "type": "VEC3"}],
                 "bufferViews": [{"buffer": 0, "byteLength": bytes.len(), "byteStride": stride}],
                 "buffers": [{"byteLength": bytes.len()}],
                 "extensionsRequired": ["KHR_mesh_quantization"], "extensionsUsed": ["KHR_mesh_quantization"],

@@ -157,7 +157,10 @@ fn accessors_of_nothing() {
     document["accessors"][0].as_object_mut().expect("an accessor").remove("bufferView");
     let zeros = gltf(&document, &binary).expect("zeros, by the specification");
     assert_eq!(zeros.positions, [[0.0; 3]; 4]);
-    let sparse = |count: u64, index: u8| json!({"count": count, "indices": {"bufferView": 2, "componentType": 5121}, "values": {"bufferView": 0}, "index": index});
+    let sparse = |count: u64, index: u8| {
+        let indices = json!({"bufferView": 2, "componentType": 5121});
+        json!({"count": count, "indices": indices, "values": {"bufferView": 0}, "index": index})
+    };
     document["bufferViews"]
         .as_array_mut()
         .expect("views")

@@ -20,8 +20,8 @@ fn rotation([x, y, z, w]: [f64; 4]) -> Matrix {
     ]
 }
 
-/// The box [−0.7, 0.7]³ with each of its six sides in a node of its own, under another rotation and translation. Each vertex
-/// is rounded to f32 in the frame of its node, and each node's transform to f32 as exporters write it.
+/// The box [−0.7, 0.7]³ with each of its six sides in a node of its own, under another rotation and translation. Each
+/// vertex is rounded to f32 in the frame of its node, and each node's transform to f32 as exporters write it.
 fn box_of_nodes(offset: f64) -> Vec<u8> {
     let mut binary = Vec::new();
     let mut nodes = Vec::new();

@@ -89,8 +89,8 @@ fn coordinates_are_doubles_correctly_rounded() {
 
 #[test]
 fn line_ends_marks_and_unknown_statements_do_not_matter() {
-    let plain = "# made by hand \\\nmtllib ../../etc/passwd\\\nv 0 0 0\nvn 0 0 1\nvt 0 0\nv 1 0 0\nv 1 1 0\ns off\nusemtl x\n\
-                 vp 1\nweird 1 2 3\nf 1 2 3\n";
+    let plain = "# made by hand \\\nmtllib ../../etc/passwd\\\nv 0 0 0\nvn 0 0 1\nvt 0 0\nv 1 0 0\nv 1 1 0\ns off\n\
+                 usemtl x\nvp 1\nweird 1 2 3\nf 1 2 3\n";
     let expected = obj(plain).expect("a mesh");
     assert_eq!((expected.positions.len(), expected.faces.len()), (3, 1));
     for text in [
@@ -145,8 +145,8 @@ fn negative_indices_count_from_where_they_stand() {
 #[test]
 fn groups_and_objects_become_parts() {
     let mesh = obj(format!(
-        "{VERTICES}f 1 2 3\no car\nf 1 2 3\ng wheel front # round\nf 1 2 3\nf 2 3 4\ng\nf 1 2 3\ng unused\ng w\\\nheel\n\
-         f 1 2 3\ng w heel\nf 1 2 3\no\ng \u{fc}\nf 1 2 3\ng\no bus#1\nf 1 2 3\n"
+        "{VERTICES}f 1 2 3\no car\nf 1 2 3\ng wheel front # round\nf 1 2 3\nf 2 3 4\ng\nf 1 2 3\ng unused\n\
+         g w\\\nheel\nf 1 2 3\ng w heel\nf 1 2 3\no\ng \u{fc}\nf 1 2 3\ng\no bus#1\nf 1 2 3\n"
     ))
     .expect("a mesh");
     check(&mesh);

@@ -1,4 +1,4 @@
-//! Tokens and tenants: who may ask, and that nobody sees another's jobs.
+//! Tokens and tenants: requests without a valid token are refused, and a tenant sees its own jobs only.
 
 use std::path::Path;
 

@@ -144,8 +144,8 @@ async fn a_mesh_that_will_never_fit_in_memory_fails_with_the_numbers() {
     }
 }
 
-/// A cpu that calls itself a gpu and is lost, or stands still at a gate, as often as said. One with a gate has small meshes
-/// worked on beside it, which pass.
+/// A cpu that calls itself a gpu and is lost, or stands still at a gate, as often as said. One with a gate has small
+/// meshes worked on beside it, which pass.
 struct Faulty {
     cpu: CpuDevice,
     info: DeviceInfo,

@@ -67,7 +67,8 @@ async fn a_client_that_hangs_up_leaves_nothing() {
     for content_type in ["model/obj", "multipart/form-data; boundary=b"] {
         let mut stream = TcpStream::connect(service.address).await.expect("connected");
         let head = format!(
-            "POST /v1/jobs?clusters=2 HTTP/1.1\r\nHost: x\r\nContent-Type: {content_type}\r\nContent-Length: 10000000\r\n\r\n"
+            "POST /v1/jobs?clusters=2 HTTP/1.1\r\nHost: x\r\nContent-Type: {content_type}\r\n\
+             Content-Length: 10000000\r\n\r\n"
         );
         stream.write_all(head.as_bytes()).await.expect("sent");
         let part = "--b\r\nContent-Disposition: form-data; name=\"mesh\"; filename=\"a.obj\"\r\n\r\n";

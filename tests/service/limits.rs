@@ -305,8 +305,8 @@ async fn a_thousand_streams_at_once_cost_little_and_hold_nobody_up() {
         assert_eq!(answer.matches("event: ").count(), events, "every stream has every event");
     }
     println!(
-        "{STREAMS} streams: opened in {opened:?}, {:.0} KiB each with both ends, another request took {asked:?}, {events} \
-         events to each within {:?} of the start of the job",
+        "{STREAMS} streams: opened in {opened:?}, {:.0} KiB each with both ends, another request took {asked:?}, \
+         {events} events to each within {:?} of the start of the job",
         memory / 1024.0 / STREAMS as f64,
         ended.elapsed()
     );

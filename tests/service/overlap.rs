@@ -48,7 +48,7 @@ async fn results_are_made_while_the_device_is_at_the_next_mesh() {
 #[tokio::test]
 async fn meshes_of_many_faces_in_small_files_keep_no_thread_from_small_meshes_while_they_wait_for_memory() {
     let threads = std::thread::available_parallelism().map_or(2, |count| count.get().max(2));
-    // room for all of these while nobody knows their faces, and then for no two that have many beside all small ones
+    // room for all of these while their faces are unknown, and then for no two that have many beside all small ones
     let change = |settings: &mut Settings| {
         settings.meshes_in_memory = 3 * threads;
         settings.work.memory_budget = Some(7_500_000 * threads as u64);

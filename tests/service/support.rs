@@ -283,7 +283,7 @@ pub struct Held {
     gate: Gate,
 }
 
-/// Faces of the mesh that [`Held`] panics at: a [`strip`](Sample::Strip), which has exactly as many as asked for.
+/// Faces of the mesh that [`Held`] panics at: a [`strip`](Sample::Strip), which has exactly the requested number.
 pub const PANIC_FACES: usize = 66;
 
 impl Held {

@@ -36,7 +36,7 @@ pub struct Arguments {
     log: LogSettings,
 }
 
-/// Open files that the process asks for, of those that the system lets it have.
+/// Limit of open files that the process requests from the system.
 const OPEN_FILES: u64 = 65_536;
 
 /// What the environment variables of this program begin with.
@@ -65,7 +65,8 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     if seconds > SUPERVISORS_WAIT {
         tracing::warn!(
             seconds,
-            "stopping may take longer than supervisors wait: raise TimeoutStopSec of systemd, stop_grace_period of compose"
+            "stopping may take longer than supervisors wait: raise TimeoutStopSec of systemd, stop_grace_period of \
+             compose"
         );
     }
     // before the device is opened, which takes seconds

@@ -1,25 +1,27 @@
-//! Approximated centroidal Voronoi diagrams: energy minimisation by local queries over a queue of boundary edges (Valette &
-//! Chassery, "Approximated Centroidal Voronoi Diagrams for Uniform Polygonal Mesh Coarsening", 2004; the paper's ACVD).
+//! Approximated centroidal Voronoi diagrams: energy minimisation by local queries over a queue of boundary edges
+//! (Valette & Chassery, "Approximated Centroidal Voronoi Diagrams for Uniform Polygonal Mesh Coarsening", 2004; the
+//! paper's ACVD).
 //!
 //! # Definition
 //!
-//! The clusters grow from their seeds as in [`crate::cluster::flat`]. The queue then holds every boundary edge: two faces
-//! that share an edge and belong to different clusters, in the order of the face with the smaller internal number, then of
-//! its neighbours. A pass takes them one after the other. For faces m in cluster a and n in cluster b there are three
-//! configurations: as it is, m in b, n in a. The one with the lowest F is taken at once, m's move before n's where both
-//! lower it equally, and never one that leaves a cluster empty. An edge that still lies between clusters goes back to the
-//! end of the queue, and a face that moved adds its other edges that have come to lie between clusters.
+//! The clusters grow from their seeds as in [`crate::cluster::flat`]. The queue then holds every boundary edge: two
+//! faces that share an edge and belong to different clusters, in the order of the face with the smaller internal
+//! number, then of its neighbours. A pass takes them one after the other. For faces m in cluster a and n in cluster b
+//! there are three configurations: as it is, m in b, n in a. The one with the lowest F is taken at once, m's move
+//! before n's where both lower it equally, and never one that leaves a cluster empty. An edge that still lies between
+//! clusters goes back to the end of the queue, and a face that moved adds its other edges that have come to lie between
+//! clusters.
 //!
-//! An edge need not be tested while neither of its clusters has changed since it last was. The phase ends with a pass in
-//! which nothing moves: then no face at a boundary can lower F by going across.
+//! An edge need not be tested while neither of its clusters has changed since it last was. The phase ends with a pass
+//! in which nothing moves: then no face at a boundary can lower F by going across.
 //!
 //! F is compared exactly, before and after, with respect to the lattice proxies. It falls with every move, so there are
 //! finitely many.
 //!
 //! # Connectivity
 //!
-//! As in [`crate::cluster::flat`]: pieces that were cut off grow into their neighbours and the queue starts again, and after
-//! [`MAX_REPAIRS`] of that, connected refinement has the last word.
+//! As in [`crate::cluster::flat`]: pieces that were cut off grow into their neighbours and the queue starts again, and
+//! after [`MAX_REPAIRS`] of that, connected refinement has the last word.
 
 use std::collections::VecDeque;
 
@@ -33,8 +35,8 @@ use crate::device::{Cancel, Ending, Step, Steps};
 use crate::error::Result;
 use crate::surface::Surface;
 
-/// Clusters a surface from the given seeds, and keeps the labels that `record` wants. Growth and repairs are the device's;
-/// `options.refine` has no meaning here.
+/// Clusters a surface from the given seeds, and keeps the labels that `record` wants. Growth and repairs are the
+/// device's; `options.refine` has no meaning here.
 pub fn acvd(
     surface: &Surface,
     seeds: &SeedFaces,

@@ -1,5 +1,5 @@
-//! The flat algorithms that the paper measures itself against, as users may call them: sequential, on the cpu, written for
-//! clarity. Their energies are a yardstick for [`super::flat`]; their speed is not.
+//! The flat algorithms that the paper measures itself against, as users may call them: sequential, on the cpu, written
+//! for clarity. Their energies are a yardstick for [`super::flat`]; their speed is not.
 //!
 //! | what | where |
 //! |---|---|

@@ -1,7 +1,8 @@
 //! From how many faces on a gpu is faster than the processor beside it.
 //!
-//! Labels are the same on both, so a service may choose for each job. The time of a clustering is close to a + b·faces on
-//! either: a gpu has the larger a (dispatches, and waiting for them), the cpu the larger b. Two sizes on each tell both.
+//! Labels are the same on both, so a service may choose for each job. The time of a clustering is close to a + b·faces
+//! on either: a gpu has the larger a (dispatches, and waiting for them), the cpu the larger b. Two sizes on each tell
+//! both.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc;
@@ -23,15 +24,15 @@ const RUNS: u32 = 3;
 /// What is said where a gpu never is faster: the most faces that a mesh can have.
 const NEVER: u64 = 1 << 31;
 
-/// In place of the smallest mesh for a gpu that is wrong, which is told apart from one that is slow.
+/// In place of the smallest mesh for a gpu with wrong labels, to distinguish it from a slow one.
 const NO_MESH: u64 = 1 << 32;
 
 /// How long a gpu may take to be measured.
 pub const PATIENCE: Duration = Duration::from_secs(20);
 
-/// A gpu, and the smallest mesh, in faces, that it clusters faster than the cpu: 2³¹ where it never does, 2³² where its labels are
-/// wrong. One that does not answer in time is left behind and opened anew, as is one that fails: it may be well later, and
-/// gets the meshes that gpus get where nothing was measured.
+/// A gpu, and the smallest mesh, in faces, that it clusters faster than the cpu: 2³¹ where it never does, 2³² where its
+/// labels are wrong. One that does not answer in time is left behind and opened anew, as is one that fails: it may be
+/// well later, and gets the meshes that gpus get where nothing was measured.
 pub fn calibrated(
     mut gpu: Box<dyn Device>,
     patience: Duration,
@@ -41,7 +42,7 @@ pub fn calibrated(
     let measure = move || {
         let cancel = Cancel::default();
         let faces = catch_unwind(AssertUnwindSafe(|| faces_for_gpu(gpu.as_mut(), &cancel)));
-        // nobody listens any more when it took too long
+        // the receiver is gone when it took too long
         let _ = told.send((gpu, faces));
     };
     std::thread::Builder::new()
@@ -62,7 +63,8 @@ pub fn calibrated(
     Ok((reopen()?, FACES_FOR_GPU))
 }
 
-/// The smallest mesh, in faces, that `gpu` clusters faster than the cpu; 2³¹ where it never does. Measured on flat clusterings.
+/// The smallest mesh, in faces, that `gpu` clusters faster than the cpu; 2³¹ where it never does. Measured on flat
+/// clusterings.
 ///
 /// An error when the gpu fails, or gives other labels than the cpu: then it must not be used.
 fn faces_for_gpu(gpu: &mut dyn Device, cancel: &Cancel) -> Result<u64> {

@@ -1,5 +1,5 @@
-//! What a device takes for each stage of a job: on samples of growing size and on mesh files, from the upload's bytes to
-//! labels, with the time that a gpu itself measures beside that of the host. Needs nothing but this program.
+//! What a device takes for each stage of a job: on samples of growing size and on mesh files, from the upload's bytes
+//! to labels, with the time that a gpu itself measures beside that of the host. Needs nothing but this program.
 //!
 //! | what | where |
 //! |---|---|
@@ -33,7 +33,7 @@ const SWEEP_BYTES_A_FACE: u64 = 48;
 /// How to measure.
 #[derive(Debug, Clone, Copy)]
 pub struct Plan {
-    /// How often each job is run; the fastest run is told.
+    /// How often each job is run; the fastest run counts.
     pub repeats: u32,
     /// Largest mesh, in faces, whose labels are compared with the cpu's.
     pub compare_up_to: u64,

@@ -54,11 +54,11 @@ fn introduction(
     let build = if cfg!(debug_assertions) { " (**a debug build: its times say nothing**)" } else { "" };
     let _ = writeln!(
         out,
-        "Tables 1 and 2 and Figure 6 of \"Parallel Mesh Clustering\", by tesserae {}{build}. Times are of clustering alone, \
-         without reading and transfers, in Table 1 the least of {repeats}. The paper's figures, printed beside them, are of a 3 GHz \
-         Core 2 Duo and a GeForce GTX 280. Energies are sums of area × squared distance in the units of the files, in \
-         parentheses over that of a flat tiling by hexagons. ACVD, VC and BB start from the same random seeds; the default \
-         settings from their own.\n",
+        "Tables 1 and 2 and Figure 6 of \"Parallel Mesh Clustering\", by tesserae {}{build}. Times are of clustering \
+         alone, without reading and transfers, in Table 1 the least of {repeats}. The paper's figures, printed beside \
+         them, are of a 3 GHz Core 2 Duo and a GeForce GTX 280. Energies are sums of area × squared distance in the \
+         units of the files, in parentheses over that of a flat tiling by hexagons. ACVD, VC and BB start from the \
+         same random seeds; the default settings from their own.\n",
         env!("CARGO_PKG_VERSION")
     );
     let _ = writeln!(out, "- machine: {}, {}, {}", processor(), std::env::consts::ARCH, std::env::consts::OS);
@@ -155,9 +155,10 @@ fn table_2(out: &mut String, devices: &[DeviceInfo], rows: &[TreeRow<'_>]) {
 fn figure_6(out: &mut String, figure: &Figure) {
     let _ = writeln!(
         out,
-        "\n## Figure 6: energy against the number of clusters\n\n![Energy against the number of clusters](figure-6.svg)\n\n\
-         {}, on the cpu. Energies of ACVD, VC and BB are means over {SEED_NUMBERS} seed numbers. `~`: between two rounds, \
-         straight on logarithmic axes.\n",
+        "\n## Figure 6: energy against the number of clusters\n\n\
+         ![Energy against the number of clusters](figure-6.svg)\n\n\
+         {}, on the cpu. Energies of ACVD, VC and BB are means over {SEED_NUMBERS} seed numbers. `~`: between two \
+         rounds, straight on logarithmic axes.\n",
         figure.mesh
     );
     let mut head = vec!["clusters".to_owned()];

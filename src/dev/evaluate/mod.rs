@@ -1,5 +1,5 @@
-//! The paper's evaluation anew: Tables 1 and 2 and Figure 6 of "Parallel Mesh Clustering" on the meshes that are there, its
-//! printed figures beside ours, and whether what it says of them (P§7) holds.
+//! The paper's evaluation anew: Tables 1 and 2 and Figure 6 of "Parallel Mesh Clustering" on the meshes that are there,
+//! its printed figures beside ours, and whether what it says of them (P§7) holds.
 //!
 //! | what | where |
 //! |---|---|
@@ -9,7 +9,7 @@
 //! | what the paper says about it | `statements` |
 //! | the report as Markdown | `markdown` |
 //!
-//! It asks for nothing that a caller of [`crate::job`] could not.
+//! It uses [`crate::job`] as any other caller could.
 
 mod figure;
 mod markdown;
@@ -95,7 +95,7 @@ struct TreeRow<'a> {
     runs: Option<Vec<(Algorithm, usize, Timed)>>,
 }
 
-/// Runs everything on the meshes in a folder. `on_stage` is told what is being done.
+/// Runs everything on the meshes in a folder. `on_stage` receives the name of each stage.
 pub fn paper(
     meshes: &Path,
     devices: &mut Devices,

@@ -89,7 +89,7 @@ pub(super) struct Runner<'a> {
     /// How often to measure a time.
     pub repeats: u32,
     pub cancel: &'a Cancel,
-    /// Is told what is being done.
+    /// Receives the name of each stage.
     pub on_stage: &'a mut dyn FnMut(String),
 }
 

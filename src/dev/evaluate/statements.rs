@@ -1,4 +1,5 @@
-//! What the paper says about its results (P§7), and what we say against it: each checked on the runs of this evaluation.
+//! What the paper says about its results (P§7), and what we say against it: each checked on the runs of this
+//! evaluation.
 
 use super::figure::{Curve, Figure, NUMBERS};
 use super::runs::{MeshFile, Runner, Timed};

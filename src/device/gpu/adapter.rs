@@ -27,7 +27,7 @@ pub struct Found {
 /// Looks for adapters. This loads the drivers, which takes 20 to 370 ms.
 ///
 /// Where Mesa's device-select layer is installed and there is no desktop, libwayland writes a line about
-/// `XDG_RUNTIME_DIR` to standard error: wgpu asks for the Wayland extension whether it will draw or not, and the layer
+/// `XDG_RUNTIME_DIR` to standard error: wgpu requests the Wayland extension whether it will draw or not, and the layer
 /// then looks for a compositor. `NODEVICE_SELECT=1` in the environment turns the layer off.
 pub fn enumerate() -> Vec<Found> {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();

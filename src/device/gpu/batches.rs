@@ -1,9 +1,9 @@
 //! Phases as batches of iterations, queued ahead of the host.
 //!
-//! Batches of iterations (or passes of the growth) are queued without waiting for each other's results: while the device
-//! works on one, the host reads the statistics of the one before. The device itself ends a phase: the kernel that finds an
-//! iteration without moves writes zeros into the arguments of the indirect dispatches that follow, also those in the next
-//! batch.
+//! Batches of iterations (or passes of the growth) are queued without waiting for each other's results: while the
+//! device works on one, the host reads the statistics of the one before. The device itself ends a phase: the kernel
+//! that finds an iteration without moves writes zeros into the arguments of the indirect dispatches that follow, also
+//! those in the next batch.
 
 use std::time::{Duration, Instant};
 

@@ -1,8 +1,8 @@
 //! Bytes in blocks, each with a checksum of its own, so that a part of a file can be read and trusted without the rest.
 //!
-//! A block is 2¹⁶ bytes of content, the last one fewer, and a SHA-256: of the block's number (u64, little-endian), of the sum
-//! of the first block (zeros in that one) and of the content. So blocks of two files do not mix: the first block tells files
-//! apart.
+//! A block is 2¹⁶ bytes of content, the last one fewer, and a SHA-256: of the block's number (u64, little-endian), of
+//! the sum of the first block (zeros in that one) and of the content. So blocks of two files do not mix: the first
+//! block tells files apart.
 
 use std::fs::File;
 use std::io::{self, Cursor, Read, Seek, Take, Write};

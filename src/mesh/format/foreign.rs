@@ -1,5 +1,5 @@
-//! Files of other kinds that are taken for meshes: recognised by their first bytes, so that a message can say what they are
-//! and what to do with them.
+//! Files of other kinds that are taken for meshes: recognised by their first bytes, so that a message can say what they
+//! are and what to do with them.
 
 /// A kind of file that is not read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -99,8 +99,8 @@ fn xml_root(head: &[u8]) -> Option<&[u8]> {
     elements.next().map(|at| &head[at..])
 }
 
-/// Whether it is an STL file without text: 80 bytes of any kind, a count, and 50 bytes a triangle, of which the first is
-/// checked. (Some begin with `solid`, too.)
+/// Whether it is an STL file without text: 80 bytes of any kind, a count, and 50 bytes a triangle, of which the first
+/// is checked. (Some begin with `solid`, too.)
 fn is_binary_stl(head: &[u8]) -> bool {
     const HEADER: usize = 80;
     const TRIANGLE: usize = 50;

@@ -1,9 +1,9 @@
 //! Which required extensions a file may have.
 //!
-//! A file requires an extension when it cannot be loaded without it. For a viewer that is true of a texture format too; here
-//! only geometry counts: where vertices are, which of them make faces, and where meshes are placed. An extension that
-//! cannot change any of these never refuses a file. One that is not known may change them, and ignoring it would cluster
-//! another mesh than the file describes, so it does.
+//! A file requires an extension when it cannot be loaded without it. For a viewer that is true of a texture format too;
+//! here only geometry counts: where vertices are, which of them make faces, and where meshes are placed. An extension
+//! that cannot change any of these never refuses a file. One that is not known may change them, and ignoring it would
+//! cluster another mesh than the file describes, so it does.
 
 use crate::error::{Error, Quoted, Result};
 

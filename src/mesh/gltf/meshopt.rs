@@ -2,8 +2,8 @@
 //!
 //! The codecs are the `meshopt` crate's. They are safe on any bytes but allocate what they are told to, and assert what
 //! they are told; so the count is first compared with what the bytes could possibly hold. The filters are written here:
-//! the library's differ in the last bit between processors (fused multiply-adds, reciprocal square roots), and positions
-//! must not.
+//! the library's differ in the last bit between processors (fused multiply-adds, reciprocal square roots), and
+//! positions must not.
 
 use gltf::json;
 use serde::Deserialize;

@@ -230,7 +230,10 @@ mod tests {
 
         #[test]
         fn decimals_are_correctly_rounded(
-            negative: bool, whole in "[0-9]{0,22}", fraction in "[0-9]{1,22}", exponent in prop::option::of(-340i32..320),
+            negative: bool,
+            whole in "[0-9]{0,22}",
+            fraction in "[0-9]{1,22}",
+            exponent in prop::option::of(-340i32..320),
         ) {
             let sign = if negative { "-" } else { "" };
             let power = exponent.map(|e| format!("e{e}")).unwrap_or_default();

@@ -1,7 +1,7 @@
 //! Lines, continuations and comments: where statements begin and end, and where a file may be cut.
 //!
-//! A statement is a line; a backslash right before the end of the line joins the next one to it. A comment goes from `#`
-//! to the end of its line and is never joined, so that a path in a comment cannot swallow the next vertex.
+//! A statement is a line; a backslash right before the end of the line joins the next one to it. A comment goes from
+//! `#` to the end of its line and is never joined, so that a path in a comment cannot swallow the next vertex.
 
 use crate::error::Quoted;
 

@@ -1,9 +1,10 @@
-//! Who asks: tokens in, tenants out.
+//! Authentication: from tokens to tenants.
 //!
 //! Every request passes [`Access::caller`]; handlers take [`Caller`] and find jobs by it, so that a job of another
-//! tenant is not there. Without a file of tokens everybody is one tenant. A token is never logged, nor part of an
-//! error.
+//! tenant is not there. Without a file of tokens all requests are of one tenant. A token is never logged, nor part of
+//! an error.
 
+mod file;
 pub(super) mod tokens;
 
 use std::net::IpAddr;
@@ -30,13 +31,13 @@ use crate::error::{Error, Kind, Result};
 /// How often the file of tokens is looked at.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
-/// Paths that need no token: what probes, proxies and readers of the description ask for, which tells nothing of jobs.
+/// Paths that need no token: those of probes, proxies and readers of the description, without data of jobs.
 const OPEN: [&str; 4] = ["/healthz", "/readyz", "/v1/version", "/openapi.yaml"];
 
-/// The path that tells about all tenants.
+/// The path with data of all tenants.
 const METRICS: &str = "/metrics";
 
-/// Whoever sent a request.
+/// The sender of a request.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Caller {
     /// The tenant; none for a path that needs no token.
@@ -61,7 +62,7 @@ impl Caller {
         self.tenant.as_ref().map(|tenant| tenant.name.as_str())
     }
 
-    /// One of whom nothing is asked.
+    /// The sender of a request that needs no token.
     pub fn anybody() -> Self {
         Self { tenant: None, token: None, origin: None }
     }
@@ -82,7 +83,7 @@ fn missing() -> Error {
     Error::new(Kind::Internal, "it is not known who asks")
 }
 
-/// Decides who may ask.
+/// Finds the callers of requests.
 #[derive(Debug)]
 pub(super) struct Access {
     file: Option<TokensInFile>,
@@ -131,7 +132,7 @@ impl Access {
         self.shares.subscribe()
     }
 
-    /// Who sent a request with these headers to `path`; an error for one who may not.
+    /// The caller of a request with these headers to `path`; an error where access is denied.
     pub fn caller(&self, path: &str, headers: &HeaderMap) -> Result<Caller> {
         let Some(file) = &self.file else {
             let local = Tenant { name: LOCAL_TENANT.to_owned(), quotas: Default::default(), metrics: true };
@@ -148,8 +149,8 @@ impl Access {
             return Err(Error::new(
                 Kind::Forbidden,
                 format_args!(
-                    "metrics tell about all tenants; the operator makes a token that may read them with `tesserae token \
-                     new NAME --metrics`, which this one may not: {}",
+                    "metrics tell about all tenants; the operator makes a token that may read them with `tesserae \
+                     token new NAME --metrics`, which this one may not: {}",
                     tenant.name
                 ),
             ));
@@ -168,7 +169,7 @@ impl Access {
         }
     }
 
-    /// Whether who sent a request some time ago may still ask.
+    /// Whether the token of an earlier caller is still valid.
     pub fn still_knows(&self, caller: &Caller) -> bool {
         let (Some(file), Some(token), Some(tenant)) = (&self.file, &caller.token, &caller.tenant) else {
             return true;

@@ -1,13 +1,12 @@
-//! The file of tokens: who may use the service, and how much of it.
+//! Tokens: which tenants may use the service, and how much of it.
 //!
-//! A token is `tess_ID_SECRET`. The file knows the id, a salt, and the SHA-256 of salt and secret, so that who reads the
-//! file has no token. The secret is 256 random bits: nothing is gained by hashing it slowly.
+//! A token is `tess_ID_SECRET`. The file of tokens has the id, a salt, and the SHA-256 of salt and secret, so that a
+//! reader of the file has no token. The secret is 256 random bits: a slow hash would gain nothing.
+//! [`file`](super::file) reads and writes the file.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
-use std::io::Write as _;
 use std::num::NonZeroU32;
-use std::path::Path;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
@@ -20,9 +19,6 @@ use crate::service::store::fairness::{Share, Shares};
 
 /// What every token begins with, so that scanners for leaked secrets find it.
 const PREFIX: &str = "tess_";
-
-/// Largest file of tokens that is read, in bytes.
-const MAX_BYTES: u64 = 16 << 20;
 
 /// What a tenant may use of the service; what is left out is as the settings say.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
@@ -70,7 +66,7 @@ pub struct TokenFile {
 pub struct TenantEntry {
     /// What it may use.
     pub quotas: Quotas,
-    /// Whether it may read `/metrics`, which tell about everybody.
+    /// Whether it may read `/metrics`, which cover all tenants.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub metrics: bool,
     /// Its tokens, any of which will do.
@@ -114,16 +110,6 @@ impl fmt::Debug for Token {
 }
 
 impl TokenFile {
-    /// Reads a file. What is wrong with it is named by line or tenant, never by content of a token.
-    pub fn read(path: &Path) -> Result<Self> {
-        let cannot = |error| Error::io(format_args!("the file of tokens cannot be read: {}", path.display()), error);
-        let bytes = std::fs::metadata(path).map_err(cannot)?.len();
-        if bytes > MAX_BYTES {
-            return Err(Error::too_large(format_args!("the file of tokens has more than {MAX_BYTES} bytes: {bytes}")));
-        }
-        Self::parse(&std::fs::read(path).map_err(cannot)?)
-    }
-
     /// Reads the content of a file.
     pub fn parse(json: &[u8]) -> Result<Self> {
         let file: Self = serde_json::from_slice(json)
@@ -160,34 +146,6 @@ impl TokenFile {
         })
     }
 
-    /// Changes the file at `path`, which is made if it is not there: whole or not at all, readable by its owner only,
-    /// one change after the other.
-    pub fn change<T>(path: &Path, change: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
-        let cannot = |error| Error::io(format_args!("the file of tokens cannot be written: {}", path.display()), error);
-        let folder = match path.parent() {
-            Some(folder) if !folder.as_os_str().is_empty() => folder,
-            _ => Path::new("."),
-        };
-        let mut lock_name = path.file_name().unwrap_or_default().to_owned();
-        lock_name.push(".lock");
-        let lock = std::fs::File::create(folder.join(lock_name)).map_err(cannot)?;
-        lock.lock().map_err(cannot)?;
-        let mut file = match path.exists() {
-            true => Self::read(path)?,
-            false => Self::default(),
-        };
-        let result = change(&mut file)?;
-        let mut json = serde_json::to_vec_pretty(&file)
-            .map_err(|error| Error::new(Kind::Internal, format_args!("tokens cannot be written as JSON: {error}")))?;
-        json.push(b'\n');
-        // a temporary file is its owner's alone, and stays so under its new name
-        let mut new = tempfile::NamedTempFile::new_in(folder).map_err(cannot)?;
-        new.write_all(&json).map_err(cannot)?;
-        new.as_file().sync_all().map_err(cannot)?;
-        new.persist(path).map_err(|error| cannot(error.error))?;
-        Ok(result)
-    }
-
     /// The tokens by their ids.
     fn index(&self) -> Result<HashMap<String, Known>> {
         let mut index = HashMap::new();
@@ -221,7 +179,7 @@ impl TokenEntry {
     }
 }
 
-/// Who may use the service, ready to be asked.
+/// The tokens of a file, ready for look-ups.
 #[derive(Debug, Default)]
 pub(in crate::service) struct Tokens {
     by_id: HashMap<String, Known>,
@@ -235,8 +193,8 @@ struct Known {
     tenant: Tenant,
 }
 
-/// Which token somebody showed: its id, and what the file knows of its secret, which is another one when the token is
-/// replaced under the same id.
+/// Which token a request came with: its id, and the digest of its secret, which differs when the token is replaced
+/// under the same id.
 #[derive(Clone, PartialEq, Eq)]
 pub(in crate::service) struct TokenName {
     id: String,
@@ -268,12 +226,6 @@ pub(in crate::service) struct Tenant {
 }
 
 impl Tokens {
-    /// Reads the file at `path`. One that every local user can write to is refused: each could make itself a token.
-    pub fn read(path: &Path) -> Result<Self> {
-        check_permissions(path)?;
-        Self::of(&TokenFile::read(path)?)
-    }
-
     /// The tokens of a file.
     pub fn of(file: &TokenFile) -> Result<Self> {
         let shares = file.tenants.iter().map(|(name, tenant)| (name.clone(), tenant.quotas.share())).collect();
@@ -285,7 +237,7 @@ impl Tokens {
         self.shares.clone()
     }
 
-    /// Whose token it is, and which one. Takes as long for a wrong token as for a right one.
+    /// The tenant of a token, and which token it is. Takes as long for a wrong token as for a right one.
     pub fn tenant(&self, token: &str) -> Option<(&Tenant, TokenName)> {
         let (id, secret) = token.strip_prefix(PREFIX).and_then(|rest| rest.split_once('_'))?;
         let known = self.by_id.get(id);
@@ -304,34 +256,6 @@ impl Tokens {
     pub fn len(&self) -> usize {
         self.by_id.len()
     }
-}
-
-/// Looks at who may write and read the file.
-#[cfg(unix)]
-fn check_permissions(path: &Path) -> Result<()> {
-    use std::os::unix::fs::PermissionsExt as _;
-    let cannot = |error| Error::io(format_args!("the file of tokens cannot be read: {}", path.display()), error);
-    let mode = std::fs::metadata(path).map_err(cannot)?.permissions().mode();
-    if mode & 0o002 != 0 {
-        return Err(Error::parameter(format_args!(
-            "every user of this machine can write to the file of tokens, and so give itself a token: run `chmod 600` on {}",
-            path.display()
-        )));
-    }
-    if mode & 0o024 != 0 {
-        tracing::warn!(
-            path = %path.display(),
-            mode = format!("{:o}", mode & 0o777),
-            "other users of this machine can read the file of tokens, or its group can write to it; `chmod 600` it"
-        );
-    }
-    Ok(())
-}
-
-/// Looks at who may write and read the file.
-#[cfg(not(unix))]
-fn check_permissions(_: &Path) -> Result<()> {
-    Ok(())
 }
 
 /// SHA-256 of salt and secret.
@@ -379,24 +303,6 @@ mod tests {
         assert_eq!(file.revoke(mine.id()), Some("mine"));
         assert_eq!(ask(&file, &token), None);
         assert_eq!(file.revoke(mine.id()), None);
-    }
-
-    #[test]
-    fn neither_the_file_nor_debug_output_tells_the_secret() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join("tokens.json");
-        let token = TokenFile::change(&path, |file| file.add("mine")).expect("made");
-        let second = TokenFile::change(&path, |file| file.add("mine")).expect("made");
-        let text = std::fs::read_to_string(&path).expect("text");
-        assert!(text.contains(&token.id) && text.contains(&second.id));
-        let all = format!("{text}{token:?}{:?}", Tokens::read(&path).expect("valid"));
-        assert!(!all.contains(&token.secret) && !all.contains(&second.secret), "{all}");
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            let mode = std::fs::metadata(&path).expect("a file").permissions().mode();
-            assert_eq!(mode & 0o77, 0, "its owner's alone: {mode:o}");
-        }
     }
 
     #[test]

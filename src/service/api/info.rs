@@ -54,7 +54,7 @@ pub(in crate::service) async fn device(Extract(shared): App) -> Json<DeviceDescr
 
 /// Formats
 ///
-/// What meshes can be, and what labels can be asked for as.
+/// Formats of meshes, and media types of labels.
 #[utoipa::path(
     get, path = "/v1/formats", tag = "service", operation_id = "getFormats",
     responses((status = 200, description = "The formats", body = Formats)),

@@ -42,7 +42,7 @@ pub(in crate::service) struct JobView {
     problem: Option<Problem>,
     /// What it gave; null before it has succeeded.
     result: Option<ResultView>,
-    /// What is asked for.
+    /// The parameters of the request.
     parameters: Parameters,
     /// What was uploaded.
     mesh: MeshView,

@@ -1,7 +1,7 @@
-//! Room: how much the folder holds and may hold.
+//! Disk space: how much the folder holds and may hold.
 //!
-//! Uploads are refused while there is still room, so that what was accepted can end: results and the store of jobs use what
-//! is left.
+//! Uploads are refused before the disk is full, so that accepted jobs can end: results and the store of jobs use the
+//! rest.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -50,9 +50,9 @@ impl Disk {
         Self { root, limits, blobs: AtomicU64::new(blobs), free_in_store: AtomicU64::new(0) }
     }
 
-    /// Refuses `more` bytes for which there is no room beside what is `taken`: promised, but not written yet.
+    /// Refuses `more` bytes without room for them beside what is `taken`: promised, but not written yet.
     pub fn check(&self, more: u64, taken: u64) -> Result<()> {
-        // how much is free is for the operator (`/metrics`), not for clients
+        // free space is for the operator (`/metrics`), not for clients
         let refuse = |what: &str, limit: u64| {
             Err(Error::new(
                 Kind::InsufficientStorage,
@@ -79,7 +79,7 @@ impl Disk {
         space(&self.root).map(|(free, _, _)| free)
     }
 
-    /// What others than the service, which has `more` files than jobs', left of the disk.
+    /// Free bytes, and bytes of files of others; `more` are the bytes of the service's files other than blobs.
     pub fn state(&self, more: u64) -> State {
         let (free, total, taken) = space(&self.root).unwrap_or((u64::MAX, 0, 0));
         let foreign = taken.saturating_sub(self.used().saturating_add(more)).saturating_sub(total / METADATA);
@@ -96,18 +96,18 @@ impl Disk {
         self.limits.min_free_bytes.max(STORE_ROOM)
     }
 
-    /// So many bytes were written.
+    /// Counts written bytes.
     pub fn written(&self, bytes: u64) {
         self.blobs.fetch_add(bytes, Ordering::Relaxed);
     }
 
-    /// So many bytes were removed.
+    /// Counts removed bytes.
     pub fn removed(&self, bytes: u64) {
         let less = |blobs: u64| Some(blobs.saturating_sub(bytes));
         let _ = self.blobs.fetch_update(Ordering::Relaxed, Ordering::Relaxed, less);
     }
 
-    /// So many bytes of the store of jobs are free.
+    /// Sets the free bytes of the store of jobs.
     pub fn free_in_store(&self, bytes: u64) {
         self.free_in_store.store(bytes, Ordering::Relaxed);
     }

@@ -70,8 +70,8 @@ pub(in crate::service) struct Files {
 }
 
 impl Files {
-    /// Takes the folder `data_dir`, which is made if need be, or a temporary one. A folder that another process works in
-    /// is refused. Call [`make_ballast`](Self::make_ballast) once the jobs of the store have their promises again.
+    /// Takes the folder `data_dir`, which is made if need be, or a temporary one. A folder that another process works
+    /// in is refused. Call [`make_ballast`](Self::make_ballast) once the jobs of the store have their promises again.
     pub fn open(data_dir: Option<&Path>, limits: DiskLimits, faults: Faults) -> Result<Self> {
         let root = match data_dir {
             Some(path) => Root::keep(path)?,

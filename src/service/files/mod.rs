@@ -14,9 +14,9 @@
 //! An upload or a result of a few hundred kilobytes becomes no file: it is handed back as small blobs, for the store to
 //! keep with the job. Files cost the disk more than what is in them: for each a place, a name, and two waits.
 //!
-//! Nothing that a client says becomes part of a path. A blob is whole or not there, and in a folder of the operator's it is
-//! on the disk when its writing returns. Whether it means anything, the store of jobs decides: an upload before its job was
-//! accepted, and the result of an attempt before it was finished, are swept away after a crash.
+//! Nothing that a client says becomes part of a path. A blob is whole or not there, and in a folder of the operator's
+//! it is on the disk when its writing returns. Whether it means anything, the store of jobs decides: an upload before
+//! its job was accepted, and the result of an attempt before it was finished, are swept away after a crash.
 
 mod aside;
 mod ballast;

@@ -1,12 +1,11 @@
-//! Room that accepted jobs were promised for their results.
+//! Disk room that is reserved (promised) for the results of accepted jobs.
 //!
-//! A job is accepted when the disk has room for the [estimate](super::needs) of its result beside what was promised to
-//! others. Once its mesh was read, and again once its result is known, the promise is [brought up to
-//! date](Room::try_secure). A job that then needs more than it was promised waits as long as other jobs can make room,
-//! and fails when none can. A job that needs no more than its promise waits as long as files of others fill the disk.
+//! A job is accepted when the disk has room for the [estimate](super::needs) of its result beside all promises. The
+//! promise is [updated](Room::try_secure) when the mesh has been read, and again when the size of the result is known.
+//! A job that then needs more than its promise waits while other jobs can make room, and fails when none can. A job
+//! that needs no more than its promise waits until other files leave the room free.
 //!
-//! Promises are kept in memory: they follow from the jobs that have not ended, and are made again when the service
-//! starts.
+//! Promises are in memory: they follow from the jobs that have not ended, and are made again when the service starts.
 
 use std::collections::HashMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -14,7 +13,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use super::disk::{STORE_ROOM, State};
 use crate::service::store::JobId;
 
-/// What jobs were promised.
+/// The promises of all jobs.
 #[derive(Debug, Default)]
 pub(super) struct Room(Mutex<Promises>);
 
@@ -31,14 +30,14 @@ struct Promises {
 struct Promise {
     bytes: u64,
     stage: Stage,
-    /// The attempt that it is for: 0 for a new job, which any attempt may change. Older attempts change nothing.
+    /// The attempt that it is for, 0 for a new job. Older attempts do not change it.
     attempt: u32,
 }
 
-/// How far a job is.
+/// The stage of a job.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 enum Stage {
-    /// It waits for its turn, or is being read.
+    /// It is queued, or is being read.
     #[default]
     Accepted,
     /// It waits for room; later ones have larger numbers.
@@ -49,24 +48,24 @@ enum Stage {
     GivenUp,
 }
 
-/// What came of asking for room.
+/// The outcome of a request for room.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Outcome {
-    /// It is there.
+    /// There is room.
     Secured,
-    /// Others can make room, or must.
+    /// Other jobs or files may make room.
     Wait,
     /// Nothing can make room.
     Never,
 }
 
 impl Room {
-    /// Bytes that were promised.
+    /// Bytes of all promises.
     pub fn promised(&self) -> u64 {
         self.lock().bytes
     }
 
-    /// Jobs that were promised something.
+    /// Jobs with a promise.
     pub fn jobs(&self) -> Vec<JobId> {
         self.lock().jobs.keys().copied().collect()
     }
@@ -153,7 +152,7 @@ impl Room {
         }
     }
 
-    /// Whether a job was told that it will not get room.
+    /// Whether a job was refused room for good.
     pub fn gave_up(&self, job: JobId) -> bool {
         self.lock().jobs.get(&job).is_some_and(|promise| promise.stage == Stage::GivenUp)
     }

@@ -1,7 +1,7 @@
-//! The folder that a process works in: locked, for its owner only, and checked for still being the same one.
+//! The data folder: locked by one process, private to its owner, and checked to be the same folder as at the start.
 //!
-//! A temporary folder has a lock like one that stays, so that a later process can tell the folder of a process that was
-//! killed, whose lock is free, from that of one that runs.
+//! A temporary folder has a lock, too: a free lock marks the folder of a process that was killed, which a later process
+//! removes.
 
 use std::fs::{File, TryLockError};
 use std::io::{self, Write as _};
@@ -25,7 +25,7 @@ pub(super) const STORE: [&str; 3] = ["jobs.sqlite3", "jobs.sqlite3-wal", "jobs.s
 /// The folder.
 #[derive(Debug)]
 pub(super) enum Root {
-    /// The operator's: everything stays.
+    /// `--data-dir`: everything stays.
     Kept { path: PathBuf, lock: File },
     /// Among the system's temporary files, for as long as the process.
     Temporary { folder: TempDir, lock: File },
@@ -47,7 +47,8 @@ impl Root {
                 return Err(Error::new(
                     Kind::Conflict,
                     format_args!(
-                        "another process ({}) works in the data folder; stop it, or give this one another --data-dir: {}",
+                        "another process ({}) works in the data folder; stop it, or give this one another --data-dir: \
+                         {}",
                         holder.trim(),
                         path.display()
                     ),

@@ -9,8 +9,9 @@ use crate::error::Result;
 use crate::service::store::{Job, JobId, Queue, State};
 
 impl Files {
-    /// Removes uploads of jobs that were never accepted, or have ended and are not [kept](Job::keeps_upload) for a retry,
-    /// and results of attempts that did not make it. Uploads that are coming in stay. Returns how many folders went.
+    /// Removes uploads of jobs that were never accepted, or have ended and are not [kept](Job::keeps_upload) for a
+    /// retry, and results of attempts that did not make it. Uploads that are coming in stay. Returns how many folders
+    /// went.
     pub async fn sweep(&self, store: &dyn Queue) -> Result<usize> {
         self.sweep_all(store, false).await
     }

@@ -1,13 +1,14 @@
 //! Short meshes beside a long one, where the cpu clusters.
 //!
-//! A mesh that waits for the device while that works on one of at least four times its cost need not wait: it is clustered
-//! at the same time, by threads of its own, one such mesh at a time. The system shares the processors between both, so that
-//! a short job takes at most about twice its own time, and a long one is held up by no more than that. Labels depend on
-//! neither.
+//! A mesh that waits for the device while that works on one of at least four times its cost need not wait: it is
+//! clustered at the same time, by threads of its own, one such mesh at a time. The system shares the processors between
+//! both, so that a short job takes at most about twice its own time, and a long one is held up by no more than that.
+//! Labels depend on neither.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
+use parking_lot::Mutex;
 use rayon::ThreadPool;
 use tokio::sync::oneshot;
 
@@ -50,7 +51,7 @@ impl Beside {
     ) -> Result<Outcome> {
         let turn = self.line.turn(task.visit.clone()).await;
         let gone = || Error::new(Kind::Internal, "the threads for short meshes are gone");
-        let device = self.like.lock().unwrap_or_else(PoisonError::into_inner).another().ok_or_else(gone)?;
+        let device = self.like.lock().another().ok_or_else(gone)?;
         let (reply, outcome) = oneshot::channel();
         self.threads.spawn(move || {
             let span = task.span.clone();
@@ -58,7 +59,7 @@ impl Beside {
             // the next one need not wait for the results
             drop(turn);
             let outcome = done.and_then(|done| caught(|| span.in_scope(|| done.finish(&faults))));
-            // nobody may be waiting any more
+            // the receiver may be gone
             let _ = reply.send(outcome);
         });
         within(limit, async { outcome.await.map_err(|_| gone())? }).await

@@ -14,7 +14,7 @@ pub(super) fn caught<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
     })
 }
 
-/// A pool of so many threads; of 0, as many as there are processors.
+/// A pool of `threads` threads; of as many as there are processors for 0.
 pub(super) fn pool(threads: usize, name: impl FnMut(usize) -> String + 'static) -> Result<ThreadPool> {
     let pool = ThreadPoolBuilder::new().num_threads(threads).thread_name(name).build();
     pool.map_err(|error| Error::new(Kind::Io, format_args!("threads of the device cannot be started: {error}")))
@@ -33,8 +33,8 @@ fn too_slow(limit: Duration) -> Error {
     Error::new(
         Kind::TimeLimit,
         format_args!(
-            "the job took longer, on the device and for its results, than a job may, {} s (the service's --max-job-seconds); \
-             try a smaller mesh, or fewer iterations (max_iterations)",
+            "the job took longer, on the device and for its results, than a job may, {} s (the service's \
+             --max-job-seconds); try a smaller mesh, or fewer iterations (max_iterations)",
             limit.as_secs()
         ),
     )

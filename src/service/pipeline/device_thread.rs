@@ -1,22 +1,23 @@
-//! The one thread that works with the device: it takes prepared meshes one after the other. Where the cpu clusters, it waits for
-//! threads of its own that do it.
+//! The one thread that uses the device: it clusters prepared meshes one after the other. A cpu device works in a thread
+//! pool, for which this thread waits.
 //!
-//! A job's turn ends when the device has delivered labels and energies: results are made of those on the cpu pool.
+//! The turn of a job ends when the device has delivered labels and energies; results are made of them on the cpu pool.
 //!
-//! What can go wrong with a device is dealt with here. One that was lost is opened anew before the next mesh. One that
-//! shows no sign of life is left to itself, with its thread, and another thread begins anew. Where the cpu is allowed to
-//! stand in, it takes meshes that lost the device before, and all of them while there is no device. A device that cannot
-//! be opened, with nothing to stand in, makes the service not ready, and no job is begun until it can.
+//! Failures of the device are handled here. A device that was lost is opened anew before the next mesh. A device that
+//! shows no sign of life is abandoned with its thread, and a new thread starts. If the service may use the cpu instead,
+//! the cpu takes meshes that lost the device before, and all meshes while there is no device. Otherwise a device that
+//! cannot be opened makes the service not ready, and no job begins until it can be opened.
 //!
-//! A device that may be asked for [several](Device::another) meshes at a time works on small ones beside the thread, and on
-//! one that is [short](Beside) beside a long one. The others take [turns](Line), shared fairly among tenants.
+//! A device that takes [several](Device::another) meshes at a time works on small ones beside the thread, and on a
+//! [short](Beside) one beside a long one. The others take [turns](Line), shared fairly among tenants.
 
 use std::fmt;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use parking_lot::Mutex;
 use rayon::ThreadPool;
 use tokio::sync::oneshot;
 
@@ -41,9 +42,9 @@ pub type Reopen = Arc<dyn Fn() -> Result<Box<dyn Device>> + Send + Sync>;
 /// Time between two attempts to open a device that could not be opened.
 const REOPEN: Duration = Duration::from_secs(10);
 
-/// A task and whoever waits for what becomes of it, who may be gone.
+/// A task and the way back for its outcome, whose receiver may be gone.
 struct Submitted {
-    /// None to only look after the device.
+    /// None only opens the device.
     task: Option<Task>,
     reply: oneshot::Sender<Result<Done>>,
 }
@@ -54,7 +55,7 @@ pub(in crate::service) struct DeviceThread {
     /// For small meshes, which then need not wait for others.
     like: Mutex<Option<Box<dyn Device>>>,
     thread: Mutex<Thread>,
-    /// The meshes that wait for the thread: one at a time has it work.
+    /// The meshes that wait for the thread.
     line: Arc<Line>,
     /// Where short meshes go while the thread is at a long one; none where the device takes one mesh at a time.
     beside: Option<Beside>,
@@ -65,11 +66,11 @@ pub(in crate::service) struct DeviceThread {
 #[derive(Clone)]
 struct Thread {
     tasks: mpsc::Sender<Submitted>,
-    /// Counts its signs of life, and nobody else's: not those of small meshes beside it, nor of one that was left to itself.
+    /// Counts signs of life of this thread only: not of small meshes beside it, nor of an abandoned thread.
     life: Arc<AtomicU64>,
 }
 
-/// What threads have in common.
+/// What all threads share.
 struct Shared {
     reopen: Option<Reopen>,
     faults: Faults,
@@ -77,12 +78,8 @@ struct Shared {
     cpu_below_faces: Option<u64>,
     health: Arc<Health>,
     metrics: Arc<Metrics>,
-    /// Threads that were left to themselves: what one of those meets is no news any more.
+    /// Threads that were abandoned: their failures are not reported any more.
     left: AtomicU64,
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl fmt::Debug for DeviceThread {
@@ -92,8 +89,9 @@ impl fmt::Debug for DeviceThread {
 }
 
 impl DeviceThread {
-    /// Starts the thread. With `cpu_below_faces`, the cpu clusters meshes with fewer faces, and does what the device cannot, or
-    /// is slow at. A device without a sign of life for `timeout` counts as lost; `reopen` then opens another one.
+    /// Starts the thread. With `cpu_below_faces`, the cpu clusters meshes with fewer faces, and does what the device
+    /// cannot, or is slow at. A device without a sign of life for `timeout` counts as lost; `reopen` then opens another
+    /// one.
     pub fn start(
         device: Box<dyn Device>,
         cpu_below_faces: Option<u64>,
@@ -113,9 +111,9 @@ impl DeviceThread {
         Ok(Self { shared, like, thread, line: Arc::default(), beside, timeout })
     }
 
-    /// Clusters a mesh, after those that came before, or on one of the threads for small ones, and makes results of that beside
-    /// the next. [`Kind::DeviceLost`] when the device was lost, or seems to be. [`Kind::TimeLimit`] when it takes longer than
-    /// `limit`, not counting the time that it waits for others.
+    /// Clusters a mesh, after those that came before, or on one of the threads for small ones, and makes results of
+    /// that beside the next. [`Kind::DeviceLost`] when the device was lost, or seems to be. [`Kind::TimeLimit`] when it
+    /// takes longer than `limit`, not counting the time that it waits for others.
     pub(super) async fn run(&self, task: Task, small: &SmallMeshes, limit: Option<Duration>) -> Result<Outcome> {
         if let Some(device) = self.another().filter(|_| task.prepared.surface.faces() <= SMALL_FACES) {
             let thread = small.thread().await?;
@@ -143,10 +141,10 @@ impl DeviceThread {
     }
 
     fn another(&self) -> Option<Box<dyn Device>> {
-        lock(&self.like).as_ref()?.another()
+        self.like.lock().as_ref()?.another()
     }
 
-    /// Completes once there is a device, or something to stand in for it.
+    /// Completes once there is a device, or the cpu instead.
     pub(super) async fn is_there(&self) {
         while self.shared.health.severity(Part::Device) == Some(Severity::Failing) {
             tokio::time::sleep(REOPEN).await;
@@ -158,7 +156,7 @@ impl DeviceThread {
     async fn submit(&self, task: Option<Task>) -> Result<Done> {
         let gone = || Error::new(Kind::Internal, "the thread of the device is gone");
         let (reply, mut outcome) = oneshot::channel();
-        let Thread { tasks, life } = lock(&self.thread).clone();
+        let Thread { tasks, life } = self.thread.lock().clone();
         let work = async {
             tasks.send(Submitted { task, reply }).map_err(|_| gone())?;
             (&mut outcome).await.map_err(|_| gone())?
@@ -166,14 +164,17 @@ impl DeviceThread {
         tokio::select! {
             outcome = work => outcome,
             () = self.lifeless(&life) => {
-                tracing::error!(timeout = ?self.timeout, "the device shows no sign of life; its thread is left to itself");
+                tracing::error!(timeout = ?self.timeout, "the device shows no sign of life; its thread is abandoned");
                 self.shared.lost("it showed no sign of life");
                 self.shared.left.fetch_add(1, Ordering::SeqCst);
                 let thread = Thread::start(Devices::new(None, &self.shared)?)?;
-                *lock(&self.thread) = thread;
+                *self.thread.lock() = thread;
                 Err(Error::new(
                     Kind::DeviceLost,
-                    format_args!("the device showed no sign of life for {:?} (the service's --device-timeout)", self.timeout),
+                    format_args!(
+                        "the device showed no sign of life for {:?} (the service's --device-timeout)",
+                        self.timeout
+                    ),
                 ))
             }
         }
@@ -194,7 +195,7 @@ impl DeviceThread {
 
 impl Thread {
     fn start(mut devices: Devices) -> Result<Self> {
-        // who sends has the turn, or has given up waiting: there are never many
+        // a sender has the turn, or has given up waiting: there are never many
         let (tasks, queue) = mpsc::channel::<Submitted>();
         let life = Arc::<AtomicU64>::default();
         let looks = Arc::clone(&life);
@@ -237,18 +238,19 @@ impl Shared {
     }
 }
 
-/// What the thread works with.
+/// The devices of the thread.
 struct Devices {
     shared: Arc<Shared>,
     /// None after it was lost.
     device: Option<Box<dyn Device>>,
     /// For what the device cannot do.
     cpu: Option<CpuDevice>,
-    /// Where the cpu clusters, if it does: apart from the pool in which other meshes are read, so that none of those holds it up.
+    /// Where the cpu clusters, if it does: apart from the pool in which other meshes are read, so that none of those
+    /// holds it up.
     workers: Option<Arc<ThreadPool>>,
     /// When a device that cannot be opened is tried again.
     next_attempt: Option<Instant>,
-    /// Threads that had been left to themselves when it was made.
+    /// Threads that had been abandoned when it was made.
     left: u64,
 }
 
@@ -263,7 +265,7 @@ impl Devices {
         Ok(Self { shared: Arc::clone(shared), device, cpu, workers, next_attempt: None, left })
     }
 
-    /// Whether its thread has been left to itself.
+    /// Whether its thread was abandoned.
     fn is_left(&self) -> bool {
         self.shared.left.load(Ordering::SeqCst) != self.left
     }
@@ -282,7 +284,8 @@ impl Devices {
         if let Some(cpu) = self.cpu.as_mut().filter(|_| suits_cpu) {
             let outcome = run(cpu);
             if is_few {
-                // a device that was lost is opened though no mesh needs it now, or nobody would hear that it is well again
+                // a device that was lost is opened though no mesh needs it now, so that its part of the health is
+                // cleared
                 let _ = self.open();
             }
             return outcome;

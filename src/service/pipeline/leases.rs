@@ -1,11 +1,12 @@
-//! Leases: what is worked on here stays this process's, and what another let go is worked on again.
+//! Leases: a task prolongs those of this process's jobs, and returns jobs whose lease is over to the queue.
 //!
-//! Prolonged by a task of the runtime, away from the thread of the device: a long step on the device costs no lease.
+//! The task runs on the runtime, not on the thread of the device: a long step on the device costs no lease.
 
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
+use parking_lot::Mutex;
 use tokio_util::sync::CancellationToken;
 
 use crate::service::store::{Queue, Ticket};
@@ -24,7 +25,7 @@ impl Leases {
     /// Prolongs the lease of a job until this is dropped.
     pub fn hold(self: &Arc<Self>, ticket: Ticket) -> Lease {
         let lost = CancellationToken::new();
-        self.lock().insert(ticket, lost.clone());
+        self.0.lock().insert(ticket, lost.clone());
         Lease { leases: Arc::clone(self), ticket, lost }
     }
 
@@ -39,20 +40,20 @@ impl Leases {
     }
 
     async fn beat(&self, store: &dyn Queue) {
-        let tickets: Vec<Ticket> = self.lock().keys().copied().collect();
+        let tickets: Vec<Ticket> = self.0.lock().keys().copied().collect();
         let lost = match tickets.is_empty() {
             true => Ok(Vec::new()),
             false => store.heartbeat(&tickets, LEASE).await,
         };
         match lost {
             Ok(lost) => lost.iter().for_each(|ticket| self.lose(*ticket)),
-            // no lease is given up for a disk that fails: nobody else could take it over
+            // a disk that fails costs no lease: no other process could take the job either
             Err(error) => return tracing::warn!(%error, "leases cannot be prolonged now"),
         }
         match store.reclaim().await {
             Ok(reclaimed) => {
                 for ticket in reclaimed {
-                    tracing::warn!(job = %ticket.job, "nobody works on it any more; it waits again");
+                    tracing::warn!(job = %ticket.job, "the lease of the job is over; it waits again");
                     self.lose(ticket);
                 }
             }
@@ -61,13 +62,9 @@ impl Leases {
     }
 
     fn lose(&self, ticket: Ticket) {
-        if let Some(lost) = self.lock().get(&ticket) {
+        if let Some(lost) = self.0.lock().get(&ticket) {
             lost.cancel();
         }
-    }
-
-    fn lock(&self) -> MutexGuard<'_, HashMap<Ticket, CancellationToken>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -88,7 +85,7 @@ impl Lease {
 
 impl Drop for Lease {
     fn drop(&mut self) {
-        self.leases.lock().remove(&self.ticket);
+        self.leases.0.lock().remove(&self.ticket);
     }
 }
 
@@ -118,6 +115,6 @@ mod tests {
         leases.beat(&store).await;
         held.lost().await;
         drop(held);
-        assert!(leases.lock().is_empty());
+        assert!(leases.0.lock().is_empty());
     }
 }

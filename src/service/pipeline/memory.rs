@@ -1,10 +1,10 @@
-//! Memory for meshes: jobs wait for it rather than being killed for it.
+//! Memory for meshes: jobs wait for it, so that the process does not run out of it.
 //!
-//! A job takes two steps: the bytes of its files before they are read, and what its faces will take before anything is
-//! built of them. One job at a time is between the two, so that no two wait for what the other has. Small meshes, which are
-//! many, take at once what they will likely need, and wait for nobody's turn.
+//! A job reserves memory in two steps: for its files before they are read, and for its faces before the surface is
+//! built. One job at a time is between the two, so that no two wait for memory that the other holds. A small mesh
+//! reserves both at once and takes no turn.
 //!
-//! What a job holds also covers the results that are made while the device works on the next job.
+//! The reservation also covers the results that are made while the device works on the next job.
 
 use std::sync::Arc;
 
@@ -13,14 +13,14 @@ use tokio::sync::{Mutex, OwnedMutexGuard, OwnedSemaphorePermit, Semaphore};
 use super::small::{SMALL_BYTES, SMALL_FACES};
 use crate::error::{Error, Kind, Result};
 
-/// Memory is counted in pieces of so many bytes.
+/// Bytes of a unit of memory.
 const UNIT: u64 = 64 << 10;
 
 /// Bytes that a face takes at the peak of a job, with its vertices, its edges and its labels (see `mesh::allowance`).
 const BYTES_A_FACE: u64 = 250;
 
-/// The same for a hierarchy, which begins with a cluster a face and records every merge and move: 630 were measured for `pml`
-/// with optimisation, 540 without, 610 for `hr`.
+/// The same for a hierarchy, which begins with a cluster a face and records every merge and move: 630 were measured for
+/// `pml` with optimisation, 540 without, 610 for `hr`.
 const BYTES_A_FACE_OF_HIERARCHY: u64 = 650;
 
 /// Bytes that the faces of a small mesh take at the most in a flat clustering.
@@ -51,7 +51,7 @@ pub(super) struct Held {
 }
 
 impl Memory {
-    /// A budget of so many bytes; of most of what there is when none are given.
+    /// A budget of `bytes`; of three quarters of the machine's memory without a number.
     pub fn new(bytes: Option<u64>) -> Self {
         let total = bytes.or_else(|| Some(machine()? / 4 * 3)).unwrap_or(u64::MAX);
         let units = usize::try_from(total / UNIT).unwrap_or(usize::MAX).min(Semaphore::MAX_PERMITS);
@@ -73,7 +73,7 @@ impl Memory {
 }
 
 impl Reading {
-    /// What so many faces of a small mesh take, without a wait; what it was asked of, for any other mesh.
+    /// Reserves memory for the faces of a small mesh, without a wait; gives itself back for any other mesh.
     pub fn build_small(self, faces: u64, is_hierarchical: bool) -> Result<Held, Self> {
         match self.turn {
             None if more(faces, is_hierarchical) <= SMALL => Ok(Held { _permit: self.held }),
@@ -81,7 +81,7 @@ impl Reading {
         }
     }
 
-    /// Waits for what so many faces will take in a flat clustering or in a hierarchy.
+    /// Waits for the memory of `faces` in a flat clustering or in a hierarchy.
     pub async fn build(mut self, faces: u64, is_hierarchical: bool) -> Result<Held> {
         let more = more(faces, is_hierarchical);
         let all = self.bytes.saturating_add(more);
@@ -89,7 +89,7 @@ impl Reading {
         let held = match self.turn {
             None if more <= SMALL => self.held,
             None => {
-                // not small after all: who waits for a turn must hold nothing that others wait for
+                // not small after all: a job that waits for its turn must hold no memory that others wait for
                 drop(self.held);
                 let _turn = self.memory.turn().await;
                 acquire(&self.memory.left, all).await?
@@ -103,7 +103,7 @@ impl Reading {
     }
 }
 
-/// Bytes that so many faces take beyond their files.
+/// Bytes that `faces` take beyond their files.
 fn more(faces: u64, is_hierarchical: bool) -> u64 {
     faces.saturating_mul(if is_hierarchical { BYTES_A_FACE_OF_HIERARCHY } else { BYTES_A_FACE })
 }
@@ -114,7 +114,7 @@ async fn acquire(left: &Arc<Semaphore>, bytes: u64) -> Result<OwnedSemaphorePerm
     held.map_err(|error| Error::new(Kind::Internal, format_args!("there is no memory to wait for: {error}")))
 }
 
-/// Refuses what will never fit.
+/// Refuses a mesh that never fits.
 fn check(total: u64, needed: u64, what: impl std::fmt::Display) -> Result<()> {
     if needed / UNIT > total / UNIT {
         return Err(Error::too_large(format_args!(
@@ -125,7 +125,7 @@ fn check(total: u64, needed: u64, what: impl std::fmt::Display) -> Result<()> {
     Ok(())
 }
 
-/// Bytes of memory of the container or the machine; none where that cannot be told.
+/// Bytes of memory of the container or the machine; none where that is not known.
 fn machine() -> Option<u64> {
     let read = |path| std::fs::read_to_string(path).ok();
     let container = read("/sys/fs/cgroup/memory.max").and_then(|text| text.trim().parse::<u64>().ok());

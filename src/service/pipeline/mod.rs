@@ -1,14 +1,14 @@
 //! From the queue to results: read → cluster → write, for several jobs at a time.
 //!
-//! Jobs are claimed fairly among tenants ([`super::store`]). A job holds a slot until it ends, which bounds the meshes in
-//! memory. One more slot is for tenants without a running job, so that a tenant that fills all other slots does not
+//! Jobs are claimed fairly among tenants ([`super::store`]). A job holds a slot until it ends, which bounds the meshes
+//! in memory. One more slot is for tenants without a running job, so that a tenant that fills all other slots does not
 //! delay another tenant. A job waits for its share of [`memory`] before its mesh is read. Reading and writing run on
 //! tokio's blocking threads while the one [`device_thread`] clusters; [`small`] meshes have threads of their own. A job
 //! that fails, or panics, fails alone.
 //!
-//! An attempt at a job has one of three verdicts. The job has ended. Or it is released, because the device, the disk or the
-//! process failed and not the mesh. Or another process has it by now. Writes to the store are repeated until the disk
-//! works.
+//! An attempt at a job has one of three verdicts. The job has ended. Or it is released, because the device, the disk or
+//! the process failed and not the mesh. Or another process has it by now. Writes to the store are repeated until the
+//! disk works.
 //!
 //! `parts` holds the state, `stages` the work on one job, `run` the loop around them.
 

@@ -17,10 +17,10 @@ use crate::error::{Error, Kind};
 use crate::service::store::{Claiming, End, Ending, Job, Release, State, Summary, Ticket};
 use crate::service::trace::TraceParent;
 
-/// Wait for a time that has come by now.
+/// Least wait for the next start, so that a start that is due does not spin.
 const EARLY: Duration = Duration::from_millis(1);
 
-/// What an attempt came to.
+/// The outcome of an attempt.
 #[derive(Debug)]
 enum Verdict {
     /// The job has ended.
@@ -171,7 +171,7 @@ impl Pipeline {
         self.conclude(ticket, &job, verdict, &log, started, &abort).await;
     }
 
-    /// Stores what an attempt came to, and removes what is not needed any more.
+    /// Stores the outcome of an attempt, and removes the files that are not needed any more.
     async fn conclude(
         &self,
         ticket: Ticket,
@@ -187,9 +187,8 @@ impl Pipeline {
         let state = match verdict {
             Verdict::Ended(mut ending) => {
                 log_end(&ending.end, milliseconds);
-                let kind = if let End::Failed(error) = &ending.end { Some(error.kind) } else { None };
-                let state = ending.end.state();
-                self.metrics.ended(job, state, started.elapsed(), kind);
+                let (state, problem, _) = ending.end.parts();
+                self.metrics.ended(job, state, started.elapsed(), problem.map(|problem| problem.kind));
                 may_have_files = !matches!(&ending.end, End::Succeeded(summary) if summary.is_small);
                 ending.rest = log.rest();
                 loop {
@@ -258,7 +257,7 @@ impl Pipeline {
         true
     }
 
-    /// Ends when someone asks for the job's end.
+    /// Completes when the job is to be cancelled.
     async fn cancel_requested(&self, job: &Job) {
         let asked = match self.store.watch(job.id).await {
             Ok(Some(mut pulses)) => pulses.wait_for(|pulse| pulse.cancel_requested).await.is_ok(),
@@ -269,7 +268,7 @@ impl Pipeline {
         }
     }
 
-    /// What an attempt comes to that ended with an error.
+    /// The outcome of an attempt that ended with an error.
     fn judge(&self, job: &Job, error: Error) -> Verdict {
         match self.files.gave_up(job.id) {
             true => Verdict::Ended(End::Failed(error).into()),
@@ -277,7 +276,7 @@ impl Pipeline {
         }
     }
 
-    /// What becomes of a job that the service does not wait for when it stops.
+    /// The outcome of a job that the service does not wait for when it stops.
     fn stopped(&self) -> Verdict {
         match self.store.is_durable() {
             true => Verdict::Released(Release::Free),
@@ -289,7 +288,7 @@ impl Pipeline {
     }
 }
 
-/// What an attempt comes to that ended with an error.
+/// The outcome of an attempt that ended with an error.
 fn judge(error: Error) -> Verdict {
     match error.kind {
         Kind::Cancelled => Verdict::Ended(End::Cancelled.into()),
@@ -308,16 +307,5 @@ fn log_end(end: &End, milliseconds: u64) {
         End::Succeeded(Summary { faces, .. }) => tracing::info!(milliseconds, faces, "succeeded"),
         End::Cancelled => tracing::info!(milliseconds, "cancelled"),
         End::Failed(error) => tracing::warn!(milliseconds, kind = error.kind.slug(), "failed: {error}"),
-    }
-}
-
-impl End {
-    /// The state of a job that ended so.
-    fn state(&self) -> State {
-        match self {
-            End::Succeeded(_) => State::Succeeded,
-            End::Failed(_) => State::Failed,
-            End::Cancelled => State::Cancelled,
-        }
     }
 }

@@ -1,7 +1,8 @@
 //! The place of a mesh among those in memory.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
+use parking_lot::Mutex;
 use tokio::sync::OwnedSemaphorePermit;
 
 use super::memory;
@@ -23,6 +24,6 @@ impl Slot {
 
     /// Holds the job's share of memory, too.
     pub fn holds(&self, memory: memory::Held) {
-        *self.0.memory.lock().unwrap_or_else(PoisonError::into_inner) = Some(memory);
+        *self.0.memory.lock() = Some(memory);
     }
 }

@@ -1,13 +1,14 @@
 //! Small meshes: one thread works on each, several meshes at a time.
 //!
-//! Threads that share a small mesh spend more time on handing it to each other than on working on it: 5,000 faces take one
-//! thread about as long as two (measured), so two meshes at a time are done twice as fast. Here are pools of rayon's with one
-//! thread each; what asks for more threads there goes on by itself. Which device may be asked for several meshes at a time,
-//! the device says ([`Device::another`](crate::device::Device::another)).
+//! Threads that share a small mesh lose more time on synchronisation than they gain: 5,000 faces take one thread about
+//! as long as two (measured), so two meshes at a time are done twice as fast. Each pool has one thread; parallel code
+//! runs sequentially there. [`Device::another`](crate::device::Device::another) says whether a device takes several
+//! meshes at a time.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::thread::available_parallelism;
 
+use parking_lot::Mutex;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
@@ -60,7 +61,7 @@ impl SmallMeshes {
     /// A thread without work, once there is one.
     pub async fn thread(&self) -> Result<Thread> {
         let place = Arc::clone(&self.places).acquire_owned().await.map_err(|_| gone())?;
-        let index = self.threads.idle().pop().ok_or_else(gone)?;
+        let index = self.threads.idle.lock().pop().ok_or_else(gone)?;
         Ok(Thread { threads: Arc::clone(&self.threads), index, _place: place })
     }
 }
@@ -78,7 +79,7 @@ impl Thread {
         threads.pools[self.index].spawn(move || {
             let outcome = caught(work);
             drop(self);
-            // Nobody may be waiting any more.
+            // the receiver may be gone
             let _ = reply.send(outcome);
         });
         outcome.await.map_err(|_| gone())?
@@ -89,16 +90,12 @@ fn gone() -> Error {
     Error::new(Kind::Internal, "the threads for small meshes are gone")
 }
 
-impl Threads {
-    fn idle(&self) -> MutexGuard<'_, Vec<usize>> {
-        self.idle.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
+impl Threads {}
 
 impl Drop for Thread {
     fn drop(&mut self) {
-        // before the place, which tells others that there is one
-        self.threads.idle().push(self.index);
+        // before the place is freed, which lets the next mesh take a thread
+        self.threads.idle.lock().push(self.index);
     }
 }
 
@@ -131,6 +128,6 @@ mod tests {
                 assert_eq!(failed.kind, Kind::Internal);
             }
         }
-        assert_eq!(small.threads.idle().len(), count);
+        assert_eq!(small.threads.idle.lock().len(), count);
     }
 }

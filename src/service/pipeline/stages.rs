@@ -2,10 +2,11 @@
 
 use std::collections::HashMap;
 use std::iter;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
+use parking_lot::Mutex;
 use tokio::runtime::Handle;
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
@@ -40,16 +41,16 @@ pub(super) struct Log(Mutex<Option<(Vec<What>, Progress)>>);
 impl Log {
     /// The rows that are left, and the progress after them.
     pub fn rest(&self) -> Option<(Vec<What>, Progress)> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.0.lock().clone()
     }
 
     fn leave(&self, rows: Vec<What>, progress: Progress) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some((rows, progress));
+        *self.0.lock() = Some((rows, progress));
     }
 }
 
 impl Pipeline {
-    /// From the upload to labels, in memory. May be dropped in the middle; `broken_off` tells what then still waits.
+    /// From the upload to labels, in memory. May be dropped in the middle; `broken_off` then stops what still waits.
     pub(super) async fn cluster(
         &self,
         slot: &Slot,
@@ -92,7 +93,7 @@ impl Pipeline {
         Ok(outcome)
     }
 
-    /// From labels to files. Must not be dropped in the middle: it would go on, and leave files that nobody knows of.
+    /// From labels to files. Must not be dropped in the middle: it would go on, and leave files of no job.
     pub(super) async fn write(&self, slot: Slot, job: &Job, outcome: Outcome, started: Instant) -> Result<Written> {
         let files = Arc::clone(&self.files);
         let (id, attempt) = (job.id, job.attempt);

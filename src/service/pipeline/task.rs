@@ -1,4 +1,4 @@
-//! A mesh on its way through the device, and what is done with it there and after.
+//! A mesh on its way through the device, and the results after it.
 
 use std::sync::Arc;
 
@@ -16,13 +16,13 @@ use crate::service::metrics::Metrics;
 pub(super) struct Task {
     /// The mesh.
     pub prepared: Arc<Prepared>,
-    /// Asks to stop. For the thread of the device, looking at it is a sign of life.
+    /// Requests a stop. Every look at it counts as a sign of life of the device's thread.
     pub cancel: Cancel,
     /// Its place in the line before the device.
     pub visit: Visit,
     /// Whether an earlier attempt at this mesh failed, maybe with the device.
     pub is_retry: bool,
-    /// Is told of every row of the report.
+    /// Receives every row of the report.
     pub on_row: Box<dyn FnMut(Row) + Send>,
     /// Where the lines of the log belong.
     pub span: tracing::Span,
@@ -39,8 +39,8 @@ pub(super) struct Done {
 }
 
 impl Task {
-    /// Has `work` done on it, on a device. All of the job's rows are told, and if it failed its place is free, before that is
-    /// known.
+    /// Runs `work` on a device. All rows of the job are delivered, and after a failure its place is free, when this
+    /// returns.
     pub fn run(mut self, work: impl FnOnce(&mut Self) -> Result<Clustered>) -> Result<Done> {
         let span = self.span.clone();
         let clustered = span.in_scope(|| caught(|| work(&mut self)))?;

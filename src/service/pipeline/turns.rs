@@ -5,14 +5,15 @@
 //!
 //! [`fairness`]: crate::service::store::fairness
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Instant;
 
+use parking_lot::Mutex;
 use tokio::sync::oneshot;
 
-use crate::service::store::fairness::{Share, Turns};
+use crate::service::store::fairness::{Share, VirtualTimes};
 
-/// A mesh is short beside another one of at least so many times its cost.
+/// A mesh is short beside another one of at least this multiple of its cost.
 const SHORT: u64 = 4;
 
 /// A queue before the device, in which one mesh at a time has its turn.
@@ -21,10 +22,10 @@ pub(super) struct Line(Mutex<State>);
 
 #[derive(Debug, Default)]
 struct State {
-    turns: Turns,
+    virtual_times: VirtualTimes,
     /// Cost of the mesh that has its turn.
     cost: Option<u64>,
-    /// Those that wait, in the order of their arrival. Some may not wait any more.
+    /// Visits that wait, in the order of their arrival; some may have given up.
     waiting: Vec<Waiting>,
 }
 
@@ -45,14 +46,14 @@ pub(super) enum Place {
     Beside,
 }
 
-/// What waits for a turn.
+/// A mesh that waits for its turn.
 #[derive(Debug, Clone)]
 pub(super) struct Visit {
-    /// Whose mesh it is.
+    /// The tenant of the mesh.
     pub tenant: Arc<str>,
-    /// What that tenant may use.
+    /// The share of that tenant.
     pub share: Share,
-    /// About how much work it is, in any unit; 0 takes the turn without being charged to anybody.
+    /// Approximate work, in any unit; a turn of cost 0 is charged to no tenant.
     pub cost: u64,
 }
 
@@ -93,7 +94,7 @@ impl Line {
 
     async fn wait(self: &Arc<Self>, visit: Visit, may_pass: bool) -> Place {
         let call = {
-            let mut state = self.lock();
+            let mut state = self.0.lock();
             match state.cost {
                 None => return Place::Turn(self.begin(&mut state, visit)),
                 Some(other) if may_pass && is_short(visit.cost, other) => return Place::Beside,
@@ -112,7 +113,7 @@ impl Line {
 
     fn begin(self: &Arc<Self>, state: &mut State, visit: Visit) -> Turn {
         state.cost = Some(visit.cost);
-        state.turns.serve(&visit.tenant);
+        state.virtual_times.serve(&visit.tenant);
         for passing in state.waiting.extract_if(.., |one| one.may_pass && is_short(one.visit.cost, visit.cost)) {
             // A visit that stopped waiting needs no place.
             let _ = passing.called.send(Place::Beside);
@@ -124,25 +125,21 @@ impl Line {
     fn call_next(self: &Arc<Self>, state: &mut State) -> Option<(oneshot::Sender<Place>, Turn)> {
         state.cost = None;
         state.waiting.retain(|waiting| !waiting.called.is_closed());
-        let start = |waiting: &Waiting| state.turns.start(&waiting.visit.tenant);
+        let start = |waiting: &Waiting| state.virtual_times.start(&waiting.visit.tenant);
         let next =
             (0..state.waiting.len()).min_by(|&a, &b| start(&state.waiting[a]).total_cmp(&start(&state.waiting[b])))?;
         let Waiting { visit, called, .. } = state.waiting.remove(next);
         Some((called, self.begin(state, visit)))
-    }
-
-    fn lock(&self) -> MutexGuard<'_, State> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl Drop for Turn {
     fn drop(&mut self) {
         let next = {
-            let mut state = self.line.lock();
+            let mut state = self.line.0.lock();
             if self.visit.cost > 0 {
                 let seconds = self.started.elapsed().as_secs_f64();
-                state.turns.charge(&self.visit.tenant, seconds, self.visit.share);
+                state.virtual_times.charge(&self.visit.tenant, seconds, self.visit.share);
             }
             self.line.call_next(&mut state)
         };

@@ -1,4 +1,4 @@
-//! Results that are made when they are asked for, from what is stored: hierarchies, cuts, labels in other forms.
+//! Results that are made on request, from what is stored: hierarchies, cuts, labels in other forms.
 //!
 //! The source is in memory only while a result is made, and a semaphore limits how many large ones are at a time. The
 //! result streams to the client at the client's pace; a large one streams from a file without a name.

@@ -1,4 +1,4 @@
-//! Who may use the service.
+//! Settings of access.
 
 use std::path::PathBuf;
 
@@ -7,11 +7,12 @@ use axum::http::HeaderValue;
 /// Settings of access.
 #[derive(Debug, Clone, Default, PartialEq, clap::Args)]
 pub struct AccessSettings {
-    /// File of tokens, as `tesserae token new` makes it; read again when it changes. Anybody may do anything when left out
+    /// File of tokens, as `tesserae token new` makes it; read again when it changes. When left out, no request needs a
+    /// token
     #[arg(long, env = "TESSERAE_TOKENS", value_name = "FILE")]
     pub tokens: Option<PathBuf>,
 
-    /// Listen to other machines though there are no tokens: whoever reaches the service may read and delete every job
+    /// Listen to other machines without tokens: every client that reaches the service can read and delete every job
     #[arg(long, env = "TESSERAE_INSECURE_NO_AUTH")]
     pub insecure_no_auth: bool,
 
@@ -20,7 +21,7 @@ pub struct AccessSettings {
     pub cors_origins: Vec<String>,
 }
 
-/// Checks an origin: scheme, host and port as a browser sends them, or nobody would ever match.
+/// Checks an origin: scheme, host and port as browsers send them; any other text would never match.
 fn origin(text: &str) -> Result<String, String> {
     let rest = text.strip_prefix("https://").or_else(|| text.strip_prefix("http://"));
     let is_host = |rest: &str| !rest.is_empty() && !rest.contains(['/', '?', '#', '*', ' ', '@']);

@@ -8,7 +8,8 @@ use crate::service::files::DiskLimits;
 #[derive(Debug, Clone, PartialEq, Eq, clap::Args)]
 pub struct StorageSettings {
     /// Time for which a job that has ended is kept with its results, in seconds; 0 until it is deleted
-    #[arg(long, env = "TESSERAE_RETENTION", value_name = "SECONDS", default_value_t = StorageSettings::default().retention)]
+    #[arg(long, env = "TESSERAE_RETENTION", value_name = "SECONDS",
+          default_value_t = StorageSettings::default().retention)]
     pub retention: u64,
 
     /// Bytes in the data folder above which uploads are refused; no limit when left out
@@ -16,7 +17,8 @@ pub struct StorageSettings {
     pub max_disk_bytes: Option<u64>,
 
     /// Free bytes of the disk below which uploads are refused, so that what was accepted can end
-    #[arg(long, env = "TESSERAE_MIN_FREE_BYTES", value_name = "BYTES", default_value_t = StorageSettings::default().min_free_bytes)]
+    #[arg(long, env = "TESSERAE_MIN_FREE_BYTES", value_name = "BYTES",
+          default_value_t = StorageSettings::default().min_free_bytes)]
     pub min_free_bytes: u64,
 
     /// Start although the store of jobs is missing or empty and files of jobs are there: these are moved to DIR/aside,

@@ -1,6 +1,4 @@
-//! How much clients may ask for at a time.
-
-use std::time::Duration;
+//! Limits of traffic.
 
 use crate::service::Network;
 
@@ -8,19 +6,23 @@ use crate::service::Network;
 #[derive(Debug, Clone, PartialEq, clap::Args)]
 pub struct TrafficSettings {
     /// Jobs of one tenant that may wait; more are answered with 429
-    #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS_PER_TENANT", value_name = "N", default_value_t = Self::default().max_queued_jobs_per_tenant)]
+    #[arg(long, env = "TESSERAE_MAX_QUEUED_JOBS_PER_TENANT", value_name = "N",
+          default_value_t = Self::default().max_queued_jobs_per_tenant)]
     pub max_queued_jobs_per_tenant: u64,
 
     /// Requests a second of one client, averaged over 5 seconds; more are answered with 429, 0 is any number
-    #[arg(long, env = "TESSERAE_MAX_REQUEST_RATE", value_name = "N", default_value_t = Self::default().max_request_rate)]
+    #[arg(long, env = "TESSERAE_MAX_REQUEST_RATE", value_name = "N",
+          default_value_t = Self::default().max_request_rate)]
     pub max_request_rate: u32,
 
     /// Requests of one client at a time, event streams aside; more are answered with 429
-    #[arg(long, env = "TESSERAE_MAX_REQUESTS_AT_ONCE", value_name = "N", default_value_t = Self::default().max_requests_at_once)]
+    #[arg(long, env = "TESSERAE_MAX_REQUESTS_AT_ONCE", value_name = "N",
+          default_value_t = Self::default().max_requests_at_once)]
     pub max_requests_at_once: u32,
 
     /// Event streams of one client at a time; more are answered with 429
-    #[arg(long, env = "TESSERAE_MAX_STREAMS_PER_CLIENT", value_name = "N", default_value_t = Self::default().max_streams_per_client)]
+    #[arg(long, env = "TESSERAE_MAX_STREAMS_PER_CLIENT", value_name = "N",
+          default_value_t = Self::default().max_streams_per_client)]
     pub max_streams_per_client: u32,
 
     /// Event streams at a time; more are answered with 503
@@ -33,7 +35,8 @@ pub struct TrafficSettings {
     pub max_connections: u32,
 
     /// Connections from one address at a time; more are closed
-    #[arg(long, env = "TESSERAE_MAX_CONNECTIONS_PER_ADDRESS", value_name = "N", default_value_t = Self::default().max_connections_per_address,
+    #[arg(long, env = "TESSERAE_MAX_CONNECTIONS_PER_ADDRESS", value_name = "N",
+          default_value_t = Self::default().max_connections_per_address,
           value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub max_connections_per_address: u32,
 
@@ -48,7 +51,8 @@ pub struct TrafficSettings {
     pub trusted_proxies: Vec<Network>,
 
     /// Bytes of all uploads that are coming in at a time; more are answered with 503
-    #[arg(long, env = "TESSERAE_MAX_BYTES_IN_FLIGHT", value_name = "BYTES", default_value_t = Self::default().max_bytes_in_flight)]
+    #[arg(long, env = "TESSERAE_MAX_BYTES_IN_FLIGHT", value_name = "BYTES",
+          default_value_t = Self::default().max_bytes_in_flight)]
     pub max_bytes_in_flight: u64,
 
     /// How many times as large as its compressed form (gzip, zstd) an upload may be, after the first MiB
@@ -57,7 +61,8 @@ pub struct TrafficSettings {
     pub max_inflation: u64,
 
     /// Time for the head of a request, on a connection that is new or used before, in seconds
-    #[arg(long, env = "TESSERAE_HEADER_TIMEOUT", value_name = "SECONDS", default_value_t = Self::default().header_timeout,
+    #[arg(long, env = "TESSERAE_HEADER_TIMEOUT", value_name = "SECONDS",
+          default_value_t = Self::default().header_timeout,
           value_parser = clap::value_parser!(u64).range(1..=86_400))]
     pub header_timeout: u64,
 
@@ -99,18 +104,5 @@ impl Default for TrafficSettings {
 }
 
 impl TrafficSettings {
-    /// [`header_timeout`](Self::header_timeout) as a duration.
-    pub(in crate::service) fn header_timeout(&self) -> Duration {
-        Duration::from_secs(self.header_timeout)
-    }
-
-    /// [`body_timeout`](Self::body_timeout) as a duration.
-    pub(in crate::service) fn body_timeout(&self) -> Duration {
-        Duration::from_secs(self.body_timeout)
-    }
-
-    /// [`write_timeout`](Self::write_timeout) as a duration.
-    pub(in crate::service) fn write_timeout(&self) -> Duration {
-        Duration::from_secs(self.write_timeout)
-    }
+    durations!(header_timeout, body_timeout, write_timeout);
 }

@@ -1,4 +1,4 @@
-//! Where ends of jobs may be told.
+//! Settings of webhooks.
 
 use std::path::PathBuf;
 
@@ -7,8 +7,8 @@ use crate::service::WebhookHost;
 /// Settings of webhooks.
 #[derive(Debug, Clone, Default, PartialEq, clap::Args)]
 pub struct WebhookSettings {
-    /// Hosts that webhooks may go to: HOST or HOST:PORT by https, with http:// before it in the clear; a name that leads to
-    /// a private address needs that address listed too. None when left out
+    /// Hosts that webhooks may go to: HOST or HOST:PORT by https, with http:// before it in the clear; a name that
+    /// leads to a private address needs that address listed too. None when left out
     #[arg(long, env = "TESSERAE_WEBHOOK_HOSTS", value_name = "HOST,…", value_delimiter = ',')]
     pub webhook_hosts: Vec<WebhookHost>,
 

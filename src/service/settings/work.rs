@@ -5,15 +5,16 @@ use std::time::Duration;
 /// What a job may cost.
 #[derive(Debug, Clone, PartialEq, Eq, clap::Args)]
 pub struct WorkSettings {
-    /// Attempts at a job that the service or its device did not survive; after the last one the job has failed. An attempt
-    /// counts once the mesh is being read, and a crash of the service counts for the job that ran alone
+    /// Attempts at a job that the service or its device did not survive; after the last one the job has failed. An
+    /// attempt counts once the mesh is being read, and a crash of the service counts for the job that ran alone
     #[arg(long, env = "TESSERAE_MAX_ATTEMPTS", value_name = "N", default_value_t = WorkSettings::default().max_attempts,
           value_parser = clap::value_parser!(u32).range(1..))]
     pub max_attempts: u32,
 
-    /// Pause of a job that was worked on when the service crashed, in seconds; ten times as long after each further crash, up
-    /// to 600
-    #[arg(long, env = "TESSERAE_CRASH_PAUSE", value_name = "SECONDS", default_value_t = WorkSettings::default().crash_pause,
+    /// Pause of a job that was worked on when the service crashed, in seconds; ten times as long after each further
+    /// crash, up to 600
+    #[arg(long, env = "TESSERAE_CRASH_PAUSE", value_name = "SECONDS",
+          default_value_t = WorkSettings::default().crash_pause,
           value_parser = clap::value_parser!(u64).range(0..=600))]
     pub crash_pause: u64,
 
@@ -22,7 +23,8 @@ pub struct WorkSettings {
     pub worker_name: Option<String>,
 
     /// Time that a job may take on the device and until its results are made, in seconds; 0 for any
-    #[arg(long, env = "TESSERAE_MAX_JOB_SECONDS", value_name = "SECONDS", default_value_t = WorkSettings::default().max_job_seconds)]
+    #[arg(long, env = "TESSERAE_MAX_JOB_SECONDS", value_name = "SECONDS",
+          default_value_t = WorkSettings::default().max_job_seconds)]
     pub max_job_seconds: u64,
 
     /// Bytes that all meshes in memory may take together, as estimated from their files and faces; others wait. Three
@@ -31,7 +33,8 @@ pub struct WorkSettings {
     pub memory_budget: Option<u64>,
 
     /// Time after which a device that shows no sign of life counts as lost, in seconds
-    #[arg(long, env = "TESSERAE_DEVICE_TIMEOUT", value_name = "SECONDS", default_value_t = WorkSettings::default().device_timeout,
+    #[arg(long, env = "TESSERAE_DEVICE_TIMEOUT", value_name = "SECONDS",
+          default_value_t = WorkSettings::default().device_timeout,
           value_parser = clap::value_parser!(u64).range(1..))]
     pub device_timeout: u64,
 }
@@ -61,6 +64,8 @@ fn worker_name(name: &str) -> Result<String, String> {
 }
 
 impl WorkSettings {
+    durations!(crash_pause, device_timeout);
+
     /// [`worker_name`](Self::worker_name), or host name and process id.
     pub(in crate::service) fn worker(&self) -> String {
         let host = || {
@@ -71,18 +76,8 @@ impl WorkSettings {
         self.worker_name.clone().unwrap_or_else(host)
     }
 
-    /// [`crash_pause`](Self::crash_pause) as a duration.
-    pub(in crate::service) fn crash_pause(&self) -> Duration {
-        Duration::from_secs(self.crash_pause)
-    }
-
     /// [`max_job_seconds`](Self::max_job_seconds) as a duration; none for any.
     pub(in crate::service) fn max_job(&self) -> Option<Duration> {
         (self.max_job_seconds > 0).then(|| Duration::from_secs(self.max_job_seconds))
-    }
-
-    /// [`device_timeout`](Self::device_timeout) as a duration.
-    pub(in crate::service) fn device_timeout(&self) -> Duration {
-        Duration::from_secs(self.device_timeout)
     }
 }

@@ -1,6 +1,6 @@
-//! Where a page of the list of jobs begins, as the text that clients carry.
+//! Cursors: the text by which a client gets the next page of the list of jobs.
 //!
-//! A cursor holds the number of a job among the jobs of all tenants, encrypted: it tells a client nothing about other
+//! A cursor holds the number of a job among the jobs of all tenants, encrypted: a client learns nothing about other
 //! tenants. The key is kept as long as the jobs are, so that cursors outlast a restart.
 
 use base64::Engine as _;

@@ -1,4 +1,4 @@
-//! What happens to jobs, numbered.
+//! Events of jobs, numbered.
 
 use std::fmt;
 
@@ -33,12 +33,12 @@ pub(in crate::service) enum What {
     End(State, Option<Error>),
 }
 
-/// What wakes those who wait for a job: everything that can change about it, small enough to be compared.
+/// What can change about a job, in short: tasks that wait for a job receive it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(in crate::service) struct Pulse {
     /// Number of the last event.
     pub last_seq: u64,
-    /// Whether someone asked for the job's end.
+    /// Whether the job is to be cancelled.
     pub cancel_requested: bool,
     /// Whether the job ended.
     pub ended: bool,
@@ -53,6 +53,6 @@ pub(in crate::service) trait Events: fmt::Debug + Send + Sync {
     /// At most `limit` events of a job from number `after + 1` on; none when there is no such job.
     async fn events(&self, id: JobId, after: u64, limit: usize) -> Result<Option<Vec<Event>>>;
 
-    /// Tells of every change of a job until it is deleted; none when there is no such job.
+    /// A receiver of every change of a job until it is deleted; none when there is no such job.
     async fn watch(&self, id: JobId) -> Result<Option<watch::Receiver<Pulse>>>;
 }

@@ -1,9 +1,9 @@
 //! Which tenant is served next: start-time fair queueing over tenants.
 //!
-//! Two queues use it, each with a [`Turns`] of its own: claims from the store (one unit a job), and time on the device
-//! (seconds). Every tenant has a virtual time that advances by what it used, divided by its weight. A tenant that comes back
-//! after a pause starts at the current virtual time: it neither waits for what it did not use, nor gets credit for it. The
-//! state is kept in memory only; after a restart all tenants start equal.
+//! Two queues use it, each with a [`VirtualTimes`] of its own: claims from the store (one unit a job), and time on the
+//! device (seconds). Every tenant has a virtual time that advances by what it used, divided by its weight. A tenant
+//! that comes back after a pause starts at the current virtual time: it neither waits for what it did not use, nor gets
+//! credit for it. The state is kept in memory only; after a restart all tenants start equal.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -42,17 +42,17 @@ impl Shares {
 
 /// The virtual times.
 #[derive(Debug, Default)]
-pub(in crate::service) struct Turns {
+pub(in crate::service) struct VirtualTimes {
     /// Virtual start time of the tenant that was served last.
     clock: f64,
     /// Virtual time at which each tenant's next turn starts; only those after `clock` matter.
     next: HashMap<Arc<str>, f64>,
 }
 
-/// Tenants above which those that are no later than the clock are forgotten.
+/// Number of tenants above which those at or before the clock are dropped.
 const KEPT: usize = 1024;
 
-impl Turns {
+impl VirtualTimes {
     /// Virtual time at which the next turn of a tenant starts: smaller is sooner.
     pub fn start(&self, tenant: &str) -> f64 {
         self.next.get(tenant).map_or(self.clock, |next| next.max(self.clock))
@@ -63,7 +63,7 @@ impl Turns {
         self.clock = self.start(tenant);
     }
 
-    /// A tenant used so much, in any unit that is the same for all.
+    /// A tenant used `amount`, in a unit that is the same for all tenants.
     pub fn charge(&mut self, tenant: &str, amount: f64, share: Share) {
         let next = self.start(tenant) + amount / f64::from(share.weight.max(1));
         if self.next.len() >= KEPT {
@@ -84,9 +84,9 @@ pub(super) struct Waiting {
 }
 
 /// The waiting tenants that come first: fewest running jobs divided by weight, then the earliest virtual time. Those at
-/// their limit are left out, and with `newcomers` all that have a running job. Several only when they are equal: priority
-/// and age of their first jobs decide then.
-pub(super) fn first_tenants(waiting: &[Waiting], turns: &Turns, shares: &Shares, newcomers: bool) -> Vec<usize> {
+/// their limit are left out, and with `newcomers` all that have a running job. Several only when they are equal:
+/// priority and age of their first jobs decide then.
+pub(super) fn first_tenants(waiting: &[Waiting], times: &VirtualTimes, shares: &Shares, newcomers: bool) -> Vec<usize> {
     let mut best: Option<(f64, f64)> = None;
     let mut found = Vec::new();
     for (index, Waiting { tenant, running }) in waiting.iter().enumerate() {
@@ -94,7 +94,7 @@ pub(super) fn first_tenants(waiting: &[Waiting], turns: &Turns, shares: &Shares,
         if share.max_running.is_some_and(|most| *running >= most) || (newcomers && *running > 0) {
             continue;
         }
-        let key = (*running as f64 / f64::from(share.weight.max(1)), turns.start(tenant));
+        let key = (*running as f64 / f64::from(share.weight.max(1)), times.start(tenant));
         match best {
             Some(best) if key > best => continue,
             Some(best) if key == best => {}
@@ -110,15 +110,15 @@ pub(super) fn first_tenants(waiting: &[Waiting], turns: &Turns, shares: &Shares,
 mod tests {
     use super::*;
 
-    /// Serves `turns` turns of one unit to tenants that always wait; how many each got.
-    fn serve(turns: &mut Turns, shares: &Shares, tenants: &[&str], count: usize) -> Vec<usize> {
+    /// Serves one unit at a time to tenants that always wait; how many each got.
+    fn serve(times: &mut VirtualTimes, shares: &Shares, tenants: &[&str], count: usize) -> Vec<usize> {
         let waiting: Vec<Waiting> =
             tenants.iter().map(|tenant| Waiting { tenant: (*tenant).to_owned(), running: 0 }).collect();
         let mut served = vec![0; tenants.len()];
         for _ in 0..count {
-            let next = first_tenants(&waiting, turns, shares, false)[0];
-            turns.serve(tenants[next]);
-            turns.charge(tenants[next], 1.0, shares.of(tenants[next]));
+            let next = first_tenants(&waiting, times, shares, false)[0];
+            times.serve(tenants[next]);
+            times.charge(tenants[next], 1.0, shares.of(tenants[next]));
             served[next] += 1;
         }
         served
@@ -128,10 +128,10 @@ mod tests {
     fn tenants_are_served_by_weight_and_a_pause_gives_no_credit() {
         let heavy = Share { weight: 3, max_running: None };
         let shares: Shares = [("heavy".to_owned(), heavy)].into_iter().collect();
-        let mut turns = Turns::default();
-        assert_eq!(serve(&mut turns, &shares, &["heavy", "light"], 400), [300, 100]);
-        assert_eq!(serve(&mut turns, &shares, &["heavy"], 1000), [1000]);
-        let after = serve(&mut turns, &shares, &["heavy", "light"], 400);
+        let mut times = VirtualTimes::default();
+        assert_eq!(serve(&mut times, &shares, &["heavy", "light"], 400), [300, 100]);
+        assert_eq!(serve(&mut times, &shares, &["heavy"], 1000), [1000]);
+        let after = serve(&mut times, &shares, &["heavy", "light"], 400);
         assert!((98..=102).contains(&after[1]), "{after:?}");
     }
 
@@ -150,12 +150,12 @@ mod tests {
         ]
         .into_iter()
         .collect();
-        let mut turns = Turns::default();
-        assert_eq!(first_tenants(&waiting([1, 3, 0]), &turns, &shares, false), [1]);
-        assert_eq!(first_tenants(&waiting([1, 4, 0]), &turns, &shares, false), [0, 1], "equal so far");
-        turns.charge("a", 1.0, shares.of("a"));
-        assert_eq!(first_tenants(&waiting([1, 4, 0]), &turns, &shares, false), [1]);
-        assert_eq!(first_tenants(&waiting([0, 1, 0]), &turns, &shares, true), [0]);
-        assert!(first_tenants(&waiting([1, 1, 0]), &turns, &shares, true).is_empty());
+        let mut times = VirtualTimes::default();
+        assert_eq!(first_tenants(&waiting([1, 3, 0]), &times, &shares, false), [1]);
+        assert_eq!(first_tenants(&waiting([1, 4, 0]), &times, &shares, false), [0, 1], "equal so far");
+        times.charge("a", 1.0, shares.of("a"));
+        assert_eq!(first_tenants(&waiting([1, 4, 0]), &times, &shares, false), [1]);
+        assert_eq!(first_tenants(&waiting([0, 1, 0]), &times, &shares, true), [0]);
+        assert!(first_tenants(&waiting([1, 1, 0]), &times, &shares, true).is_empty());
     }
 }

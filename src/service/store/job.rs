@@ -17,7 +17,7 @@ use crate::report::Phase;
 /// The tenant of every job of a service without tokens.
 pub(in crate::service) const LOCAL_TENANT: &str = "local";
 
-/// Name of a job: 122 random bits, so that nobody guesses another's.
+/// Name of a job: 122 random bits, so that it cannot be guessed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, ToSchema)]
 #[schema(value_type = String, format = "uuid")]
 pub(in crate::service) struct JobId(Uuid);
@@ -67,7 +67,7 @@ pub(in crate::service) enum State {
     Succeeded,
     /// Ended; `problem` says why.
     Failed,
-    /// Ended because someone asked for it.
+    /// Ended on request.
     Cancelled,
 }
 
@@ -95,14 +95,14 @@ impl State {
     }
 }
 
-/// What was uploaded, by whom, and what is to be done with it.
+/// An upload: its tenant, its files, and what to do with it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(in crate::service) struct Spec {
     /// Name of the tenant whose job it is: [`LOCAL_TENANT`] for a service without tokens.
     pub tenant: String,
     /// The `traceparent` of the request (W3C Trace Context), which the work on the job continues.
     pub trace_parent: Option<String>,
-    /// Where the end of the job is to be told.
+    /// URL that receives the end of the job.
     pub webhook: Option<String>,
     /// What to do.
     pub parameters: Parameters,
@@ -168,7 +168,7 @@ pub(in crate::service) struct Summary {
 /// Bytes of all small blobs of an upload, or of a result, at the most.
 pub(in crate::service) const SMALL_BLOBS: u64 = 256 << 10;
 
-/// A file of a job that is so small that it is kept with the job: that costs no file, and no wait for the disk of its own.
+/// A small file of a job, kept with the job: it needs no file and no separate wait for the disk.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(in crate::service) struct SmallBlob {
     /// Its name; unique among those of the job.
@@ -188,13 +188,13 @@ pub(in crate::service) struct Job {
     pub spec: Spec,
     /// Place among the waiting jobs of its tenant: 1 for the one that is claimed first; none when it does not wait.
     pub queue_position: Option<u64>,
-    /// Claims so far; results of others than the last one mean nothing.
+    /// Claims so far; only the result of the last one counts.
     pub attempt: u32,
     /// Name of the process that claimed it last.
     pub worker: Option<String>,
     /// How far it is.
     pub progress: Progress,
-    /// Whether someone asked for its end.
+    /// Whether it is to be cancelled.
     pub cancel_requested: bool,
     /// Why it failed.
     pub problem: Option<Error>,
@@ -209,6 +209,25 @@ pub(in crate::service) struct Job {
 }
 
 impl Job {
+    /// A new job, which waits.
+    pub fn queued(id: JobId, spec: Spec, created_at: SystemTime) -> Self {
+        Self {
+            id,
+            state: State::Queued,
+            spec,
+            queue_position: None,
+            attempt: 0,
+            worker: None,
+            progress: Progress::default(),
+            cancel_requested: false,
+            problem: None,
+            summary: None,
+            created_at,
+            started_at: None,
+            ended_at: None,
+        }
+    }
+
     /// Whether its upload is kept after its end: that of a job that was given up, which may be run again.
     pub fn keeps_upload(&self) -> bool {
         self.problem.as_ref().is_some_and(|problem| problem.kind == Kind::Poison)

@@ -37,7 +37,7 @@ pub(in crate::service) enum Deletion {
     Unknown,
 }
 
-/// Deletes jobs, and says how the store is.
+/// Deletes jobs, and checks the store.
 #[async_trait]
 pub(in crate::service) trait Maintenance: fmt::Debug + Send + Sync {
     /// Whether jobs outlast the process.
@@ -46,18 +46,18 @@ pub(in crate::service) trait Maintenance: fmt::Debug + Send + Sync {
     /// Bytes on disk that the store has taken and will use again before it takes more.
     async fn free_bytes(&self) -> Result<u64>;
 
-    /// Forgets an ended job, its events and its key. That its end is to be told stays.
+    /// Deletes an ended job, its events and its key; its notice stays.
     async fn delete(&self, id: JobId) -> Result<Deletion>;
 
     /// Jobs that ended before a moment, at most `limit`, the longest ended first.
     async fn ended_before(&self, time: SystemTime, limit: usize) -> Result<Vec<JobId>>;
 
-    /// Writes something of no meaning, to see whether it can.
+    /// Writes a row without meaning, to see whether the store can write.
     async fn probe(&self) -> Result<()>;
 
-    /// What it counts.
+    /// Counters of the store.
     fn statistics(&self) -> Statistics;
 
-    /// Finishes what it was asked for and lets go of its files. Nothing works afterwards.
+    /// Finishes the operations under way and closes the files. Nothing works afterwards.
     async fn close(&self);
 }

@@ -1,8 +1,8 @@
-//! Where jobs and their events are kept.
+//! The store of jobs and their events.
 //!
-//! [`JobStore`] is a whole store, of which users name the part that they need: [`Queue`], [`Events`], [`Notices`] or
-//! [`Maintenance`]. `conformance` is the suite that every store passes. A store knows nothing of HTTP, of files or of
-//! devices. [`sqlite`] keeps jobs on disk; [`memory`] forgets everything when the process ends.
+//! [`JobStore`] is a whole store; its users take the part that they need: [`Queue`], [`Events`], [`Notices`] or
+//! [`Maintenance`]. Every store passes the suite in `conformance`. A store knows nothing of HTTP, of files or of
+//! devices. [`sqlite`] keeps jobs on disk; [`memory`] loses them when the process ends.
 //!
 //! # The life of a job
 //!
@@ -14,9 +14,9 @@
 //!            └───────── cancel ────────────────────────────────────────────┘
 //! ```
 //!
-//! Every change of state is an event of the job, appended in the same step: a reader of all events knows the state.
-//! Events are numbered from 1 without gaps. What a worker writes carries the [`Ticket`] of its claim; a ticket that is
-//! no longer the job's (it ended, or was claimed again) writes nothing and gets [`Kind::Conflict`](crate::Kind).
+//! Every change of state is an event of the job, appended in the same step: all events together give the state. Events
+//! are numbered from 1 without gaps. A worker writes with the [`Ticket`] of its claim; a ticket of a job that has ended
+//! or was claimed again writes nothing and gets [`Kind::Conflict`](crate::Kind).
 //!
 //! A claim is a lease: a worker prolongs the leases of its jobs by [`heartbeat`](Queue::heartbeat), and jobs whose
 //! lease is over are [reclaimed](Queue::reclaim). A released job waits again at its old place in the queue, and its
@@ -25,22 +25,24 @@
 //!
 //! # Which job is claimed
 //!
-//! The tenant with the fewest running jobs divided by its weight comes first; among equals, the tenant whose virtual time
-//! is earliest ([`fairness`]); then the job with the highest priority, then the oldest one. So a priority orders the jobs
-//! of one tenant, and decides between tenants only where these are equal. A tenant at its limit of running jobs is passed
-//! over. Each job claimed costs a pass over the tenants with waiting jobs, and one look-up in an index for each of the
-//! tenants that are equal.
+//! The tenant with the fewest running jobs divided by its weight comes first; among equals, the tenant whose virtual
+//! time is earliest ([`fairness`]); then the job with the highest priority, then the oldest one. So a priority orders
+//! the jobs of one tenant, and decides between tenants only where these are equal. A tenant at its limit of running
+//! jobs is skipped. Each claimed job costs a pass over the tenants with waiting jobs, and an index look-up for each of
+//! the equal tenants.
 //!
 //! # After a crash
 //!
-//! A crash is a start that finds running jobs. Those that had not begun wait again as if nothing had happened. Those that
-//! had begun become *suspects*: any of them may have killed the process. The crash counts as an attempt for a job only if
-//! it was the only one that had begun, or the only one of them that had been suspect in two crashes or more. In the
-//! second case, a job that had begun and was claimed later may as well be the cause: then the crash counts for neither,
-//! unless the suspect was in [five](BLAMED_FROM) crashes before, so that a job that kills the process late is given up,
-//! too. Suspects start one at a time, and each pauses before it starts again, [ten times as long](Rules::pause) after
-//! every further crash. After its second crash a suspect runs alone: nothing else is claimed while it starts, for
-//! [`ALONE`] at most. So a job that kills the process is given up, and its neighbours are not.
+//! A start that finds running jobs follows a crash. Running jobs that had not begun return to the queue without any
+//! mark. Those that had begun become *suspects*: any of them may have killed the process. The crash counts as an
+//! attempt of a suspect in two cases only: it was the only job that had begun, or the only one of them that was a
+//! suspect of two crashes or more. In the second case a job that was claimed after the suspect may be the cause; then
+//! the crash counts for neither, unless the suspect was in [five](BLAMED_FROM) crashes, so that a job that kills the
+//! process late is given up, too.
+//!
+//! Suspects start one at a time. Each pauses before, [ten times as long](Rules::pause) after every further crash. After
+//! its second crash a suspect runs alone: no other job is claimed while it starts, for [`ALONE`] at most. So a job that
+//! kills the process is given up, and its neighbours are not.
 
 #[cfg(test)]
 pub(super) mod conformance;
@@ -64,7 +66,7 @@ pub(super) use self::notices::{Notice, Notices};
 pub(super) use self::queue::{
     ALONE, Claiming, Created, End, Ending, Idempotency, ListQuery, NewJob, Page, Queue, Release, Retried, Rules,
 };
-use self::queue::{ALONE_FROM, BLAMED_FROM, given_up, lease_is_over, not_yours, queue_is_full, reused_key};
+use self::queue::{ALONE_FROM, BLAMED_FROM, given_up, lease_is_over, not_yours, reused_key};
 
 /// A whole store. See the [module](self) for the life of a job.
 pub(super) trait JobStore: Queue + Events + Notices + Maintenance {}

@@ -1,4 +1,4 @@
-//! Ends of jobs that webhooks are still to be sent.
+//! Notices: ends of jobs whose webhook is not settled.
 
 use std::fmt;
 use std::time::SystemTime;
@@ -9,13 +9,13 @@ use tokio::sync::watch;
 use super::job::{JobId, State};
 use crate::error::{Error, Result};
 
-/// The end of a job that a webhook is to tell. It is kept apart from the job and outlasts it: who was promised to be told
-/// is told, also when the job is deleted or forgotten before that.
+/// The end of a job whose webhook is to be sent. Outlives its job: a promised webhook is delivered even if the job is
+/// deleted first.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::service) struct Notice {
     /// The job.
     pub job: JobId,
-    /// Where it is to be told.
+    /// The URL of the webhook.
     pub webhook: String,
     /// The `traceparent` of the request that the job came with.
     pub trace_parent: Option<String>,
@@ -32,17 +32,16 @@ pub(in crate::service) struct Notice {
 /// Keeps the ends of jobs until their webhooks are settled.
 #[async_trait]
 pub(in crate::service) trait Notices: fmt::Debug + Send + Sync {
-    /// Changes whenever a job with a webhook ended: what the teller of ends waits for. Marked as changed from the start.
+    /// Changes whenever a job with a webhook ended: the delivery task waits for it. Marked as changed from the start.
     fn endings(&self) -> watch::Receiver<u64>;
 
-    /// Jobs whose webhook was not settled yet, in the order of their ends, also those that were deleted since. Outlasts
-    /// the process where jobs do.
+    /// Jobs whose webhook is not settled, in the order of their ends, deleted jobs included. As durable as jobs.
     async fn untold(&self) -> Result<Vec<JobId>>;
 
-    /// What is to be told about one of the [untold](Self::untold); none for another job.
+    /// The notice of one of the [untold](Self::untold) jobs; none for another job.
     async fn notice(&self, id: JobId) -> Result<Option<Notice>>;
 
-    /// Removes the notice of the end of a job at `ended_at`: its webhook was delivered or given up. Nothing happens for an
-    /// unknown job, or one that was retried and has ended again since.
+    /// Removes the notice of the end of a job at `ended_at`: its webhook was delivered or given up. Nothing happens for
+    /// an unknown job, or one that was retried and has ended again since.
     async fn settle_webhook(&self, id: JobId, ended_at: SystemTime) -> Result<()>;
 }

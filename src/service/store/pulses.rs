@@ -1,29 +1,48 @@
-//! Those who wait for jobs: who waits for which, for stores whose jobs are not in memory.
+//! Waking tasks that wait for the store: for a change of one job ([`Pulses`]), or for any job to arrive or to end.
 
 use std::cmp::Ordering;
 use std::collections::HashMap;
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
+use parking_lot::Mutex;
 use tokio::sync::watch;
 
 use super::{JobId, Pulse};
 
-/// Waiters by job. Holds no more jobs than some are waiting for, give or take a factor of two.
+/// A count that changes with every [`notify`](Self::notify), for tasks that wait for the next one.
+#[derive(Debug, Default)]
+pub(super) struct Signal(watch::Sender<u64>);
+
+impl Signal {
+    /// Wakes all receivers.
+    pub fn notify(&self) {
+        self.0.send_modify(|count| *count += 1);
+    }
+
+    /// A receiver that is marked as changed, so that its task looks once before it waits.
+    pub fn subscribe(&self) -> watch::Receiver<u64> {
+        let mut receiver = self.0.subscribe();
+        receiver.mark_changed();
+        receiver
+    }
+}
+
+/// Receivers by job, for a store whose jobs are not in memory. Jobs without a receiver are dropped when their number
+/// has doubled.
 #[derive(Debug, Default)]
 pub(super) struct Pulses(Mutex<Waiters>);
 
 #[derive(Debug, Default)]
 struct Waiters {
     jobs: HashMap<JobId, watch::Sender<Pulse>>,
-    /// Number of jobs at which those that nobody waits for are looked for.
+    /// Number of jobs at which those without a receiver are dropped.
     sweep_at: usize,
 }
 
 impl Pulses {
-    /// Tells of every change of a job from now on. Begin with this, then [`publish`](Self::publish) what the store has:
-    /// then no change in between is missed.
+    /// A receiver of every change of a job from now on. Subscribe first, then [`publish`](Self::publish) the stored
+    /// state: no change in between is missed.
     pub fn subscribe(&self, id: JobId) -> watch::Receiver<Pulse> {
-        let mut waiters = self.lock();
+        let mut waiters = self.0.lock();
         if waiters.jobs.len() >= waiters.sweep_at {
             waiters.jobs.retain(|_, pulse| pulse.receiver_count() > 0);
             waiters.sweep_at = 2 * waiters.jobs.len() + 64;
@@ -31,10 +50,10 @@ impl Pulses {
         waiters.jobs.entry(id).or_default().subscribe()
     }
 
-    /// Tells those who wait for a job, if any. A pulse never goes back: what is older than what was told is not told. An
-    /// ended job that runs again has newer events, so that its newer pulse replaces the older one.
+    /// Wakes the receivers of a job. A pulse with older events than the last one is dropped. An ended job that runs
+    /// again has newer events, so its pulse replaces the last one.
     pub fn publish(&self, id: JobId, pulse: Pulse) {
-        if let Some(waiting) = self.lock().jobs.get(&id) {
+        if let Some(waiting) = self.0.lock().jobs.get(&id) {
             waiting.send_if_modified(|told| {
                 let newer = match pulse.last_seq.cmp(&told.last_seq) {
                     Ordering::Less => *told,
@@ -52,13 +71,9 @@ impl Pulses {
         }
     }
 
-    /// A job is gone: nobody waits for it any more.
+    /// Drops the receivers of a deleted job.
     pub fn forget(&self, id: JobId) {
-        self.lock().jobs.remove(&id);
-    }
-
-    fn lock(&self) -> MutexGuard<'_, Waiters> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0.lock().jobs.remove(&id);
     }
 }
 
@@ -74,7 +89,7 @@ mod tests {
         for _ in 0..10_000 {
             drop(pulses.subscribe(JobId::random()));
         }
-        assert!(pulses.lock().jobs.len() < 200);
+        assert!(pulses.0.lock().jobs.len() < 200);
         pulses.publish(kept, Pulse { last_seq: 7, ..Pulse::default() });
         pulses.publish(kept, Pulse { last_seq: 3, ended: true, ..Pulse::default() });
         assert_eq!(*waiting.borrow(), Pulse { last_seq: 7, ended: false, cancel_requested: false }, "an older one");

@@ -20,7 +20,7 @@ pub(in crate::service) struct NewJob {
     pub id: JobId,
     /// What it is.
     pub spec: Spec,
-    /// By what the client knows it again when it asks twice.
+    /// The key of the request, so that a repeated request gets the same job.
     pub idempotency: Option<Idempotency>,
     /// Small blobs of its upload, kept until it ends, and beyond that when it is [given up](Job::keeps_upload).
     pub upload: Vec<SmallBlob>,
@@ -51,7 +51,7 @@ pub(in crate::service) struct Rules {
     pub max_queued: usize,
     /// Counted attempts after which a job that keeps being released has failed.
     pub max_attempts: u32,
-    /// Pause of a job after the first crash that it was worked on in.
+    /// Pause of a job after the first crash during which it ran.
     pub crash_pause: Duration,
 }
 
@@ -68,7 +68,18 @@ pub(in crate::service::store) const ALONE_FROM: u32 = 2;
 pub(in crate::service::store) const BLAMED_FROM: u32 = 5;
 
 impl Rules {
-    /// The pause of a job after so many crashes that it was worked on in.
+    /// [`Kind::QueueFull`] when as many jobs wait as may.
+    pub(in crate::service::store) fn check_room(&self, waiting: u64) -> Result<()> {
+        match waiting < self.max_queued as u64 {
+            true => Ok(()),
+            false => Err(Error::new(
+                Kind::QueueFull,
+                format_args!("as many jobs wait as may; try again later: {}", self.max_queued),
+            )),
+        }
+    }
+
+    /// The pause of a job that ran during this many crashes.
     pub(in crate::service::store) fn pause(&self, crashes: u32) -> Duration {
         let factor = 10u32.saturating_pow(crashes.saturating_sub(1));
         self.crash_pause.saturating_mul(factor).min(LONGEST_PAUSE.max(self.crash_pause))
@@ -78,9 +89,9 @@ impl Rules {
 /// What a worker claims.
 #[derive(Debug, Clone)]
 pub(in crate::service) struct Claiming {
-    /// At most so many jobs.
+    /// Most jobs.
     pub limit: usize,
-    /// At most so many more, only of tenants without a running job.
+    /// Most further jobs, only of tenants without a running job.
     pub newcomers: usize,
     /// For how long the jobs are leased.
     pub lease: Duration,
@@ -117,8 +128,19 @@ pub(in crate::service) enum End {
     Succeeded(Summary),
     /// With an error.
     Failed(Error),
-    /// Because someone asked for it.
+    /// On request.
     Cancelled,
+}
+
+impl End {
+    /// The state that the job ends in, why it failed, and what it gave.
+    pub fn parts(&self) -> (State, Option<&Error>, Option<&Summary>) {
+        match self {
+            Self::Succeeded(summary) => (State::Succeeded, None, Some(summary)),
+            Self::Failed(error) => (State::Failed, Some(error), None),
+            Self::Cancelled => (State::Cancelled, None, None),
+        }
+    }
 }
 
 /// The end of a running job, and what comes with it, in one step.
@@ -156,13 +178,14 @@ pub(in crate::service) struct ListQuery {
     pub state: Option<State>,
     /// Go on where an earlier page ended: its `next`.
     pub cursor: Option<String>,
-    /// At most so many jobs.
+    /// Most jobs.
     pub limit: usize,
 }
 
 /// Takes jobs in, hands them to workers, and takes their ends.
 ///
-/// Times of leases and pauses are durations here: only the store reads a clock, so that the workers' clocks need not agree.
+/// Times of leases and pauses are durations here: only the store reads a clock, so that the workers' clocks need not
+/// agree.
 #[async_trait]
 pub(in crate::service) trait Queue: fmt::Debug + Send + Sync {
     /// [`Kind::QueueFull`] when [`create`](Self::create) would be refused now, so that an upload need not come first.
@@ -171,8 +194,8 @@ pub(in crate::service) trait Queue: fmt::Debug + Send + Sync {
     /// Whether a job of the tenant was added with this key: then [`create`](Self::create) adds none.
     async fn knows_key(&self, tenant: &str, key: &str) -> Result<bool>;
 
-    /// Adds a job at the end of the queue. [`Kind::QueueFull`] when as many wait as may; [`Kind::KeyReused`] when its key
-    /// stands for another request. When this returns, the job is kept as well as this store keeps anything.
+    /// Adds a job at the end of the queue. [`Kind::QueueFull`] when as many wait as may; [`Kind::KeyReused`] when its
+    /// key stands for another request. When this returns, the job is as durable as anything in this store.
     async fn create(&self, job: NewJob) -> Result<Created>;
 
     /// The job as it is now.
@@ -191,11 +214,11 @@ pub(in crate::service) trait Queue: fmt::Debug + Send + Sync {
         self.claim_as(Claiming { limit, newcomers: 0, lease, worker, shares }).await
     }
 
-    /// In how long a job that the last claim passed over may be claimed, if that needs no other change.
+    /// Time until a job that the last claim passed over may be claimed, if that needs time only.
     fn next_start(&self) -> Option<Duration>;
 
-    /// The worker begins to read the mesh: from now on the attempt counts. Small uploads begin with their claim. Nothing
-    /// happens when the attempt has begun already.
+    /// The worker begins to read the mesh: from now on the attempt counts. Small uploads begin with their claim.
+    /// Nothing happens when the attempt has begun already.
     async fn begin(&self, ticket: Ticket) -> Result<()>;
 
     /// Puts a failed job back into the queue, with no attempt counted. Its upload must still be there.
@@ -205,8 +228,8 @@ pub(in crate::service) trait Queue: fmt::Debug + Send + Sync {
     /// Makes leases end this long after now, by the clock of the store; returns the tickets that are over.
     async fn heartbeat(&self, tickets: &[Ticket], lease: Duration) -> Result<Vec<Ticket>>;
 
-    /// Gives a running job back: it waits again, or has failed ([`Kind::Poison`]) when it was given back too often, or
-    /// is cancelled when someone asked for that.
+    /// Gives a running job back: it waits again, or has failed ([`Kind::Poison`]) after too many attempts, or is
+    /// cancelled where that was requested.
     async fn release(&self, ticket: Ticket, release: Release) -> Result<State>;
 
     /// Releases the running jobs whose lease is over by the clock of the store; returns the tickets that held them.
@@ -215,24 +238,24 @@ pub(in crate::service) trait Queue: fmt::Debug + Send + Sync {
     /// Ends a running job. Small blobs of its upload go, unless it is given up.
     async fn end(&self, ticket: Ticket, ending: Ending) -> Result<()>;
 
-    /// Ends a running job about which nothing else is to be said.
+    /// Ends a running job without further events or blobs.
     #[cfg(test)]
     async fn finish(&self, ticket: Ticket, end: End) -> Result<()> {
         self.end(ticket, end.into()).await
     }
 
-    /// Whether blobs of so many bytes together are small, and better kept here than in files.
+    /// Whether blobs of `bytes` together are small, and better kept here than in files.
     fn takes(&self, bytes: u64) -> bool;
 
     /// A small blob of a job; none when there is no such blob, or job.
     async fn blob(&self, id: JobId, name: &str) -> Result<Option<Bytes>>;
 
-    /// Asks for the end of a job: a queued one is cancelled at once, a running one when its worker gives in, an ended
-    /// one stays as it is. The job after that; none when there is no such job.
+    /// Cancels a job: a queued one at once, a running one when its worker stops; an ended one stays as it is. The job
+    /// after that; none when there is no such job.
     async fn cancel(&self, id: JobId) -> Result<Option<Job>>;
 
-    /// Changes whenever a job may be claimed that could not be before: what a worker without work waits for. Marked as
-    /// changed from the start.
+    /// Changes whenever a job may be claimed that could not be before: idle workers wait for it. Marked as changed from
+    /// the start.
     fn arrivals(&self) -> watch::Receiver<u64>;
 
     /// Number of jobs of a tenant that wait.
@@ -243,11 +266,6 @@ pub(in crate::service) trait Queue: fmt::Debug + Send + Sync {
 
     /// When the job was accepted that waits longest; none when no job waits.
     async fn oldest_queued(&self) -> Result<Option<SystemTime>>;
-}
-
-/// The error of a queue that holds as many jobs as it may.
-pub(in crate::service::store) fn queue_is_full(max_queued: usize) -> Error {
-    Error::new(Kind::QueueFull, format_args!("as many jobs wait as may; try again later: {max_queued}"))
 }
 
 /// The error of a ticket that is over.
@@ -275,8 +293,8 @@ pub(in crate::service::store) fn given_up(attempts: u64, last: &Error) -> Error 
     Error::new(
         Kind::Poison,
         format_args!(
-            "the job was given up after {attempts} attempts, of which the last failed: {last}; its upload is kept until the \
-             job is deleted: to run it again, POST to its path followed by /retry"
+            "the job was given up after {attempts} attempts, of which the last failed: {last}; its upload is kept \
+             until the job is deleted: to run it again, POST to its path followed by /retry"
         ),
     )
 }

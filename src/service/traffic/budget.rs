@@ -25,7 +25,7 @@ impl Budget {
         Self { limit, held: AtomicU64::new(0) }
     }
 
-    /// Begins an upload that says to have so many bytes: refused when they do not fit now.
+    /// Begins an upload of `declared` bytes: refused when they do not fit now.
     pub fn begin(self: &Arc<Self>, declared: Option<u64>) -> Result<Held> {
         match declared {
             Some(bytes) if self.held().saturating_add(bytes) > self.limit => Err(self.exceeded()),

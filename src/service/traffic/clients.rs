@@ -1,20 +1,22 @@
-//! What each client has going on, and how often it asks.
+//! The requests and streams of each client, and their rate.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv6Addr};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Instant;
+
+use parking_lot::Mutex;
 
 use super::super::problem::Failure;
 use crate::error::{Error, Kind};
 
-/// Seconds over which the rate of requests is averaged: so many seconds' worth may come at once.
+/// Seconds over which the rate of requests is averaged: a burst may be as large as this many seconds allow.
 const BURST_SECONDS: f64 = 5.0;
 
-/// Number of clients above which those who have been quiet are forgotten.
+/// Number of clients above which quiet ones are dropped.
 const SWEEP_ABOVE: usize = 4096;
 
-/// Whoever shares one allowance.
+/// A client: its requests share one allowance.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(super) enum Client {
     /// A tenant.
@@ -44,7 +46,7 @@ pub(super) struct Allowance {
     pub streams: u32,
 }
 
-/// All clients that were heard of lately.
+/// All clients with recent requests.
 #[derive(Debug, Default)]
 pub(super) struct Clients(Mutex<HashMap<Client, Account>>);
 
@@ -67,7 +69,7 @@ pub(super) struct Permit {
 }
 
 impl Clients {
-    /// Lets one more request in, or says why not.
+    /// Admits one more request, or gives the reason for a refusal.
     pub fn admit(self: &Arc<Self>, client: Client, allowance: Allowance, is_stream: bool) -> Result<Permit, Failure> {
         self.admit_at(client, allowance, is_stream, Instant::now())
     }
@@ -79,7 +81,7 @@ impl Clients {
         is_stream: bool,
         now: Instant,
     ) -> Result<Permit, Failure> {
-        let mut accounts = self.lock();
+        let mut accounts = self.0.lock();
         if accounts.len() > SWEEP_ABOVE {
             accounts.retain(|_, account| !account.is_forgettable(now));
         }
@@ -109,10 +111,6 @@ impl Clients {
         *count += 1;
         Ok(Permit { clients: Arc::clone(self), client, is_stream })
     }
-
-    fn lock(&self) -> MutexGuard<'_, HashMap<Client, Account>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
 }
 
 impl Account {
@@ -125,7 +123,7 @@ impl Account {
 
 impl Drop for Permit {
     fn drop(&mut self) {
-        if let Some(account) = self.clients.lock().get_mut(&self.client) {
+        if let Some(account) = self.clients.0.lock().get_mut(&self.client) {
             let count = if self.is_stream { &mut account.streams } else { &mut account.requests };
             *count = count.saturating_sub(1);
         }
@@ -181,8 +179,8 @@ mod tests {
             let at = start + Duration::from_millis(10 * number as u64);
             clients.admit_at(client(&number.to_string()), ALLOWANCE, false, at).expect("the first");
         }
-        assert!(clients.lock().len() <= SWEEP_ABOVE + 1, "{}", clients.lock().len());
-        assert!(clients.lock().contains_key(&client("busy")));
+        assert!(clients.0.lock().len() <= SWEEP_ABOVE + 1, "{}", clients.0.lock().len());
+        assert!(clients.0.lock().contains_key(&client("busy")));
         drop(busy);
     }
 

@@ -1,8 +1,8 @@
-//! Accepting connections, only so many, and serving each until it ends, hangs or the service closes.
+//! Accepts a limited number of connections, and serves each until it ends, hangs or the service closes.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, SocketAddr};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Router;
@@ -10,6 +10,7 @@ use axum::extract::{ConnectInfo, Request};
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
+use parking_lot::Mutex;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
@@ -24,7 +25,7 @@ use crate::service::settings::TrafficSettings;
 /// For how long nothing is accepted after the system had no means to (too many open files).
 const BREATHER: Duration = Duration::from_millis(200);
 
-/// Serves `router` to who connects, until `close`; then requests under way are answered first.
+/// Serves `router` until `close`; then requests under way are answered first.
 pub(in crate::service) async fn serve(
     listener: TcpListener,
     router: Router,
@@ -122,7 +123,7 @@ struct Counted {
 impl ByAddress {
     /// Counts one more, unless there are as many as may be.
     fn enter(self: &Arc<Self>, address: IpAddr, limit: u32) -> Option<Counted> {
-        let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut counts = self.0.lock();
         let count = counts.entry(address).or_default();
         if *count >= limit {
             return None;
@@ -134,7 +135,7 @@ impl ByAddress {
 
 impl Drop for Counted {
     fn drop(&mut self) {
-        let mut counts = self.counts.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut counts = self.counts.0.lock();
         if let Some(count) = counts.get_mut(&self.address) {
             *count -= 1;
             if *count == 0 {

@@ -1,6 +1,6 @@
-//! How much may be asked for at a time, so that no client takes the service from the others.
+//! Limits of traffic, so that no client takes the service from the others.
 //!
-//! | what | where | who is over is |
+//! | limit of | where | beyond it, a client is |
 //! |---|---|---|
 //! | connections, and how long heads and answers may take | `connections`, `socket` | closed |
 //! | heads that are not valid or not supported | `heads`, `refusals` | answered with 400, 414, 431 or 501 |
@@ -8,7 +8,7 @@
 //! | all streams | [`admit`] | answered with 503 |
 //! | bytes of uploads that are coming in | `budget` | answered with 503 |
 //!
-//! What an upload may bring, and how slowly, is in `intake`; how many jobs may wait, in `jobs`.
+//! Limits of the size and the pace of an upload are in `intake`; of waiting jobs, in `admission`.
 
 pub(super) mod budget;
 mod clients;
@@ -39,10 +39,10 @@ use super::trace::Origin;
 use super::{LOCAL_TENANT, audit, intake};
 use crate::error::{Error, Kind};
 
-/// Paths that probes ask for, which must hear how things are even when their address asks for too much.
+/// Paths of probes, which get an answer even when their address is over its limits.
 const PROBES: [&str; 2] = ["/healthz", "/readyz"];
 
-/// What is going on.
+/// The limits, and what is in use of them.
 #[derive(Debug)]
 pub(super) struct Traffic {
     access: Arc<Access>,
@@ -80,8 +80,8 @@ impl Traffic {
     }
 }
 
-/// Finds out who asks, and lets the request through when neither that client nor the service has too much to do. What a
-/// request holds is held until its answer was sent.
+/// Finds the caller, and lets the request through when neither that client nor the service is over a limit. The permits
+/// of a request are held until its answer was sent.
 pub(super) async fn admit(State(traffic): State<Arc<Traffic>>, mut request: Request, next: Next) -> Response {
     if PROBES.contains(&request.uri().path()) {
         request.extensions_mut().insert(Caller::anybody());
@@ -110,15 +110,15 @@ pub(super) async fn admit(State(traffic): State<Arc<Traffic>>, mut request: Requ
     }
 }
 
-/// What a request holds: its client's permit, and a stream's place.
+/// The permits of a request: its client's, and one of all streams.
 type Holding = (Permit, Option<OwnedSemaphorePermit>);
 
-/// Who asks, and what the request holds from now on.
+/// The caller of a request, and its permits.
 fn check(traffic: &Traffic, request: &Request) -> Result<(Caller, Holding), Failure> {
     let path = request.uri().path();
     let is_stream = request.method() == Method::GET && path.starts_with("/v1/jobs/") && path.ends_with("/events");
     let caller = traffic.access.caller(path, request.headers());
-    // Who has no token, or needs none, is known by address; so is everybody of a service without tokens.
+    // a client without a token is known by its address, as is every client of a service without tokens
     let client = match caller.as_ref().ok().and_then(|caller| caller.tenant.as_ref()) {
         Some(tenant) if tenant.name != LOCAL_TENANT => Client::Tenant(tenant.name.clone()),
         _ => {

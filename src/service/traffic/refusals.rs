@@ -38,7 +38,8 @@ pub(super) fn with_problem(written: &[u8]) -> Option<Vec<u8>> {
     };
     let body = serde_json::to_string(&problem).ok()?;
     let described = format!(
-        "content-type: {MEDIA_TYPE}\r\ncache-control: no-store\r\nx-content-type-options: nosniff\r\ncontent-length: {}\r\n",
+        "content-type: {MEDIA_TYPE}\r\ncache-control: no-store\r\nx-content-type-options: nosniff\r\n\
+         content-length: {}\r\n",
         body.len()
     );
     Some(format!("{line}\r\n{}{body}", headers.replacen(length, &described, 1)).into_bytes())

@@ -1,4 +1,4 @@
-//! A connection whose other end must take what is sent, and whose refusals are problem documents.
+//! A connection that fails when the client reads nothing for too long, and whose refusals are problem documents.
 
 use std::io;
 use std::pin::Pin;

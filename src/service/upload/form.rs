@@ -1,5 +1,5 @@
-//! Uploads as `multipart/form-data`: parts `mesh`, `parameters`, `buffer` (any number, told apart by file name), `seeds`
-//! and `weights`, in any order.
+//! Uploads as `multipart/form-data`: parts `mesh`, `parameters`, `buffer` (any number, told apart by file name),
+//! `seeds` and `weights`, in any order.
 
 use std::error::Error as StdError;
 

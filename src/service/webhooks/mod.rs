@@ -1,12 +1,12 @@
 //! Webhooks: the end of a job is sent to the URL of its parameter `webhook`.
 //!
-//! The store knows which ends are not delivered yet, so that a restart loses none: [`Teller`] reads them at the start
+//! The store keeps the notices that are not settled, so that a restart loses none: [`Teller`] reads them at the start
 //! and whenever a job with a webhook ended. A delivery is signed as [Standard
 //! Webhooks](https://www.standardwebhooks.com) says, tried again with growing pauses, and given up a day after the end
 //! of the job, or when the receiver answers 410. Deleting the job changes nothing about that. An end may be delivered
 //! twice: receivers recognise it by its `webhook-id`, the id of the job, with `.2` behind it for the second end of a
-//! job that was retried, and so on. [`schedule`] decides which delivery is next, so that no receiver delays
-//! another one's.
+//! job that was retried, and so on. [`schedule`] decides which delivery is next, so that no receiver delays another
+//! one's.
 
 mod schedule;
 mod target;
@@ -63,7 +63,7 @@ impl std::fmt::Debug for Sender {
     }
 }
 
-/// What is told.
+/// The body of a delivery.
 #[derive(Debug, Serialize)]
 struct Message<'a> {
     #[serde(rename = "type")]
@@ -77,7 +77,7 @@ struct Data<'a> {
     id: JobId,
     state: State,
     problem: Option<Problem>,
-    /// Path of the job on this service, where it is as long as nobody deletes it.
+    /// Path of the job on this service, valid until the job is deleted.
     url: &'a str,
 }
 
@@ -122,14 +122,14 @@ fn read_secret(path: &Path) -> Result<Vec<u8>> {
     let key = STANDARD.decode(text.strip_prefix(SECRET_PREFIX).unwrap_or(text)).ok();
     key.filter(|key| (24..=64).contains(&key.len())).ok_or_else(|| {
         Error::parameter(format_args!(
-            "the secret of webhooks must be {SECRET_PREFIX} and 24 to 64 bytes in base64 (`echo {SECRET_PREFIX}$(head -c 32 \
-             /dev/urandom | base64)` makes one); it is not, in {}",
+            "the secret of webhooks must be {SECRET_PREFIX} and 24 to 64 bytes in base64 (`echo {SECRET_PREFIX}$(head \
+             -c 32 /dev/urandom | base64)` makes one); it is not, in {}",
             path.display()
         ))
     })
 }
 
-/// Tells ends.
+/// Delivers notices.
 #[derive(Debug)]
 pub(super) struct Teller {
     store: Arc<dyn Notices>,
@@ -159,17 +159,17 @@ impl Teller {
                 }
             };
             this.metrics.webhooks_pending(untold.len());
-            let turn = schedule.turn(&untold, Instant::now(), SystemTime::now());
-            for id in turn.begin {
+            let due = schedule.due(&untold, Instant::now(), SystemTime::now());
+            for id in due.begin {
                 let this = Arc::clone(&this);
                 under_way.spawn(async move {
                     let (outcome, ended_at) = this.attempt(id).await;
                     (id, outcome, ended_at)
                 });
             }
-            if !turn.give_up.is_empty() {
+            if !due.give_up.is_empty() {
                 let mut is_stored = true;
-                for (id, ended_at) in turn.give_up {
+                for (id, ended_at) in due.give_up {
                     match this.settle(id, Outcome::GivenUp, Some(ended_at)).await {
                         true => schedule.forget(id),
                         false => is_stored = false,
@@ -181,7 +181,7 @@ impl Teller {
                 continue;
             }
             let pause = async {
-                match turn.next {
+                match due.next {
                     Some(due) => tokio::time::sleep_until(due.into()).await,
                     None => std::future::pending().await,
                 }

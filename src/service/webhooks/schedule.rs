@@ -77,7 +77,7 @@ struct Host {
 
 /// What is to be done now.
 #[derive(Debug, Default, PartialEq, Eq)]
-pub(super) struct Turn {
+pub(super) struct Due {
     /// Deliveries to begin; they count as under way.
     pub begin: Vec<JobId>,
     /// Deliveries that are too old, and whose host does not answer, with the ends of their jobs.
@@ -113,12 +113,12 @@ impl Schedule {
     }
 
     /// Chooses the deliveries that begin now, in the order of `untold`: those to hosts that answer first.
-    pub fn turn(&mut self, untold: &[JobId], now: Instant, clock: SystemTime) -> Turn {
-        let mut turn = Turn::default();
+    pub fn due(&mut self, untold: &[JobId], now: Instant, clock: SystemTime) -> Due {
+        let mut due = Due::default();
         let mut places = AT_ONCE.saturating_sub(self.hosts.values().map(|host| host.under_way).sum());
         let resting = self.hosts.values().filter(|host| host.failures > 0).map(|host| host.under_way).sum();
         let mut resting_places = RESTING_AT_ONCE.saturating_sub(resting);
-        let mut wake = |at: Instant| turn.next = Some(turn.next.map_or(at, |other: Instant| other.min(at)));
+        let mut wake = |at: Instant| due.next = Some(due.next.map_or(at, |other: Instant| other.min(at)));
         for of_resting in [false, true] {
             for job in untold {
                 let Some(delivery) = self.deliveries.get_mut(job).filter(|delivery| !delivery.is_under_way) else {
@@ -129,12 +129,12 @@ impl Schedule {
                     continue;
                 }
                 if of_resting && clock.duration_since(delivery.ended_at).is_ok_and(|age| age > GIVEN_UP_AFTER) {
-                    turn.give_up.push((*job, delivery.ended_at));
+                    due.give_up.push((*job, delivery.ended_at));
                     continue;
                 }
-                let due = host.rests_until.map_or(delivery.due, |until| until.max(delivery.due));
-                if due > now {
-                    wake(due);
+                let at = host.rests_until.map_or(delivery.due, |until| until.max(delivery.due));
+                if at > now {
+                    wake(at);
                     continue;
                 }
                 let has_place = match of_resting {
@@ -150,10 +150,10 @@ impl Schedule {
                 }
                 host.under_way += 1;
                 delivery.is_under_way = true;
-                turn.begin.push(*job);
+                due.begin.push(*job);
             }
         }
-        turn
+        due
     }
 
     /// An attempt ended: notes it about the delivery and its host.
@@ -189,7 +189,7 @@ fn pause(pauses: &[u64], made: usize) -> Duration {
 mod tests {
     use super::*;
 
-    /// A schedule with so many deliveries to each host, and all of them in order.
+    /// A schedule with a number of deliveries to each host, and all of them in order.
     fn schedule(hosts: &[(&str, usize)], now: Instant) -> (Schedule, Vec<JobId>) {
         let mut schedule = Schedule::default();
         let mut untold = Vec::new();
@@ -206,7 +206,7 @@ mod tests {
     fn a_host_that_does_not_answer_leaves_places_for_others() {
         let now = Instant::now();
         let (mut schedule, untold) = schedule(&[("dead", 1000), ("well", 1)], now);
-        let first = schedule.turn(&untold, now, SystemTime::now());
+        let first = schedule.due(&untold, now, SystemTime::now());
         assert_eq!(first.begin.len(), PER_HOST + 1);
         assert!(first.begin.contains(&untold[1000]));
         let after = now + Duration::from_secs(15);
@@ -214,13 +214,13 @@ mod tests {
             schedule.done(*job, Outcome::Unanswered, after);
         }
         // eight at the same time are one failure of the host, which rests with all of its deliveries
-        let rest = schedule.turn(&untold, after, SystemTime::now());
+        let rest = schedule.due(&untold, after, SystemTime::now());
         assert_eq!((rest.begin, rest.next), (vec![], Some(after + Duration::from_secs(HOST_PAUSES[0]))));
         let later = after + Duration::from_secs(HOST_PAUSES[0]);
-        let probe = schedule.turn(&untold, later, SystemTime::now());
+        let probe = schedule.due(&untold, later, SystemTime::now());
         assert_eq!(probe.begin.len(), 1, "one delivery tries the host again");
         schedule.done(probe.begin[0], Outcome::Delivered, later);
-        assert_eq!(schedule.turn(&untold, later, SystemTime::now()).begin.len(), PER_HOST, "it works again");
+        assert_eq!(schedule.due(&untold, later, SystemTime::now()).begin.len(), PER_HOST, "it works again");
     }
 
     #[test]
@@ -229,12 +229,12 @@ mod tests {
         let names: Vec<String> = (0..3 * RESTING_AT_ONCE).map(|number| format!("dead-{number}")).collect();
         let hosts: Vec<(&str, usize)> = names.iter().map(|name| (name.as_str(), 1)).chain([("well", 99)]).collect();
         let (mut schedule, untold) = schedule(&hosts, now);
-        for job in schedule.turn(&untold, now, SystemTime::now()).begin {
+        for job in schedule.due(&untold, now, SystemTime::now()).begin {
             schedule.done(job, Outcome::Unanswered, now);
         }
         schedule.hosts.insert("well".to_owned(), Host::default());
         let later = now + Duration::from_secs(3600);
-        let begun = schedule.turn(&untold, later, SystemTime::now()).begin;
+        let begun = schedule.due(&untold, later, SystemTime::now()).begin;
         assert_eq!(begun.len(), PER_HOST + RESTING_AT_ONCE);
         let is_well = |job: &JobId| schedule.deliveries[job].host == "well";
         assert!(begun[..PER_HOST].iter().all(is_well), "hosts that answer come first");
@@ -244,27 +244,27 @@ mod tests {
     fn a_refusal_delays_its_own_delivery_only() {
         let now = Instant::now();
         let (mut schedule, untold) = schedule(&[("host", 2)], now);
-        assert_eq!(schedule.turn(&untold, now, SystemTime::now()).begin, untold);
+        assert_eq!(schedule.due(&untold, now, SystemTime::now()).begin, untold);
         schedule.done(untold[0], Outcome::Refused, now);
         schedule.done(untold[1], Outcome::GivenUp, now);
         let third = JobId::random();
         schedule.add(third, "host".to_owned(), SystemTime::now(), now);
         let untold = [untold[0], third];
         schedule.keep_only(&untold);
-        let turn = schedule.turn(&untold, now, SystemTime::now());
-        assert_eq!((turn.begin, turn.next), (vec![third], Some(now + Duration::from_secs(PAUSES[0]))));
+        let due = schedule.due(&untold, now, SystemTime::now());
+        assert_eq!((due.begin, due.next), (vec![third], Some(now + Duration::from_secs(PAUSES[0]))));
     }
 
     #[test]
     fn old_deliveries_to_a_host_that_does_not_answer_are_given_up_without_an_attempt() {
         let now = Instant::now();
         let (mut schedule, untold) = schedule(&[("dead", 3)], now);
-        let begun = schedule.turn(&untold, now, SystemTime::now()).begin;
+        let begun = schedule.due(&untold, now, SystemTime::now()).begin;
         for job in begun {
             schedule.done(job, Outcome::Unanswered, now);
         }
         let tomorrow = SystemTime::now() + GIVEN_UP_AFTER + Duration::from_secs(1);
-        let given_up = schedule.turn(&untold, now, tomorrow).give_up;
+        let given_up = schedule.due(&untold, now, tomorrow).give_up;
         assert_eq!(given_up.iter().map(|(job, _)| *job).collect::<Vec<_>>(), untold);
         schedule.keep_only(&[]);
         assert!(schedule.hosts.is_empty());

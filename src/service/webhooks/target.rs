@@ -96,7 +96,7 @@ impl Targets {
     }
 }
 
-/// Looks names up, and leaves out addresses that are not for everybody unless they are listed themselves.
+/// Resolves names, and leaves out private addresses unless they are listed themselves.
 impl Resolve for Targets {
     fn resolve(&self, name: Name) -> Resolving {
         let this = self.clone();
@@ -143,7 +143,7 @@ fn is_public_v6(address: Ipv6Addr) -> bool {
         // Teredo, benchmarks, ORCHID and documentation
         [0x2001, second, ..] if second < 0x200 || second == 0xdb8 => false,
         [0x3fff, second, ..] if second < 0x1000 => false,
-        // what is handed out to anybody is 2000::/3
+        // public addresses are those of 2000::/3
         [first, ..] => first & 0xe000 == 0x2000,
     }
 }

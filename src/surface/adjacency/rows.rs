@@ -125,7 +125,7 @@ impl Links<'_> {
         }
     }
 
-    /// Asks for what the rows of some of the next triangles need: for their links, and for the numbers of those that were asked for
+    /// Prefetches for the rows of some of the next triangles: their links, and the numbers whose links were prefetched
     /// before.
     #[inline]
     fn prefetch(&self, next: &[u32], internal: &[u32]) {

@@ -1,4 +1,4 @@
-//! Many who ask at once, and asking twice.
+//! Many operations at once, and repeated requests.
 
 use super::*;
 

@@ -194,7 +194,7 @@ pub(super) async fn a_job_that_was_given_up_keeps_its_upload_and_runs_again_on_r
     assert_eq!(*job, get(store, id).await);
     assert!(!pulses.borrow_and_update().ended, "those who wait are told");
     assert_eq!(store.ended_before(SystemTime::now() + LEASE, 9).await, Ok(vec![others[0]]), "it does not expire");
-    // with a fresh count, and the same end, which is told again
+    // with a fresh count, and another notice of the same end
     give_up().await;
     let earlier = store.notice(id).await.expect("readable").expect("untold");
     assert_eq!(earlier.end, 2);

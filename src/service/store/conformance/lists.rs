@@ -1,4 +1,4 @@
-//! Which jobs are found: pages, tenants, ages, and ends that are to be told.
+//! Which jobs are found: pages, tenants, ages, and notices.
 
 use super::*;
 

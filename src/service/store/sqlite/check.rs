@@ -4,10 +4,10 @@
 //! what one statement found stands until the service is started again.
 
 use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::sync::{Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use parking_lot::Mutex;
 use rusqlite::{Connection, ErrorCode};
 
 use crate::error::{Error, Kind};
@@ -26,17 +26,13 @@ impl Damage {
     /// Keeps an error that is one of damage.
     pub fn note(&self, error: &Error) {
         if error.kind == Kind::Unavailable && error.message.starts_with(DAMAGED) {
-            self.lock().get_or_insert_with(|| error.clone());
+            self.0.lock().get_or_insert_with(|| error.clone());
         }
     }
 
     /// The first that was found.
     pub fn found(&self) -> Option<Error> {
-        self.lock().clone()
-    }
-
-    fn lock(&self) -> std::sync::MutexGuard<'_, Option<Error>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0.lock().clone()
     }
 }
 

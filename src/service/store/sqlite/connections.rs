@@ -1,13 +1,13 @@
 //! Connections to the file: the one that writes, and those that read; and how statements are run on them.
 //!
-//! SQLite is called where one is: a statement that was prepared before takes some microseconds, less than the way to another
-//! thread and back. So the writer's thread runs what changes something, and a task that asks for a few rows reads them
-//! itself; what may be much, or far from memory, is read on a thread for blocking work. Knows no table.
+//! A prepared statement takes some microseconds, less than the way to another thread and back. So the writer's thread
+//! runs changes, and a task reads a few rows itself; long reads run on a thread for blocking work. Knows no table.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
+use parking_lot::Mutex;
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, ErrorCode, OpenFlags, Params, Row};
 use tokio::runtime::{Handle, RuntimeFlavor};
@@ -21,8 +21,8 @@ use crate::service::files::{blocking, private};
 /// Connections that read.
 const READERS: u32 = 4;
 
-/// Memory that a connection that reads keeps of the file, in KiB: four of them fill it in the first thousands of jobs, and
-/// what they read is in the system's memory anyway.
+/// Memory that a connection that reads keeps of the file, in KiB: four of them fill it in the first thousands of jobs,
+/// and what they read is in the system's memory anyway.
 const READ_CACHE: i32 = 512;
 
 /// Size to which the write-ahead log is cut back after it grew larger.
@@ -82,7 +82,7 @@ impl From<rusqlite::Error> for Error {
     }
 }
 
-/// What the database says, without the SQL that it was said about.
+/// The message of the database, without the SQL.
 pub(super) fn message(error: &rusqlite::Error) -> String {
     match error {
         rusqlite::Error::SqlInputError { msg, .. } => msg.clone(),
@@ -139,8 +139,8 @@ impl Readers {
         Ok(readers)
     }
 
-    /// Reads a few rows that are found by an index, here and now. It seldom waits; where it does, for a lock or a disk, the
-    /// others that this thread would have worked at go on at another.
+    /// Reads a few rows that an index finds, on this thread. Where it waits for a lock or a disk, the other tasks of
+    /// this thread continue on another one.
     pub async fn read<T>(&self, work: impl FnOnce(&Connection) -> Result<T, Abort>) -> Result<T> {
         let _place = self.places.acquire().await.map_err(|_| closed())?;
         match Handle::current().runtime_flavor() {
@@ -149,7 +149,7 @@ impl Readers {
         }
     }
 
-    /// Reads what may be much, where that holds nobody up.
+    /// Reads what may be many rows, on a thread for blocking work.
     pub async fn read_much<T: Send + 'static>(
         self: &Arc<Self>,
         work: impl FnOnce(&Connection) -> Result<T, Abort> + Send + 'static,
@@ -157,22 +157,22 @@ impl Readers {
         let place = Arc::clone(&self.places).acquire_owned().await.map_err(|_| closed())?;
         let this = Arc::clone(self);
         blocking(move || {
-            // kept to the end, also when nobody waits for it any more
+            // kept to the end, also when the caller has given up
             let _place = place;
             this.work(work)
         })
         .await?
     }
 
-    /// Waits for those who read, and closes the connections.
+    /// Waits for reads under way, and closes the connections.
     pub async fn close(&self) {
         let _all = self.places.acquire_many(READERS).await;
         self.places.close();
-        self.idle().clear();
+        self.idle.lock().clear();
     }
 
     fn work<T>(&self, work: impl FnOnce(&Connection) -> Result<T, Abort>) -> Result<T> {
-        let idle = self.idle().pop();
+        let idle = self.idle.lock().pop();
         let connection = match idle {
             Some(connection) => connection,
             None => self.connection()?,
@@ -193,11 +193,7 @@ impl Readers {
     }
 
     fn give_back(&self, connection: Connection) {
-        self.idle().push(connection);
-    }
-
-    fn idle(&self) -> MutexGuard<'_, Vec<Connection>> {
-        self.idle.lock().unwrap_or_else(PoisonError::into_inner)
+        self.idle.lock().push(connection);
     }
 }
 

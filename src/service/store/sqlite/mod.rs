@@ -1,19 +1,19 @@
 //! Jobs in SQLite: for one process at a time, across restarts.
 //!
-//! Every change goes through the one [`writer`], as one of the [`commands`]; what only reads has connections of its own and
-//! is never held up. The journal is a write-ahead log, and a commit returns when it is on the disk (`synchronous = FULL`):
-//! what was answered survives a crash of the process, of the system, and of the power. Jobs that were running then are
-//! given back when the store is opened again ([`claim`]).
+//! Every change is one of the [`commands`], which the one [`writer`] runs; reads have connections of their own and do
+//! not wait for writes. The journal is a write-ahead log, and a commit returns when it is on the disk (`synchronous =
+//! FULL`): answered changes survive a crash of the process, of the system, and of the power. When the store is opened
+//! again, running jobs return to the queue ([`claim`]).
 //!
-//! What is asked of a job by value (its state, its tenant, when it ended) is a column; everything else is JSON, so that
-//! the service can come to know more about jobs without another [`schema`]. Small blobs have a table of their own.
+//! What queries select by (state, tenant, time of the end) is a column; everything else is JSON, so that a new field of
+//! a job needs no new [`schema`]. Small blobs have a table of their own.
 
 mod check;
 mod claim;
 mod claim_memory;
 mod commands;
 mod connections;
-mod retry;
+mod live;
 mod rows;
 mod schema;
 mod writer;
@@ -28,12 +28,8 @@ use tokio::sync::watch;
 use tokio_util::bytes::Bytes;
 
 use self::check::{Damage, START, is_damage};
-use self::claim::{Begin, Claim, Recover, Recovered};
-use self::commands::{
-    Append, Cancel, Create, Delete, Finish, GiveBack, Heartbeat, Probe, Reclaim, SettleWebhook, check_queue, find,
-};
+use self::claim::Recovered;
 use self::connections::{Readers, all, first, one};
-use self::retry::Retry;
 use self::rows::{column, count, jobs};
 use self::schema::MigrateError;
 use self::writer::{Listeners, Writer};
@@ -58,7 +54,7 @@ pub(in crate::service) struct SqliteStore {
 }
 
 impl SqliteStore {
-    /// Opens the store in the file at `path`, or makes it. Nobody else may have it open.
+    /// Opens the store in the file at `path`, or makes it. No other process may have it open.
     pub async fn open(path: &Path, rules: Rules, faults: Faults) -> Result<Self> {
         let cannot = |error: &dyn std::fmt::Display| {
             Error::new(Kind::Io, format_args!("the store of jobs cannot be opened: {}: {error}", path.display()))
@@ -74,8 +70,8 @@ impl SqliteStore {
         let writer = Writer::start(connection, path.to_owned(), Arc::clone(&listeners), Arc::clone(&damage), faults);
         let writer = writer.map_err(|error| cannot(&error))?;
         let store = Self { rules, readers: Arc::new(readers), writer, listeners, damage, cursors };
-        // One process has the file: whatever ran, ran in one that ended.
-        let recovered = store.writer.carry_out(Recover(rules)).await?;
+        // one process has the file: running jobs are those of a process that ended
+        let recovered = store.writer.carry_out(move |batch| claim::recover(batch, &rules)).await?;
         if recovered != Recovered::default() {
             let Recovered { unharmed, suspects, ended } = recovered;
             tracing::warn!(unharmed, suspects, ended, "the service did not stop in order; jobs that ran wait again");
@@ -83,14 +79,14 @@ impl SqliteStore {
         Ok(store)
     }
 
-    /// Whether a job was ever added, also one that is forgotten.
+    /// Whether a job was ever added, deleted ones included.
     pub async fn was_used(&self) -> Result<bool> {
         let sql = "SELECT 1 FROM sqlite_sequence WHERE name = 'jobs' AND seq > 0";
         Ok(self.readers.read_much(move |reader| first(reader, sql, [], |_| Ok(()))).await?.is_some())
     }
 
-    /// The SQL of a page, one text a filter, so that each has its index; and how many it takes of: the number before which
-    /// the page begins, the most rows, the state, the tenant.
+    /// The SQL of a page, one text a filter, so that each has its index; and how many of these parameters it takes: the
+    /// number before which the page begins, the most rows, the state, the tenant.
     fn list_sql(query: &ListQuery) -> (&'static str, usize) {
         match (&query.tenant, query.state) {
             (None, None) => (jobs!("WHERE number < ?1 ORDER BY number DESC LIMIT ?2"), 2),
@@ -127,7 +123,7 @@ fn cursors(connection: &Connection) -> Result<Cursors, MigrateError> {
 #[async_trait]
 impl Queue for SqliteStore {
     async fn check_room(&self) -> Result<()> {
-        self.readers.read(|reader| check_queue(reader, &self.rules)).await
+        self.readers.read(|reader| commands::check_room(reader, &self.rules)).await
     }
 
     async fn knows_key(&self, tenant: &str, key: &str) -> Result<bool> {
@@ -137,11 +133,12 @@ impl Queue for SqliteStore {
     }
 
     async fn create(&self, job: NewJob) -> Result<Created> {
-        self.writer.carry_out(Create(job, self.rules)).await
+        let rules = self.rules;
+        self.writer.carry_out(move |batch| commands::create(batch, &job, &rules)).await
     }
 
     async fn get(&self, id: JobId) -> Result<Option<Job>> {
-        self.readers.read(|reader| find(reader, id)).await
+        self.readers.read(|reader| commands::find(reader, id)).await
     }
 
     async fn list(&self, list: &ListQuery) -> Result<Page> {
@@ -149,7 +146,7 @@ impl Queue for SqliteStore {
             Some(cursor) => i64::try_from(self.cursors.number_of(cursor)?).unwrap_or(i64::MAX),
             None => i64::MAX,
         };
-        // one more than asked for tells whether there is another page
+        // one more than the limit, to know whether there is another page
         let most = i64::try_from(list.limit).unwrap_or(i64::MAX).saturating_add(1);
         let (sql, takes) = Self::list_sql(list);
         let (state, tenant) = (list.state.map(State::name), list.tenant.clone());
@@ -165,35 +162,40 @@ impl Queue for SqliteStore {
     }
 
     async fn claim_as(&self, claiming: Claiming) -> Result<Vec<(Ticket, Job)>> {
-        self.writer.carry_out(Claim { claiming, listeners: Arc::clone(&self.listeners) }).await
+        let listeners = Arc::clone(&self.listeners);
+        self.writer.carry_out(move |batch| claim::claim(batch, &claiming, &listeners.claims)).await
     }
 
     fn next_start(&self) -> Option<Duration> {
-        self.listeners.claims.next_start().map(|start| start.duration_since(rows::now()).unwrap_or_default())
+        self.listeners.claims.lock().next_start.map(|start| start.duration_since(rows::now()).unwrap_or_default())
     }
 
     async fn begin(&self, ticket: Ticket) -> Result<()> {
-        self.writer.carry_out(Begin(ticket)).await
+        self.writer.carry_out(move |batch| commands::begin(batch, ticket)).await
     }
 
     async fn retry(&self, id: JobId) -> Result<Retried> {
-        self.writer.carry_out(Retry(id, self.rules)).await
+        let rules = self.rules;
+        self.writer.carry_out(move |batch| commands::retry(batch, id, &rules)).await
     }
 
     async fn heartbeat(&self, tickets: &[Ticket], lease: Duration) -> Result<Vec<Ticket>> {
-        self.writer.carry_out(Heartbeat { tickets: tickets.to_vec(), lease }).await
+        let tickets = tickets.to_vec();
+        self.writer.carry_out(move |batch| commands::heartbeat(batch, &tickets, lease)).await
     }
 
     async fn release(&self, ticket: Ticket, release: Release) -> Result<State> {
-        self.writer.carry_out(GiveBack(ticket, release, self.rules)).await
+        let rules = self.rules;
+        self.writer.carry_out(move |batch| commands::release(batch, ticket, &release, &rules)).await
     }
 
     async fn reclaim(&self) -> Result<Vec<Ticket>> {
-        self.writer.carry_out(Reclaim(self.rules)).await
+        let rules = self.rules;
+        self.writer.carry_out(move |batch| commands::reclaim(batch, &rules)).await
     }
 
     async fn end(&self, ticket: Ticket, ending: Ending) -> Result<()> {
-        self.writer.carry_out(Finish(ticket, ending)).await
+        self.writer.carry_out(move |batch| commands::end(batch, ticket, &ending)).await
     }
 
     fn takes(&self, bytes: u64) -> bool {
@@ -210,13 +212,11 @@ impl Queue for SqliteStore {
     }
 
     async fn cancel(&self, id: JobId) -> Result<Option<Job>> {
-        self.writer.carry_out(Cancel(id)).await
+        self.writer.carry_out(move |batch| commands::cancel(batch, id)).await
     }
 
     fn arrivals(&self) -> watch::Receiver<u64> {
-        let mut receiver = self.listeners.arrivals.subscribe();
-        receiver.mark_changed();
-        receiver
+        self.listeners.arrivals.subscribe()
     }
 
     async fn queued_of(&self, tenant: &str) -> Result<u64> {
@@ -250,7 +250,7 @@ impl Queue for SqliteStore {
 #[async_trait]
 impl Events for SqliteStore {
     async fn append(&self, ticket: Ticket, events: Vec<What>, progress: Progress) -> Result<()> {
-        self.writer.carry_out(Append { ticket, events, progress }).await
+        self.writer.carry_out(move |batch| commands::append(batch, ticket, &events, &progress)).await
     }
 
     async fn events(&self, id: JobId, after: u64, limit: usize) -> Result<Option<Vec<Event>>> {
@@ -282,9 +282,7 @@ impl Events for SqliteStore {
 #[async_trait]
 impl Notices for SqliteStore {
     fn endings(&self) -> watch::Receiver<u64> {
-        let mut receiver = self.listeners.endings.subscribe();
-        receiver.mark_changed();
-        receiver
+        self.listeners.endings.subscribe()
     }
 
     async fn untold(&self) -> Result<Vec<JobId>> {
@@ -298,7 +296,7 @@ impl Notices for SqliteStore {
     }
 
     async fn settle_webhook(&self, id: JobId, ended_at: SystemTime) -> Result<()> {
-        self.writer.carry_out(SettleWebhook(id, ended_at)).await
+        self.writer.carry_out(move |batch| commands::settle_webhook(batch, id, ended_at)).await
     }
 }
 
@@ -314,7 +312,7 @@ impl Maintenance for SqliteStore {
     }
 
     async fn delete(&self, id: JobId) -> Result<Deletion> {
-        self.writer.carry_out(Delete(id)).await
+        self.writer.carry_out(move |batch| commands::delete(batch, id)).await
     }
 
     async fn ended_before(&self, time: SystemTime, limit: usize) -> Result<Vec<JobId>> {
@@ -327,18 +325,18 @@ impl Maintenance for SqliteStore {
     async fn probe(&self) -> Result<()> {
         match self.damage.found() {
             Some(error) => Err(error),
-            None => self.writer.carry_out(Probe).await,
+            None => self.writer.carry_out(commands::probe).await,
         }
     }
 
     fn statistics(&self) -> Statistics {
         let written = self.writer.counters.read();
-        // damage is found by those that read, too
+        // reads find damage, too
         Statistics { failures: written.failures + u64::from(self.damage.found().is_some()), ..written }
     }
 
     async fn close(&self) {
-        // first, so that the writer is the last to go, who empties the log
+        // readers first: the last connection to close empties the log
         self.readers.close().await;
         self.writer.close().await;
     }

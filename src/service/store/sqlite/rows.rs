@@ -63,12 +63,13 @@ pub(super) fn count(row: &Row<'_>, name: &'static str) -> Result<u64> {
     u64::try_from(count).map_err(|error| unreadable(name, &error))
 }
 
-/// What `SELECT` needs to say for [`job`]: all columns, and the place in the tenant's queue.
+/// A `SELECT` for [`job`]: all columns, and the place in the tenant's queue.
 macro_rules! jobs {
     ($rest:literal) => {
         concat!(
-            "SELECT *, CASE state WHEN 'queued' THEN (SELECT count(*) FROM jobs AS before WHERE before.state = 'queued' \
-             AND before.tenant = jobs.tenant AND (before.urgency, before.number) <= (jobs.urgency, jobs.number)) END AS queue_position FROM jobs ",
+            "SELECT *, CASE state WHEN 'queued' THEN (SELECT count(*) FROM jobs AS before \
+             WHERE before.state = 'queued' AND before.tenant = jobs.tenant \
+             AND (before.urgency, before.number) <= (jobs.urgency, jobs.number)) END AS queue_position FROM jobs ",
             $rest
         )
     };
@@ -95,7 +96,7 @@ pub(super) fn job(row: &Row<'_>) -> Result<Job> {
     })
 }
 
-/// What wakes those who wait for a job, from the columns `last_seq`, `cancel_requested` and `state`.
+/// The pulse of a job, from the columns `last_seq`, `cancel_requested` and `state`.
 pub(super) fn pulse(row: &Row<'_>) -> Result<Pulse> {
     Ok(Pulse {
         last_seq: count(row, "last_seq")?,
@@ -104,7 +105,7 @@ pub(super) fn pulse(row: &Row<'_>) -> Result<Pulse> {
     })
 }
 
-/// What is to be told, from a row of `notices`.
+/// A notice, from a row of `notices`.
 pub(super) fn notice(row: &Row<'_>) -> Result<Notice> {
     Ok(Notice {
         job: id(row, "job")?,

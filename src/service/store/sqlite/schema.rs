@@ -1,7 +1,7 @@
 //! The tables, and how they came to be: each migration is run once, in order, and never changed after a release.
 //!
-//! The version of the tables is the number of migrations that were run. It stands in the head of the file
-//! (`PRAGMA user_version`) and is written by the transaction that changes the tables. Earlier it was kept as rows of a table,
+//! The version of the tables is the number of migrations that were run. It stands in the head of the file (`PRAGMA
+//! user_version`) and is written by the transaction that changes the tables. Earlier it was kept as rows of a table,
 //! `_sqlx_migrations`; a file that has it is taken over, and the table goes: what is not kept up must not be believed.
 
 use rusqlite::{Connection, TransactionBehavior};
@@ -28,8 +28,8 @@ pub(super) enum MigrateError {
     Random(crate::error::Error),
     /// They were made by a later version of the service.
     #[error(
-        "its tables are of version {found}, and this version of tesserae knows them up to {known}: start the version that \
-         wrote them, or a later one"
+        "its tables are of version {found}, and this version of tesserae knows them up to {known}: start the version \
+         that wrote them, or a later one"
     )]
     TooNew { found: i64, known: u32 },
 }

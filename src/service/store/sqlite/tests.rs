@@ -1,4 +1,5 @@
 use std::io::ErrorKind;
+use std::path::PathBuf;
 use std::sync::Mutex;
 use std::time::Duration;
 
@@ -16,11 +17,19 @@ struct OnDisk(Mutex<Vec<TempDir>>);
 
 const NAME: &str = "jobs.sqlite3";
 
-impl OnDisk {
-    fn folder(&self) -> TempDir {
-        tempfile::tempdir().expect("a folder")
-    }
+/// A new folder, and a path for a store in it.
+fn in_a_folder() -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join(NAME);
+    (folder, path)
+}
 
+/// The store in the file at `path`, without faults.
+async fn open(path: &Path) -> SqliteStore {
+    SqliteStore::open(path, RULES, Faults::default()).await.expect("it opens")
+}
+
+impl OnDisk {
     /// Opens a store in the folder, which becomes the last one.
     async fn open(&self, folder: TempDir, rules: Rules) -> SqliteStore {
         let path = folder.path().join(NAME);
@@ -32,12 +41,12 @@ impl OnDisk {
 #[async_trait]
 impl Subject for OnDisk {
     async fn empty(&self, rules: Rules) -> Box<dyn JobStore> {
-        Box::new(self.open(self.folder(), rules).await)
+        Box::new(self.open(tempfile::tempdir().expect("a folder"), rules).await)
     }
 
     /// A copy of the files of a store that is open: what a crash at this moment would leave.
     async fn after_crash(&self, rules: Rules) -> Option<Box<dyn JobStore>> {
-        let copy = self.folder();
+        let copy = tempfile::tempdir().expect("a folder");
         {
             let folders = self.0.lock().expect("no panic");
             let last = folders.last().expect("a store was made").path();
@@ -79,25 +88,24 @@ async fn a_failed_commit_is_told_loses_nothing_and_passes() {
 /// The database itself says that there is no room, as on a full disk.
 #[tokio::test]
 async fn a_full_database_is_no_room_and_takes_jobs_again_later() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join(NAME);
-    SqliteStore::open(&path, RULES, Faults::default()).await.expect("it opens").close().await;
+    let (_folder, path) = in_a_folder();
+    open(&path).await.close().await;
     let connection = connections::writing(&path, false).expect("it opens");
     connection.pragma_update(None, "max_page_count", 1).expect("set");
-    // Whoever opens the file anew after the failure finds room.
+    // the connection that is opened after the failure finds room
     let writer = Writer::start(connection, path, Arc::default(), Arc::default(), Faults::default()).expect("it starts");
     let mut large = new_job();
     large.spec.buffers = vec!["x".repeat(1 << 20)];
-    let error = writer.carry_out(Create(large.clone(), RULES)).await.expect_err("no room");
+    let create = move |batch: &mut writer::Batch<'_>| commands::create(batch, &large, &RULES);
+    let error = writer.carry_out(create.clone()).await.expect_err("no room");
     assert_eq!(error.kind, Kind::InsufficientStorage, "{error}");
-    writer.carry_out(Create(large, RULES)).await.expect("there is room again");
+    writer.carry_out(create).await.expect("there is room again");
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_command_that_fails_takes_no_other_with_it() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let store =
-        Arc::new(SqliteStore::open(&folder.path().join(NAME), RULES, Faults::default()).await.expect("it opens"));
+    let (_folder, path) = in_a_folder();
+    let store = Arc::new(open(&path).await);
     let twice = new_job();
     store.create(twice.clone()).await.expect("created");
     let asked: Vec<_> = (0..40)
@@ -117,22 +125,15 @@ async fn a_command_that_fails_takes_no_other_with_it() {
 }
 
 /// A command with a defect.
-struct Panic;
-
-impl writer::Command for Panic {
-    type Output = ();
-
-    fn apply(&self, batch: &mut writer::Batch<'_>) -> Result<(), connections::Abort> {
-        connections::execute(batch.connection, "DELETE FROM jobs", [])?;
-        panic!("on purpose")
-    }
+fn panics(batch: &mut writer::Batch<'_>) -> Result<(), connections::Abort> {
+    connections::execute(batch.connection, "DELETE FROM jobs", [])?;
+    panic!("on purpose")
 }
 
 #[tokio::test]
 async fn a_command_that_panics_fails_alone_and_leaves_nothing() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let (_folder, path) = in_a_folder();
     let faults = Faults::default();
-    let path = folder.path().join(NAME);
     let store = Arc::new(SqliteStore::open(&path, RULES, faults.clone()).await.expect("it opens"));
     faults.hold(FaultPoint::Commit);
     let first = Arc::clone(&store);
@@ -140,11 +141,11 @@ async fn a_command_that_panics_fails_alone_and_leaves_nothing() {
     while faults.waiting(FaultPoint::Commit) == 0 {
         tokio::task::yield_now().await;
     }
-    // asked for while the writer waits, so that they share a transaction
+    // sent while the writer waits, so that they share a transaction
     let (before, defect, after, ()) = tokio::join!(
         biased;
         store.create(new_job()),
-        store.writer.carry_out(Panic),
+        store.writer.carry_out(panics),
         store.create(new_job()),
         async { faults.disarm() },
     );
@@ -158,9 +159,8 @@ async fn a_command_that_panics_fails_alone_and_leaves_nothing() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 1)]
 async fn a_read_that_waits_leaves_the_runtimes_only_thread_to_others() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join(NAME);
-    let _store = SqliteStore::open(&path, RULES, Faults::default()).await.expect("it opens");
+    let (_folder, path) = in_a_folder();
+    let _store = open(&path).await;
     let readers = Readers::open(&path).expect("it opens");
     let waits = |_: &Connection| {
         let (tell, told) = std::sync::mpsc::channel();
@@ -173,8 +173,7 @@ async fn a_read_that_waits_leaves_the_runtimes_only_thread_to_others() {
 
 #[tokio::test]
 async fn closing_carries_out_what_was_asked_for_and_leaves_one_file() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join(NAME);
+    let (_folder, path) = in_a_folder();
     let faults = Faults::default();
     let store = SqliteStore::open(&path, RULES, faults.clone()).await.expect("it opens");
     store.create(new_job()).await.expect("created");
@@ -183,18 +182,19 @@ async fn closing_carries_out_what_was_asked_for_and_leaves_one_file() {
     created.expect("asked for before");
     assert_eq!(store.create(new_job()).await.expect_err("closed").kind, Kind::Unavailable);
     assert_eq!(store.counts().await.expect_err("closed").kind, Kind::Unavailable);
-    let left: Vec<_> =
-        std::fs::read_dir(folder.path()).expect("readable").map(|entry| entry.expect("one").file_name()).collect();
+    let left: Vec<_> = std::fs::read_dir(path.parent().expect("a folder"))
+        .expect("readable")
+        .map(|entry| entry.expect("one").file_name())
+        .collect();
     assert_eq!(left, [NAME]);
-    let again = SqliteStore::open(&path, RULES, Faults::default()).await.expect("it opens");
+    let again = open(&path).await;
     assert_eq!(again.counts().await.expect("counted")[0], 2);
 }
 
 /// Tables as they were before ends to be told had one of their own.
 #[tokio::test]
 async fn an_end_that_was_to_be_told_before_an_update_is_told_after_it() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join(NAME);
+    let (_folder, path) = in_a_folder();
     let mut connection = connections::writing(&path, true).expect("it opens");
     schema::migrate_to(2, &mut connection).expect("made");
     let error = Error::new(Kind::InvalidMesh, "x");
@@ -220,7 +220,7 @@ async fn an_end_that_was_to_be_told_before_an_update_is_told_after_it() {
     }
     connection.close().expect("closed");
     told.sort_by_key(|(place, _)| *place);
-    let store = SqliteStore::open(&path, RULES, Faults::default()).await.expect("it opens");
+    let store = open(&path).await;
     let untold = store.untold().await.expect("readable");
     assert_eq!(untold, told.iter().map(|(_, notice)| notice.job).collect::<Vec<_>>());
     for (id, (_, expected)) in untold.into_iter().zip(told) {
@@ -240,9 +240,12 @@ CREATE TABLE _sqlx_migrations (
     execution_time BIGINT NOT NULL
 );
 INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) VALUES
-    (1, 'jobs and events', 1, x'AF1D01B559AF86D06BB2905040BBC0CAF5A681658210F5CC9813A60E8ADC4CA4A14914534767A14E53663A566CEA42DB', 1234567),
-    (2, 'small blobs', 1, x'38CF0710A226B78C9BED54EC4E33DEDA3B4A4D04FC831ECFF721954874498F34EDF4634CAA19FC556E71150ED82833A2', 234567),
-    (3, 'ends to be told', 1, x'90B6465808734AD7AEFDC4D10D483A94E5DAF8963397B0E82E4E8864CF2FFBC85EE7F8FC3248AB61D3C9038D1A09BFA3', 345678);
+    (1, 'jobs and events', 1,
+     x'AF1D01B559AF86D06BB2905040BBC0CAF5A681658210F5CC9813A60E8ADC4CA4A14914534767A14E53663A566CEA42DB', 1234567),
+    (2, 'small blobs', 1,
+     x'38CF0710A226B78C9BED54EC4E33DEDA3B4A4D04FC831ECFF721954874498F34EDF4634CAA19FC556E71150ED82833A2', 234567),
+    (3, 'ends to be told', 1,
+     x'90B6465808734AD7AEFDC4D10D483A94E5DAF8963397B0E82E4E8864CF2FFBC85EE7F8FC3248AB61D3C9038D1A09BFA3', 345678);
 ";
 
 /// A file as it was written when migrations were rows of a table, with tables of a version.
@@ -258,8 +261,7 @@ fn with_rows(path: &Path, version: u32) -> Connection {
 #[tokio::test]
 async fn a_file_with_the_earlier_bookkeeping_is_taken_over_with_its_jobs() {
     for version in [2, 3] {
-        let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join(NAME);
+        let (_folder, path) = in_a_folder();
         let NewJob { id, spec, .. } = new_job();
         let connection = with_rows(&path, version);
         let sql =
@@ -274,7 +276,7 @@ async fn a_file_with_the_earlier_bookkeeping_is_taken_over_with_its_jobs() {
                 connection.execute_batch(BY_ROWS).expect("written");
                 connection.execute("DELETE FROM _sqlx_migrations", []).expect("written");
             }
-            let store = SqliteStore::open(&path, RULES, Faults::default()).await.expect("it opens");
+            let store = open(&path).await;
             assert_eq!(store.get(id).await.expect("readable").map(|job| job.spec), Some(spec.clone()));
             assert_eq!(store.untold().await, Ok(vec![]), "there is a table for it");
             store.close().await;
@@ -288,8 +290,7 @@ async fn a_file_with_the_earlier_bookkeeping_is_taken_over_with_its_jobs() {
 
 #[tokio::test]
 async fn a_file_of_somebody_elses_is_refused_in_one_line() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join(NAME);
+    let (_folder, path) = in_a_folder();
     Connection::open(&path).expect("it opens").execute_batch("CREATE TABLE jobs (x)").expect("written");
     let error = SqliteStore::open(&path, RULES, Faults::default()).await.expect_err("not ours");
     assert!(error.message.ends_with("jobs.sqlite3: table jobs already exists"), "{error}");
@@ -304,12 +305,11 @@ async fn tables_of_a_later_version_are_refused_and_left_alone() {
         // whose last 32 bits are those of a known version
         (true, "4294967298", "UPDATE _sqlx_migrations SET version = 4294967298 WHERE version = 3"),
     ] {
-        let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join(NAME);
+        let (_folder, path) = in_a_folder();
         let connection = match by_rows {
             true => with_rows(&path, 3),
             false => {
-                SqliteStore::open(&path, RULES, Faults::default()).await.expect("it opens").close().await;
+                open(&path).await.close().await;
                 connections::writing(&path, false).expect("it opens")
             }
         };
@@ -333,9 +333,8 @@ fn damage(path: &Path) {
 
 #[tokio::test]
 async fn damage_is_found_when_the_store_is_opened() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join(NAME);
-    let store = SqliteStore::open(&path, RULES, Faults::default()).await.expect("it opens");
+    let (_folder, path) = in_a_folder();
+    let store = open(&path).await;
     store.create(new_job()).await.expect("created");
     store.close().await;
     damage(&path);
@@ -349,15 +348,14 @@ async fn damage_is_found_when_the_store_is_opened() {
 
 #[tokio::test]
 async fn damage_that_a_reader_finds_fails_the_probe_until_the_store_is_opened_again() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join(NAME);
+    let (_folder, path) = in_a_folder();
     let store =
         SqliteStore::open(&path, Rules { max_queued: 1000, ..RULES }, Faults::default()).await.expect("it opens");
     for _ in 0..300 {
         store.create(new_job()).await.expect("created");
     }
     store.close().await;
-    let store = SqliteStore::open(&path, RULES, Faults::default()).await.expect("it opens");
+    let store = open(&path).await;
     let failures = store.statistics().failures;
     damage(&path);
     let query = ListQuery { limit: 1000, ..ListQuery::default() };

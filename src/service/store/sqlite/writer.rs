@@ -1,91 +1,82 @@
-//! The one writer: everything that changes a job goes through it, many changes in one transaction, on a thread of its own.
+//! The one writer: a thread that makes every change of a job, many in one transaction.
 //!
-//! A commit waits for the disk. Whatever was asked for during that wait goes into the next transaction together (group
-//! commit), so that commits cost little where there is much to do and nobody waits longer than two of them. Answers are
-//! given, and waiters woken, after the commit. When a transaction fails, its commands are tried once more, each in one of
-//! its own: one that the database refuses, or that panics, takes no other with it.
+//! A commit waits for the disk. Commands that arrive during that wait go into the next transaction together (group
+//! commit): commits are few under load, and a command waits for two of them at most. Answers are sent, and waiting
+//! tasks woken, after the commit. When a transaction fails, each of its commands is tried once more in a transaction of
+//! its own: a command that the database refuses, or that panics, fails alone.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
+use std::sync::{Arc, mpsc};
 use std::time::Instant;
 use std::{io, iter, slice, thread};
 
+use parking_lot::Mutex;
 use rusqlite::{Connection, TransactionBehavior};
-use tokio::sync::{oneshot, watch};
+use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 
-use super::super::pulses::Pulses;
+use super::super::pulses::{Pulses, Signal};
 use super::super::{JobId, Pulse, Statistics};
 use super::check::Damage;
-use super::claim_memory::Claims;
+use super::claim_memory::ClaimMemory;
 use super::connections::{self, Abort, closed};
 use crate::error::{Error, Kind, Result};
 use crate::service::faults::{FaultPoint, Faults};
 
-/// Commands in one transaction, at most: a bound on what is lost together and on how long others wait.
+/// Commands in one transaction, at most: a bound on what fails together and on how long others wait.
 const BATCH: usize = 256;
-
-/// Something that changes jobs, as SQL.
-pub(super) trait Command: Send + 'static {
-    /// What it tells whoever asked for it.
-    type Output: Send;
-
-    /// Does it. What may be [refused](Abort::Refused) is refused before anything is written; may be called again after
-    /// the transaction failed.
-    fn apply(&self, batch: &mut Batch<'_>) -> Result<Self::Output, Abort>;
-}
 
 /// The transaction that a command is part of.
 pub(super) struct Batch<'c> {
     /// Where to write.
     pub connection: &'c Connection,
-    /// Whom to wake afterwards.
+    /// What is published after the commit.
     pub effects: Effects,
 }
 
-/// What is told once the transaction is committed.
+/// What is published once the transaction is committed.
 #[derive(Debug, Default)]
 pub(super) struct Effects {
     /// Jobs that changed.
     pub pulses: Vec<(JobId, Pulse)>,
     /// Jobs that are gone.
     pub deleted: Vec<JobId>,
-    /// Jobs that can be claimed.
-    pub arrivals: u64,
-    /// Jobs that ended: others may be claimed in their stead.
-    pub ends: u64,
-    /// Jobs that ended and have a webhook.
-    pub endings: u64,
+    /// Whether a job can be claimed that could not be before.
+    pub arrivals: bool,
+    /// Whether a job ended: another one may be claimed in its stead.
+    pub ends: bool,
+    /// Whether a job with a webhook ended.
+    pub endings: bool,
     /// As in [`Statistics`].
     pub attempts_failed: u64,
     /// As in [`Statistics`].
     pub given_up: u64,
 }
 
-/// Those who wait for changes.
+/// Tasks that wait for changes, and what claims keep between them.
 #[derive(Debug, Default)]
 pub(super) struct Listeners {
     pub pulses: Pulses,
-    pub arrivals: watch::Sender<u64>,
-    pub endings: watch::Sender<u64>,
-    pub claims: Claims,
+    pub arrivals: Signal,
+    pub endings: Signal,
+    pub claims: Mutex<ClaimMemory>,
 }
 
 impl Listeners {
-    fn tell(&self, effects: Effects) {
+    fn publish(&self, effects: Effects) {
         for (id, pulse) in effects.pulses {
             self.pulses.publish(id, pulse);
         }
         for id in effects.deleted {
             self.pulses.forget(id);
         }
-        if effects.arrivals > 0 || (effects.ends > 0 && self.claims.has_held_back()) {
-            self.arrivals.send_modify(|count| *count += effects.arrivals.max(1));
+        if effects.arrivals || (effects.ends && self.claims.lock().has_held_back) {
+            self.arrivals.notify();
         }
-        if effects.endings > 0 {
-            self.endings.send_modify(|count| *count += effects.endings);
+        if effects.endings {
+            self.endings.notify();
         }
     }
 }
@@ -118,8 +109,7 @@ impl Counters {
 /// The way to the writer.
 #[derive(Debug)]
 pub(super) struct Writer {
-    /// None once it was closed. Unbounded, but whoever sends a command waits for its answer: there are no more than there
-    /// are askers.
+    /// None once it was closed. Unbounded, but every sender waits for the answer to its command.
     commands: Mutex<Option<mpsc::Sender<Box<dyn Pending>>>>,
     closed: CancellationToken,
     pub counters: Arc<Counters>,
@@ -147,47 +137,45 @@ impl Writer {
         Ok(Self { commands: Mutex::new(Some(commands)), closed, counters })
     }
 
-    /// Has a command carried out, and waits until that is on the disk.
-    pub async fn carry_out<C: Command>(&self, command: C) -> Result<C::Output> {
+    /// Runs a command, and waits until the disk has its changes. A command [refuses](Abort::Refused) before it writes;
+    /// it runs again after a transaction that failed.
+    pub async fn carry_out<T, C>(&self, command: C) -> Result<T>
+    where
+        T: Send + 'static,
+        C: Fn(&mut Batch<'_>) -> Result<T, Abort> + Send + 'static,
+    {
         let (reply, answer) = oneshot::channel();
-        self.send(Box::new(Asked { command, outcome: None, reply: Some(reply) }))?;
+        let sent = Box::new(Sent { command, outcome: None, reply: Some(reply) });
+        self.commands.lock().as_ref().and_then(|commands| commands.send(sent).ok()).ok_or_else(closed)?;
         answer.await.map_err(|_| closed())?
     }
 
-    fn send(&self, command: Box<dyn Pending>) -> Result<()> {
-        self.commands().as_ref().and_then(|commands| commands.send(command).ok()).ok_or_else(closed)
-    }
-
-    /// Carries out what was asked for, and closes the connection.
+    /// Runs the commands that were sent, and closes the connection.
     pub async fn close(&self) {
-        drop(self.commands().take());
+        drop(self.commands.lock().take());
         self.closed.cancelled().await;
-    }
-
-    fn commands(&self) -> MutexGuard<'_, Option<mpsc::Sender<Box<dyn Pending>>>> {
-        self.commands.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// A command and whoever waits for its answer.
-struct Asked<C: Command> {
+/// A command and the way back for its answer.
+struct Sent<T, C> {
     command: C,
-    outcome: Option<Result<C::Output>>,
-    reply: Option<oneshot::Sender<Result<C::Output>>>,
+    outcome: Option<Result<T>>,
+    reply: Option<oneshot::Sender<Result<T>>>,
 }
 
 trait Pending: Send {
-    /// Carries the command out, and keeps the answer. An error means that the transaction failed.
+    /// Runs the command, and keeps the answer. An error means that the transaction failed.
     fn apply(&mut self, batch: &mut Batch<'_>) -> Result<()>;
 
-    /// Gives the answer: the one that was kept, or why the transaction failed.
+    /// Sends the answer: the one that was kept, or why the transaction failed.
     fn settle(&mut self, failed: Option<Error>);
 }
 
-impl<C: Command> Pending for Asked<C> {
+impl<T: Send, C: Fn(&mut Batch<'_>) -> Result<T, Abort> + Send> Pending for Sent<T, C> {
     fn apply(&mut self, batch: &mut Batch<'_>) -> Result<()> {
-        // What it left half done goes with the transaction.
-        let outcome = match catch_unwind(AssertUnwindSafe(|| self.command.apply(batch))) {
+        // a panic rolls the transaction back
+        let outcome = match catch_unwind(AssertUnwindSafe(|| (self.command)(batch))) {
             Ok(Ok(output)) => Ok(output),
             Ok(Err(Abort::Refused(error))) => Err(error),
             Ok(Err(Abort::Broken(error))) => return Err(error),
@@ -207,7 +195,7 @@ impl<C: Command> Pending for Asked<C> {
             (None, None) => Err(Error::new(Kind::Internal, "a change of a job was forgotten")),
         };
         if let Some(reply) = self.reply.take() {
-            // Nobody may be waiting any more.
+            // the sender may have given up
             let _ = reply.send(answer);
         }
     }
@@ -224,7 +212,7 @@ struct Worker {
 }
 
 impl Worker {
-    /// Works until nobody can ask for anything any more.
+    /// Works until the writer is closed.
     fn run(mut self, inbox: &mpsc::Receiver<Box<dyn Pending>>) {
         let mut batch = Vec::new();
         while let Ok(command) = inbox.recv() {
@@ -253,7 +241,7 @@ impl Worker {
         }
     }
 
-    /// One transaction, and what is told after it.
+    /// One transaction, and what is published after it.
     fn commit(&mut self, batch: &mut [Box<dyn Pending>]) -> Result<()> {
         let started = Instant::now();
         let outcome = self.transaction(batch).inspect_err(|error| self.damage.note(error));
@@ -264,12 +252,12 @@ impl Worker {
                 self.counters.commands.fetch_add(batch.len() as u64, Ordering::Relaxed);
                 self.counters.attempts_failed.fetch_add(effects.attempts_failed, Ordering::Relaxed);
                 self.counters.given_up.fetch_add(effects.given_up, Ordering::Relaxed);
-                self.listeners.tell(effects);
+                self.listeners.publish(effects);
                 Ok(())
             }
             Err(error) => {
                 self.counters.failures.fetch_add(1, Ordering::Relaxed);
-                // Whatever state it is in: the next transaction gets a new one.
+                // its state is unknown: the next transaction gets a new one
                 self.connection = None;
                 Err(error)
             }

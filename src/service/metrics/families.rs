@@ -1,0 +1,156 @@
+//! All metrics of the service, each defined once.
+
+use std::borrow::Cow;
+use std::sync::atomic::AtomicU64;
+
+use prometheus_client::encoding::EncodeLabelSet;
+use prometheus_client::metrics::counter::Counter;
+use prometheus_client::metrics::family::{Family, MetricConstructor};
+use prometheus_client::metrics::gauge::Gauge;
+use prometheus_client::metrics::histogram::Histogram;
+
+/// Upper ends of the buckets of a histogram.
+#[derive(Debug, Clone)]
+pub(super) struct Buckets(&'static [f64]);
+
+/// For what takes milliseconds: requests, the store.
+const SHORT: Buckets = Buckets(&[0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.5, 2.5, 10.0]);
+/// For what takes seconds: jobs, and waiting for them.
+const LONG: Buckets = Buckets(&[0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3600.0]);
+
+impl MetricConstructor<Histogram> for Buckets {
+    fn new_metric(&self) -> Histogram {
+        Histogram::new(self.0.iter().copied())
+    }
+}
+
+type Histograms<L> = Family<L, Histogram, Buckets>;
+
+/// A sum of times, in seconds.
+pub(super) type Seconds = Counter<f64, AtomicU64>;
+
+/// Defines metrics that are registered together: field, type, how it is made unless by default, name, unit if it has
+/// one, and description.
+macro_rules! metrics {
+    ($(#[$doc:meta])* $group:ident {
+        $($field:ident: $type:ty $(= $new:expr)?, $name:literal $([$unit:ident])?, $help:literal;)+
+    }) => {
+        $(#[$doc])*
+        #[derive(Debug)]
+        pub(super) struct $group { $(pub(super) $field: $type),+ }
+
+        impl $group {
+            /// Registers all of them.
+            pub(super) fn register(registry: &mut prometheus_client::registry::Registry) -> Self {
+                Self { $($field: {
+                    let metric: $type = metrics!(@new $($new)?);
+                    metrics!(@register registry, metric, $name, $help $(, prometheus_client::registry::Unit::$unit)?);
+                    metric
+                }),+ }
+            }
+        }
+    };
+    (@new) => { Default::default() };
+    (@new $new:expr) => { $new };
+    (@register $registry:ident, $metric:ident, $name:literal, $help:literal) => {
+        $registry.register($name, $help, $metric.clone())
+    };
+    (@register $registry:ident, $metric:ident, $name:literal, $help:literal, $unit:expr) => {
+        $registry.register_with_unit($name, $help, $unit, $metric.clone())
+    };
+}
+pub(super) use metrics;
+
+/// Defines sets of labels.
+macro_rules! labels {
+    ($($(#[$doc:meta])* $name:ident { $($label:ident: $kind:ty),+ })+) => {$(
+        $(#[$doc])*
+        #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
+        pub(super) struct $name { $(pub $label: $kind),+ }
+    )+};
+}
+
+labels! {
+    /// A state of jobs.
+    ByState { state: &'static str }
+    /// An algorithm and how its job ended.
+    ByEnd { algorithm: &'static str, state: &'static str }
+    /// An algorithm and a stage of its work.
+    ByStage { algorithm: &'static str, stage: &'static str }
+    /// An algorithm.
+    ByAlgorithm { algorithm: &'static str }
+    /// A request: its method, the template of its route, the status of its answer.
+    ByAnswer { method: &'static str, route: Cow<'static, str>, status: u16 }
+    /// The template of a route.
+    ByRoute { route: Cow<'static, str> }
+    /// A method of the store.
+    ByOperation { operation: &'static str }
+    /// Why a request was refused.
+    ByReason { reason: &'static str }
+    /// A part of the service and how bad it is.
+    ByPart { part: &'static str, severity: &'static str }
+    /// What came of telling the end of a job.
+    ByOutcome { outcome: &'static str }
+    /// The device.
+    DeviceLabels { kind: &'static str, name: String, backend: String }
+    /// The release.
+    BuildLabels { version: &'static str }
+}
+
+metrics! {
+    /// What is counted and measured.
+    Families {
+        build: Family<BuildLabels, Gauge>, "build_info", "The release that runs";
+        device: Family<DeviceLabels, Gauge>, "device_info", "The device that clusters here";
+        attempts_failed: Family<ByReason, Counter>, "attempts_failed",
+            "Attempts at a job that failed in a way that another may not, by kind of problem";
+        poison: Family<ByReason, Counter>, "poison",
+            "Jobs that were given up after as many attempts as may be made, by the kind of the last problem";
+        spans_lost: Counter, "spans_lost", "Spans that the collector did not take";
+        jobs: Family<ByState, Gauge>, "jobs", "Jobs that the service knows, by state";
+        queue_wait: Histogram = LONG.new_metric(), "queue_wait" [Seconds],
+            "Time between acceptance and claim of a job";
+        job_seconds: Histograms<ByEnd> = Family::new_with_constructor(LONG), "job" [Seconds],
+            "Time between claim and end of a job";
+        stage_seconds: Histograms<ByStage> = Family::new_with_constructor(LONG), "job_stage" [Seconds],
+            "Time in a stage of a job that succeeded";
+        iterations: Family<ByAlgorithm, Counter>, "iterations", "Iterations and rounds made by jobs that succeeded";
+        faces: Family<ByAlgorithm, Counter>, "faces", "Faces of jobs that succeeded";
+        device_busy: Seconds, "device_busy" [Seconds],
+            "Time in which the device worked on a job, or several at once; its rate is the busy share";
+        device_lost: Counter, "device_lost", "Attempts at a job that ended because the device was lost";
+        answers: Family<ByAnswer, Counter>, "http_requests", "Requests answered, by route template";
+        answer_seconds: Histograms<ByRoute> = Family::new_with_constructor(SHORT), "http_request" [Seconds],
+            "Time until the head of an answer";
+        store_seconds: Histograms<ByOperation> = Family::new_with_constructor(SHORT), "store" [Seconds],
+            "Time that the store took for an operation";
+        store_errors: Family<ByOperation, Counter>, "store_errors",
+            "Operations of the store that failed for its own reasons";
+        store_commits: Counter, "store_commits", "Transactions that the store committed";
+        store_commands: Counter, "store_commands", "Changes in committed transactions";
+        store_failed_commits: Counter, "store_failed_commits", "Transactions of the store that failed";
+        store_commit_seconds: Seconds, "store_commit" [Seconds], "Time that the store spent in transactions";
+        rejections: Family<ByReason, Counter>, "rejections", "Requests answered with an error, by kind of problem";
+        connections: Gauge, "connections", "Open connections";
+        connections_refused: Counter, "connections_refused", "Connections closed because their address had too many";
+        streams: Gauge, "event_streams", "Open event streams";
+        upload_bytes_in_flight: Gauge, "upload_in_flight" [Bytes], "Bytes of uploads that are coming in";
+        upload_bytes: Counter, "upload" [Bytes], "Bytes of meshes of accepted jobs";
+        ready: Gauge, "ready", "1 when jobs are taken";
+        conditions: Family<ByPart, Gauge>, "condition", "1 for each part that is degraded or failing";
+        webhooks: Family<ByOutcome, Counter>, "webhooks", "Attempts to tell the end of a job, by what came of them";
+        webhooks_pending: Gauge, "webhooks_pending", "Ends of jobs that are still to be told";
+        resident: Gauge, "resident_memory" [Bytes], "Memory of the process that is in use";
+        device_memory: Gauge, "device_memory" [Bytes],
+            "Memory of its own that the device has allocated; 0 where it has none, as on the cpu";
+        disk_free: Gauge, "disk_free" [Bytes],
+            "Bytes that may still be written to the file system of the data folder";
+        disk_limit: Gauge, "disk_limit" [Bytes],
+            "Bytes in the data folder above which uploads are refused; 0 for no limit";
+        disk_reserve: Gauge, "disk_reserve" [Bytes], "Free bytes below which uploads are refused";
+        queue_limit: Gauge, "queue_limit", "Jobs that may wait";
+        queue_oldest: Gauge<f64, AtomicU64>, "queue_oldest" [Seconds],
+            "Age of the job that waits longest; 0 when none waits";
+        disk_used: Gauge, "disk_used" [Bytes], "Bytes of uploads, results and the store of jobs in the data folder";
+    }
+}

@@ -1,0 +1,303 @@
+//! Imports: no module imports in a circle, no file of the service does, and the engine imports nothing above it.
+//!
+//! The tests read the paths in the source (`crate::`, `super::`, `self::`, `use`), without comments and test code. A
+//! `mod` item is no import: a parent that declares a child does not use it.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::{Source, invented, sources};
+
+/// The modules of the engine, and everything that each may import.
+const ENGINE: [(&str, &[&str]); 4] = [
+    ("energy", &[]),
+    ("surface", &["energy", "error", "mesh", "prefetch", "union_find"]),
+    ("device", &["energy", "error", "prefetch", "surface", "union_find"]),
+    ("cluster", &["device", "energy", "error", "hierarchy", "surface", "union_find"]),
+];
+
+/// Imports: for each node, the nodes that it names.
+type Graph = BTreeMap<String, BTreeSet<String>>;
+
+#[test]
+fn modules_do_not_import_in_circles() {
+    assert_eq!(circles(&imports(&crate_sources(), layer)), Vec::<Vec<String>>::new());
+}
+
+#[test]
+fn files_of_the_service_do_not_import_in_circles() {
+    let graph = imports(&crate_sources(), file_of_the_service);
+    assert!(graph.len() > 50 && graph["service::retention"].contains("service::store"), "{graph:?}");
+    assert_eq!(circles(&graph), Vec::<Vec<String>>::new());
+}
+
+#[test]
+fn modules_import_only_modules_above_them_in_the_map_of_the_crate() {
+    let map = |text: &str| -> Vec<String> {
+        let rows = text.lines().filter_map(|line| line.strip_prefix("//! | [`"));
+        rows.filter_map(|row| Some(row.split('`').next()?.trim_start_matches("mod@").to_owned())).collect()
+    };
+    let sources = crate_sources();
+    let order = map(&sources.iter().find(|source| source.path == "src/lib.rs").expect("the library").text);
+    assert!(order.len() > 10, "{order:?}");
+    let graph = imports(&sources, layer);
+    assert_eq!(arrows_downwards(&graph, &order), Vec::<String>::new());
+    let order = map("//! | [`mod@error`] | x |\n//! | [`mesh`] | y |");
+    let graph = Graph::from([("error".to_owned(), BTreeSet::from(["mesh".to_owned(), "error".to_owned()]))]);
+    assert_eq!(arrows_downwards(&graph, &order), ["error -> mesh"]);
+}
+
+#[test]
+fn the_engine_imports_nothing_above_it() {
+    let graph = imports(&crate_sources(), layer);
+    assert_eq!(arrows_upwards(&graph), Vec::<String>::new());
+    let of = |from: &str, to: &str| graph[from].contains(to);
+    assert!(of("cluster::run", "device") && of("device::cpu", "energy") && of("job", "surface"), "{graph:?}");
+}
+
+#[test]
+fn only_the_module_of_energies_names_one() {
+    assert_eq!(names_of_the_energy(&crate_sources()), Vec::<String>::new());
+    let text = "use crate::energy::cvd::End; // cvd\nuse super::reference::acvd;";
+    let found = names_of_the_energy(&[invented("src/cluster.rs", text)]);
+    assert_eq!(found, ["src/cluster.rs: use crate::energy::cvd::End;"]);
+}
+
+#[test]
+fn an_invented_circle_and_an_invented_arrow_upwards_are_found() {
+    let graph = imports(
+        &[
+            invented("src/energy.rs", "use crate::{error::{self, Error}, job::Job as Work};"),
+            invented("src/error.rs", "//! [`crate::job`]\nfn f() { crate::surface::build(); }"),
+            invented("src/surface/mod.rs", "mod inner;\npub use inner::X;"),
+            invented(
+                "src/surface/inner.rs",
+                "use super::{Surface, y};\n#[cfg(test)]\nmod tests { use crate::error::E; }",
+            ),
+            invented("src/job.rs", "use crate::energy::Energy;"),
+        ],
+        layer,
+    );
+    assert_eq!(circles(&graph), [vec!["energy", "job"], vec!["surface", "surface::inner"]]);
+    assert_eq!(arrows_upwards(&graph), ["energy -> error", "energy -> job"]);
+    assert_eq!(graph["error"], BTreeSet::from(["surface".to_owned()]));
+}
+
+#[test]
+fn a_circle_of_files_is_found_however_it_is_written() {
+    let circles_of = |first: &str, second: &str| {
+        let files = [invented("src/service/first.rs", first), invented("src/service/second.rs", second)];
+        circles(&imports(&files, file_of_the_service)).len()
+    };
+    for (first, second) in [
+        ("use crate::service::second::B;", "use super::first::A;"),
+        ("use super::{other::X, second::{self, B}};", "fn f() -> super::first::A {}"),
+        ("pub use crate::{error::E, service::second};", "use crate::service::first::{A};"),
+        ("use super::second;\n#[cfg(test)]\nmod tests {\n}\n", "// about it\nuse super::first as other;"),
+        ("use super::second;", "trait T {\n    #[cfg(test)]\n    fn f() {\n    }\n    fn g() -> super::first::A;\n}"),
+    ] {
+        assert_eq!(circles_of(first, second), 1, "{first} {second}");
+    }
+    for (first, second) in [
+        ("use crate::service::second::B;", "// use super::first::A;"),
+        ("use crate::service::second::B;", "#[cfg(test)]\nmod tests {\n    use crate::service::first::A;\n}"),
+        ("use crate::service::second::B;", "#[cfg(test)]\nuse crate::service::first::A;\n"),
+        ("use crate::service::second::B;", "use crate::other::first::A;"),
+        ("use super::second::B;", "pub(in crate::service::first) struct B;"),
+    ] {
+        assert_eq!(circles_of(first, second), 0, "{first} {second}");
+    }
+}
+
+fn crate_sources() -> Vec<Source> {
+    sources(&["src"], &["rs"])
+}
+
+/// The path of a file's module, from the crate's root.
+fn module(source: &Source) -> Vec<String> {
+    let inside = source.path.trim_start_matches("src/").trim_end_matches(".rs");
+    inside.split('/').filter(|part| !["mod", "lib", "main"].contains(part)).map(str::to_owned).collect()
+}
+
+/// The node of a module among layers: its top-level module, in the engine with the module directly inside.
+fn layer(module: &[String]) -> Option<String> {
+    let is_engine = ENGINE.iter().any(|(name, _)| module.first().is_some_and(|first| first == name));
+    let depth = if is_engine { module.len().min(2) } else { 1 };
+    module.get(..depth).filter(|node| !node.is_empty()).map(|node| node.join("::"))
+}
+
+/// The node of a module among the files of the service.
+fn file_of_the_service(module: &[String]) -> Option<String> {
+    (module.len() > 1 && module[0] == "service").then(|| module.join("::"))
+}
+
+/// The graph of imports between nodes.
+fn imports(sources: &[Source], node: fn(&[String]) -> Option<String>) -> Graph {
+    let modules: BTreeSet<Vec<String>> = sources.iter().map(module).collect();
+    let mut graph = Graph::new();
+    for source in sources {
+        let from = module(source);
+        let is_test = from.iter().any(|part| part == "tests" || part == "conformance");
+        let Some(name) = node(&from).filter(|_| !is_test) else { continue };
+        let named = paths(&code(&source.text)).into_iter().filter_map(|path| resolve(&path, &from, &modules));
+        let to = named.filter_map(|to| node(&to)).filter(|to| *to != name);
+        graph.entry(name.clone()).or_default().extend(to);
+    }
+    graph
+}
+
+/// The source without comments and without what is compiled for tests only.
+fn code(text: &str) -> String {
+    let text = text.lines().map(|line| line.split("//").next().unwrap_or("")).collect::<Vec<_>>().join("\n");
+    let mut parts = text.split("#[cfg(test)]");
+    let mut code = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let indent = code.len() - code.trim_end_matches(' ').len();
+        // an item in braces ends at a brace with its indentation, another one at its semicolon
+        let is_statement = part.find(';').is_some_and(|end| part.find('{').is_none_or(|brace| end < brace));
+        let end = match is_statement || part.trim_start().starts_with("use ") {
+            true => part.find(';').map(|at| at + 1),
+            false => {
+                let brace = format!("\n{}}}", " ".repeat(indent));
+                part.find(&brace).map(|at| at + brace.len())
+            }
+        };
+        code.push_str(end.map_or("", |end| &part[end..]));
+    }
+    code
+}
+
+/// Every path that begins with `crate`, `super` or `self`, and every relative `use`, groups in braces taken apart.
+fn paths(code: &str) -> Vec<Vec<String>> {
+    let is_name = |c: char| c.is_alphanumeric() || c == '_';
+    const STARTS: [&str; 3] = ["crate", "super", "self"];
+    let mut all = Vec::new();
+    for (at, _) in STARTS.iter().flat_map(|start| code.match_indices(start)) {
+        let before = &code[..at];
+        let follows_path =
+            before.ends_with(|c: char| is_name(c) || c == ':' || c == '$') || before.ends_with("pub(in ");
+        let rest = code[at..].trim_start_matches(is_name);
+        if !follows_path && rest.starts_with("::") {
+            tree(&code[at..], &[], &mut all);
+        }
+    }
+    for (at, _) in code.match_indices("use ") {
+        let begins = at == 0 || code[..at].ends_with(['\n', ' ']);
+        if begins && !STARTS.iter().any(|start| code[at + 4..].starts_with(start)) {
+            tree(&code[at + 4..], &["".to_owned()], &mut all);
+        }
+    }
+    all
+}
+
+/// Reads one path or `use` tree at the start of `text`; returns the rest.
+fn tree<'a>(text: &'a str, prefix: &[String], all: &mut Vec<Vec<String>>) -> &'a str {
+    let mut path = prefix.to_vec();
+    let mut text = text.trim_start();
+    loop {
+        let end = text.find(|c: char| !(c.is_alphanumeric() || c == '_')).unwrap_or(text.len());
+        path.push(text[..end].to_owned());
+        text = text[end..].strip_prefix('*').unwrap_or(&text[end..]);
+        let Some(rest) = text.strip_prefix("::") else { break };
+        text = rest.trim_start();
+        if let Some(mut group) = text.strip_prefix('{') {
+            loop {
+                group = group.trim_start();
+                if let Some(rest) = group.strip_prefix('}') {
+                    return rest;
+                }
+                let before = group.len();
+                group = tree(group, &path, all).trim_start();
+                group = group.strip_prefix(',').unwrap_or(group);
+                let start = &group[..group.len().min(60)];
+                assert!(group.len() < before, "an import that this test cannot read: {start}");
+            }
+        }
+    }
+    if let Some(rest) = text.trim_start().strip_prefix("as ") {
+        text = rest.trim_start().trim_start_matches(|c: char| c.is_alphanumeric() || c == '_');
+    }
+    all.push(path);
+    text
+}
+
+/// The module that a path in `module` leads to. A relative path (with an empty first name) is a child's or a crate's.
+fn resolve(path: &[String], module: &[String], modules: &BTreeSet<Vec<String>>) -> Option<Vec<String>> {
+    let mut base = module.to_vec();
+    for name in path {
+        match name.as_str() {
+            "crate" => base.clear(),
+            "super" => drop(base.pop()),
+            "self" | "" => {}
+            name => base.push(name.to_owned()),
+        }
+    }
+    if path[0].is_empty() && !modules.contains(base.get(..=module.len())?) {
+        return None;
+    }
+    while !base.is_empty() && !modules.contains(&base) {
+        base.pop();
+    }
+    (!base.is_empty()).then_some(base)
+}
+
+/// The sets of nodes that import each other in a circle.
+fn circles(graph: &Graph) -> Vec<Vec<String>> {
+    let reached = |from: &String| {
+        let mut seen = BTreeSet::new();
+        let mut open: Vec<&String> = graph[from].iter().collect();
+        while let Some(next) = open.pop() {
+            if seen.insert(next.clone()) {
+                open.extend(graph.get(next).into_iter().flatten());
+            }
+        }
+        seen
+    };
+    let reach: BTreeMap<&String, BTreeSet<String>> = graph.keys().map(|node| (node, reached(node))).collect();
+    let mut found = BTreeSet::new();
+    for (node, seen) in &reach {
+        if seen.contains(*node) {
+            let circle = seen.iter().filter(|other| reach.get(other).is_some_and(|back| back.contains(*node)));
+            found.insert(circle.cloned().collect());
+        }
+    }
+    found.into_iter().collect()
+}
+
+/// Imports of a module that stands lower in the map: `from -> to`. What the map leaves out lies below all of it.
+fn arrows_downwards(graph: &Graph, order: &[String]) -> Vec<String> {
+    let place = |node: &str| order.iter().position(|name| name == node.split("::").next().unwrap_or(node));
+    let arrows = graph.iter().flat_map(|(from, to)| to.iter().map(move |to| (from, to)));
+    let bad = arrows.filter(|(from, to)| place(from).is_some_and(|from| place(to).is_some_and(|to| to > from)));
+    bad.map(|(from, to)| format!("{from} -> {to}")).collect()
+}
+
+/// What a module of the engine imports although it may not: `from -> to`.
+fn arrows_upwards(graph: &Graph) -> Vec<String> {
+    let top = |node: &str| node.split("::").next().unwrap_or(node).to_owned();
+    let mut found = Vec::new();
+    for (engine, allowed) in ENGINE {
+        for (from, to) in graph.iter().filter(|(from, _)| top(from) == engine) {
+            let bad = to.iter().filter(|to| top(to) != engine && !allowed.contains(&top(to).as_str()));
+            found.extend(bad.map(|to| format!("{from} -> {to}")));
+        }
+    }
+    found
+}
+
+/// Lines of code outside `energy` that name the CVD energy, or a distance of its proxies; the list of shaders may.
+fn names_of_the_energy(sources: &[Source]) -> Vec<String> {
+    let mut found = Vec::new();
+    for source in sources {
+        let module = module(source);
+        if module.is_empty() || module[0] == "energy" || module.iter().any(|part| part == "tests") {
+            continue;
+        }
+        for line in code(&source.text).lines() {
+            let rest = line.to_lowercase().replace("acvd", "").replace("\"energy/cvd\"", "");
+            if rest.contains("cvd") || rest.contains("squared_distance") {
+                found.push(format!("{}: {}", source.path, line.trim()));
+            }
+        }
+    }
+    found
+}
