@@ -20,11 +20,18 @@ static SIGNAL: OnceLock<&'static str> = OnceLock::new();
 /// How many [`Blocking`] there are.
 static BLOCKING: AtomicUsize = AtomicUsize::new(0);
 
-/// Takes requests to stop from here on; the future completes with the first. Needs a tokio runtime around it.
-pub fn requests_to_stop() -> io::Result<impl Future<Output = ()>> {
+/// Takes requests to stop from here on: the future completes with the first, and each later one notifies `again`. Needs
+/// a tokio runtime around it.
+pub fn requests_to_stop(again: Arc<Notify>) -> io::Result<impl Future<Output = ()>> {
     let mut requests = Requests::new()?;
     Ok(async move {
         requests.next().await;
+        tokio::spawn(async move {
+            loop {
+                requests.next().await;
+                again.notify_one();
+            }
+        });
     })
 }
 
