@@ -1,7 +1,8 @@
 //! The command line.
 //!
 //! One file a command; what they share is in `device`, `files`, `places`, `results`, `progress` and `signals`. Exit status:
-//! 0; 2 for a command line that is wrong in itself; 1 for everything else, with one line on standard error (graphics
+//! 0; 2 for a command line that is wrong in itself, said as the parser says it (`error: …`, the usage of the command, a
+//! hint at `--help`); 1 for everything else, with one line on standard error that begins with `tesserae: ` (graphics
 //! drivers may add lines of their own). Progress goes to standard error, and only to a terminal. A reader of standard
 //! output that stops reading before the end gives status 1 without a message.
 //!
@@ -33,6 +34,7 @@ use std::process::ExitCode;
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 
+use self::files::Target;
 use crate::error::{Error, Kind};
 use crate::memory;
 use crate::parameters::names;
@@ -82,30 +84,14 @@ enum Command {
 /// Runs the command that the arguments of this process ask for.
 pub fn main() -> ExitCode {
     names::spell_as_flags(true);
-    let command = Cli::parse().command;
-    match command {
-        Command::Serve(_) => {
-            names::spell_as_flags(false);
-            memory::keep_between_jobs();
-        }
-        _ => memory::keep(),
-    }
-    let outcome = match command {
-        Command::Cluster(arguments) => cluster::run(&arguments),
-        Command::Cut(arguments) => cut::run(&arguments),
-        Command::Plot(arguments) => plot::run(&arguments),
-        Command::Evaluate(arguments) => evaluate::run(&arguments),
-        Command::Bench(arguments) => bench::run(&arguments),
-        Command::Serve(arguments) => serve::run(*arguments),
-        Command::Backup(arguments) => backup::run(&arguments),
-        Command::Token(arguments) => token::run(&arguments),
-        Command::Health(arguments) => health::run(&arguments),
-        Command::Sample(arguments) => sample::run(&arguments),
-        Command::Devices(arguments) => devices::run(&arguments),
+    let outcome = match Cli::try_parse() {
+        Ok(cli) => run(cli.command),
+        Err(wrong) if wrong.use_stderr() => return usage_error(&wrong),
+        Err(help) => print(|_| help.print()),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
-        Err(Failure::Usage(command, message)) => usage_error(command, &message),
+        Err(Failure::Usage(command, message)) => usage_error(&as_parser_says(command, &message)),
         Err(Failure::Failed(error)) => {
             complain(&error.message);
             ExitCode::FAILURE
@@ -118,6 +104,30 @@ pub fn main() -> ExitCode {
     }
 }
 
+/// Runs a command.
+fn run(command: Command) -> Result<(), Failure> {
+    match command {
+        Command::Serve(_) => {
+            names::spell_as_flags(false);
+            memory::keep_between_jobs();
+        }
+        _ => memory::keep(),
+    }
+    match command {
+        Command::Cluster(arguments) => cluster::run(&arguments),
+        Command::Cut(arguments) => cut::run(&arguments),
+        Command::Plot(arguments) => plot::run(&arguments),
+        Command::Evaluate(arguments) => evaluate::run(&arguments),
+        Command::Bench(arguments) => bench::run(&arguments),
+        Command::Serve(arguments) => serve::run(*arguments),
+        Command::Backup(arguments) => backup::run(&arguments),
+        Command::Token(arguments) => token::run(&arguments),
+        Command::Health(arguments) => health::run(&arguments),
+        Command::Sample(arguments) => sample::run(&arguments),
+        Command::Devices(arguments) => devices::run(&arguments),
+    }
+}
+
 /// Writes an error or a warning to standard error.
 fn complain(message: &str) {
     say(&format!("tesserae: {message}"));
@@ -126,6 +136,12 @@ fn complain(message: &str) {
 /// Writes one line to standard error, whatever a file name or a driver put into it; lost when nobody can read it.
 fn say(line: &str) {
     let _ = writeln!(io::stderr(), "{}", line.replace(['\n', '\r'], " "));
+}
+
+/// Writes what a command is run for to standard output, which must be open.
+fn print(content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), Failure> {
+    Target::Stdout.check()?;
+    Target::Stdout.write(content)
 }
 
 /// Writes one line about the outcome to standard output.
@@ -171,16 +187,20 @@ impl Failure {
     }
 }
 
-/// Says what is wrong with the command line in the way the parser does. Exit status 2.
-fn usage_error(command: &str, message: &str) -> ExitCode {
+/// What is wrong with the command line of a command, as the parser would say it.
+fn as_parser_says(command: &str, message: &str) -> clap::Error {
     let mut cli = Cli::command();
     cli.build();
-    let error = match cli.find_subcommand_mut(command) {
+    match cli.find_subcommand_mut(command) {
         Some(command) => command.error(ErrorKind::ValueValidation, message),
         None => cli.error(ErrorKind::ValueValidation, message),
-    };
+    }
+}
+
+/// Says what is wrong with the command line. Exit status 2.
+fn usage_error(wrong: &clap::Error) -> ExitCode {
     // Where even that cannot be said, the status is all that is left.
-    let _ = error.print();
+    let _ = wrong.print();
     ExitCode::from(2)
 }
 

@@ -132,9 +132,25 @@ impl TokenFile {
         Ok(file)
     }
 
+    /// Refuses what cannot be the name of a tenant.
+    pub fn check_name(name: &str) -> Result<()> {
+        let is_allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+        if name.is_empty() || name.len() > 64 || !name.chars().all(is_allowed) {
+            return Err(Error::parameter(format_args!(
+                "the name of a tenant must have 1 to 64 letters, digits, '-', '_' and '.', not {name:?}"
+            )));
+        }
+        if name == crate::service::LOCAL_TENANT {
+            return Err(Error::parameter(format_args!(
+                "this name stands for a service without tokens; take another: {name:?}"
+            )));
+        }
+        Ok(())
+    }
+
     /// Adds a token for a tenant, which is new or known.
     pub fn add(&mut self, tenant: &str) -> Result<Token> {
-        check_name(tenant)?;
+        Self::check_name(tenant)?;
         let (mut id, mut salt, mut secret) = ([0; 8], [0; 16], [0; 32]);
         for bytes in [&mut id[..], &mut salt, &mut secret] {
             getrandom::fill(bytes)
@@ -161,8 +177,13 @@ impl TokenFile {
     }
 
     /// Changes the file at `path`, which is made if it is not there: whole or not at all, readable by its owner only,
-    /// one change after the other.
+    /// one change after the other. Nothing changes where `change` fails.
     pub fn change<T>(path: &Path, change: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
+        Self::try_change(path, change)
+    }
+
+    /// The same with another type of error.
+    pub fn try_change<T, E: From<Error>>(path: &Path, change: impl FnOnce(&mut Self) -> Result<T, E>) -> Result<T, E> {
         let cannot = |error| Error::io(format_args!("the file of tokens cannot be written: {}", path.display()), error);
         let folder = match path.parent() {
             Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -192,7 +213,7 @@ impl TokenFile {
     fn index(&self) -> Result<HashMap<String, Known>> {
         let mut index = HashMap::new();
         for (name, tenant) in &self.tenants {
-            check_name(name)?;
+            Self::check_name(name)?;
             let owner = Tenant { name: name.clone(), quotas: tenant.quotas, metrics: tenant.metrics };
             for token in &tenant.tokens {
                 let known = token.known(owner.clone()).ok_or_else(|| {
@@ -337,22 +358,6 @@ fn check_permissions(_: &Path) -> Result<()> {
 /// SHA-256 of salt and secret.
 fn digest(salt: &[u8], secret: &str) -> [u8; 32] {
     Sha256::new().chain_update(salt).chain_update(secret).finalize().into()
-}
-
-/// Checks the name of a tenant.
-fn check_name(name: &str) -> Result<()> {
-    let is_allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
-    if name.is_empty() || name.len() > 64 || !name.chars().all(is_allowed) {
-        return Err(Error::parameter(format_args!(
-            "the name of a tenant must have 1 to 64 letters, digits, '-', '_' and '.', not {name:?}"
-        )));
-    }
-    if name == crate::service::LOCAL_TENANT {
-        return Err(Error::parameter(format_args!(
-            "this name stands for a service without tokens; take another: {name:?}"
-        )));
-    }
-    Ok(())
 }
 
 #[cfg(test)]
