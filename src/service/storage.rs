@@ -1,7 +1,7 @@
 //! Whether what is stored stays stored: watches folder and store, and says when they fail and when they work again.
 //!
-//! Nobody reports failures here: folder and store count theirs, and [`Storage::watch`] looks. A part that failed is tried
-//! with a write of its own until it works; meanwhile the service is not ready and no job is begun. Where there is only too
+//! Folder and store count their failures, and [`Storage::watch`] compares the counts. A part that failed is tried with a
+//! write of its own until it works; meanwhile the service is not ready and no job is begun. Where there is only too
 //! little room for more uploads the service is not ready, but jobs go on: they make room.
 
 use std::sync::Arc;
@@ -102,7 +102,7 @@ impl Storage {
         if let Ok(bytes) = self.store.free_bytes().await {
             self.files.free_in_store(bytes);
         }
-        self.say(Part::Disk, self.files.check_room(0));
+        self.say(Part::Disk, self.files.check_root().and_then(|()| self.files.check_room(0)));
     }
 
     fn say(&self, part: Part, tried: Result<()>) {

@@ -3,9 +3,11 @@
 //! Uploads are refused while there is still room, so that what was accepted can end: results and the store of jobs use what
 //! is left.
 
+use std::fs::Metadata;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use super::private;
 use crate::error::{Error, Kind, Result};
 
 /// Bytes that stay free for the store of jobs, whose log grows with every change before it is written over.
@@ -18,6 +20,21 @@ pub(in crate::service) struct DiskLimits {
     pub max_bytes: Option<u64>,
     /// Free bytes of the file system below which uploads are refused.
     pub min_free_bytes: u64,
+}
+
+impl DiskLimits {
+    /// Refuses a reserve that the disk of a folder never has: no upload would be taken.
+    pub fn check(&self, folder: &Path) -> Result<()> {
+        match total_bytes(folder) {
+            Some(total) if (1..=self.min_free_bytes).contains(&total) => Err(Error::parameter(format_args!(
+                "no upload would ever be taken with this --min-free-bytes: give less than the {total} bytes that the \
+                 disk of {} has in all, or take a larger disk; it is {}",
+                folder.display(),
+                self.min_free_bytes
+            ))),
+            _ => Ok(()),
+        }
+    }
 }
 
 /// Part of the disk that the file system may take for itself.
@@ -44,8 +61,21 @@ pub(super) struct Disk {
 }
 
 impl Disk {
+    /// Counts the blobs. On the way it takes the access of group and others away from files of earlier releases.
     pub fn new(root: PathBuf, limits: DiskLimits) -> Self {
-        let blobs = ["uploads", "results", "aside"].iter().map(|folder| size(&root.join(folder))).sum();
+        let (mut blobs, mut open) = (0, None);
+        for folder in ["uploads", "results", "aside"] {
+            each_below(&root.join(folder), |path, found| {
+                blobs += bytes(found);
+                if let Err(error) = private::tighten_found(path, found) {
+                    open = Some((path.to_owned(), error));
+                }
+            });
+        }
+        if let Some((path, error)) = open {
+            let path = path.display();
+            tracing::warn!(%path, %error, "other users may read files of jobs: this mode, for one, cannot be changed");
+        }
         Self { root, limits, blobs: AtomicU64::new(blobs), free_in_store: AtomicU64::new(0) }
     }
 
@@ -123,18 +153,28 @@ impl Disk {
 
 /// Bytes of all files in a folder and below it; what disappears meanwhile does not count.
 pub(super) fn size(folder: &Path) -> u64 {
-    let mut bytes = 0;
+    let mut size = 0;
+    each_below(folder, |_, found| size += bytes(found));
+    size
+}
+
+/// Bytes of a file; none of a folder.
+fn bytes(found: &Metadata) -> u64 {
+    if found.is_dir() { 0 } else { found.len() }
+}
+
+/// Calls `visit` with every file and folder below a folder; links are not followed.
+fn each_below(folder: &Path, mut visit: impl FnMut(&Path, &Metadata)) {
     let mut folders = vec![folder.to_owned()];
     while let Some(folder) = folders.pop() {
         for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-            match entry.metadata() {
-                Ok(metadata) if metadata.is_dir() => folders.push(entry.path()),
-                Ok(metadata) => bytes += metadata.len(),
-                Err(_) => {}
+            let (path, Ok(found)) = (entry.path(), entry.metadata()) else { continue };
+            visit(&path, &found);
+            if found.is_dir() {
+                folders.push(path);
             }
         }
     }
-    bytes
 }
 
 /// Bytes of the file system of a folder: those that this process may still write, all, and those that are taken. None

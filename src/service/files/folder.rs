@@ -77,6 +77,7 @@ impl Files {
             None => Root::temporary(&std::env::temp_dir())?,
         };
         for folder in ["uploads", "results", "scratch"] {
+        limits.check(root.path())?;
             let path = root.path().join(folder);
             let made = private::make_folder(&path).and_then(|()| private::tighten(&path));
             made.map_err(|error| cannot_make(&path, error))?;
@@ -103,7 +104,7 @@ impl Files {
 
     /// Where the time by which jobs grow old is kept; none in a temporary folder.
     pub fn clock(&self) -> Option<PathBuf> {
-        self.root.is_kept().then(|| self.root.path().join("clock"))
+        self.root.is_kept().then(|| self.root.path().join(root::CLOCK))
     }
 
     /// A folder for files without a name.
@@ -129,7 +130,7 @@ impl Files {
 
     /// Refuses an upload of so many bytes, as far as is known, when there is no room for it or no folder any more.
     pub fn check_room(&self, bytes: u64) -> Result<()> {
-        self.check_root()?;
+        self.check_reachable()?;
         self.disk.check(bytes, self.room.promised().saturating_add(self.ballast.missing()))
     }
 
@@ -139,7 +140,7 @@ impl Files {
     }
 
     fn promise_from(&self, job: JobId, attempt: u32, bytes: u64) -> Result<()> {
-        self.check_root()?;
+        self.check_reachable()?;
         let missing = self.ballast.missing();
         self.room.promise(job, attempt, bytes, |promised| self.disk.check(0, promised.saturating_add(missing)))
     }
@@ -277,8 +278,8 @@ impl Files {
         write().map_err(cannot)
     }
 
-    /// An error when the folder is not the one that was opened any more.
-    pub(super) fn check_root(&self) -> Result<()> {
+    /// An error when the folder is not the one that was opened any more. It names the folder: for the operator only.
+    pub fn check_root(&self) -> Result<()> {
         self.root.check().map_err(|error| {
             let what = format_args!("the data folder cannot be used: {}", self.root.path().display());
             Error::new(Kind::Unavailable, format_args!("{what}: {error}"))
@@ -286,6 +287,14 @@ impl Files {
     }
 
     /// Counts an error of the disk.
+    /// The same for clients, without the folder's name. The failure is counted, so that the log gets the name.
+    pub(super) fn check_reachable(&self) -> Result<()> {
+        self.check_root().map_err(|error| {
+            self.noted(error);
+            Error::new(Kind::Unavailable, "the storage of the service cannot be reached; try again later")
+        })
+    }
+
     pub(super) fn noted(&self, error: Error) -> Error {
         if error.is_of_storage() {
             self.failures.fetch_add(1, Ordering::Relaxed);
