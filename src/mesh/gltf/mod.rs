@@ -80,7 +80,8 @@ fn open<T>(source: Source<'_>, json: &[u8], binary: Option<&[u8]>, then: impl Fn
     let mut meshes: BTreeMap<usize, Vec<Primitive<'_>>> = BTreeMap::new();
     let mut places = Vec::new();
     let (mut triangles, mut parts) = (0u64, 0u64);
-    let placements = scene::placements(document)?;
+    let (placements, hidden) = scene::placements(document)?;
+    skipped.hidden = hidden;
     let placed = placements.len();
     for placement in placements {
         let node = &document.nodes[placement.node];

@@ -52,6 +52,8 @@ pub struct Skipped {
     /// Placements with a skin.
     pub skinned: u64,
 }
+    /// Nodes with a mesh that are not shown.
+    pub hidden: u64,
 
 impl Skipped {
     /// Whether a primitive has no triangles.
@@ -68,6 +70,7 @@ impl Skipped {
             (self.morphed, "primitives have morph targets, which were ignored"),
             (self.skinned, "nodes have a skin, which was ignored: the mesh is in its rest pose"),
         ]
+            (self.hidden, "nodes with a mesh are hidden by KHR_node_visibility and were left out"),
         .into_iter()
         .filter(|(count, _)| *count > 0)
         .map(|(count, what)| format!("{what}: {count}"))
@@ -99,6 +102,8 @@ pub fn no_faces(document: &Document, placements: usize, skipped: &Skipped) -> Er
     let why = if meshes == 0 {
         "the glTF file has no meshes".to_owned()
     } else if placements == 0 {
+    } else if placements == 0 && skipped.hidden > 0 {
+        format!("KHR_node_visibility hides every node of the scene that has a mesh: {}", skipped.hidden)
         let scene = document.scene.map_or("its scene".to_owned(), |scene| format!("scene {scene}"));
         format!("no node of {scene} has a mesh (add nodes that have one to the scene); meshes in the file: {meshes}")
     } else if skipped.is_any_without_triangles() {
