@@ -132,7 +132,7 @@ impl Server {
         if swept > 0 {
             tracing::info!(folders = swept, "swept away what no job knows of");
         }
-        storage::promise_again(&files, store.as_ref(), settings.max_faces).await?;
+        storage::promise_again(&files, store.as_ref(), &settings.limits()).await?;
         let health = Arc::<Health>::default();
         let storage = Arc::new(Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::clone(&health)));
         let timeout = settings.work.device_timeout();

@@ -18,6 +18,7 @@ use super::room::{self, Room};
 use super::root::{self, Root};
 use super::{needs, private};
 use crate::error::{Error, Kind, Result};
+use crate::mesh::Limits;
 use crate::service::faults::{FaultPoint, Faults};
 use crate::service::store::{Job, JobId};
 
@@ -76,8 +77,8 @@ impl Files {
             Some(path) => Root::keep(path)?,
             None => Root::temporary(&std::env::temp_dir())?,
         };
-        for folder in ["uploads", "results", "scratch"] {
         limits.check(root.path())?;
+        for folder in ["uploads", "results", "scratch"] {
             let path = root.path().join(folder);
             let made = private::make_folder(&path).and_then(|()| private::tighten(&path));
             made.map_err(|error| cannot_make(&path, error))?;
@@ -146,24 +147,24 @@ impl Files {
     }
 
     /// Promises jobs that were accepted before the service was started room again.
-    pub fn promise_again<'j>(&self, jobs: impl Iterator<Item = &'j Job>, most_faces: u64) {
+    pub fn promise_again<'j>(&self, jobs: impl Iterator<Item = &'j Job>, limits: &Limits) {
         for job in jobs {
-            let _ = self.room.promise(job.id, job.attempt, self.needs_of(job, most_faces), |_| Ok::<_, Error>(()));
+            let _ = self.room.promise(job.id, job.attempt, self.needs_of(job, limits), |_| Ok::<_, Error>(()));
         }
     }
 
     /// Promises a job that runs again room for its result. Refuses when there is none.
-    pub fn promise_retry(&self, job: &Job, most_faces: u64) -> Result<()> {
-        self.promise_from(job.id, job.attempt + 1, self.needs_of(job, most_faces))
+    pub fn promise_retry(&self, job: &Job, limits: &Limits) -> Result<()> {
+        self.promise_from(job.id, job.attempt + 1, self.needs_of(job, limits))
     }
 
     /// Estimate of a result, from the upload that is kept.
-    fn needs_of(&self, job: &Job, most_faces: u64) -> u64 {
+    fn needs_of(&self, job: &Job, limits: &Limits) -> u64 {
         let upload = match job.spec.is_small {
             true => job.spec.bytes,
             false => disk::size(&self.root.path().join(Folder::Upload(job.id).path())),
         };
-        needs::of_upload(&job.spec, upload, most_faces)
+        needs::of_upload(&job.spec, upload, limits)
     }
 
     /// The job ended, and will not be run again: what it was promised is free.
@@ -286,7 +287,6 @@ impl Files {
         })
     }
 
-    /// Counts an error of the disk.
     /// The same for clients, without the folder's name. The failure is counted, so that the log gets the name.
     pub(super) fn check_reachable(&self) -> Result<()> {
         self.check_root().map_err(|error| {
@@ -295,6 +295,7 @@ impl Files {
         })
     }
 
+    /// Counts an error of the disk.
     pub(super) fn noted(&self, error: Error) -> Error {
         if error.is_of_storage() {
             self.failures.fetch_add(1, Ordering::Relaxed);
