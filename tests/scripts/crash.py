@@ -28,7 +28,7 @@ KILLS = int(sys.argv[2]) if len(sys.argv) > 2 else 100
 SECONDS = float(sys.argv[3]) if len(sys.argv) > 3 else 60
 CLIENTS = 12
 # jobs that wait at most: so few that they end soon after the last kill
-QUEUED = 100
+QUEUED = 50
 # bytes above which an upload is a file
 SMALL = 256 << 10
 TEMPORARY = tempfile.TemporaryDirectory(prefix="tesserae-crash-")
@@ -117,10 +117,12 @@ class Client(threading.Thread):
     def submit(self, kind, key):
         query, mesh, _ = self.kinds[kind]
         headers = {"Content-Type": "model/obj", "Idempotency-Key": f'"{key}"'}
-        if self.random.random() < 0.2:
-            headers["Prefer"] = "wait=5"
         deadline = time.monotonic() + 120
         while True:
+            if self.random.random() < 0.1:
+                headers["Prefer"] = "wait=5"
+            else:
+                headers.pop("Prefer", None)
             try:
                 status, body = request(self.server, "POST", "/v1/jobs?" + query, mesh, headers)
                 if status in (200, 202):
