@@ -1,7 +1,7 @@
 //! Whether what is stored stays stored: watches folder and store, and says when they fail and when they work again.
 //!
-//! Folder and store count their failures, and [`Storage::watch`] compares the counts. A part that failed is tried with a
-//! write of its own until it works; meanwhile the service is not ready and no job is begun. Where there is only too
+//! Folder and store count their failures, and [`Storage::watch`] compares the counts. A part that failed is tried with
+//! a write of its own until it works; meanwhile the service is not ready and no job is begun. Where there is only too
 //! little room for more uploads the service is not ready, but jobs go on: they make room.
 
 use std::sync::Arc;
@@ -47,8 +47,8 @@ impl Storage {
         let _ = self.works.subscribe().wait_for(|works| *works).await;
     }
 
-    /// Promises a failed job room and makes it wait again. A job that stays failed keeps no promise: two requests for one
-    /// job share its promise, so they come one after the other.
+    /// Promises a failed job room and makes it wait again. A job that stays failed keeps no promise: two requests for
+    /// one job share its promise, so they come one after the other.
     pub async fn retry(&self, job: &Job, limits: &Limits) -> Result<Retried> {
         let _turn = self.retrying.lock().await;
         self.files.promise_retry(job, limits)?;

@@ -12,8 +12,8 @@ pub fn obj(text: impl AsRef<[u8]>) -> Result<PolygonMesh> {
     mesh::read(text.as_ref(), Format::Obj, &NoResources, &Limits::default())
 }
 
-/// Reads a document with its binary chunk as GLB, and, to see that both give the same, as JSON with data URIs. The faces
-/// that it claims are those that it has.
+/// Reads a document with its binary chunk as GLB, and, to see that both give the same, as JSON with data URIs. The
+/// faces that it claims are those that it has.
 pub fn gltf(document: &Value, binary: &[u8]) -> Result<PolygonMesh> {
     let from_glb = read_glb(&glb(document, binary));
     let mut document = document.clone();

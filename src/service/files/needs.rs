@@ -1,5 +1,5 @@
-//! How many bytes the result of a job takes: estimated from the faces that its upload claims or from its bytes, then from
-//! its faces, then counted.
+//! How many bytes the result of a job takes: estimated from the faces that its upload claims or from its bytes, then
+//! from its faces, then counted.
 //!
 //! | | bytes |
 //! |---|---|

@@ -1,8 +1,8 @@
 //! The folder that a process works in: locked, for its owner only, and checked for still being the same one.
 //!
 //! A temporary folder has a lock like one that stays, so that a later process can tell the folder of a process that was
-//! killed, whose lock is free, from that of one that runs. Folders of builds that made no lock are removed when no other
-//! process of this program runs.
+//! killed, whose lock is free, from that of one that runs. Folders of builds that made no lock are removed when no
+//! other process of this program runs.
 
 use std::fs::{File, TryLockError};
 use std::io::{self, Write as _};
