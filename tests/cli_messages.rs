@@ -115,6 +115,56 @@ fn parameters_are_spelled_as_flags() {
 }
 
 #[test]
+fn every_usage_error_looks_as_the_parser_says_it() {
+    let folder = Folder::new();
+    folder.sample("sphere", 100, "s.obj");
+    folder.run(&["cluster", "s.obj", "-k", "5", "--report", "r.json"]).expect_success();
+    for (command, usage) in [
+        ("clusters", "tesserae <COMMAND>"),
+        ("cluster", "tesserae cluster "),
+        ("cluster s.obj --no-such-flag", "tesserae cluster "),
+        ("cluster s.obj -k many", "tesserae cluster"),
+        ("cluster s.obj -k 2 --seeds nowhere", "tesserae cluster"),
+        ("cluster s.obj -k 2 --labels l.txt", "tesserae cluster"),
+        ("cluster s.obj -k 0", "tesserae cluster "),
+        ("cluster s.obj -k 2 --labels s.obj.npy --report s.obj.npy", "tesserae cluster "),
+        ("cluster s.obj -k 2 --report s.obj", "tesserae cluster "),
+        ("cluster s.obj -k 2 --hierarchy h.tsr", "tesserae cluster "),
+        ("cluster s.obj -k 2 --device cpu --adapter 0", "tesserae cluster "),
+        ("cut s.obj", "tesserae cut "),
+        ("sample knot --faces 1 k.obj", "tesserae sample "),
+        ("sample knot --faces 100 k.stl", "tesserae sample "),
+        ("sample teapot --faces 100 k.obj", "tesserae sample"),
+        ("plot r.json r.png", "tesserae plot "),
+        ("plot r.json", "tesserae plot "),
+        ("bench --device cpu --adapter 0", "tesserae bench "),
+        ("bench --mesh s.obj", "tesserae bench"),
+        ("serve --device cpu --adapter 0", "tesserae serve "),
+        ("serve --max-queued-jobs 0", "tesserae serve "),
+        ("serve --listen 0.0.0.0:0", "tesserae serve "),
+        ("serve --log a=b=c", "tesserae serve "),
+        ("serve --otlp-endpoint nonsense", "tesserae serve "),
+        ("serve --drain-delay soon", "tesserae serve"),
+        ("token new a/b --tokens t.json", "tesserae token new"),
+        ("token new local --tokens t.json", "tesserae token new"),
+        ("token list", "tesserae token list "),
+        ("backup", "tesserae backup "),
+        ("health --listen nowhere", "tesserae health"),
+        ("evaluate paper", "tesserae evaluate paper "),
+        ("devices --xml", "tesserae devices"),
+    ] {
+        let done = folder.run(&command.split(' ').collect::<Vec<_>>());
+        let said = done.stderr.clone();
+        done.expect_usage_error(&[]);
+        let hint = "\n\nFor more information, try '--help'.\n";
+        assert!(said.starts_with("error: ") && said.ends_with(hint), "{command}: {said}");
+        let has_usage = said.contains(&format!("\n\nUsage: {usage}"));
+        // the parser leaves the usage out where a single value is wrong
+        assert!(has_usage || said.starts_with("error: invalid value '"), "{command}: {said}");
+    }
+}
+
+#[test]
 fn instances_of_a_mesh_are_limited_by_faces_and_on_request_by_faces_a_byte() {
     const INSTANCES: u32 = 400;
     let folder = Folder::new();

@@ -3,8 +3,10 @@
 
 mod cli_support;
 
+use std::ffi::OsStr;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
+use std::os::unix::ffi::OsStrExt as _;
 use std::process::Command;
 
 use cli_support::Folder;
@@ -26,6 +28,27 @@ fn it_says_where_it_listens_and_ends_in_order_when_asked() {
         assert_eq!(status, Some(0), "{signal}: {log}");
         assert!(!log.contains('\u{1b}'), "colours are for terminals: {log}");
         assert!(folder.files().is_empty());
+    }
+}
+
+#[test]
+fn a_second_request_to_stop_ends_the_drain_delay() {
+    for signal in ["-TERM", "-INT"] {
+        let folder = Folder::new();
+        let mut service = Running::with(&folder, &["--drain-delay", "3600"]);
+        let id = service.child.id().to_string();
+        let send = || assert!(Command::new("kill").args([signal, &id]).status().expect("kill runs").success());
+        send();
+        let mut line = String::new();
+        while !line.contains("stopping") {
+            line.clear();
+            assert_ne!(service.log.read_line(&mut line).expect("text"), 0, "it ended at once");
+        }
+        while service.get("/readyz").starts_with("HTTP/1.0 200 ") {}
+        assert!(service.get("/v1/jobs").starts_with("HTTP/1.0 200 "), "it still answers");
+        let (status, log) = service.end(signal);
+        assert_eq!(status, Some(0), "{log}");
+        assert!(log.contains("drain delay"), "{log}");
     }
 }
 
@@ -66,12 +89,21 @@ fn a_backup_is_made_while_the_service_runs_and_a_service_starts_on_it() {
     let folder = Folder::new();
     folder.sample("sphere", 300, "sphere.obj");
     folder.run(&["backup", "--data-dir", "data", "backup"]).expect_failure(&["no store of jobs", "data"]);
+    assert!(!folder.path("backup").exists());
     let service = Running::with(&folder, &["--data-dir", "data"]);
     let answer = service.post("clusters=5", "Prefer: wait=60\r\n", &folder.read("sphere.obj"));
     assert!(answer.starts_with("HTTP/1.0 200 "), "{answer}");
     let made = folder.run(&["backup", "--data-dir", "data", "backup"]);
     assert!(made.text().starts_with("jobs: 1, files: 0,"), "{made:?}");
     folder.run(&["backup", "--data-dir", "data", "backup"]).expect_failure(&["not empty", "backup"]);
+    // names that SQLite would take for something else, or that are not Unicode
+    let strange = [OsStr::from_bytes(b"b\xff"), OsStr::new("file:b"), OsStr::new("file:c?mode=memory")];
+    for name in strange {
+        let mut command = folder.tesserae(&["backup", "--data-dir", "data"]);
+        let made = command.arg(name).output().expect("the binary runs");
+        assert!(made.status.success(), "{made:?}");
+        assert!(folder.root().join(name).join("jobs.sqlite3").metadata().is_ok_and(|store| store.len() > 0));
+    }
     let told = service.get("/v1/jobs");
     assert_eq!(service.end("-TERM").0, Some(0));
     let service = Running::with(&folder, &["--data-dir", "backup"]);
@@ -92,7 +124,7 @@ fn tokens_are_made_listed_and_taken_back() {
     assert!(listed.text().starts_with(&format!("acme: {id} ")), "{}", listed.text());
     folder.run(&["token", "revoke", &id, "--tokens", "tokens.json"]).expect_success();
     folder.run(&["token", "revoke", &id, "--tokens", "tokens.json"]).expect_failure(&[&id]);
-    folder.run(&["token", "new", "a b", "--tokens", "tokens.json"]).expect_failure(&["a b"]);
+    folder.run(&["token", "new", "a b", "--tokens", "tokens.json"]).expect_usage_error(&["a b", "1 to 64 letters"]);
     folder.run(&["token", "new", "acme"]).expect_usage_error(&["--tokens"]);
     folder.run(&["token", "list", "--tokens", "missing.json"]).expect_failure(&["missing.json"]);
     folder.run(&["serve", "--tokens", "missing.json", "--log", "off"]).expect_failure(&["missing.json"]);
@@ -232,6 +264,11 @@ fn settings_that_cannot_be_are_told_before_the_device_is_opened() {
     let folder = Folder::new();
     for (flag, value) in [("--max-queued-jobs", "0"), ("--memory-budget", "1"), ("--max-disk-bytes", "1")] {
         folder.run(&["serve", flag, value]).expect_usage_error(&[flag, value]);
+    }
+    let all = u64::MAX.to_string();
+    for data in [&["--data-dir", "data"][..], &[]] {
+        let serve = ["serve", "--log", "off", "--device", "gpu", "--adapter", "no such gpu", "--min-free-bytes", &all];
+        folder.run(&[&serve[..], data].concat()).expect_failure(&["--min-free-bytes", "give less than", &all]);
     }
     folder.run(&["token", "new", "acme", "--tokens", "tokens.json"]).expect_success();
     let permit = |mode| {

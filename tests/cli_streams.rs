@@ -161,6 +161,10 @@ fn closed_standard_output_is_an_error_before_the_work() {
         "sample sphere --faces 100 -",
         "plot r.json -",
         "token new acme --tokens tokens.json",
+        "devices",
+        "--help",
+        "cluster --help",
+        "--version",
     ] {
         let done = shell(&folder, &format!("\"$0\" {command} >&-"));
         done.expect_failure(&["tesserae: standard output: cannot write: it is closed"]);
@@ -202,6 +206,71 @@ fn a_full_disk_is_an_error_at_every_output() {
         done.expect_failure(&["full", "cannot write", "No space left"]);
     }
     assert_eq!(folder.files(), before);
+}
+
+#[test]
+fn a_full_or_closed_standard_output_ends_every_command_that_prints() {
+    let folder = with_sphere();
+    folder.run(&["cluster", "s.obj", "-k", "10", "--report", "r.json"]).expect_success();
+    folder.run(&["token", "new", "known", "--tokens", "known.json"]).expect_success();
+    let before = folder.read("known.json");
+    for command in [
+        "--help",
+        "--version",
+        "help cluster",
+        "cluster --help",
+        "token new --help",
+        "devices",
+        "devices --json",
+        "token list --tokens known.json",
+        "token new acme --tokens known.json",
+        "token new acme --tokens new.json",
+        "cluster s.obj -k 10",
+        "cluster s.obj -k 10 --labels -",
+        "sample sphere --faces 100 -",
+        "plot r.json -",
+    ] {
+        let done = shell(&folder, &format!("\"$0\" {command} >/dev/full"));
+        done.expect_failure(&["tesserae: cannot write to standard output: No space left"]);
+        let (reader, writer) = std::io::pipe().expect("a pipe");
+        drop(reader);
+        let mut command = folder.tesserae(&command.split(' ').collect::<Vec<_>>());
+        let done = Done::of(command.stdout(writer).output().expect("the binary runs"));
+        assert_eq!((done.status, done.stderr.as_str()), (Some(1), ""), "it ends quietly: {command:?}");
+    }
+    assert!(folder.read("known.json") == before && !folder.path("new.json").exists(), "no token was shown");
+}
+
+#[test]
+fn samples_and_pictures_go_to_pipes_too() {
+    let folder = with_sphere();
+    folder.run(&["cluster", "s.obj", "-k", "10", "--report", "r.json"]).expect_success();
+    folder.sample("sphere", 2000, "s.glb");
+    folder.run(&["plot", "r.json", "r.svg"]).expect_success();
+    for (command, expected, names) in [
+        ("sample sphere --faces 2000", "s.obj", &["pipe", "pipe.obj"][..]),
+        ("sample sphere --faces 2000", "s.glb", &["pipe.glb"]),
+        ("plot r.json", "r.svg", &["pipe", "pipe.svg"]),
+    ] {
+        let expected = folder.read(expected);
+        for name in names {
+            make_fifo(&folder, name);
+            let path = folder.path(name);
+            let reader = std::thread::spawn(move || fs::read(path).expect("a pipe"));
+            folder.run(&command.split(' ').chain([*name]).collect::<Vec<_>>()).expect_success();
+            assert_eq!(reader.join().expect("no panic"), expected, "{command} {name}");
+            fs::remove_file(folder.path(name)).expect("a pipe");
+        }
+    }
+    for command in ["sample sphere --faces 2000", "plot r.json"] {
+        for out in ["/dev/stdout | cat", "/dev/fd/3 3>&1 >/dev/null | cat"] {
+            let expected = folder.read(if command.starts_with("plot") { "r.svg" } else { "s.obj" });
+            let done = shell(&folder, &format!("\"$0\" {command} {out}"));
+            assert_eq!(done.expect_success(), expected, "{command} {out}");
+        }
+    }
+    folder.run(&["sample", "sphere", "--faces", "2000", "s.stl"]).expect_usage_error(&[".obj or .glb", "s.stl"]);
+    folder.run(&["plot", "r.json", "picture"]).expect_usage_error(&[".svg", "picture"]);
 }
 
 #[test]

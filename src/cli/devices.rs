@@ -1,10 +1,8 @@
 //! `tesserae devices`: what there is to cluster on.
 
-use std::io::Write;
-
 use serde::Serialize;
 
-use super::Failure;
+use super::{Failure, print};
 use crate::device::Device;
 use crate::device::cpu::CpuDevice;
 use crate::device::select::{self, AdapterReport, FACES_FOR_GPU};
@@ -50,8 +48,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     } else {
         table(&devices)
     };
-    let mut out = std::io::stdout().lock();
-    out.write_all(text.as_bytes()).and_then(|()| out.flush()).map_err(Failure::stdout)
+    print(|out| out.write_all(text.as_bytes()))
 }
 
 /// The devices in columns, then what auto takes.

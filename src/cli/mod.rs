@@ -1,9 +1,11 @@
 //! The command line.
 //!
 //! One file a command, those of the service in `service`; what they share is in `device`, `files`, `places`, `results`,
-//! `progress` and `signals`. Exit status: 0; 2 for a command line that is wrong in itself; 1 for everything else, with
-//! one line on standard error (graphics drivers may add lines of their own). Progress goes to standard error, and only
-//! to a terminal. A reader of standard output that stops reading before the end gives status 1 without a message.
+//! `progress` and `signals`. Exit status: 0; 2 for a command line that is wrong in itself, with the parser's form of
+//! message (`error: …`, the usage of the command, a hint at `--help`); 1 for everything else, with one line on standard
+//! error that begins with `tesserae: ` (graphics drivers may add lines of their own). Progress goes to standard error,
+//! and only to a terminal. A reader of standard output that stops reading before the end gives status 1 without a
+//! message.
 //!
 //! A message begins with the name of the program and, where it is about an input, with the name of that file
 //! ([`Failure::about`]). Parameters are spelled as flags ([`names::spell_as_flags`]).
@@ -31,6 +33,7 @@ use std::process::ExitCode;
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 
+use self::files::Target;
 use crate::error::{Error, Kind};
 use crate::memory;
 use crate::parameters::names;
@@ -75,29 +78,14 @@ enum Command {
 /// Runs the command that the arguments of this process ask for.
 pub fn main() -> ExitCode {
     names::spell_as_flags(true);
-    let command = Cli::parse().command;
-    match &command {
-        #[cfg(feature = "service")]
-        Command::Service(service::Command::Serve(_)) => {
-            names::spell_as_flags(false);
-            memory::keep_between_jobs();
-        }
-        _ => memory::keep(),
-    }
-    let outcome = match command {
-        Command::Cluster(arguments) => cluster::run(&arguments),
-        Command::Cut(arguments) => cut::run(&arguments),
-        Command::Plot(arguments) => plot::run(&arguments),
-        Command::Evaluate(arguments) => evaluate::run(&arguments),
-        Command::Bench(arguments) => bench::run(&arguments),
-        #[cfg(feature = "service")]
-        Command::Service(command) => service::run(command),
-        Command::Sample(arguments) => sample::run(&arguments),
-        Command::Devices(arguments) => devices::run(&arguments),
+    let outcome = match Cli::try_parse() {
+        Ok(cli) => run(cli.command),
+        Err(wrong) if wrong.use_stderr() => return usage_error(&wrong),
+        Err(help) => print(|_| help.print()),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
-        Err(Failure::Usage(command, message)) => usage_error(command, &message),
+        Err(Failure::Usage(command, message)) => usage_error(&as_parser_says(command, &message)),
         Err(Failure::Failed(error)) => {
             complain(&error.message);
             ExitCode::FAILURE
@@ -110,6 +98,29 @@ pub fn main() -> ExitCode {
     }
 }
 
+/// Runs a command.
+fn run(command: Command) -> Result<(), Failure> {
+    match &command {
+        #[cfg(feature = "service")]
+        Command::Service(service::Command::Serve(_)) => {
+            names::spell_as_flags(false);
+            memory::keep_between_jobs();
+        }
+        _ => memory::keep(),
+    }
+    match command {
+        Command::Cluster(arguments) => cluster::run(&arguments),
+        Command::Cut(arguments) => cut::run(&arguments),
+        Command::Plot(arguments) => plot::run(&arguments),
+        Command::Evaluate(arguments) => evaluate::run(&arguments),
+        Command::Bench(arguments) => bench::run(&arguments),
+        #[cfg(feature = "service")]
+        Command::Service(command) => service::run(command),
+        Command::Sample(arguments) => sample::run(&arguments),
+        Command::Devices(arguments) => devices::run(&arguments),
+    }
+}
+
 /// Writes an error or a warning to standard error.
 fn complain(message: &str) {
     say(&format!("tesserae: {message}"));
@@ -118,6 +129,12 @@ fn complain(message: &str) {
 /// Writes one line to standard error, whatever a file name or a driver put into it; lost when standard error is closed.
 fn say(line: &str) {
     let _ = writeln!(io::stderr(), "{}", line.replace(['\n', '\r'], " "));
+}
+
+/// Writes what a command is run for to standard output, which must be open.
+fn print(content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), Failure> {
+    Target::Stdout.check()?;
+    Target::Stdout.write(content)
 }
 
 /// Writes one line about the outcome to standard output.
@@ -163,16 +180,20 @@ impl Failure {
     }
 }
 
-/// Says what is wrong with the command line in the way the parser does. Exit status 2.
-fn usage_error(command: &str, message: &str) -> ExitCode {
+/// What is wrong with the command line of a command, as the parser would say it.
+fn as_parser_says(command: &str, message: &str) -> clap::Error {
     let mut cli = Cli::command();
     cli.build();
-    let error = match cli.find_subcommand_mut(command) {
+    match cli.find_subcommand_mut(command) {
         Some(command) => command.error(ErrorKind::ValueValidation, message),
         None => cli.error(ErrorKind::ValueValidation, message),
-    };
+    }
+}
+
+/// Says what is wrong with the command line. Exit status 2.
+fn usage_error(wrong: &clap::Error) -> ExitCode {
     // Where even that cannot be said, the status is all that is left.
-    let _ = error.print();
+    let _ = wrong.print();
     ExitCode::from(2)
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::files::{Source, Target};
+use super::files::{Extension, Source, Target};
 use super::results::check_places;
 use super::{Failure, signals};
 use crate::dev::plot::{Curve, draw};
@@ -20,16 +20,20 @@ pub struct Arguments {
     #[arg(value_name = "REPORT.json", required = true, num_args = 1..)]
     reports: Vec<PathBuf>,
 
-    /// Where to draw: OUT.svg, or - for standard output
+    /// Where to draw: OUT.svg, a pipe or device, or - for standard output
     #[arg(value_name = "OUT.svg", required = true)]
     out: PathBuf,
 }
 
 /// Reads the reports and draws them.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let is_svg = arguments.out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("svg"));
     let target = Target::from(arguments.out.clone());
-    if target != Target::Stdout && !is_svg {
+    let is_svg = match target.extension() {
+        Extension::None => true,
+        Extension::Is(extension) => extension.eq_ignore_ascii_case("svg"),
+        Extension::Missing => false,
+    };
+    if !is_svg {
         return Err(Failure::Usage("plot", format!("the file to write must end in .svg, not {:?}", arguments.out)));
     }
     let inputs: Vec<_> = arguments.reports.iter().map(|path| ("a report", Source::from(path.clone()))).collect();

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::files::{Shown, Target};
+use super::files::{Extension, Shown, Target};
 use super::{Failure, print_line, signals};
 use crate::dev::sample::{Sample, generate, write_glb, write_obj};
 use crate::mesh::Format;
@@ -22,7 +22,8 @@ pub struct Arguments {
     #[arg(long, value_name = "N")]
     faces: u64,
 
-    /// Where to write it: OUT.obj, OUT.glb (polygons are cut into triangles), or - for OBJ on standard output
+    /// Where to write it: OUT.obj, OUT.glb (polygons are cut into triangles), or - for OBJ on standard output; a pipe or
+    /// device whose name says no format gets OBJ
     #[arg(value_name = "OUT")]
     out: PathBuf,
 }
@@ -30,17 +31,14 @@ pub struct Arguments {
 /// Writes the mesh and says what was written.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let target = Target::from(arguments.out.clone());
-    let format = match &target {
-        Target::Stdout => Format::Obj,
-        Target::File(path) => match Format::from_file_name(&path.to_string_lossy()) {
-            Some(format @ (Format::Obj | Format::Glb)) => format,
-            Some(Format::Gltf) | None => {
-                return Err(Failure::Usage(
-                    "sample",
-                    format!("the file to write must end in .obj or .glb, not {path:?}"),
-                ));
-            }
-        },
+    let format = match target.extension() {
+        Extension::None => Format::Obj,
+        Extension::Is(extension) if extension.eq_ignore_ascii_case("obj") => Format::Obj,
+        Extension::Is(extension) if extension.eq_ignore_ascii_case("glb") => Format::Glb,
+        Extension::Is(_) | Extension::Missing => {
+            let out = &arguments.out;
+            return Err(Failure::Usage("sample", format!("the file to write must end in .obj or .glb, not {out:?}")));
+        }
     };
     target.check()?;
     let mesh = generate(arguments.name, arguments.faces).map_err(|error| Failure::Usage("sample", error.message))?;

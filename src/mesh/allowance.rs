@@ -56,11 +56,14 @@ impl Allowance {
 
     /// Refuses more faces than the bytes allow, `a_byte` for each; none: all.
     pub fn check_faces(&self, faces: u64, a_byte: Option<u64>) -> Result<()> {
-        let Some(a_byte) = a_byte else { return Ok(()) };
-        let most = self.times(a_byte).saturating_add(FREE_FACES);
         let what = "the mesh places more faces than its bytes allow (raise it with --max-faces-per-byte, or write the \
                     placements out)";
-        self.check(faces, most, what)
+        self.check(faces, self.most_faces(a_byte), what)
+    }
+
+    /// Faces that the bytes allow, `a_byte` for each; none: any number.
+    pub fn most_faces(&self, a_byte: Option<u64>) -> u64 {
+        a_byte.map_or(u64::MAX, |a_byte| self.times(a_byte).saturating_add(FREE_FACES))
     }
 
     /// Refuses more parts than the bytes allow.

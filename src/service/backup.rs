@@ -10,6 +10,7 @@ use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use rusqlite::types::{ToSqlOutput, ValueRef};
 use rusqlite::{Connection, OpenFlags};
 
 use super::files::{self, private};
@@ -52,19 +53,36 @@ impl Wanted {
 }
 
 /// Copies the data folder `from` to `to`, which must be missing or empty. [`Kind::Conflict`] when it is not,
-/// [`Kind::NotFound`] when `from` holds no store of jobs.
+/// [`Kind::NotFound`] when `from` holds no store of jobs. Where it fails, `to` is as it was before.
 pub fn back_up(from: &Path, to: &Path) -> Result<Backup> {
-    let store = from.join(STORE);
-    if !store.metadata().is_ok_and(|found| found.len() > 0) {
+    if !from.join(STORE).metadata().is_ok_and(|found| found.len() > 0) {
         let message = format_args!("there is no store of jobs ({STORE}) in the data folder: {}", from.display());
         return Err(Error::new(Kind::NotFound, message));
     }
     let cannot_write = |error| Error::io(format_args!("the backup cannot be written: {}", to.display()), error);
+    let missing = to.ancestors().take_while(|folder| !folder.as_os_str().is_empty() && !folder.exists()).count();
     private::make_folder(to).map_err(cannot_write)?;
     if std::fs::read_dir(to).map_err(cannot_write)?.next().is_some() {
         let message = format_args!("the folder for the backup is not empty; give a new one: {}", to.display());
         return Err(Error::new(Kind::Conflict, message));
     }
+    copy_all(from, to).inspect_err(|_| {
+        for entry in std::fs::read_dir(to).into_iter().flatten().flatten() {
+            let path = entry.path();
+            let _ = if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) };
+        }
+        for folder in to.ancestors().take(missing) {
+            let _ = std::fs::remove_dir(folder);
+        }
+    })
+}
+
+/// Copies the data folder `from` to the empty folder `to`.
+fn copy_all(from: &Path, to: &Path) -> Result<Backup> {
+    let cannot_write = |error| Error::io(format_args!("the backup cannot be written: {}", to.display()), error);
+    // without a first part that SQLite would take for a scheme, as in file:backup
+    let store = from.canonicalize().map_err(cannot_write)?.join(STORE);
+    let to = &to.canonicalize().map_err(cannot_write)?;
     let copy = to.join(STORE);
     let mut backup = Backup::default();
     take_files(from, to, &all_files(from)).map_err(cannot_write)?;
@@ -99,8 +117,21 @@ fn copy_store(store: &Path, copy: &Path) -> rusqlite::Result<()> {
     connection.busy_timeout(std::time::Duration::from_secs(5))?;
     // SQLite writes into a file that is there if it is empty; this one is for the owner only
     private::options().open(copy).map_err(|_| rusqlite::Error::InvalidPath(copy.to_owned()))?;
-    connection.execute("VACUUM INTO ?1", [copy.to_string_lossy()])?;
+    connection.execute("VACUUM INTO ?1", [in_sql(copy)?])?;
     forget_attempts(copy)
+}
+
+/// A path as a text of SQL, whatever its bytes are.
+#[cfg(unix)]
+fn in_sql(path: &Path) -> rusqlite::Result<ToSqlOutput<'_>> {
+    let bytes = std::os::unix::ffi::OsStrExt::as_bytes(path.as_os_str());
+    Ok(ToSqlOutput::Borrowed(ValueRef::Text(bytes)))
+}
+
+/// A path as a text of SQL, which must be Unicode.
+#[cfg(not(unix))]
+fn in_sql(path: &Path) -> rusqlite::Result<ToSqlOutput<'_>> {
+    path.to_str().map(ToSqlOutput::from).ok_or_else(|| rusqlite::Error::InvalidPath(path.to_owned()))
 }
 
 /// Makes the jobs that run wait again without suspicion when a service starts on the copy: no process died.
@@ -232,5 +263,18 @@ mod tests {
         std::fs::write(from.path().join(&file), "mesh").expect("written");
         take_files(from.path(), to.path(), &[file]).expect("taken");
         assert!(!wanted.is_lost(to.path()));
+    }
+
+    #[test]
+    fn a_backup_that_fails_leaves_nothing() {
+        let (from, to) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        std::fs::write(from.path().join(STORE), "no store of jobs").expect("written");
+        let mesh = from.path().join("uploads/a");
+        std::fs::create_dir_all(&mesh).expect("made");
+        std::fs::write(mesh.join(files::MESH), "mesh").expect("written");
+        for out in ["", "new/newer"] {
+            back_up(from.path(), &to.path().join(out)).expect_err("it cannot be copied");
+            assert_eq!(std::fs::read_dir(to.path()).expect("still there").count(), 0, "{out}");
+        }
     }
 }

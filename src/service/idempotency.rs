@@ -69,8 +69,8 @@ pub(super) fn idempotency(key: String, spec: &Spec, digests: &[[u8; 32]]) -> Res
         digests: &'a [[u8; 32]],
     }
     let request = Request {
-        // the key is the tenant's already, and each attempt has its own trace
-        spec: Spec { tenant: String::new(), trace_parent: None, ..spec.clone() },
+        // the key is the tenant's already, each attempt has its own trace, and the digest covers what the mesh claims
+        spec: Spec { tenant: String::new(), trace_parent: None, claimed_faces: None, ..spec.clone() },
         digests,
     };
     let json = serde_json::to_vec(&request)

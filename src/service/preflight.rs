@@ -16,18 +16,20 @@ pub fn preflight(settings: &Settings) -> Result<()> {
     }
     super::tls::prepare();
     Webhooks::new(&settings.webhooks)?;
-    if let Some(folder) = &settings.data_dir {
-        check_folder(folder)?;
-    }
+    let folder = match &settings.data_dir {
+        Some(folder) => check_folder(folder)?.to_owned(),
+        None => std::env::temp_dir(),
+    };
+    settings.storage.disk().check(&folder)?;
     let cannot = |error| Error::io(format_args!("cannot listen on {}", settings.listen), error);
     TcpListener::bind(settings.listen).map(drop).map_err(cannot)
 }
 
-/// Whether something can be written into the folder, or into the nearest one above it that is there.
-fn check_folder(folder: &Path) -> Result<()> {
+/// Whether something can be written into the folder, or into the nearest one above it that is there; gives that one.
+fn check_folder(folder: &Path) -> Result<&Path> {
     let there = folder.ancestors().find(|folder| folder.exists()).filter(|there| !there.as_os_str().is_empty());
     let there = there.unwrap_or(Path::new("."));
-    tempfile::tempfile_in(there).map(drop).map_err(|error| {
+    tempfile::tempfile_in(there).map(|_| there).map_err(|error| {
         Error::io(format_args!("nothing can be written into the data folder (--data-dir): {}", folder.display()), error)
     })
 }

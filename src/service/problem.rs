@@ -17,6 +17,7 @@ use serde::Serialize;
 use utoipa::{ToResponse, ToSchema};
 
 use super::metrics::Metrics;
+use super::urls;
 use crate::error::{Error, Kind};
 
 /// Media type of problem documents.
@@ -41,7 +42,7 @@ pub(super) struct Problem {
     /// What is wrong, where, and what to do.
     #[schema(example = "clusters must be at least 1, not 0")]
     pub detail: String,
-    /// Path of the request, or of the job, that it happened to.
+    /// Path of the request, or of the job, that it happened to; a long one is cut.
     #[schema(example = "/v1/jobs")]
     pub instance: String,
     /// Of a full queue: how many jobs wait.
@@ -146,7 +147,7 @@ pub(super) async fn render(State(metrics): State<Arc<Metrics>>, request: Request
         kind if kind.status() >= 500 => tracing::error!(kind = kind.slug(), "{}", failure.error),
         _ => {}
     }
-    let instance = failure.instance.unwrap_or(path);
+    let instance = failure.instance.unwrap_or_else(|| urls::cut(&path).to_owned());
     let problem = Problem { queue_depth: failure.queue_depth, ..Problem::new(&failure.error, instance) };
     let mut rendered = (
         status(failure.error.kind),
@@ -179,12 +180,13 @@ fn refused_by_framework(
         StatusCode::BAD_REQUEST if percent_decode_str(path).decode_utf8().is_err() => Error::new(
             Kind::NotFound,
             format_args!(
-                "there is nothing at this path, which is not UTF-8 once its percent signs are decoded: {path}"
+                "there is nothing at this path, which is not UTF-8 once its percent signs are decoded: {}",
+                urls::cut(path)
             ),
         ),
         StatusCode::NOT_FOUND => Error::new(
             Kind::NotFound,
-            format_args!("there is nothing at this path; /openapi.yaml lists what there is: {path}"),
+            format_args!("there is nothing at this path; /openapi.yaml lists what there is: {}", urls::cut(path)),
         ),
         StatusCode::METHOD_NOT_ALLOWED => Error::new(
             Kind::MethodNotAllowed,

@@ -48,6 +48,8 @@ pub struct Extras {
     pub reopen: Option<Reopen>,
     /// Makes the service read its tokens again when it is notified.
     pub reload: Option<Arc<Notify>>,
+    /// Ends the drain delay when it is notified during it.
+    pub end_drain_delay: Option<Arc<Notify>>,
     /// Failures on purpose.
     pub faults: Faults,
 }
@@ -66,6 +68,7 @@ pub struct Server {
     shared: Arc<Shared>,
     pipeline: Pipeline,
     reload: Arc<Notify>,
+    end_drain_delay: Arc<Notify>,
 }
 
 /// Runs the service until `shutdown` completes.
@@ -103,6 +106,7 @@ impl Server {
         let faults = extras.faults.clone();
         let access = Arc::new(Access::open(&settings.access)?);
         let reload = extras.reload.clone().unwrap_or_default();
+        let end_drain_delay = extras.end_drain_delay.clone().unwrap_or_default();
         let files = Arc::new(Files::open(settings.data_dir.as_deref(), settings.storage.disk(), faults.clone())?);
         let forgets = settings.storage.forget_lost_jobs;
         files.check_store(forgets).await?;
@@ -128,7 +132,7 @@ impl Server {
         if swept > 0 {
             tracing::info!(folders = swept, "swept away what no job knows of");
         }
-        storage::promise_again(&files, store.as_ref(), settings.max_faces).await?;
+        storage::promise_again(&files, store.as_ref(), &settings.limits()).await?;
         let health = Arc::<Health>::default();
         let storage = Arc::new(Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::clone(&health)));
         let timeout = settings.work.device_timeout();
@@ -174,7 +178,7 @@ impl Server {
             metrics,
             settings,
         });
-        Ok(Self { listener, address, shared, pipeline, reload })
+        Ok(Self { listener, address, shared, pipeline, reload, end_drain_delay })
     }
 
     /// The address it listens on.
@@ -186,7 +190,7 @@ impl Server {
     /// begun, streams end, running jobs get the grace period to finish and are released after it, and the last answers
     /// are sent: a few seconds after the grace period at most.
     pub async fn run(self, shutdown: impl Future<Output = ()>) -> Result<()> {
-        let Self { listener, address, shared, pipeline, reload } = self;
+        let Self { listener, address, shared, pipeline, reload, end_drain_delay } = self;
         let stop = shared.stop.clone();
         let (abort, close) = (CancellationToken::new(), CancellationToken::new());
         let kept = shared.settings.storage.retention();
@@ -225,7 +229,10 @@ impl Server {
         // jobs are still taken while load balancers notice
         let delay = shared.settings.drain_delay();
         if !delay.is_zero() && !serving.is_finished() {
-            sleep(delay).await;
+            tokio::select! {
+                () = sleep(delay) => {}
+                () = end_drain_delay.notified() => tracing::info!("asked to stop again: the drain delay ends"),
+            }
         }
         stop.cancel();
         if timeout(shared.settings.grace_period(), &mut work).await.is_err() {

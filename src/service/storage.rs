@@ -7,13 +7,14 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use tokio::sync::watch;
+use tokio::sync::{Mutex, watch};
 use tokio_util::sync::CancellationToken;
 
 use super::files::{Files, blocking};
 use super::health::{Health, Part};
-use super::store::{JobStore, ListQuery, Queue, State};
+use super::store::{Job, JobStore, ListQuery, Queue, Retried, State};
 use crate::error::Result;
+use crate::mesh::Limits;
 
 /// Time between two looks at the counts.
 const INTERVAL: Duration = Duration::from_millis(500);
@@ -31,17 +32,31 @@ pub(super) struct Storage {
     store: Arc<dyn JobStore>,
     health: Arc<Health>,
     works: watch::Sender<bool>,
+    /// Held while a job is made to wait again.
+    retrying: Mutex<()>,
 }
 
 impl Storage {
     /// Folder and store, which just worked.
     pub fn new(files: Arc<Files>, store: Arc<dyn JobStore>, health: Arc<Health>) -> Self {
-        Self { files, store, health, works: watch::Sender::new(true) }
+        Self { files, store, health, works: watch::Sender::new(true), retrying: Mutex::default() }
     }
 
     /// Completes once folder and store take what is written.
     pub async fn works(&self) {
         let _ = self.works.subscribe().wait_for(|works| *works).await;
+    }
+
+    /// Promises a failed job room and makes it wait again. A job that stays failed keeps no promise: two requests for
+    /// one job share its promise, so they come one after the other.
+    pub async fn retry(&self, job: &Job, limits: &Limits) -> Result<Retried> {
+        let _turn = self.retrying.lock().await;
+        self.files.promise_retry(job, limits)?;
+        let retried = self.store.retry(job.id).await;
+        if !matches!(retried, Ok(Retried::Queued(_) | Retried::NotFailed(_))) {
+            self.files.give_back(job.id);
+        }
+        retried
     }
 
     /// Watches folder and store until `stop`.
@@ -102,7 +117,7 @@ impl Storage {
         if let Ok(bytes) = self.store.free_bytes().await {
             self.files.free_in_store(bytes);
         }
-        self.say(Part::Disk, self.files.check_room(0));
+        self.say(Part::Disk, self.files.check_root().and_then(|()| self.files.check_room(0)));
     }
 
     fn say(&self, part: Part, tried: Result<()>) {
@@ -115,7 +130,7 @@ impl Storage {
 
 /// Renews the promises of jobs that were accepted before the service was started, oldest first. The ballast is made
 /// after that, so that it takes none of their room.
-pub(super) async fn promise_again(files: &Arc<Files>, store: &dyn Queue, most_faces: u64) -> Result<()> {
+pub(super) async fn promise_again(files: &Arc<Files>, store: &dyn Queue, limits: &Limits) -> Result<()> {
     let mut jobs = Vec::new();
     for state in [State::Running, State::Queued] {
         let mut query = ListQuery { state: Some(state), limit: PAGE, ..ListQuery::default() };
@@ -129,7 +144,7 @@ pub(super) async fn promise_again(files: &Arc<Files>, store: &dyn Queue, most_fa
         }
     }
     jobs.sort_by_key(|job| job.created_at);
-    files.promise_again(jobs.iter(), most_faces);
+    files.promise_again(jobs.iter(), limits);
     let files = Arc::clone(files);
     blocking(move || files.make_ballast()).await
 }
@@ -137,10 +152,59 @@ pub(super) async fn promise_again(files: &Arc<Files>, store: &dyn Queue, most_fa
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::service::faults::Faults;
+    use crate::error::{Error, Kind};
+    use crate::service::faults::{FaultPoint, Faults};
     use crate::service::files::DiskLimits;
     use crate::service::store::memory::MemoryStore;
+    use crate::service::store::sqlite::SqliteStore;
     use crate::service::store::tests::{RULES, new_job};
+    use crate::service::store::{Release, Rules};
+
+    #[tokio::test]
+    async fn a_retry_that_fails_leaves_the_promise_of_another_retry_of_its_job() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let faults = Faults::default();
+        let files = Files::open(Some(folder.path()), DiskLimits::default(), faults.clone()).expect("it opens");
+        let (files, rules) = (Arc::new(files), Rules { max_queued: 1, max_attempts: 1, ..RULES });
+        let path = files.database().expect("a path");
+        let store: Arc<dyn JobStore> =
+            Arc::new(SqliteStore::open(&path, rules, faults.clone()).await.expect("a store"));
+        let storage = Arc::new(Storage::new(Arc::clone(&files), Arc::clone(&store), Arc::default()));
+        let given_up = new_job().id;
+        let mut job = new_job();
+        job.id = given_up;
+        store.create(job).await.expect("created");
+        let ticket = store.claim(1, Duration::from_secs(60)).await.expect("claimable")[0].0;
+        store.begin(ticket).await.expect("it counts");
+        let failure = Release::Failed(Error::new(Kind::DeviceLost, "lost"));
+        assert_eq!(store.release(ticket, failure).await, Ok(State::Failed));
+        let job = store.get(given_up).await.expect("readable").expect("there");
+        let other = new_job();
+        store.create(other.clone()).await.expect("the queue is full now");
+
+        let retry = || {
+            let (storage, job) = (Arc::clone(&storage), job.clone());
+            tokio::spawn(async move { storage.retry(&job, &Limits::default()).await })
+        };
+        faults.hold(FaultPoint::Commit);
+        let first = retry();
+        while faults.waiting(FaultPoint::Commit) == 0 {
+            tokio::task::yield_now().await;
+        }
+        let cancelled = tokio::spawn(async move { store.cancel(other.id).await });
+        let second = retry();
+        // on this one thread each has come as far as it can
+        for _ in 0..10 {
+            tokio::task::yield_now().await;
+        }
+        faults.disarm();
+        assert_eq!(first.await.expect("no panic").expect_err("the queue is full").kind, Kind::QueueFull);
+        cancelled.await.expect("no panic").expect("cancelled");
+        assert!(matches!(second.await.expect("no panic"), Ok(Retried::Queued(_))));
+        assert_eq!(files.promised_jobs(), [given_up]);
+    }
+
+    const EVERYTHING: Limits = Limits { max_bytes: u64::MAX, max_faces: u64::MAX, max_faces_per_byte: None };
 
     #[tokio::test]
     async fn the_ballast_takes_no_room_that_jobs_were_promised() {
@@ -157,7 +221,7 @@ mod tests {
             if is_promised {
                 store.create(job.clone()).await.expect("created");
             }
-            promise_again(&files, &store, u64::MAX).await.expect("promised");
+            promise_again(&files, &store, &EVERYTHING).await.expect("promised");
             assert_eq!(ballast.exists(), !is_promised);
             for job in files.promised_jobs() {
                 store.cancel(job).await.expect("cancelled");

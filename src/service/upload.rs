@@ -14,12 +14,12 @@ use axum::http::{HeaderMap, header};
 use futures_util::{Stream, StreamExt};
 use sha2::{Digest, Sha256};
 
-use super::files::{self, Files, Incoming};
+use super::files::{self, Files, Incoming, blocking};
 use super::intake::{self, Content, Encoding, Rules};
 use super::request::Wanted;
 use super::store::Spec;
 use crate::error::{Error, Kind, Result};
-use crate::mesh::{Format, HEAD_BYTES};
+use crate::mesh::{self, Format, HEAD_BYTES};
 
 /// The media types of bodies that are read, for `Accept-Post` and for messages.
 pub(super) static ACCEPTED: LazyLock<String> = LazyLock::new(|| {
@@ -29,6 +29,9 @@ pub(super) static ACCEPTED: LazyLock<String> = LazyLock::new(|| {
 
 /// The content codings of bodies that are read, for `Accept-Encoding` and for messages.
 pub(super) const ENCODINGS: &str = "gzip, zstd, identity";
+
+/// Bytes of a file that are kept in memory until the upload is whole: enough for the JSON of most glTF files.
+const KEPT: usize = 256 << 10;
 
 /// Longest file name that is kept, in characters.
 const MAX_NAME: usize = 255;
@@ -42,6 +45,8 @@ pub(super) struct Upload {
     pub spec: Spec,
     /// SHA-256 of each file: the mesh, seeds and weights if there are any, the buffers. Empty unless requested.
     pub digests: Vec<[u8; 32]>,
+    /// The first bytes of the mesh.
+    head: Vec<u8>,
 }
 
 /// What kind of body a request has.
@@ -78,6 +83,8 @@ pub(super) async fn receive(
         BodyKind::Mesh(format) => raw(&parts, content, wanted, format, length, into).await,
     }?;
     upload.spec.tenant = tenant.to_owned();
+    let head = std::mem::take(&mut upload.head);
+    upload.spec.claimed_faces = blocking(move || mesh::claimed_faces(&head)).await?;
     Ok(upload)
 }
 
@@ -128,9 +135,10 @@ async fn raw(
         listed_seeds: false,
         has_weights: false,
         is_small: false,
+        claimed_faces: None,
         priority,
     };
-    Ok(Upload { folder: into.folder, spec, digests: mesh.digest.into_iter().collect() })
+    Ok(Upload { folder: into.folder, spec, digests: mesh.digest.into_iter().collect(), head: mesh.head })
 }
 
 /// What the headers say about the body.
@@ -178,13 +186,18 @@ pub(super) fn content_length(headers: &HeaderMap) -> Option<u64> {
 struct Saved {
     /// Its length.
     bytes: u64,
-    /// Its first bytes.
+    /// Its first bytes, [`KEPT`] at most.
     head: Vec<u8>,
     /// Its SHA-256, if that is wanted.
     digest: Option<[u8; 32]>,
 }
 
 impl Saved {
+    /// The bytes by which its format is recognised.
+    fn head(&self) -> &[u8] {
+        &self.head[..self.head.len().min(HEAD_BYTES)]
+    }
+
     /// The format of a mesh file that said to be `declared` or nothing; checks that it can be.
     fn format(&self, declared: Option<Format>, name: Option<&str>) -> Result<Format> {
         if self.bytes == 0 {
@@ -192,9 +205,9 @@ impl Saved {
         }
         let format = match declared {
             Some(format) => format,
-            None => Format::recognise(name, &self.head, Some(self.bytes))?,
+            None => Format::recognise(name, self.head(), Some(self.bytes))?,
         };
-        format.check_head(&self.head, Some(self.bytes))?;
+        format.check_head(self.head(), Some(self.bytes))?;
         Ok(format)
     }
 }
@@ -217,12 +230,10 @@ impl Destination {
         while let Some(chunk) = stream.next().await {
             let chunk = chunk?;
             saved.bytes += chunk.len() as u64;
-            let missing = HEAD_BYTES - saved.head.len();
-            if missing > 0 {
-                saved.head.extend_from_slice(&chunk[..missing.min(chunk.len())]);
-                if saved.head.len() == HEAD_BYTES {
-                    early(&saved.head)?;
-                }
+            let before = saved.head.len();
+            saved.head.extend_from_slice(&chunk[..chunk.len().min(KEPT - before)]);
+            if before < HEAD_BYTES && saved.head.len() >= HEAD_BYTES {
+                early(saved.head())?;
             }
             if let Some(digest) = &mut digest {
                 digest.update(&chunk);

@@ -1,4 +1,4 @@
-//! The paths of a job's resources.
+//! The paths of a job's resources, and how much of a client's path is repeated.
 
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -23,6 +23,14 @@ pub(super) struct Urls {
     report: String,
 }
 
+/// Longest path of a request that is logged or sent back, in bytes.
+const MAX_PATH: usize = 256;
+
+/// The beginning of a path.
+pub(super) fn cut(path: &str) -> &str {
+    &path[..path.floor_char_boundary(MAX_PATH)]
+}
+
 /// Path of a job.
 pub(super) fn path(id: JobId) -> String {
     format!("/v1/jobs/{id}")
@@ -44,5 +52,17 @@ impl Urls {
             report: format!("{path}/report"),
             job: path,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_path_is_cut_between_characters() {
+        assert_eq!(cut("/v1/jobs"), "/v1/jobs");
+        let long = format!("/{}", "ü".repeat(500));
+        assert!(cut(&long).len() == MAX_PATH - 1 && long.starts_with(cut(&long)));
     }
 }

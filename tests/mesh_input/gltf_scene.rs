@@ -145,3 +145,30 @@ fn instances_that_do_not_fit() {
     document["nodes"][0]["extensions"] = json!({"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 2}}});
     expect_document(&document, &binary, &["no faces"]);
 }
+
+#[test]
+fn nodes_that_are_not_shown_place_nothing() {
+    let (mut document, binary) = square();
+    let hidden = |visible: Value| json!({"KHR_node_visibility": {"visible": visible}});
+    document["extensionsUsed"] = json!(["KHR_node_visibility"]);
+    document["nodes"] = json!([
+        {"mesh": 0, "children": [1, 2, 4], "extensions": {"KHR_node_visibility": {}}},
+        {"mesh": 0, "extensions": hidden(json!(true))},
+        {"extensions": hidden(json!(false)), "children": [3]},
+        {"mesh": 0, "extensions": hidden(json!(true))},
+        {"mesh": 0, "extensions": hidden(json!(false))},
+    ]);
+    document["scenes"] = json!([{"nodes": [0]}]);
+    for required in [json!([]), json!(["KHR_node_visibility"])] {
+        document["extensionsRequired"] = required;
+        let mesh = gltf(&document, &binary).expect("a mesh");
+        check(&mesh);
+        assert_eq!(mesh.parts.iter().map(|part| part.node).collect::<Vec<_>>(), [Some(0), Some(1)]);
+        assert_eq!(mesh.warnings, ["nodes with a mesh are hidden by KHR_node_visibility and were left out: 2"]);
+    }
+    document["nodes"][0]["extensions"] = hidden(json!(false));
+    let error = refused(&document, &binary);
+    assert!(error.message.ends_with("KHR_node_visibility hides every node of the scene that has a mesh: 4"), "{error}");
+    document["nodes"][0]["extensions"] = hidden(json!("no"));
+    assert!(refused(&document, &binary).message.contains("visible"));
+}

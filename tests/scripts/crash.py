@@ -5,7 +5,7 @@
 KILLS (100 when left out) times, as often as fit in SECONDS (60), a service on one data folder is ended by SIGKILL and
 started again. Clients submit small meshes with an Idempotency-Key each, and ask again with the same key until they are
 answered. In the end every key has one job, every job has succeeded once with the labels that the command line gives, its
-events are numbered without a gap, and nothing else is left in the folder.
+events are numbered without a gap, and nothing else is left in the folder. There is more than one job a kill.
 """
 
 import http.client
@@ -26,7 +26,11 @@ import uuid
 BINARY = pathlib.Path(sys.argv[1]).resolve()
 KILLS = int(sys.argv[2]) if len(sys.argv) > 2 else 100
 SECONDS = float(sys.argv[3]) if len(sys.argv) > 3 else 60
-CLIENTS = 4
+CLIENTS = 12
+# jobs that wait at most: so few that they end soon after the last kill
+QUEUED = 50
+# bytes above which an upload is a file
+SMALL = 256 << 10
 TEMPORARY = tempfile.TemporaryDirectory(prefix="tesserae-crash-")
 WORK = pathlib.Path(TEMPORARY.name)
 DATA = WORK / "data"
@@ -46,7 +50,7 @@ class Server:
     def start(self):
         self.process = subprocess.Popen(
             [BINARY, "serve", "--listen", "%s:%d" % self.address, "--data-dir", DATA, "--device", "cpu",
-             "--max-queued-jobs", "100000", "--min-free-bytes", "0", "--log", "warn",
+             "--max-queued-jobs", str(QUEUED), "--min-free-bytes", "0", "--log", "warn",
              # kills are so many that a job may be alone at work in several, and so close that pauses would fill the time
              "--crash-pause", "0", "--max-attempts", "1000",
              *LIMITS],
@@ -103,7 +107,7 @@ class Client(threading.Thread):
     def run(self):
         try:
             while not self.stop.is_set():
-                kind = self.random.randrange(len(self.kinds))
+                kind = self.random.choices(range(len(self.kinds)), [3, 3, 3, 3, 1])[0]
                 job = self.submit(kind, str(uuid.UUID(int=self.random.getrandbits(128))))
                 assert job["id"] not in self.accepted, "two keys have one job"
                 self.accepted[job["id"]] = kind
@@ -113,10 +117,12 @@ class Client(threading.Thread):
     def submit(self, kind, key):
         query, mesh, _ = self.kinds[kind]
         headers = {"Content-Type": "model/obj", "Idempotency-Key": f'"{key}"'}
-        if self.random.random() < 0.7:
-            headers["Prefer"] = "wait=5"
         deadline = time.monotonic() + 120
         while True:
+            if self.random.random() < 0.1:
+                headers["Prefer"] = "wait=5"
+            else:
+                headers.pop("Prefer", None)
             try:
                 status, body = request(self.server, "POST", "/v1/jobs?" + query, mesh, headers)
                 if status in (200, 202):
@@ -127,19 +133,23 @@ class Client(threading.Thread):
                 pass
             self.retries += 1
             assert time.monotonic() < deadline, "no answer for two minutes"
-            time.sleep(0.02)
+            time.sleep(0.05)
 
 
 def kinds():
     """Queries with their meshes and the labels that they must give."""
     made = []
-    for name, faces, flags in [("sphere", 500, ["--clusters", "9"]), ("knot", 2000, ["--clusters", "60"]),
-                               ("terrain", 1200, ["--clusters", "25", "--seeds", "random", "--seed", "7"]),
-                               ("torus", 800, ["--algorithm", "pml", "--clusters", "12"]),
-                               # so large that uploads and results are files, which the others are not
-                               ("plane", 24000, ["--clusters", "300", "--max-iterations", "9", "--snapshots", "2,5,8"])]:
+    for name, faces, flags in [("sphere", 60, ["--clusters", "4"]), ("knot", 200, ["--clusters", "9"]),
+                               ("terrain", 120, ["--clusters", "7", "--seeds", "random", "--seed", "7"]),
+                               ("torus", 100, ["--algorithm", "pml", "--clusters", "5"]),
+                               # its upload and its result are files, which those of the others are not
+                               ("plane", 6000, ["--clusters", "60", "--max-iterations", "13",
+                                                "--snapshots", ",".join(map(str, range(1, 13)))])]:
         mesh, report = WORK / f"{name}.obj", WORK / f"{name}.json"
         subprocess.run([BINARY, "sample", name, "--faces", str(faces), mesh], check=True, stdout=subprocess.DEVNULL)
+        if name == "plane":
+            with mesh.open("a") as file:
+                file.write("# a comment as long as a large mesh\n" * (SMALL // 36))
         subprocess.run([BINARY, "cluster", mesh, *flags, "--device", "cpu", "--report", report,
                         "--labels", WORK / f"{name}.npy"], check=True,
                        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -188,7 +198,11 @@ def main():
     started, kills = time.monotonic(), 0
     while kills < KILLS and time.monotonic() - started < SECONDS and not any(client.failure for client in clients):
         # at times before it answers, or while it takes up what the one before it left
-        time.sleep(chance.choice([chance.uniform(0, 0.05), chance.uniform(0.05, 0.8)]))
+        if chance.random() < 0.5:
+            server.wait_until_it_answers()
+            time.sleep(chance.uniform(0, 0.5))
+        else:
+            time.sleep(chance.uniform(0, 0.05))
         server.kill()
         kills += 1
         server.start()
@@ -220,6 +234,7 @@ def main():
           f"labels; {again} ran more than once, {max(attempts)} times at most; {sum(c.retries for c in clients)} requests "
           f"asked again (SEED={SEED})")
     assert again > 0 and kills > 0, "nothing was interrupted: this tested nothing"
+    assert len(accepted) > kills, "too few jobs: most kills met none"
 
 
 if __name__ == "__main__":

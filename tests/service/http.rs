@@ -32,6 +32,8 @@ async fn heads_that_are_not_valid_or_not_supported_get_problem_documents() {
         ("GET /healthz HTTP/1.1\r\n\r\n".to_owned(), "400 "),
         ("GET /healthz HTTP/1.1\r\nHost: a\r\nHost: b\r\n\r\n".to_owned(), "400 "),
         ("GET /healthz HTTP/1.1\r\nHost: a b\r\n\r\n".to_owned(), "400 "),
+        ("GET /healthz HTTP/1.1\r\nHost: u@a\r\n\r\n".to_owned(), "400 "),
+        ("GET /healthz HTTP/1.1\r\nHost: u:p@a:80\r\n\r\n".to_owned(), "400 "),
         ("POST /v1/jobs HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: gzip, chunked\r\n\r\n0\r\n\r\n".to_owned(), "501 "),
         ("GET / nonsense\r\n\r\n".to_owned(), "400 "),
         (format!("GET /{long} HTTP/1.1\r\nHost: a\r\n\r\n"), "414 "),
@@ -199,5 +201,19 @@ async fn requests_and_changes_are_logged_with_the_address_behind_trusted_proxies
     for (change, message, client) in [(changes[0], "accepted", "198.51.100.7"), (changes[1], "deleted", "127.0.0.1")] {
         assert_eq!((&change["message"], &change["client"]), (&message.into(), &client.into()));
         assert_eq!((&change["job"], &change["tenant"]), (&job["id"], &"local".into()));
+    }
+}
+
+#[tokio::test]
+async fn a_long_path_is_not_sent_back_whole() {
+    let service = Service::start().await;
+    let long = "x".repeat(6000);
+    for path in [format!("/{long}"), format!("/v1/jobs/{long}"), format!("/v1/jobs/%ff{long}")] {
+        let answer = service.get(&path).send().await.expect("answered");
+        assert_eq!(answer.status(), 404);
+        let body = answer.text().await.expect("text");
+        assert!(body.len() < 2000, "{body}");
+        let problem: Value = serde_json::from_str(&body).expect("JSON");
+        assert_eq!(text(&problem["instance"]), &path[..256]);
     }
 }

@@ -128,7 +128,16 @@ async fn results_are_unavailable_and_not_gone_while_the_folder_is_away() {
     let away = folder.path().with_extension("away");
     std::fs::rename(folder.path(), &away).expect("moved");
     let labels = text(&job["urls"]["labels"]);
-    refused(service.get(labels), 503, "unavailable").await;
+    let post = |faces| service.post("/v1/jobs?clusters=5").header("content-type", "model/obj").body(sphere(faces));
+    for request in [service.get(labels), post(300), post(70_000)] {
+        let detail = refused(request, 503, "unavailable").await;
+        assert!(detail.contains("storage") && !detail.contains('/'), "clients learn no path: {detail}");
+    }
+    until(async || {
+        let why = refused(service.get("/readyz"), 503, "unavailable").await;
+        why.contains(&*folder.path().to_string_lossy())
+    })
+    .await;
     std::fs::rename(&away, folder.path()).expect("moved back");
     assert_eq!(service.get(labels).send().await.expect("answered").status(), 200);
 }
@@ -177,11 +186,13 @@ async fn nobody_else_can_read_what_is_in_the_data_folder() {
         Service::on(Arc::clone(&folder), change.clone(), Box::new(CpuDevice::new()), None, Extras::default()).await;
     let job = service.submit("clusters=5", sphere(300)).await;
     service.ended(&job).await;
+    let large = service.submit("clusters=5&quality=fast", sphere(70_000)).await;
+    service.ended(&large).await;
     let check = || {
         for name in ["", "uploads", "results", "scratch"] {
             assert_eq!(mode(&data.join(name)), 0o700, "{name}");
         }
-        for name in ["jobs.sqlite3", "jobs.sqlite3-wal", "jobs.sqlite3-shm", "lock", "ballast"] {
+        for name in ["jobs.sqlite3", "jobs.sqlite3-wal", "jobs.sqlite3-shm", "lock", "ballast", "clock"] {
             assert_eq!(mode(&data.join(name)), 0o600, "{name}");
         }
     };
@@ -189,13 +200,25 @@ async fn nobody_else_can_read_what_is_in_the_data_folder() {
     let mut service = service;
     service.stopped().await;
     // as earlier versions made them
-    for (name, mode) in
-        [("uploads", 0o755), ("results", 0o755), ("scratch", 0o755), ("jobs.sqlite3", 0o644), ("lock", 0o644)]
-    {
+    let result = format!("results/{}", text(&large["id"]));
+    let [attempt, labels] = ["1", "1/labels.npy"].map(|name| format!("{result}/{name}"));
+    for (name, mode) in [
+        ("uploads", 0o755),
+        ("results", 0o755),
+        (&result, 0o755),
+        (&attempt, 0o755),
+        (&labels, 0o644),
+        ("scratch", 0o755),
+        ("jobs.sqlite3", 0o644),
+        ("lock", 0o644),
+        ("ballast", 0o644),
+        ("clock", 0o644),
+    ] {
         std::fs::set_permissions(data.join(name), std::fs::Permissions::from_mode(mode)).expect("changed");
     }
     let service = Service::on(folder, change, Box::new(CpuDevice::new()), None, Extras::default()).await;
     let job = service.submit("clusters=5", sphere(300)).await;
     service.ended(&job).await;
     check();
+    assert_eq!([&result, &attempt, &labels].map(|name| mode(&data.join(name))), [0o700, 0o700, 0o600]);
 }

@@ -1,9 +1,8 @@
 //! `tesserae backup`: a copy of a data folder, also while a service works in it.
 
-use std::io::Write;
 use std::path::PathBuf;
 
-use crate::cli::Failure;
+use crate::cli::{Failure, print_line};
 use crate::service;
 
 /// Arguments of `tesserae backup`.
@@ -29,8 +28,6 @@ pub struct Arguments {
 /// Does what the arguments say.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let backup = service::back_up(&arguments.data_dir, &arguments.out)?;
-    let mut out = std::io::stdout().lock();
     let service::Backup { jobs, files, left_out } = backup;
-    writeln!(out, "jobs: {jobs}, files: {files}, jobs left out that began and ended meanwhile: {left_out}")
-        .map_err(Failure::stdout)
+    print_line(&format!("jobs: {jobs}, files: {files}, jobs left out that began and ended meanwhile: {left_out}"))
 }

@@ -5,26 +5,56 @@ use std::sync::Arc;
 
 use tokio::sync::Notify;
 
-/// Takes requests to stop from here on; the future completes with the first. Needs a tokio runtime around it.
-#[cfg(unix)]
-pub fn requests_to_stop() -> io::Result<impl Future<Output = ()>> {
-    use tokio::signal::unix::{SignalKind, signal};
-    let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
+/// Takes requests to stop from here on: the future completes with the first, and each later one notifies `again`. Needs
+/// a tokio runtime around it.
+pub fn requests_to_stop(again: Arc<Notify>) -> io::Result<impl Future<Output = ()>> {
+    let mut requests = Requests::new()?;
     Ok(async move {
-        tokio::select! {
-            _ = terminate.recv() => {}
-            _ = interrupt.recv() => {}
-        }
+        requests.next().await;
+        tokio::spawn(async move {
+            loop {
+                requests.next().await;
+                again.notify_one();
+            }
+        });
     })
 }
 
-/// Takes requests to stop from here on; the future completes with the first. Needs a tokio runtime around it.
+/// Requests to stop: SIGTERM and Ctrl-C.
+#[cfg(unix)]
+struct Requests {
+    terminate: tokio::signal::unix::Signal,
+    interrupt: tokio::signal::unix::Signal,
+}
+
+#[cfg(unix)]
+impl Requests {
+    fn new() -> io::Result<Self> {
+        use tokio::signal::unix::{SignalKind, signal};
+        Ok(Self { terminate: signal(SignalKind::terminate())?, interrupt: signal(SignalKind::interrupt())? })
+    }
+
+    async fn next(&mut self) {
+        tokio::select! {
+            _ = self.terminate.recv() => {}
+            _ = self.interrupt.recv() => {}
+        }
+    }
+}
+
+/// Requests to stop: Ctrl-C.
 #[cfg(windows)]
-pub fn requests_to_stop() -> io::Result<impl Future<Output = ()>> {
-    let mut interrupt = tokio::signal::windows::ctrl_c()?;
-    Ok(async move {
-        interrupt.recv().await;
-    })
+struct Requests(tokio::signal::windows::CtrlC);
+
+#[cfg(windows)]
+impl Requests {
+    fn new() -> io::Result<Self> {
+        tokio::signal::windows::ctrl_c().map(Self)
+    }
+
+    async fn next(&mut self) {
+        self.0.recv().await;
+    }
 }
 
 /// Notifies at every SIGHUP from here on, which would end the process otherwise. Needs a tokio runtime around it.

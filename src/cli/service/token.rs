@@ -1,10 +1,9 @@
 //! `tesserae token`: who may use the service.
 
-use std::io::Write;
 use std::path::PathBuf;
 
-use crate::cli::Failure;
 use crate::cli::files::Target;
+use crate::cli::{Failure, print, print_line};
 use crate::error::{Error, Kind};
 use crate::service::TokenFile;
 
@@ -29,6 +28,7 @@ enum Command {
     /// Make a token for a tenant, new or known, and print it: the file does not hold it, and it is not shown again
     New {
         /// Name of the tenant: letters, digits, '-', '_' and '.'
+        #[arg(value_parser = tenant_name)]
         tenant: String,
 
         /// Let the tenant read /metrics, which tell about everybody
@@ -61,36 +61,39 @@ struct Place {
     tokens: PathBuf,
 }
 
+fn tenant_name(name: &str) -> Result<String, String> {
+    TokenFile::check_name(name).map(|()| name.to_owned()).map_err(|error| error.message)
+}
+
 /// Does what the arguments say.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    if matches!(arguments.command, Command::New { .. }) {
-        Target::Stdout.check()?; // before the file holds a token that is not printed
-    }
-    let mut out = std::io::stdout().lock();
     match &arguments.command {
         Command::New { tenant, metrics, place } => {
-            let token = TokenFile::change(&place.tokens, |file| {
+            Target::Stdout.check()?;
+            // printed before the file is written: a token that was never shown is never valid
+            TokenFile::try_change(&place.tokens, |file| {
                 let token = file.add(tenant)?;
                 if let Some(entry) = file.tenants.get_mut(tenant) {
                     entry.metrics |= *metrics;
                 }
-                Ok(token)
-            })?;
-            writeln!(out, "{}", token.reveal()).map_err(Failure::stdout)
+                print(|out| writeln!(out, "{}", token.reveal()))
+            })
         }
         Command::List { place } => {
-            for (name, tenant) in TokenFile::read(&place.tokens)?.tenants {
-                let ids: Vec<&str> = tenant.tokens.iter().map(|token| token.id.as_str()).collect();
-                writeln!(out, "{name}: {}", ids.join(" ")).map_err(Failure::stdout)?;
-            }
-            Ok(())
+            let file = TokenFile::read(&place.tokens)?;
+            print(|out| {
+                file.tenants.iter().try_for_each(|(name, tenant)| {
+                    let ids: Vec<&str> = tenant.tokens.iter().map(|token| token.id.as_str()).collect();
+                    writeln!(out, "{name}: {}", ids.join(" "))
+                })
+            })
         }
         Command::Revoke { id, place } => {
             let tenant = TokenFile::change(&place.tokens, |file| match file.revoke(id) {
                 Some(tenant) => Ok(tenant.to_owned()),
                 None => Err(Error::new(Kind::NotFound, format_args!("there is no token with this id: {id:?}"))),
             })?;
-            writeln!(out, "{tenant}: {id} is no longer a token").map_err(Failure::stdout)
+            print_line(&format!("{tenant}: {id} is no longer a token"))
         }
     }
 }

@@ -48,6 +48,13 @@ pub fn open(bytes: &[u8]) -> Result<Container<'_>> {
     Ok(Container { json, binary })
 }
 
+/// The JSON chunk of a GLB file, if its first bytes hold all of it.
+pub fn first_chunk(head: &[u8]) -> Option<&[u8]> {
+    let chunk = head.get(HEADER..)?;
+    let (length, kind) = chunk_header(chunk)?;
+    chunk.get(CHUNK_HEADER..)?.get(..length as usize).filter(|_| &kind == b"JSON")
+}
+
 /// Refuses what is plainly no GLB file, or one whose header contradicts its length, by its first bytes.
 ///
 /// `length` is the length of the whole file, where it is known.

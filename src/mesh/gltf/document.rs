@@ -75,6 +75,23 @@ pub struct NodeExtensions {
     /// The mesh is placed many times.
     #[serde(rename = "EXT_mesh_gpu_instancing")]
     pub instancing: Option<Box<Instancing>>,
+    /// The node and those below it may not be shown.
+    #[serde(rename = "KHR_node_visibility")]
+    visibility: Option<Visibility>,
+}
+
+impl NodeExtensions {
+    /// Whether the node and those below it are not shown.
+    pub fn is_hidden(&self) -> bool {
+        self.visibility.as_ref().is_some_and(|visibility| visibility.visible == Some(false))
+    }
+}
+
+/// `KHR_node_visibility`.
+#[derive(Debug, Deserialize)]
+struct Visibility {
+    /// True where it is left out.
+    visible: Option<bool>,
 }
 
 /// `EXT_mesh_gpu_instancing`.

@@ -8,8 +8,13 @@
 use crate::error::{Error, Quoted, Result};
 
 /// Extensions that change geometry and are read here.
-const READ: [&str; 4] =
-    ["EXT_mesh_gpu_instancing", "EXT_meshopt_compression", "KHR_mesh_quantization", "KHR_meshopt_compression"];
+const READ: [&str; 5] = [
+    "EXT_mesh_gpu_instancing",
+    "EXT_meshopt_compression",
+    "KHR_mesh_quantization",
+    "KHR_meshopt_compression",
+    "KHR_node_visibility",
+];
 
 /// The second word of a name `VENDOR_word_…` of extensions about what is not geometry.
 const HARMLESS_WORDS: [&str; 10] =
@@ -79,6 +84,7 @@ mod tests {
             "VRMC_materials_mtoon",
             "EXT_mesh_features",
             "EXT_mesh_gpu_instancing",
+            "KHR_node_visibility",
         ] {
             assert_eq!(check_required(&[name.to_owned()]), Ok(()), "{name}");
         }
@@ -86,7 +92,6 @@ mod tests {
             "KHR_draco_mesh_compression",
             "KHR_mesh_of_next_year",
             "EXT_mesh_primitive_restart",
-            "KHR_node_visibility",
             "MSFT_lod",
             "VENDOR_unheard_of",
             "materials",

@@ -70,6 +70,23 @@ pub fn open_json<T>(source: Source<'_>, then: impl FnOnce(Opened<'_>) -> T) -> R
     open(source, source.bytes, None, then)
 }
 
+/// Triangles that a glTF file of either kind claims to have in its first bytes: what [`Opened::faces`] will be if the
+/// accessors hold what they claim. None where the bytes do not hold the whole JSON, or it is wrong.
+pub fn claimed_faces(head: &[u8]) -> Option<u64> {
+    let json = if is_binary(head) { container::first_chunk(head)? } else { head };
+    let document = Document::parse(json).ok()?;
+    let meshes: Vec<_> = document.meshes.iter().map(|mesh| primitive::claimed_triangles(&document, mesh)).collect();
+    let (placements, _) = scene::placements(&document).ok()?;
+    placements.iter().try_fold(0u64, |triangles, placement| {
+        let once = (*meshes.get(placement.mesh)?)?;
+        let times = match &document.nodes[placement.node].extensions.instancing {
+            Some(instancing) => document.accessors.get(*instancing.attributes.values().next()? as usize)?.count.0,
+            None => 1,
+        };
+        Some(triangles.saturating_add(once.saturating_mul(times)))
+    })
+}
+
 /// Opens a document with its binary chunk, if it has one.
 fn open<T>(source: Source<'_>, json: &[u8], binary: Option<&[u8]>, then: impl FnOnce(Opened<'_>) -> T) -> Result<T> {
     let Source { bytes, resources, limits, attribute, .. } = source;
@@ -80,7 +97,8 @@ fn open<T>(source: Source<'_>, json: &[u8], binary: Option<&[u8]>, then: impl Fn
     let mut meshes: BTreeMap<usize, Vec<Primitive<'_>>> = BTreeMap::new();
     let mut places = Vec::new();
     let (mut triangles, mut parts) = (0u64, 0u64);
-    let placements = scene::placements(document)?;
+    let (placements, hidden) = scene::placements(document)?;
+    skipped.hidden = hidden;
     let placed = placements.len();
     for placement in placements {
         let node = &document.nodes[placement.node];

@@ -1,5 +1,6 @@
 //! Primitives: positions, indices and what they mean as triangles.
 
+use gltf::json;
 use gltf::json::accessor::ComponentType;
 use gltf::json::mesh::{Mode, Semantic};
 use gltf::json::validation::Checked;
@@ -51,6 +52,8 @@ pub struct Skipped {
     pub morphed: u64,
     /// Placements with a skin.
     pub skinned: u64,
+    /// Nodes with a mesh that are not shown.
+    pub hidden: u64,
 }
 
 impl Skipped {
@@ -67,6 +70,7 @@ impl Skipped {
             (self.incomplete, "primitives end with an incomplete triangle, which was skipped"),
             (self.morphed, "primitives have morph targets, which were ignored"),
             (self.skinned, "nodes have a skin, which was ignored: the mesh is in its rest pose"),
+            (self.hidden, "nodes with a mesh are hidden by KHR_node_visibility and were left out"),
         ]
         .into_iter()
         .filter(|(count, _)| *count > 0)
@@ -98,6 +102,8 @@ pub fn no_faces(document: &Document, placements: usize, skipped: &Skipped) -> Er
     let meshes = document.meshes.len();
     let why = if meshes == 0 {
         "the glTF file has no meshes".to_owned()
+    } else if placements == 0 && skipped.hidden > 0 {
+        format!("KHR_node_visibility hides every node of the scene that has a mesh: {}", skipped.hidden)
     } else if placements == 0 {
         let scene = document.scene.map_or("its scene".to_owned(), |scene| format!("scene {scene}"));
         format!("no node of {scene} has a mesh (add nodes that have one to the scene); meshes in the file: {meshes}")
@@ -122,17 +128,9 @@ pub fn open<'b>(
     skipped.empty_meshes += u64::from(found.primitives.is_empty());
     for (index, primitive) in found.primitives.iter().enumerate() {
         let me = format!("primitive {index} of mesh {mesh}");
-        let shape = match primitive.mode {
-            Checked::Valid(Mode::Triangles) => Shape::List,
-            Checked::Valid(Mode::TriangleStrip) => Shape::Strip,
-            Checked::Valid(Mode::TriangleFan) => Shape::Fan,
-            Checked::Valid(Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) => {
-                skipped.points_and_lines += 1;
-                continue;
-            }
-            Checked::Invalid => {
-                return Err(Error::mesh(format_args!("{me} has an unknown mode (0 to 6 are known)")));
-            }
+        let Some(shape) = Shape::of(primitive, &me)? else {
+            skipped.points_and_lines += 1;
+            continue;
         };
         let positions = primitive.attributes.get(&Checked::Valid(Semantic::Positions));
         let Some(positions) = positions.map(|accessor| accessor.value()) else {
@@ -148,10 +146,7 @@ pub fn open<'b>(
         let positions = open_positions(accessors, positions, &me)?;
         let indices = indices.map(|indices| open_indices(accessors, indices, &me)).transpose()?;
         let corners = indices.map_or(positions.count, |indices| indices.count);
-        let triangles = match shape {
-            Shape::List => corners / 3,
-            Shape::Strip | Shape::Fan => corners.saturating_sub(2),
-        };
+        let triangles = shape.count(corners as u64) as usize;
         let incomplete = match shape {
             Shape::List => !corners.is_multiple_of(3),
             Shape::Strip | Shape::Fan => matches!(corners, 1 | 2),
@@ -168,6 +163,18 @@ pub fn open<'b>(
         }
     }
     Ok(primitives)
+}
+
+/// Triangles that the accessors of a mesh's primitives claim; none where one is not there.
+pub fn claimed_triangles(document: &Document, mesh: &json::Mesh) -> Option<u64> {
+    let mut triangles = 0u64;
+    for primitive in &mesh.primitives {
+        let positions = primitive.attributes.get(&Checked::Valid(Semantic::Positions));
+        let (Some(shape), Some(positions)) = (Shape::of(primitive, "").ok()?, positions) else { continue };
+        let corners = document.accessors.get(primitive.indices.unwrap_or(*positions).value())?.count.0;
+        triangles = triangles.saturating_add(shape.count(corners));
+    }
+    Some(triangles)
 }
 
 /// Refuses an accessor that has its elements only in compressed form.
@@ -197,7 +204,7 @@ fn open_positions<'b>(accessors: &'b Accessors<'b>, accessor: usize, whence: &st
 /// Opens an attribute that has one number for each of so many vertices.
 fn open_numbers<'b>(
     accessors: &'b Accessors<'b>,
-    primitive: &gltf::json::mesh::Primitive,
+    primitive: &json::mesh::Primitive,
     name: &str,
     vertices: usize,
     whence: &str,
@@ -256,6 +263,25 @@ impl Primitive<'_> {
 }
 
 impl Shape {
+    /// The shape of a primitive; none of points or lines.
+    fn of(primitive: &json::mesh::Primitive, whence: &str) -> Result<Option<Self>> {
+        match primitive.mode {
+            Checked::Valid(Mode::Triangles) => Ok(Some(Shape::List)),
+            Checked::Valid(Mode::TriangleStrip) => Ok(Some(Shape::Strip)),
+            Checked::Valid(Mode::TriangleFan) => Ok(Some(Shape::Fan)),
+            Checked::Valid(Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) => Ok(None),
+            Checked::Invalid => Err(Error::mesh(format_args!("{whence} has an unknown mode (0 to 6 are known)"))),
+        }
+    }
+
+    /// Triangles of so many corners.
+    fn count(self, corners: u64) -> u64 {
+        match self {
+            Shape::List => corners / 3,
+            Shape::Strip | Shape::Fan => corners.saturating_sub(2),
+        }
+    }
+
     /// Spells out the triangles, each wound as the specification says.
     fn triangles(self, mut corners: Vec<u32>) -> Vec<u32> {
         match self {

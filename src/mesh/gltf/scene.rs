@@ -17,23 +17,21 @@ pub struct Placement {
 }
 
 /// The placements of the default scene, else of the first, else of all nodes: depth first, children in their order.
-pub fn placements(document: &Document) -> Result<Vec<Placement>> {
+/// Nodes that are not shown (`KHR_node_visibility`), and nodes below them, place nothing; how many of them have a mesh.
+pub fn placements(document: &Document) -> Result<(Vec<Placement>, u64)> {
     let parents = parents(document)?;
     let scene = match document.scene {
         Some(scene) => Some(lookup(&document.scenes, scene as usize, "scene", "the file")?),
         None => document.scenes.first(),
     };
-    let mut open: Vec<(usize, Affine)> = match scene {
-        Some(scene) => scene.nodes.iter().map(|&node| (node as usize, Affine::IDENTITY)).collect(),
-        None => (0..document.nodes.len())
-            .filter(|&node| parents[node].is_none())
-            .map(|node| (node, Affine::IDENTITY))
-            .collect(),
+    let roots: Vec<usize> = match scene {
+        Some(scene) => scene.nodes.iter().map(|&node| node as usize).collect(),
+        None => (0..document.nodes.len()).filter(|&node| parents[node].is_none()).collect(),
     };
-    open.reverse();
-    let mut placements = Vec::new();
+    let mut open: Vec<_> = roots.into_iter().rev().map(|node| (node, Affine::IDENTITY, false)).collect();
+    let (mut placements, mut hidden) = (Vec::new(), 0);
     let mut reached = vec![false; document.nodes.len()];
-    while let Some((index, outer)) = open.pop() {
+    while let Some((index, outer, is_below_hidden)) = open.pop() {
         let node = lookup(&document.nodes, index, "node", "the scene")?;
         if std::mem::replace(&mut reached[index], true) {
             return Err(Error::mesh(format_args!(
@@ -42,16 +40,19 @@ pub fn placements(document: &Document) -> Result<Vec<Placement>> {
             )));
         }
         let world = outer.after(&Affine::of_node(node, &format!("node {index}"))?);
-        if let Some(mesh) = node.mesh {
+        let is_hidden = is_below_hidden || node.extensions.is_hidden();
+        if is_hidden {
+            hidden += u64::from(node.mesh.is_some());
+        } else if let Some(mesh) = node.mesh {
             placements.push(Placement { node: index, mesh: mesh as usize, world });
         }
         let children = node.children.iter().rev();
-        open.extend(children.map(|&child| (child as usize, world)));
+        open.extend(children.map(|&child| (child as usize, world, is_hidden)));
     }
     if let (None, Some(lost)) = (scene, reached.iter().position(|&reached| !reached)) {
         return Err(Error::mesh(format_args!("the nodes are no tree: a node is its own ancestor: {lost}")));
     }
-    Ok(placements)
+    Ok((placements, hidden))
 }
 
 /// The parent of each node, of which it may have only one.

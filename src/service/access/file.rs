@@ -21,8 +21,13 @@ impl TokenFile {
     }
 
     /// Changes the file at `path`, which is made if it is not there: whole or not at all, readable by its owner only,
-    /// one change after the other.
+    /// one change after the other. Nothing changes where `change` fails.
     pub fn change<T>(path: &Path, change: impl FnOnce(&mut Self) -> Result<T>) -> Result<T> {
+        Self::try_change(path, change)
+    }
+
+    /// The same with another type of error.
+    pub fn try_change<T, E: From<Error>>(path: &Path, change: impl FnOnce(&mut Self) -> Result<T, E>) -> Result<T, E> {
         let cannot = |error| Error::io(format_args!("the file of tokens cannot be written: {}", path.display()), error);
         let folder = match path.parent() {
             Some(folder) if !folder.as_os_str().is_empty() => folder,

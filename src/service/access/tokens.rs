@@ -118,9 +118,25 @@ impl TokenFile {
         Ok(file)
     }
 
+    /// Refuses what cannot be the name of a tenant.
+    pub fn check_name(name: &str) -> Result<()> {
+        let is_allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+        if name.is_empty() || name.len() > 64 || !name.chars().all(is_allowed) {
+            return Err(Error::parameter(format_args!(
+                "the name of a tenant must have 1 to 64 letters, digits, '-', '_' and '.', not {name:?}"
+            )));
+        }
+        if name == crate::service::LOCAL_TENANT {
+            return Err(Error::parameter(format_args!(
+                "this name stands for a service without tokens; take another: {name:?}"
+            )));
+        }
+        Ok(())
+    }
+
     /// Adds a token for a tenant, which is new or known.
     pub fn add(&mut self, tenant: &str) -> Result<Token> {
-        check_name(tenant)?;
+        Self::check_name(tenant)?;
         let (mut id, mut salt, mut secret) = ([0; 8], [0; 16], [0; 32]);
         for bytes in [&mut id[..], &mut salt, &mut secret] {
             getrandom::fill(bytes)
@@ -150,7 +166,7 @@ impl TokenFile {
     fn index(&self) -> Result<HashMap<String, Known>> {
         let mut index = HashMap::new();
         for (name, tenant) in &self.tenants {
-            check_name(name)?;
+            Self::check_name(name)?;
             let owner = Tenant { name: name.clone(), quotas: tenant.quotas, metrics: tenant.metrics };
             for token in &tenant.tokens {
                 let known = token.known(owner.clone()).ok_or_else(|| {
@@ -261,22 +277,6 @@ impl Tokens {
 /// SHA-256 of salt and secret.
 fn digest(salt: &[u8], secret: &str) -> [u8; 32] {
     Sha256::new().chain_update(salt).chain_update(secret).finalize().into()
-}
-
-/// Checks the name of a tenant.
-fn check_name(name: &str) -> Result<()> {
-    let is_allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
-    if name.is_empty() || name.len() > 64 || !name.chars().all(is_allowed) {
-        return Err(Error::parameter(format_args!(
-            "the name of a tenant must have 1 to 64 letters, digits, '-', '_' and '.', not {name:?}"
-        )));
-    }
-    if name == crate::service::LOCAL_TENANT {
-        return Err(Error::parameter(format_args!(
-            "this name stands for a service without tokens; take another: {name:?}"
-        )));
-    }
-    Ok(())
 }
 
 #[cfg(test)]

@@ -146,7 +146,7 @@ pub(in crate::service) async fn create(Extract(shared): App, caller: Caller, req
 /// Makes a job of an upload, or finds the one that was made of it before.
 async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option<String>) -> Result<Job, Failure> {
     let tenant = caller.tenant()?;
-    let Upload { mut folder, mut spec, digests } = upload;
+    let Upload { mut folder, mut spec, digests, .. } = upload;
     let is_known = match &key {
         Some(key) => shared.store.knows_key(&tenant.name, key).await?,
         None => false,
@@ -158,7 +158,7 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
     let idempotency = key.map(|key| idempotency::idempotency(key, &spec, &digests)).transpose()?;
     let id = folder.id();
     if !is_known {
-        folder.promise(&spec, shared.settings.max_faces)?;
+        folder.promise(&spec, &shared.settings.limits())?;
     }
     let upload = folder.settle(|bytes| shared.store.takes(bytes)).await?;
     spec.is_small = !upload.is_empty();

@@ -45,12 +45,7 @@ pub(in crate::service) async fn retry(Extract(shared): App, caller: Caller, Path
         Err(error) => return Err(error.into()),
     }
     let _place = shared.admission.place(caller.tenant()?).await?;
-    shared.files.promise_retry(&job, shared.settings.max_faces)?;
-    let retried = shared.store.retry(id).await;
-    if !matches!(retried, Ok(Retried::Queued(_) | Retried::NotFailed(_))) {
-        shared.files.give_back(id);
-    }
-    match retried {
+    match shared.storage.retry(&job, &shared.settings.limits()).await {
         Ok(Retried::Queued(job)) => {
             audit::record(Action::Retried, &caller, id);
             Ok(answer(&shared, StatusCode::ACCEPTED, HeaderMap::new(), *job))

@@ -3,6 +3,7 @@
 //! `object_store` writes and reads them, and makes them appear by a rename. Listing and removing goes by folders: an
 //! upload that a killed process left unfinished is a file too, which `object_store` does not list.
 
+use std::fs::Metadata;
 use std::io;
 use std::path::PathBuf;
 
@@ -87,16 +88,26 @@ fn names(folder: &std::path::Path) -> io::Result<Vec<String>> {
 
 /// Bytes of all files in a folder and below it; what disappears meanwhile does not count.
 pub(in crate::service) fn size(folder: &std::path::Path) -> u64 {
-    let mut bytes = 0;
+    let mut size = 0;
+    each_below(folder, |_, found| size += bytes(found));
+    size
+}
+
+/// Bytes of a file; none of a folder.
+pub(in crate::service) fn bytes(found: &Metadata) -> u64 {
+    if found.is_dir() { 0 } else { found.len() }
+}
+
+/// Calls `visit` with every file and folder below a folder; links are not followed.
+pub(in crate::service) fn each_below(folder: &std::path::Path, mut visit: impl FnMut(&std::path::Path, &Metadata)) {
     let mut folders = vec![folder.to_owned()];
     while let Some(folder) = folders.pop() {
         for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-            match entry.metadata() {
-                Ok(metadata) if metadata.is_dir() => folders.push(entry.path()),
-                Ok(metadata) => bytes += metadata.len(),
-                Err(_) => {}
+            let (path, Ok(found)) = (entry.path(), entry.metadata()) else { continue };
+            visit(&path, &found);
+            if found.is_dir() {
+                folders.push(path);
             }
         }
     }
-    bytes
 }

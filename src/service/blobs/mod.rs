@@ -185,25 +185,27 @@ fn file(found: Box<GetResult>) -> Result<File, Box<GetResult>> {
 
 /// The error of a blob that cannot be stored.
 fn cannot_store(error: object_store::Error) -> Error {
-    Error::new(kind_of(&error), format_args!("a file cannot be stored: {error}"))
+    failed("a file cannot be stored", error)
 }
 
 /// The error of a blob that cannot be read.
 fn cannot_read(error: object_store::Error) -> Error {
     match error {
         object_store::Error::NotFound { .. } => Error::new(Kind::NotFound, "the file is gone: its job was deleted"),
-        error => Error::new(kind_of(&error), format_args!("a file cannot be read: {error}")),
+        error => failed("a file cannot be read", error),
     }
 }
 
-/// What kind of trouble it is: that of the first error of the system among its causes.
-fn kind_of(error: &object_store::Error) -> Kind {
-    let mut cause: Option<&(dyn std::error::Error + 'static)> = Some(error);
+/// The error of a blob, for clients: the first error of the system among its causes, which names no path. The log gets
+/// all of them.
+fn failed(what: &str, error: object_store::Error) -> Error {
+    tracing::warn!(%error, "{what}");
+    let mut cause: Option<&(dyn std::error::Error + 'static)> = Some(&error);
     while let Some(error) = cause {
         if let Some(error) = error.downcast_ref::<io::Error>() {
-            return Kind::of_storage(error);
+            return Error::new(Kind::of_storage(error), format_args!("{what}: {error}"));
         }
         cause = error.source();
     }
-    Kind::Io
+    Error::new(Kind::Io, format_args!("{what}; the log of the service says why"))
 }

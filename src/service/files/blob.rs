@@ -169,8 +169,8 @@ impl Files {
         self.may_read()?;
         let found = self.blobs.get(&folder.blob(name), range).await;
         // that a blob is not there means nothing while the folder is not there
-        found.map_err(|error| match self.check_root() {
-            Err(away) if error.kind == Kind::NotFound => self.noted(away),
+        found.map_err(|error| match self.check_reachable() {
+            Err(away) if error.kind == Kind::NotFound => away,
             _ => self.noted(error),
         })
     }

@@ -6,7 +6,9 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use super::private;
 use crate::error::{Error, Kind, Result};
+use crate::service::blobs::folder::{bytes, each_below};
 pub(super) use crate::service::blobs::folder::size;
 
 /// Bytes that stay free for the store of jobs, whose log grows with every change before it is written over.
@@ -19,6 +21,21 @@ pub(in crate::service) struct DiskLimits {
     pub max_bytes: Option<u64>,
     /// Free bytes of the file system below which uploads are refused.
     pub min_free_bytes: u64,
+}
+
+impl DiskLimits {
+    /// Refuses a reserve that the disk of a folder never has: no upload would be taken.
+    pub fn check(&self, folder: &Path) -> Result<()> {
+        match total_bytes(folder) {
+            Some(total) if (1..=self.min_free_bytes).contains(&total) => Err(Error::parameter(format_args!(
+                "no upload would ever be taken with this --min-free-bytes: give less than the {total} bytes that the \
+                 disk of {} has in all, or take a larger disk; it is {}",
+                folder.display(),
+                self.min_free_bytes
+            ))),
+            _ => Ok(()),
+        }
+    }
 }
 
 /// Part of the disk that the file system may take for itself.
@@ -45,8 +62,21 @@ pub(super) struct Disk {
 }
 
 impl Disk {
+    /// Counts the blobs. On the way it takes the access of group and others away from files of earlier releases.
     pub fn new(root: PathBuf, limits: DiskLimits) -> Self {
-        let blobs = ["uploads", "results", "aside"].iter().map(|folder| size(&root.join(folder))).sum();
+        let (mut blobs, mut open) = (0, None);
+        for folder in ["uploads", "results", "aside"] {
+            each_below(&root.join(folder), |path, found| {
+                blobs += bytes(found);
+                if let Err(error) = private::tighten_found(path, found) {
+                    open = Some((path.to_owned(), error));
+                }
+            });
+        }
+        if let Some((path, error)) = open {
+            let path = path.display();
+            tracing::warn!(%path, %error, "other users may read files of jobs: this mode, for one, cannot be changed");
+        }
         Self { root, limits, blobs: AtomicU64::new(blobs), free_in_store: AtomicU64::new(0) }
     }
 

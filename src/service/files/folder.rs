@@ -17,6 +17,7 @@ use super::room::{self, Room};
 use super::root::{self, Root};
 use super::{needs, private};
 use crate::error::{Error, Kind, Result};
+use crate::mesh::Limits;
 use crate::service::blobs::Blobs;
 use crate::service::blobs::folder::FolderBlobs;
 use crate::service::faults::{FaultPoint, Faults};
@@ -77,6 +78,7 @@ impl Files {
             Some(path) => Root::keep(path)?,
             None => Root::temporary(&std::env::temp_dir())?,
         };
+        limits.check(root.path())?;
         for folder in ["uploads", "results", "scratch"] {
             let path = root.path().join(folder);
             let made = private::make_folder(&path).and_then(|()| private::tighten(&path));
@@ -103,7 +105,7 @@ impl Files {
 
     /// Where the time by which jobs grow old is kept; none in a temporary folder.
     pub fn clock(&self) -> Option<PathBuf> {
-        self.root.is_kept().then(|| self.root.path().join("clock"))
+        self.root.is_kept().then(|| self.root.path().join(root::CLOCK))
     }
 
     /// A folder for files without a name.
@@ -129,7 +131,7 @@ impl Files {
 
     /// Refuses an upload of so many bytes, as far as is known, when there is no room for it or no folder any more.
     pub fn check_room(&self, bytes: u64) -> Result<()> {
-        self.check_root()?;
+        self.check_reachable()?;
         self.disk.check(bytes, self.room.promised().saturating_add(self.ballast.missing()))
     }
 
@@ -139,30 +141,30 @@ impl Files {
     }
 
     fn promise_from(&self, job: JobId, attempt: u32, bytes: u64) -> Result<()> {
-        self.check_root()?;
+        self.check_reachable()?;
         let missing = self.ballast.missing();
         self.room.promise(job, attempt, bytes, |promised| self.disk.check(0, promised.saturating_add(missing)))
     }
 
     /// Promises jobs that were accepted before the service was started room again.
-    pub fn promise_again<'j>(&self, jobs: impl Iterator<Item = &'j Job>, most_faces: u64) {
+    pub fn promise_again<'j>(&self, jobs: impl Iterator<Item = &'j Job>, limits: &Limits) {
         for job in jobs {
-            let _ = self.room.promise(job.id, job.attempt, self.needs_of(job, most_faces), |_| Ok::<_, Error>(()));
+            let _ = self.room.promise(job.id, job.attempt, self.needs_of(job, limits), |_| Ok::<_, Error>(()));
         }
     }
 
     /// Promises a job that runs again room for its result. Refuses when there is none.
-    pub fn promise_retry(&self, job: &Job, most_faces: u64) -> Result<()> {
-        self.promise_from(job.id, job.attempt + 1, self.needs_of(job, most_faces))
+    pub fn promise_retry(&self, job: &Job, limits: &Limits) -> Result<()> {
+        self.promise_from(job.id, job.attempt + 1, self.needs_of(job, limits))
     }
 
     /// Estimate of a result, from the upload that is kept.
-    fn needs_of(&self, job: &Job, most_faces: u64) -> u64 {
+    fn needs_of(&self, job: &Job, limits: &Limits) -> u64 {
         let upload = match job.spec.is_small {
             true => job.spec.bytes,
             false => disk::size(&self.root.path().join(Folder::Upload(job.id).path())),
         };
-        needs::of_upload(&job.spec, upload, most_faces)
+        needs::of_upload(&job.spec, upload, limits)
     }
 
     /// The job ended, and will not be run again: what it was promised is free.
@@ -277,11 +279,19 @@ impl Files {
         write().map_err(cannot)
     }
 
-    /// An error when the folder is not the one that was opened any more.
-    pub(super) fn check_root(&self) -> Result<()> {
+    /// An error when the folder is not the one that was opened any more. It names the folder: for the operator only.
+    pub fn check_root(&self) -> Result<()> {
         self.root.check().map_err(|error| {
             let what = format_args!("the data folder cannot be used: {}", self.root.path().display());
             Error::new(Kind::Unavailable, format_args!("{what}: {error}"))
+        })
+    }
+
+    /// The same for clients, without the folder's name. The failure is counted, so that the log gets the name.
+    pub(super) fn check_reachable(&self) -> Result<()> {
+        self.check_root().map_err(|error| {
+            self.noted(error);
+            Error::new(Kind::Unavailable, "the storage of the service cannot be reached; try again later")
         })
     }
 

@@ -8,6 +8,7 @@ use super::blob::BlobWriter;
 use super::folder::{Files, Folder};
 use super::needs;
 use crate::error::Result;
+use crate::mesh::Limits;
 use crate::service::store::{JobId, SMALL_BLOBS, SmallBlob, Spec};
 
 /// The blobs of an upload that is coming in; gone when dropped, as when the client hangs up, unless they are kept.
@@ -52,9 +53,9 @@ impl Incoming {
     }
 
     /// Promises the job that the upload will be room for its result, as long as the job lasts or the upload is there.
-    /// Refuses when there is none; the mesh may have at most so many faces.
-    pub fn promise(&self, spec: &Spec, most_faces: u64) -> Result<()> {
-        self.files.promise(self.id, needs::of_upload(spec, self.bytes, most_faces))
+    /// Refuses when there is none.
+    pub fn promise(&self, spec: &Spec, limits: &Limits) -> Result<()> {
+        self.files.promise(self.id, needs::of_upload(spec, self.bytes, limits))
     }
 
     /// Ends the upload: gives its blobs if they are small and `takes` them, or else makes files of them and gives none.

@@ -1,4 +1,5 @@
-//! How many bytes the result of a job takes: estimated from its upload, then from its faces, then counted.
+//! How many bytes the result of a job takes: estimated from the faces that its upload claims or from its bytes, then
+//! from its faces, then counted.
 //!
 //! | | bytes |
 //! |---|---|
@@ -10,6 +11,7 @@
 //! For hierarchies the estimate is [`HIERARCHY`] or, with a pair a round, [`SEQUENTIAL`] bytes a face.
 
 use crate::job::Outcome;
+use crate::mesh::Limits;
 use crate::parameters::{Algorithm, Parameters, Snapshots};
 use crate::service::store::Spec;
 
@@ -34,9 +36,10 @@ const ITERATIONS: u64 = 64;
 /// Bytes of all snapshots of a job, at most: see `cluster::record`.
 const SNAPSHOTS: u64 = 512 << 20;
 
-/// What the result of a job is expected to take, whose upload has so many bytes and which may have so many faces.
-pub(super) fn of_upload(spec: &Spec, upload: u64, most_faces: u64) -> u64 {
-    of_faces(&spec.parameters, (upload / spec.format.least_bytes_a_face()).min(most_faces))
+/// What the result of a job is expected to take, whose upload has so many bytes.
+pub(super) fn of_upload(spec: &Spec, upload: u64, limits: &Limits) -> u64 {
+    let faces = spec.claimed_faces.unwrap_or_else(|| upload / spec.format.least_bytes_a_face());
+    of_faces(&spec.parameters, faces.min(limits.most_faces(upload)))
 }
 
 /// What the result of a job is expected to take, whose mesh has so many faces.

@@ -1,6 +1,6 @@
 //! Modes: folders 0700 and files 0600, whatever the umask is. Meshes are their owners' secrets.
 
-use std::fs::OpenOptions;
+use std::fs::{Metadata, OpenOptions};
 use std::io;
 use std::path::Path;
 
@@ -23,24 +23,29 @@ pub(in crate::service) fn options() -> OpenOptions {
 }
 
 /// Takes the access of group and others away from a file or folder, if it is there.
-#[cfg(unix)]
 pub(in crate::service) fn tighten(path: &Path) -> io::Result<()> {
+    match path.symlink_metadata() {
+        Ok(found) => tighten_found(path, &found),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        Err(error) => Err(error),
+    }
+}
+
+/// The same for what has this metadata, links not followed.
+#[cfg(unix)]
+pub(super) fn tighten_found(path: &Path, found: &Metadata) -> io::Result<()> {
     use std::os::unix::fs::PermissionsExt as _;
-    let mode = match path.symlink_metadata() {
-        Ok(metadata) if metadata.is_symlink() => return Ok(()),
-        Ok(metadata) => metadata.permissions().mode(),
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
-        Err(error) => return Err(error),
-    };
+    let mode = found.permissions().mode();
     match mode & 0o077 {
         0 => Ok(()),
+        _ if found.is_symlink() => Ok(()),
         _ => std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode & 0o700)),
     }
 }
 
-/// Takes the access of group and others away from a file or folder; does nothing on this system.
+/// The same for what has this metadata; does nothing on this system.
 #[cfg(not(unix))]
-pub(in crate::service) fn tighten(_: &Path) -> io::Result<()> {
+pub(super) fn tighten_found(_: &Path, _: &Metadata) -> io::Result<()> {
     Ok(())
 }
 

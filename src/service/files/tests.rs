@@ -143,10 +143,16 @@ async fn uploads_are_refused_before_the_folder_is_full_and_results_are_not() {
     files.remove(id).await;
     assert_eq!(files.check_room(0), Ok(()));
 
-    let limits = DiskLimits { max_bytes: None, min_free_bytes: u64::MAX };
     let other = tempfile::tempdir().expect("a folder");
-    let error = open(other.path(), limits, Faults::default()).check_room(0).expect_err("no disk is that large");
+    let total = disk::total_bytes(other.path()).expect("known");
+    let limits = DiskLimits { max_bytes: None, min_free_bytes: total - 1 };
+    let error = open(other.path(), limits, Faults::default()).check_room(0).expect_err("the disk holds something");
     assert!(error.message.contains("--min-free-bytes"), "{error}");
+    // nor would it ever be taken
+    let limits = DiskLimits { min_free_bytes: total, ..limits };
+    let error = Files::open(Some(other.path()), limits, Faults::default()).expect_err("no disk is that empty");
+    let words = format!("less than the {total} bytes");
+    assert!(error.message.contains("--min-free-bytes") && error.message.contains(&words), "{error}");
 }
 
 #[tokio::test]

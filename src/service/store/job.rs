@@ -121,6 +121,9 @@ pub(in crate::service) struct Spec {
     /// Whether all of these are small blobs, which the store keeps.
     #[serde(default)]
     pub is_small: bool,
+    /// Faces that the head of the mesh [claims](crate::mesh::claimed_faces), where it does.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub claimed_faces: Option<u64>,
     /// Jobs of a tenant with a higher priority are claimed first. Left out where it is 0, so that the digest of an
     /// idempotent request is the same as in releases without priorities.
     #[serde(default, skip_serializing_if = "is_zero")]

@@ -98,6 +98,7 @@ pub(super) mod tests {
             listed_seeds: false,
             has_weights: false,
             is_small: false,
+            claimed_faces: None,
             priority: 0,
         };
         NewJob { id: JobId::random(), spec, idempotency: None, upload: Vec::new() }

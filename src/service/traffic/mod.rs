@@ -36,7 +36,7 @@ use super::access::{Access, Caller};
 use super::problem::Failure;
 use super::settings::TrafficSettings;
 use super::trace::Origin;
-use super::{LOCAL_TENANT, audit, intake};
+use super::{LOCAL_TENANT, audit, intake, urls};
 use crate::error::{Error, Kind};
 
 /// Paths of probes, which get an answer even when their address is over its limits.
@@ -102,7 +102,7 @@ pub(super) async fn admit(State(traffic): State<Arc<Traffic>>, mut request: Requ
         Err(failure) => {
             if matches!(failure.error.kind, Kind::Unauthorized | Kind::Forbidden) {
                 let origin = request.extensions().get::<Origin>();
-                audit::denied(failure.error.kind, request.method(), request.uri().path(), origin);
+                audit::denied(failure.error.kind, request.method(), urls::cut(request.uri().path()), origin);
             }
             intake::refuse(request);
             failure.into_response()

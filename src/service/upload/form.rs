@@ -86,7 +86,7 @@ impl Form {
             "weights" => {
                 once("weights", self.weights.is_some())?;
                 let weights = self.into.save(content(field), files::WEIGHTS, |_| Ok(())).await?;
-                job::check_head_of_weights(&weights.head)?;
+                job::check_head_of_weights(weights.head())?;
                 self.weights = Some(weights);
                 Ok(())
             }
@@ -164,11 +164,12 @@ impl Form {
             listed_seeds: self.seeds.is_some(),
             has_weights: self.weights.is_some(),
             is_small: false,
+            claimed_faces: None,
             priority,
         };
-        let files = [Some(mesh.saved), self.seeds, self.weights].into_iter().flatten();
+        let files = [Some(&mesh.saved), self.seeds.as_ref(), self.weights.as_ref()].into_iter().flatten();
         let digests = files.filter_map(|saved| saved.digest).chain(self.digests).collect();
-        Ok(Upload { folder: self.into.folder, spec, digests })
+        Ok(Upload { folder: self.into.folder, spec, digests, head: mesh.saved.head })
     }
 }
 

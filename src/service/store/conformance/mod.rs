@@ -91,6 +91,7 @@ fn spec(name: &str) -> Spec {
         listed_seeds: true,
         has_weights: true,
         is_small: false,
+        claimed_faces: None,
         priority: 0,
     }
 }
