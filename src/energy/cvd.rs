@@ -32,6 +32,11 @@ impl Functional for Cvd {
     type RefinementSlack = RefinementSlack;
 
     #[inline]
+    fn item(centroid: [i32; 3], weight: u32) -> Face {
+        Face { centroid, weight }
+    }
+
+    #[inline]
     fn proxy_at(point: [i32; 3]) -> [i32; 3] {
         point
     }
