@@ -193,8 +193,8 @@ impl Connection {
     /// The first failure that was reported.
     pub(super) fn check(&self) -> Result<()> {
         if lock(&self.health.failed).is_some() && lock(&self.health.lost).is_none() {
-            // A lost device makes other calls fail first; its own callback needs a poll to be called.
-            let _ = self.poll(wgpu::PollType::Poll);
+            // A lost device makes other calls fail first; a poll calls its own callback once the queue is empty.
+            let _ = self.poll(wgpu::PollType::Wait { submission_index: None, timeout: Some(PATIENCE) });
         }
         if let Some(message) = lock(&self.health.lost).as_deref() {
             return Err(self.lost(message));
