@@ -14,7 +14,7 @@ fn acvd(surface: &Surface, clusters: usize, labels: &mut [u32]) {
     let mut sums = vec![[0.0f64; 4]; clusters];
     let face_sums = |face: usize| {
         let weight = f64::from(surface.weights[face]);
-        let g = surface.centroids[face].map(f64::from);
+        let g = surface.points[face].map(f64::from);
         [weight * g[0], weight * g[1], weight * g[2], weight]
     };
     let add = |a: [f64; 4], b: [f64; 4], sign: f64| std::array::from_fn::<f64, 4, _>(|i| a[i] + sign * b[i]);
@@ -67,7 +67,7 @@ fn a_cube_in_8_clusters_has_the_energy_of_acvd() {
     };
     let nearest = |corner: usize| {
         let distance = |face: &usize| -> i64 {
-            (0..3).map(|axis| i64::from(surface.centroids[*face][axis] - target(corner)[axis]).pow(2)).sum()
+            (0..3).map(|axis| i64::from(surface.points[*face][axis] - target(corner)[axis]).pow(2)).sum()
         };
         surface.upload_face[(0..surface.faces()).min_by_key(distance).expect("there are faces")]
     };

@@ -38,7 +38,7 @@ fn labels(surface: &Surface, clusters: u64) -> Vec<u32> {
 fn clusters_inside(surface: &Surface, clusters: usize, labels: &[u32], inside: impl Fn([i32; 3]) -> bool) -> usize {
     let mut votes = vec![0i64; clusters];
     for (face, &label) in labels.iter().enumerate() {
-        votes[label as usize] += if inside(surface.centroids[face]) { 1 } else { -1 };
+        votes[label as usize] += if inside(surface.points[face]) { 1 } else { -1 };
     }
     votes.into_iter().filter(|&votes| votes > 0).count()
 }

@@ -17,11 +17,11 @@ const FACES: usize = 4;
 fn pairs_of(ends: &[[End; 2]], energy_shift: u32) -> (Surface, Vec<u32>) {
     let mut surface = surface(Sample::Strip, 4);
     let faces = 2 * FACES * ends.len();
-    surface.graph.centroids.clear();
+    surface.graph.points.clear();
     surface.graph.weights.clear();
     for end in ends.iter().flatten() {
         for face in 0..FACES as u64 {
-            surface.graph.centroids.push(end.proxy);
+            surface.graph.points.push(end.proxy);
             surface.graph.weights.push(((end.weight + face) / FACES as u64) as u32);
         }
     }

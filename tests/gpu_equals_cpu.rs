@@ -184,7 +184,7 @@ fn the_comparison_fails_when_the_devices_see_different_meshes_or_seeds() {
     assert_ne!(other.3, cpu_run.3, "a weight");
 
     let mut moved = Surface::build(&mesh).expect("a surface");
-    moved.graph.centroids[100][1] += 1;
+    moved.graph.points[100][1] += 1;
     let other = run(&mut gpu, &moved, &seeds_here, ALL).expect("a run");
     assert_ne!(other.3, cpu_run.3, "a centroid");
 

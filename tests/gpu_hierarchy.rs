@@ -166,7 +166,7 @@ fn the_comparison_fails_when_the_devices_see_different_meshes_or_options() {
     assert!(other.tree != expected.tree, "a weight");
 
     let mut moved = Surface::build(&mesh).expect("a surface");
-    moved.graph.centroids[100][1] += 1;
+    moved.graph.points[100][1] += 1;
     let other = run(&mut gpu, &moved, &pml()).expect("the gpu runs");
     assert!(other.tree != expected.tree, "a centroid");
 

@@ -119,7 +119,7 @@ fn flood(surface: &Surface, proxies: &[[i128; 3]], seeds: &[u32]) -> Vec<u32> {
     loop {
         let energy = |face: usize, cluster: u32| {
             let square =
-                |axis: usize| (i128::from(surface.centroids[face][axis]) - proxies[cluster as usize][axis]).pow(2);
+                |axis: usize| (i128::from(surface.points[face][axis]) - proxies[cluster as usize][axis]).pow(2);
             i128::from(surface.weights[face]) * (square(0) + square(1) + square(2))
         };
         let free = (0..labels.len()).filter(|&face| labels[face] == FREE);
@@ -139,7 +139,7 @@ fn every_variational_iteration_is_the_one_that_the_definition_says() {
         let (clustering, rows) = run_vc(&surface, &seeds, FREELY);
         let components = &seeds.component_of_cluster;
         let at_seeds: Vec<[i128; 3]> =
-            seeds.face_of_cluster.iter().map(|&face| surface.centroids[face as usize].map(i128::from)).collect();
+            seeds.face_of_cluster.iter().map(|&face| surface.points[face as usize].map(i128::from)).collect();
         let mut labels = flood(&surface, &at_seeds, &seeds.face_of_cluster);
         assert_eq!(clustering.initial, labels, "{name}");
         for row in &rows {
@@ -147,7 +147,7 @@ fn every_variational_iteration_is_the_one_that_the_definition_says() {
             let proxies = plain::proxies(&surface, components.len(), &labels);
             let distance = |face: usize| -> i128 {
                 let proxy = proxies[labels[face] as usize];
-                (0..3).map(|axis| (i128::from(surface.centroids[face][axis]) - proxy[axis]).pow(2)).sum()
+                (0..3).map(|axis| (i128::from(surface.points[face][axis]) - proxy[axis]).pow(2)).sum()
             };
             let central = |cluster: u32| {
                 (0..labels.len()).filter(|&f| labels[f] == cluster).min_by_key(|&f| (distance(f), f)).expect("a face")

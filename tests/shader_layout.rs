@@ -1,191 +1,165 @@
-//! Every shader parses and is valid, and declares what its row says: bindings by name, workgroup sizes, and the sizes
-//! and offsets of shared structs. Needs no GPU.
+//! Every shader is valid, the structs in it have the sizes and offsets of Rust's, and it uses what its first lines
+//! name. Needs no GPU.
 
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use naga::valid::{Capabilities, ValidationFlags, Validator};
+use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, StorageAccess, TypeInner};
-use tesserae::device::gpu::kernels::{Binding, KERNELS, Kernel, PIECES, uses};
-use tesserae::device::gpu::layout::{
-    Iteration, RUN, STRUCTS, Struct, TIES_BY_HASH, TIES_BY_LARGEST_ID, UNLISTED, WORKGROUP,
-};
+use tesserae::device::gpu::kernels::{Binding, KERNELS, Kernel, PIECES, names};
+use tesserae::device::gpu::layout::{self, Iteration};
+use tesserae::energy::shared::Struct;
+use tesserae::energy::{Energy, Functional};
 
-fn parse(kernel: &Kernel) -> Module {
-    naga::front::wgsl::parse_str(&kernel.source())
-        .unwrap_or_else(|error| panic!("{}.wgsl: {}", kernel.path, error.emit_to_string(&kernel.source())))
+fn parse(kernel: &Kernel, source: &str) -> (Module, ModuleInfo) {
+    let module = naga::front::wgsl::parse_str(source)
+        .unwrap_or_else(|error| panic!("{}.wgsl: {}", kernel.path, error.emit_to_string(source)));
+    let info = Validator::new(ValidationFlags::all(), Capabilities::SHADER_INT64)
+        .validate(&module)
+        .unwrap_or_else(|error| panic!("{}.wgsl: {}", kernel.path, error.emit_to_string(source)));
+    (module, info)
 }
 
 /// A binding: index, name, whether it is written (none for a uniform), bytes of an element.
 type Declared = (u32, String, Option<bool>, u32);
 
-/// The bindings that a module declares.
-fn declared(module: &Module) -> Vec<Declared> {
+/// The bindings that the entry point uses.
+fn used(module: &Module, info: &ModuleInfo) -> Vec<Declared> {
     let mut found = Vec::new();
-    for (_, variable) in module.global_variables.iter() {
+    for (handle, variable) in module.global_variables.iter() {
         let is_written = match variable.space {
             AddressSpace::Uniform => None,
             AddressSpace::Storage { access } => Some(access.contains(StorageAccess::STORE)),
-            AddressSpace::WorkGroup | AddressSpace::Private => continue,
-            ref other => panic!("unexpected address space {other:?}"),
+            _ => continue,
         };
-        let place = variable.binding.as_ref().expect("a binding");
-        assert_eq!(place.group, 0);
         let stride = match module.types[variable.ty].inner {
             // an array of a known length is one value, an array of unknown length has elements
             TypeInner::Array { size: naga::ArraySize::Dynamic, stride, .. } => stride,
             ref inner => inner.size(module.to_ctx()),
         };
-        found.push((place.binding, variable.name.clone().expect("a name"), is_written, stride));
+        // entry points of one thread may do without the uniform
+        if is_written.is_none() || info.get_entry_point(0)[handle] != GlobalUse::empty() {
+            let place = variable.binding.as_ref().expect("a binding").binding;
+            found.push((place, variable.name.clone().expect("a name"), is_written, stride));
+        }
     }
     found.sort_by_key(|found| found.0);
     found
 }
 
-/// Compares what a module declares with the bindings of a row.
-fn check_bindings(module: &Module, row: &[Binding]) -> Result<(), String> {
+/// Compares what a module uses with the buffers that are bound.
+fn check_bindings((module, info): &(Module, ModuleInfo), bound: &[Binding]) -> Result<(), String> {
     let uniform = (0, "iteration".to_owned(), None, size_of::<Iteration>() as u32);
-    let storage = (1..).zip(row).map(|(at, binding)| {
-        (at, binding.name().to_owned(), Some(binding.is_written), binding.buffer.spec().stride as u32)
+    let storage = (1..).zip(bound).map(|(at, binding)| {
+        (at, binding.name.to_owned(), Some(binding.is_written), binding.buffer.spec().stride as u32)
     });
     let expected: Vec<Declared> = std::iter::once(uniform).chain(storage).collect();
-    let found = declared(module);
-    if found == expected { Ok(()) } else { Err(format!("WGSL has {found:#?}, the row has {expected:#?}")) }
+    let found = used(module, info);
+    if found == expected { Ok(()) } else { Err(format!("WGSL uses {found:#?}, bound is {expected:#?}")) }
 }
 
-/// Whether the module declares the struct, and an error when it declares it differently.
-fn check_struct(module: &Module, expected: &Struct) -> Result<bool, String> {
-    for (_, ty) in module.types.iter() {
-        if ty.name.as_deref() != Some(expected.name) {
-            continue;
-        }
-        let TypeInner::Struct { members, span } = &ty.inner else {
-            return Err(format!("{} is no struct", expected.name));
-        };
-        let found: Vec<_> =
-            members.iter().map(|member| (member.name.as_deref().unwrap_or(""), member.offset as usize)).collect();
-        if *span as usize != expected.size || found != expected.members {
-            return Err(format!("WGSL has {span} bytes, {found:?}; Rust has {expected:?}"));
-        }
-        return Ok(true);
+/// Compares a struct of the module with that of Rust.
+fn check_struct(module: &Module, expected: &Struct) -> Result<(), String> {
+    let found = module.types.iter().find(|(_, ty)| ty.name.as_deref() == Some(expected.name));
+    let Some((_, naga::Type { inner: TypeInner::Struct { members, span }, .. })) = found else {
+        return Err(format!("{} is no struct", expected.name));
+    };
+    let offsets: Vec<_> = members.iter().map(|member| member.offset as usize).collect();
+    let in_rust: Vec<_> = expected.members.iter().map(|&(_, _, offset)| offset).collect();
+    if (*span as usize, &offsets) == (expected.size, &in_rust) {
+        return Ok(());
     }
-    Ok(false)
+    Err(format!("{}: WGSL has {span} bytes, {offsets:?}; Rust has {}, {in_rust:?}", expected.name, expected.size))
 }
 
 #[test]
-fn every_shader_is_valid() {
+fn every_shader_is_valid_and_uses_the_buffers_and_the_constant_that_it_names() {
+    let mut all = BTreeSet::new();
     for kernel in KERNELS {
-        Validator::new(ValidationFlags::all(), Capabilities::SHADER_INT64)
-            .validate(&parse(kernel))
-            .unwrap_or_else(|error| panic!("{}.wgsl: {}", kernel.path, error.emit_to_string(&kernel.source())));
-    }
-}
-
-#[test]
-fn every_shader_declares_the_bindings_of_its_row() {
-    for kernel in KERNELS {
-        check_bindings(&parse(kernel), kernel.bindings).unwrap_or_else(|error| panic!("{}.wgsl: {error}", kernel.path));
-        assert!(kernel.bindings.len() <= 8, "{}: portable devices bind 8 storage buffers", kernel.name);
-    }
-}
-
-#[test]
-fn two_buffers_of_a_row_that_are_swapped_fail_the_check() {
-    let mut swaps = 0;
-    for kernel in KERNELS {
-        let module = parse(kernel);
-        for (b, a) in (0..kernel.bindings.len()).flat_map(|b| (0..b).map(move |a| (b, a))) {
-            let mut row = kernel.bindings.to_vec();
-            row.swap(a, b);
-            assert!(check_bindings(&module, &row).is_err(), "{}: bindings {a} and {b}", kernel.name);
-            swaps += 1;
-        }
-    }
-    assert!(swaps > 200, "{swaps}");
-}
-
-#[test]
-fn every_shader_has_one_entry_point_of_its_workgroup_size_and_the_constant_of_its_row() {
-    let mut names = BTreeSet::new();
-    for kernel in KERNELS {
-        let module = parse(kernel);
-        let [entry] = &module.entry_points[..] else {
-            panic!("{}.wgsl: not one entry point", kernel.path);
-        };
-        assert_eq!(entry.name, kernel.entry_point());
-        assert_eq!(entry.workgroup_size, [kernel.workgroup_size, 1, 1], "{}", kernel.name);
-        let constants: Vec<_> = module.overrides.iter().filter_map(|(_, constant)| constant.name.as_deref()).collect();
+        let parsed = parse(kernel, &kernel.source());
+        let bound = kernel.bindings();
+        check_bindings(&parsed, &bound).unwrap_or_else(|error| panic!("{}.wgsl: {error}", kernel.path));
+        assert!(bound.len() <= 8, "{}: portable devices bind 8 storage buffers", kernel.name);
+        let constants: Vec<_> =
+            parsed.0.overrides.iter().filter_map(|(_, constant)| constant.name.as_deref()).collect();
         assert_eq!(constants, Vec::from_iter(kernel.constant.map(|(name, _)| name)), "{}", kernel.name);
-        assert!(names.insert(kernel.name), "{} twice", kernel.name);
+        assert!(all.insert(kernel.name), "{} twice", kernel.name);
     }
 }
 
 #[test]
-fn shared_structs_and_constants_are_the_same_on_both_sides() {
-    let mut seen = BTreeSet::new();
-    let mut constants = BTreeSet::new();
-    for kernel in KERNELS {
-        let module = parse(kernel);
-        for expected in STRUCTS {
-            if check_struct(&module, expected).unwrap_or_else(|error| panic!("{}.wgsl: {error}", kernel.path)) {
-                seen.insert(expected.name);
-            }
-        }
-        for (_, constant) in module.constants.iter() {
-            let (name, expected) = match constant.name.as_deref() {
-                Some("WORKGROUP") => ("WORKGROUP", WORKGROUP),
-                Some("RUN") => ("RUN", RUN),
-                Some("TIES_BY_HASH") => ("TIES_BY_HASH", TIES_BY_HASH),
-                Some("TIES_BY_LARGEST_ID") => ("TIES_BY_LARGEST_ID", TIES_BY_LARGEST_ID),
-                Some("UNLISTED") => ("UNLISTED", UNLISTED),
-                Some("FREE") => ("FREE", tesserae::device::FREE),
-                _ => continue,
-            };
-            let naga::Expression::Literal(naga::Literal::U32(value)) = module.global_expressions[constant.init] else {
-                panic!("{}.wgsl: {name} is no u32", kernel.path);
-            };
-            assert_eq!(value, expected, "{}.wgsl: {name}", kernel.path);
-            constants.insert(name);
-        }
+fn structs_have_the_same_layout_on_both_sides() {
+    let (module, _) = parse(KERNELS[0], &KERNELS[0].source());
+    for expected in layout::structs() {
+        assert_eq!(check_struct(&module, expected), Ok(()));
     }
-    assert_eq!(constants.len(), 6, "only {constants:?} are used");
-    assert_eq!(seen.len(), STRUCTS.len(), "only {seen:?} are used");
 }
 
 #[test]
 fn the_tables_list_every_shader_file_and_every_shared_piece_is_used() {
     let shaders = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders");
-    let names = |folder: &Path| -> Vec<String> {
+    let list = |folder: &Path| -> Vec<String> {
         let entries = std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry"));
         entries.map(|entry| entry.file_name().into_string().expect("UTF-8")).collect()
     };
     let mut files = BTreeSet::new();
-    for folder in names(&shaders) {
+    for folder in list(&shaders) {
         let path = |file: String| format!("{folder}/{}", file.strip_suffix(".wgsl").expect("a shader"));
-        files.extend(names(&shaders.join(&folder)).into_iter().map(path));
+        files.extend(list(&shaders.join(&folder)).into_iter().map(path));
     }
     let kernels = KERNELS.iter().map(|kernel| (kernel.path, kernel.wgsl));
     let texts: Vec<(&str, &str)> = kernels.chain(PIECES.iter().copied()).collect();
-    let table: BTreeSet<String> = texts.iter().map(|(path, _)| (*path).to_owned()).collect();
-    assert_eq!(files, table);
-    let used: BTreeSet<&str> = texts.iter().flat_map(|(_, text)| uses(text)).collect();
-    let pieces: BTreeSet<&str> =
-        PIECES.iter().map(|(path, _)| path.strip_prefix("shared/").unwrap_or("energy")).collect();
-    assert_eq!(used, pieces);
+    let path = |name: &str| match name {
+        "energy" => format!("energy/{}", Energy::NAME),
+        name if name.contains('/') => name.to_owned(),
+        name => format!("shared/{name}"),
+    };
+    assert_eq!(files, texts.iter().map(|(name, _)| path(name)).collect());
+    let used: BTreeSet<&str> = texts.iter().flat_map(|(_, text)| names(text, "uses")).collect();
+    assert_eq!(used, PIECES.iter().map(|(name, _)| *name).collect());
+}
+
+#[test]
+fn the_rust_twin_that_a_kernel_names_exists() {
+    let device = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/device");
+    let folders = [device.clone(), device.join("plain")].into_iter().filter(|folder| folder.is_dir());
+    let files =
+        folders.flat_map(|folder| std::fs::read_dir(folder).expect("a folder").map(|file| file.expect("an entry")));
+    let text: String = files.filter_map(|file| std::fs::read_to_string(file.path()).ok()).collect();
+    let mut twins = 0;
+    for kernel in KERNELS {
+        let Some((_, twin)) = kernel.wgsl.split_once("Rust: device::") else { continue };
+        let name = twin.split_once(".\n").map_or("", |(path, _)| path.rsplit("::").next().unwrap_or(path));
+        assert!(text.contains(&format!("fn {name}(")), "{}.wgsl names {name}", kernel.path);
+        twins += 1;
+    }
+    assert!(twins > 20, "{twins}");
 }
 
 #[test]
 fn the_comparison_notices_differences() {
+    let mut swaps = 0;
+    for kernel in KERNELS {
+        let parsed = parse(kernel, &kernel.source());
+        let bound = kernel.bindings();
+        for (b, a) in (0..bound.len()).flat_map(|b| (0..b).map(move |a| (b, a))) {
+            let mut swapped = bound.clone();
+            swapped.swap(a, b);
+            assert!(check_bindings(&parsed, &swapped).is_err(), "{}: bindings {a} and {b}", kernel.name);
+            swaps += 1;
+        }
+    }
+    assert!(swaps > 200, "{swaps}");
     let kernel = KERNELS.iter().find(|kernel| kernel.path == "boundary/boundary_apply").expect("boundary_apply");
-    let module_with = |source: &str| naga::front::wgsl::parse_str(source).expect("WGSL");
     let changed = |from: &str, to: &str| {
         let source = kernel.source().replace(from, to);
         assert_ne!(source, kernel.source(), "{from}");
-        module_with(&source)
+        parse(kernel, &source)
     };
-    assert!(check_bindings(&changed("@binding(2)", "@binding(9)"), kernel.bindings).is_err());
-    let written = changed("var<storage, read> neighbours", "var<storage, read_write> neighbours");
-    assert!(check_bindings(&written, kernel.bindings).is_err());
-    let grown = changed("moves: atomic<u32>,", "moves: atomic<u32>, more: u32,");
-    assert!(STRUCTS.iter().any(|expected| check_struct(&grown, expected).is_err()));
+    let unused = changed("wanted_clusters[thread]", "0u");
+    assert!(check_bindings(&unused, &kernel.bindings()).is_err());
+    let (grown, _) = changed("moves: atomic<u32>,", "moves: atomic<u32>, more: u32,");
+    assert!(layout::structs().any(|expected| check_struct(&grown, expected).is_err()));
+    let (moved, _) = changed("centroid: vec3<i32>,\n    weight: u32,", "weight: u32,\n    centroid: vec3<i32>,");
+    assert!(layout::structs().any(|expected| check_struct(&moved, expected).is_err()));
 }

@@ -1,28 +1,29 @@
-//! uses: items, wide, float
-// The CVD energy: everything that depends on what a face costs in a cluster. Another energy is a file with the same
-// names. Bit widths: |coordinate| < 2²⁷, Σ weight < 2³⁴, |Σ weight·centroid| < 2⁶¹ an axis.
+//! uses: wide, float
+// The CVD energy (P§6): everything that depends on what a face costs in a cluster. Another energy is a file with the
+// same names. `energy::cvd` is the same in Rust; `energy::cvd::words` has `Face`, `Proxy` and `SUMS`.
+// Bit widths: |coordinate| < 2²⁷, Σ weight < 2³⁴, |Σ weight·centroid| < 2⁶¹ an axis.
 
-// Sums over faces, from which a cluster's proxy and energy follow.
-struct Sums {
-    moment: vec3<i64>,
-    weight: i64,
-}
+// Sums over faces, from which a cluster's proxy and energy follow: Σ weight·centroid on each axis, then Σ weight.
+alias Sums = array<i64, SUMS>;
 
-const NO_SUMS = Sums(vec3<i64>(0li, 0li, 0li), 0li);
+const NO_SUMS = Sums();
+
+// Index of Σ weight.
+const WEIGHT: u32 = 3u;
 
 fn sums_of(face: Face) -> Sums {
     // by way of u64, because naga extends the sign when it converts u32 to i64
     let weight = i64(u64(face.weight));
     let centroid = face.centroid;
-    return Sums(vec3<i64>(i64(centroid.x) * weight, i64(centroid.y) * weight, i64(centroid.z) * weight), weight);
+    return Sums(i64(centroid.x) * weight, i64(centroid.y) * weight, i64(centroid.z) * weight, weight);
 }
 
 fn sums_plus(a: Sums, b: Sums) -> Sums {
-    return Sums(a.moment + b.moment, a.weight + b.weight);
+    return Sums(a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]);
 }
 
 fn sums_minus(a: Sums, b: Sums) -> Sums {
-    return Sums(a.moment - b.moment, a.weight - b.weight);
+    return Sums(a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]);
 }
 
 fn square(number: i32) -> u64 {
@@ -41,40 +42,31 @@ fn cost(face: Face, proxy: Proxy) -> u64 {
     return distance_squared(face.centroid, proxy.position);
 }
 
-// moment / weight rounded to nearest, halves up: ⌊(2·moment + weight) / (2·weight)⌋.
-fn mean(moment: i64, weight: i64) -> i64 {
-    let dividend = 2li * moment + weight;
+// sum / weight rounded to nearest, halves up: ⌊(2·sum + weight) / (2·weight)⌋.
+fn mean(sum: i64, weight: i64) -> i32 {
+    let dividend = 2li * sum + weight;
     let divisor = 2li * weight;
     let quotient = dividend / divisor;
-    return select(quotient, quotient - 1li, quotient * divisor > dividend);
+    return i32(select(quotient, quotient - 1li, quotient * divisor > dividend));
 }
 
-// The position of the proxy of a cluster with faces.
-fn fit(sums: Sums) -> vec3<i64> {
-    let moment = sums.moment;
-    return vec3<i64>(mean(moment.x, sums.weight), mean(moment.y, sums.weight), mean(moment.z, sums.weight));
-}
-
-// The proxy for `proxies`.
-fn fitted_proxy(position: vec3<i64>, energy_shift: u32) -> Proxy {
-    return Proxy(vec3<i32>(i32(position.x), i32(position.y), i32(position.z)), energy_shift);
+// The proxy of a cluster with faces.
+fn fit(sums: Sums, energy_shift: u32) -> Proxy {
+    let weight = sums[WEIGHT];
+    return Proxy(vec3<i32>(mean(sums[0], weight), mean(sums[1], weight), mean(sums[2], weight)), energy_shift);
 }
 
 // The explained energy 2·P·S − M·|P|² = P·(2·S − M·P), below 2⁹². |P| ≤ 2²⁷ and |2·S − M·P| < 2⁶² an axis, so the
 // product of P with the upper 32 bits is below 2⁵⁷, with the lower ones below 2⁵⁹.
-fn explained_by(position: vec3<i64>, sums: Sums) -> Wide {
-    let x = 2li * sums.moment.x - sums.weight * position.x;
-    let y = 2li * sums.moment.y - sums.weight * position.y;
-    let z = 2li * sums.moment.z - sums.weight * position.z;
+fn explained(proxy: Proxy, sums: Sums) -> Wide {
+    let p = vec3<i64>(proxy.position);
+    let x = 2li * sums[0] - sums[WEIGHT] * p.x;
+    let y = 2li * sums[1] - sums[WEIGHT] * p.y;
+    let z = 2li * sums[2] - sums[WEIGHT] * p.z;
     return wide(
-        position.x * (x >> 32u) + position.y * (y >> 32u) + position.z * (z >> 32u),
-        position.x * (x & 0xffffffffli) + position.y * (y & 0xffffffffli) + position.z * (z & 0xffffffffli),
+        p.x * (x >> 32u) + p.y * (y >> 32u) + p.z * (z >> 32u),
+        p.x * (x & 0xffffffffli) + p.y * (y & 0xffffffffli) + p.z * (z & 0xffffffffli),
     );
-}
-
-// The explained energy of a cluster with its own proxy.
-fn explained(sums: Sums) -> Wide {
-    return explained_by(fit(sums), sums);
 }
 
 // distance·weight / rest; weight / rest, below 1, as a fraction of 32 bits.
@@ -95,6 +87,20 @@ fn cost_of_entering(face: Face, proxy: Proxy, cluster_weight: i64) -> i64 {
     let weight = u64(face.weight);
     let distance = cost(face, proxy);
     return i64(distance - scaled(distance, weight, u64(cluster_weight) + weight));
+}
+
+// gain·weight of the face as a float of 7 bits of exponent and 25 of mantissa, whose order is that of u32; at least 1.
+fn packed_bid(gain: i64, face: Face) -> u32 {
+    let drop = max(bit_length(u64(gain)), 32u) - 32u;
+    let product = (u64(gain) >> drop) * u64(face.weight);
+    let top = bit_length(product) - 1u;
+    var mantissa = 0u;
+    if top > 25u {
+        mantissa = u32((product >> (top - 25u)) & 0x1fffffflu);
+    } else {
+        mantissa = u32((product << (25u - top)) & 0x1fffffflu);
+    }
+    return (((top + drop) << 25u) | mantissa) + 1u;
 }
 
 // The cost of merging two clusters with faces, (M₁·M₂/(M₁ + M₂)·|P₁ − P₂|²) << shift, in a float of 7 bits of exponent

@@ -1,24 +1,18 @@
 //! uses: boundary_list, cluster_sums, ties, candidate_edge
+//! reads: neighbours, labels, proxies
+//! writes: clusters, candidate_edges, boundary_list
 // The cheapest dual edge of all (P§5.4), first step, a thread a listed face: the best of each workgroup, by exact cost.
+// Rust: device::cheapest_dual_edge.
 
-@group(0) @binding(0) var<uniform> iteration: Iteration;
-@group(0) @binding(1) var<storage, read> neighbours: array<u32>;
-@group(0) @binding(2) var<storage, read> labels: array<u32>;
-@group(0) @binding(3) var<storage, read> proxies: array<Proxy>;
-@group(0) @binding(4) var<storage, read_write> clusters: array<Cluster>;
-@group(0) @binding(5) var<storage, read_write> candidate_edges: array<CandidateEdge>;
-@group(0) @binding(6) var<storage, read_write> boundary_list: BoundaryList;
-
-fn candidate(own: u32, other: u32) -> Candidate {
+fn candidate(own: u32, other: u32) -> CandidateEdge {
     let cost = exact_merge_cost(proxies[own], cluster_weight(own), proxies[other], cluster_weight(other));
     let low = min(own, other);
     let high = max(own, other);
-    return Candidate(cost.x, cost.y, tie_of(low, high), low, high);
+    return CandidateEdge(cost.x, cost.y, tie_of(low, high), low, high, 0u);
 }
 
-@compute @workgroup_size(WORKGROUP)
-fn cheapest_dual_edge(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let face = listed_face(thread_number(iteration, group, local));
+fn cheapest_dual_edge(thread: u32, local: u32) {
+    let face = listed_face(thread);
     var best = NO_CANDIDATE;
     if face != FREE {
         let own = labels[face];
@@ -26,7 +20,7 @@ fn cheapest_dual_edge(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_in
             let end = neighbours[face + 1u];
             for (var at = neighbours[face]; at < end; at++) {
                 let other = labels[neighbours[at]];
-                // the faces of the other cluster look at this one, too
+                // faces of the other cluster have the same edge
                 if own < other && other != FREE {
                     let next = candidate(own, other);
                     if is_better(next, best) {
@@ -36,5 +30,5 @@ fn cheapest_dual_edge(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_in
             }
         }
     }
-    write_best(local, best, group.y * iteration.row + group.x);
+    write_best(local, best, thread / WORKGROUP);
 }

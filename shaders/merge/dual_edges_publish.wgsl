@@ -1,23 +1,9 @@
-//! uses: boundary_list, best_dual_edge
-// Best dual edges, last step, a thread a cluster that is left: writes them for the host, in the order of the clusters,
-// and clears them for the next search.
+//! uses: boundary_list
+//! writes: best_dual_edges, dual_edges, boundary_list
+// Best dual edges (P§5.4), last step, a thread a cluster that is left: writes them for the host, in the order of the
+// clusters, and clears them for the next search. Rust: device::optimal_dual_edges.
 
-@group(0) @binding(0) var<uniform> iteration: Iteration;
-@group(0) @binding(1) var<storage, read_write> best_dual_edges: array<BestDualEdge>;
-@group(0) @binding(2) var<storage, read_write> dual_edges: array<DualEdge>;
-@group(0) @binding(3) var<storage, read_write> boundary_list: BoundaryList;
-
-// Rust: layout::DualEdge.
-struct DualEdge {
-    // FREE without an edge.
-    other: u32,
-    // The packed cost.
-    cost: u32,
-}
-
-@compute @workgroup_size(WORKGROUP)
-fn dual_edges_publish(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let thread = thread_number(iteration, group, local);
+fn dual_edges_publish(thread: u32, local: u32) {
     let cluster = living_cluster(thread);
     if cluster == FREE {
         return;

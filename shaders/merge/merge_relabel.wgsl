@@ -1,14 +1,9 @@
-//! uses: iteration
-// A merge, second step, a thread a face: faces follow their clusters, and `label_at_merge` of listed faces is set.
+//! reads: merged_into
+//! writes: labels, label_at_merge
+// A merge (P§5.4), second step, a thread a face: faces follow their clusters, and `label_at_merge` of listed faces is
+// set. Rust: device::merge.
 
-@group(0) @binding(0) var<uniform> iteration: Iteration;
-@group(0) @binding(1) var<storage, read> merged_into: array<u32>;
-@group(0) @binding(2) var<storage, read_write> labels: array<u32>;
-@group(0) @binding(3) var<storage, read_write> label_at_merge: array<u32>;
-
-@compute @workgroup_size(WORKGROUP)
-fn merge_relabel(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let face = thread_number(iteration, group, local);
+fn merge_relabel(face: u32, local: u32) {
     if face >= iteration.faces {
         return;
     }
@@ -22,7 +17,7 @@ fn merge_relabel(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocat
         label = into - 1u;
         labels[face] = label;
     }
-    if label_at_merge[face] != UNLISTED {
-        label_at_merge[face] = label;
+    if atomicLoad(&label_at_merge[face]) != UNLISTED {
+        atomicStore(&label_at_merge[face], label);
     }
 }

@@ -1,15 +1,9 @@
-//! uses: boundary_list, cluster_sums, ties, best_dual_edge
+//! uses: boundary_list, cluster_sums, ties
+//! reads: neighbours, labels, proxies
+//! writes: clusters, best_dual_edges, boundary_list
 // Best dual edge of each cluster (P§5.4), a thread a listed face. Three passes find the least cost, then the least tie
 // of the edges with that cost, then the smallest neighbour of those; a pass only writes its own number, the earlier
-// ones are complete.
-
-@group(0) @binding(0) var<uniform> iteration: Iteration;
-@group(0) @binding(1) var<storage, read> neighbours: array<u32>;
-@group(0) @binding(2) var<storage, read> labels: array<u32>;
-@group(0) @binding(3) var<storage, read> proxies: array<Proxy>;
-@group(0) @binding(4) var<storage, read_write> clusters: array<Cluster>;
-@group(0) @binding(5) var<storage, read_write> best_dual_edges: array<BestDualEdge>;
-@group(0) @binding(6) var<storage, read_write> boundary_list: BoundaryList;
+// ones are complete. Rust: device::optimal_dual_edges.
 
 const COST: u32 = 0u;
 const TIE: u32 = 1u;
@@ -32,9 +26,8 @@ fn rank(own: u32, other: u32) -> u32 {
     return select(0u, ~other, tie == atomicLoad(&best_dual_edges[own].tie));
 }
 
-@compute @workgroup_size(WORKGROUP)
-fn min_dual_edge(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let face = listed_face(thread_number(iteration, group, local));
+fn min_dual_edge(thread: u32, local: u32) {
+    let face = listed_face(thread);
     if face == FREE || labels[face] == FREE {
         return;
     }

@@ -1,19 +1,10 @@
-//! uses: boundary_insert, cluster_sums, move_count, largest_piece
-// Last step, a thread a face: the faces of the other pieces become free, and are listed.
+//! uses: boundary_insert, cluster_sums, count
+//! reads: faces, parents
+//! writes: labels, clusters, largest_pieces, stats, label_at_merge, boundary_list
+// Last step, a thread a face: the faces of the other pieces become free, and are listed. Rust:
+// device::pieces::cut_off_faces.
 
-@group(0) @binding(0) var<uniform> iteration: Iteration;
-@group(0) @binding(1) var<storage, read> faces: array<Face>;
-@group(0) @binding(2) var<storage, read> parents: array<u32>;
-@group(0) @binding(3) var<storage, read_write> labels: array<u32>;
-@group(0) @binding(4) var<storage, read_write> clusters: array<Cluster>;
-@group(0) @binding(5) var<storage, read_write> largest_pieces: array<LargestPiece>;
-@group(0) @binding(6) var<storage, read_write> stats: array<IterationStats>;
-@group(0) @binding(7) var<storage, read_write> label_at_merge: array<atomic<u32>>;
-@group(0) @binding(8) var<storage, read_write> boundary_list: BoundaryList;
-
-@compute @workgroup_size(WORKGROUP)
-fn piece_detach(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let face = thread_number(iteration, group, local);
+fn piece_detach(face: u32, local: u32) {
     if face < iteration.faces {
         let root = parents[face];
         if root != FREE && ~atomicLoad(&largest_pieces[labels[face]].inverted_root) != root {
@@ -24,7 +15,7 @@ fn piece_detach(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocati
             if claim(face, own) {
                 insert(face);
             }
-            atomicAdd(&moves_here, 1u);
+            atomicAdd(&counted, 1u);
         }
     }
     write_inserted(local);

@@ -1,15 +1,18 @@
-//! uses: piece_tree, largest_piece
+//! reads: labels
+//! writes: parents, piece_sizes, largest_pieces
 // Third step: sets every face to its root, counts the faces of each piece, and finds the size of each cluster's largest
-// piece. A thread takes a few faces in a row, as in `sums_gather`.
+// piece. A thread takes a few faces in a row, as in `sums_gather`. Rust: device::pieces::cut_off_faces.
 
-@group(0) @binding(0) var<uniform> iteration: Iteration;
-@group(0) @binding(1) var<storage, read> labels: array<u32>;
-@group(0) @binding(2) var<storage, read_write> parents: array<atomic<u32>>;
-@group(0) @binding(3) var<storage, read_write> piece_sizes: array<atomic<u32>>;
-@group(0) @binding(4) var<storage, read_write> largest_pieces: array<LargestPiece>;
-
-// Faces a thread takes.
-const RUN: u32 = 8u;
+// The smallest face of the tree of a face. No path is halved, as in `piece_union`: threads set faces to their roots.
+fn end_of(face: u32) -> u32 {
+    var at = face;
+    var above = atomicLoad(&parents[at]);
+    while above != at {
+        at = above;
+        above = atomicLoad(&parents[at]);
+    }
+    return above;
+}
 
 // The last addition to a piece finds its whole size.
 fn add_to_piece(root: u32, faces: u32) {
@@ -17,9 +20,8 @@ fn add_to_piece(root: u32, faces: u32) {
     atomicMax(&largest_pieces[labels[root]].size, before + faces);
 }
 
-@compute @workgroup_size(WORKGROUP)
-fn piece_size(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let first = thread_number(iteration, group, local) * RUN;
+fn piece_size(thread: u32, local: u32) {
+    let first = thread * RUN;
     let end = min(first + RUN, iteration.faces);
     var root = FREE;
     var faces = 0u;

@@ -1,16 +1,28 @@
-//! uses: piece_tree
+//! reads: neighbours, labels
+//! writes: parents
 // Second step, a thread a face: for each two neighbours of a cluster, the larger root of their trees becomes a child of
 // the smaller. In whatever order threads run, each tree ends as a whole piece with its smallest face as root. A thread
-// whose exchange fails looks for the root again; a root changes once at most.
+// whose exchange fails searches the root again; a root changes once at most. Rust: device::pieces::cut_off_faces.
 
-@group(0) @binding(0) var<uniform> iteration: Iteration;
-@group(0) @binding(1) var<storage, read> neighbours: array<u32>;
-@group(0) @binding(2) var<storage, read> labels: array<u32>;
-@group(0) @binding(3) var<storage, read_write> parents: array<atomic<u32>>;
+// The smallest face of the tree of a face. Halves the path: only faces that are not roots, and never will be again, are
+// set, to one further up, so the order in which threads set them does not matter.
+fn root_of(face: u32) -> u32 {
+    var at = face;
+    var above = atomicLoad(&parents[at]);
+    if above == at {
+        return at;
+    }
+    var next = atomicLoad(&parents[above]);
+    while next != above {
+        atomicStore(&parents[at], next);
+        at = above;
+        above = next;
+        next = atomicLoad(&parents[above]);
+    }
+    return above;
+}
 
-@compute @workgroup_size(WORKGROUP)
-fn piece_union(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let face = thread_number(iteration, group, local);
+fn piece_union(face: u32, local: u32) {
     if face >= iteration.faces || atomicLoad(&parents[face]) == FREE {
         return;
     }

@@ -1,15 +1,10 @@
 //! uses: boundary_list, bids
-// Last step, a thread a listed face: labels follow the accepted moves, and a winner that was refused remembers when.
+//! writes: labels, face_bids, cluster_bids, boundary_list
+// Last step, a thread a listed face: labels follow the accepted moves, and a refused winner stores the iteration.
+// Rust: device::plain::try_moving.
 
-@group(0) @binding(0) var<uniform> iteration: Iteration;
-@group(0) @binding(1) var<storage, read_write> labels: array<u32>;
-@group(0) @binding(2) var<storage, read_write> face_bids: array<FaceBid>;
-@group(0) @binding(3) var<storage, read_write> cluster_bids: array<ClusterBids>;
-@group(0) @binding(4) var<storage, read_write> boundary_list: BoundaryList;
-
-@compute @workgroup_size(WORKGROUP)
-fn commit_moves(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let face = listed_face(thread_number(iteration, group, local));
+fn commit_moves(thread: u32, local: u32) {
+    let face = listed_face(thread);
     if face == FREE {
         return;
     }

@@ -1,34 +1,11 @@
-//! uses: boundary_list, bids, cluster_sums
+//! uses: boundary_list, cluster_sums
+//! reads: faces, neighbours, labels, proxies
+//! writes: clusters, cluster_bids, face_bids, boundary_list
 // First step of an iteration of the refinement, a thread a listed face: finds the cluster that the face gains most by
-// entering, and bids at that cluster and its own.
+// entering, and bids at that cluster and its own. Rust: device::plain::bids.
 
-@group(0) @binding(0) var<uniform> iteration: Iteration;
-@group(0) @binding(1) var<storage, read> faces: array<Face>;
-@group(0) @binding(2) var<storage, read> neighbours: array<u32>;
-@group(0) @binding(3) var<storage, read> labels: array<u32>;
-@group(0) @binding(4) var<storage, read> proxies: array<Proxy>;
-@group(0) @binding(5) var<storage, read_write> clusters: array<Cluster>;
-@group(0) @binding(6) var<storage, read_write> cluster_bids: array<ClusterBids>;
-@group(0) @binding(7) var<storage, read_write> face_bids: array<FaceBid>;
-@group(0) @binding(8) var<storage, read_write> boundary_list: BoundaryList;
-
-// gain·weight as a float of 7 bits of exponent and 25 of mantissa (refinement::bid).
-fn packed(gain: i64, weight: u32) -> u32 {
-    let drop = max(bit_length(u64(gain)), 32u) - 32u;
-    let product = (u64(gain) >> drop) * u64(weight);
-    let top = bit_length(product) - 1u;
-    var mantissa = 0u;
-    if top > 25u {
-        mantissa = u32((product >> (top - 25u)) & 0x1fffffflu);
-    } else {
-        mantissa = u32((product << (25u - top)) & 0x1fffffflu);
-    }
-    return (((top + drop) << 25u) | mantissa) + 1u;
-}
-
-@compute @workgroup_size(WORKGROUP)
-fn face_bid(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let face = listed_face(thread_number(iteration, group, local));
+fn face_bid(thread: u32, local: u32) {
+    let face = listed_face(thread);
     if face == FREE {
         return;
     }
@@ -58,7 +35,7 @@ fn face_bid(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_i
         if best != FREE {
             let gain = gain_of_leaving(here, proxies[own], cluster_weight(own)) - least;
             if is_due && gain > 0li {
-                let bid = packed(gain, here.weight);
+                let bid = packed_bid(gain, here);
                 face_bids[face].bid = bid;
                 atomicMax(&cluster_bids[own].best_bid, bid);
                 atomicMax(&cluster_bids[best].best_bid, bid);

@@ -1,17 +1,9 @@
-//! uses: boundary_insert, bids, cluster_sums
+//! uses: boundary_insert, cluster_sums
+//! reads: faces, neighbours, labels
+//! writes: face_bids, cluster_bids, joining_sums as clusters, label_at_merge, boundary_list
 // Third step, a thread a listed face: a face that both its clusters took wins, and faces that want the same move join
 // it. `clusters` is bound to the sums of the joining faces, under the cluster that they leave; they are zero between
-// iterations.
-
-@group(0) @binding(0) var<uniform> iteration: Iteration;
-@group(0) @binding(1) var<storage, read> faces: array<Face>;
-@group(0) @binding(2) var<storage, read> neighbours: array<u32>;
-@group(0) @binding(3) var<storage, read> labels: array<u32>;
-@group(0) @binding(4) var<storage, read_write> face_bids: array<FaceBid>;
-@group(0) @binding(5) var<storage, read_write> cluster_bids: array<ClusterBids>;
-@group(0) @binding(6) var<storage, read_write> clusters: array<Cluster>;
-@group(0) @binding(7) var<storage, read_write> label_at_merge: array<atomic<u32>>;
-@group(0) @binding(8) var<storage, read_write> boundary_list: BoundaryList;
+// iterations. Rust: device::plain::winners.
 
 // Adds a face to the move of its cluster's winner, if it wants the same. Its neighbours inside the cluster are listed
 // before the move is accepted; if it is refused, they are evaluated once more without effect.
@@ -42,9 +34,8 @@ fn join_winner(face: u32) {
     }
 }
 
-@compute @workgroup_size(WORKGROUP)
-fn join_moves(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let face = listed_face(thread_number(iteration, group, local));
+fn join_moves(thread: u32, local: u32) {
+    let face = listed_face(thread);
     if face != FREE {
         join_winner(face);
     }

@@ -1,29 +1,10 @@
-//! uses: iteration
-// The best dual edge of a workgroup, by exact cost (cluster::dual_edge::Rank). Rust: layout::CandidateEdge.
-struct CandidateEdge {
-    // Cost, 128 bits, low word first.
-    cost: array<u32, 4>,
-    // Of equal costs the smallest tie wins, then the smallest ends. `low` is FREE where there is no edge.
-    tie: u32,
-    low: u32,
-    high: u32,
-    unused: u32,
-}
+// The cheapest dual edge of a workgroup, in the order of device::dual_edge::Rank: cost, tie, ends.
 
-// The same for one thread.
-struct Candidate {
-    high_cost: u64,
-    low_cost: u64,
-    tie: u32,
-    low: u32,
-    high: u32,
-}
+const NO_CANDIDATE = CandidateEdge(0xfffffffffffffffflu, 0xfffffffffffffffflu, FREE, FREE, FREE, 0u);
 
-const NO_CANDIDATE = Candidate(0xfffffffffffffffflu, 0xfffffffffffffffflu, FREE, FREE, FREE);
+var<workgroup> candidates: array<CandidateEdge, WORKGROUP>;
 
-var<workgroup> candidates: array<Candidate, WORKGROUP>;
-
-fn is_better(a: Candidate, b: Candidate) -> bool {
+fn is_better(a: CandidateEdge, b: CandidateEdge) -> bool {
     if a.high_cost != b.high_cost {
         return a.high_cost < b.high_cost;
     }
@@ -33,14 +14,11 @@ fn is_better(a: Candidate, b: Candidate) -> bool {
     if a.tie != b.tie {
         return a.tie < b.tie;
     }
-    if a.low != b.low {
-        return a.low < b.low;
-    }
-    return a.high < b.high;
+    return a.low < b.low || (a.low == b.low && a.high < b.high);
 }
 
 // Writes the best candidate of all threads of the workgroup. Every thread must call this.
-fn write_best(local: u32, own: Candidate, place: u32) {
+fn write_best(local: u32, own: CandidateEdge, place: u32) {
     candidates[local] = own;
     for (var half = WORKGROUP / 2u; half > 0u; half /= 2u) {
         workgroupBarrier();
@@ -49,13 +27,6 @@ fn write_best(local: u32, own: Candidate, place: u32) {
         }
     }
     if local == 0u {
-        let best = candidates[0];
-        let cost = array<u32, 4>(
-            u32(best.low_cost & 0xfffffffflu),
-            u32(best.low_cost >> 32u),
-            u32(best.high_cost & 0xfffffffflu),
-            u32(best.high_cost >> 32u),
-        );
-        candidate_edges[place] = CandidateEdge(cost, best.tie, best.low, best.high, 0u);
+        candidate_edges[place] = candidates[0];
     }
 }

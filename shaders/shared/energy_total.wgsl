@@ -1,4 +1,4 @@
-//! uses: stats, wide
+//! uses: wide
 // Sums an energy over all threads of a dispatch into `stats`.
 
 fn add_to_stats(limb: u32, value: u64) {
@@ -11,29 +11,23 @@ fn add_to_stats(limb: u32, value: u64) {
 }
 
 // Sums over the threads of the workgroup, of weight 1, 2³² and 2⁶⁴, the last in two's complement.
-var<workgroup> ones: array<u64, WORKGROUP>;
-var<workgroup> middles: array<u64, WORKGROUP>;
-var<workgroup> highs: array<u64, WORKGROUP>;
+var<workgroup> totals: array<vec3<u64>, WORKGROUP>;
 
 // Adds energy << shift (at most 30) of every thread. Every thread of the workgroup must call this.
 fn add_energy(local: u32, energy: Wide, shift: u32) {
     let first = u64(energy.lower) << shift;
     let second = (u64(energy.upper & 0xffffffffli) << shift) + (first >> 32u);
     let third = ((energy.upper >> 32u) << shift) + i64(second >> 32u);
-    ones[local] = first & 0xfffffffflu;
-    middles[local] = second & 0xfffffffflu;
-    highs[local] = u64(third);
+    totals[local] = vec3<u64>(first & 0xfffffffflu, second & 0xfffffffflu, u64(third));
     for (var half = WORKGROUP / 2u; half > 0u; half /= 2u) {
         workgroupBarrier();
         if local < half {
-            ones[local] += ones[local + half];
-            middles[local] += middles[local + half];
-            highs[local] += highs[local + half];
+            totals[local] += totals[local + half];
         }
     }
-    if local == 0u && (ones[0] | middles[0] | highs[0]) != 0lu {
-        add_to_stats(0u, ones[0]);
-        add_to_stats(1u, middles[0]);
-        add_to_stats(2u, highs[0]);
+    if local == 0u && any(totals[0] != vec3<u64>()) {
+        add_to_stats(0u, totals[0].x);
+        add_to_stats(1u, totals[0].y);
+        add_to_stats(2u, totals[0].z);
     }
 }

@@ -1,7 +1,4 @@
-// Order of equally cheap dual edges (cluster::dual_edge), bit for bit.
-
-const TIES_BY_HASH: u32 = 0u;
-const TIES_BY_LARGEST_ID: u32 = 1u;
+// Order of equally cheap dual edges (device::dual_edge), bit for bit.
 
 fn mix(number: u32) -> u32 {
     var x = (number ^ (number >> 16u)) * 0x7feb352du;
@@ -9,15 +6,11 @@ fn mix(number: u32) -> u32 {
     return x ^ (x >> 16u);
 }
 
-// A hash of an unordered pair.
-fn hash_pair(a: u32, b: u32) -> u32 {
-    return mix((mix(min(a, b)) + 0x9e3779b9u) ^ max(a, b));
-}
-
-// The rank of the edge to `other` as `cluster` sees it: of equally cheap edges, the smallest is the best.
+// The rank of the edge to `other` as `cluster` sees it: of equally cheap edges, the smallest is the best. By default a
+// hash of the unordered pair.
 fn tie_of(cluster: u32, other: u32) -> u32 {
-    if iteration.ties == TIES_BY_LARGEST_ID {
+    if iteration.prefers_largest_id != 0u {
         return ~other;
     }
-    return hash_pair(cluster, other);
+    return mix((mix(min(cluster, other)) + 0x9e3779b9u) ^ max(cluster, other));
 }

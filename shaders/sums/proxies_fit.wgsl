@@ -1,39 +1,28 @@
-//! uses: iteration, cluster_sums, bids, energy_total, cover
-// Last step of an iteration of the boundary phase, a thread a cluster: fits the proxies, sums the energy, and stops the
-// dispatches that are still queued if nothing moved. Between batches it also resets the clusters for the next phase.
+//! uses: boundary_list, cluster_sums, energy_total, cover
+//! writes: clusters, proxies, cluster_bids, stats, next_dispatch, boundary_list
+// Last step of an iteration of the boundary phase (P§3.2), a thread a cluster: fits the proxies, sums the energy, and
+// stops the dispatches that are still queued if nothing moved. Between batches it also resets the clusters for the next
+// phase. Rust: device::plain::explained.
 
-@group(0) @binding(0) var<uniform> iteration: Iteration;
-@group(0) @binding(1) var<storage, read_write> clusters: array<Cluster>;
-@group(0) @binding(2) var<storage, read_write> proxies: array<Proxy>;
-@group(0) @binding(3) var<storage, read_write> cluster_bids: array<ClusterBids>;
-@group(0) @binding(4) var<storage, read_write> stats: array<IterationStats>;
-@group(0) @binding(5) var<storage, read_write> next_dispatch: array<u32, 3>;
-@group(0) @binding(6) var<storage, read_write> boundary_list: BoundaryList;
-
-@compute @workgroup_size(WORKGROUP)
-fn proxies_fit(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let thread = thread_number(iteration, group, local);
+fn proxies_fit(thread: u32, local: u32) {
     let cluster = living_cluster(thread);
     // the moves are complete since `boundary_apply`
-    let goes_on = iteration.between != 0u || atomicLoad(&stats[iteration.slot].moves) != 0u;
+    let is_going_on = iteration.between != 0u || atomicLoad(&stats[iteration.slot].moves) != 0u;
     if thread == 0u {
-        if goes_on {
-            cover_list();
-        } else {
-            cover_nothing();
-        }
+        cover(is_going_on);
     }
-    var energy = Wide(0li, 0li);
+    var energy = ZERO;
     var shift = 0u;
-    if goes_on && cluster != FREE {
-        let sums = cluster_sums(cluster);
-        if sums.weight != 0li {
-            let position = fit(sums);
-            energy = explained_by(position, sums);
+    if is_going_on && cluster != FREE {
+        let count = atomicLoad(&clusters[cluster].count);
+        if count != 0u {
+            let sums = cluster_sums(cluster);
             shift = proxies[cluster].energy_shift;
-            proxies[cluster] = fitted_proxy(position, shift);
+            let proxy = fit(sums, shift);
+            energy = explained(proxy, sums);
+            proxies[cluster] = proxy;
         }
-        atomicStore(&clusters[cluster].staying, atomicLoad(&clusters[cluster].count));
+        atomicStore(&clusters[cluster].staying, count);
         atomicStore(&clusters[cluster].first_leaver, FREE);
         if iteration.between != 0u {
             atomicStore(&cluster_bids[cluster].best_bid, 0u);

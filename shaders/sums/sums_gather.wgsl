@@ -1,18 +1,12 @@
-//! uses: iteration, cluster_sums
+//! uses: cluster_sums
+//! reads: faces, labels
+//! writes: clusters
 // Sums of the clusters from labels; the host has cleared the sums. A thread takes a few faces in a row and adds up
-// those with the same label before it touches global memory: neighbouring faces often have the same.
+// those with the same label before it touches global memory: neighbouring faces often have the same. Rust:
+// device::plain::sums.
 
-@group(0) @binding(0) var<uniform> iteration: Iteration;
-@group(0) @binding(1) var<storage, read> faces: array<Face>;
-@group(0) @binding(2) var<storage, read> labels: array<u32>;
-@group(0) @binding(3) var<storage, read_write> clusters: array<Cluster>;
-
-// Faces a thread takes.
-const RUN: u32 = 8u;
-
-@compute @workgroup_size(WORKGROUP)
-fn sums_gather(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let first = thread_number(iteration, group, local) * RUN;
+fn sums_gather(thread: u32, local: u32) {
+    let first = thread * RUN;
     let end = min(first + RUN, iteration.faces);
     var label = FREE;
     var sums = NO_SUMS;

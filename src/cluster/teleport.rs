@@ -110,7 +110,7 @@ impl<'a> Teleports<'a> {
 
 /// Whether a face is nearer to the second centre.
 fn leaves(graph: &DualGraph, centres: [Proxy; 2], face: u32) -> bool {
-    let [stay, leave] = centres.map(|centre| Energy::cost(graph.centroids[face as usize], centre));
+    let [stay, leave] = centres.map(|centre| Energy::cost(graph.points[face as usize], centre));
     leave < stay
 }
 
@@ -124,10 +124,10 @@ impl Split {
             sums
         };
         let whole = sums_of(&mut faces.iter().copied());
-        let centroid = |face: u32| graph.centroids[face as usize];
+        let point = |face: u32| graph.points[face as usize];
         let farthest_from = |from: Proxy| {
-            let farthest = faces.iter().max_by_key(|&&face| (Energy::cost(centroid(face), from), Reverse(face)));
-            farthest.map(|&face| Energy::proxy_at(centroid(face)))
+            let farthest = faces.iter().max_by_key(|&&face| (Energy::cost(point(face), from), Reverse(face)));
+            farthest.map(|&face| Energy::proxy_at(point(face)))
         };
         let first = farthest_from(whole.proxy()?)?;
         let mut next = [first, farthest_from(first)?];

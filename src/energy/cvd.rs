@@ -7,11 +7,13 @@ mod bound;
 mod packed;
 mod source;
 pub mod wide;
+pub mod words;
 
 use self::packed::Float;
 use super::functional::{Functional, Side, Sums};
 
 pub use self::bound::RefinementSlack;
+pub use self::words::Face;
 
 /// The energy of centroidal Voronoi diagrams.
 #[derive(Debug, Clone, Copy)]
@@ -28,6 +30,11 @@ impl Functional for Cvd {
     type Sums = ClusterSums;
     type End = End;
     type RefinementSlack = RefinementSlack;
+
+    #[inline]
+    fn item(centroid: [i32; 3], weight: u32) -> Face {
+        Face { centroid, weight }
+    }
 
     #[inline]
     fn proxy_at(point: [i32; 3]) -> [i32; 3] {
@@ -93,15 +100,6 @@ impl Functional for Cvd {
     fn boundary_slack(own: u64, least_other: u64) -> u64 {
         bound::boundary_slack(own, least_other)
     }
-}
-
-/// A face as the energy sees it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Face {
-    /// g, |g| < 2²⁷ an axis.
-    pub centroid: [i32; 3],
-    /// w, at least 1.
-    pub weight: u32,
 }
 
 /// The sums over the faces of a cluster.

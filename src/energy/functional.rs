@@ -20,6 +20,9 @@ pub trait Functional {
     /// See [`super::RefinementSlack`].
     type RefinementSlack: Copy + Debug;
 
+    /// What the energy sees of a face.
+    fn item(point: Self::Point, weight: u32) -> Self::Item;
+
     /// The proxy that fits one point alone.
     fn proxy_at(point: Self::Point) -> Self::Proxy;
 

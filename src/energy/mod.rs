@@ -11,6 +11,7 @@
 
 pub mod cvd;
 mod functional;
+pub mod shared;
 
 pub use self::functional::{Functional, LatticeEnergy, Side, Sums};
 
@@ -34,6 +35,9 @@ pub type End = <Energy as Functional>::End;
 
 /// By how much proxies may drift before a face could have a bid in refinement.
 pub type RefinementSlack = <Energy as Functional>::RefinementSlack;
+
+/// Which words a face, sums and a proxy take on a gpu.
+pub use cvd::words;
 
 /// The sums in 128 bits, as their definition reads: for the plain device.
 pub use cvd::wide::Sums as WideSums;

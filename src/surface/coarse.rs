@@ -133,7 +133,7 @@ impl DualGraph {
             ..*component
         });
         let mut graph = Self {
-            centroids: Vec::with_capacity(groups),
+            points: Vec::with_capacity(groups),
             weights: Vec::with_capacity(groups),
             neighbour_offsets: Vec::with_capacity(groups + 1),
             neighbours: Vec::with_capacity(runs.iter().map(|run| run.neighbours.len()).sum()),
@@ -142,7 +142,7 @@ impl DualGraph {
         graph.neighbour_offsets.push(0);
         for run in runs {
             let before = graph.neighbours.len() as u32;
-            graph.centroids.extend(run.centroids);
+            graph.points.extend(run.points);
             graph.weights.extend(run.weights);
             graph.neighbour_offsets.extend(run.ends.into_iter().map(|end| before + end));
             graph.neighbours.extend(run.neighbours);
@@ -154,7 +154,7 @@ impl DualGraph {
 /// Some groups, one after the other, as faces of a graph.
 #[derive(Default)]
 struct Run {
-    centroids: Vec<[i32; 3]>,
+    points: Vec<[i32; 3]>,
     weights: Vec<u32>,
     /// Ascending for each group.
     neighbours: Vec<u32>,
@@ -169,7 +169,7 @@ impl Run {
         groups: impl ExactSizeIterator<Item = (u32, &'a [u32])>,
     ) -> Self {
         let mut run = Self {
-            centroids: Vec::with_capacity(groups.len()),
+            points: Vec::with_capacity(groups.len()),
             weights: Vec::with_capacity(groups.len()),
             neighbours: Vec::with_capacity(6 * groups.len()),
             ends: Vec::with_capacity(groups.len()),
@@ -192,7 +192,7 @@ impl Run {
             }
             run.push_neighbours(&mut others, found);
             run.ends.push(run.neighbours.len() as u32);
-            run.centroids.push(sums.proxy().unwrap_or_default());
+            run.points.push(sums.proxy().unwrap_or_default());
             run.weights.push(sums.weight as u32);
         }
         run
@@ -395,6 +395,6 @@ mod tests {
         let surface = surface(Sample::Sphere, 300);
         let coarse = surface.contracted(surface.grouped(&[1]));
         assert_eq!(coarse.group_of_face, (0..surface.faces() as u32).collect::<Vec<_>>());
-        assert_eq!(coarse.graph.centroids, surface.centroids);
+        assert_eq!(coarse.graph.points, surface.points);
     }
 }

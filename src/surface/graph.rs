@@ -1,7 +1,7 @@
 //! The dual graph of a surface on the integer lattice: all that algorithms and devices see of a mesh.
 
 use super::components::Component;
-use crate::energy::{Item, Point};
+use crate::energy::{Energy, Functional, Item, Point};
 use crate::prefetch::prefetch;
 
 /// Faces as nodes with a place and a weight, shared edges as edges.
@@ -11,7 +11,7 @@ use crate::prefetch::prefetch;
 #[derive(Debug, Clone)]
 pub struct DualGraph {
     /// Face centroids on the lattice, |coordinate| < 2²⁷.
-    pub centroids: Vec<Point>,
+    pub points: Vec<Point>,
     /// Face weights, at least 1. A component's weights sum to less than 2³⁴.
     pub weights: Vec<u32>,
     /// First neighbour of each face in `neighbours`, and one past the last: faces + 1 numbers.
@@ -36,7 +36,7 @@ impl DualGraph {
     #[inline]
     pub(crate) fn prefetch(&self, face: u32) {
         let face = face as usize;
-        prefetch(&self.centroids, face);
+        prefetch(&self.points, face);
         prefetch(&self.weights, face);
         prefetch(&self.neighbour_offsets, face);
     }
@@ -50,7 +50,7 @@ impl DualGraph {
     /// What the energy sees of a face.
     #[inline]
     pub fn face(&self, face: usize) -> Item {
-        Item { centroid: self.centroids[face], weight: self.weights[face] }
+        Energy::item(self.points[face], self.weights[face])
     }
 
     /// Number of faces.

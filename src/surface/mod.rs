@@ -37,7 +37,7 @@ use std::ops::{Deref, Range};
 
 use rayon::prelude::*;
 
-use crate::energy::{ClusterSums, Energy, Functional, Item, LatticeEnergy, Sums};
+use crate::energy::{ClusterSums, Energy, Functional, LatticeEnergy, Sums};
 use crate::error::{Error, Result};
 use crate::mesh::PolygonMesh;
 use adjacency::Links;
@@ -163,7 +163,7 @@ impl Surface {
         let weighed = Weighed::new(&gathered, &runs, &scales);
         Ok(Self {
             graph: DualGraph {
-                centroids: gathered.centroids,
+                points: gathered.points,
                 weights: weighed.weights,
                 neighbour_offsets: rows.offsets,
                 neighbours: rows.neighbours,
@@ -264,7 +264,7 @@ const PIECE: usize = 1 << 12;
 /// The faces on the lattice, internal order.
 struct Gathered {
     geometry: Vec<FaceGeometry>,
-    centroids: Vec<[i32; 3]>,
+    points: Vec<[i32; 3]>,
     moment_inside_faces: f64,
     zero_area_faces: u64,
 }
@@ -277,12 +277,12 @@ impl Gathered {
         density: impl Fn(usize) -> Option<f64> + Sync,
     ) -> Self {
         let mut geometry = vec![[0.0; 4]; upload_face.len()];
-        let mut centroids = vec![[0; 3]; upload_face.len()];
+        let mut points = vec![[0; 3]; upload_face.len()];
         let sums: Vec<(f64, u64)> = geometry
             .par_chunks_mut(PIECE)
-            .zip(centroids.par_chunks_mut(PIECE))
+            .zip(points.par_chunks_mut(PIECE))
             .zip(upload_face.par_chunks(PIECE))
-            .map(|((geometry, centroids), faces)| {
+            .map(|((geometry, points), faces)| {
                 let (mut inside, mut without_area) = (0.0, 0);
                 frame.each_face(mesh, faces, |at, mut of_face, inside_face| {
                     inside += inside_face;
@@ -290,7 +290,7 @@ impl Gathered {
                     if let Some(density) = density(faces[at] as usize) {
                         of_face[AREA] *= density;
                     }
-                    centroids[at] = lattice::round_centroid([of_face[0], of_face[1], of_face[2]]);
+                    points[at] = lattice::round_centroid([of_face[0], of_face[1], of_face[2]]);
                     geometry[at] = of_face;
                 });
                 (inside, without_area)
@@ -298,7 +298,7 @@ impl Gathered {
             .collect();
         Self {
             geometry,
-            centroids,
+            points,
             moment_inside_faces: sums.iter().map(|sum| sum.0).sum(),
             zero_area_faces: sums.iter().map(|sum| sum.1).sum(),
         }
@@ -314,7 +314,7 @@ struct Weighed {
 }
 
 impl Weighed {
-    fn new(Gathered { geometry, centroids, .. }: &Gathered, runs: &[Range<usize>], scales: &Scales) -> Self {
+    fn new(Gathered { geometry, points, .. }: &Gathered, runs: &[Range<usize>], scales: &Scales) -> Self {
         let mut weights = vec![0; geometry.len()];
         let mut components = Vec::with_capacity(runs.len());
         let mut moment = 0i128;
@@ -326,7 +326,7 @@ impl Weighed {
                 for (at, weight) in weights.iter_mut().enumerate() {
                     let face = first + at;
                     *weight = scale.weight(geometry[face][AREA]);
-                    moment += Energy::constant(Item { centroid: centroids[face], weight: *weight });
+                    moment += Energy::constant(Energy::item(points[face], *weight));
                     sum += u64::from(*weight);
                 }
                 (moment, sum)

@@ -162,7 +162,7 @@ fn the_lattice_energy_is_the_energy_from_the_source() {
         let surface = Surface::build(&mesh).expect("a surface");
         // everything in one cluster, with the proxy at the nearest lattice point
         let (mut s, mut m) = ([0i128; 3], 0i128);
-        for (g, &w) in surface.centroids.iter().zip(&surface.weights) {
+        for (g, &w) in surface.points.iter().zip(&surface.weights) {
             (0..3).for_each(|axis| s[axis] += i128::from(w) * i128::from(g[axis]));
             m += i128::from(w);
         }

@@ -44,7 +44,7 @@ impl<'a> Partition<'a> {
 
     /// The cost of a face in a cluster, per weight; below 2⁵⁸.
     pub fn cost(&self, face: u32, cluster: u32) -> u64 {
-        Energy::cost(self.surface.centroids[face as usize], self.proxy(cluster))
+        Energy::cost(self.surface.points[face as usize], self.proxy(cluster))
     }
 
     /// By how much F falls, exactly, when a face goes to another cluster of its component, in units of that component;

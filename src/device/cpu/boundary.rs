@@ -82,13 +82,13 @@ impl BoundaryPhase {
 fn decide(view: View<'_>, face: u32) -> Evaluation<Move> {
     let View { graph, labels, clusters } = view;
     let from = labels.near_boundary(face);
-    let centroid = graph.centroids[face as usize];
+    let point = graph.points[face as usize];
     let mut nearest = (i64::MAX.cast_unsigned(), from);
     let nearby = Nearby::of(view, face, from, |cluster, cached| {
-        nearest = nearest.min((cached.cost(centroid), cluster));
+        nearest = nearest.min((cached.cost(point), cluster));
     });
     let (distance, to) = nearest;
-    let own = clusters.cached(from).cost(centroid);
+    let own = clusters.cached(from).cost(point);
     if distance < own {
         Evaluation { decision: Some(Move { face, from, to }), bound: nearby.active() }
     } else {

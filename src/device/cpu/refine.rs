@@ -124,18 +124,18 @@ fn verdict_alone(View { graph, labels, clusters }: View<'_>, pieces: &mut Pieces
 fn best_bid(view: View<'_>, face: u32) -> (Bid, Bound) {
     let View { graph, labels, clusters } = view;
     let from = labels.near_boundary(face);
-    let centroid = graph.centroids[face as usize];
+    let point = graph.points[face as usize];
     let weight = graph.weights[face as usize];
     let own = clusters.cached(from);
-    let mut slack = RefinementSlack::new(weight, own.cost(centroid), own.least_weight);
+    let mut slack = RefinementSlack::new(weight, own.cost(point), own.least_weight);
     let nearby = Nearby::of(view, face, from, |_, other| {
-        slack.other(other.cost(centroid), other.least_weight);
+        slack.other(other.cost(point), other.least_weight);
     });
     if slack.is_clear() || clusters.sums(from).faces == 1 {
         return (Bid::default(), nearby.bound(slack.get()));
     }
     let side =
-        |cluster| Side { cost: clusters.cached(cluster).cost(centroid), weight: clusters.sums(cluster).weight as u64 };
+        |cluster| Side { cost: clusters.cached(cluster).cost(point), weight: clusters.sums(cluster).weight as u64 };
     let own = side(from);
     let gains = other_clusters(graph, labels, face, from).map(|to| (Energy::gain(weight, own, side(to)), Reverse(to)));
     let bid = match gains.max() {

@@ -27,8 +27,8 @@ pub struct Found {
 /// Looks for adapters. This loads the drivers, which takes 20 to 370 ms.
 ///
 /// Where Mesa's device-select layer is installed and there is no desktop, libwayland writes a line about
-/// `XDG_RUNTIME_DIR` to standard error: wgpu requests the Wayland extension whether it will draw or not, and the layer
-/// then looks for a compositor. `NODEVICE_SELECT=1` in the environment turns the layer off.
+/// `XDG_RUNTIME_DIR` to standard error: wgpu requests the Wayland extension even without a window, and the layer then
+/// searches a compositor. `NODEVICE_SELECT=1` in the environment turns the layer off.
 pub fn enumerate() -> Vec<Found> {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
@@ -59,7 +59,7 @@ fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
 
 /// Why an adapter with these properties cannot cluster.
 fn unusable(features: wgpu::Features, flags: wgpu::DownlevelFlags, limits: &wgpu::Limits) -> Option<String> {
-    let storage_buffers = KERNELS.iter().map(|kernel| kernel.bindings.len() as u32).max().unwrap_or(0);
+    let storage_buffers = KERNELS.iter().map(|kernel| kernel.bindings().len() as u32).max().unwrap_or(0);
     if !features.contains(wgpu::Features::SHADER_INT64) {
         Some("it has no 64-bit integers in shaders".to_owned())
     } else if !flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS | wgpu::DownlevelFlags::INDIRECT_EXECUTION) {

@@ -5,22 +5,20 @@
 //! that finds an iteration without moves writes zeros into the arguments of the indirect dispatches that follow, also
 //! those in the next batch.
 
+use std::mem::replace;
 use std::time::{Duration, Instant};
 
 use super::FaultPoint;
 use super::buffers::{BATCH, Buffer};
 use super::kernels::{self, Kernel};
 use super::layout::IterationStats;
-use super::readback::Batch;
+use super::readback::Reading;
 use super::steps::{GpuSteps, History};
 use crate::device::{Cancel, Ending};
 use crate::error::Result;
 
 /// Iterations in the first batch.
 const FIRST_BATCH: u32 = 8;
-
-/// Passes in the first batch of a growth over detached pieces, which few passes fill.
-const FIRST_REGROWTH: u32 = 2;
 
 /// A batch that takes less makes the next one larger: queueing should not cost more than the work.
 const SHORT_BATCH: Duration = Duration::from_millis(25);
@@ -30,64 +28,48 @@ const SHORT_BATCH: Duration = Duration::from_millis(25);
 const LONG_BATCH: Duration = Duration::from_millis(100);
 
 /// What an iteration does.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Phase {
-    Growth,
-    Regrowth,
-    Boundary,
-    Refinement,
-}
-
-impl Phase {
-    /// Whether an iteration found nothing left to do.
-    fn is_over(self, stats: &IterationStats) -> bool {
-        match self {
-            Phase::Growth | Phase::Regrowth | Phase::Boundary => stats.moves == 0,
-            Phase::Refinement => stats.bids == 0,
-        }
-    }
-
-    /// The kernels of an iteration.
-    fn kernels(self) -> &'static [&'static Kernel] {
-        match self {
-            Phase::Growth | Phase::Regrowth => {
-                &[kernels::GROWTH_PROPOSE, kernels::GROWTH_APPLY, kernels::GROWTH_CHECK_DONE]
-            }
-            Phase::Boundary => &[kernels::BOUNDARY_PROPOSE, kernels::BOUNDARY_APPLY, kernels::PROXIES_FIT],
-            Phase::Refinement => &[
-                kernels::FACE_BID,
-                kernels::SELECT_BIDS,
-                kernels::JOIN_MOVES,
-                kernels::EVALUATE_MOVES,
-                kernels::COMMIT_MOVES,
-            ],
-        }
-    }
-
+pub(super) struct Phase {
     /// Name of its passes in profiles.
-    fn name(self) -> &'static str {
-        match self {
-            Phase::Growth | Phase::Regrowth => "grow",
-            Phase::Boundary => "boundary",
-            Phase::Refinement => "refine",
-        }
-    }
-
-    fn fault_point(self) -> FaultPoint {
-        match self {
-            Phase::Growth | Phase::Regrowth => FaultPoint::Grow,
-            Phase::Boundary => FaultPoint::Boundary,
-            Phase::Refinement => FaultPoint::Refine,
-        }
-    }
+    name: &'static str,
+    fault_point: FaultPoint,
+    kernels: &'static [&'static Kernel],
+    /// Whether an iteration found nothing left to do.
+    is_over: fn(&IterationStats) -> bool,
 }
+
+pub(super) const GROWTH: Phase = Phase {
+    name: "grow",
+    fault_point: FaultPoint::Grow,
+    kernels: &[kernels::GROWTH_PROPOSE, kernels::GROWTH_APPLY, kernels::GROWTH_CHECK_DONE],
+    is_over: |stats| stats.moves == 0,
+};
+
+pub(super) const BOUNDARY: Phase = Phase {
+    name: "boundary",
+    fault_point: FaultPoint::Boundary,
+    kernels: &[kernels::BOUNDARY_PROPOSE, kernels::BOUNDARY_APPLY, kernels::PROXIES_FIT],
+    is_over: |stats| stats.moves == 0,
+};
+
+pub(super) const REFINEMENT: Phase = Phase {
+    name: "refine",
+    fault_point: FaultPoint::Refine,
+    kernels: &[
+        kernels::FACE_BID,
+        kernels::SELECT_BIDS,
+        kernels::JOIN_MOVES,
+        kernels::EVALUATE_MOVES,
+        kernels::COMMIT_MOVES,
+    ],
+    is_over: |stats| stats.bids == 0,
+};
 
 impl GpuSteps<'_> {
     /// Runs iterations, numbered from `first`, until one has nothing left to do or `limit` of them moved something.
     /// Calls `on_iteration` with each that did, in order. Also returns the number of the next iteration.
     pub(super) fn run(
         &mut self,
-        phase: Phase,
+        phase: &Phase,
         (first, limit): (u32, u32),
         cancel: &Cancel,
         mut on_iteration: impl FnMut(&IterationStats),
@@ -95,33 +77,28 @@ impl GpuSteps<'_> {
         // iterations that may still move something, those in flight taken off
         let mut left = limit;
         let mut number = first;
-        let mut size = if phase == Phase::Regrowth { FIRST_REGROWTH } else { FIRST_BATCH };
-        let mut staging = 0;
-        let mut before: Option<Batch> = None;
+        let mut size = FIRST_BATCH;
+        let mut queued: Option<Reading> = None;
         loop {
             let started = Instant::now();
             let iterations = size.min(left);
-            let next = if iterations > 0 && !cancel.is_cancelled() {
-                let batch = self.submit(phase, number, iterations, staging)?;
+            let mut next = None;
+            if iterations > 0 && !cancel.is_cancelled() {
+                next = Some(self.submit(phase, number, iterations)?);
                 left -= iterations;
                 number = number.wrapping_add(iterations);
-                Some(batch)
-            } else {
-                None
-            };
-            let Some(batch) = before.take() else {
-                if next.is_none() {
+            }
+            let Some(batch) = replace(&mut queued, next) else {
+                if queued.is_none() {
                     cancel.check()?;
                     return Ok((Ending::IterationLimit, number));
                 }
-                before = next;
-                staging = 1 - staging;
                 continue;
             };
-            for stats in self.collect(batch)? {
-                if phase.is_over(&stats) {
-                    if let Some(idle) = next {
-                        self.collect(idle)?;
+            for stats in self.read_stats(batch)? {
+                if (phase.is_over)(&stats) {
+                    if let Some(idle) = queued {
+                        self.read_stats(idle)?;
                     }
                     cancel.check()?;
                     return Ok((Ending::Converged, number));
@@ -139,19 +116,17 @@ impl GpuSteps<'_> {
             } else if took > LONG_BATCH {
                 size = (size / 2).max(2);
             }
-            before = next;
-            staging = 1 - staging;
         }
     }
 
     /// Queues a batch, and the reading of its statistics.
-    fn submit(&self, phase: Phase, number: u32, iterations: u32, staging: usize) -> Result<Batch> {
-        self.connection.reach(phase.fault_point());
+    fn submit(&self, phase: &Phase, number: u32, iterations: u32) -> Result<Reading> {
+        self.connection.reach(phase.fault_point);
         self.memory.number(&self.connection.queue, number);
         let mut encoder = self.encoder();
         encoder.clear_buffer(self.memory.get(Buffer::Stats), 0, None);
         {
-            let mut pass = self.connection.pass(&mut encoder, phase.name());
+            let mut pass = self.connection.pass(&mut encoder, phase.name);
             let mut dispatch = |kernel: &Kernel, slot| self.memory.dispatch(&self.connection, &mut pass, kernel, slot);
             // after a merge the host may ask for moves, so faces that moved stay listed
             if self.history == History::Unmerged {
@@ -159,11 +134,9 @@ impl GpuSteps<'_> {
                 dispatch(kernels::BOUNDARY_PUBLISH, 0);
             }
             for slot in 0..iterations {
-                for kernel in phase.kernels() {
-                    dispatch(kernel, slot);
-                }
+                phase.kernels.iter().for_each(|kernel| dispatch(kernel, slot));
             }
         }
-        self.queue_reading(encoder, iterations, staging)
+        self.request_stats(encoder, 0..iterations)
     }
 }

@@ -2,7 +2,8 @@
 
 use std::mem::{offset_of, size_of};
 
-use super::layout::{self, Dispatch, Face, IterationStats, Move, Proxy};
+use super::layout::{self, Dispatch, IterationStats, Move};
+use crate::energy::words::{Face, Proxy};
 
 /// Iterations in the largest batch.
 pub const BATCH: u32 = 64;
@@ -28,16 +29,16 @@ pub struct Sizes {
 pub struct Spec {
     /// Name of the variable in WGSL.
     pub name: &'static str,
+    /// Its type in kernels that write it; those that only read it see no atomics.
+    pub wgsl: &'static str,
     /// Bytes of an item; of the whole struct for [`Buffer::BoundaryList`] with one entry.
     pub stride: usize,
     /// Bytes of the buffer.
     pub bytes: fn(&Sizes) -> u64,
-    /// Whether only hierarchies need it.
-    pub is_merging: bool,
 }
 
 macro_rules! buffers {
-    ($($(#[$doc:meta])* $variant:ident $name:literal: $type:ty, $is_merging:literal, $items:expr;)*) => {
+    ($($(#[$doc:meta])* $variant:ident = $name:literal: $wgsl:literal, $type:ty, $items:expr;)*) => {
         /// A storage buffer.
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         pub enum Buffer { $($(#[$doc])* $variant,)* }
@@ -51,12 +52,12 @@ macro_rules! buffers {
                 match self {
                     $(Self::$variant => Spec {
                         name: $name,
+                        wgsl: $wgsl,
                         stride: size_of::<$type>(),
                         bytes: |sizes| {
                             let items: fn(&Sizes) -> u64 = $items;
                             items(sizes).max(1) * size_of::<$type>() as u64
                         },
-                        is_merging: $is_merging,
                     },)*
                 }
             }
@@ -65,55 +66,56 @@ macro_rules! buffers {
 }
 
 buffers! {
-    /// Centroids and weights.
-    Faces "faces": Face, false, |sizes| sizes.faces;
+    /// Points and weights.
+    Faces = "faces": "array<Face>", Face, |sizes| sizes.faces;
     /// For each face the index of its first neighbour, one more index for the end, and then the neighbours.
-    Neighbours "neighbours": u32, false, |sizes| sizes.faces + 1 + sizes.neighbours;
+    Neighbours = "neighbours": "array<u32>", u32, |sizes| sizes.faces + 1 + sizes.neighbours;
     /// The cluster of each face.
-    Labels "labels": u32, false, |sizes| sizes.faces;
+    Labels = "labels": "array<u32>", u32, |sizes| sizes.faces;
     /// By place in the boundary list: the cluster that the face moves to in this iteration.
-    WantedClusters "wanted_clusters": u32, false, |sizes| sizes.faces;
+    WantedClusters = "wanted_clusters": "array<u32>", u32, |sizes| sizes.faces;
     /// The label of each face after the last merge, or that it is not listed.
-    LabelAtMerge "label_at_merge": u32, false, |sizes| sizes.faces;
+    LabelAtMerge = "label_at_merge": "array<atomic<u32>>", u32, |sizes| sizes.faces;
     /// Boundary faces and clusters that are left.
-    BoundaryList "boundary_list": layout::BoundaryList, false, |sizes| {
+    BoundaryList = "boundary_list": "BoundaryList", layout::BoundaryList, |sizes| {
         let words = LIST_HEAD + 2 * sizes.faces + sizes.clusters;
         (4 * words).div_ceil(size_of::<layout::BoundaryList>() as u64)
     };
     /// Sums of each cluster.
-    Clusters "clusters": layout::Cluster, false, |sizes| sizes.clusters;
+    Clusters = "clusters": "array<Cluster>", layout::Cluster, |sizes| sizes.clusters;
     /// Proxy of each cluster.
-    Proxies "proxies": Proxy, false, |sizes| sizes.clusters;
+    Proxies = "proxies": "array<Proxy>", Proxy, |sizes| sizes.clusters;
     /// Refinement: the best move of each face.
-    FaceBids "face_bids": layout::FaceBid, false, |sizes| sizes.faces;
+    FaceBids = "face_bids": "array<FaceBid>", layout::FaceBid, |sizes| sizes.faces;
     /// Refinement: the bids at each cluster.
-    ClusterBids "cluster_bids": layout::ClusterBids, false, |sizes| sizes.clusters;
+    ClusterBids = "cluster_bids": "array<ClusterBids>", layout::ClusterBids, |sizes| sizes.clusters;
     /// Refinement: sums of the faces that join the move out of each cluster.
-    JoiningSums "joining_sums": layout::Cluster, false, |sizes| sizes.clusters;
-    /// Pieces: the tree of each face.
-    Parents "parents": u32, false, |sizes| sizes.faces;
+    JoiningSums = "joining_sums": "array<Cluster>", layout::Cluster, |sizes| sizes.clusters;
+    /// Pieces: the tree of each face. A face points to a smaller face of its piece, the smallest to itself, and a face
+    /// of no piece to FREE.
+    Parents = "parents": "array<atomic<u32>>", u32, |sizes| sizes.faces;
     /// Pieces: number of faces, at their smallest face.
-    PieceSizes "piece_sizes": u32, false, |sizes| sizes.faces;
+    PieceSizes = "piece_sizes": "array<atomic<u32>>", u32, |sizes| sizes.faces;
     /// Pieces: the one that each cluster keeps.
-    LargestPieces "largest_pieces": layout::LargestPiece, false, |sizes| sizes.clusters;
+    LargestPieces = "largest_pieces": "array<LargestPiece>", layout::LargestPiece, |sizes| sizes.clusters;
     /// What each iteration of a batch reports, and then what is done between batches.
-    Stats "stats": IterationStats, false, |_| u64::from(BATCH) + 1;
+    Stats = "stats": "array<IterationStats>", IterationStats, |_| u64::from(BATCH) + 1;
     /// Workgroups of the indirect dispatches.
-    NextDispatch "next_dispatch": Dispatch, false, |_| 1;
+    NextDispatch = "next_dispatch": "array<u32, 3>", Dispatch, |_| 1;
     /// The best dual edge of each cluster so far; cleared between searches.
-    BestDualEdges "best_dual_edges": layout::BestDualEdge, true, |sizes| sizes.clusters;
+    BestDualEdges = "best_dual_edges": "array<BestDualEdge>", layout::BestDualEdge, |sizes| sizes.clusters;
     /// The best dual edge of each cluster that is left, for the host.
-    DualEdges "dual_edges": layout::DualEdge, true, |sizes| sizes.clusters;
+    DualEdges = "dual_edges": "array<DualEdge>", layout::DualEdge, |sizes| sizes.clusters;
     /// The cheapest dual edge of each workgroup.
-    CandidateEdges "candidate_edges": layout::CandidateEdge, true, |sizes| sizes.face_groups;
+    CandidateEdges = "candidate_edges": "array<CandidateEdge>", layout::CandidateEdge, |sizes| sizes.face_groups;
     /// For each cluster 0, or one more than the cluster that it was merged into.
-    MergedInto "merged_into": u32, true, |sizes| sizes.clusters;
+    MergedInto = "merged_into": "array<u32>", u32, |sizes| sizes.clusters;
     /// A list of the host: pairs that merge, or clusters whose sums are copied.
-    HostList "host_list": u32, true, |sizes| sizes.clusters.max(2);
+    HostList = "host_list": "array<u32>", u32, |sizes| sizes.clusters.max(2);
     /// Sums for the host.
-    CopiedSums "copied_sums": layout::CopiedSums, true, |sizes| sizes.clusters.min(COPIED_SUMS);
+    CopiedSums = "copied_sums": "array<CopiedSums>", layout::CopiedSums, |sizes| sizes.clusters.min(COPIED_SUMS);
     /// Faces that moved since the last merge, for the host.
-    Moves "moves": Move, true, |sizes| sizes.faces;
+    Moves = "moves": "array<Move>", Move, |sizes| sizes.faces;
 }
 
 /// Words in front of the entries of [`Buffer::BoundaryList`].

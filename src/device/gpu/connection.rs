@@ -32,7 +32,8 @@ pub(super) struct Connection {
     pub(super) is_software: bool,
     /// Compiled kernels, by name.
     pipelines: Mutex<HashMap<&'static str, (wgpu::BindGroupLayout, wgpu::ComputePipeline)>>,
-    name: String,
+    /// Name of the adapter.
+    pub(super) name: String,
     health: Arc<Health>,
     fault: Mutex<Option<Fault>>,
     /// Whether a fault leaves no memory for the next buffer.
@@ -105,11 +106,6 @@ impl Connection {
         Ok(connection)
     }
 
-    /// Name of the adapter.
-    pub(super) fn name(&self) -> &str {
-        &self.name
-    }
-
     /// Compiles the kernels of hierarchies, or all others, unless that was done.
     pub(super) fn compile(&self, is_merging: bool) -> Result<()> {
         KERNELS
@@ -133,14 +129,14 @@ impl Connection {
     /// Counts a dispatch, if there is a clock.
     pub(super) fn count(&self, kernel: &Kernel) {
         if let Some(clock) = &self.clock {
-            clock.count(kernel.entry_point());
+            clock.count(kernel.function());
         }
     }
 
     /// Takes the profile since the last call; none without a clock. Nothing may be running.
     pub(super) fn take_profile(&self) -> Result<Option<Profile>> {
         let Some(clock) = &self.clock else { return Ok(None) };
-        let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let mut encoder = self.encoder();
         let (done, queries) = clock.take(&mut encoder);
         let submission = self.queue.submit([encoder.finish()]);
         queries.slice(..).map_async(wgpu::MapMode::Read, |_| {});
@@ -158,17 +154,10 @@ impl Connection {
         /// Copies that are timed.
         const COPIES: u64 = 8;
         let Some(clock) = &self.clock else { return Ok(None) };
-        let buffer = |label| {
-            self.device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some(label),
-                size: bytes,
-                usage: wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST,
-                mapped_at_creation: false,
-            })
-        };
-        let (from, to) = (buffer("copied"), buffer("copy"));
+        let usage = wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
+        let (from, to) = (self.buffer("copied", bytes, usage)?, self.buffer("copy", bytes, usage)?);
         let copy = |copies: u64| {
-            let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+            let mut encoder = self.encoder();
             clock.between_passes(&mut encoder, "copy", |encoder| {
                 (0..copies).for_each(|_| encoder.copy_buffer_to_buffer(&from, 0, &to, 0, None));
             });
@@ -183,29 +172,31 @@ impl Connection {
         Ok((seconds > 0.0).then(|| (2 * COPIES * bytes) as f64 / seconds))
     }
 
-    /// Creates a buffer. A failure, such as lack of memory, is an error of this call and leaves the connection usable.
-    pub(super) fn buffer(&self, descriptor: &wgpu::BufferDescriptor<'_>) -> Result<wgpu::Buffer> {
+    pub(super) fn encoder(&self) -> wgpu::CommandEncoder {
+        self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
+    }
+
+    /// Creates a buffer, mapped if the host may write it. A failure, such as lack of memory, is an error of this call
+    /// and leaves the connection usable.
+    pub(super) fn buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> Result<wgpu::Buffer> {
         if self.is_exhausted.swap(false, Ordering::SeqCst) {
             return Err(failure(&self.name, &wgpu::Error::OutOfMemory { source: "injected".into() }));
         }
         let kinds = [wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::OutOfMemory];
         let scopes = kinds.map(|kind| self.device.push_error_scope(kind));
-        let buffer = self.device.create_buffer(descriptor);
+        let mapped_at_creation = usage.contains(wgpu::BufferUsages::MAP_WRITE);
+        let descriptor = wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation };
+        let buffer = self.device.create_buffer(&descriptor);
         // scopes end in reverse order
         let errors: Vec<_> = scopes.into_iter().rev().filter_map(|scope| pollster::block_on(scope.pop())).collect();
         errors.first().map_or(Ok(buffer), |error| Err(failure(&self.name, error)))
     }
 
-    /// Whether a failure was reported.
-    pub(super) fn is_broken(&self) -> bool {
-        self.check().is_err()
-    }
-
     /// The first failure that was reported.
     pub(super) fn check(&self) -> Result<()> {
         if lock(&self.health.failed).is_some() && lock(&self.health.lost).is_none() {
-            // A lost device makes other calls fail first; its own callback needs a poll to be called.
-            let _ = self.poll(wgpu::PollType::Poll);
+            // A lost device makes other calls fail first; a poll calls its own callback once the queue is empty.
+            let _ = self.poll(wgpu::PollType::Wait { submission_index: None, timeout: Some(PATIENCE) });
         }
         if let Some(message) = lock(&self.health.lost).as_deref() {
             return Err(self.lost(message));
@@ -287,7 +278,7 @@ fn one_line(message: &str) -> String {
 /// Binding 0 is the uniform, at an offset that each dispatch chooses; then come the storage buffers of the row.
 fn compile(device: &wgpu::Device, kernel: &Kernel) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline) {
     let storage = |is_written: bool| wgpu::BufferBindingType::Storage { read_only: !is_written };
-    let types = kernel.bindings.iter().map(|binding| storage(binding.is_written));
+    let types = kernel.bindings().into_iter().map(|binding| storage(binding.is_written));
     let entries: Vec<_> = (0..)
         .zip(std::iter::once(wgpu::BufferBindingType::Uniform).chain(types))
         .zip(kernel.binding_sizes())
@@ -317,7 +308,7 @@ fn compile(device: &wgpu::Device, kernel: &Kernel) -> (wgpu::BindGroupLayout, wg
             immediate_size: 0,
         })),
         module: &module,
-        entry_point: Some(kernel.entry_point()),
+        entry_point: Some("main"),
         compilation_options: wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() },
         cache: None,
     });

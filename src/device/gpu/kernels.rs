@@ -1,21 +1,30 @@
-//! The table of kernels. A kernel is its WGSL file, a row here, and a dispatch: layouts, pipelines and bind groups are
-//! made from the row. `tests/shader_layout.rs` compares each row with what the file declares.
+//! The table of kernels. A kernel is its WGSL file, a row here, and a dispatch.
 //!
-//! A WGSL file names the shared pieces that it needs in its first line, as in `//! uses: cluster_sums, stats`; `energy`
-//! stands for the file of the energy in `shaders/energy/`. [`Kernel::source`] puts them, and what they need, in front.
+//! A file has a function of its own name, which takes the number of the thread, and that of the thread in its
+//! workgroup; kernels of one thread take neither. Its first lines name the shared pieces that it uses, the buffers that
+//! it reads, and those that it writes; a buffer with atomics counts as written:
+//!
+//! ```wgsl
+//! //! uses: boundary_list, energy
+//! //! reads: faces, labels
+//! //! writes: joining_sums as clusters
+//! ```
+//!
+//! `energy` is the file of the energy in `shaders/energy/`. [`Kernel::source`] puts the pieces, what they use
+//! themselves, and all declarations in front; layouts, pipelines and bind groups are made from the same lines.
 
 use std::mem::size_of;
 
-use super::buffers::Buffer::{self, *};
-use super::layout::{Iteration, WORKGROUP};
-use crate::energy::{Energy, Functional};
+use super::buffers::Buffer;
+use super::layout::{self, Iteration, WORKGROUP};
+use crate::energy::words;
 
 /// A compute shader with one entry point.
 #[derive(Debug, Clone, Copy)]
 pub struct Kernel {
     /// Name, unique.
     pub name: &'static str,
-    /// Folder and name of its file in `shaders/`; the entry point has the file's name.
+    /// Folder and name of its file in `shaders/`.
     pub path: &'static str,
     /// The file.
     pub wgsl: &'static str,
@@ -23,10 +32,6 @@ pub struct Kernel {
     pub constant: Option<(&'static str, u32)>,
     /// How many threads a dispatch has.
     pub threads: Threads,
-    /// Threads in a workgroup.
-    pub workgroup_size: u32,
-    /// The buffers of bindings 1, 2, …; binding 0 is the [`Iteration`].
-    pub bindings: &'static [Binding],
 }
 
 /// A storage buffer that a kernel sees.
@@ -34,24 +39,19 @@ pub struct Kernel {
 pub struct Binding {
     /// The buffer.
     pub buffer: Buffer,
-    /// Name of the variable, if not that of the buffer.
-    pub alias: Option<&'static str>,
+    /// Name of the variable.
+    pub name: &'static str,
     /// Whether the kernel writes it.
     pub is_written: bool,
-}
-
-impl Binding {
-    /// Name of the variable.
-    pub fn name(&self) -> &'static str {
-        self.alias.unwrap_or(self.buffer.spec().name)
-    }
 }
 
 /// The threads of a dispatch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Threads {
-    /// One workgroup.
+    /// One thread.
     One,
+    /// One workgroup.
+    Group,
     /// A thread a face.
     Faces,
     /// A thread for [`RUN`](super::layout::RUN) faces.
@@ -65,15 +65,31 @@ pub enum Threads {
 }
 
 impl Kernel {
-    /// The shared pieces that it uses, and its own file.
+    /// All of its WGSL.
     pub fn source(&self) -> String {
-        let (mut used, mut source) = (Vec::new(), String::new());
-        splice(self.wgsl, &mut used, &mut source);
+        let mut source = layout::wgsl();
+        source.push_str("@group(0) @binding(0) var<uniform> iteration: Iteration;\n");
+        for (place, Binding { buffer, name, is_written }) in (1..).zip(self.bindings()) {
+            let ty = buffer.spec().wgsl;
+            let (access, ty) =
+                if is_written { ("read_write", ty.to_owned()) } else { ("read", ty.replace("atomic<u32>", "u32")) };
+            source.push_str(&format!("@group(0) @binding({place}) var<storage, {access}> {name}: {ty};\n"));
+        }
+        splice(self.wgsl, &mut Vec::new(), &mut source);
+        // not from num_workgroups, which is 0 in an indirect dispatch on DX12 unless wgpu validates those
+        let thread = "(group.y * iteration.row + group.x) * WORKGROUP + local, local";
+        let (size, arguments) = if self.threads == Threads::One { (1, "") } else { (WORKGROUP, thread) };
+        source.push_str(&format!(
+            "@compute @workgroup_size({size})\n\
+             fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {{\n    \
+             {}({arguments});\n}}\n",
+            self.function()
+        ));
         source
     }
 
-    /// Name of the entry point.
-    pub fn entry_point(&self) -> &'static str {
+    /// Name of its file and function.
+    pub fn function(&self) -> &'static str {
         self.path.rsplit('/').next().unwrap_or(self.path)
     }
 
@@ -82,89 +98,80 @@ impl Kernel {
         self.path.starts_with("merge/")
     }
 
+    /// The buffers of bindings 1, 2, …; binding 0 is the [`Iteration`].
+    pub fn bindings(&self) -> Vec<Binding> {
+        let of = |key: &'static str, is_written: bool| {
+            names(self.wgsl, key).filter_map(move |entry| {
+                let (buffer, name) = entry.split_once(" as ").unwrap_or((entry, entry));
+                // a name without a buffer leaves a source that does not parse; a test parses all
+                let buffer = Buffer::ALL.iter().copied().find(|known| known.spec().name == buffer)?;
+                Some(Binding { buffer, name, is_written })
+            })
+        };
+        of("reads", false).chain(of("writes", true)).collect()
+    }
+
     /// Bytes of the smallest buffer for each binding.
     pub fn binding_sizes(&self) -> impl Iterator<Item = usize> {
-        let storage = self.bindings.iter().map(|binding| binding.buffer.spec().stride);
+        let storage = self.bindings().into_iter().map(|binding| binding.buffer.spec().stride);
         std::iter::once(size_of::<Iteration>()).chain(storage)
     }
 }
 
-/// The names in the first line of a WGSL text, if it names shared pieces.
-pub fn uses(wgsl: &'static str) -> impl Iterator<Item = &'static str> {
-    let line = wgsl.lines().next().and_then(|line| line.strip_prefix("//! uses: ")).unwrap_or("");
-    line.split(", ").filter(|name| !name.is_empty())
+/// The names that the first lines of a WGSL text have under a key.
+pub fn names(wgsl: &'static str, key: &str) -> impl Iterator<Item = &'static str> {
+    let head = wgsl.lines().map_while(|line| line.strip_prefix("//! ")).filter_map(|line| line.split_once(": "));
+    let list = head.filter(|(found, _)| *found == key).map(|(_, list)| list).next().unwrap_or("");
+    list.split(", ").filter(|name| !name.is_empty())
 }
 
 /// Appends the pieces that a text uses, each once and after those that it needs itself, and then the text.
 fn splice(wgsl: &'static str, used: &mut Vec<&'static str>, source: &mut String) {
-    for name in uses(wgsl) {
+    for name in names(wgsl, "uses") {
         if !used.contains(&name) {
             used.push(name);
-            let file = if name == "energy" { Energy::NAME } else { name };
             // a name without a file leaves a source that does not parse; a test parses all
-            let piece = PIECES.iter().find(|(path, _)| path.rsplit('/').next() == Some(file));
-            splice(piece.map_or("", |(_, text)| text), used, source);
+            splice(PIECES.iter().find(|(piece, _)| *piece == name).map_or("", |(_, text)| text), used, source);
         }
     }
     source.push_str(wgsl);
     source.push('\n');
 }
 
-/// Reads files of `shaders/`.
-macro_rules! wgsl {
-    ($path:literal) => {
-        include_str!(concat!("../../../shaders/", $path, ".wgsl"))
-    };
-}
-
-/// Lists shared pieces: paths and texts.
+/// Lists the energy and the files of `shaders/shared/`.
 macro_rules! pieces {
-    ($($path:literal,)*) => {
-        /// The shared pieces of shaders: folder and name of the file, and its text.
-        pub const PIECES: &[(&str, &str)] = &[$(($path, wgsl!($path))),*];
+    ($($name:literal,)*) => {
+        /// The shared pieces of shaders: name and text.
+        pub const PIECES: &[(&str, &str)] =
+            &[("energy", words::WGSL), $(($name, include_str!(concat!("../../../shaders/shared/", $name, ".wgsl")))),*];
     };
 }
 
 pieces! {
-    "energy/cvd",
-    "shared/best_dual_edge",
-    "shared/bids",
-    "shared/boundary_insert",
-    "shared/boundary_keep",
-    "shared/boundary_list",
-    "shared/candidate_edge",
-    "shared/cluster",
-    "shared/cluster_sums",
-    "shared/cover",
-    "shared/energy_total",
-    "shared/float",
-    "shared/items",
-    "shared/iteration",
-    "shared/largest_piece",
-    "shared/move_count",
-    "shared/piece_tree",
-    "shared/stats",
-    "shared/ties",
-    "shared/wide",
+    "bids",
+    "boundary_insert",
+    "boundary_list",
+    "candidate_edge",
+    "cluster_sums",
+    "count",
+    "cover",
+    "energy_total",
+    "float",
+    "ties",
+    "wide",
 }
 
-/// Rows: name, file, a constant, threads, workgroup size, buffers that are read, buffers that are read and written.
+/// Rows: name, file, a constant, threads.
 macro_rules! kernels {
-    ($($name:ident = $path:literal $(($constant:literal = $value:literal))?, $threads:ident, $size:expr,
-        [$($read:ident),*], [$($write:ident $(as $alias:literal)?),*];)*) => {
+    ($($name:ident = $path:literal $(($constant:literal = $value:literal))?, $threads:ident;)*) => {
         $(
             #[doc = concat!("`shaders/", $path, ".wgsl`")]
             pub const $name: &Kernel = &Kernel {
                 name: stringify!($name),
                 path: $path,
-                wgsl: wgsl!($path),
+                wgsl: include_str!(concat!("../../../shaders/", $path, ".wgsl")),
                 constant: [$(Some(($constant, $value)),)? None][0],
                 threads: Threads::$threads,
-                workgroup_size: $size,
-                bindings: &[
-                    $(Binding { buffer: $read, alias: None, is_written: false },)*
-                    $(Binding { buffer: $write, alias: [$(Some($alias),)? None][0], is_written: true },)*
-                ],
             };
         )*
 
@@ -174,56 +181,41 @@ macro_rules! kernels {
 }
 
 kernels! {
-    SUMS_GATHER = "sums/sums_gather", FaceRuns, WORKGROUP, [Faces, Labels], [Clusters];
-    PROXIES_FIT = "sums/proxies_fit", Clusters, WORKGROUP,
-        [], [Clusters, Proxies, ClusterBids, Stats, NextDispatch, BoundaryList];
+    SUMS_GATHER = "sums/sums_gather", FaceRuns;
+    PROXIES_FIT = "sums/proxies_fit", Clusters;
 
-    GROWTH_PROPOSE = "growth/growth_propose", Listed, WORKGROUP,
-        [Faces, Neighbours, Labels], [WantedClusters, Clusters, Stats, BoundaryList];
-    GROWTH_APPLY = "growth/growth_apply", Listed, WORKGROUP, [WantedClusters], [Labels, BoundaryList];
-    GROWTH_CHECK_DONE = "growth/growth_check_done", One, 1, [], [Stats, NextDispatch];
+    LABELS_FREE = "growth/labels_free", Faces;
+    GROWTH_PROPOSE = "growth/growth_propose", Listed;
+    GROWTH_APPLY = "growth/growth_apply", Listed;
+    GROWTH_CHECK_DONE = "growth/growth_check_done", One;
 
-    BOUNDARY_BUILD = "boundary/boundary_build", Faces, WORKGROUP, [Neighbours, Labels], [LabelAtMerge, BoundaryList];
-    BOUNDARY_COMPACT = "boundary/boundary_compact", Listed, WORKGROUP,
-        [Neighbours, Labels], [LabelAtMerge, BoundaryList];
-    BOUNDARY_PUBLISH = "boundary/boundary_publish", One, 1, [], [NextDispatch, BoundaryList];
-    BOUNDARY_COVER = "boundary/boundary_cover", One, 1, [], [NextDispatch, BoundaryList];
-    BOUNDARY_PROPOSE = "boundary/boundary_propose", Listed, WORKGROUP,
-        [Faces, Neighbours, Labels, Proxies], [WantedClusters, Clusters, BoundaryList];
-    BOUNDARY_APPLY = "boundary/boundary_apply", Listed, WORKGROUP,
-        [Faces, Neighbours, WantedClusters], [Labels, Clusters, Stats, LabelAtMerge, BoundaryList];
+    BOUNDARY_BUILD = "boundary/boundary_keep" ("FROM_ALL" = 1), Faces;
+    BOUNDARY_COMPACT = "boundary/boundary_keep" ("FROM_ALL" = 0), Listed;
+    BOUNDARY_PUBLISH = "boundary/boundary_publish", One;
+    BOUNDARY_COVER = "boundary/boundary_cover", One;
+    BOUNDARY_PROPOSE = "boundary/boundary_propose", Listed;
+    BOUNDARY_APPLY = "boundary/boundary_apply", Listed;
 
-    FACE_BID = "refine/face_bid", Listed, WORKGROUP,
-        [Faces, Neighbours, Labels, Proxies], [Clusters, ClusterBids, FaceBids, BoundaryList];
-    SELECT_BIDS = "refine/select_bids", Listed, WORKGROUP, [Labels, FaceBids], [ClusterBids, Stats, BoundaryList];
-    JOIN_MOVES = "refine/join_moves", Listed, WORKGROUP,
-        [Faces, Neighbours, Labels], [FaceBids, ClusterBids, JoiningSums as "clusters", LabelAtMerge, BoundaryList];
-    EVALUATE_MOVES = "refine/evaluate_moves", Clusters, WORKGROUP,
-        [Faces], [Clusters, JoiningSums, Proxies, ClusterBids, Stats, NextDispatch, BoundaryList];
-    COMMIT_MOVES = "refine/commit_moves", Listed, WORKGROUP, [], [Labels, FaceBids, ClusterBids, BoundaryList];
+    FACE_BID = "refine/face_bid", Listed;
+    SELECT_BIDS = "refine/select_bids", Listed;
+    JOIN_MOVES = "refine/join_moves", Listed;
+    EVALUATE_MOVES = "refine/evaluate_moves", Clusters;
+    COMMIT_MOVES = "refine/commit_moves", Listed;
 
-    PIECE_LINK = "pieces/piece_link", Faces, WORKGROUP, [Neighbours, Labels], [Clusters, Parents, PieceSizes];
-    PIECE_UNION = "pieces/piece_union", Faces, WORKGROUP, [Neighbours, Labels], [Parents];
-    PIECE_SIZE = "pieces/piece_size", FaceRuns, WORKGROUP, [Labels], [Parents, PieceSizes, LargestPieces];
-    PIECE_SELECT_LARGEST = "pieces/piece_select_largest", Faces, WORKGROUP,
-        [Labels, Parents, PieceSizes], [Clusters, LargestPieces];
-    PIECE_DETACH = "pieces/piece_detach", Faces, WORKGROUP,
-        [Faces, Parents], [Labels, Clusters, LargestPieces, Stats, LabelAtMerge, BoundaryList];
+    PIECE_LINK = "pieces/piece_link", Faces;
+    PIECE_UNION = "pieces/piece_union", Faces;
+    PIECE_SIZE = "pieces/piece_size", FaceRuns;
+    PIECE_SELECT_LARGEST = "pieces/piece_select_largest", Faces;
+    PIECE_DETACH = "pieces/piece_detach", Faces;
 
-    MIN_DUAL_EDGE_COST = "merge/min_dual_edge" ("PASS" = 0), Listed, WORKGROUP,
-        [Neighbours, Labels, Proxies], [Clusters, BestDualEdges, BoundaryList];
-    MIN_DUAL_EDGE_TIE = "merge/min_dual_edge" ("PASS" = 1), Listed, WORKGROUP,
-        [Neighbours, Labels, Proxies], [Clusters, BestDualEdges, BoundaryList];
-    MIN_DUAL_EDGE_OTHER = "merge/min_dual_edge" ("PASS" = 2), Listed, WORKGROUP,
-        [Neighbours, Labels, Proxies], [Clusters, BestDualEdges, BoundaryList];
-    DUAL_EDGES_PUBLISH = "merge/dual_edges_publish", Clusters, WORKGROUP,
-        [], [BestDualEdges, DualEdges, BoundaryList];
-    CHEAPEST_DUAL_EDGE = "merge/cheapest_dual_edge", Listed, WORKGROUP,
-        [Neighbours, Labels, Proxies], [Clusters, CandidateEdges, BoundaryList];
-    CHEAPEST_DUAL_EDGE_REDUCE = "merge/cheapest_dual_edge_reduce", One, WORKGROUP,
-        [], [CandidateEdges, BoundaryList];
-    MERGE_APPLY = "merge/merge_apply", Entries, WORKGROUP, [HostList], [Clusters, MergedInto];
-    MERGE_RELABEL = "merge/merge_relabel", Faces, WORKGROUP, [MergedInto], [Labels, LabelAtMerge];
-    MOVES_LIST = "merge/moves_list", Listed, WORKGROUP, [Labels, LabelAtMerge], [Moves, Stats, BoundaryList];
-    SUMS_COPY = "merge/sums_copy", Entries, WORKGROUP, [HostList], [Clusters, CopiedSums];
+    MIN_DUAL_EDGE_COST = "merge/min_dual_edge" ("PASS" = 0), Listed;
+    MIN_DUAL_EDGE_TIE = "merge/min_dual_edge" ("PASS" = 1), Listed;
+    MIN_DUAL_EDGE_OTHER = "merge/min_dual_edge" ("PASS" = 2), Listed;
+    DUAL_EDGES_PUBLISH = "merge/dual_edges_publish", Clusters;
+    CHEAPEST_DUAL_EDGE = "merge/cheapest_dual_edge", Listed;
+    CHEAPEST_DUAL_EDGE_REDUCE = "merge/cheapest_dual_edge_reduce", Group;
+    MERGE_APPLY = "merge/merge_apply", Entries;
+    MERGE_RELABEL = "merge/merge_relabel", Faces;
+    MOVES_LIST = "merge/moves_list", Listed;
+    SUMS_COPY = "merge/sums_copy", Entries;
 }

@@ -1,11 +1,9 @@
-//! Structs that Rust and WGSL share, byte for byte. `tests/shader_layout.rs` compares [`STRUCTS`] with what the shaders
-//! declare.
+//! Structs and constants that Rust and WGSL share. Each is defined here, or in [`words`] of the energy, and nowhere
+//! else: [`wgsl`] declares them in front of every kernel.
 
-use std::mem::{offset_of, size_of};
-
-use bytemuck::{Pod, Zeroable};
-
-use crate::energy::ClusterSums;
+use crate::device::FREE;
+use crate::energy::shared::{Atomic, List, Struct, shared};
+use crate::energy::{ClusterSums, LatticeEnergy, words};
 
 /// Threads in a workgroup of every kernel that has one thread an item.
 pub const WORKGROUP: u32 = 256;
@@ -16,44 +14,32 @@ pub const RUN: u32 = 8;
 /// `label_at_merge` of a face that is not on the boundary list.
 pub const UNLISTED: u32 = u32::MAX - 1;
 
-/// [`Iteration::ties`] for [`Ties::Hash`](crate::device::dual_edge::Ties::Hash).
-pub const TIES_BY_HASH: u32 = 0;
+/// Words of the sums of a cluster.
+pub const SUM_WORDS: usize = 2 * words::SUMS;
 
-/// [`Iteration::ties`] for [`Ties::LargestId`](crate::device::dual_edge::Ties::LargestId).
-pub const TIES_BY_LARGEST_ID: u32 = 1;
+/// Constants of WGSL.
+const CONSTANTS: [(&str, u32); 6] = [
+    ("FREE", FREE),
+    ("UNLISTED", UNLISTED),
+    ("WORKGROUP", WORKGROUP),
+    ("RUN", RUN),
+    ("SUMS", words::SUMS as u32),
+    ("SUM_WORDS", SUM_WORDS as u32),
+];
 
-/// A struct that WGSL declares too.
-#[derive(Debug, Clone, Copy)]
-pub struct Struct {
-    /// Its name in WGSL.
-    pub name: &'static str,
-    /// Size in bytes.
-    pub size: usize,
-    /// Names and offsets of its members, padding included where WGSL names it as a member.
-    pub members: &'static [(&'static str, usize)],
+/// All structs that kernels see.
+pub fn structs() -> impl Iterator<Item = &'static Struct> {
+    words::STRUCTS.iter().chain(STRUCTS)
 }
 
-/// Defines the structs and lists them in [`STRUCTS`].
-macro_rules! shared {
-    ($($(#[$doc:meta])* $name:ident { $($(#[$member_doc:meta])* $member:ident: $type:ty,)* })*) => {
-        $(
-            $(#[$doc])*
-            #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
-            #[repr(C)]
-            pub struct $name { $($(#[$member_doc])* pub $member: $type,)* }
-        )*
-
-        /// All structs that both sides declare.
-        pub const STRUCTS: &[Struct] = &[$(Struct {
-            name: stringify!($name),
-            size: size_of::<$name>(),
-            members: &[$((stringify!($member), offset_of!($name, $member))),*],
-        }),*];
-    };
+/// The declarations of all constants and structs.
+pub fn wgsl() -> String {
+    let constants = CONSTANTS.iter().map(|(name, value)| format!("const {name}: u32 = {value}u;\n"));
+    constants.chain(structs().map(Struct::wgsl)).collect()
 }
 
 shared! {
-    /// A uniform: an iteration of a phase, or a pass of the growth.
+    /// A uniform: an iteration of a phase, or a pass of the growth. Its size must be a multiple of 16 bytes.
     Iteration {
         /// Index of its entry in the statistics.
         slot: u32,
@@ -63,82 +49,64 @@ shared! {
         faces: u32,
         /// Number of clusters that are left.
         clusters: u32,
-        /// Workgroups in a full row of a dispatch.
+        /// Workgroups in a full row of a dispatch; a smaller dispatch is one row.
         row: u32,
         /// Number of the iteration in its phase, from 1.
         number: u32,
-        /// Number of entries of the list that the host wrote.
+        /// Number of entries of `host_list`.
         entries: u32,
-        /// Order of equally cheap dual edges: [`TIES_BY_HASH`] or [`TIES_BY_LARGEST_ID`]. The size of a uniform must be
-        /// a multiple of 16 bytes.
-        ties: u32,
+        /// 1: of equally cheap dual edges, the one to the neighbour with the largest number is the best.
+        prefers_largest_id: u32,
     }
 
     /// What an iteration reports to the host.
     IterationStats {
-        /// Three 64-bit sums of weight 1, 2³² and 2⁶⁴, low word first.
-        explained: [u32; 6],
+        /// Σ over clusters of the explained energy << shift, in refinement its rise, modulo 2¹²⁸: three 64-bit sums of
+        /// weight 1, 2³² and 2⁶⁴, low word first.
+        explained: [Atomic; 6],
         /// Faces whose label changed.
-        moves: u32,
+        moves: Atomic,
         /// Faces that bid, in refinement.
-        bids: u32,
+        bids: Atomic,
     }
 
-    /// A face.
-    Face {
-        /// In lattice units.
-        centroid: [i32; 3],
-        /// In units of its component.
-        weight: u32,
-    }
-
-    /// A proxy.
-    Proxy {
-        /// In lattice units.
-        position: [i32; 3],
-        /// Shift of the cluster's energy to the units of the finest component.
-        energy_shift: u32,
-    }
-
-    /// Sums of a cluster. The host only clears it.
+    /// Sums over the faces of a cluster, and its leavers of this iteration. The host only clears it.
     Cluster {
-        /// Σ weight·centroid: 64 bits an axis, low word first.
-        moment: [u32; 6],
-        /// Σ weight, low word first.
-        weight: [u32; 2],
+        /// The sums of the energy, 64 bits each, low word first, two's complement.
+        sums: [Atomic; SUM_WORDS],
         /// Number of faces.
-        count: u32,
-        /// Faces that do not want to leave in this iteration.
-        staying: u32,
+        count: Atomic,
+        /// Faces of the cluster, less those that want to leave in this iteration.
+        staying: Atomic,
         /// Smallest face that wants to leave.
-        first_leaver: u32,
-        /// Whether it is known to be connected.
-        connected: u32,
+        first_leaver: Atomic,
+        /// 1: known to be connected, and it has lost no face since.
+        connected: Atomic,
     }
 
     /// The best move of a face, in refinement.
     FaceBid {
-        /// The cluster that it wants to enter.
+        /// The cluster that it wants to enter, or FREE.
         cluster: u32,
-        /// Its packed gain.
+        /// The packed gain.
         bid: u32,
-        /// The iteration in which it was last refused.
+        /// The iteration in which the face was last refused, or 0.
         refused_in: u32,
     }
 
     /// The bids at a cluster, and the move that leaves it.
     ClusterBids {
-        /// The largest packed gain.
-        best_bid: u32,
+        /// The largest packed gain of the faces that want to leave or enter, 0 without any.
+        best_bid: Atomic,
         /// The smallest face with that gain.
-        best_face: u32,
+        best_face: Atomic,
         /// The iteration in which a face last won a move out of the cluster.
         won_in: u32,
         /// That face.
         winner: u32,
         /// The cluster that it wants to enter.
         target_cluster: u32,
-        /// What was decided.
+        /// What was decided: a constant of `shaders/shared/bids.wgsl`.
         accepted: u32,
         /// The iteration in which the cluster last gained or lost a face.
         changed_in: u32,
@@ -146,53 +114,57 @@ shared! {
         unused: u32,
     }
 
-    /// The piece that a cluster keeps.
+    /// The piece that a cluster keeps; cleared memory is no piece.
     LargestPiece {
         /// Number of its faces.
-        size: u32,
-        /// Its smallest face, inverted.
-        inverted_root: u32,
+        size: Atomic,
+        /// Its smallest face, inverted, so that the maximum finds the smallest.
+        inverted_root: Atomic,
     }
 
-    /// What dispatches go over. The host writes the clusters.
+    /// What dispatches go over: boundary faces, and the clusters that are left. The host writes the clusters.
     BoundaryList {
-        /// Listed faces.
-        length: u32,
-        /// Faces that have been kept so far.
-        kept: u32,
-        /// Listed faces that dispatches go over.
+        /// Listed faces, with those that kernels have added during this dispatch.
+        length: Atomic,
+        /// Faces that `boundary_keep` has kept so far.
+        kept: Atomic,
+        /// Listed faces that dispatches go over: `length` when `cover` ran last.
         due: u32,
-        /// Index in the entries of the first of them.
+        /// Index in `entries` of the first listed face: 0 or the number of faces.
         first: u32,
-        /// The first of two entries a face and one a cluster.
-        entries: [u32; 1],
+        /// Two halves of one entry a face, of which one is in use; then the clusters that are left. One buffer, because
+        /// portable devices bind 8.
+        entries: List,
     }
 
-    /// The best dual edge of a cluster so far, all numbers inverted.
+    /// The best dual edge of a cluster so far, all numbers inverted: cleared memory is worse than any edge, and the
+    /// larger number is the better one.
     BestDualEdge {
-        /// The packed cost.
-        cost: u32,
-        /// The tie.
-        tie: u32,
-        /// The neighbour.
-        other: u32,
+        /// The packed cost; 0 without an edge, as no edge has that.
+        cost: Atomic,
+        /// The smallest tie of the edges with that cost.
+        tie: Atomic,
+        /// The smallest neighbour of those.
+        other: Atomic,
     }
 
     /// The best dual edge of a cluster, for the host.
     DualEdge {
-        /// The neighbour; [`FREE`](crate::device::FREE) without an edge.
+        /// The neighbour; FREE without an edge.
         other: u32,
         /// The packed cost.
         cost: u32,
     }
 
-    /// The best dual edge of a workgroup.
+    /// The cheapest dual edge of some threads, by exact cost in units of the finest component.
     CandidateEdge {
-        /// The exact cost in units of the finest component, low word first.
-        cost: [u32; 4],
-        /// The tie.
+        /// Upper 64 bits of the cost.
+        high_cost: u64,
+        /// Lower 64 bits.
+        low_cost: u64,
+        /// Of equal costs the smallest tie wins, then the smallest ends.
         tie: u32,
-        /// The end with the smaller number; [`FREE`](crate::device::FREE) where there is no edge.
+        /// The end with the smaller number; FREE where there is no edge.
         low: u32,
         /// The other end.
         high: u32,
@@ -212,10 +184,8 @@ shared! {
 
     /// The sums of a cluster, for the host.
     CopiedSums {
-        /// Σ weight·centroid: 64 bits an axis, low word first.
-        moment: [u32; 6],
-        /// Σ weight, low word first.
-        weight: [u32; 2],
+        /// As in `Cluster`.
+        sums: [u32; SUM_WORDS],
         /// Number of faces.
         count: u32,
     }
@@ -225,6 +195,11 @@ shared! {
 pub type Dispatch = [u32; 3];
 
 impl IterationStats {
+    /// The energy that the iteration left.
+    pub fn energy(&self) -> LatticeEnergy {
+        LatticeEnergy { explained: self.explained() }
+    }
+
     /// The explained energy; in refinement, its rise. The device adds modulo 2¹²⁸ in two's complement, and the true
     /// value fits.
     pub fn explained(&self) -> i128 {
@@ -237,12 +212,7 @@ impl IterationStats {
 impl CopiedSums {
     /// The same for the host.
     pub fn sums(&self) -> ClusterSums {
-        let number = |low: u32, high: u32| (u64::from(high) << 32 | u64::from(low)).cast_signed();
-        ClusterSums {
-            centroid: std::array::from_fn(|axis| number(self.moment[2 * axis], self.moment[2 * axis + 1])),
-            weight: number(self.weight[0], self.weight[1]),
-            faces: self.count,
-        }
+        ClusterSums::of_words(self.sums, self.count)
     }
 }
 

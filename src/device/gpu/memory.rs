@@ -9,10 +9,11 @@ use bytemuck::Zeroable;
 use super::FaultPoint;
 use super::buffers::{BATCH, Buffer, LIST_HEAD, Sizes};
 use super::connection::Connection;
-use super::kernels::{Kernel, Threads};
-use super::layout::{Dispatch, Iteration, Proxy, RUN, TIES_BY_HASH, TIES_BY_LARGEST_ID, WORKGROUP};
-use super::upload::{set_free, upload, upload_graph};
+use super::kernels::{KERNELS, Kernel, Threads};
+use super::layout::{Dispatch, Iteration, RUN, WORKGROUP};
+use super::upload::{upload, upload_graph};
 use crate::device::dual_edge::Ties;
+use crate::energy::words::Proxy;
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
 
@@ -30,75 +31,42 @@ pub(super) struct SurfaceMemory {
     stride: u32,
     /// What all iterations have in common.
     common: Iteration,
-    /// Where the statistics are copied to for the host, one for each of two batches in flight.
-    pub(super) staging: [wgpu::Buffer; 2],
-    /// Kernels that were dispatched, by name.
-    bound: RefCell<HashMap<&'static str, Bound>>,
-}
-
-/// A pipeline and its buffers.
-#[derive(Debug)]
-struct Bound {
-    pipeline: wgpu::ComputePipeline,
-    bind_group: wgpu::BindGroup,
+    /// Pipelines and buffers of kernels that were dispatched, by name.
+    bound: RefCell<HashMap<&'static str, (wgpu::ComputePipeline, wgpu::BindGroup)>>,
 }
 
 impl SurfaceMemory {
-    /// Uploads a surface, all faces free. Errors: the surface exceeds a limit of the device
+    /// Uploads a surface, without labels. Errors: the surface exceeds a limit of the device
     /// ([`Kind::DeviceUnsuitable`]), or there is no memory for it ([`Kind::DeviceLost`]).
     pub(super) fn new(
         connection: &Connection,
         graph: &DualGraph,
-        energy_shifts: &[u32],
+        component_of_cluster: &[u32],
         is_merging: bool,
     ) -> Result<Self> {
+        let proxies = proxies(graph, component_of_cluster)?;
         check_counts(connection, graph)?;
         let row = connection.limits.max_compute_workgroups_per_dimension;
-        let [columns, rows, _] = groups(graph.centroids.len() as u64, row);
+        let [columns, rows, _] = groups(graph.faces() as u64, row);
         let sizes = Sizes {
-            faces: graph.centroids.len() as u64,
+            faces: graph.faces() as u64,
             neighbours: graph.neighbours.len() as u64,
-            clusters: energy_shifts.len() as u64,
+            clusters: proxies.len() as u64,
             face_groups: u64::from(columns) * u64::from(rows),
         };
         connection.reach(FaultPoint::Upload);
-        let create = |&buffer: &Buffer| {
-            let spec = buffer.spec();
-            let mut usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
-            if buffer == Buffer::NextDispatch {
-                usage |= wgpu::BufferUsages::INDIRECT;
-            }
-            let is_needed = is_merging || !spec.is_merging;
-            let bytes = if is_needed { (spec.bytes)(&sizes) } else { spec.stride as u64 };
-            create(connection, spec.name, bytes, usage)
-        };
+        let kernels = KERNELS.iter().filter(|kernel| is_merging || !kernel.is_merging());
+        let needed: Vec<Buffer> = kernels.flat_map(|kernel| kernel.bindings()).map(|binding| binding.buffer).collect();
+        let create = |buffer: &Buffer| create(connection, *buffer, needed.contains(buffer).then_some(&sizes));
         let storage = Buffer::ALL.iter().map(create).collect::<Result<Vec<_>>>()?;
         let stride = connection.limits.min_uniform_buffer_offset_alignment.max(size_of::<Iteration>() as u32);
-        let slots = u64::from(BATCH) + 1;
-        let uniform = wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST;
-        let mapped = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
-        let stats = (Buffer::Stats.spec().bytes)(&sizes);
-        let mut memory = Self {
-            storage,
-            iterations: create_other(connection, "iterations", slots * u64::from(stride), uniform)?,
-            stride,
-            common: Iteration {
-                faces: sizes.faces as u32,
-                clusters: sizes.clusters as u32,
-                row,
-                ..Iteration::zeroed()
-            },
-            staging: [
-                create_other(connection, "statistics for the host", stats, mapped)?,
-                create_other(connection, "statistics for the host", stats, mapped)?,
-            ],
-            bound: RefCell::default(),
-        };
+        let bytes = u64::from(BATCH + 1) * u64::from(stride);
+        let iterations =
+            connection.buffer("iterations", bytes, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST)?;
+        let common = Iteration { faces: sizes.faces as u32, row, ..Iteration::zeroed() };
+        let mut memory = Self { storage, iterations, stride, common, bound: RefCell::default() };
         upload_graph(connection, graph, memory.get(Buffer::Faces), memory.get(Buffer::Neighbours))?;
-        let proxy = |&energy_shift: &u32| Proxy { position: [0; 3], energy_shift };
-        let proxies: Vec<Proxy> = energy_shifts.iter().map(proxy).collect();
         upload(&connection.queue, memory.get(Buffer::Proxies), 0, &proxies);
-        set_free(connection, memory.get(Buffer::Labels), memory.get(Buffer::LabelAtMerge), graph.centroids.len());
         let all: Vec<u32> = (0..sizes.clusters as u32).collect();
         memory.list_clusters(&connection.queue, &all);
         connection.check()?;
@@ -143,12 +111,8 @@ impl SurfaceMemory {
     /// edges.
     pub(super) fn announce(&mut self, queue: &wgpu::Queue, entries: u32, ties: Ties) {
         self.common.entries = entries;
-        self.common.ties = match ties {
-            Ties::Hash => TIES_BY_HASH,
-            Ties::LargestId => TIES_BY_LARGEST_ID,
-        };
-        let iteration = Iteration { slot: BETWEEN, between: 1, ..self.common };
-        queue.write_buffer(&self.iterations, u64::from(BETWEEN * self.stride), bytemuck::bytes_of(&iteration));
+        self.common.prefers_largest_id = u32::from(ties == Ties::LargestId);
+        self.number(queue, 1);
     }
 
     /// Encodes one dispatch of a kernel, in an iteration of a batch or [`BETWEEN`] batches.
@@ -161,9 +125,9 @@ impl SurfaceMemory {
     ) {
         connection.count(kernel);
         let mut bound = self.bound.borrow_mut();
-        let bound = bound.entry(kernel.name).or_insert_with(|| self.bind(connection, kernel));
-        pass.set_pipeline(&bound.pipeline);
-        pass.set_bind_group(0, &bound.bind_group, &[slot * self.stride]);
+        let (pipeline, bind_group) = bound.entry(kernel.name).or_insert_with(|| self.bind(connection, kernel));
+        pass.set_pipeline(pipeline);
+        pass.set_bind_group(0, &*bind_group, &[slot * self.stride]);
         match self.groups(kernel.threads) {
             Some([x, y, z]) => pass.dispatch_workgroups(x, y, z),
             None => pass.dispatch_workgroups_indirect(self.get(Buffer::NextDispatch), 0),
@@ -174,7 +138,7 @@ impl SurfaceMemory {
     fn groups(&self, threads: Threads) -> Option<Dispatch> {
         let Iteration { faces, clusters, row, entries, .. } = self.common;
         let items = match threads {
-            Threads::One => 1,
+            Threads::One | Threads::Group => 1,
             Threads::Faces => faces,
             Threads::FaceRuns => faces.div_ceil(RUN),
             Threads::Clusters => clusters,
@@ -184,13 +148,14 @@ impl SurfaceMemory {
         Some(groups(u64::from(items), row))
     }
 
-    fn bind(&self, connection: &Connection, kernel: &Kernel) -> Bound {
+    fn bind(&self, connection: &Connection, kernel: &Kernel) -> (wgpu::ComputePipeline, wgpu::BindGroup) {
         let iteration = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
             buffer: &self.iterations,
             offset: 0,
             size: wgpu::BufferSize::new(size_of::<Iteration>() as u64),
         });
-        let storage = kernel.bindings.iter().map(|binding| self.get(binding.buffer).as_entire_binding());
+        let bindings = kernel.bindings();
+        let storage = bindings.iter().map(|binding| self.get(binding.buffer).as_entire_binding());
         let entries: Vec<_> = (0..)
             .zip(std::iter::once(iteration).chain(storage))
             .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
@@ -201,34 +166,21 @@ impl SurfaceMemory {
             layout: &layout,
             entries: &entries,
         });
-        Bound { pipeline, bind_group }
+        (pipeline, bind_group)
     }
 }
 
-/// The shift of each cluster's energy. Errors: the surface contradicts itself, or has no faces or clusters.
-pub(super) fn energy_shifts(graph: &DualGraph, component_of_cluster: &[u32]) -> Result<Vec<u32>> {
-    let faces = graph.centroids.len();
-    let defect = |what: &str| Error::new(Kind::Internal, what);
-    if faces == 0 || component_of_cluster.is_empty() {
-        return Err(defect("there is nothing to cluster"));
+/// The proxies of clusters without faces.
+fn proxies(graph: &DualGraph, component_of_cluster: &[u32]) -> Result<Vec<Proxy>> {
+    let (faces, clusters) = (graph.faces(), component_of_cluster.len());
+    if clusters == 0 || clusters > faces {
+        return Err(Error::new(Kind::Internal, format_args!("{faces} faces cannot make {clusters} clusters")));
     }
-    if component_of_cluster.len() > faces {
-        return Err(defect("there are more clusters than faces"));
-    }
-    if graph.weights.len() != faces
-        || graph.neighbour_offsets.len() != faces + 1
-        || graph.neighbour_offsets[faces] as usize != graph.neighbours.len()
-    {
-        return Err(defect("the arrays of the graph differ in length"));
-    }
-    component_of_cluster
-        .iter()
-        .map(|&component| match graph.components.get(component as usize) {
-            Some(component) if component.energy_shift <= 30 => Ok(component.energy_shift),
-            Some(_) => Err(defect("a component's energy shift is above 30")),
-            None => Err(defect("a cluster lies in a component that does not exist")),
-        })
-        .collect()
+    let proxy = |&component: &u32| match graph.components.get(component as usize) {
+        Some(component) => Ok(Proxy::unfitted(component.energy_shift)),
+        None => Err(Error::new(Kind::Internal, format_args!("a cluster lies in no component: {component}"))),
+    };
+    component_of_cluster.iter().map(proxy).collect()
 }
 
 /// Workgroups for so many threads, in rows of `row`.
@@ -241,31 +193,26 @@ fn groups(threads: u64, row: u32) -> Dispatch {
 /// Refuses more faces than threads of a dispatch can number in u32, the last row half empty, and more neighbours than
 /// u32 can index behind the rows.
 fn check_counts(connection: &Connection, graph: &DualGraph) -> Result<()> {
-    let (faces, neighbours) = (graph.centroids.len() as u64, graph.neighbours.len() as u64);
+    let (faces, neighbours) = (graph.faces() as u64, graph.neighbours.len() as u64);
     let row = u64::from(connection.limits.max_compute_workgroups_per_dimension);
-    let limit = (row * row * u64::from(WORKGROUP)).min(1 << 31);
-    if faces > limit {
-        return Err(Error::new(
-            Kind::DeviceUnsuitable,
-            format_args!("the gpu {} takes at most {limit} faces, use the cpu device: {faces}", connection.name()),
-        ));
-    }
-    let limit = u64::from(u32::MAX);
-    if faces + 1 + neighbours > limit {
-        return Err(Error::new(
-            Kind::DeviceUnsuitable,
-            format_args!(
-                "the gpu {} takes at most {limit} faces and neighbours of faces, use the cpu device: {faces} and \
-                 {neighbours}",
-                connection.name()
-            ),
-        ));
+    let threads = (row * row * u64::from(WORKGROUP)).min(1 << 31);
+    for (what, found, limit) in
+        [("faces", faces, threads), ("faces and neighbours of faces", faces + 1 + neighbours, u64::from(u32::MAX))]
+    {
+        if found > limit {
+            return Err(Error::new(
+                Kind::DeviceUnsuitable,
+                format_args!("the gpu {} takes at most {limit} {what}, use the cpu device: {found}", connection.name),
+            ));
+        }
     }
     Ok(())
 }
 
-/// A storage buffer. Errors: it is larger than the device allows, or there is no memory for it.
-fn create(connection: &Connection, what: &str, bytes: u64, usage: wgpu::BufferUsages) -> Result<wgpu::Buffer> {
+/// A storage buffer; of one item without sizes. Errors: it is larger than the device allows, or there is no memory.
+fn create(connection: &Connection, buffer: Buffer, sizes: Option<&Sizes>) -> Result<wgpu::Buffer> {
+    let spec = buffer.spec();
+    let bytes = sizes.map_or(spec.stride as u64, spec.bytes);
     let limit = connection.limits.max_storage_buffer_binding_size.min(connection.limits.max_buffer_size);
     if bytes > limit {
         return Err(Error::new(
@@ -273,16 +220,16 @@ fn create(connection: &Connection, what: &str, bytes: u64, usage: wgpu::BufferUs
             format_args!(
                 "the mesh does not fit the gpu {}, use the cpu device: the buffer for its {} may have {limit} bytes \
                  and needs {bytes}",
-                connection.name(),
-                what.replace('_', " ")
+                connection.name,
+                spec.name.replace('_', " ")
             ),
         ));
     }
-    create_other(connection, what, bytes, usage)
-}
-
-fn create_other(connection: &Connection, what: &str, bytes: u64, usage: wgpu::BufferUsages) -> Result<wgpu::Buffer> {
-    connection.buffer(&wgpu::BufferDescriptor { label: Some(what), size: bytes, usage, mapped_at_creation: false })
+    let mut usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
+    if buffer == Buffer::NextDispatch {
+        usage |= wgpu::BufferUsages::INDIRECT;
+    }
+    connection.buffer(spec.name, bytes, usage)
 }
 
 #[cfg(test)]

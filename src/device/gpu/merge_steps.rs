@@ -12,7 +12,6 @@ use super::upload::upload;
 use crate::device::dual_edge::Ties;
 use crate::device::{DualEdge, FREE, MergeSteps};
 use crate::energy::ClusterSums;
-use crate::energy::LatticeEnergy;
 use crate::error::{Error, Kind, Result};
 
 /// Faces times clusters up to which a software gpu merges one pair at a time. Each merge searches all listed faces, in
@@ -30,17 +29,6 @@ impl GpuSteps<'_> {
         self.encode(&mut encoder, "merge", &[kernels::BOUNDARY_COMPACT, kernels::BOUNDARY_PUBLISH]);
         encoder
     }
-
-    /// Refuses clusters that do not exist.
-    fn check_clusters(&self, clusters: &[u32]) -> Result<()> {
-        match clusters.iter().find(|&&cluster| cluster >= self.clusters()) {
-            None => Ok(()),
-            Some(cluster) => Err(Error::new(
-                Kind::Internal,
-                format_args!("clusters must be below {}, not {cluster}", self.clusters()),
-            )),
-        }
-    }
 }
 
 impl MergeSteps for GpuSteps<'_> {
@@ -54,9 +42,8 @@ impl MergeSteps for GpuSteps<'_> {
             kernels::DUAL_EDGES_PUBLISH,
         ];
         self.encode(&mut encoder, "merge", &search);
-        let edges = self.memory.get(Buffer::DualEdges);
-        let (stats, edges) = self.download::<ListedEdge>(encoder, edges, self.living.len())?;
-        self.set_energy(Some(LatticeEnergy { explained: stats.explained() }));
+        let (stats, edges) = self.download::<ListedEdge>(encoder, Buffer::DualEdges, self.living.len())?;
+        self.set_energy(Some(stats.energy()));
         let edges = self.living.iter().zip(edges).filter(|(_, edge)| edge.other != FREE);
         Ok(edges.map(|(&cluster, edge)| DualEdge { cluster, other: edge.other, cost: edge.cost }).collect())
     }
@@ -70,7 +57,7 @@ impl MergeSteps for GpuSteps<'_> {
                 format_args!(
                     "the software gpu {} would take too long to merge {} clusters of {} faces one by one, use the cpu \
                      device; faces times clusters may be {SOFTWARE_LIMIT}",
-                    self.connection.name(),
+                    self.connection.name,
                     self.living.len(),
                     self.memory.faces()
                 ),
@@ -79,9 +66,8 @@ impl MergeSteps for GpuSteps<'_> {
         self.connection.reach(FaultPoint::DualEdges);
         let mut encoder = self.encode_compaction(ties);
         self.encode(&mut encoder, "merge", &[kernels::CHEAPEST_DUAL_EDGE, kernels::CHEAPEST_DUAL_EDGE_REDUCE]);
-        let candidates = self.memory.get(Buffer::CandidateEdges);
-        let (stats, best) = self.download::<CandidateEdge>(encoder, candidates, 1)?;
-        self.set_energy(Some(LatticeEnergy { explained: stats.explained() }));
+        let (stats, best) = self.download::<CandidateEdge>(encoder, Buffer::CandidateEdges, 1)?;
+        self.set_energy(Some(stats.energy()));
         Ok(best.first().filter(|best| best.low != FREE).map(|best| (best.low, best.high)))
     }
 
@@ -119,15 +105,14 @@ impl MergeSteps for GpuSteps<'_> {
     }
 
     fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<ClusterSums>> {
-        self.check_clusters(clusters)?;
+        self.check_clusters(clusters.iter().copied())?;
         let mut sums = Vec::with_capacity(clusters.len());
         for chunk in clusters.chunks(self.memory.capacity(Buffer::CopiedSums)) {
             upload(&self.connection.queue, self.memory.get(Buffer::HostList), 0, chunk);
             self.memory.announce(&self.connection.queue, chunk.len() as u32, Ties::Hash);
             let mut encoder = self.encoder_with_sums();
             self.encode(&mut encoder, "merge", &[kernels::SUMS_COPY]);
-            let copied = self.memory.get(Buffer::CopiedSums);
-            let (_, copied) = self.download::<CopiedSums>(encoder, copied, chunk.len())?;
+            let (_, copied) = self.download::<CopiedSums>(encoder, Buffer::CopiedSums, chunk.len())?;
             sums.extend(copied.iter().map(CopiedSums::sums));
         }
         Ok(sums)
@@ -140,12 +125,11 @@ impl MergeSteps for GpuSteps<'_> {
         let mut encoder = self.encoder_with_sums();
         encoder.clear_buffer(self.memory.get(Buffer::Stats), 0, None);
         self.encode(&mut encoder, "merge", &[kernels::BOUNDARY_COVER, kernels::MOVES_LIST]);
-        let moves = self.memory.get(Buffer::Moves);
         let few = FEW_MOVES.min(self.memory.faces() as usize);
-        let (stats, mut list) = self.download::<Move>(encoder, moves, few)?;
+        let (stats, mut list) = self.download::<Move>(encoder, Buffer::Moves, few)?;
         let listed = stats.moves as usize;
         if listed > few {
-            list = self.download::<Move>(self.encoder(), moves, listed)?.1;
+            list = self.download::<Move>(self.encoder(), Buffer::Moves, listed)?.1;
         }
         list.truncate(listed);
         list.sort_unstable_by_key(|moved| moved.face);

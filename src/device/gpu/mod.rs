@@ -6,7 +6,7 @@
 //! | `adapter`, `choice` | the adapters of the machine, which of them can cluster, and which is meant |
 //! | `connection` | an open adapter: queue, pipelines, errors, injected faults; `clock` times its passes |
 //! | `kernels` | the table of kernels: a kernel is its WGSL file, a row, and a dispatch |
-//! | `buffers` | the table of storage buffers; `layout` has the structs in them |
+//! | `buffers` | the table of storage buffers; `layout` has the structs in them, in Rust and WGSL |
 //! | `memory` | a surface on the device: buffers, bind groups, sizes of dispatches; `upload` fills it |
 //! | `steps`, `merge_steps` | the steps of the algorithms, as sequences of kernels |
 //! | `batches`, `readback` | iterations queued ahead of the host; results on their way back |
@@ -162,7 +162,7 @@ impl GpuDevice {
     /// The connection; a new one if the last broke. The adapter may have gone with the device, so it is looked for
     /// again.
     fn connection(&self) -> Result<Arc<Connection>> {
-        let broken = lock(&self.opened).take_if(|connection| connection.is_broken());
+        let broken = lock(&self.opened).take_if(|connection| connection.check().is_err());
         // dropped outside of the lock, which a memory meter may be waiting for
         drop(broken);
         if let Some(connection) = lock(&self.opened).as_ref() {

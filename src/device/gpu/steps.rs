@@ -1,16 +1,16 @@
 //! The steps on one surface, as sequences of kernels.
 
-use std::cell::Cell;
+use std::cell::RefCell;
 use std::mem::take;
 use std::sync::Arc;
 
 use super::FaultPoint;
-use super::batches::Phase;
+use super::batches::{BOUNDARY, GROWTH, REFINEMENT};
 use super::buffers::Buffer;
 use super::connection::Connection;
 use super::kernels::{self, Kernel};
 use super::layout::UNLISTED;
-use super::memory::{BETWEEN, SurfaceMemory, energy_shifts};
+use super::memory::{BETWEEN, SurfaceMemory};
 use super::upload::upload;
 use crate::device::cpu;
 use crate::device::{Cancel, Ending, FREE, Step, Steps};
@@ -40,7 +40,7 @@ pub(super) enum History {
 
 /// A refinement that stopped at its limit of iterations.
 enum Stopped<'a> {
-    /// On the device, with the number of the next iteration: faces remember in which iteration they were refused.
+    /// On the device, with the number of the next iteration: `face_bids` has the iteration of each refusal.
     OnDevice(u32),
     /// On the cpu.
     OnCpu(Box<dyn Steps + 'a>),
@@ -61,8 +61,8 @@ pub(super) struct GpuSteps<'a> {
     stopped: Option<Stopped<'a>>,
     /// Whether `stopped` goes on with the next call.
     is_resumed: bool,
-    /// The buffer that the host reads results through. It grows to the largest result.
-    pub(super) host_buffer: Cell<Option<wgpu::Buffer>>,
+    /// Buffers that the host reads results through, those in flight taken out.
+    pub(super) host_buffers: RefCell<Vec<wgpu::Buffer>>,
 }
 
 impl<'a> GpuSteps<'a> {
@@ -73,9 +73,8 @@ impl<'a> GpuSteps<'a> {
         component_of_cluster: &'a [u32],
         is_merging: bool,
     ) -> Result<Self> {
-        let energy_shifts = energy_shifts(graph, component_of_cluster)?;
-        let memory = SurfaceMemory::new(&connection, graph, &energy_shifts, is_merging)?;
-        Ok(Self {
+        let memory = SurfaceMemory::new(&connection, graph, component_of_cluster, is_merging)?;
+        let steps = Self {
             connection,
             graph,
             component_of_cluster,
@@ -86,8 +85,12 @@ impl<'a> GpuSteps<'a> {
             may_have_pieces: true,
             stopped: None,
             is_resumed: false,
-            host_buffer: Cell::default(),
-        })
+            host_buffers: RefCell::default(),
+        };
+        let mut encoder = steps.encoder();
+        steps.encode(&mut encoder, "upload", &[kernels::LABELS_FREE]);
+        steps.connection.queue.submit([encoder.finish()]);
+        Ok(steps)
     }
 
     /// Number of clusters, with those that have merged.
@@ -95,21 +98,22 @@ impl<'a> GpuSteps<'a> {
         self.component_of_cluster.len() as u32
     }
 
+    /// Refuses clusters that do not exist.
+    pub(super) fn check_clusters(&self, mut clusters: impl Iterator<Item = u32>) -> Result<()> {
+        let limit = self.clusters();
+        clusters.find(|&cluster| cluster >= limit).map_or(Ok(()), |cluster| {
+            Err(Error::new(Kind::Internal, format_args!("clusters must be below {limit}: {cluster}")))
+        })
+    }
+
     /// Replaces all labels; the history stays.
     fn replace_labels(&mut self, labels: &[u32]) -> Result<()> {
-        if labels.len() != self.memory.faces() as usize {
-            return Err(Error::new(
-                Kind::Internal,
-                format_args!("{} faces need as many labels, not {}", self.memory.faces(), labels.len()),
-            ));
+        let faces = self.graph.faces();
+        if labels.len() != faces {
+            let message = format_args!("{faces} faces need as many labels: {}", labels.len());
+            return Err(Error::new(Kind::Internal, message));
         }
-        let foreign = labels.iter().find(|&&label| label >= self.clusters() && label != FREE);
-        if let Some(label) = foreign {
-            return Err(Error::new(
-                Kind::Internal,
-                format_args!("labels must be below {}, not {label}", self.clusters()),
-            ));
-        }
+        self.check_clusters(labels.iter().copied().filter(|&label| label != FREE))?;
         let (from, to) = (self.memory.get(Buffer::Labels), self.memory.get(Buffer::LabelAtMerge));
         upload(&self.connection.queue, from, 0, labels);
         let mut encoder = self.encoder();
@@ -135,8 +139,7 @@ impl<'a> GpuSteps<'a> {
 
     /// The labels that all faces had after the last merge; `labels` are the present ones.
     fn labels_at_merge(&self, labels: &[u32]) -> Result<Vec<u32>> {
-        let at_merge = self.memory.get(Buffer::LabelAtMerge);
-        let (_, at_merge) = self.download::<u32>(self.encoder(), at_merge, labels.len())?;
+        let (_, at_merge) = self.download::<u32>(self.encoder(), Buffer::LabelAtMerge, labels.len())?;
         let label = |(&before, &label): (&u32, &u32)| if before == UNLISTED { label } else { before };
         Ok(at_merge.iter().zip(labels).map(label).collect())
     }
@@ -162,7 +165,7 @@ impl<'a> GpuSteps<'a> {
     }
 
     pub(super) fn encoder(&self) -> wgpu::CommandEncoder {
-        self.connection.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
+        self.connection.encoder()
     }
 
     /// Encodes kernels one after the other, between batches.
@@ -174,10 +177,10 @@ impl<'a> GpuSteps<'a> {
     }
 
     /// Grows the clusters over the free faces, all of which are listed once `encoder` has run.
-    fn grow_listed(&mut self, encoder: wgpu::CommandEncoder, phase: Phase, cancel: &Cancel) -> Result<()> {
+    fn grow_listed(&mut self, encoder: wgpu::CommandEncoder, cancel: &Cancel) -> Result<()> {
         self.connection.queue.submit([encoder.finish()]);
         self.set_energy(None);
-        self.run(phase, (1, u32::MAX), cancel, |_| {})?;
+        self.run(&GROWTH, (1, u32::MAX), cancel, |_| {})?;
         Ok(())
     }
 
@@ -196,9 +199,8 @@ impl<'a> GpuSteps<'a> {
         ];
         self.encode(&mut encoder, "pieces", &search);
         let stats = self.read_between(encoder)?;
-        let energy = LatticeEnergy { explained: stats.explained() };
-        self.set_energy((stats.moves == 0).then_some(energy));
-        Ok(u64::from(stats.moves))
+        self.set_energy((stats.moves == 0).then_some(stats.energy()));
+        Ok(stats.moves.into())
     }
 
     /// The refinement that goes on with this call.
@@ -221,7 +223,7 @@ impl Steps for GpuSteps<'_> {
 
     fn grow(&mut self, cancel: &Cancel) -> Result<()> {
         let encoder = self.encode_fit();
-        self.grow_listed(encoder, Phase::Growth, cancel)
+        self.grow_listed(encoder, cancel)
     }
 
     fn energy(&mut self) -> Result<LatticeEnergy> {
@@ -229,7 +231,7 @@ impl Steps for GpuSteps<'_> {
             return Ok(energy);
         }
         let encoder = self.encode_fit();
-        let energy = LatticeEnergy { explained: self.read_between(encoder)?.explained() };
+        let energy = self.read_between(encoder)?.energy();
         self.set_energy(Some(energy));
         Ok(energy)
     }
@@ -244,10 +246,9 @@ impl Steps for GpuSteps<'_> {
         let encoder = self.encode_fit();
         self.connection.queue.submit([encoder.finish()]);
         let mut last = if let Sums::Current(energy) = self.sums { energy } else { None };
-        let outcome = self.run(Phase::Boundary, (1, max_iterations), cancel, |stats| {
-            let energy = LatticeEnergy { explained: stats.explained() };
-            last = Some(energy);
-            on_iteration(Step { energy, moves: u64::from(stats.moves) });
+        let outcome = self.run(&BOUNDARY, (1, max_iterations), cancel, |stats| {
+            last = Some(stats.energy());
+            on_iteration(Step { energy: stats.energy(), moves: u64::from(stats.moves) });
         });
         self.set_energy(last);
         Ok(outcome?.0)
@@ -265,7 +266,7 @@ impl Steps for GpuSteps<'_> {
                 1
             }
         };
-        let outcome = self.run(Phase::Refinement, (first, max_iterations), cancel, |stats| {
+        let outcome = self.run(&REFINEMENT, (first, max_iterations), cancel, |stats| {
             explained += stats.explained();
             on_iteration(Step { energy: LatticeEnergy { explained }, moves: u64::from(stats.moves) });
         });
@@ -313,7 +314,7 @@ impl Steps for GpuSteps<'_> {
         }
         let freed = self.detach_pieces()?;
         if freed != 0 {
-            self.grow_listed(self.encoder(), Phase::Regrowth, cancel)?;
+            self.grow_listed(self.encoder(), cancel)?;
         }
         self.may_have_pieces = false;
         Ok(freed)
@@ -321,7 +322,6 @@ impl Steps for GpuSteps<'_> {
 
     fn labels(&mut self) -> Result<Vec<u32>> {
         self.connection.reach(FaultPoint::Labels);
-        let labels = self.memory.get(Buffer::Labels);
-        Ok(self.download(self.encoder(), labels, self.memory.faces() as usize)?.1)
+        Ok(self.download(self.encoder(), Buffer::Labels, self.graph.faces())?.1)
     }
 }

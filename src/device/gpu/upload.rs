@@ -5,8 +5,7 @@ use std::ops::Range;
 use bytemuck::{Pod, cast, cast_slice};
 
 use super::connection::Connection;
-use super::layout::Face;
-use crate::device::FREE;
+use crate::energy::Item;
 use crate::error::Result;
 use crate::surface::DualGraph;
 
@@ -25,25 +24,6 @@ pub(super) fn upload<T: Pod>(queue: &wgpu::Queue, buffer: &wgpu::Buffer, first: 
     }
 }
 
-/// Makes all faces free: writes that for some, and doubles it on the device, back and forth between both buffers.
-pub(super) fn set_free(connection: &Connection, labels: &wgpu::Buffer, label_at_merge: &wgpu::Buffer, faces: usize) {
-    /// Faces that the host writes.
-    const WRITTEN: usize = 1 << 12;
-    let mut free = faces.min(WRITTEN);
-    upload(&connection.queue, labels, 0, &vec![FREE; free]);
-    let mut encoder = connection.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-    loop {
-        encoder.copy_buffer_to_buffer(labels, 0, label_at_merge, 0, 4 * free as u64);
-        let more = free.min(faces - free);
-        if more == 0 {
-            break;
-        }
-        encoder.copy_buffer_to_buffer(label_at_merge, 0, labels, 4 * free as u64, 4 * more as u64);
-        free += more;
-    }
-    connection.queue.submit([encoder.finish()]);
-}
-
 /// Writes faces and their neighbours, through buffers that the host maps. Creating one of those may fail for want of
 /// memory, which is an error of this call; if a copy of `write_buffer` finds none, the device is lost.
 pub(super) fn upload_graph(
@@ -52,9 +32,10 @@ pub(super) fn upload_graph(
     faces: &wgpu::Buffer,
     neighbours: &wgpu::Buffer,
 ) -> Result<()> {
-    let rows = graph.centroids.len() + 1;
-    let face = |face: usize| Face { centroid: graph.centroids[face], weight: graph.weights[face] };
-    write(connection, faces, (0, rows - 1), |range, to: To<'_, 16>| to.write_iter(range.map(face).map(cast)))?;
+    let rows = graph.faces() + 1;
+    write(connection, faces, (0, rows - 1), |range, to: To<'_, { size_of::<Item>() }>| {
+        to.write_iter(range.map(|face| cast(graph.face(face))));
+    })?;
     let offset = |face: usize| graph.neighbour_offsets[face] + rows as u32;
     write(connection, neighbours, (0, rows), |range, to: To<'_, 4>| to.write_iter(range.map(offset).map(cast)))?;
     write(connection, neighbours, (rows, graph.neighbours.len()), |range, mut to: To<'_, 4>| {
@@ -75,19 +56,14 @@ fn write<const N: usize>(
     for at in (0..items).step_by(CHUNK) {
         let range = at..items.min(at + CHUNK);
         let bytes = (range.len() * N) as u64;
-        let chunk = connection.buffer(&wgpu::BufferDescriptor {
-            label: Some("upload"),
-            size: bytes,
-            usage: wgpu::BufferUsages::MAP_WRITE | wgpu::BufferUsages::COPY_SRC,
-            mapped_at_creation: true,
-        })?;
+        let chunk = connection.buffer("upload", bytes, wgpu::BufferUsages::MAP_WRITE | wgpu::BufferUsages::COPY_SRC)?;
         {
             let unwritable = |_| connection.break_down("its memory could not be written");
             let mut view = chunk.get_mapped_range_mut(..).map_err(unwritable)?;
             fill(range, view.slice(..).into_chunks::<N>().0);
         }
         chunk.unmap();
-        let mut encoder = connection.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let mut encoder = connection.encoder();
         encoder.copy_buffer_to_buffer(&chunk, 0, target, ((first + at) * N) as u64, bytes);
         connection.queue.submit([encoder.finish()]);
     }

@@ -60,7 +60,7 @@ impl<'a> Both<'a> {
 }
 
 /// Faces with such dual edges between them, in components of so many with such energy shifts.
-fn graph_of(centroids: Vec<[i32; 3]>, weights: Vec<u32>, edges: &[[u32; 2]], components: &[(u32, u32)]) -> DualGraph {
+fn graph_of(points: Vec<[i32; 3]>, weights: Vec<u32>, edges: &[[u32; 2]], components: &[(u32, u32)]) -> DualGraph {
     let mut directed: Vec<[u32; 2]> = edges.iter().flat_map(|&[a, b]| [[a, b], [b, a]]).collect();
     directed.sort_unstable();
     directed.dedup();
@@ -74,9 +74,9 @@ fn graph_of(centroids: Vec<[i32; 3]>, weights: Vec<u32>, edges: &[[u32; 2]], com
     };
     DualGraph {
         components: components.iter().map(&mut component).collect(),
-        neighbour_offsets: (0..=centroids.len()).map(first).collect(),
+        neighbour_offsets: (0..=points.len()).map(first).collect(),
         neighbours: directed.iter().map(|edge| edge[1]).collect(),
-        centroids,
+        points,
         weights,
     }
 }
@@ -120,8 +120,8 @@ fn to_the_top(graph: &DualGraph, state: &mut u64) {
 #[test]
 fn whatever_merges_on_a_grid_of_equal_squares_ties_go_by_the_rule() {
     let side = 18;
-    let centroids = (0..side * side).map(|face| [1000 * (face % side) as i32, 1000 * (face / side) as i32, 0]);
-    let graph = graph_of(centroids.collect(), vec![7; (side * side) as usize], &grid(side, 0), &[(side * side, 0)]);
+    let points = (0..side * side).map(|face| [1000 * (face % side) as i32, 1000 * (face / side) as i32, 0]);
+    let graph = graph_of(points.collect(), vec![7; (side * side) as usize], &grid(side, 0), &[(side * side, 0)]);
     to_the_top(&graph, &mut 1);
 }
 
@@ -130,13 +130,13 @@ fn costs_that_single_precision_does_not_tell_apart_go_by_packed_costs() {
     // far away in one of two places, all as heavy: distances and weights differ by some 2⁻²⁴
     let side = 14;
     let (mut state, mut weight_state) = (3, 9);
-    let mut centroid = |face: u32| {
+    let mut point = |face: u32| {
         let far = if (face / side + face % side).is_multiple_of(2) { 60_000_000 } else { -60_000_000 };
         [far + random(&mut state, 9) as i32, random(&mut state, 5000) as i32, 0]
     };
-    let centroids = (0..side * side).map(&mut centroid).collect();
+    let points = (0..side * side).map(&mut point).collect();
     let weights = (0..side * side).map(|_| (1 << 26) + random(&mut weight_state, 64) as u32).collect();
-    let graph = graph_of(centroids, weights, &grid(side, 0), &[(side * side, 0)]);
+    let graph = graph_of(points, weights, &grid(side, 0), &[(side * side, 0)]);
     to_the_top(&graph, &mut 2);
 }
 
@@ -146,7 +146,7 @@ fn folds_in_which_clusters_touch_that_lie_apart_are_no_exception() {
     let mut state = 5;
     let (faces, parts) = (150, 3);
     let axis = |state: &mut u64| random(state, 1 << 27) as i32 - (1 << 26);
-    let centroids = (0..faces * parts).map(|_| std::array::from_fn(|_| axis(&mut state))).collect();
+    let points = (0..faces * parts).map(|_| std::array::from_fn(|_| axis(&mut state))).collect();
     let weights = (0..faces * parts).map(|_| 1 + (random(&mut state, 1 << 29) >> random(&mut state, 29)) as u32);
     let weights = weights.collect();
     let mut edges = Vec::new();
@@ -159,7 +159,7 @@ fn folds_in_which_clusters_touch_that_lie_apart_are_no_exception() {
         }
     }
     let components: Vec<(u32, u32)> = (0..parts).map(|part| (faces, 7 * part)).collect();
-    to_the_top(&graph_of(centroids, weights, &edges, &components), &mut 4);
+    to_the_top(&graph_of(points, weights, &edges, &components), &mut 4);
 }
 
 #[test]
@@ -213,9 +213,9 @@ fn a_cluster_with_many_neighbours_is_no_exception() {
 fn a_star_takes_no_more_memory_than_its_edges() {
     let leaves = 3000;
     let around = (0..leaves as i32).map(|leaf| [leaf * leaf % 997, leaf, 7 * leaf % 31]);
-    let centroids = std::iter::once([500, 1500, 0]).chain(around).collect();
+    let points = std::iter::once([500, 1500, 0]).chain(around).collect();
     let spokes: Vec<[u32; 2]> = (1..=leaves as u32).map(|leaf| [0, leaf]).collect();
-    let graph = graph_of(centroids, vec![1; leaves + 1], &spokes, &[(leaves as u32 + 1, 0)]);
+    let graph = graph_of(points, vec![1; leaves + 1], &spokes, &[(leaves as u32 + 1, 0)]);
     let mut both = Both::new(&graph, Ties::Hash);
     let mut most = 0;
     for _ in 0..leaves / 3 {
