@@ -1,12 +1,10 @@
 //! Which faces share an edge.
 //!
-//! Half-edges are put into one bucket for each lower end vertex; within a bucket, those with the same upper end belong to
-//! one edge. Two faces of an edge are linked, more than two are linked as a chain by face number (never all pairs, which
-//! would be quadratic).
+//! Half-edges are put into one bucket for each lower end vertex and sorted by upper end: those of one edge are then
+//! neighbours. Two faces of an edge are linked, more than two are linked as a chain by face number (never all pairs,
+//! which would be quadratic).
 //!
-//! A bucket has six half-edges on average, and is a list through the memory that later holds the links. Its half-edges
-//! meet in a table with a place for each upper end: nothing there depends on a branch that cannot be foreseen, and nothing
-//! is sorted but large buckets and those with an edge of more than two faces.
+//! A bucket has six half-edges on average, and is a list through the memory that later holds the links.
 
 mod rows;
 
@@ -17,10 +15,6 @@ use rayon::prelude::*;
 
 use super::counts::Counts;
 use crate::mesh::Faces;
-use crate::prefetch::prefetch;
-
-/// Faces or positions that are worked on while what a later one needs is on its way.
-const AHEAD: usize = 8;
 
 /// Which faces are linked, by upload face.
 #[derive(Debug)]
@@ -54,22 +48,18 @@ struct Edges<'a> {
     positions: Vec<u32>,
     /// The face of each corner, where faces are not all triangles.
     face_of_corner: Vec<u32>,
-    /// Whether a face has two corners at one position. Only such a face can run along an edge twice.
-    has_degenerate: bool,
 }
 
 impl<'a> Links<'a> {
     /// Finds the pairs of faces that share an edge, and counts edges and degenerate faces.
     ///
-    /// An edge between corners at one position is none. For the counts, a face that runs along an edge several times counts
-    /// once when it does so an odd number of times, and not at all otherwise: there and back, it has itself on both sides,
-    /// as at the slit of a polygon with a hole or in a spike. Links do not depend on the number of times.
+    /// An edge between corners at one position is none. For the counts, a face that runs along an edge several times
+    /// counts once when it does so an odd number of times, and not at all otherwise: there and back, it has itself on
+    /// both sides, as at the slit of a polygon with a hole or in a spike. Links do not depend on the number of times.
     ///
     /// `positions` has a number below `vertices` for each corner.
     pub fn new(faces: &'a Faces, positions: Vec<u32>, vertices: u32) -> Self {
-        let mut edges = Edges::new(faces, positions);
-        let degenerate_faces = edges.degenerate_faces();
-        edges.has_degenerate = degenerate_faces > 0;
+        let edges = Edges::new(faces, positions);
         let linked: Vec<AtomicU32> =
             (0..edges.positions.len()).into_par_iter().with_min_len(1 << 14).map(|_| NONE.into()).collect();
         let vertices = vertices as usize;
@@ -77,15 +67,9 @@ impl<'a> Links<'a> {
         let bound = |range: usize| (vertices * range / ranges) as u32;
         let found: Vec<Found> = (0..ranges)
             .into_par_iter()
-            .map(|range| {
-                let buckets = Buckets::new(&edges, &linked, bound(range)..bound(range + 1));
-                match faces.are_triangles() {
-                    true => buckets.link::<true>(vertices),
-                    false => buckets.link::<false>(vertices),
-                }
-            })
+            .map(|range| Buckets::new(&edges, &linked, bound(range)..bound(range + 1)).link())
             .collect();
-        let mut counts = Counts { degenerate_faces, ..Counts::default() };
+        let mut counts = Counts { degenerate_faces: edges.degenerate_faces(), ..Counts::default() };
         let (mut chained, mut crowded) = (Vec::new(), Vec::new());
         for found in found {
             chained.extend(found.chained);
@@ -103,11 +87,11 @@ impl<'a> Links<'a> {
         self.bridges.sort_by_key(|&(face, _)| face);
     }
 
-    /// For each corner of a face a face that it is linked to, within a chain the one before; where there is none, no face's number.
-    /// Of two linked faces, the later sees the other. Without [`bridges`](Self::bridges).
+    /// For each corner of a face a face that it is linked to, within a chain the one before; where there is none, no
+    /// face's number. Of two linked faces, the later has the other. Without [`bridges`](Self::bridges).
     #[inline]
     pub fn beside(&self, face: usize) -> impl Iterator<Item = u32> + '_ {
-        let corners = self.edges.faces.first_corner(face)..self.edges.faces.first_corner(face + 1);
+        let corners = self.edges.faces.corner_range(face);
         corners.clone().zip(&self.linked[corners]).map(|(corner, linked)| match linked.load(Ordering::Relaxed) {
             CHAINED => self.chain_at(corner as u32)[0],
             other => other,
@@ -128,22 +112,15 @@ impl<'a> Links<'a> {
 
     /// Counts extra copies of faces with the same set of corner positions; degenerate faces are left out.
     ///
-    /// Copies share all their edges. So a face can be one only if it shares several edges with one neighbour (`repeating`),
-    /// or an edge with more than one face; only such faces are compared.
+    /// Copies share all their edges. So a face can be one only if it shares several edges with one neighbour
+    /// (`repeating`), or an edge with more than one face; only such faces are compared.
     pub fn duplicates(&self, repeating: &[u32]) -> u64 {
         let mut suspects = [repeating, &self.crowded].concat();
         suspects.sort_unstable();
         suspects.dedup();
-        let mut sets: Vec<Vec<u32>> = suspects
-            .iter()
-            .filter_map(|&face| {
-                let mut set = self.edges.corners(face as usize).to_vec();
-                let corners = set.len();
-                set.sort_unstable();
-                set.dedup();
-                (set.len() == corners).then_some(set)
-            })
-            .collect();
+        let corners = suspects.iter().map(|&face| self.edges.corners(face as usize));
+        let mut sets: Vec<Vec<u32>> = corners.filter(|corners| !has_repeated(corners)).map(<[u32]>::to_vec).collect();
+        sets.iter_mut().for_each(|set| set.sort_unstable());
         sets.sort_unstable();
         sets.windows(2).filter(|pair| pair[0] == pair[1]).count() as u64
     }
@@ -155,15 +132,15 @@ impl<'a> Edges<'a> {
         if !faces.are_triangles() {
             face_of_corner.reserve_exact(positions.len());
             for face in 0..faces.len() {
-                face_of_corner.resize(faces.first_corner(face + 1), face as u32);
+                face_of_corner.resize(faces.corner_range(face).end, face as u32);
             }
         }
-        Self { faces, positions, face_of_corner, has_degenerate: false }
+        Self { faces, positions, face_of_corner }
     }
 
     /// The positions of a face's corners.
     fn corners(&self, face: usize) -> &[u32] {
-        &self.positions[self.faces.first_corner(face)..self.faces.first_corner(face + 1)]
+        &self.positions[self.faces.corner_range(face)]
     }
 
     /// The face of a corner.
@@ -174,43 +151,21 @@ impl<'a> Edges<'a> {
 
     /// The end of the half-edge at `corner` that is not `low`.
     #[inline]
-    fn other_end<const TRIANGLES: bool>(&self, corner: u32, low: u32) -> u32 {
-        let before = if TRIANGLES || self.face_of_corner.is_empty() {
-            if corner.is_multiple_of(3) { corner + 2 } else { corner - 1 }
-        } else {
-            let face = self.face_of_corner[corner as usize] as usize;
-            let first = self.faces.first_corner(face) as u32;
-            if corner == first { self.faces.first_corner(face + 1) as u32 - 1 } else { corner - 1 }
-        };
-        self.positions[corner as usize] ^ self.positions[before as usize] ^ low
+    fn other_end(&self, corner: u32, low: u32) -> u32 {
+        let corners = self.faces.corner_range(self.face(corner) as usize);
+        let corner = corner as usize;
+        let before = if corner == corners.start { corners.end - 1 } else { corner - 1 };
+        self.positions[corner] ^ self.positions[before] ^ low
     }
 
-    /// Calls `edge(low, high, corner)` for each half-edge that has two different ends.
+    /// Calls `edge(low, high, corner)` for each half-edge of a face that has two different ends.
     #[inline]
-    fn each(&self, mut edge: impl FnMut(u32, u32, u32)) {
-        if self.face_of_corner.is_empty() {
-            for (corners, first) in self.positions.as_chunks::<3>().0.iter().zip((0..).step_by(3)) {
-                let &[a, b, c] = corners;
-                for (from, to, corner) in [(c, a, first), (a, b, first + 1), (b, c, first + 2)] {
-                    if from != to {
-                        edge(from.min(to), from.max(to), corner);
-                    }
-                }
-            }
-        } else {
-            for face in 0..self.faces.len() {
-                self.each_of(self.faces.first_corner(face)..self.faces.first_corner(face + 1), &mut edge);
-            }
-        }
-    }
-
-    /// The same for one face, given by its corners.
-    fn each_of(&self, corners: Range<usize>, mut edge: impl FnMut(u32, u32, u32)) {
-        let first = corners.start as u32;
-        let corners = &self.positions[corners];
+    fn each_of(&self, face: usize, mut edge: impl FnMut(u32, u32, u32)) {
+        let range = self.faces.corner_range(face);
+        let corners = &self.positions[range.clone()];
         let Some(&last) = corners.last() else { return };
         let mut from = last;
-        for (&to, corner) in corners.iter().zip(first..) {
+        for (&to, corner) in corners.iter().zip(range.start as u32..) {
             if from != to {
                 edge(from.min(to), from.max(to), corner);
             }
@@ -220,19 +175,19 @@ impl<'a> Edges<'a> {
 
     /// Number of faces with two corners at one position.
     fn degenerate_faces(&self) -> u64 {
-        if self.face_of_corner.is_empty() {
-            let is_degenerate = |&[a, b, c]: &[u32; 3]| u64::from((a == b) | (b == c) | (c == a));
-            return self.positions.as_chunks().0.iter().map(is_degenerate).sum();
-        }
-        let mut distinct = Vec::new();
-        let is_degenerate = |face: &usize| {
-            distinct.clear();
-            distinct.extend_from_slice(self.corners(*face));
-            distinct.sort_unstable();
-            distinct.windows(2).any(|pair| pair[0] == pair[1])
-        };
-        (0..self.faces.len()).filter(is_degenerate).count() as u64
+        (0..self.faces.len()).filter(|&face| has_repeated(self.corners(face))).count() as u64
     }
+}
+
+/// Whether a number occurs twice.
+#[inline]
+fn has_repeated(numbers: &[u32]) -> bool {
+    if numbers.len() <= 8 {
+        return (1..numbers.len()).any(|at| numbers[..at].contains(&numbers[at]));
+    }
+    let mut sorted = numbers.to_vec();
+    sorted.sort_unstable();
+    sorted.windows(2).any(|pair| pair[0] == pair[1])
 }
 
 /// The half-edges whose lower end is in a range of positions, a bucket for each.
@@ -247,40 +202,6 @@ struct Buckets<'a> {
     last: Vec<u32>,
 }
 
-/// Largest bucket that is not sorted.
-const MOST_UNSORTED: usize = 32;
-
-/// What is known of an edge whose lower end is that of the current bucket: the lower end, how many half-edges it has (at
-/// most 3), and their corners, combined by exclusive or. Lower ends and corners have 31 bits.
-#[derive(Clone, Copy, Default)]
-struct Edge(u64);
-
-impl Edge {
-    /// Without half-edges, unless it is of the bucket of `low`.
-    #[inline]
-    fn in_bucket(self, low: u32) -> Self {
-        let is_stale = self.0 >> 33 != u64::from(low);
-        if is_stale { Self(u64::from(low) << 33) } else { self }
-    }
-
-    #[inline]
-    fn uses(self) -> u64 {
-        self.0 >> 31 & 3
-    }
-
-    /// All corners but `corner`, combined.
-    #[inline]
-    fn others(self, corner: u32) -> u32 {
-        (self.0 as u32 ^ corner) & (u32::MAX >> 1)
-    }
-
-    /// With one more half-edge; no more than three times.
-    #[inline]
-    fn with(self, corner: u32) -> Self {
-        Self((self.0 + (1 << 31)) ^ u64::from(corner))
-    }
-}
-
 /// What is found in a range of positions besides plain links.
 #[derive(Default)]
 struct Found {
@@ -288,109 +209,74 @@ struct Found {
     crowded: Vec<u32>,
     boundary_edges: u64,
     non_manifold_edges: u64,
-    /// Half-edges of a bucket: upper end, face, corner.
-    sorted: Vec<(u32, u32, u32)>,
 }
 
 impl<'a> Buckets<'a> {
     fn new(edges: &'a Edges<'_>, linked: &'a [AtomicU32], range: Range<u32>) -> Self {
         let (first, length) = (range.start, range.end - range.start);
         let mut last = vec![NONE; length as usize];
-        edges.each(|low, _, corner| {
-            let bucket = low.wrapping_sub(first);
-            if bucket < length {
-                let before = std::mem::replace(&mut last[bucket as usize], corner);
-                linked[corner as usize].store(before, Ordering::Relaxed);
-            }
-        });
+        for face in 0..edges.faces.len() {
+            edges.each_of(face, |low, _, corner| {
+                let bucket = low.wrapping_sub(first);
+                if bucket < length {
+                    let before = std::mem::replace(&mut last[bucket as usize], corner);
+                    linked[corner as usize].store(before, Ordering::Relaxed);
+                }
+            });
+        }
         Self { edges, linked, first, last }
     }
 
     /// Puts the links of the half-edges in place of the lists.
-    fn link<const TRIANGLES: bool>(&self, positions: usize) -> Found {
-        let edges = self.edges;
-        let face = |corner: u32| if TRIANGLES { corner / 3 } else { edges.face(corner) };
+    fn link(&self) -> Found {
         let mut found = Found::default();
-        let mut edge_at = vec![Edge::default(); positions];
-        let (mut ends, mut corners) = ([0; MOST_UNSORTED], [0; MOST_UNSORTED]);
-        for (at, (low, &last)) in (self.first..).zip(&self.last).enumerate() {
-            if let Some(&later) = self.last.get(at + AHEAD) {
-                prefetch(&edges.positions, later as usize);
-                prefetch(self.linked, later as usize);
-            }
-            let mut count = 0;
-            let mut is_plain = true;
+        // upper end and corner
+        let mut half_edges: Vec<(u32, u32)> = Vec::new();
+        let mut firsts = Vec::new();
+        for (low, &last) in (self.first..).zip(&self.last) {
+            half_edges.clear();
             let mut corner = last;
-            while corner != NONE && is_plain && count < MOST_UNSORTED {
-                let end = edges.other_end::<TRIANGLES>(corner, low);
-                (ends[count], corners[count]) = (end, corner);
-                let known = &mut edge_at[end as usize];
-                let edge = known.in_bucket(low);
-                *known = edge.with(corner);
-                is_plain = edge.uses() < 2;
-                if edges.has_degenerate && edge.uses() == 1 {
-                    is_plain &= face(edge.others(0)) != face(corner);
-                }
+            while corner != NONE {
+                half_edges.push((self.edges.other_end(corner, low), corner));
                 corner = self.linked[corner as usize].load(Ordering::Relaxed);
-                count += 1;
             }
-            if !is_plain || corner != NONE {
-                ends[..count].iter().for_each(|&end| edge_at[end as usize] = Edge::default());
-                self.sort(low, last, &mut found);
-                continue;
-            }
-            for (&end, &corner) in ends[..count].iter().zip(&corners) {
-                let edge = edge_at[end as usize];
-                let is_pair = edge.uses() == 2;
-                let link = if is_pair { face(edge.others(corner)) } else { NONE };
-                self.linked[corner as usize].store(link, Ordering::Relaxed);
-                found.boundary_edges += u64::from(!is_pair);
+            half_edges.sort_unstable();
+            for edge in half_edges.chunk_by(|a, b| a.0 == b.0) {
+                self.link_edge(edge, &mut firsts, &mut found);
             }
         }
         found
     }
 
-    /// Links a bucket of any kind.
-    #[cold]
-    fn sort(&self, low: u32, last: u32, found: &mut Found) {
-        let Found { chained, crowded, sorted, .. } = found;
-        sorted.clear();
-        let mut corner = last;
-        while corner != NONE {
-            sorted.push((self.edges.other_end::<false>(corner, low), self.edges.face(corner), corner));
-            // what does not stand for an edge stays without a link
-            corner = self.linked[corner as usize].swap(NONE, Ordering::Relaxed);
+    /// Links the faces of an edge, given its half-edges by corner, to the faces before and after them.
+    ///
+    /// The first half-edge of each face stands for the edge; `firsts` is room for these and their faces.
+    #[inline]
+    fn link_edge(&self, edge: &[(u32, u32)], firsts: &mut Vec<(u32, u32)>, found: &mut Found) {
+        firsts.clear();
+        let mut odd_faces = 0;
+        for uses in edge.chunk_by(|a, b| self.edges.face(a.1) == self.edges.face(b.1)) {
+            uses.iter().for_each(|&(_, corner)| self.linked[corner as usize].store(NONE, Ordering::Relaxed));
+            odd_faces += uses.len() % 2;
+            firsts.push((uses[0].1, self.edges.face(uses[0].1)));
         }
-        sorted.sort_unstable();
-        for edge in sorted.chunk_by(|a, b| a.0 == b.0) {
-            let mut solid_faces = 0;
-            let mut firsts = edge.chunk_by(|a, b| a.1 == b.1).map(|uses| {
-                solid_faces += uses.len() % 2;
-                (uses[0].1, uses[0].2)
-            });
-            let mut before = NONE;
-            let mut faces = 0;
-            let mut here = firsts.next();
-            while let Some((face, corner)) = here {
-                let next = firsts.next();
-                let after = next.map_or(NONE, |(face, _)| face);
-                let link = match (before, after) {
-                    (NONE, other) | (other, NONE) => other,
-                    both => {
-                        chained.push((corner, both.into()));
-                        CHAINED
-                    }
-                };
-                self.linked[corner as usize].store(link, Ordering::Relaxed);
-                faces += 1;
-                before = face;
-                here = next;
-            }
-            if faces > 2 {
-                crowded.extend(edge.iter().map(|&(_, face, _)| face));
-            }
-            found.boundary_edges += u64::from(solid_faces == 1);
-            found.non_manifold_edges += u64::from(solid_faces > 2);
+        let mut before = NONE;
+        for (at, &(corner, face)) in firsts.iter().enumerate() {
+            let after = firsts.get(at + 1).map_or(NONE, |&(_, face)| face);
+            let link = match (before, after) {
+                (NONE, other) | (other, NONE) => other,
+                both => {
+                    found.chained.push((corner, both.into()));
+                    CHAINED
+                }
+            };
+            self.linked[corner as usize].store(link, Ordering::Relaxed);
+            before = face;
         }
+        if firsts.len() > 2 {
+            found.crowded.extend(firsts.iter().map(|&(_, face)| face));
+        }
+        found.boundary_edges += u64::from(odd_faces == 1);
+        found.non_manifold_edges += u64::from(odd_faces > 2);
     }
 }
