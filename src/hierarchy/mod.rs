@@ -13,7 +13,6 @@
 //!
 //! Nothing here knows of devices, surfaces or files of meshes.
 
-mod check;
 pub mod json;
 pub mod linkage;
 mod replay;
@@ -79,6 +78,13 @@ pub struct Round {
     pub moves_end: u64,
 }
 
+impl Round {
+    /// The round before the one at an index; zeros before the first.
+    fn before(rounds: &[Self], round: usize) -> Self {
+        round.checked_sub(1).map_or(Self::default(), |before| rounds[before])
+    }
+}
+
 /// A round of a hierarchy, or several, each of which merged little.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 pub struct Level {
@@ -141,21 +147,18 @@ impl Tree {
         for round in 0..plan.rounds {
             self.replay(round, &mut replay)?;
         }
-        let on_top = &self.merges[self.start_of(plan.rounds).0..][..plan.extra_merges];
+        let on_top = &self.merges[Round::before(&self.rounds, plan.rounds).merges_end as usize..][..plan.extra_merges];
         on_top.iter().try_for_each(|merge| replay.merge(merge.into, merge.from))?;
         plan.finish(replay, on_top.iter().fold(plan.energy, |energy, merge| energy + merge.cost))
     }
 
-    /// Where the merges and the moves of a round begin.
-    fn start_of(&self, round: usize) -> (usize, usize) {
-        let before = round.checked_sub(1).and_then(|before| self.rounds.get(before));
-        before.map_or((0, 0), |before| (before.merges_end as usize, before.moves_end as usize))
-    }
-
     /// The merges and the moves of a round.
     fn records_of(&self, round: usize) -> (&[Merge], &[FaceMove]) {
-        let (start, end) = (self.start_of(round), self.start_of(round + 1));
-        (&self.merges[start.0..end.0], &self.moves[start.1..end.1])
+        let (before, after) = (Round::before(&self.rounds, round), &self.rounds[round]);
+        (
+            &self.merges[before.merges_end as usize..after.merges_end as usize],
+            &self.moves[before.moves_end as usize..after.moves_end as usize],
+        )
     }
 
     /// Does the merges and the moves of a round again.

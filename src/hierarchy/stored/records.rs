@@ -1,7 +1,11 @@
 //! The records of the file and their bytes.
 
 use super::super::{FaceMove, Merge, Round};
+use super::MAGIC;
+use super::blocks::framed;
 
+pub(super) const VERSION: u32 = 2;
+pub(super) const FIXED: usize = 40;
 pub(super) const ROUND: usize = 32;
 pub(super) const PAIR: usize = 16;
 pub(super) const MOVE: usize = 8;
@@ -33,15 +37,47 @@ fn record<const N: usize>(parts: &[&[u8]]) -> [u8; N] {
     bytes
 }
 
-/// A round, and whether labels are kept after it.
-pub(super) fn round_bytes(round: &Round, is_kept: bool) -> [u8; ROUND] {
+/// What the first bytes say: the length of the header, and how many records of each kind there are.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sizes {
+    pub header: u32,
+    pub faces: u32,
+    pub merges: u32,
+    pub rounds: u32,
+    pub checkpoints: u32,
+    pub moves: u64,
+}
+
+impl Sizes {
+    pub fn bytes(&self) -> [u8; FIXED] {
+        let Self { header, faces, merges, rounds, checkpoints, moves } = *self;
+        let numbers = [VERSION, header, faces, merges, rounds, checkpoints].map(u32::to_le_bytes);
+        record(&[&MAGIC, numbers.as_flattened(), &moves.to_le_bytes()])
+    }
+
+    pub fn of(first: &[u8; FIXED]) -> Self {
+        let [header, faces, merges, rounds, checkpoints] = [12, 16, 20, 24, 28].map(|at| u32_at(first, at));
+        Self { header, faces, merges, rounds, checkpoints, moves: u64_at(first, 32) }
+    }
+
+    /// Length of the file in bytes.
+    pub fn file_bytes(&self) -> u128 {
+        let Self { header, faces, merges, rounds, checkpoints, moves } = *self;
+        let of = |count: u64, size: usize| u128::from(count) * size as u128;
+        let records = of(rounds.into(), ROUND) + of(merges.into(), PAIR + NODE) + of(moves, MOVE);
+        framed(FIXED as u128 + u128::from(header) + records + u128::from(checkpoints) * of(faces.into(), LABEL))
+    }
+}
+
+/// A round, and whether it has a checkpoint.
+pub(super) fn round_bytes(round: &Round, has_checkpoint: bool) -> [u8; ROUND] {
     let Round { clusters, merges_end, moves_end, energy } = round;
     record(&[
         &clusters.to_le_bytes(),
         &merges_end.to_le_bytes(),
         &moves_end.to_le_bytes(),
         &energy.to_le_bytes(),
-        &u32::from(is_kept).to_le_bytes(),
+        &u32::from(has_checkpoint).to_le_bytes(),
     ])
 }
 
@@ -54,7 +90,7 @@ pub(super) fn round_of(record: &[u8; ROUND]) -> Option<(Round, bool)> {
         energy: f64_at(record, 16),
     };
     match (u32_at(record, 24), u32_at(record, 28)) {
-        (is_kept @ 0..=1, 0) => Some((round, is_kept == 1)),
+        (has_checkpoint @ 0..=1, 0) => Some((round, has_checkpoint == 1)),
         _ => None,
     }
 }
