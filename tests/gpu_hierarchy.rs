@@ -17,8 +17,7 @@ use tesserae::device::dual_edge::{Rank, Ties, mutual};
 use tesserae::device::gpu::adapter::AdapterKind;
 use tesserae::device::gpu::{Fault, FaultPoint, GpuDevice, Overrides};
 use tesserae::device::{Cancel, Device, DualEdge, Ending, FREE};
-use tesserae::energy::Sums;
-use tesserae::energy::cvd::{ClusterSums, End, exact_cost, packed_cost};
+use tesserae::energy::{ClusterSums, End, Energy, Functional, Sums};
 use tesserae::error::Result;
 use tesserae::hierarchy::Tree;
 use tesserae::parameters::Seeds;
@@ -268,7 +267,7 @@ fn packed_costs_are_those_of_the_definition_to_the_last_bit() {
         let expected: Vec<DualEdge> = (0..2 * ends.len() as u32)
             .map(|cluster| {
                 let [a, b] = ends[cluster as usize / 2];
-                DualEdge { cluster, other: cluster ^ 1, cost: packed_cost(a, b, energy_shift) }
+                DualEdge { cluster, other: cluster ^ 1, cost: Energy::packed_merge_cost(a, b, energy_shift) }
             })
             .collect();
         assert_eq!(found.len(), expected.len());
@@ -292,7 +291,7 @@ fn the_cheapest_dual_edge_is_so_by_exact_cost() {
         let mut expected: Vec<Rank<u128>> = ends
             .iter()
             .zip(0..)
-            .map(|(&[a, b], pair)| Rank::new(exact_cost(a, b) << energy_shift, 2 * pair, 2 * pair + 1, ties))
+            .map(|(&[a, b], pair)| Rank::new(Energy::merge_cost(a, b) << energy_shift, 2 * pair, 2 * pair + 1, ties))
             .collect();
         expected.sort_unstable();
         let mut steps = gpu.open_merging(&surface, &components).expect("it fits");

@@ -2,6 +2,8 @@
 
 use std::fmt::Debug;
 
+use glam::DVec3;
+
 /// The parts of an energy.
 pub trait Functional {
     /// Its name in reports, and that of its file in `shaders/energy/`.
@@ -54,7 +56,7 @@ pub trait Functional {
 
     /// The energy in f64, from source positions: for reports, never for labels. Takes the point (in f64), the area and
     /// the label of each face; sums go in the order of the faces.
-    fn source_energy(faces: impl Iterator<Item = ([f64; 3], f64, u32)> + Clone, clusters: usize) -> f64;
+    fn source_energy(faces: impl Iterator<Item = (DVec3, f64, u32)> + Clone, clusters: usize) -> f64;
 
     /// By how much proxies may drift, together, before a face that stays could want to move in the boundary phase.
     /// Takes its cost in its own cluster and the least in another.
@@ -86,7 +88,7 @@ pub trait Sums: Copy + Debug + Default + PartialEq {
     fn end(&self, proxy: Self::Proxy) -> Self::End;
 
     /// The mean place of the faces, on the lattice.
-    fn mean(&self) -> [f64; 3];
+    fn mean(&self) -> DVec3;
 }
 
 /// A cluster as a bidding face sees it.

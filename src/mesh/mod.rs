@@ -14,12 +14,14 @@
 mod allowance;
 mod faces;
 mod format;
+mod frame;
 mod gltf;
 mod obj;
 mod resources;
 
 pub use faces::Faces;
 pub use format::Format;
+pub(crate) use frame::{Frame, factors};
 #[cfg(fuzzing)]
 pub(crate) use obj::number;
 pub use resources::{Beside, NoResources, Resources};

@@ -6,10 +6,10 @@
 //! face that counts less than a unit of the lattice counts one unit (some 2³³ are shared by the faces of a component).
 
 use super::curvature;
-use super::lattice::{AREA, FaceGeometry, Frame};
+use super::lattice::FaceGeometry;
 use super::weld::Weld;
 use crate::error::{Error, Result};
-use crate::mesh::PolygonMesh;
+use crate::mesh::{Frame, PolygonMesh};
 
 /// Curvatures are kept within this factor of their root mean square, up and down: flat parts count something too, and no
 /// crease takes it all.
@@ -106,8 +106,8 @@ impl Density {
 fn factors(squared: &[f64], geometry: &[FaceGeometry], exponent: f64) -> Vec<f64> {
     let (mut weighted, mut area) = (0.0, 0.0);
     for (squared, face) in squared.iter().zip(geometry) {
-        weighted += face[AREA] * squared;
-        area += face[AREA];
+        weighted += face.area * squared;
+        area += face.area;
     }
     if !(weighted > 0.0 && area > 0.0) {
         return vec![1.0; squared.len()];

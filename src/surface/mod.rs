@@ -39,10 +39,11 @@ use rayon::prelude::*;
 
 use crate::energy::{ClusterSums, Energy, Functional, Item, LatticeEnergy, Sums};
 use crate::error::{Error, Result};
-use crate::mesh::PolygonMesh;
+use crate::mesh::{Frame, PolygonMesh};
+use crate::prefetch::with_lookahead;
 use adjacency::Links;
 use density::Density;
-use lattice::{AREA, FaceGeometry, Frame, Scale, Scales};
+use lattice::{COORDINATE_BITS, FaceGeometry, Scales};
 use weld::UNUSED;
 
 /// A mesh on the integer lattice, faces in an internal order chosen for locality.
@@ -123,16 +124,15 @@ impl Surface {
             let components = components::label(faces, &links);
             (weld, links, components)
         };
-        let along_curve =
-            |frame: &Frame| order::along_curve(faces, |faces, visit| frame.each_centroid(mesh, faces, visit));
+        let along_curve = |frame: &Frame| order::along_curve(faces, |face| frame.face(mesh, face).centroid);
         let lay = || {
-            let frame = Frame::of(mesh.positions.iter());
+            let frame = Frame::of(mesh.positions.iter(), COORDINATE_BITS);
             (frame, along_curve(&frame))
         };
         let ((weld, mut links, mut components), (mut frame, mut sorted)) = rayon::join(connect, lay);
         if weld.has_unused {
             let used = mesh.positions.iter().zip(&weld.position_of_vertex).filter(|(_, position)| **position != UNUSED);
-            let of_used = Frame::of(used.map(|(position, _)| position));
+            let of_used = Frame::of(used.map(|(position, _)| position), COORDINATE_BITS);
             if of_used != frame {
                 frame = of_used;
                 sorted = along_curve(&frame);
@@ -191,7 +191,7 @@ impl Surface {
 
     /// Log₂ of the longest side of the bounding box in source units, rounded up.
     pub fn longest_side_exponent(&self) -> i32 {
-        self.frame.longest_side_exponent()
+        COORDINATE_BITS + 1 - self.frame.exponent
     }
 
     /// F in source units (area × length²), exact until this one conversion; infinite when f64 cannot hold it.
@@ -224,7 +224,7 @@ impl Surface {
             energy: libm::ldexp((moment - explained) as f64, energy_exponent) * self.density_unit(),
             faces: sums.faces,
             weight: libm::ldexp(sums.weight as f64, energy_exponent + 2 * self.frame.exponent) * self.density_unit(),
-            proxy: self.frame.source_position(sums.mean()),
+            proxy: self.frame.source_position(sums.mean()).to_array(),
         }
     }
 
@@ -242,7 +242,7 @@ impl Surface {
     /// [`source_energy`](Self::source_energy) in lattice units, which never overflow.
     fn lattice_energy(&self, labels: &[u32], clusters: usize) -> f64 {
         let faces = self.geometry.iter().zip(labels);
-        Energy::source_energy(faces.map(|(face, &label)| ([face[0], face[1], face[2]], face[AREA], label)), clusters)
+        Energy::source_energy(faces.map(|(face, &label)| (face.centroid, face.area, label)), clusters)
     }
 
     /// [`source_energy`](Self::source_energy), and that over the energy of a flat tiling of the same area by `clusters`
@@ -250,7 +250,7 @@ impl Surface {
     /// less than half of the tiling's energy, and with a density, for which such a tiling is no measure.
     pub fn energy_and_hexagon_ratio(&self, labels: &[u32], clusters: usize) -> (f64, Option<f64>) {
         let energy = self.lattice_energy(labels, clusters);
-        let area: f64 = self.geometry.iter().map(|face| face[AREA]).sum();
+        let area: f64 = self.geometry.iter().map(|face| face.area).sum();
         let tiling = 5.0 / (18.0 * 3.0f64.sqrt()) * area * area / clusters as f64;
         let visible = tiling - self.moment_inside_faces;
         let is_measure = self.density_unit.is_none() && visible > tiling / 2.0;
@@ -276,7 +276,7 @@ impl Gathered {
         upload_face: &[u32],
         density: impl Fn(usize) -> Option<f64> + Sync,
     ) -> Self {
-        let mut geometry = vec![[0.0; 4]; upload_face.len()];
+        let mut geometry = vec![FaceGeometry::default(); upload_face.len()];
         let mut centroids = vec![[0; 3]; upload_face.len()];
         let sums: Vec<(f64, u64)> = geometry
             .par_chunks_mut(PIECE)
@@ -284,15 +284,15 @@ impl Gathered {
             .zip(upload_face.par_chunks(PIECE))
             .map(|((geometry, centroids), faces)| {
                 let (mut inside, mut without_area) = (0.0, 0);
-                frame.each_face(mesh, faces, |at, mut of_face, inside_face| {
-                    inside += inside_face;
-                    without_area += u64::from(of_face[AREA] <= 0.0);
-                    if let Some(density) = density(faces[at] as usize) {
-                        of_face[AREA] *= density;
-                    }
-                    centroids[at] = lattice::round_centroid([of_face[0], of_face[1], of_face[2]]);
+                for (at, (&face, ahead)) in with_lookahead(faces).enumerate() {
+                    lattice::prefetch_corners(mesh, &ahead);
+                    let mut of_face = frame.face(mesh, face as usize);
+                    inside += frame.moment_inside(mesh, face as usize, &of_face);
+                    without_area += u64::from(of_face.area <= 0.0);
+                    of_face.area *= density(face as usize).unwrap_or(1.0);
+                    centroids[at] = lattice::round_centroid(of_face.centroid);
                     geometry[at] = of_face;
-                });
+                }
                 (inside, without_area)
             })
             .collect();
@@ -320,12 +320,12 @@ impl Weighed {
         let mut moment = 0i128;
         for (run, &exponent) in runs.iter().zip(&scales.exponents) {
             let energy_shift = (scales.finest - exponent) as u32;
-            let scale = Scale::new(exponent);
+            let weight_of = lattice::weight(exponent);
             let weigh = |(weights, first): (&mut [u32], usize)| {
                 let (mut moment, mut sum) = (0i128, 0u64);
                 for (at, weight) in weights.iter_mut().enumerate() {
                     let face = first + at;
-                    *weight = scale.weight(geometry[face][AREA]);
+                    *weight = weight_of(geometry[face].area);
                     moment += Energy::constant(Item { centroid: centroids[face], weight: *weight });
                     sum += u64::from(*weight);
                 }
