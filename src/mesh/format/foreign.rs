@@ -1,5 +1,5 @@
-//! Files of other kinds that are taken for meshes: recognised by their first bytes, so that a message can say what they are
-//! and what to do with them.
+//! Files of other kinds that are taken for meshes: recognised by their first bytes, so that a message can say what they
+//! are and what to do with them.
 
 /// A kind of file that is not read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -99,22 +99,17 @@ fn xml_root(head: &[u8]) -> Option<&[u8]> {
     elements.next().map(|at| &head[at..])
 }
 
-/// Whether it is an STL file without text: 80 bytes of any kind, a count, and 50 bytes a triangle, of which the first is
-/// checked. (Some begin with `solid`, too.)
+/// Whether it is an STL file without text: 80 bytes of any kind (`solid`, too), a count, and 50 bytes a triangle, of
+/// which the first is checked.
 fn is_binary_stl(head: &[u8]) -> bool {
     const HEADER: usize = 80;
     const TRIANGLE: usize = 50;
-    let (Some(count), Some(triangle)) = (head.get(HEADER..HEADER + 4), head.get(HEADER + 4..HEADER + 4 + TRIANGLE))
-    else {
-        return false;
-    };
-    let count = count.iter().rev().fold(0, |count, &byte| count << 8 | u64::from(byte));
-    let (numbers, _) = triangle.as_chunks::<4>();
-    let numbers = numbers.iter().take(12).map(|bytes| f32::from_le_bytes(*bytes));
-    // no text: four bytes of it make a float of another size
+    let Some(first) = head.get(..HEADER + 4 + TRIANGLE) else { return false };
+    let (words, _) = first[HEADER..].as_chunks::<4>();
+    // four bytes of text make a float of another size
     let is_number = |value: f32| value == 0.0 || (1e-12..1e12).contains(&value.abs());
-    let is_text = head.iter().take(HEADER + 4 + TRIANGLE).all(|&byte| byte != 0);
-    count > 0 && !is_text && !head.starts_with(b"glTF") && numbers.into_iter().all(is_number)
+    let are_numbers = words[1..13].iter().all(|bytes| is_number(f32::from_le_bytes(*bytes)));
+    words[0] != [0; 4] && first.contains(&0) && !head.starts_with(b"glTF") && are_numbers
 }
 
 fn contains(text: &[u8], part: &[u8]) -> bool {

@@ -25,7 +25,7 @@ use rayon::prelude::*;
 
 use self::chunk::{Chunk, Fault, What};
 use super::allowance::Allowance;
-use super::{Adjusted, Faces, Format, Limits, Opened, Part, PolygonMesh, part_name, without_mark};
+use super::{Adjusted, Faces, Format, Limits, Opened, Part, PolygonMesh, Source, part_name, without_mark};
 use crate::error::{Error, Result};
 
 /// Bytes of a piece.
@@ -57,7 +57,8 @@ pub fn check_head(head: &[u8]) -> Result<()> {
 }
 
 /// Opens an OBJ file: counts the lines that begin like a face.
-pub fn open<T>(bytes: &[u8], limits: &Limits, then: impl FnOnce(Opened<'_>) -> T) -> Result<T> {
+pub fn open(source: Source<'_>, then: &mut dyn FnMut(Opened<'_>)) -> Result<()> {
+    let Source { bytes, limits, .. } = source;
     if bytes.len() as u64 > MAX_BYTES {
         return Err(Error::too_large(format_args!(
             "an OBJ file may have {MAX_BYTES} bytes (split it, or convert it to GLB): {}",
@@ -68,10 +69,11 @@ pub fn open<T>(bytes: &[u8], limits: &Limits, then: impl FnOnce(Opened<'_>) -> T
     let pieces = text::split(&text, PIECE);
     // small files are counted by the thread that opens them
     let faces = pieces.par_iter().with_min_len(COUNTED_AT_ONCE).map(|piece| face_lines(piece)).sum();
-    Ok(then(Opened::new(faces, || {
+    then(Opened::new(faces, || {
         let parsed: Vec<Result<Chunk<'_>, Fault>> = pieces.par_iter().map(|piece| chunk::parse(piece)).collect();
         Ok((join(&text, &pieces, parsed, limits)?, None))
-    })))
+    }));
+    Ok(())
 }
 
 /// Lines that are faces, most likely: each takes memory as soon as it is parsed.
