@@ -118,7 +118,8 @@ impl Faces {
         }
     }
 
-    /// Number of triangles of the fans that the faces are cut into: corners − 2 each, none for fewer than three corners.
+    /// Number of triangles of the fans that the faces are cut into: corners − 2 each, none for fewer than three
+    /// corners.
     pub fn triangles(&self) -> u64 {
         if self.offsets.is_empty() {
             self.len() as u64

@@ -44,7 +44,7 @@ pub struct PolygonMesh {
     pub faces: Faces,
     /// Where runs of faces come from; in face order, covering every face once.
     pub parts: Vec<Part>,
-    /// What was skipped or is unusual, for people.
+    /// What was skipped or is unusual, in words.
     pub warnings: Vec<String>,
     /// What the reader changed or left out.
     pub adjusted: Adjusted,

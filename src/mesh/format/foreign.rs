@@ -73,7 +73,7 @@ const KNOWN: [(&[u8], &str, &str); 54] = [
     (b"version https://git-lfs", "a pointer of Git LFS, not the file itself", "fetch the file with git lfs pull"),
 ];
 
-/// What the first bytes are of, if that is something else that people send.
+/// The kind of file that begins with these bytes, if it is one of those.
 pub fn recognise(head: &[u8]) -> Option<Foreign> {
     if is_binary_stl(head) {
         return Some(Foreign { name: "a binary STL file", advice: CONVERT });

@@ -1,7 +1,7 @@
 //! Accessors: typed elements in buffer views, some of them replaced one by one.
 //!
-//! Opening an accessor compares everything it claims with the bytes that are there, so that a claim costs nothing before
-//! it is believed, and reading cannot fail. Each is opened once however often it is used.
+//! Opening an accessor compares all that it declares with the bytes that are there, before anything is allocated; so
+//! reading cannot fail. Each is opened once however often it is used.
 
 use std::cell::{Cell, OnceCell};
 
@@ -101,8 +101,8 @@ impl<'b> Elements<'b> {
         let me = format!("accessor {index}");
         let (Checked::Valid(component), Checked::Valid(shape)) = (accessor.component_type, accessor.type_) else {
             return Err(Error::mesh(format_args!(
-                "{me} has an unknown componentType or type (componentType is one of 5120 to 5123, 5125 and 5126, type one of \
-                 SCALAR, VEC2, VEC3 and VEC4)"
+                "{me} has an unknown componentType or type (componentType is one of 5120 to 5123, 5125 and 5126, type \
+                 one of SCALAR, VEC2, VEC3 and VEC4)"
             )));
         };
         let component = component.0;
@@ -133,8 +133,8 @@ impl<'b> Elements<'b> {
         let most = accessors.buffers.bytes().max(FREE_ZEROS);
         if base.is_none() && count > most {
             return Err(Error::mesh(format_args!(
-                "{me} has no bufferView, so its elements are zeros, and may have {most} of them in a file of this size: \
-                 {count}"
+                "{me} has no bufferView, so its elements are zeros, and may have {most} of them in a file of this \
+                 size: {count}"
             )));
         }
         Ok(Self { index, count: count as usize, component, components, normalized: accessor.normalized, base, sparse })

@@ -1,7 +1,7 @@
 //! The JSON of a glTF file: the parts of it that geometry needs, and whether this reader understands them.
 //!
-//! Accessors, buffers and meshes are the `gltf` crate's. Nodes are read here because their transforms are wanted in f64.
-//! Materials, textures, images, animations and cameras are passed over, so nothing in them can fail or be opened.
+//! Accessors, buffers and meshes are the `gltf` crate's. Nodes are read here because their transforms are wanted in
+//! f64. Materials, textures, images, animations and cameras are passed over, so nothing in them can fail or be opened.
 //! No reference is followed without a check: each goes through [`lookup`].
 
 use std::collections::BTreeMap;
@@ -48,7 +48,7 @@ pub struct Document {
 /// A node of the scene graph.
 #[derive(Debug, Default, Deserialize)]
 pub struct Node {
-    /// Name, for people.
+    /// Its name.
     pub name: Option<String>,
     /// Its children.
     #[serde(default)]

@@ -1,7 +1,7 @@
 //! What a glTF JSON says first: that it is glTF, and of which version.
 //!
-//! Each way in which `asset` is wrong has its own message, since files of version 1.0, and JSON that is no glTF at all, are
-//! sent often.
+//! Each way in which `asset` is wrong has its own message, since files of version 1.0, and JSON that is no glTF at all,
+//! are sent often.
 
 use std::fmt;
 
@@ -101,7 +101,8 @@ pub fn check(json: &[u8]) -> Result<()> {
 /// A file of version 1.0.
 pub fn of_version_1() -> Error {
     Error::unsupported(
-        "this is glTF 1.0, and only glTF 2.0 is read: convert it, for example with gltf-pipeline or by exporting it again",
+        "this is glTF 1.0, and only glTF 2.0 is read: convert it, for example with gltf-pipeline or by exporting it \
+         again",
     )
 }
 

@@ -1,13 +1,13 @@
 //! Joining the vertices at which placed parts meet.
 //!
-//! A glTF file gives a vertex as three f32 in the frame of its node. Where two nodes with different transforms meet, the
-//! same point has two sets of coordinates, each rounded in its own frame, so the transformed positions differ in the last
-//! digits of f32. Welding by equal positions would leave such a border open, and no cluster could cross it.
+//! A glTF file gives a vertex as three f32 in the frame of its node. Where two nodes with different transforms meet,
+//! the same point has two sets of coordinates, each rounded in its own frame, so the transformed positions differ in
+//! the last digits of f32. Welding by equal positions would leave such a border open, and no cluster could cross it.
 //!
 //! So a vertex is moved to the first vertex of another placement that lies within [`TOLERANCE`], which is some units in
 //! the last place of an f32 as large as the scene. Vertices under one transform keep their distances: where two of them
-//! would become one, none of the set is moved. The result depends on no order and no number of threads; only + − × on f64
-//! decide. A scene with one transform stays as it is.
+//! would become one, none of the set is moved. The result depends on no order and no number of threads; only + − × on
+//! f64 decide. A scene with one transform stays as it is.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -97,8 +97,8 @@ fn cell(place: DVec3, which: u32) -> Option<u64> {
     Some(cell)
 }
 
-/// A coarse grid that tells where vertices of different transforms are near each other: most vertices of most scenes are
-/// near their own part only. It decides nothing but which vertices are looked at.
+/// A coarse grid that tells where vertices of different transforms are near each other: most vertices of most scenes
+/// are near their own part only. It decides nothing but which vertices are looked at.
 struct Neighbourhoods {
     /// Log₂ of the number of cells along an axis.
     bits: u32,

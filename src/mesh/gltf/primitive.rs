@@ -18,7 +18,7 @@ pub struct Primitive<'b> {
     pub index: usize,
     /// Positions of its vertices.
     pub positions: &'b Elements<'b>,
-    /// The attribute that was asked for: a number for each vertex.
+    /// The requested attribute: a number for each vertex.
     pub numbers: Option<&'b Elements<'b>>,
     /// Number of triangles.
     pub triangles: usize,
@@ -194,7 +194,7 @@ fn open_positions<'b>(accessors: &'b Accessors<'b>, accessor: usize, whence: &st
     Ok(positions)
 }
 
-/// Opens an attribute that has one number for each of so many vertices.
+/// Opens an attribute that has one number for each vertex.
 fn open_numbers<'b>(
     accessors: &'b Accessors<'b>,
     primitive: &gltf::json::mesh::Primitive,
@@ -212,8 +212,8 @@ fn open_numbers<'b>(
     let numbers = accessors.open(accessor, &whence)?;
     if numbers.components != 1 || numbers.count != vertices {
         return Err(Error::mesh(format_args!(
-            "accessor {accessor} cannot be {whence}: it must be SCALAR with one element for each of {vertices} vertices, \
-             and has {} of {} components",
+            "accessor {accessor} cannot be {whence}: it must be SCALAR with one element for each of {vertices} \
+             vertices, and has {} of {} components",
             numbers.count, numbers.components
         )));
     }

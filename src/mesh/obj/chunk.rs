@@ -9,8 +9,8 @@ use crate::mesh::Faces;
 pub struct Chunk<'a> {
     /// Vertex positions.
     pub positions: Vec<[f64; 3]>,
-    /// Faces. A corner is a vertex of the file, or, where [`relative`](Self::relative) names it, an i32 counted from the
-    /// first vertex of this piece.
+    /// Faces. A corner is a vertex of the file, or, where [`relative`](Self::relative) names it, an i32 counted from
+    /// the first vertex of this piece.
     pub faces: Faces,
     /// Corners (offsets into those of `faces`) that were given by a negative index.
     pub relative: Vec<u32>,

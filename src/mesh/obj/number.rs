@@ -70,7 +70,7 @@ fn digits(text: &[u8], mut at: usize, mantissa: &mut u64) -> usize {
 const SCALES: [u64; 9] = [1, 10, 100, 1000, 10_000, 100_000, 1_000_000, 10_000_000, 100_000_000];
 
 /// The number that the digits at the beginning of `text` make, and how many they are. All eight bytes at once: first
-/// those of digits are told from others, then pairs are added up, then pairs of pairs.
+/// the bytes that are no digits are marked, then pairs are added up, then pairs of pairs.
 #[inline]
 fn leading_digits(text: [u8; 8]) -> (u64, usize) {
     const EACH: u64 = 0x0101_0101_0101_0101;
@@ -230,7 +230,10 @@ mod tests {
 
         #[test]
         fn decimals_are_correctly_rounded(
-            negative: bool, whole in "[0-9]{0,22}", fraction in "[0-9]{1,22}", exponent in prop::option::of(-340i32..320),
+            negative: bool,
+            whole in "[0-9]{0,22}",
+            fraction in "[0-9]{1,22}",
+            exponent in prop::option::of(-340i32..320),
         ) {
             let sign = if negative { "-" } else { "" };
             let power = exponent.map(|e| format!("e{e}")).unwrap_or_default();
