@@ -175,6 +175,16 @@ impl Sums for ClusterSums {
         self.faces = self.faces.wrapping_add_signed(sign as i32 * other.faces as i32);
     }
 
+    #[inline]
+    fn faces(&self) -> u32 {
+        self.faces
+    }
+
+    #[inline]
+    fn weight(&self) -> u64 {
+        self.weight as u64
+    }
+
     /// The proxy P, the lattice point nearest to S/M (per axis, halves up). None without faces.
     #[inline]
     fn proxy(&self) -> Option<[i32; 3]> {
@@ -197,7 +207,7 @@ impl Sums for ClusterSums {
 
     #[inline]
     fn end(&self, proxy: [i32; 3]) -> End {
-        End { weight: self.weight as u64, proxy }
+        End { weight: self.weight(), proxy }
     }
 
     fn mean(&self) -> DVec3 {

@@ -78,6 +78,12 @@ pub trait Sums: Copy + Debug + Default + PartialEq {
     /// Adds other faces (`sign` 1) or takes them away (−1).
     fn add(&mut self, other: &Self, sign: i64);
 
+    /// Number of faces.
+    fn faces(&self) -> u32;
+
+    /// Sum of their weights, below 2³⁴.
+    fn weight(&self) -> u64;
+
     /// The proxy that minimises the energy. None without faces.
     fn proxy(&self) -> Option<Self::Proxy>;
 
@@ -98,6 +104,21 @@ pub struct Side {
     pub cost: u64,
     /// M < 2³⁴.
     pub weight: u64,
+}
+
+/// What a merge of two clusters makes, in source units.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Merged {
+    /// Rise of the energy by the merge (P§6, dual edge collapse cost).
+    pub cost: f64,
+    /// Energy of the merged cluster, before any optimisation.
+    pub energy: f64,
+    /// Its number of faces.
+    pub faces: u32,
+    /// Its weight, as area.
+    pub weight: f64,
+    /// Its weighted mean centroid.
+    pub proxy: [f64; 3],
 }
 
 /// What the proxies explain of the constant part of the energy, exactly.

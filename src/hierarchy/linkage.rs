@@ -1,4 +1,5 @@
-//! A nested hierarchy as scipy's linkage matrix, for `dendrogram`, `fcluster` and the rest of `scipy.cluster.hierarchy`.
+//! A nested hierarchy as scipy's linkage matrix, for `dendrogram`, `fcluster` and the rest of
+//! `scipy.cluster.hierarchy`.
 //!
 //! A row a merge: two clusters (faces below n, row i makes n + i), their distance, the number of faces. The distance is
 //! √(2·cost), scipy's own scale for Ward linkage: the distance of two points of weight 1 that merge.
@@ -6,7 +7,7 @@
 //! Only neighbours merge, so a merge can be cheaper than one below it (it *inverts*), which scipy does not allow: the
 //! distance of a row is the largest of its own and those below it, and rows are in its order, children before parents.
 //! Inverted rows therefore tie with one below them, and a threshold that takes one takes the other: `fcluster` with
-//! `maxclust` may return fewer clusters than asked for. Exactly K clusters come from [`Tree::labels_at`].
+//! `maxclust` may return fewer clusters than its argument. Exactly K clusters come from [`Tree::labels_at`].
 
 use std::io::{self, Write};
 
@@ -76,7 +77,7 @@ impl Linkage {
         for merge in &tree.merges {
             let (_, children) = nodes.merge(merge);
             // no cost is below 0, and a NaN loses
-            let mut row = Row { children, cost: merge.cost.max(0.0), faces: 0 };
+            let mut row = Row { children, cost: merge.made.cost.max(0.0), faces: 0 };
             for child in children {
                 let below = child.checked_sub(tree.faces).map(|row| rows[row as usize]);
                 row.cost = row.cost.max(below.map_or(0.0, |below| below.cost));

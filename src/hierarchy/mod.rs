@@ -8,7 +8,7 @@
 //! |---|---|
 //! | cuts | [`Tree::labels_at`], `replay` |
 //! | the file it is kept in, `.tsr` | [`stored`] |
-//! | the JSON that people's programs read | [`json`] |
+//! | JSON, for programs that walk the tree | [`json`] |
 //! | scipy's linkage matrix | [`linkage`] |
 //!
 //! Nothing here knows of devices, surfaces or files of meshes.
@@ -22,6 +22,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use self::replay::{CutPlan, Replay, check_range};
+use crate::energy::Merged;
 use crate::error::{Error, Kind, Result};
 
 /// A hierarchy of clusterings of the same faces, finest first.
@@ -44,16 +45,8 @@ pub struct Merge {
     pub into: u32,
     /// The cluster that ends.
     pub from: u32,
-    /// Rise of the energy by the merge, source units (P§6, dual edge collapse cost).
-    pub cost: f64,
-    /// Energy of the merged cluster, before any optimisation; source units.
-    pub energy: f64,
-    /// Faces of the merged cluster.
-    pub faces: u32,
-    /// Its weight, as area in source units.
-    pub weight: f64,
-    /// Its weighted mean centroid, source units.
-    pub proxy: [f64; 3],
+    /// What it makes.
+    pub made: Merged,
 }
 
 /// A face that the optimisation gave to another cluster.
@@ -149,7 +142,7 @@ impl Tree {
         }
         let on_top = &self.merges[Round::before(&self.rounds, plan.rounds).merges_end as usize..][..plan.extra_merges];
         on_top.iter().try_for_each(|merge| replay.merge(merge.into, merge.from))?;
-        plan.finish(replay, on_top.iter().fold(plan.energy, |energy, merge| energy + merge.cost))
+        plan.finish(replay, on_top.iter().fold(plan.energy, |energy, merge| energy + merge.made.cost))
     }
 
     /// The merges and the moves of a round.

@@ -23,9 +23,9 @@
 //!
 //! # Why checkpoints
 //!
-//! A cut starts at the last checkpoint before it and reads only what lies between: however long the run was, that is one
-//! label a face and records of fewer than [`BETWEEN_CHECKPOINTS`] bytes a face and of one round more. It also reads the
-//! list of rounds, which is short for parallel hierarchies, and has 32 bytes a face for those that merge one pair a
+//! A cut starts at the last checkpoint before it and reads only what lies between: however long the run was, that is
+//! one label a face and records of fewer than [`BETWEEN_CHECKPOINTS`] bytes a face and of one round more. It also reads
+//! the list of rounds, which is short for parallel hierarchies, and has 32 bytes a face for those that merge one pair a
 //! round. Blocks before and after are not read.
 
 use std::io::{self, Write};
@@ -91,7 +91,7 @@ impl Header {
 }
 
 impl Stored {
-    /// Writes the file, a piece at a time. Beside the tree, 8 bytes a face are taken for the checkpoints.
+    /// Writes the file, a piece at a time. The checkpoints take 8 bytes a face, in addition to the tree.
     pub fn write(&self, out: &mut dyn Write) -> io::Result<()> {
         let Tree { faces, merges, rounds, .. } = &self.tree;
         let header = serde_json::to_vec(&self.header)?;
@@ -176,7 +176,7 @@ impl Stored {
             nodes.iter().zip(&mut incomplete).for_each(|(node, merge)| records::complete(merge, node));
             Ok(())
         })?;
-        match tree.merges.iter().position(|merge| !(2..=faces).contains(&merge.faces)) {
+        match tree.merges.iter().position(|merge| !(2..=faces).contains(&merge.made.faces)) {
             Some(merge) => contradiction("merge", merge),
             None => Ok(Self { header, tree }),
         }
@@ -232,7 +232,7 @@ fn count(all: &[bool]) -> u32 {
     all.iter().map(|&one| u32::from(one)).sum()
 }
 
-/// An empty list with room for so many records.
+/// An empty list with room for a number of records.
 fn room<T>(records: u64) -> Result<Vec<T>> {
     let too_much =
         |_| Error::new(Kind::TooLarge, format_args!("the hierarchy does not fit into memory: {records} records"));

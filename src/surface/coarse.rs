@@ -184,7 +184,7 @@ impl Run {
             run.neighbours.append(&mut others);
             run.ends.push(run.neighbours.len() as u32);
             run.centroids.push(sums.proxy().unwrap_or_default());
-            run.weights.push(sums.weight as u32);
+            run.weights.push(sums.weight() as u32);
         }
         run
     }

@@ -1,16 +1,17 @@
 //! How much the surface bends at each face.
 //!
-//! Every vertex gets the area-weighted mean T of n·nᵀ over its faces, n being a face's unit normal: unlike a mean of normals
-//! it does not depend on how faces are wound, and does not vanish where two sheets meet. Over the edges ij of a face,
+//! Every vertex gets the area-weighted mean T of n·nᵀ over its faces, n being a face's unit normal: unlike a mean of
+//! normals it does not depend on how faces are wound, and does not vanish where two sheets meet. Over the edges ij of a
+//! face,
 //!
 //! ```text
 //! κ² = ½·Σ |T_i − T_j|² / Σ |x_i − x_j|²
 //! ```
 //!
 //! For small angles |T_i − T_j|² is twice the squared angle between the normals, so κ² is the squared normal curvature
-//! averaged over the edges' directions: 1/r² on a sphere, half of that on a cylinder. A quotient of sums bears slivers (one
-//! short edge or an area near 0 does no harm) and polygons of any number of corners. Then each vertex takes the mean of its
-//! faces, weighted by area, and each face the mean of its corners, against the noise of scans.
+//! averaged over the edges' directions: 1/r² on a sphere, half of that on a cylinder. A quotient of sums is defined for
+//! slivers (one short edge or an area near 0) and for polygons of any number of corners. Then, against the noise of
+//! scans, each vertex takes the mean of its faces, weighted by area, and each face the mean of its corners.
 //!
 //! Scalar f64 with + − × ÷ √ in a fixed order.
 

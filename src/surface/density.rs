@@ -1,9 +1,10 @@
-//! Density: what a unit of area counts, from weights that the caller gives and from the curvature (Valette, Chassery & Prost
-//! 2008). Where it is higher, clusters are smaller: in the limit of many, a cluster's width goes as density^(−1/4).
+//! Density: what a unit of area counts, from weights that the caller gives and from the curvature (Valette, Chassery &
+//! Prost 2008). Where it is higher, clusters are smaller: in the limit of many, a cluster's width goes as
+//! density^(−1/4).
 //!
 //! Densities only matter relative to each other. They are divided by the largest before they meet the lattice, so that
-//! equal ones give exactly the labels that none give; the largest comes back in when energies are told in source units. A
-//! face that counts less than a unit of the lattice counts one unit (some 2³³ are shared by the faces of a component).
+//! equal ones give exactly the labels that none give; energies in source units are multiplied by the largest
+//! again. A face that counts less than a unit of the lattice counts one unit (the faces of a component share some 2³³).
 
 use super::curvature;
 use super::lattice::FaceGeometry;
@@ -11,11 +12,11 @@ use super::weld::Weld;
 use crate::error::{Error, Result};
 use crate::mesh::{Frame, PolygonMesh};
 
-/// Curvatures are kept within this factor of their root mean square, up and down: flat parts count something too, and no
-/// crease takes it all.
+/// Curvatures are kept within this factor of their root mean square, up and down: so flat parts count too, and a crease
+/// does not take all clusters.
 const CURVATURE_RANGE: f64 = 100.0;
 
-/// What clusters shall follow besides area.
+/// What decides the sizes of clusters besides area.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Wanted<'a> {
     /// One weight a face or one a vertex of the upload; of a vertex, its faces take the mean of their corners.
@@ -25,7 +26,7 @@ pub struct Wanted<'a> {
 }
 
 impl Wanted<'_> {
-    /// Whether anything is wanted.
+    /// Whether there is anything.
     pub fn is_any(&self) -> bool {
         self.weights.is_some() || self.curvature_exponent.is_some()
     }
@@ -41,7 +42,7 @@ pub struct Density {
 }
 
 impl Density {
-    /// What is wanted, on a mesh. Weights must be one a face or one a vertex, finite and above 0.
+    /// The density of a mesh, if there is one. Weights must be one a face or one a vertex, finite and above 0.
     pub fn of(mesh: &PolygonMesh, weld: &Weld, frame: &Frame, wanted: Wanted<'_>) -> Result<Option<Self>> {
         if !wanted.is_any() {
             return Ok(None);

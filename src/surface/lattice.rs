@@ -157,7 +157,7 @@ pub fn scales(geometry: &[FaceGeometry], runs: &[Range<usize>]) -> Scales {
 }
 
 /// The weights of areas in a component: the nearest integer to area × 2^exponent, at least 1.
-pub fn weight(exponent: i32) -> impl Fn(f64) -> u32 + Copy + Sync {
+pub fn weight(exponent: i32) -> impl Fn(f64) -> u32 {
     let [a, b] = factors(exponent);
     move |area| ((area * a * b + 0.5) as u32).max(1)
 }

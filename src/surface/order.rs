@@ -26,6 +26,15 @@ pub fn by_component(mut sorted: Vec<u32>, components: &Components) -> Vec<u32> {
     sorted
 }
 
+/// The internal face that each upload face is, from the upload face that each internal face is.
+pub fn inverse(upload_face: &[u32]) -> Vec<u32> {
+    let mut internal = vec![0; upload_face.len()];
+    for (face, &upload) in upload_face.iter().enumerate() {
+        internal[upload as usize] = face as u32;
+    }
+    internal
+}
+
 /// Interleaved upper bits of the lattice coordinates, x lowest.
 fn key(centroid: [i32; 3]) -> u64 {
     let [x, y, z] = centroid.map(|g| spread(((g + (1 << 27)) >> (28 - BITS)) as u64));

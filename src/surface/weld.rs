@@ -8,16 +8,14 @@ use crate::mesh::PolygonMesh;
 /// For each vertex of the mesh the number of its position, counted in the order in which faces first use them.
 #[derive(Debug)]
 pub struct Weld {
-    /// One number a stored vertex; [`UNUSED`] where no face uses its position.
+    /// One number a stored vertex; `u32::MAX` where no face uses its position.
     pub position_of_vertex: Vec<u32>,
     /// Number of distinct positions that faces use.
     pub vertices: u32,
-    /// Whether there are vertices at positions that no face uses.
-    pub has_unused: bool,
 }
 
 /// The number of a vertex whose position no face uses.
-pub const UNUSED: u32 = u32::MAX;
+const UNUSED: u32 = u32::MAX;
 
 /// Welds the vertices that faces use; also gives the number of the position of each corner, face after face.
 pub fn weld(mesh: &PolygonMesh) -> (Weld, Vec<u32>) {
@@ -33,9 +31,8 @@ pub fn weld(mesh: &PolygonMesh) -> (Weld, Vec<u32>) {
         *number
     });
     let position_of_corner = position_of_corner.collect();
-    let position_of_vertex: Vec<u32> = first.into_iter().map(|vertex| numbers[vertex as usize]).collect();
-    let has_unused = position_of_vertex.contains(&UNUSED);
-    (Weld { position_of_vertex, vertices, has_unused }, position_of_corner)
+    let position_of_vertex = first.into_iter().map(|vertex| numbers[vertex as usize]).collect();
+    (Weld { position_of_vertex, vertices }, position_of_corner)
 }
 
 /// For each vertex the first one at its position.

@@ -3,6 +3,7 @@
 use super::super::{FaceMove, Merge, Round};
 use super::MAGIC;
 use super::blocks::framed;
+use crate::energy::Merged;
 
 pub(super) const VERSION: u32 = 2;
 pub(super) const FIXED: usize = 40;
@@ -105,7 +106,7 @@ pub(super) struct Pair {
 
 impl Pair {
     pub fn bytes(merge: &Merge) -> [u8; PAIR] {
-        record(&[&merge.into.to_le_bytes(), &merge.from.to_le_bytes(), &merge.cost.to_le_bytes()])
+        record(&[&merge.into.to_le_bytes(), &merge.from.to_le_bytes(), &merge.made.cost.to_le_bytes()])
     }
 
     pub fn of(record: &[u8; PAIR]) -> Self {
@@ -115,7 +116,7 @@ impl Pair {
     /// The merge, its node still to be read.
     pub fn merge(self) -> Merge {
         let Self { into, from, cost } = self;
-        Merge { into, from, cost, energy: 0.0, faces: 0, weight: 0.0, proxy: [0.0; 3] }
+        Merge { into, from, made: Merged { cost, ..Merged::default() } }
     }
 }
 
@@ -128,15 +129,13 @@ pub(super) fn move_of(record: &[u8; MOVE]) -> FaceMove {
 }
 
 /// The part of a merge that describes what it made.
-pub(super) fn node_bytes(merge: &Merge) -> [u8; NODE] {
-    let [x, y, z] = merge.proxy.map(f64::to_le_bytes);
-    record(&[&merge.faces.to_le_bytes(), &merge.energy.to_le_bytes(), &merge.weight.to_le_bytes(), &x, &y, &z])
+pub(super) fn node_bytes(Merge { made, .. }: &Merge) -> [u8; NODE] {
+    let numbers = [made.energy, made.weight, made.proxy[0], made.proxy[1], made.proxy[2]].map(f64::to_le_bytes);
+    record(&[&made.faces.to_le_bytes(), numbers.as_flattened()])
 }
 
 /// Completes a merge.
-pub(super) fn complete(merge: &mut Merge, record: &[u8; NODE]) {
-    merge.faces = u32_at(record, 0);
-    merge.energy = f64_at(record, 4);
-    merge.weight = f64_at(record, 12);
-    merge.proxy = [20, 28, 36].map(|at| f64_at(record, at));
+pub(super) fn complete(Merge { made, .. }: &mut Merge, record: &[u8; NODE]) {
+    let [energy, weight, proxy @ ..] = [4, 12, 20, 28, 36].map(|at| f64_at(record, at));
+    *made = Merged { cost: made.cost, energy, faces: u32_at(record, 0), weight, proxy };
 }

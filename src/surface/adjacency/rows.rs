@@ -1,5 +1,5 @@
-//! Links as compressed rows, in internal order: the neighbours of a face by lower and upper end of the shared edge, those
-//! across bridges last.
+//! Links as compressed rows, in internal order: the neighbours of a face by lower and upper end of the shared edge,
+//! those across bridges last.
 
 use std::sync::atomic::Ordering;
 
@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::{CHAINED, Links, NONE, has_repeated};
 use crate::prefetch::{Ahead, prefetch, with_lookahead};
+use crate::surface::order::inverse;
 
 /// Links as compressed rows.
 #[derive(Default)]
@@ -24,10 +25,7 @@ impl Links<'_> {
     pub fn compressed(&self, upload_face: &[u32]) -> Rows {
         /// Faces of a piece.
         const PIECE: usize = 4096;
-        let mut internal = vec![0u32; upload_face.len()];
-        for (face, &upload) in upload_face.iter().enumerate() {
-            internal[upload as usize] = face as u32;
-        }
+        let internal = inverse(upload_face);
         let pieces: Vec<Rows> = upload_face.par_chunks(PIECE).map(|faces| self.rows_of(faces, &internal)).collect();
         let mut rows = Rows {
             offsets: Vec::with_capacity(upload_face.len() + 1),
