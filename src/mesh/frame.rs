@@ -5,10 +5,11 @@ use glam::DVec3;
 /// Coordinate = (source coordinate − centre) × 2^exponent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame {
-    centre: DVec3,
+    pub centre: DVec3,
     /// Power of two between lengths in the source and here.
     pub exponent: i32,
-    factors: [f64; 2],
+    /// 2^exponent as [`factors`].
+    pub factors: [f64; 2],
 }
 
 impl Frame {

@@ -26,7 +26,12 @@ pub fn bridges(geometry: &[FaceGeometry], components: &Components) -> Vec<(u32, 
     let mut candidates: Vec<(f64, u32, u32)> = Vec::new();
     for shift in SHIFTS {
         // at half size, so that the shifted lattice holds them
-        let sorted = along_curve(components, |component| (proxies[component] + REACH * shift) / 2.0);
+        let shifted = |components: &[u32], visit: &mut dyn FnMut(usize, DVec3)| {
+            for (at, &component) in components.iter().enumerate() {
+                visit(at, (proxies[component as usize] + REACH * shift) / 2.0);
+            }
+        };
+        let sorted = along_curve(components, shifted);
         candidates.extend(sorted.windows(2).map(|pair| {
             let (a, b) = (pair[0].min(pair[1]), pair[0].max(pair[1]));
             (proxies[a as usize].distance_squared(proxies[b as usize]), a, b)

@@ -5,12 +5,12 @@
 //! The exponent is a component's own, so that a small part beside a large one keeps its resolution; exponents differ by
 //! 30 at most, so that energies of all components add up exactly in 128 bits.
 
-use std::ops::Range;
+use std::ops::{Add, Div, Mul, Range, Sub};
 
 use glam::DVec3;
 
 use crate::mesh::{Frame, PolygonMesh, factors};
-use crate::prefetch::{Ahead, prefetch};
+use crate::prefetch::{prefetch, with_lookahead};
 
 /// Lattice coordinates stay below 2 to this power.
 pub const COORDINATE_BITS: i32 = 27;
@@ -31,48 +31,99 @@ pub struct FaceGeometry {
 }
 
 impl Frame {
-    /// The triangles of the fan that a face is cut into.
-    #[inline]
-    fn fan<'a>(&'a self, mesh: &'a PolygonMesh, face: usize) -> impl Iterator<Item = [DVec3; 3]> + Clone + 'a {
+    /// Centroid and area of a face, and the second moment inside it: Σ over the fan's triangles of
+    /// `area·((|ab|²+|bc|²+|ca|²)/36 + |triangle centroid − face centroid|²)`.
+    pub fn face(&self, mesh: &PolygonMesh, face: usize) -> (FaceGeometry, f64) {
         let corners = mesh.faces.corners(face);
         let position = |corner: usize| self.position(mesh.positions[corners[corner] as usize]);
-        (1..corners.len().saturating_sub(1)).map(move |corner| [0, corner, corner + 1].map(position))
-    }
-
-    /// Centroid and area of a face.
-    pub fn face(&self, mesh: &PolygonMesh, face: usize) -> FaceGeometry {
-        let corners = mesh.faces.corners(face);
-        let fan = self.fan(mesh, face);
-        if let ([_, _, _], Some(triangle)) = (corners, fan.clone().next()) {
-            return FaceGeometry { centroid: centroid(triangle), area: area(triangle) };
+        let triangle = |corners: [usize; 3]| Triangle { corners: corners.map(|corner| position(corner).to_array()) };
+        if let [_, _, _] = corners {
+            let triangle = triangle([0, 1, 2]);
+            let area = triangle.area();
+            return (FaceGeometry { centroid: triangle.centroid().into(), area }, triangle.moment(area));
         }
-        let (mut weighted, mut sum) = (DVec3::ZERO, 0.0);
-        for triangle in fan {
-            weighted += area(triangle) * centroid(triangle);
-            sum += area(triangle);
+        let fan = (1..corners.len().saturating_sub(1)).map(|corner| triangle([0, corner, corner + 1]));
+        let (mut weighted, mut area) = (DVec3::ZERO, 0.0);
+        for triangle in fan.clone() {
+            weighted += triangle.area() * DVec3::from(triangle.centroid());
+            area += triangle.area();
         }
-        if sum > 0.0 {
-            return FaceGeometry { centroid: weighted / sum, area: sum };
-        }
-        let sum: DVec3 = corners.iter().map(|&corner| self.position(mesh.positions[corner as usize])).sum();
-        FaceGeometry { centroid: sum / corners.len() as f64, area: 0.0 }
-    }
-
-    /// The second moment inside a face: Σ over the fan's triangles of
-    /// `area·((|ab|²+|bc|²+|ca|²)/36 + |triangle centroid − face centroid|²)`.
-    pub fn moment_inside(&self, mesh: &PolygonMesh, face: usize, geometry: &FaceGeometry) -> f64 {
-        let of_triangle = |triangle: [DVec3; 3]| {
-            let [a, b, c] = triangle;
-            let sides = a.distance_squared(b) + b.distance_squared(c) + c.distance_squared(a);
-            area(triangle) * (sides / 36.0 + centroid(triangle).distance_squared(geometry.centroid))
+        let centroid = match area > 0.0 {
+            true => weighted / area,
+            false => (0..corners.len()).map(position).sum::<DVec3>() / corners.len() as f64,
         };
-        self.fan(mesh, face).map(of_triangle).sum()
+        let inside = fan.map(|triangle| {
+            let area = triangle.area();
+            triangle.moment(area) + area * DVec3::from(triangle.centroid()).distance_squared(centroid)
+        });
+        (FaceGeometry { centroid, area }, inside.sum())
+    }
+
+    /// Calls `visit` with each index in `faces` and the centroid of the face there.
+    pub fn each_centroid(&self, mesh: &PolygonMesh, faces: &[u32], mut visit: impl FnMut(usize, DVec3)) {
+        let four = self.fours(mesh, faces, |at, triangles| {
+            let [x, y, z] = triangles.centroid();
+            (0..4).for_each(|lane| visit(at + lane, DVec3::new(x.0[lane], y.0[lane], z.0[lane])));
+        });
+        for at in four..faces.len() {
+            visit(at, self.face(mesh, faces[at] as usize).0.centroid);
+        }
+    }
+
+    /// Calls `visit` with each index in `faces` and the result of [`face`](Self::face) for the face there.
+    pub fn each_face(&self, mesh: &PolygonMesh, faces: &[u32], mut visit: impl FnMut(usize, FaceGeometry, f64)) {
+        let four = self.fours(mesh, faces, |at, triangles| {
+            let [x, y, z] = triangles.centroid();
+            let area = triangles.area();
+            let moment = triangles.moment(area);
+            (0..4).for_each(|lane| {
+                let centroid = DVec3::new(x.0[lane], y.0[lane], z.0[lane]);
+                visit(at + lane, FaceGeometry { centroid, area: area.0[lane] }, moment.0[lane]);
+            });
+        });
+        for at in four..faces.len() {
+            let (geometry, moment) = self.face(mesh, faces[at] as usize);
+            visit(at, geometry, moment);
+        }
+    }
+
+    /// Calls `visit` for every four faces of a mesh of triangles; returns how many faces that were.
+    #[inline]
+    fn fours(&self, mesh: &PolygonMesh, faces: &[u32], mut visit: impl FnMut(usize, Triangle<Four>)) -> usize {
+        if !mesh.faces.are_triangles() {
+            return 0;
+        }
+        let corners = mesh.faces.all_corners().as_chunks::<3>().0;
+        let (fours, _) = faces.as_chunks::<4>();
+        for (at, (faces, ahead)) in with_lookahead(fours).enumerate() {
+            if let Some(later) = ahead.stage(2) {
+                later.iter().for_each(|&face| prefetch(corners, face as usize));
+            }
+            if let Some(later) = ahead.stage(1) {
+                let vertices = later.iter().flat_map(|&face| corners[face as usize]);
+                vertices.for_each(|vertex| prefetch(&mesh.positions, vertex as usize));
+            }
+            let mut of = [[Four([0.0; 4]); 3]; 3];
+            let centre = self.centre.to_array();
+            for (lane, &face) in faces.iter().enumerate() {
+                for (corner, &vertex) in corners[face as usize].iter().enumerate() {
+                    let position = mesh.positions[vertex as usize];
+                    for axis in 0..3 {
+                        of[corner][axis].0[lane] = position[axis] - centre[axis];
+                    }
+                }
+            }
+            let [first, second] = self.factors.map(|factor| Four([factor; 4]));
+            let scaled = of.map(|corner| corner.map(|x| x * first * second));
+            visit(4 * at, Triangle { corners: scaled });
+        }
+        4 * fours.len()
     }
 
     /// The geometry of all faces, upload order, areas times a density where there is one.
     pub fn faces(&self, mesh: &PolygonMesh, density: impl Fn(usize) -> Option<f64>) -> Vec<FaceGeometry> {
         let geometry = |face: usize| {
-            let mut geometry = self.face(mesh, face);
+            let (mut geometry, _) = self.face(mesh, face);
             geometry.area *= density(face).unwrap_or(1.0);
             geometry
         };
@@ -81,46 +132,104 @@ impl Frame {
 
     /// The vector area of a face: of a flat one, its area along its normal.
     pub fn vector_area(&self, mesh: &PolygonMesh, face: usize) -> DVec3 {
-        self.fan(mesh, face).map(|triangle| doubled_normal(triangle) / 2.0).sum()
+        let corners = mesh.faces.corners(face);
+        let position = |corner: usize| self.position(mesh.positions[corners[corner] as usize]);
+        let normal = |corner: usize| (position(corner) - position(0)).cross(position(corner + 1) - position(0));
+        (1..corners.len().saturating_sub(1)).map(|corner| normal(corner) / 2.0).sum()
     }
 }
 
-/// Requests the positions of the corners of faces to come.
-#[inline]
-pub fn prefetch_corners(mesh: &PolygonMesh, ahead: &Ahead<'_, u32>) {
-    if let Some(&later) = ahead.stage(2) {
-        prefetch(mesh.faces.all_corners(), mesh.faces.corner_range(later as usize).start);
+/// Triangles in lattice units: one, or four at a time, for which the compiler uses vector instructions. Alone, they take
+/// 1.08 times the instructions of a whole clustering of the bunny at quality fast.
+struct Triangle<T> {
+    corners: [[T; 3]; 3],
+}
+
+impl<T: Real> Triangle<T> {
+    #[inline]
+    fn centroid(&self) -> [T; 3] {
+        let [a, b, c] = self.corners;
+        std::array::from_fn(|axis| (a[axis] + b[axis] + c[axis]) / T::from(3.0))
     }
-    if let Some(&later) = ahead.stage(1) {
-        mesh.faces.corners(later as usize).iter().for_each(|&corner| prefetch(&mesh.positions, corner as usize));
+
+    #[inline]
+    fn area(&self) -> T {
+        let [a, b, c] = self.corners;
+        let (u, v) = (sub(b, a), sub(c, a));
+        let normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        square(normal).sqrt() / T::from(2.0)
+    }
+
+    /// Second moment of area about the centroid, of a triangle of this area.
+    #[inline]
+    fn moment(&self, area: T) -> T {
+        let [a, b, c] = self.corners;
+        area * (square(sub(b, a)) + square(sub(c, b)) + square(sub(a, c))) / T::from(36.0)
     }
 }
 
-#[inline]
-fn centroid([a, b, c]: [DVec3; 3]) -> DVec3 {
-    (a + b + c) / 3.0
+fn sub<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-#[inline]
-fn area(triangle: [DVec3; 3]) -> f64 {
-    doubled_normal(triangle).length() / 2.0
+fn square<T: Real>(a: [T; 3]) -> T {
+    a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
 }
 
-/// The normal of a triangle, twice as long as its area.
-#[inline]
-fn doubled_normal([a, b, c]: [DVec3; 3]) -> DVec3 {
-    (b - a).cross(c - a)
+/// An f64, or several at a time.
+trait Real: Copy + From<f64> + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> {
+    /// The square root.
+    fn sqrt(self) -> Self;
 }
+
+impl Real for f64 {
+    fn sqrt(self) -> Self {
+        f64::sqrt(self)
+    }
+}
+
+/// Four f64 at a time, each as it would be alone.
+#[derive(Clone, Copy)]
+struct Four([f64; 4]);
+
+impl From<f64> for Four {
+    fn from(value: f64) -> Self {
+        Self([value; 4])
+    }
+}
+
+impl Real for Four {
+    fn sqrt(self) -> Self {
+        Self(self.0.map(f64::sqrt))
+    }
+}
+
+macro_rules! by_lane {
+    ($($operation:ident $function:ident),*) => {$(
+        impl $operation for Four {
+            type Output = Self;
+
+            #[inline]
+            fn $function(self, other: Self) -> Self {
+                Self(std::array::from_fn(|lane| self.0[lane].$function(other.0[lane])))
+            }
+        }
+    )*};
+}
+by_lane!(Add add, Sub sub, Mul mul, Div div);
 
 /// The nearest lattice point.
 #[inline]
 pub fn round_centroid(centroid: DVec3) -> [i32; 3] {
     const MOST: i32 = (1 << COORDINATE_BITS) - 1;
+    /// Adding it leaves no fraction, and the integer in the lower bits.
+    const MAGIC: f64 = (3u64 << 51) as f64;
     centroid.to_array().map(|coordinate| {
+        // the floor, without a call
         let up = coordinate + 0.5;
-        // the floor; `f64::floor` is a call on x86-64
-        let truncated = up as i32;
-        (truncated - i32::from(f64::from(truncated) > up)).clamp(-MOST, MOST)
+        let shifted = up + MAGIC;
+        let is_above = shifted - MAGIC > up;
+        (shifted.to_bits() as i32 - i32::from(is_above)).clamp(-MOST, MOST)
     })
 }
 

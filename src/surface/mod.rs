@@ -39,10 +39,10 @@ use rayon::prelude::*;
 use crate::energy::{ClusterSums, Energy, Functional, Item, LatticeEnergy, Merged, Sums};
 use crate::error::{Error, Result};
 use crate::mesh::{Frame, PolygonMesh};
-use crate::prefetch::with_lookahead;
 use adjacency::Links;
 use density::Density;
 use lattice::{COORDINATE_BITS, FaceGeometry, Scales};
+use weld::UNUSED;
 
 /// A mesh on the integer lattice, faces in an internal order chosen for locality.
 #[derive(Debug)]
@@ -106,12 +106,21 @@ impl Surface {
             let components = components::label(faces, &links);
             (weld, links, components)
         };
+        let along_curve =
+            |frame: &Frame| order::along_curve(faces, |faces, visit| frame.each_centroid(mesh, faces, visit));
         let lay = || {
-            let corners = mesh.faces.all_corners().iter().map(|&corner| &mesh.positions[corner as usize]);
-            let frame = Frame::of(corners, COORDINATE_BITS);
-            (frame, order::along_curve(faces, |face| frame.face(mesh, face).centroid))
+            let frame = Frame::of(mesh.positions.iter(), COORDINATE_BITS);
+            (frame, along_curve(&frame))
         };
-        let ((weld, mut links, mut components), (frame, sorted)) = rayon::join(connect, lay);
+        let ((weld, mut links, mut components), (mut frame, mut sorted)) = rayon::join(connect, lay);
+        if weld.position_of_vertex.contains(&UNUSED) {
+            let used = mesh.positions.iter().zip(&weld.position_of_vertex).filter(|(_, position)| **position != UNUSED);
+            let of_used = Frame::of(used.map(|(position, _)| position), COORDINATE_BITS);
+            if of_used != frame {
+                frame = of_used;
+                sorted = along_curve(&frame);
+            }
+        }
         let mut counts =
             Counts { components: components.count as u64, welded_vertices: u64::from(weld.vertices), ..links.counts };
         let density = Density::of(mesh, &weld, &frame, wanted)?;
@@ -254,15 +263,15 @@ impl Gathered {
             .zip(upload_face.par_chunks(PIECE))
             .map(|((geometry, centroids), faces)| {
                 let (mut inside, mut without_area) = (0.0, 0);
-                for (at, (&face, ahead)) in with_lookahead(faces).enumerate() {
-                    lattice::prefetch_corners(mesh, &ahead);
-                    let mut of_face = frame.face(mesh, face as usize);
-                    inside += frame.moment_inside(mesh, face as usize, &of_face);
+                frame.each_face(mesh, faces, |at, mut of_face, inside_face| {
+                    inside += inside_face;
                     without_area += u64::from(of_face.area <= 0.0);
-                    of_face.area *= density(face as usize).unwrap_or(1.0);
+                    if let Some(density) = density(faces[at] as usize) {
+                        of_face.area *= density;
+                    }
                     centroids[at] = lattice::round_centroid(of_face.centroid);
                     geometry[at] = of_face;
-                }
+                });
                 (inside, without_area)
             })
             .collect();

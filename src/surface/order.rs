@@ -10,12 +10,78 @@ use super::lattice::round_centroid;
 /// Bits of a Morton key an axis: cells of 2¹² lattice units, ~65,000 along the longest side.
 const BITS: u32 = 16;
 
-/// Upload faces in the order of the Morton keys of their centroids, those with equal keys by number.
-pub fn along_curve(faces: usize, centroid: impl Fn(usize) -> DVec3 + Sync) -> Vec<u32> {
-    let keyed = |face: usize| (key(round_centroid(centroid(face))), face as u32);
-    let mut keyed: Vec<(u64, u32)> = (0..faces).into_par_iter().map(keyed).collect();
-    keyed.par_sort_unstable();
-    keyed.into_iter().map(|(_, face)| face).collect()
+/// Upper bits of a key that faces are sorted by first: three digits.
+const PREFIX_BITS: u32 = 33;
+/// Bits of a digit: a counter for each value fits the first cache.
+const DIGIT_BITS: u32 = 11;
+/// Bits of a face's number.
+const FACE_BITS: u32 = 31;
+
+/// Upload faces in the order of the Morton keys of their centroids, those with equal keys by number. There are at most
+/// 2³¹.
+///
+/// A record is 8 bytes, the first 33 bits of the key and the face: a radix sort in three passes takes them along the
+/// curve to 1/2048 of the longest side. Few faces of a surface share such a cell, and those few are sorted by their
+/// whole keys. Sorting pairs of key and face with the standard library takes 1.1 times the instructions of a whole
+/// clustering of the bunny at quality fast.
+///
+/// `centroids(faces, visit)` calls `visit` with each place in `faces` and the centroid of the face there.
+pub fn along_curve<C>(faces: usize, centroids: C) -> Vec<u32>
+where
+    C: Fn(&[u32], &mut dyn FnMut(usize, DVec3)) + Sync,
+{
+    const PIECE: usize = 256;
+    let mut records = vec![0u64; faces];
+    records.par_chunks_mut(PIECE).enumerate().with_min_len(16).for_each(|(piece, records)| {
+        let first = (piece * PIECE) as u32;
+        let faces: [u32; PIECE] = std::array::from_fn(|at| first + at as u32);
+        centroids(&faces[..records.len()], &mut |at, centroid| {
+            records[at] = prefix(round_centroid(centroid)) << FACE_BITS | u64::from(faces[at]);
+        });
+    });
+    sort_by_prefix(&mut records);
+    let mut order: Vec<u32> = records.iter().map(|&record| record as u32 & ((1 << FACE_BITS) - 1)).collect();
+    let is_same = |a: &u64, b: &u64| a >> FACE_BITS == b >> FACE_BITS;
+    let mut first = 0;
+    let mut keyed = Vec::new();
+    while let Some(next) = records[first..].windows(2).position(|pair| is_same(&pair[0], &pair[1])) {
+        first += next;
+        let length = 1 + records[first + 1..].iter().take_while(|record| is_same(record, &records[first])).count();
+        let run = &mut order[first..first + length];
+        keyed.clear();
+        centroids(run, &mut |at, centroid| keyed.push((key(round_centroid(centroid)), run[at])));
+        keyed.sort_unstable();
+        run.iter_mut().zip(&keyed).for_each(|(face, &(_, sorted))| *face = sorted);
+        first += length;
+    }
+    order
+}
+
+/// Stable radix sort by what is above the number of the face.
+fn sort_by_prefix(records: &mut Vec<u64>) {
+    const DIGITS: usize = (PREFIX_BITS / DIGIT_BITS) as usize;
+    let digit = |record: u64, place: usize| {
+        (record >> (FACE_BITS + DIGIT_BITS * place as u32)) as usize & ((1 << DIGIT_BITS) - 1)
+    };
+    let mut next = vec![[0u32; 1 << DIGIT_BITS]; DIGITS];
+    for &record in records.iter() {
+        for place in 0..DIGITS {
+            next[place][digit(record, place)] += 1;
+        }
+    }
+    let mut other = vec![0u64; records.len()];
+    for (place, next) in next.iter_mut().enumerate() {
+        let mut end = 0;
+        for slot in next.iter_mut() {
+            end += std::mem::replace(slot, end);
+        }
+        for &record in records.iter() {
+            let slot = &mut next[digit(record, place)];
+            other[*slot as usize] = record;
+            *slot += 1;
+        }
+        std::mem::swap(records, &mut other);
+    }
 }
 
 /// The upload face that each internal face is: the order along the curve, component by component.
@@ -41,8 +107,28 @@ fn key(centroid: [i32; 3]) -> u64 {
     x | y << 1 | z << 2
 }
 
+/// The first [`PREFIX_BITS`] bits of the key.
+#[inline]
+fn prefix(centroid: [i32; 3]) -> u64 {
+    const SPREAD: [u32; 1 << DIGIT_BITS] = {
+        let mut all = [0; 1 << DIGIT_BITS];
+        let mut cell = 0;
+        while cell < all.len() {
+            all[cell] = spread(cell as u64) as u32;
+            cell += 1;
+        }
+        all
+    };
+    static TABLE: [u32; 1 << DIGIT_BITS] = SPREAD;
+    let [x, y, z] = centroid.map(|g| {
+        let cell = (g + (1 << 27)) as u32 >> (28 - PREFIX_BITS / 3);
+        u64::from(TABLE[cell as usize & (TABLE.len() - 1)])
+    });
+    x | y << 1 | z << 2
+}
+
 /// Puts two zero bits between any two of the lower 21 bits.
-fn spread(x: u64) -> u64 {
+const fn spread(mut x: u64) -> u64 {
     const STEPS: [(u32, u64); 5] = [
         (32, 0x001f_0000_0000_ffff),
         (16, 0x001f_0000_ff00_00ff),
@@ -50,7 +136,12 @@ fn spread(x: u64) -> u64 {
         (4, 0x10c3_0c30_c30c_30c3),
         (2, 0x1249_2492_4924_9249),
     ];
-    STEPS.into_iter().fold(x, |x, (shift, mask)| (x | x << shift) & mask)
+    let mut step = 0;
+    while step < STEPS.len() {
+        x = (x | x << STEPS[step].0) & STEPS[step].1;
+        step += 1;
+    }
+    x
 }
 
 #[cfg(test)]
@@ -76,9 +167,14 @@ mod tests {
             };
             let centroids: Vec<DVec3> =
                 (0..5000).map(|_| DVec3::new(coordinate(), coordinate(), coordinate())).collect();
+            let key = |face: u32| key(round_centroid(centroids[face as usize]));
+            assert!((0..5000).all(|face| prefix(round_centroid(centroids[face as usize])) == key(face) >> 15));
             let mut expected: Vec<u32> = (0..5000).collect();
-            expected.sort_by_key(|&face| key(round_centroid(centroids[face as usize])));
-            assert_eq!(along_curve(5000, |face| centroids[face]), expected);
+            expected.sort_by_key(|&face| key(face));
+            let each = |faces: &[u32], visit: &mut dyn FnMut(usize, DVec3)| {
+                faces.iter().enumerate().for_each(|(at, &face)| visit(at, centroids[face as usize]));
+            };
+            assert_eq!(along_curve(5000, each), expected);
         }
     }
 }

@@ -8,14 +8,14 @@ use crate::mesh::PolygonMesh;
 /// For each vertex of the mesh the number of its position, counted in the order in which faces first use them.
 #[derive(Debug)]
 pub struct Weld {
-    /// One number a stored vertex; `u32::MAX` where no face uses its position.
+    /// One number a stored vertex; [`UNUSED`] where no face uses its position.
     pub position_of_vertex: Vec<u32>,
     /// Number of distinct positions that faces use.
     pub vertices: u32,
 }
 
 /// The number of a vertex whose position no face uses.
-const UNUSED: u32 = u32::MAX;
+pub const UNUSED: u32 = u32::MAX;
 
 /// Welds the vertices that faces use; also gives the number of the position of each corner, face after face.
 pub fn weld(mesh: &PolygonMesh) -> (Weld, Vec<u32>) {
