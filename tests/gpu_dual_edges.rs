@@ -6,8 +6,7 @@ use gpu_support::{device, numbers, surface};
 use tesserae::dev::sample::Sample;
 use tesserae::device::dual_edge::{Rank, Ties};
 use tesserae::device::{Device, DualEdge};
-use tesserae::energy::Sums;
-use tesserae::energy::cvd::{End, exact_cost, packed_cost};
+use tesserae::energy::{End, Energy, Functional, Sums};
 use tesserae::surface::{Component, Surface};
 
 /// Faces a cluster, so that weights reach 2³⁴.
@@ -88,7 +87,7 @@ fn packed_costs_are_those_of_the_definition_to_the_last_bit() {
         let expected: Vec<DualEdge> = (0..2 * ends.len() as u32)
             .map(|cluster| {
                 let [a, b] = ends[cluster as usize / 2];
-                DualEdge { cluster, other: cluster ^ 1, cost: packed_cost(a, b, energy_shift) }
+                DualEdge { cluster, other: cluster ^ 1, cost: Energy::packed_merge_cost(a, b, energy_shift) }
             })
             .collect();
         assert_eq!(found.len(), expected.len());
@@ -112,7 +111,7 @@ fn the_cheapest_dual_edge_is_so_by_exact_cost() {
         let mut expected: Vec<Rank<u128>> = ends
             .iter()
             .zip(0..)
-            .map(|(&[a, b], pair)| Rank::new(exact_cost(a, b) << energy_shift, 2 * pair, 2 * pair + 1, ties))
+            .map(|(&[a, b], pair)| Rank::new(Energy::merge_cost(a, b) << energy_shift, 2 * pair, 2 * pair + 1, ties))
             .collect();
         expected.sort_unstable();
         let mut steps = gpu.open_merging(&surface, &components).expect("it fits");

@@ -10,8 +10,7 @@ use tesserae::device::dual_edge::{Rank, Ties};
 use tesserae::device::pieces::disconnected_clusters;
 use tesserae::device::plain;
 use tesserae::device::{Cancel, Device};
-use tesserae::energy::Sums;
-use tesserae::energy::cvd::{ClusterSums, End, exact_cost, packed_cost};
+use tesserae::energy::{ClusterSums, End, Energy, Functional, Sums};
 use tesserae::hierarchy::Tree;
 use tesserae::surface::Surface;
 
@@ -121,7 +120,7 @@ fn without_optimisation_sequential_rounds_are_exact_greedy_ward_step_by_step() {
                 .map(|(a, b)| {
                     let component = surface.components.iter().find(|run| run.range().contains(&(a as usize)));
                     let shift = component.expect("every face is in one").energy_shift;
-                    let cost = exact_cost(end(&sums[a as usize]), end(&sums[b as usize])) << shift;
+                    let cost = Energy::merge_cost(end(&sums[a as usize]), end(&sums[b as usize])) << shift;
                     Rank::new(cost, a, b, Ties::Hash)
                 })
                 .min()
@@ -152,7 +151,7 @@ fn parallel_rounds_merge_the_pairs_that_chose_each_other() {
                 let cost = |&(a, b): &(u32, u32)| {
                     let component = surface.components.iter().find(|run| run.range().contains(&(a as usize)));
                     let shift = component.expect("every face is in one").energy_shift;
-                    packed_cost(end(&sums[a as usize]), end(&sums[b as usize]), shift)
+                    Energy::packed_merge_cost(end(&sums[a as usize]), end(&sums[b as usize]), shift)
                 };
                 let best = |cluster: u32| {
                     let edges = pairs.iter().filter(|&&(a, b)| a == cluster || b == cluster);

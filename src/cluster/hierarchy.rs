@@ -52,7 +52,7 @@ use crate::energy::LatticeEnergy;
 use crate::error::names::Name;
 use crate::error::{Error, Kind, Result};
 use crate::hierarchy::{FaceMove, Merge, Round, Tree};
-use crate::surface::{Merged, Surface};
+use crate::surface::Surface;
 
 /// Which of the pairs of clusters that chose each other merge in a parallel round.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
@@ -267,9 +267,9 @@ impl<'a> Builder<'a> {
         }
         let Self { surface, tree, moments } = self;
         let records = pairs.par_iter().zip(sums).with_min_len(MERGES_A_THREAD).map(|(&(from, into), [a, b])| {
-            let Merged { cost, energy, faces, weight, proxy } = surface.merged(a, b, moments[into as usize], into);
+            let made = surface.merged(a, b, moments[into as usize], into);
             let [into, from] = [into, from].map(|cluster| surface.upload_face[cluster as usize]);
-            Merge { into, from, cost, energy, faces, weight, proxy }
+            Merge { into, from, made }
         });
         tree.merges.par_extend(records);
     }

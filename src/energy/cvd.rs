@@ -5,9 +5,10 @@
 
 mod bound;
 mod packed;
-mod source;
 pub mod wide;
 pub mod words;
+
+use glam::DVec3;
 
 use self::packed::Float;
 use super::functional::{Functional, Side, Sums};
@@ -54,12 +55,26 @@ impl Functional for Cvd {
         i128::from(weight) * i128::from(square)
     }
 
+    /// ⌊M₁M₂·|P₁−P₂|²/(M₁+M₂)⌋.
     fn merge_cost(a: End, b: End) -> u128 {
-        exact_cost(a, b)
+        // 2³⁴ · 2³⁴ · 2⁵⁸ fits
+        let product = u128::from(a.weight) * u128::from(b.weight) * u128::from(squared_distance(a.proxy, b.proxy));
+        product / u128::from(a.weight + b.weight)
     }
 
+    /// A float of 7 bits of exponent and 25 of mantissa; 0 for cost 0.
+    ///
+    /// Every step is truncated to 32 bits, so values that differ by less than some 2⁻²⁴ may trade places.
     fn packed_merge_cost(a: End, b: End, energy_shift: u32) -> u32 {
-        packed_cost(a, b, energy_shift)
+        let distance = squared_distance(a.proxy, b.proxy);
+        if distance == 0 {
+            return 0;
+        }
+        let harmonic = Float::of(a.weight).times(Float::of(b.weight)).over(Float::of(a.weight + b.weight));
+        let cost = harmonic.times(Float::of(distance));
+        // cost ≥ 2⁻¹, and the largest exponent is below 92 + 30 + 2
+        let exponent = (cost.exponent + 2) as u32 + energy_shift;
+        exponent << 25 | (cost.mantissa << 1 >> 7)
     }
 
     #[inline]
@@ -71,19 +86,34 @@ impl Functional for Cvd {
 
     fn merge_cost_of_means(a: &ClusterSums, b: &ClusterSums) -> f64 {
         let (weight_a, weight_b) = (a.weight as f64, b.weight as f64);
-        let (mean_a, mean_b) = (a.mean(), b.mean());
-        let square: f64 = (0..3).map(|axis| (mean_a[axis] - mean_b[axis]) * (mean_a[axis] - mean_b[axis])).sum();
-        weight_a * weight_b / (weight_a + weight_b) * square
+        weight_a * weight_b / (weight_a + weight_b) * a.mean().distance_squared(b.mean())
     }
 
+    /// In units of squared lattice length. M/(M − w) = 1 + w/(M − w), and M/(M + w) = 1 − w/(M + w): the second terms
+    /// are 32-bit fractions. Where the face is heavier than the rest of its cluster, the first is taken as 1.
     #[inline]
     fn gain(weight: u32, from: Side, to: Side) -> i64 {
-        gain(weight, from, to)
+        let w = u64::from(weight);
+        let scaled = |distance: u64, rest: u64| {
+            let fraction = ((w << 32) / rest).min(u64::from(u32::MAX));
+            // (distance · fraction) / 2³², the upper and the lower half of the distance apart
+            (distance >> 32) * fraction + (((distance & 0xffff_ffff) * fraction) >> 32)
+        };
+        let leave = from.cost + scaled(from.cost, from.weight - w);
+        let enter = to.cost - scaled(to.cost, to.weight + w);
+        leave as i64 - enter as i64
     }
 
+    /// A float of 7 bits of exponent and 25 of mantissa.
     #[inline]
     fn bid(gain: i64, weight: u32) -> u32 {
-        bid(gain, weight)
+        let gain = gain as u64;
+        // 32 bits of the gain are enough to rank it, and their product with the weight fits
+        let drop = (32 - gain.leading_zeros() as i32).max(0) as u32;
+        let product = (gain >> drop) * u64::from(weight);
+        let top = 63 - product.leading_zeros();
+        let mantissa = if top > 25 { product >> (top - 25) } else { product << (25 - top) };
+        (((top + drop) << 25) | (mantissa as u32 & ((1 << 25) - 1))) + 1
     }
 
     #[inline]
@@ -92,8 +122,17 @@ impl Functional for Cvd {
         (squared_distance(to, from) as f64).sqrt() as u64
     }
 
-    fn source_energy(faces: impl Iterator<Item = ([f64; 3], f64, u32)> + Clone, clusters: usize) -> f64 {
-        source::source_energy(faces, clusters)
+    /// Σ area·|g − P|², P the area-weighted mean of the cluster's centroids (P§6, Eq. 4).
+    fn source_energy(faces: impl Iterator<Item = (DVec3, f64, u32)> + Clone, clusters: usize) -> f64 {
+        let mut sums = vec![(DVec3::ZERO, 0.0); clusters];
+        for (centroid, area, label) in faces.clone() {
+            let (sum, total) = &mut sums[label as usize];
+            *sum += area * centroid;
+            *total += area;
+        }
+        let mean = |(sum, area)| sum / if area > 0.0 { area } else { 1.0 };
+        let proxies: Vec<DVec3> = sums.into_iter().map(mean).collect();
+        faces.map(|(centroid, area, label)| area * centroid.distance_squared(proxies[label as usize])).sum()
     }
 
     #[inline]
@@ -134,6 +173,16 @@ impl Sums for ClusterSums {
         self.faces = self.faces.wrapping_add_signed(sign as i32 * other.faces as i32);
     }
 
+    #[inline]
+    fn faces(&self) -> u32 {
+        self.faces
+    }
+
+    #[inline]
+    fn weight(&self) -> u64 {
+        self.weight as u64
+    }
+
     /// The proxy P, the lattice point nearest to S/M (per axis, halves up). None without faces.
     #[inline]
     fn proxy(&self) -> Option<[i32; 3]> {
@@ -156,11 +205,11 @@ impl Sums for ClusterSums {
 
     #[inline]
     fn end(&self, proxy: [i32; 3]) -> End {
-        End { weight: self.weight as u64, proxy }
+        End { weight: self.weight(), proxy }
     }
 
-    fn mean(&self) -> [f64; 3] {
-        self.centroid.map(|s| s as f64 / self.weight as f64)
+    fn mean(&self) -> DVec3 {
+        DVec3::from(self.centroid.map(|s| s as f64)) / self.weight as f64
     }
 }
 
@@ -183,57 +232,6 @@ pub struct End {
     pub proxy: [i32; 3],
 }
 
-/// ⌊M₁M₂·|P₁−P₂|²/(M₁+M₂)⌋ in units of the clusters' component, below 2⁹².
-pub fn exact_cost(a: End, b: End) -> u128 {
-    // 2³⁴ · 2³⁴ · 2⁵⁸ fits
-    let product = u128::from(a.weight) * u128::from(b.weight) * u128::from(squared_distance(a.proxy, b.proxy));
-    product / u128::from(a.weight + b.weight)
-}
-
-/// The merge cost as a float of 7 bits of exponent and 25 of mantissa, in units of the finest component; 0 for cost 0.
-///
-/// Every step is truncated to 32 bits, so values that differ by less than some 2⁻²⁴ may trade places.
-pub fn packed_cost(a: End, b: End, energy_shift: u32) -> u32 {
-    let distance = squared_distance(a.proxy, b.proxy);
-    if distance == 0 {
-        return 0;
-    }
-    let harmonic = Float::of(a.weight).times(Float::of(b.weight)).over(Float::of(a.weight + b.weight));
-    let cost = harmonic.times(Float::of(distance));
-    // cost ≥ 2⁻¹, and the largest exponent is below 92 + 30 + 2
-    let exponent = (cost.exponent + 2) as u32 + energy_shift;
-    exponent << 25 | (cost.mantissa << 1 >> 7)
-}
-
-/// What moving a face of weight `weight` lowers the energy by, per weight, in units of squared lattice length; rounded,
-/// and only ever used to rank bids. `from.weight > weight`.
-///
-/// M/(M − w) = 1 + w/(M − w), and M/(M + w) = 1 − w/(M + w): the second terms are 32-bit fractions. Where the face is
-/// heavier than the rest of its cluster, the first is taken as 1.
-pub fn gain(weight: u32, from: Side, to: Side) -> i64 {
-    let w = u64::from(weight);
-    let scaled = |distance: u64, rest: u64| {
-        let fraction = ((w << 32) / rest).min(u64::from(u32::MAX));
-        // (distance · fraction) / 2³², the upper and the lower half of the distance apart
-        (distance >> 32) * fraction + (((distance & 0xffff_ffff) * fraction) >> 32)
-    };
-    let leave = from.cost + scaled(from.cost, from.weight - w);
-    let enter = to.cost - scaled(to.cost, to.weight + w);
-    leave as i64 - enter as i64
-}
-
-/// `gain · weight` of a positive gain as a float of 7 bits of exponent and 25 of mantissa; the order of the codes is
-/// the order of the values. At least 1.
-pub fn bid(gain: i64, weight: u32) -> u32 {
-    let gain = gain as u64;
-    // 32 bits of the gain are enough to rank it, and their product with the weight fits
-    let drop = (32 - gain.leading_zeros() as i32).max(0) as u32;
-    let product = (gain >> drop) * u64::from(weight);
-    let top = 63 - product.leading_zeros();
-    let mantissa = if top > 25 { product >> (top - 25) } else { product << (25 - top) };
-    (((top + drop) << 25) | (mantissa as u32 & ((1 << 25) - 1))) + 1
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -250,8 +248,8 @@ mod tests {
                 let mut end =
                     || End { weight: next(34).max(1), proxy: std::array::from_fn(|_| next(28) as i32 - (1 << 27)) };
                 let (a, b) = (end(), end());
-                assert_eq!(packed_cost(a, b, 3), packed_cost(b, a, 3));
-                (exact_cost(a, b), packed_cost(a, b, 3))
+                assert_eq!(Cvd::packed_merge_cost(a, b, 3), Cvd::packed_merge_cost(b, a, 3));
+                (Cvd::merge_cost(a, b), Cvd::packed_merge_cost(a, b, 3))
             })
             .collect();
         costs.sort_unstable();
@@ -265,11 +263,11 @@ mod tests {
     fn the_largest_and_smallest_costs_fit() {
         let far = End { weight: (1 << 34) - 1, proxy: [(1 << 27) - 1; 3] };
         let other = End { weight: (1 << 34) - 1, proxy: [-(1 << 27) + 1; 3] };
-        assert!(packed_cost(far, other, 30) > packed_cost(far, other, 29));
+        assert!(Cvd::packed_merge_cost(far, other, 30) > Cvd::packed_merge_cost(far, other, 29));
         let near = End { weight: 1, proxy: [0, 0, 0] };
         let beside = End { weight: 1, proxy: [1, 0, 0] };
-        assert!(packed_cost(near, beside, 0) > 0);
-        assert_eq!(packed_cost(near, near, 30), 0);
+        assert!(Cvd::packed_merge_cost(near, beside, 0) > 0);
+        assert_eq!(Cvd::packed_merge_cost(near, near, 30), 0);
     }
 
     #[test]
@@ -279,7 +277,7 @@ mod tests {
         let to = Side { cost: 9_000_000, weight: 10 };
         // energies with means: a 200/3·5 → 0; b 2·5 → (4 + 0 + 4)·5
         let exact = (200.0 / 3.0 + 2.0 - 8.0) * 1e6;
-        assert!((gain(5, from, to) as f64 - exact).abs() < 2.0, "{} {exact}", gain(5, from, to));
+        assert!((Cvd::gain(5, from, to) as f64 - exact).abs() < 2.0, "{} {exact}", Cvd::gain(5, from, to));
     }
 
     #[test]
@@ -288,7 +286,7 @@ mod tests {
         for gain_bits in [1, 5, 20, 31, 32, 33, 45, 59] {
             for gain in [(1i64 << gain_bits) - 1, 1 << gain_bits] {
                 for weight in [1u32, 2, 3, 1000, 1 << 20, u32::MAX] {
-                    values.push((i128::from(gain) * i128::from(weight), bid(gain, weight)));
+                    values.push((i128::from(gain) * i128::from(weight), Cvd::bid(gain, weight)));
                 }
             }
         }

@@ -2,6 +2,8 @@
 
 use std::fmt::Debug;
 
+use glam::DVec3;
+
 /// The parts of an energy.
 pub trait Functional {
     /// Its name in reports, and that of its file in `shaders/energy/`.
@@ -57,7 +59,7 @@ pub trait Functional {
 
     /// The energy in f64, from source positions: for reports, never for labels. Takes the point (in f64), the area and
     /// the label of each face; sums go in the order of the faces.
-    fn source_energy(faces: impl Iterator<Item = ([f64; 3], f64, u32)> + Clone, clusters: usize) -> f64;
+    fn source_energy(faces: impl Iterator<Item = (DVec3, f64, u32)> + Clone, clusters: usize) -> f64;
 
     /// By how much proxies may drift, together, before a face that stays could want to move in the boundary phase.
     /// Takes its cost in its own cluster and the least in another.
@@ -79,6 +81,12 @@ pub trait Sums: Copy + Debug + Default + PartialEq {
     /// Adds other faces (`sign` 1) or takes them away (−1).
     fn add(&mut self, other: &Self, sign: i64);
 
+    /// Number of faces.
+    fn faces(&self) -> u32;
+
+    /// Sum of their weights, below 2³⁴.
+    fn weight(&self) -> u64;
+
     /// The proxy that minimises the energy. None without faces.
     fn proxy(&self) -> Option<Self::Proxy>;
 
@@ -89,7 +97,7 @@ pub trait Sums: Copy + Debug + Default + PartialEq {
     fn end(&self, proxy: Self::Proxy) -> Self::End;
 
     /// The mean place of the faces, on the lattice.
-    fn mean(&self) -> [f64; 3];
+    fn mean(&self) -> DVec3;
 }
 
 /// A cluster as a bidding face sees it.
@@ -99,6 +107,21 @@ pub struct Side {
     pub cost: u64,
     /// M < 2³⁴.
     pub weight: u64,
+}
+
+/// What a merge of two clusters makes, in source units.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Merged {
+    /// Rise of the energy by the merge (P§6, dual edge collapse cost).
+    pub cost: f64,
+    /// Energy of the merged cluster, before any optimisation.
+    pub energy: f64,
+    /// Its number of faces.
+    pub faces: u32,
+    /// Its weight, as area.
+    pub weight: f64,
+    /// Its weighted mean centroid.
+    pub proxy: [f64; 3],
 }
 
 /// What the proxies explain of the constant part of the energy, exactly.

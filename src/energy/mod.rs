@@ -13,7 +13,7 @@ pub mod cvd;
 mod functional;
 pub mod shared;
 
-pub use self::functional::{Functional, LatticeEnergy, Side, Sums};
+pub use self::functional::{Functional, LatticeEnergy, Merged, Side, Sums};
 
 /// The energy that everything is compiled for.
 pub type Energy = cvd::Cvd;

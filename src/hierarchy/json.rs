@@ -11,9 +11,9 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use super::stored::Stored;
-use super::{Nodes, Tree};
+use super::{Level, Nodes, Tree};
+use crate::energy::Merged;
 use crate::error::names::Name;
-use crate::hierarchy::Level;
 
 /// A hierarchy: what `--hierarchy OUT.json` writes.
 #[derive(Debug, Serialize, ToSchema)]
@@ -25,12 +25,11 @@ pub struct Hierarchy {
     pub parameters: Map<String, Value>,
     /// Number of faces n: the leaves.
     pub faces: u32,
-    /// The rounds at the requested numbers of clusters, in order.
+    /// The rounds within the limits on the number of clusters, in order.
     pub levels: Vec<Level>,
-    /// The merges down to the requested number of clusters, in order: children before parents.
+    /// The merges within these limits, in order: children before parents.
     pub nodes: Vec<Node>,
-    /// The nodes (leaves too) that nothing in `nodes` merges, ascending: one a cluster that is left at the end of the
-    /// list.
+    /// The nodes, leaves too, that are no child in `nodes`, ascending: the clusters at the end of the list.
     pub roots: Vec<u32>,
 }
 
@@ -51,8 +50,7 @@ pub struct Node {
     /// Energy of the merged cluster before any optimisation, source units. Null when it overflows.
     #[schema(value_type = Option<f64>)]
     pub energy: f64,
-    /// Faces of the merged cluster. With optimisation faces also move between clusters, so it need not be the sum of
-    /// the children's.
+    /// Faces of the merged cluster. Optimisation moves faces, so it may differ from the sum of the children's.
     pub faces: u32,
     /// Its area, source units. Null when it overflows.
     #[schema(value_type = Option<f64>)]
@@ -61,12 +59,12 @@ pub struct Node {
     pub proxy: [f64; 3],
 }
 
-/// Which part of a hierarchy is written: levels and nodes that leave so many clusters.
+/// Which part of a hierarchy is written: the levels and nodes that leave a number of clusters within limits.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Limits {
-    /// At least so many.
+    /// The least number.
     pub min_clusters: Option<u64>,
-    /// At most so many.
+    /// The largest number.
     pub max_clusters: Option<u64>,
 }
 
@@ -140,16 +138,17 @@ impl Tree {
                 round += 1;
             }
             let (id, children) = nodes.merge(merge);
+            let Merged { cost, energy, faces, weight, proxy } = merge.made;
             Node {
                 id,
                 children,
                 round: round as u32 + 1,
                 clusters_left: self.faces - index as u32 - 1,
-                cost: merge.cost,
-                energy: merge.energy,
-                faces: merge.faces,
-                weight: merge.weight,
-                proxy: merge.proxy,
+                cost,
+                energy,
+                faces,
+                weight,
+                proxy,
             }
         })
     }

@@ -75,7 +75,7 @@ impl Linkage {
         for merge in &tree.merges {
             let (_, children) = nodes.merge(merge);
             // no cost is below 0, and a NaN loses
-            let mut row = Row { children, cost: merge.cost.max(0.0), faces: 0 };
+            let mut row = Row { children, cost: merge.made.cost.max(0.0), faces: 0 };
             for child in children {
                 let below = child.checked_sub(tree.faces).map(|row| rows[row as usize]);
                 row.cost = row.cost.max(below.map_or(0.0, |below| below.cost));

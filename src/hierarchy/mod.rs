@@ -8,12 +8,11 @@
 //! |---|---|
 //! | cuts | [`Tree::labels_at`], `replay` |
 //! | the file it is kept in, `.tsr` | [`stored`] |
-//! | the JSON that people's programs read | [`json`] |
+//! | JSON, for programs that walk the tree | [`json`] |
 //! | scipy's linkage matrix | [`linkage`] |
 //!
 //! Nothing here knows of devices, surfaces or files of meshes.
 
-mod check;
 pub mod json;
 pub mod linkage;
 mod replay;
@@ -23,6 +22,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use self::replay::{CutPlan, Replay, check_range};
+use crate::energy::Merged;
 use crate::error::{Error, Kind, Result};
 
 /// A hierarchy of clusterings of the same faces, finest first.
@@ -45,16 +45,8 @@ pub struct Merge {
     pub into: u32,
     /// The cluster that ends.
     pub from: u32,
-    /// Rise of the energy by the merge, source units (P§6, dual edge collapse cost).
-    pub cost: f64,
-    /// Energy of the merged cluster, before any optimisation; source units.
-    pub energy: f64,
-    /// Faces of the merged cluster.
-    pub faces: u32,
-    /// Its weight, as area in source units.
-    pub weight: f64,
-    /// Its weighted mean centroid, source units.
-    pub proxy: [f64; 3],
+    /// What it makes.
+    pub made: Merged,
 }
 
 /// A face that the optimisation gave to another cluster.
@@ -77,6 +69,13 @@ pub struct Round {
     pub merges_end: u32,
     /// Where its moves end in [`Tree::moves`].
     pub moves_end: u64,
+}
+
+impl Round {
+    /// The round before the one at an index; zeros before the first.
+    fn before(rounds: &[Self], round: usize) -> Self {
+        round.checked_sub(1).map_or(Self::default(), |before| rounds[before])
+    }
 }
 
 /// A round of a hierarchy, or several, each of which merged little.
@@ -141,21 +140,18 @@ impl Tree {
         for round in 0..plan.rounds {
             self.replay(round, &mut replay)?;
         }
-        let on_top = &self.merges[self.start_of(plan.rounds).0..][..plan.extra_merges];
+        let on_top = &self.merges[Round::before(&self.rounds, plan.rounds).merges_end as usize..][..plan.extra_merges];
         on_top.iter().try_for_each(|merge| replay.merge(merge.into, merge.from))?;
-        plan.finish(replay, on_top.iter().fold(plan.energy, |energy, merge| energy + merge.cost))
-    }
-
-    /// Where the merges and the moves of a round begin.
-    fn start_of(&self, round: usize) -> (usize, usize) {
-        let before = round.checked_sub(1).and_then(|before| self.rounds.get(before));
-        before.map_or((0, 0), |before| (before.merges_end as usize, before.moves_end as usize))
+        plan.finish(replay, on_top.iter().fold(plan.energy, |energy, merge| energy + merge.made.cost))
     }
 
     /// The merges and the moves of a round.
     fn records_of(&self, round: usize) -> (&[Merge], &[FaceMove]) {
-        let (start, end) = (self.start_of(round), self.start_of(round + 1));
-        (&self.merges[start.0..end.0], &self.moves[start.1..end.1])
+        let (before, after) = (Round::before(&self.rounds, round), &self.rounds[round]);
+        (
+            &self.merges[before.merges_end as usize..after.merges_end as usize],
+            &self.moves[before.moves_end as usize..after.moves_end as usize],
+        )
     }
 
     /// Does the merges and the moves of a round again.

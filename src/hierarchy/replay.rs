@@ -49,8 +49,7 @@ impl CutPlan {
 /// A cluster that ended before the replay began.
 const GONE: u32 = u32::MAX;
 
-/// A replay of merges and moves. Merges come in order, as do moves; the two need not be in step, because a move names a
-/// cluster by what it was when the round ended, and that cluster's later merges hold for the face too.
+/// A replay of the merges and moves of the rounds, in order. Every record is checked.
 #[derive(Debug)]
 pub(super) struct Replay {
     merged: usize,
@@ -85,10 +84,14 @@ impl Replay {
         Ok(Self { merged: round.merges_end as usize, parent, cluster_of_face })
     }
 
+    /// Whether a cluster has not become part of another.
+    fn lives(&self, cluster: u32) -> bool {
+        self.parent.get(cluster as usize) == Some(&cluster)
+    }
+
     /// A merge of two living clusters.
     pub fn merge(&mut self, into: u32, from: u32) -> Result<()> {
-        let lives = |cluster: u32| self.parent.get(cluster as usize) == Some(&cluster);
-        if !lives(into) || !lives(from) || into == from {
+        if !self.lives(into) || !self.lives(from) || into == from {
             return contradiction("merge", self.merged);
         }
         self.parent[from as usize] = into;
@@ -96,13 +99,15 @@ impl Replay {
         Ok(())
     }
 
+    /// A move of a face to a living cluster.
     pub fn give(&mut self, FaceMove { face, to }: FaceMove) -> Result<()> {
-        match self.cluster_of_face.get_mut(face as usize) {
-            Some(cluster) if self.parent.get(to as usize).is_some_and(|&parent| parent != GONE) => {
+        let lives = self.lives(to);
+        match self.cluster_of_face.get_mut(face as usize).filter(|_| lives) {
+            Some(cluster) => {
                 *cluster = to;
                 Ok(())
             }
-            _ => contradiction("move of face", face),
+            None => contradiction("move of face", face),
         }
     }
 

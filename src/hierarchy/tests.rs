@@ -7,7 +7,8 @@ use super::stored::{Header, Stored};
 use super::*;
 
 fn merge(into: u32, from: u32, cost: f64, faces: u32) -> Merge {
-    Merge { into, from, cost, energy: 2.0 * cost, faces, weight: f64::from(faces), proxy: [0.0, 0.5, 1.0] }
+    let made = Merged { cost, energy: 2.0 * cost, faces, weight: f64::from(faces), proxy: [0.0, 0.5, 1.0] };
+    Merge { into, from, made }
 }
 
 fn round(clusters: u32, merges_end: u32, moves_end: u64, energy: f64) -> Round {
@@ -107,7 +108,7 @@ fn json_lists_what_was_asked_for() {
 #[test]
 fn numbers_that_json_has_not_become_null() {
     let mut stored = small();
-    stored.tree.merges[0].cost = f64::INFINITY;
+    stored.tree.merges[0].made.cost = f64::INFINITY;
     stored.tree.rounds[0].energy = f64::NAN;
     let json = json_of(&stored, Limits::default());
     assert_eq!((&json["nodes"][0]["cost"], &json["levels"][0]["energy"]), (&Value::Null, &Value::Null));

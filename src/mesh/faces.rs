@@ -2,6 +2,8 @@
 //!
 //! A mesh of triangles only, the common case, stores no offsets.
 
+use std::ops::Range;
+
 /// The faces of a mesh: each is a loop of at least one corner, a corner is a vertex index.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Faces {
@@ -64,8 +66,7 @@ impl Faces {
         self.corners.extend_from_slice(&other.corners);
         if !self.offsets.is_empty() {
             let first = first as u32;
-            let ends = 1..=other.len();
-            self.offsets.extend(ends.map(|face| first + other.first_corner(face) as u32));
+            self.offsets.extend((0..other.len()).map(|face| first + other.corner_range(face).end as u32));
         }
     }
 
@@ -86,12 +87,16 @@ impl Faces {
 
     /// The corners of face `face`, as vertex indices.
     pub fn corners(&self, face: usize) -> &[u32] {
-        &self.corners[self.first_corner(face)..self.first_corner(face + 1)]
+        &self.corners[self.corner_range(face)]
     }
 
-    /// Where the corners of face `face` begin in [`all_corners`](Self::all_corners); `len()` gives the end of the last.
-    pub fn first_corner(&self, face: usize) -> usize {
-        if self.offsets.is_empty() { 3 * face } else { self.offsets[face] as usize }
+    /// Where the corners of face `face` are in [`all_corners`](Self::all_corners).
+    #[inline]
+    pub fn corner_range(&self, face: usize) -> Range<usize> {
+        match self.offsets.is_empty() {
+            true => 3 * face..3 * face + 3,
+            false => self.offsets[face] as usize..self.offsets[face + 1] as usize,
+        }
     }
 
     /// All corners, face after face.

@@ -1,15 +1,14 @@
 //! The mesh formats: one table with all that is known of each, and the lookups in it.
 //!
 //! The command line, `Accept-Post`, `GET /v1/formats`, the OpenAPI document and messages take names and media types
-//! from here. A new format is a folder with its reader, a variant of [`Format`], a row of [`TABLE`] and an arm in
-//! [`super::open`].
+//! from here. A new format is a folder with its reader, a variant of [`Format`] and a row of [`TABLE`].
 
 mod foreign;
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{gltf, obj};
+use super::{Reader, gltf, obj};
 use crate::error::{Error, Kind, Result};
 
 /// A mesh format that is read here.
@@ -47,6 +46,7 @@ struct Row {
     is_text: bool,
     /// Fewest bytes that a face takes in a file of more than a few faces.
     least_bytes_a_face: u64,
+    reader: Reader,
 }
 
 /// Every format, in the order of [`Format`]'s variants.
@@ -64,6 +64,7 @@ static TABLE: [Row; 3] = [
         is_text: true,
         // a line of four-digit numbers
         least_bytes_a_face: 16,
+        reader: obj::open,
     },
     Row {
         format: Format::Glb,
@@ -78,6 +79,7 @@ static TABLE: [Row; 3] = [
         is_text: false,
         // indices of two bytes, and half a vertex, uncompressed
         least_bytes_a_face: 12,
+        reader: gltf::open_binary,
     },
     Row {
         format: Format::Gltf,
@@ -92,6 +94,7 @@ static TABLE: [Row; 3] = [
         is_text: true,
         // as in a GLB, in buffers beside it
         least_bytes_a_face: 12,
+        reader: gltf::open_json,
     },
 ];
 
@@ -147,6 +150,11 @@ impl Format {
         self.row().least_bytes_a_face
     }
 
+    /// What opens a file of this format.
+    pub(super) fn reader(self) -> Reader {
+        self.row().reader
+    }
+
     /// The short names of all formats as a choice, each after `prefix`: `.obj, .glb or .gltf`.
     pub fn choice(prefix: &str) -> String {
         let [first @ .., last] = Self::ALL.map(|format| format!("{prefix}{}", format.name()));
@@ -163,16 +171,18 @@ impl Format {
 
     /// The format of a media type (parameters after `;` are ignored), if it is one of ours.
     pub fn from_media_type(media_type: &str) -> Option<Self> {
-        let essence = media_type.split(';').next().unwrap_or_default().trim();
-        let is_ours = |row: &&Row| row.media_types.iter().any(|known| known.eq_ignore_ascii_case(essence));
-        TABLE.iter().find(is_ours).map(|row| row.format)
+        Self::listing(|row| row.media_types, media_type.split(';').next().unwrap_or_default().trim())
     }
 
     /// The format that a file's name suggests.
     pub fn from_file_name(name: &str) -> Option<Self> {
-        let (_, extension) = name.rsplit_once('.')?;
-        let is_its = |row: &&Row| row.extensions.iter().any(|known| known.eq_ignore_ascii_case(extension));
-        TABLE.iter().find(is_its).map(|row| row.format)
+        Self::listing(|row| row.extensions, name.rsplit_once('.')?.1)
+    }
+
+    /// The format that lists this name, in any case.
+    fn listing(names: fn(&Row) -> &'static [&'static str], name: &str) -> Option<Self> {
+        let lists = |row: &&Row| names(row).iter().any(|known| known.eq_ignore_ascii_case(name));
+        TABLE.iter().find(lists).map(|row| row.format)
     }
 
     /// The format that the first bytes suggest; `length` is the length of the whole file in bytes, where it is known.

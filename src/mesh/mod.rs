@@ -1,10 +1,10 @@
 //! Polygon meshes and how they are read.
 //!
-//! Every format ends in the same [`PolygonMesh`]; nothing after this module knows where a mesh came from. What a new
-//! format needs is said in [`mod@format`].
+//! Every format ends in the same [`PolygonMesh`]; nothing after this module depends on the format. [`mod@format`] says
+//! what a new format needs.
 //!
 //! Reading has two steps: [`open`] checks the structure of a file and counts its faces, [`Opened::read`] builds the
-//! mesh. Between the two a caller can wait for memory, choose a thread, or give up.
+//! mesh. Between the two a caller can wait for memory, choose a thread, or stop.
 //!
 //! Readers trust nothing: sizes are checked against the bytes that are there before anything is allocated, what a file
 //! says more than once stays in proportion to its bytes (`allowance`), and an error names the line, accessor, vertex or
@@ -13,12 +13,14 @@
 mod allowance;
 mod faces;
 mod format;
+mod frame;
 mod gltf;
 mod obj;
 mod resources;
 
 pub use faces::Faces;
 pub use format::Format;
+pub(crate) use frame::{Frame, factors};
 #[cfg(fuzzing)]
 pub(crate) use obj::number;
 pub use resources::{Beside, NoResources, Resources};
@@ -29,7 +31,7 @@ use std::sync::Arc;
 use serde::{Serialize, Serializer};
 use utoipa::ToSchema;
 
-use crate::error::{Error, Quoted, Result};
+use crate::error::{Error, Kind, Quoted, Result};
 
 /// A mesh as it was uploaded: its faces in upload order, positions not yet welded.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,7 +44,7 @@ pub struct PolygonMesh {
     pub faces: Faces,
     /// Where runs of faces come from; in face order, covering every face once.
     pub parts: Vec<Part>,
-    /// What was skipped or is unusual, for people.
+    /// What was skipped or is unusual, in words.
     pub warnings: Vec<String>,
     /// What the reader changed or left out.
     pub adjusted: Adjusted,
@@ -186,6 +188,9 @@ impl<'b> Opened<'b> {
     }
 }
 
+/// The reader of a format: opens a file and passes it on, once.
+type Reader = fn(Source<'_>, &mut dyn FnMut(Opened<'_>)) -> Result<()>;
+
 /// Opens a mesh file and calls `then` with it. The opened file borrows from what its reader has decoded so far, so it
 /// lives no longer than the call.
 ///
@@ -203,11 +208,11 @@ pub fn open<T>(source: Source<'_>, then: impl FnOnce(Opened<'_>) -> T) -> Result
             Quoted(name)
         )));
     }
-    match format {
-        Format::Obj => obj::open(bytes, source.limits, then),
-        Format::Glb => gltf::open_binary(source, then),
-        Format::Gltf => gltf::open_json(source, then),
-    }
+    let (mut then, mut result) = (Some(then), None);
+    format.reader()(source, &mut |opened| result = then.take().map(|then| then(opened)))?;
+    result.ok_or_else(|| {
+        Error::new(Kind::Internal, format_args!("nothing was opened by the reader of {}", format.name()))
+    })
 }
 
 /// Number of faces that the first bytes of a file claim, before the rest is looked at: that of a glTF whose JSON they

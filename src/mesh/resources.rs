@@ -1,6 +1,6 @@
 //! Where the files that a mesh refers to may come from.
 //!
-//! A mesh names its buffers by relative URI. Whatever it names, it gets nothing but files that were given with it.
+//! A mesh names its buffers by relative URI. Only files that were given with the mesh are read.
 
 use std::fs::{File, Metadata};
 use std::io::{ErrorKind, Read};
@@ -57,7 +57,7 @@ impl Resources for Beside {
                 Quoted(uri)
             )));
         }
-        // checked before it is opened: opening a pipe would wait for its writer
+        // checked before it is opened: to open a pipe would wait until another process writes to it
         check_regular(&path.metadata().map_err(failed)?, uri)?;
         let file = File::open(&path).map_err(failed)?;
         let metadata = file.metadata().map_err(failed)?;
@@ -86,8 +86,7 @@ fn check_regular(metadata: &Metadata, uri: &str) -> Result<()> {
     Err(Error::mesh(format_args!("the mesh refers to a buffer that is not a regular file: {}", Quoted(uri))))
 }
 
-/// Refuses a URI that is anything but a path downwards: absolute, upwards, with a scheme or drive, or in another
-/// system's way.
+/// Refuses a URI that is not a path downwards: absolute, upwards, with a scheme or drive, or with backslashes.
 pub(super) fn check_relative(uri: &str) -> Result<()> {
     let refuse = |what: &str| {
         Err(Error::mesh(format_args!(

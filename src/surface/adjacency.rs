@@ -4,9 +4,10 @@
 //! to one edge. Two faces of an edge are linked, more than two are linked as a chain by face number (never all pairs,
 //! which would be quadratic).
 //!
-//! A bucket has six half-edges on average, and is a list through the memory that later holds the links. Its half-edges
-//! meet in a table with a place for each upper end: nothing there depends on a branch that cannot be foreseen, and
-//! nothing is sorted but large buckets and those with an edge of more than two faces.
+//! A bucket has six half-edges on average, and is a list through the memory that later holds the links. A table with an
+//! entry for each upper end pairs its half-edges without unpredictable branches. Only large buckets, and those with an
+//! edge of more than two faces, are sorted. Sorting all of them takes 1.09 times the instructions of a whole clustering
+//! of the bunny at quality fast.
 
 mod rows;
 
@@ -17,10 +18,6 @@ use rayon::prelude::*;
 
 use super::counts::Counts;
 use crate::mesh::Faces;
-use crate::prefetch::prefetch;
-
-/// Faces or positions that are worked on while what a later one needs is on its way.
-const AHEAD: usize = 8;
 
 /// Which faces are linked, by upload face.
 #[derive(Debug)]
@@ -104,10 +101,10 @@ impl<'a> Links<'a> {
     }
 
     /// For each corner of a face a face that it is linked to, within a chain the one before; where there is none, no
-    /// face's number. Of two linked faces, the later sees the other. Without [`bridges`](Self::bridges).
+    /// face's number. Of two linked faces, the later has the other. Without [`bridges`](Self::bridges).
     #[inline]
     pub fn beside(&self, face: usize) -> impl Iterator<Item = u32> + '_ {
-        let corners = self.edges.faces.first_corner(face)..self.edges.faces.first_corner(face + 1);
+        let corners = self.edges.faces.corner_range(face);
         corners.clone().zip(&self.linked[corners]).map(|(corner, linked)| match linked.load(Ordering::Relaxed) {
             CHAINED => self.chain_at(corner as u32)[0],
             other => other,
@@ -134,16 +131,9 @@ impl<'a> Links<'a> {
         let mut suspects = [repeating, &self.crowded].concat();
         suspects.sort_unstable();
         suspects.dedup();
-        let mut sets: Vec<Vec<u32>> = suspects
-            .iter()
-            .filter_map(|&face| {
-                let mut set = self.edges.corners(face as usize).to_vec();
-                let corners = set.len();
-                set.sort_unstable();
-                set.dedup();
-                (set.len() == corners).then_some(set)
-            })
-            .collect();
+        let corners = suspects.iter().map(|&face| self.edges.corners(face as usize));
+        let mut sets: Vec<Vec<u32>> = corners.filter(|corners| !has_repeated(corners)).map(<[u32]>::to_vec).collect();
+        sets.iter_mut().for_each(|set| set.sort_unstable());
         sets.sort_unstable();
         sets.windows(2).filter(|pair| pair[0] == pair[1]).count() as u64
     }
@@ -155,7 +145,7 @@ impl<'a> Edges<'a> {
         if !faces.are_triangles() {
             face_of_corner.reserve_exact(positions.len());
             for face in 0..faces.len() {
-                face_of_corner.resize(faces.first_corner(face + 1), face as u32);
+                face_of_corner.resize(faces.corner_range(face).end, face as u32);
             }
         }
         Self { faces, positions, face_of_corner, has_degenerate: false }
@@ -163,7 +153,7 @@ impl<'a> Edges<'a> {
 
     /// The positions of a face's corners.
     fn corners(&self, face: usize) -> &[u32] {
-        &self.positions[self.faces.first_corner(face)..self.faces.first_corner(face + 1)]
+        &self.positions[self.faces.corner_range(face)]
     }
 
     /// The face of a corner.
@@ -178,9 +168,8 @@ impl<'a> Edges<'a> {
         let before = if TRIANGLES || self.face_of_corner.is_empty() {
             if corner.is_multiple_of(3) { corner + 2 } else { corner - 1 }
         } else {
-            let face = self.face_of_corner[corner as usize] as usize;
-            let first = self.faces.first_corner(face) as u32;
-            if corner == first { self.faces.first_corner(face + 1) as u32 - 1 } else { corner - 1 }
+            let corners = self.faces.corner_range(self.face_of_corner[corner as usize] as usize);
+            if corner as usize == corners.start { corners.end as u32 - 1 } else { corner - 1 }
         };
         self.positions[corner as usize] ^ self.positions[before as usize] ^ low
     }
@@ -199,18 +188,19 @@ impl<'a> Edges<'a> {
             }
         } else {
             for face in 0..self.faces.len() {
-                self.each_of(self.faces.first_corner(face)..self.faces.first_corner(face + 1), &mut edge);
+                self.each_of(face, &mut edge);
             }
         }
     }
 
-    /// The same for one face, given by its corners.
-    fn each_of(&self, corners: Range<usize>, mut edge: impl FnMut(u32, u32, u32)) {
-        let first = corners.start as u32;
-        let corners = &self.positions[corners];
+    /// The same for one face.
+    #[inline]
+    fn each_of(&self, face: usize, mut edge: impl FnMut(u32, u32, u32)) {
+        let range = self.faces.corner_range(face);
+        let corners = &self.positions[range.clone()];
         let Some(&last) = corners.last() else { return };
         let mut from = last;
-        for (&to, corner) in corners.iter().zip(first..) {
+        for (&to, corner) in corners.iter().zip(range.start as u32..) {
             if from != to {
                 edge(from.min(to), from.max(to), corner);
             }
@@ -224,14 +214,23 @@ impl<'a> Edges<'a> {
             let is_degenerate = |&[a, b, c]: &[u32; 3]| u64::from((a == b) | (b == c) | (c == a));
             return self.positions.as_chunks().0.iter().map(is_degenerate).sum();
         }
-        let mut distinct = Vec::new();
-        let is_degenerate = |face: &usize| {
-            distinct.clear();
-            distinct.extend_from_slice(self.corners(*face));
-            distinct.sort_unstable();
-            distinct.windows(2).any(|pair| pair[0] == pair[1])
-        };
-        (0..self.faces.len()).filter(is_degenerate).count() as u64
+        (0..self.faces.len()).filter(|&face| has_repeated(self.corners(face))).count() as u64
+    }
+}
+
+/// Whether a number occurs twice.
+#[inline]
+fn has_repeated(numbers: &[u32]) -> bool {
+    match *numbers {
+        [] | [_] => false,
+        [a, b] => a == b,
+        [a, b, c] => (a == b) | (b == c) | (c == a),
+        _ if numbers.len() <= 8 => (1..numbers.len()).any(|at| numbers[..at].contains(&numbers[at])),
+        _ => {
+            let mut sorted = numbers.to_vec();
+            sorted.sort_unstable();
+            sorted.windows(2).any(|pair| pair[0] == pair[1])
+        }
     }
 }
 
@@ -250,8 +249,8 @@ struct Buckets<'a> {
 /// Largest bucket that is not sorted.
 const MOST_UNSORTED: usize = 32;
 
-/// What is known of an edge whose lower end is that of the current bucket: the lower end, how many half-edges it has
-/// (at most 3), and their corners, combined by exclusive or. Lower ends and corners have 31 bits.
+/// The half-edges of an edge: its lower end, how many there are (at most 3), and their corners, combined by exclusive
+/// or. Lower ends and corners have 31 bits. An entry with another lower end than the current bucket's is stale.
 #[derive(Clone, Copy, Default)]
 struct Edge(u64);
 
@@ -288,8 +287,6 @@ struct Found {
     crowded: Vec<u32>,
     boundary_edges: u64,
     non_manifold_edges: u64,
-    /// Half-edges of a bucket: upper end, face, corner.
-    sorted: Vec<(u32, u32, u32)>,
 }
 
 impl<'a> Buckets<'a> {
@@ -313,11 +310,7 @@ impl<'a> Buckets<'a> {
         let mut found = Found::default();
         let mut edge_at = vec![Edge::default(); positions];
         let (mut ends, mut corners) = ([0; MOST_UNSORTED], [0; MOST_UNSORTED]);
-        for (at, (low, &last)) in (self.first..).zip(&self.last).enumerate() {
-            if let Some(&later) = self.last.get(at + AHEAD) {
-                prefetch(&edges.positions, later as usize);
-                prefetch(self.linked, later as usize);
-            }
+        for (low, &last) in (self.first..).zip(&self.last) {
             let mut count = 0;
             let mut is_plain = true;
             let mut corner = last;
@@ -353,44 +346,47 @@ impl<'a> Buckets<'a> {
     /// Links a bucket of any kind.
     #[cold]
     fn sort(&self, low: u32, last: u32, found: &mut Found) {
-        let Found { chained, crowded, sorted, .. } = found;
-        sorted.clear();
+        let mut half_edges: Vec<(u32, u32)> = Vec::new();
         let mut corner = last;
         while corner != NONE {
-            sorted.push((self.edges.other_end::<false>(corner, low), self.edges.face(corner), corner));
-            // what does not stand for an edge stays without a link
+            half_edges.push((self.edges.other_end::<false>(corner, low), corner));
+            // a half-edge that does not stand for an edge stays without a link
             corner = self.linked[corner as usize].swap(NONE, Ordering::Relaxed);
         }
-        sorted.sort_unstable();
-        for edge in sorted.chunk_by(|a, b| a.0 == b.0) {
-            let mut solid_faces = 0;
-            let mut firsts = edge.chunk_by(|a, b| a.1 == b.1).map(|uses| {
-                solid_faces += uses.len() % 2;
-                (uses[0].1, uses[0].2)
-            });
-            let mut before = NONE;
-            let mut faces = 0;
-            let mut here = firsts.next();
-            while let Some((face, corner)) = here {
-                let next = firsts.next();
-                let after = next.map_or(NONE, |(face, _)| face);
-                let link = match (before, after) {
-                    (NONE, other) | (other, NONE) => other,
-                    both => {
-                        chained.push((corner, both.into()));
-                        CHAINED
-                    }
-                };
-                self.linked[corner as usize].store(link, Ordering::Relaxed);
-                faces += 1;
-                before = face;
-                here = next;
-            }
-            if faces > 2 {
-                crowded.extend(edge.iter().map(|&(_, face, _)| face));
-            }
-            found.boundary_edges += u64::from(solid_faces == 1);
-            found.non_manifold_edges += u64::from(solid_faces > 2);
+        half_edges.sort_unstable();
+        for edge in half_edges.chunk_by(|a, b| a.0 == b.0) {
+            self.link_edge(edge, found);
         }
+    }
+
+    /// Links the faces of an edge, given its half-edges by corner, to the faces before and after them. The first
+    /// half-edge of each face stands for the edge.
+    fn link_edge(&self, edge: &[(u32, u32)], found: &mut Found) {
+        let mut odd_faces = 0;
+        let uses = edge.chunk_by(|a, b| self.edges.face(a.1) == self.edges.face(b.1));
+        let firsts: Vec<(u32, u32)> = uses
+            .map(|uses| {
+                odd_faces += uses.len() % 2;
+                (uses[0].1, self.edges.face(uses[0].1))
+            })
+            .collect();
+        let mut before = NONE;
+        for (at, &(corner, face)) in firsts.iter().enumerate() {
+            let after = firsts.get(at + 1).map_or(NONE, |&(_, face)| face);
+            let link = match (before, after) {
+                (NONE, other) | (other, NONE) => other,
+                both => {
+                    found.chained.push((corner, both.into()));
+                    CHAINED
+                }
+            };
+            self.linked[corner as usize].store(link, Ordering::Relaxed);
+            before = face;
+        }
+        if firsts.len() > 2 {
+            found.crowded.extend(firsts.iter().map(|&(_, face)| face));
+        }
+        found.boundary_edges += u64::from(odd_faces == 1);
+        found.non_manifold_edges += u64::from(odd_faces > 2);
     }
 }

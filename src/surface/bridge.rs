@@ -6,8 +6,10 @@
 //! twice, and of those a minimum spanning tree by distance is taken. So there is one bridge less than components, no
 //! component has more than six, and the cost is that of sorting.
 
+use glam::DVec3;
+
 use super::components::Components;
-use super::lattice::{AREA, FaceGeometry};
+use super::lattice::FaceGeometry;
 use super::order::along_curve;
 use crate::union_find::join;
 
@@ -18,22 +20,21 @@ const REACH: f64 = (1 << 27) as f64;
 
 /// Pairs of faces (upload numbers) that join all components into one.
 pub fn bridges(geometry: &[FaceGeometry], components: &Components) -> Vec<(u32, u32)> {
-    let Components { of_face: component_of_face, count: components } = components;
-    let components = *components;
+    let (component_of_face, components) = (&components.of_face, components.count);
     let proxies = proxies(geometry, component_of_face, components);
     let representatives = representatives(geometry, component_of_face, &proxies);
     let mut candidates: Vec<(f64, u32, u32)> = Vec::new();
     for shift in SHIFTS {
         // at half size, so that the shifted lattice holds them
-        let shifted = |components: &[u32], visit: &mut dyn FnMut(usize, [f64; 3])| {
+        let shifted = |components: &[u32], visit: &mut dyn FnMut(usize, DVec3)| {
             for (at, &component) in components.iter().enumerate() {
-                visit(at, proxies[component as usize].map(|x| (x + REACH * shift) / 2.0));
+                visit(at, (proxies[component as usize] + REACH * shift) / 2.0);
             }
         };
         let sorted = along_curve(components, shifted);
         candidates.extend(sorted.windows(2).map(|pair| {
             let (a, b) = (pair[0].min(pair[1]), pair[0].max(pair[1]));
-            (square_between(proxies[a as usize], proxies[b as usize]), a, b)
+            (proxies[a as usize].distance_squared(proxies[b as usize]), a, b)
         }));
     }
     candidates.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
@@ -48,40 +49,28 @@ pub fn bridges(geometry: &[FaceGeometry], components: &Components) -> Vec<(u32, 
 }
 
 /// Area-weighted mean centroid of each component; of its faces' centroids where there is no area.
-fn proxies(geometry: &[FaceGeometry], component_of_face: &[u32], components: usize) -> Vec<[f64; 3]> {
-    let mut weighted = vec![[0.0f64; 4]; components];
-    let mut plain = vec![[0.0f64; 4]; components];
+fn proxies(geometry: &[FaceGeometry], component_of_face: &[u32], components: usize) -> Vec<DVec3> {
+    // sums with the areas as weights, and with 1
+    let mut sums = vec![[(DVec3::ZERO, 0.0); 2]; components];
     for (face, &component) in geometry.iter().zip(component_of_face) {
-        for (sums, weight) in [(&mut weighted, face[AREA]), (&mut plain, 1.0)] {
-            let sum = &mut sums[component as usize];
-            for axis in 0..3 {
-                sum[axis] += weight * face[axis];
-            }
-            sum[3] += weight;
+        for ((sum, total), weight) in sums[component as usize].iter_mut().zip([face.area, 1.0]) {
+            *sum += weight * face.centroid;
+            *total += weight;
         }
     }
-    let mean = |sum: [f64; 4]| [sum[0] / sum[3], sum[1] / sum[3], sum[2] / sum[3]];
-    weighted
-        .into_iter()
-        .zip(plain)
-        .map(|(weighted, plain)| mean(if weighted[3] > 0.0 { weighted } else { plain }))
-        .collect()
+    let used = sums.into_iter().map(|[weighted, plain]| if weighted.1 > 0.0 { weighted } else { plain });
+    used.map(|(sum, total)| sum / total).collect()
 }
 
 /// The face of each component that is nearest to its proxy, the smallest of equally near ones.
-fn representatives(geometry: &[FaceGeometry], component_of_face: &[u32], proxies: &[[f64; 3]]) -> Vec<u32> {
+fn representatives(geometry: &[FaceGeometry], component_of_face: &[u32], proxies: &[DVec3]) -> Vec<u32> {
     let mut nearest = vec![(f64::INFINITY, 0u32); proxies.len()];
     for (face, (geometry, &component)) in geometry.iter().zip(component_of_face).enumerate() {
-        let distance = square_between([geometry[0], geometry[1], geometry[2]], proxies[component as usize]);
+        let distance = geometry.centroid.distance_squared(proxies[component as usize]);
         let best = &mut nearest[component as usize];
         if distance < best.0 {
             *best = (distance, face as u32);
         }
     }
     nearest.into_iter().map(|(_, face)| face).collect()
-}
-
-fn square_between(a: [f64; 3], b: [f64; 3]) -> f64 {
-    let d: [f64; 3] = std::array::from_fn(|axis| a[axis] - b[axis]);
-    d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
 }

@@ -3,10 +3,10 @@
 //! In internal order, every face that is in no group yet forms one with its neighbours that are in none; then groups of
 //! one face join the smallest neighbouring group. On triangles a group has 2.6 faces on average.
 //!
-//! Whether a neighbour is free, or in another group, follows no pattern: loops compute both outcomes and select one.
-//! With branches, the bunny at quality fast takes 9 % longer (`benches/results/2026-11-22-two-cores/deleted.md`).
+//! Which neighbours are free follows no pattern: the loops that form and number groups compute both outcomes and select
+//! one. With branches, a whole clustering of the bunny at quality fast takes 1.09 times as long
+//! (`benches/results/2026-11-22-two-cores/deleted.md`).
 
-use std::array::from_fn;
 use std::hint::select_unpredictable;
 
 use rayon::prelude::*;
@@ -19,10 +19,6 @@ use crate::energy::{ClusterSums, Sums};
 const NONE: u32 = u32::MAX;
 /// Groups of a chunk.
 const RUN: usize = 4096;
-
-/// Neighbouring groups, repeated ones included, up to which they are sorted by counting. Most groups have no more; with
-/// 16, counting takes longer than sorting.
-const FEW: usize = 8;
 
 /// Faces that form a group, at most; single faces may join it later.
 const MOST_FACES: usize = 4;
@@ -174,73 +170,23 @@ impl Run {
             neighbours: Vec::with_capacity(6 * groups.len()),
             ends: Vec::with_capacity(groups.len()),
         };
-        let mut others = vec![0u32; FEW];
+        let mut others = Vec::new();
         for (group, faces) in groups {
             let mut sums = ClusterSums::default();
-            let mut found = 0;
             for &face in faces {
                 sums.add_face(graph.face(face as usize), 1);
-                let beside = graph.neighbours_of(face);
-                if found + beside.len() > others.len() {
-                    others.resize(2 * (found + beside.len()), 0);
-                }
-                for &near in beside {
-                    let beside = group_of_face[near as usize];
-                    others[found] = beside;
-                    found += usize::from(beside != group);
-                }
+                let beside = graph.neighbours_of(face).iter().map(|&near| group_of_face[near as usize]);
+                others.extend(beside.filter(|&other| other != group));
             }
-            run.push_neighbours(&mut others, found);
+            others.sort_unstable();
+            others.dedup();
+            run.neighbours.append(&mut others);
             run.ends.push(run.neighbours.len() as u32);
             run.points.push(sums.proxy().unwrap_or_default());
-            run.weights.push(sums.weight as u32);
+            run.weights.push(sums.weight() as u32);
         }
         run
     }
-
-    /// Appends the first `count` of `others` as neighbours: ascending, each once. `others` has at least [`FEW`] items.
-    fn push_neighbours(&mut self, others: &mut [u32], count: usize) {
-        match others.first_chunk() {
-            Some(few) if count <= FEW => self.push_few(few, count),
-            _ => {
-                others[..count].sort_unstable();
-                self.neighbours.extend(others[..count].chunk_by(|a, b| a == b).map(|equal| equal[0]));
-            }
-        }
-    }
-
-    /// The same for at most [`FEW`]: each goes to the index that is the number of smaller ones.
-    #[inline]
-    fn push_few(&mut self, others: &[u32; FEW], count: usize) {
-        /// Above all groups.
-        const NO_GROUP: i32 = i32::MAX;
-        let all: [i32; FEW] = from_fn(|at| if at < count { others[at] as i32 } else { NO_GROUP });
-        let smaller = smaller_in(&all);
-        // equal ones share an index, and leave the following ones empty
-        let mut sorted = [NO_GROUP; FEW];
-        for (&smaller, &other) in smaller.iter().zip(&all) {
-            sorted[smaller as usize % FEW] = other;
-        }
-        let mut neighbours = [0u32; FEW];
-        let mut kept = 0;
-        for other in sorted {
-            neighbours[kept % FEW] = other as u32;
-            kept += usize::from(other != NO_GROUP);
-        }
-        let first = self.neighbours.len();
-        self.neighbours.extend_from_slice(&neighbours);
-        self.neighbours.truncate(first + kept);
-    }
-}
-
-/// How many are smaller than each. A function of its own, so that the compiler makes vector instructions of it.
-#[inline(never)]
-fn smaller_in(all: &[i32; FEW]) -> [i32; FEW] {
-    let mut smaller = [0; FEW];
-    for one in all {
-        smaller = from_fn(|at| smaller[at] + i32::from(*one < all[at]));
-    }
-    smaller
 }
 
 /// Groups that are being formed.
@@ -318,7 +264,7 @@ impl Groups {
 
 #[cfg(test)]
 mod tests {
-    use super::{Coarse, FEW, Run};
+    use super::Coarse;
     use crate::dev::sample::{Sample, generate};
     use crate::surface::{DualGraph, Surface};
 
@@ -370,23 +316,6 @@ mod tests {
             assert!(coarse.graph.faces() * 3 <= surface.faces() * 2, "{sample:?}");
             let least = surface.least_groups(&heaviest);
             assert!(least >= 12 && least <= coarse.graph.faces() as u64, "{sample:?}: {least}");
-        }
-    }
-
-    #[test]
-    fn neighbours_are_put_in_order_however_many_there_are() {
-        let mut run = Run::default();
-        for count in 0..3 * FEW {
-            for groups in [1, 5, 1000] {
-                let mut others: Vec<u32> =
-                    (0..count.max(FEW) as u32).map(|at| (at + 7).wrapping_mul(2_654_435_761) % groups).collect();
-                let mut expected = others[..count].to_vec();
-                expected.sort_unstable();
-                expected.dedup();
-                run.neighbours.clear();
-                run.push_neighbours(&mut others, count);
-                assert_eq!(run.neighbours, expected, "{count} of {groups}");
-            }
         }
     }
 

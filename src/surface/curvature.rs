@@ -9,15 +9,15 @@
 //! ```
 //!
 //! For small angles |T_i − T_j|² is twice the squared angle between the normals, so κ² is the squared normal curvature
-//! averaged over the edges' directions: 1/r² on a sphere, half of that on a cylinder. A quotient of sums bears slivers
-//! (one short edge or an area near 0 does no harm) and polygons of any number of corners. Then each vertex takes the
-//! mean of its faces, weighted by area, and each face the mean of its corners, against the noise of scans.
+//! averaged over the edges' directions: 1/r² on a sphere, half of that on a cylinder. A quotient of sums is defined for
+//! slivers (one short edge or an area near 0) and for polygons of any number of corners. Then, against the noise of
+//! scans, each vertex takes the mean of its faces, weighted by area, and each face the mean of its corners.
 //!
 //! Scalar f64 with + − × ÷ √ in a fixed order.
 
-use super::lattice::{AREA, FaceGeometry, Frame};
+use super::lattice::FaceGeometry;
 use super::weld::Weld;
-use crate::mesh::PolygonMesh;
+use crate::mesh::{Frame, PolygonMesh};
 
 /// Upper half of a symmetric matrix: xx, yy, zz, xy, xz, yz.
 type Symmetric = [f64; 6];
@@ -35,7 +35,7 @@ pub fn squared_curvatures(mesh: &PolygonMesh, weld: &Weld, frame: &Frame, geomet
             if let (Some(a), Some(b)) = (tensors[vertex(corner)], tensors[vertex(next)]) {
                 bend += squared_difference(&a, &b);
                 let [a, b] = [corner, next].map(|corner| frame.position(mesh.positions[corner as usize]));
-                length += (0..3).map(|axis| (a[axis] - b[axis]) * (a[axis] - b[axis])).sum::<f64>();
+                length += a.distance_squared(b);
             }
         }
         if length > 0.0 { bend / (2.0 * length) } else { 0.0 }
@@ -45,8 +45,8 @@ pub fn squared_curvatures(mesh: &PolygonMesh, weld: &Weld, frame: &Frame, geomet
         let curvature = rough(face);
         for &corner in mesh.faces.corners(face) {
             let (weighted, area) = &mut sums[vertex(corner)];
-            *weighted += geometry[AREA] * curvature;
-            *area += geometry[AREA];
+            *weighted += geometry.area * curvature;
+            *area += geometry.area;
         }
     }
     let mean = |corner: u32| {
@@ -64,15 +64,14 @@ pub fn squared_curvatures(mesh: &PolygonMesh, weld: &Weld, frame: &Frame, geomet
 fn normal_tensors(mesh: &PolygonMesh, weld: &Weld, frame: &Frame) -> Vec<Option<Symmetric>> {
     let mut sums = vec![([0.0; 6], 0.0); weld.vertices as usize];
     for face in 0..mesh.faces.len() {
-        let corners = mesh.faces.corners(face);
         let normal = frame.vector_area(mesh, face);
-        let area = (normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]).sqrt();
+        let area = normal.length();
         if area <= 0.0 {
             continue;
         }
-        let [x, y, z] = normal;
+        let [x, y, z] = normal.to_array();
         let products = [x * x, y * y, z * z, x * y, x * z, y * z];
-        for &corner in corners {
+        for &corner in mesh.faces.corners(face) {
             let (sum, areas) = &mut sums[weld.position_of_vertex[corner as usize] as usize];
             for (sum, product) in sum.iter_mut().zip(products) {
                 *sum += product / area;
@@ -93,11 +92,12 @@ fn squared_difference(a: &Symmetric, b: &Symmetric) -> f64 {
 mod tests {
     use super::*;
     use crate::dev::sample::{Sample, generate};
+    use crate::surface::lattice::COORDINATE_BITS;
     use crate::surface::weld;
 
     /// κ of each face in source units.
     fn curvatures(mesh: &PolygonMesh) -> Vec<f64> {
-        let frame = Frame::of(mesh.positions.iter());
+        let frame = Frame::of(mesh.positions.iter(), COORDINATE_BITS);
         let geometry = frame.faces(mesh, |_| None);
         let squared = squared_curvatures(mesh, &weld::weld(mesh).0, &frame, &geometry);
         squared.into_iter().map(|squared| libm::ldexp(squared.sqrt(), frame.exponent)).collect()

@@ -3,21 +3,20 @@
 //! density^(−1/4).
 //!
 //! Densities only matter relative to each other. They are divided by the largest before they meet the lattice, so that
-//! equal ones give exactly the labels that none give; the largest comes back in when energies are told in source units.
-//! A face that counts less than a unit of the lattice counts one unit (some 2³³ are shared by the faces of a
-//! component).
+//! equal ones give exactly the labels that none give; energies in source units are multiplied by the largest
+//! again. A face that counts less than a unit of the lattice counts one unit (the faces of a component share some 2³³).
 
 use super::curvature;
-use super::lattice::{AREA, FaceGeometry, Frame};
+use super::lattice::FaceGeometry;
 use super::weld::Weld;
 use crate::error::{Error, Result};
-use crate::mesh::PolygonMesh;
+use crate::mesh::{Frame, PolygonMesh};
 
-/// Curvatures are kept within this factor of their root mean square, up and down: flat parts count something too, and
-/// no crease takes it all.
+/// Curvatures are kept within this factor of their root mean square, up and down: so flat parts count too, and a crease
+/// does not take all clusters.
 const CURVATURE_RANGE: f64 = 100.0;
 
-/// What clusters shall follow besides area.
+/// What decides the sizes of clusters besides area.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Wanted<'a> {
     /// One weight a face or one a vertex of the upload; of a vertex, its faces take the mean of their corners.
@@ -27,7 +26,7 @@ pub struct Wanted<'a> {
 }
 
 impl Wanted<'_> {
-    /// Whether anything is wanted.
+    /// Whether there is anything.
     pub fn is_any(&self) -> bool {
         self.weights.is_some() || self.curvature_exponent.is_some()
     }
@@ -43,7 +42,7 @@ pub struct Density {
 }
 
 impl Density {
-    /// What is wanted, on a mesh. Weights must be one a face or one a vertex, finite and above 0.
+    /// The density of a mesh, if there is one. Weights must be one a face or one a vertex, finite and above 0.
     pub fn of(mesh: &PolygonMesh, weld: &Weld, frame: &Frame, wanted: Wanted<'_>) -> Result<Option<Self>> {
         if !wanted.is_any() {
             return Ok(None);
@@ -108,8 +107,8 @@ impl Density {
 fn factors(squared: &[f64], geometry: &[FaceGeometry], exponent: f64) -> Vec<f64> {
     let (mut weighted, mut area) = (0.0, 0.0);
     for (squared, face) in squared.iter().zip(geometry) {
-        weighted += face[AREA] * squared;
-        area += face[AREA];
+        weighted += face.area * squared;
+        area += face.area;
     }
     if !(weighted > 0.0 && area > 0.0) {
         return vec![1.0; squared.len()];

@@ -5,15 +5,14 @@
 //! (`components`; `bridge` can join them), positions and areas become integers (`lattice`), and faces get an internal
 //! order that keeps neighbours close in memory (`order`). Where detail shall get smaller clusters, areas are first
 //! multiplied by a `density`, which may come from the `curvature`. Everything up to the lattice is scalar f64 with + −
-//! × ÷ √ (and one power, by a library that is compiled in) in a fixed order, so the result is the same on every machine
+//! × ÷ √ (and one power, from the `libm` crate) in a fixed order, so the result is the same on every machine
 //! and for any number of threads.
 //!
-//! It knows nothing of algorithms and devices; of clusters it knows their sums, whose energy it converts to source
-//! units.
+//! It knows no algorithm and no device; of clusters it knows the sums, whose energy it converts to source units.
 //!
 //! Welding, adjacency and components on one side and the order on the other are computed at the same time; then rows,
-//! centroids and weights are gathered in that order, in chunks. The peak is 110 bytes a face beyond the file, 24 of
-//! them the mesh itself. `benches/results/` has times and what they consist of.
+//! centroids and weights are gathered in that order, in chunks. The arrays add up to 130 bytes a face at the peak,
+//! 24 of them the mesh itself. `benches/results/` has times.
 
 mod adjacency;
 mod bridge;
@@ -37,12 +36,12 @@ use std::ops::{Deref, Range};
 
 use rayon::prelude::*;
 
-use crate::energy::{ClusterSums, Energy, Functional, LatticeEnergy, Sums};
+use crate::energy::{ClusterSums, Energy, Functional, Item, LatticeEnergy, Merged, Sums};
 use crate::error::{Error, Result};
-use crate::mesh::PolygonMesh;
+use crate::mesh::{Frame, PolygonMesh};
 use adjacency::Links;
 use density::Density;
-use lattice::{AREA, FaceGeometry, Frame, Scale, Scales};
+use lattice::{COORDINATE_BITS, FaceGeometry, Scales};
 use weld::UNUSED;
 
 /// A mesh on the integer lattice, faces in an internal order chosen for locality.
@@ -68,21 +67,6 @@ pub struct Surface {
     density_unit: Option<f64>,
 }
 
-/// Two clusters that became one, in source units.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Merged {
-    /// Rise of the energy by the merge (P§6, dual edge collapse cost).
-    pub cost: f64,
-    /// Energy of the merged cluster.
-    pub energy: f64,
-    /// Its number of faces.
-    pub faces: u32,
-    /// Its weight, as area.
-    pub weight: f64,
-    /// Its weighted mean centroid.
-    pub proxy: [f64; 3],
-}
-
 impl Surface {
     /// Puts a mesh on the lattice. Components that share no edge stay apart.
     ///
@@ -101,8 +85,7 @@ impl Surface {
     /// Puts a mesh on the lattice; with `bridge`, joins its components into one; with a density, areas count that much.
     ///
     /// Fails for meshes of more than 2³¹ faces or corners, and for weights that are not one a face or vertex, finite
-    /// and above
-    /// 0. Corners must be valid indices of finite positions, as [`crate::mesh::read`] promises.
+    /// and above 0. Corners must be valid indices of finite positions, as [`crate::mesh::read`] promises.
     pub fn build_with(mesh: &PolygonMesh, bridge: bool, wanted: Wanted<'_>) -> Result<Self> {
         let faces = mesh.faces.len();
         if faces > 1 << 31 || mesh.faces.all_corners().len() > 1 << 31 {
@@ -126,13 +109,13 @@ impl Surface {
         let along_curve =
             |frame: &Frame| order::along_curve(faces, |faces, visit| frame.each_centroid(mesh, faces, visit));
         let lay = || {
-            let frame = Frame::of(mesh.positions.iter());
+            let frame = Frame::of(mesh.positions.iter(), COORDINATE_BITS);
             (frame, along_curve(&frame))
         };
         let ((weld, mut links, mut components), (mut frame, mut sorted)) = rayon::join(connect, lay);
-        if weld.has_unused {
+        if weld.position_of_vertex.contains(&UNUSED) {
             let used = mesh.positions.iter().zip(&weld.position_of_vertex).filter(|(_, position)| **position != UNUSED);
-            let of_used = Frame::of(used.map(|(position, _)| position));
+            let of_used = Frame::of(used.map(|(position, _)| position), COORDINATE_BITS);
             if of_used != frame {
                 frame = of_used;
                 sorted = along_curve(&frame);
@@ -182,16 +165,12 @@ impl Surface {
 
     /// The internal face that each face of the upload is: the inverse of `upload_face`.
     pub fn internal_faces(&self) -> Vec<u32> {
-        let mut internal = vec![0; self.faces()];
-        for (face, &upload) in self.upload_face.iter().enumerate() {
-            internal[upload as usize] = face as u32;
-        }
-        internal
+        order::inverse(&self.upload_face)
     }
 
     /// Log₂ of the longest side of the bounding box in source units, rounded up.
     pub fn longest_side_exponent(&self) -> i32 {
-        self.frame.longest_side_exponent()
+        COORDINATE_BITS + 1 - self.frame.exponent
     }
 
     /// F in source units (area × length²), exact until this one conversion; infinite when f64 cannot hold it.
@@ -222,9 +201,9 @@ impl Surface {
         Merged {
             cost: libm::ldexp(cost, energy_exponent) * self.density_unit(),
             energy: libm::ldexp((moment - explained) as f64, energy_exponent) * self.density_unit(),
-            faces: sums.faces,
-            weight: libm::ldexp(sums.weight as f64, energy_exponent + 2 * self.frame.exponent) * self.density_unit(),
-            proxy: self.frame.source_position(sums.mean()),
+            faces: sums.faces(),
+            weight: libm::ldexp(sums.weight() as f64, energy_exponent + 2 * self.frame.exponent) * self.density_unit(),
+            proxy: self.frame.source_position(sums.mean()).to_array(),
         }
     }
 
@@ -242,7 +221,7 @@ impl Surface {
     /// [`source_energy`](Self::source_energy) in lattice units, which never overflow.
     fn lattice_energy(&self, labels: &[u32], clusters: usize) -> f64 {
         let faces = self.geometry.iter().zip(labels);
-        Energy::source_energy(faces.map(|(face, &label)| ([face[0], face[1], face[2]], face[AREA], label)), clusters)
+        Energy::source_energy(faces.map(|(face, &label)| (face.centroid, face.area, label)), clusters)
     }
 
     /// [`source_energy`](Self::source_energy), and that over the energy of a flat tiling of the same area by `clusters`
@@ -250,7 +229,7 @@ impl Surface {
     /// less than half of the tiling's energy, and with a density, for which such a tiling is no measure.
     pub fn energy_and_hexagon_ratio(&self, labels: &[u32], clusters: usize) -> (f64, Option<f64>) {
         let energy = self.lattice_energy(labels, clusters);
-        let area: f64 = self.geometry.iter().map(|face| face[AREA]).sum();
+        let area: f64 = self.geometry.iter().map(|face| face.area).sum();
         let tiling = 5.0 / (18.0 * 3.0f64.sqrt()) * area * area / clusters as f64;
         let visible = tiling - self.moment_inside_faces;
         let is_measure = self.density_unit.is_none() && visible > tiling / 2.0;
@@ -258,7 +237,7 @@ impl Surface {
     }
 }
 
-/// Faces of a piece that is worth a second thread. Sums go by piece, whatever the number of threads.
+/// Faces that a thread gathers at once. Sums go by piece, whatever the number of threads.
 const PIECE: usize = 1 << 12;
 
 /// The faces on the lattice, internal order.
@@ -276,7 +255,7 @@ impl Gathered {
         upload_face: &[u32],
         density: impl Fn(usize) -> Option<f64> + Sync,
     ) -> Self {
-        let mut geometry = vec![[0.0; 4]; upload_face.len()];
+        let mut geometry = vec![FaceGeometry::default(); upload_face.len()];
         let mut points = vec![[0; 3]; upload_face.len()];
         let sums: Vec<(f64, u64)> = geometry
             .par_chunks_mut(PIECE)
@@ -286,11 +265,11 @@ impl Gathered {
                 let (mut inside, mut without_area) = (0.0, 0);
                 frame.each_face(mesh, faces, |at, mut of_face, inside_face| {
                     inside += inside_face;
-                    without_area += u64::from(of_face[AREA] <= 0.0);
+                    without_area += u64::from(of_face.area <= 0.0);
                     if let Some(density) = density(faces[at] as usize) {
-                        of_face[AREA] *= density;
+                        of_face.area *= density;
                     }
-                    points[at] = lattice::round_centroid([of_face[0], of_face[1], of_face[2]]);
+                    points[at] = lattice::round_centroid(of_face.centroid);
                     geometry[at] = of_face;
                 });
                 (inside, without_area)
@@ -315,33 +294,20 @@ struct Weighed {
 
 impl Weighed {
     fn new(Gathered { geometry, points, .. }: &Gathered, runs: &[Range<usize>], scales: &Scales) -> Self {
-        let mut weights = vec![0; geometry.len()];
+        let mut weights = Vec::with_capacity(geometry.len());
         let mut components = Vec::with_capacity(runs.len());
-        let mut moment = 0i128;
+        let mut moment = 0;
         for (run, &exponent) in runs.iter().zip(&scales.exponents) {
             let energy_shift = (scales.finest - exponent) as u32;
-            let scale = Scale::new(exponent);
-            let weigh = |(weights, first): (&mut [u32], usize)| {
-                let (mut moment, mut sum) = (0i128, 0u64);
-                for (at, weight) in weights.iter_mut().enumerate() {
-                    let face = first + at;
-                    *weight = scale.weight(geometry[face][AREA]);
-                    moment += Energy::constant(Energy::item(points[face], *weight));
-                    sum += u64::from(*weight);
-                }
-                (moment, sum)
-            };
-            let weights = &mut weights[run.clone()];
-            let (of_run, weight) = if run.len() <= PIECE {
-                weigh((weights, run.start))
-            } else {
-                weights
-                    .par_chunks_mut(PIECE)
-                    .enumerate()
-                    .map(|(piece, weights)| weigh((weights, run.start + piece * PIECE)))
-                    .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1))
-            };
-            moment += of_run << energy_shift;
+            let weight_of = lattice::weight(exponent);
+            let (mut moment_of_run, mut weight) = (0, 0);
+            for face in run.clone() {
+                let item = Item { centroid: points[face], weight: weight_of(geometry[face].area) };
+                moment_of_run += Energy::constant(item);
+                weight += u64::from(item.weight);
+                weights.push(item.weight);
+            }
+            moment += moment_of_run << energy_shift;
             components.push(Component { first_face: run.start as u32, faces: run.len() as u32, weight, energy_shift });
         }
         Self { weights, components, moment }

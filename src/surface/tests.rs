@@ -1,20 +1,17 @@
 use super::*;
+use crate::energy::WideSums;
 use crate::mesh::{Adjusted, Faces, Format, Part};
 
 fn mesh(positions: &[[f64; 3]], faces: &[&[u32]]) -> PolygonMesh {
     let mut all = Faces::default();
-    for corners in faces {
-        all.push(corners);
-    }
-    let parts = vec![Part { first_face: 0, faces: all.len() as u64, ..Part::default() }];
-    PolygonMesh {
-        format: Format::Obj,
-        positions: positions.to_vec(),
-        faces: all,
-        parts,
-        warnings: Vec::new(),
-        adjusted: Adjusted::default(),
-    }
+    faces.iter().for_each(|corners| all.push(corners));
+    mesh_of(positions.to_vec(), all)
+}
+
+fn mesh_of(positions: Vec<[f64; 3]>, faces: Faces) -> PolygonMesh {
+    let parts = vec![Part { first_face: 0, faces: faces.len() as u64, ..Part::default() }];
+    let (warnings, adjusted) = (Vec::new(), Adjusted::default());
+    PolygonMesh { format: Format::Obj, positions, faces, parts, warnings, adjusted }
 }
 
 const SQUARE: [[f64; 3]; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
@@ -129,10 +126,10 @@ fn polygons_have_the_centroid_and_area_of_their_fans() {
     let surface = Surface::build(&mesh(&positions, &[&[0, 1, 2, 3, 4, 5]])).expect("a surface");
     let scale = libm::ldexp(1.0, surface.frame.exponent);
     let face = surface.geometry[0];
-    assert_eq!(face[AREA] / (scale * scale), 3.0);
+    assert_eq!(face.area / (scale * scale), 3.0);
     for axis in 0..2 {
         let expected = (2.5 - 1.5 * 1.0) / 3.0 + 0.5 - 1.0; // (0.5·2 + 1.5·1)/3 about the centre (1, 1)
-        assert!((face[axis] / scale - expected).abs() < 1e-12, "{face:?}");
+        assert!((face.centroid[axis] / scale - expected).abs() < 1e-12, "{face:?}");
     }
 }
 
@@ -160,15 +157,10 @@ fn the_lattice_energy_is_the_energy_from_the_source() {
         let mut mesh = mesh.clone();
         mesh.positions.iter_mut().for_each(|p| *p = p.map(|x| x * scale));
         let surface = Surface::build(&mesh).expect("a surface");
-        // everything in one cluster, with the proxy at the nearest lattice point
-        let (mut s, mut m) = ([0i128; 3], 0i128);
-        for (g, &w) in surface.points.iter().zip(&surface.weights) {
-            (0..3).for_each(|axis| s[axis] += i128::from(w) * i128::from(g[axis]));
-            m += i128::from(w);
-        }
-        let p = s.map(|s| (2 * s + m).div_euclid(2 * m));
-        let explained =
-            (0..3).map(|axis| 2 * p[axis] * s[axis]).sum::<i128>() - m * p.iter().map(|p| p * p).sum::<i128>();
+        // everything in one cluster
+        let mut sums = WideSums::default();
+        (0..surface.faces()).for_each(|face| sums.add_face(surface.face(face)));
+        let explained = sums.explained();
         let lattice = surface.energy(LatticeEnergy { explained });
         let source = surface.source_energy(&vec![0; surface.faces()], 1);
         if power == 0 {
@@ -215,15 +207,7 @@ fn a_planar_tiling_by_hexagons_has_ratio_one() {
             }
         }
     }
-    let mesh = PolygonMesh {
-        format: Format::Obj,
-        positions,
-        faces,
-        parts: Vec::new(),
-        warnings: Vec::new(),
-        adjusted: Adjusted::default(),
-    };
-    let surface = Surface::build(&mesh).expect("a surface");
+    let surface = Surface::build(&mesh_of(positions, faces)).expect("a surface");
     let internal: Vec<u32> = surface.upload_face.iter().map(|&face| labels[face as usize]).collect();
     let ratio = surface.energy_and_hexagon_ratio(&internal, 3).1.expect("most of the energy is visible");
     assert!((ratio - 1.0).abs() < 1e-9, "{ratio}");
@@ -253,15 +237,7 @@ fn bridges_join_every_component_once_and_near_ones_first() {
         positions.extend(SQUARE.map(|p| [p[0] + 3.0 * f64::from(part), p[1], p[2]]));
         faces.push(&[0, 1, 2, 3].map(|corner| corner + 4 * part));
     }
-    let mesh = PolygonMesh {
-        format: Format::Obj,
-        positions,
-        faces,
-        parts: Vec::new(),
-        warnings: Vec::new(),
-        adjusted: Adjusted::default(),
-    };
-    let line = Surface::build_bridged(&mesh, true).expect("a surface");
+    let line = Surface::build_bridged(&mesh_of(positions, faces), true).expect("a surface");
     let rows: Vec<Vec<u32>> = (0..4).map(|face| neighbours(&line, face)).collect();
     assert_eq!(rows, [vec![1], vec![0, 2], vec![1, 3], vec![2]]);
 }

@@ -1,5 +1,7 @@
 //! Boxes whose sides are grids: a cube of triangles and a rounded box of quads.
 
+use glam::DVec3;
+
 use super::Piece;
 use crate::mesh::Faces;
 
@@ -21,10 +23,9 @@ pub fn rounded_box(faces: u64) -> Piece {
     let grid = Grid { cells: [a, a, c] };
     let mut positions = grid.positions();
     for position in &mut positions {
-        let core = position.map(|x| x.clamp(-FLAT, FLAT));
-        let out: [f64; 3] = std::array::from_fn(|axis| position[axis] - core[axis]);
-        let length = (out[0] * out[0] + out[1] * out[1] + out[2] * out[2]).sqrt();
-        *position = std::array::from_fn(|axis| core[axis] + (1.0 - FLAT) / length * out[axis]);
+        let core = DVec3::from(position.map(|x| x.clamp(-FLAT, FLAT)));
+        let out = DVec3::from(*position) - core;
+        *position = (core + (1.0 - FLAT) / out.length() * out).to_array();
     }
     let mut faces = Faces::default();
     grid.for_each_quad(|corners| faces.push(&corners));

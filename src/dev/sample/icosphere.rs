@@ -1,5 +1,7 @@
 //! A geodesic sphere: the faces of an icosahedron in equal triangles, pushed out to the sphere.
 
+use glam::DVec3;
+
 use super::Piece;
 use crate::mesh::Faces;
 
@@ -7,19 +9,16 @@ use crate::mesh::Faces;
 pub fn icosphere(faces: u64) -> Piece {
     let m = ((faces as f64 / 20.0).sqrt().round() as u32).max(1);
     let golden = (1.0 + 5.0f64.sqrt()) / 2.0;
-    let corners: Vec<[f64; 3]> = (0..12)
+    let corners: Vec<DVec3> = (0..12)
         .map(|vertex| {
             let (axis, sign) = (vertex / 4, |bit: usize| if vertex >> bit & 1 == 0 { 1.0 } else { -1.0 });
             let mut corner = [0.0; 3];
             corner[(axis + 1) % 3] = sign(0);
             corner[(axis + 2) % 3] = sign(1) * golden;
-            corner
+            corner.into()
         })
         .collect();
-    let is_edge = |a: usize, b: usize| {
-        let square: f64 = (0..3).map(|axis| (corners[a][axis] - corners[b][axis]).powi(2)).sum();
-        a != b && square < 4.5
-    };
+    let is_edge = |a: usize, b: usize| a != b && corners[a].distance_squared(corners[b]) < 4.5;
     let edges: Vec<[usize; 2]> = pairs().filter(|&[a, b]| is_edge(a, b)).collect();
 
     // corners, then the inner vertices of each edge from its smaller corner, then those of each triangle
@@ -72,18 +71,16 @@ fn pairs() -> impl Iterator<Item = [usize; 2]> {
 }
 
 /// The point with these barycentric weights, on the sphere.
-fn between(corners: [[f64; 3]; 3], weights: [u32; 3]) -> [f64; 3] {
+fn between([a, b, c]: [DVec3; 3], weights: [u32; 3]) -> [f64; 3] {
     let [p, q, r] = weights.map(f64::from);
-    on_sphere(std::array::from_fn(|axis| p * corners[0][axis] + q * corners[1][axis] + r * corners[2][axis]))
+    on_sphere(p * a + q * b + r * c)
 }
 
-fn on_sphere(point: [f64; 3]) -> [f64; 3] {
-    let length = (point[0] * point[0] + point[1] * point[1] + point[2] * point[2]).sqrt();
-    point.map(|x| x / length)
+fn on_sphere(point: DVec3) -> [f64; 3] {
+    (point / point.length()).to_array()
 }
 
 /// Whether the corners go counter-clockwise seen from outside.
-fn is_outward([a, b, c]: [[f64; 3]; 3]) -> bool {
-    let cross = |axis: usize| b[(axis + 1) % 3] * c[(axis + 2) % 3] - b[(axis + 2) % 3] * c[(axis + 1) % 3];
-    (0..3).map(|axis| a[axis] * cross(axis)).sum::<f64>() > 0.0
+fn is_outward([a, b, c]: [DVec3; 3]) -> bool {
+    a.dot(b.cross(c)) > 0.0
 }

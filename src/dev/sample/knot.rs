@@ -1,5 +1,7 @@
 //! A trefoil knot with bumps: closed, curved everywhere, triangles of different sizes.
 
+use glam::DVec3;
+
 use super::Piece;
 use super::patch::{cells, closed_faces, sin_cos};
 
@@ -17,28 +19,18 @@ pub fn knot(faces: u64) -> Piece {
         let (sin2, cos2) = sin_cos(2.0 * turns);
         let (sin3, cos3) = sin_cos(3.0 * turns);
         let radius = 2.0 + cos3;
-        let centre = [radius * cos2, radius * sin2, sin3];
+        let centre = DVec3::new(radius * cos2, radius * sin2, sin3);
         let tangent =
-            unit([-3.0 * sin3 * cos2 - 2.0 * radius * sin2, -3.0 * sin3 * sin2 + 2.0 * radius * cos2, 3.0 * cos3]);
-        let normal = [cos3 * cos2, cos3 * sin2, sin3];
-        let binormal = cross(normal, tangent);
+            DVec3::new(-3.0 * sin3 * cos2 - 2.0 * radius * sin2, -3.0 * sin3 * sin2 + 2.0 * radius * cos2, 3.0 * cos3);
+        let normal = DVec3::new(cos3 * cos2, cos3 * sin2, sin3);
+        let binormal = normal.cross(tangent / tangent.length());
         for j in 0..v {
             let around = j as f64 / v as f64;
             let (sin, cos) = sin_cos(around);
             let bump = sin_cos(36.0 * turns).0 * sin_cos(4.0 * around).0;
             let tube = TUBE * (1.0 + 0.12 * bump);
-            positions
-                .push(std::array::from_fn(|axis| centre[axis] + tube * (cos * normal[axis] + sin * binormal[axis])));
+            positions.push((centre + tube * (cos * normal + sin * binormal)).to_array());
         }
     }
     Piece { positions, faces: closed_faces([u, v]) }
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-fn unit(a: [f64; 3]) -> [f64; 3] {
-    let length = (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]).sqrt();
-    a.map(|x| x / length)
 }

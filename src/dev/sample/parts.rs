@@ -1,5 +1,7 @@
 //! Several components of very different sizes, their faces not in proportion to their areas.
 
+use glam::DVec3;
+
 use super::{Piece, boxes, knot, sphere, torus};
 
 /// What one component is.
@@ -49,7 +51,7 @@ pub fn parts(faces: u64) -> Vec<(String, Piece)> {
         .map(|c| {
             let mut piece = (c.shape)(c.fewest + spare * c.share / 1000);
             for position in &mut piece.positions {
-                *position = std::array::from_fn(|axis| c.place[axis] + c.scale * position[axis]);
+                *position = (DVec3::from(c.place) + c.scale * DVec3::from(*position)).to_array();
             }
             (c.name.to_owned(), piece)
         })

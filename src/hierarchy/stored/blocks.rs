@@ -1,8 +1,8 @@
 //! Bytes in blocks, each with a checksum of its own, so that a part of a file can be read and trusted without the rest.
 //!
 //! A block is 2¹⁶ bytes of content, the last one fewer, and a SHA-256: of the block's number (u64, little-endian), of
-//! the sum of the first block (zeros in that one) and of the content. So blocks of two files do not mix: the first
-//! block tells files apart.
+//! the sum of the first block (zeros in that one) and of the content. A file that mixes blocks
+//! of two files is refused, because their first blocks differ.
 
 use std::fs::File;
 use std::io::{self, Cursor, Read, Seek, Take, Write};
@@ -19,10 +19,10 @@ pub(super) const SUM: usize = 32;
 /// Blocks that are read or written, and summed side by side, at once.
 const AT_ONCE: usize = 16;
 
-/// Blocks that are summed by the caller itself: threads that cluster meanwhile need not be asked.
+/// Most blocks that the calling thread sums alone: small reads then do not wait for threads that cluster meanwhile.
 const FEW: usize = 2;
 
-/// Length of a file with so much content.
+/// Length of a file, from the length of its content.
 pub(super) fn framed(content: u128) -> u128 {
     content + content.div_ceil(BLOCK as u128) * SUM as u128
 }

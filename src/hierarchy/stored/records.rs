@@ -1,7 +1,12 @@
 //! The records of the file and their bytes.
 
 use super::super::{FaceMove, Merge, Round};
+use super::MAGIC;
+use super::blocks::framed;
+use crate::energy::Merged;
 
+pub(super) const VERSION: u32 = 2;
+pub(super) const FIXED: usize = 40;
 pub(super) const ROUND: usize = 32;
 pub(super) const PAIR: usize = 16;
 pub(super) const MOVE: usize = 8;
@@ -33,15 +38,47 @@ fn record<const N: usize>(parts: &[&[u8]]) -> [u8; N] {
     bytes
 }
 
-/// A round, and whether labels are kept after it.
-pub(super) fn round_bytes(round: &Round, is_kept: bool) -> [u8; ROUND] {
+/// What the first bytes say: the length of the header, and how many records of each kind there are.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sizes {
+    pub header: u32,
+    pub faces: u32,
+    pub merges: u32,
+    pub rounds: u32,
+    pub checkpoints: u32,
+    pub moves: u64,
+}
+
+impl Sizes {
+    pub fn bytes(&self) -> [u8; FIXED] {
+        let Self { header, faces, merges, rounds, checkpoints, moves } = *self;
+        let numbers = [VERSION, header, faces, merges, rounds, checkpoints].map(u32::to_le_bytes);
+        record(&[&MAGIC, numbers.as_flattened(), &moves.to_le_bytes()])
+    }
+
+    pub fn of(first: &[u8; FIXED]) -> Self {
+        let [header, faces, merges, rounds, checkpoints] = [12, 16, 20, 24, 28].map(|at| u32_at(first, at));
+        Self { header, faces, merges, rounds, checkpoints, moves: u64_at(first, 32) }
+    }
+
+    /// Length of the file in bytes.
+    pub fn file_bytes(&self) -> u128 {
+        let Self { header, faces, merges, rounds, checkpoints, moves } = *self;
+        let of = |count: u64, size: usize| u128::from(count) * size as u128;
+        let records = of(rounds.into(), ROUND) + of(merges.into(), PAIR + NODE) + of(moves, MOVE);
+        framed(FIXED as u128 + u128::from(header) + records + u128::from(checkpoints) * of(faces.into(), LABEL))
+    }
+}
+
+/// A round, and whether it has a checkpoint.
+pub(super) fn round_bytes(round: &Round, has_checkpoint: bool) -> [u8; ROUND] {
     let Round { clusters, merges_end, moves_end, energy } = round;
     record(&[
         &clusters.to_le_bytes(),
         &merges_end.to_le_bytes(),
         &moves_end.to_le_bytes(),
         &energy.to_le_bytes(),
-        &u32::from(is_kept).to_le_bytes(),
+        &u32::from(has_checkpoint).to_le_bytes(),
     ])
 }
 
@@ -54,7 +91,7 @@ pub(super) fn round_of(record: &[u8; ROUND]) -> Option<(Round, bool)> {
         energy: f64_at(record, 16),
     };
     match (u32_at(record, 24), u32_at(record, 28)) {
-        (is_kept @ 0..=1, 0) => Some((round, is_kept == 1)),
+        (has_checkpoint @ 0..=1, 0) => Some((round, has_checkpoint == 1)),
         _ => None,
     }
 }
@@ -69,7 +106,7 @@ pub(super) struct Pair {
 
 impl Pair {
     pub fn bytes(merge: &Merge) -> [u8; PAIR] {
-        record(&[&merge.into.to_le_bytes(), &merge.from.to_le_bytes(), &merge.cost.to_le_bytes()])
+        record(&[&merge.into.to_le_bytes(), &merge.from.to_le_bytes(), &merge.made.cost.to_le_bytes()])
     }
 
     pub fn of(record: &[u8; PAIR]) -> Self {
@@ -79,7 +116,7 @@ impl Pair {
     /// The merge, its node still to be read.
     pub fn merge(self) -> Merge {
         let Self { into, from, cost } = self;
-        Merge { into, from, cost, energy: 0.0, faces: 0, weight: 0.0, proxy: [0.0; 3] }
+        Merge { into, from, made: Merged { cost, ..Merged::default() } }
     }
 }
 
@@ -92,15 +129,13 @@ pub(super) fn move_of(record: &[u8; MOVE]) -> FaceMove {
 }
 
 /// The part of a merge that describes what it made.
-pub(super) fn node_bytes(merge: &Merge) -> [u8; NODE] {
-    let [x, y, z] = merge.proxy.map(f64::to_le_bytes);
-    record(&[&merge.faces.to_le_bytes(), &merge.energy.to_le_bytes(), &merge.weight.to_le_bytes(), &x, &y, &z])
+pub(super) fn node_bytes(Merge { made, .. }: &Merge) -> [u8; NODE] {
+    let numbers = [made.energy, made.weight, made.proxy[0], made.proxy[1], made.proxy[2]].map(f64::to_le_bytes);
+    record(&[&made.faces.to_le_bytes(), numbers.as_flattened()])
 }
 
 /// Completes a merge.
-pub(super) fn complete(merge: &mut Merge, record: &[u8; NODE]) {
-    merge.faces = u32_at(record, 0);
-    merge.energy = f64_at(record, 4);
-    merge.weight = f64_at(record, 12);
-    merge.proxy = [20, 28, 36].map(|at| f64_at(record, at));
+pub(super) fn complete(Merge { made, .. }: &mut Merge, record: &[u8; NODE]) {
+    let [energy, weight, proxy @ ..] = [4, 12, 20, 28, 36].map(|at| f64_at(record, at));
+    *made = Merged { cost: made.cost, energy, faces: u32_at(record, 0), weight, proxy };
 }

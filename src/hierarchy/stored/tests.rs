@@ -5,6 +5,7 @@ use std::io::{Cursor, Read};
 
 use super::blocks::{BLOCK, SUM};
 use super::*;
+use crate::energy::Merged;
 use crate::hierarchy::tests::small;
 use crate::hierarchy::{FaceMove, Merge};
 
@@ -52,7 +53,8 @@ fn long() -> Stored {
         for &[into, from] in living.as_chunks().0.iter().step_by(2) {
             let cost = f64::from(into) + 0.5;
             let (energy, weight) = (2.0 * cost, f64::from(from));
-            merges.push(Merge { into, from, cost, energy, faces: 2, weight, proxy: [cost, 0.0, -1.0] });
+            let made = Merged { cost, energy, faces: 2, weight, proxy: [cost, 0.0, -1.0] };
+            merges.push(Merge { into, from, made });
             lives[from as usize] = false;
         }
         living.retain(|&cluster| lives[cluster as usize]);

@@ -73,7 +73,7 @@ const KNOWN: [(&[u8], &str, &str); 54] = [
     (b"version https://git-lfs", "a pointer of Git LFS, not the file itself", "fetch the file with git lfs pull"),
 ];
 
-/// What the first bytes are of, if that is something else that people send.
+/// The kind of file that begins with these bytes, if it is one of those.
 pub fn recognise(head: &[u8]) -> Option<Foreign> {
     if is_binary_stl(head) {
         return Some(Foreign { name: "a binary STL file", advice: CONVERT });
@@ -99,22 +99,17 @@ fn xml_root(head: &[u8]) -> Option<&[u8]> {
     elements.next().map(|at| &head[at..])
 }
 
-/// Whether it is an STL file without text: 80 bytes of any kind, a count, and 50 bytes a triangle, of which the first
-/// is checked. (Some begin with `solid`, too.)
+/// Whether it is an STL file without text: 80 bytes of any kind (`solid`, too), a count, and 50 bytes a triangle, of
+/// which the first is checked.
 fn is_binary_stl(head: &[u8]) -> bool {
     const HEADER: usize = 80;
     const TRIANGLE: usize = 50;
-    let (Some(count), Some(triangle)) = (head.get(HEADER..HEADER + 4), head.get(HEADER + 4..HEADER + 4 + TRIANGLE))
-    else {
-        return false;
-    };
-    let count = count.iter().rev().fold(0, |count, &byte| count << 8 | u64::from(byte));
-    let (numbers, _) = triangle.as_chunks::<4>();
-    let numbers = numbers.iter().take(12).map(|bytes| f32::from_le_bytes(*bytes));
-    // no text: four bytes of it make a float of another size
+    let Some(first) = head.get(..HEADER + 4 + TRIANGLE) else { return false };
+    let (words, _) = first[HEADER..].as_chunks::<4>();
+    // four bytes of text make a float of another size
     let is_number = |value: f32| value == 0.0 || (1e-12..1e12).contains(&value.abs());
-    let is_text = head.iter().take(HEADER + 4 + TRIANGLE).all(|&byte| byte != 0);
-    count > 0 && !is_text && !head.starts_with(b"glTF") && numbers.into_iter().all(is_number)
+    let are_numbers = words[1..13].iter().all(|bytes| is_number(f32::from_le_bytes(*bytes)));
+    words[0] != [0; 4] && first.contains(&0) && !head.starts_with(b"glTF") && are_numbers
 }
 
 fn contains(text: &[u8], part: &[u8]) -> bool {

@@ -1,7 +1,7 @@
 //! Accessors: typed elements in buffer views, some of them replaced one by one.
 //!
-//! Opening an accessor compares everything it claims with the bytes that are there, so that a claim costs nothing
-//! before it is believed, and reading cannot fail. Each is opened once however often it is used.
+//! Opening an accessor compares all that it declares with the bytes that are there, before anything is allocated; so
+//! reading cannot fail. Each is opened once however often it is used.
 
 use std::cell::{Cell, OnceCell};
 

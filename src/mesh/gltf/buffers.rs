@@ -1,4 +1,4 @@
-//! Bytes: buffers and the views on them, brought in only when a mesh needs them.
+//! Bytes: buffers and the views on them, loaded only when a mesh needs them.
 //!
 //! A buffer is the binary chunk, a data URI or a file among the [`Resources`]; a view is a range of a buffer, or is
 //! decompressed from one. All of them together stay within the byte limit.
@@ -116,7 +116,7 @@ impl<'a> Buffers<'a> {
             )));
         };
         let bytes = self.buffer(index, declared)?;
-        // `buffer` saw to it that there are as many bytes as declared
+        // `buffer` has checked that there are as many bytes as declared
         Ok(bytes.get(offset as usize..end as usize).unwrap_or_default())
     }
 

@@ -106,8 +106,8 @@ impl<'a> Builder<'a> {
 
     /// The corners of a primitive that is placed `times` times.
     ///
-    /// Vertices that no triangle uses are kept, but not for ever: primitives may share a large accessor, each using
-    /// little of it, and a small file can place it very often.
+    /// Vertices that no triangle uses are kept up to a number: primitives may share a large accessor of which each uses
+    /// little, and a small file can place it very often.
     fn corners_of(&mut self, primitive: &Primitive<'_>, times: usize) -> Result<Corners> {
         let mut corners = primitive.corners()?;
         let count = primitive.positions.count;
@@ -128,8 +128,7 @@ impl<'a> Builder<'a> {
         Ok(Corners { corners, used: Some(used) })
     }
 
-    /// Adds the vertices of a primitive at one place, those that are used where it says so; returns the number of the
-    /// first.
+    /// Adds the vertices of a primitive at one place, all or the `used` ones; returns the number of the first.
     fn add_vertices(
         &mut self,
         primitive: &Primitive<'_>,

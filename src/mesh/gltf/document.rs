@@ -12,6 +12,7 @@ use serde::Deserialize;
 use super::{extensions, head};
 use crate::error::{Brief, Error, Quoted, Result};
 use crate::mesh::allowance::Allowance;
+use crate::mesh::without_mark;
 
 /// Largest number of JSON values: they take more memory than text, objects the most, which are counted apart.
 const MAX_VALUES: usize = 8 << 20;
@@ -47,7 +48,7 @@ pub struct Document {
 /// A node of the scene graph.
 #[derive(Debug, Default, Deserialize)]
 pub struct Node {
-    /// Name, for people.
+    /// Its name.
     pub name: Option<String>,
     /// Its children.
     #[serde(default)]
@@ -112,7 +113,7 @@ pub struct Scene {
 impl Document {
     /// Reads the JSON and refuses what this reader does not understand.
     pub fn parse(json: &[u8]) -> Result<Self> {
-        let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
+        let json = without_mark(json);
         let (values, objects) = count_values(json);
         if values > MAX_VALUES {
             return Err(Error::too_large(format_args!(

@@ -9,7 +9,11 @@
 //! would become one, none of the set is moved. The result depends on no order and no number of threads; only + − × on
 //! f64 decide. A scene with one transform stays as it is.
 
+use glam::DVec3;
 use rayon::prelude::*;
+
+use crate::mesh::Frame;
+use crate::union_find::{join, root};
 
 /// A run of vertices that were transformed alike; it ends where the next begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,59 +49,30 @@ pub fn across_placements(positions: &mut [[f64; 3]], corners: &[u32], placed: &[
         let run_of = &mut transforms[run.first_vertex as usize..end];
         run_of.iter_mut().filter(|number| **number != NONE).for_each(|number| *number = run.transform);
     }
-    let Some(grid) = Grid::of(positions, &transforms) else { return 0 };
+    let used = positions.iter().zip(&transforms).filter(|(_, transform)| **transform != NONE);
+    let grid = Frame::of(used.map(|(position, _)| position), REACH_BITS);
     let entries = entries(positions, &transforms, &grid);
-    let mut sets = Sets { parents: (0..positions.len() as u32).collect() };
+    let mut parents: Vec<u32> = (0..positions.len() as u32).collect();
     for cell in entries.chunk_by(|a, b| a.0 == b.0) {
         if cell.len() > 1 {
-            join_cell(cell, positions, &transforms, &grid, &mut sets);
+            join_cell(cell, positions, &transforms, &grid, &mut parents);
         }
     }
-    move_to_first(positions, &transforms, &mut sets, &entries)
+    move_to_first(positions, &transforms, &mut parents, &entries)
 }
 
 /// The transform of a vertex that no triangle uses.
 const NONE: u32 = u32::MAX;
 
-/// Where the scene lies: grid coordinate = (source coordinate − centre) × 2^exponent, in two factors that do not
-/// overflow.
-struct Grid {
-    centre: [f64; 3],
-    factors: [f64; 2],
-}
-
-impl Grid {
-    /// The grid of the vertices that have a transform; none where all are at one point.
-    fn of(positions: &[[f64; 3]], transforms: &[u32]) -> Option<Self> {
-        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        for (position, _) in positions.iter().zip(transforms).filter(|(_, transform)| **transform != NONE) {
-            for axis in 0..3 {
-                low[axis] = low[axis].min(position[axis]);
-                high[axis] = high[axis].max(position[axis]);
-            }
-        }
-        // halves first: the sum of two finite numbers may not be finite
-        let centre = std::array::from_fn(|axis| low[axis] / 2.0 + high[axis] / 2.0);
-        let reach = (0..3).map(|axis| high[axis] / 2.0 - low[axis] / 2.0).fold(0.0, f64::max);
-        let exponent = REACH_BITS - libm::frexp(reach).1;
-        let half = exponent / 2;
-        (reach > 0.0).then(|| Self { centre, factors: [libm::ldexp(1.0, half), libm::ldexp(1.0, exponent - half)] })
-    }
-
-    fn place(&self, position: [f64; 3]) -> [f64; 3] {
-        std::array::from_fn(|axis| (position[axis] - self.centre[axis]) * self.factors[0] * self.factors[1])
-    }
-}
-
 /// Each vertex that may have a partner, once for each cell that lies within the tolerance of it; sorted by cell, then
 /// vertex.
-fn entries(positions: &[[f64; 3]], transforms: &[u32], grid: &Grid) -> Vec<(u64, u32)> {
+fn entries(positions: &[[f64; 3]], transforms: &[u32], grid: &Frame) -> Vec<(u64, u32)> {
     let near = Neighbourhoods::of(positions, transforms, grid);
     let mut entries: Vec<(u64, u32)> = (0..positions.len() as u32)
         .into_par_iter()
         .filter(|&vertex| transforms[vertex as usize] != NONE)
         .flat_map_iter(|vertex| {
-            let place = grid.place(positions[vertex as usize]);
+            let place = grid.position(positions[vertex as usize]);
             let count = if near.is_shared(place) { 8 } else { 0 };
             (0..count).filter_map(move |which: u32| cell(place, which).map(|cell| (cell, vertex)))
         })
@@ -107,10 +82,10 @@ fn entries(positions: &[[f64; 3]], transforms: &[u32], grid: &Grid) -> Vec<(u64,
 }
 
 /// Cell number `which` of up to eight that lie within the tolerance of a place; none where it repeats another.
-fn cell(place: [f64; 3], which: u32) -> Option<u64> {
+fn cell(place: DVec3, which: u32) -> Option<u64> {
     const OFFSET: f64 = 2.0 * (1u64 << REACH_BITS) as f64;
     let mut cell = 0;
-    for (axis, coordinate) in place.into_iter().enumerate() {
+    for (axis, coordinate) in place.to_array().into_iter().enumerate() {
         let [low, high] = [-TOLERANCE, TOLERANCE].map(|reach| ((coordinate + OFFSET + reach) / CELL) as u64);
         let is_high = which >> axis & 1 == 1;
         if is_high && low == high {
@@ -135,14 +110,14 @@ struct Neighbourhoods {
 const SHARED: u32 = u32::MAX - 1;
 
 impl Neighbourhoods {
-    fn of(positions: &[[f64; 3]], transforms: &[u32], grid: &Grid) -> Self {
+    fn of(positions: &[[f64; 3]], transforms: &[u32], grid: &Frame) -> Self {
         let bits = (positions.len().max(64).ilog2() / 3 + 1).min(7);
         let mut near = Self { bits, transforms: vec![NONE; 1 << (3 * bits)] };
         for (&position, &transform) in positions.iter().zip(transforms).filter(|(_, transform)| **transform != NONE) {
-            let place = grid.place(position);
+            let place = grid.position(position);
             for which in 0..8u32 {
-                let reach = |axis: usize| if which >> axis & 1 == 1 { TOLERANCE } else { -TOLERANCE };
-                let at = near.cell(std::array::from_fn(|axis| place[axis] + reach(axis)));
+                let reach = |axis: u32| if which >> axis & 1 == 1 { TOLERANCE } else { -TOLERANCE };
+                let at = near.cell(place + DVec3::new(reach(0), reach(1), reach(2)));
                 let there = &mut near.transforms[at];
                 *there = if *there == NONE || *there == transform { transform } else { SHARED };
             }
@@ -151,21 +126,21 @@ impl Neighbourhoods {
     }
 
     /// The cell of a place; places just outside of the scene are taken in.
-    fn cell(&self, place: [f64; 3]) -> usize {
+    fn cell(&self, place: DVec3) -> usize {
         let side = 1usize << self.bits;
-        place.into_iter().fold(0, |cell, coordinate| {
+        place.to_array().into_iter().fold(0, |cell, coordinate| {
             let share = (coordinate / (1u64 << REACH_BITS) as f64 + 1.0) / 2.0;
             cell << self.bits | ((share * side as f64) as usize).min(side - 1)
         })
     }
 
-    fn is_shared(&self, place: [f64; 3]) -> bool {
+    fn is_shared(&self, place: DVec3) -> bool {
         self.transforms[self.cell(place)] == SHARED
     }
 }
 
 /// Joins the vertices of a cell that are near each other: those under different transforms, and those at one position.
-fn join_cell(cell: &[(u64, u32)], positions: &[[f64; 3]], transforms: &[u32], grid: &Grid, sets: &mut Sets) {
+fn join_cell(cell: &[(u64, u32)], positions: &[[f64; 3]], transforms: &[u32], grid: &Frame, parents: &mut [u32]) {
     let key = |vertex: u32| (transforms[vertex as usize], bits(positions[vertex as usize]));
     let mut vertices: Vec<u32> = cell.iter().map(|&(_, vertex)| vertex).collect();
     vertices.sort_unstable_by_key(|&vertex| (key(vertex), vertex));
@@ -174,13 +149,13 @@ fn join_cell(cell: &[(u64, u32)], positions: &[[f64; 3]], transforms: &[u32], gr
     if distinct.len() > MOST_IN_CELL || vertices.iter().all(|&vertex| key(vertex).0 == first_transform) {
         return;
     }
-    let places: Vec<[f64; 3]> = distinct.iter().map(|same| grid.place(positions[same[0] as usize])).collect();
+    let places: Vec<DVec3> = distinct.iter().map(|same| grid.position(positions[same[0] as usize])).collect();
     for (at, same) in distinct.iter().enumerate() {
-        same.iter().for_each(|&vertex| sets.join(same[0], vertex));
+        same.iter().for_each(|&vertex| _ = join(parents, same[0], vertex));
         for (other, &place) in places.iter().enumerate().take(at) {
-            let is_near = (0..3).all(|axis| (place[axis] - places[at][axis]).abs() <= TOLERANCE);
+            let is_near = (place - places[at]).abs().max_element() <= TOLERANCE;
             if is_near && key(distinct[other][0]).0 != key(same[0]).0 {
-                sets.join(distinct[other][0], same[0]);
+                join(parents, distinct[other][0], same[0]);
             }
         }
     }
@@ -188,13 +163,13 @@ fn join_cell(cell: &[(u64, u32)], positions: &[[f64; 3]], transforms: &[u32], gr
 
 /// Moves the vertices of each set to its first, unless that would join different positions under one transform; returns
 /// how many were moved.
-fn move_to_first(positions: &mut [[f64; 3]], transforms: &[u32], sets: &mut Sets, entries: &[(u64, u32)]) -> u64 {
+fn move_to_first(positions: &mut [[f64; 3]], transforms: &[u32], parents: &mut [u32], entries: &[(u64, u32)]) -> u64 {
     let mut members: Vec<u32> = entries.iter().map(|&(_, vertex)| vertex).collect();
     members.sort_unstable();
     members.dedup();
     let mut members: Vec<(u32, u32, [u64; 3], u32)> = members
         .into_iter()
-        .map(|vertex| (sets.first(vertex), transforms[vertex as usize], bits(positions[vertex as usize]), vertex))
+        .map(|vertex| (root(parents, vertex), transforms[vertex as usize], bits(positions[vertex as usize]), vertex))
         .collect();
     members.sort_unstable();
     let mut moved = 0;
@@ -214,25 +189,4 @@ fn move_to_first(positions: &mut [[f64; 3]], transforms: &[u32], sets: &mut Sets
 /// The bits of a position; adding zero turns −0 into 0.
 fn bits(position: [f64; 3]) -> [u64; 3] {
     position.map(|coordinate| (coordinate + 0.0).to_bits())
-}
-
-/// Disjoint sets of vertices, each known by its smallest.
-struct Sets {
-    parents: Vec<u32>,
-}
-
-impl Sets {
-    fn first(&mut self, mut vertex: u32) -> u32 {
-        while self.parents[vertex as usize] != vertex {
-            let parent = self.parents[vertex as usize];
-            self.parents[vertex as usize] = self.parents[parent as usize];
-            vertex = parent;
-        }
-        vertex
-    }
-
-    fn join(&mut self, a: u32, b: u32) {
-        let (a, b) = (self.first(a), self.first(b));
-        self.parents[a.max(b) as usize] = a.min(b);
-    }
 }

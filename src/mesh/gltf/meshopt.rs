@@ -1,9 +1,11 @@
 //! `EXT_meshopt_compression` and its successor `KHR_meshopt_compression`: buffer views that are decompressed when read.
 //!
-//! The codecs are the `meshopt` crate's. They are safe on any bytes but allocate what they are told to, and assert what
-//! they are told; so the count is first compared with what the bytes could possibly hold. The filters are written here:
-//! the library's differ in the last bit between processors (fused multiply-adds, reciprocal square roots), and
-//! positions must not.
+//! The codecs are the `meshopt` crate's. They are safe on any bytes, but allocate as much as the count says and assert
+//! that the shape is right; so both are checked first, the count against the most that the bytes can hold. The filters
+//! are written here: those of the library differ in the last bit between processors (fused multiply-adds, reciprocal
+//! square roots), and positions must not.
+
+use std::fmt::Debug;
 
 use gltf::json;
 use serde::Deserialize;
@@ -54,26 +56,9 @@ enum Filter {
     Color,
 }
 
-impl Mode {
-    fn name(self) -> &'static str {
-        match self {
-            Mode::Attributes => "ATTRIBUTES",
-            Mode::Triangles => "TRIANGLES",
-            Mode::Indices => "INDICES",
-        }
-    }
-}
-
-impl Filter {
-    fn name(self) -> &'static str {
-        match self {
-            Filter::None => "NONE",
-            Filter::Octahedral => "OCTAHEDRAL",
-            Filter::Quaternion => "QUATERNION",
-            Filter::Exponential => "EXPONENTIAL",
-            Filter::Color => "COLOR",
-        }
-    }
+/// The name of a mode or filter in the file.
+fn name(value: impl Debug) -> String {
+    format!("{value:?}").to_uppercase()
 }
 
 impl Compressed {
@@ -122,13 +107,13 @@ impl Compressed {
                 Mode::Attributes => "a multiple of 4 from 4 to 256",
                 Mode::Triangles | Mode::Indices => "2 or 4",
             };
-            return Err(format!("byteStride must be {wanted} with mode {}: {stride}", mode.name()));
+            return Err(format!("byteStride must be {wanted} with mode {}: {stride}", name(mode)));
         }
         if mode == Mode::Triangles && !count.is_multiple_of(3) {
             return Err(format!("count must be a multiple of 3 with mode TRIANGLES: {count}"));
         }
         if filter != Filter::None && mode != Mode::Attributes {
-            return Err(format!("filter {} is for mode ATTRIBUTES only, not for {}", filter.name(), mode.name()));
+            return Err(format!("filter {} is for mode ATTRIBUTES only, not for {}", name(filter), name(mode)));
         }
         let (filter_fits, wanted) = match filter {
             Filter::None | Filter::Exponential => (true, ""),
@@ -136,7 +121,7 @@ impl Compressed {
             Filter::Quaternion => (stride == 8, "8"),
         };
         if !filter_fits {
-            return Err(format!("filter {} needs a byteStride of {wanted}: {stride}", filter.name()));
+            return Err(format!("filter {} needs a byteStride of {wanted}: {stride}", name(filter)));
         }
         Ok(())
     }
@@ -144,16 +129,14 @@ impl Compressed {
     /// Decompresses what [`check`](Self::check) let pass.
     pub fn decode(&self, encoded: &[u8], whence: &str) -> Result<Vec<u8>> {
         let count = self.count as usize;
+        let of_shorts = |indices: Vec<u16>| indices.into_iter().flat_map(u16::to_le_bytes).collect();
+        let of_words = |indices: Vec<u32>| indices.into_iter().flat_map(u32::to_le_bytes).collect();
         let decoded = match (self.mode, self.byte_stride) {
             (Mode::Attributes, stride) => decode_attributes(encoded, count, stride),
-            (Mode::Triangles, 2) => ::meshopt::decode_index_buffer::<u16>(encoded, count)
-                .map(|indices| indices.iter().flat_map(|index| index.to_le_bytes()).collect()),
-            (Mode::Triangles, _) => ::meshopt::decode_index_buffer::<u32>(encoded, count)
-                .map(|indices| indices.iter().flat_map(|index| index.to_le_bytes()).collect()),
-            (Mode::Indices, 2) => ::meshopt::decode_index_sequence::<u16>(encoded, count)
-                .map(|indices| indices.iter().flat_map(|index| index.to_le_bytes()).collect()),
-            (Mode::Indices, _) => ::meshopt::decode_index_sequence::<u32>(encoded, count)
-                .map(|indices| indices.iter().flat_map(|index| index.to_le_bytes()).collect()),
+            (Mode::Triangles, 2) => ::meshopt::decode_index_buffer(encoded, count).map(of_shorts),
+            (Mode::Triangles, _) => ::meshopt::decode_index_buffer(encoded, count).map(of_words),
+            (Mode::Indices, 2) => ::meshopt::decode_index_sequence(encoded, count).map(of_shorts),
+            (Mode::Indices, _) => ::meshopt::decode_index_sequence(encoded, count).map(of_words),
         };
         let mut bytes: Vec<u8> = decoded.map_err(|_| {
             Error::mesh(format_args!(

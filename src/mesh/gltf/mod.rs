@@ -60,13 +60,13 @@ pub fn check_json_head(head: &[u8]) -> Result<()> {
 }
 
 /// Opens a `.glb` file.
-pub fn open_binary<T>(source: Source<'_>, then: impl FnOnce(Opened<'_>) -> T) -> Result<T> {
+pub fn open_binary(source: Source<'_>, then: &mut dyn FnMut(Opened<'_>)) -> Result<()> {
     let container = container::open(source.bytes)?;
     open(source, container.json, container.binary, then)
 }
 
 /// Opens a `.gltf` file.
-pub fn open_json<T>(source: Source<'_>, then: impl FnOnce(Opened<'_>) -> T) -> Result<T> {
+pub fn open_json(source: Source<'_>, then: &mut dyn FnMut(Opened<'_>)) -> Result<()> {
     open(source, source.bytes, None, then)
 }
 
@@ -88,7 +88,7 @@ pub fn claimed_faces(head: &[u8]) -> Option<u64> {
 }
 
 /// Opens a document with its binary chunk, if it has one.
-fn open<T>(source: Source<'_>, json: &[u8], binary: Option<&[u8]>, then: impl FnOnce(Opened<'_>) -> T) -> Result<T> {
+fn open(source: Source<'_>, json: &[u8], binary: Option<&[u8]>, then: &mut dyn FnMut(Opened<'_>)) -> Result<()> {
     let Source { bytes, resources, limits, attribute, .. } = source;
     let document = &Document::parse(json)?;
     let buffers = Buffers::new(document, binary, resources, limits, bytes.len() as u64);
@@ -140,7 +140,8 @@ fn open<T>(source: Source<'_>, json: &[u8], binary: Option<&[u8]>, then: impl Fn
     allowance.check_faces(triangles, limits.max_faces_per_byte)?;
     allowance.check_parts(parts)?;
     let placed = Placed { document, meshes, places, triangles, parts, allowance, skipped };
-    Ok(then(Opened::new(triangles, move || placed.build(source.format, attribute.is_some()))))
+    then(Opened::new(triangles, move || placed.build(source.format, attribute.is_some())));
+    Ok(())
 }
 
 /// The placements of a document and the primitives that they place, all of them opened.

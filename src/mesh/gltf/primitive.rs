@@ -201,7 +201,7 @@ fn open_positions<'b>(accessors: &'b Accessors<'b>, accessor: usize, whence: &st
     Ok(positions)
 }
 
-/// Opens an attribute that has one number for each of so many vertices.
+/// Opens an attribute that has one number for each vertex.
 fn open_numbers<'b>(
     accessors: &'b Accessors<'b>,
     primitive: &json::mesh::Primitive,

@@ -2,23 +2,22 @@
 //!
 //! Only + − × ÷ in a fixed order, so that positions are the same bytes on every machine.
 
+use glam::{DAffine3, DMat3, DMat4, DVec3, DVec4};
+
 use super::document::Node;
 use crate::error::{Error, Result};
 
 /// A linear map followed by a translation.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Affine {
-    /// Images of the three axes, then the translation.
-    columns: [[f64; 3]; 4],
-}
+pub struct Affine(DAffine3);
 
 impl Affine {
     /// Changes nothing.
-    pub const IDENTITY: Self = Self { columns: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]] };
+    pub const IDENTITY: Self = Self(DAffine3::IDENTITY);
 
     /// The transform of a node relative to its parent.
     pub fn of_node(node: &Node, whence: &str) -> Result<Self> {
-        let Some(m) = &node.matrix else {
+        let Some(matrix) = &node.matrix else {
             return Self::compose(
                 node.translation.unwrap_or([0.0; 3]),
                 node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]),
@@ -26,13 +25,15 @@ impl Affine {
                 whence,
             );
         };
-        if [m[3], m[7], m[11], m[15]] != [0.0, 0.0, 0.0, 1.0] {
+        let matrix = DMat4::from_cols_array(matrix);
+        let last = matrix.row(3);
+        if last != DVec4::W {
             return Err(Error::mesh(format_args!(
                 "the matrix of {whence} is not affine, its last row must be 0 0 0 1: {} {} {} {}",
-                m[3], m[7], m[11], m[15]
+                last.x, last.y, last.z, last.w
             )));
         }
-        Ok(Self { columns: [[m[0], m[1], m[2]], [m[4], m[5], m[6]], [m[8], m[9], m[10]], [m[12], m[13], m[14]]] })
+        Ok(Self(DAffine3::from_mat4(matrix)))
     }
 
     /// Scales, then rotates by a quaternion x, y, z, w of any length but 0, then translates.
@@ -42,44 +43,35 @@ impl Affine {
             return Err(Error::mesh(format_args!("the rotation of {whence} is no unit quaternion: {x} {y} {z} {w}")));
         }
         let s = 2.0 / square;
-        let rotated = [
-            [1.0 - s * (y * y + z * z), s * (x * y + z * w), s * (x * z - y * w)],
-            [s * (x * y - z * w), 1.0 - s * (x * x + z * z), s * (y * z + x * w)],
-            [s * (x * z + y * w), s * (y * z - x * w), 1.0 - s * (x * x + y * y)],
-        ];
-        let [a, b, c]: [[f64; 3]; 3] = std::array::from_fn(|axis| rotated[axis].map(|value| value * scale[axis]));
-        Ok(Self { columns: [a, b, c, translation] })
+        let matrix3 = DMat3::from_cols(
+            scale[0] * DVec3::new(1.0 - s * (y * y + z * z), s * (x * y + z * w), s * (x * z - y * w)),
+            scale[1] * DVec3::new(s * (x * y - z * w), 1.0 - s * (x * x + z * z), s * (y * z + x * w)),
+            scale[2] * DVec3::new(s * (x * z + y * w), s * (y * z - x * w), 1.0 - s * (x * x + y * y)),
+        );
+        Ok(Self(DAffine3 { matrix3, translation: translation.into() }))
     }
 
     /// This map after `inner`.
     pub fn after(&self, inner: &Self) -> Self {
-        let [x, y, z, origin] = inner.columns;
-        Self { columns: [self.turn(x), self.turn(y), self.turn(z), self.apply(origin)] }
+        Self(self.0 * inner.0)
     }
 
     /// Where a point goes.
     #[inline]
     pub fn apply(&self, point: [f64; 3]) -> [f64; 3] {
-        let turned = self.turn(point);
-        std::array::from_fn(|axis| turned[axis] + self.columns[3][axis])
-    }
-
-    /// Where a direction goes.
-    #[inline]
-    fn turn(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
-        let [a, b, c, _] = &self.columns;
-        std::array::from_fn(|axis| a[axis] * x + b[axis] * y + c[axis] * z)
+        self.0.transform_point3(point.into()).to_array()
     }
 
     /// Its numbers, to tell maps apart.
     pub fn bits(&self) -> [u64; 12] {
-        std::array::from_fn(|at| (self.columns[at / 3][at % 3] + 0.0).to_bits())
+        // adding zero turns −0 into 0
+        self.0.to_cols_array().map(|number| (number + 0.0).to_bits())
     }
 
     /// Whether it turns left into right, and so the winding of faces around.
     pub fn mirrors(&self) -> bool {
-        let [[a, b, c], [d, e, f], [g, h, i], _] = self.columns;
-        a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0
+        let [x, y, z] = [self.0.matrix3.x_axis, self.0.matrix3.y_axis, self.0.matrix3.z_axis];
+        x.dot(y.cross(z)) < 0.0
     }
 }
 

@@ -7,9 +7,7 @@
 //! Read are vertices (`v`), faces (`f`) and names (`g`, `o`). An index may refer to a vertex that comes later in the
 //! file. Material libraries, texture coordinates and normals are not looked at; what else there is, is skipped.
 //!
-//! It takes 25 to 30 instructions a byte on one thread, most of them for digits, eight at a time (`number`), and 3.6 to
-//! 4.5 times less time than `tobj` (`make bench`); 2.7 times where coordinates have 17 digits, which the standard
-//! library parses.
+//! Most of the time goes into digits, which are read eight at a time (`number`). `make bench` compares it with `tobj`.
 
 mod chunk;
 #[cfg(not(fuzzing))]
@@ -26,7 +24,7 @@ use rayon::prelude::*;
 
 use self::chunk::{Chunk, Fault, What};
 use super::allowance::Allowance;
-use super::{Adjusted, Faces, Format, Limits, Opened, Part, PolygonMesh, part_name, without_mark};
+use super::{Adjusted, Faces, Format, Limits, Opened, Part, PolygonMesh, Source, part_name, without_mark};
 use crate::error::{Error, Result};
 
 /// Bytes of a piece.
@@ -58,7 +56,8 @@ pub fn check_head(head: &[u8]) -> Result<()> {
 }
 
 /// Opens an OBJ file: counts the lines that begin like a face.
-pub fn open<T>(bytes: &[u8], limits: &Limits, then: impl FnOnce(Opened<'_>) -> T) -> Result<T> {
+pub fn open(source: Source<'_>, then: &mut dyn FnMut(Opened<'_>)) -> Result<()> {
+    let Source { bytes, limits, .. } = source;
     if bytes.len() as u64 > MAX_BYTES {
         return Err(Error::too_large(format_args!(
             "an OBJ file may have {MAX_BYTES} bytes (split it, or convert it to GLB): {}",
@@ -69,10 +68,11 @@ pub fn open<T>(bytes: &[u8], limits: &Limits, then: impl FnOnce(Opened<'_>) -> T
     let pieces = text::split(&text, PIECE);
     // small files are counted by the thread that opens them
     let faces = pieces.par_iter().with_min_len(COUNTED_AT_ONCE).map(|piece| face_lines(piece)).sum();
-    Ok(then(Opened::new(faces, || {
+    then(Opened::new(faces, || {
         let parsed: Vec<Result<Chunk<'_>, Fault>> = pieces.par_iter().map(|piece| chunk::parse(piece)).collect();
         Ok((join(&text, &pieces, parsed, limits)?, None))
-    })))
+    }));
+    Ok(())
 }
 
 /// Lines that are faces, most likely: each takes memory as soon as it is parsed.
@@ -199,8 +199,8 @@ impl Start {
     }
 }
 
-/// Makes the relative corners of a chunk absolute and checks that all vertices exist, of which there are `total`,
-/// `before` of them before this chunk; otherwise the face and what is wrong with it.
+/// Makes the relative corners of a chunk absolute and checks that all vertices exist: there are `total`, `before` of
+/// them before this chunk. The error is the face and what is wrong with it.
 fn settle(chunk: &mut Chunk<'_>, before: usize, total: usize) -> Result<(), (usize, String)> {
     let corners = chunk.faces.all_corners_mut();
     let mut outside = None;

@@ -70,7 +70,7 @@ fn digits(text: &[u8], mut at: usize, mantissa: &mut u64) -> usize {
 const SCALES: [u64; 9] = [1, 10, 100, 1000, 10_000, 100_000, 1_000_000, 10_000_000, 100_000_000];
 
 /// The number that the digits at the beginning of `text` make, and how many they are. All eight bytes at once: first
-/// those of digits are told from others, then pairs are added up, then pairs of pairs.
+/// the bytes that are no digits are marked, then pairs are added up, then pairs of pairs.
 #[inline]
 fn leading_digits(text: [u8; 8]) -> (u64, usize) {
     const EACH: u64 = 0x0101_0101_0101_0101;

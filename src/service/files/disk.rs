@@ -8,8 +8,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::private;
 use crate::error::{Error, Kind, Result};
-use crate::service::blobs::folder::{bytes, each_below};
 pub(super) use crate::service::blobs::folder::size;
+use crate::service::blobs::folder::{bytes, each_below};
 
 /// Bytes that stay free for the store of jobs, whose log grows with every change before it is written over.
 pub(super) const STORE_ROOM: u64 = 8 << 20;

@@ -1,17 +1,16 @@
-//! Links as compressed rows, in internal order.
-//!
-//! A row has the neighbours of a face by lower and upper end of the shared edge, those across bridges last. The order
-//! of a triangle's edges is looked up, not sorted.
+//! Links as compressed rows, in internal order: the neighbours of a face by lower and upper end of the shared edge,
+//! those across bridges last.
 
 use std::sync::atomic::Ordering;
 
 use rayon::prelude::*;
 
-use super::{AHEAD, CHAINED, Links, NONE};
-use crate::prefetch::prefetch;
-use crate::surface::counts::Counts;
+use super::{CHAINED, Links, NONE, has_repeated};
+use crate::prefetch::{Ahead, prefetch, with_lookahead};
+use crate::surface::order::inverse;
 
 /// Links as compressed rows.
+#[derive(Default)]
 pub struct Rows {
     /// First neighbour of each face in `neighbours`, and one past the last.
     pub offsets: Vec<u32>,
@@ -21,167 +20,76 @@ pub struct Rows {
     pub repeating: Vec<u32>,
 }
 
-/// Rows of some faces.
-#[derive(Default)]
-struct Piece {
-    neighbours: Vec<u32>,
-    ends: Vec<u32>,
-    repeating: Vec<u32>,
-}
-
 impl Links<'_> {
     /// The links as compressed rows in internal order.
     pub fn compressed(&self, upload_face: &[u32]) -> Rows {
         /// Faces of a piece.
         const PIECE: usize = 4096;
-        let mut internal = vec![0u32; upload_face.len()];
-        for (face, &upload) in upload_face.iter().enumerate() {
-            internal[upload as usize] = face as u32;
-        }
-        let internal = &internal[..];
-        if self.is_closed() {
-            let offsets = (0..=upload_face.len() as u32).map(|face| 3 * face).collect();
-            let mut neighbours = vec![0u32; 3 * upload_face.len()];
-            let repeating = neighbours
-                .par_chunks_mut(3 * PIECE)
-                .zip(upload_face.par_chunks(PIECE))
-                .flat_map_iter(|(neighbours, faces)| {
-                    let mut repeating = Vec::new();
-                    let positions = self.edges.positions.as_chunks::<3>().0;
-                    let linked = self.linked.as_chunks::<3>().0;
-                    for (at, (row, &face)) in neighbours.as_chunks_mut::<3>().0.iter_mut().zip(faces).enumerate() {
-                        self.prefetch(&faces[at..], internal);
-                        let order = by_ends(positions[face as usize]);
-                        let linked = &linked[face as usize];
-                        *row = order.map(|corner| internal[linked[corner].load(Ordering::Relaxed) as usize]);
-                        let [a, b, c] = *row;
-                        if (a == b) | (b == c) | (c == a) {
-                            repeating.push(face);
-                        }
-                    }
-                    repeating
-                })
-                .collect();
-            return Rows { offsets, neighbours, repeating };
-        }
-        let is_plain = self.edges.faces.are_triangles() && self.chained.is_empty() && self.bridges.is_empty();
-        let pieces: Vec<Piece> = upload_face
-            .par_chunks(PIECE)
-            .map(|faces| match is_plain {
-                true => self.rows_of_triangles(faces, internal),
-                false => self.rows_of_any(faces, internal),
-            })
-            .collect();
+        let internal = inverse(upload_face);
+        let pieces: Vec<Rows> = upload_face.par_chunks(PIECE).map(|faces| self.rows_of(faces, &internal)).collect();
         let mut rows = Rows {
             offsets: Vec::with_capacity(upload_face.len() + 1),
             neighbours: Vec::with_capacity(pieces.iter().map(|piece| piece.neighbours.len()).sum()),
             repeating: Vec::new(),
         };
-        rows.offsets.push(0);
         for piece in pieces {
             let first = rows.neighbours.len() as u32;
-            rows.offsets.extend(piece.ends.iter().map(|end| first + end));
+            rows.offsets.extend(piece.offsets.iter().map(|offset| first + offset));
             rows.neighbours.extend(piece.neighbours);
             rows.repeating.extend(piece.repeating);
+        }
+        rows.offsets.push(rows.neighbours.len() as u32);
+        rows
+    }
+
+    /// The rows of some upload faces; without the end of the last.
+    fn rows_of(&self, faces: &[u32], internal: &[u32]) -> Rows {
+        let mut rows = Rows { neighbours: Vec::with_capacity(3 * faces.len()), ..Rows::default() };
+        let is_plain = self.edges.faces.are_triangles() && self.chained.is_empty() && self.bridges.is_empty();
+        let positions = self.edges.positions.as_chunks::<3>().0;
+        let linked = self.linked.as_chunks::<3>().0;
+        let mut edges = Vec::new();
+        for (&face, ahead) in with_lookahead(faces) {
+            self.prefetch(ahead, internal);
+            let first = rows.neighbours.len();
+            rows.offsets.push(first as u32);
+            let mut push = |other: u32| rows.neighbours.push(internal[other as usize]);
+            if is_plain {
+                let of_face = &linked[face as usize];
+                let others = by_ends(positions[face as usize]).map(|corner| of_face[corner].load(Ordering::Relaxed));
+                others.into_iter().filter(|&other| other != NONE).for_each(push);
+            } else {
+                edges.clear();
+                self.edges.each_of(face as usize, |low, high, corner| edges.push((low, high, corner)));
+                edges.sort_unstable();
+                for &(_, _, corner) in &edges {
+                    match self.linked[corner as usize].load(Ordering::Relaxed) {
+                        NONE => {}
+                        CHAINED => self.chain_at(corner).into_iter().for_each(&mut push),
+                        other => push(other),
+                    }
+                }
+                let bridges = self.bridges.partition_point(|&(other, _)| other < face);
+                self.bridges[bridges..].iter().take_while(|bridge| bridge.0 == face).for_each(|bridge| push(bridge.1));
+            }
+            if has_repeated(&rows.neighbours[first..]) {
+                rows.repeating.push(face);
+            }
         }
         rows
     }
 
-    /// Whether every face has exactly three neighbours, one for each half-edge.
-    fn is_closed(&self) -> bool {
-        let Counts { boundary_edges, non_manifold_edges, degenerate_faces, .. } = self.counts;
-        self.edges.faces.are_triangles()
-            && boundary_edges + non_manifold_edges + degenerate_faces == 0
-            && self.bridges.is_empty()
-    }
-
-    /// The faces that `face` is linked to, by lower and upper end of the shared edge, into `row`.
-    fn row(&self, face: u32, row: &mut Vec<u32>, edges: &mut Vec<(u32, u32, u32)>) {
-        row.clear();
-        let first = self.edges.faces.first_corner(face as usize);
-        let end = self.edges.faces.first_corner(face as usize + 1);
-        let linked = |corner: usize| self.linked[corner].load(Ordering::Relaxed);
-        if let &[a, b, c] = &self.edges.positions[first..end] {
-            for corner in by_ends([a, b, c]) {
-                self.push(first + corner, linked(first + corner), row);
-            }
-        } else {
-            edges.clear();
-            self.edges.each_of(first..end, |low, high, corner| edges.push((low, high, corner)));
-            edges.sort_unstable();
-            for &mut (_, _, corner) in edges {
-                self.push(corner as usize, linked(corner as usize), row);
-            }
-        }
-        let bridges = self.bridges.partition_point(|&(other, _)| other < face);
-        row.extend(self.bridges[bridges..].iter().take_while(|bridge| bridge.0 == face).map(|bridge| bridge.1));
-    }
-
-    fn push(&self, corner: usize, linked: u32, row: &mut Vec<u32>) {
-        match linked {
-            NONE => {}
-            CHAINED => row.extend(self.chain_at(corner as u32)),
-            face => row.push(face),
-        }
-    }
-
-    /// Prefetches for the rows of some of the next triangles: their links, and the numbers whose links were prefetched
-    /// before.
+    /// Requests what the rows of later faces read: their corners and links, and then the numbers of linked faces.
     #[inline]
-    fn prefetch(&self, next: &[u32], internal: &[u32]) {
-        let linked = self.linked.as_chunks::<3>().0;
-        if let Some(&later) = next.get(2 * AHEAD) {
-            prefetch(self.edges.positions.as_chunks::<3>().0, later as usize);
-            prefetch(linked, later as usize);
+    fn prefetch(&self, ahead: Ahead<'_, u32>, internal: &[u32]) {
+        let corners = |&face: &u32| self.edges.faces.corner_range(face as usize);
+        if let Some(later) = ahead.stage(4).map(corners) {
+            prefetch(&self.edges.positions, later.start);
+            prefetch(&self.linked, later.start);
         }
-        if let Some(&later) = next.get(AHEAD) {
-            linked[later as usize].iter().for_each(|other| prefetch(internal, other.load(Ordering::Relaxed) as usize));
+        if let Some(later) = ahead.stage(2).map(corners) {
+            self.linked[later].iter().for_each(|other| prefetch(internal, other.load(Ordering::Relaxed) as usize));
         }
-    }
-
-    /// The rows of faces of at most three neighbours, one a half-edge.
-    fn rows_of_triangles(&self, faces: &[u32], internal: &[u32]) -> Piece {
-        let positions = self.edges.positions.as_chunks::<3>().0;
-        let linked = self.linked.as_chunks::<3>().0;
-        let mut piece = Piece { neighbours: vec![0; 3 * faces.len()], ..Piece::default() };
-        let mut end = 0;
-        for (at, &face) in faces.iter().enumerate() {
-            self.prefetch(&faces[at..], internal);
-            let first = end;
-            for corner in by_ends(positions[face as usize]) {
-                let other = linked[face as usize][corner].load(Ordering::Relaxed);
-                let is_there = other != NONE;
-                piece.neighbours[end] = internal[if is_there { other } else { face } as usize];
-                end += usize::from(is_there);
-            }
-            piece.ends.push(end as u32);
-            let repeats = match piece.neighbours[first..end] {
-                [a, b] => a == b,
-                [a, b, c] => (a == b) | (b == c) | (c == a),
-                _ => false,
-            };
-            if repeats {
-                piece.repeating.push(face);
-            }
-        }
-        piece.neighbours.truncate(end);
-        piece
-    }
-
-    /// The rows of faces of any kind.
-    fn rows_of_any(&self, faces: &[u32], internal: &[u32]) -> Piece {
-        let mut piece = Piece::default();
-        let (mut row, mut edges) = (Vec::new(), Vec::new());
-        for &face in faces {
-            self.row(face, &mut row, &mut edges);
-            piece.neighbours.extend(row.iter().map(|&face| internal[face as usize]));
-            piece.ends.push(piece.neighbours.len() as u32);
-            row.sort_unstable();
-            if row.windows(2).any(|pair| pair[0] == pair[1]) {
-                piece.repeating.push(face);
-            }
-        }
-        piece
     }
 }
 
@@ -189,31 +97,12 @@ impl Links<'_> {
 /// opposite the largest position comes first. Those of a degenerate triangle come in any order.
 #[inline]
 fn by_ends([a, b, c]: [u32; 3]) -> [usize; 3] {
+    /// By the places of the first and of the second corner.
+    static ORDERS: [[usize; 3]; 9] =
+        [[0, 1, 2], [0, 1, 2], [0, 2, 1], [1, 0, 2], [0, 1, 2], [2, 0, 1], [1, 2, 0], [2, 1, 0], [0, 1, 2]];
     // the edge that ends at a corner lies opposite the next corner
-    let rank = [(b < c) as usize + (b < a) as usize, (c < a) as usize + (c < b) as usize];
-    const ORDERS: [[usize; 3]; 9] = {
-        let mut orders = [[0, 1, 2]; 9];
-        let mut all = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
-        let mut at = 0;
-        while at < 6 {
-            let order = &mut all[at];
-            let (mut of_first, mut of_second) = (0, 0);
-            let mut place = 0;
-            while place < 3 {
-                if order[place] == 0 {
-                    of_first = place;
-                }
-                if order[place] == 1 {
-                    of_second = place;
-                }
-                place += 1;
-            }
-            orders[3 * of_first + of_second] = *order;
-            at += 1;
-        }
-        orders
-    };
-    ORDERS[3 * rank[0] + rank[1]]
+    let places = [(b < c) as usize + (b < a) as usize, (c < a) as usize + (c < b) as usize];
+    ORDERS[3 * places[0] + places[1]]
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 use super::*;
 use crate::dev::sample::{Sample, generate};
 use crate::device::dual_edge::mutual;
-use crate::energy::cvd::{End, packed_cost};
+use crate::energy::{End, Energy, Functional};
 use crate::surface::{Component, Surface};
 
 /// Clusters and their contraction, and what the faces themselves say about them.
@@ -31,7 +31,7 @@ impl<'a> Both<'a> {
             let cluster = self.labels[face as usize];
             for &near in self.graph.neighbours_of(face) {
                 let other = self.labels[near as usize];
-                let cost = packed_cost(end(cluster), end(other), self.clusters.energy_shift(cluster));
+                let cost = Energy::packed_merge_cost(end(cluster), end(other), self.clusters.energy_shift(cluster));
                 let rank = Rank::new(cost, cluster, other, self.ties);
                 let best = &mut best[cluster as usize];
                 if other != cluster && best.is_none_or(|(best, _)| rank < best) {

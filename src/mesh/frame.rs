@@ -1,0 +1,45 @@
+//! A frame for integers: positions centred on their bounding box and scaled by a power of two.
+
+use glam::DVec3;
+
+/// Coordinate = (source coordinate − centre) × 2^exponent.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Frame {
+    pub centre: DVec3,
+    /// Power of two between lengths in the source and here.
+    pub exponent: i32,
+    /// 2^exponent as [`factors`].
+    pub factors: [f64; 2],
+}
+
+impl Frame {
+    /// The frame of some positions: half of the longest side of their bounding box is below 2^`bits`, and not by half.
+    pub fn of<'a>(positions: impl Iterator<Item = &'a [f64; 3]>, bits: i32) -> Self {
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for &position in positions {
+            (low, high) = (low.min(position.into()), high.max(position.into()));
+        }
+        // halves first: the sum and the difference of two finite numbers may not be finite
+        let centre = low / 2.0 + high / 2.0;
+        let reach = (high / 2.0 - low / 2.0).max_element();
+        let exponent = if reach > 0.0 { bits - libm::frexp(reach).1 } else { 0 };
+        Self { centre, exponent, factors: factors(exponent) }
+    }
+
+    /// A position of the source in this frame.
+    #[inline]
+    pub fn position(&self, source: [f64; 3]) -> DVec3 {
+        (DVec3::from(source) - self.centre) * self.factors[0] * self.factors[1]
+    }
+
+    /// A position of this frame in the source.
+    pub fn source_position(&self, position: DVec3) -> DVec3 {
+        position.map(|x| libm::ldexp(x, -self.exponent)) + self.centre
+    }
+}
+
+/// 2^exponent as two factors, which are normal numbers where it is not.
+pub fn factors(exponent: i32) -> [f64; 2] {
+    let half = exponent / 2;
+    [libm::ldexp(1.0, half), libm::ldexp(1.0, exponent - half)]
+}
