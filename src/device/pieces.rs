@@ -3,9 +3,9 @@
 
 use crate::device::FREE;
 use crate::surface::DualGraph;
-use crate::union_find::{NO_SET, Sets};
+use crate::union_find;
 
-/// The connected pieces of equally labelled faces.
+/// The connected pieces of equally labelled faces; a free face is a piece by itself.
 struct Pieces {
     /// The piece of each face, numbered in the order of their smallest faces.
     piece_of_face: Vec<u32>,
@@ -16,20 +16,18 @@ struct Pieces {
 impl Pieces {
     /// Finds the pieces of all labelled faces.
     fn find(graph: &DualGraph, labels: &[u32]) -> Self {
-        let mut sets = Sets::default();
-        let mut piece_of_face = vec![NO_SET; labels.len()];
-        for (face, &label) in labels.iter().enumerate().filter(|(_, label)| **label != FREE) {
-            let beside = graph.neighbours_of(face as u32).iter().map(|&near| near as usize);
-            piece_of_face[face] =
-                sets.of_face(beside.filter(|&near| labels[near] == label).map(|near| piece_of_face[near]));
+        let mut sets = union_find::singletons(labels.len());
+        for (face, &label) in (0..).zip(labels).filter(|(_, label)| **label != FREE) {
+            let beside = graph.neighbours_of(face).iter().copied().filter(|&near| near < face);
+            for near in beside.filter(|&near| labels[near as usize] == label) {
+                union_find::join(&mut sets, face, near);
+            }
         }
-        let (numbers, count) = sets.numbered();
+        let (piece_of_face, count) = union_find::numbered(sets);
         let mut pieces = vec![(FREE, 0); count];
-        for (piece, &label) in piece_of_face.iter_mut().zip(labels).filter(|(_, label)| **label != FREE) {
-            *piece = numbers[*piece as usize];
-            let (of_piece, faces) = &mut pieces[*piece as usize];
-            *of_piece = label;
-            *faces += 1;
+        for (&piece, &label) in piece_of_face.iter().zip(labels) {
+            pieces[piece as usize].0 = label;
+            pieces[piece as usize].1 += 1;
         }
         Self { piece_of_face, pieces }
     }
@@ -40,7 +38,7 @@ impl Pieces {
 pub fn cut_off_faces(graph: &DualGraph, clusters: usize, labels: &[u32]) -> Vec<u32> {
     let Pieces { piece_of_face, pieces } = Pieces::find(graph, labels);
     let mut largest: Vec<Option<u32>> = vec![None; clusters];
-    for (piece, &(label, faces)) in pieces.iter().enumerate() {
+    for (piece, &(label, faces)) in pieces.iter().enumerate().filter(|(_, (label, _))| *label != FREE) {
         let best = &mut largest[label as usize];
         if best.is_none_or(|best| pieces[best as usize].1 < faces) {
             *best = Some(piece as u32);
@@ -56,7 +54,7 @@ pub fn cut_off_faces(graph: &DualGraph, clusters: usize, labels: &[u32]) -> Vec<
 /// How many clusters are in several pieces.
 pub fn disconnected_clusters(graph: &DualGraph, clusters: usize, labels: &[u32]) -> u64 {
     let mut pieces_of_cluster = vec![0u32; clusters];
-    for (label, _) in Pieces::find(graph, labels).pieces {
+    for (label, _) in Pieces::find(graph, labels).pieces.into_iter().filter(|&(label, _)| label != FREE) {
         pieces_of_cluster[label as usize] += 1;
     }
     pieces_of_cluster.into_iter().filter(|&pieces| pieces > 1).count() as u64
