@@ -3,16 +3,15 @@
 use std::sync::atomic::AtomicU32;
 
 use super::active_faces::ActiveFaces;
-use super::best_edge::boundary::BoundarySearch;
-use super::best_edge::queue::Queue;
+use super::best_edge::{self, queue::Queue};
 use super::boundary::BoundaryPhase;
 use super::boundary_faces::BoundaryFaces;
 use super::change_log::Cursor;
 use super::clusters::Clusters;
 use super::detour::surely_stays_connected;
-use super::grow::Growth;
+use super::grow::grow;
 use super::labels::Labels;
-use super::pieces::{self, Pieces};
+use super::pieces::{self, Walk};
 use super::refine::RefinementPhase;
 use super::{Move, View};
 use crate::device::dual_edge::{Rank, Ties};
@@ -36,7 +35,6 @@ pub struct Listed {
     queue: Option<Queue>,
     /// Clusters that may have faces, ascending.
     living: Vec<u32>,
-    growth: Growth,
     /// Scratch memory of walks, empty before the first.
     places: Vec<AtomicU32>,
     /// The faces that moved since the last merge, with the cluster they left; None before the first merge.
@@ -55,7 +53,6 @@ impl Listed {
             refinement: None,
             is_resumed: false,
             queue: None,
-            growth: Growth::default(),
             places: Vec::new(),
             moved_since_merge: has_merged.then(Vec::new),
         }
@@ -96,11 +93,11 @@ impl Listed {
     ) -> Option<Vec<Move>> {
         let Self { clusters, boundary, refinement, places, .. } = self;
         let phase = refinement.get_or_insert_with(|| RefinementPhase::new(graph, clusters, boundary));
-        let mut pieces = is_connected.then(|| {
+        let mut walk = is_connected.then(|| {
             places.resize_with(graph.faces(), AtomicU32::default);
-            Pieces::new(places)
+            Walk::new(places)
         });
-        phase.moves(graph, labels, clusters, boundary, pieces.as_mut())
+        phase.moves(graph, labels, clusters, boundary, walk.as_mut())
     }
 
     /// Brings all bids up to date.
@@ -120,7 +117,7 @@ impl Listed {
             }
             labels.set(face, to);
             self.clusters.transfer(graph, face, from, to);
-            if self.clusters.is_connected(from) && !surely_stays_connected(graph, labels, face, from) {
+            if self.clusters.is_connected(from) && !surely_stays_connected(graph, face, |near| labels.of(near) == from) {
                 self.clusters.may_be_in_pieces(from);
             }
             if graph.neighbours_of(face).iter().all(|&near| labels.of(near) != to) {
@@ -183,7 +180,7 @@ impl Listed {
             .collect();
         front.sort_unstable();
         front.dedup();
-        self.growth.grow(graph, labels, front, cancel)?;
+        grow(graph, labels, front, cancel)?;
         let moves: Vec<Move> = faces
             .iter()
             .zip(from)
@@ -223,10 +220,10 @@ impl Listed {
         moved.filter(|&(_, from, to)| from != to).collect()
     }
 
-    /// The search for best dual edges along the boundaries.
-    pub fn best_edges<'a>(&'a mut self, graph: &'a DualGraph, labels: &'a Labels, ties: Ties) -> BoundarySearch<'a> {
+    /// The neighbour that each cluster would best merge with, in the order of the clusters.
+    pub fn choices(&mut self, graph: &DualGraph, labels: &Labels, ties: Ties) -> Vec<(u32, u32)> {
         let Self { clusters, boundary, living, .. } = self;
-        BoundarySearch { graph, labels, clusters, boundary, living, ties }
+        best_edge::boundary::choices(View { graph, labels, clusters }, boundary, living, ties)
     }
 
     /// The cheapest dual edge of all.

@@ -11,7 +11,7 @@ use super::change_log::Cursor;
 use super::clusters::{Change, Clusters};
 use super::labels::Labels;
 use super::nearby::{Bound, Nearby, other_clusters};
-use super::pieces::Pieces;
+use super::pieces::Walk;
 use super::tuning::chunks::{CLUSTERS, ITEMS};
 use super::{Move, View};
 use crate::energy::{Energy, Functional, RefinementSlack, Side};
@@ -45,7 +45,7 @@ impl RefinementPhase {
         self.bids.end().into_iter().for_each(|face| self.active.add(face));
     }
 
-    /// The moves of the next iteration, maybe none; None when there are no bids. With `pieces`, only winners move, and
+    /// The moves of the next iteration, maybe none; None when there are no bids. With `walk`, only winners move, and
     /// only those that leave their cluster connected.
     pub fn moves(
         &mut self,
@@ -53,7 +53,7 @@ impl RefinementPhase {
         labels: &mut Labels,
         clusters: &mut Clusters,
         boundary: &BoundaryFaces,
-        pieces: Option<&mut Pieces<'_>>,
+        walk: Option<&mut Walk<'_>>,
     ) -> Option<Vec<Move>> {
         self.renew_bids(graph, labels, clusters, boundary);
         if self.bids.is_empty() {
@@ -61,9 +61,9 @@ impl RefinementPhase {
         }
         let view = View { graph, labels, clusters };
         let winners = self.bids.winners();
-        let verdicts = match pieces {
+        let verdicts = match walk {
             None => verdicts(graph, clusters, &self.bids, &winners),
-            Some(pieces) => winners.iter().map(|&winner| verdict_alone(view, pieces, winner)).collect(),
+            Some(walk) => winners.iter().map(|&winner| verdict_alone(view, walk, winner)).collect(),
         };
         Some(self.bids.commit(&winners, &verdicts))
     }
@@ -113,9 +113,9 @@ fn verdicts(graph: &DualGraph, clusters: &Clusters, bids: &Bids, winners: &[Move
 }
 
 /// Tests a winner alone: also whether its cluster stays connected without it.
-fn verdict_alone(View { graph, labels, clusters }: View<'_>, pieces: &mut Pieces<'_>, winner: Move) -> Verdict {
+fn verdict_alone(View { graph, labels, clusters }: View<'_>, walk: &mut Walk<'_>, winner: Move) -> Verdict {
     let improves = clusters.improves(winner.from, winner.to, &Change::of(graph, winner.face));
-    if improves && pieces.stays_connected(graph, labels, winner.face) { Verdict::WinnerMoves } else { Verdict::Refused }
+    if improves && walk.stays_connected(graph, labels, winner.face) { Verdict::WinnerMoves } else { Verdict::Refused }
 }
 
 /// The bid of a face for the neighbouring cluster with the largest positive gain (the smaller number of equal ones),

@@ -1,10 +1,9 @@
 //! [`Steps`] and [`MergeSteps`] of the cpu device, and how its state changes.
 
 use super::Move;
-use super::best_edge::BestEdge;
-use super::best_edge::contraction::{Contraction, ContractionSearch};
+use super::best_edge::{self, contraction::Contraction};
 use super::clusters::Clusters;
-use super::grow::Growth;
+use super::grow::grow;
 use super::labels::Labels;
 use super::listed::Listed;
 use crate::device::dual_edge::{Rank, Ties};
@@ -80,26 +79,23 @@ impl<'a> CpuSteps<'a> {
         result
     }
 
-    /// Finds best dual edges: by the contraction where each cluster is what merges made of single faces, else along
-    /// boundaries.
-    fn with_best_edges<T>(&mut self, ties: Ties, find: impl FnOnce(&mut dyn BestEdge) -> T) -> T {
-        let contracted = match std::mem::take(&mut self.state) {
-            State::Contracted(clusters, contraction) if contraction.ties() == ties => Some((clusters, contraction)),
+    /// The neighbour that each cluster would best merge with: by the contraction where each cluster is what merges made
+    /// of single faces, else along boundaries.
+    fn choices(&mut self, ties: Ties) -> Vec<(u32, u32)> {
+        let (clusters, mut contraction) = match std::mem::take(&mut self.state) {
+            State::Contracted(clusters, contraction) if contraction.ties() == ties => (clusters, contraction),
             state @ (State::Labelled | State::Summed(_)) if self.labels.are_faces() => {
                 let (clusters, _) = self.take_clusters(state);
-                Some((clusters, Box::new(Contraction::new(self.graph, ties))))
+                (clusters, Box::new(Contraction::new(self.graph, ties)))
             }
             state => {
                 self.state = state;
-                None
+                return self.with_listed(|graph, labels, listed| listed.choices(graph, labels, ties));
             }
         };
-        let Some((clusters, mut contraction)) = contracted else {
-            return self.with_listed(|graph, labels, listed| find(&mut listed.best_edges(graph, labels, ties)));
-        };
-        let result = find(&mut ContractionSearch { contraction: &mut contraction, clusters: &clusters });
+        let choices = contraction.choices(&clusters);
         self.state = State::Contracted(clusters, contraction);
-        result
+        choices
     }
 
     /// Makes iterations until `next_moves` has none left to make, or the limit is reached.
@@ -158,7 +154,7 @@ impl Steps for CpuSteps<'_> {
         };
         let front = (0..labels.len() as u32).filter(is_near_free).collect();
         self.state = State::Labelled;
-        Growth::default().grow(self.graph, &mut self.labels, front, cancel)
+        grow(self.graph, &mut self.labels, front, cancel)
     }
 
     fn energy(&mut self) -> Result<LatticeEnergy> {
@@ -209,11 +205,13 @@ impl Steps for CpuSteps<'_> {
 
 impl MergeSteps for CpuSteps<'_> {
     fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
-        Ok(self.with_best_edges(ties, |best| best.optimal()))
+        let choices = self.choices(ties);
+        Ok(self.with_clusters(|clusters| best_edge::optimal(clusters, &choices)))
     }
 
     fn mutual_dual_edges(&mut self, ties: Ties) -> Result<Vec<Rank<u32>>> {
-        Ok(self.with_best_edges(ties, |best| best.mutual()))
+        let choices = self.choices(ties);
+        Ok(self.with_clusters(|clusters| best_edge::mutual(clusters, &choices)))
     }
 
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {

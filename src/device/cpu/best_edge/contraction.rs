@@ -26,11 +26,9 @@ use rayon::prelude::*;
 
 use self::node::{Edge, Grown, NO_NODE, Node, RoughEnd, Row, Status, resolve};
 use self::search::{Context, SearchResult};
-use super::BestEdge;
-use crate::device::DualEdge;
 use crate::device::cpu::clusters::Clusters;
 use crate::device::cpu::tuning::chunks::ITEMS;
-use crate::device::dual_edge::{Rank, Ties};
+use crate::device::dual_edge::Ties;
 use crate::surface::DualGraph;
 
 /// The round before the first. A row of this round has no costs.
@@ -54,8 +52,6 @@ pub struct Contraction {
     edges: Vec<AtomicU64>,
     /// The nodes that grew in the last round.
     grown: Vec<Grown>,
-    /// The pairs of nodes whose best edges lead to each other, with their ranks as clusters.
-    pairs: Vec<(Rank<u32>, [u32; 2])>,
     /// Number of the round, from 1.
     round: u32,
     /// Nodes that have ended.
@@ -92,7 +88,6 @@ impl Contraction {
             compacted: edges.len(),
             edges,
             grown: Vec::new(),
-            pairs: Vec::new(),
             round: NEVER,
             ended: 0,
             ties,
@@ -105,25 +100,14 @@ impl Contraction {
         self.ties
     }
 
-    /// The best dual edge of each cluster that has neighbours, in the order of the clusters.
-    pub fn best(&mut self, clusters: &Clusters) -> Vec<DualEdge> {
+    /// The neighbour that each cluster would best merge with, in the order of the clusters.
+    pub fn choices(&mut self, clusters: &Clusters) -> Vec<(u32, u32)> {
         self.update(clusters);
-        let context = self.context(clusters);
-        let edge = |(number, node): (usize, &Node)| {
+        let choice = |(node, &cluster): (&Node, &u32)| {
             let other = node.best().other;
-            (other != NO_NODE).then(|| DualEdge {
-                cluster: context.cluster_of_node[number],
-                other: context.cluster_of_node[other as usize],
-                cost: context.packed_cost(number as u32, other),
-            })
+            (other != NO_NODE).then(|| (cluster, self.cluster_of_node[other as usize]))
         };
-        self.nodes.par_iter().enumerate().with_min_len(ITEMS).filter_map(edge).collect()
-    }
-
-    /// The pairs of clusters whose best edges lead to each other; their order depends on the threads.
-    pub fn mutual(&mut self, clusters: &Clusters) -> Vec<Rank<u32>> {
-        self.update(clusters);
-        self.pairs.iter().map(|(rank, _)| *rank).collect()
+        self.nodes.par_iter().zip(&self.cluster_of_node).with_min_len(ITEMS).filter_map(choice).collect()
     }
 
     /// Merges the first cluster of each pair into the second; no cluster is in two pairs. Call it before `clusters` are
@@ -152,7 +136,7 @@ impl Contraction {
         self.is_current = false;
     }
 
-    /// Finds the best edges after the last round, and the pairs.
+    /// Finds the best edges after the last round.
     fn update(&mut self, clusters: &Clusters) {
         if self.is_current {
             return;
@@ -180,30 +164,6 @@ impl Contraction {
         }
         lost.extend(results.into_iter().flat_map(|result| result.lost));
         lost.par_chunks(ITEMS).for_each(|lost| context.search_lost(lost));
-        let searched: Vec<u32> = grown.iter().map(|grown| grown.node).chain(lost).collect();
-        self.pair_up(clusters, &searched);
-    }
-
-    /// Finds the pairs whose best edges lead to each other, given the nodes that searched in this round. A new pair has
-    /// such a node, because offers lead to grown nodes.
-    fn pair_up(&mut self, clusters: &Clusters, searched: &[u32]) {
-        let context = self.context(clusters);
-        let choice = |node: u32| self.nodes[node as usize].best().other;
-        // a node that searched without having grown did so because its choice had grown or ended, or in the first round
-        let has_grown = |node: u32| self.nodes[node as usize].status.grown == self.round;
-        let stays = |&(_, [a, b]): &(_, [u32; 2])| choice(a) == b && choice(b) == a && !has_grown(a) && !has_grown(b);
-        let has_searched = |node: u32| self.rows[node as usize].searched() == self.round;
-        let pair = |&node: &u32| {
-            let other = choice(node);
-            let is_new = other != NO_NODE && choice(other) == node && (node < other || !has_searched(other));
-            is_new.then(|| {
-                let [low, high] = [node, other].map(|node| self.cluster_of_node[node as usize]);
-                (Rank::new(context.packed_cost(node, other), low, high, Ties::Hash), [node, other])
-            })
-        };
-        let mut pairs: Vec<_> = self.pairs.par_iter().with_min_len(ITEMS).copied().filter(stays).collect();
-        pairs.par_extend(searched.par_iter().with_min_len(ITEMS).filter_map(pair));
-        self.pairs = pairs;
     }
 
     /// Drops nodes that have ended and edges that are in no row. The best edges are current.
@@ -221,7 +181,6 @@ impl Contraction {
             end += row.edges().len();
         }
         self.cluster_of_node.truncate(left.len());
-        self.pairs.iter_mut().flat_map(|(_, nodes)| nodes).for_each(|node| *node = new_number[*node as usize]);
 
         let mut kept_edges = Vec::with_capacity(room(end, left.len()));
         kept_edges.resize_with(end, AtomicU64::default);
@@ -270,22 +229,6 @@ impl Contraction {
 /// Number of edges at which they are compacted.
 fn room(compacted: usize, nodes: usize) -> usize {
     2 * compacted + nodes
-}
-
-/// The contraction as a way to find best edges.
-pub struct ContractionSearch<'a> {
-    pub contraction: &'a mut Contraction,
-    pub clusters: &'a Clusters,
-}
-
-impl BestEdge for ContractionSearch<'_> {
-    fn optimal(&mut self) -> Vec<DualEdge> {
-        self.contraction.best(self.clusters)
-    }
-
-    fn mutual(&mut self) -> Vec<Rank<u32>> {
-        self.contraction.mutual(self.clusters)
-    }
 }
 
 #[cfg(test)]

@@ -9,7 +9,6 @@ use crate::device::cpu::boundary_faces::BoundaryFaces;
 use crate::device::cpu::change_log::Cursor;
 use crate::device::cpu::clusters::Clusters;
 use crate::device::cpu::labels::Labels;
-use crate::device::cpu::tuning::filter::Filter;
 use crate::device::dual_edge::{Rank, Ties};
 use crate::energy::{Energy, Functional};
 use crate::surface::DualGraph;
@@ -51,11 +50,10 @@ impl Queue {
         for &cluster in &changed {
             self.versions[cluster as usize] += 1;
         }
-        let mut others = Filter::default();
+        let mut others = Vec::new();
         for &cluster in changed.iter().filter(|&&cluster| clusters.sums(cluster).faces > 0) {
             find_neighbours(graph, labels, boundary.list_of(cluster), &mut others);
-            others.kept_mut().sort_unstable();
-            for other in others.kept().chunk_by(|a, b| a == b).map(|equal| equal[0]) {
+            for &other in &others {
                 // an edge between two changed clusters is queued once
                 if other < cluster && changed.binary_search(&other).is_ok() {
                     continue;

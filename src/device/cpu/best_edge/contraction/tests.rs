@@ -1,6 +1,8 @@
 use super::*;
 use crate::dev::sample::{Sample, generate};
-use crate::device::dual_edge::mutual;
+use crate::device::DualEdge;
+use crate::device::cpu::best_edge;
+use crate::device::dual_edge::{Rank, mutual};
 use crate::energy::cvd::{End, packed_cost};
 use crate::surface::{Component, Surface};
 
@@ -45,8 +47,9 @@ impl<'a> Both<'a> {
     /// Merges, after making sure that what is found is right; returns the best dual edges before.
     fn merge(&mut self, choose: impl FnOnce(&[DualEdge]) -> Vec<(u32, u32)>) -> Vec<DualEdge> {
         let edges = self.expected();
-        assert_eq!(self.contraction.best(&self.clusters), edges);
-        let mut pairs = self.contraction.mutual(&self.clusters);
+        let choices = self.contraction.choices(&self.clusters);
+        assert_eq!(best_edge::optimal(&self.clusters, &choices), edges);
+        let mut pairs = best_edge::mutual(&self.clusters, &choices);
         pairs.sort_unstable();
         assert_eq!(pairs, mutual(&edges));
         let pairs = choose(&edges);
