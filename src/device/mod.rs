@@ -18,7 +18,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 pub use self::dual_edge::DualEdge;
-use self::dual_edge::{Rank, Ties, mutual};
+use self::dual_edge::{Rank, Ties, from_into, mutual};
 use crate::energy::{ClusterSums, LatticeEnergy};
 use crate::error::{Error, Result};
 use crate::surface::DualGraph;
@@ -148,6 +148,17 @@ pub trait MergeSteps: Steps {
     /// Merges pairs of clusters, each the first into the second of its pair (`(from, into)`); no cluster is in two
     /// pairs.
     fn merge(&mut self, pairs: &[(u32, u32)]) -> Result<()>;
+
+    /// Merges pairs of clusters, given with the smaller number first, as [`from_into`] orders them; no cluster is in two
+    /// pairs. Returns the ordered pairs, and the sums of both clusters of each before, the smaller number first.
+    fn merge_pairs(&mut self, pairs: &[(u32, u32)]) -> Result<(Vec<(u32, u32)>, Vec<ClusterSums>)> {
+        let ends: Vec<u32> = pairs.iter().flat_map(|&(low, high)| [low, high]).collect();
+        let sums = self.sums_of(&ends)?;
+        let ordered: Vec<(u32, u32)> =
+            pairs.iter().zip(sums.as_chunks().0).map(|(&pair, sums)| from_into(pair, sums)).collect();
+        self.merge(&ordered)?;
+        Ok((ordered, sums))
+    }
 
     /// The sums of some clusters.
     fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<ClusterSums>>;

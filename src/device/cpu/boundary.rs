@@ -13,7 +13,8 @@ use crate::surface::DualGraph;
 /// What boundary phases keep between iterations.
 #[derive(Debug)]
 pub struct BoundaryPhase {
-    active: ActiveFaces,
+    /// They have to know of moves and merges.
+    pub active: ActiveFaces,
     /// For each cluster, how many faces want to leave it and the smallest of them; zero between iterations.
     leaving: Vec<(u32, u32)>,
 }
@@ -22,16 +23,6 @@ impl BoundaryPhase {
     /// All boundary faces are active.
     pub fn new(graph: &DualGraph, clusters: &Clusters, boundary: &BoundaryFaces) -> Self {
         Self { active: ActiveFaces::new(boundary, graph.faces()), leaving: vec![(0, 0); clusters.len()] }
-    }
-
-    /// Requests what this phase knows of a face.
-    pub fn prefetch(&self, face: u32) {
-        self.active.prefetch(face);
-    }
-
-    /// The active faces of this phase, which have to know of moves and merges.
-    pub fn active(&mut self) -> &mut ActiveFaces {
-        &mut self.active
     }
 
     /// The moves of the next iteration; none when the phase has converged.

@@ -117,25 +117,21 @@ impl Listed {
             }
             labels.set(face, to);
             self.clusters.transfer(graph, face, from, to);
-            if self.clusters.is_connected(from) && !surely_stays_connected(graph, face, |near| labels.of(near) == from) {
+            if self.clusters.is_connected(from) && !surely_stays_connected(graph, face, |near| labels.of(near) == from)
+            {
                 self.clusters.may_be_in_pieces(from);
             }
             if graph.neighbours_of(face).iter().all(|&near| labels.of(near) != to) {
                 self.clusters.may_be_in_pieces(to);
             }
             self.boundary.moved(graph, labels, face);
-            self.active_faces().for_each(|active| active.moved(graph, labels, face));
+            active_faces(&mut self.boundary_phase, &mut self.refinement)
+                .for_each(|active| active.moved(graph, labels, face));
         }
         self.clusters.refit();
         if let Some(moved) = &mut self.moved_since_merge {
             moved.extend(moves.iter().map(|&Move { face, from, .. }| (face, from)));
         }
-    }
-
-    /// The active faces of all phases.
-    fn active_faces(&mut self) -> impl Iterator<Item = &mut ActiveFaces> {
-        let boundary = self.boundary_phase.iter_mut().map(BoundaryPhase::active);
-        boundary.chain(self.refinement.iter_mut().map(RefinementPhase::active))
     }
 
     /// Requests what later moves read.
@@ -153,8 +149,8 @@ impl Listed {
                 graph.prefetch(near);
                 labels.prefetch(near);
                 self.boundary.prefetch(near);
-                self.boundary_phase.iter().for_each(|phase| phase.prefetch(near));
-                self.refinement.iter().for_each(|phase| phase.prefetch(near));
+                self.boundary_phase.iter().for_each(|phase| phase.active.prefetch(near));
+                self.refinement.iter().for_each(|phase| phase.active.prefetch(near));
             }
         }
     }
@@ -203,8 +199,7 @@ impl Listed {
         let Self { boundary, boundary_phase, refinement, .. } = self;
         for &(from, into) in pairs {
             boundary.merged(graph, labels, into, from, |labels, face| {
-                boundary_phase.iter_mut().for_each(|phase| phase.active().merged(graph, labels, face));
-                refinement.iter_mut().for_each(|phase| phase.active().merged(graph, labels, face));
+                active_faces(boundary_phase, refinement).for_each(|active| active.merged(graph, labels, face));
             });
         }
         self.moved_since_merge = Some(Vec::new());
@@ -232,4 +227,13 @@ impl Listed {
         let queue = queue.get_or_insert_with(|| Queue::new(clusters.len(), ties));
         queue.cheapest(graph, labels, clusters, boundary)
     }
+}
+
+/// The active faces of both phases.
+fn active_faces<'a>(
+    boundary: &'a mut Option<BoundaryPhase>,
+    refinement: &'a mut Option<RefinementPhase>,
+) -> impl Iterator<Item = &'a mut ActiveFaces> {
+    let boundary = boundary.iter_mut().map(|phase| &mut phase.active);
+    boundary.chain(refinement.iter_mut().map(|phase| &mut phase.active))
 }

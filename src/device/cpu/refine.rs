@@ -8,19 +8,20 @@ use super::active_faces::{ActiveFaces, Evaluation};
 use super::bids::{Bid, Bids, Verdict};
 use super::boundary_faces::BoundaryFaces;
 use super::change_log::Cursor;
-use super::clusters::{Change, Clusters};
+use super::clusters::Clusters;
 use super::labels::Labels;
 use super::nearby::{Bound, Nearby, other_clusters};
 use super::pieces::Walk;
 use super::tuning::chunks::{CLUSTERS, ITEMS};
 use super::{Move, View};
-use crate::energy::{Energy, Functional, RefinementSlack, Side};
+use crate::energy::{ClusterSums, Energy, Functional, RefinementSlack, Side, Sums};
 use crate::surface::DualGraph;
 
 /// What refinement keeps between iterations.
 #[derive(Debug)]
 pub struct RefinementPhase {
-    active: ActiveFaces,
+    /// They have to know of moves and merges.
+    pub active: ActiveFaces,
     bids: Bids,
 }
 
@@ -28,16 +29,6 @@ impl RefinementPhase {
     /// All boundary faces are active.
     pub fn new(graph: &DualGraph, clusters: &Clusters, boundary: &BoundaryFaces) -> Self {
         Self { active: ActiveFaces::new(boundary, graph.faces()), bids: Bids::new(graph.faces(), clusters.len()) }
-    }
-
-    /// Requests what this phase knows of a face.
-    pub fn prefetch(&self, face: u32) {
-        self.active.prefetch(face);
-    }
-
-    /// The active faces of this phase, which have to know of moves and merges.
-    pub fn active(&mut self) -> &mut ActiveFaces {
-        &mut self.active
     }
 
     /// Begins a phase: faces that were refused, or had a bid when the last phase was cut short, may bid again.
@@ -94,13 +85,10 @@ impl RefinementPhase {
 /// Tests each winner together with all that bid for its move, then alone.
 fn verdicts(graph: &DualGraph, clusters: &Clusters, bids: &Bids, winners: &[Move]) -> Vec<Verdict> {
     let verdict = |&winner: &Move| {
-        let Move { from, to, face } = winner;
-        let alone = Change::of(graph, face);
-        let mut together = Change::default();
-        bids.joining(winner).for_each(|moved| together.add(graph, moved.face));
-        if clusters.improves(from, to, &together) {
+        let Move { from, to, .. } = winner;
+        if clusters.improves(from, to, &sums_of(graph, bids.joining(winner))) {
             Verdict::AllMove
-        } else if clusters.improves(from, to, &alone) {
+        } else if clusters.improves(from, to, &sums_of(graph, [winner])) {
             Verdict::WinnerMoves
         } else {
             Verdict::Refused
@@ -112,9 +100,16 @@ fn verdicts(graph: &DualGraph, clusters: &Clusters, bids: &Bids, winners: &[Move
     winners.par_iter().with_min_len(CLUSTERS).map(verdict).collect()
 }
 
+/// The sums of faces that move.
+fn sums_of(graph: &DualGraph, moves: impl IntoIterator<Item = Move>) -> ClusterSums {
+    let mut sums = ClusterSums::default();
+    moves.into_iter().for_each(|moved| sums.add_face(graph.face(moved.face as usize), 1));
+    sums
+}
+
 /// Tests a winner alone: also whether its cluster stays connected without it.
 fn verdict_alone(View { graph, labels, clusters }: View<'_>, walk: &mut Walk<'_>, winner: Move) -> Verdict {
-    let improves = clusters.improves(winner.from, winner.to, &Change::of(graph, winner.face));
+    let improves = clusters.improves(winner.from, winner.to, &sums_of(graph, [winner]));
     if improves && walk.stays_connected(graph, labels, winner.face) { Verdict::WinnerMoves } else { Verdict::Refused }
 }
 

@@ -20,7 +20,8 @@ use crate::energy::{End, Energy, Functional, Sums};
 
 /// The best dual edges, given the choices.
 pub fn optimal(clusters: &Clusters, choices: &[(u32, u32)]) -> Vec<DualEdge> {
-    let edge = |&(cluster, other): &(u32, u32)| DualEdge { cluster, other, cost: packed_cost(clusters, cluster, other) };
+    let edge =
+        |&(cluster, other): &(u32, u32)| DualEdge { cluster, other, cost: packed_cost(clusters, cluster, other) };
     choices.par_iter().with_min_len(ITEMS).map(edge).collect()
 }
 
@@ -28,8 +29,7 @@ pub fn optimal(clusters: &Clusters, choices: &[(u32, u32)]) -> Vec<DualEdge> {
 pub fn mutual(clusters: &Clusters, choices: &[(u32, u32)]) -> Vec<Rank<u32>> {
     let mut choice_of_cluster = vec![FREE; clusters.len()];
     choices.iter().for_each(|&(cluster, other)| choice_of_cluster[cluster as usize] = other);
-    let is_mutual =
-        |&&(cluster, other): &&(u32, u32)| cluster < other && choice_of_cluster[other as usize] == cluster;
+    let is_mutual = |&&(cluster, other): &&(u32, u32)| cluster < other && choice_of_cluster[other as usize] == cluster;
     let rank = |&(low, high): &(u32, u32)| Rank::new(packed_cost(clusters, low, high), low, high, Ties::Hash);
     choices.par_iter().with_min_len(ITEMS).filter(is_mutual).map(rank).collect()
 }
