@@ -62,7 +62,7 @@ pub struct Run<'a> {
 
 impl Run<'_> {
     /// Reports the current state.
-    pub fn tell(&mut self, phase: Phase, moves: u64) -> Result<()> {
+    pub fn report(&mut self, phase: Phase, moves: u64) -> Result<()> {
         let energy = self.steps.energy()?;
         (self.on_row)(Row { iteration: self.iteration, round: self.round, phase, energy, moves });
         self.keep_labels()
@@ -91,13 +91,13 @@ impl Run<'_> {
         let cut_off = self.steps.repair(self.cancel)?;
         if cut_off > 0 {
             self.iteration += 1;
-            self.tell(Phase::Repair, cut_off)?;
+            self.report(Phase::Repair, cut_off)?;
         }
         Ok(cut_off > 0)
     }
 
     /// Optimises and repairs until nothing is cut off; after [`MAX_REPAIRS`] repairs, by connected refinement.
-    pub fn settle(&mut self, refine: bool) -> Result<Ending> {
+    pub fn optimise_until_connected(&mut self, refine: bool) -> Result<Ending> {
         for _ in 0..MAX_REPAIRS {
             let ending = self.optimise(refine)?;
             if !self.repair()? || ending == Ending::IterationLimit {

@@ -15,7 +15,7 @@ use crate::energy::{ClusterSums, Energy, Functional, Proxy, Sums};
 use crate::surface::DualGraph;
 
 /// Splits that are tried for a pair, at most: many pairs would otherwise try many that are taken.
-const LOOKS: usize = 64;
+const TRIED_SPLITS: usize = 64;
 
 /// Clusters of a chunk.
 const CHUNK: usize = 64;
@@ -83,7 +83,7 @@ impl<'a> Teleports<'a> {
             let (splits, first) = (&self.splits[component], &mut first_free[component]);
             *first += splits[*first..].iter().take_while(|split| is_taken[split.cluster as usize]).count();
             let is_apart = |split: &&Split| !is_taken[split.cluster as usize] && ![into, from].contains(&split.cluster);
-            let Some(split) = splits[*first..].iter().take(LOOKS).find(is_apart) else {
+            let Some(split) = splits[*first..].iter().take(TRIED_SPLITS).find(is_apart) else {
                 continue;
             };
             for cluster in [into, from, split.cluster] {
@@ -226,7 +226,7 @@ mod tests {
         let mut device = CpuDevice::new();
         let mut steps = device.open_merging(&surface, &start.component_of_cluster).expect("it opens");
         steps.set_labels(&start.labels(surface.faces())).expect("labels");
-        steps.grow(&Cancel::default()).expect("nobody cancels");
+        steps.grow(&Cancel::default()).expect("no cancellation");
         let labels = steps.labels().expect("labels");
         let edges = steps.optimal_dual_edges(Ties::Hash).expect("edges");
         let teleports = Teleports::of(&surface, &labels, &start.component_of_cluster, &edges);
