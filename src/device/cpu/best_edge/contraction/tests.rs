@@ -107,21 +107,6 @@ fn whatever_merges_on_a_grid_of_equal_squares_ties_go_by_the_rule() {
 }
 
 #[test]
-fn costs_that_single_precision_does_not_tell_apart_go_by_packed_costs() {
-    // far away in one of two places, all as heavy: distances and weights differ by some 2⁻²⁴
-    let side = 14;
-    let (mut state, mut weight_state) = (3, 9);
-    let mut centroid = |face: u32| {
-        let far = if (face / side + face % side).is_multiple_of(2) { 60_000_000 } else { -60_000_000 };
-        [far + random(&mut state, 9) as i32, random(&mut state, 5000) as i32, 0]
-    };
-    let centroids = (0..side * side).map(&mut centroid).collect();
-    let weights = (0..side * side).map(|_| (1 << 26) + random(&mut weight_state, 64) as u32).collect();
-    let graph = graph_of(centroids, weights, &grid(side, 0), &[(side * side, 0)]);
-    to_the_top(&graph, &mut 2);
-}
-
-#[test]
 fn folds_in_which_clusters_touch_that_lie_apart_are_no_exception() {
     // neighbours anywhere, so that a merge can bring a neighbour nearer to a third than either part was
     let mut state = 5;
@@ -168,26 +153,26 @@ fn merge_samples_to_the_top() {
                 edges = both.merge(choose).len();
             }
             let left = surface.components.len();
-            assert_eq!(both.contraction.rows.len() - both.contraction.ended, left, "{}", sample.name());
+            let living = (0..).zip(&both.contraction.nodes).filter(|(number, node)| node.into == *number).count();
+            assert_eq!(living, left, "{}", sample.name());
         }
     }
 }
 
 #[test]
 fn a_cluster_with_many_neighbours_is_no_exception() {
-    let surface = Surface::build(&generate(Sample::Sphere, 3000).expect("a mesh")).expect("a surface");
+    let surface = Surface::build(&generate(Sample::Sphere, 1500).expect("a mesh")).expect("a surface");
     let component_of_face = surface.component_of_face();
     let mut both = Both::new(&surface.graph, &component_of_face, Ties::Hash);
     let hub = 700;
     let mut most = 0;
-    for _ in 0..900 {
+    for _ in 0..600 {
         both.merge(|edges| {
             let at = edges.binary_search_by_key(&hub, |edge| edge.cluster).expect("the hub has neighbours");
             vec![(edges[at].other, hub)]
         });
         both.contraction.update(&both.clusters);
-        let node = both.contraction.node_of_cluster[hub as usize];
-        most = most.max(both.contraction.rows[node as usize].edges().len());
+        most = most.max(both.contraction.rows[hub as usize].edges().len());
     }
     assert!(most > 64, "{most} neighbours");
 }
