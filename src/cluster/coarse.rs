@@ -10,9 +10,9 @@
 //! 2. *Too many clusters.* On the coarsest graph, a third more than are wanted start from stratified seeds and grow.
 //! 3. *Merging.* The boundary phase ([`super::flat`]) makes four iterations. Every cluster finds its best dual edge
 //!    ([`crate::device::dual_edge`]); of the mutual pairs, the cheaper half merge; and so on until there are as many
-//!    clusters as wanted. No component goes below its share. Then the boundary phase runs to its end. Where few clusters
-//!    are wanted, clusters teleport ([`super::teleport`]), 800 / k times, and 2. and 3. are done for as many seed
-//!    numbers; the start with the lowest energy is taken.
+//!    clusters as wanted. No component goes below its share. Then the boundary phase runs to its end. Where few
+//!    clusters are wanted, clusters teleport ([`super::teleport`]), 800 / k times, and 2. and 3. are done for as many
+//!    seed numbers; the start with the lowest energy is taken.
 //! 4. *Back to the faces.* Labels go to the next finer graph, where the boundary phase runs; on the finest, they are
 //!    where the clustering starts.
 //!

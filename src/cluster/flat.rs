@@ -78,10 +78,7 @@ pub fn boundary_based(
     record: &mut Record,
 ) -> Result<Clustering> {
     let (mut run, initial) = grown(start, options, steps, cancel, on_row, record)?;
-    let ending = match options.allow_disconnected {
-        true => run.optimise(options.refine)?,
-        false => run.optimise_until_connected(options.refine)?,
-    };
+    let ending = run.complete(options.allow_disconnected, |run| run.optimise(options.refine))?;
     Ok(Clustering { initial, labels: run.steps.labels()?, ending })
 }
 

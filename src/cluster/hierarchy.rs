@@ -6,9 +6,9 @@
 //!
 //! * *Parallel rounds* (PML): every cluster finds its best dual edge ([`crate::device::dual_edge`]: packed cost, then
 //!   the tie rule); of the pairs that chose each other, those that cost no more than their median merge, or, as in the
-//!   paper, all ([`Pairs`]), all at once. The edges are totally ordered (or, with the paper's tie rule, the cluster with
-//!   the largest number among those of the cheapest edges has a partner that chose it back), so there is always such a
-//!   pair while a dual edge is left.
+//!   paper, all ([`Pairs`]), all at once. The edges are totally ordered (or, with the paper's tie rule, the cluster
+//!   with the largest number among those of the cheapest edges has a partner that chose it back), so there is always
+//!   such a pair while a dual edge is left.
 //! * *Sequential rounds* (ML): the dual edge with the smallest exact cost of all merges; with `collapse_fraction` P,
 //!   one after the other until P % of the clusters are gone (Chiosa & Kolb 2008).
 //! * *Optimisation*: the boundary phase and the refinement of [`super::flat`], on the merged clusters. Between stops,
@@ -201,8 +201,8 @@ fn merge(steps: &mut dyn MergeSteps, pairs: &[(u32, u32)], builder: &mut Builder
 /// The phases after the merges of a round.
 fn optimise(run: &mut Run<'_>, options: &Options, is_level: bool, is_sequential: bool) -> Result<()> {
     run.left = if is_level { u32::MAX } else { options.iterations_a_round[usize::from(is_sequential)] };
-    if is_level && !options.allow_disconnected {
-        run.optimise_until_connected(options.refine)?;
+    if is_level {
+        run.complete(options.allow_disconnected, |run| run.optimise(options.refine))?;
         return Ok(());
     }
     run.optimise(options.refine)?;

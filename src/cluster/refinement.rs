@@ -34,14 +34,14 @@
 //!
 //! # Connected refinement
 //!
-//! Moves can cut a cluster in two. Where repairs and phases repeat without end, this variant ends the run: no face joins
-//! a winner, and a winner that would leave its cluster in pieces is refused. A cluster loses one face an iteration at
-//! most and gains only neighbouring faces, so connected clusters stay connected; the rest of the proof is as above.
+//! Moves can cut a cluster in two. Where repairs and phases repeat without end, this variant ends the run: no face
+//! joins a winner, and a winner that would leave its cluster in pieces is refused. A cluster loses one face an iteration
+//! at most and gains only neighbouring faces, so connected clusters stay connected; the rest of the proof is as above.
 //!
 //! # Why together
 //!
-//! With one face a pair and iteration the tail is long: a cluster that has to drift by the width of a face moves a dozen
-//! of them, one after the other. Faces that cross a border in the same direction pull the proxies the same way, so the
+//! With one face a pair and iteration the tail is long: a cluster that drifts by the width of a face moves a dozen of
+//! them, one after the other. Faces that cross a border in the same direction pull the proxies the same way, so the
 //! joint gain is seldom less than the sum of the single ones.
 //!
 //! [`gain`]: crate::energy::Functional::gain

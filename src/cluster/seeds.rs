@@ -118,8 +118,8 @@ pub(super) fn labels(face_of_cluster: &[u32], faces: usize) -> Vec<u32> {
     labels
 }
 
-/// How many clusters each component gets: at least 1, at most its faces, by area. Refuses numbers that the surface cannot
-/// have.
+/// How many clusters each component gets: at least 1, at most its faces, by area. Refuses numbers that the surface
+/// cannot have.
 pub fn shares(surface: &Surface, clusters: u64) -> Result<Vec<usize>> {
     check_number(surface, Name::CLUSTERS, clusters)?;
     Ok(apportion(surface, clusters as usize))

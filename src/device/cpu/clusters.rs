@@ -153,21 +153,17 @@ impl Clusters {
     /// Merges the first cluster of each pair into the second, and fits the proxies.
     pub fn merge(&mut self, pairs: &[(u32, u32)]) {
         for &(from, into) in pairs {
-            self.merge_one(into, from);
+            self.change_log.merged(into, from);
+            let ended = &mut self.cached[slot(from) as usize];
+            ended.least_weight = 0;
+            ended.drift += FAR;
+            let from = from as usize;
+            let from_sums = std::mem::take(&mut self.sums[from]);
+            self.sums[into as usize].add(&from_sums, 1);
+            // a cluster that ended needs no fit
+            self.total -= std::mem::take(&mut self.explained[from]) << self.energy_shifts[from];
         }
         self.refit();
-    }
-
-    fn merge_one(&mut self, into: u32, from: u32) {
-        let from_sums = std::mem::take(&mut self.sums[from as usize]);
-        self.sums[into as usize].add(&from_sums, 1);
-        self.change_log.merged(into, from);
-        // a cluster that ended needs no fit
-        let from = from as usize;
-        self.total -= std::mem::take(&mut self.explained[from]) << self.energy_shifts[from];
-        let ended = &mut self.cached[slot(from as u32) as usize];
-        ended.least_weight = 0;
-        ended.drift += FAR;
     }
 
     /// Fits the proxies of the clusters whose sums changed.

@@ -6,10 +6,8 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use rayon::prelude::*;
 
-use super::View;
-use super::boundary_faces::BoundaryFaces;
+use super::Partition;
 use super::detour::surely_stays_connected;
-use super::labels::Labels;
 use super::tuning::chunks::CLUSTERS;
 use crate::surface::DualGraph;
 
@@ -69,7 +67,7 @@ impl<'a> Walk<'a> {
     }
 
     /// Whether a connected cluster stays connected when it loses one of its faces.
-    pub fn stays_connected(&mut self, graph: &DualGraph, labels: &Labels, face: u32) -> bool {
+    pub fn stays_connected(&mut self, Partition { graph, labels, .. }: &Partition<'_>, face: u32) -> bool {
         let cluster = labels.of(face);
         let is_own = |near: u32| near != face && labels.of(near) == cluster;
         let beside = graph.neighbours_of(face).iter().copied().filter(|&near| is_own(near));
@@ -79,8 +77,8 @@ impl<'a> Walk<'a> {
 
 /// The faces outside the piece with the most faces (of equally large ones, that with the smallest face) of each of the
 /// given clusters, each given once, sorted.
-pub fn cut_off(view: View<'_>, boundary: &BoundaryFaces, of_clusters: &[u32], places: &Places) -> Vec<u32> {
-    let View { graph, labels, .. } = view;
+pub fn cut_off(partition: &Partition<'_>, of_clusters: &[u32], places: &Places) -> Vec<u32> {
+    let Partition { graph, labels, boundary, .. } = partition;
     let of_chunk = |of_clusters: &[u32]| {
         let (mut cut_off, mut walk) = (Vec::new(), Walk::new(places));
         for &cluster in of_clusters {

@@ -3,7 +3,7 @@
 use super::{Refinement, State, explained, grow, iterate, sums};
 use crate::device::dual_edge::{Rank, Ties};
 use crate::device::pieces::cut_off_faces;
-use crate::device::{Cancel, Device, DualEdge, Ending, FREE, MergeSteps, Step, Steps};
+use crate::device::{Cancel, Device, DualEdge, Ending, FREE, MergeSteps, OnStep, Step, Steps};
 use crate::device::{DeviceInfo, DeviceKind};
 use crate::energy::LatticeEnergy;
 use crate::energy::{ClusterSums, Energy, Functional, WideSums};
@@ -81,9 +81,6 @@ impl PlainSteps<'_> {
         iterations(limit, cancel, on, || self.phase.iterate())
     }
 }
-
-/// Called with every iteration of a phase.
-type OnStep<'a> = &'a mut dyn FnMut(Step);
 
 /// Makes iterations until one has nothing left to do, or the limit is reached.
 fn iterations(

@@ -1,19 +1,15 @@
 //! The search for best dual edges along the boundaries of all clusters.
 
 use super::packed_cost;
-use crate::device::cpu::View;
-use crate::device::cpu::boundary_faces::{BoundaryFaces, ClusterList};
+use crate::device::cpu::Partition;
+use crate::device::cpu::boundary_faces::ClusterList;
 use crate::device::cpu::labels::Labels;
 use crate::device::dual_edge::{Rank, Ties};
 use crate::surface::DualGraph;
 
 /// The choices of the clusters. `living` are those that may have faces, ascending; ones that have none are dropped.
-pub fn choices(
-    View { graph, labels, clusters }: View<'_>,
-    boundary: &mut BoundaryFaces,
-    living: &mut Vec<u32>,
-    ties: Ties,
-) -> Vec<(u32, u32)> {
+pub fn choices(partition: &mut Partition<'_>, living: &mut Vec<u32>, ties: Ties) -> Vec<(u32, u32)> {
+    let Partition { graph, labels, clusters, boundary } = partition;
     living.retain(|&cluster| clusters.sums(cluster).faces > 0);
     let choices = boundary.search(living, Vec::new, |others, list| {
         let cluster = list.cluster;
@@ -24,8 +20,8 @@ pub fn choices(
     choices.into_iter().flatten().collect()
 }
 
-/// Finds the clusters beside that of a list, ascending, in place of what `others` has. Faces that are on no boundary are
-/// dropped from the list.
+/// Finds the clusters beside that of a list, ascending, in place of what `others` has. Drops faces from the list that
+/// are on no boundary.
 pub fn find_neighbours(graph: &DualGraph, labels: &Labels, list: ClusterList<'_>, others: &mut Vec<u32>) {
     let cluster = list.cluster;
     others.clear();
