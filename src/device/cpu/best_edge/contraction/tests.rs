@@ -161,12 +161,12 @@ fn merge_samples_to_the_top() {
 
 #[test]
 fn a_cluster_with_many_neighbours_is_no_exception() {
-    let surface = Surface::build(&generate(Sample::Sphere, 1500).expect("a mesh")).expect("a surface");
+    let surface = Surface::build(&generate(Sample::Sphere, 3000).expect("a mesh")).expect("a surface");
     let component_of_face = surface.component_of_face();
     let mut both = Both::new(&surface.graph, &component_of_face, Ties::Hash);
     let hub = 700;
     let mut most = 0;
-    for _ in 0..600 {
+    for _ in 0..900 {
         both.merge(|edges| {
             let at = edges.binary_search_by_key(&hub, |edge| edge.cluster).expect("the hub has neighbours");
             vec![(edges[at].other, hub)]
