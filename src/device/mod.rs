@@ -141,11 +141,10 @@ pub trait MergeSteps: Steps {
 
     /// Merges pairs of clusters, given with the smaller number first, as [`from_into`] orders them; no cluster is in
     /// two pairs. Returns the ordered pairs, and the sums of both clusters of each before, the smaller number first.
-    fn merge_pairs(&mut self, pairs: &[(u32, u32)]) -> Result<(Vec<(u32, u32)>, Vec<ClusterSums>)> {
+    fn merge_pairs(&mut self, pairs: &[(u32, u32)]) -> Result<(Merges, Vec<ClusterSums>)> {
         let ends: Vec<u32> = pairs.iter().flat_map(|&(low, high)| [low, high]).collect();
         let sums = self.sums_of(&ends)?;
-        let ordered: Vec<(u32, u32)> =
-            pairs.iter().zip(sums.as_chunks().0).map(|(&pair, sums)| from_into(pair, sums)).collect();
+        let ordered: Merges = pairs.iter().zip(sums.as_chunks().0).map(|(&pair, sums)| from_into(pair, sums)).collect();
         self.merge(&ordered)?;
         Ok((ordered, sums))
     }
@@ -157,6 +156,9 @@ pub trait MergeSteps: Steps {
     /// cluster it belonged to and the one it belongs to.
     fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32, u32)>>;
 }
+
+/// Merges of clusters: the first of each pair becomes part of the second.
+pub type Merges = Vec<(u32, u32)>;
 
 /// What one iteration did.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

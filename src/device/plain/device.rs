@@ -1,12 +1,13 @@
 //! The definitions as a device, so that every driver runs on them.
 
+use std::collections::BTreeMap;
+
 use super::{Refinement, State, explained, grow, iterate, sums};
 use crate::device::dual_edge::{Rank, Ties};
 use crate::device::pieces::cut_off_faces;
 use crate::device::{Cancel, Device, DualEdge, Ending, FREE, MergeSteps, OnStep, Step, Steps};
 use crate::device::{DeviceInfo, DeviceKind};
-use crate::energy::LatticeEnergy;
-use crate::energy::{ClusterSums, Energy, Functional, WideSums};
+use crate::energy::{ClusterSums, End, Energy, Functional, LatticeEnergy, WideSums};
 use crate::error::Result;
 use crate::surface::DualGraph;
 
@@ -58,6 +59,13 @@ struct PlainSteps<'a> {
 impl PlainSteps<'_> {
     fn sums(&self) -> Vec<WideSums> {
         sums(self.phase.graph, self.phase.component_of_cluster.len(), &self.phase.labels)
+    }
+
+    /// What merge costs read of a cluster that has faces.
+    fn ends(&self) -> impl Fn(u32) -> End + use<> {
+        let sums = (0..).zip(self.sums()).filter(|(_, sums)| sums.faces > 0);
+        let ends: BTreeMap<u32, End> = sums.map(|(cluster, sums)| (cluster, sums.end())).collect();
+        move |cluster| ends[&cluster]
     }
 
     fn energy_shift(&self, cluster: u32) -> u32 {
@@ -153,9 +161,8 @@ impl Steps for PlainSteps<'_> {
 
 impl MergeSteps for PlainSteps<'_> {
     fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
-        let sums = self.sums();
-        let end = |cluster: u32| sums[cluster as usize].end();
-        let mut best: Vec<Option<(Rank<u32>, DualEdge)>> = vec![None; sums.len()];
+        let end = self.ends();
+        let mut best: Vec<Option<(Rank<u32>, DualEdge)>> = vec![None; self.phase.component_of_cluster.len()];
         for (cluster, other) in self.dual_edges() {
             let cost = Energy::packed_merge_cost(end(cluster), end(other), self.energy_shift(cluster));
             let rank = Rank::new(cost, cluster, other, ties);
@@ -168,8 +175,7 @@ impl MergeSteps for PlainSteps<'_> {
     }
 
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {
-        let sums = self.sums();
-        let end = |cluster: u32| sums[cluster as usize].end();
+        let end = self.ends();
         let rank = |(a, b): (u32, u32)| {
             let cost = Energy::merge_cost(end(a), end(b)) << self.energy_shift(a);
             Rank::new(cost, a.min(b), a.max(b), ties)
