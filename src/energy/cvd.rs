@@ -55,6 +55,13 @@ impl Functional for Cvd {
         packed_cost(a, b, energy_shift)
     }
 
+    #[inline]
+    fn merge_cost_about(a: End, b: End) -> f64 {
+        // they are signed, which is converted faster
+        let [weight_a, weight_b] = [a, b].map(|end| end.weight.cast_signed() as f64);
+        weight_a * weight_b / (weight_a + weight_b) * squared_distance(a.proxy, b.proxy).cast_signed() as f64
+    }
+
     fn merge_cost_of_means(a: &ClusterSums, b: &ClusterSums) -> f64 {
         let (weight_a, weight_b) = (a.weight as f64, b.weight as f64);
         let (mean_a, mean_b) = (a.mean(), b.mean());

@@ -35,6 +35,10 @@ pub trait Functional {
     /// The merge cost in 32 bits whose order is the order of the values, in units of the finest component.
     fn packed_merge_cost(a: Self::End, b: Self::End, energy_shift: u32) -> u32;
 
+    /// The merge cost in units of the component, with a relative error of some 2⁻⁵⁰: to leave out edges that cost far
+    /// more.
+    fn merge_cost_about(a: Self::End, b: Self::End) -> f64;
+
     /// The merge cost with respect to exact proxies, in units of the component: for records.
     fn merge_cost_of_means(a: &Self::Sums, b: &Self::Sums) -> f64;
 

@@ -92,16 +92,15 @@ impl<'a> CpuSteps<'a> {
         result
     }
 
-    /// The neighbour that each cluster would best merge with: by the contraction where each cluster is what merges made
-    /// of single faces, else along boundaries.
-    fn choices(&mut self, ties: Ties) -> Vec<(u32, u32)> {
+    /// The contraction, where each cluster is what merges made of single faces.
+    fn contraction(&mut self, ties: Ties) -> Option<(&Clusters, &mut Contraction)> {
         if matches!(self.state, State::Labelled(_) | State::Summed(..)) && self.labels_mut().are_faces() {
             let (labels, clusters, _) = self.take_summed();
             self.state = State::Contracted(labels, clusters, Box::new(Contraction::new(self.graph, ties)));
         }
         match &mut self.state {
-            State::Contracted(_, clusters, contraction) if contraction.ties() == ties => contraction.choices(clusters),
-            _ => self.with_listed(|listed| listed.choices(ties)),
+            State::Contracted(_, clusters, contraction) if contraction.ties() == ties => Some((clusters, contraction)),
+            _ => None,
         }
     }
 
@@ -199,13 +198,21 @@ impl Steps for CpuSteps<'_> {
 
 impl MergeSteps for CpuSteps<'_> {
     fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
-        let choices = self.choices(ties);
+        let choices = match self.contraction(ties) {
+            Some((clusters, contraction)) => contraction.choices(clusters),
+            None => self.with_listed(|listed| listed.choices(ties)),
+        };
         Ok(self.with_clusters(|clusters| best_edge::optimal(clusters, &choices)))
     }
 
     fn mutual_dual_edges(&mut self, ties: Ties) -> Result<Vec<Rank<u32>>> {
-        let choices = self.choices(ties);
-        Ok(self.with_clusters(|clusters| best_edge::mutual(clusters, &choices)))
+        Ok(match self.contraction(ties) {
+            Some((clusters, contraction)) => contraction.mutual(clusters),
+            None => self.with_listed(|listed| {
+                let choices = listed.choices(ties);
+                best_edge::mutual(&listed.partition.clusters, &choices)
+            }),
+        })
     }
 
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {

@@ -1,36 +1,55 @@
 //! The search for best dual edges along the boundaries of all clusters.
 
-use super::packed_cost;
+use super::{end, packed_cost};
+use crate::device::FREE;
 use crate::device::cpu::Partition;
 use crate::device::cpu::boundary_faces::ClusterList;
 use crate::device::cpu::labels::Labels;
+use crate::device::cpu::tuning::filter::Filter;
 use crate::device::dual_edge::{Rank, Ties};
+use crate::energy::{Energy, Functional};
 use crate::surface::DualGraph;
+
+/// Costs in f64 that differ by this factor or more are in the order of the packed costs, which resolve 1 + 2⁻²⁴.
+const MARGIN: f64 = 1.0 + 1e-6;
 
 /// The choices of the clusters. `living` are those that may have faces, ascending; ones that have none are dropped.
 pub fn choices(partition: &mut Partition<'_>, living: &mut Vec<u32>, ties: Ties) -> Vec<(u32, u32)> {
     let Partition { graph, labels, clusters, boundary } = partition;
     living.retain(|&cluster| clusters.sums(cluster).faces > 0);
-    let choices = boundary.search(living, Vec::new, |others, list| {
+    let choices = boundary.search(living, Filter::default, |others, list| {
         let cluster = list.cluster;
+        let own = end(clusters, cluster);
+        let rank = |other: u32| Rank::new(packed_cost(clusters, cluster, other), cluster, other, ties);
+        let (mut best, mut cost) = (FREE, f64::INFINITY);
         find_neighbours(graph, labels, list, others);
-        let rank = |&other: &u32| Rank::new(packed_cost(clusters, cluster, other), cluster, other, ties);
-        others.iter().copied().min_by_key(rank).map(|best| (cluster, best))
+        for &other in others.kept() {
+            let about = Energy::merge_cost_about(own, end(clusters, other));
+            // packed costs decide between edges whose costs in f64 are too close
+            if about <= cost * MARGIN && other != best && (about * MARGIN < cost || rank(other) < rank(best)) {
+                (best, cost) = (other, about);
+            }
+        }
+        (best != FREE).then_some((cluster, best))
     });
     choices.into_iter().flatten().collect()
 }
 
-/// Finds the clusters beside that of a list, ascending, in place of what `others` has. Drops faces from the list that
-/// are on no boundary.
-pub fn find_neighbours(graph: &DualGraph, labels: &Labels, list: ClusterList<'_>, others: &mut Vec<u32>) {
+/// Slots of the table of neighbours that were found last.
+const RECENT: usize = 16;
+
+/// Finds the clusters beside those of a list, some maybe several times, in place of what `others` has. Faces that are
+/// on no boundary are dropped from the list.
+pub fn find_neighbours(graph: &DualGraph, labels: &Labels, list: ClusterList<'_>, others: &mut Filter) {
     let cluster = list.cluster;
     others.clear();
     list.retain(|face| {
-        let before = others.len();
-        let near = graph.neighbours_of(face).iter().map(|&near| labels.near_boundary(near));
-        others.extend(near.filter(|&other| other != cluster));
-        others.len() > before
+        let near = graph.neighbours_of(face);
+        let before = others.kept().len();
+        others.add(near.len(), near.iter().map(|&near| labels.near_boundary(near)), |other| other != cluster);
+        others.kept().len() > before
     });
-    others.sort_unstable();
-    others.dedup();
+    // most repetitions follow soon after the first
+    let mut recent = [cluster; RECENT];
+    others.retain(|other| std::mem::replace(&mut recent[other as usize % RECENT], other) != other);
 }

@@ -1,13 +1,21 @@
 //! The graph of clusters, contracted as they merge.
 //!
 //! It replaces the faces as long as none of them moves: in hierarchies without optimisation, and in others before the
-//! first round that is optimised. The searches of a round cost in proportion to the clusters that merge and to their
-//! neighbours, not to the number of clusters or to the length of their boundaries.
+//! first round that is optimised. A round costs in proportion to the clusters that merge and to their neighbours, not
+//! to the number of clusters or to the length of their boundaries.
+//!
+//! # Which nodes search again
 //!
 //! After a round only two kinds of nodes search for their best edge: nodes that grew, and nodes whose best edge led to
 //! a node that merged. Any other node keeps its best edge, because the costs of its other edges have not changed,
 //! unless a grown neighbour offers a better one: a grown node computes the costs of all its edges anyway. The row of a
 //! node is not updated until the node searches; it may name nodes that have ended, which are then resolved.
+//!
+//! # Which edges have packed costs
+//!
+//! Rows have costs in single precision ([`RoughEnd::rough_cost`]) with a relative error below 2⁻²⁰. Two edges whose
+//! rough costs differ by more than the factor [`MARGIN`] are in the order of their packed costs, which resolve 1 +
+//! 2⁻²⁴. Only edges that are closer than that, and the resulting pairs, get packed costs.
 
 mod node;
 mod search;
@@ -16,27 +24,40 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use rayon::prelude::*;
 
-use self::node::{Edge, Grown, NO_NODE, Node, Row};
+use self::node::{Edge, Grown, NO_NODE, Node, RoughEnd, Row, Status, resolve};
 use self::search::{Context, SearchResult};
 use crate::device::cpu::clusters::Clusters;
 use crate::device::cpu::tuning::chunks::ITEMS;
-use crate::device::dual_edge::Ties;
+use crate::device::dual_edge::{Rank, Ties};
 use crate::surface::DualGraph;
 
 /// The round before the first. A row of this round has no costs.
 const NEVER: u32 = 0;
 
-/// The clusters, their neighbours and their best dual edges. A node stands for the cluster of the same number.
+/// Rough costs that differ by more than this factor are in the order of the packed costs.
+const MARGIN: f32 = 1.0 + 1.0 / (1 << 18) as f32;
+
+/// The living clusters, their neighbours and their best dual edges.
+///
+/// A node stands for a cluster. Nodes are in the order of their clusters, and are renumbered when half of them have
+/// ended, so that the living ones lie close together.
 #[derive(Debug)]
 pub struct Contraction {
     nodes: Vec<Node>,
     rows: Vec<Row>,
+    cluster_of_node: Vec<u32>,
+    /// The node of each cluster that has not ended.
+    node_of_cluster: Vec<u32>,
     /// The rows of the nodes, and edges that are no longer in a row. One thread at a time writes a row.
     edges: Vec<AtomicU64>,
     /// The nodes that grew in the last round.
     grown: Vec<Grown>,
+    /// The pairs of nodes whose best edges lead to each other, with their ranks as clusters.
+    pairs: Vec<(Rank<u32>, [u32; 2])>,
     /// Number of the round, from 1.
     round: u32,
+    /// Nodes that have ended.
+    ended: usize,
     /// Number of edges after the last compaction.
     compacted: usize,
     /// Which of equally cheap dual edges is the best.
@@ -48,20 +69,30 @@ pub struct Contraction {
 impl Contraction {
     /// The graph of clusters that are one face each.
     pub fn new(graph: &DualGraph, ties: Ties) -> Self {
+        let faces = graph.faces() as u32;
         let row = |face: u32| {
             let start = graph.neighbour_offsets[face as usize] as usize;
             Row::new(start, graph.neighbours_of(face).len() as u32, NEVER)
         };
-        let faces = 0..graph.faces() as u32;
+        let node = |face: u32| Node {
+            end: RoughEnd { weight: 0.0, proxy: [0; 3] },
+            status: Status { into: face, grown: NEVER + 1 },
+            best: Edge::LOST.packed().into(),
+        };
+        let edge = |&other: &u32| AtomicU64::new(Edge { other, cost: 0.0 }.packed());
         let mut edges = Vec::with_capacity(room(graph.neighbours.len(), graph.faces()));
-        edges.extend(graph.neighbours.iter().map(|&other| AtomicU64::new(Edge { other, cost: 0 }.packed())));
+        edges.extend(graph.neighbours.iter().map(edge));
         Self {
-            nodes: faces.clone().map(|face| Node::new(face, NEVER + 1)).collect(),
-            rows: faces.map(row).collect(),
+            rows: (0..faces).map(row).collect(),
+            nodes: (0..faces).map(node).collect(),
+            cluster_of_node: (0..faces).collect(),
+            node_of_cluster: (0..faces).collect(),
             compacted: edges.len(),
             edges,
             grown: Vec::new(),
+            pairs: Vec::new(),
             round: NEVER,
+            ended: 0,
             ties,
             is_current: false,
         }
@@ -75,73 +106,158 @@ impl Contraction {
     /// The neighbour that each cluster would best merge with, in the order of the clusters.
     pub fn choices(&mut self, clusters: &Clusters) -> Vec<(u32, u32)> {
         self.update(clusters);
-        let choice = |(cluster, node): (usize, &Node)| {
+        let choice = |(node, &cluster): (&Node, &u32)| {
             let other = node.best().other;
-            (other != NO_NODE).then_some((cluster as u32, other))
+            (other != NO_NODE).then(|| (cluster, self.cluster_of_node[other as usize]))
         };
-        self.nodes.par_iter().enumerate().with_min_len(ITEMS).filter_map(choice).collect()
+        self.nodes.par_iter().zip(&self.cluster_of_node).with_min_len(ITEMS).filter_map(choice).collect()
+    }
+
+    /// The pairs of clusters that chose each other, in any order. They are kept between rounds: only new ones get packed
+    /// costs.
+    pub fn mutual(&mut self, clusters: &Clusters) -> Vec<Rank<u32>> {
+        self.update(clusters);
+        self.pairs.iter().map(|(rank, _)| *rank).collect()
     }
 
     /// Merges the first cluster of each pair into the second; no cluster is in two pairs. Call it before `clusters` are
     /// merged.
     pub fn merge(&mut self, clusters: &Clusters, pairs: &[(u32, u32)]) {
         self.update(clusters);
-        if self.edges.len() > room(self.compacted, self.rows.len()) {
+        // the second condition: a cluster with a long row that grows in many rounds
+        if self.ended > self.rows.len() / 2 || self.edges.len() > room(self.compacted, self.rows.len()) {
             self.compact();
         }
         self.round += 1;
         let mut end = self.edges.len();
         for &(from, into) in pairs {
+            let [into, from] = [into, from].map(|cluster| self.node_of_cluster[cluster as usize]);
             let rows = [into, from].map(|node| self.rows[node as usize].edges());
             let ended = &mut self.nodes[from as usize];
-            ended.into = into;
+            ended.status.into = into;
             ended.set_best(Edge::NONE);
-            self.nodes[into as usize].grown = self.round;
+            self.nodes[into as usize].status.grown = self.round;
             self.rows[into as usize] = Row::new(end, 0, self.round);
-            self.rows[from as usize] = Row::new(end, 0, self.round);
             end += rows[0].len() + rows[1].len();
             self.grown.push(Grown { node: into, rows });
         }
         self.edges.resize_with(end, AtomicU64::default);
+        self.ended += pairs.len();
         self.is_current = false;
     }
 
-    /// Finds the best edges after the last round.
+    /// Finds the best edges after the last round, and the pairs.
     fn update(&mut self, clusters: &Clusters) {
-        if std::mem::replace(&mut self.is_current, true) {
+        if self.is_current {
             return;
         }
+        self.is_current = true;
         let grown = std::mem::take(&mut self.grown);
+        let end =
+            |cluster: u32| RoughEnd { weight: clusters.sums(cluster).weight as f32, proxy: clusters.proxy(cluster) };
         let mut lost = Vec::new();
         if self.round == NEVER {
             self.round += 1;
+            self.nodes.iter_mut().zip(&self.cluster_of_node).for_each(|(node, &cluster)| node.end = end(cluster));
             lost = (0..self.rows.len() as u32).collect();
         }
-        let Self { nodes, rows, edges, round, ties, .. } = self;
-        let context = Context { nodes, rows, edges, round: *round, clusters, ties: *ties };
+        for grown in &grown {
+            self.nodes[grown.node as usize].end = end(self.cluster_of_node[grown.node as usize]);
+        }
+        let context = self.context(clusters);
         let results: Vec<SearchResult> = grown.par_chunks(ITEMS).map(|grown| context.search_grown(grown)).collect();
         for &(node, edge) in results.iter().flat_map(|result| &result.offers) {
-            let best = nodes[node as usize].best();
             // nodes that search by themselves get no offers
-            if best != Edge::LOST && context.prefers(node, edge, best) {
-                nodes[node as usize].set_best(edge);
+            if context.prefers(node, edge, self.nodes[node as usize].best()) {
+                self.nodes[node as usize].set_best(edge);
             }
         }
         lost.extend(results.into_iter().flat_map(|result| result.lost));
         lost.par_chunks(ITEMS).for_each(|lost| context.search_lost(lost));
+        let searched: Vec<u32> = grown.iter().map(|grown| grown.node).chain(lost).collect();
+        self.pair_up(clusters, &searched);
     }
 
-    /// Drops edges that are in no row. The best edges are current.
+    /// Finds the pairs whose best edges lead to each other, given the nodes that searched in this round. A new pair has
+    /// such a node, because offers lead to grown nodes.
+    fn pair_up(&mut self, clusters: &Clusters, searched: &[u32]) {
+        let context = self.context(clusters);
+        let choice = |node: u32| self.nodes[node as usize].best().other;
+        // a node that searched without having grown did so because its choice had grown or ended, or in the first round
+        let has_grown = |node: u32| self.nodes[node as usize].status.grown == self.round;
+        let stays = |&(_, [a, b]): &(_, [u32; 2])| choice(a) == b && choice(b) == a && !has_grown(a) && !has_grown(b);
+        let has_searched = |node: u32| self.rows[node as usize].searched() == self.round;
+        let pair = |&node: &u32| {
+            let other = choice(node);
+            let is_new = other != NO_NODE && choice(other) == node && (node < other || !has_searched(other));
+            is_new.then(|| {
+                let [low, high] = [node, other].map(|node| self.cluster_of_node[node as usize]);
+                (Rank::new(context.packed_cost(node, other), low, high, Ties::Hash), [node, other])
+            })
+        };
+        let mut pairs: Vec<_> = self.pairs.par_iter().with_min_len(ITEMS).copied().filter(stays).collect();
+        pairs.par_extend(searched.par_iter().with_min_len(ITEMS).filter_map(pair));
+        self.pairs = pairs;
+    }
+
+    /// Drops nodes that have ended and edges that are in no row. The best edges are current.
     fn compact(&mut self) {
-        let edges = std::mem::take(&mut self.edges);
-        let left: usize = self.rows.iter().map(|row| row.edges().len()).sum();
-        self.edges.reserve_exact(room(left, self.rows.len()));
-        for row in &mut self.rows {
-            let kept = row.edges();
-            row.start = self.edges.len();
-            self.edges.extend(edges[kept].iter().map(|edge| AtomicU64::new(edge.load(Relaxed))));
+        let Self { nodes, rows, edges, .. } = self;
+        let mut new_number = vec![NO_NODE; rows.len()];
+        let mut left = Vec::with_capacity(rows.len() - self.ended);
+        let mut end = 0;
+        for (number, row) in rows.iter().enumerate().filter(|&(number, _)| nodes[number].status.into == number as u32) {
+            let new = left.len();
+            new_number[number] = new as u32;
+            self.node_of_cluster[self.cluster_of_node[number] as usize] = new as u32;
+            self.cluster_of_node[new] = self.cluster_of_node[number];
+            left.push((number as u32, row, end));
+            end += row.edges().len();
         }
-        self.compacted = left;
+        self.cluster_of_node.truncate(left.len());
+        self.pairs.iter_mut().flat_map(|(_, nodes)| nodes).for_each(|node| *node = new_number[*node as usize]);
+
+        let mut kept_edges = Vec::with_capacity(room(end, left.len()));
+        kept_edges.resize_with(end, AtomicU64::default);
+        let compacted_row = |&(_, row, start): &(u32, &Row, usize)| {
+            let row_edges = &edges[row.edges()];
+            let mut searched = row.searched();
+            for (target, edge) in kept_edges[start..].iter().zip(row_edges) {
+                let Edge { other, cost } = Edge::unpacked(edge.load(Relaxed));
+                if !nodes[other as usize].status.is_unchanged_since(other, row.searched()) {
+                    searched = NEVER;
+                }
+                let other = new_number[resolve(nodes, other) as usize];
+                target.store(Edge { other, cost }.packed(), Relaxed);
+            }
+            Row::new(start, row_edges.len() as u32, searched)
+        };
+        let new_rows = left.par_iter().with_min_len(ITEMS).map(compacted_row).collect();
+        let renewed = |(new, &(old, ..)): (u32, &(u32, &Row, usize))| {
+            let Node { end, status, best } = &nodes[old as usize];
+            let mut best = Edge::unpacked(best.load(Relaxed));
+            if best.other != NO_NODE {
+                best.other = new_number[best.other as usize];
+            }
+            Node { end: *end, status: Status { into: new, ..*status }, best: best.packed().into() }
+        };
+        self.nodes = (0..).zip(&left).map(renewed).collect();
+        self.rows = new_rows;
+        self.ended = 0;
+        self.compacted = end;
+        self.edges = kept_edges;
+    }
+
+    fn context<'a>(&'a self, clusters: &'a Clusters) -> Context<'a> {
+        Context {
+            nodes: &self.nodes,
+            rows: &self.rows,
+            cluster_of_node: &self.cluster_of_node,
+            edges: &self.edges,
+            round: self.round,
+            clusters,
+            ties: self.ties,
+        }
     }
 }
 

@@ -53,6 +53,11 @@ impl Filter {
     pub fn kept(&self) -> &[u32] {
         &self.slots[..self.kept]
     }
+
+    /// The kept items, to be reordered.
+    pub fn kept_mut(&mut self) -> &mut [u32] {
+        &mut self.slots[..self.kept]
+    }
 }
 
 #[cfg(test)]

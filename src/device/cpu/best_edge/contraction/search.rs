@@ -3,19 +3,20 @@
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-use super::{Edge, Grown, Node, Row};
-use crate::device::cpu::best_edge::packed_cost;
+use super::{Edge, Grown, MARGIN, NO_NODE, Node, Row, resolve};
+use crate::device::cpu::best_edge;
 use crate::device::cpu::clusters::Clusters;
 use crate::device::dual_edge::{Rank, Ties};
 use crate::prefetch::{prefetch, with_lookahead};
 
 /// What a search reads. It writes the row and the best edge of the searching node. Several threads search at a time;
-/// their results do not depend on the order, because nodes do not merge meanwhile, and a search reads the best edges
-/// only of nodes that do not search.
+/// their results do not depend on the order, because statuses and ends do not change meanwhile, and a search reads the
+/// best edges only of nodes that do not search.
 #[derive(Clone, Copy)]
 pub(super) struct Context<'a> {
     pub(super) nodes: &'a [Node],
     pub(super) rows: &'a [Row],
+    pub(super) cluster_of_node: &'a [u32],
     pub(super) edges: &'a [AtomicU64],
     pub(super) round: u32,
     pub(super) clusters: &'a Clusters,
@@ -32,24 +33,24 @@ pub(super) struct SearchResult {
 }
 
 impl Context<'_> {
+    /// The packed cost of merging two nodes.
+    pub(super) fn packed_cost(&self, node: u32, other: u32) -> u32 {
+        let [cluster, other] = [node, other].map(|node| self.cluster_of_node[node as usize]);
+        best_edge::packed_cost(self.clusters, cluster, other)
+    }
+
     /// Whether one edge of a node is better than another.
     pub(super) fn prefers(&self, node: u32, edge: Edge, than: Edge) -> bool {
-        let tie = |other: u32| Rank::new(edge.cost, node, other, self.ties);
-        edge.cost < than.cost || edge.cost == than.cost && tie(edge.other) < tie(than.other)
-    }
-
-    /// The edge from one node to another.
-    fn edge(&self, node: u32, other: u32) -> Edge {
-        Edge { other, cost: packed_cost(self.clusters, node, other) }
-    }
-
-    /// The living node that an edge leads to.
-    fn other(&self, edge: &AtomicU64) -> u32 {
-        let mut node = Edge::unpacked(edge.load(Relaxed)).other;
-        while self.nodes[node as usize].into != node {
-            node = self.nodes[node as usize].into;
+        if edge.cost > than.cost * MARGIN || than.cost > edge.cost * MARGIN {
+            return edge.cost < than.cost;
         }
-        node
+        let cluster = |node: u32| self.cluster_of_node[node as usize];
+        let rank = |other: u32| Rank::new(self.packed_cost(node, other), cluster(node), cluster(other), self.ties);
+        rank(edge.other) < rank(than.other)
+    }
+
+    fn rough_cost(&self, node: u32, other: u32) -> f32 {
+        self.nodes[node as usize].end.rough_cost(self.nodes[other as usize].end)
     }
 
     /// Requests the nodes that some edges lead to.
@@ -63,7 +64,7 @@ impl Context<'_> {
     pub(super) fn search_grown(&self, grown: &[Grown]) -> SearchResult {
         let Self { nodes, edges, round, .. } = *self;
         let mut result = SearchResult::default();
-        let mut others = Vec::new();
+        let mut visited = Visited::default();
         for (&Grown { node, ref rows }, ahead) in with_lookahead(grown) {
             if let Some(later) = ahead.stage(2) {
                 later.rows.iter().for_each(|row| prefetch(edges, row.start));
@@ -71,28 +72,31 @@ impl Context<'_> {
             if let Some(later) = ahead.stage(1) {
                 later.rows.iter().for_each(|row| self.prefetch_ends(row.clone()));
             }
-            others.clear();
-            let old = rows.iter().flat_map(|row| &edges[row.clone()]);
-            others.extend(old.map(|edge| self.other(edge)).filter(|&other| other != node));
-            others.sort_unstable();
-            others.dedup();
-            let mut row = NewRow::new(&edges[self.rows[node as usize].start..]);
-            for &other in &others {
-                let edge = self.edge(node, other);
-                row.add(self, node, edge);
+            let target = &edges[self.rows[node as usize].start..];
+            let mut kept = 0;
+            let mut cheapest = Cheapest::default();
+            visited.begin(rows[0].len() + rows[1].len());
+            for edge in rows.iter().flat_map(|row| &edges[row.clone()]) {
+                let other = resolve(nodes, Edge::unpacked(edge.load(Relaxed)).other);
+                if other == node || !visited.is_new(other) {
+                    continue;
+                }
+                let cost = self.rough_cost(node, other);
+                target[kept].store(cheapest.add(Edge { other, cost }), Relaxed);
+                kept += 1;
                 let its = nodes[other as usize].best();
-                if nodes[other as usize].grown != round && its != Edge::LOST {
-                    if !nodes[its.other as usize].is_unchanged_since(its.other, round - 1) {
+                if nodes[other as usize].status.grown != round && its != Edge::LOST {
+                    if !nodes[its.other as usize].status.is_unchanged_since(its.other, round - 1) {
                         // several searches may find this; the first one reports it
                         if nodes[other as usize].lose_best() {
                             result.lost.push(other);
                         }
-                    } else if edge.cost <= its.cost {
-                        result.offers.push((other, Edge { other: node, ..edge }));
+                    } else if cost <= its.cost * MARGIN {
+                        result.offers.push((other, Edge { other: node, cost }));
                     }
                 }
             }
-            row.store(self, node);
+            self.store_row(node, &target[..kept], cheapest);
         }
         result
     }
@@ -100,7 +104,7 @@ impl Context<'_> {
     /// Nodes that did not grow search in their rows.
     pub(super) fn search_lost(&self, lost: &[u32]) {
         let Self { nodes, rows, edges, .. } = *self;
-        let mut changed = Vec::new();
+        let mut visited = Visited::default();
         for (&node, ahead) in with_lookahead(lost) {
             if let Some(&later) = ahead.stage(3) {
                 prefetch(rows, later as usize);
@@ -111,51 +115,95 @@ impl Context<'_> {
             if let Some(&later) = ahead.stage(1) {
                 self.prefetch_ends(rows[later as usize].edges());
             }
-            let old = &rows[node as usize];
-            let edges = &edges[old.edges()];
-            let mut row = NewRow::new(edges);
-            changed.clear();
-            for packed in edges {
-                let edge = Edge::unpacked(packed.load(Relaxed));
-                // two unchanged nodes cannot be the same, and no changed node has become part of one
-                if nodes[edge.other as usize].is_unchanged_since(edge.other, old.searched()) {
-                    row.add(self, node, edge);
-                } else {
-                    changed.push(self.other(packed));
+            let row = &rows[node as usize];
+            let edges = &edges[row.edges()];
+            let mut kept = 0;
+            let mut cheapest = Cheapest::default();
+            visited.begin(edges.len());
+            for at in 0..edges.len() {
+                let mut edge = Edge::unpacked(edges[at].load(Relaxed));
+                // two unchanged nodes cannot be the same
+                if !nodes[edge.other as usize].status.is_unchanged_since(edge.other, row.searched()) {
+                    let other = resolve(nodes, edge.other);
+                    if !visited.is_new(other) {
+                        continue;
+                    }
+                    edge = Edge { other, cost: self.rough_cost(node, other) };
+                }
+                edges[kept].store(cheapest.add(edge), Relaxed);
+                kept += 1;
+            }
+            self.store_row(node, &edges[..kept], cheapest);
+        }
+    }
+
+    /// Stores the result of a search: the length of the row and the best edge.
+    fn store_row(&self, node: u32, edges: &[AtomicU64], cheapest: Cheapest) {
+        let mut best = Edge::unpacked(cheapest.first);
+        if Edge::unpacked(cheapest.second).cost <= best.cost * MARGIN {
+            for edge in edges.iter().map(|edge| Edge::unpacked(edge.load(Relaxed))) {
+                if edge.other != best.other && self.prefers(node, edge, best) {
+                    best = edge;
                 }
             }
-            changed.sort_unstable();
-            changed.dedup();
-            changed.iter().for_each(|&other| row.add(self, node, self.edge(node, other)));
-            row.store(self, node);
         }
+        self.nodes[node as usize].set_best(best);
+        self.rows[node as usize].renew(edges.len(), self.round);
     }
 }
 
-/// The row that a search writes, and the best of its edges.
-struct NewRow<'a> {
-    edges: &'a [AtomicU64],
-    len: usize,
-    best: Edge,
+/// The two edges of a row with the lowest rough costs, packed.
+#[derive(Debug, Clone, Copy)]
+struct Cheapest {
+    first: u64,
+    second: u64,
 }
 
-impl<'a> NewRow<'a> {
-    /// An empty row in place of some edges.
-    fn new(edges: &'a [AtomicU64]) -> Self {
-        Self { edges, len: 0, best: Edge::NONE }
+impl Default for Cheapest {
+    fn default() -> Self {
+        Self { first: Edge::NONE.packed(), second: Edge::NONE.packed() }
+    }
+}
+
+impl Cheapest {
+    /// Takes an edge into account, and returns it packed.
+    fn add(&mut self, edge: Edge) -> u64 {
+        let packed = edge.packed();
+        self.second = self.second.min(packed.max(self.first));
+        self.first = self.first.min(packed);
+        packed
+    }
+}
+
+/// The nodes that a search has visited: a hash table with at least half of its slots empty.
+#[derive(Debug, Default)]
+struct Visited {
+    slots: Vec<u32>,
+    shift: u32,
+}
+
+impl Visited {
+    /// Clears the table and makes room for so many nodes.
+    fn begin(&mut self, at_most: usize) {
+        let slots = (2 * at_most).next_power_of_two().max(16);
+        self.shift = 32 - slots.trailing_zeros();
+        self.slots.clear();
+        self.slots.resize(slots, NO_NODE);
     }
 
-    fn add(&mut self, context: &Context<'_>, node: u32, edge: Edge) {
-        self.edges[self.len].store(edge.packed(), Relaxed);
-        self.len += 1;
-        if context.prefers(node, edge, self.best) {
-            self.best = edge;
+    /// Visits a node. Returns whether this is the first time.
+    fn is_new(&mut self, node: u32) -> bool {
+        // multiples of the golden ratio spread evenly (Knuth, TAOCP 6.4)
+        let mut at = (node.wrapping_mul(0x9e37_79b9) >> self.shift) as usize;
+        loop {
+            match self.slots[at] {
+                NO_NODE => {
+                    self.slots[at] = node;
+                    return true;
+                }
+                there if there == node => return false,
+                _ => at = (at + 1) % self.slots.len(),
+            }
         }
-    }
-
-    /// Makes it the row of a node.
-    fn store(self, context: &Context<'_>, node: u32) {
-        context.nodes[node as usize].set_best(self.best);
-        context.rows[node as usize].renew(self.len, context.round);
     }
 }
