@@ -4,6 +4,7 @@ mod common;
 
 use common::zoo;
 use tesserae::cluster::flat::Options;
+use tesserae::cluster::record::Record;
 use tesserae::cluster::run::Row;
 use tesserae::cluster::{self, seeds::SeedFaces};
 use tesserae::device::cpu::CpuDevice;
@@ -38,6 +39,7 @@ fn run(surface: &Surface, seeds: &SeedFaces, options: Options) -> (cluster::flat
         steps.as_mut(),
         &Cancel::default(),
         &mut |row| rows.push(row),
+        &mut Record::default(),
     )
     .expect("nobody cancels");
     (clustering, rows)
@@ -247,13 +249,15 @@ fn a_cancelled_run_stops() {
     let mut steps = device.open(&surface, &seeds.component_of_cluster).expect("the cpu takes everything");
     let cancel = Cancel::default();
     let mut rows = 0;
-    let ended =
-        cluster::flat::boundary_based(&seeds.labels(surface.faces()), CONNECTED, steps.as_mut(), &cancel, &mut |_| {
-            rows += 1;
-            if rows == 3 {
-                cancel.cancel();
-            }
-        });
+    let start = seeds.labels(surface.faces());
+    let mut on_row = |_| {
+        rows += 1;
+        if rows == 3 {
+            cancel.cancel();
+        }
+    };
+    let mut record = Record::default();
+    let ended = cluster::flat::boundary_based(&start, CONNECTED, steps.as_mut(), &cancel, &mut on_row, &mut record);
     assert_eq!(ended.map(|_| ()).map_err(|error| error.kind), Err(tesserae::Kind::Cancelled));
     assert_eq!(rows, 3);
 }

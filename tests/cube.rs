@@ -82,8 +82,9 @@ fn a_cube_in_8_clusters_has_the_energy_of_acvd() {
         steps.as_mut(),
         &Cancel::default(),
         &mut |_| {},
+        &mut cluster::record::Record::default(),
     )
-    .expect("nobody cancels");
+    .expect("no cancellation");
 
     let mut reference = ours.initial.clone();
     acvd(&surface, 8, &mut reference);

@@ -29,8 +29,10 @@ fn labels(surface: &Surface, clusters: u64) -> Vec<u32> {
     let mut steps = device.open(surface, &seeds.component_of_cluster).expect("the cpu takes everything");
     let options = Options { max_iterations: None, refine: true, allow_disconnected: false };
     let cancel = Cancel::default();
-    cluster::flat::boundary_based(&seeds.labels(surface.faces()), options, steps.as_mut(), &cancel, &mut |_| {})
-        .expect("nobody cancels")
+    let start = seeds.labels(surface.faces());
+    let mut record = cluster::record::Record::default();
+    cluster::flat::boundary_based(&start, options, steps.as_mut(), &cancel, &mut |_| {}, &mut record)
+        .expect("no cancellation")
         .labels
 }
 

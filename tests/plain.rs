@@ -7,6 +7,7 @@ use tesserae::cluster::coarse::CoarseStart;
 use tesserae::cluster::flat::{self, Options};
 use tesserae::cluster::hierarchy::{self, Pairs, RoundRow, hierarchical};
 use tesserae::cluster::quality::Quality;
+use tesserae::cluster::record::Record;
 use tesserae::cluster::run::Row;
 use tesserae::cluster::seeds;
 use tesserae::device::cpu::CpuDevice;
@@ -28,8 +29,9 @@ fn flat(surface: &Surface, device: &mut dyn Device, clusters: u64, options: Opti
     let mut steps = device.open(surface, &seeds.component_of_cluster).expect("it opens");
     let mut rows = Vec::new();
     let start = seeds.labels(surface.faces());
+    let (mut on_row, mut record) = (|row| rows.push(row), Record::default());
     let clustering =
-        flat::boundary_based(&start, options, steps.as_mut(), &Cancel::default(), &mut |row| rows.push(row));
+        flat::boundary_based(&start, options, steps.as_mut(), &Cancel::default(), &mut on_row, &mut record);
     (clustering.expect("no cancellation").labels, rows)
 }
 

@@ -12,7 +12,7 @@
 //!    ([`crate::device::dual_edge`]); of the mutual pairs, the cheaper half merge; and so on until there are as many
 //!    clusters as wanted. No component goes below its share. Then the boundary phase runs to its end. Where few
 //!    clusters are wanted, clusters teleport ([`super::teleport`]), 800 / k times, and 2. and 3. are done for as many
-//!    seed numbers, the lowest energy goes on.
+//!    seed numbers; the start with the lowest energy is taken.
 //! 4. *Back to the faces.* Labels go to the next finer graph, where the boundary phase runs; on the finest, they are
 //!    where the clustering starts.
 //!
@@ -28,7 +28,7 @@ use rayon::prelude::*;
 use super::run::Run;
 use super::seeds::{self, SeedFaces};
 use super::teleport::Teleports;
-use crate::device::dual_edge::{self, Ties, from_into};
+use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half};
 use crate::device::{Cancel, Device, MergeSteps, Steps};
 use crate::energy::LatticeEnergy;
 use crate::error::{Error, Kind, Result};
@@ -50,7 +50,7 @@ pub struct Effort {
     /// Rounds of teleports ([`super::teleport`]) on the coarsest graph, for any number of clusters.
     pub teleport_rounds: u64,
     /// Starts are made from several seed numbers as long as they have no more clusters than this together; the one with
-    /// the lowest energy goes on. Each has as many rounds of teleports more, [`MOST_TELEPORT_ROUNDS`] at most.
+    /// the lowest energy is taken. Each has as many rounds of teleports more, [`MOST_TELEPORT_ROUNDS`] at most.
     pub clusters_in_starts: u64,
 }
 
@@ -129,16 +129,10 @@ impl CoarseStart {
             .collect();
         let affordable = (surface.faces() as u64).max(FACES_IN_STARTS) / coarsest.faces() as u64;
         let repeats = (effort.clusters_in_starts / clusters).min(MOST_STARTS).min(affordable);
-        let seeds =
-            (0..repeats.max(1)).map(|start| seeds::stratified(coarsest, &too_many, seed.wrapping_add(start << 32)));
-        let seeds = seeds.collect();
-        Ok(Self {
-            levels,
-            seeds,
-            shares,
-            teleport_rounds: (effort.teleport_rounds + repeats).min(MOST_TELEPORT_ROUNDS),
-            effort,
-        })
+        let seeds = |start| seeds::stratified(coarsest, &too_many, seed.wrapping_add(start << 32));
+        let seeds = (0..repeats.max(1)).map(seeds).collect();
+        let teleport_rounds = (effort.teleport_rounds + repeats).min(MOST_TELEPORT_ROUNDS);
+        Ok(Self { levels, seeds, shares, teleport_rounds, effort })
     }
 
     /// Makes the start on a device.
@@ -158,12 +152,8 @@ impl CoarseStart {
             }
             None => self.seeds.iter().map(|seeds| self.merged(coarsest, seeds, device, cancel)).collect(),
         };
-        let mut best: Option<(LatticeEnergy, Start)> = None;
-        for (energy, start) in started? {
-            if best.as_ref().is_none_or(|(best, _)| energy > *best) {
-                best = Some((energy, start));
-            }
-        }
+        // in reverse, so that the first of equal ones is taken
+        let best = started?.into_iter().rev().max_by_key(|&(energy, _)| energy);
         let (_, mut start) = best.ok_or_else(|| Error::new(Kind::Internal, "there is no start"))?;
         for (level, coarse) in self.levels.iter().enumerate().rev() {
             start.labels = coarse.refined(&start.labels);
@@ -179,8 +169,7 @@ impl CoarseStart {
 
     /// The phases on a coarse graph.
     fn optimise(&self, steps: &mut dyn Steps, iterations: u32, cancel: &Cancel) -> Result<()> {
-        let mut untold = |_| {};
-        let on_row = &mut untold;
+        let on_row = &mut |_| {};
         let mut run = Run { steps, cancel, on_row, round: None, iteration: 0, left: iterations, record: None };
         run.optimise(self.effort.refine)?;
         Ok(())
@@ -277,7 +266,7 @@ impl Start {
 fn merge_cheaper_half(steps: &mut dyn MergeSteps, component_of_cluster: &[u32], surplus: &mut [usize]) -> Result<()> {
     let mut mutual = steps.mutual_dual_edges(Ties::Hash)?;
     mutual.retain(|pair| surplus[component_of_cluster[pair.ends().0 as usize] as usize] > 0);
-    dual_edge::keep_cheaper_half(&mut mutual);
+    keep_cheaper_half(&mut mutual);
     mutual.sort_unstable();
     mutual.retain(|pair| {
         let surplus = &mut surplus[component_of_cluster[pair.ends().0 as usize] as usize];
@@ -288,11 +277,9 @@ fn merge_cheaper_half(steps: &mut dyn MergeSteps, component_of_cluster: &[u32], 
     if mutual.is_empty() {
         return Err(Error::new(Kind::Internal, "no two clusters chose each other"));
     }
-    let ends: Vec<u32> = mutual.iter().flat_map(|pair| [pair.ends().0, pair.ends().1]).collect();
-    let sums = steps.sums_of(&ends)?;
-    let (sums, _) = sums.as_chunks::<2>();
-    let pairs: Vec<(u32, u32)> = mutual.iter().zip(sums).map(|(pair, sums)| from_into(pair.ends(), sums)).collect();
-    steps.merge(&pairs)
+    let pairs: Vec<(u32, u32)> = mutual.iter().map(Rank::ends).collect();
+    steps.merge_pairs(&pairs)?;
+    Ok(())
 }
 
 #[cfg(test)]
@@ -325,7 +312,7 @@ mod tests {
                     let plan = CoarseStart::new(&surface, clusters as u64, 3, quality.start())
                         .expect("that many are possible");
                     let start =
-                        plan.labels(&surface, &mut CpuDevice::new(), &Cancel::default()).expect("nobody cancels");
+                        plan.labels(&surface, &mut CpuDevice::new(), &Cancel::default()).expect("no cancellation");
                     assert_eq!(start.component_of_cluster.len(), clusters);
                     let component_of_face = surface.component_of_face();
                     let mut seen = vec![false; clusters];

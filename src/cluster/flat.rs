@@ -39,8 +39,7 @@
 //! ([`super::refinement`]): what grew from connected pieces is connected, and stays so.
 
 use super::record::Record;
-use super::run::{Row, Run};
-use crate::cluster::run::Phase;
+use super::run::{Phase, Row, Run};
 use crate::device::{Cancel, Ending, Steps};
 use crate::error::Result;
 
@@ -69,19 +68,8 @@ pub struct Clustering {
 /// Clusters a surface from a start: one label a face, or [`FREE`](crate::device::FREE) for faces that clusters grow
 /// over. The device was opened with the same surface and clusters.
 ///
-/// `on_row` is called with every step as it happens.
+/// `on_row` is called with every step as it happens; `record` keeps the labels of the iterations that it wants.
 pub fn boundary_based(
-    start: &[u32],
-    options: Options,
-    steps: &mut dyn Steps,
-    cancel: &Cancel,
-    on_row: &mut dyn FnMut(Row),
-) -> Result<Clustering> {
-    boundary_based_recorded(start, options, steps, cancel, on_row, &mut Record::default())
-}
-
-/// The same, and keeps the labels of the iterations that `record` wants. They do not change what comes out.
-pub fn boundary_based_recorded(
     start: &[u32],
     options: Options,
     steps: &mut dyn Steps,
@@ -90,7 +78,7 @@ pub fn boundary_based_recorded(
     record: &mut Record,
 ) -> Result<Clustering> {
     let (mut run, initial) = grown(start, options, steps, cancel, on_row, record)?;
-    let ending = if options.allow_disconnected { run.optimise(options.refine)? } else { run.settle(options.refine)? };
+    let ending = run.complete(options.allow_disconnected, |run| run.optimise(options.refine))?;
     Ok(Clustering { initial, labels: run.steps.labels()?, ending })
 }
 
@@ -107,7 +95,7 @@ pub(super) fn grown<'a>(
     let mut run = Run { steps, cancel, on_row, round: None, iteration: 0, left, record: Some(record) };
     run.steps.set_labels(start)?;
     run.steps.grow(cancel)?;
-    run.tell(Phase::Boundary, 0)?;
+    run.report(Phase::Boundary, 0)?;
     let initial = run.steps.labels()?;
     Ok((run, initial))
 }

@@ -8,7 +8,7 @@
 //!   the tie rule); of the pairs that chose each other, those that cost no more than their median merge, or, as in the
 //!   paper, all ([`Pairs`]), all at once. The edges are totally ordered (or, with the paper's tie rule, the cluster
 //!   with the largest number among those of the cheapest edges has a partner that chose it back), so there is always
-//!   such a pair, and a round never does nothing while a dual edge is left.
+//!   such a pair while a dual edge is left.
 //! * *Sequential rounds* (ML): the dual edge with the smallest exact cost of all merges; with `collapse_fraction` P,
 //!   one after the other until P % of the clusters are gone (Chiosa & Kolb 2008).
 //! * *Optimisation*: the boundary phase and the refinement of [`super::flat`], on the merged clusters. Between stops,
@@ -26,29 +26,19 @@
 //! that would pass one merges only its cheapest pairs. There the phases run until no cluster is in pieces, as in a flat
 //! run.
 //!
-//! # Why
-//!
-//! *The cheaper half.* Merging all pairs halves the clusters everywhere, also where they are large already. With the
-//! cheaper half, parallel merging without optimisation ends at the energies of greedy Ward clustering, in about twice
-//! as many rounds. Pairs of equal costs merge together, so that a plateau takes no more rounds.
-//!
-//! *A few iterations between stops.* The next round moves what a minimum would fix. Energies at stops differ by 0.2 %
-//! at most between one iteration a round and no limit; time differs by a factor of seven on a sphere of a million
-//! faces.
-//!
-//! *Not from the first round.* Clusters of two or three faces leave little to optimise, and most clusters are such.
-//!
-//! Measurements: `benches/results/choices.md`.
+//! Why the cheaper half: merging all pairs halves the clusters everywhere, also where they are large already. Why a few
+//! iterations: the next round moves what a minimum would fix. Why not from the first round: clusters of two or three
+//! faces leave little to optimise. `benches/results/choices.md` has the measurements.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::run::{Row, Run};
-use crate::device::dual_edge::{Rank, Ties, from_into, keep_cheaper_half};
+use super::seeds::check_number;
+use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half};
 use crate::device::{Cancel, MergeSteps};
-use crate::energy::ClusterSums;
-use crate::energy::LatticeEnergy;
+use crate::energy::{ClusterSums, LatticeEnergy};
 use crate::error::names::Name;
 use crate::error::{Error, Kind, Result};
 use crate::hierarchy::{FaceMove, Merge, Round, Tree};
@@ -145,8 +135,7 @@ pub fn hierarchical(
         // a cluster that is all of its component does not count
         let are_large = faces >= options.optimised_from * (left - components);
         if options.optimise && (is_level || is_sequential || are_large) {
-            let mut nothing = |_: Row| {};
-            let on_row: &mut dyn FnMut(Row) = if is_sequential && !is_level { &mut nothing } else { on_row };
+            let on_row: &mut dyn FnMut(Row) = if is_sequential && !is_level { &mut |_| {} } else { on_row };
             let mut run = Run { steps, cancel, on_row, round: Some(round), iteration, left: u32::MAX, record: None };
             optimise(&mut run, options, is_level, is_sequential)?;
             iteration = run.iteration;
@@ -163,24 +152,9 @@ pub fn hierarchical(
 
 /// Where to end. Refuses numbers that this surface cannot have.
 pub fn check(surface: &Surface, options: &Options) -> Result<u64> {
-    let (faces, components) = (surface.faces() as u64, surface.components.len() as u64);
-    for (name, number) in
-        options.clusters.iter().map(|k| (Name::CLUSTERS, *k)).chain(options.levels.iter().map(|k| (Name::LEVELS, *k)))
-    {
-        if number > faces {
-            return Err(Error::parameter(format_args!(
-                "{name} must not be more than the mesh has faces, {faces}: {number}"
-            )));
-        }
-        if number < components {
-            return Err(Error::parameter(format_args!(
-                "{name} must be at least the number of connected components, {components}, because a cluster cannot \
-                 reach across a gap ({} joins them): {number}",
-                Name::BRIDGE_COMPONENTS
-            )));
-        }
-    }
-    let target = options.clusters.unwrap_or(components);
+    options.clusters.iter().try_for_each(|&number| check_number(surface, Name::CLUSTERS, number))?;
+    options.levels.iter().try_for_each(|&number| check_number(surface, Name::LEVELS, number))?;
+    let target = options.clusters.unwrap_or(surface.components.len() as u64);
     if let Some(level) = options.levels.iter().find(|&&level| level < target) {
         return Err(Error::parameter(format_args!(
             "{} must not be below {}, {target}: {level}",
@@ -219,23 +193,20 @@ fn merge_cheapest(steps: &mut dyn MergeSteps, ties: Ties, times: u64, builder: &
 
 /// Merges pairs and records them.
 fn merge(steps: &mut dyn MergeSteps, pairs: &[(u32, u32)], builder: &mut Builder<'_>) -> Result<()> {
-    let ends: Vec<u32> = pairs.iter().flat_map(|&(low, high)| [low, high]).collect();
-    let sums = steps.sums_of(&ends)?;
-    let (sums, _) = sums.as_chunks::<2>();
-    let ordered: Vec<(u32, u32)> = pairs.iter().zip(sums).map(|(&ends, sums)| from_into(ends, sums)).collect();
-    builder.merge(&ordered, sums);
-    steps.merge(&ordered)
+    let (ordered, sums) = steps.merge_pairs(pairs)?;
+    builder.merge(&ordered, sums.as_chunks().0);
+    Ok(())
 }
 
 /// The phases after the merges of a round.
 fn optimise(run: &mut Run<'_>, options: &Options, is_level: bool, is_sequential: bool) -> Result<()> {
     run.left = if is_level { u32::MAX } else { options.iterations_a_round[usize::from(is_sequential)] };
-    if options.allow_disconnected {
-        run.optimise(options.refine)?;
-    } else if is_level {
-        run.settle(options.refine)?;
-    } else {
-        run.optimise(options.refine)?;
+    if is_level {
+        run.complete(options.allow_disconnected, |run| run.optimise(options.refine))?;
+        return Ok(());
+    }
+    run.optimise(options.refine)?;
+    if !options.allow_disconnected {
         run.repair()?;
     }
     Ok(())

@@ -1,19 +1,6 @@
 //! Presets: how much time a clustering may take for how low an energy.
 //!
-//! Hexagon ratios of flat clusterings, means of ten seed numbers (igea: four), and that of ACVD (Valette & Chassery
-//! 2004, as it clusters faces) and pyacvd (vertex labels given to faces):
-//!
-//! | | fast | default | best | ACVD | pyacvd |
-//! |---|--:|--:|--:|--:|--:|
-//! | bunny, 1,000 clusters | 1.0278 | 1.0101 | 1.0055 | 1.0126 | 1.058 |
-//! | bunny, 3,000 | 1.0886 | 1.0656 | 1.0548 | 1.0768 | 1.141 |
-//! | horse, 1,000 | 1.0206 | 1.0038 | 0.9995 | 1.0059 | |
-//! | horse, 2,000 | 1.0524 | 1.0341 | 1.0282 | 1.0402 | 1.082 |
-//! | nefertiti, 1,000 | 1.0391 | 1.0180 | 1.0097 | 1.0480 | |
-//! | igea, 5,000 | 1.0547 | 1.0383 | 1.0327 | 1.0430 | 1.072 |
-//!
-//! Clustering the bunny into 1,000 takes 152 million instructions with fast, 294 with default and 834 with best,
-//! reading it and its topology aside.
+//! What each of them reaches, beside ACVD and pyacvd: `benches/results/2026-11-22-two-cores/quality.md`.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

@@ -117,15 +117,15 @@ mod tests {
     #[test]
     fn what_is_wanted_is_kept_once_and_comes_back() {
         let mut record = Record::new(Some(Snapshots::At(vec![0, 2, 9])));
-        let mut asked = 0;
+        let mut calls = 0;
         for (iteration, labels) in [(0, [0, 1, 1]), (1, [0, 0, 1]), (2, [0, 0, 0]), (2, [1, 1, 1]), (3, [2, 2, 2])] {
             let done: Result<(), ()> = record.offer(iteration, || {
-                asked += 1;
+                calls += 1;
                 Ok(labels.to_vec())
             });
             assert_eq!(done, Ok(()));
         }
-        assert_eq!((asked, record.next(), record.beyond()), (2, Some(9), &[9][..]));
+        assert_eq!((calls, record.next(), record.beyond()), (2, Some(9), &[9][..]));
         assert_eq!(kept(&record), [(0, vec![0, 1, 1]), (2, vec![0, 0, 0])]);
         record.renumber(&[2, 0, 1], &[7, 5]);
         assert_eq!(kept(&record), [(0, vec![5, 5, 7]), (2, vec![7, 7, 7])]);

@@ -8,8 +8,7 @@
 //! ```
 //!
 //! which can be positive where the boundary test fails. Gains of moves at the same time do not add up: applied to all
-//! faces at once, they oscillate for ever. So a cluster takes part in one exchange of faces with one other cluster at a
-//! time.
+//! faces at once, they oscillate for ever. So a cluster exchanges faces with one other cluster at a time.
 //!
 //! # Definition of an iteration
 //!
@@ -35,16 +34,15 @@
 //!
 //! # Connected refinement
 //!
-//! Moves at the same time can cut a cluster in two, and so can a single one. Where repairs and phases go round in
-//! circles, this variant ends the run: no face joins a winner, and a winner that would leave its cluster in pieces is
-//! refused. A cluster loses one face an iteration at most and gains only neighbouring faces, so connected clusters stay
-//! connected; the rest of the proof is as above.
+//! Moves can cut a cluster in two. Where repairs and phases repeat without end, this variant ends the run: no face
+//! joins a winner, and a winner that would leave its cluster in pieces is refused. A cluster loses one face an iteration
+//! at most and gains only neighbouring faces, so connected clusters stay connected; the rest of the proof is as above.
 //!
 //! # Why together
 //!
-//! One face a pair and iteration is what makes the tail long: a cluster that has to drift by the width of a face moves
-//! a dozen of them, one after the other. Faces that cross the same border in the same direction pull the proxies the
-//! same way, so the joint gain is seldom less than the sum of the single ones.
+//! With one face a pair and iteration the tail is long: a cluster that drifts by the width of a face moves a dozen of
+//! them, one after the other. Faces that cross a border in the same direction pull the proxies the same way, so the
+//! joint gain is seldom less than the sum of the single ones.
 //!
 //! [`gain`]: crate::energy::Functional::gain
 //! [`bid`]: crate::energy::Functional::bid

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::record::Record;
-use crate::device::{Cancel, Ending, Step, Steps};
+use crate::device::{Cancel, Ending, OnStep, Step, Steps};
 use crate::energy::LatticeEnergy;
 use crate::error::Result;
 
@@ -62,7 +62,7 @@ pub struct Run<'a> {
 
 impl Run<'_> {
     /// Reports the current state.
-    pub fn tell(&mut self, phase: Phase, moves: u64) -> Result<()> {
+    pub fn report(&mut self, phase: Phase, moves: u64) -> Result<()> {
         let energy = self.steps.energy()?;
         (self.on_row)(Row { iteration: self.iteration, round: self.round, phase, energy, moves });
         self.keep_labels()
@@ -91,24 +91,24 @@ impl Run<'_> {
         let cut_off = self.steps.repair(self.cancel)?;
         if cut_off > 0 {
             self.iteration += 1;
-            self.tell(Phase::Repair, cut_off)?;
+            self.report(Phase::Repair, cut_off)?;
         }
         Ok(cut_off > 0)
     }
 
-    /// Optimises and repairs until nothing is cut off; after [`MAX_REPAIRS`] repairs, by connected refinement.
-    pub fn settle(&mut self, refine: bool) -> Result<Ending> {
+    /// Optimises, and repairs unless clusters may be disconnected, until nothing is cut off; after [`MAX_REPAIRS`]
+    /// repairs, by connected refinement.
+    pub fn complete(
+        &mut self,
+        allow_disconnected: bool,
+        mut optimise: impl FnMut(&mut Self) -> Result<Ending>,
+    ) -> Result<Ending> {
         for _ in 0..MAX_REPAIRS {
-            let ending = self.optimise(refine)?;
-            if !self.repair()? || ending == Ending::IterationLimit {
+            let ending = optimise(self)?;
+            if allow_disconnected || !self.repair()? || ending == Ending::IterationLimit {
                 return Ok(ending);
             }
         }
-        self.refine_connected()
-    }
-
-    /// Refines without cutting clusters apart, which must be connected.
-    pub fn refine_connected(&mut self) -> Result<Ending> {
         self.phase(Phase::Refine, |steps, left, cancel, on_step| steps.refine_connected(left, cancel, on_step))
     }
 
@@ -136,6 +136,3 @@ impl Run<'_> {
         }
     }
 }
-
-/// Called with the iterations of a phase.
-pub(super) type OnStep<'a> = &'a mut dyn FnMut(Step);

@@ -107,18 +107,21 @@ pub struct SeedFaces {
 impl SeedFaces {
     /// Labels of the seeds; all other faces are free.
     pub fn labels(&self, faces: usize) -> Vec<u32> {
-        let mut labels = vec![FREE; faces];
-        for (cluster, &face) in self.face_of_cluster.iter().enumerate() {
-            labels[face as usize] = cluster as u32;
-        }
-        labels
+        labels(&self.face_of_cluster, faces)
     }
+}
+
+/// Labels of one face a cluster; all other faces are free.
+pub(super) fn labels(face_of_cluster: &[u32], faces: usize) -> Vec<u32> {
+    let mut labels = vec![FREE; faces];
+    (0..).zip(face_of_cluster).for_each(|(cluster, &face)| labels[face as usize] = cluster);
+    labels
 }
 
 /// How many clusters each component gets: at least 1, at most its faces, by area. Refuses numbers that the surface
 /// cannot have.
 pub fn shares(surface: &Surface, clusters: u64) -> Result<Vec<usize>> {
-    check_clusters(surface, clusters)?;
+    check_number(surface, Name::CLUSTERS, clusters)?;
     Ok(apportion(surface, clusters as usize))
 }
 
@@ -149,23 +152,21 @@ fn each_component(shares: &[usize], choose: impl Fn(usize, usize, usize) -> Vec<
     seeds
 }
 
-/// Refuses numbers of clusters that this surface cannot have.
-fn check_clusters(surface: &Surface, clusters: u64) -> Result<()> {
+/// Refuses a number of clusters that this surface cannot have; `name` is the parameter that has it.
+pub(super) fn check_number(surface: &Surface, name: Name, number: u64) -> Result<()> {
     let (faces, components) = (surface.faces() as u64, surface.components.len() as u64);
-    if clusters == 0 {
-        return Err(Error::parameter(format_args!("{} must be at least 1, not 0", Name::CLUSTERS)));
+    if number == 0 {
+        return Err(Error::parameter(format_args!("{name} must be at least 1, not 0")));
     }
-    if clusters > faces {
+    if number > faces {
         return Err(Error::parameter(format_args!(
-            "{} must not be more than the mesh has faces, {faces}: {clusters}",
-            Name::CLUSTERS
+            "{name} must not be more than the mesh has faces, {faces}: {number}"
         )));
     }
-    if clusters < components {
+    if number < components {
         return Err(Error::parameter(format_args!(
-            "{} must be at least the number of connected components, {components}, because a cluster cannot \
-             reach across a gap ({} joins them): {clusters}",
-            Name::CLUSTERS,
+            "{name} must be at least the number of connected components, {components}, because a cluster cannot \
+             reach across a gap ({} joins them): {number}",
             Name::BRIDGE_COMPONENTS
         )));
     }
@@ -234,9 +235,9 @@ fn random(surface: &Surface, component: usize, share: usize, seed: u64) -> Vec<u
 }
 
 /// `share` faces of a component: its weight, in internal order, is cut into as many equal strata, and each gives the
-/// face at a random point of its middle half. (Points of the whole stratum end higher: over six seed numbers, hexagon
-/// ratio 1.0148 instead of 1.0139 for the bunny in 1,000 clusters, 1.0398 instead of 1.0389 for the horse in 2,000.)
-/// Where faces weigh more than strata, the next face that is still free is taken.
+/// face at a random point of its middle half: points of the whole stratum end higher
+/// (`benches/results/2026-11-22-two-cores/quality.md`). Where faces weigh more than strata, the next face that is still
+/// free is taken.
 fn strata(graph: &DualGraph, component: usize, share: usize, seed: u64, first_cluster: usize) -> Vec<u32> {
     let run = graph.components[component];
     let range = run.range();

@@ -4,8 +4,7 @@ use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
 
-use serde::de::{SeqAccess, Visitor};
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde::{Deserialize, Serialize};
 use serde_json::json;
 use utoipa::openapi::schema::{ArrayBuilder, KnownFormat, ObjectBuilder, OneOfBuilder, SchemaFormat, Type};
 use utoipa::openapi::{RefOr, Schema};
@@ -15,7 +14,8 @@ use crate::error::names::Name;
 use crate::error::{Error, Result};
 
 /// Iterations whose labels are kept; 0 is the initial growth.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "Written", into = "Written")]
 pub enum Snapshots {
     /// 0 and every multiple of this, which is at least 1.
     Every(u32),
@@ -80,48 +80,37 @@ impl FromStr for Snapshots {
     }
 }
 
-impl Serialize for Snapshots {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        match self {
-            Snapshots::Every(step) => step.serialize(serializer),
-            Snapshots::At(list) => list.serialize(serializer),
+/// As it is written in JSON, TOML and queries.
+#[derive(Serialize, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "snapshots must be a number N, for every N-th iteration, or a list of iterations, as \
+                               an array or as text 0,6,46"
+)]
+enum Written {
+    Number(u32),
+    List(Vec<u32>),
+    Text(String),
+}
+
+impl TryFrom<Written> for Snapshots {
+    type Error = Error;
+
+    fn try_from(written: Written) -> Result<Self> {
+        match written {
+            Written::Number(number) => Ok(Self::single(number)),
+            Written::List(list) => Ok(Self::list(list)),
+            Written::Text(text) => text.parse(),
         }
     }
 }
 
-impl<'de> Deserialize<'de> for Snapshots {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Any;
-
-        impl<'de> Visitor<'de> for Any {
-            type Value = Snapshots;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str(
-                    "a number N, for every N-th iteration, or a list of iterations, as an array or as text 0,6,46",
-                )
-            }
-
-            fn visit_u64<E: serde::de::Error>(self, number: u64) -> Result<Snapshots, E> {
-                let number = u32::try_from(number)
-                    .map_err(|_| E::custom(format_args!("snapshots must be below 4294967296, not {number}")))?;
-                Ok(Snapshots::single(number))
-            }
-
-            fn visit_str<E: serde::de::Error>(self, text: &str) -> Result<Snapshots, E> {
-                text.parse().map_err(E::custom)
-            }
-
-            fn visit_seq<A: SeqAccess<'de>>(self, mut items: A) -> Result<Snapshots, A::Error> {
-                let mut list = Vec::new();
-                while let Some(at) = items.next_element()? {
-                    list.push(at);
-                }
-                Ok(Snapshots::list(list))
-            }
+impl From<Snapshots> for Written {
+    fn from(snapshots: Snapshots) -> Self {
+        match snapshots {
+            Snapshots::Every(step) => Self::Number(step),
+            Snapshots::At(list) => Self::List(list),
         }
-
-        deserializer.deserialize_any(Any)
     }
 }
 

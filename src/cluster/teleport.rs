@@ -15,7 +15,7 @@ use crate::energy::{ClusterSums, Energy, Functional, Proxy, Sums};
 use crate::surface::DualGraph;
 
 /// Splits that are tried for a pair, at most: many pairs would otherwise try many that are taken.
-const LOOKS: usize = 64;
+const TRIED_SPLITS: usize = 64;
 
 /// Clusters of a chunk.
 const CHUNK: usize = 64;
@@ -25,7 +25,7 @@ const CHUNK: usize = 64;
 pub struct Teleports<'a> {
     graph: &'a DualGraph,
     component_of_cluster: &'a [u32],
-    members: Members,
+    faces_of_cluster: Vec<Vec<u32>>,
     /// The mutual pairs of clusters, the cheapest first.
     pairs: Vec<(u32, u32)>,
     /// The splits of each component, those that gain most first.
@@ -45,11 +45,12 @@ struct Split {
 impl<'a> Teleports<'a> {
     /// The teleports of some labels. Every face is labelled; `edges` are the best dual edges.
     pub fn of(graph: &'a DualGraph, labels: &[u32], component_of_cluster: &'a [u32], edges: &[DualEdge]) -> Self {
-        let members = Members::of(labels, component_of_cluster.len());
+        let mut faces_of_cluster = vec![Vec::new(); component_of_cluster.len()];
+        (0..).zip(labels).for_each(|(face, &label)| faces_of_cluster[label as usize].push(face));
         let split = |cluster: u32| {
             let component = component_of_cluster[cluster as usize] as usize;
-            let split = Split::of(graph, members.faces_of(cluster), cluster, graph.components[component].energy_shift);
-            split.map(|split| (component, split))
+            let (faces, shift) = (&faces_of_cluster[cluster as usize], graph.components[component].energy_shift);
+            Split::of(graph, faces, cluster, shift).map(|split| (component, split))
         };
         let all = (0..component_of_cluster.len() as u32).into_par_iter().with_min_len(CHUNK);
         let all: Vec<(usize, Split)> = all.filter_map(split).collect();
@@ -59,7 +60,7 @@ impl<'a> Teleports<'a> {
             splits.sort_unstable_by_key(|split| (Reverse(split.gain), split.cluster));
         }
         let pairs = mutual(edges).iter().map(|pair| pair.ends()).collect();
-        Self { graph, component_of_cluster, members, pairs, splits }
+        Self { graph, component_of_cluster, faces_of_cluster, pairs, splits }
     }
 
     /// `labels`, from which these teleports were computed, after at most `most` of them: the cheapest merges with the
@@ -83,21 +84,21 @@ impl<'a> Teleports<'a> {
             let (splits, first) = (&self.splits[component], &mut first_free[component]);
             *first += splits[*first..].iter().take_while(|split| is_taken[split.cluster as usize]).count();
             let is_apart = |split: &&Split| !is_taken[split.cluster as usize] && ![into, from].contains(&split.cluster);
-            let Some(split) = splits[*first..].iter().take(LOOKS).find(is_apart) else {
+            let Some(split) = splits[*first..].iter().take(TRIED_SPLITS).find(is_apart) else {
                 continue;
             };
             for cluster in [into, from, split.cluster] {
                 is_taken[cluster as usize] = true;
-                for &face in self.members.faces_of(cluster) {
+                for &face in &self.faces_of_cluster[cluster as usize] {
                     for &near in self.graph.neighbours_of(face) {
                         is_taken[labels[near as usize] as usize] = true;
                     }
                 }
             }
-            for &face in self.members.faces_of(from) {
+            for &face in &self.faces_of_cluster[from as usize] {
                 labels[face as usize] = into;
             }
-            for &face in self.members.faces_of(split.cluster) {
+            for &face in &self.faces_of_cluster[split.cluster as usize] {
                 if leaves(self.graph, split.centres, face) {
                     labels[face as usize] = from;
                 }
@@ -143,39 +144,6 @@ impl Split {
         }
         let end = |side: usize| halves[side].end(next[side]);
         Some(Self { gain: Energy::packed_merge_cost(end(0), end(1), energy_shift), cluster, centres })
-    }
-}
-
-/// The faces of each cluster.
-#[derive(Debug)]
-struct Members {
-    faces: Vec<u32>,
-    /// Where those of each cluster begin, and one past the last.
-    first: Vec<u32>,
-}
-
-impl Members {
-    fn of(labels: &[u32], clusters: usize) -> Self {
-        let mut first = vec![0u32; clusters + 1];
-        for &label in labels {
-            first[label as usize + 1] += 1;
-        }
-        for cluster in 0..clusters {
-            first[cluster + 1] += first[cluster];
-        }
-        let mut next = first.clone();
-        let mut faces = vec![0; labels.len()];
-        for (face, &label) in labels.iter().enumerate() {
-            let place = &mut next[label as usize];
-            faces[*place as usize] = face as u32;
-            *place += 1;
-        }
-        Self { faces, first }
-    }
-
-    fn faces_of(&self, cluster: u32) -> &[u32] {
-        let cluster = cluster as usize;
-        &self.faces[self.first[cluster] as usize..self.first[cluster + 1] as usize]
     }
 }
 
@@ -226,7 +194,7 @@ mod tests {
         let mut device = CpuDevice::new();
         let mut steps = device.open_merging(&surface, &start.component_of_cluster).expect("it opens");
         steps.set_labels(&start.labels(surface.faces())).expect("labels");
-        steps.grow(&Cancel::default()).expect("nobody cancels");
+        steps.grow(&Cancel::default()).expect("no cancellation");
         let labels = steps.labels().expect("labels");
         let edges = steps.optimal_dual_edges(Ties::Hash).expect("edges");
         let teleports = Teleports::of(&surface, &labels, &start.component_of_cluster, &edges);

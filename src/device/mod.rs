@@ -24,7 +24,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 pub use self::dual_edge::DualEdge;
-use self::dual_edge::{Rank, Ties, mutual};
+use self::dual_edge::{Rank, Ties, from_into, mutual};
 pub use self::profile::{Profile, StageTime};
 use crate::energy::{ClusterSums, LatticeEnergy};
 use crate::error::{Error, Result};
@@ -117,25 +117,15 @@ pub trait Steps {
     /// Boundary-based optimisation (P§3.2, defined in [`crate::cluster::flat`]) until nothing moves or
     /// `max_iterations` iterations with moves were made. All faces must be labelled.
     ///
-    /// `on_iteration` is called with every iteration in which something moved, in order, though maybe in batches.
-    fn optimise_boundary(
-        &mut self,
-        max_iterations: u32,
-        cancel: &Cancel,
-        on_iteration: &mut dyn FnMut(Step),
-    ) -> Result<Ending>;
+    /// `on_step` is called with every iteration in which something moved, in order, though maybe in batches.
+    fn optimise_boundary(&mut self, max_iterations: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending>;
 
     /// Refinement (see [`crate::cluster::refinement`] for the definition) until there are no bids or `max_iterations`
     /// iterations with moves were made; otherwise like [`optimise_boundary`](Self::optimise_boundary).
-    fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending>;
+    fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending>;
 
     /// The same, but only winners move, and only those that leave their cluster connected; all clusters must be.
-    fn refine_connected(
-        &mut self,
-        max_iterations: u32,
-        cancel: &Cancel,
-        on_iteration: &mut dyn FnMut(Step),
-    ) -> Result<Ending>;
+    fn refine_connected(&mut self, max_iterations: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending>;
 
     /// The next phase goes on with the last one, which stopped at its limit: faces that were refused stay refused. Call
     /// it right before that phase.
@@ -167,6 +157,16 @@ pub trait MergeSteps: Steps {
     /// pairs.
     fn merge(&mut self, pairs: &[(u32, u32)]) -> Result<()>;
 
+    /// Merges pairs of clusters, given with the smaller number first, as [`from_into`] orders them; no cluster is in
+    /// two pairs. Returns the ordered pairs, and the sums of both clusters of each before, the smaller number first.
+    fn merge_pairs(&mut self, pairs: &[(u32, u32)]) -> Result<(Merges, Vec<ClusterSums>)> {
+        let ends: Vec<u32> = pairs.iter().flat_map(|&(low, high)| [low, high]).collect();
+        let sums = self.sums_of(&ends)?;
+        let ordered: Merges = pairs.iter().zip(sums.as_chunks().0).map(|(&pair, sums)| from_into(pair, sums)).collect();
+        self.merge(&ordered)?;
+        Ok((ordered, sums))
+    }
+
     /// The sums of some clusters.
     fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<ClusterSums>>;
 
@@ -174,6 +174,9 @@ pub trait MergeSteps: Steps {
     /// cluster it belonged to and the one it belongs to.
     fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32, u32)>>;
 }
+
+/// Merges of clusters: the first of each pair becomes part of the second.
+pub type Merges = Vec<(u32, u32)>;
 
 /// What one iteration did.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -183,6 +186,9 @@ pub struct Step {
     /// Faces that changed their cluster.
     pub moves: u64,
 }
+
+/// Called with the iterations of a phase.
+pub type OnStep<'a> = &'a mut dyn FnMut(Step);
 
 /// Why an optimisation ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -199,25 +205,25 @@ pub enum Ending {
 /// progress.
 #[derive(Debug, Clone, Default)]
 pub struct Cancel {
-    asked: Arc<AtomicBool>,
+    is_cancelled: Arc<AtomicBool>,
     looks: Arc<AtomicU64>,
 }
 
 impl Cancel {
     /// The same flag; `looks` counts its checks.
     pub fn counting(&self, looks: Arc<AtomicU64>) -> Self {
-        Self { asked: Arc::clone(&self.asked), looks }
+        Self { is_cancelled: Arc::clone(&self.is_cancelled), looks }
     }
 
     /// Cancels the job.
     pub fn cancel(&self) {
-        self.asked.store(true, Ordering::Relaxed);
+        self.is_cancelled.store(true, Ordering::Relaxed);
     }
 
     /// Whether the job was cancelled.
     pub fn is_cancelled(&self) -> bool {
         self.looks.fetch_add(1, Ordering::Relaxed);
-        self.asked.load(Ordering::Relaxed)
+        self.is_cancelled.load(Ordering::Relaxed)
     }
 
     /// An error if the job was cancelled.

@@ -3,44 +3,33 @@
 
 use crate::device::FREE;
 use crate::surface::DualGraph;
-use crate::union_find::{NO_SET, Sets};
+use crate::union_find;
 
-/// The connected pieces of equally labelled faces.
-struct Pieces {
-    /// The piece of each face, numbered in the order of their smallest faces.
-    piece_of_face: Vec<u32>,
-    /// Label and number of faces of each piece.
-    pieces: Vec<(u32, u32)>,
-}
-
-impl Pieces {
-    /// Finds the pieces of all labelled faces.
-    fn find(graph: &DualGraph, labels: &[u32]) -> Self {
-        let mut sets = Sets::default();
-        let mut piece_of_face = vec![NO_SET; labels.len()];
-        for (face, &label) in labels.iter().enumerate().filter(|(_, label)| **label != FREE) {
-            let beside = graph.neighbours_of(face as u32).iter().map(|&near| near as usize);
-            piece_of_face[face] =
-                sets.of_face(beside.filter(|&near| labels[near] == label).map(|near| piece_of_face[near]));
+/// The connected pieces of equally labelled faces; a free face is a piece by itself. Returns the piece of each face,
+/// numbered in the order of their smallest faces, and the label and the number of faces of each piece.
+fn pieces(graph: &DualGraph, labels: &[u32]) -> (Vec<u32>, Vec<(u32, u32)>) {
+    let mut sets = union_find::singletons(labels.len());
+    for (face, &label) in (0..).zip(labels).filter(|(_, label)| **label != FREE) {
+        let beside = graph.neighbours_of(face).iter().copied().filter(|&near| near < face);
+        for near in beside.filter(|&near| labels[near as usize] == label) {
+            union_find::join(&mut sets, face, near);
         }
-        let (numbers, count) = sets.numbered();
-        let mut pieces = vec![(FREE, 0); count];
-        for (piece, &label) in piece_of_face.iter_mut().zip(labels).filter(|(_, label)| **label != FREE) {
-            *piece = numbers[*piece as usize];
-            let (of_piece, faces) = &mut pieces[*piece as usize];
-            *of_piece = label;
-            *faces += 1;
-        }
-        Self { piece_of_face, pieces }
     }
+    let (piece_of_face, count) = union_find::numbered(sets);
+    let mut pieces = vec![(FREE, 0); count];
+    for (&piece, &label) in piece_of_face.iter().zip(labels) {
+        pieces[piece as usize].0 = label;
+        pieces[piece as usize].1 += 1;
+    }
+    (piece_of_face, pieces)
 }
 
 /// The faces outside their cluster's piece with the most faces (of equally large ones, that with the smallest face),
 /// sorted.
 pub fn cut_off_faces(graph: &DualGraph, clusters: usize, labels: &[u32]) -> Vec<u32> {
-    let Pieces { piece_of_face, pieces } = Pieces::find(graph, labels);
+    let (piece_of_face, pieces) = pieces(graph, labels);
     let mut largest: Vec<Option<u32>> = vec![None; clusters];
-    for (piece, &(label, faces)) in pieces.iter().enumerate() {
+    for (piece, &(label, faces)) in pieces.iter().enumerate().filter(|(_, (label, _))| *label != FREE) {
         let best = &mut largest[label as usize];
         if best.is_none_or(|best| pieces[best as usize].1 < faces) {
             *best = Some(piece as u32);
@@ -56,7 +45,7 @@ pub fn cut_off_faces(graph: &DualGraph, clusters: usize, labels: &[u32]) -> Vec<
 /// How many clusters are in several pieces.
 pub fn disconnected_clusters(graph: &DualGraph, clusters: usize, labels: &[u32]) -> u64 {
     let mut pieces_of_cluster = vec![0u32; clusters];
-    for (label, _) in Pieces::find(graph, labels).pieces {
+    for (label, _) in pieces(graph, labels).1.into_iter().filter(|&(label, _)| label != FREE) {
         pieces_of_cluster[label as usize] += 1;
     }
     pieces_of_cluster.into_iter().filter(|&pieces| pieces > 1).count() as u64

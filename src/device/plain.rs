@@ -12,7 +12,7 @@ mod device;
 
 use std::cmp::Reverse;
 
-pub use self::device::PlainDevice;
+pub use self::device::{PlainDevice, open};
 
 use super::FREE;
 use crate::device::pieces::cut_off_faces;

@@ -27,7 +27,7 @@ pub(super) fn run_coarse(
     let started = Instant::now();
     let start = start.labels(&prepared.surface, device, cancel)?;
     run(prepared, started, &start, device, on_row, |steps, keep, record| {
-        flat::boundary_based_recorded(&start.labels, options, steps, cancel, keep, record)
+        flat::boundary_based(&start.labels, options, steps, cancel, keep, record)
     })
 }
 
@@ -54,7 +54,7 @@ pub(super) fn run_seeded(
     let started = Instant::now();
     let start = Start::from_seeds(seeds.clone(), surface.faces());
     run(prepared, started, &start, device, on_row, |steps, keep, record| match method {
-        Method::BoundaryBased => flat::boundary_based_recorded(&start.labels, options, steps, cancel, keep, record),
+        Method::BoundaryBased => flat::boundary_based(&start.labels, options, steps, cancel, keep, record),
         Method::Acvd => acvd(surface, seeds, options, steps, cancel, keep, record),
         Method::Variational => variational(surface, seeds, options, cancel, keep, record),
     })

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::adjacency::Links;
-use crate::union_find::{NO_SET, Sets};
+use crate::union_find;
 
 /// A set of faces connected across shared edges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,18 +36,17 @@ pub struct Components {
 
 /// Finds the components.
 pub fn label(faces: usize, links: &Links<'_>) -> Components {
-    let mut sets = Sets::default();
-    let mut of_face = vec![NO_SET; faces];
-    for face in 0..faces {
-        // those that come later have no set yet, and what is no face has none either
-        let beside = links.beside(face).map(|other| of_face.get(other as usize).copied().unwrap_or(NO_SET));
-        of_face[face] = sets.of_face(beside);
+    let mut sets = union_find::singletons(faces);
+    for face in 0..faces as u32 {
+        // a link to a number above all faces is none
+        for other in links.beside(face as usize).filter(|&other| other < face) {
+            union_find::join(&mut sets, face, other);
+        }
     }
     for &(face, other) in links.bridges() {
-        sets.join(of_face[face as usize], of_face[other as usize]);
+        union_find::join(&mut sets, face, other);
     }
-    let (numbers, count) = sets.numbered();
-    of_face.iter_mut().for_each(|set| *set = numbers[*set as usize]);
+    let (of_face, count) = union_find::numbered(sets);
     Components { of_face, count }
 }
 

@@ -52,6 +52,7 @@ pub fn run(device: &mut dyn Device, surface: &Surface, seeds: &SeedFaces, option
         steps.as_mut(),
         &Cancel::default(),
         &mut |row| rows.push(row),
+        &mut cluster::record::Record::default(),
     )?;
     Ok((initial, labels, format!("{ending:?}"), rows))
 }

@@ -12,7 +12,7 @@
 //! clusters goes back to the end of the queue, and a face that moved adds its other edges that have come to lie between
 //! clusters.
 //!
-//! An edge need not be tested while neither of its clusters has changed since it last was. The phase ends with a pass
+//! An edge need not be tested while neither of its clusters has changed since its last test. The phase ends with a pass
 //! in which nothing moves: then no face at a boundary can lower F by going across.
 //!
 //! F is compared exactly, before and after, with respect to the lattice proxies. It falls with every move, so there are
@@ -20,18 +20,17 @@
 //!
 //! # Connectivity
 //!
-//! As in [`crate::cluster::flat`]: pieces that were cut off grow into their neighbours and the queue starts again, and
-//! after [`MAX_REPAIRS`] of that, connected refinement has the last word.
+//! As in [`crate::cluster::flat`]: neighbours grow over the pieces that were cut off, and the queue starts again; after
+//! [`MAX_REPAIRS`](crate::cluster::run::MAX_REPAIRS) repairs, connected refinement ends the run.
 
 use std::collections::VecDeque;
 
 use super::partition::Partition;
 use crate::cluster::flat::{Clustering, Options, grown};
 use crate::cluster::record::Record;
-use crate::cluster::run::Phase;
-use crate::cluster::run::{MAX_REPAIRS, Row};
+use crate::cluster::run::{Phase, Row};
 use crate::cluster::seeds::SeedFaces;
-use crate::device::{Cancel, Ending, Step, Steps};
+use crate::device::{Cancel, Ending, OnStep, Step, Steps};
 use crate::error::Result;
 use crate::surface::Surface;
 
@@ -47,23 +46,15 @@ pub fn acvd(
     record: &mut Record,
 ) -> Result<Clustering> {
     let (mut run, initial) = grown(&seeds.labels(surface.faces()), options, steps, cancel, on_row, record)?;
-    let mut repairs = 0;
-    let ending = loop {
+    let ending = run.complete(options.allow_disconnected, |run| {
         let labels = run.steps.labels()?;
         let mut queries = LocalQueries::new(surface, Partition::new(surface, &seeds.component_of_cluster, labels));
-        let ending = run.phase(Phase::Refine, |steps, left, cancel, on_step| {
+        run.phase(Phase::Refine, |steps, left, cancel, on_step| {
             let ending = queries.minimise(left, cancel, on_step)?;
             steps.set_labels(&queries.partition.labels)?;
             Ok(ending)
-        })?;
-        if options.allow_disconnected || !run.repair()? || ending == Ending::IterationLimit {
-            break ending;
-        }
-        repairs += 1;
-        if repairs == MAX_REPAIRS {
-            break run.refine_connected()?;
-        }
-    };
+        })
+    })?;
     Ok(Clustering { initial, labels: run.steps.labels()?, ending })
 }
 
@@ -113,7 +104,7 @@ impl<'a> LocalQueries<'a> {
     }
 
     /// Makes passes through the queue until one moves nothing.
-    fn minimise(&mut self, max_passes: u32, cancel: &Cancel, on_pass: &mut dyn FnMut(Step)) -> Result<Ending> {
+    fn minimise(&mut self, max_passes: u32, cancel: &Cancel, on_pass: OnStep<'_>) -> Result<Ending> {
         for _ in 0..max_passes {
             cancel.check()?;
             let moves = self.pass();

@@ -1,5 +1,5 @@
-//! The flat algorithms that the paper measures itself against, as users may call them: sequential, on the cpu, written
-//! for clarity. Their energies are a yardstick for [`super::flat`]; their speed is not.
+//! The flat algorithms that the paper compares itself with, as users may call them: sequential, on the cpu, written for
+//! clarity. The energies of [`super::flat`] are compared with theirs; times are not.
 //!
 //! | what | where |
 //! |---|---|

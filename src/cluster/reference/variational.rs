@@ -25,9 +25,8 @@ use std::collections::BinaryHeap;
 use super::partition::Partition;
 use crate::cluster::flat::{Clustering, Options};
 use crate::cluster::record::Record;
-use crate::cluster::run::Phase;
-use crate::cluster::run::Row;
-use crate::cluster::seeds::SeedFaces;
+use crate::cluster::run::{Phase, Row};
+use crate::cluster::seeds::{self, SeedFaces};
 use crate::device::{Cancel, Ending, FREE};
 use crate::error::{Error, Result};
 use crate::surface::Surface;
@@ -51,7 +50,7 @@ pub fn variational(
         let energy = partition.energy();
         Row { iteration, round: None, phase: Phase::Regrow, energy, moves }
     };
-    let alone = fitted(seeded(surface, &seeds.face_of_cluster));
+    let alone = fitted(seeds.labels(surface.faces()));
     let mut best = fitted(flood(surface, &alone, &seeds.face_of_cluster, cancel)?);
     let initial = best.labels.clone();
     on_row(row(0, &best, 0));
@@ -69,15 +68,6 @@ pub fn variational(
     Ok(Clustering { initial, labels: best.labels, ending: Ending::IterationLimit })
 }
 
-/// Labels of the seeds, all other faces free.
-fn seeded(surface: &Surface, seeds: &[u32]) -> Vec<u32> {
-    let mut labels = vec![FREE; surface.faces()];
-    for (cluster, &face) in seeds.iter().enumerate() {
-        labels[face as usize] = cluster as u32;
-    }
-    labels
-}
-
 /// The face of each cluster that is nearest to its proxy.
 fn central_faces(partition: &Partition<'_>) -> Vec<u32> {
     let mut nearest = vec![(u64::MAX, FREE); partition.clusters()];
@@ -91,7 +81,7 @@ fn central_faces(partition: &Partition<'_>) -> Vec<u32> {
 
 /// The labels that flooding from `seeds` with the proxies of `fitted` gives.
 fn flood(surface: &Surface, fitted: &Partition<'_>, seeds: &[u32], cancel: &Cancel) -> Result<Vec<u32>> {
-    let mut labels = seeded(surface, seeds);
+    let mut labels = seeds::labels(seeds, surface.faces());
     let mut queue = BinaryHeap::new();
     let offer = |queue: &mut BinaryHeap<_>, labels: &[u32], face: u32, cluster: u32| {
         for &near in surface.neighbours_of(face) {

@@ -12,12 +12,10 @@
 
 use rayon::prelude::*;
 
-use super::View;
-use super::boundary_faces::BoundaryFaces;
-use super::clusters::Clusters;
+use super::Partition;
 use super::labels::Labels;
 use super::nearby::Bound;
-use super::tuning::chunks::{ITEMS, SEQUENTIAL};
+use super::tuning::chunks::{CLUSTERS, ITEMS};
 use super::tuning::face_set::FaceSet;
 use super::tuning::filter::Filter;
 use super::tuning::stored_bound::StoredBound;
@@ -27,9 +25,6 @@ use crate::surface::DualGraph;
 /// Cost of a face that is reached through the boundary of a changed cluster, in faces that are reached in the order of
 /// memory.
 const SCATTERED: usize = 4;
-
-/// Changed clusters of a chunk.
-const CLUSTERS: usize = 16;
 
 /// The active faces of a phase.
 #[derive(Debug)]
@@ -54,7 +49,8 @@ pub struct Evaluation<T> {
 
 impl ActiveFaces {
     /// All boundary faces are active.
-    pub fn new(boundary: &BoundaryFaces, faces: usize) -> Self {
+    pub fn new(Partition { graph, boundary, .. }: &Partition<'_>) -> Self {
+        let faces = graph.faces();
         let mut candidates = FaceSet::new(faces);
         boundary.all().for_each(|face| candidates.insert(face));
         let bounds = std::iter::repeat_with(StoredBound::active).take(faces).collect();
@@ -102,23 +98,13 @@ impl ActiveFaces {
 
     /// Makes the faces active whose bound is exceeded, given the clusters that gained or lost a face since the last
     /// call. Then brings the labels of all active faces and of their neighbours up to date.
-    pub fn collect(
-        &mut self,
-        graph: &DualGraph,
-        labels: &mut Labels,
-        clusters: &Clusters,
-        boundary: &BoundaryFaces,
-        changed: &[u32],
-    ) {
-        let view = View { graph, labels, clusters };
+    pub fn collect(&mut self, partition: &mut Partition<'_>, changed: &[u32]) {
+        let view = &*partition;
         let Self { candidates, candidate_count, bounds, queue } = self;
-        let listed: usize = changed.iter().map(|&cluster| boundary.listed(cluster)).sum();
+        let listed: usize = changed.iter().map(|&cluster| view.boundary.listed(cluster)).sum();
         if SCATTERED * (listed + queue.len()) < *candidate_count {
-            let around = |changed: &[u32]| exceeded_around(view, boundary, changed, bounds);
-            let exceeded: Vec<Vec<u32>> = match listed <= SEQUENTIAL {
-                true => vec![around(changed)],
-                false => changed.par_chunks(CLUSTERS).map(around).collect(),
-            };
+            let around = |changed: &[u32]| exceeded_around(view, changed, bounds);
+            let exceeded: Vec<Vec<u32>> = changed.par_chunks(CLUSTERS).map(around).collect();
             for face in exceeded.into_iter().flatten() {
                 if bounds[face as usize].queue() {
                     queue.push(face);
@@ -128,11 +114,15 @@ impl ActiveFaces {
             // faces in the queue are candidates, and their bounds are exceeded
             (*queue, *candidate_count) = candidates.filter(bounds, |face, bound| is_exceeded(view, face, bound));
         }
-        labels.refresh_around(graph, &self.queue);
+        partition.labels.refresh_around(partition.graph, &self.queue);
     }
 
     /// Evaluates all active faces and returns what they decide. Those whose bound allows it become inactive.
-    pub fn evaluate<T: Send>(&mut self, view: View<'_>, decide: impl Fn(u32) -> Evaluation<T> + Sync) -> Vec<T> {
+    pub fn evaluate<T: Send>(
+        &mut self,
+        partition: &Partition<'_>,
+        decide: impl Fn(u32) -> Evaluation<T> + Sync,
+    ) -> Vec<T> {
         let Self { candidates, bounds, queue, .. } = self;
         let evaluate = |&face: &u32| {
             let Evaluation { decision, bound } = decide(face);
@@ -142,35 +132,31 @@ impl ActiveFaces {
             }
             decision
         };
-        let outgrows_caches = view.graph.outgrows_caches();
-        let decisions = if queue.len() <= SEQUENTIAL {
-            queue.iter().filter_map(evaluate).collect()
-        } else {
-            let decisions = queue.par_chunks(ITEMS).map(|faces| {
-                let evaluate = |(face, ahead)| {
-                    if outgrows_caches {
-                        prefetch_ahead(view, bounds, ahead);
-                    }
-                    evaluate(face)
-                };
-                with_lookahead(faces).filter_map(evaluate).collect()
-            });
-            decisions.collect::<Vec<Vec<T>>>().into_iter().flatten().collect()
-        };
+        let outgrows_caches = partition.graph.outgrows_caches();
+        let decisions = queue.par_chunks(ITEMS).map(|faces| {
+            let evaluate = |(face, ahead)| {
+                if outgrows_caches {
+                    prefetch_ahead(partition, bounds, ahead);
+                }
+                evaluate(face)
+            };
+            with_lookahead(faces).filter_map(evaluate).collect()
+        });
+        let decisions: Vec<Vec<T>> = decisions.collect();
         queue.clear();
-        decisions
+        decisions.into_iter().flatten().collect()
     }
 }
 
 /// Whether the clusters near a face have drifted beyond its bound.
 #[inline]
-fn is_exceeded(view: View<'_>, face: u32, bound: &StoredBound) -> bool {
-    bound.limit() < bound.near().drift(view, face)
+fn is_exceeded(partition: &Partition<'_>, face: u32, bound: &StoredBound) -> bool {
+    bound.limit() < bound.near().drift(partition, face)
 }
 
 /// Requests what the evaluation of later faces reads.
 #[inline]
-fn prefetch_ahead(View { graph, labels, .. }: View<'_>, bounds: &[StoredBound], ahead: Ahead<'_, u32>) {
+fn prefetch_ahead(Partition { graph, labels, .. }: &Partition<'_>, bounds: &[StoredBound], ahead: Ahead<'_, u32>) {
     if let Some(&later) = ahead.stage(4) {
         graph.prefetch(later);
         prefetch(bounds, later as usize);
@@ -186,8 +172,8 @@ fn prefetch_ahead(View { graph, labels, .. }: View<'_>, bounds: &[StoredBound], 
 /// The boundary faces of some clusters, and their neighbours in others, whose bound is exceeded; some several times.
 /// Faces that see many clusters are taken unseen: they come up once for each neighbour, and adding up their drifts
 /// costs as much as an evaluation.
-fn exceeded_around(view: View<'_>, boundary: &BoundaryFaces, changed: &[u32], bounds: &[StoredBound]) -> Vec<u32> {
-    let View { graph, labels, .. } = view;
+fn exceeded_around(partition: &Partition<'_>, changed: &[u32], bounds: &[StoredBound]) -> Vec<u32> {
+    let Partition { graph, labels, boundary, .. } = partition;
     let mut exceeded = Vec::new();
     let mut around = Filter::default();
     let outgrows_caches = graph.outgrows_caches();
@@ -207,7 +193,7 @@ fn exceeded_around(view: View<'_>, boundary: &BoundaryFaces, changed: &[u32], bo
         }
         around.retain(|face| {
             let bound = &bounds[face as usize];
-            bound.near().are_many() || is_exceeded(view, face, bound)
+            bound.near().are_many() || is_exceeded(partition, face, bound)
         });
         exceeded.extend_from_slice(around.kept());
     }

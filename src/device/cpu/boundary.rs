@@ -1,54 +1,35 @@
 //! The boundary phase (P§3.2): one iteration as [`crate::cluster::flat`] defines it, on active faces.
 
 use super::active_faces::{ActiveFaces, Evaluation};
-use super::boundary_faces::BoundaryFaces;
 use super::change_log::Cursor;
 use super::clusters::Clusters;
-use super::labels::Labels;
 use super::nearby::Nearby;
-use super::{Move, View};
+use super::{Move, Partition};
 use crate::energy::{Energy, Functional};
-use crate::surface::DualGraph;
 
 /// What boundary phases keep between iterations.
 #[derive(Debug)]
 pub struct BoundaryPhase {
-    active: ActiveFaces,
+    /// They have to know of moves and merges.
+    pub active: ActiveFaces,
     /// For each cluster, how many faces want to leave it and the smallest of them; zero between iterations.
     leaving: Vec<(u32, u32)>,
 }
 
 impl BoundaryPhase {
     /// All boundary faces are active.
-    pub fn new(graph: &DualGraph, clusters: &Clusters, boundary: &BoundaryFaces) -> Self {
-        Self { active: ActiveFaces::new(boundary, graph.faces()), leaving: vec![(0, 0); clusters.len()] }
-    }
-
-    /// Requests what this phase knows of a face.
-    pub fn prefetch(&self, face: u32) {
-        self.active.prefetch(face);
-    }
-
-    /// The active faces of this phase, which have to know of moves and merges.
-    pub fn active(&mut self) -> &mut ActiveFaces {
-        &mut self.active
+    pub fn new(partition: &Partition<'_>) -> Self {
+        Self { active: ActiveFaces::new(partition), leaving: vec![(0, 0); partition.clusters.len()] }
     }
 
     /// The moves of the next iteration; none when the phase has converged.
-    pub fn moves(
-        &mut self,
-        graph: &DualGraph,
-        labels: &mut Labels,
-        clusters: &mut Clusters,
-        boundary: &BoundaryFaces,
-    ) -> Vec<Move> {
-        let changed = clusters.take_changes(Cursor::Boundary);
-        self.active.collect(graph, labels, clusters, boundary, &changed);
-        let view = View { graph, labels, clusters };
+    pub fn moves(&mut self, partition: &mut Partition<'_>) -> Vec<Move> {
+        let changed = partition.clusters.take_changes(Cursor::Boundary);
+        self.active.collect(partition, &changed);
         // 1. every face decides
-        let mut moves = self.active.evaluate(view, |face| decide(view, face));
+        let mut moves = self.active.evaluate(partition, |face| decide(partition, face));
         // 2. the last face of a cluster stays, and decides again
-        let last_faces = self.last_faces(&moves, clusters);
+        let last_faces = self.last_faces(&moves, &partition.clusters);
         if !last_faces.is_empty() {
             moves.retain(|leaving| last_faces.binary_search(&leaving.face).is_err());
             last_faces.into_iter().for_each(|face| self.active.add(face));
@@ -79,12 +60,12 @@ impl BoundaryPhase {
 /// The move of a face to the nearest cluster among its neighbours' (the smaller number of equally near ones), if that
 /// is nearer than its own.
 #[inline]
-fn decide(view: View<'_>, face: u32) -> Evaluation<Move> {
-    let View { graph, labels, clusters } = view;
+fn decide(partition: &Partition<'_>, face: u32) -> Evaluation<Move> {
+    let Partition { graph, labels, clusters, .. } = partition;
     let from = labels.near_boundary(face);
     let point = graph.points[face as usize];
     let mut nearest = (i64::MAX.cast_unsigned(), from);
-    let nearby = Nearby::of(view, face, from, |cluster, cached| {
+    let nearby = Nearby::of(partition, face, from, |cluster, cached| {
         nearest = nearest.min((cached.cost(point), cluster));
     });
     let (distance, to) = nearest;

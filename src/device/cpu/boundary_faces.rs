@@ -7,7 +7,6 @@ use rayon::prelude::*;
 
 use super::labels::Labels;
 use super::tuning::chunks::{CLUSTERS, FACES};
-use super::tuning::filter::Filter;
 use crate::device::FREE;
 use crate::prefetch::prefetch;
 use crate::surface::DualGraph;
@@ -57,25 +56,17 @@ impl BoundaryFaces {
     /// The boundary faces of new labels. All faces are labelled.
     pub fn collect(graph: &DualGraph, labels: &mut Labels, clusters: usize) -> Self {
         let all = labels.all();
-        let is_boundary = |face: u32| {
-            let own = all[face as usize];
-            graph.neighbours_of(face).iter().fold(false, |is, &near| is | (all[near as usize] != own))
-        };
-        let chunks = all.len().div_ceil(FACES);
-        let found = (0..chunks).into_par_iter().map_init(Filter::default, |found, chunk| {
-            let faces = (chunk * FACES) as u32..((chunk + 1) * FACES).min(all.len()) as u32;
-            found.clear();
-            found.add(faces.len(), faces, is_boundary);
-            found.kept().to_vec()
-        });
-        let found: Vec<Vec<u32>> = found.collect();
+        let is_boundary =
+            |&face: &u32| graph.neighbours_of(face).iter().any(|&near| all[near as usize] != all[face as usize]);
+        let faces = (0..all.len() as u32).into_par_iter().with_min_len(FACES);
+        let found: Vec<u32> = faces.filter(is_boundary).collect();
         let mut listed_of_cluster = vec![0; clusters];
-        found.iter().flatten().for_each(|&face| listed_of_cluster[all[face as usize] as usize] += 1);
+        found.iter().for_each(|&face| listed_of_cluster[all[face as usize] as usize] += 1);
         // twice the length, as after pruning
         let mut faces_of_cluster: Vec<Vec<u32>> =
             listed_of_cluster.into_iter().map(|listed: usize| Vec::with_capacity(2 * listed)).collect();
         let mut listed_in: Vec<AtomicU32> = (0..all.len()).map(|_| AtomicU32::new(FREE)).collect();
-        for face in found.into_iter().flatten() {
+        for face in found {
             let own = all[face as usize];
             *listed_in[face as usize].get_mut() = own;
             faces_of_cluster[own as usize].push(face);

@@ -6,6 +6,7 @@
 use rayon::prelude::*;
 
 use super::change_log::{ChangeLog, Cursor};
+use super::tuning::chunks::ITEMS;
 use crate::device::FREE;
 use crate::energy::{ClusterSums, Energy, Functional, LatticeEnergy, Point, Proxy, Sums};
 use crate::prefetch::prefetch;
@@ -18,15 +19,8 @@ pub const DRIFT_STEP: u64 = 256;
 /// More steps than any distance has.
 const FAR: u64 = (1 << 30) / DRIFT_STEP;
 
-/// Clusters that one thread fits alone.
-const SEQUENTIAL_FITS: usize = 512;
-
 /// Fits that are computed before they are stored.
 const FITS: usize = 1 << 15;
-
-/// The sums of faces that may move from one cluster to another.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Change(ClusterSums);
 
 /// What the evaluation of a face reads of a cluster.
 #[derive(Debug, Clone, Copy)]
@@ -159,33 +153,24 @@ impl Clusters {
     /// Merges the first cluster of each pair into the second, and fits the proxies.
     pub fn merge(&mut self, pairs: &[(u32, u32)]) {
         for &(from, into) in pairs {
-            self.merge_one(into, from);
+            self.change_log.merged(into, from);
+            let ended = &mut self.cached[slot(from) as usize];
+            ended.least_weight = 0;
+            ended.drift += FAR;
+            let from = from as usize;
+            let from_sums = std::mem::take(&mut self.sums[from]);
+            self.sums[into as usize].add(&from_sums, 1);
+            // a cluster that ended needs no fit
+            self.total -= std::mem::take(&mut self.explained[from]) << self.energy_shifts[from];
         }
         self.refit();
-    }
-
-    fn merge_one(&mut self, into: u32, from: u32) {
-        let from_sums = std::mem::take(&mut self.sums[from as usize]);
-        self.sums[into as usize].add(&from_sums, 1);
-        self.change_log.merged(into, from);
-        // a cluster that ended needs no fit
-        let from = from as usize;
-        self.total -= std::mem::take(&mut self.explained[from]) << self.energy_shifts[from];
-        let ended = &mut self.cached[slot(from as u32) as usize];
-        ended.least_weight = 0;
-        ended.drift += FAR;
     }
 
     /// Fits the proxies of the clusters whose sums changed.
     pub fn refit(&mut self) {
         let changed = self.change_log.take(Cursor::Proxies);
-        if changed.len() <= SEQUENTIAL_FITS {
-            changed.into_iter().for_each(|cluster| self.store_fit(cluster, self.sums[cluster as usize].fit()));
-            return;
-        }
         for changed in changed.chunks(FITS) {
-            let fits =
-                changed.par_iter().with_min_len(SEQUENTIAL_FITS).map(|&cluster| self.sums[cluster as usize].fit());
+            let fits = changed.par_iter().with_min_len(ITEMS).map(|&cluster| self.sums[cluster as usize].fit());
             let fits: Vec<Option<(Proxy, i128)>> = fits.collect();
             changed.iter().zip(fits).for_each(|(&cluster, fit)| self.store_fit(cluster, fit));
         }
@@ -210,12 +195,12 @@ impl Clusters {
         }
     }
 
-    /// Whether the energy falls, exactly, when `change` moves from one cluster to another, and a face is left in the
-    /// first.
-    pub fn improves(&self, from: u32, to: u32, change: &Change) -> bool {
+    /// Whether the energy falls, exactly, when faces with these sums move from one cluster to another, and a face is
+    /// left in the first.
+    pub fn improves(&self, from: u32, to: u32, moved: &ClusterSums) -> bool {
         let explained = |cluster: u32, sign: i64| {
             let mut sums = self.sums[cluster as usize];
-            sums.add(&change.0, sign);
+            sums.add(moved, sign);
             sums.fit().map(|(_, explained)| explained)
         };
         let before = self.explained[from as usize] + self.explained[to as usize];
@@ -226,19 +211,5 @@ impl Clusters {
     /// Energy with respect to the proxies.
     pub fn energy(&self) -> LatticeEnergy {
         LatticeEnergy { explained: self.total }
-    }
-}
-
-impl Change {
-    /// One face.
-    pub fn of(graph: &DualGraph, face: u32) -> Self {
-        let mut change = Self::default();
-        change.add(graph, face);
-        change
-    }
-
-    /// Adds a face.
-    pub fn add(&mut self, graph: &DualGraph, face: u32) {
-        self.0.add_face(graph.face(face as usize), 1);
     }
 }

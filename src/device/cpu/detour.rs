@@ -4,7 +4,6 @@
 //! searches every cluster that lost a face: a whole hierarchy of the bunny with optimisation then takes 1.1 to 1.2
 //! times as long (`benches/results/2026-11-22-two-cores/deleted.md`).
 
-use super::labels::Labels;
 use crate::surface::DualGraph;
 
 /// Faces near the first neighbour that are remembered at most.
@@ -21,8 +20,8 @@ const STEPS: usize = 3;
 
 /// Whether a connected cluster surely stays connected without `face`, which has left it: whether its neighbours in the
 /// cluster are connected by short ways around the face, which any way through the face can take instead.
-pub fn surely_stays_connected(graph: &DualGraph, labels: &Labels, face: u32, cluster: u32) -> bool {
-    let is_own = |near: &u32| labels.of(*near) == cluster;
+pub fn surely_stays_connected(graph: &DualGraph, face: u32, is_own: impl Fn(u32) -> bool) -> bool {
+    let is_own = |near: &u32| is_own(*near);
     let mut own = graph.neighbours_of(face).iter().copied().filter(is_own);
     let Some((first, second)) = own.next().zip(own.next()) else { return true };
     let mut nearby = [first; NEARBY];

@@ -12,19 +12,17 @@ use super::tuning::chunks::FACES;
 use crate::device::FREE;
 use crate::prefetch::prefetch;
 use crate::surface::DualGraph;
+use crate::union_find::root;
 
 /// Faces that a pass renews in the time that the refreshing of labels takes for a merge.
 const FACES_A_MERGE: usize = 256;
 
-/// The same for the refreshing of a face and its neighbours.
-const FACES_AROUND: usize = 8;
-
 /// One label a face, internal order.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Labels {
     /// A cluster, maybe one that has ended, or [`FREE`].
     raw: Vec<u32>,
-    /// What each cluster was merged into; itself while it lives. Empty until clusters merge.
+    /// What each cluster was merged into; itself while it lives: a union-find forest. Empty until clusters merge.
     merged_into: Vec<u32>,
     /// The clusters that ended since all labels were those of living ones.
     ended: Vec<u32>,
@@ -71,24 +69,15 @@ impl Labels {
 
     /// Brings the label of a face up to date, and returns it.
     pub fn refresh(&mut self, face: u32) -> u32 {
-        let old = self.raw[face as usize];
-        if self.are_current || old == FREE || self.merged_into[old as usize] == old {
-            return old;
+        let label = &mut self.raw[face as usize];
+        if !self.are_current && *label != FREE {
+            *label = root(&mut self.merged_into, *label);
         }
-        let label = self.of(face);
-        // path compression
-        let mut old = std::mem::replace(&mut self.raw[face as usize], label);
-        while old != label && old != FREE {
-            old = std::mem::replace(&mut self.merged_into[old as usize], label);
-        }
-        label
+        *label
     }
 
     /// Brings the labels of some faces and of their neighbours up to date.
     pub fn refresh_around(&mut self, graph: &DualGraph, faces: &[u32]) {
-        if FACES_AROUND * faces.len() >= self.raw.len() {
-            self.renew();
-        }
         if self.are_current {
             return;
         }

@@ -3,150 +3,125 @@
 use std::sync::atomic::AtomicU32;
 
 use super::active_faces::ActiveFaces;
-use super::best_edge::boundary::BoundarySearch;
-use super::best_edge::queue::Queue;
+use super::best_edge::{self, queue::Queue};
 use super::boundary::BoundaryPhase;
 use super::boundary_faces::BoundaryFaces;
 use super::change_log::Cursor;
 use super::clusters::Clusters;
 use super::detour::surely_stays_connected;
-use super::grow::Growth;
+use super::grow::grow;
 use super::labels::Labels;
-use super::pieces::{self, Pieces};
+use super::pieces::{self, Walk};
 use super::refine::RefinementPhase;
-use super::{Move, View};
+use super::{Move, Partition};
 use crate::device::dual_edge::{Rank, Ties};
 use crate::device::{Cancel, FREE};
 use crate::error::Result;
 use crate::prefetch::{Ahead, with_lookahead};
 use crate::surface::DualGraph;
 
-/// Sums and boundary faces in step with the labels, and what phases keep between iterations.
+/// A partition, and what phases keep between iterations.
 #[derive(Debug)]
-pub struct Listed {
-    pub clusters: Clusters,
-    pub boundary: BoundaryFaces,
+pub struct Listed<'a> {
+    pub partition: Partition<'a>,
     /// Created by the first boundary phase.
     boundary_phase: Option<BoundaryPhase>,
     /// Created by the first refinement.
     refinement: Option<RefinementPhase>,
     /// Whether the next refinement goes on with the last one.
-    is_resumed: bool,
+    pub is_resumed: bool,
     /// Created by the first search for the cheapest dual edge.
     queue: Option<Queue>,
     /// Clusters that may have faces, ascending.
     living: Vec<u32>,
-    growth: Growth,
     /// Scratch memory of walks, empty before the first.
     places: Vec<AtomicU32>,
     /// The faces that moved since the last merge, with the cluster they left; None before the first merge.
     moved_since_merge: Option<Vec<(u32, u32)>>,
 }
 
-impl Listed {
+impl<'a> Listed<'a> {
     /// Lists the boundary faces of clusters that are in step with `labels`. All faces are labelled. `has_merged`:
     /// whether clusters merged before.
-    pub fn new(graph: &DualGraph, labels: &mut Labels, clusters: Clusters, has_merged: bool) -> Self {
+    pub fn new(graph: &'a DualGraph, mut labels: Labels, clusters: Clusters, has_merged: bool) -> Self {
+        let boundary = BoundaryFaces::collect(graph, &mut labels, clusters.len());
         Self {
-            boundary: BoundaryFaces::collect(graph, labels, clusters.len()),
             living: (0..clusters.len() as u32).collect(),
-            clusters,
+            partition: Partition { graph, labels, clusters, boundary },
             boundary_phase: None,
             refinement: None,
             is_resumed: false,
             queue: None,
-            growth: Growth::default(),
             places: Vec::new(),
             moved_since_merge: has_merged.then(Vec::new),
         }
     }
 
     /// The moves of the next boundary iteration; None when the phase has converged.
-    pub fn boundary_moves(&mut self, graph: &DualGraph, labels: &mut Labels) -> Option<Vec<Move>> {
-        let Self { clusters, boundary, boundary_phase, .. } = self;
-        let phase = boundary_phase.get_or_insert_with(|| BoundaryPhase::new(graph, clusters, boundary));
-        let moves = phase.moves(graph, labels, clusters, boundary);
+    pub fn boundary_moves(&mut self) -> Option<Vec<Move>> {
+        let Self { partition, boundary_phase, .. } = self;
+        let moves = boundary_phase.get_or_insert_with(|| BoundaryPhase::new(partition)).moves(partition);
         (!moves.is_empty()).then_some(moves)
     }
 
-    /// Begins a refinement phase. After [`resume`](Self::resume) it goes on with the last one: refused faces stay
-    /// refused.
+    /// Begins a refinement phase. A resumed one goes on with the last: refused faces stay refused.
     pub fn begin_refinement(&mut self) {
         if !std::mem::take(&mut self.is_resumed) {
             self.refinement.iter_mut().for_each(RefinementPhase::begin);
         }
     }
 
-    /// Begins a boundary phase, which keeps nothing that a new one would not have.
-    pub fn begin_boundary(&mut self) {
-        self.is_resumed = false;
-    }
-
-    /// The next phase goes on with the last one.
-    pub fn resume(&mut self) {
-        self.is_resumed = true;
-    }
-
     /// The moves of the next iteration of refinement; None when there are no bids.
-    pub fn refinement_moves(
-        &mut self,
-        graph: &DualGraph,
-        labels: &mut Labels,
-        is_connected: bool,
-    ) -> Option<Vec<Move>> {
-        let Self { clusters, boundary, refinement, places, .. } = self;
-        let phase = refinement.get_or_insert_with(|| RefinementPhase::new(graph, clusters, boundary));
-        let mut pieces = is_connected.then(|| {
-            places.resize_with(graph.faces(), AtomicU32::default);
-            Pieces::new(places)
+    pub fn refinement_moves(&mut self, is_connected: bool) -> Option<Vec<Move>> {
+        let Self { partition, refinement, places, .. } = self;
+        let phase = refinement.get_or_insert_with(|| RefinementPhase::new(partition));
+        let mut walk = is_connected.then(|| {
+            places.resize_with(partition.graph.faces(), AtomicU32::default);
+            Walk::new(places)
         });
-        phase.moves(graph, labels, clusters, boundary, pieces.as_mut())
+        phase.moves(partition, walk.as_mut())
     }
 
     /// Brings all bids up to date.
     #[cfg(test)]
-    pub fn renew_bids(&mut self, graph: &DualGraph, labels: &mut Labels) -> &super::bids::Bids {
-        let Self { clusters, boundary, refinement, .. } = self;
-        let phase = refinement.get_or_insert_with(|| RefinementPhase::new(graph, clusters, boundary));
-        phase.renew_bids(graph, labels, clusters, boundary)
+    pub fn renew_bids(&mut self) -> &super::bids::Bids {
+        let Self { partition, refinement, .. } = self;
+        refinement.get_or_insert_with(|| RefinementPhase::new(partition)).renew_bids(partition)
     }
 
     /// Moves faces, one after the other.
-    pub fn apply(&mut self, graph: &DualGraph, labels: &mut Labels, moves: &[Move]) {
-        let outgrows_caches = graph.outgrows_caches();
+    pub fn apply(&mut self, moves: &[Move]) {
+        let outgrows_caches = self.partition.graph.outgrows_caches();
         for (&Move { face, from, to }, ahead) in with_lookahead(moves) {
             if outgrows_caches {
-                self.prefetch(graph, labels, ahead);
+                self.prefetch(ahead);
             }
+            let Partition { graph, labels, clusters, boundary } = &mut self.partition;
             labels.set(face, to);
-            self.clusters.transfer(graph, face, from, to);
-            if self.clusters.is_connected(from) && !surely_stays_connected(graph, labels, face, from) {
-                self.clusters.may_be_in_pieces(from);
+            clusters.transfer(graph, face, from, to);
+            if clusters.is_connected(from) && !surely_stays_connected(graph, face, |near| labels.of(near) == from) {
+                clusters.may_be_in_pieces(from);
             }
             if graph.neighbours_of(face).iter().all(|&near| labels.of(near) != to) {
-                self.clusters.may_be_in_pieces(to);
+                clusters.may_be_in_pieces(to);
             }
-            self.boundary.moved(graph, labels, face);
-            self.active_faces().for_each(|active| active.moved(graph, labels, face));
+            boundary.moved(graph, labels, face);
+            active_faces(&mut self.boundary_phase, &mut self.refinement)
+                .for_each(|active| active.moved(graph, labels, face));
         }
-        self.clusters.refit();
+        self.partition.clusters.refit();
         if let Some(moved) = &mut self.moved_since_merge {
             moved.extend(moves.iter().map(|&Move { face, from, .. }| (face, from)));
         }
     }
 
-    /// The active faces of all phases.
-    fn active_faces(&mut self) -> impl Iterator<Item = &mut ActiveFaces> {
-        let boundary = self.boundary_phase.iter_mut().map(BoundaryPhase::active);
-        boundary.chain(self.refinement.iter_mut().map(RefinementPhase::active))
-    }
-
     /// Requests what later moves read.
-    fn prefetch(&self, graph: &DualGraph, labels: &Labels, ahead: Ahead<'_, Move>) {
+    fn prefetch(&self, ahead: Ahead<'_, Move>) {
+        let Partition { graph, labels, clusters, boundary } = &self.partition;
         if let Some(later) = ahead.stage(3) {
             graph.prefetch(later.face);
-            self.clusters.prefetch(later.from);
-            self.clusters.prefetch(later.to);
+            clusters.prefetch(later.from);
+            clusters.prefetch(later.to);
         }
         if let Some(later) = ahead.stage(2) {
             graph.prefetch_neighbours(later.face);
@@ -155,27 +130,25 @@ impl Listed {
             for &near in graph.neighbours_of(later.face) {
                 graph.prefetch(near);
                 labels.prefetch(near);
-                self.boundary.prefetch(near);
-                self.boundary_phase.iter().for_each(|phase| phase.prefetch(near));
-                self.refinement.iter().for_each(|phase| phase.prefetch(near));
+                boundary.prefetch(near);
+                self.boundary_phase.iter().for_each(|phase| phase.active.prefetch(near));
+                self.refinement.iter().for_each(|phase| phase.active.prefetch(near));
             }
         }
     }
 
     /// The faces outside the largest piece of each cluster, sorted.
-    pub fn cut_off_faces(&mut self, graph: &DualGraph, labels: &Labels) -> Vec<u32> {
-        let changed = self.clusters.take_changes(Cursor::Pieces);
-        self.places.resize_with(graph.faces(), AtomicU32::default);
-        let view = View { graph, labels, clusters: &self.clusters };
-        pieces::cut_off(view, &self.boundary, &changed, &self.places)
+    pub fn cut_off_faces(&mut self) -> Vec<u32> {
+        let changed = self.partition.clusters.take_changes(Cursor::Pieces);
+        self.places.resize_with(self.partition.graph.faces(), AtomicU32::default);
+        pieces::cut_off(&self.partition, &changed, &self.places)
     }
 
     /// Frees faces and grows the clusters over them.
-    pub fn regrow(&mut self, graph: &DualGraph, labels: &mut Labels, faces: &[u32], cancel: &Cancel) -> Result<()> {
+    pub fn regrow(&mut self, faces: &[u32], cancel: &Cancel) -> Result<()> {
+        let Partition { graph, labels, .. } = &mut self.partition;
         let from: Vec<u32> = faces.iter().map(|&face| labels.refresh(face)).collect();
-        for &face in faces {
-            labels.set(face, FREE);
-        }
+        faces.iter().for_each(|&face| labels.set(face, FREE));
         let mut front: Vec<u32> = faces
             .iter()
             .flat_map(|&face| graph.neighbours_of(face).iter().copied())
@@ -183,7 +156,7 @@ impl Listed {
             .collect();
         front.sort_unstable();
         front.dedup();
-        self.growth.grow(graph, labels, front, cancel)?;
+        grow(graph, labels, front, cancel)?;
         let moves: Vec<Move> = faces
             .iter()
             .zip(from)
@@ -191,48 +164,52 @@ impl Listed {
             .filter(|moved| moved.to != moved.from)
             .collect();
         // `apply` expects the labels before the moves
-        for moved in &moves {
-            labels.set(moved.face, moved.from);
-        }
-        self.apply(graph, labels, &moves);
+        moves.iter().for_each(|moved| labels.set(moved.face, moved.from));
+        self.apply(&moves);
         Ok(())
     }
 
     /// Merges the first cluster of each pair into the second.
-    pub fn merge(&mut self, graph: &DualGraph, labels: &mut Labels, pairs: &[(u32, u32)]) {
-        labels.merge(self.clusters.len(), pairs);
+    pub fn merge(&mut self, pairs: &[(u32, u32)]) {
+        let Self { partition: Partition { graph, labels, clusters, boundary }, boundary_phase, refinement, .. } = self;
+        labels.merge(clusters.len(), pairs);
         labels.renew_after(pairs.len());
-        self.clusters.merge(pairs);
-        let Self { boundary, boundary_phase, refinement, .. } = self;
+        clusters.merge(pairs);
         for &(from, into) in pairs {
             boundary.merged(graph, labels, into, from, |labels, face| {
-                boundary_phase.iter_mut().for_each(|phase| phase.active().merged(graph, labels, face));
-                refinement.iter_mut().for_each(|phase| phase.active().merged(graph, labels, face));
+                active_faces(boundary_phase, refinement).for_each(|active| active.merged(graph, labels, face));
             });
         }
         self.moved_since_merge = Some(Vec::new());
     }
 
     /// The faces that are in another cluster than after the last merge, sorted: face, old cluster, new cluster.
-    pub fn moves_since_merge(&mut self, labels: &Labels) -> Vec<(u32, u32, u32)> {
+    pub fn moves_since_merge(&mut self) -> Vec<(u32, u32, u32)> {
         let mut moved = self.moved_since_merge.take().unwrap_or_default();
         // the sort is stable: the first entry of a face has the cluster that it left first
         moved.sort_by_key(|&(face, _)| face);
         moved.dedup_by_key(|&mut (face, _)| face);
-        let moved = moved.into_iter().map(|(face, from)| (face, from, labels.of(face)));
+        let moved = moved.into_iter().map(|(face, from)| (face, from, self.partition.labels.of(face)));
         moved.filter(|&(_, from, to)| from != to).collect()
     }
 
-    /// The search for best dual edges along the boundaries.
-    pub fn best_edges<'a>(&'a mut self, graph: &'a DualGraph, labels: &'a Labels, ties: Ties) -> BoundarySearch<'a> {
-        let Self { clusters, boundary, living, .. } = self;
-        BoundarySearch { graph, labels, clusters, boundary, living, ties }
+    /// The neighbour that each cluster would best merge with, in the order of the clusters.
+    pub fn choices(&mut self, ties: Ties) -> Vec<(u32, u32)> {
+        best_edge::boundary::choices(&mut self.partition, &mut self.living, ties)
     }
 
     /// The cheapest dual edge of all.
-    pub fn cheapest_edge(&mut self, graph: &DualGraph, labels: &Labels, ties: Ties) -> Option<Rank<u128>> {
-        let Self { clusters, boundary, queue, .. } = self;
-        let queue = queue.get_or_insert_with(|| Queue::new(clusters.len(), ties));
-        queue.cheapest(graph, labels, clusters, boundary)
+    pub fn cheapest_edge(&mut self, ties: Ties) -> Option<Rank<u128>> {
+        let Self { partition, queue, .. } = self;
+        queue.get_or_insert_with(|| Queue::new(partition.clusters.len(), ties)).cheapest(partition)
     }
+}
+
+/// The active faces of both phases.
+fn active_faces<'a>(
+    boundary: &'a mut Option<BoundaryPhase>,
+    refinement: &'a mut Option<RefinementPhase>,
+) -> impl Iterator<Item = &'a mut ActiveFaces> {
+    let boundary = boundary.iter_mut().map(|phase| &mut phase.active);
+    boundary.chain(refinement.iter_mut().map(|phase| &mut phase.active))
 }

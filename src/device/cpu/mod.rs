@@ -3,8 +3,8 @@
 //! # Reading order
 //!
 //! [`steps`] has the public interface and the state that it works on. [`listed`] is the state in which faces move: it
-//! applies moves and merges. One boundary iteration is [`boundary::BoundaryPhase::moves`], one of refinement
-//! [`refine::RefinementPhase::moves`]; both read as their definitions in [`crate::cluster::flat`] and
+//! applies moves and merges to a [`Partition`]. One boundary iteration is [`boundary::BoundaryPhase::moves`], one of
+//! refinement [`refine::RefinementPhase::moves`]; both read as their definitions in [`crate::cluster::flat`] and
 //! [`crate::cluster::refinement`], except that they evaluate only [`active_faces`]. [`best_edge`] finds what to merge,
 //! [`pieces`] what was cut off, [`grow`] labels free faces.
 //!
@@ -38,6 +38,7 @@ use super::{Device, MergeSteps, Steps};
 use crate::device::{DeviceInfo, DeviceKind};
 use crate::error::Result;
 use crate::surface::DualGraph;
+use boundary_faces::BoundaryFaces;
 use clusters::Clusters;
 use labels::Labels;
 use steps::CpuSteps;
@@ -102,12 +103,13 @@ struct Move {
     to: u32,
 }
 
-/// What the evaluation of faces reads.
-#[derive(Debug, Clone, Copy)]
-struct View<'a> {
+/// A graph whose faces are all labelled, and what is kept in step with the labels.
+#[derive(Debug)]
+struct Partition<'a> {
     graph: &'a DualGraph,
-    labels: &'a Labels,
-    clusters: &'a Clusters,
+    labels: Labels,
+    clusters: Clusters,
+    boundary: BoundaryFaces,
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@
 
 use std::hint::select_unpredictable;
 
-use super::View;
+use super::Partition;
 use super::clusters::{CachedProxy, DRIFT_STEP, slot};
 use super::labels::Labels;
 use crate::surface::DualGraph;
@@ -63,10 +63,12 @@ impl NearClusters {
 
     /// How far the proxies of these clusters have drifted, added up.
     #[inline]
-    pub fn drift(self, view: View<'_>, face: u32) -> u64 {
+    pub fn drift(self, partition: &Partition<'_>, face: u32) -> u64 {
         match self.others {
-            [MANY, _] => drift_of_many(view, face, self.own - 1),
-            [first, second] => [self.own, first, second].map(|slot| view.clusters.at_slot(slot).drift).iter().sum(),
+            [MANY, _] => drift_of_many(partition, face, self.own - 1),
+            [first, second] => {
+                [self.own, first, second].map(|slot| partition.clusters.at_slot(slot).drift).iter().sum()
+            }
         }
     }
 }
@@ -80,8 +82,8 @@ impl Nearby {
     /// Looks at the neighbours of a face of cluster `own`. Calls `visit` with each other cluster among theirs; with
     /// some maybe several times where there are more than two.
     #[inline]
-    pub fn of(view: View<'_>, face: u32, own: u32, mut visit: impl FnMut(u32, &CachedProxy)) -> Self {
-        let View { graph, labels, clusters } = view;
+    pub fn of(partition: &Partition<'_>, face: u32, own: u32, mut visit: impl FnMut(u32, &CachedProxy)) -> Self {
+        let Partition { graph, labels, clusters, .. } = partition;
         let mut others = [NO_SLOT; 2];
         let mut are_many = false;
         // which neighbours are in other clusters follows no pattern, so that a branch on it would be mispredicted
@@ -95,7 +97,7 @@ impl Nearby {
         if are_many {
             other_clusters(graph, labels, face, own).for_each(|other| visit(other, clusters.cached(other)));
             let near = NearClusters { own: slot(own), others: [MANY, NO_SLOT] };
-            return Self { near, drift: drift_of_many(view, face, own) };
+            return Self { near, drift: drift_of_many(partition, face, own) };
         }
         let mut drift = clusters.cached(own).drift;
         for other in others.into_iter().take_while(|&other| other != NO_SLOT) {
@@ -139,7 +141,7 @@ pub fn other_clusters<'a>(
 
 /// How far the proxies of `own` and of the [`other_clusters`] of a face have drifted, added up.
 #[cold]
-fn drift_of_many(View { graph, labels, clusters }: View<'_>, face: u32, own: u32) -> u64 {
+fn drift_of_many(Partition { graph, labels, clusters, .. }: &Partition<'_>, face: u32, own: u32) -> u64 {
     let others = other_clusters(graph, labels, face, own).map(|other| clusters.cached(other).drift);
     clusters.cached(own).drift + others.sum::<u64>()
 }

@@ -6,38 +6,27 @@ use rayon::prelude::*;
 
 use super::active_faces::{ActiveFaces, Evaluation};
 use super::bids::{Bid, Bids, Verdict};
-use super::boundary_faces::BoundaryFaces;
 use super::change_log::Cursor;
-use super::clusters::{Change, Clusters};
-use super::labels::Labels;
 use super::nearby::{Bound, Nearby, other_clusters};
-use super::pieces::Pieces;
-use super::tuning::chunks::{CLUSTERS, ITEMS};
-use super::{Move, View};
-use crate::energy::{Energy, Functional, RefinementSlack, Side};
+use super::pieces::Walk;
+use super::tuning::chunks::CLUSTERS;
+use super::{Move, Partition};
+use crate::energy::{ClusterSums, Energy, Functional, RefinementSlack, Side, Sums};
 use crate::surface::DualGraph;
 
 /// What refinement keeps between iterations.
 #[derive(Debug)]
 pub struct RefinementPhase {
-    active: ActiveFaces,
+    /// They have to know of moves and merges.
+    pub active: ActiveFaces,
     bids: Bids,
 }
 
 impl RefinementPhase {
     /// All boundary faces are active.
-    pub fn new(graph: &DualGraph, clusters: &Clusters, boundary: &BoundaryFaces) -> Self {
-        Self { active: ActiveFaces::new(boundary, graph.faces()), bids: Bids::new(graph.faces(), clusters.len()) }
-    }
-
-    /// Requests what this phase knows of a face.
-    pub fn prefetch(&self, face: u32) {
-        self.active.prefetch(face);
-    }
-
-    /// The active faces of this phase, which have to know of moves and merges.
-    pub fn active(&mut self) -> &mut ActiveFaces {
-        &mut self.active
+    pub fn new(partition: &Partition<'_>) -> Self {
+        let bids = Bids::new(partition.graph.faces(), partition.clusters.len());
+        Self { active: ActiveFaces::new(partition), bids }
     }
 
     /// Begins a phase: faces that were refused, or had a bid when the last phase was cut short, may bid again.
@@ -45,45 +34,30 @@ impl RefinementPhase {
         self.bids.end().into_iter().for_each(|face| self.active.add(face));
     }
 
-    /// The moves of the next iteration, maybe none; None when there are no bids. With `pieces`, only winners move, and
+    /// The moves of the next iteration, maybe none; None when there are no bids. With `walk`, only winners move, and
     /// only those that leave their cluster connected.
-    pub fn moves(
-        &mut self,
-        graph: &DualGraph,
-        labels: &mut Labels,
-        clusters: &mut Clusters,
-        boundary: &BoundaryFaces,
-        pieces: Option<&mut Pieces<'_>>,
-    ) -> Option<Vec<Move>> {
-        self.renew_bids(graph, labels, clusters, boundary);
+    pub fn moves(&mut self, partition: &mut Partition<'_>, walk: Option<&mut Walk<'_>>) -> Option<Vec<Move>> {
+        self.renew_bids(partition);
         if self.bids.is_empty() {
             return None;
         }
-        let view = View { graph, labels, clusters };
         let winners = self.bids.winners();
-        let verdicts = match pieces {
-            None => verdicts(graph, clusters, &self.bids, &winners),
-            Some(pieces) => winners.iter().map(|&winner| verdict_alone(view, pieces, winner)).collect(),
+        let verdicts = match walk {
+            None => verdicts(partition, &self.bids, &winners),
+            Some(walk) => winners.iter().map(|&winner| verdict_alone(partition, walk, winner)).collect(),
         };
         Some(self.bids.commit(&winners, &verdicts))
     }
 
     /// Evaluates active faces, and returns all bids.
-    pub fn renew_bids(
-        &mut self,
-        graph: &DualGraph,
-        labels: &mut Labels,
-        clusters: &mut Clusters,
-        boundary: &BoundaryFaces,
-    ) -> &Bids {
-        let changed = clusters.take_changes(Cursor::Refinement);
+    pub fn renew_bids(&mut self, partition: &mut Partition<'_>) -> &Bids {
+        let changed = partition.clusters.take_changes(Cursor::Refinement);
         // a bid depends on its clusters, also that of a face which lies on no boundary any more
         self.bids.at(&changed).for_each(|face| self.active.add(face));
-        self.active.collect(graph, labels, clusters, boundary, &changed);
-        let view = View { graph, labels, clusters };
+        self.active.collect(partition, &changed);
         let bids = &self.bids;
-        let new_bids = self.active.evaluate(view, |face| {
-            let (bid, bound) = best_bid(view, face);
+        let new_bids = self.active.evaluate(partition, |face| {
+            let (bid, bound) = best_bid(partition, face);
             Evaluation { decision: bids.is_new(face, bid).then_some((face, bid)), bound }
         });
         new_bids.into_iter().for_each(|(face, bid)| self.bids.set(face, bid));
@@ -92,43 +66,45 @@ impl RefinementPhase {
 }
 
 /// Tests each winner together with all that bid for its move, then alone.
-fn verdicts(graph: &DualGraph, clusters: &Clusters, bids: &Bids, winners: &[Move]) -> Vec<Verdict> {
+fn verdicts(Partition { graph, clusters, .. }: &Partition<'_>, bids: &Bids, winners: &[Move]) -> Vec<Verdict> {
     let verdict = |&winner: &Move| {
-        let Move { from, to, face } = winner;
-        let alone = Change::of(graph, face);
-        let mut together = Change::default();
-        bids.joining(winner).for_each(|moved| together.add(graph, moved.face));
-        if clusters.improves(from, to, &together) {
+        let Move { from, to, .. } = winner;
+        if clusters.improves(from, to, &sums_of(graph, bids.joining(winner))) {
             Verdict::AllMove
-        } else if clusters.improves(from, to, &alone) {
+        } else if clusters.improves(from, to, &sums_of(graph, [winner])) {
             Verdict::WinnerMoves
         } else {
             Verdict::Refused
         }
     };
-    if winners.len() <= ITEMS {
-        return winners.iter().map(verdict).collect();
-    }
     winners.par_iter().with_min_len(CLUSTERS).map(verdict).collect()
 }
 
+/// The sums of faces that move.
+fn sums_of(graph: &DualGraph, moves: impl IntoIterator<Item = Move>) -> ClusterSums {
+    let mut sums = ClusterSums::default();
+    moves.into_iter().for_each(|moved| sums.add_face(graph.face(moved.face as usize), 1));
+    sums
+}
+
 /// Tests a winner alone: also whether its cluster stays connected without it.
-fn verdict_alone(View { graph, labels, clusters }: View<'_>, pieces: &mut Pieces<'_>, winner: Move) -> Verdict {
-    let improves = clusters.improves(winner.from, winner.to, &Change::of(graph, winner.face));
-    if improves && pieces.stays_connected(graph, labels, winner.face) { Verdict::WinnerMoves } else { Verdict::Refused }
+fn verdict_alone(partition: &Partition<'_>, walk: &mut Walk<'_>, winner: Move) -> Verdict {
+    let alone = sums_of(partition.graph, [winner]);
+    let improves = partition.clusters.improves(winner.from, winner.to, &alone);
+    if improves && walk.stays_connected(partition, winner.face) { Verdict::WinnerMoves } else { Verdict::Refused }
 }
 
 /// The bid of a face for the neighbouring cluster with the largest positive gain (the smaller number of equal ones),
 /// and until when that holds.
 #[inline]
-fn best_bid(view: View<'_>, face: u32) -> (Bid, Bound) {
-    let View { graph, labels, clusters } = view;
+fn best_bid(partition: &Partition<'_>, face: u32) -> (Bid, Bound) {
+    let Partition { graph, labels, clusters, .. } = partition;
     let from = labels.near_boundary(face);
     let point = graph.points[face as usize];
     let weight = graph.weights[face as usize];
     let own = clusters.cached(from);
     let mut slack = RefinementSlack::new(weight, own.cost(point), own.least_weight);
-    let nearby = Nearby::of(view, face, from, |_, other| {
+    let nearby = Nearby::of(partition, face, from, |_, other| {
         slack.other(other.cost(point), other.least_weight);
     });
     if slack.is_clear() || clusters.sums(from).faces == 1 {

@@ -1,105 +1,107 @@
 //! [`Steps`] and [`MergeSteps`] of the cpu device, and how its state changes.
 
+use std::mem::take;
+
 use super::Move;
-use super::best_edge::BestEdge;
-use super::best_edge::contraction::{Contraction, ContractionSearch};
+use super::best_edge::{self, contraction::Contraction};
 use super::clusters::Clusters;
-use super::grow::Growth;
+use super::grow::grow;
 use super::labels::Labels;
 use super::listed::Listed;
 use crate::device::dual_edge::{Rank, Ties};
-use crate::device::{Cancel, DualEdge, Ending, FREE, MergeSteps, Step, Steps};
-use crate::energy::ClusterSums;
-use crate::energy::LatticeEnergy;
+use crate::device::{Cancel, DualEdge, Ending, FREE, MergeSteps, OnStep, Step, Steps};
+use crate::energy::{ClusterSums, LatticeEnergy};
 use crate::error::Result;
 use crate::surface::DualGraph;
 
 /// One clustering.
 pub struct CpuSteps<'a> {
-    pub graph: &'a DualGraph,
+    graph: &'a DualGraph,
     component_of_cluster: &'a [u32],
-    pub labels: Labels,
-    state: State,
+    state: State<'a>,
 }
 
-/// What is known about the labels. A step brings it as far as it needs; labels set from outside begin anew.
-#[derive(Debug, Default)]
-enum State {
+/// The labels, and what is known about them. A step brings it as far as it needs; labels set from outside begin anew.
+#[derive(Debug)]
+enum State<'a> {
     /// Nothing.
-    #[default]
-    Labelled,
+    Labelled(Labels),
     /// The sums of the clusters.
-    Summed(Clusters),
+    Summed(Labels, Clusters),
     /// Each cluster is what merges made of single faces: the sums, and the graph of the clusters.
-    Contracted(Clusters, Box<Contraction>),
+    Contracted(Labels, Clusters, Box<Contraction>),
     /// The sums, and the boundary faces of each cluster. Only here faces move.
-    Listed(Box<Listed>),
+    Listed(Box<Listed<'a>>),
+}
+
+impl Default for State<'_> {
+    fn default() -> Self {
+        Self::Labelled(Labels::default())
+    }
 }
 
 impl<'a> CpuSteps<'a> {
     /// All faces free.
     pub fn new(graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Self {
-        Self { graph, component_of_cluster, labels: Labels::new(graph.faces()), state: State::Labelled }
+        Self { graph, component_of_cluster, state: State::Labelled(Labels::new(graph.faces())) }
     }
 
-    /// The sums in step with the labels, out of the state, and whether clusters merged under a contraction.
-    fn take_clusters(&mut self, state: State) -> (Clusters, bool) {
-        match state {
-            State::Labelled => (Clusters::of(self.graph, self.component_of_cluster, self.labels.all()), false),
-            State::Summed(clusters) => (clusters, false),
-            State::Contracted(clusters, _) => (clusters, true),
-            State::Listed(listed) => (listed.clusters, true),
+    fn labels_mut(&mut self) -> &mut Labels {
+        match &mut self.state {
+            State::Labelled(labels) | State::Summed(labels, _) | State::Contracted(labels, ..) => labels,
+            State::Listed(listed) => &mut listed.partition.labels,
+        }
+    }
+
+    /// Takes labels and sums out of the state, and whether clusters merged before.
+    fn take_summed(&mut self) -> (Labels, Clusters, bool) {
+        match take(&mut self.state) {
+            State::Labelled(mut labels) => {
+                let clusters = Clusters::of(self.graph, self.component_of_cluster, labels.all());
+                (labels, clusters, false)
+            }
+            State::Summed(labels, clusters) => (labels, clusters, false),
+            State::Contracted(labels, clusters, _) => (labels, clusters, true),
+            State::Listed(listed) => (listed.partition.labels, listed.partition.clusters, true),
         }
     }
 
     /// Brings the state to sums at least, and reads them.
     fn with_clusters<T>(&mut self, read: impl FnOnce(&Clusters) -> T) -> T {
         match &self.state {
-            State::Labelled => {
-                let (clusters, _) = self.take_clusters(State::Labelled);
+            State::Labelled(_) => {
+                let (labels, clusters, _) = self.take_summed();
                 let result = read(&clusters);
-                self.state = State::Summed(clusters);
+                self.state = State::Summed(labels, clusters);
                 result
             }
-            State::Summed(clusters) | State::Contracted(clusters, _) => read(clusters),
-            State::Listed(listed) => read(&listed.clusters),
+            State::Summed(_, clusters) | State::Contracted(_, clusters, _) => read(clusters),
+            State::Listed(listed) => read(&listed.partition.clusters),
         }
     }
 
     /// Brings the state to listed boundaries, and works on them.
-    pub fn with_listed<T>(&mut self, work: impl FnOnce(&DualGraph, &mut Labels, &mut Listed) -> T) -> T {
-        let mut listed = match std::mem::take(&mut self.state) {
-            State::Listed(listed) => listed,
-            other => {
-                let (clusters, has_merged) = self.take_clusters(other);
-                Box::new(Listed::new(self.graph, &mut self.labels, clusters, has_merged))
-            }
-        };
-        let result = work(self.graph, &mut self.labels, &mut listed);
+    pub fn with_listed<T>(&mut self, work: impl FnOnce(&mut Listed<'a>) -> T) -> T {
+        if let State::Listed(listed) = &mut self.state {
+            return work(listed);
+        }
+        let (labels, clusters, has_merged) = self.take_summed();
+        let mut listed = Box::new(Listed::new(self.graph, labels, clusters, has_merged));
+        let result = work(&mut listed);
         self.state = State::Listed(listed);
         result
     }
 
-    /// Finds best dual edges: by the contraction where each cluster is what merges made of single faces, else along
-    /// boundaries.
-    fn with_best_edges<T>(&mut self, ties: Ties, find: impl FnOnce(&mut dyn BestEdge) -> T) -> T {
-        let contracted = match std::mem::take(&mut self.state) {
-            State::Contracted(clusters, contraction) if contraction.ties() == ties => Some((clusters, contraction)),
-            state @ (State::Labelled | State::Summed(_)) if self.labels.are_faces() => {
-                let (clusters, _) = self.take_clusters(state);
-                Some((clusters, Box::new(Contraction::new(self.graph, ties))))
-            }
-            state => {
-                self.state = state;
-                None
-            }
-        };
-        let Some((clusters, mut contraction)) = contracted else {
-            return self.with_listed(|graph, labels, listed| find(&mut listed.best_edges(graph, labels, ties)));
-        };
-        let result = find(&mut ContractionSearch { contraction: &mut contraction, clusters: &clusters });
-        self.state = State::Contracted(clusters, contraction);
-        result
+    /// The contraction, where each cluster is what merges made of single faces.
+    fn contraction(&mut self, ties: Ties) -> Option<(&Clusters, &mut Contraction)> {
+        if matches!(self.state, State::Labelled(_) | State::Summed(..)) && self.labels_mut().are_faces() {
+            let (labels, clusters, _) = self.take_summed();
+            self.state = State::Contracted(labels, clusters, Box::new(Contraction::new(self.graph, ties)));
+        }
+        match &mut self.state {
+            State::Contracted(_, clusters, contraction) if contraction.ties() == ties => Some((clusters, contraction)),
+            _ => None,
+        }
     }
 
     /// Makes iterations until `next_moves` has none left to make, or the limit is reached.
@@ -107,18 +109,18 @@ impl<'a> CpuSteps<'a> {
         &mut self,
         limit: u32,
         cancel: &Cancel,
-        on_iteration: &mut dyn FnMut(Step),
-        next_moves: impl Fn(&mut Listed, &DualGraph, &mut Labels) -> Option<Vec<Move>>,
+        on_step: OnStep<'_>,
+        next_moves: impl Fn(&mut Listed<'a>) -> Option<Vec<Move>>,
     ) -> Result<Ending> {
-        self.with_listed(|graph, labels, listed| {
+        self.with_listed(|listed| {
             let mut left = limit;
             while left > 0 {
                 cancel.check()?;
-                let Some(moves) = next_moves(listed, graph, labels) else { return Ok(Ending::Converged) };
+                let Some(moves) = next_moves(listed) else { return Ok(Ending::Converged) };
                 if !moves.is_empty() {
                     left -= 1;
-                    listed.apply(graph, labels, &moves);
-                    on_iteration(Step { energy: listed.clusters.energy(), moves: moves.len() as u64 });
+                    listed.apply(&moves);
+                    on_step(Step { energy: listed.partition.clusters.energy(), moves: moves.len() as u64 });
                 }
             }
             cancel.check()?;
@@ -126,111 +128,107 @@ impl<'a> CpuSteps<'a> {
         })
     }
 
-    fn refine_as(
-        &mut self,
-        is_connected: bool,
-        limit: u32,
-        cancel: &Cancel,
-        on_iteration: &mut dyn FnMut(Step),
-    ) -> Result<Ending> {
-        self.with_listed(|_, _, listed| listed.begin_refinement());
-        self.optimise(limit, cancel, on_iteration, |listed, graph, labels| {
-            listed.refinement_moves(graph, labels, is_connected)
-        })
+    fn refine_as(&mut self, is_connected: bool, limit: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending> {
+        self.with_listed(Listed::begin_refinement);
+        self.optimise(limit, cancel, on_step, |listed| listed.refinement_moves(is_connected))
     }
 }
 
 impl Steps for CpuSteps<'_> {
     fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
-        self.labels.replace(labels);
-        self.state = State::Labelled;
+        let mut own = take(self.labels_mut());
+        own.replace(labels);
+        self.state = State::Labelled(own);
         Ok(())
     }
 
     fn grow(&mut self, cancel: &Cancel) -> Result<()> {
-        let labels = self.labels.all();
-        if !labels.contains(&FREE) {
-            return Ok(());
-        }
+        let graph = self.graph;
+        let labels = self.labels_mut().all();
         let is_near_free = |face: &u32| {
             labels[*face as usize] != FREE
-                && self.graph.neighbours_of(*face).iter().any(|&near| labels[near as usize] == FREE)
+                && graph.neighbours_of(*face).iter().any(|&near| labels[near as usize] == FREE)
         };
-        let front = (0..labels.len() as u32).filter(is_near_free).collect();
-        self.state = State::Labelled;
-        Growth::default().grow(self.graph, &mut self.labels, front, cancel)
+        let front: Vec<u32> = (0..labels.len() as u32).filter(is_near_free).collect();
+        if front.is_empty() {
+            return Ok(());
+        }
+        let mut labels = take(self.labels_mut());
+        let grown = grow(graph, &mut labels, front, cancel);
+        self.state = State::Labelled(labels);
+        grown
     }
 
     fn energy(&mut self) -> Result<LatticeEnergy> {
         Ok(self.with_clusters(Clusters::energy))
     }
 
-    fn optimise_boundary(
-        &mut self,
-        max_iterations: u32,
-        cancel: &Cancel,
-        on_iteration: &mut dyn FnMut(Step),
-    ) -> Result<Ending> {
-        self.with_listed(|_, _, listed| listed.begin_boundary());
-        self.optimise(max_iterations, cancel, on_iteration, Listed::boundary_moves)
+    fn optimise_boundary(&mut self, limit: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending> {
+        // a boundary phase keeps nothing that a new one would not have
+        self.with_listed(|listed| listed.is_resumed = false);
+        self.optimise(limit, cancel, on_step, Listed::boundary_moves)
     }
 
-    fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending> {
-        self.refine_as(false, max_iterations, cancel, on_iteration)
+    fn refine(&mut self, limit: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending> {
+        self.refine_as(false, limit, cancel, on_step)
     }
 
-    fn refine_connected(
-        &mut self,
-        max_iterations: u32,
-        cancel: &Cancel,
-        on_iteration: &mut dyn FnMut(Step),
-    ) -> Result<Ending> {
-        self.refine_as(true, max_iterations, cancel, on_iteration)
+    fn refine_connected(&mut self, limit: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending> {
+        self.refine_as(true, limit, cancel, on_step)
     }
 
     fn resume(&mut self) {
-        self.with_listed(|_, _, listed| listed.resume());
+        self.with_listed(|listed| listed.is_resumed = true);
     }
 
     fn repair(&mut self, cancel: &Cancel) -> Result<u64> {
-        self.with_listed(|graph, labels, listed| {
-            let cut_off = listed.cut_off_faces(graph, labels);
+        self.with_listed(|listed| {
+            let cut_off = listed.cut_off_faces();
             if !cut_off.is_empty() {
-                listed.regrow(graph, labels, &cut_off, cancel)?;
+                listed.regrow(&cut_off, cancel)?;
             }
             Ok(cut_off.len() as u64)
         })
     }
 
     fn labels(&mut self) -> Result<Vec<u32>> {
-        Ok(self.labels.all().to_vec())
+        Ok(self.labels_mut().all().to_vec())
     }
 }
 
 impl MergeSteps for CpuSteps<'_> {
     fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
-        Ok(self.with_best_edges(ties, |best| best.optimal()))
+        let choices = match self.contraction(ties) {
+            Some((clusters, contraction)) => contraction.choices(clusters),
+            None => self.with_listed(|listed| listed.choices(ties)),
+        };
+        Ok(self.with_clusters(|clusters| best_edge::optimal(clusters, &choices)))
     }
 
     fn mutual_dual_edges(&mut self, ties: Ties) -> Result<Vec<Rank<u32>>> {
-        Ok(self.with_best_edges(ties, |best| best.mutual()))
+        Ok(match self.contraction(ties) {
+            Some((clusters, contraction)) => contraction.mutual(clusters),
+            None => self.with_listed(|listed| {
+                let choices = listed.choices(ties);
+                best_edge::mutual(&listed.partition.clusters, &choices)
+            }),
+        })
     }
 
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {
-        let cheapest = self.with_listed(|graph, labels, listed| listed.cheapest_edge(graph, labels, ties));
-        Ok(cheapest.map(|edge| edge.ends()))
+        Ok(self.with_listed(|listed| listed.cheapest_edge(ties)).map(|edge| edge.ends()))
     }
 
     fn merge(&mut self, pairs: &[(u32, u32)]) -> Result<()> {
         // in this order, clusters that follow each other lie close together
         let mut pairs = pairs.to_vec();
         pairs.sort_unstable_by_key(|&(_, into)| into);
-        if let State::Contracted(clusters, contraction) = &mut self.state {
+        if let State::Contracted(labels, clusters, contraction) = &mut self.state {
             contraction.merge(clusters, &pairs);
-            self.labels.merge(clusters.len(), &pairs);
+            labels.merge(clusters.len(), &pairs);
             clusters.merge(&pairs);
         } else {
-            self.with_listed(|graph, labels, listed| listed.merge(graph, labels, &pairs));
+            self.with_listed(|listed| listed.merge(&pairs));
         }
         Ok(())
     }
@@ -240,10 +238,9 @@ impl MergeSteps for CpuSteps<'_> {
     }
 
     fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32, u32)>> {
-        let Self { labels, state, .. } = self;
-        Ok(match state {
-            State::Listed(listed) => listed.moves_since_merge(labels),
-            State::Labelled | State::Summed(_) | State::Contracted(..) => Vec::new(),
+        Ok(match &mut self.state {
+            State::Listed(listed) => listed.moves_since_merge(),
+            State::Labelled(_) | State::Summed(..) | State::Contracted(..) => Vec::new(),
         })
     }
 }

@@ -1,10 +1,8 @@
-use std::cmp::Reverse;
-
-use super::listed::Listed;
 use super::*;
 use crate::dev::sample::{Sample, generate};
 use crate::device::Cancel;
 use crate::device::dual_edge::{Rank, Ties};
+use crate::device::pieces::cut_off_faces;
 use crate::surface::Surface;
 
 #[test]
@@ -24,52 +22,21 @@ fn a_bid_is_renewed_when_its_face_is_no_longer_on_the_boundary() {
     let mut steps = CpuSteps::new(graph, &component_of_cluster);
     steps.set_labels(&labels).expect("labels");
     let (end, beside) = (strip[20], strip[21]);
-    steps.with_listed(|graph, labels, listed| {
-        assert!(listed.renew_bids(graph, labels).at(&[0]).any(|face| face == end), "the end has a bid");
-        listed.apply(graph, labels, &[Move { face: beside, from: 1, to: 0 }]);
-        listed.boundary.prune(graph, labels, 0);
-        assert!(listed.boundary.of_cluster(0).all(|face| face != end), "the end is interior");
-        assert!(listed.renew_bids(graph, labels).at(&[0]).all(|face| face != end), "the end has no bid");
+    steps.with_listed(|listed| {
+        assert!(listed.renew_bids().at(&[0]).any(|face| face == end), "the end has a bid");
+        listed.apply(&[Move { face: beside, from: 1, to: 0 }]);
+        let Partition { labels, boundary, .. } = &mut listed.partition;
+        boundary.prune(graph, labels, 0);
+        assert!(boundary.of_cluster(0).all(|face| face != end), "the end is interior");
+        assert!(listed.renew_bids().at(&[0]).all(|face| face != end), "the end has no bid");
     });
 }
 
-/// The faces outside the largest piece of each cluster, sorted, found among all.
-fn all_but_largest(graph: &DualGraph, labels: &[u32]) -> Vec<u32> {
-    let mut pieces: Vec<(u32, Vec<u32>)> = Vec::new();
-    let mut is_found = vec![false; labels.len()];
-    for start in 0..labels.len() as u32 {
-        if std::mem::replace(&mut is_found[start as usize], true) {
-            continue;
-        }
-        let cluster = labels[start as usize];
-        let mut piece = vec![start];
-        let mut next = 0;
-        while let Some(&face) = piece.get(next) {
-            next += 1;
-            for &near in graph.neighbours_of(face) {
-                if labels[near as usize] == cluster && !std::mem::replace(&mut is_found[near as usize], true) {
-                    piece.push(near);
-                }
-            }
-        }
-        pieces.push((cluster, piece));
-    }
-    // the largest of each cluster first; they began with their smallest face
-    pieces.sort_by_key(|(cluster, piece)| (*cluster, Reverse(piece.len()), piece[0]));
-    let others = pieces.chunk_by(|a, b| a.0 == b.0).flat_map(|of_cluster| &of_cluster[1..]);
-    let mut faces: Vec<u32> = others.flat_map(|(_, piece)| piece.iter().copied()).collect();
-    faces.sort_unstable();
-    faces
-}
-
 /// Moves of a third of the boundary faces that leave a face in each cluster.
-fn random_moves(
-    graph: &DualGraph,
-    labels: &[u32],
-    listed: &Listed,
-    random: &mut impl FnMut(usize) -> usize,
-) -> Vec<Move> {
-    let mut left: Vec<u32> = (0..labels.len() as u32).map(|cluster| listed.clusters.sums(cluster).faces).collect();
+fn random_moves(partition: &mut Partition<'_>, random: &mut impl FnMut(usize) -> usize) -> Vec<Move> {
+    let Partition { graph, labels, clusters, .. } = partition;
+    let labels = labels.all();
+    let mut left: Vec<u32> = (0..labels.len() as u32).map(|cluster| clusters.sums(cluster).faces).collect();
     let mut moves = Vec::new();
     for face in 0..labels.len() as u32 {
         let near = graph.neighbours_of(face);
@@ -101,16 +68,17 @@ fn whatever_faces_move_all_pieces_are_found() {
             let mutual = steps.mutual_dual_edges(Ties::Hash).expect("the cpu does not fail");
             let pairs: Vec<(u32, u32)> = mutual.iter().map(Rank::ends).collect();
             steps.merge(&pairs).expect("merges");
-            steps.with_listed(|graph, labels, listed| {
+            steps.with_listed(|listed| {
                 for _ in 0..3 {
-                    let moves = random_moves(graph, labels.all(), listed, &mut random);
-                    listed.apply(graph, labels, &moves);
+                    let moves = random_moves(&mut listed.partition, &mut random);
+                    listed.apply(&moves);
                 }
-                let expected = all_but_largest(graph, labels.all());
-                assert_eq!(listed.cut_off_faces(graph, labels), expected, "{}", sample.name());
+                let cut_off_faces = |labels: &[u32]| cut_off_faces(graph, component_of_cluster.len(), labels);
+                let expected = cut_off_faces(listed.partition.labels.all());
+                assert_eq!(listed.cut_off_faces(), expected, "{}", sample.name());
                 cut_off += expected.len();
-                listed.regrow(graph, labels, &expected, &Cancel::default()).expect("no cancellation");
-                assert!(all_but_largest(graph, labels.all()).is_empty(), "{}", sample.name());
+                listed.regrow(&expected, &Cancel::default()).expect("no cancellation");
+                assert!(cut_off_faces(listed.partition.labels.all()).is_empty(), "{}", sample.name());
             });
         }
     }

@@ -1,12 +1,13 @@
 //! The definitions as a device, so that every driver runs on them.
 
+use std::collections::BTreeMap;
+
 use super::{Refinement, State, explained, grow, iterate, sums};
 use crate::device::dual_edge::{Rank, Ties};
 use crate::device::pieces::cut_off_faces;
-use crate::device::{Cancel, Device, DualEdge, Ending, FREE, MergeSteps, Step, Steps};
+use crate::device::{Cancel, Device, DualEdge, Ending, FREE, MergeSteps, OnStep, Step, Steps};
 use crate::device::{DeviceInfo, DeviceKind};
-use crate::energy::LatticeEnergy;
-use crate::energy::{ClusterSums, Energy, Functional, WideSums};
+use crate::energy::{ClusterSums, End, Energy, Functional, LatticeEnergy, WideSums};
 use crate::error::Result;
 use crate::surface::DualGraph;
 
@@ -29,7 +30,7 @@ impl Device for PlainDevice {
     }
 
     fn open<'a>(&'a mut self, graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Result<Box<dyn Steps + 'a>> {
-        Ok(Box::new(PlainSteps::new(graph, component_of_cluster)))
+        Ok(open(graph, component_of_cluster))
     }
 
     fn open_merging<'a>(
@@ -37,58 +38,57 @@ impl Device for PlainDevice {
         graph: &'a DualGraph,
         component_of_cluster: &'a [u32],
     ) -> Result<Box<dyn MergeSteps + 'a>> {
-        Ok(Box::new(PlainSteps::new(graph, component_of_cluster)))
+        Ok(open(graph, component_of_cluster))
     }
+}
+
+/// The steps on a surface: what [`PlainDevice`] opens.
+pub fn open<'a>(graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Box<dyn MergeSteps + 'a> {
+    let phase = Refinement::new(graph, component_of_cluster, vec![FREE; graph.faces()]);
+    Box::new(PlainSteps { labels_at_merge: phase.labels.clone(), phase, is_resumed: false })
 }
 
 /// The labels of a surface, and what a phase that is resumed has refused.
 struct PlainSteps<'a> {
-    graph: &'a DualGraph,
-    component_of_cluster: &'a [u32],
-    labels: Vec<u32>,
+    phase: Refinement<'a>,
     /// The labels after the last merge.
     labels_at_merge: Vec<u32>,
-    refused: Vec<bool>,
     is_resumed: bool,
 }
 
-impl<'a> PlainSteps<'a> {
-    fn new(graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Self {
-        let labels = vec![FREE; graph.faces()];
-        let refused = vec![false; graph.faces()];
-        Self { graph, component_of_cluster, labels_at_merge: labels.clone(), labels, refused, is_resumed: false }
+impl PlainSteps<'_> {
+    fn sums(&self) -> Vec<WideSums> {
+        sums(self.phase.graph, self.phase.component_of_cluster.len(), &self.phase.labels)
     }
 
-    fn sums(&self) -> Vec<WideSums> {
-        sums(self.graph, self.component_of_cluster.len(), &self.labels)
+    /// What merge costs read of a cluster that has faces.
+    fn ends(&self) -> impl Fn(u32) -> End + use<> {
+        let sums = (0..).zip(self.sums()).filter(|(_, sums)| sums.faces > 0);
+        let ends: BTreeMap<u32, End> = sums.map(|(cluster, sums)| (cluster, sums.end())).collect();
+        move |cluster| ends[&cluster]
     }
 
     fn energy_shift(&self, cluster: u32) -> u32 {
-        self.graph.components[self.component_of_cluster[cluster as usize] as usize].energy_shift
+        let component = self.phase.component_of_cluster[cluster as usize];
+        self.phase.graph.components[component as usize].energy_shift
     }
 
     /// Every dual edge between clusters, once from each end.
     fn dual_edges(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
-        let faces = 0..self.graph.faces() as u32;
-        let edges = faces.flat_map(|face| self.graph.neighbours_of(face).iter().map(move |&near| (face, near)));
-        edges.map(|(a, b)| (self.labels[a as usize], self.labels[b as usize])).filter(|(a, b)| a != b)
+        let Refinement { graph, labels, .. } = &self.phase;
+        let faces = 0..graph.faces() as u32;
+        let edges = faces.flat_map(|face| graph.neighbours_of(face).iter().map(move |&near| (face, near)));
+        edges.map(|(a, b)| (labels[a as usize], labels[b as usize])).filter(|(a, b)| a != b)
     }
 
     fn refine_as(&mut self, connected: bool, limit: u32, cancel: &Cancel, on: OnStep<'_>) -> Result<Ending> {
         if !std::mem::take(&mut self.is_resumed) {
-            self.refused.fill(false);
+            self.phase.refused.fill(false);
         }
-        let mut phase = Refinement::new(self.graph, self.component_of_cluster, self.labels.clone());
-        phase.connected = connected;
-        phase.refused.clone_from(&self.refused);
-        let ending = iterations(limit, cancel, on, || phase.iterate());
-        (self.labels, self.refused) = (phase.labels, phase.refused);
-        ending
+        self.phase.connected = connected;
+        iterations(limit, cancel, on, || self.phase.iterate())
     }
 }
-
-/// Called with every iteration of a phase.
-type OnStep<'a> = &'a mut dyn FnMut(Step);
 
 /// Makes iterations until one has nothing left to do, or the limit is reached.
 fn iterations(
@@ -107,7 +107,7 @@ fn iterations(
 
 impl Steps for PlainSteps<'_> {
     fn set_labels(&mut self, labels: &[u32]) -> Result<()> {
-        self.labels = labels.to_vec();
+        self.phase.labels = labels.to_vec();
         self.labels_at_merge = labels.to_vec();
         self.is_resumed = false;
         Ok(())
@@ -115,17 +115,18 @@ impl Steps for PlainSteps<'_> {
 
     fn grow(&mut self, cancel: &Cancel) -> Result<()> {
         cancel.check()?;
-        self.labels = grow(self.graph, &self.labels);
+        self.phase.labels = grow(self.phase.graph, &self.phase.labels);
         Ok(())
     }
 
     fn energy(&mut self) -> Result<LatticeEnergy> {
-        Ok(LatticeEnergy { explained: explained(self.graph, self.component_of_cluster, &self.labels) })
+        let Refinement { graph, component_of_cluster, labels, .. } = &self.phase;
+        Ok(LatticeEnergy { explained: explained(graph, component_of_cluster, labels) })
     }
 
     fn optimise_boundary(&mut self, limit: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending> {
         self.is_resumed = false;
-        let Self { graph, component_of_cluster, labels, .. } = self;
+        let Refinement { graph, component_of_cluster, labels, .. } = &mut self.phase;
         iterations(limit, cancel, on_step, || {
             let state = iterate(graph, component_of_cluster, labels)?;
             labels.clone_from(&state.labels);
@@ -146,22 +147,22 @@ impl Steps for PlainSteps<'_> {
     }
 
     fn repair(&mut self, cancel: &Cancel) -> Result<u64> {
-        let cut_off = cut_off_faces(self.graph, self.component_of_cluster.len(), &self.labels);
-        cut_off.iter().for_each(|&face| self.labels[face as usize] = FREE);
+        let Refinement { graph, component_of_cluster, labels, .. } = &mut self.phase;
+        let cut_off = cut_off_faces(graph, component_of_cluster.len(), labels);
+        cut_off.iter().for_each(|&face| labels[face as usize] = FREE);
         self.grow(cancel)?;
         Ok(cut_off.len() as u64)
     }
 
     fn labels(&mut self) -> Result<Vec<u32>> {
-        Ok(self.labels.clone())
+        Ok(self.phase.labels.clone())
     }
 }
 
 impl MergeSteps for PlainSteps<'_> {
     fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
-        let sums = self.sums();
-        let end = |cluster: u32| sums[cluster as usize].end();
-        let mut best: Vec<Option<(Rank<u32>, DualEdge)>> = vec![None; sums.len()];
+        let end = self.ends();
+        let mut best: Vec<Option<(Rank<u32>, DualEdge)>> = vec![None; self.phase.component_of_cluster.len()];
         for (cluster, other) in self.dual_edges() {
             let cost = Energy::packed_merge_cost(end(cluster), end(other), self.energy_shift(cluster));
             let rank = Rank::new(cost, cluster, other, ties);
@@ -174,8 +175,7 @@ impl MergeSteps for PlainSteps<'_> {
     }
 
     fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {
-        let sums = self.sums();
-        let end = |cluster: u32| sums[cluster as usize].end();
+        let end = self.ends();
         let rank = |(a, b): (u32, u32)| {
             let cost = Energy::merge_cost(end(a), end(b)) << self.energy_shift(a);
             Rank::new(cost, a.min(b), a.max(b), ties)
@@ -185,9 +185,9 @@ impl MergeSteps for PlainSteps<'_> {
 
     fn merge(&mut self, pairs: &[(u32, u32)]) -> Result<()> {
         for &(from, into) in pairs {
-            self.labels.iter_mut().filter(|label| **label == from).for_each(|label| *label = into);
+            self.phase.labels.iter_mut().filter(|label| **label == from).for_each(|label| *label = into);
         }
-        self.labels_at_merge.clone_from(&self.labels);
+        self.labels_at_merge.clone_from(&self.phase.labels);
         Ok(())
     }
 
@@ -197,7 +197,8 @@ impl MergeSteps for PlainSteps<'_> {
     }
 
     fn moves_since_merge(&mut self) -> Result<Vec<(u32, u32, u32)>> {
-        let moved = self.labels_at_merge.iter().zip(&self.labels).enumerate().filter(|(_, (old, new))| old != new);
+        let moved =
+            self.labels_at_merge.iter().zip(&self.phase.labels).enumerate().filter(|(_, (old, new))| old != new);
         Ok(moved.map(|(face, (&old, &new))| (face as u32, old, new)).collect())
     }
 }

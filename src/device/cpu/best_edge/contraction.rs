@@ -26,8 +26,6 @@ use rayon::prelude::*;
 
 use self::node::{Edge, Grown, NO_NODE, Node, RoughEnd, Row, Status, resolve};
 use self::search::{Context, SearchResult};
-use super::BestEdge;
-use crate::device::DualEdge;
 use crate::device::cpu::clusters::Clusters;
 use crate::device::cpu::tuning::chunks::ITEMS;
 use crate::device::dual_edge::{Rank, Ties};
@@ -105,22 +103,18 @@ impl Contraction {
         self.ties
     }
 
-    /// The best dual edge of each cluster that has neighbours, in the order of the clusters.
-    pub fn best(&mut self, clusters: &Clusters) -> Vec<DualEdge> {
+    /// The neighbour that each cluster would best merge with, in the order of the clusters.
+    pub fn choices(&mut self, clusters: &Clusters) -> Vec<(u32, u32)> {
         self.update(clusters);
-        let context = self.context(clusters);
-        let edge = |(number, node): (usize, &Node)| {
+        let choice = |(node, &cluster): (&Node, &u32)| {
             let other = node.best().other;
-            (other != NO_NODE).then(|| DualEdge {
-                cluster: context.cluster_of_node[number],
-                other: context.cluster_of_node[other as usize],
-                cost: context.packed_cost(number as u32, other),
-            })
+            (other != NO_NODE).then(|| (cluster, self.cluster_of_node[other as usize]))
         };
-        self.nodes.par_iter().enumerate().with_min_len(ITEMS).filter_map(edge).collect()
+        self.nodes.par_iter().zip(&self.cluster_of_node).with_min_len(ITEMS).filter_map(choice).collect()
     }
 
-    /// The pairs of clusters whose best edges lead to each other; their order depends on the threads.
+    /// The pairs of clusters that chose each other, in any order. They are kept between rounds: only new ones get packed
+    /// costs.
     pub fn mutual(&mut self, clusters: &Clusters) -> Vec<Rank<u32>> {
         self.update(clusters);
         self.pairs.iter().map(|(rank, _)| *rank).collect()
@@ -270,22 +264,6 @@ impl Contraction {
 /// Number of edges at which they are compacted.
 fn room(compacted: usize, nodes: usize) -> usize {
     2 * compacted + nodes
-}
-
-/// The contraction as a way to find best edges.
-pub struct ContractionSearch<'a> {
-    pub contraction: &'a mut Contraction,
-    pub clusters: &'a Clusters,
-}
-
-impl BestEdge for ContractionSearch<'_> {
-    fn optimal(&mut self) -> Vec<DualEdge> {
-        self.contraction.best(self.clusters)
-    }
-
-    fn mutual(&mut self) -> Vec<Rank<u32>> {
-        self.contraction.mutual(self.clusters)
-    }
 }
 
 #[cfg(test)]

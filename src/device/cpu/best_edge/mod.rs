@@ -1,31 +1,41 @@
 //! Best dual edges (P§5.4): which neighbour each cluster would merge with at the lowest cost.
 //!
-//! One interface, [`BestEdge`], over two implementations. [`contraction`] keeps a graph of the clusters while each is
-//! still what merges made of single faces; a round then costs in proportion to the clusters that merge and their
-//! neighbours. [`boundary`] searches along the boundary faces, whatever faces have moved. [`queue`] has the cheapest
-//! edge of all, for one merge at a time.
+//! Two searches find the *choices*: each cluster that has faces and neighbours, with the neighbour that it would best
+//! merge with, in the order of the clusters. [`contraction`] keeps a graph of the clusters while each is still what
+//! merges made of single faces; a round then costs in proportion to the clusters that merge and their neighbours.
+//! [`boundary`] searches along the boundary faces, whatever faces have moved. [`queue`] has the cheapest edge of all,
+//! for one merge at a time.
 
 pub mod boundary;
 pub mod contraction;
 pub mod queue;
 
+use rayon::prelude::*;
+
 use super::clusters::Clusters;
-use crate::device::DualEdge;
-use crate::device::dual_edge::Rank;
+use super::tuning::chunks::ITEMS;
+use crate::device::dual_edge::{Rank, Ties};
+use crate::device::{DualEdge, FREE};
 use crate::energy::{End, Energy, Functional, Sums};
 
-/// Finds the best dual edges of the current clusters.
-pub trait BestEdge {
-    /// The best dual edge of each cluster that has faces and neighbours, in the order of the clusters.
-    fn optimal(&mut self) -> Vec<DualEdge>;
+/// The best dual edges, given the choices.
+pub fn optimal(clusters: &Clusters, choices: &[(u32, u32)]) -> Vec<DualEdge> {
+    let edge =
+        |&(cluster, other): &(u32, u32)| DualEdge { cluster, other, cost: packed_cost(clusters, cluster, other) };
+    choices.par_iter().with_min_len(ITEMS).map(edge).collect()
+}
 
-    /// The pairs of clusters whose best dual edges lead to each other, in any order. Costs less than
-    /// [`optimal`](Self::optimal): only these edges need packed costs.
-    fn mutual(&mut self) -> Vec<Rank<u32>>;
+/// The pairs of clusters that chose each other. Costs less than [`optimal`]: only these edges get packed costs.
+pub fn mutual(clusters: &Clusters, choices: &[(u32, u32)]) -> Vec<Rank<u32>> {
+    let mut choice_of_cluster = vec![FREE; clusters.len()];
+    choices.iter().for_each(|&(cluster, other)| choice_of_cluster[cluster as usize] = other);
+    let is_mutual = |&&(cluster, other): &&(u32, u32)| cluster < other && choice_of_cluster[other as usize] == cluster;
+    let rank = |&(low, high): &(u32, u32)| Rank::new(packed_cost(clusters, low, high), low, high, Ties::Hash);
+    choices.par_iter().with_min_len(ITEMS).filter(is_mutual).map(rank).collect()
 }
 
 /// The packed cost of merging two clusters.
-fn packed_cost_of(clusters: &Clusters, cluster: u32, other: u32) -> u32 {
+fn packed_cost(clusters: &Clusters, cluster: u32, other: u32) -> u32 {
     Energy::packed_merge_cost(end(clusters, cluster), end(clusters, other), clusters.energy_shift(cluster))
 }
 

@@ -5,14 +5,11 @@ use std::collections::BinaryHeap;
 
 use super::boundary::find_neighbours;
 use super::end;
-use crate::device::cpu::boundary_faces::BoundaryFaces;
+use crate::device::cpu::Partition;
 use crate::device::cpu::change_log::Cursor;
-use crate::device::cpu::clusters::Clusters;
-use crate::device::cpu::labels::Labels;
 use crate::device::cpu::tuning::filter::Filter;
 use crate::device::dual_edge::{Rank, Ties};
 use crate::energy::{Energy, Functional};
-use crate::surface::DualGraph;
 
 /// All dual edges. When a cluster changes, its edges are queued anew, and the old entries are skipped when they come
 /// up.
@@ -40,13 +37,8 @@ impl Queue {
     }
 
     /// The cheapest dual edge of all, which stays in the queue.
-    pub fn cheapest(
-        &mut self,
-        graph: &DualGraph,
-        labels: &Labels,
-        clusters: &mut Clusters,
-        boundary: &mut BoundaryFaces,
-    ) -> Option<Rank<u128>> {
+    pub fn cheapest(&mut self, partition: &mut Partition<'_>) -> Option<Rank<u128>> {
+        let Partition { graph, labels, clusters, boundary } = partition;
         let changed = clusters.take_changes(Cursor::DualEdges);
         for &cluster in &changed {
             self.versions[cluster as usize] += 1;

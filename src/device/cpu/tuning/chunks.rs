@@ -1,8 +1,5 @@
 //! How much work a thread takes at a time. Results do not depend on it.
 
-/// Items of a list that one thread processes alone; longer lists are shared among all threads.
-pub const SEQUENTIAL: usize = 2048;
-
 /// Faces, nodes or pairs of a chunk, where each costs some hundred instructions.
 pub const ITEMS: usize = 1024;
 

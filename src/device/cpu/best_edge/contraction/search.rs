@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use super::{Edge, Grown, MARGIN, NO_NODE, Node, Row, resolve};
-use crate::device::cpu::best_edge::packed_cost_of;
+use crate::device::cpu::best_edge;
 use crate::device::cpu::clusters::Clusters;
 use crate::device::dual_edge::{Rank, Ties};
 use crate::prefetch::{prefetch, with_lookahead};
@@ -36,7 +36,7 @@ impl Context<'_> {
     /// The packed cost of merging two nodes.
     pub(super) fn packed_cost(&self, node: u32, other: u32) -> u32 {
         let [cluster, other] = [node, other].map(|node| self.cluster_of_node[node as usize]);
-        packed_cost_of(self.clusters, cluster, other)
+        best_edge::packed_cost(self.clusters, cluster, other)
     }
 
     /// Whether one edge of a node is better than another.

@@ -1,59 +1,39 @@
 use super::*;
 use crate::dev::sample::{Sample, generate};
-use crate::device::dual_edge::mutual;
-use crate::energy::{End, Energy, Functional};
+use crate::device::cpu::best_edge;
+use crate::device::dual_edge::{Rank, mutual};
+use crate::device::plain;
+use crate::device::{DualEdge, MergeSteps};
 use crate::surface::{Component, Surface};
 
-/// Clusters and their contraction, and what the faces themselves say about them.
+/// Clusters and their contraction, and the plain device that they are compared with.
 struct Both<'a> {
-    graph: &'a DualGraph,
     ties: Ties,
-    labels: Vec<u32>,
+    plain: Box<dyn MergeSteps + 'a>,
     clusters: Clusters,
     contraction: Contraction,
 }
 
 impl<'a> Both<'a> {
-    fn new(graph: &'a DualGraph, ties: Ties) -> Self {
+    fn new(graph: &'a DualGraph, component_of_face: &'a [u32], ties: Ties) -> Self {
         let labels: Vec<u32> = (0..graph.faces() as u32).collect();
-        let clusters = Clusters::of(graph, &graph.component_of_face(), &labels);
-        Self { graph, ties, labels, clusters, contraction: Contraction::new(graph, ties) }
-    }
-
-    /// The best dual edges, found among all edges of all faces.
-    fn expected(&self) -> Vec<DualEdge> {
-        let end = |cluster: u32| End {
-            weight: self.clusters.sums(cluster).weight as u64,
-            proxy: self.clusters.proxy(cluster),
-        };
-        let mut best: Vec<Option<(Rank<u32>, DualEdge)>> = vec![None; self.graph.faces()];
-        for face in 0..self.graph.faces() as u32 {
-            let cluster = self.labels[face as usize];
-            for &near in self.graph.neighbours_of(face) {
-                let other = self.labels[near as usize];
-                let cost = Energy::packed_merge_cost(end(cluster), end(other), self.clusters.energy_shift(cluster));
-                let rank = Rank::new(cost, cluster, other, self.ties);
-                let best = &mut best[cluster as usize];
-                if other != cluster && best.is_none_or(|(best, _)| rank < best) {
-                    *best = Some((rank, DualEdge { cluster, other, cost }));
-                }
-            }
-        }
-        best.into_iter().flatten().map(|(_, edge)| edge).collect()
+        let mut plain = plain::open(graph, component_of_face);
+        plain.set_labels(&labels).expect("labels");
+        let clusters = Clusters::of(graph, component_of_face, &labels);
+        Self { ties, plain, clusters, contraction: Contraction::new(graph, ties) }
     }
 
     /// Merges, after making sure that what is found is right; returns the best dual edges before.
     fn merge(&mut self, choose: impl FnOnce(&[DualEdge]) -> Vec<(u32, u32)>) -> Vec<DualEdge> {
-        let edges = self.expected();
-        assert_eq!(self.contraction.best(&self.clusters), edges);
+        let edges = self.plain.optimal_dual_edges(self.ties).expect("edges");
+        let choices = self.contraction.choices(&self.clusters);
+        assert_eq!(best_edge::optimal(&self.clusters, &choices), edges);
         let mut pairs = self.contraction.mutual(&self.clusters);
         pairs.sort_unstable();
         assert_eq!(pairs, mutual(&edges));
         let pairs = choose(&edges);
         self.contraction.merge(&self.clusters, &pairs);
-        for &(from, into) in &pairs {
-            self.labels.iter_mut().filter(|label| **label == from).for_each(|label| *label = into);
-        }
+        self.plain.merge(&pairs).expect("merges");
         self.clusters.merge(&pairs);
         edges
     }
@@ -112,7 +92,8 @@ fn some(edges: &[DualEdge], state: &mut u64) -> Vec<(u32, u32)> {
 
 fn to_the_top(graph: &DualGraph, state: &mut u64) {
     for ties in [Ties::Hash, Ties::LargestId] {
-        let mut both = Both::new(graph, ties);
+        let component_of_face = graph.component_of_face();
+        let mut both = Both::new(graph, &component_of_face, ties);
         while !both.merge(|edges| some(edges, state)).is_empty() {}
     }
 }
@@ -126,7 +107,7 @@ fn whatever_merges_on_a_grid_of_equal_squares_ties_go_by_the_rule() {
 }
 
 #[test]
-fn costs_that_single_precision_does_not_tell_apart_go_by_packed_costs() {
+fn costs_that_are_equal_in_single_precision_go_by_packed_costs() {
     // far away in one of two places, all as heavy: distances and weights differ by some 2⁻²⁴
     let side = 14;
     let (mut state, mut weight_state) = (3, 9);
@@ -178,15 +159,17 @@ fn merge_samples_to_the_top() {
         (Sample::Knot, 12_000),
     ] {
         let surface = Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface");
+        let component_of_face = surface.component_of_face();
         for ties in [Ties::Hash, Ties::LargestId] {
-            let mut both = Both::new(&surface.graph, ties);
+            let mut both = Both::new(&surface.graph, &component_of_face, ties);
             let mut edges = surface.faces();
             while edges > 0 {
                 let choose = |edges: &[DualEdge]| mutual(edges).iter().map(Rank::ends).map(|(a, b)| (b, a)).collect();
                 edges = both.merge(choose).len();
             }
             let left = surface.components.len();
-            assert_eq!(both.contraction.rows.len() - both.contraction.ended, left, "{}", sample.name());
+            let living = both.contraction.rows.len() - both.contraction.ended;
+            assert_eq!(living, left, "{}", sample.name());
         }
     }
 }
@@ -194,7 +177,8 @@ fn merge_samples_to_the_top() {
 #[test]
 fn a_cluster_with_many_neighbours_is_no_exception() {
     let surface = Surface::build(&generate(Sample::Sphere, 3000).expect("a mesh")).expect("a surface");
-    let mut both = Both::new(&surface.graph, Ties::Hash);
+    let component_of_face = surface.component_of_face();
+    let mut both = Both::new(&surface.graph, &component_of_face, Ties::Hash);
     let hub = 700;
     let mut most = 0;
     for _ in 0..900 {
@@ -216,7 +200,8 @@ fn a_star_takes_no_more_memory_than_its_edges() {
     let points = std::iter::once([500, 1500, 0]).chain(around).collect();
     let spokes: Vec<[u32; 2]> = (1..=leaves as u32).map(|leaf| [0, leaf]).collect();
     let graph = graph_of(points, vec![1; leaves + 1], &spokes, &[(leaves as u32 + 1, 0)]);
-    let mut both = Both::new(&graph, Ties::Hash);
+    let component_of_face = graph.component_of_face();
+    let mut both = Both::new(&graph, &component_of_face, Ties::Hash);
     let mut most = 0;
     for _ in 0..leaves / 3 {
         let merged = both.merge(|edges| mutual(edges).iter().map(Rank::ends).map(|(a, b)| (b, a)).collect());
