@@ -139,7 +139,8 @@ impl Surface {
             let scales = lattice::scales(&gathered.geometry, &runs);
             (gathered, scales)
         };
-        let (rows, (gathered, scales)) = rayon::join(|| links.compressed(&upload_face), gather);
+        let (rows, (gathered, scales)) =
+            rayon::join(|| links.compressed(&upload_face, &order::inverse(&upload_face)), gather);
         counts.zero_area_faces = gathered.zero_area_faces;
         counts.duplicate_faces = links.duplicates(&rows.repeating);
         drop(links);

@@ -7,7 +7,6 @@ use rayon::prelude::*;
 
 use super::{CHAINED, Links, NONE, has_repeated};
 use crate::prefetch::{Ahead, prefetch, with_lookahead};
-use crate::surface::order::inverse;
 
 /// Links as compressed rows.
 #[derive(Default)]
@@ -21,12 +20,11 @@ pub struct Rows {
 }
 
 impl Links<'_> {
-    /// The links as compressed rows in internal order.
-    pub fn compressed(&self, upload_face: &[u32]) -> Rows {
+    /// The links as compressed rows in internal order, which is given in both directions.
+    pub fn compressed(&self, upload_face: &[u32], internal: &[u32]) -> Rows {
         /// Faces of a piece.
         const PIECE: usize = 4096;
-        let internal = inverse(upload_face);
-        let pieces: Vec<Rows> = upload_face.par_chunks(PIECE).map(|faces| self.rows_of(faces, &internal)).collect();
+        let pieces: Vec<Rows> = upload_face.par_chunks(PIECE).map(|faces| self.rows_of(faces, internal)).collect();
         let mut rows = Rows {
             offsets: Vec::with_capacity(upload_face.len() + 1),
             neighbours: Vec::with_capacity(pieces.iter().map(|piece| piece.neighbours.len()).sum()),
