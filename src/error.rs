@@ -3,9 +3,11 @@
 //! An error is a kind, which decides everything a program does with it (HTTP status, problem type, whether a retry can
 //! help), and a message for the person who reads it: lower case, no full stop, the offending value last.
 
+mod json;
 pub mod names;
 mod text;
 
+pub use json::{wrong_json, wrong_json_at};
 pub use text::{Brief, Quoted};
 
 use std::fmt::Display;

@@ -149,6 +149,10 @@ fn tokens_are_never_logged() {
         assert_eq!(status, Some(0));
         assert!(log.contains("/v1/jobs") && log.contains("acme"), "requests and tenants are logged: {log}");
         assert!(!log.contains(&token[22..]) && !log.contains(&wrong[22..]), "{log}");
+        // the fields of a denial name the request; spans around it would name it again
+        let denials: Vec<&str> = log.lines().filter(|line| line.contains("tesserae::audit")).collect();
+        assert!(!denials.is_empty(), "{log}");
+        assert!(denials.iter().all(|line| line.contains("unauthorized") && !line.contains("spans")), "{denials:#?}");
     }
 }
 

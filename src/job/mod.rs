@@ -245,6 +245,12 @@ impl Opened<'_> {
         }))?;
         let input = describe(&mesh, &surface);
         let mut warnings = std::mem::take(&mut mesh.warnings);
+        if surface.counts.degenerate_faces > 0 {
+            warnings.push(format!(
+                "degenerate faces, with two corners at one position: {}",
+                surface.counts.degenerate_faces
+            ));
+        }
         if surface.counts.zero_area_faces > 0 {
             warnings.push(format!(
                 "faces without area, which weigh as little as a face can: {}",

@@ -2,7 +2,7 @@
 //! commas.
 
 use super::npy;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, wrong_json_at};
 
 /// The face numbers in a file, in its order.
 pub fn parse(bytes: &[u8]) -> Result<Vec<u32>> {
@@ -13,7 +13,10 @@ pub fn parse(bytes: &[u8]) -> Result<Vec<u32>> {
             .map_err(|_| Error::parameter("the list of seeds is neither .npy, JSON nor text"))?;
         match text.trim_start().starts_with('[') {
             true => serde_json::from_str(text).map_err(|error| {
-                Error::parameter(format_args!("the list of seeds is no JSON array of numbers: {error}"))
+                Error::parameter(format_args!(
+                    "the list of seeds is no JSON array of numbers: {}",
+                    wrong_json_at(&error)
+                ))
             })?,
             false => parse_text(text)?,
         }

@@ -25,3 +25,27 @@ fn a_mesh_is_kept_for_an_output_that_needs_it_and_for_no_other() {
         assert_eq!(outcome.content().mesh.map(|mesh| mesh.positions.len()), positions);
     }
 }
+
+#[test]
+fn faces_that_visit_a_vertex_twice_are_warned_about_once() {
+    let obj = |faces: &str| format!("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n{faces}");
+    let parameters = Parameters { clusters: Some(1), ..Parameters::default() };
+    for (faces, degenerate) in
+        [("f 1 2 3\nf 2 4 3\n", None), ("f 1 2 3 2\nf 1 2 3 1 2 4\nf 2 4 3\n", Some("at one position: 2"))]
+    {
+        let bytes = obj(faces);
+        let request = Request {
+            bytes: bytes.as_bytes(),
+            format: Format::Obj,
+            resources: &NoResources,
+            limits: Limits::default(),
+            parameters: &parameters,
+            seeds: None,
+            weights: None,
+            outputs: &[],
+        };
+        let warnings = prepare(&request).expect("a mesh").warnings;
+        assert_eq!(warnings.len(), usize::from(degenerate.is_some()), "{warnings:?}");
+        assert!(degenerate.is_none_or(|words| warnings[0].ends_with(words)), "{warnings:?}");
+    }
+}

@@ -10,7 +10,7 @@ use super::trace::Origin;
 use crate::error::Kind;
 
 /// The target of audit lines, for `--log`.
-const TARGET: &str = "tesserae::audit";
+pub(super) const TARGET: &str = "tesserae::audit";
 
 /// What a tenant did to a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -60,6 +60,13 @@ pub fn back_up(from: &Path, to: &Path) -> Result<Backup> {
         return Err(Error::new(Kind::NotFound, message));
     }
     let cannot_write = |error| Error::io(format_args!("the backup cannot be written: {}", to.display()), error);
+    if is_within(to, from).map_err(cannot_write)? {
+        let message = format_args!(
+            "the backup would lie in the data folder, which it copies; give a folder outside of it: {}",
+            to.display()
+        );
+        return Err(Error::new(Kind::Conflict, message));
+    }
     let missing = to.ancestors().take_while(|folder| !folder.as_os_str().is_empty() && !folder.exists()).count();
     private::make_folder(to).map_err(cannot_write)?;
     if std::fs::read_dir(to).map_err(cannot_write)?.next().is_some() {
@@ -75,6 +82,13 @@ pub fn back_up(from: &Path, to: &Path) -> Result<Backup> {
             let _ = std::fs::remove_dir(folder);
         }
     })
+}
+
+/// Whether `path`, which may be missing, is `folder` or lies in it.
+fn is_within(path: &Path, folder: &Path) -> io::Result<bool> {
+    let path = std::path::absolute(path)?;
+    let there = path.ancestors().find(|ancestor| ancestor.exists()).unwrap_or(&path);
+    Ok(there.canonicalize()?.starts_with(folder.canonicalize()?))
 }
 
 /// Copies the data folder `from` to the empty folder `to`.
@@ -263,6 +277,17 @@ mod tests {
         std::fs::write(from.path().join(&file), "mesh").expect("written");
         take_files(from.path(), to.path(), &[file]).expect("taken");
         assert!(!wanted.is_lost(to.path()));
+    }
+
+    #[test]
+    fn a_backup_into_its_own_data_folder_is_refused() {
+        let from = tempfile::tempdir().expect("a folder");
+        std::fs::write(from.path().join(STORE), "not empty").expect("written");
+        for out in ["", "backup", "results/new/newer"] {
+            let error = back_up(from.path(), &from.path().join(out)).expect_err("it would copy itself");
+            assert!(error.kind == Kind::Conflict && error.message.contains("outside of it"), "{error}");
+        }
+        assert_eq!(std::fs::read_dir(from.path()).expect("still there").count(), 1);
     }
 
     #[test]

@@ -10,11 +10,13 @@ use opentelemetry_otlp::{Protocol, SpanExporter, WithExportConfig as _};
 use opentelemetry_sdk::Resource;
 use opentelemetry_sdk::error::OTelSdkResult;
 use opentelemetry_sdk::trace::{SdkTracerProvider, SpanData};
+use tracing::Metadata;
 use tracing_subscriber::Layer as _;
-use tracing_subscriber::filter::Targets;
+use tracing_subscriber::filter::{Targets, filter_fn};
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 
+use super::audit;
 use crate::error::{Error, Kind, Result};
 
 /// What the lines of the log look like.
@@ -71,11 +73,17 @@ impl LogSettings {
         })?;
         let spans = self.otlp_endpoint.as_deref().map(collector).transpose()?;
         let lines =
-            tracing_subscriber::fmt::layer().with_ansi(std::io::stderr().is_terminal()).with_writer(std::io::stderr);
+            || tracing_subscriber::fmt::layer().with_ansi(std::io::stderr().is_terminal()).with_writer(std::io::stderr);
+        // all spans around an event are listed; the innermost one need not be there twice
+        let json = || lines().json().with_current_span(false);
+        let is_audit = |metadata: &Metadata<'_>| metadata.target() == audit::TARGET;
         let lines = match self.log_format {
-            LogFormat::Text => lines.boxed(),
-            // all spans around an event are listed; the innermost one need not be there twice
-            LogFormat::Json => lines.json().with_current_span(false).boxed(),
+            LogFormat::Text => lines().boxed(),
+            // audit lines have the fields of their spans themselves
+            LogFormat::Json => json()
+                .with_filter(filter_fn(move |metadata| !is_audit(metadata)))
+                .and_then(json().with_span_list(false).with_filter(filter_fn(is_audit)))
+                .boxed(),
         };
         let tracer = spans.as_ref().map(|spans| tracing_opentelemetry::layer().with_tracer(spans.tracer("tesserae")));
         tracing_subscriber::registry()

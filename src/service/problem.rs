@@ -140,8 +140,11 @@ pub(super) async fn render(State(metrics): State<Arc<Metrics>>, request: Request
     };
     metrics.rejected(failure.error.kind);
     match failure.error.kind {
-        // what every probe and every client gets while the service stops
-        Kind::Unavailable | Kind::Overloaded => tracing::debug!(kind = failure.error.kind.slug(), "{}", failure.error),
+        // What every probe and every client gets while the service stops, and what any client gets for a large upload.
+        // A disk that takes no job at all is logged once, as a part that does not work.
+        Kind::Unavailable | Kind::Overloaded | Kind::InsufficientStorage => {
+            tracing::debug!(kind = failure.error.kind.slug(), "{}", failure.error)
+        }
         // the client's doing
         Kind::NotImplemented => {}
         kind if kind.status() >= 500 => tracing::error!(kind = kind.slug(), "{}", failure.error),

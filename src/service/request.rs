@@ -12,7 +12,7 @@ use serde_json::{Map, Value};
 
 use super::query;
 use super::store::PRIORITIES;
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Kind, Result, wrong_json_at};
 use crate::mesh::Format;
 use crate::parameters::{Parameters, Seeds};
 
@@ -59,7 +59,7 @@ impl Wanted {
                 Category::Data => Kind::InvalidParameter,
                 Category::Io | Category::Syntax | Category::Eof => Kind::BadRequest,
             };
-            Error::new(kind, format_args!("the part \"parameters\" is not valid: {error}"))
+            Error::new(kind, format_args!("the part \"parameters\" is not valid: {}", wrong_json_at(&error)))
         };
         let Members(mut object) = serde_json::from_slice(json).map_err(malformed)?;
         let parameters: Parameters = match (object.remove("webhook"), object.remove("priority")) {

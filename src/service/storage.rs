@@ -116,8 +116,12 @@ impl Storage {
         let _ = blocking(move || files.make_ballast()).await;
         if let Ok(bytes) = self.store.free_bytes().await {
             self.files.free_in_store(bytes);
+            if self.files.is_short_of(bytes) {
+                // a failure is counted by the store
+                let _ = self.store.give_back().await;
+            }
         }
-        self.say(Part::Disk, self.files.check_root().and_then(|()| self.files.check_room(0)));
+        self.say(Part::Disk, self.files.check_root().and_then(|()| self.files.check_small_job()));
     }
 
     fn say(&self, part: Part, tried: Result<()>) {
@@ -158,7 +162,7 @@ mod tests {
     use crate::service::store::memory::MemoryStore;
     use crate::service::store::sqlite::SqliteStore;
     use crate::service::store::tests::{RULES, new_job};
-    use crate::service::store::{Release, Rules};
+    use crate::service::store::{Maintenance as _, Release, Rules};
 
     #[tokio::test]
     async fn a_retry_that_fails_leaves_the_promise_of_another_retry_of_its_job() {
@@ -202,6 +206,43 @@ mod tests {
         cancelled.await.expect("no panic").expect("cancelled");
         assert!(matches!(second.await.expect("no panic"), Ok(Retried::Queued(_))));
         assert_eq!(files.promised_jobs(), [given_up]);
+    }
+
+    #[tokio::test]
+    async fn a_service_is_ready_when_it_takes_a_small_job() {
+        for limit in [700 << 10, 50 << 10] {
+            let folder = tempfile::tempdir().expect("a folder");
+            let limits = DiskLimits { max_bytes: Some(limit), min_free_bytes: 0 };
+            let files = Files::open(Some(folder.path()), limits, Faults::default()).expect("it opens");
+            let (files, health) = (Arc::new(files), Arc::<Health>::default());
+            let store = Arc::new(MemoryStore::new(RULES).expect("a store"));
+            let storage = Storage::new(Arc::clone(&files), store, Arc::clone(&health));
+            storage.look_at_room().await;
+            let is_taken = files.promise(new_job().id, 100 << 10).is_ok();
+            assert_eq!(health.why_not_ready().is_none(), is_taken, "{limit}");
+        }
+    }
+
+    #[tokio::test]
+    async fn a_full_disk_gets_room_back_from_the_store() {
+        let folder = tempfile::tempdir().expect("a folder");
+        // never any room: whatever the store keeps free is needed
+        let total = rustix::fs::statvfs(folder.path()).map(|found| found.f_blocks * found.f_frsize).expect("known");
+        let limits = DiskLimits { min_free_bytes: total - 1, ..DiskLimits::default() };
+        let files = Arc::new(Files::open(Some(folder.path()), limits, Faults::default()).expect("it opens"));
+        let path = files.database().expect("a path");
+        let store = Arc::new(SqliteStore::open(&path, RULES, Faults::default()).await.expect("a store"));
+        let storage = Storage::new(Arc::clone(&files), Arc::clone(&store) as Arc<dyn JobStore>, Arc::default());
+        let mut job = new_job();
+        job.spec.buffers = vec!["x".repeat(10 << 20)];
+        store.create(job.clone()).await.expect("created");
+        store.cancel(job.id).await.expect("cancelled");
+        store.delete(job.id).await.expect("deleted");
+        for _ in 0..20 {
+            storage.look_at_room().await;
+        }
+        assert!(path.metadata().expect("there").len() < 1 << 20);
+        store.close().await;
     }
 
     const EVERYTHING: Limits = Limits { max_bytes: u64::MAX, max_faces: u64::MAX, max_faces_per_byte: None };

@@ -207,8 +207,14 @@ fn errors_name_the_line_and_the_vertex_or_face() {
         ("v 0 0 -NaN\n", "line 1: vertex 1: a coordinate is not finite: \"-NaN\""),
         ("v 0 inf 0\n", "line 1: vertex 1: a coordinate is not finite: \"inf\""),
         ("v 0 1e400 0\n", "line 1: vertex 1: a coordinate is not finite: \"1e400\""),
-        ("f 1 2 3\n", "line 1: face 1: there is no such vertex, the file has 0: 1"),
-        ("v 0 0 0\nf 1 1 1\nf 1 1 2\n", "line 3: face 2: there is no such vertex, the file has 1: 2"),
+        (
+            "f 1 2 3\n",
+            "line 1: face 1: there is no such vertex, the file has 0; add its v line, or correct the index: 1",
+        ),
+        (
+            "v 0 0 0\nf 1 1 1\nf 1 1 2\n",
+            "line 3: face 2: there is no such vertex, the file has 1; add its v line, or correct the index: 2",
+        ),
         ("v 0 0 0\nf 1 1 99999999999\n", "line 2: face 1: there is no such vertex: \"99999999999\""),
         ("v 0 0 0\nf 1 1 -2\n", "line 2: face 1: a negative index goes back beyond the first vertex by: 1"),
         ("v 0 0 0\nf 0 1 1\n", "line 2: face 1: vertex indices count from 1 (or from -1 backwards): \"0\""),
@@ -221,7 +227,10 @@ fn errors_name_the_line_and_the_vertex_or_face() {
         ),
         ("v 0 0 0\nf 1 1.0 1\n", "line 2: face 1: a corner is not of the form v, v/vt, v//vn or v/vt/vn: \"1.0\""),
         ("v 0 0 0\nf /1 1 1\n", "line 2: face 1: a corner is not of the form v, v/vt, v//vn or v/vt/vn: \"/1\""),
-        ("v 0 \\\n0 \\\r\n0\nf 1 \\\n1 1\nf 1 1 \\\n5\n", "line 6: face 2: there is no such vertex, the file has 1: 5"),
+        (
+            "v 0 \\\n0 \\\r\n0\nf 1 \\\n1 1\nf 1 1 \\\n5\n",
+            "line 6: face 2: there is no such vertex, the file has 1; add its v line, or correct the index: 5",
+        ),
         ("v 0 0 0\r\rv 0 0\r", "line 3: vertex 2: three coordinates are needed, there are 2"),
     ] {
         assert_eq!(message(text), expected, "{text:?}");

@@ -68,6 +68,33 @@ async fn jobs(service: &Service) -> usize {
 }
 
 #[tokio::test]
+async fn a_disk_that_small_jobs_filled_takes_jobs_again_once_they_are_deleted() {
+    let Some(disk) = Disk::mount(100_000_000) else { return };
+    let cpu = Box::new(CpuDevice::new());
+    let service = disk.service(cpu, |settings| settings.storage.min_free_bytes = 80_000_000).await;
+    let mesh = sphere(1500);
+    let post = async || {
+        // a hierarchy that is kept in the store
+        let request = service.post("/v1/jobs?algorithm=pml").header("content-type", "model/obj");
+        request.header("prefer", "wait=60").body(mesh.clone()).send().await.expect("answered")
+    };
+    let mut accepted = Vec::new();
+    loop {
+        let answer = post().await;
+        if answer.status() == 507 {
+            break;
+        }
+        assert_eq!(answer.status(), 200);
+        accepted.push(answer.json::<Value>().await.expect("JSON"));
+    }
+    assert!(accepted.len() > 10, "{}", accepted.len());
+    for job in &accepted {
+        assert_eq!(service.delete(path(job)).send().await.expect("answered").status(), 204);
+    }
+    until(async || post().await.status() == 200).await;
+}
+
+#[tokio::test]
 async fn every_job_that_a_small_disk_accepts_ends() {
     let Some(disk) = Disk::mount(48 * MIB) else { return };
     let (device, gate) = Held::behind_gate();

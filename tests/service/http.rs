@@ -35,6 +35,8 @@ async fn heads_that_are_not_valid_or_not_supported_get_problem_documents() {
         ("GET /healthz HTTP/1.1\r\nHost: u@a\r\n\r\n".to_owned(), "400 "),
         ("GET /healthz HTTP/1.1\r\nHost: u:p@a:80\r\n\r\n".to_owned(), "400 "),
         ("POST /v1/jobs HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: gzip, chunked\r\n\r\n0\r\n\r\n".to_owned(), "501 "),
+        // without chunked at the end, nothing says where the body ends
+        ("POST /v1/jobs HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: gzip\r\n\r\n".to_owned(), "400 "),
         ("GET / nonsense\r\n\r\n".to_owned(), "400 "),
         (format!("GET /{long} HTTP/1.1\r\nHost: a\r\n\r\n"), "414 "),
         (format!("GET / HTTP/1.1\r\nHost: a\r\n{many}\r\n"), "431 "),
@@ -202,6 +204,25 @@ async fn requests_and_changes_are_logged_with_the_address_behind_trusted_proxies
         assert_eq!((&change["message"], &change["client"]), (&message.into(), &client.into()));
         assert_eq!((&change["job"], &change["tenant"]), (&job["id"], &"local".into()));
     }
+}
+
+/// A client chooses how long its upload says it is.
+#[tokio::test]
+async fn an_upload_that_says_it_is_too_long_logs_no_error() {
+    let log = Log::default();
+    let _second = tracing::Dispatch::new(tracing_subscriber::registry());
+    let lines = tracing_subscriber::fmt().json().with_current_span(false).with_writer(log.clone());
+    let _logging = tracing::subscriber::set_default(lines.with_max_level(tracing::Level::INFO).finish());
+    let limit = |settings: &mut Settings| settings.storage.max_disk_bytes = Some(8 << 20);
+    let (device, _gate) = Held::behind_gate();
+    let service = Service::with(limit, device).await;
+    let post =
+        |bytes: usize| service.post("/v1/jobs?clusters=5").header("content-type", "model/obj").body(vec![b' '; bytes]);
+    let detail = refused(post(9 << 20), 413, "too-large").await;
+    assert!(detail.contains("9437184"), "{detail}");
+    refused(post(8 << 20), 507, "insufficient-storage").await;
+    let errors: Vec<Value> = log.lines("tesserae::service::problem");
+    assert!(errors.is_empty(), "{errors:#?}");
 }
 
 #[tokio::test]

@@ -77,6 +77,29 @@ async fn results_outlast_a_store_that_was_lost() {
 }
 
 #[tokio::test]
+async fn a_store_of_small_jobs_that_was_lost_is_missed() {
+    let service = Service::start().await;
+    let job = service.submit("clusters=5", sphere(300)).await;
+    assert_eq!(service.ended(&job).await["state"], "succeeded");
+    let mut service = service;
+    service.stopped().await;
+    let folder = service.folder();
+    for name in ["jobs.sqlite3", "ballast", "clock"] {
+        let why = match std::fs::remove_file(folder.path().join(name)) {
+            // neither of the two is left that a service leaves beside its store
+            Ok(()) if name == "clock" => break,
+            _ => refusal(&folder).await,
+        };
+        assert!(why.contains("--forget-lost-jobs") && why.contains("empty store"), "{why}");
+    }
+    let service = service.again(|settings| settings.storage.forget_lost_jobs = true).await;
+    refused(service.get(path(&job)), 404, "not-found").await;
+    let mut service = service;
+    service.stopped().await;
+    service.again(|_| {}).await;
+}
+
+#[tokio::test]
 async fn results_that_an_older_copy_of_the_store_does_not_know_are_moved_aside() {
     let service = Service::start().await;
     let known = service.submit("clusters=5&quality=fast", sphere(70_000)).await;
@@ -116,6 +139,7 @@ async fn a_damaged_store_is_refused_and_left_as_it_is() {
     std::fs::write(&store, &content).expect("written");
     let why = refusal(&folder).await;
     assert!(why.contains("damaged") && why.contains("backup"), "{why}");
+    assert!(why.ends_with("/jobs.sqlite3"), "it names the file: {why}");
     assert!(std::fs::read(&store).expect("a store") == content);
 }
 

@@ -10,7 +10,7 @@ use gltf::json;
 use serde::Deserialize;
 
 use super::{extensions, head};
-use crate::error::{Brief, Error, Quoted, Result};
+use crate::error::{Brief, Error, Quoted, Result, wrong_json};
 use crate::mesh::allowance::Allowance;
 use crate::mesh::without_mark;
 
@@ -142,8 +142,7 @@ pub fn lookup<'a, T>(elements: &'a [T], index: usize, kind: &str, whence: &str) 
 /// Why the JSON cannot be read as a `T`: where, by line and by path, and what.
 pub(super) fn unreadable<'de, T: Deserialize<'de>>(json: &'de [u8], error: serde_json::Error) -> Error {
     let (line, column) = (error.line(), error.column());
-    let what = error.to_string();
-    let what = what.strip_suffix(&format!(" at line {line} column {column}")).unwrap_or(&what);
+    let what = wrong_json(&error);
     let place = format!("line {line}, column {column}");
     if error.is_eof() {
         return Error::mesh(format_args!("the glTF JSON is truncated: it ends in the middle of a value at {place}"));
@@ -154,15 +153,6 @@ pub(super) fn unreadable<'de, T: Deserialize<'de>>(json: &'de [u8], error: serde
     // read once more, now noting the path, which costs time
     let path = serde_path_to_error::deserialize::<_, T>(&mut serde_json::Deserializer::from_slice(json));
     let path = path.err().map(|error| error.path().to_string()).unwrap_or_default();
-    // in the words of JSON, not of Rust
-    const WORDS: [(&str, &str); 5] = [
-        ("invalid type: map,", "invalid type: object,"),
-        ("invalid type: sequence,", "invalid type: array,"),
-        ("expected a sequence", "expected an array"),
-        ("expected u32", "expected an integer from 0 to 4294967295"),
-        ("expected u64", "expected an integer from 0 on"),
-    ];
-    let what = WORDS.into_iter().fold(what.to_owned(), |what, (rust, json)| what.replace(rust, json));
     Error::mesh(format_args!("the glTF JSON has a wrong value at {place}, {}: {}", Quoted(&path), Brief(what)))
 }
 

@@ -20,20 +20,33 @@ const READ: [&str; 5] = [
 const HARMLESS_WORDS: [&str; 10] =
     ["animation", "audio", "environment", "image", "lights", "materials", "packing", "techniques", "texture", "xmp"];
 
-/// Other extensions that cannot change geometry: metadata, selection, outlines, articulations.
-const HARMLESS: [&str; 12] = [
+/// Other extensions that cannot change geometry: metadata, selection, outlines, articulations, avatars, physics, baked
+/// light.
+const HARMLESS: [&str; 24] = [
     "AGI_articulations",
     "AGI_stk_metadata",
     "CESIUM_primitive_outline",
     "EXT_instance_features",
+    "EXT_lightmap",
     "EXT_mesh_features",
     "EXT_mesh_manifold",
     "EXT_structural_metadata",
+    "FB_geometry_metadata",
     "FB_ngon_encoding",
     "GODOT_single_root",
+    "GRIFFEL_bim_data",
     "KHR_node_hoverability",
     "KHR_node_selectability",
+    "KHR_physics_rigid_bodies",
     "KHR_xmp",
+    "MOZ_lightmap",
+    "MPEG_media",
+    "OMI_physics_body",
+    "OMI_physics_shape",
+    "VRM",
+    "VRMC_node_constraint",
+    "VRMC_springBone",
+    "VRMC_vrm",
 ];
 
 /// Refuses a file that requires an extension which changes geometry, or may, and is not read here.
@@ -83,6 +96,15 @@ mod tests {
             "MSFT_packing_normalRoughnessMetallic",
             "VRMC_materials_mtoon",
             "EXT_mesh_features",
+            "MPEG_media",
+            "FB_geometry_metadata",
+            "VRM",
+            "VRMC_vrm",
+            "KHR_physics_rigid_bodies",
+            "OMI_physics_body",
+            "EXT_lightmap",
+            "MOZ_lightmap",
+            "GRIFFEL_bim_data",
             "EXT_mesh_gpu_instancing",
             "KHR_node_visibility",
         ] {
@@ -93,6 +115,7 @@ mod tests {
             "KHR_mesh_of_next_year",
             "EXT_mesh_primitive_restart",
             "MSFT_lod",
+            "MPEG_mesh_linking",
             "VENDOR_unheard_of",
             "materials",
             "_texture_x",

@@ -10,7 +10,7 @@ use std::fmt::Debug;
 use gltf::json;
 use serde::Deserialize;
 
-use crate::error::{Brief, Error, Result};
+use crate::error::{Brief, Error, Result, wrong_json};
 
 const NAMES: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 
@@ -72,8 +72,9 @@ impl Compressed {
         let Some((name, value)) = compression else {
             return Ok(None);
         };
-        let compressed = Self::deserialize(value)
-            .map_err(|error| Error::mesh(format_args!("{name} of {whence} cannot be read: {}", Brief(error))))?;
+        let compressed = Self::deserialize(value).map_err(|error| {
+            Error::mesh(format_args!("{name} of {whence} cannot be read: {}", Brief(wrong_json(&error))))
+        })?;
         Ok(Some(compressed))
     }
 

@@ -225,8 +225,13 @@ fn settle(chunk: &mut Chunk<'_>, before: usize, total: usize) -> Result<(), (usi
         let end = outside.map_or(corners.len(), |(at, _)| at);
         let beyond = corners[..end].iter().position(|&corner| corner as usize >= total);
         if let Some(at) = beyond {
-            message =
-                Some((at, format!("there is no such vertex, the file has {total}: {}", u64::from(corners[at]) + 1)));
+            message = Some((
+                at,
+                format!(
+                    "there is no such vertex, the file has {total}; add its v line, or correct the index: {}",
+                    u64::from(corners[at]) + 1
+                ),
+            ));
         }
     }
     message.map_or(Ok(()), |(at, message)| Err((chunk.faces.face_of_corner(at), message)))

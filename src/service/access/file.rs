@@ -18,6 +18,7 @@ impl TokenFile {
             return Err(Error::too_large(format_args!("the file of tokens has more than {MAX_BYTES} bytes: {bytes}")));
         }
         Self::parse(&std::fs::read(path).map_err(cannot)?)
+            .map_err(|error| Error::new(error.kind, format_args!("{}: {}", error.message, path.display())))
     }
 
     /// Changes the file at `path`, which is made if it is not there: whole or not at all, readable by its owner only,
@@ -93,6 +94,17 @@ fn check_permissions(_: &Path) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_error_names_the_file() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("tokens.json");
+        std::fs::write(&path, r#"{"tenants": []}"#).expect("written");
+        let error = TokenFile::read(&path).expect_err("no object");
+        let path = path.display().to_string();
+        assert!(error.message.contains("must be an object, not array"), "{error}");
+        assert!(error.message.ends_with(&path), "{error}");
+    }
 
     #[test]
     fn neither_the_file_nor_debug_output_tells_the_secret() {

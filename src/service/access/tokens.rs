@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use subtle::ConstantTimeEq;
 
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Kind, Result, wrong_json_at};
 use crate::service::store::fairness::{Share, Shares};
 
 /// What every token begins with, so that scanners for leaked secrets find it.
@@ -112,8 +112,9 @@ impl fmt::Debug for Token {
 impl TokenFile {
     /// Reads the content of a file.
     pub fn parse(json: &[u8]) -> Result<Self> {
-        let file: Self = serde_json::from_slice(json)
-            .map_err(|error| Error::parameter(format_args!("the file of tokens is not valid: {error}")))?;
+        let file: Self = serde_json::from_slice(json).map_err(|error| {
+            Error::parameter(format_args!("the file of tokens is not valid: {}", wrong_json_at(&error)))
+        })?;
         file.index()?;
         Ok(file)
     }
@@ -167,6 +168,12 @@ impl TokenFile {
         let mut index = HashMap::new();
         for (name, tenant) in &self.tenants {
             Self::check_name(name)?;
+            if tenant.quotas.max_running_jobs == Some(0) {
+                return Err(Error::parameter(format_args!(
+                    "with max_running_jobs 0 no job of a tenant would ever run: give at least 1, leave it out for any \
+                     number, or set max_queued_jobs to 0 to take no jobs of {name:?}"
+                )));
+            }
             let owner = Tenant { name: name.clone(), quotas: tenant.quotas, metrics: tenant.metrics };
             for token in &tenant.tokens {
                 let known = token.known(owner.clone()).ok_or_else(|| {
@@ -315,7 +322,8 @@ mod tests {
             (r#"{"tenants": {"a b": {}}}"#, "a b"),
             (r#"{"tenants": {"local": {}}}"#, "local"),
             (r#"{"tenants": {"a": {"quotas": {"max_request_rate": -1}}}}"#, "-1"),
-            (r#"{"tenants": {"a": {"quotas": {"weight": 0}}}}"#, "nonzero"),
+            (r#"{"tenants": {"a": {"quotas": {"weight": 0}}}}"#, "from 1 to"),
+            (r#"{"tenants": {"a": {"quotas": {"max_running_jobs": 0}}}}"#, "give at least 1"),
             (&format!(r#"{{"tenants": {{"acme": {{"tokens": [{entry}]}}}}}}"#), "acme"),
         ] {
             let error = TokenFile::parse(json.as_bytes()).expect_err(json);

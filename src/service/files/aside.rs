@@ -7,6 +7,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use super::ballast::BALLAST;
 use super::failure::{blocking, cannot_make};
 use super::folder::{Files, Folder};
 use super::{private, root};
@@ -20,18 +21,20 @@ const ASIDE: &str = "aside";
 const KEPT: Duration = Duration::from_secs(7 * 86_400);
 
 impl Files {
-    /// Checks, before the store of jobs is opened, that it is there if files of jobs are. With `forget` the files of a
-    /// store that is missing or empty are moved aside instead.
+    /// Checks, before the store of jobs is opened, that it is there if a service worked in the folder before: it left
+    /// files of jobs or, where all jobs were small, its clock or its ballast. With `forget` the files of a store that is
+    /// missing or empty are moved aside instead.
     pub async fn check_store(&self, forget: bool) -> Result<()> {
         let Some(database) = self.database() else { return Ok(()) };
         if database.metadata().is_ok_and(|found| found.len() > 0) {
             return Ok(());
         }
         let jobs = self.jobs_in("uploads").await?.len() + self.jobs_in("results").await?.len();
-        match (jobs, forget) {
-            (0, _) => Ok(()),
-            (jobs, false) => Err(self.lost("is missing or empty", jobs)),
-            (_, true) => self.move_all_aside().await,
+        let was_used = jobs > 0 || [root::CLOCK, BALLAST].iter().any(|name| self.root.path().join(name).exists());
+        match (was_used, forget) {
+            (false, _) => Ok(()),
+            (true, false) => Err(self.lost("is missing or empty", jobs)),
+            (true, true) => self.move_all_aside().await,
         }
     }
 
@@ -47,12 +50,18 @@ impl Files {
 
     fn lost(&self, what: &str, jobs: usize) -> Error {
         let folder = self.root.path().display();
+        let (others, moved) = match jobs {
+            0 => ("a service has worked in the data folder".to_owned(), "begins with an empty store".to_owned()),
+            _ => (
+                format!("the data folder holds files of {jobs} jobs"),
+                format!("moves these files to {folder}/{ASIDE}"),
+            ),
+        };
         Error::new(
             Kind::Conflict,
             format_args!(
-                "the store of jobs ({}) {what}, but the data folder holds files of {jobs} jobs: put the store back, \
-                 from a backup for instance, or start once with --forget-lost-jobs, which moves these files to \
-                 {folder}/{ASIDE}: {folder}",
+                "the store of jobs ({}) {what}, but {others}: put the store back, from a backup for instance, or start \
+                 once with --forget-lost-jobs, which {moved}: {folder}",
                 root::STORE[0]
             ),
         )

@@ -81,7 +81,16 @@ impl Disk {
     }
 
     /// Refuses `more` bytes without room for them beside what is `taken`: promised, but not written yet.
+    /// [`Kind::TooLarge`] when there would be none on an empty disk either.
     pub fn check(&self, more: u64, taken: u64) -> Result<()> {
+        let holds =
+            total_bytes(&self.root).filter(|total| *total > 0).unwrap_or(u64::MAX).saturating_sub(self.reserve());
+        if more > holds.min(self.limits.max_bytes.unwrap_or(u64::MAX)) {
+            return Err(Error::too_large(format_args!(
+                "the upload is larger than the storage of this service is in all; send a smaller mesh, or ask for \
+                 larger storage; bytes: {more}"
+            )));
+        }
         // free space is for the operator (`/metrics`), not for clients
         let refuse = |what: &str, limit: u64| {
             Err(Error::new(

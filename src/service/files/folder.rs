@@ -29,6 +29,9 @@ const AGAIN: Duration = Duration::from_millis(500);
 /// For how long a job that needs more room than it was promised waits for jobs that are still to be read.
 const PATIENCE: Duration = Duration::from_secs(30);
 
+/// Part of the room for uploads that the store of jobs may keep free for itself.
+const STORE_PART: u64 = 8;
+
 /// Blobs that belong together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::service) enum Folder {
@@ -132,7 +135,18 @@ impl Files {
     /// Refuses an upload of so many bytes, as far as is known, when there is no room for it or no folder any more.
     pub fn check_room(&self, bytes: u64) -> Result<()> {
         self.check_reachable()?;
-        self.disk.check(bytes, self.room.promised().saturating_add(self.ballast.missing()))
+        self.disk.check(bytes, self.taken())
+    }
+
+    /// Refuses when a job may be refused that is kept in the store of jobs.
+    pub fn check_small_job(&self) -> Result<()> {
+        self.check_reachable()?;
+        self.disk.check(0, self.taken().saturating_add(needs::SMALL_JOB))
+    }
+
+    /// Bytes that are promised to jobs or kept free for the ballast.
+    fn taken(&self) -> u64 {
+        self.room.promised().saturating_add(self.ballast.missing())
     }
 
     /// Promises a job that is being accepted room for its result. Refuses when there is none.
@@ -259,6 +273,11 @@ impl Files {
     /// So many bytes of the store of jobs are free for it to use again.
     pub fn free_in_store(&self, bytes: u64) {
         self.disk.free_in_store(bytes);
+    }
+
+    /// Whether bytes that are free in the store of jobs would be a good part of what uploads may take.
+    pub fn is_short_of(&self, free_in_store: u64) -> bool {
+        free_in_store > self.disk.spare(self.taken()) / STORE_PART
     }
 
     /// Whether the folder is there and takes a file; says what is wrong. Blocks.

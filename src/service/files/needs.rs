@@ -13,10 +13,13 @@
 use crate::job::Outcome;
 use crate::mesh::Limits;
 use crate::parameters::{Algorithm, Parameters, Snapshots};
-use crate::service::store::Spec;
+use crate::service::store::{SMALL_BLOBS, Spec};
 
 /// Bytes of a job's report, its events and its row in the store.
 const FIXED: u64 = 32 << 10;
+
+/// Bytes of a job that is kept in the store, at most: upload, result, and its row.
+pub(super) const SMALL_JOB: u64 = 2 * SMALL_BLOBS + FIXED;
 
 /// Bytes of an iteration, a round or a part in the report and in the store of jobs.
 const ROW: u64 = 512;

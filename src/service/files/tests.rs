@@ -143,6 +143,12 @@ async fn uploads_are_refused_before_the_folder_is_full_and_results_are_not() {
     files.remove(id).await;
     assert_eq!(files.check_room(0), Ok(()));
 
+    // no deletion makes room for these
+    let total = disk::total_bytes(folder.path()).expect("known");
+    for bytes in [(3 << 20) + 1, total + 1] {
+        assert_eq!(files.check_room(bytes).expect_err("told").kind, Kind::TooLarge, "{bytes}");
+    }
+
     let other = tempfile::tempdir().expect("a folder");
     let total = disk::total_bytes(other.path()).expect("known");
     let limits = DiskLimits { max_bytes: None, min_free_bytes: total - 1 };

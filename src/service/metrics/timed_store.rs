@@ -105,6 +105,7 @@ timed!(Notices {
 
 timed!(Maintenance {
     "free_bytes": free_bytes() -> u64;
+    "give_back": give_back() -> ();
     "delete": delete(id: JobId) -> Deletion;
     "ended_before": ended_before(time: SystemTime, limit: usize) -> Vec<JobId>;
     "probe": probe() -> ();

@@ -46,6 +46,10 @@ pub(in crate::service) trait Maintenance: fmt::Debug + Send + Sync {
     /// Bytes on disk that the store has taken and will use again before it takes more.
     async fn free_bytes(&self) -> Result<u64>;
 
+    /// Gives some of the [free bytes](Self::free_bytes) back to the file system: a few megabytes, so that changes of
+    /// jobs do not wait for long.
+    async fn give_back(&self) -> Result<()>;
+
     /// Deletes an ended job, its events and its key; its notice stays.
     async fn delete(&self, id: JobId) -> Result<Deletion>;
 

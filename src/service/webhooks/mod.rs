@@ -85,6 +85,9 @@ impl Webhooks {
     /// What the settings say.
     pub fn new(settings: &WebhookSettings) -> Result<Self> {
         let targets = Targets::new(&settings.webhook_hosts);
+        if settings.webhook_secret.is_some() && settings.webhook_hosts.is_empty() {
+            tracing::warn!("--webhook-secret without --webhook-hosts: no webhook is sent, because no host is allowed");
+        }
         let sender = match &settings.webhook_secret {
             Some(path) if !settings.webhook_hosts.is_empty() => {
                 let client = reqwest::Client::builder()

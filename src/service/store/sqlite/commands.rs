@@ -15,6 +15,9 @@ use super::rows::{self, count, jobs, json, micros, text};
 use super::writer::Batch;
 use crate::error::Result;
 
+/// Pages that are given back to the file system at once.
+const GIVEN_BACK: u32 = 1024;
+
 /// The job as it is now.
 pub(super) fn find(connection: &Connection, id: JobId) -> Result<Option<Job>, Abort> {
     first(connection, jobs!("WHERE id = ?1"), [id.to_string()], rows::job)
@@ -179,6 +182,14 @@ pub(super) fn delete(batch: &mut Batch<'_>, id: JobId) -> Result<Deletion, Abort
 pub(super) fn settle_webhook(batch: &mut Batch<'_>, id: JobId, ended_at: SystemTime) -> Result<(), Abort> {
     let sql = "DELETE FROM notices WHERE job = ?1 AND ended_at = ?2";
     execute(batch.connection, sql, params![id.to_string(), micros(ended_at)])?;
+    Ok(())
+}
+
+/// Cuts free pages off the end of the file, as far as it was made for that.
+pub(super) fn give_back(batch: &mut Batch<'_>) -> Result<(), Abort> {
+    // a row a page
+    all(batch.connection, &format!("PRAGMA incremental_vacuum({GIVEN_BACK})"), [], |_| Ok(()))?;
+    batch.effects.shrinks = true;
     Ok(())
 }
 

@@ -62,7 +62,10 @@ impl SqliteStore {
         let file = path.to_owned();
         let opened = blocking(move || open_up_to_date(&file)).await?;
         let (connection, readers, cursors) = opened.map_err(|error| match error {
-            MigrateError::Database(error) if is_damage(&error) => error.into(),
+            MigrateError::Database(error) if is_damage(&error) => {
+                let Error { kind, message } = error.into();
+                Error::new(kind, format_args!("{message}: {}", path.display()))
+            }
             error => cannot(&error),
         })?;
         let listeners = Arc::<Listeners>::default();
@@ -104,6 +107,9 @@ fn open_up_to_date(path: &Path) -> Result<(Connection, Readers, Cursors), Migrat
     let mut connection = connections::writing(path, true)?;
     check::check(&connection, START)?;
     schema::migrate(&mut connection)?;
+    if let Err(error) = schema::let_shrink(&connection) {
+        tracing::warn!(%error, "the store of jobs keeps the disk space of deleted jobs for itself");
+    }
     let cursors = cursors(&connection)?;
     Ok((connection, Readers::open(path)?, cursors))
 }
@@ -309,6 +315,10 @@ impl Maintenance for SqliteStore {
     async fn free_bytes(&self) -> Result<u64> {
         let sql = "SELECT freelist_count * page_size AS bytes FROM pragma_freelist_count, pragma_page_size";
         self.readers.read(|reader| one(reader, sql, [], |row| count(row, "bytes"))).await
+    }
+
+    async fn give_back(&self) -> Result<()> {
+        self.writer.carry_out(commands::give_back).await
     }
 
     async fn delete(&self, id: JobId) -> Result<Deletion> {

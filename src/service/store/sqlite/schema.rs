@@ -17,6 +17,12 @@ const MIGRATIONS: [&str; 5] = [
     include_str!("migrations/0005_nth_end.sql"),
 ];
 
+/// Value of `PRAGMA auto_vacuum` with which free pages are given back on demand.
+const INCREMENTAL: i64 = 2;
+
+/// Bytes in use of a file that is rewritten when it is opened, at most.
+const MOST_REWRITTEN: i64 = 16 << 20;
+
 /// Why the tables cannot be brought up to date.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum MigrateError {
@@ -58,6 +64,19 @@ pub(super) fn migrate_to(known: u32, connection: &mut Connection) -> Result<(), 
         advance(connection, version, sql)?;
     }
     Ok(())
+}
+
+/// Lets the file give pages of deleted jobs back to the file system. This writes the whole file anew, so one that holds
+/// more than [`MOST_REWRITTEN`] stays as it is until it holds less.
+pub(super) fn let_shrink(connection: &Connection) -> rusqlite::Result<()> {
+    let number = |name| connection.pragma_query_value(None, name, |row| row.get::<_, i64>(0));
+    let bytes = (number("page_count")? - number("freelist_count")?) * number("page_size")?;
+    if number("auto_vacuum")? == INCREMENTAL || bytes > MOST_REWRITTEN {
+        return Ok(());
+    }
+    // in memory: there may be no folder for temporary files
+    connection.execute_batch("PRAGMA temp_store = MEMORY; PRAGMA auto_vacuum = INCREMENTAL; VACUUM")?;
+    connection.execute_batch("PRAGMA temp_store = DEFAULT")
 }
 
 /// Changes the tables to those of a version.

@@ -85,6 +85,42 @@ async fn a_failed_commit_is_told_loses_nothing_and_passes() {
     assert_eq!(store.statistics().failures, 3);
 }
 
+/// An earlier store gives nothing back until it is opened with little in it.
+#[tokio::test]
+async fn the_disk_gets_the_pages_of_deleted_jobs_back() {
+    for was_made_earlier in [false, true] {
+        let (_folder, path) = in_a_folder();
+        open(&path).await.close().await;
+        if was_made_earlier {
+            let connection = connections::writing(&path, false).expect("it opens");
+            connection.execute_batch("PRAGMA auto_vacuum = NONE; VACUUM").expect("rewritten");
+        }
+        let store = open(&path).await;
+        let mut jobs = Vec::new();
+        for _ in 0..10 {
+            let mut job = new_job();
+            job.spec.buffers = vec!["x".repeat(1 << 20)];
+            jobs.push(job.id);
+            store.create(job).await.expect("created");
+        }
+        for id in jobs {
+            store.cancel(id).await.expect("cancelled");
+            assert_eq!(store.delete(id).await, Ok(Deletion::Deleted));
+        }
+        let free = store.free_bytes().await.expect("known");
+        assert!(free > 8 << 20, "{free}");
+        let mut before = free + 1;
+        while store.free_bytes().await.expect("known") < before {
+            before = store.free_bytes().await.expect("known");
+            store.give_back().await.expect("given back");
+        }
+        assert_eq!(before, 0);
+        let bytes = path.metadata().expect("there").len();
+        assert!(bytes < 1 << 20, "{bytes} bytes, made earlier: {was_made_earlier}");
+        store.close().await;
+    }
+}
+
 /// The database itself says that there is no room, as on a full disk.
 #[tokio::test]
 async fn a_full_database_is_no_room_and_takes_jobs_again_later() {

@@ -47,6 +47,8 @@ pub(super) struct Effects {
     pub arrivals: bool,
     /// Whether a job ended: another one may be claimed in its stead.
     pub ends: bool,
+    /// Whether the file has fewer pages, which it gives back when the log is written into it.
+    pub shrinks: bool,
     /// Whether a job with a webhook ended.
     pub endings: bool,
     /// As in [`Statistics`].
@@ -279,6 +281,11 @@ impl Worker {
             .hit(FaultPoint::Commit)
             .map_err(|error| Error::new(Kind::of_storage(&error), format_args!("the store of jobs failed: {error}")))?;
         transaction.commit()?;
+        if effects.shrinks {
+            // as far as readers allow; the transaction is committed whatever comes of it
+            let written = connection.query_row("PRAGMA wal_checkpoint(PASSIVE)", [], |_| Ok(()));
+            let _ = written.inspect_err(|error| tracing::debug!(%error, "the log was not written into the store"));
+        }
         Ok(effects)
     }
 }
