@@ -32,8 +32,8 @@
 //!
 //! # Features
 //!
-//! `gpu` has the device of that name (wgpu), `service` the modules [`service`] (axum, SQLite, …) and `cli::service`. Both
-//! are on by default; without them, everything else works on the cpu.
+//! `gpu` has the device of that name (wgpu), `service` the modules [`service`] (axum, SQLite, …) and `cli::service`.
+//! Both are on by default; without them, everything else works on the cpu.
 //!
 //! # Where to begin
 //!

@@ -97,7 +97,7 @@ pub struct Flag {
 pub enum Need {
     /// One label a face.
     Labels,
-    /// The labels of the iterations that were asked for.
+    /// The labels of the requested iterations.
     Snapshots,
     /// The hierarchy.
     Hierarchy,

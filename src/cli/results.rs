@@ -25,11 +25,11 @@ pub struct Outputs {
     max_clusters: Option<u64>,
 }
 
-/// The outputs that were asked for, in the order of the table.
+/// The requested outputs, in the order of the table.
 #[derive(Debug)]
 struct OutputFiles(Vec<OutputFile>);
 
-/// An output that was asked for.
+/// A requested output.
 #[derive(Debug, Clone)]
 pub struct OutputFile {
     /// By this flag.

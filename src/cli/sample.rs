@@ -22,8 +22,8 @@ pub struct Arguments {
     #[arg(long, value_name = "N")]
     faces: u64,
 
-    /// Where to write it: OUT.obj, OUT.glb (polygons are cut into triangles), or - for OBJ on standard output; a pipe or
-    /// device whose name says no format gets OBJ
+    /// Where to write it: OUT.obj, OUT.glb (polygons are cut into triangles), or - for OBJ on standard output; a pipe
+    /// or device whose name says no format gets OBJ
     #[arg(value_name = "OUT")]
     out: PathBuf,
 }

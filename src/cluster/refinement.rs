@@ -35,8 +35,9 @@
 //! # Connected refinement
 //!
 //! Moves can cut a cluster in two. Where repairs and phases repeat without end, this variant ends the run: no face
-//! joins a winner, and a winner that would leave its cluster in pieces is refused. A cluster loses one face an iteration
-//! at most and gains only neighbouring faces, so connected clusters stay connected; the rest of the proof is as above.
+//! joins a winner, and a winner that would leave its cluster in pieces is refused. A cluster loses one face an
+//! iteration at most and gains only neighbouring faces, so connected clusters stay connected; the rest of the proof is
+//! as above.
 //!
 //! # Why together
 //!

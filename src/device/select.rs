@@ -41,8 +41,8 @@ impl fmt::Display for DeviceChoice {
 
 /// Opens a device.
 ///
-/// `adapter` narrows the gpus to one, by its number in [`adapters`] or by a part of its name; with it, `auto` takes that
-/// gpu or fails, as `gpu` does. `faces` is the size of the mesh, where the device will be used for one mesh only.
+/// `adapter` narrows the gpus to one, by its number in [`adapters`] or by a part of its name; with it, `auto` takes
+/// that gpu or fails, as `gpu` does. `faces` is the size of the mesh, where the device will be used for one mesh only.
 pub fn open(choice: DeviceChoice, adapter: Option<&str>, faces: Option<u64>) -> Result<Box<dyn Device>> {
     match (choice, adapter) {
         (DeviceChoice::Cpu, Some(_)) => {

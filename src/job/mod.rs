@@ -113,7 +113,7 @@ pub struct Outcome {
     pub labels: Option<Vec<u32>>,
     /// The hierarchy, of hierarchical algorithms.
     pub hierarchy: Option<Stored>,
-    /// The labels of the iterations that were asked for, in upload order; numbered as `labels`, so that a number means
+    /// The labels of the requested iterations, in upload order; numbered as `labels`, so that a number means
     /// the same cluster in all of them.
     pub snapshots: Record,
     /// The mesh, if an output needs it.
@@ -323,7 +323,7 @@ pub fn cluster(
     })
 }
 
-/// Does what a device is asked for. The cpu works from within rayon's pool, the current one or else the global: each of
+/// Runs `work` for a device. The cpu works from within rayon's pool, the current one or else the global: each of
 /// its many short parallel steps would otherwise wake the pool and wait for it, which took an eighth of a clustering's
 /// time. A gpu is waited for outside.
 fn where_it_works<T: Send>(kind: DeviceKind, work: impl FnOnce() -> T + Send) -> T {

@@ -139,8 +139,8 @@ impl Frame {
     }
 }
 
-/// Triangles in lattice units: one, or four at a time, for which the compiler uses vector instructions. Alone, they take
-/// 1.08 times the instructions of a whole clustering of the bunny at quality fast.
+/// Triangles in lattice units: one, or four at a time, for which the compiler uses vector instructions. Alone, they
+/// take 1.08 times the instructions of a whole clustering of the bunny at quality fast.
 struct Triangle<T> {
     corners: [[T; 3]; 3],
 }

@@ -15,7 +15,7 @@ pub enum Command {
     Serve(Box<serve::Arguments>),
     /// Copy the data folder of a service, also while it runs
     Backup(backup::Arguments),
-    /// Make, list and take back the tokens that a service asks for
+    /// Make, list and take back the tokens of a service
     Token(token::Arguments),
     /// Ask a service whether it is well; the exit status tells
     Health(health::Arguments),

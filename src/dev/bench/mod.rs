@@ -26,8 +26,8 @@ use crate::error::{Error, Kind, Result};
 use crate::job::{self, Outcome, Prepared};
 use crate::report::DeviceInfo;
 
-/// Bytes a face of a closed triangle mesh that a gpu's first fit after new labels reads and writes, in `sums_gather` and
-/// `boundary_build`; labels of neighbours come from the caches.
+/// Bytes a face of a closed triangle mesh that a gpu's first fit after new labels reads and writes, in `sums_gather`
+/// and `boundary_keep`; labels of neighbours come from the caches.
 const SWEEP_BYTES_A_FACE: u64 = 48;
 
 /// How to measure.
@@ -114,8 +114,8 @@ pub struct Sweep {
     pub share_of_copy: f64,
 }
 
-/// Runs everything on a device; a gpu should be opened to be timed. Returns what was measured even when something fails,
-/// with the error. `on_stage` gets a line about each job.
+/// Runs everything on a device; a gpu should be opened to be timed. Returns what was measured even when something
+/// fails, with the error. `on_stage` gets a line about each job.
 ///
 /// A job that does not fit has the reason in its row, and those of larger meshes with the same algorithm are left out.
 pub fn run(

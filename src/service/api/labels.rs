@@ -27,7 +27,7 @@ pub(in crate::service) struct LabelsQuery {
     /// Cut a hierarchy at this number of clusters; 409 for a flat clustering, and outside what the hierarchy has
     #[param(minimum = 1)]
     clusters: Option<u64>,
-    /// The labels after this iteration of a flat clustering, where `snapshots` asked for them: `snapshots` of the
+    /// The labels after this iteration of a flat clustering, where `snapshots` keeps them: `snapshots` of the
     /// report lists them; 404 for others
     #[param(minimum = 0)]
     iteration: Option<u32>,

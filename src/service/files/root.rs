@@ -194,8 +194,10 @@ fn same_file(one: &std::fs::Metadata, other: &std::fs::Metadata) -> bool {
     one.created().ok() == other.created().ok()
 }
 
-#[cfg(all(test, target_os = "linux"))]
+#[cfg(test)]
 mod tests {
+    #![cfg(target_os = "linux")]
+
     use super::*;
 
     /// A folder like `/proc`, of a process of this number and one with another.

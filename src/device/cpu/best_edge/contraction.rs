@@ -113,8 +113,8 @@ impl Contraction {
         self.nodes.par_iter().zip(&self.cluster_of_node).with_min_len(ITEMS).filter_map(choice).collect()
     }
 
-    /// The pairs of clusters that chose each other, in any order. They are kept between rounds: only new ones get packed
-    /// costs.
+    /// The pairs of clusters that chose each other, in any order. They are kept between rounds: only new ones get
+    /// packed costs.
     pub fn mutual(&mut self, clusters: &Clusters) -> Vec<Rank<u32>> {
         self.update(clusters);
         self.pairs.iter().map(|(rank, _)| *rank).collect()
