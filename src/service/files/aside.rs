@@ -22,8 +22,8 @@ const KEPT: Duration = Duration::from_secs(7 * 86_400);
 
 impl Files {
     /// Checks, before the store of jobs is opened, that it is there if a service worked in the folder before: it left
-    /// files of jobs or, where all jobs were small, its clock or its ballast. With `forget` the files of a store that is
-    /// missing or empty are moved aside instead.
+    /// files of jobs or, where all jobs were small, its clock or its ballast. With `forget` the files of a store that
+    /// is missing or empty are moved aside instead.
     pub async fn check_store(&self, forget: bool) -> Result<()> {
         let Some(database) = self.database() else { return Ok(()) };
         if database.metadata().is_ok_and(|found| found.len() > 0) {
