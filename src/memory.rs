@@ -16,8 +16,7 @@ pub(crate) fn keep() {
 
 /// Keeps blocks of up to 32 MiB for the next job. A thread of its own frees what is not in use when the process has
 /// been idle for half a minute. There are two arenas for each processor: with one for two processors, a service did 293
-/// small jobs a second in place of
-/// 370. Free memory at the end of an arena beyond 32 MiB is unmapped at once.
+/// small jobs a second in place of 370. Free memory at the end of an arena beyond 32 MiB is unmapped at once.
 pub(crate) fn keep_between_jobs() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     {

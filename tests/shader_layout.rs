@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
+use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, StorageAccess, TypeInner};
 use tesserae::device::gpu::kernels::{Binding, KERNELS, Kernel, PIECES, names};
 use tesserae::device::gpu::layout::{self, Iteration};
@@ -27,6 +27,7 @@ type Declared = (u32, String, Option<bool>, u32);
 fn used(module: &Module, info: &ModuleInfo) -> Vec<Declared> {
     let mut found = Vec::new();
     for (handle, variable) in module.global_variables.iter() {
+        let uses = info.get_entry_point(0)[handle];
         let is_written = match variable.space {
             AddressSpace::Uniform => None,
             AddressSpace::Storage { access } => Some(access.contains(StorageAccess::STORE)),
@@ -38,7 +39,7 @@ fn used(module: &Module, info: &ModuleInfo) -> Vec<Declared> {
             ref inner => inner.size(module.to_ctx()),
         };
         // entry points of one thread may do without the uniform
-        if is_written.is_none() || info.get_entry_point(0)[handle] != GlobalUse::empty() {
+        if is_written.is_none() || !uses.is_empty() {
             let place = variable.binding.as_ref().expect("a binding").binding;
             found.push((place, variable.name.clone().expect("a name"), is_written, stride));
         }
@@ -79,6 +80,8 @@ fn every_shader_is_valid_and_uses_the_buffers_and_the_constant_that_it_names() {
         let parsed = parse(kernel, &kernel.source());
         let bound = kernel.bindings();
         check_bindings(&parsed, &bound).unwrap_or_else(|error| panic!("{}.wgsl: {error}", kernel.path));
+        let named = ["reads", "writes"].map(|key| names(kernel.wgsl, key).count());
+        assert_eq!(bound.len(), named[0] + named[1], "{}.wgsl names a buffer that is not in the table", kernel.path);
         assert!(bound.len() <= 8, "{}: portable devices bind 8 storage buffers", kernel.name);
         let constants: Vec<_> =
             parsed.0.overrides.iter().filter_map(|(_, constant)| constant.name.as_deref()).collect();
@@ -158,6 +161,9 @@ fn the_comparison_notices_differences() {
     };
     let unused = changed("wanted_clusters[thread]", "0u");
     assert!(check_bindings(&unused, &kernel.bindings()).is_err());
+    let mut only_read = kernel.bindings();
+    only_read.iter_mut().for_each(|binding| binding.is_written = false);
+    assert!(check_bindings(&parse(kernel, &kernel.source()), &only_read).is_err());
     let (grown, _) = changed("moves: atomic<u32>,", "moves: atomic<u32>, more: u32,");
     assert!(layout::structs().any(|expected| check_struct(&grown, expected).is_err()));
     let (moved, _) = changed("centroid: vec3<i32>,\n    weight: u32,", "weight: u32,\n    centroid: vec3<i32>,");

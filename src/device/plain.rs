@@ -2,8 +2,9 @@
 //! with it.
 //!
 //! It is sequential, recomputes everything from the labels in every iteration, and adds in 128-bit integers. Nothing is
-//! cached, skipped or approximated, and no code is shared with another device. An iteration costs at least a pass over
-//! the mesh, so it is for meshes of some thousand faces. A new step or a new energy is written here first.
+//! cached, skipped or approximated. With other devices it shares the arithmetic of [`crate::energy`] and the order of
+//! dual edges, and no state. An iteration costs at least a pass over the mesh, so it is for meshes of some thousand
+//! faces. A new step or a new energy is written here first.
 //!
 //! The functions are pure: labels in, labels out. [`PlainDevice`] offers them as [`super::Steps`] and
 //! [`super::MergeSteps`], so that every driver of [`crate::cluster`] runs on them unchanged.

@@ -48,7 +48,8 @@ macro_rules! shared {
     ($($(#[$doc:meta])* $name:ident { $($(#[$member_doc:meta])* $member:ident: $ty:ty,)* })*) => {
         $(
             $(#[$doc])*
-            #[derive(Debug, Clone, Copy, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
+            #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+            #[cfg_attr(feature = "gpu", derive(bytemuck::Pod, bytemuck::Zeroable))]
             #[repr(C)]
             pub struct $name { $($(#[$member_doc])* pub $member: $ty,)* }
         )*

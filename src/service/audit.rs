@@ -6,11 +6,9 @@
 use std::fmt::Display;
 
 use super::access::Caller;
+use super::logging::AUDIT;
 use super::trace::Origin;
 use crate::error::Kind;
-
-/// The target of audit lines, for `--log`.
-pub(super) const TARGET: &str = "tesserae::audit";
 
 /// What a tenant did to a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,7 +36,7 @@ pub(super) fn record(action: Action, caller: &Caller, job: impl Display) {
     };
     let origin = caller.origin.as_ref();
     tracing::info!(
-        target: TARGET,
+        target: AUDIT,
         parent: None,
         job = %job,
         bytes,
@@ -54,7 +52,7 @@ pub(super) fn record(action: Action, caller: &Caller, job: impl Display) {
 /// Writes that a request was denied.
 pub(super) fn denied(kind: Kind, method: impl Display, path: &str, origin: Option<&Origin>) {
     tracing::info!(
-        target: TARGET,
+        target: AUDIT,
         parent: None,
         reason = kind.slug(),
         method = %method,

@@ -16,8 +16,10 @@ use tracing_subscriber::filter::{Targets, filter_fn};
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 
-use super::audit;
 use crate::error::{Error, Kind, Result};
+
+/// Target of the audit log.
+pub(super) const AUDIT: &str = "tesserae::audit";
 
 /// What the lines of the log look like.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -76,7 +78,7 @@ impl LogSettings {
             || tracing_subscriber::fmt::layer().with_ansi(std::io::stderr().is_terminal()).with_writer(std::io::stderr);
         // all spans around an event are listed; the innermost one need not be there twice
         let json = || lines().json().with_current_span(false);
-        let is_audit = |metadata: &Metadata<'_>| metadata.target() == audit::TARGET;
+        let is_audit = |metadata: &Metadata<'_>| metadata.target() == AUDIT;
         let lines = match self.log_format {
             LogFormat::Text => lines().boxed(),
             // audit lines have the fields of their spans themselves

@@ -233,7 +233,7 @@ fn add_common_answers(path: &str, answers: &mut BTreeMap<String, RefOr<Response>
         add("416", problem());
         if let Some(RefOr::T(whole)) = answers.get("200") {
             let mut part = whole.clone();
-            "The part of it that `Range` asks for".clone_into(&mut part.description);
+            "The part of it that `Range` names".clone_into(&mut part.description);
             answers.entry("206".to_owned()).or_insert(part.into());
         }
     }

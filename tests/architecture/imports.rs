@@ -55,14 +55,6 @@ fn the_engine_imports_nothing_above_it() {
 }
 
 #[test]
-fn only_the_module_of_energies_names_one() {
-    assert_eq!(names_of_the_energy(&crate_sources()), Vec::<String>::new());
-    let text = "use crate::energy::cvd::End; // cvd\nuse super::reference::acvd;";
-    let found = names_of_the_energy(&[invented("src/cluster.rs", text)]);
-    assert_eq!(found, ["src/cluster.rs: use crate::energy::cvd::End;"]);
-}
-
-#[test]
 fn an_invented_circle_and_an_invented_arrow_upwards_are_found() {
     let graph = imports(
         &[
@@ -279,24 +271,6 @@ fn arrows_upwards(graph: &Graph) -> Vec<String> {
         for (from, to) in graph.iter().filter(|(from, _)| top(from) == engine) {
             let bad = to.iter().filter(|to| top(to) != engine && !allowed.contains(&top(to).as_str()));
             found.extend(bad.map(|to| format!("{from} -> {to}")));
-        }
-    }
-    found
-}
-
-/// Lines of code outside `energy` that name the CVD energy, or a distance of its proxies; the list of shaders may.
-fn names_of_the_energy(sources: &[Source]) -> Vec<String> {
-    let mut found = Vec::new();
-    for source in sources {
-        let module = module(source);
-        if module.is_empty() || module[0] == "energy" || module.iter().any(|part| part == "tests") {
-            continue;
-        }
-        for line in code(&source.text).lines() {
-            let rest = line.to_lowercase().replace("acvd", "").replace("\"energy/cvd\"", "");
-            if rest.contains("cvd") || rest.contains("squared_distance") {
-                found.push(format!("{}: {}", source.path, line.trim()));
-            }
         }
     }
     found

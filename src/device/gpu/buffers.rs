@@ -1,4 +1,4 @@
-//! The storage buffers of a surface on the device: one row each. No buffer has two meanings.
+//! The storage buffers of a surface on the device: one row each.
 
 use std::mem::{offset_of, size_of};
 

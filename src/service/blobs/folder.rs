@@ -68,10 +68,10 @@ impl Blobs for FolderBlobs {
         blocking(move || {
             let bytes = size(&folder);
             match std::fs::remove_dir_all(&folder) {
-                Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                    Err(Error::io(format_args!("a folder cannot be removed: {}", folder.display()), error))
-                }
-                _ => Ok(bytes),
+                Ok(()) => Ok(bytes),
+                // another task removed it, and counted its bytes
+                Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(0),
+                Err(error) => Err(Error::io(format_args!("a folder cannot be removed: {}", folder.display()), error)),
             }
         })
         .await?

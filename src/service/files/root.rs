@@ -195,9 +195,8 @@ fn same_file(one: &std::fs::Metadata, other: &std::fs::Metadata) -> bool {
 }
 
 #[cfg(test)]
+#[cfg(target_os = "linux")]
 mod tests {
-    #![cfg(target_os = "linux")]
-
     use super::*;
 
     /// A folder like `/proc`, of a process of this number and one with another.

@@ -212,9 +212,7 @@ impl Waiting {
 /// The error of an upload that cannot be read: it belongs to a job, so it must be there.
 fn upload_is_gone(error: Error) -> Error {
     match error.kind {
-        Kind::NotFound => {
-            Error::new(Kind::Io, "the upload of the job is gone: someone removed it from the data folder")
-        }
+        Kind::NotFound => Error::new(Kind::Io, "the upload of the job is gone from the data folder"),
         _ => error,
     }
 }
