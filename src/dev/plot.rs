@@ -107,7 +107,7 @@ pub fn draw(curves: &[Curve]) -> Result<String> {
 /// A line of (clusters, energy) with its name.
 pub type Line = (String, Vec<(u64, f64)>);
 
-/// Draws lines as SVG, and below them others whose energies are told as parts of something. Fails when there is nothing
+/// Draws lines as SVG, and below them others as fractions of the energy of `part_of`. Fails when there is nothing
 /// to show.
 pub fn draw_against_clusters(lines: &[Line], part_of: &str, parts: &[Line]) -> Result<String> {
     let points = |(name, points): &Line| {

@@ -23,7 +23,7 @@ use crate::error::{Error, Kind};
 /// Media type of problem documents.
 pub(super) const MEDIA_TYPE: &str = "application/problem+json";
 
-/// Seconds after which a client may try again what failed for now.
+/// Seconds after which a client may repeat a request that failed for now.
 const RETRY_AFTER: u32 = 5;
 
 /// What went wrong (RFC 9457).

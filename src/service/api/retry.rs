@@ -51,9 +51,8 @@ pub(in crate::service) async fn retry(Extract(shared): App, caller: Caller, Path
     let _place = shared.admission.place(caller.tenant()?).await?;
     // on a task of its own: a client that hangs up leaves no promise of room behind
     let (at, limits) = (Arc::clone(&shared), shared.settings.limits());
-    let retried = tokio::spawn(async move { at.storage.retry(&job, &limits).await }.in_current_span());
-    let ended = retried.await;
-    match ended.map_err(|error| Error::new(Kind::Internal, format_args!("the job was not run again: {error}")))? {
+    let retried = tokio::spawn(async move { at.storage.retry(&job, &limits).await }.in_current_span()).await;
+    match retried.map_err(|error| Error::new(Kind::Internal, format_args!("the job was not run again: {error}")))? {
         Ok(Retried::Queued(job)) => {
             audit::record(Action::Retried, &caller, id);
             Ok(answer(&shared, StatusCode::ACCEPTED, HeaderMap::new(), *job))

@@ -95,7 +95,7 @@ async fn a_file_with_the_earlier_bookkeeping_is_taken_over_with_its_jobs() {
         let connection = Connection::open(&path).expect("it opens");
         let version: u32 = connection.pragma_query_value(None, "user_version", |row| row.get(0)).expect("readable");
         assert_eq!(version, 5);
-        assert_eq!(connection.table_exists(None, "_sqlx_migrations"), Ok(false), "nobody keeps it up");
+        assert_eq!(connection.table_exists(None, "_sqlx_migrations"), Ok(false), "no migration writes it");
     }
 }
 
