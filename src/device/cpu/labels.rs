@@ -17,6 +17,9 @@ use crate::union_find::root;
 /// Faces that a pass renews in the time that the refreshing of labels takes for a merge.
 const FACES_A_MERGE: usize = 256;
 
+/// The same for the refreshing of a face and its neighbours.
+const FACES_AROUND: usize = 8;
+
 /// One label a face, internal order.
 #[derive(Debug, Default)]
 pub struct Labels {
@@ -78,6 +81,9 @@ impl Labels {
 
     /// Brings the labels of some faces and of their neighbours up to date.
     pub fn refresh_around(&mut self, graph: &DualGraph, faces: &[u32]) {
+        if FACES_AROUND * faces.len() >= self.raw.len() {
+            self.renew();
+        }
         if self.are_current {
             return;
         }

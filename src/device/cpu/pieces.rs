@@ -1,7 +1,6 @@
 //! Pieces of clusters: those that were cut off, and those that a move would cut off.
 
 use std::cmp::Reverse;
-use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use rayon::prelude::*;
@@ -10,60 +9,89 @@ use super::Partition;
 use super::detour::surely_stays_connected;
 use super::tuning::chunks::CLUSTERS;
 use crate::surface::DualGraph;
+use crate::union_find::root;
 
 /// Scratch memory of walks: a number for each face, of any value. One thread at a time walks over the faces of a
 /// cluster.
 pub type Places = [AtomicU32];
 
-/// A walk over the pieces of a cluster, one after the other.
+/// A breadth-first walk over a cluster from several of its faces at once. Each begins a set; sets that meet are joined.
+/// When one is left, the faces that were not visited belong to it, and the walk ends.
 ///
 /// A face was visited if it is the one at the place that `places` has for it. So nothing is cleared between walks (the
 /// sparse set of Briggs & Torczon 1993).
 pub struct Walk<'a> {
-    /// The visited faces, piece by piece.
+    /// The visited faces, in order.
     faces: Vec<u32>,
     places: &'a Places,
+    /// The set that each visited face was put in.
+    set_of_face: Vec<u32>,
+    /// A union-find forest of the sets.
+    sets: Vec<u32>,
 }
 
 impl<'a> Walk<'a> {
     /// Before any walk.
     pub fn new(places: &'a Places) -> Self {
-        Self { faces: Vec::new(), places }
+        Self { faces: Vec::new(), places, set_of_face: Vec::new(), sets: Vec::new() }
     }
 
-    /// Visits a face unless it was visited before.
+    /// The place of a face in the walk, if it was visited.
     #[inline]
-    fn visit(&mut self, face: u32) {
-        let place = &self.places[face as usize];
-        if self.faces.get(place.load(Relaxed) as usize) != Some(&face) {
-            place.store(self.faces.len() as u32, Relaxed);
-            self.faces.push(face);
-        }
+    fn place(&self, face: u32) -> Option<usize> {
+        let place = self.places[face as usize].load(Relaxed) as usize;
+        (self.faces.get(place) == Some(&face)).then_some(place)
     }
 
-    /// Walks over the faces of a cluster, given at least one of each piece. Returns where those of each piece are in
-    /// `self.faces`.
-    fn pieces(
-        &mut self,
-        graph: &DualGraph,
-        from: impl Iterator<Item = u32>,
-        is_own: impl Fn(u32) -> bool,
-    ) -> Vec<Range<usize>> {
+    /// Visits a face for the first time.
+    #[inline]
+    fn visit(&mut self, face: u32, set: u32) {
+        self.places[face as usize].store(self.faces.len() as u32, Relaxed);
+        self.faces.push(face);
+        self.set_of_face.push(set);
+    }
+
+    /// Walks from faces of a cluster, at least one of each piece. Returns how many pieces there are; if
+    /// several, all faces of the cluster were visited.
+    fn pieces(&mut self, graph: &DualGraph, from: impl Iterator<Item = u32>, is_own: impl Fn(u32) -> bool) -> usize {
         self.faces.clear();
-        let mut pieces = Vec::new();
-        for start in from {
-            let first = self.faces.len();
-            self.visit(start);
-            let mut at = first;
-            while let Some(&face) = self.faces.get(at) {
-                graph.neighbours_of(face).iter().filter(|&&near| is_own(near)).for_each(|&near| self.visit(near));
-                at += 1;
+        self.set_of_face.clear();
+        for face in from {
+            if self.place(face).is_none() {
+                self.visit(face, self.faces.len() as u32);
             }
-            if at > first {
-                pieces.push(first..at);
+        }
+        let mut pieces = self.faces.len();
+        self.sets.clear();
+        self.sets.extend(0..pieces as u32);
+        let mut at = 0;
+        while pieces > 1 && at < self.faces.len() {
+            let set = root(&mut self.sets, self.set_of_face[at]);
+            for &near in graph.neighbours_of(self.faces[at]) {
+                if let Some(place) = self.place(near) {
+                    let other = root(&mut self.sets, self.set_of_face[place]);
+                    pieces -= usize::from(other != set);
+                    self.sets[other as usize] = set;
+                } else if is_own(near) {
+                    self.visit(near, set);
+                }
             }
+            at += 1;
         }
         pieces
+    }
+
+    /// The faces outside the largest piece (of equally large ones, that with the smallest face), if the walk found
+    /// several.
+    fn outside_largest(&mut self) -> impl Iterator<Item = u32> {
+        let set_of_face: Vec<u32> = self.set_of_face.iter().map(|&set| root(&mut self.sets, set)).collect();
+        let mut ranks = vec![(0, Reverse(u32::MAX)); self.sets.len()];
+        for (&face, &set) in self.faces.iter().zip(&set_of_face) {
+            let (faces, smallest) = &mut ranks[set as usize];
+            (*faces, *smallest) = (*faces + 1, (*smallest).max(Reverse(face)));
+        }
+        let largest = (0..).zip(ranks).max_by_key(|&(_, rank)| rank).map(|(set, _): (u32, _)| set);
+        self.faces.iter().copied().zip(set_of_face).filter(move |&(_, set)| Some(set) != largest).map(|(face, _)| face)
     }
 
     /// Whether a connected cluster stays connected when it loses one of its faces.
@@ -71,7 +99,7 @@ impl<'a> Walk<'a> {
         let cluster = labels.of(face);
         let is_own = |near: u32| near != face && labels.of(near) == cluster;
         let beside = graph.neighbours_of(face).iter().copied().filter(|&near| is_own(near));
-        surely_stays_connected(graph, face, is_own) || self.pieces(graph, beside, is_own).len() == 1
+        surely_stays_connected(graph, face, is_own) || self.pieces(graph, beside, is_own) == 1
     }
 }
 
@@ -83,11 +111,9 @@ pub fn cut_off(partition: &Partition<'_>, of_clusters: &[u32], places: &Places) 
         let (mut cut_off, mut walk) = (Vec::new(), Walk::new(places));
         for &cluster in of_clusters {
             // of several pieces, each has a boundary face
-            let pieces = walk.pieces(graph, boundary.of_cluster(cluster), |face| labels.of(face) == cluster);
-            let mut pieces: Vec<&[u32]> = pieces.into_iter().map(|piece| &walk.faces[piece]).collect();
-            if pieces.len() > 1 {
-                pieces.sort_by_key(|piece| (Reverse(piece.len()), piece.iter().min().copied()));
-                pieces[1..].iter().for_each(|piece| cut_off.extend_from_slice(piece));
+            let starts = boundary.of_cluster(cluster);
+            if walk.pieces(graph, starts, |face| labels.of(face) == cluster) > 1 {
+                cut_off.extend(walk.outside_largest());
             }
         }
         cut_off
