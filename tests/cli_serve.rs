@@ -272,7 +272,9 @@ fn settings_that_cannot_be_are_told_before_the_device_is_opened() {
     let all = u64::MAX.to_string();
     for data in [&["--data-dir", "data"][..], &[]] {
         let serve = ["serve", "--log", "off", "--device", "gpu", "--adapter", "no such gpu", "--min-free-bytes", &all];
-        folder.run(&[&serve[..], data].concat()).expect_failure(&["--min-free-bytes", "give less than", &all]);
+        let done = folder.run(&[&serve[..], data].concat());
+        assert!(!done.stderr.contains("disk of ."), "{done:?}");
+        done.expect_failure(&["--min-free-bytes", "give less than", &all]);
     }
     folder.run(&["token", "new", "acme", "--tokens", "tokens.json"]).expect_success();
     let permit = |mode| {
@@ -292,12 +294,17 @@ fn settings_that_cannot_be_are_told_before_the_device_is_opened() {
 }
 
 #[test]
-fn variables_that_are_no_settings_are_warned_about() {
+fn settings_without_effect_are_warned_about() {
     let folder = Folder::new();
-    let mut command = folder.tesserae(&["serve", "--device", "cpu", "--data-dir", "/dev/null/x"]);
-    let output = command.env("TESSERAE_MAX_QUEUE_JOBS", "5").output().expect("the binary runs");
-    let log = String::from_utf8(output.stderr).expect("text");
-    assert!(log.contains("TESSERAE_MAX_QUEUE_JOBS") && log.contains("TESSERAE_MAX_QUEUED_JOBS"), "{log}");
+    std::fs::write(folder.path("secret"), "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw\n").expect("written");
+    let serve = ["serve", "--device", "cpu", "--data-dir", "/dev/null/x", "--webhook-secret", "secret"];
+    for (hosts, is_secret_unused) in [(&[][..], true), (&["--webhook-hosts", "hooks.example"], false)] {
+        let mut command = folder.tesserae(&[&serve[..], hosts].concat());
+        let output = command.env("TESSERAE_MAX_QUEUE_JOBS", "5").output().expect("the binary runs");
+        let log = String::from_utf8(output.stderr).expect("text");
+        assert!(log.contains("TESSERAE_MAX_QUEUE_JOBS") && log.contains("TESSERAE_MAX_QUEUED_JOBS"), "{log}");
+        assert_eq!(log.contains("no webhook is sent"), is_secret_unused, "{log}");
+    }
 }
 
 #[test]

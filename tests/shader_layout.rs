@@ -52,7 +52,7 @@ fn used(module: &Module, info: &ModuleInfo) -> Vec<Declared> {
 fn check_bindings((module, info): &(Module, ModuleInfo), bound: &[Binding]) -> Result<(), String> {
     let uniform = (0, "iteration".to_owned(), None, size_of::<Iteration>() as u32);
     let storage = (1..).zip(bound).map(|(at, binding)| {
-        (at, binding.name.to_owned(), Some(binding.is_written), binding.buffer.spec().stride as u32)
+        (at, binding.buffer.spec().name.to_owned(), Some(binding.is_written), binding.buffer.spec().stride as u32)
     });
     let expected: Vec<Declared> = std::iter::once(uniform).chain(storage).collect();
     let found = used(module, info);

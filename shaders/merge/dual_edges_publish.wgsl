@@ -1,5 +1,6 @@
-//! uses: boundary_list
-//! writes: best_dual_edges, dual_edges, boundary_list
+//! uses: living_clusters
+//! reads: living_clusters
+//! writes: best_dual_edges, dual_edges
 // Best dual edges (P§5.4), last step, a thread a cluster that is left: writes them for the host, in the order of the
 // clusters, and clears them for the next search. Rust: device::optimal_dual_edges.
 

@@ -1,6 +1,6 @@
-//! uses: boundary_list, bids, cluster_sums, energy_total, count, cover
-//! reads: faces
-//! writes: clusters, joining_sums, proxies, cluster_bids, stats, next_dispatch, boundary_list
+//! uses: living_clusters, bids, cluster_sums, energy_total, count, cover
+//! reads: faces, living_clusters
+//! writes: clusters, proxies, cluster_bids, stats, next_dispatch, boundary_list
 // Fourth step, a thread a cluster: if a face won a move out of the cluster, compares the energy of the two clusters
 // before and after, exactly, with all joining faces and then with the winner alone, and updates sums and proxies. A
 // cluster is in one move at most, so no other thread touches the two. Rust: device::plain::try_moving.
@@ -15,11 +15,11 @@ struct Change {
 fn take_joining(cluster: u32) -> Change {
     var sums: Sums;
     for (var at = 0u; at < SUMS; at++) {
-        let low = u64(atomicExchange(&joining_sums[cluster].sums[2u * at], 0u));
-        let high = u64(atomicExchange(&joining_sums[cluster].sums[2u * at + 1u], 0u));
+        let low = u64(atomicExchange(&cluster_bids[cluster].joining_sums[2u * at], 0u));
+        let high = u64(atomicExchange(&cluster_bids[cluster].joining_sums[2u * at + 1u], 0u));
         sums[at] = i64((high << 32u) | low);
     }
-    return Change(sums, atomicExchange(&joining_sums[cluster].count, 0u));
+    return Change(sums, atomicExchange(&cluster_bids[cluster].joining, 0u));
 }
 
 // The explained energy of a cluster with its own proxy.

@@ -1,9 +1,23 @@
-//! uses: boundary_insert, cluster_sums
+//! uses: boundary_insert, energy
 //! reads: faces, neighbours, labels
-//! writes: face_bids, cluster_bids, joining_sums as clusters, label_at_merge, boundary_list
+//! writes: face_bids, cluster_bids, label_at_merge, boundary_list
 // Third step, a thread a listed face: a face that both its clusters took wins, and faces that want the same move join
-// it. `clusters` is bound to the sums of the joining faces, under the cluster that they leave; they are zero between
-// iterations. Rust: device::plain::winners.
+// it. Their sums are added up at the cluster that they leave. Rust: device::plain::winners.
+
+// Adds a face to the sums of those that leave a cluster together, as `cluster_sums` adds to a cluster.
+fn add_joining(cluster: u32, sums: Sums) {
+    var added = sums;
+    for (var at = 0u; at < SUMS; at++) {
+        let value = u64(added[at]);
+        let low = u32(value & 0xfffffffflu);
+        let before = atomicAdd(&cluster_bids[cluster].joining_sums[2u * at], low);
+        let high = u32(value >> 32u) + select(0u, 1u, before + low < before);
+        if high != 0u {
+            atomicAdd(&cluster_bids[cluster].joining_sums[2u * at + 1u], high);
+        }
+    }
+    atomicAdd(&cluster_bids[cluster].joining, 1u);
+}
 
 // Adds a face to the move of its cluster's winner, if it wants the same. Its neighbours inside the cluster are listed
 // before the move is accepted; if it is refused, they are evaluated once more without effect.
@@ -23,7 +37,7 @@ fn join_winner(face: u32) {
         cluster_bids[own].winner = face;
         cluster_bids[own].target_cluster = wanted;
     }
-    add_to_cluster(own, sums_of(faces[face]), 1i);
+    add_joining(own, sums_of(faces[face]));
     let end = neighbours[face + 1u];
     for (var at = neighbours[face]; at < end; at++) {
         let near = neighbours[at];

@@ -7,11 +7,3 @@ fn listed_face(thread: u32) -> u32 {
     }
     return boundary_list.entries[boundary_list.first + thread];
 }
-
-// The cluster of a thread, or FREE.
-fn living_cluster(thread: u32) -> u32 {
-    if thread >= iteration.clusters {
-        return FREE;
-    }
-    return boundary_list.entries[2u * iteration.faces + thread];
-}

@@ -1,4 +1,5 @@
-//! uses: boundary_list, cluster_sums, energy_total, cover
+//! uses: living_clusters, cluster_sums, energy_total, cover
+//! reads: living_clusters
 //! writes: clusters, proxies, cluster_bids, stats, next_dispatch, boundary_list
 // Last step of an iteration of the boundary phase (P§3.2), a thread a cluster: fits the proxies, sums the energy, and
 // stops the dispatches that are still queued if nothing moved. Between batches it also resets the clusters for the next

@@ -8,7 +8,6 @@ use std::time::Instant;
 use sha2::{Digest, Sha256};
 
 use super::{Clustered, Outcome, Prepared, finite, hierarchical, milliseconds};
-use crate::artifacts::Need;
 use crate::device::pieces;
 use crate::energy::Functional as _;
 use crate::error::{Error, Kind, Result};
@@ -20,7 +19,7 @@ use crate::surface::Surface;
 /// Makes the results of what a device gave for this mesh.
 pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
     let started = Instant::now();
-    let Prepared { surface, parameters, .. } = prepared;
+    let Prepared { surface, parameters, plan, .. } = prepared;
     let Clustered { mut labels, clusters, initial, tree, mut snapshots, .. } = clustered;
     if tree.is_some() {
         hierarchical::number(&mut labels, clusters)?;
@@ -33,7 +32,7 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         final_: finite(results.energy),
         hexagon_ratio: results.hexagon_ratio,
     };
-    let (labels, labels_sha256) = if Need::Labels.is_met(parameters) {
+    let (labels, labels_sha256) = if plan.has_labels() {
         let Numbered { labels, number_of_cluster, sha256 } = results.labels?;
         snapshots.renumber(&surface.upload_face, &number_of_cluster);
         (Some(labels), Some(sha256))

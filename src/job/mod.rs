@@ -96,6 +96,11 @@ pub enum Plan {
 }
 
 impl Plan {
+    /// Whether the job has labels of its own. A whole hierarchy has some at every number of clusters instead.
+    pub fn has_labels(&self) -> bool {
+        !matches!(self, Self::Hierarchy { options, .. } if options.clusters.is_none())
+    }
+
     /// Whether each step waits for the one before, so that a gpu is slow at it or cannot do it.
     pub fn is_sequential(&self) -> bool {
         match self {

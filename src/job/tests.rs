@@ -49,3 +49,30 @@ fn faces_that_visit_a_vertex_twice_are_warned_about_once() {
         assert!(degenerate.is_none_or(|words| warnings[0].ends_with(words)), "{warnings:?}");
     }
 }
+
+#[test]
+fn the_outputs_that_parameters_promise_are_what_the_plan_makes() {
+    use crate::parameters::Algorithm;
+    for algorithm in [Algorithm::Bb, Algorithm::Acvd, Algorithm::Vc, Algorithm::Pml, Algorithm::Ml, Algorithm::Hr] {
+        for clusters in [None, Some(1)] {
+            let parameters = Parameters { algorithm, clusters, ..Parameters::default() };
+            let request = Request {
+                bytes: b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n",
+                format: Format::Obj,
+                resources: &NoResources,
+                limits: Limits::default(),
+                parameters: &parameters,
+                seeds: if algorithm.is_hierarchical() { None } else { Some(b"[1]") },
+                weights: None,
+                outputs: &[],
+            };
+            let prepared = prepare(&request).expect("a mesh");
+            // of the parameters as they were sent, and as the report repeats them
+            for parameters in [&parameters, &prepared.parameters] {
+                assert_eq!(Need::Labels.is_met(parameters), prepared.plan.has_labels(), "{parameters:?}");
+                let is_hierarchical = matches!(prepared.plan, Plan::Hierarchy { .. });
+                assert_eq!(Need::Hierarchy.is_met(parameters), is_hierarchical, "{parameters:?}");
+            }
+        }
+    }
+}

@@ -12,7 +12,7 @@ use std::io::{self, Read as _, Seek as _, Write as _};
 use std::path::Path;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use super::files::private;
+use super::private;
 
 /// How far the clock may be ahead before that is worth a line in the log.
 const NOTABLE: Duration = Duration::from_secs(600);

@@ -10,10 +10,13 @@ use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use rusqlite::types::{ToSqlOutput, ValueRef};
+use rusqlite::types::{ToSqlOutput, Type, ValueRef};
 use rusqlite::{Connection, OpenFlags};
 
-use super::files::{self, private};
+use super::blobs::folder::{link, whole_files};
+use super::files::{self, Folder, RESULTS, UPLOADS};
+use super::private;
+use super::store::{JobId, State};
 use crate::artifacts::REPORT_JSON;
 use crate::error::{Error, Kind, Result};
 
@@ -36,9 +39,8 @@ pub struct Backup {
 
 /// A folder with files of a job.
 struct Wanted {
-    job: String,
-    /// Relative to the data folder.
-    folder: PathBuf,
+    job: JobId,
+    folder: Folder,
     /// Whether the job is worth nothing without them. An upload of a job that failed may be there or not.
     is_needed: bool,
     /// A file that every such folder holds: the mesh of an upload, the report of a result.
@@ -48,7 +50,12 @@ struct Wanted {
 impl Wanted {
     /// Whether the backup in `to` lacks files that the job needs.
     fn is_lost(&self, to: &Path) -> bool {
-        self.is_needed && !to.join(&self.folder).join(self.file).is_file()
+        self.is_needed && !to.join(self.path()).join(self.file).is_file()
+    }
+
+    /// Its path in the data folder.
+    fn path(&self) -> PathBuf {
+        self.folder.path().as_ref().into()
     }
 }
 
@@ -99,13 +106,12 @@ fn copy_all(from: &Path, to: &Path) -> Result<Backup> {
     let to = &to.canonicalize().map_err(cannot_write)?;
     let copy = to.join(STORE);
     let mut backup = Backup::default();
-    take_files(from, to, &all_files(from)).map_err(cannot_write)?;
+    take_files(from, to).map_err(cannot_write)?;
     for round in 1..=ROUNDS {
         copy_store(&store, &copy).map_err(|error| failed(&copy, &error))?;
         let wanted = wanted(&copy).map_err(|error| failed(&copy, &error))?;
-        take_files(from, to, &all_files(from)).map_err(cannot_write)?;
-        let lost: Vec<&str> =
-            wanted.iter().filter(|wanted| wanted.is_lost(to)).map(|wanted| wanted.job.as_str()).collect();
+        take_files(from, to).map_err(cannot_write)?;
+        let lost: Vec<JobId> = wanted.iter().filter(|wanted| wanted.is_lost(to)).map(|wanted| wanted.job).collect();
         if lost.is_empty() || round == ROUNDS {
             leave_out(&copy, &lost).map_err(|error| failed(&copy, &error))?;
             backup.left_out = lost.len() as u64;
@@ -161,31 +167,37 @@ fn forget_attempts(copy: &Path) -> rusqlite::Result<()> {
 /// Folders of files of the jobs of a store: results of those that succeeded, and uploads of the others.
 fn wanted(store: &Path) -> rusqlite::Result<Vec<Wanted>> {
     let connection = Connection::open_with_flags(store, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
-    let sql = "SELECT id, CASE WHEN state = 'succeeded' THEN 'results/' || id || '/' || attempt ELSE 'uploads/' || id \
-               END, state IN ('succeeded', 'queued', 'running'), state = 'succeeded' FROM jobs \
+    let sql = "SELECT id, state, attempt FROM jobs \
                WHERE NOT coalesce(CASE WHEN state = 'succeeded' THEN summary ELSE spec END ->> 'is_small', 0)";
     let mut statement = connection.prepare(sql)?;
     let rows = statement.query_map([], |row| {
-        let folder = PathBuf::from(row.get::<_, String>(1)?);
-        let file = if row.get(3)? { REPORT_JSON.file } else { files::MESH };
-        Ok(Wanted { job: row.get(0)?, folder, is_needed: row.get(2)?, file })
+        let (id, state): (String, String) = (row.get(0)?, row.get(1)?);
+        let unreadable = |error| rusqlite::Error::FromSqlConversionFailure(0, Type::Text, Box::new(error));
+        let job = id.parse().map_err(unreadable)?;
+        let has = |one: State| state == one.name();
+        let (folder, file) = match has(State::Succeeded) {
+            true => (Folder::Result(job, row.get(2)?), REPORT_JSON.file),
+            false => (Folder::Upload(job), files::MESH),
+        };
+        let is_needed = [State::Succeeded, State::Queued, State::Running].into_iter().any(has);
+        Ok(Wanted { job, folder, is_needed, file })
     })?;
     rows.collect()
 }
 
 /// Forgets jobs in a copy of the store.
-fn leave_out(store: &Path, jobs: &[&str]) -> rusqlite::Result<()> {
+fn leave_out(store: &Path, jobs: &[JobId]) -> rusqlite::Result<()> {
     if jobs.is_empty() {
         return Ok(());
     }
     let mut connection = Connection::open(store)?;
     let transaction = connection.transaction()?;
-    for job in jobs {
+    for job in jobs.iter().map(JobId::to_string) {
         for table in ["events", "blobs"] {
             let sql = format!("DELETE FROM {table} WHERE job = (SELECT number FROM jobs WHERE id = ?1)");
-            transaction.execute(&sql, [job])?;
+            transaction.execute(&sql, [&job])?;
         }
-        transaction.execute("DELETE FROM jobs WHERE id = ?1", [job])?;
+        transaction.execute("DELETE FROM jobs WHERE id = ?1", [&job])?;
     }
     transaction.commit()
 }
@@ -195,47 +207,19 @@ fn count(store: &Path) -> rusqlite::Result<i64> {
     connection.query_row("SELECT count(*) FROM jobs", [], |row| row.get(0))
 }
 
-/// Every whole file of uploads and results, relative to the data folder. One that is being written has a `#` in its
-/// name.
+/// Every whole file of uploads and results, relative to the data folder.
 fn all_files(root: &Path) -> Vec<PathBuf> {
-    let mut files = Vec::new();
-    let mut folders = vec![PathBuf::from("uploads"), PathBuf::from("results")];
-    while let Some(folder) = folders.pop() {
-        for entry in std::fs::read_dir(root.join(&folder)).into_iter().flatten().flatten() {
-            let path = folder.join(entry.file_name());
-            match entry.file_type() {
-                Ok(kind) if kind.is_dir() => folders.push(path),
-                Ok(kind) if kind.is_file() && !entry.file_name().to_string_lossy().contains('#') => files.push(path),
-                _ => {}
-            }
-        }
-    }
-    files
+    [UPLOADS, RESULTS].into_iter().flat_map(|folder| whole_files(root, &folder.into())).collect()
 }
 
-/// Links files into the backup, or copies them where that cannot be. What is gone meanwhile is left out.
-fn take_files(from: &Path, to: &Path, files: &[PathBuf]) -> io::Result<()> {
-    for file in files {
-        let (source, target) = (from.join(file), to.join(file));
-        if target.exists() {
-            continue;
-        }
-        // opened first: a folder without its file would look like one that was taken
-        let mut opened = match File::open(&source) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
-            opened => opened?,
-        };
-        private::make_folder(target.parent().unwrap_or(to))?;
-        if std::fs::hard_link(&source, &target).is_err() {
-            io::copy(&mut opened, &mut private::options().open(&target)?)?;
-        }
-    }
-    Ok(())
+/// Takes all files into the backup. What is gone meanwhile is left out.
+fn take_files(from: &Path, to: &Path) -> io::Result<()> {
+    all_files(from).iter().try_for_each(|file| link(from, to, file))
 }
 
 /// Removes files from the backup that none of its jobs needs.
 fn remove_others(to: &Path, wanted: &[Wanted]) -> io::Result<()> {
-    let wanted: HashSet<&Path> = wanted.iter().map(|wanted| wanted.folder.as_path()).collect();
+    let wanted: HashSet<PathBuf> = wanted.iter().map(Wanted::path).collect();
     for file in all_files(to) {
         let folder = file.parent().unwrap_or(&file);
         if !wanted.contains(folder) {
@@ -266,16 +250,19 @@ mod tests {
     #[test]
     fn a_job_whose_files_went_is_lost() {
         let (from, to) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
-        let folder = PathBuf::from("uploads/a");
-        let wanted = Wanted { job: "a".to_owned(), folder: folder.clone(), is_needed: true, file: files::MESH };
+        let job = JobId::random();
+        let wanted = Wanted { job, folder: Folder::Upload(job), is_needed: true, file: files::MESH };
+        let folder = wanted.path();
         let file = folder.join(files::MESH);
-        take_files(from.path(), to.path(), std::slice::from_ref(&file)).expect("nothing to take");
+        link(from.path(), to.path(), &file).expect("nothing to take");
         assert!(!to.path().join(&folder).exists() && wanted.is_lost(to.path()));
         std::fs::create_dir_all(to.path().join(&folder)).expect("made");
         assert!(wanted.is_lost(to.path()), "an empty folder is no upload");
         std::fs::create_dir_all(from.path().join(&folder)).expect("made");
         std::fs::write(from.path().join(&file), "mesh").expect("written");
-        take_files(from.path(), to.path(), &[file]).expect("taken");
+        std::fs::write(from.path().join(&folder).join("mesh#1"), "me").expect("written");
+        take_files(from.path(), to.path()).expect("taken");
+        assert_eq!(all_files(to.path()), [file], "what is being written is no file of a job");
         assert!(!wanted.is_lost(to.path()));
     }
 

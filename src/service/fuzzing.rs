@@ -8,13 +8,13 @@ use axum::http::{HeaderMap, HeaderValue, header};
 use tokio::runtime::Runtime;
 
 use super::access::tokens::{TokenFile, Tokens};
+use super::budget::Budget;
 use super::faults::Faults;
 use super::files::{DiskLimits, Files};
 use super::intake::Rules;
 use super::request::Wanted;
 use super::settings::TrafficSettings;
 use super::trace::TraceParent;
-use super::traffic::budget::Budget;
 use super::{conditional, negotiate, prefer, upload, webhooks};
 
 /// A query string and a JSON part.

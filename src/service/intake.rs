@@ -20,8 +20,8 @@ use futures_util::{Stream, StreamExt, TryStreamExt};
 use tokio::time::Sleep;
 use tokio_util::io::{ReaderStream, StreamReader};
 
+use super::budget::{Budget, Held};
 use super::settings::TrafficSettings;
-use super::traffic::budget::{Budget, Held};
 use crate::error::{Error, Kind, Result};
 
 /// For how long the rest of a refused body is read and thrown away, so that the answer reaches a client that is still

@@ -1,7 +1,7 @@
 //! What can be found wrong before the device is opened, which takes seconds: files, folder and address.
 
 use std::net::TcpListener;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::Settings;
 use super::access::tokens::Tokens;
@@ -17,7 +17,7 @@ pub fn preflight(settings: &Settings) -> Result<()> {
     super::tls::prepare();
     Webhooks::new(&settings.webhooks)?;
     let folder = match &settings.data_dir {
-        Some(folder) => check_folder(folder)?.to_owned(),
+        Some(folder) => check_folder(folder)?,
         None => std::env::temp_dir(),
     };
     settings.storage.disk().check(&folder)?;
@@ -26,10 +26,13 @@ pub fn preflight(settings: &Settings) -> Result<()> {
 }
 
 /// Whether something can be written into the folder, or into the nearest one above it that is there; gives that one.
-fn check_folder(folder: &Path) -> Result<&Path> {
-    let there = folder.ancestors().find(|folder| folder.exists()).filter(|there| !there.as_os_str().is_empty());
-    let there = there.unwrap_or(Path::new("."));
-    tempfile::tempfile_in(there).map(|_| there).map_err(|error| {
+fn check_folder(folder: &Path) -> Result<PathBuf> {
+    let check = || {
+        let path = std::path::absolute(folder)?;
+        let there = path.ancestors().find(|folder| folder.exists()).unwrap_or(&path);
+        tempfile::tempfile_in(there).map(|_| there.to_owned())
+    };
+    check().map_err(|error| {
         Error::io(format_args!("nothing can be written into the data folder (--data-dir): {}", folder.display()), error)
     })
 }

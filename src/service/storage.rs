@@ -9,11 +9,13 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::{Mutex, watch};
 use tokio_util::sync::CancellationToken;
+use tracing::Instrument as _;
 
-use super::files::{Files, blocking};
+use super::blocking::blocking;
+use super::files::Files;
 use super::health::{Health, Part};
 use super::store::{Job, JobStore, ListQuery, Queue, Retried, State};
-use crate::error::Result;
+use crate::error::{Error, Kind, Result};
 use crate::mesh::Limits;
 
 /// Time between two looks at the counts.
@@ -47,11 +49,19 @@ impl Storage {
         let _ = self.works.subscribe().wait_for(|works| *works).await;
     }
 
-    /// Promises a failed job room and makes it wait again. A job that stays failed keeps no promise: two requests for
-    /// one job share its promise, so they come one after the other.
-    pub async fn retry(&self, job: &Job, limits: &Limits) -> Result<Retried> {
+    /// Promises a failed job room and makes it wait again, on a task of its own: when its caller goes, as the handler
+    /// does whose client hangs up, the retry is completed and its promise kept or given back.
+    pub async fn retry(self: &Arc<Self>, job: Job, limits: Limits) -> Result<Retried> {
+        let this = Arc::clone(self);
+        let retried = tokio::spawn(async move { this.retry_in_turn(&job, &limits).await }.in_current_span()).await;
+        retried.map_err(|error| Error::new(Kind::Internal, format_args!("the job was not run again: {error}")))?
+    }
+
+    /// A job that stays failed keeps no promise: two requests for one job share its promise, so they come one after the
+    /// other.
+    async fn retry_in_turn(&self, job: &Job, limits: &Limits) -> Result<Retried> {
         let _turn = self.retrying.lock().await;
-        self.files.promise_retry(job, limits)?;
+        self.files.promise_retry(job, limits).await?;
         let retried = self.store.retry(job.id).await;
         if !matches!(retried, Ok(Retried::Queued(_) | Retried::NotFailed(_))) {
             self.files.give_back(job.id);
@@ -148,15 +158,16 @@ pub(super) async fn promise_again(files: &Arc<Files>, store: &dyn Queue, limits:
         }
     }
     jobs.sort_by_key(|job| job.created_at);
-    files.promise_again(jobs.iter(), limits);
+    files.promise_again(&jobs, limits).await?;
     let files = Arc::clone(files);
     blocking(move || files.make_ballast()).await
 }
 
 #[cfg(test)]
 mod tests {
+    use futures_util::FutureExt as _;
+
     use super::*;
-    use crate::error::{Error, Kind};
     use crate::service::faults::{FaultPoint, Faults};
     use crate::service::files::DiskLimits;
     use crate::service::store::memory::MemoryStore;
@@ -164,8 +175,8 @@ mod tests {
     use crate::service::store::tests::{RULES, new_job};
     use crate::service::store::{Maintenance as _, Release, Rules};
 
-    #[tokio::test]
-    async fn a_retry_that_fails_leaves_the_promise_of_another_retry_of_its_job() {
+    /// Two retries of a job, of which the first fails: the queue is full until the second one begins.
+    async fn two_retries(is_second_awaited: bool) {
         let folder = tempfile::tempdir().expect("a folder");
         let faults = Faults::default();
         let files = Files::open(Some(folder.path()), DiskLimits::default(), faults.clone()).expect("it opens");
@@ -188,15 +199,21 @@ mod tests {
 
         let retry = || {
             let (storage, job) = (Arc::clone(&storage), job.clone());
-            tokio::spawn(async move { storage.retry(&job, &Limits::default()).await })
+            async move { storage.retry(job, Limits::default()).await }
         };
         faults.hold(FaultPoint::Commit);
-        let first = retry();
+        let first = tokio::spawn(retry());
         while faults.waiting(FaultPoint::Commit) == 0 {
             tokio::task::yield_now().await;
         }
-        let cancelled = tokio::spawn(async move { store.cancel(other.id).await });
-        let second = retry();
+        let cancelled = tokio::spawn({
+            let store = Arc::clone(&store);
+            async move { store.cancel(other.id).await }
+        });
+        let second = is_second_awaited.then(|| tokio::spawn(retry()));
+        if !is_second_awaited {
+            assert!(retry().now_or_never().is_none(), "it waits for the first");
+        }
         // on this one thread each has come as far as it can
         for _ in 0..10 {
             tokio::task::yield_now().await;
@@ -204,8 +221,23 @@ mod tests {
         faults.disarm();
         assert_eq!(first.await.expect("no panic").expect_err("the queue is full").kind, Kind::QueueFull);
         cancelled.await.expect("no panic").expect("cancelled");
-        assert!(matches!(second.await.expect("no panic"), Ok(Retried::Queued(_))));
+        if let Some(second) = second {
+            assert!(matches!(second.await.expect("no panic"), Ok(Retried::Queued(_))));
+        }
+        while store.get(given_up).await.expect("readable").expect("there").state != State::Queued {
+            tokio::task::yield_now().await;
+        }
         assert_eq!(files.promised_jobs(), [given_up]);
+    }
+
+    #[tokio::test]
+    async fn a_retry_that_fails_leaves_the_promise_of_another_retry_of_its_job() {
+        two_retries(true).await;
+    }
+
+    #[tokio::test]
+    async fn a_retry_happens_although_its_caller_is_gone() {
+        two_retries(false).await;
     }
 
     #[tokio::test]

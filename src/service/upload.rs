@@ -14,7 +14,8 @@ use axum::http::{HeaderMap, header};
 use futures_util::{Stream, StreamExt};
 use sha2::{Digest, Sha256};
 
-use super::files::{self, Files, Incoming, blocking};
+use super::blocking::blocking;
+use super::files::{self, Files, Incoming};
 use super::intake::{self, Content, Encoding, Rules};
 use super::request::Wanted;
 use super::store::Spec;

@@ -1,4 +1,5 @@
-//! Imports: no module imports in a circle, no file of the service does, and the engine imports nothing above it.
+//! Imports: no module imports in a circle, no file or folder of the service does, and each only what stands above it
+//! in the map of the crate.
 //!
 //! The tests read the paths in the source (`crate::`, `super::`, `self::`, `use`), without comments and test code. A
 //! `mod` item is no import: a parent that declares a child does not use it.
@@ -7,13 +8,12 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::{Source, invented, sources};
 
-/// The modules of the engine, and everything that each may import.
-const ENGINE: [(&str, &[&str]); 4] = [
-    ("energy", &[]),
-    ("surface", &["energy", "error", "mesh", "prefetch", "union_find"]),
-    ("device", &["energy", "error", "prefetch", "surface", "union_find"]),
-    ("cluster", &["device", "energy", "error", "hierarchy", "surface", "union_find"]),
-];
+/// The modules of the engine.
+const ENGINE: [&str; 4] = ["energy", "surface", "device", "cluster"];
+
+/// What modules may not import although it stands above them in the map: an energy is arithmetic, and neither devices
+/// nor algorithms know file formats.
+const APART: [(&str, &[&str]); 3] = [("energy", &["error", "mesh"]), ("device", &["mesh"]), ("cluster", &["mesh"])];
 
 /// Imports: for each node, the nodes that it names.
 type Graph = BTreeMap<String, BTreeSet<String>>;
@@ -27,6 +27,13 @@ fn modules_do_not_import_in_circles() {
 fn files_of_the_service_do_not_import_in_circles() {
     let graph = imports(&crate_sources(), file_of_the_service);
     assert!(graph.len() > 50 && graph["service::retention"].contains("service::store"), "{graph:?}");
+    assert_eq!(circles(&graph), Vec::<Vec<String>>::new());
+}
+
+#[test]
+fn folders_of_the_service_do_not_import_in_circles() {
+    let graph = imports(&crate_sources(), folder_of_the_service);
+    assert!(graph.len() > 30 && graph["service::files"].contains("service::blobs"), "{graph:?}");
     assert_eq!(circles(&graph), Vec::<Vec<String>>::new());
 }
 
@@ -47,15 +54,15 @@ fn modules_import_only_modules_above_them_in_the_map_of_the_crate() {
 }
 
 #[test]
-fn the_engine_imports_nothing_above_it() {
+fn the_engine_knows_no_file_format_and_an_energy_nothing() {
     let graph = imports(&crate_sources(), layer);
-    assert_eq!(arrows_upwards(&graph), Vec::<String>::new());
+    assert_eq!(arrows_between(&graph, &APART), Vec::<String>::new());
     let of = |from: &str, to: &str| graph[from].contains(to);
     assert!(of("cluster::run", "device") && of("device::cpu", "energy") && of("job", "surface"), "{graph:?}");
 }
 
 #[test]
-fn an_invented_circle_and_an_invented_arrow_upwards_are_found() {
+fn invented_circles_and_arrows_are_found() {
     let graph = imports(
         &[
             invented("src/energy.rs", "use crate::{error::{self, Error}, job::Job as Work};"),
@@ -70,7 +77,9 @@ fn an_invented_circle_and_an_invented_arrow_upwards_are_found() {
         layer,
     );
     assert_eq!(circles(&graph), [vec!["energy", "job"], vec!["surface", "surface::inner"]]);
-    assert_eq!(arrows_upwards(&graph), ["energy -> error", "energy -> job"]);
+    assert_eq!(arrows_between(&graph, &APART), ["energy -> error"]);
+    let order = ["error", "energy", "job"].map(str::to_owned);
+    assert_eq!(arrows_downwards(&graph, &order), ["energy -> job"]);
     assert_eq!(graph["error"], BTreeSet::from(["surface".to_owned()]));
 }
 
@@ -112,7 +121,7 @@ fn module(source: &Source) -> Vec<String> {
 
 /// The node of a module among layers: its top-level module, in the engine with the module directly inside.
 fn layer(module: &[String]) -> Option<String> {
-    let is_engine = ENGINE.iter().any(|(name, _)| module.first().is_some_and(|first| first == name));
+    let is_engine = ENGINE.iter().any(|name| module.first().is_some_and(|first| first == name));
     let depth = if is_engine { module.len().min(2) } else { 1 };
     module.get(..depth).filter(|node| !node.is_empty()).map(|node| node.join("::"))
 }
@@ -120,6 +129,11 @@ fn layer(module: &[String]) -> Option<String> {
 /// The node of a module among the files of the service.
 fn file_of_the_service(module: &[String]) -> Option<String> {
     (module.len() > 1 && module[0] == "service").then(|| module.join("::"))
+}
+
+/// The node of a module among the files and folders directly in the service.
+fn folder_of_the_service(module: &[String]) -> Option<String> {
+    file_of_the_service(module.get(..2)?)
 }
 
 /// The graph of imports between nodes.
@@ -263,15 +277,12 @@ fn arrows_downwards(graph: &Graph, order: &[String]) -> Vec<String> {
     bad.map(|(from, to)| format!("{from} -> {to}")).collect()
 }
 
-/// What a module of the engine imports although it may not: `from -> to`.
-fn arrows_upwards(graph: &Graph) -> Vec<String> {
-    let top = |node: &str| node.split("::").next().unwrap_or(node).to_owned();
-    let mut found = Vec::new();
-    for (engine, allowed) in ENGINE {
-        for (from, to) in graph.iter().filter(|(from, _)| top(from) == engine) {
-            let bad = to.iter().filter(|to| top(to) != engine && !allowed.contains(&top(to).as_str()));
-            found.extend(bad.map(|to| format!("{from} -> {to}")));
-        }
+/// Imports that a list forbids: `from -> to`.
+fn arrows_between(graph: &Graph, forbidden: &[(&str, &[&str])]) -> Vec<String> {
+    fn top(node: &str) -> &str {
+        node.split("::").next().unwrap_or(node)
     }
-    found
+    let arrows = graph.iter().flat_map(|(from, to)| to.iter().map(move |to| (from, to)));
+    let is_bad = |from: &str, to: &str| forbidden.iter().any(|(one, others)| *one == from && others.contains(&to));
+    arrows.filter(|(from, to)| is_bad(top(from), top(to))).map(|(from, to)| format!("{from} -> {to}")).collect()
 }

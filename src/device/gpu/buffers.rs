@@ -76,21 +76,21 @@ buffers! {
     WantedClusters = "wanted_clusters": "array<u32>", u32, |sizes| sizes.faces;
     /// The label of each face after the last merge, or that it is not listed.
     LabelAtMerge = "label_at_merge": "array<atomic<u32>>", u32, |sizes| sizes.faces;
-    /// Boundary faces and clusters that are left.
+    /// Boundary faces.
     BoundaryList = "boundary_list": "BoundaryList", layout::BoundaryList, |sizes| {
-        let words = LIST_HEAD + 2 * sizes.faces + sizes.clusters;
-        (4 * words).div_ceil(size_of::<layout::BoundaryList>() as u64)
+        let head = offset_of!(layout::BoundaryList, entries) as u64;
+        (head + 8 * sizes.faces).div_ceil(size_of::<layout::BoundaryList>() as u64)
     };
+    /// The clusters that are left; the host writes them.
+    LivingClusters = "living_clusters": "array<u32>", u32, |sizes| sizes.clusters;
     /// Sums of each cluster.
     Clusters = "clusters": "array<Cluster>", layout::Cluster, |sizes| sizes.clusters;
     /// Proxy of each cluster.
     Proxies = "proxies": "array<Proxy>", Proxy, |sizes| sizes.clusters;
     /// Refinement: the best move of each face.
     FaceBids = "face_bids": "array<FaceBid>", layout::FaceBid, |sizes| sizes.faces;
-    /// Refinement: the bids at each cluster.
+    /// Refinement: the bids at each cluster, and the move out of it.
     ClusterBids = "cluster_bids": "array<ClusterBids>", layout::ClusterBids, |sizes| sizes.clusters;
-    /// Refinement: sums of the faces that join the move out of each cluster.
-    JoiningSums = "joining_sums": "array<Cluster>", layout::Cluster, |sizes| sizes.clusters;
     /// Pieces: the tree of each face. A face points to a smaller face of its piece, the smallest to itself, and a face
     /// of no piece to FREE.
     Parents = "parents": "array<atomic<u32>>", u32, |sizes| sizes.faces;
@@ -117,6 +117,3 @@ buffers! {
     /// Faces that moved since the last merge, for the host.
     Moves = "moves": "array<Move>", Move, |sizes| sizes.faces;
 }
-
-/// Words in front of the entries of [`Buffer::BoundaryList`].
-pub const LIST_HEAD: u64 = (offset_of!(layout::BoundaryList, entries) / 4) as u64;

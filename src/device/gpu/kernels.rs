@@ -7,7 +7,7 @@
 //! ```wgsl
 //! //! uses: boundary_list, energy
 //! //! reads: faces, labels
-//! //! writes: joining_sums as clusters
+//! //! writes: wanted_clusters, clusters
 //! ```
 //!
 //! `energy` is the file of the energy in `shaders/energy/`. [`Kernel::source`] puts the pieces, what they use
@@ -15,7 +15,7 @@
 
 use std::mem::size_of;
 
-use super::buffers::Buffer;
+use super::buffers::{Buffer, Spec};
 use super::layout::{self, Iteration, WORKGROUP};
 use crate::energy::words;
 
@@ -39,8 +39,6 @@ pub struct Kernel {
 pub struct Binding {
     /// The buffer.
     pub buffer: Buffer,
-    /// Name of the variable.
-    pub name: &'static str,
     /// Whether the kernel writes it.
     pub is_written: bool,
 }
@@ -69,8 +67,8 @@ impl Kernel {
     pub fn source(&self) -> String {
         let mut source = layout::wgsl();
         source.push_str("@group(0) @binding(0) var<uniform> iteration: Iteration;\n");
-        for (place, Binding { buffer, name, is_written }) in (1..).zip(self.bindings()) {
-            let ty = buffer.spec().wgsl;
+        for (place, Binding { buffer, is_written }) in (1..).zip(self.bindings()) {
+            let Spec { name, wgsl: ty, .. } = buffer.spec();
             let (access, ty) =
                 if is_written { ("read_write", ty.to_owned()) } else { ("read", ty.replace("atomic<u32>", "u32")) };
             source.push_str(&format!("@group(0) @binding({place}) var<storage, {access}> {name}: {ty};\n"));
@@ -101,11 +99,10 @@ impl Kernel {
     /// The buffers of bindings 1, 2, …; binding 0 is the [`Iteration`].
     pub fn bindings(&self) -> Vec<Binding> {
         let of = |key: &'static str, is_written: bool| {
-            names(self.wgsl, key).filter_map(move |entry| {
-                let (buffer, name) = entry.split_once(" as ").unwrap_or((entry, entry));
+            names(self.wgsl, key).filter_map(move |name| {
                 // a name without a buffer leaves a source that does not parse; a test parses all
-                let buffer = Buffer::ALL.iter().copied().find(|known| known.spec().name == buffer)?;
-                Some(Binding { buffer, name, is_written })
+                let buffer = Buffer::ALL.iter().copied().find(|buffer| buffer.spec().name == name)?;
+                Some(Binding { buffer, is_written })
             })
         };
         of("reads", false).chain(of("writes", true)).collect()
@@ -157,6 +154,7 @@ pieces! {
     "cover",
     "energy_total",
     "float",
+    "living_clusters",
     "ties",
     "wide",
 }

@@ -68,6 +68,8 @@ shared! {
         moves: Atomic,
         /// Faces that bid, in refinement.
         bids: Atomic,
+        /// Entries of `moves`.
+        listed: Atomic,
     }
 
     /// Sums over the faces of a cluster, and its leavers of this iteration. The host only clears it.
@@ -94,7 +96,7 @@ shared! {
         refused_in: u32,
     }
 
-    /// The bids at a cluster, and the move that leaves it.
+    /// The bids at a cluster, and the move that leaves it. Its joining faces are counted from zero in each iteration.
     ClusterBids {
         /// The largest packed gain of the faces that want to leave or enter, 0 without any.
         best_bid: Atomic,
@@ -110,8 +112,10 @@ shared! {
         accepted: u32,
         /// The iteration in which the cluster last gained or lost a face.
         changed_in: u32,
-        /// Padding.
-        unused: u32,
+        /// Number of the faces that join the move.
+        joining: Atomic,
+        /// Their sums, as in `Cluster`.
+        joining_sums: [Atomic; SUM_WORDS],
     }
 
     /// The piece that a cluster keeps; cleared memory is no piece.
@@ -122,7 +126,7 @@ shared! {
         inverted_root: Atomic,
     }
 
-    /// What dispatches go over: boundary faces, and the clusters that are left. The host writes the clusters.
+    /// The boundary faces, which dispatches go over.
     BoundaryList {
         /// Listed faces, with those that kernels have added during this dispatch.
         length: Atomic,
@@ -132,8 +136,7 @@ shared! {
         due: u32,
         /// Index in `entries` of the first listed face: 0 or the number of faces.
         first: u32,
-        /// Two halves of one entry a face, of which one is in use; then the clusters that are left. One buffer, because
-        /// portable devices bind 8.
+        /// Two halves of one entry a face, of which one is in use.
         entries: List,
     }
 
@@ -234,7 +237,7 @@ mod tests {
             explained[2 * at] = limb as u32;
             explained[2 * at + 1] = (limb >> 32) as u32;
         }
-        IterationStats { explained, moves: 0, bids: 0 }
+        IterationStats { explained, moves: 0, bids: 0, listed: 0 }
     }
 
     #[test]

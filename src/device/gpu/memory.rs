@@ -7,7 +7,7 @@ use std::mem::size_of;
 use bytemuck::Zeroable;
 
 use super::FaultPoint;
-use super::buffers::{BATCH, Buffer, LIST_HEAD, Sizes};
+use super::buffers::{BATCH, Buffer, Sizes};
 use super::connection::Connection;
 use super::kernels::{KERNELS, Kernel, Threads};
 use super::layout::{Dispatch, Iteration, RUN, WORKGROUP};
@@ -90,7 +90,7 @@ impl SurfaceMemory {
 
     /// Lets dispatches with a thread a cluster go over these only.
     pub(super) fn list_clusters(&mut self, queue: &wgpu::Queue, living: &[u32]) {
-        upload(queue, self.get(Buffer::BoundaryList), LIST_HEAD as usize + 2 * self.faces() as usize, living);
+        upload(queue, self.get(Buffer::LivingClusters), 0, living);
         self.common.clusters = living.len() as u32;
         self.number(queue, 1);
     }

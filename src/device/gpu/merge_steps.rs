@@ -127,7 +127,7 @@ impl MergeSteps for GpuSteps<'_> {
         self.encode(&mut encoder, "merge", &[kernels::BOUNDARY_COVER, kernels::MOVES_LIST]);
         let few = FEW_MOVES.min(self.memory.faces() as usize);
         let (stats, mut list) = self.download::<Move>(encoder, Buffer::Moves, few)?;
-        let listed = stats.moves as usize;
+        let listed = stats.listed as usize;
         if listed > few {
             list = self.download::<Move>(self.encoder(), Buffer::Moves, listed)?.1;
         }

@@ -19,9 +19,8 @@
 //!
 //! Labels equal those of the cpu, because every number that decides a label is an integer, which WGSL specifies
 //! exactly, and threads affect each other only through sums, extremes and counts, which do not depend on an order. A
-//! kernel does not read such a number that it writes, with two exceptions: the carries of 64-bit sums
-//! (`shaders/shared/cluster_sums.wgsl`) and the trees of pieces (`shaders/pieces/piece_union.wgsl`). Ties go to the
-//! smaller cluster or face. So an iteration is the function of the labels that [`crate::cluster::flat`] and
+//! kernel does not read such a number that it writes, with exceptions that `docs/gpu.md` lists and proves. Ties go to
+//! the smaller cluster or face. So an iteration is the function of the labels that [`crate::cluster::flat`] and
 //! [`crate::cluster::refinement`] define.
 //!
 //! Everything that wgpu reports becomes an error of the call that notices it ([`Kind::DeviceLost`] for a lost device

@@ -19,7 +19,7 @@ use tokio::sync::{Notify, watch};
 use tokio_util::sync::CancellationToken;
 
 use self::tokens::{Tenant, TokenName, Tokens};
-use super::files::blocking;
+use super::blocking::blocking;
 use super::health::{Health, Part};
 use super::problem::Failure;
 use super::settings::AccessSettings;

@@ -2,12 +2,8 @@
 
 #![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
 
-use std::sync::Arc;
-
 use axum::extract::{Path, State as Extract};
 use axum::http::{HeaderMap, StatusCode};
-
-use tracing::Instrument as _;
 
 use super::view::{JobView, answer};
 use crate::error::{Error, Kind};
@@ -49,10 +45,7 @@ pub(in crate::service) async fn retry(Extract(shared): App, caller: Caller, Path
         Err(error) => return Err(error.into()),
     }
     let _place = shared.admission.place(caller.tenant()?).await?;
-    // on a task of its own: a client that hangs up leaves no promise of room behind
-    let (at, limits) = (Arc::clone(&shared), shared.settings.limits());
-    let retried = tokio::spawn(async move { at.storage.retry(&job, &limits).await }.in_current_span()).await;
-    match retried.map_err(|error| Error::new(Kind::Internal, format_args!("the job was not run again: {error}")))? {
+    match shared.storage.retry(job, shared.settings.limits()).await {
         Ok(Retried::Queued(job)) => {
             audit::record(Action::Retried, &caller, id);
             Ok(answer(&shared, StatusCode::ACCEPTED, HeaderMap::new(), *job))

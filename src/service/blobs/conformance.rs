@@ -6,7 +6,7 @@ use object_store::path::Path;
 
 use super::folder::FolderBlobs;
 use super::*;
-use crate::service::files::failure::blocking;
+use crate::service::blocking::blocking;
 
 fn content(bytes: usize) -> Bytes {
     (0..bytes).map(|at| (at % 251) as u8).collect()
@@ -80,14 +80,22 @@ async fn parts(blobs: &dyn Blobs) {
     }
 }
 
-/// Names are those directly below a path, and what is removed is what lies below it.
-async fn listing_and_removing(blobs: &dyn Blobs) {
+/// Names are those directly below a path; size, moving and removing are about all that lies below it.
+async fn listing_moving_and_removing(blobs: &dyn Blobs) {
     for (path, size) in [("a/1/x", 5), ("a/1/y/z", 7), ("a/10/x", 11), ("a/b", 13)] {
         blobs.put(&Path::from(path), content(size)).await.expect("stored");
     }
     assert_eq!(sorted_names(blobs, "a").await, ["1", "10", "b"]);
     assert_eq!(sorted_names(blobs, "a/1").await, ["x", "y"]);
     assert!(sorted_names(blobs, "nothing").await.is_empty());
+    for (below, size) in [("a", 36), ("a/1", 12), ("nothing", 0)] {
+        assert_eq!(blobs.size(&Path::from(below)).await, Ok(size), "{below}");
+    }
+    blobs.rename(&Path::from("a/1"), &Path::from("away/7/a/1")).await.expect("moved");
+    assert_eq!(sorted_names(blobs, "a").await, ["10", "b"]);
+    assert_eq!(read(blobs, "away/7/a/1/y/z", None).await, Ok(content(7)));
+    assert_eq!(read(blobs, "a/1/x", None).await.expect_err("moved").kind, Kind::NotFound);
+    blobs.rename(&Path::from("away/7/a/1"), &Path::from("a/1")).await.expect("moved back");
     assert_eq!(blobs.remove(&Path::from("a/1")).await, Ok(12));
     assert_eq!(sorted_names(blobs, "a").await, ["10", "b"]);
     for gone in ["a/1/x", "a/1/y/z"] {
@@ -98,12 +106,16 @@ async fn listing_and_removing(blobs: &dyn Blobs) {
     blobs.put(&Path::from("a/1/x"), content(1)).await.expect("stored again");
     assert_eq!(blobs.remove(&Path::from("a")).await, Ok(25));
     assert!(sorted_names(blobs, "a").await.is_empty());
+    // nothing is left of a path without blobs
+    blobs.put(&Path::from("a/2/3/x"), content(1)).await.expect("stored");
+    assert_eq!(blobs.remove(&Path::from("a/2/3")).await, Ok(1));
+    assert!(sorted_names(blobs, "a").await.is_empty());
 }
 
 async fn check(blobs: &dyn Blobs) {
     reading(blobs).await;
     parts(blobs).await;
-    listing_and_removing(blobs).await;
+    listing_moving_and_removing(blobs).await;
 }
 
 #[tokio::test]

@@ -1,21 +1,22 @@
 //! Blobs as files of a folder.
 //!
-//! `object_store` writes and reads them, and makes them appear by a rename. Listing and removing goes by folders: an
-//! upload that a killed process left unfinished is a file too, which `object_store` does not list.
+//! `object_store` writes and reads them, and makes them appear by a rename. Listing, moving and removing goes by
+//! folders: an upload that a killed process left unfinished is a file too, which `object_store` does not list.
 
-use std::fs::Metadata;
+use std::fs::{File, Metadata};
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use async_trait::async_trait;
 use axum::body::Bytes;
 use object_store::GetRange;
 use object_store::local::LocalFileSystem;
-use object_store::path::Path;
+use object_store::path::Path as BlobPath;
 
 use super::{Blob, Blobs, Parts};
 use crate::error::{Error, Result};
-use crate::service::files::failure::blocking;
+use crate::service::blocking::blocking;
+use crate::service::private;
 
 /// The blobs in a folder.
 #[derive(Debug)]
@@ -26,32 +27,32 @@ pub(in crate::service) struct FolderBlobs {
 
 impl FolderBlobs {
     /// Those below a folder that is there; with `is_kept`, a blob is on the disk when its writing returns.
-    pub fn open(root: &std::path::Path, is_kept: bool) -> io::Result<Self> {
+    pub fn open(root: &Path, is_kept: bool) -> io::Result<Self> {
         let files = LocalFileSystem::new_with_prefix(root).map_err(io::Error::other)?.with_fsync(is_kept);
         Ok(Self { root: root.to_owned(), files })
     }
 
     /// The folder or file at a path.
-    fn at(&self, path: &Path) -> PathBuf {
+    fn at(&self, path: &BlobPath) -> PathBuf {
         self.root.join(path.as_ref())
     }
 }
 
 #[async_trait]
 impl Blobs for FolderBlobs {
-    async fn put(&self, path: &Path, bytes: Bytes) -> Result<()> {
+    async fn put(&self, path: &BlobPath, bytes: Bytes) -> Result<()> {
         Blobs::put(&self.files, path, bytes).await
     }
 
-    async fn start(&self, path: &Path) -> Result<Parts> {
+    async fn start(&self, path: &BlobPath) -> Result<Parts> {
         self.files.start(path).await
     }
 
-    async fn get(&self, path: &Path, range: Option<GetRange>) -> Result<Blob> {
+    async fn get(&self, path: &BlobPath, range: Option<GetRange>) -> Result<Blob> {
         Blobs::get(&self.files, path, range).await
     }
 
-    async fn names(&self, below: &Path) -> Result<Vec<String>> {
+    async fn names(&self, below: &BlobPath) -> Result<Vec<String>> {
         let (root, folder) = (self.root.clone(), self.at(below));
         blocking(move || match names(&folder) {
             // no blob has such a path, unless the root is away
@@ -63,12 +64,30 @@ impl Blobs for FolderBlobs {
         .await?
     }
 
-    async fn remove(&self, below: &Path) -> Result<u64> {
+    async fn size(&self, below: &BlobPath) -> Result<u64> {
         let folder = self.at(below);
+        blocking(move || size(&folder)).await
+    }
+
+    async fn rename(&self, from: &BlobPath, to: &BlobPath) -> Result<()> {
+        let (from, to) = (self.at(from), self.at(to));
+        blocking(move || {
+            let made = to.parent().map_or(Ok(()), private::make_folder);
+            made.and_then(|()| std::fs::rename(&from, &to))
+                .map_err(|error| Error::io(format_args!("a folder cannot be moved: {}", from.display()), error))
+        })
+        .await?
+    }
+
+    async fn remove(&self, below: &BlobPath) -> Result<u64> {
+        let (root, folder) = (self.root.clone(), self.at(below));
         blocking(move || {
             let bytes = size(&folder);
             match std::fs::remove_dir_all(&folder) {
-                Ok(()) => Ok(bytes),
+                Ok(()) => {
+                    remove_empty_above(&root, &folder);
+                    Ok(bytes)
+                }
                 // another task removed it, and counted its bytes
                 Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(0),
                 Err(error) => Err(Error::io(format_args!("a folder cannot be removed: {}", folder.display()), error)),
@@ -78,7 +97,7 @@ impl Blobs for FolderBlobs {
     }
 }
 
-fn names(folder: &std::path::Path) -> io::Result<Vec<String>> {
+fn names(folder: &Path) -> io::Result<Vec<String>> {
     let mut names = Vec::new();
     for entry in std::fs::read_dir(folder)? {
         names.extend(entry?.file_name().into_string());
@@ -86,8 +105,50 @@ fn names(folder: &std::path::Path) -> io::Result<Vec<String>> {
     Ok(names)
 }
 
+/// Removes the folders above a removed one that are empty now. Those in the root stay: they have the modes that the
+/// service gave them.
+fn remove_empty_above(root: &Path, folder: &Path) {
+    let is_below = |parent: &Path| parent != root && parent.starts_with(root);
+    for above in folder.ancestors().skip(1).take_while(|above| above.parent().is_some_and(is_below)) {
+        if std::fs::remove_dir(above).is_err() {
+            return;
+        }
+    }
+}
+
+/// The whole files below a path, relative to the root. A file that is being written has a `#` in its name.
+pub(in crate::service) fn whole_files(root: &Path, below: &BlobPath) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    each_below(&root.join(below.as_ref()), |path, found| {
+        let is_whole = path.file_name().is_some_and(|name| !name.to_string_lossy().contains('#'));
+        if found.is_file() && is_whole {
+            files.extend(path.strip_prefix(root).map(Path::to_owned));
+        }
+    });
+    files
+}
+
+/// Links a file of the folder `from` into the folder `to`, or copies it where that cannot be. A file that is gone
+/// leaves nothing, and one that is there already stays.
+pub(in crate::service) fn link(from: &Path, to: &Path, file: &Path) -> io::Result<()> {
+    let (source, target) = (from.join(file), to.join(file));
+    if target.exists() {
+        return Ok(());
+    }
+    // opened first: a folder without its file would look like one that was taken
+    let mut opened = match File::open(&source) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        opened => opened?,
+    };
+    private::make_folder(target.parent().unwrap_or(to))?;
+    if std::fs::hard_link(&source, &target).is_err() {
+        io::copy(&mut opened, &mut private::options().open(&target)?)?;
+    }
+    Ok(())
+}
+
 /// Bytes of all files in a folder and below it; what disappears meanwhile does not count.
-pub(in crate::service) fn size(folder: &std::path::Path) -> u64 {
+pub(in crate::service) fn size(folder: &Path) -> u64 {
     let mut size = 0;
     each_below(folder, |_, found| size += bytes(found));
     size
@@ -99,7 +160,7 @@ pub(in crate::service) fn bytes(found: &Metadata) -> u64 {
 }
 
 /// Calls `visit` with every file and folder below a folder; links are not followed.
-pub(in crate::service) fn each_below(folder: &std::path::Path, mut visit: impl FnMut(&std::path::Path, &Metadata)) {
+pub(in crate::service) fn each_below(folder: &Path, mut visit: impl FnMut(&Path, &Metadata)) {
     let mut folders = vec![folder.to_owned()];
     while let Some(folder) = folders.pop() {
         for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {

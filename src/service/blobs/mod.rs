@@ -7,6 +7,8 @@
 #[cfg(test)]
 mod conformance;
 pub(super) mod folder;
+#[cfg(test)]
+mod tests;
 
 use std::fmt::Debug;
 use std::fs::File;
@@ -18,9 +20,10 @@ use futures_util::{StreamExt as _, TryStreamExt as _, future, stream};
 use object_store::path::Path;
 use object_store::{
     GetOptions, GetRange, GetResult, GetResultPayload, MultipartUpload, ObjectMeta, ObjectStore, PutMultipartOptions,
-    PutOptions,
+    PutOptions, RenameOptions,
 };
 use tokio::io::AsyncReadExt as _;
+use tokio::runtime::Handle;
 use tokio_util::io::{ReaderStream, StreamReader, SyncIoBridge};
 
 use crate::error::{Error, Kind, Result};
@@ -44,6 +47,12 @@ pub(super) trait Blobs: Debug + Send + Sync {
     /// The next segment of every path below a path, once each, in no order.
     async fn names(&self, below: &Path) -> Result<Vec<String>>;
 
+    /// Number of bytes of all blobs below a path.
+    async fn size(&self, below: &Path) -> Result<u64>;
+
+    /// Moves all blobs below a path: they lie below another one then.
+    async fn rename(&self, from: &Path, to: &Path) -> Result<()>;
+
     /// Removes all blobs below a path, and returns the number of their bytes.
     async fn remove(&self, below: &Path) -> Result<u64>;
 }
@@ -55,7 +64,8 @@ impl<S: ObjectStore> Blobs for S {
     }
 
     async fn start(&self, path: &Path) -> Result<Parts> {
-        self.put_multipart_opts(path, PutMultipartOptions::default()).await.map(Parts).map_err(cannot_store)
+        let upload = self.put_multipart_opts(path, PutMultipartOptions::default()).await.map_err(cannot_store)?;
+        Ok(Parts { upload: Some(upload) })
     }
 
     async fn get(&self, path: &Path, range: Option<GetRange>) -> Result<Blob> {
@@ -70,6 +80,20 @@ impl<S: ObjectStore> Blobs for S {
         Ok(paths.filter_map(|path| path.filename().map(str::to_owned)).collect())
     }
 
+    async fn size(&self, below: &Path) -> Result<u64> {
+        let sizes = self.list(Some(below)).map_ok(|blob| blob.size);
+        sizes.try_fold(0, |sum, size| future::ready(Ok(sum + size))).await.map_err(cannot_read)
+    }
+
+    async fn rename(&self, from: &Path, to: &Path) -> Result<()> {
+        let found: Vec<ObjectMeta> = self.list(Some(from)).try_collect().await.map_err(cannot_read)?;
+        for ObjectMeta { location, .. } in found {
+            let target: Path = to.parts().chain(location.prefix_match(from).into_iter().flatten()).collect();
+            self.rename_opts(&location, &target, RenameOptions::default()).await.map_err(cannot_store)?;
+        }
+        Ok(())
+    }
+
     async fn remove(&self, below: &Path) -> Result<u64> {
         let found: Vec<ObjectMeta> = self.list(Some(below)).try_collect().await.map_err(cannot_read)?;
         let bytes = found.iter().map(|blob| blob.size).sum();
@@ -79,20 +103,41 @@ impl<S: ObjectStore> Blobs for S {
     }
 }
 
-/// A blob that is stored in parts. It is there when [complete](Self::complete); of one that is dropped before, nothing
-/// can be read.
+/// A blob that is stored in parts. It is there when [complete](Self::complete); the parts of one that is dropped before
+/// are removed.
 #[derive(Debug)]
-pub(super) struct Parts(Box<dyn MultipartUpload>);
+pub(super) struct Parts {
+    /// None once it is complete.
+    upload: Option<Box<dyn MultipartUpload>>,
+}
 
 impl Parts {
     /// Stores the next part.
     pub async fn add(&mut self, bytes: Bytes) -> Result<()> {
-        self.0.put_part(bytes.into()).await.map_err(cannot_store)
+        self.upload()?.put_part(bytes.into()).await.map_err(cannot_store)
     }
 
     /// Makes the blob appear. It stays when this returns.
     pub async fn complete(mut self) -> Result<()> {
-        self.0.complete().await.map(drop).map_err(cannot_store)
+        self.upload()?.complete().await.map_err(cannot_store)?;
+        self.upload = None;
+        Ok(())
+    }
+
+    fn upload(&mut self) -> Result<&mut Box<dyn MultipartUpload>> {
+        self.upload.as_mut().ok_or_else(|| Error::new(Kind::Internal, "a part came after the end of a file"))
+    }
+}
+
+impl Drop for Parts {
+    fn drop(&mut self) {
+        if let (Some(mut upload), Ok(runtime)) = (self.upload.take(), Handle::try_current()) {
+            runtime.spawn(async move {
+                if let Err(error) = upload.abort().await {
+                    tracing::debug!(%error, "the parts of a file that was given up cannot be removed");
+                }
+            });
+        }
     }
 }
 

@@ -3,19 +3,16 @@
 //! A store that was lost, or restored from an old copy, knows fewer jobs than there are files. Removing these would
 //! make the loss final.
 
-use std::io;
-use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use object_store::path::Path as BlobPath;
+
 use super::ballast::BALLAST;
-use super::failure::{blocking, cannot_make};
-use super::folder::{Files, Folder};
-use super::{private, root};
+use super::folder::Files;
+use super::names::{ASIDE, Folder, MESH, RESULTS, UPLOADS};
+use super::root;
 use crate::error::{Error, Kind, Result};
 use crate::service::store::JobId;
-
-/// Name of the folder.
-const ASIDE: &str = "aside";
 
 /// Time after which it is emptied.
 const KEPT: Duration = Duration::from_secs(7 * 86_400);
@@ -29,7 +26,7 @@ impl Files {
         if database.metadata().is_ok_and(|found| found.len() > 0) {
             return Ok(());
         }
-        let jobs = self.jobs_in("uploads").await?.len() + self.jobs_in("results").await?.len();
+        let jobs = self.jobs_in(UPLOADS).await?.len() + self.jobs_in(RESULTS).await?.len();
         let was_used = jobs > 0 || [root::CLOCK, BALLAST].iter().any(|name| self.root.path().join(name).exists());
         match (was_used, forget) {
             (false, _) => Ok(()),
@@ -41,7 +38,7 @@ impl Files {
     /// Checks a store of jobs that never knew a job: there are no results then. With `forget` they are moved aside
     /// instead.
     pub async fn check_unused_store(&self, forget: bool) -> Result<()> {
-        match (self.jobs_in("results").await?.len(), forget) {
+        match (self.jobs_in(RESULTS).await?.len(), forget) {
             (0, _) => Ok(()),
             (jobs, false) => Err(self.lost("is new", jobs)),
             (_, true) => self.move_all_aside().await,
@@ -69,59 +66,48 @@ impl Files {
 
     /// Moves the files of all jobs aside. The store stays where it is.
     async fn move_all_aside(&self) -> Result<()> {
-        for id in self.jobs_in("uploads").await? {
-            self.move_aside(Folder::Upload(id).path()).await?;
+        for id in self.jobs_in(UPLOADS).await? {
+            self.move_aside(Folder::Upload(id)).await?;
         }
-        for id in self.jobs_in("results").await? {
-            self.move_aside(Path::new("results").join(id.to_string())).await?;
+        for id in self.jobs_in(RESULTS).await? {
+            self.move_aside(Folder::Results(id)).await?;
         }
         Ok(())
     }
 
     /// Moves the upload of a job aside that the store does not know. One that never became whole is removed.
     pub(super) async fn move_upload_aside(&self, id: JobId) -> Result<()> {
-        let folder = Folder::Upload(id).path();
-        match self.root.path().join(&folder).join(super::MESH).exists() {
-            true => self.move_aside(folder).await,
-            false => {
-                self.remove_folder(folder).await;
-                Ok(())
-            }
+        let folder = Folder::Upload(id);
+        let is_whole = self.names_in(&folder.path()).await?.iter().any(|name| name == MESH);
+        if is_whole {
+            return self.move_aside(folder).await;
         }
+        self.remove_upload(id).await;
+        Ok(())
     }
 
-    /// Moves a folder below the root aside.
-    pub(super) async fn move_aside(&self, folder: PathBuf) -> Result<()> {
+    /// Moves blobs aside.
+    pub(super) async fn move_aside(&self, folder: Folder) -> Result<()> {
         let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
-        let from = self.root.path().join(&folder);
-        let to = self.root.path().join(ASIDE).join(seconds.to_string()).join(&folder);
-        blocking(move || {
-            let moved = || {
-                private::make_folder(to.parent().unwrap_or(&to))?;
-                std::fs::rename(&from, &to)
-            };
-            let done = moved().map_err(|error| cannot_make(&from, error));
-            tracing::warn!(from = %from.display(), to = %to.display(), "no job is known for these files: moved aside");
-            done
-        })
-        .await?
+        let from = folder.path();
+        let to: BlobPath = aside(&seconds.to_string()).parts().chain(from.parts()).collect();
+        tracing::warn!(%from, %to, "no job is known for these files: they are moved aside");
+        self.blobs.rename(&from, &to).await
     }
 
     /// Removes what was moved aside long before `now`.
     pub async fn empty_aside(&self, now: SystemTime) -> Result<()> {
-        let path = self.root.path().join(ASIDE);
-        let names = blocking(move || names_if_there(&path)).await?;
-        for name in names {
+        for name in self.names_in(&BlobPath::from(ASIDE)).await? {
             let Ok(seconds) = name.parse() else { continue };
             if UNIX_EPOCH + Duration::from_secs(seconds) + KEPT < now {
-                self.remove_folder(Path::new(ASIDE).join(name)).await;
+                self.remove_below(&aside(&name)).await;
             }
         }
         Ok(())
     }
 }
 
-fn names_if_there(folder: &Path) -> Vec<String> {
-    let read = || io::Result::Ok(std::fs::read_dir(folder)?.flatten().map(|entry| entry.file_name()));
-    read().map(|names| names.filter_map(|name| name.into_string().ok()).collect()).unwrap_or_default()
+/// Where what is moved aside at a time lies.
+fn aside(time: &str) -> BlobPath {
+    BlobPath::from_iter([ASIDE, time])
 }

@@ -9,7 +9,8 @@ use object_store::path::Path as BlobPath;
 use tokio::runtime::Handle;
 
 use super::failure::storage_error;
-use super::folder::{Files, Folder};
+use super::folder::Files;
+use super::names::Folder;
 use crate::error::{Error, Kind, Result};
 use crate::service::blobs::{Blob, Parts};
 use crate::service::faults::FaultPoint;
@@ -50,7 +51,7 @@ impl BlobWriter {
     }
 
     fn path(&self) -> BlobPath {
-        self.folder.blob(&self.name)
+        self.folder.path().join(self.name.as_str())
     }
 
     /// Takes the next bytes.
@@ -167,7 +168,7 @@ impl Files {
     /// Opens a blob, or a range of one.
     pub async fn read(&self, folder: Folder, name: &str, range: Option<GetRange>) -> Result<Blob> {
         self.may_read()?;
-        let found = self.blobs.get(&folder.blob(name), range).await;
+        let found = self.blobs.get(&folder.path().join(name), range).await;
         // that a blob is not there means nothing while the folder is not there
         found.map_err(|error| match self.check_reachable() {
             Err(away) if error.kind == Kind::NotFound => away,

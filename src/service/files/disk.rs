@@ -6,10 +6,10 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::private;
+use super::names::{ASIDE, RESULTS, UPLOADS};
 use crate::error::{Error, Kind, Result};
-pub(super) use crate::service::blobs::folder::size;
 use crate::service::blobs::folder::{bytes, each_below};
+use crate::service::private;
 
 /// Bytes that stay free for the store of jobs, whose log grows with every change before it is written over.
 pub(super) const STORE_ROOM: u64 = 8 << 20;
@@ -65,7 +65,7 @@ impl Disk {
     /// Counts the blobs. On the way it takes the access of group and others away from files of earlier releases.
     pub fn new(root: PathBuf, limits: DiskLimits) -> Self {
         let (mut blobs, mut open) = (0, None);
-        for folder in ["uploads", "results", "aside"] {
+        for folder in [UPLOADS, RESULTS, ASIDE] {
             each_below(&root.join(folder), |path, found| {
                 blobs += bytes(found);
                 if let Err(error) = private::tighten_found(path, found) {

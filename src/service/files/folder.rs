@@ -12,15 +12,18 @@ use object_store::path::Path as BlobPath;
 
 use super::ballast::Ballast;
 use super::disk::{self, Disk, DiskLimits};
-use super::failure::{blocking, cannot_make, storage_error};
+use super::failure::{cannot_make, storage_error};
+use super::names::{Folder, RESULTS, UPLOADS};
+use super::needs;
 use super::room::{self, Room};
 use super::root::{self, Root};
-use super::{needs, private};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Limits;
 use crate::service::blobs::Blobs;
 use crate::service::blobs::folder::FolderBlobs;
+use crate::service::blocking::blocking;
 use crate::service::faults::{FaultPoint, Faults};
+use crate::service::private;
 use crate::service::store::{Job, JobId};
 
 /// Time between two looks for room that a job waits for.
@@ -31,33 +34,6 @@ const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Part of the room for uploads that the store of jobs may keep free for itself.
 const STORE_PART: u64 = 8;
-
-/// Blobs that belong together.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::service) enum Folder {
-    /// What was uploaded for a job.
-    Upload(JobId),
-    /// What an attempt at a job gave.
-    Result(JobId, u32),
-}
-
-impl Folder {
-    pub(super) fn path(self) -> PathBuf {
-        match self {
-            Folder::Upload(job) => Path::new("uploads").join(job.to_string()),
-            Folder::Result(job, attempt) => Path::new("results").join(job.to_string()).join(attempt.to_string()),
-        }
-    }
-
-    pub(super) fn blob(self, name: &str) -> BlobPath {
-        match self {
-            Folder::Upload(job) => BlobPath::from_iter(["uploads", &job.to_string(), name]),
-            Folder::Result(job, attempt) => {
-                BlobPath::from_iter(["results", &job.to_string(), &attempt.to_string(), name])
-            }
-        }
-    }
-}
 
 /// The folder and everything in it.
 #[derive(Debug)]
@@ -82,7 +58,7 @@ impl Files {
             None => Root::temporary(&std::env::temp_dir())?,
         };
         limits.check(root.path())?;
-        for folder in ["uploads", "results", "scratch"] {
+        for folder in [UPLOADS, RESULTS, "scratch"] {
             let path = root.path().join(folder);
             let made = private::make_folder(&path).and_then(|()| private::tighten(&path));
             made.map_err(|error| cannot_make(&path, error))?;
@@ -118,18 +94,18 @@ impl Files {
 
     /// Removes the upload of a job.
     pub async fn remove_upload(&self, id: JobId) {
-        self.remove_folder(Folder::Upload(id).path()).await;
+        self.remove_below(&Folder::Upload(id).path()).await;
     }
 
     /// Removes what an attempt at a job left.
     pub async fn remove_result(&self, id: JobId, attempt: u32) {
-        self.remove_folder(Folder::Result(id, attempt).path()).await;
+        self.remove_below(&Folder::Result(id, attempt).path()).await;
     }
 
     /// Removes everything of a job.
     pub async fn remove(&self, id: JobId) {
         self.remove_upload(id).await;
-        self.remove_folder(Path::new("results").join(id.to_string())).await;
+        self.remove_below(&Folder::Results(id).path()).await;
     }
 
     /// Refuses an upload of so many bytes, as far as is known, when there is no room for it or no folder any more.
@@ -161,24 +137,25 @@ impl Files {
     }
 
     /// Promises jobs that were accepted before the service was started room again.
-    pub fn promise_again<'j>(&self, jobs: impl Iterator<Item = &'j Job>, limits: &Limits) {
+    pub async fn promise_again(&self, jobs: &[Job], limits: &Limits) -> Result<()> {
         for job in jobs {
-            let _ = self.room.promise(job.id, job.attempt, self.needs_of(job, limits), |_| Ok::<_, Error>(()));
+            self.room.promise(job.id, job.attempt, self.needs_of(job, limits).await?, |_| Ok::<_, Error>(()))?;
         }
+        Ok(())
     }
 
     /// Promises a job that runs again room for its result. Refuses when there is none.
-    pub fn promise_retry(&self, job: &Job, limits: &Limits) -> Result<()> {
-        self.promise_from(job.id, job.attempt + 1, self.needs_of(job, limits))
+    pub async fn promise_retry(&self, job: &Job, limits: &Limits) -> Result<()> {
+        self.promise_from(job.id, job.attempt + 1, self.needs_of(job, limits).await?)
     }
 
     /// Estimate of a result, from the upload that is kept.
-    fn needs_of(&self, job: &Job, limits: &Limits) -> u64 {
+    async fn needs_of(&self, job: &Job, limits: &Limits) -> Result<u64> {
         let upload = match job.spec.is_small {
             true => job.spec.bytes,
-            false => disk::size(&self.root.path().join(Folder::Upload(job.id).path())),
+            false => self.blobs.size(&Folder::Upload(job.id).path()).await?,
         };
-        needs::of_upload(&job.spec, upload, limits)
+        Ok(needs::of_upload(&job.spec, upload, limits))
     }
 
     /// The job ended, and will not be run again: what it was promised is free.
@@ -340,10 +317,9 @@ impl Files {
         self.incoming.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Removes a folder below the root, if it is there. What cannot be removed now is swept away later.
-    pub(super) async fn remove_folder(&self, folder: PathBuf) {
-        let path = BlobPath::from_iter(folder.iter().filter_map(|part| part.to_str()));
-        match self.blobs.remove(&path).await {
+    /// Removes all blobs below a path. What cannot be removed now is swept away later.
+    pub(super) async fn remove_below(&self, path: &BlobPath) {
+        match self.blobs.remove(path).await {
             Ok(bytes) => self.disk.removed(bytes),
             Err(error) => tracing::warn!("{error}"),
         }

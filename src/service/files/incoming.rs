@@ -5,7 +5,8 @@ use std::sync::Arc;
 use futures_util::future::try_join_all;
 
 use super::blob::BlobWriter;
-use super::folder::{Files, Folder};
+use super::folder::Files;
+use super::names::Folder;
 use super::needs;
 use crate::error::Result;
 use crate::mesh::Limits;

@@ -22,33 +22,21 @@ mod aside;
 mod ballast;
 mod blob;
 mod disk;
-pub(in crate::service) mod failure;
+mod failure;
 mod folder;
 mod incoming;
+mod names;
 mod needs;
-pub(in crate::service) mod private;
 mod room;
 mod root;
 mod sweep;
 
 pub(super) use self::blob::{BlobWriter, BlockingWriter};
 pub(super) use self::disk::DiskLimits;
-pub(super) use self::failure::blocking;
-pub(super) use self::folder::{Files, Folder};
+pub(super) use self::folder::Files;
 pub(super) use self::incoming::{Incoming, settle};
+pub(super) use self::names::{Folder, MESH, RESULTS, SEEDS, UPLOADS, WEIGHTS, buffer};
 pub(super) use self::needs::{of_faces, of_result};
-
-/// Name of the mesh among a job's uploads.
-pub(super) const MESH: &str = "mesh";
-/// Name of the list of seeds among a job's uploads.
-pub(super) const SEEDS: &str = "seeds";
-/// Name of the weights among a job's uploads.
-pub(super) const WEIGHTS: &str = "weights";
-
-/// Name of buffer number `index` among a job's uploads.
-pub(super) fn buffer(index: usize) -> String {
-    format!("buffer-{index}")
-}
 
 #[cfg(test)]
 mod tests;

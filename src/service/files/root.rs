@@ -12,8 +12,8 @@ use tempfile::TempDir;
 
 use super::ballast::BALLAST;
 use super::failure::cannot_make;
-use super::private;
 use crate::error::{Error, Kind, Result};
+use crate::service::private;
 
 /// Start of the names of temporary folders.
 const PREFIX: &str = "tesserae-jobs-";

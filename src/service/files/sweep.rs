@@ -1,10 +1,9 @@
 //! Sweeping: what no job knows of goes, as after a crash.
 
-use std::path::Path;
-
 use object_store::path::Path as BlobPath;
 
-use super::folder::{Files, Folder};
+use super::folder::Files;
+use super::names::{Folder, RESULTS, UPLOADS};
 use crate::error::Result;
 use crate::service::store::{Job, JobId, Queue, State};
 
@@ -24,7 +23,7 @@ impl Files {
 
     async fn sweep_all(&self, store: &dyn Queue, moves_aside: bool) -> Result<usize> {
         let mut removed = 0;
-        for id in self.jobs_in("uploads").await? {
+        for id in self.jobs_in(UPLOADS).await? {
             // looked at before the store, which knows an accepted one before it stops coming in
             let is_coming_in = self.lock_incoming().contains(&id);
             match store.get(id).await? {
@@ -35,46 +34,42 @@ impl Files {
             }
             removed += 1;
         }
-        for id in self.jobs_in("results").await? {
-            removed += match store.get(id).await? {
-                None if moves_aside => {
-                    self.move_aside(Path::new("results").join(id.to_string())).await?;
-                    1
+        for id in self.jobs_in(RESULTS).await? {
+            // listed before the store is read, which knows an attempt before it has files
+            let attempts = self.names_in(&Folder::Results(id).path()).await?;
+            match store.get(id).await? {
+                None if moves_aside => self.move_aside(Folder::Results(id)).await?,
+                None => self.remove(id).await,
+                Some(job) => {
+                    removed += self.sweep_attempts(&job, &attempts).await;
+                    continue;
                 }
-                None => {
-                    self.remove(id).await;
-                    1
-                }
-                Some(job) => self.sweep_attempts(&job).await?,
-            };
+            }
+            removed += 1;
         }
         Ok(removed)
     }
 
-    /// Removes what attempts left that are neither running nor the one that succeeded.
-    async fn sweep_attempts(&self, job: &Job) -> Result<usize> {
+    /// Removes what those of some attempts left that are neither running nor the one that succeeded.
+    async fn sweep_attempts(&self, job: &Job, attempts: &[String]) -> usize {
         let keeps_last = matches!(job.state, State::Running | State::Succeeded);
         let mut removed = 0;
-        for name in self.names_in(&format!("results/{}", job.id)).await? {
-            let Ok(attempt) = name.parse() else { continue };
+        for attempt in attempts.iter().filter_map(|name| name.parse().ok()) {
             if !(keeps_last && attempt == job.attempt) {
-                self.remove_folder(Folder::Result(job.id, attempt).path()).await;
+                self.remove_result(job.id, attempt).await;
                 removed += 1;
             }
         }
-        if !keeps_last {
-            // empty by now
-            let _ = tokio::fs::remove_dir(self.root.path().join(format!("results/{}", job.id))).await;
-        }
-        Ok(removed)
+        removed
     }
 
     /// The jobs that have a folder. What has another name is not the service's.
     pub(super) async fn jobs_in(&self, folder: &str) -> Result<Vec<JobId>> {
-        Ok(self.names_in(folder).await?.iter().filter_map(|name| name.parse().ok()).collect())
+        let names = self.names_in(&BlobPath::from(folder)).await?;
+        Ok(names.iter().filter_map(|name| name.parse().ok()).collect())
     }
 
-    async fn names_in(&self, folder: &str) -> Result<Vec<String>> {
-        self.blobs.names(&BlobPath::from(folder)).await
+    pub(super) async fn names_in(&self, path: &BlobPath) -> Result<Vec<String>> {
+        self.blobs.names(path).await
     }
 }

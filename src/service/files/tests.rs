@@ -6,6 +6,7 @@ use std::time::Duration;
 use super::*;
 use crate::artifacts::REPORT_JSON;
 use crate::error::{Kind, Result};
+use crate::service::blobs::folder::size;
 use crate::service::faults::{FaultPoint, Faults};
 use crate::service::store::memory::MemoryStore;
 use crate::service::store::tests::{RULES, new_job};
@@ -51,7 +52,7 @@ async fn blobs_of_every_size_come_back_whole_and_in_ranges() {
         }
     }
     let length = |name: &str| folder.path().join(name).metadata().expect("there").len();
-    assert_eq!(files.used_bytes(), disk::size(folder.path()) - length("lock") - length("ballast"));
+    assert_eq!(files.used_bytes(), size(folder.path()) - length("lock") - length("ballast"));
     files.remove(id).await;
     assert_eq!(files.used_bytes(), 0);
     let gone = files.read(Folder::Result(id, 1), "x", None).await.expect_err("removed");
@@ -81,7 +82,7 @@ async fn an_upload_that_is_not_kept_leaves_nothing() {
     unfinished.write(&content(2 << 20)).await.expect("written");
     drop(unfinished);
     drop(incoming);
-    while files.lock_incoming().contains(&id) || disk::size(&folder.path().join("uploads")) > 0 {
+    while files.lock_incoming().contains(&id) || size(&folder.path().join("uploads")) > 0 {
         tokio::task::yield_now().await;
     }
     assert_eq!(files.used_bytes(), 0);
@@ -121,7 +122,7 @@ async fn blobs_that_are_small_together_become_no_files_and_others_do() {
             };
             assert!(bytes == content(*size), "{sizes:?}");
         }
-        assert_eq!(folder.path().join(Folder::Upload(incoming.id()).path()).exists(), !is_small);
+        assert_eq!(folder.path().join(Folder::Upload(incoming.id()).path().as_ref()).exists(), !is_small);
     }
 }
 
@@ -215,7 +216,7 @@ async fn a_sweep_leaves_what_jobs_know_of() {
     let unknown = JobId::random();
     write(files.result(unknown, 1, REPORT_JSON.file), b"{}").await.expect("written");
     // half-written by a process that was killed
-    let never_accepted = folder.path().join(Folder::Upload(JobId::random()).path());
+    let never_accepted = folder.path().join(Folder::Upload(JobId::random()).path().as_ref());
     std::fs::create_dir(&never_accepted).expect("made");
     std::fs::write(never_accepted.join("mesh#1"), b"me").expect("written");
     std::fs::create_dir(folder.path().join("uploads/not ours")).expect("made");

@@ -31,8 +31,8 @@ use crate::device::cpu::CpuDevice;
 use crate::error::{Error, Kind, Result};
 use crate::job::{Clustered, Outcome};
 use crate::report::DeviceKind;
+use crate::service::blocking::blocking;
 use crate::service::faults::Faults;
-use crate::service::files::blocking;
 use crate::service::health::{Health, Part, Severity};
 use crate::service::metrics::Metrics;
 

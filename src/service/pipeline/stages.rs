@@ -24,7 +24,8 @@ use crate::error::{Error, Kind, Result};
 use crate::job::{self, Outcome, Plan, Prepared, milliseconds};
 use crate::mesh::Resources;
 use crate::report::Row;
-use crate::service::files::{self, BlobWriter, BlockingWriter, blocking, settle};
+use crate::service::blocking::blocking;
+use crate::service::files::{self, BlobWriter, BlockingWriter, settle};
 use crate::service::job_blobs;
 use crate::service::store::{Events, Job, Progress, SmallBlob, Summary, Ticket, What};
 

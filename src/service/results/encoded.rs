@@ -13,7 +13,7 @@ use tokio_util::io::ReaderStream;
 
 use super::body::streamed;
 use crate::error::{Error, Kind, Result};
-use crate::service::files::blocking;
+use crate::service::blocking::blocking;
 use crate::service::state::Shared;
 
 /// Bytes of an answer that is held in memory.

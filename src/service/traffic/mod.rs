@@ -6,11 +6,10 @@
 //! | heads that are not valid or not supported | `heads`, `refusals` | answered with 400, 414, 431 or 501 |
 //! | requests a second, requests and streams at a time | `clients` | answered with 429 |
 //! | all streams | [`admit`] | answered with 503 |
-//! | bytes of uploads that are coming in | `budget` | answered with 503 |
+//! | bytes of uploads that are coming in | `service::budget` | answered with 503 |
 //!
 //! Limits of the size and the pace of an upload are in `intake`; of waiting jobs, in `admission`.
 
-pub(super) mod budget;
 mod clients;
 pub(super) mod connections;
 mod guarded;
@@ -29,10 +28,10 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-use self::budget::Budget;
 use self::clients::{Allowance, Client, Clients, Permit};
 use self::guarded::Guarded;
 use super::access::{Access, Caller};
+use super::budget::Budget;
 use super::problem::Failure;
 use super::settings::TrafficSettings;
 use super::trace::Origin;

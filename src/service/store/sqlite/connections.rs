@@ -16,7 +16,8 @@ use tokio::task::block_in_place;
 
 use super::check::{self, Damage, is_damage};
 use crate::error::{Error, Kind, Result};
-use crate::service::files::{blocking, private};
+use crate::service::blocking::blocking;
+use crate::service::private;
 
 /// Connections that read.
 const READERS: u32 = 4;

@@ -39,8 +39,8 @@ use super::{
     Page, Progress, Pulse, Queue, Release, Retried, Rules, SMALL_BLOBS, State, Statistics, Ticket, What,
 };
 use crate::error::{Error, Kind, Result};
+use crate::service::blocking::blocking;
 use crate::service::faults::Faults;
-use crate::service::files::blocking;
 
 /// A store in a file.
 #[derive(Debug)]

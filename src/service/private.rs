@@ -5,7 +5,7 @@ use std::io;
 use std::path::Path;
 
 /// Makes a folder, and the missing ones above it, for the owner only. A folder that is there keeps its mode.
-pub(in crate::service) fn make_folder(path: &Path) -> io::Result<()> {
+pub(super) fn make_folder(path: &Path) -> io::Result<()> {
     let mut builder = std::fs::DirBuilder::new();
     builder.recursive(true);
     #[cfg(unix)]
@@ -14,7 +14,7 @@ pub(in crate::service) fn make_folder(path: &Path) -> io::Result<()> {
 }
 
 /// Options that open a file for reading and writing and create it for the owner only.
-pub(in crate::service) fn options() -> OpenOptions {
+pub(super) fn options() -> OpenOptions {
     let mut options = OpenOptions::new();
     options.read(true).write(true).create(true).truncate(false);
     #[cfg(unix)]
@@ -23,7 +23,7 @@ pub(in crate::service) fn options() -> OpenOptions {
 }
 
 /// Takes the access of group and others away from a file or folder, if it is there.
-pub(in crate::service) fn tighten(path: &Path) -> io::Result<()> {
+pub(super) fn tighten(path: &Path) -> io::Result<()> {
     match path.symlink_metadata() {
         Ok(found) => tighten_found(path, &found),
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
@@ -51,7 +51,7 @@ pub(super) fn tighten_found(_: &Path, _: &Metadata) -> io::Result<()> {
 
 /// The mode of a folder that group or others may enter or list; none when only its owner may.
 #[cfg(unix)]
-pub(in crate::service) fn open_mode(path: &Path) -> Option<u32> {
+pub(super) fn open_mode(path: &Path) -> Option<u32> {
     use std::os::unix::fs::PermissionsExt as _;
     let mode = path.metadata().ok()?.permissions().mode() & 0o777;
     (mode & 0o077 != 0).then_some(mode)
@@ -59,6 +59,6 @@ pub(in crate::service) fn open_mode(path: &Path) -> Option<u32> {
 
 /// The mode of a folder that group or others may enter; unknown on this system.
 #[cfg(not(unix))]
-pub(in crate::service) fn open_mode(_: &Path) -> Option<u32> {
+pub(super) fn open_mode(_: &Path) -> Option<u32> {
     None
 }

@@ -7,14 +7,14 @@ use crate::error::{Error, Kind, Result};
 
 /// The bytes that are coming in, and how many may be.
 #[derive(Debug)]
-pub(in crate::service) struct Budget {
+pub(super) struct Budget {
     limit: u64,
     held: AtomicU64,
 }
 
 /// The bytes of one upload; given back when dropped.
 #[derive(Debug)]
-pub(in crate::service) struct Held {
+pub(super) struct Held {
     budget: Arc<Budget>,
     bytes: u64,
 }

@@ -1,0 +1,48 @@
+//! Names: where the blobs of a job lie in the data folder, and among the blobs.
+
+use object_store::path::Path;
+
+use crate::service::store::JobId;
+
+/// Name of the folder of all uploads.
+pub(in crate::service) const UPLOADS: &str = "uploads";
+
+/// Name of the folder of all results.
+pub(in crate::service) const RESULTS: &str = "results";
+
+/// Name of the folder of what was moved aside.
+pub(super) const ASIDE: &str = "aside";
+
+/// Name of the mesh among a job's uploads.
+pub(in crate::service) const MESH: &str = "mesh";
+/// Name of the list of seeds among a job's uploads.
+pub(in crate::service) const SEEDS: &str = "seeds";
+/// Name of the weights among a job's uploads.
+pub(in crate::service) const WEIGHTS: &str = "weights";
+
+/// Name of buffer number `index` among a job's uploads.
+pub(in crate::service) fn buffer(index: usize) -> String {
+    format!("buffer-{index}")
+}
+
+/// Blobs that belong together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::service) enum Folder {
+    /// What was uploaded for a job.
+    Upload(JobId),
+    /// What an attempt at a job gave.
+    Result(JobId, u32),
+    /// What all attempts at a job gave.
+    Results(JobId),
+}
+
+impl Folder {
+    /// Its path among the blobs, which is that in the data folder.
+    pub fn path(self) -> Path {
+        match self {
+            Folder::Upload(job) => Path::from_iter([UPLOADS, &job.to_string()]),
+            Folder::Result(job, attempt) => Folder::Results(job).path().join(attempt.to_string()),
+            Folder::Results(job) => Path::from_iter([RESULTS, &job.to_string()]),
+        }
+    }
+}
