@@ -7,6 +7,7 @@
 //! An encoder turns a [`Content`] into bytes. It knows no HTTP, no flags and no folders. [`Need`] says what of a job it
 //! is made of; a job keeps that until it is written.
 
+mod choices;
 mod hierarchy;
 mod labels;
 mod npy;
@@ -26,6 +27,7 @@ use crate::mesh::PolygonMesh;
 use crate::parameters::Parameters;
 use crate::report::Report;
 
+pub use choices::{Choice, Choices};
 pub use hierarchy::{HIERARCHY, HIERARCHY_JSON, HIERARCHY_TSR, LINKAGE_NPY};
 pub use labels::{CutKind, LABELS, LABELS_BIN, LABELS_JSON, LABELS_NPY, Labels};
 pub use npy::npy_header;
@@ -46,9 +48,12 @@ pub struct Artifact {
     pub needs: &'static [Need],
     /// What it can be written as, the default first.
     pub forms: &'static [Form],
+    /// What a request for it may choose, besides the form.
+    pub choices: &'static [Choice],
     /// Flags of the command line that write it.
     pub flags: &'static [Flag],
-    /// Whether it has a route. One without a handler of its own serves the stored forms.
+    /// Whether it has a route. Those of outputs without a mesh serve the stored forms, unless they have a handler of
+    /// their own.
     pub is_served: bool,
 }
 
@@ -80,8 +85,8 @@ fn schema_of<T: ToSchema>(schemas: &mut Schemas) -> String {
 /// Writes an output.
 pub type Encoding<'a> = Box<dyn FnOnce(&mut dyn Write) -> io::Result<()> + 'a>;
 
-/// A flag of the command line. It writes the forms whose files have its name, and takes any file name if JSON is the
-/// only one.
+/// A flag of the command line. It writes the forms whose files have its name, all if it is the only flag of its output.
+/// It takes any file name if JSON is the only form.
 #[derive(Debug)]
 pub struct Flag {
     /// Its name, with dashes.
@@ -126,17 +131,27 @@ impl Artifact {
     pub fn is_made(&self, parameters: &Parameters) -> bool {
         self.needs.iter().all(|need| need.is_met(parameters))
     }
+
+    /// Whether it is made of something.
+    pub fn needs(&self, need: Need) -> bool {
+        self.needs.contains(&need)
+    }
+
+    /// The form with this file extension.
+    pub fn form(&self, extension: &str) -> Option<&'static Form> {
+        self.forms.iter().find(|form| form.extension().eq_ignore_ascii_case(extension))
+    }
 }
 
 impl Form {
     /// File name without its extension.
     fn stem(&self) -> &'static str {
-        self.file.rsplit_once('.').map_or(self.file, |(stem, _)| stem)
+        self.file.split_once('.').map_or(self.file, |(stem, _)| stem)
     }
 
-    /// File extension, without the dot.
+    /// File extension, without the first dot: also `stl.zip`.
     pub fn extension(&self) -> &'static str {
-        self.file.rsplit_once('.').map_or("", |(_, extension)| extension)
+        self.file.split_once('.').map_or("", |(_, extension)| extension)
     }
 }
 
@@ -148,7 +163,7 @@ impl Flag {
 
     /// The forms of its output that the flag writes.
     pub fn forms(&self, artifact: &'static Artifact) -> impl Iterator<Item = &'static Form> {
-        artifact.forms.iter().filter(|form| form.stem() == self.long())
+        artifact.forms.iter().filter(|form| artifact.flags.len() == 1 || form.stem() == self.long())
     }
 }
 
@@ -173,8 +188,10 @@ pub struct Content<'a> {
     pub report: Option<&'a Report>,
     /// Whether the report is indented.
     pub is_indented: bool,
-    /// The mesh, where an output needs it.
+    /// The mesh, where an output needs it: positions and faces count, parts may be missing.
     pub mesh: Option<&'a PolygonMesh>,
+    /// What the request chose.
+    pub choices: Choices,
 }
 
 /// A part of a content that an encoder needs.

@@ -1,0 +1,27 @@
+//! What a request for an output may choose besides its form: flags of the command line, members of the query.
+
+/// Something that a request may choose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Choice {
+    /// Where the vertices of a remesh are placed.
+    Placement,
+    /// Writes what takes readers long.
+    Force,
+}
+
+/// What a request chose.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Choices {
+    /// Whether to write what takes readers long.
+    pub force: bool,
+}
+
+impl Choice {
+    /// Its name in queries; that of its flag, with dashes before it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Choice::Placement => "placement",
+            Choice::Force => "force",
+        }
+    }
+}
