@@ -8,9 +8,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::{Source, invented, sources};
 
 /// The modules of the engine, and everything that each may import.
-const ENGINE: [(&str, &[&str]); 4] = [
+const ENGINE: [(&str, &[&str]); 6] = [
     ("energy", &[]),
     ("surface", &["energy", "error", "mesh", "prefetch", "union_find"]),
+    ("complex", &["error", "mesh", "surface", "union_find"]),
+    ("remesh", &["complex", "error", "mesh"]),
     ("device", &["energy", "error", "prefetch", "surface", "union_find"]),
     ("cluster", &["device", "energy", "error", "hierarchy", "surface", "union_find"]),
 ];
