@@ -13,11 +13,13 @@ mod hierarchy;
 mod labels;
 mod mesh;
 mod npy;
+mod remesh;
 mod report;
 mod snapshots;
 mod submeshes;
 
 use std::io::{self, Write};
+use std::sync::OnceLock;
 
 use utoipa::ToSchema;
 use utoipa::openapi::{RefOr, Schema};
@@ -29,18 +31,20 @@ use crate::hierarchy::json::Limits;
 use crate::hierarchy::stored::Stored;
 use crate::mesh::PolygonMesh;
 use crate::parameters::Parameters;
+use crate::remesh::Remesh;
 use crate::report::Report;
 
 pub use choices::{Choice, Choices};
 pub use hierarchy::{HIERARCHY, HIERARCHY_JSON, HIERARCHY_TSR, LINKAGE_NPY};
 pub use labels::{CutKind, LABELS, LABELS_BIN, LABELS_JSON, LABELS_NPY, Labels};
 pub use mesh::MESH;
+pub use remesh::{REMESH, REMESH_SOURCE};
 pub use report::{REPORT, REPORT_JSON};
 pub use snapshots::{SNAPSHOTS, SNAPSHOTS_JSON, SNAPSHOTS_NPY};
 pub use submeshes::SUBMESHES;
 
 /// Every output. The report is last: it has the time that writing the others took.
-pub static ALL: [&Artifact; 6] = [&LABELS, &SNAPSHOTS, &HIERARCHY, &MESH, &SUBMESHES, &REPORT];
+pub static ALL: [&Artifact; 8] = [&LABELS, &SNAPSHOTS, &HIERARCHY, &MESH, &SUBMESHES, &REMESH, &REMESH_SOURCE, &REPORT];
 
 /// An output.
 #[derive(Debug)]
@@ -197,6 +201,8 @@ pub struct Content<'a> {
     pub mesh: Option<&'a PolygonMesh>,
     /// What the request chose.
     pub choices: Choices,
+    /// Keeps the remesh between outputs that are made of it.
+    pub remesh: Option<&'a OnceLock<Remesh>>,
 }
 
 /// A part of a content that an encoder needs.
