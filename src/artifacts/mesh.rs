@@ -1,10 +1,10 @@
 //! The mesh with its clusters in colour, to look at.
 
-use super::{Artifact, Content, Encoding, Flag, Form, Need, given};
+use super::{Artifact, Choice, Content, Encoding, Flag, Form, Need, given};
 use crate::complex::{Cluster, Graph};
 use crate::error::{Error, Kind, Result};
 use crate::export::glb::{self, Column, Values};
-use crate::export::{Clusters, Geometry, obj, ply, vtp};
+use crate::export::{Clusters, Geometry, Split, obj, ply, vtp};
 use crate::mesh::PolygonMesh;
 
 /// The mesh with its clusters.
@@ -18,7 +18,7 @@ pub static MESH: Artifact = Artifact {
         Form { file: "mesh.vtp", media_type: "application/x-vtp", is_stored: false, schema: None, encode: as_vtp },
         Form { file: "mesh.obj", media_type: "model/obj", is_stored: false, schema: None, encode: as_obj },
     ],
-    choices: &[],
+    choices: &[Choice::PlyVertexColours],
     flags: &[Flag {
         name: "--mesh",
         value: "OUT",
@@ -64,8 +64,16 @@ fn as_glb<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
 }
 
 fn as_ply<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
-    let (geometry, _) = geometry(content)?;
-    Ok(Box::new(move |out| ply::write(out, &geometry)))
+    let (geometry, clusters) = geometry(content)?;
+    if !content.choices.ply_vertex_colours {
+        return Ok(Box::new(move |out| ply::write(out, &geometry)));
+    }
+    let split = Split::new(&geometry, geometry.clusters.numbers(), clusters as usize);
+    Ok(Box::new(move |out| {
+        let (points, faces) = (split.positions(&geometry), split.cut_faces(&geometry));
+        let clusters = split.cluster_of_vertex();
+        ply::write(out, &Geometry { points: &points, faces: &faces, clusters: Clusters::OfPoints(&clusters) })
+    }))
 }
 
 fn as_vtp<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {

@@ -57,9 +57,8 @@ pub fn mesh(geometry: &Geometry<'_>, clusters: u64, table: &[Column]) -> Result<
     match geometry.clusters {
         Clusters::OfFaces(labels) => {
             split = Split::new(geometry, labels, clusters as usize);
-            points = split.points.iter().map(|&point| geometry.points[point as usize]).collect::<Vec<_>>();
-            let of = (0..split.clusters()).flat_map(|cluster| split.vertices(cluster).map(move |_| cluster as u32));
-            cluster_of_vertex = of.collect::<Vec<_>>();
+            points = split.positions(geometry);
+            cluster_of_vertex = split.cluster_of_vertex();
             corners = &split.corners[..];
         }
         Clusters::OfPoints(of_points) => {
@@ -131,10 +130,9 @@ pub fn lines(points: &[[f64; 3]], lines: &Faces, clusters: &[u32]) -> Result<Vec
 /// # Errors
 /// As those of [`mesh()`].
 pub fn nodes(geometry: &Geometry<'_>, split: &Split) -> Result<Vec<u8>> {
-    let points: Vec<[f64; 3]> = split.points.iter().map(|&point| geometry.points[point as usize]).collect();
+    let points = split.positions(geometry);
     let centre = centre_of(&points);
     let near = single(points.iter().copied(), centre, "GLB")?;
-    let of = (0..split.clusters()).flat_map(|cluster| split.vertices(cluster).map(move |_| cluster as u32));
     let mut file = Container::default();
     let (mut indices, mut ranges) = (Vec::new(), Vec::new());
     for cluster in 0..split.clusters() {
@@ -152,7 +150,7 @@ pub fn nodes(geometry: &Geometry<'_>, split: &Split) -> Result<Vec<u8>> {
         return Err(no_triangles());
     }
     let position_view = file.vertices(near.iter().flatten().flat_map(|x| x.to_le_bytes()).collect(), 12);
-    let colour_view = file.vertices(of.flat_map(rgba).collect(), 4);
+    let colour_view = file.vertices(split.cluster_of_vertex().into_iter().flat_map(rgba).collect(), 4);
     let index_view = file.view(indices.iter().flat_map(|x| x.to_le_bytes()).collect(), Some(container::INDICES));
     let (mut nodes, mut meshes) = (Vec::new(), Vec::new());
     for (cluster, vertices, corners) in ranges {

@@ -120,6 +120,10 @@ def check_mesh(case):
     loaded = trimesh.load(case.path("mesh.ply"), process=False)
     if case.are_triangles:
         assert (loaded.metadata["_ply_raw"]["face"]["data"]["cluster"].reshape(-1) == case.labels).all(), "ply, trimesh"
+    if case.are_triangles:
+        loaded = trimesh.load(case.export("--mesh", "coloured.ply", "--ply-vertex-colours"), process=False)
+        colours = np.asarray(loaded.visual.vertex_colors)[loaded.faces[:, 0], :3]
+        assert (colours == case.colours[case.labels]).all(), "ply with coloured vertices, trimesh"
     obj = case.export("--mesh", "mesh.obj")
     groups = [line for line in obj.read_text().splitlines() if line.startswith("g ")]
     assert groups == [f"g cluster-{cluster}" for cluster in range(case.clusters)], "obj"

@@ -23,6 +23,7 @@ struct DerivedQuery {
     clusters: Option<u64>,
     format: Option<String>,
     placement: Option<Placement>,
+    ply_vertex_colours: Option<bool>,
     force: Option<bool>,
 }
 
@@ -36,13 +37,21 @@ pub(in crate::service) async fn derived(
     headers: HeaderMap,
 ) -> Answer {
     let job = shared.job(&caller, &id).await?;
-    let DerivedQuery { clusters, format, placement, force } = query::read(&uri)?;
-    let given = [(Choice::Placement, placement.is_some()), (Choice::Force, force.is_some())];
+    let DerivedQuery { clusters, format, placement, ply_vertex_colours, force } = query::read(&uri)?;
+    let given = [
+        (Choice::Placement, placement.is_some()),
+        (Choice::PlyVertexColours, ply_vertex_colours.is_some()),
+        (Choice::Force, force.is_some()),
+    ];
     if let Some((choice, _)) = given.into_iter().find(|(choice, given)| *given && !artifact.choices.contains(choice)) {
         let message = format!("{} has nothing to choose by {}: leave it out", artifact.name, choice.name());
         return Err(Error::new(Kind::InvalidParameter, message).into());
     }
-    let choices = Choices { placement: placement.unwrap_or_default(), force: force.unwrap_or_default() };
+    let choices = Choices {
+        placement: placement.unwrap_or_default(),
+        ply_vertex_colours: ply_vertex_colours.unwrap_or_default(),
+        force: force.unwrap_or_default(),
+    };
     let form = negotiate::form(&headers, format.as_deref(), artifact)?;
     let summary = succeeded(&job)?;
     check_clusters(&job, &summary, clusters)?;
