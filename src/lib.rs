@@ -24,6 +24,7 @@
 //! | [`cluster`] | the algorithms: their definitions, proofs and drivers |
 //! | [`parameters`] | what a job may ask for |
 //! | [`report`] | what is said about a job |
+//! | [`export`] | formats of geometry, written |
 //! | [`artifacts`] | outputs: one table of what a job can be written as |
 //! | [`job`] | one job from bytes to results |
 //! | [`dev`] | tools: meshes made from nothing, time of each stage, the paper's tables, pictures of reports |
@@ -72,6 +73,7 @@ pub mod dev;
 pub mod device;
 pub mod energy;
 pub mod error;
+pub mod export;
 #[cfg(fuzzing)]
 pub mod fuzzing;
 pub mod hierarchy;

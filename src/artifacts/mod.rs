@@ -2,7 +2,8 @@
 //!
 //! Flags of the command line, names and extensions of files, blobs that the service stores, the media types that
 //! `Accept` chooses from, `GET /v1/formats`, the OpenAPI document and the table in `docs/results.md` come from it. A
-//! new output is a file here with its [`Artifact`], and a row of [`ALL`]; if it is served, also a member of `urls`.
+//! new output is a file here with its [`Artifact`], and a row of [`ALL`]; if it is served and not made of a mesh, also a
+//! member of `urls`.
 //!
 //! An encoder turns a [`Content`] into bytes. It knows no HTTP, no flags and no folders. [`Need`] says what of a job it
 //! is made of; a job keeps that until it is written.
@@ -10,9 +11,11 @@
 mod choices;
 mod hierarchy;
 mod labels;
+mod mesh;
 mod npy;
 mod report;
 mod snapshots;
+mod submeshes;
 
 use std::io::{self, Write};
 
@@ -21,6 +24,7 @@ use utoipa::openapi::{RefOr, Schema};
 
 use crate::cluster::record::Record;
 use crate::error::{Error, Kind, Result};
+pub use crate::export::npz::npy_header;
 use crate::hierarchy::json::Limits;
 use crate::hierarchy::stored::Stored;
 use crate::mesh::PolygonMesh;
@@ -30,12 +34,13 @@ use crate::report::Report;
 pub use choices::{Choice, Choices};
 pub use hierarchy::{HIERARCHY, HIERARCHY_JSON, HIERARCHY_TSR, LINKAGE_NPY};
 pub use labels::{CutKind, LABELS, LABELS_BIN, LABELS_JSON, LABELS_NPY, Labels};
-pub use npy::npy_header;
+pub use mesh::MESH;
 pub use report::{REPORT, REPORT_JSON};
 pub use snapshots::{SNAPSHOTS, SNAPSHOTS_JSON, SNAPSHOTS_NPY};
+pub use submeshes::SUBMESHES;
 
 /// Every output. The report is last: it has the time that writing the others took.
-pub static ALL: [&Artifact; 4] = [&LABELS, &SNAPSHOTS, &HIERARCHY, &REPORT];
+pub static ALL: [&Artifact; 6] = [&LABELS, &SNAPSHOTS, &HIERARCHY, &MESH, &SUBMESHES, &REPORT];
 
 /// An output.
 #[derive(Debug)]

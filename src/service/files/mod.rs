@@ -36,7 +36,7 @@ pub(super) use self::disk::DiskLimits;
 pub(super) use self::failure::blocking;
 pub(super) use self::folder::{Files, Folder};
 pub(super) use self::incoming::{Incoming, settle};
-pub(super) use self::needs::{of_faces, of_result};
+pub(super) use self::needs::{of_faces, of_kept, of_result};
 
 /// Name of the mesh among a job's uploads.
 pub(super) const MESH: &str = "mesh";

@@ -25,8 +25,9 @@ use crate::job::{self, Outcome, Plan, Prepared, milliseconds};
 use crate::mesh::Resources;
 use crate::report::Row;
 use crate::service::files::{self, BlobWriter, BlockingWriter, blocking, settle};
-use crate::service::job_blobs;
+use crate::service::kept::Kept;
 use crate::service::store::{Events, Job, Progress, SmallBlob, Summary, Ticket, What};
+use crate::service::{job_blobs, kept_mesh};
 
 /// Rows that are appended to the job's events at once.
 const ROWS_AT_ONCE: usize = 1024;
@@ -66,7 +67,9 @@ impl Pipeline {
             Span::current().record("clusters", prepared.parameters.clusters);
         }
 
-        self.files.secure(job.id, job.attempt, files::of_faces(&prepared.parameters, prepared.input.faces)).await?;
+        let faces = prepared.input.faces;
+        let needs = files::of_faces(&prepared.parameters, faces).saturating_add(files::of_kept(&job.spec.kept, faces));
+        self.files.secure(job.id, job.attempt, needs).await?;
 
         let cost = cost(prepared.surface.faces() as u64, &prepared.plan);
         let (rows, inbox) = mpsc::unbounded_channel();
@@ -89,17 +92,17 @@ impl Pipeline {
         telling.await.map_err(|error| {
             Error::new(Kind::Internal, format_args!("the events of the job were not written: {error}"))
         })??;
-        self.files.secure(job.id, job.attempt, files::of_result(&outcome)).await?;
+        self.files.secure(job.id, job.attempt, files::of_result(&outcome, &job.spec.kept)).await?;
         Ok(outcome)
     }
 
     /// From labels to files. Must not be dropped in the middle: it would go on, and leave files of no job.
     pub(super) async fn write(&self, slot: Slot, job: &Job, outcome: Outcome, started: Instant) -> Result<Written> {
         let files = Arc::clone(&self.files);
-        let (id, attempt) = (job.id, job.attempt);
+        let (id, attempt, kept) = (job.id, job.attempt, job.spec.kept.clone());
         let (mut summary, blobs) = blocking(move || {
             let _slot = slot;
-            caught(|| write(outcome, |name| BlockingWriter::new(files.result(id, attempt, name)), started))
+            caught(|| write(outcome, &kept, |name| BlockingWriter::new(files.result(id, attempt, name)), started))
         })
         .await??;
         let small = settle(blobs, |bytes| self.store.takes(bytes)).await?;
@@ -154,7 +157,7 @@ impl Pipeline {
                 parameters: &spec.parameters,
                 seeds: seeds.as_deref(),
                 weights: weights.as_deref(),
-                outputs: &artifacts::ALL,
+                outputs: if spec.kept.is_nothing() { &[] } else { &[&artifacts::MESH] },
             };
             let wait = Waiting { runtime, broken_off };
             let prepared = span.in_scope(|| {
@@ -293,11 +296,24 @@ pub(super) struct Written {
 /// Writes the result of a job to blobs, which are still to be settled.
 fn write(
     mut outcome: Outcome,
+    kept: &Kept,
     blob: impl Fn(&str) -> BlockingWriter,
     started: Instant,
 ) -> Result<(Summary, Vec<BlobWriter>)> {
     let writing = Instant::now();
     let mut blobs = Vec::new();
+    let mut warnings = Vec::new();
+    for form in kept.forms() {
+        match (form.encode)(&outcome.content()) {
+            Ok(encoding) => blobs.push(blob(form.file).fill(encoding)?),
+            // the clustering is worth keeping without it
+            Err(error) => warnings.push(format!("{} was not written: {}", form.file, error.message)),
+        }
+    }
+    outcome.report.warnings.extend(warnings);
+    if let Some(mesh) = outcome.mesh.take().filter(|_| kept.mesh) {
+        blobs.push(blob(kept_mesh::NAME).fill(|out| kept_mesh::write(out, &mesh))?);
+    }
     for form in artifacts::stored(&outcome.report.parameters) {
         // the report comes last, and has the times
         outcome.report.timings_ms.write = milliseconds(writing.elapsed());
