@@ -1,5 +1,7 @@
 //! What a request for an output may choose besides its form: flags of the command line, members of the query.
 
+use crate::remesh::Placement;
+
 /// Something that a request may choose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Choice {
@@ -12,6 +14,8 @@ pub enum Choice {
 /// What a request chose.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Choices {
+    /// Where the vertices of a remesh are placed.
+    pub placement: Placement,
     /// Whether to write what takes readers long.
     pub force: bool,
 }

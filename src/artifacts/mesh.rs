@@ -1,9 +1,11 @@
 //! The mesh with its clusters in colour, to look at.
 
 use super::{Artifact, Content, Encoding, Flag, Form, Need, given};
+use crate::complex::{Cluster, Graph};
 use crate::error::{Error, Kind, Result};
 use crate::export::glb::{self, Column, Values};
 use crate::export::{Clusters, Geometry, obj, ply, vtp};
+use crate::mesh::PolygonMesh;
 
 /// The mesh with its clusters.
 pub static MESH: Artifact = Artifact {
@@ -39,19 +41,25 @@ pub(super) fn geometry<'a>(content: &Content<'a>) -> Result<(Geometry<'a>, u64)>
     Ok((Geometry { points: &mesh.positions, faces: &mesh.faces, clusters }, labels.clusters))
 }
 
-/// Number of faces of each cluster.
-fn faces_of_clusters(labels: &[u32], clusters: u64) -> Vec<u32> {
-    let mut faces = vec![0; clusters as usize];
-    for &label in labels {
-        faces[label as usize] += 1;
-    }
-    faces
+/// What viewers can say about a cluster.
+fn table(mesh: &PolygonMesh, labels: &[u32], clusters: u64) -> Result<[Column; 5]> {
+    let rows = Graph::new(mesh, labels, clusters)?.nodes;
+    let f64s = |of: fn(&Cluster) -> f64| Values::F64(rows.iter().map(of).collect());
+    let u32s = |of: fn(&Cluster) -> u64| Values::U32(rows.iter().map(|row| of(row) as u32).collect());
+    let centroids = rows.iter().map(|row| row.centroid.unwrap_or_default()).collect();
+    Ok([
+        Column { name: "faces", values: u32s(|row| row.faces) },
+        Column { name: "neighbours", values: u32s(|row| row.neighbours) },
+        Column { name: "area", values: f64s(|row| row.area) },
+        Column { name: "perimeter", values: f64s(|row| row.perimeter) },
+        Column { name: "centroid", values: Values::Vec3(centroids) },
+    ])
 }
 
 fn as_glb<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
     let (geometry, clusters) = geometry(content)?;
-    let faces = faces_of_clusters(geometry.clusters.numbers(), clusters);
-    let bytes = glb::mesh(&geometry, clusters, &[Column { name: "faces", values: Values::U32(faces) }])?;
+    let labels = geometry.clusters.numbers();
+    let bytes = glb::mesh(&geometry, clusters, &table(given(content.mesh)?, labels, clusters)?)?;
     Ok(Box::new(move |out| out.write_all(&bytes)))
 }
 

@@ -16,11 +16,13 @@ mod hierarchy;
 mod labels;
 mod mesh;
 mod npy;
+mod remesh;
 mod report;
 mod snapshots;
 mod submeshes;
 
 use std::io::{self, Write};
+use std::sync::OnceLock;
 
 use utoipa::ToSchema;
 use utoipa::openapi::{RefOr, Schema};
@@ -32,6 +34,7 @@ use crate::hierarchy::json::Limits;
 use crate::hierarchy::stored::Stored;
 use crate::mesh::PolygonMesh;
 use crate::parameters::Parameters;
+use crate::remesh::Remesh;
 use crate::report::Report;
 
 pub use boundaries::BOUNDARIES;
@@ -41,13 +44,25 @@ pub use graph::GRAPH;
 pub use hierarchy::{HIERARCHY, HIERARCHY_JSON, HIERARCHY_TSR, LINKAGE_NPY};
 pub use labels::{CutKind, LABELS, LABELS_BIN, LABELS_JSON, LABELS_NPY, Labels};
 pub use mesh::MESH;
+pub use remesh::{REMESH, REMESH_SOURCE};
 pub use report::{REPORT, REPORT_JSON};
 pub use snapshots::{SNAPSHOTS, SNAPSHOTS_JSON, SNAPSHOTS_NPY};
 pub use submeshes::SUBMESHES;
 
 /// Every output. The report is last: it has the time that writing the others took.
-pub static ALL: [&Artifact; 9] =
-    [&LABELS, &SNAPSHOTS, &HIERARCHY, &MESH, &SUBMESHES, &GRAPH, &BOUNDARIES, &CLUSTERS, &REPORT];
+pub static ALL: [&Artifact; 11] = [
+    &LABELS,
+    &SNAPSHOTS,
+    &HIERARCHY,
+    &MESH,
+    &SUBMESHES,
+    &GRAPH,
+    &BOUNDARIES,
+    &CLUSTERS,
+    &REMESH,
+    &REMESH_SOURCE,
+    &REPORT,
+];
 
 /// An output.
 #[derive(Debug)]
@@ -204,6 +219,8 @@ pub struct Content<'a> {
     pub mesh: Option<&'a PolygonMesh>,
     /// What the request chose.
     pub choices: Choices,
+    /// Keeps the remesh between outputs that are made of it.
+    pub remesh: Option<&'a OnceLock<Remesh>>,
 }
 
 /// A part of a content that an encoder needs.

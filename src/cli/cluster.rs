@@ -1,6 +1,7 @@
 //! `tesserae cluster`: one mesh file, clustered in this process.
 
 use std::path::PathBuf;
+use std::sync::OnceLock;
 use std::time::Instant;
 
 use super::device::DeviceArguments;
@@ -90,14 +91,19 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let input = Source::from(arguments.input.clone());
     let (with_report, others): (Vec<&OutputFile>, Vec<&OutputFile>) =
         arguments.outputs.files().iter().partition(|file| file.needs(Need::Report));
+    let remesh = OnceLock::new();
     let write = |files: &[&OutputFile], outcome: &Outcome| {
         let limits = arguments.outputs.limits();
         files.iter().try_for_each(|file| {
-            file.write(&Content { limits, choices, is_indented: true, ..outcome.content() }, &input)
+            file.write(
+                &Content { limits, choices, is_indented: true, remesh: Some(&remesh), ..outcome.content() },
+                &input,
+            )
         })
     };
     write(&others, &outcome)?;
     write_iterations(arguments, &outcome, &input)?;
+    outcome.report.remesh = remesh.get().map(|remesh| remesh.summary);
     outcome.report.timings_ms.write = milliseconds(writing.elapsed());
     outcome.report.timings_ms.total = milliseconds(begin.elapsed());
     write(&with_report, &outcome)?;

@@ -1,6 +1,7 @@
 //! `tesserae export`: what is made of a mesh and labels, which may come from anywhere.
 
 use std::path::PathBuf;
+use std::sync::OnceLock;
 
 use super::files::{self, Source};
 use super::places::Kept;
@@ -64,7 +65,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mesh = read_mesh(arguments, &input)?;
     let (labels, clusters) = read_labels(arguments, mesh.faces.len())?;
     let labels = Labels::new(clusters, &labels);
-    let content = Content { labels: Some(labels), mesh: Some(&mesh), choices, ..Content::default() };
+    let remesh = OnceLock::new();
+    let content =
+        Content { labels: Some(labels), mesh: Some(&mesh), choices, remesh: Some(&remesh), ..Content::default() };
     arguments.outputs.iter().try_for_each(|file| file.write(&content, &input))?;
     let summary = format!("{} faces, {clusters} clusters", mesh.faces.len());
     if use_stdout(&arguments.outputs) {

@@ -11,6 +11,7 @@ use super::files::{Extension, Source, Target, path_parser};
 use super::places::{self, Output};
 use crate::artifacts::{ALL, Artifact, Choice, Choices, Content, Flag, Form, HIERARCHY_JSON, Need};
 use crate::hierarchy::json::Limits;
+use crate::remesh::Placement;
 
 /// Where outputs go, of a command whose outputs may be hierarchies.
 #[derive(Debug, clap::Args)]
@@ -70,6 +71,10 @@ pub struct OutputFiles<W>(Vec<OutputFile>, PhantomData<W>);
 /// Flags of what outputs may choose.
 #[derive(Debug, clap::Args)]
 pub struct ChoiceFlags {
+    /// Where the vertices of the remesh are placed
+    #[arg(long, value_enum)]
+    placement: Option<Placement>,
+
     /// Write submeshes as OUT.glb although they are more than readers load within seconds
     #[arg(long)]
     force: bool,
@@ -78,7 +83,7 @@ pub struct ChoiceFlags {
 impl ChoiceFlags {
     /// What was chosen. Refuses what belongs to no requested output.
     pub fn choices(&self, command: &'static str, files: &[OutputFile]) -> Result<Choices, Failure> {
-        let given = [(Choice::Force, self.force)];
+        let given = [(Choice::Placement, self.placement.is_some()), (Choice::Force, self.force)];
         for (choice, _) in given.into_iter().filter(|(_, is_given)| *is_given) {
             if !files.iter().any(|file| file.artifact.choices.contains(&choice)) {
                 let with = flags().filter(|(artifact, _)| artifact.choices.contains(&choice));
@@ -87,7 +92,7 @@ impl ChoiceFlags {
                 return Err(Failure::Usage(command, message));
             }
         }
-        Ok(Choices { force: self.force })
+        Ok(Choices { placement: self.placement.unwrap_or_default(), force: self.force })
     }
 }
 

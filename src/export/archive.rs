@@ -1,7 +1,9 @@
 //! Zip archives, written front to back: files are stored as they are, and dated 1980-01-01, so that equal content gives
 //! equal bytes.
 
+use std::cell::Cell;
 use std::io::{self, Write};
+use std::rc::Rc;
 
 use zip::write::{SimpleFileOptions, StreamWriter};
 use zip::{CompressionMethod, DateTime, System, ZipWriter};
@@ -11,13 +13,43 @@ const LARGE: usize = u32::MAX as usize;
 
 /// An archive in the making; without [`finish`](Self::finish) it cannot be read.
 pub struct Archive<'w> {
-    zip: ZipWriter<StreamWriter<&'w mut dyn Write>>,
+    zip: ZipWriter<StreamWriter<Out<'w>>>,
+    failed: Failure,
+}
+
+/// Why a write failed.
+type Failure = Rc<Cell<Option<io::Error>>>;
+
+/// Where the archive goes. The library writes the list of files when it is dropped, and prints an error if that fails: so
+/// it never sees one, and what it writes after a failure is lost.
+struct Out<'w> {
+    out: &'w mut dyn Write,
+    has_failed: bool,
+    failed: Failure,
+}
+
+impl Write for Out<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if !self.has_failed
+            && let Err(error) = self.out.write_all(bytes)
+        {
+            self.has_failed = true;
+            self.failed.set(Some(error));
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 impl<'w> Archive<'w> {
     /// An archive without files.
     pub fn new(out: &'w mut dyn Write) -> Self {
-        Self { zip: ZipWriter::new_stream(out) }
+        let failed = Failure::default();
+        let out = Out { out, has_failed: false, failed: Rc::clone(&failed) };
+        Self { zip: ZipWriter::new_stream(out), failed }
     }
 
     /// Adds a file.
@@ -29,13 +61,14 @@ impl<'w> Archive<'w> {
             .unix_permissions(0o644)
             .large_file(bytes.len() >= LARGE);
         self.zip.start_file(name, options)?;
-        self.zip.write_all(bytes)
+        self.zip.write_all(bytes)?;
+        self.failed.take().map_or(Ok(()), Err)
     }
 
     /// Writes the list of files.
     pub fn finish(self) -> io::Result<()> {
         self.zip.finish()?;
-        Ok(())
+        self.failed.take().map_or(Ok(()), Err)
     }
 }
 
@@ -44,6 +77,20 @@ mod tests {
     use std::io::{Cursor, Read};
 
     use super::*;
+
+    #[test]
+    fn a_failed_write_is_an_error_of_the_archive() {
+        let mut room = [0; 60];
+        let mut full = &mut room[..];
+        let mut archive = Archive::new(&mut full);
+        archive.add("a.txt", b"12345").expect("there is room");
+        assert_eq!(archive.add("b.txt", b"12345").expect_err("full").kind(), io::ErrorKind::WriteZero);
+        drop(archive);
+        let mut full = &mut room[..50];
+        let mut archive = Archive::new(&mut full);
+        archive.add("a.txt", b"12345").expect("there is room");
+        assert!(archive.finish().is_err(), "there is no room for the list of files");
+    }
 
     #[test]
     fn an_archive_has_its_files_stored_and_dated_the_same_every_time() {

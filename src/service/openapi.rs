@@ -24,6 +24,7 @@ use crate::artifacts::{self, Artifact, Choice, Form, Need};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Format;
 use crate::parameters::{Levels, Seeds, Snapshots};
+use crate::remesh::Placement;
 
 /// A whole mesh of four faces, so that tools that read the description can make jobs that succeed.
 const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
@@ -185,7 +186,9 @@ fn operation_of(artifact: &Artifact) -> Operation {
         ));
     let choices = artifact.choices.iter().map(|chosen| match chosen {
         Choice::Placement => {
-            let placements = ObjectBuilder::new().schema_type(Type::String);
+            let placements =
+                [Placement::Fit, Placement::Surface, Placement::Centroid].map(|placement| json!(placement));
+            let placements = ObjectBuilder::new().schema_type(Type::String).enum_values(Some(placements));
             choice(chosen.name(), "Where vertices are placed", placements)
         }
         Choice::Force => {

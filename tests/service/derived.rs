@@ -108,6 +108,7 @@ async fn wrong_requests_for_outputs_are_refused() {
         ("clusters=x", 422, "invalid-parameter", "clusters"),
         ("colour=red", 422, "invalid-parameter", "colour"),
         ("force=true", 422, "invalid-parameter", "force"),
+        ("placement=fit", 422, "invalid-parameter", "placement"),
         ("format=ply&format=obj", 422, "invalid-parameter", "format"),
     ] {
         let detail = refused(service.get(&format!("{url}?{query}")), status, kind).await;
@@ -126,6 +127,21 @@ async fn wrong_requests_for_outputs_are_refused() {
     let url = text(&many["urls"]["submeshes"]);
     assert!(refused(service.get(url), 409, "conflict").await.contains("2100"));
     assert!(bytes(&service, &format!("{url}?force=true")).await.starts_with(b"glTF"));
+}
+
+#[tokio::test]
+async fn a_remesh_is_placed_as_the_query_says() {
+    let service = Service::start().await;
+    let job = done(&service, "clusters=40&keep_mesh=true&outputs=remesh.ply", 2000).await;
+    let report = json(service.get(text(&job["urls"]["report"]))).await;
+    assert_eq!((&report["remesh"]["vertices"]["clusters"], &report["remesh"]["checked"]), (&40.into(), &true.into()));
+    let url = text(&job["urls"]["remesh"]);
+    let placed = async |query: &str| bytes(&service, &format!("{url}?{query}")).await;
+    let fit = placed("format=ply").await;
+    assert!(fit == placed("format=ply&placement=fit").await);
+    let (surface, centroid) = (placed("placement=surface").await, placed("placement=centroid").await);
+    assert!(fit != surface && fit != centroid && surface != centroid);
+    refused(service.get(&format!("{url}?placement=middle")), 422, "invalid-parameter").await;
 }
 
 #[tokio::test]

@@ -7,6 +7,7 @@ use serde::Deserialize;
 use super::view::tell_expiry;
 use crate::artifacts::{Artifact, Choice, Choices};
 use crate::error::{Error, Kind};
+use crate::remesh::Placement;
 use crate::service::access::Caller;
 use crate::service::conditional::Content;
 use crate::service::problem::Answer;
@@ -21,6 +22,7 @@ use crate::service::{negotiate, query};
 struct DerivedQuery {
     clusters: Option<u64>,
     format: Option<String>,
+    placement: Option<Placement>,
     force: Option<bool>,
 }
 
@@ -34,13 +36,13 @@ pub(in crate::service) async fn derived(
     headers: HeaderMap,
 ) -> Answer {
     let job = shared.job(&caller, &id).await?;
-    let DerivedQuery { clusters, format, force } = query::read(&uri)?;
-    let given = [(Choice::Force, force.is_some())];
+    let DerivedQuery { clusters, format, placement, force } = query::read(&uri)?;
+    let given = [(Choice::Placement, placement.is_some()), (Choice::Force, force.is_some())];
     if let Some((choice, _)) = given.into_iter().find(|(choice, given)| *given && !artifact.choices.contains(choice)) {
         let message = format!("{} has nothing to choose by {}: leave it out", artifact.name, choice.name());
         return Err(Error::new(Kind::InvalidParameter, message).into());
     }
-    let choices = Choices { force: force.unwrap_or_default() };
+    let choices = Choices { placement: placement.unwrap_or_default(), force: force.unwrap_or_default() };
     let form = negotiate::form(&headers, format.as_deref(), artifact)?;
     let summary = succeeded(&job)?;
     check_clusters(&job, &summary, clusters)?;

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 use std::iter;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
@@ -18,7 +18,7 @@ use super::slot::Slot;
 use super::task::Task;
 use super::turns::Visit;
 
-use crate::artifacts;
+use crate::artifacts::{self, Content};
 use crate::device::Cancel;
 use crate::error::{Error, Kind, Result};
 use crate::job::{self, Outcome, Plan, Prepared, milliseconds};
@@ -303,14 +303,16 @@ fn write(
     let writing = Instant::now();
     let mut blobs = Vec::new();
     let mut warnings = Vec::new();
+    let remesh = OnceLock::new();
     for form in kept.forms() {
-        match (form.encode)(&outcome.content()) {
+        match (form.encode)(&Content { remesh: Some(&remesh), ..outcome.content() }) {
             Ok(encoding) => blobs.push(blob(form.file).fill(encoding)?),
             // the clustering is worth keeping without it
             Err(error) => warnings.push(format!("{} was not written: {}", form.file, error.message)),
         }
     }
     outcome.report.warnings.extend(warnings);
+    outcome.report.remesh = remesh.get().map(|remesh| remesh.summary);
     if let Some(mesh) = outcome.mesh.take().filter(|_| kept.mesh) {
         blobs.push(blob(kept_mesh::NAME).fill(|out| kept_mesh::write(out, &mesh))?);
     }
