@@ -3,6 +3,9 @@
 use super::{Artifact, Content, Encoding, Flag, Form, Need, given, schema_of};
 use crate::complex::Boundaries;
 use crate::error::Result;
+use crate::export::glb;
+use crate::export::vtp::{self, Cells, Numbers};
+use crate::mesh::Faces;
 
 /// The curves between clusters.
 pub static BOUNDARIES: Artifact = Artifact {
@@ -18,12 +21,27 @@ pub static BOUNDARIES: Artifact = Artifact {
             encode: json,
         },
         Form { file: "boundaries.obj", media_type: "model/obj", is_stored: false, schema: None, encode: obj },
+        Form {
+            file: "boundaries.glb",
+            media_type: "model/gltf-binary",
+            is_stored: false,
+            schema: None,
+            encode: as_glb,
+        },
+        Form {
+            file: "boundaries.vtp",
+            media_type: "application/x-vtp",
+            is_stored: false,
+            schema: None,
+            encode: as_vtp,
+        },
     ],
     choices: &[],
     flags: &[Flag {
         name: "--boundaries",
         value: "OUT",
-        help: "Where to write the curves between clusters: OUT.json, OUT.obj (lines), or - for JSON on standard output",
+        help: "Where to write the curves between clusters: OUT.json; lines as OUT.obj, OUT.glb or OUT.vtp; or - for \
+               JSON on standard output",
     }],
     is_served: true,
 };
@@ -40,6 +58,34 @@ fn json<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
         serde_json::to_writer(&mut *out, &boundaries)?;
         out.write_all(b"\n")
     }))
+}
+
+/// The curves as polylines; closed ones return to their beginning.
+fn polylines(boundaries: &Boundaries) -> Faces {
+    let mut lines = Faces::default();
+    for curve in &boundaries.curves {
+        let again = curve.points.iter().take(usize::from(curve.closed));
+        lines.push(&curve.points.iter().chain(again).copied().collect::<Vec<u32>>());
+    }
+    lines
+}
+
+/// Lines in the colours of the clusters on their left.
+fn as_glb<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
+    let boundaries = boundaries(content)?;
+    let left: Vec<u32> = boundaries.curves.iter().map(|curve| curve.left).collect();
+    let bytes = glb::lines(&boundaries.points, &polylines(&boundaries), &left)?;
+    Ok(Box::new(move |out| out.write_all(&bytes)))
+}
+
+/// Lines with the clusters on both sides; −1 on the right of the boundary of the mesh.
+fn as_vtp<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
+    let boundaries = boundaries(content)?;
+    let lines = polylines(&boundaries);
+    let left: Vec<u32> = boundaries.curves.iter().map(|curve| curve.left).collect();
+    let right = boundaries.curves.iter().map(|curve| curve.right.map_or(-1, i64::from));
+    let sides = [Numbers::u32("left", &left), Numbers::i64("right", right)];
+    Ok(Box::new(move |out| vtp::write_cells(out, &boundaries.points, Cells::Lines, &lines, &[], &sides)))
 }
 
 /// A line a curve, in a group named after its clusters.

@@ -2,8 +2,8 @@
 //!
 //! Flags of the command line, names and extensions of files, blobs that the service stores, the media types that
 //! `Accept` chooses from, `GET /v1/formats`, the OpenAPI document and the table in `docs/results.md` come from it. A
-//! new output is a file here with its [`Artifact`], and a row of [`ALL`]; if it is served and not made of a mesh, also a
-//! member of `urls`.
+//! new output is a file here with its [`Artifact`], and a row of [`ALL`]; if it is served and not made of a mesh, also
+//! a member of `urls`.
 //!
 //! An encoder turns a [`Content`] into bytes. It knows no HTTP, no flags and no folders. [`Need`] says what of a job it
 //! is made of; a job keeps that until it is written.

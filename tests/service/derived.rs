@@ -29,7 +29,7 @@ async fn bytes(service: &Service, url: &str) -> Vec<u8> {
 async fn a_kept_mesh_gives_every_output_in_every_form() {
     let service = Service::start().await;
     // one whose result is kept in the store, and one in files
-    for faces in [500, 20_000] {
+    for faces in [500, 60_000] {
         let job = done(&service, "clusters=9&keep_mesh=true", faces).await;
         assert_eq!((&job["keep_mesh"], &job["outputs"]), (&true.into(), &Value::Array(Vec::new())));
         for artifact in made_of_mesh() {
@@ -177,7 +177,7 @@ async fn a_kept_mesh_is_its_tenants_only_and_goes_with_its_job() {
         .map(|tenant| TokenFile::change(&tokens, |file| Ok(file.add(tenant)?.reveal())).expect("made"));
     let service = Service::with(|settings| settings.access.tokens = Some(tokens), Box::new(CpuDevice::new())).await;
     let request = service.post("/v1/jobs?clusters=9&keep_mesh=true").header("content-type", "model/obj");
-    let request = request.header("prefer", "wait=100").bearer_auth(&mine).body(sphere(20_000));
+    let request = request.header("prefer", "wait=100").bearer_auth(&mine).body(sphere(60_000));
     let job: Value = json(request).await;
     let url = text(&job["urls"]["mesh"]);
     refused(service.get(url).bearer_auth(&theirs), 404, "not-found").await;
