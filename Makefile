@@ -26,7 +26,7 @@ run:  ## install what is missing, build, and serve on http://127.0.0.1:8080 (TES
 
 .PHONY: test
 test: lint  ## install what is missing and check everything, on cpu and on a software gpu
-	@$(MAKE) --no-print-directory unit end-to-end memory crash fuzz deploy
+	@$(MAKE) --no-print-directory unit end-to-end outputs memory crash fuzz deploy
 
 .PHONY: lint
 lint: install-test  ## formatting, clippy, documentation and choices of cargo features, warnings denied
@@ -44,6 +44,17 @@ unit: install-test  ## the tests of the crate
 end-to-end: debug-binary $(VENV)/ready  ## service and command line from outside, results scored independently
 	$(VENV)/bin/python tests/scripts/end_to_end.py $(TARGET)/debug/tesserae $(TESSERAE_TEST_MESHES)
 	$(VENV)/bin/python tests/scripts/pages.py $(TARGET)/debug/tesserae
+
+.PHONY: outputs
+outputs: debug-binary $(VENV)/ready $(TARGET)/node/ready  ## outputs as the programs read them that people use
+	$(VENV)/bin/python tests/scripts/outputs.py $(TARGET)/debug/tesserae --node $(TARGET)/node $(TESSERAE_TEST_MESHES)
+
+$(TARGET)/node/ready: tests/scripts/gltf/package.json | install-test
+	@echo "installing into $(TARGET)/node: gltf-validator"
+	mkdir -p $(TARGET)/node
+	cp $< $(TARGET)/node/
+	npm install --silent --no-fund --no-audit --no-package-lock --prefix $(TARGET)/node
+	touch $@
 
 .PHONY: memory
 memory: debug-binary  ## whether memory stays the same over many jobs (MEMORY_JOBS=1000)

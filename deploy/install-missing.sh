@@ -40,6 +40,8 @@ if [ "${1:-}" = test ]; then
     need mesa-vulkan-drivers has_software_vulkan
     need curl command -v curl
     need python3 command -v python3
+    need nodejs command -v node
+    need npm command -v npm
     need python3-venv python3 -c 'import ensurepip, venv'
 fi
 

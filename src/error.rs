@@ -33,6 +33,8 @@ pub enum Kind {
     TooLarge,
     /// There is no such thing.
     NotFound,
+    /// The output is made of a mesh that the job did not keep.
+    MeshNotKept,
     /// The resource exists, but does not answer this method.
     MethodNotAllowed,
     /// The request uses a feature of HTTP that is not supported.
@@ -84,7 +86,7 @@ impl Kind {
             Kind::BadRequest => 400,
             Kind::Unauthorized => 401,
             Kind::Forbidden => 403,
-            Kind::NotFound => 404,
+            Kind::NotFound | Kind::MeshNotKept => 404,
             Kind::MethodNotAllowed => 405,
             Kind::NotAcceptable => 406,
             Kind::Timeout => 408,
@@ -119,6 +121,7 @@ impl Kind {
             Kind::RateLimited => "rate-limited",
             Kind::Overloaded => "overloaded",
             Kind::NotFound => "not-found",
+            Kind::MeshNotKept => "mesh-not-kept",
             Kind::MethodNotAllowed => "method-not-allowed",
             Kind::NotAcceptable => "not-acceptable",
             Kind::Conflict => "conflict",
@@ -153,6 +156,7 @@ impl Kind {
             Kind::RateLimited => "More is asked for than a client's share",
             Kind::Overloaded => "The service has too much to do",
             Kind::NotFound => "Not found",
+            Kind::MeshNotKept => "The mesh was not kept",
             Kind::MethodNotAllowed => "The method is not allowed here",
             Kind::NotAcceptable => "No acceptable representation",
             Kind::Conflict => "The state of the job does not allow this",
@@ -192,6 +196,7 @@ impl Kind {
             | Kind::UnsupportedMediaType
             | Kind::TooLarge
             | Kind::NotFound
+            | Kind::MeshNotKept
             | Kind::MethodNotAllowed
             | Kind::NotAcceptable
             | Kind::Conflict

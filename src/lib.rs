@@ -17,11 +17,14 @@
 //! | [`mesh`] | formats of meshes, read into polygons |
 //! | [`energy`] | what is minimised: sums, proxies, costs, gains; `shaders/energy/` is its WGSL |
 //! | [`surface`] | welding, adjacency, components, the integer lattice, face order, coarser graphs |
+//! | [`complex`] | how clusters meet: cells, arcs, junctions; boundaries, graph, cluster table |
+//! | [`remesh`] | a triangle mesh with a vertex a cluster |
 //! | [`device`] | the steps of algorithms: `plain` defines them, `cpu` and `gpu` (with `shaders/`) are in use |
 //! | [`hierarchy`] | hierarchies: their file, their JSON, cuts, scipy's matrix |
 //! | [`cluster`] | the algorithms: their definitions, proofs and drivers |
 //! | [`parameters`] | what a job may ask for |
 //! | [`report`] | what is said about a job |
+//! | [`export`] | formats of geometry, written |
 //! | [`artifacts`] | outputs: one table of what a job can be written as |
 //! | [`job`] | one job from bytes to results |
 //! | [`dev`] | tools: meshes made from nothing, time of each stage, the paper's tables, pictures of reports |
@@ -65,10 +68,12 @@
 pub mod artifacts;
 pub mod cli;
 pub mod cluster;
+pub mod complex;
 pub mod dev;
 pub mod device;
 pub mod energy;
 pub mod error;
+pub mod export;
 #[cfg(fuzzing)]
 pub mod fuzzing;
 pub mod hierarchy;
@@ -78,6 +83,7 @@ mod memory;
 pub mod mesh;
 pub mod parameters;
 mod prefetch;
+pub mod remesh;
 pub mod report;
 #[cfg(feature = "service")]
 pub mod service;

@@ -8,6 +8,7 @@ pub use crate::device::{DeviceInfo, DeviceKind};
 pub use crate::hierarchy::Level;
 use crate::mesh::{Format, Part};
 use crate::parameters::{Algorithm, Parameters};
+pub use crate::remesh::Summary;
 
 /// Everything that is known about an ended clustering.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
@@ -39,6 +40,8 @@ pub struct Report {
     pub labels_sha256: Option<String>,
     /// The iterations whose labels were kept, ascending.
     pub snapshots: Vec<u32>,
+    /// What was checked of the remesh; null where none was made with the job.
+    pub remesh: Option<Summary>,
     /// What is unusual about the mesh or the run.
     pub warnings: Vec<String>,
 }

@@ -10,6 +10,7 @@ pub static HIERARCHY: Artifact = Artifact {
     about: "All merges, from which cuts at any number of clusters are made.",
     needs: &[Need::Hierarchy],
     forms: &[HIERARCHY_JSON, LINKAGE_NPY, HIERARCHY_TSR],
+    choices: &[],
     flags: &[
         Flag {
             name: "--hierarchy",

@@ -14,6 +14,7 @@ pub static LABELS: Artifact = Artifact {
     about: "The cluster of each face, in upload order.",
     needs: &[Need::Labels],
     forms: &[LABELS_JSON, LABELS_NPY, LABELS_BIN],
+    choices: &[],
     flags: &[Flag {
         name: "--labels",
         value: "OUT",

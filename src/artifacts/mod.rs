@@ -2,38 +2,67 @@
 //!
 //! Flags of the command line, names and extensions of files, blobs that the service stores, the media types that
 //! `Accept` chooses from, `GET /v1/formats`, the OpenAPI document and the table in `docs/results.md` come from it. A
-//! new output is a file here with its [`Artifact`], and a row of [`ALL`]; if it is served, also a member of `urls`.
+//! new output is a file here with its [`Artifact`], and a row of [`ALL`]; if it is served and not made of a mesh, also
+//! a member of `urls`.
 //!
 //! An encoder turns a [`Content`] into bytes. It knows no HTTP, no flags and no folders. [`Need`] says what of a job it
 //! is made of; a job keeps that until it is written.
 
+mod boundaries;
+mod choices;
+mod clusters;
+mod graph;
 mod hierarchy;
 mod labels;
+mod mesh;
 mod npy;
+mod remesh;
 mod report;
 mod snapshots;
+mod submeshes;
 
 use std::io::{self, Write};
+use std::sync::OnceLock;
 
 use utoipa::ToSchema;
 use utoipa::openapi::{RefOr, Schema};
 
 use crate::cluster::record::Record;
 use crate::error::{Error, Kind, Result};
+pub use crate::export::npz::npy_header;
 use crate::hierarchy::json::Limits;
 use crate::hierarchy::stored::Stored;
 use crate::mesh::PolygonMesh;
 use crate::parameters::Parameters;
+use crate::remesh::Remesh;
 use crate::report::Report;
 
+pub use boundaries::BOUNDARIES;
+pub use choices::{Choice, Choices};
+pub use clusters::CLUSTERS;
+pub use graph::GRAPH;
 pub use hierarchy::{HIERARCHY, HIERARCHY_JSON, HIERARCHY_TSR, LINKAGE_NPY};
 pub use labels::{CutKind, LABELS, LABELS_BIN, LABELS_JSON, LABELS_NPY, Labels};
-pub use npy::npy_header;
+pub use mesh::MESH;
+pub use remesh::{REMESH, REMESH_SOURCE};
 pub use report::{REPORT, REPORT_JSON};
 pub use snapshots::{SNAPSHOTS, SNAPSHOTS_JSON, SNAPSHOTS_NPY};
+pub use submeshes::SUBMESHES;
 
 /// Every output. The report is last: it has the time that writing the others took.
-pub static ALL: [&Artifact; 4] = [&LABELS, &SNAPSHOTS, &HIERARCHY, &REPORT];
+pub static ALL: [&Artifact; 11] = [
+    &LABELS,
+    &SNAPSHOTS,
+    &HIERARCHY,
+    &MESH,
+    &SUBMESHES,
+    &GRAPH,
+    &BOUNDARIES,
+    &CLUSTERS,
+    &REMESH,
+    &REMESH_SOURCE,
+    &REPORT,
+];
 
 /// An output.
 #[derive(Debug)]
@@ -46,9 +75,12 @@ pub struct Artifact {
     pub needs: &'static [Need],
     /// What it can be written as, the default first.
     pub forms: &'static [Form],
+    /// What a request for it may choose, besides the form.
+    pub choices: &'static [Choice],
     /// Flags of the command line that write it.
     pub flags: &'static [Flag],
-    /// Whether it has a route. One without a handler of its own serves the stored forms.
+    /// Whether it has a route. Those of outputs without a mesh serve the stored forms, unless they have a handler of
+    /// their own.
     pub is_served: bool,
 }
 
@@ -80,8 +112,8 @@ fn schema_of<T: ToSchema>(schemas: &mut Schemas) -> String {
 /// Writes an output.
 pub type Encoding<'a> = Box<dyn FnOnce(&mut dyn Write) -> io::Result<()> + 'a>;
 
-/// A flag of the command line. It writes the forms whose files have its name, and takes any file name if JSON is the
-/// only one.
+/// A flag of the command line. It writes the forms whose files have its name, all if it is the only flag of its output.
+/// It takes any file name if JSON is the only form.
 #[derive(Debug)]
 pub struct Flag {
     /// Its name, with dashes.
@@ -126,17 +158,27 @@ impl Artifact {
     pub fn is_made(&self, parameters: &Parameters) -> bool {
         self.needs.iter().all(|need| need.is_met(parameters))
     }
+
+    /// Whether it is made of something.
+    pub fn needs(&self, need: Need) -> bool {
+        self.needs.contains(&need)
+    }
+
+    /// The form with this file extension.
+    pub fn form(&self, extension: &str) -> Option<&'static Form> {
+        self.forms.iter().find(|form| form.extension().eq_ignore_ascii_case(extension))
+    }
 }
 
 impl Form {
     /// File name without its extension.
     fn stem(&self) -> &'static str {
-        self.file.rsplit_once('.').map_or(self.file, |(stem, _)| stem)
+        self.file.split_once('.').map_or(self.file, |(stem, _)| stem)
     }
 
-    /// File extension, without the dot.
+    /// File extension, without the first dot: also `stl.zip`.
     pub fn extension(&self) -> &'static str {
-        self.file.rsplit_once('.').map_or("", |(_, extension)| extension)
+        self.file.split_once('.').map_or("", |(_, extension)| extension)
     }
 }
 
@@ -148,7 +190,7 @@ impl Flag {
 
     /// The forms of its output that the flag writes.
     pub fn forms(&self, artifact: &'static Artifact) -> impl Iterator<Item = &'static Form> {
-        artifact.forms.iter().filter(|form| form.stem() == self.long())
+        artifact.forms.iter().filter(|form| artifact.flags.len() == 1 || form.stem() == self.long())
     }
 }
 
@@ -173,11 +215,31 @@ pub struct Content<'a> {
     pub report: Option<&'a Report>,
     /// Whether the report is indented.
     pub is_indented: bool,
-    /// The mesh, where an output needs it.
+    /// The mesh, where an output needs it: positions and faces count, parts may be missing.
     pub mesh: Option<&'a PolygonMesh>,
+    /// What the request chose.
+    pub choices: Choices,
+    /// Keeps the remesh between outputs that are made of it.
+    pub remesh: Option<&'a OnceLock<Remesh>>,
 }
 
 /// A part of a content that an encoder needs.
 fn given<T>(part: Option<T>) -> Result<T> {
     part.ok_or_else(|| Error::new(Kind::Internal, "an output was to be written without what it is made of"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dev::sample::{Sample, generate};
+
+    /// An output of an open mesh in five clusters.
+    pub(super) fn written(artifact: &Artifact, form: usize) -> Vec<u8> {
+        let mesh = generate(Sample::Terrain, 300).expect("a sample");
+        let labels: Vec<u32> = (0..mesh.faces.len()).map(|face| (face * 5 / mesh.faces.len()) as u32).collect();
+        let content = Content { labels: Some(Labels::new(5, &labels)), mesh: Some(&mesh), ..Content::default() };
+        let mut out = Vec::new();
+        (artifact.forms[form].encode)(&content).expect("a mesh")(&mut out).expect("a vector takes everything");
+        out
+    }
 }

@@ -10,6 +10,7 @@ pub static REPORT: Artifact = Artifact {
     about: "What was read, the energies, every iteration, the timings.",
     needs: &[Need::Report],
     forms: &[REPORT_JSON],
+    choices: &[],
     flags: &[Flag {
         name: "--report",
         value: "OUT.json",

@@ -10,6 +10,7 @@ pub static SNAPSHOTS: Artifact = Artifact {
     about: "The labels of the iterations that were asked for.",
     needs: &[Need::Snapshots, Need::Report],
     forms: &[SNAPSHOTS_NPY, SNAPSHOTS_JSON],
+    choices: &[],
     flags: &[],
     is_served: false,
 };

@@ -1,15 +1,16 @@
 //! `tesserae cluster`: one mesh file, clustered in this process.
 
 use std::path::PathBuf;
+use std::sync::OnceLock;
 use std::time::Instant;
 
 use super::device::DeviceArguments;
 use super::files::{self, Source, Target};
 use super::places::Kept;
 use super::progress::Progress;
-use super::results::{OutputFile, Outputs, check_places};
+use super::results::{ChoiceFlags, OfJob, OutputFile, Outputs, check_places};
 use super::{Failure, complain, print_line, say, signals};
-use crate::artifacts::{Artifact, Content, LABELS, LINKAGE_NPY, Labels, Need};
+use crate::artifacts::{Artifact, Choices, Content, LABELS, LINKAGE_NPY, Labels, Need};
 use crate::device::Cancel;
 use crate::device::cpu::CpuDevice;
 use crate::error::{Error, Kind};
@@ -30,6 +31,7 @@ get JSON unless their name says otherwise.
 
 Examples:
   tesserae cluster horse.obj --clusters 2000 --labels horse.npy --report horse.json
+  tesserae cluster horse.obj -k 2000 --mesh horse.glb
   tesserae cluster horse.obj -k 2000 --device gpu --seeds random --seed 7 --labels horse.bin
   tesserae cluster horse.obj --algorithm pml --hierarchy horse.tsr --levels 2000,1000 --report horse.json
   tesserae cluster horse.obj --algorithm hr --linkage horse.npy
@@ -57,7 +59,10 @@ pub struct Arguments {
     device: DeviceArguments,
 
     #[command(flatten)]
-    outputs: Outputs,
+    outputs: Outputs<OfJob>,
+
+    #[command(flatten)]
+    choices: ChoiceFlags,
 
     /// Largest number of faces that is accepted
     #[arg(long, env = "TESSERAE_MAX_FACES", value_name = "N", default_value_t = Limits::default().max_faces)]
@@ -76,7 +81,7 @@ pub struct Arguments {
 /// Reads, clusters, writes, and says in one line what came out.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let begin = Instant::now();
-    check(arguments)?;
+    let choices = check(arguments)?;
 
     let mut progress = Progress::new(arguments.parameters.max_iterations);
     let mut outcome = cluster(arguments, &mut progress)?;
@@ -86,14 +91,19 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let input = Source::from(arguments.input.clone());
     let (with_report, others): (Vec<&OutputFile>, Vec<&OutputFile>) =
         arguments.outputs.files().iter().partition(|file| file.needs(Need::Report));
+    let remesh = OnceLock::new();
     let write = |files: &[&OutputFile], outcome: &Outcome| {
         let limits = arguments.outputs.limits();
-        files
-            .iter()
-            .try_for_each(|file| file.write(&Content { limits, is_indented: true, ..outcome.content() }, &input))
+        files.iter().try_for_each(|file| {
+            file.write(
+                &Content { limits, choices, is_indented: true, remesh: Some(&remesh), ..outcome.content() },
+                &input,
+            )
+        })
     };
     write(&others, &outcome)?;
     write_iterations(arguments, &outcome, &input)?;
+    outcome.report.remesh = remesh.get().map(|remesh| remesh.summary);
     outcome.report.timings_ms.write = milliseconds(writing.elapsed());
     outcome.report.timings_ms.total = milliseconds(begin.elapsed());
     write(&with_report, &outcome)?;
@@ -112,7 +122,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// Refuses what needs no mesh to be refused.
-fn check(arguments: &Arguments) -> Result<(), Failure> {
+fn check(arguments: &Arguments) -> Result<Choices, Failure> {
     let usage = |message: String| Err(Failure::Usage("cluster", message));
     let (parameters, outputs) = (&arguments.parameters, &arguments.outputs);
     let listed = matches!(parameters.seeds, Seeds::File(_));
@@ -127,6 +137,7 @@ fn check(arguments: &Arguments) -> Result<(), Failure> {
         ));
     }
     outputs.check("cluster")?;
+    let choices = arguments.choices.choices("cluster", outputs.files())?;
     if let Some(file) = outputs.that_needs(Need::Hierarchy).filter(|_| !Need::Hierarchy.is_met(parameters)) {
         let (flag, name) = (file.flag, parameters.algorithm.name());
         return usage(format!("{flag} goes with hierarchies (pml, ml, hr), not with the algorithm {name}"));
@@ -154,7 +165,8 @@ fn check(arguments: &Arguments) -> Result<(), Failure> {
             return usage("--linkage needs a whole tree: leave --clusters out".to_owned());
         }
     }
-    check_places("cluster", &inputs(arguments), &outputs.places())
+    check_places("cluster", &inputs(arguments), &outputs.places())?;
+    Ok(choices)
 }
 
 /// Where everything comes from, after what it is.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde_json::json;
 
 use super::files::Source;
-use super::results::{Outputs, check_places};
+use super::results::{OfHierarchy, Outputs, check_places};
 use super::{Failure, print_line, say, signals};
 use crate::artifacts::{Content, Labels, Need};
 use crate::hierarchy::Cut;
@@ -34,7 +34,7 @@ pub struct Arguments {
     clusters: Option<u64>,
 
     #[command(flatten)]
-    outputs: Outputs,
+    outputs: Outputs<OfHierarchy>,
 
     /// Largest number of faces that is accepted
     #[arg(long, env = "TESSERAE_MAX_FACES", value_name = "N", default_value_t = Limits::default().max_faces)]

@@ -121,6 +121,13 @@ impl From<PathBuf> for Target {
 }
 
 impl Target {
+    /// Whether its name ends in an extension, or in several: `stl.zip`.
+    pub fn ends_in(&self, extension: &str) -> bool {
+        let Target::File(path) = self else { return false };
+        let name = path.file_name().map(|name| name.to_string_lossy().to_ascii_lowercase());
+        name.is_some_and(|name| name.ends_with(&format!(".{extension}")))
+    }
+
     /// The extension that says the format; none of standard output, and of pipes, devices and descriptors without one.
     pub fn extension(&self) -> Extension<'_> {
         match self {
@@ -140,7 +147,7 @@ impl Target {
 
 /// What a target's name says of its format.
 pub enum Extension<'a> {
-    /// This extension.
+    /// This extension, the last one.
     Is(&'a OsStr),
     /// Nothing, and need not.
     None,

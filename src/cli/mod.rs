@@ -16,6 +16,7 @@ mod cut;
 mod device;
 mod devices;
 mod evaluate;
+mod export;
 mod files;
 mod places;
 mod plot;
@@ -52,6 +53,7 @@ Examples:
   tesserae cluster knot.glb --clusters 500 --labels knot.npy --report knot.json
   tesserae cluster knot.glb --algorithm pml --hierarchy knot.tsr
   tesserae cut knot.tsr --clusters 250 --labels knot-250.npy
+  tesserae export knot.glb --labels knot-250.npy --mesh knot-250.ply
   tesserae serve";
 
 #[derive(Debug, Subcommand)]
@@ -60,6 +62,8 @@ enum Command {
     Cluster(Box<cluster::Arguments>),
     /// Take labels at any number of clusters from a hierarchy that `cluster` wrote
     Cut(Box<cut::Arguments>),
+    /// Write meshes of clusters and other outputs, of a mesh and labels that were made before
+    Export(Box<export::Arguments>),
     /// Draw the energies of reports: against the number of clusters, and per iteration
     Plot(plot::Arguments),
     /// Make measurements anew that were published, to compare
@@ -111,6 +115,7 @@ fn run(command: Command) -> Result<(), Failure> {
     match command {
         Command::Cluster(arguments) => cluster::run(&arguments),
         Command::Cut(arguments) => cut::run(&arguments),
+        Command::Export(arguments) => export::run(&arguments),
         Command::Plot(arguments) => plot::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),

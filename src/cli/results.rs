@@ -1,5 +1,7 @@
 //! The files that outputs go to: the flags of the [table](crate::artifacts::ALL), for every command that has outputs.
 
+use std::fmt::Debug;
+use std::marker::PhantomData;
 use std::path::PathBuf;
 
 use clap::{Arg, ArgMatches, Command};
@@ -7,14 +9,15 @@ use clap::{Arg, ArgMatches, Command};
 use super::Failure;
 use super::files::{Extension, Source, Target, path_parser};
 use super::places::{self, Output};
-use crate::artifacts::{ALL, Artifact, Content, Flag, Form, HIERARCHY_JSON, Need};
+use crate::artifacts::{ALL, Artifact, Choice, Choices, Content, Flag, Form, HIERARCHY_JSON, Need};
 use crate::hierarchy::json::Limits;
+use crate::remesh::Placement;
 
-/// Where outputs go.
+/// Where outputs go, of a command whose outputs may be hierarchies.
 #[derive(Debug, clap::Args)]
-pub struct Outputs {
+pub struct Outputs<W: Writes> {
     #[command(flatten)]
-    files: OutputFiles,
+    files: OutputFiles<W>,
 
     /// JSON hierarchies: leave out what comes after fewer clusters than this are left
     #[arg(long, value_name = "K")]
@@ -25,9 +28,83 @@ pub struct Outputs {
     max_clusters: Option<u64>,
 }
 
+/// Which outputs a command has flags for.
+pub trait Writes: Debug + Send + Sync + 'static {
+    /// Whether it has those of an output.
+    fn writes(artifact: &Artifact) -> bool;
+}
+
+/// A command that reads and clusters a mesh has all outputs.
+#[derive(Debug)]
+pub struct OfJob;
+
+/// A command that reads a hierarchy has those that are not made of a mesh.
+#[derive(Debug)]
+pub struct OfHierarchy;
+
+/// A command that reads a mesh and labels has those that are made of both.
+#[derive(Debug)]
+pub struct OfMesh;
+
+impl Writes for OfJob {
+    fn writes(_: &Artifact) -> bool {
+        true
+    }
+}
+
+impl Writes for OfHierarchy {
+    fn writes(artifact: &Artifact) -> bool {
+        !artifact.needs(Need::Mesh)
+    }
+}
+
+impl Writes for OfMesh {
+    fn writes(artifact: &Artifact) -> bool {
+        artifact.needs(Need::Mesh)
+    }
+}
+
 /// The requested outputs, in the order of the table.
 #[derive(Debug)]
-struct OutputFiles(Vec<OutputFile>);
+pub struct OutputFiles<W>(Vec<OutputFile>, PhantomData<W>);
+
+/// Flags of what outputs may choose.
+#[derive(Debug, clap::Args)]
+pub struct ChoiceFlags {
+    /// Where the vertices of the remesh are placed
+    #[arg(long, value_enum)]
+    placement: Option<Placement>,
+
+    /// Colour the vertices of OUT.ply instead of its faces, for readers that know no colours of faces, such as Blender:
+    /// vertices are split where clusters meet
+    #[arg(long)]
+    ply_vertex_colours: bool,
+
+    /// Write submeshes as OUT.glb although they are more than readers load within seconds
+    #[arg(long)]
+    force: bool,
+}
+
+impl ChoiceFlags {
+    /// What was chosen. Refuses what belongs to no requested output.
+    pub fn choices(&self, command: &'static str, files: &[OutputFile]) -> Result<Choices, Failure> {
+        let given = [
+            (Choice::Placement, self.placement.is_some()),
+            (Choice::PlyVertexColours, self.ply_vertex_colours),
+            (Choice::Force, self.force),
+        ];
+        for (choice, _) in given.into_iter().filter(|(_, is_given)| *is_given) {
+            if !files.iter().any(|file| file.artifact.choices.contains(&choice)) {
+                let with = flags().filter(|(artifact, _)| artifact.choices.contains(&choice));
+                let with: Vec<&str> = with.map(|(_, flag)| flag.name).collect();
+                let message = format!("--{} goes with {}", choice.name().replace('_', "-"), with.join(" or "));
+                return Err(Failure::Usage(command, message));
+            }
+        }
+        let Self { placement, ply_vertex_colours, force } = *self;
+        Ok(Choices { placement: placement.unwrap_or_default(), ply_vertex_colours, force })
+    }
+}
 
 /// A requested output.
 #[derive(Debug, Clone)]
@@ -42,9 +119,10 @@ pub struct OutputFile {
     pub target: Target,
 }
 
-impl clap::FromArgMatches for OutputFiles {
+impl<W: Writes> clap::FromArgMatches for OutputFiles<W> {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
-        Ok(Self(flags().filter_map(|(_, flag)| matches.get_one(flag.long()).cloned()).collect()))
+        let flags = flags().filter(|(artifact, _)| W::writes(artifact));
+        Ok(Self(flags.filter_map(|(_, flag)| matches.get_one(flag.long()).cloned()).collect(), PhantomData))
     }
 
     fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
@@ -53,9 +131,9 @@ impl clap::FromArgMatches for OutputFiles {
     }
 }
 
-impl clap::Args for OutputFiles {
+impl<W: Writes> clap::Args for OutputFiles<W> {
     fn augment_args(command: Command) -> Command {
-        flags().fold(command, |command, (artifact, flag)| {
+        flags().filter(|(artifact, _)| W::writes(artifact)).fold(command, |command, (artifact, flag)| {
             let parser = path_parser(move |path| OutputFile::parse(artifact, flag, path));
             let argument = Arg::new(flag.long()).long(flag.long()).value_name(flag.value).help(flag.help);
             command.arg(argument.value_parser(parser))
@@ -80,7 +158,9 @@ impl OutputFile {
         let json = forms.iter().find(|form| form.extension() == "json");
         let form = match target.extension() {
             _ if forms.len() == 1 && json.is_some() => json,
-            Extension::Is(extension) => forms.iter().find(|form| extension.eq_ignore_ascii_case(form.extension())),
+            Extension::Is(_) => {
+                forms.iter().filter(|form| target.ends_in(form.extension())).max_by_key(|form| form.extension().len())
+            }
             Extension::None => json.or(forms.first().filter(|_| target != Target::Stdout)),
             Extension::Missing => None,
         };
@@ -95,7 +175,7 @@ impl OutputFile {
 
     /// Whether this is made of something.
     pub fn needs(&self, need: Need) -> bool {
-        self.artifact.needs.contains(&need)
+        self.artifact.needs(need)
     }
 
     /// Where the labels of an iteration go, beside these: `out.npy` becomes `out.iteration-6.npy`. None on standard
@@ -119,7 +199,25 @@ impl OutputFile {
     }
 }
 
-impl Outputs {
+impl<W> std::ops::Deref for OutputFiles<W> {
+    type Target = [OutputFile];
+
+    fn deref(&self) -> &[OutputFile] {
+        &self.0
+    }
+}
+
+/// Every flag and place.
+pub fn places(files: &[OutputFile]) -> Vec<Output<'_>> {
+    files.iter().map(OutputFile::place).collect()
+}
+
+/// Whether something goes to standard output.
+pub fn use_stdout(files: &[OutputFile]) -> bool {
+    files.iter().any(|file| file.target == Target::Stdout)
+}
+
+impl<W: Writes> Outputs<W> {
     /// Refuses flags that contradict each other.
     pub fn check(&self, command: &'static str) -> Result<(), Failure> {
         let limits = self.limits();
@@ -133,7 +231,7 @@ impl Outputs {
 
     /// What is written, in the order of the table.
     pub fn files(&self) -> &[OutputFile] {
-        &self.files.0
+        &self.files
     }
 
     /// Whether something is written in this form.
@@ -148,12 +246,12 @@ impl Outputs {
 
     /// Every flag and place.
     pub fn places(&self) -> Vec<Output<'_>> {
-        self.files().iter().map(OutputFile::place).collect()
+        places(self.files())
     }
 
     /// Whether something goes to standard output.
     pub fn use_stdout(&self) -> bool {
-        self.files().iter().any(|file| file.target == Target::Stdout)
+        use_stdout(self.files())
     }
 
     /// Which part of a hierarchy is written as JSON.

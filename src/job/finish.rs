@@ -64,6 +64,7 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         timings_ms,
         labels_sha256,
         snapshots: snapshots.iterations(),
+        remesh: None,
         warnings,
     };
     Ok(Outcome { labels, hierarchy, snapshots, mesh: prepared.mesh.clone(), report })

@@ -7,12 +7,14 @@
 mod finish;
 mod flat;
 mod hierarchical;
+mod label_list;
 mod npy;
 mod seed_list;
 mod spec;
 mod weight_list;
 
 pub use finish::{finish, labels_sha256};
+pub use label_list::parse as parse_labels;
 #[cfg(fuzzing)]
 pub(crate) use seed_list::parse as parse_seeds;
 pub use spec::{JobSpec, Method};

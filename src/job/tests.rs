@@ -5,8 +5,15 @@ use crate::mesh::NoResources;
 
 #[test]
 fn a_mesh_is_kept_for_an_output_that_needs_it_and_for_no_other() {
-    let made_of_mesh =
-        Artifact { name: "mesh", about: "", needs: &[Need::Mesh], forms: &[], flags: &[], is_served: false };
+    let made_of_mesh = Artifact {
+        name: "mesh",
+        about: "",
+        needs: &[Need::Mesh],
+        forms: &[],
+        choices: &[],
+        flags: &[],
+        is_served: false,
+    };
     let parameters = Parameters { clusters: Some(1), ..Parameters::default() };
     for (outputs, positions) in [(vec![&LABELS, &made_of_mesh], Some(4)), (vec![&LABELS], None)] {
         let request = Request {

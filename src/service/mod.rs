@@ -13,6 +13,7 @@
 //! | what happens to a job | `pipeline` |
 //! | how jobs are kept | `store`, and their files in `files`; `job_blobs` knows which are where |
 //! | where files lie: a folder, later an object store | `blobs` |
+//! | what a job keeps of its mesh | `kept`, `kept_mesh` |
 //! | how long they are kept | `retention`, by the time of `aging`; `deletion` |
 //! | what happens when the disk fails | `storage` |
 //! | backups | `backup` |
@@ -55,6 +56,8 @@ mod health;
 mod idempotency;
 mod intake;
 mod job_blobs;
+mod kept;
+mod kept_mesh;
 mod logging;
 mod metrics;
 mod negotiate;

@@ -5,6 +5,17 @@ use axum::http::{HeaderMap, header};
 use crate::artifacts::{Artifact, Form};
 use crate::error::{Error, Kind, Result};
 
+/// The form of an output that the query names, or else the one that the client prefers.
+pub(super) fn form(headers: &HeaderMap, format: Option<&str>, artifact: &'static Artifact) -> Result<&'static Form> {
+    match format {
+        None => choose(headers, artifact),
+        Some(name) => artifact.form(name).ok_or_else(|| {
+            let known: Vec<&str> = artifact.forms.iter().map(Form::extension).collect();
+            Error::parameter(format_args!("the formats of {} are {}, not {name:?}", artifact.name, known.join(", ")))
+        }),
+    }
+}
+
 /// The form of an output that the client prefers; the earlier one if it likes several alike.
 pub(super) fn choose(headers: &HeaderMap, artifact: &'static Artifact) -> Result<&'static Form> {
     let accepted: Vec<&str> = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();

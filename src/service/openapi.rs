@@ -10,7 +10,7 @@ use axum::response::IntoResponse;
 use serde_json::{Value, json};
 use utoipa::openapi::path::{HttpMethod, Operation, OperationBuilder, Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::request_body::RequestBody;
-use utoipa::openapi::schema::{ObjectBuilder, Type};
+use utoipa::openapi::schema::{ArrayBuilder, ObjectBuilder, Type};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{self, Ref, RefOr, Required, Response, ResponseBuilder, Schema};
 use utoipa::{Modify, OpenApi, PartialSchema as _};
@@ -20,10 +20,11 @@ use super::api::{create, events, health, hierarchy, info, labels, list, metrics,
 use super::problem::{Answer, Problematic};
 use super::store::PRIORITIES;
 use super::urls;
-use crate::artifacts::{self, Artifact};
+use crate::artifacts::{self, Artifact, Choice, Form, Need};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Format;
 use crate::parameters::{Levels, Seeds, Snapshots};
+use crate::remesh::Placement;
 
 /// A whole mesh of four faces, so that tools that read the description can make jobs that succeed.
 const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
@@ -105,6 +106,14 @@ impl Modify for Adjustments {
             .maximum(Some(*PRIORITIES.end()))
             .description(Some("Of your waiting jobs, those with a higher priority start first; 0 when left out"));
         of_jobs.properties.insert("priority".to_owned(), Schema::from(priority).into());
+        let outputs = ArrayBuilder::new()
+            .items(ObjectBuilder::new().schema_type(Type::String))
+            .description(Some("Files to make of the mesh, which is gone when the job has ended"));
+        of_jobs.properties.insert("outputs".to_owned(), Schema::from(outputs).into());
+        let keep_mesh = ObjectBuilder::new()
+            .schema_type(Type::Boolean)
+            .description(Some("Keep the mesh with the result, so that every output can be made of it later"));
+        of_jobs.properties.insert("keep_mesh".to_owned(), Schema::from(keep_mesh).into());
         of_jobs.properties.insert("webhook".to_owned(), Schema::from(webhook).into());
         schemas.insert("JobParameters".to_owned(), Schema::from(of_jobs).into());
         if let Some(form) = schemas.get_mut("UploadForm") {
@@ -150,13 +159,58 @@ fn id_of_job() -> Parameter {
 /// The operation of an output without a handler of its own.
 fn operation_of(artifact: &Artifact) -> Operation {
     let name = artifact.name;
-    let capital: String = name[..1].to_uppercase() + &name[1..];
-    OperationBuilder::new()
+    let capitals: String = name.split('-').map(|word| word[..1].to_uppercase() + &word[1..]).collect();
+    let operation = OperationBuilder::new()
         .tag("results")
         .summary(Some(format!("Get the {name}")))
-        .description(Some(format!("{} 409 before the job has succeeded.", artifact.about)))
-        .operation_id(Some(format!("get{capital}")))
-        .response("200", ResponseBuilder::new().description(format!("The {name}")))
+        .operation_id(Some(format!("get{capitals}")))
+        .response("200", ResponseBuilder::new().description(format!("The {name}")));
+    if !artifact.needs(Need::Mesh) {
+        return operation.description(Some(format!("{} 409 before the job has succeeded.", artifact.about))).build();
+    }
+    let formats: Vec<&str> = artifact.forms.iter().map(Form::extension).collect();
+    let format = ObjectBuilder::new().schema_type(Type::String).enum_values(Some(formats));
+    let clusters = ObjectBuilder::new().schema_type(Type::Integer).minimum(Some(1));
+    let operation = operation
+        .description(Some(format!(
+            "{} It was named in `outputs` of the request for the job, or the job keeps its mesh (`keep_mesh`); \
+             otherwise 404, `/problems/mesh-not-kept`. 409 before the job has succeeded, and for a whole hierarchy \
+             without `clusters`.",
+            artifact.about
+        )))
+        .parameter(choice("format", "The format; by `Accept` when left out", format))
+        .parameter(choice(
+            "clusters",
+            "Cut a hierarchy at this number of clusters; 409 for a flat clustering",
+            clusters,
+        ));
+    let choices = artifact.choices.iter().map(|chosen| match chosen {
+        Choice::Placement => {
+            let placements =
+                [Placement::Fit, Placement::Surface, Placement::Centroid].map(|placement| json!(placement));
+            let placements = ObjectBuilder::new().schema_type(Type::String).enum_values(Some(placements));
+            choice(chosen.name(), "Where vertices are placed", placements)
+        }
+        Choice::PlyVertexColours => {
+            let colours = ObjectBuilder::new().schema_type(Type::Boolean);
+            choice(chosen.name(), "PLY: colour vertices instead of faces, split where clusters meet", colours)
+        }
+        Choice::Force => {
+            let force = ObjectBuilder::new().schema_type(Type::Boolean);
+            choice(chosen.name(), "Make what takes readers long", force)
+        }
+    });
+    choices.fold(operation, OperationBuilder::parameter).build()
+}
+
+/// A parameter of the query of an output.
+fn choice(name: &str, description: &str, schema: ObjectBuilder) -> Parameter {
+    ParameterBuilder::new()
+        .name(name)
+        .parameter_in(ParameterIn::Query)
+        .required(Required::False)
+        .description(Some(description))
+        .schema(Some(Schema::from(schema)))
         .build()
 }
 
@@ -226,6 +280,9 @@ fn add_common_answers(path: &str, answers: &mut BTreeMap<String, RefOr<Response>
     if let Some(artifact) = artifacts::ALL.iter().find(is_its) {
         if artifact.forms.len() > 1 {
             add("406", problem());
+        }
+        if artifact.needs(Need::Mesh) {
+            add("422", problem());
         }
         add("409", problem());
         let unchanged = ResponseBuilder::new().description("The client has it already (`If-None-Match`)");

@@ -10,6 +10,7 @@ use serde::de::{Deserialize, Deserializer, Error as _, MapAccess, Visitor};
 use serde_json::error::Category;
 use serde_json::{Map, Value};
 
+use super::kept::{self, Kept};
 use super::query;
 use super::store::PRIORITIES;
 use crate::error::{Error, Kind, Result, wrong_json_at};
@@ -27,6 +28,9 @@ pub(super) struct Wanted {
     /// URL that receives the end of the job.
     webhook: Option<String>,
     priority: Option<i8>,
+    /// Files that are made of the mesh.
+    outputs: Option<Vec<String>>,
+    keep_mesh: Option<bool>,
     parameters: Parameters,
     /// Names of the parameters that were given.
     given: Vec<String>,
@@ -42,13 +46,17 @@ impl Wanted {
         let (webhook, rest) = query::take(&rest, "webhook");
         let (priority, rest) = query::take(&rest, "priority");
         let priority = priority.map(|text| priority_of(text.parse().ok(), &text)).transpose()?;
+        let (outputs, rest) = query::take(&rest, "outputs");
+        let outputs = outputs.map(|text| kept::files(text.split(','))).transpose()?;
+        let (keep_mesh, rest) = query::take(&rest, "keep_mesh");
+        let keep_mesh = keep_mesh.map(|text| is_true(text.parse().ok(), &text)).transpose()?;
         let given = query::names(&rest)?;
         let rest: Uri = format!("/?{rest}")
             .parse()
             .map_err(|error| Error::new(Kind::BadRequest, format_args!("the query string cannot be read: {error}")))?;
         let parameters: Parameters = query::read(&rest)?;
         refuse_path(&parameters)?;
-        Ok(Self { format, webhook, priority, parameters, given })
+        Ok(Self { format, webhook, priority, outputs, keep_mesh, parameters, given })
     }
 
     /// Adds the parameters of the JSON part.
@@ -62,11 +70,14 @@ impl Wanted {
             Error::new(kind, format_args!("the part \"parameters\" is not valid: {}", wrong_json_at(&error)))
         };
         let Members(mut object) = serde_json::from_slice(json).map_err(malformed)?;
-        let parameters: Parameters = match (object.remove("webhook"), object.remove("priority")) {
-            (None, None) => serde_json::from_slice(json).map_err(malformed)?,
-            (webhook, priority) => {
+        let ours = ["webhook", "priority", "outputs", "keep_mesh"].map(|name| object.remove(name));
+        let parameters: Parameters = match ours {
+            [None, None, None, None] => serde_json::from_slice(json).map_err(malformed)?,
+            [webhook, priority, outputs, keep_mesh] => {
                 webhook.map(|webhook| self.add_webhook(webhook)).transpose()?;
                 priority.map(|priority| self.add_priority(&priority)).transpose()?;
+                outputs.map(|outputs| self.add_outputs(&outputs)).transpose()?;
+                keep_mesh.map(|keep_mesh| self.add_keep_mesh(&keep_mesh)).transpose()?;
                 // no line numbers in messages here: the text is not the client's any more
                 serde_json::from_value(Value::Object(object.clone())).map_err(malformed)?
             }
@@ -117,6 +128,44 @@ impl Wanted {
         }
     }
 
+    /// Adds the outputs of the JSON part: a list of names, or a text with commas.
+    fn add_outputs(&mut self, outputs: &Value) -> Result<()> {
+        let wrong = || Error::parameter(format_args!("outputs must be a list of names, not {outputs}"));
+        let files = match outputs {
+            Value::String(text) => kept::files(text.split(','))?,
+            Value::Array(names) => {
+                let names: Option<Vec<&str>> = names.iter().map(Value::as_str).collect();
+                kept::files(names.ok_or_else(wrong)?.into_iter())?
+            }
+            _ => return Err(wrong()),
+        };
+        match &self.outputs {
+            Some(other) if *other != files => {
+                Err(Error::parameter("query string and part \"parameters\" contradict each other about outputs"))
+            }
+            _ => {
+                self.outputs = Some(files);
+                Ok(())
+            }
+        }
+    }
+
+    /// Adds whether the mesh is kept, of the JSON part.
+    fn add_keep_mesh(&mut self, keep_mesh: &Value) -> Result<()> {
+        let keep_mesh = is_true(keep_mesh.as_bool(), keep_mesh)?;
+        match self.keep_mesh.replace(keep_mesh) {
+            Some(other) if other != keep_mesh => Err(Error::parameter(format_args!(
+                "query string and part \"parameters\" contradict each other about keep_mesh: {other} and {keep_mesh}"
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    /// What is kept of the mesh.
+    pub fn kept(&self) -> Kept {
+        Kept { outputs: self.outputs.clone().unwrap_or_default(), mesh: self.keep_mesh.unwrap_or_default() }
+    }
+
     /// The priority, 0 when none was given.
     pub fn priority(&self) -> i8 {
         self.priority.unwrap_or_default()
@@ -141,8 +190,14 @@ impl Wanted {
             self.parameters.seeds = Seeds::Listed;
         }
         self.parameters.check(listed)?;
+        self.kept().check(&self.parameters)?;
         Ok((self.parameters, self.webhook))
     }
+}
+
+/// Whether the mesh is kept, which was given as `text`.
+fn is_true(value: Option<bool>, text: impl fmt::Display) -> Result<bool> {
+    value.ok_or_else(|| Error::parameter(format_args!("keep_mesh must be true or false, not {text}")))
 }
 
 /// A priority that was given as `text`.
@@ -236,6 +291,33 @@ mod tests {
     }
 
     #[test]
+    fn what_is_kept_means_the_same_in_every_form() {
+        let kept = |query: &str, json: &str| {
+            let mut wanted = wanted(query)?;
+            wanted.add_json(json.as_bytes())?;
+            let kept = wanted.kept();
+            wanted.finish(false).map(|_| kept)
+        };
+        let both = Kept { outputs: vec!["mesh.glb".to_owned(), "mesh.ply".to_owned()], mesh: true };
+        for (query, json) in [
+            ("clusters=9&outputs=mesh,mesh.ply&keep_mesh=true", "{}"),
+            ("clusters=9", r#"{"outputs": ["mesh", "mesh.ply"], "keep_mesh": true}"#),
+            ("clusters=9&outputs=mesh.glb%2Cmesh.ply", r#"{"outputs": "mesh,mesh.ply", "keep_mesh": true}"#),
+        ] {
+            assert_eq!(kept(query, json), Ok(both.clone()), "{query} {json}");
+        }
+        for (query, json) in [
+            ("clusters=9&outputs=mesh", r#"{"outputs": ["mesh.ply"]}"#),
+            ("clusters=9&keep_mesh=false", r#"{"keep_mesh": true}"#),
+            ("clusters=9", r#"{"keep_mesh": 1}"#),
+            ("clusters=9", r#"{"outputs": [1]}"#),
+            ("algorithm=pml", r#"{"outputs": ["mesh"]}"#),
+        ] {
+            assert_eq!(kept(query, json).expect_err(json).kind, Kind::InvalidParameter, "{query} {json}");
+        }
+    }
+
+    #[test]
     fn levels_mean_the_same_in_every_form() {
         for (query, json) in [
             ("algorithm=pml&levels=20,10", "{}"),
@@ -270,6 +352,7 @@ mod tests {
             ("algorithm=pml&ties=none", "ties"),
             ("clusters=2&priority=101", "101"),
             ("clusters=2&priority=high", "high"),
+            ("clusters=2&keep_mesh=yes", "yes"),
         ] {
             let error = wanted(query).expect_err(query);
             assert_eq!(error.kind, Kind::InvalidParameter, "{query}: {error}");

@@ -17,12 +17,14 @@ use tower_http::cors::CorsLayer;
 
 use super::access::Caller;
 use super::access_log::{self, AccessLog};
-use super::api::{create, events, health, hierarchy, info, labels, list, metrics, output, remove, retry, show};
+use super::api::{
+    create, derived, events, health, hierarchy, info, labels, list, metrics, output, remove, retry, show,
+};
 use super::metrics::Metrics;
 use super::state::Shared;
 use super::traffic::{self, heads};
 use super::{conditional, openapi, problem, urls};
-use crate::artifacts;
+use crate::artifacts::{self, Need};
 
 /// Bytes from which on an answer is compressed if the client can read that.
 const COMPRESSED_FROM: u64 = 1024;
@@ -61,6 +63,9 @@ pub(super) fn router(shared: Arc<Shared>) -> Router {
             let handler = match artifact.name {
                 "labels" => get(labels::labels),
                 "hierarchy" => get(hierarchy::hierarchy),
+                _ if artifact.needs(Need::Mesh) => get(move |shared, caller, id, uri, headers| {
+                    derived::derived(artifact, shared, caller, id, uri, headers)
+                }),
                 _ => get(move |shared, caller, id, headers| output::output(artifact, shared, caller, id, headers)),
             };
             routes.route(&urls::route(artifact), handler)

@@ -171,6 +171,7 @@ impl Server {
             health,
             stop: CancellationToken::new(),
             encoding: Arc::new(Semaphore::new(ENCODED_AT_ONCE)),
+            memory: pipeline.memory(),
             traffic: Arc::new(Traffic::new(&settings.traffic, Arc::clone(&access))),
             access,
             admission,

@@ -15,6 +15,7 @@ use super::admission::Admission;
 use super::files::Files;
 use super::health::Health;
 use super::metrics::Metrics;
+use super::pipeline::Memory;
 use super::storage::Storage;
 use super::store::{Job, JobId, JobStore, no_such_job};
 use super::traffic::Traffic;
@@ -56,6 +57,8 @@ pub(super) struct Shared {
     pub stop: CancellationToken,
     /// Large results that may be in memory at a time.
     pub encoding: Arc<Semaphore>,
+    /// Memory for meshes.
+    pub memory: Memory,
     /// Tokens and their tenants.
     pub access: Arc<Access>,
     /// Limits of traffic.

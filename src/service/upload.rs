@@ -122,7 +122,7 @@ async fn raw(
     let mesh = into.save(content, files::MESH, early).await?;
     let format = mesh.format(format, None)?;
     tracing::debug!(bytes = mesh.bytes, path = parts.uri.path(), "received a mesh");
-    let priority = wanted.priority();
+    let (priority, kept) = (wanted.priority(), wanted.kept());
     let (parameters, webhook) = wanted.finish(false)?;
     let spec = Spec {
         tenant: String::new(),
@@ -138,6 +138,7 @@ async fn raw(
         is_small: false,
         claimed_faces: None,
         priority,
+        kept,
     };
     Ok(Upload { folder: into.folder, spec, digests: mesh.digest.into_iter().collect(), head: mesh.head })
 }

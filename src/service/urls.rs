@@ -1,9 +1,12 @@
 //! The paths of a job's resources, and how much of a client's path is repeated.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::store::JobId;
+use super::kept;
+use super::store::{Job, JobId};
 use crate::artifacts::Artifact;
 
 /// Where everything about a job is: paths on this service.
@@ -21,6 +24,10 @@ pub(super) struct Urls {
     hierarchy: Option<String>,
     /// Its report, once it has succeeded.
     report: String,
+    /// What it can give of its mesh, by name, once it has succeeded: what was named, or all if it keeps the mesh. Of a
+    /// whole hierarchy, with `?clusters=K`.
+    #[serde(flatten)]
+    derived: BTreeMap<&'static str, String>,
 }
 
 /// Longest path of a request that is logged or sent back, in bytes.
@@ -43,13 +50,16 @@ pub(super) fn route(artifact: &Artifact) -> String {
 
 impl Urls {
     /// Those of a job.
-    pub fn of(id: JobId, is_hierarchical: bool) -> Self {
-        let path = path(id);
+    pub fn of(job: &Job) -> Self {
+        let path = path(job.id);
+        let is_hierarchical = job.spec.parameters.algorithm.is_hierarchical();
+        let given = kept::made_of_mesh().filter(|artifact| job.spec.kept.gives(artifact));
         Self {
             events: format!("{path}/events"),
             labels: format!("{path}/labels"),
             hierarchy: is_hierarchical.then(|| format!("{path}/hierarchy")),
             report: format!("{path}/report"),
+            derived: given.map(|artifact| (artifact.name, format!("{path}/{}", artifact.name))).collect(),
             job: path,
         }
     }

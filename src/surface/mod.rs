@@ -24,7 +24,7 @@ mod density;
 mod graph;
 mod lattice;
 mod order;
-mod weld;
+pub(crate) mod weld;
 
 pub use coarse::{Coarse, Grouping};
 pub use components::Component;

@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::{Source, invented, sources};
 
 /// The modules of the engine.
-const ENGINE: [&str; 4] = ["energy", "surface", "device", "cluster"];
+const ENGINE: [&str; 6] = ["energy", "surface", "complex", "remesh", "device", "cluster"];
 
 /// What modules may not import although it stands above them in the map: an energy is arithmetic, and neither devices
 /// nor algorithms know file formats.

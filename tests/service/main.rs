@@ -2,6 +2,7 @@
 
 mod access;
 mod backup;
+mod derived;
 mod durable;
 mod events;
 mod fairness;

@@ -57,6 +57,12 @@ pub(in crate::service) struct UploadForm {
         ("format" = Option<Format>, Query, description = "Format of the mesh, where its media type does not say it"),
         ("priority" = Option<i8>, Query, minimum = -100, maximum = 100,
          description = "Of your waiting jobs, those with a higher priority start first; 0 when left out"),
+        ("outputs" = Option<String>, Query, example = "mesh.glb,submeshes.zip",
+         description = "Files to make of the mesh, a list of names: it is gone when the job has ended. A name without \
+                        extension means the first format of that output"),
+        ("keep_mesh" = Option<bool>, Query,
+         description = "Keep the mesh with the result, so that every output can be made of it later; false when left \
+                        out"),
         ("webhook" = Option<String>, Query,
          description = "URL that is called at the end of the job, signed as Standard Webhooks says; on a host that \
                         the operator allows"),

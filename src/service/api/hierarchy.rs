@@ -29,13 +29,15 @@ pub(in crate::service) struct HierarchyQuery {
     /// JSON: leave out what comes before as few clusters as this are left
     #[param(minimum = 0)]
     max_clusters: Option<u64>,
+    /// The format, `json`, `npy` or `tsr`; by `Accept` when left out
+    format: Option<String>,
 }
 
 /// Get the hierarchy
 ///
 /// As JSON, as scipy's linkage matrix (`application/x-npy`: float64, a row a merge, for nested trees with one root:
 /// other trees are 409), or as the file that `tesserae cut` reads (`application/octet-stream`); the format is chosen by
-/// `Accept`. 404 for jobs of flat algorithms, 409 before the job has succeeded.
+/// `format` or `Accept`. 404 for jobs of flat algorithms, 409 before the job has succeeded.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/hierarchy", tag = "results", operation_id = "getHierarchy",
     params(HierarchyQuery),
@@ -58,11 +60,11 @@ pub(in crate::service) async fn hierarchy(
         let message = format!("the job has no hierarchy, because its algorithm makes a flat clustering: {algorithm}");
         return Err(Error::new(Kind::NotFound, message).into());
     }
-    let HierarchyQuery { min_clusters, max_clusters } = query::read(&uri)?;
+    let HierarchyQuery { min_clusters, max_clusters, format } = query::read(&uri)?;
     let limits = Limits { min_clusters, max_clusters };
     limits.check()?;
     succeeded(&job)?;
-    let form = negotiate::choose(&headers, &HIERARCHY)?;
+    let form = negotiate::form(&headers, format.as_deref(), &HIERARCHY)?;
     if limits.are_given() && form.file != HIERARCHY_JSON.file {
         return Err(Error::parameter("min_clusters and max_clusters go with application/json only").into());
     }

@@ -14,7 +14,7 @@ use crate::error::{Error, Kind};
 use crate::service::access::Caller;
 use crate::service::conditional::Content;
 use crate::service::problem::{Answer, Problematic};
-use crate::service::results::stored::{attachment, stored, succeeded};
+use crate::service::results::stored::{attachment, check_clusters, stored, succeeded};
 use crate::service::results::{hierarchy, snapshots};
 use crate::service::state::App;
 use crate::service::{job_blobs, negotiate, query};
@@ -31,11 +31,13 @@ pub(in crate::service) struct LabelsQuery {
     /// report lists them; 404 for others
     #[param(minimum = 0)]
     iteration: Option<u32>,
+    /// The format, `json`, `npy` or `bin`; by `Accept` when left out
+    format: Option<String>,
 }
 
 /// Get the labels
 ///
-/// One cluster number a face, in upload order; the format is chosen by `Accept`. `clusters` cuts a hierarchy, and
+/// One cluster number a face, in upload order; the format is chosen by `format` or `Accept`. `clusters` cuts a hierarchy, and
 /// headers and JSON then say what kind of cut it is and what its energy. 409 before the job has succeeded, and for a
 /// whole hierarchy without `clusters`.
 #[utoipa::path(
@@ -57,21 +59,10 @@ pub(in crate::service) async fn labels(
     headers: HeaderMap,
 ) -> Answer {
     let job = shared.job(&caller, &id).await?;
-    let LabelsQuery { clusters, iteration } = query::read(&uri)?;
+    let LabelsQuery { clusters, iteration, format } = query::read(&uri)?;
     let summary = succeeded(&job)?;
     let parameters = &job.spec.parameters;
     let is_hierarchical = Need::Hierarchy.is_met(parameters);
-    if let Some(clusters) = clusters.filter(|_| !is_hierarchical) {
-        return Err(Error::new(
-            Kind::Conflict,
-            format_args!(
-                "this job made a flat clustering of {} clusters, which cannot be cut at another number; leave \
-                 clusters out, not {clusters}",
-                summary.clusters
-            ),
-        )
-        .into());
-    }
     if let Some(iteration) = iteration.filter(|_| is_hierarchical) {
         return Err(Error::new(
             Kind::Conflict,
@@ -82,18 +73,8 @@ pub(in crate::service) async fn labels(
         )
         .into());
     }
-    if clusters.is_none() && !LABELS.is_made(parameters) {
-        return Err(Error::new(
-            Kind::Conflict,
-            format_args!(
-                "this job made a whole hierarchy, which has labels at every number of clusters: give clusters, from {} \
-                 to {}",
-                summary.clusters, summary.faces
-            ),
-        )
-        .into());
-    }
-    let form = negotiate::choose(&headers, &LABELS)?;
+    check_clusters(&job, &summary, clusters)?;
+    let form = negotiate::form(&headers, format.as_deref(), &LABELS)?;
     // the raw numbers are what follows the header of the .npy file
     let numbers = Some(GetRange::Suffix(4 * summary.faces));
     let mut response = match (clusters, iteration, form.file) {

@@ -3,6 +3,7 @@
 
 pub(super) mod binary;
 pub(super) mod create;
+pub(super) mod derived;
 pub(super) mod events;
 pub(super) mod health;
 pub(super) mod hierarchy;

@@ -58,6 +58,10 @@ pub(in crate::service) struct JobView {
     /// When it will be deleted with its results; null before its end, and where nothing is deleted by itself.
     #[schema(format = DateTime)]
     expires_at: Option<String>,
+    /// Files that are made of its mesh before that is gone.
+    outputs: Vec<String>,
+    /// Whether its mesh is kept with the result.
+    keep_mesh: bool,
     /// Where everything about it is.
     urls: Urls,
 }
@@ -122,7 +126,7 @@ impl JobView {
     pub fn new(shared: &Shared, job: Job) -> Self {
         let path = urls::path(job.id);
         let expires_at = shared.expires_at(&job).map(rfc3339);
-        let is_hierarchical = job.spec.parameters.algorithm.is_hierarchical();
+        let urls = Urls::of(&job);
         Self {
             id: job.id,
             state: job.state,
@@ -151,7 +155,9 @@ impl JobView {
             started_at: job.started_at.map(rfc3339),
             ended_at: job.ended_at.map(rfc3339),
             expires_at,
-            urls: Urls::of(job.id, is_hierarchical),
+            outputs: job.spec.kept.outputs,
+            keep_mesh: job.spec.kept.mesh,
+            urls,
         }
     }
 }

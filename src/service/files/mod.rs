@@ -36,7 +36,7 @@ pub(super) use self::disk::DiskLimits;
 pub(super) use self::folder::Files;
 pub(super) use self::incoming::{Incoming, settle};
 pub(super) use self::names::{Folder, MESH, RESULTS, SEEDS, UPLOADS, WEIGHTS, buffer};
-pub(super) use self::needs::{of_faces, of_result};
+pub(super) use self::needs::{of_faces, of_kept, of_result};
 
 #[cfg(test)]
 mod tests;

@@ -6,6 +6,7 @@
 //! | labels | 4 a face |
 //! | snapshots | 4 a face and iteration that is kept |
 //! | hierarchy | 60 a merge, 8 a move, 32 a round, and checkpoints of half of the merges and moves before them |
+//! | outputs made of the mesh, kept mesh | [`OUTPUT`] each and [`KEPT_MESH`] a face |
 //! | report and events | [`FIXED`] |
 //!
 //! For hierarchies the estimate is [`HIERARCHY`] or, with a pair a round, [`SEQUENTIAL`] bytes a face.
@@ -13,6 +14,8 @@
 use crate::job::Outcome;
 use crate::mesh::Limits;
 use crate::parameters::{Algorithm, Parameters, Snapshots};
+use crate::service::kept::Kept;
+use crate::service::kept_mesh;
 use crate::service::store::{SMALL_BLOBS, Spec};
 
 /// Bytes of a job's report, its events and its row in the store.
@@ -33,6 +36,13 @@ const HIERARCHY: u64 = 128;
 /// Bytes of a face in a hierarchy whose rounds merge one pair.
 const SEQUENTIAL: u64 = HIERARCHY + 32;
 
+/// Bytes of a face in a kept mesh: a triangle, and half a vertex in double precision.
+const KEPT_MESH: u64 = 24;
+
+/// Bytes of a face in an output that is made of the mesh. The largest, a GLB of clusters of few faces, has a vertex a
+/// corner.
+const OUTPUT: u64 = 72;
+
 /// Iterations that are expected where there is no limit.
 const ITERATIONS: u64 = 64;
 
@@ -42,7 +52,14 @@ const SNAPSHOTS: u64 = 512 << 20;
 /// What the result of a job is expected to take, whose upload has so many bytes.
 pub(super) fn of_upload(spec: &Spec, upload: u64, limits: &Limits) -> u64 {
     let faces = spec.claimed_faces.unwrap_or_else(|| upload / spec.format.least_bytes_a_face());
-    of_faces(&spec.parameters, faces.min(limits.most_faces(upload)))
+    let faces = faces.min(limits.most_faces(upload));
+    of_faces(&spec.parameters, faces).saturating_add(of_kept(&spec.kept, faces))
+}
+
+/// What is expected to be kept of a mesh with so many faces.
+pub(in crate::service) fn of_kept(kept: &Kept, faces: u64) -> u64 {
+    let a_face = OUTPUT * kept.outputs.len() as u64 + if kept.mesh { KEPT_MESH } else { 0 };
+    faces.saturating_mul(a_face)
 }
 
 /// What the result of a job is expected to take, whose mesh has so many faces.
@@ -61,13 +78,15 @@ pub(in crate::service) fn of_faces(parameters: &Parameters, faces: u64) -> u64 {
     faces.saturating_mul(a_face).saturating_add(snapshots).saturating_add(FIXED)
 }
 
-/// What a result takes. The report is estimated from above.
-pub(in crate::service) fn of_result(outcome: &Outcome) -> u64 {
-    let Outcome { labels, hierarchy, report, .. } = outcome;
+/// What a result takes. The report and what is kept of the mesh are estimated from above.
+pub(in crate::service) fn of_result(outcome: &Outcome, kept: &Kept) -> u64 {
+    let Outcome { labels, hierarchy, report, mesh, .. } = outcome;
+    let outputs = of_kept(&Kept { mesh: false, ..kept.clone() }, report.input.triangles);
+    let mesh = mesh.as_ref().filter(|_| kept.mesh).map_or(0, |mesh| kept_mesh::most_bytes(mesh));
     let labels = labels.as_ref().map_or(0, |labels| labels.len() as u64 * LABEL);
     let snapshots = report.snapshots.len() as u64 * report.input.faces * LABEL;
     let hierarchy = hierarchy.as_ref().map_or(0, |hierarchy| hierarchy.bytes());
     let rows = report.iterations.len() + report.levels.len() + report.snapshots.len() + report.input.parts.len();
     let names: usize = report.input.parts.iter().filter_map(|part| part.group.as_ref()).map(|name| name.len()).sum();
-    labels + snapshots + hierarchy + rows as u64 * ROW + 2 * names as u64 + FIXED
+    labels + snapshots + hierarchy + outputs + mesh + rows as u64 * ROW + 2 * names as u64 + FIXED
 }

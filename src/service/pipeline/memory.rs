@@ -28,7 +28,7 @@ const SMALL: u64 = SMALL_FACES as u64 * BYTES_A_FACE;
 
 /// The budget.
 #[derive(Debug, Clone)]
-pub(super) struct Memory {
+pub(in crate::service) struct Memory {
     total: u64,
     left: Arc<Semaphore>,
     reading: Arc<Mutex<()>>,
@@ -36,7 +36,7 @@ pub(super) struct Memory {
 
 /// Memory of a job that is reading its mesh.
 #[derive(Debug)]
-pub(super) struct Reading {
+pub(in crate::service) struct Reading {
     memory: Memory,
     bytes: u64,
     held: OwnedSemaphorePermit,
@@ -46,7 +46,7 @@ pub(super) struct Reading {
 
 /// Memory of a job; free again when dropped.
 #[derive(Debug)]
-pub(super) struct Held {
+pub(in crate::service) struct Held {
     _permit: OwnedSemaphorePermit,
 }
 

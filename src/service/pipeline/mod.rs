@@ -25,4 +25,5 @@ mod stages;
 mod task;
 mod turns;
 
+pub(super) use self::memory::Memory;
 pub(super) use self::parts::{Costs, Parts, Pipeline};

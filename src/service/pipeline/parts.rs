@@ -98,4 +98,9 @@ impl Pipeline {
             metrics,
         })
     }
+
+    /// The memory for meshes, which other work on meshes takes from too.
+    pub fn memory(&self) -> Memory {
+        self.memory.clone()
+    }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 use std::iter;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
@@ -18,7 +18,7 @@ use super::slot::Slot;
 use super::task::Task;
 use super::turns::Visit;
 
-use crate::artifacts;
+use crate::artifacts::{self, Content};
 use crate::device::Cancel;
 use crate::error::{Error, Kind, Result};
 use crate::job::{self, Outcome, Plan, Prepared, milliseconds};
@@ -26,8 +26,9 @@ use crate::mesh::Resources;
 use crate::report::Row;
 use crate::service::blocking::blocking;
 use crate::service::files::{self, BlobWriter, BlockingWriter, settle};
-use crate::service::job_blobs;
+use crate::service::kept::Kept;
 use crate::service::store::{Events, Job, Progress, SmallBlob, Summary, Ticket, What};
+use crate::service::{job_blobs, kept_mesh};
 
 /// Rows that are appended to the job's events at once.
 const ROWS_AT_ONCE: usize = 1024;
@@ -67,7 +68,9 @@ impl Pipeline {
             Span::current().record("clusters", prepared.parameters.clusters);
         }
 
-        self.files.secure(job.id, job.attempt, files::of_faces(&prepared.parameters, prepared.input.faces)).await?;
+        let faces = prepared.input.faces;
+        let needs = files::of_faces(&prepared.parameters, faces).saturating_add(files::of_kept(&job.spec.kept, faces));
+        self.files.secure(job.id, job.attempt, needs).await?;
 
         let cost = cost(prepared.surface.faces() as u64, &prepared.plan);
         let (rows, inbox) = mpsc::unbounded_channel();
@@ -90,17 +93,17 @@ impl Pipeline {
         telling.await.map_err(|error| {
             Error::new(Kind::Internal, format_args!("the events of the job were not written: {error}"))
         })??;
-        self.files.secure(job.id, job.attempt, files::of_result(&outcome)).await?;
+        self.files.secure(job.id, job.attempt, files::of_result(&outcome, &job.spec.kept)).await?;
         Ok(outcome)
     }
 
     /// From labels to files. Must not be dropped in the middle: it would go on, and leave files of no job.
     pub(super) async fn write(&self, slot: Slot, job: &Job, outcome: Outcome, started: Instant) -> Result<Written> {
         let files = Arc::clone(&self.files);
-        let (id, attempt) = (job.id, job.attempt);
+        let (id, attempt, kept) = (job.id, job.attempt, job.spec.kept.clone());
         let (mut summary, blobs) = blocking(move || {
             let _slot = slot;
-            caught(|| write(outcome, |name| BlockingWriter::new(files.result(id, attempt, name)), started))
+            caught(|| write(outcome, &kept, |name| BlockingWriter::new(files.result(id, attempt, name)), started))
         })
         .await??;
         let small = settle(blobs, |bytes| self.store.takes(bytes)).await?;
@@ -155,7 +158,7 @@ impl Pipeline {
                 parameters: &spec.parameters,
                 seeds: seeds.as_deref(),
                 weights: weights.as_deref(),
-                outputs: &artifacts::ALL,
+                outputs: if spec.kept.is_nothing() { &[] } else { &[&artifacts::MESH] },
             };
             let wait = Waiting { runtime, broken_off };
             let prepared = span.in_scope(|| {
@@ -294,11 +297,26 @@ pub(super) struct Written {
 /// Writes the result of a job to blobs, which are still to be settled.
 fn write(
     mut outcome: Outcome,
+    kept: &Kept,
     blob: impl Fn(&str) -> BlockingWriter,
     started: Instant,
 ) -> Result<(Summary, Vec<BlobWriter>)> {
     let writing = Instant::now();
     let mut blobs = Vec::new();
+    let mut warnings = Vec::new();
+    let remesh = OnceLock::new();
+    for form in kept.forms() {
+        match (form.encode)(&Content { remesh: Some(&remesh), ..outcome.content() }) {
+            Ok(encoding) => blobs.push(blob(form.file).fill(encoding)?),
+            // the clustering is worth keeping without it
+            Err(error) => warnings.push(format!("{} was not written: {}", form.file, error.message)),
+        }
+    }
+    outcome.report.warnings.extend(warnings);
+    outcome.report.remesh = remesh.get().map(|remesh| remesh.summary);
+    if let Some(mesh) = outcome.mesh.take().filter(|_| kept.mesh) {
+        blobs.push(blob(kept_mesh::NAME).fill(|out| kept_mesh::write(out, &mesh))?);
+    }
     for form in artifacts::stored(&outcome.report.parameters) {
         // the report comes last, and has the times
         outcome.report.timings_ms.write = milliseconds(writing.elapsed());

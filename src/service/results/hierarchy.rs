@@ -24,11 +24,7 @@ pub(in crate::service) async fn cut(
     let turn = encoded::turn(shared).await?;
     let (file, length) = open(shared, job).await?;
     let write = move |out: &mut dyn Write| {
-        let (_, cut) = stored::cut(file, length, u64::MAX, clusters).map_err(|error| match error.kind {
-            // the number is sound, this hierarchy has no such state
-            Kind::InvalidParameter => Error::new(Kind::Conflict, error.message),
-            _ => Error::new(Kind::Internal, error.message),
-        })?;
+        let (_, cut) = stored::cut(file, length, u64::MAX, clusters).map_err(of_cut)?;
         let content = Content { labels: Some(Labels::from(&cut)), ..Content::default() };
         (form.encode)(&content)?(out).map_err(encoded::cannot)?;
         Ok((cut.kind(), cut.energy))
@@ -40,6 +36,15 @@ pub(in crate::service) async fn cut(
         headers.insert("tesserae-energy", value);
     }
     Ok(response)
+}
+
+/// The error of a number of clusters that a stored hierarchy cannot be cut at, for clients.
+pub(super) fn of_cut(error: Error) -> Error {
+    match error.kind {
+        // the number is sound, this hierarchy has no such state
+        Kind::InvalidParameter => Error::new(Kind::Conflict, error.message),
+        _ => Error::new(Kind::Internal, error.message),
+    }
 }
 
 /// A stored hierarchy and its length.

@@ -2,6 +2,7 @@
 //! round.
 
 mod body;
+pub(super) mod derived;
 pub(super) mod encoded;
 pub(super) mod hierarchy;
 pub(super) mod snapshots;

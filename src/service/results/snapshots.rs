@@ -45,7 +45,7 @@ pub(in crate::service) async fn labels_of(
     let turn = if faces > SMALL { Some(encoded::turn(shared).await?) } else { None };
     let rows = rows.into_reader();
     let write = move |out: &mut dyn Write| {
-        let labels = first_row(rows, faces)?;
+        let labels = read_labels(rows, faces)?;
         let content = Content { labels: Some(Labels::new(clusters, &labels)), ..Content::default() };
         (form.encode)(&content)?(out).map_err(encoded::cannot)
     };
@@ -78,8 +78,8 @@ fn none_of(kept: &[u32], iteration: u32) -> Error {
     )
 }
 
-/// The first of some rows.
-fn first_row(mut rows: Box<dyn Read + Send>, faces: u64) -> Result<Vec<u32>> {
+/// The labels of the faces, from where they begin.
+pub(super) fn read_labels(mut rows: impl Read, faces: u64) -> Result<Vec<u32>> {
     let mut bytes = vec![0; 4 * faces as usize];
     rows.read_exact(&mut bytes)
         .map_err(|error| Error::new(Kind::Internal, format_args!("the snapshots end early: {error}")))?;

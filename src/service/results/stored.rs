@@ -10,6 +10,7 @@ use futures_util::future::BoxFuture;
 use object_store::GetRange;
 
 use super::body::streamed;
+use crate::artifacts::Need;
 use crate::error::{Error, Kind, Result};
 use crate::service::conditional::Parts;
 use crate::service::job_blobs;
@@ -30,6 +31,30 @@ pub(in crate::service) fn succeeded(job: &Job) -> Result<Summary> {
             "the job has no result yet; follow its events, or ask again later: it is {}",
             job.state.name()
         )),
+    }
+}
+
+/// Refuses a number of clusters for a flat job, and none for a whole hierarchy.
+pub(in crate::service) fn check_clusters(job: &Job, summary: &Summary, clusters: Option<u64>) -> Result<()> {
+    let parameters = &job.spec.parameters;
+    match clusters {
+        Some(clusters) if !Need::Hierarchy.is_met(parameters) => Err(Error::new(
+            Kind::Conflict,
+            format_args!(
+                "this job made a flat clustering of {} clusters, which cannot be cut at another number; leave \
+                 clusters out, not {clusters}",
+                summary.clusters
+            ),
+        )),
+        None if !Need::Labels.is_met(parameters) => Err(Error::new(
+            Kind::Conflict,
+            format_args!(
+                "this job made a whole hierarchy, which has labels at every number of clusters: give clusters, from {} \
+                 to {}",
+                summary.clusters, summary.faces
+            ),
+        )),
+        _ => Ok(()),
     }
 }
 

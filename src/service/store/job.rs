@@ -13,6 +13,7 @@ use crate::error::{Error, Kind, Result};
 use crate::mesh::Format;
 use crate::parameters::Parameters;
 use crate::report::Phase;
+use crate::service::kept::Kept;
 
 /// The tenant of every job of a service without tokens.
 pub(in crate::service) const LOCAL_TENANT: &str = "local";
@@ -128,6 +129,9 @@ pub(in crate::service) struct Spec {
     /// idempotent request is the same as in releases without priorities.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub priority: i8,
+    /// What is kept of the mesh. Left out where it is nothing, for the same reason.
+    #[serde(default, skip_serializing_if = "Kept::is_nothing")]
+    pub kept: Kept,
 }
 
 fn is_zero(priority: &i8) -> bool {

@@ -80,6 +80,7 @@ pub(super) mod tests {
     use super::{JobId, LOCAL_TENANT, NewJob, Rules, Spec};
     use crate::mesh::Format;
     use crate::parameters::Parameters;
+    use crate::service::kept::Kept;
 
     /// Rules of a store in a test.
     pub const RULES: Rules = Rules { max_queued: 100, max_attempts: 3, crash_pause: Duration::ZERO };
@@ -100,6 +101,7 @@ pub(super) mod tests {
             is_small: false,
             claimed_faces: None,
             priority: 0,
+            kept: Kept::default(),
         };
         NewJob { id: JobId::random(), spec, idempotency: None, upload: Vec::new() }
     }

@@ -145,7 +145,7 @@ impl Form {
                 self.buffers[0]
             )));
         }
-        let priority = self.wanted.priority();
+        let (priority, kept) = (self.wanted.priority(), self.wanted.kept());
         let (parameters, webhook) = self.wanted.finish(self.seeds.is_some())?;
         if let Some(name) = parameters.weight_attribute.as_ref().filter(|_| self.weights.is_some()) {
             return Err(Error::parameter(format_args!(
@@ -166,6 +166,7 @@ impl Form {
             is_small: false,
             claimed_faces: None,
             priority,
+            kept,
         };
         let files = [Some(&mesh.saved), self.seeds.as_ref(), self.weights.as_ref()].into_iter().flatten();
         let digests = files.filter_map(|saved| saved.digest).chain(self.digests).collect();

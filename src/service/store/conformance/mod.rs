@@ -13,6 +13,7 @@ use crate::error::{Error, Kind};
 use crate::mesh::Format;
 use crate::parameters::Parameters;
 use crate::report::Phase;
+use crate::service::kept::Kept;
 
 mod at_once;
 mod attempts;
@@ -93,6 +94,7 @@ fn spec(name: &str) -> Spec {
         is_small: false,
         claimed_faces: None,
         priority: 0,
+        kept: Kept::default(),
     }
 }
 

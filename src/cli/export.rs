@@ -1,0 +1,148 @@
+//! `tesserae export`: what is made of a mesh and labels, which may come from anywhere.
+
+use std::path::PathBuf;
+use std::sync::OnceLock;
+
+use super::files::{self, Source};
+use super::places::Kept;
+use super::results::{ChoiceFlags, OfMesh, OutputFiles, check_places, places, use_stdout};
+use super::{Failure, print_line, say, signals};
+use crate::artifacts::{Choices, Content, Labels};
+use crate::error::Error;
+use crate::hierarchy::stored;
+use crate::job::parse_labels;
+use crate::mesh::{self, Beside, Format, Limits, NoResources, PolygonMesh, Resources};
+
+/// Arguments of `tesserae export`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Labels are one whole number a face, in the order of the file; cluster 7 has the faces with label 7.
+
+Examples:
+  tesserae export horse.obj --labels horse.npy --mesh horse.glb
+  tesserae export horse.obj --hierarchy horse.tsr -k 750 --mesh horse-750.ply --submeshes horse-750.zip")]
+pub struct Arguments {
+    #[arg(value_name = "INPUT", help = format!("The mesh: {}, or - for standard input", Format::choice(".")))]
+    input: PathBuf,
+
+    #[arg(long, value_name = "FORMAT", value_parser = Format::from_name, help = format!(
+        "Format of the mesh: {}; by file name, then by content when left out", Format::choice("")
+    ))]
+    format: Option<Format>,
+
+    /// The labels: a .npy file with one whole number a face, or - for standard input
+    #[arg(long, value_name = "IN.npy", required_unless_present = "hierarchy")]
+    labels: Option<PathBuf>,
+
+    /// A hierarchy of the mesh, which is cut at --clusters, or - for standard input
+    #[arg(long, value_name = "IN.tsr", conflicts_with = "labels", requires = "clusters")]
+    hierarchy: Option<PathBuf>,
+
+    /// Number of clusters that the hierarchy is cut at
+    #[arg(long, short = 'k', value_name = "K", requires = "hierarchy", conflicts_with = "labels")]
+    clusters: Option<u64>,
+
+    #[command(flatten)]
+    outputs: OutputFiles<OfMesh>,
+
+    #[command(flatten)]
+    choices: ChoiceFlags,
+
+    /// Largest number of faces that is accepted
+    #[arg(long, env = "TESSERAE_MAX_FACES", value_name = "N", default_value_t = Limits::default().max_faces)]
+    max_faces: u64,
+
+    /// Largest number of bytes that is accepted, the mesh and its buffers together
+    #[arg(long, env = "TESSERAE_MAX_UPLOAD_BYTES", value_name = "BYTES", default_value_t = Limits::default().max_bytes)]
+    max_upload_bytes: u64,
+}
+
+/// Reads, writes, and says in one line what there was.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let choices = check(arguments)?;
+    signals::cancel_when_asked();
+    let input = Source::from(arguments.input.clone());
+    let mesh = read_mesh(arguments, &input)?;
+    let (labels, clusters) = read_labels(arguments, mesh.faces.len())?;
+    let labels = Labels::new(clusters, &labels);
+    let remesh = OnceLock::new();
+    let content =
+        Content { labels: Some(labels), mesh: Some(&mesh), choices, remesh: Some(&remesh), ..Content::default() };
+    arguments.outputs.iter().try_for_each(|file| file.write(&content, &input))?;
+    let summary = format!("{} faces, {clusters} clusters", mesh.faces.len());
+    if use_stdout(&arguments.outputs) {
+        say(&summary);
+        Ok(())
+    } else {
+        print_line(&summary)
+    }
+}
+
+/// Where the labels come from, after what it is.
+fn labels_source(arguments: &Arguments) -> (&'static str, Source) {
+    let path = arguments.labels.as_ref().or(arguments.hierarchy.as_ref());
+    let what = if arguments.labels.is_some() { "the labels" } else { "the hierarchy" };
+    (what, Source::from(path.cloned().unwrap_or_default()))
+}
+
+/// Refuses what needs no mesh to be refused.
+fn check(arguments: &Arguments) -> Result<Choices, Failure> {
+    let usage = |message: &str| Err(Failure::Usage("export", message.to_owned()));
+    if arguments.outputs.is_empty() {
+        return usage("nothing is asked for: give --mesh, --submeshes or another output");
+    }
+    let choices = arguments.choices.choices("export", &arguments.outputs)?;
+    let (what, labels) = labels_source(arguments);
+    let input = Source::from(arguments.input.clone());
+    if input == Source::Stdin && labels == Source::Stdin {
+        return usage("mesh and labels cannot both come from standard input");
+    }
+    check_places("export", &[("the mesh", input), (what, labels)], &places(&arguments.outputs))?;
+    Ok(choices)
+}
+
+fn read_mesh(arguments: &Arguments, input: &Source) -> Result<PolygonMesh, Failure> {
+    let limits =
+        Limits { max_bytes: arguments.max_upload_bytes, max_faces: arguments.max_faces, max_faces_per_byte: None };
+    let about_input = || Failure::about(input);
+    let bytes = input.read(limits.max_bytes)?;
+    limits.check_bytes(bytes.len() as u64).map_err(about_input())?;
+    let name = match input {
+        Source::Stdin => None,
+        Source::File(path) => Some(path.to_string_lossy()),
+    };
+    let format = match arguments.format {
+        Some(format) => format,
+        None => Format::recognise(name.as_deref(), &bytes, Some(bytes.len() as u64)).map_err(about_input())?,
+    };
+    let outputs = places(&arguments.outputs);
+    let resources: Box<dyn Resources> = match input {
+        Source::Stdin => Box::new(NoResources),
+        Source::File(path) => {
+            Box::new(Kept { beside: Beside { folder: files::folder(path).to_owned() }, outputs: &outputs })
+        }
+    };
+    mesh::read(&bytes, format, &*resources, &limits).map_err(about_input())
+}
+
+/// The labels of the faces, and the number of clusters.
+fn read_labels(arguments: &Arguments, faces: usize) -> Result<(Vec<u32>, u64), Failure> {
+    let (_, source) = labels_source(arguments);
+    let about_labels = || Failure::about(&source);
+    match arguments.clusters {
+        None => {
+            // a header, and eight bytes a label
+            let most = arguments.max_faces.saturating_mul(8).saturating_add(1 << 16);
+            parse_labels(&source.read(most)?, faces).map_err(about_labels())
+        }
+        Some(clusters) => {
+            let (file, length) = source.open()?;
+            let (_, cut) = stored::cut(file, length, arguments.max_faces, clusters).map_err(about_labels())?;
+            if cut.labels.len() != faces {
+                let message = format!("the mesh has {faces} faces, the hierarchy is of another: {}", cut.labels.len());
+                return Err(about_labels()(Error::parameter(message)));
+            }
+            Ok((cut.labels, clusters))
+        }
+    }
+}

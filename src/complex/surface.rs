@@ -1,0 +1,110 @@
+//! A mesh as a cut surface: welded, in triangles, oriented, with the way back to the upload.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::half_edges::HalfEdges;
+use crate::error::{Error, Result};
+use crate::mesh::{Frame, PolygonMesh};
+use crate::surface::weld;
+
+/// The 2-manifold that a mesh becomes by welding, fanning, turning and cutting.
+#[derive(Debug)]
+pub struct CutSurface {
+    /// Its triangles and how they are connected. Corners are numbers of points.
+    pub halves: HalfEdges,
+    /// The distinct positions that faces use, in `frame`.
+    pub points: Vec<DVec3>,
+    /// A vertex of the upload at each point.
+    pub vertices: Vec<u32>,
+    /// The face of the upload that each triangle is from.
+    pub faces: Vec<u32>,
+    /// Where each triangle is in the fan of its face: the number of its second corner.
+    fans: Vec<u32>,
+    /// Coordinates that neither overflow nor vanish: no longer than 1.
+    pub frame: Frame,
+}
+
+impl CutSurface {
+    /// Welds vertices at equal positions, cuts polygons into fans, drops triangles with two equal corners, orients and
+    /// cuts the others.
+    pub fn new(mesh: &PolygonMesh) -> Result<Self> {
+        /// Three half-edges of each are numbered below 2³² − 1.
+        const MOST: u64 = u32::MAX as u64 / 3 - 1;
+        let count = mesh.faces.triangles();
+        if count > MOST {
+            return Err(Error::too_large(format_args!("the mesh has more triangles than {MOST}: {count}")));
+        }
+        let (_, points_of_corners) = weld::weld(mesh);
+        let mut vertices = Vec::new();
+        for (&point, &vertex) in points_of_corners.iter().zip(mesh.faces.all_corners()) {
+            if point as usize == vertices.len() {
+                vertices.push(vertex);
+            }
+        }
+        let frame = Frame::of(vertices.iter().map(|&vertex| &mesh.positions[vertex as usize]), 0);
+        let points =
+            vertices.par_iter().map(|&vertex| frame.position(mesh.positions[vertex as usize])).collect::<Vec<_>>();
+        let room = count as usize;
+        let (mut triangles, mut faces, mut fans) =
+            (Vec::with_capacity(room), Vec::with_capacity(room), Vec::with_capacity(room));
+        for face in 0..mesh.faces.len() {
+            let corners = &points_of_corners[mesh.faces.corner_range(face)];
+            for second in 1..corners.len().saturating_sub(1) {
+                let [a, b, c] = [corners[0], corners[second], corners[second + 1]];
+                if a != b && b != c && c != a {
+                    triangles.push([a, b, c]);
+                    faces.push(face as u32);
+                    fans.push(second as u32);
+                }
+            }
+        }
+        drop(points_of_corners);
+        let halves = HalfEdges::new(triangles, points.len());
+        Ok(Self { halves, points, vertices, faces, fans, frame })
+    }
+
+    /// The label of each triangle. There is one label a face of the mesh, each below `clusters`.
+    pub fn labels(&self, labels: &[u32]) -> Vec<u32> {
+        self.faces.par_iter().map(|&face| labels[face as usize]).collect()
+    }
+
+    /// Positions of a triangle's corners.
+    #[inline]
+    pub fn corners(&self, triangle: u32) -> [DVec3; 3] {
+        self.halves.triangles[triangle as usize].map(|corner| self.points[corner as usize])
+    }
+
+    /// The vertices of the upload at a triangle's corners; where several are at one position, those of its face.
+    pub fn upload_vertices(&self, mesh: &PolygonMesh, triangle: u32) -> [u32; 3] {
+        let triangle = triangle as usize;
+        let corners = mesh.faces.corners(self.faces[triangle] as usize);
+        let second = self.fans[triangle] as usize;
+        let (b, c) = (corners[second], corners[second + 1]);
+        if self.halves.turned[triangle] { [corners[0], c, b] } else { [corners[0], b, c] }
+    }
+
+    /// The length of a half-edge.
+    pub fn length(&self, half: u32) -> f64 {
+        self.points[self.halves.origin(half) as usize].distance(self.points[self.halves.target(half) as usize])
+    }
+}
+
+/// Refuses labels that are not one a face or not below `clusters`, and more clusters than faces. Clusters may be empty.
+pub fn check_labels(mesh: &PolygonMesh, labels: &[u32], clusters: u64) -> Result<()> {
+    let faces = mesh.faces.len();
+    if labels.len() != faces {
+        let message = format_args!("labels must be one a face, {faces} of them, not {}", labels.len());
+        return Err(Error::parameter(message));
+    }
+    if clusters > faces as u64 {
+        return Err(Error::parameter(format_args!("there are more clusters than faces, {faces}: {clusters}")));
+    }
+    match labels.iter().position(|&label| u64::from(label) >= clusters) {
+        Some(face) => Err(Error::parameter(format_args!(
+            "labels must be below the number of clusters, {clusters}; that of face {face} is {}",
+            labels[face]
+        ))),
+        None => Ok(()),
+    }
+}

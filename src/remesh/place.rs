@@ -1,0 +1,105 @@
+//! Where the vertices of the cells stand; [`super`] says what the placements are.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::closest::{closest, point};
+use super::geometry::{Geometry, Rows};
+use super::{Placement, quadric};
+use crate::complex::CutSurface;
+
+/// A point of the surface: a triangle and barycentric coordinates.
+pub type OnSurface = (u32, [f64; 3]);
+
+/// Surface, geometry, and the triangles of each cell.
+pub struct Cloth<'a> {
+    /// The surface.
+    pub surface: &'a CutSurface,
+    /// Its geometry.
+    pub geometry: &'a Geometry,
+    /// The triangles of each cell.
+    pub triangles_of_cells: &'a Rows,
+}
+
+impl Cloth<'_> {
+    /// The vertex of each cell before anything is fitted; 0 without triangles.
+    pub fn positions(&self, placement: Placement) -> Vec<DVec3> {
+        let of_cell = |cell: usize| {
+            let triangles = self.triangles_of_cells.row(cell);
+            if triangles.is_empty() {
+                return DVec3::ZERO;
+            }
+            let mean = self.geometry.mean(triangles);
+            match placement {
+                Placement::Centroid => mean,
+                Placement::Surface => self.on_surface(cell, mean),
+                Placement::Fit => quadric::minimum(self.surface, self.geometry, triangles, mean),
+            }
+        };
+        (0..self.triangles_of_cells.len()).into_par_iter().map(of_cell).collect()
+    }
+
+    /// The nearest point of a cell's triangles.
+    pub fn nearest(&self, cell: usize, to: DVec3) -> Option<OnSurface> {
+        let mut best = (f64::INFINITY, None);
+        for &triangle in self.triangles_of_cells.row(cell) {
+            let corners = self.surface.corners(triangle);
+            let weights = closest(to, corners);
+            let distance = to.distance_squared(point(weights, corners));
+            if distance < best.0 {
+                best = (distance, Some((triangle, weights)));
+            }
+        }
+        best.1
+    }
+
+    /// Where a vertex of a cell stands with [`Placement::Surface`]: nearest to a point, on the cell's own triangles.
+    fn on_surface(&self, cell: usize, to: DVec3) -> DVec3 {
+        self.nearest(cell, to).map_or(to, |(triangle, weights)| point(weights, self.surface.corners(triangle)))
+    }
+
+    /// Moves vertices of triangles that lie against their cells' mean normals half way back to where they come from: the
+    /// nearest point of the cell's triangles to its centroid, or the place on an arc. At most [`TURNS`] times. Gives the
+    /// number of triangles that still lie against them; without `is_free`, moves nothing.
+    pub fn turn_back(&self, triangles: &[[u32; 3]], positions: &mut [DVec3], is_free: Option<&[bool]>) -> u64 {
+        /// Times that a vertex goes half way back.
+        const TURNS: usize = 5;
+        let cells = self.triangles_of_cells.len();
+        let normal = |cell: usize| {
+            let of_triangle =
+                |&triangle: &u32| self.geometry.weights[triangle as usize] * self.geometry.normals[triangle as usize];
+            self.triangles_of_cells.row(cell).iter().map(of_triangle).sum::<DVec3>().normalize_or_zero()
+        };
+        let normals: Vec<DVec3> = (0..cells).into_par_iter().map(normal).collect();
+        let against = |positions: &[DVec3]| -> Vec<[u32; 3]> {
+            let is_against = |triangle: &&[u32; 3]| {
+                let [a, b, c] = triangle.map(|vertex| positions[vertex as usize]);
+                let of_cells = triangle.iter().filter_map(|&vertex| normals.get(vertex as usize));
+                (b - a).cross(c - a).dot(of_cells.sum()) < 0.0
+            };
+            triangles.iter().filter(is_against).copied().collect()
+        };
+        let mut left = against(positions);
+        let Some(is_free) = is_free else { return left.len() as u64 };
+        let begin = positions.to_vec();
+        let mut home: Vec<Option<DVec3>> = vec![None; positions.len()];
+        for _ in 0..TURNS {
+            let mut vertices: Vec<u32> = left.iter().copied().flatten().collect();
+            vertices.sort_unstable();
+            vertices.dedup();
+            for vertex in vertices.into_iter().map(|vertex| vertex as usize).filter(|&vertex| is_free[vertex]) {
+                let of_cell = || match vertex < cells {
+                    true => self.on_surface(vertex, self.geometry.mean(self.triangles_of_cells.row(vertex))),
+                    false => begin[vertex],
+                };
+                let home = *home[vertex].get_or_insert_with(of_cell);
+                positions[vertex] = (positions[vertex] + home) / 2.0;
+            }
+            left = against(positions);
+            if left.is_empty() {
+                break;
+            }
+        }
+        left.len() as u64
+    }
+}

@@ -1,0 +1,81 @@
+//! Outputs that are made of the mesh: stored where the request for the job named them, or made of a kept mesh.
+
+use axum::extract::{Path, State as Extract};
+use axum::http::{HeaderMap, Uri};
+use serde::Deserialize;
+
+use super::view::tell_expiry;
+use crate::artifacts::{Artifact, Choice, Choices};
+use crate::error::{Error, Kind};
+use crate::remesh::Placement;
+use crate::service::access::Caller;
+use crate::service::conditional::Content;
+use crate::service::problem::Answer;
+use crate::service::results::derived::{made, mesh_not_kept};
+use crate::service::results::stored::{attachment, check_clusters, stored, succeeded};
+use crate::service::state::App;
+use crate::service::{negotiate, query};
+
+/// The query of an output.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct DerivedQuery {
+    clusters: Option<u64>,
+    format: Option<String>,
+    placement: Option<Placement>,
+    ply_vertex_colours: Option<bool>,
+    force: Option<bool>,
+}
+
+/// Serves an output in the form that `format` or `Accept` chooses.
+pub(in crate::service) async fn derived(
+    artifact: &'static Artifact,
+    Extract(shared): App,
+    caller: Caller,
+    Path(id): Path<String>,
+    uri: Uri,
+    headers: HeaderMap,
+) -> Answer {
+    let job = shared.job(&caller, &id).await?;
+    let DerivedQuery { clusters, format, placement, ply_vertex_colours, force } = query::read(&uri)?;
+    let given = [
+        (Choice::Placement, placement.is_some()),
+        (Choice::PlyVertexColours, ply_vertex_colours.is_some()),
+        (Choice::Force, force.is_some()),
+    ];
+    if let Some((choice, _)) = given.into_iter().find(|(choice, given)| *given && !artifact.choices.contains(choice)) {
+        let message = format!("{} has nothing to choose by {}: leave it out", artifact.name, choice.name());
+        return Err(Error::new(Kind::InvalidParameter, message).into());
+    }
+    let choices = Choices {
+        placement: placement.unwrap_or_default(),
+        ply_vertex_colours: ply_vertex_colours.unwrap_or_default(),
+        force: force.unwrap_or_default(),
+    };
+    let form = negotiate::form(&headers, format.as_deref(), artifact)?;
+    let summary = succeeded(&job)?;
+    check_clusters(&job, &summary, clusters)?;
+    let kept = &job.spec.kept;
+    let is_stored = clusters.is_none() && choices == Choices::default() && kept.has(form);
+    let found = match is_stored {
+        true => stored(&shared, &job, form.file, None, form.media_type).await,
+        false => Err(mesh_not_kept(form)),
+    };
+    let mut response = match found {
+        // one that could not be written is not there either: making it again says why
+        Err(error) if kept.mesh && matches!(error.kind, Kind::MeshNotKept | Kind::NotFound) => {
+            made(&shared, &job, &summary, clusters, choices, form).await?
+        }
+        Err(error) if is_stored && error.kind == Kind::NotFound => {
+            let message = format!("{} could not be written: the warnings of the report say why", form.file);
+            return Err(Error::new(Kind::NotFound, message).into());
+        }
+        found => found?,
+    };
+    // other releases may write other bytes
+    let what = uri.path_and_query().map_or("", |path| path.as_str());
+    response.extensions_mut().insert(Content(format!("{what} {}", env!("CARGO_PKG_VERSION"))));
+    attachment(&mut response, &job, form.file);
+    tell_expiry(&mut response, &shared, &job);
+    Ok(response)
+}

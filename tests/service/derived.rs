@@ -1,0 +1,229 @@
+//! Outputs that are made of the mesh: named by the request for the job, or made of a mesh that was kept.
+
+use serde_json::Value;
+use tesserae::artifacts::{self, Artifact, Need};
+use tesserae::device::cpu::CpuDevice;
+use tesserae::service::TokenFile;
+
+use crate::support::*;
+
+fn made_of_mesh() -> impl Iterator<Item = &'static Artifact> {
+    artifacts::ALL.into_iter().filter(|artifact| artifact.needs.contains(&Need::Mesh))
+}
+
+/// A job that succeeded.
+async fn done(service: &Service, query: &str, faces: u64) -> Value {
+    let job = service.submit(query, sphere(faces)).await;
+    let job = service.ended(&job).await;
+    assert_eq!(job["state"], "succeeded", "{job}");
+    job
+}
+
+async fn bytes(service: &Service, url: &str) -> Vec<u8> {
+    let response = service.get(url).send().await.expect("answered");
+    assert_eq!(response.status(), 200, "{url}: {:?}", response.text().await);
+    response.bytes().await.expect("bytes").to_vec()
+}
+
+#[tokio::test]
+async fn a_kept_mesh_gives_every_output_in_every_form() {
+    let service = Service::start().await;
+    // one whose result is kept in the store, and one in files
+    for faces in [500, 60_000] {
+        let job = done(&service, "clusters=9&keep_mesh=true", faces).await;
+        assert_eq!((&job["keep_mesh"], &job["outputs"]), (&true.into(), &Value::Array(Vec::new())));
+        for artifact in made_of_mesh() {
+            let url = text(&job["urls"][artifact.name]);
+            for form in artifact.forms {
+                let with_format = format!("{url}?format={}", form.extension());
+                let response = service.get(&with_format).send().await.expect("answered");
+                assert_eq!(response.status(), 200, "{with_format}");
+                assert_eq!(response.headers()["content-type"], form.media_type);
+                let disposition = response.headers()["content-disposition"].to_str().expect("text");
+                assert!(disposition.ends_with(&format!("-{}\"", form.file)), "{disposition}");
+                let tag = response.headers()["etag"].clone();
+                let whole = response.bytes().await.expect("bytes");
+                assert!(whole.len() > 100, "{with_format}");
+
+                let again = service.get(&with_format).header("if-none-match", &tag).send().await.expect("answered");
+                assert_eq!(again.status(), 304, "{with_format}");
+                let part = service.get(&with_format).header("range", "bytes=10-19").header("if-range", &tag);
+                let part = part.send().await.expect("answered");
+                assert_eq!(part.status(), 206);
+                assert_eq!(part.bytes().await.expect("bytes"), whole[10..20]);
+            }
+            let head = service.client.head(service.url(url)).send().await.expect("answered");
+            assert_eq!(head.status(), 200);
+            let length: u64 = head.headers()["content-length"].to_str().expect("text").parse().expect("a number");
+            assert_eq!(length, bytes(&service, url).await.len() as u64);
+        }
+    }
+}
+
+#[tokio::test]
+async fn named_outputs_are_those_that_a_kept_mesh_gives() {
+    let service = Service::start().await;
+    let kept = done(&service, "clusters=9&keep_mesh=true", 3000).await;
+    let names: Vec<&str> = made_of_mesh().flat_map(|artifact| artifact.forms).map(|form| form.file).collect();
+    let named = done(&service, &format!("clusters=9&outputs={}", names.join(",")), 3000).await;
+    assert_eq!(named["outputs"].as_array().expect("a list").len(), names.len());
+    for artifact in made_of_mesh() {
+        for form in artifact.forms {
+            let query = format!("?format={}", form.extension());
+            let [one, other] = [&kept, &named].map(|job| format!("{}{query}", text(&job["urls"][artifact.name])));
+            assert_eq!(bytes(&service, &one).await, bytes(&service, &other).await, "{}", form.file);
+        }
+    }
+    let report = json(service.get(text(&named["urls"]["report"]))).await;
+    assert_eq!(report["warnings"], Value::Array(Vec::new()));
+}
+
+#[tokio::test]
+async fn what_was_not_asked_for_in_time_says_how_to_ask() {
+    let service = Service::start().await;
+    let job = done(&service, "clusters=9", 500).await;
+    for artifact in made_of_mesh() {
+        assert!(job["urls"].get(artifact.name).is_none(), "{}", artifact.name);
+        let url = format!("{}/{}", path(&job), artifact.name);
+        let detail = refused(service.get(&url), 404, "mesh-not-kept").await;
+        assert!(detail.contains("keep_mesh=true") && detail.contains(artifact.forms[0].file), "{detail}");
+    }
+    let job = done(&service, "clusters=9&outputs=mesh.ply", 500).await;
+    let url = text(&job["urls"]["mesh"]);
+    assert!(bytes(&service, &format!("{url}?format=ply")).await.starts_with(b"ply\n"));
+    refused(service.get(&format!("{url}?format=glb")), 404, "mesh-not-kept").await;
+    refused(service.get(&format!("{}/submeshes", path(&job))), 404, "mesh-not-kept").await;
+}
+
+#[tokio::test]
+async fn wrong_requests_for_outputs_are_refused() {
+    let service = Service::start().await;
+    let job = done(&service, "clusters=9&keep_mesh=true", 500).await;
+    let url = text(&job["urls"]["mesh"]);
+    let detail = refused(service.get(url).header("accept", "image/png"), 406, "not-acceptable").await;
+    assert!(detail.contains("model/ply"), "{detail}");
+    for (query, status, kind, word) in [
+        ("clusters=8", 409, "conflict", "flat clustering"),
+        ("format=stl", 422, "invalid-parameter", "glb, ply, vtp, obj"),
+        ("clusters=x", 422, "invalid-parameter", "clusters"),
+        ("colour=red", 422, "invalid-parameter", "colour"),
+        ("force=true", 422, "invalid-parameter", "force"),
+        ("placement=fit", 422, "invalid-parameter", "placement"),
+        ("format=ply&format=obj", 422, "invalid-parameter", "format"),
+    ] {
+        let detail = refused(service.get(&format!("{url}?{query}")), status, kind).await;
+        assert!(detail.contains(word), "{detail}");
+    }
+    for (query, word) in [
+        ("clusters=9&outputs=labels.npy", "mesh.glb"),
+        ("clusters=9&keep_mesh=perhaps", "perhaps"),
+        ("algorithm=hr&outputs=mesh", "keep_mesh"),
+    ] {
+        let request = service.post(&format!("/v1/jobs?{query}")).header("content-type", "model/obj").body(sphere(300));
+        let detail = refused(request, 422, "invalid-parameter").await;
+        assert!(detail.contains(word), "{detail}");
+    }
+    let many = done(&service, "clusters=2100&keep_mesh=true", 5000).await;
+    let url = text(&many["urls"]["submeshes"]);
+    assert!(refused(service.get(url), 409, "conflict").await.contains("2100"));
+    assert!(bytes(&service, &format!("{url}?force=true")).await.starts_with(b"glTF"));
+}
+
+#[tokio::test]
+async fn a_remesh_is_placed_as_the_query_says() {
+    let service = Service::start().await;
+    let job = done(&service, "clusters=40&keep_mesh=true&outputs=remesh.ply", 2000).await;
+    let report = json(service.get(text(&job["urls"]["report"]))).await;
+    assert_eq!((&report["remesh"]["vertices"]["clusters"], &report["remesh"]["checked"]), (&40.into(), &true.into()));
+    let url = text(&job["urls"]["remesh"]);
+    let placed = async |query: &str| bytes(&service, &format!("{url}?{query}")).await;
+    let fit = placed("format=ply").await;
+    assert!(fit == placed("format=ply&placement=fit").await);
+    let (surface, centroid) = (placed("placement=surface").await, placed("placement=centroid").await);
+    assert!(fit != surface && fit != centroid && surface != centroid);
+    refused(service.get(&format!("{url}?placement=middle")), 422, "invalid-parameter").await;
+}
+
+#[tokio::test]
+async fn an_output_that_cannot_be_written_is_a_warning_of_a_job_that_succeeds() {
+    let service = Service::start().await;
+    let job = done(&service, "clusters=2100&outputs=submeshes.glb,mesh.ply", 5000).await;
+    let report = json(service.get(text(&job["urls"]["report"]))).await;
+    assert!(report["warnings"][0].as_str().expect("a warning").starts_with("submeshes.glb was not written"));
+    let detail = refused(service.get(text(&job["urls"]["submeshes"])), 404, "not-found").await;
+    assert!(detail.contains("warnings"), "{detail}");
+    bytes(&service, &format!("{}?format=ply", text(&job["urls"]["mesh"]))).await;
+}
+
+#[tokio::test]
+async fn a_hierarchy_gives_outputs_at_every_number_of_clusters() {
+    let service = Service::start().await;
+    let job = done(&service, "algorithm=pml&keep_mesh=true", 2000).await;
+    let url = text(&job["urls"]["mesh"]);
+    refused(service.get(url), 409, "conflict").await;
+    refused(service.get(&format!("{url}?clusters=1000000")), 409, "conflict").await;
+    for clusters in [3, 40] {
+        let obj = bytes(&service, &format!("{url}?format=obj&clusters={clusters}")).await;
+        let text = String::from_utf8(obj).expect("text");
+        assert_eq!(text.lines().filter(|line| line.starts_with("g cluster-")).count(), clusters);
+    }
+}
+
+#[tokio::test]
+async fn a_kept_mesh_is_its_tenants_only_and_goes_with_its_job() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let tokens = folder.path().join("tokens.json");
+    let [mine, theirs] = ["mine", "theirs"]
+        .map(|tenant| TokenFile::change(&tokens, |file| Ok(file.add(tenant)?.reveal())).expect("made"));
+    let service = Service::with(|settings| settings.access.tokens = Some(tokens), Box::new(CpuDevice::new())).await;
+    let request = service.post("/v1/jobs?clusters=9&keep_mesh=true").header("content-type", "model/obj");
+    let request = request.header("prefer", "wait=100").bearer_auth(&mine).body(sphere(60_000));
+    let job: Value = json(request).await;
+    let url = text(&job["urls"]["mesh"]);
+    refused(service.get(url).bearer_auth(&theirs), 404, "not-found").await;
+    refused(service.get(url), 401, "unauthorized").await;
+    assert_eq!(service.get(url).bearer_auth(&mine).send().await.expect("answered").status(), 200);
+
+    let data = service.folder();
+    let kept = || {
+        let list = walk(data.path());
+        list.into_iter().filter(|name| name.ends_with("mesh.kept")).count()
+    };
+    assert_eq!(kept(), 1);
+    let removed = service.delete(path(&job)).bearer_auth(&mine).send().await.expect("answered");
+    assert_eq!(removed.status(), 204);
+    refused(service.get(url).bearer_auth(&mine), 404, "not-found").await;
+    assert_eq!(kept(), 0);
+}
+
+/// Every file below a folder.
+fn walk(folder: &std::path::Path) -> Vec<String> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).expect("a folder") {
+        let path = entry.expect("an entry").path();
+        match path.is_dir() {
+            true => found.extend(walk(&path)),
+            false => found.push(path.to_string_lossy().into_owned()),
+        }
+    }
+    found
+}
+
+#[tokio::test]
+async fn labels_and_hierarchies_are_chosen_by_format_too() {
+    let service = Service::start().await;
+    let job = done(&service, "algorithm=hr&clusters=1", 300).await;
+    for (name, format, media_type) in [
+        ("labels", "json", "application/json"),
+        ("labels", "npy", "application/x-npy"),
+        ("labels", "bin", "application/octet-stream"),
+        ("hierarchy", "tsr", "application/octet-stream"),
+        ("hierarchy", "npy", "application/x-npy"),
+    ] {
+        let url = format!("{}?format={format}", text(&job["urls"][name]));
+        let response = service.get(&url).header("accept", "text/html").send().await.expect("answered");
+        assert_eq!(response.headers()["content-type"], media_type, "{url}");
+        assert!(response.headers().contains_key("content-disposition"));
+    }
+    refused(service.get(&format!("{}?format=glb", text(&job["urls"]["labels"]))), 422, "invalid-parameter").await;
+}
