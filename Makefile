@@ -74,7 +74,8 @@ fuzz: debug-binary $(VENV)/ready  ## the service against its OpenAPI document
 	$(VENV)/bin/python tests/scripts/fuzz_api.py $(TARGET)/debug/tesserae
 
 .PHONY: deploy
-deploy: $(VENV)/ready  ## check Dockerfile, compose files and systemd unit
+deploy: $(VENV)/ready  ## check Dockerfile, compose files, systemd unit and alert rules
+	deploy/promtool.sh $(abspath $(VENV))/bin
 	deploy/check.sh $(abspath $(VENV))/bin
 
 .PHONY: image

@@ -15,10 +15,15 @@ if command -v systemd-analyze >/dev/null; then
     sed 's|^ExecStart=[^ ]*|ExecStart=/bin/true|' tesserae.service > "$unit"
     systemd-analyze verify "$unit"
 fi
-# promtool where there is one (Debian's package prometheus has it); otherwise at least that it is YAML with rules in it
-if command -v promtool >/dev/null; then
-    promtool check rules alerts.yaml
-    promtool test rules alerts.test.yaml
+# with promtool where there is one (promtool.sh puts it there); otherwise at least that it is YAML with rules in it
+promtool=$tools/promtool
+[ -x "$promtool" ] || promtool=$(command -v promtool || true)
+if [ -n "$promtool" ]; then
+    "$promtool" check rules alerts.yaml
+    "$promtool" test rules alerts.test.yaml
+    for alert in $(sed -n 's/^ *- alert: //p' alerts.yaml); do
+        grep --quiet "alertname: $alert\$" alerts.test.yaml || { echo "an alert without a test: $alert" >&2; exit 1; }
+    done
 else
     echo "promtool is not there: alerts.yaml is only read" >&2
     "$tools/python" -c 'import sys, yaml

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 /// Names of Rust, and what they are in JSON.
-const NAMES: [(&str, &str); 11] = [
+const NAMES: [(&str, &str); 13] = [
     ("map", "object"),
     ("sequence", "array"),
     ("boolean `", "`"),
@@ -15,6 +15,8 @@ const NAMES: [(&str, &str); 11] = [
     ("a nonzero u32", "an integer from 1 to 4294967295"),
     ("u32", "an integer from 0 to 4294967295"),
     ("u64", "an integer from 0 on"),
+    ("f32", "a number"),
+    ("f64", "a number"),
 ];
 
 /// What is wrong, without the place: `must be an array, not an object`.
@@ -105,6 +107,8 @@ mod tests {
             let error = serde_json::from_str::<Step>(json).expect_err(json);
             assert_eq!(wrong_json_at(&error), expected);
         }
+        let error = serde_json::from_str::<f64>("[]").expect_err("no number");
+        assert_eq!(wrong_json(&error), "must be a number, not an array");
         let error = serde_json::from_str::<Way>("3").expect_err("no name");
         assert!(!wrong_json(&error).contains('`'), "{error}");
     }

@@ -3,6 +3,7 @@
 //!
 //! Needs no device, so that this can go on while the device works on the next mesh.
 
+use std::f64::consts::LOG10_2;
 use std::time::Instant;
 
 use sha2::{Digest, Sha256};
@@ -84,7 +85,8 @@ fn out_of_range(surface: &Surface, energy: f64) -> Option<String> {
     };
     Some(format!(
         "energies are {what}, since they grow with the fourth power of lengths; labels are not affected; scale the \
-         mesh to a size near 1; its longest side is about 2^{exponent}"
+         mesh to a size near 1; its longest side is about 1e{}",
+        (f64::from(exponent) * LOG10_2).round()
     ))
 }
 

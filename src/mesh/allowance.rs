@@ -9,7 +9,7 @@
 //! it for placed faces, and 150 MB (350).
 
 use super::Part;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, names};
 
 /// Faces that a file may have however small it is,
 const FREE_FACES: u64 = 1 << 19;
@@ -57,8 +57,16 @@ impl Allowance {
 
     /// Refuses more faces than the bytes allow, `a_byte` for each; none: all.
     pub fn check_faces(&self, faces: u64, a_byte: Option<u64>) -> Result<()> {
-        let what = "the mesh places more faces than its bytes allow (raise it with --max-faces-per-byte, or write the \
-                    placements out)";
+        let what = match names::are_flags() {
+            true => {
+                "the mesh places more faces than its bytes allow (raise it with --max-faces-per-byte, or write the \
+                 placements out)"
+            }
+            false => {
+                "the mesh places more faces than its bytes allow (the service's --max-faces-per-byte; write the \
+                 placements out)"
+            }
+        };
         self.check(faces, self.most_faces(a_byte), what)
     }
 

@@ -78,7 +78,9 @@ pub(super) async fn log(State(log): State<Arc<AccessLog>>, mut request: Request,
     let header = HeaderValue::from_str(&id).ok();
     request.extensions_mut().insert(trace);
     request.extensions_mut().insert(Origin { client, request: id.clone(), trace });
-    let (method, received) = (request.method().clone(), upload::content_length(request.headers()));
+    let method = request.method().clone();
+    let received = Arc::<AtomicU64>::default();
+    let request = request.map(|body| Body::new(Counted { body, bytes: Arc::clone(&received) }));
     let is_probe = PROBES.contains(&path.as_str());
     let mut response = next.run(request).instrument(span.clone()).await;
     if let Some(header) = header {
@@ -101,8 +103,10 @@ pub(super) async fn log(State(log): State<Arc<AccessLog>>, mut request: Request,
             is_probe,
         })
     });
+    // a body that is streamed from a file does not know its length
+    let length = upload::content_length(response.headers());
     response.map(|body| {
-        let length = body.size_hint().exact();
+        let length = length.or_else(|| body.size_hint().exact());
         Body::new(Logged { body, span, line, length, bytes: 0, is_cut_short: false })
     })
 }
@@ -126,8 +130,8 @@ struct Line {
     trace: TraceParent,
     client: IpAddr,
     tenant: Option<String>,
-    /// Declared length of the body, in bytes.
-    received: Option<u64>,
+    /// Bytes of the body that were read, compressed as they are.
+    received: Arc<AtomicU64>,
     started: Instant,
     /// Time until the head of the answer.
     latency: Duration,
@@ -137,6 +141,7 @@ struct Line {
 impl Line {
     fn write(&self, bytes: u64, is_cut_short: bool) {
         let milliseconds = |time: Duration| time.as_micros() as f64 / 1000.0;
+        let received = Some(self.received.load(Ordering::Relaxed)).filter(|bytes| *bytes > 0);
         macro_rules! line {
             ($level:ident) => {
                 tracing::$level!(
@@ -147,7 +152,7 @@ impl Line {
                     status = self.status,
                     latency_ms = milliseconds(self.latency),
                     duration_ms = milliseconds(self.started.elapsed()),
-                    received = self.received,
+                    received,
                     bytes,
                     cut_short = is_cut_short.then_some(true),
                     client = %self.client,
@@ -166,12 +171,43 @@ impl Line {
     }
 }
 
+/// The body of a request, whose bytes are counted.
+struct Counted {
+    body: Body,
+    bytes: Arc<AtomicU64>,
+}
+
+impl HttpBody for Counted {
+    type Data = Bytes;
+    type Error = axum::Error;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
+        let polled = Pin::new(&mut self.body).poll_frame(context);
+        if let Poll::Ready(Some(Ok(frame))) = &polled {
+            let bytes = frame.data_ref().map_or(0, |data| data.len() as u64);
+            self.bytes.fetch_add(bytes, Ordering::Relaxed);
+        }
+        polled
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.body.size_hint()
+    }
+}
+
 /// The body of an answer, whose end is the end of the request.
 struct Logged {
     body: Body,
     span: Span,
     line: Option<Box<Line>>,
-    /// Bytes of the whole body, if it states them.
+    /// Bytes of the whole body, if its header states them.
     length: Option<u64>,
     /// Bytes that were sent, compressed as they are.
     bytes: u64,

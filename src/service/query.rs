@@ -5,7 +5,7 @@ use axum::http::Uri;
 use percent_encoding::percent_decode_str;
 use serde::de::DeserializeOwned;
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Quoted, Result};
 
 /// Reads the query into `T`, which denies unknown fields. What is wrong is named.
 pub(super) fn read<T: DeserializeOwned>(uri: &Uri) -> Result<T> {
@@ -13,8 +13,30 @@ pub(super) fn read<T: DeserializeOwned>(uri: &Uri) -> Result<T> {
     Query::<T>::try_from_uri(uri).map(|Query(value)| value).map_err(|rejection| {
         let text = rejection.body_text();
         let text = text.strip_prefix("Failed to deserialize query string: ").unwrap_or(&text);
-        Error::parameter(format_args!("the query string is not valid: {text}"))
+        Error::parameter(format_args!("the query string is not valid: {}", in_words(text, uri)))
     })
+}
+
+/// Errors of Rust's numbers, and what a value must be.
+const WORDS: [(&str, &str); 8] = [
+    ("invalid digit found in string", "must be a whole number"),
+    ("cannot parse integer from empty string", "must be a whole number"),
+    ("number too large to fit in target type", "must be a smaller number"),
+    ("number too small to fit in target type", "must be a larger number"),
+    ("number would be zero for non-zero type", "must be 1 or more"),
+    ("invalid float literal", "must be a number"),
+    ("cannot parse float from empty string", "must be a number"),
+    ("provided string was not `true` or `false`", "must be true or false"),
+];
+
+/// The error about one parameter with its value, in words of HTTP; others as they are.
+fn in_words(text: &str, uri: &Uri) -> String {
+    let found = text.split_once(": ").and_then(|(name, what)| {
+        let (_, must) = WORDS.iter().find(|(rust, _)| *rust == what)?;
+        let (value, _) = take(uri.query()?, name);
+        Some(format!("{name} {must}, not {}", Quoted(&value?)))
+    });
+    found.unwrap_or_else(|| text.to_owned())
 }
 
 /// The names in a query string, in order. One that is there twice is refused.
@@ -59,6 +81,28 @@ mod tests {
         assert!(names("clusters=1&seed=2").is_ok());
         let error = names("clusters=1&%63lusters=2").expect_err("twice");
         assert!(error.message.contains("clusters"), "{error}");
+    }
+
+    #[test]
+    fn a_value_of_the_wrong_kind_is_named_in_words_of_http() {
+        #[derive(Debug, serde::Deserialize)]
+        #[expect(dead_code, reason = "read only to fail")]
+        struct Wanted {
+            clusters: Option<u32>,
+            density: Option<f64>,
+            fast: Option<bool>,
+        }
+        for (query, expected) in [
+            ("clusters=1e3", r#"clusters must be a whole number, not "1e3""#),
+            ("clusters=", r#"clusters must be a whole number, not """#),
+            ("fast=true&clusters=-7%0a", r#"clusters must be a whole number, not "-7\n""#),
+            ("clusters=5000000000", r#"clusters must be a smaller number, not "5000000000""#),
+            ("density=x", r#"density must be a number, not "x""#),
+            ("fast=yes", r#"fast must be true or false, not "yes""#),
+        ] {
+            let error = read::<Wanted>(&format!("/?{query}").parse().expect("a URI")).expect_err(query);
+            assert_eq!(error.message, format!("the query string is not valid: {expected}"));
+        }
     }
 
     #[test]

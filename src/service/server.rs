@@ -130,7 +130,10 @@ impl Server {
         let store: Arc<dyn JobStore> = Arc::new(TimedStore::new(store, Arc::clone(&metrics)));
         let swept = files.sweep_at_start(store.as_ref()).await?;
         if swept > 0 {
-            tracing::info!(folders = swept, "swept away what no job knows of");
+            tracing::info!(
+                folders = swept,
+                "files that belong to no job were removed or, if a lost job may need them, moved aside"
+            );
         }
         storage::promise_again(&files, store.as_ref(), &settings.limits()).await?;
         let health = Arc::<Health>::default();

@@ -250,7 +250,7 @@ mod tests {
             let store = Arc::new(MemoryStore::new(RULES).expect("a store"));
             let storage = Storage::new(Arc::clone(&files), store, Arc::clone(&health));
             storage.look_at_room().await;
-            let is_taken = files.promise(new_job().id, 100 << 10).is_ok();
+            let is_taken = files.promise(new_job().id, 0, 100 << 10).is_ok();
             assert_eq!(health.why_not_ready().is_none(), is_taken, "{limit}");
         }
     }

@@ -4,7 +4,9 @@
 """
 
 import json
+import os
 import pathlib
+import re
 import subprocess
 import sys
 import tempfile
@@ -38,14 +40,31 @@ checks.ensure_resource_availability.enabled = false
 """
 
 
-def fuzz(url, folder, config, *options):
+# Operations one by one, without the links between them.
+ONE_BY_ONE = ["--phases", "examples,coverage,fuzzing"]
+
+
+def fuzz(url, folder, config, *options, **more):
     """One run. Whether bytes are a mesh is nothing that the document can say: that they are refused is no fault."""
     path = folder / "schemathesis.toml"
     path.write_text(f'hooks = "{HOOKS}"\n' + config + NO_HIERARCHY)
     subprocess.run(
         [SCHEMATHESIS, "--no-color", "--config-file", path, "run", url + "/openapi.yaml", "--seed", "1", "--workers", "2",
          "--request-timeout", "30", "--max-failures", "20", "--exclude-checks", "positive_data_acceptance", *options],
-        check=True, timeout=300, cwd=folder)
+        check=True, timeout=300, cwd=folder, **more)
+
+
+def follow_links(url, folder):
+    """A run along the links of the document, from jobs that are made to jobs that are read, retried and deleted."""
+    output = folder / "links.txt"
+    try:
+        with output.open("w") as file:
+            fuzz(url, folder, "", "--max-examples", "40", "--phases", "stateful",
+                 env={**os.environ, "LINKS_ONLY": "1"}, stdout=file)
+    finally:
+        print(output.read_text(), flush=True)
+    covered = re.search(r"API Links:\s+(\d+) covered", output.read_text())
+    assert covered and int(covered[1]) > 0, "no link of the document was followed to an answer"
 
 
 def main(binary):
@@ -54,12 +73,14 @@ def main(binary):
     with Service(binary, *unlimited) as service, tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
         print("every operation", flush=True)
-        fuzz(service.url, folder, "", "--max-examples", "150")
+        fuzz(service.url, folder, "", "--max-examples", "150", *ONE_BY_ONE)
+        print("links from one operation to the next", flush=True)
+        follow_links(service.url, folder)
         # made only now, because the first run deletes what it finds
         job = ended_job(binary, service.url, folder)
         print("everything that can be read of a job that ended", flush=True)
         fuzz(service.url, folder, f'[parameters]\n"path.id" = "{job}"\n',
-             "--max-examples", "60", "--phases", "examples,coverage,fuzzing", "--include-method", "GET")
+             "--max-examples", "60", *ONE_BY_ONE, "--include-method", "GET")
         assert "panicked" not in service.logged(), service.logged()
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
@@ -69,11 +90,11 @@ def main(binary):
         with Service(binary, *unlimited, "--tokens", str(tokens)) as service:
             print("every operation, with a token", flush=True)
             header = ["--header", f"Authorization: Bearer {token}"]
-            fuzz(service.url, folder, "", "--max-examples", "40", *header)
+            fuzz(service.url, folder, "", "--max-examples", "40", *ONE_BY_ONE, *header)
             job = ended_job(binary, service.url, folder, token)
             print("everything that can be read of a job that ended, without one", flush=True)
             fuzz(service.url, folder, f'[parameters]\n"path.id" = "{job}"\n',
-                 "--max-examples", "30", "--phases", "examples,coverage,fuzzing", "--include-method", "GET")
+                 "--max-examples", "30", *ONE_BY_ONE, "--include-method", "GET")
             assert "panicked" not in service.logged() and token not in service.logged(), service.logged()
 
 

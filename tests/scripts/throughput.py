@@ -75,7 +75,7 @@ def measure(name, quality, total, mesh, *arguments):
 
 
 def main():
-    with tempfile.TemporaryDirectory(prefix="tesserae-throughput-", dir=".") as folder:
+    with tempfile.TemporaryDirectory(prefix="tesserae-throughput-") as folder:
         mesh = pathlib.Path(folder) / "mesh.glb"
         subprocess.run([BINARY, "sample", "sphere", "--faces", str(FACES), mesh], check=True, stdout=subprocess.DEVNULL)
         mesh = mesh.read_bytes()

@@ -180,6 +180,12 @@ async fn requests_and_changes_are_logged_with_the_address_behind_trusted_proxies
     let id = labels.headers()["x-request-id"].to_str().expect("text").to_owned();
     assert_eq!(id.len(), 36, "a long id is replaced: {id}");
     let bytes = labels.bytes().await.expect("bytes").len();
+    let large = service.submit("clusters=5&quality=fast", sphere(70_000)).await;
+    service.ended(&large).await;
+    let streamed = service.get(text(&large["urls"]["labels"])).header("x-request-id", "mine-2");
+    let streamed = streamed.header("accept", "application/x-npy").send().await.expect("answered");
+    assert!(streamed.headers().contains_key("content-length"));
+    streamed.bytes().await.expect("bytes");
     service.get("/healthz").send().await.expect("answered");
     assert_eq!(service.delete(path(&job)).send().await.expect("answered").status(), 204);
     until(async || log.lines("tesserae::access").iter().any(|line| line["fields"]["status"] == 204)).await;
@@ -192,6 +198,8 @@ async fn requests_and_changes_are_logged_with_the_address_behind_trusted_proxies
     let created = of("mine-1");
     assert_eq!((&created["client"], &created["status"]), (&"198.51.100.7".into(), &202.into()), "{created}");
     assert!(created["latency_ms"].as_f64().expect("a number") > 0.0, "{created}");
+    assert_eq!(created["received"], sphere(300).len(), "{created}");
+    assert_eq!(of("mine-2")["cut_short"], Value::Null, "all of the file was sent");
     let read = of(&id);
     assert_eq!((&read["bytes"], &read["client"]), (&bytes.into(), &"127.0.0.1".into()), "{read}");
     assert!(lines.iter().all(|line| line["fields"]["path"] != "/healthz"), "probes are below INFO");
@@ -199,8 +207,8 @@ async fn requests_and_changes_are_logged_with_the_address_behind_trusted_proxies
 
     let audit = log.lines("tesserae::audit");
     let changes: Vec<&Value> = audit.iter().map(|line| &line["fields"]).collect();
-    assert_eq!(changes.len(), 2, "{changes:#?}");
-    for (change, message, client) in [(changes[0], "accepted", "198.51.100.7"), (changes[1], "deleted", "127.0.0.1")] {
+    assert_eq!(changes.len(), 3, "{changes:#?}");
+    for (change, message, client) in [(changes[0], "accepted", "198.51.100.7"), (changes[2], "deleted", "127.0.0.1")] {
         assert_eq!((&change["message"], &change["client"]), (&message.into(), &client.into()));
         assert_eq!((&change["job"], &change["tenant"]), (&job["id"], &"local".into()));
     }
@@ -221,6 +229,10 @@ async fn an_upload_that_says_it_is_too_long_logs_no_error() {
     let detail = refused(post(9 << 20), 413, "too-large").await;
     assert!(detail.contains("9437184"), "{detail}");
     refused(post(8 << 20), 507, "insufficient-storage").await;
+    until(async || log.lines("tesserae::access").len() == 2).await;
+    for line in log.lines("tesserae::access") {
+        assert_eq!(line["fields"]["received"], Value::Null, "nothing of it was read: {line}");
+    }
     let errors: Vec<Value> = log.lines("tesserae::service::problem");
     assert!(errors.is_empty(), "{errors:#?}");
 }

@@ -59,7 +59,7 @@ async fn results_outlast_a_store_that_was_lost() {
             std::fs::write(&store, content).expect("written");
         }
         let why = refusal(&folder).await;
-        assert!(why.contains("--forget-lost-jobs") && why.contains("1 jobs"), "{why}");
+        assert!(why.contains("--forget-lost-jobs") && why.contains("files of 1 job:"), "{why}");
         assert_eq!(found(&folder.path().join("results"), "labels.npy").len(), 1);
     }
     // put back, all is as before

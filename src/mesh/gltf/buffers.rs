@@ -6,9 +6,9 @@
 use std::borrow::Cow;
 use std::cell::{Cell, OnceCell};
 
-use base64::Engine;
 use base64::engine::DecodePaddingMode;
 use base64::engine::general_purpose::{GeneralPurpose, GeneralPurposeConfig};
+use base64::{DecodeError, Engine};
 
 use super::document::{Document, lookup};
 use super::meshopt;
@@ -193,7 +193,13 @@ fn decode_data_uri(uri: &str) -> Result<Vec<u8>, String> {
     if !is_base64 {
         return Ok(data.into_owned());
     }
-    BASE64
-        .decode(data.as_ref())
-        .map_err(|error| format!("is not base64, or damaged: {}", error.to_string().trim_end_matches('.')))
+    BASE64.decode(data.as_ref()).map_err(|error| match error {
+        DecodeError::InvalidByte(at, byte) | DecodeError::InvalidLastSymbol { offset: at, symbol: byte, .. } => {
+            format!("is not base64, or damaged: at character {at} of its data: {:?}", char::from(byte))
+        }
+        DecodeError::InvalidLength(length) => {
+            format!("is not base64, or damaged: its data end in the middle of a byte, after characters: {length}")
+        }
+        DecodeError::InvalidPadding => "is not base64, or damaged: its data have the wrong padding".to_owned(),
+    })
 }

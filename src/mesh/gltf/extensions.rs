@@ -17,12 +17,26 @@ const READ: [&str; 5] = [
 ];
 
 /// The second word of a name `VENDOR_word_…` of extensions about what is not geometry.
-const HARMLESS_WORDS: [&str; 10] =
-    ["animation", "audio", "environment", "image", "lights", "materials", "packing", "techniques", "texture", "xmp"];
+const HARMLESS_WORDS: [&str; 14] = [
+    "animation",
+    "audio",
+    "collision",
+    "environment",
+    "image",
+    "interactivity",
+    "lights",
+    "materials",
+    "packing",
+    "physics",
+    "rigid",
+    "techniques",
+    "texture",
+    "xmp",
+];
 
-/// Other extensions that cannot change geometry: metadata, selection, outlines, articulations, avatars, physics, baked
-/// light.
-const HARMLESS: [&str; 24] = [
+/// Other extensions that cannot change geometry: metadata, selection, outlines, articulations, avatars, shapes of
+/// colliders, baked light.
+const HARMLESS: [&str; 22] = [
     "AGI_articulations",
     "AGI_stk_metadata",
     "CESIUM_primitive_outline",
@@ -35,14 +49,12 @@ const HARMLESS: [&str; 24] = [
     "FB_ngon_encoding",
     "GODOT_single_root",
     "GRIFFEL_bim_data",
+    "KHR_implicit_shapes",
     "KHR_node_hoverability",
     "KHR_node_selectability",
-    "KHR_physics_rigid_bodies",
     "KHR_xmp",
     "MOZ_lightmap",
     "MPEG_media",
-    "OMI_physics_body",
-    "OMI_physics_shape",
     "VRM",
     "VRMC_node_constraint",
     "VRMC_springBone",
@@ -102,6 +114,12 @@ mod tests {
             "VRMC_vrm",
             "KHR_physics_rigid_bodies",
             "OMI_physics_body",
+            "OMI_physics_shape",
+            "KHR_implicit_shapes",
+            "KHR_collision_shapes",
+            "MSFT_collision",
+            "KHR_rigid_bodies",
+            "KHR_interactivity",
             "EXT_lightmap",
             "MOZ_lightmap",
             "GRIFFEL_bim_data",

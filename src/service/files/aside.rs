@@ -50,7 +50,7 @@ impl Files {
         let (others, moved) = match jobs {
             0 => ("a service has worked in the data folder".to_owned(), "begins with an empty store".to_owned()),
             _ => (
-                format!("the data folder holds files of {jobs} jobs"),
+                format!("the data folder holds files of {jobs} job{}", if jobs == 1 { "" } else { "s" }),
                 format!("moves these files to {folder}/{ASIDE}"),
             ),
         };

@@ -40,6 +40,11 @@ impl Ballast {
         Self { path, size: if is_kept { most } else { 0 }, there: Mutex::new(there) }
     }
 
+    /// Bytes that it takes when there is room for it.
+    pub fn size(&self) -> u64 {
+        self.size
+    }
+
     /// Bytes that are to be kept free for it.
     pub fn missing(&self) -> u64 {
         self.size.saturating_sub(*self.lock())

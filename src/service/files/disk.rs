@@ -83,9 +83,7 @@ impl Disk {
     /// Refuses `more` bytes without room for them beside what is `taken`: promised, but not written yet.
     /// [`Kind::TooLarge`] when there would be none on an empty disk either.
     pub fn check(&self, more: u64, taken: u64) -> Result<()> {
-        let holds =
-            total_bytes(&self.root).filter(|total| *total > 0).unwrap_or(u64::MAX).saturating_sub(self.reserve());
-        if more > holds.min(self.limits.max_bytes.unwrap_or(u64::MAX)) {
+        if more > self.holds() {
             return Err(Error::too_large(format_args!(
                 "the upload is larger than the storage of this service is in all; send a smaller mesh, or ask for \
                  larger storage; bytes: {more}"
@@ -111,6 +109,24 @@ impl Disk {
             }
             Some(_) | None => Ok(()),
         }
+    }
+
+    /// Refuses a job whose upload and expected result have no room together in an empty folder either, beside what is
+    /// always `taken`.
+    pub fn check_job(&self, upload: u64, result: u64, taken: u64) -> Result<()> {
+        let (needs, holds) = (upload.saturating_add(result), self.holds().saturating_sub(taken));
+        if needs <= holds {
+            return Ok(());
+        }
+        Err(Error::too_large(format_args!(
+            "the upload and the result that is expected of it are larger than the storage of this service, which holds              {holds} bytes; send a smaller mesh, or ask for larger storage; bytes: {needs}"
+        )))
+    }
+
+    /// Bytes that the folder may hold at most.
+    fn holds(&self) -> u64 {
+        let disk = total_bytes(&self.root).filter(|total| *total > 0).unwrap_or(u64::MAX);
+        disk.saturating_sub(self.reserve()).min(self.limits.max_bytes.unwrap_or(u64::MAX))
     }
 
     /// Bytes that this process may still write; none where that cannot be told.

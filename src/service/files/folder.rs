@@ -125,8 +125,10 @@ impl Files {
         self.room.promised().saturating_add(self.ballast.missing())
     }
 
-    /// Promises a job that is being accepted room for its result. Refuses when there is none.
-    pub fn promise(&self, job: JobId, bytes: u64) -> Result<()> {
+    /// Promises a job that is being accepted, with an upload of so many bytes, room for its result. Refuses when there
+    /// is none; [`Kind::TooLarge`] when there never is.
+    pub fn promise(&self, job: JobId, upload: u64, bytes: u64) -> Result<()> {
+        self.disk.check_job(upload, bytes, self.ballast.size())?;
         self.promise_from(job, 0, bytes)
     }
 

@@ -56,7 +56,7 @@ impl Incoming {
     /// Promises the job that the upload will be room for its result, as long as the job lasts or the upload is there.
     /// Refuses when there is none.
     pub fn promise(&self, spec: &Spec, limits: &Limits) -> Result<()> {
-        self.files.promise(self.id, needs::of_upload(spec, self.bytes, limits))
+        self.files.promise(self.id, self.bytes, needs::of_upload(spec, self.bytes, limits))
     }
 
     /// Ends the upload: gives its blobs if they are small and `takes` them, or else makes files of them and gives none.

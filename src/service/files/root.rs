@@ -61,7 +61,11 @@ impl Root {
             }
             Err(TryLockError::Error(error)) => return Err(cannot_make(&name, error)),
         }
-        note_holder(&mut lock).map_err(|error| cannot_make(&name, error))?;
+        match note_holder(&mut lock) {
+            // the number is for messages only
+            Err(error) if error.kind() != io::ErrorKind::StorageFull => return Err(cannot_make(&name, error)),
+            Ok(()) | Err(_) => {}
+        }
         let path = path.canonicalize().map_err(|error| cannot_make(path, error))?;
         if let Some(mode) = private::open_mode(&path) {
             let (folder, mode) = (path.display(), format!("{mode:04o}"));

@@ -293,8 +293,9 @@ pub(in crate::service::store) fn given_up(attempts: u64, last: &Error) -> Error 
     Error::new(
         Kind::Poison,
         format_args!(
-            "the job was given up after {attempts} attempts, of which the last failed: {last}; its upload is kept \
-             until the job is deleted: to run it again, POST to its path followed by /retry"
+            "the job was given up after {attempts} attempt{}, of which the last failed: {last}; its upload is kept \
+             until the job is deleted: to run it again, POST to its path followed by /retry",
+            if attempts == 1 { "" } else { "s" }
         ),
     )
 }

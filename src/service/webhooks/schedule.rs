@@ -1,7 +1,7 @@
 //! Which deliveries are due. Only bookkeeping: no I/O, and the time is passed in.
 //!
-//! Every host has its own share of the places, so that a host that does not answer delays no other one. After a
-//! delivery without any answer the host rests, with growing pauses, however many jobs have a webhook there; then one
+//! Every host has its own share of the places, which is a single one until it has answered: fewer than [`AT_ONCE`]
+//! hosts that do not answer delay no other one. After a delivery without any answer the host rests, with growing pauses, however many jobs have a webhook there; then one
 //! delivery tries it again. An answer that is not a 2xx delays the delivery itself only: other URLs of the host may
 //! work.
 
@@ -11,9 +11,9 @@ use std::time::{Duration, Instant, SystemTime};
 use super::super::store::JobId;
 
 /// Deliveries at a time.
-const AT_ONCE: usize = 64;
+const AT_ONCE: usize = 256;
 
-/// Deliveries at a time to one host that answers; a host that does not gets one.
+/// Deliveries at a time to one host that answered the last one; another gets one.
 const PER_HOST: usize = 8;
 
 /// Deliveries at a time to all hosts that do not answer.
@@ -73,6 +73,8 @@ struct Host {
     failures: usize,
     /// When the host may be tried again; none for a host that answers.
     rests_until: Option<Instant>,
+    /// Whether it answered the last delivery.
+    answers: bool,
 }
 
 /// What is to be done now.
@@ -139,7 +141,7 @@ impl Schedule {
                 }
                 let has_place = match of_resting {
                     true => host.under_way == 0 && resting_places > 0,
-                    false => host.under_way < PER_HOST,
+                    false => host.under_way < if host.answers { PER_HOST } else { 1 },
                 };
                 if !has_place || places == 0 {
                     continue;
@@ -165,10 +167,13 @@ impl Schedule {
         let Some(host) = self.hosts.get_mut(&delivery.host) else { return };
         host.under_way = host.under_way.saturating_sub(1);
         match outcome {
-            Outcome::Delivered | Outcome::Refused => *host = Host { under_way: host.under_way, ..Host::default() },
+            Outcome::Delivered | Outcome::Refused => {
+                *host = Host { under_way: host.under_way, answers: true, ..Host::default() }
+            }
             Outcome::Unanswered if host.rests_until.is_none_or(|until| until <= now) => {
                 host.rests_until = Some(now + pause(&HOST_PAUSES, host.failures));
                 host.failures += 1;
+                host.answers = false;
             }
             Outcome::Unanswered | Outcome::GivenUp => {}
         }
@@ -207,20 +212,33 @@ mod tests {
         let now = Instant::now();
         let (mut schedule, untold) = schedule(&[("dead", 1000), ("well", 1)], now);
         let first = schedule.due(&untold, now, SystemTime::now());
-        assert_eq!(first.begin.len(), PER_HOST + 1);
-        assert!(first.begin.contains(&untold[1000]));
+        assert_eq!(first.begin, [untold[0], untold[1000]], "a host has one place until it has answered");
+        schedule.done(untold[0], Outcome::Delivered, now);
+        let untold = &untold[1..];
+        let second = schedule.due(untold, now, SystemTime::now());
+        assert_eq!(second.begin.len(), PER_HOST);
         let after = now + Duration::from_secs(15);
-        for job in &first.begin[..PER_HOST] {
+        for job in &second.begin {
             schedule.done(*job, Outcome::Unanswered, after);
         }
         // eight at the same time are one failure of the host, which rests with all of its deliveries
-        let rest = schedule.due(&untold, after, SystemTime::now());
+        let rest = schedule.due(untold, after, SystemTime::now());
         assert_eq!((rest.begin, rest.next), (vec![], Some(after + Duration::from_secs(HOST_PAUSES[0]))));
         let later = after + Duration::from_secs(HOST_PAUSES[0]);
-        let probe = schedule.due(&untold, later, SystemTime::now());
+        let probe = schedule.due(untold, later, SystemTime::now());
         assert_eq!(probe.begin.len(), 1, "one delivery tries the host again");
         schedule.done(probe.begin[0], Outcome::Delivered, later);
-        assert_eq!(schedule.due(&untold, later, SystemTime::now()).begin.len(), PER_HOST, "it works again");
+        assert_eq!(schedule.due(untold, later, SystemTime::now()).begin.len(), PER_HOST, "it works again");
+    }
+
+    #[test]
+    fn many_hosts_that_never_answered_leave_places_for_others() {
+        let now = Instant::now();
+        let names: Vec<String> = (0..100).map(|number| format!("dead-{number}")).collect();
+        let hosts: Vec<(&str, usize)> = names.iter().map(|name| (name.as_str(), 5)).chain([("well", 1)]).collect();
+        let (mut schedule, untold) = schedule(&hosts, now);
+        let begun = schedule.due(&untold, now, SystemTime::now()).begin;
+        assert_eq!((begun.len(), begun.last()), (hosts.len(), untold.last()));
     }
 
     #[test]
@@ -232,7 +250,7 @@ mod tests {
         for job in schedule.due(&untold, now, SystemTime::now()).begin {
             schedule.done(job, Outcome::Unanswered, now);
         }
-        schedule.hosts.insert("well".to_owned(), Host::default());
+        schedule.hosts.insert("well".to_owned(), Host { answers: true, ..Host::default() });
         let later = now + Duration::from_secs(3600);
         let begun = schedule.due(&untold, later, SystemTime::now()).begin;
         assert_eq!(begun.len(), PER_HOST + RESTING_AT_ONCE);
@@ -244,8 +262,9 @@ mod tests {
     fn a_refusal_delays_its_own_delivery_only() {
         let now = Instant::now();
         let (mut schedule, untold) = schedule(&[("host", 2)], now);
-        assert_eq!(schedule.due(&untold, now, SystemTime::now()).begin, untold);
+        assert_eq!(schedule.due(&untold, now, SystemTime::now()).begin, [untold[0]]);
         schedule.done(untold[0], Outcome::Refused, now);
+        assert_eq!(schedule.due(&untold, now, SystemTime::now()).begin, [untold[1]]);
         schedule.done(untold[1], Outcome::GivenUp, now);
         let third = JobId::random();
         schedule.add(third, "host".to_owned(), SystemTime::now(), now);

@@ -23,11 +23,16 @@ const DAMAGED: &str = "the store of jobs is damaged";
 pub(super) struct Damage(Mutex<Option<Error>>);
 
 impl Damage {
-    /// Keeps an error that is one of damage.
-    pub fn note(&self, error: &Error) {
-        if error.kind == Kind::Unavailable && error.message.starts_with(DAMAGED) {
-            self.0.lock().get_or_insert_with(|| error.clone());
+    /// Keeps and logs an error of damage, whose remedy is for the operator; the error for clients.
+    pub fn note(&self, error: Error) -> Error {
+        if error.kind != Kind::Unavailable || !error.message.starts_with(DAMAGED) {
+            return error;
         }
+        self.0.lock().get_or_insert_with(|| {
+            tracing::error!("{error}");
+            error
+        });
+        Error::new(Kind::Unavailable, "the storage of the service is damaged; its operator must repair it")
     }
 
     /// The first that was found.

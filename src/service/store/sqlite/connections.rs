@@ -3,15 +3,16 @@
 //! A prepared statement takes some microseconds, less than the way to another thread and back. So the writer's thread
 //! runs changes, and a task reads a few rows itself; long reads run on a thread for blocking work. Knows no table.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use parking_lot::Mutex;
 use rusqlite::config::DbConfig;
-use rusqlite::{Connection, ErrorCode, OpenFlags, Params, Row};
+use rusqlite::{Connection, ErrorCode, OpenFlags, Params, Row, ffi};
 use tokio::runtime::{Handle, RuntimeFlavor};
-use tokio::sync::Semaphore;
+use tokio::sync::{Semaphore, SemaphorePermit};
 use tokio::task::block_in_place;
 
 use super::check::{self, Damage, is_damage};
@@ -72,7 +73,7 @@ impl From<rusqlite::Error> for Error {
             return check::damaged(&message(&error));
         }
         let kind = match error.sqlite_error_code() {
-            Some(DiskFull) => Kind::InsufficientStorage,
+            _ if lacks_room(&error) => Kind::InsufficientStorage,
             Some(
                 PermissionDenied | DatabaseBusy | DatabaseLocked | OutOfMemory | ReadOnly | SystemIoFailure
                 | CannotOpen,
@@ -96,23 +97,81 @@ pub(super) fn closed() -> Error {
     Error::new(Kind::Unavailable, "the store of jobs is closed")
 }
 
-/// Opens the connection that writes, and makes the file if that may be.
-pub(super) fn writing(path: &Path, may_create: bool) -> rusqlite::Result<Connection> {
-    if may_create {
-        // SQLite gives the log the mode of this file
-        private::options().open(path).map_err(|_| rusqlite::Error::InvalidPath(path.to_owned()))?;
-    }
-    let mut flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
-    flags.set(OpenFlags::SQLITE_OPEN_CREATE, may_create);
-    let connection = open(path, flags)?;
-    connection.pragma_update(None, "journal_mode", "WAL")?;
-    connection.pragma_update(None, "synchronous", "FULL")?;
-    connection.pragma_update(None, "journal_size_limit", LOG_BYTES)?;
-    Ok(connection)
+/// Whether the database failed for want of room on the disk.
+pub(super) fn lacks_room(error: &rusqlite::Error) -> bool {
+    const INDEX_OF_LOG: [i32; 3] = [ffi::SQLITE_IOERR_SHMSIZE, ffi::SQLITE_IOERR_SHMOPEN, ffi::SQLITE_IOERR_SHMMAP];
+    error.sqlite_error_code() == Some(ErrorCode::DiskFull)
+        || error.sqlite_error().is_some_and(|error| INDEX_OF_LOG.contains(&error.extended_code))
 }
 
-fn open(path: &Path, flags: OpenFlags) -> rusqlite::Result<Connection> {
-    let connection = Connection::open_with_flags(path, flags)?;
+/// The file, and how connections to it are opened.
+///
+/// The index of the log is a file of 32 KiB, shared by processes, that SQLite writes when the first connection is
+/// opened: on a full disk nothing could be read. While the file is *private*, the index is in the memory of this
+/// process, and other processes (`tesserae backup`) find the file locked.
+#[derive(Debug)]
+pub(super) struct Place {
+    pub path: PathBuf,
+    is_private: AtomicBool,
+}
+
+impl Place {
+    /// SQLite's way to open a file for one process.
+    const PRIVATE: &str = "unix-excl";
+
+    /// The file at `path`, shared.
+    pub fn shared(path: PathBuf) -> Self {
+        Self { path, is_private: AtomicBool::new(false) }
+    }
+
+    /// Whether the file is private.
+    pub fn is_private(&self) -> bool {
+        self.is_private.load(Ordering::Relaxed)
+    }
+
+    /// Makes the file private, or shared again, for connections that are opened from now on.
+    pub fn set_private(&self, is_private: bool) {
+        self.is_private.store(is_private && cfg!(unix), Ordering::Relaxed);
+    }
+
+    /// Opens the connection that writes, and makes the file if that may be.
+    pub fn writing(&self, may_create: bool) -> rusqlite::Result<Connection> {
+        if may_create {
+            // SQLite gives the log the mode of this file
+            private::options().open(&self.path).map_err(|_| rusqlite::Error::InvalidPath(self.path.clone()))?;
+        }
+        let mut flags = OpenFlags::SQLITE_OPEN_READ_WRITE;
+        flags.set(OpenFlags::SQLITE_OPEN_CREATE, may_create);
+        let connection = self.open(flags)?;
+        connection.pragma_update(None, "journal_mode", "WAL")?;
+        connection.pragma_update(None, "synchronous", "FULL")?;
+        connection.pragma_update(None, "journal_size_limit", LOG_BYTES)?;
+        Ok(connection)
+    }
+
+    /// Opens a connection that reads.
+    fn reading(&self) -> rusqlite::Result<Connection> {
+        let connection = match self.is_private() {
+            // a file that is opened for reading only would not be locked by this process
+            true => self.open(OpenFlags::SQLITE_OPEN_READ_WRITE)?,
+            false => self.open(OpenFlags::SQLITE_OPEN_READ_ONLY)?,
+        };
+        connection.pragma_update(None, "query_only", true)?;
+        connection.pragma_update(None, "cache_size", -READ_CACHE)?;
+        Ok(connection)
+    }
+
+    fn open(&self, flags: OpenFlags) -> rusqlite::Result<Connection> {
+        let flags = flags | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let connection = match self.is_private() {
+            true => Connection::open_with_flags_and_vfs(&self.path, flags, Self::PRIVATE)?,
+            false => Connection::open_with_flags(&self.path, flags)?,
+        };
+        prepare(connection)
+    }
+}
+
+fn prepare(connection: Connection) -> rusqlite::Result<Connection> {
     connection.busy_timeout(PATIENCE)?;
     connection.set_prepared_statement_cache_capacity(STATEMENTS);
     // Plans do not depend on what is bound; without this, some statements are prepared anew whenever something else is.
@@ -123,7 +182,7 @@ fn open(path: &Path, flags: OpenFlags) -> rusqlite::Result<Connection> {
 /// Connections that read.
 #[derive(Debug)]
 pub(super) struct Readers {
-    path: PathBuf,
+    place: Arc<Place>,
     /// One for each connection that may be.
     places: Arc<Semaphore>,
     /// What they find broken in the file.
@@ -132,11 +191,11 @@ pub(super) struct Readers {
 }
 
 impl Readers {
-    /// For the file at `path`, which is there.
-    pub fn open(path: &Path) -> rusqlite::Result<Self> {
+    /// For a file that is there.
+    pub fn open(place: Arc<Place>) -> rusqlite::Result<Self> {
         let places = Arc::new(Semaphore::new(READERS as usize));
-        let readers = Self { path: path.to_owned(), places, damage: Arc::default(), idle: Mutex::default() };
-        readers.give_back(readers.connection()?);
+        let readers = Self { place, places, damage: Arc::default(), idle: Mutex::default() };
+        readers.give_back(readers.place.reading()?);
         Ok(readers)
     }
 
@@ -165,32 +224,34 @@ impl Readers {
         .await?
     }
 
+    /// Waits for reads under way, and closes the connections. Others are opened once what this returns is dropped.
+    pub async fn pause(&self) -> Option<SemaphorePermit<'_>> {
+        let all = self.places.acquire_many(READERS).await.ok();
+        self.idle.lock().clear();
+        all
+    }
+
     /// Waits for reads under way, and closes the connections.
     pub async fn close(&self) {
-        let _all = self.places.acquire_many(READERS).await;
+        let _all = self.pause().await;
         self.places.close();
-        self.idle.lock().clear();
     }
 
     fn work<T>(&self, work: impl FnOnce(&Connection) -> Result<T, Abort>) -> Result<T> {
         let idle = self.idle.lock().pop();
         let connection = match idle {
             Some(connection) => connection,
-            None => self.connection()?,
+            None => self.place.reading()?,
         };
         let outcome = work(&connection);
-        match &outcome {
+        match outcome {
             // one that failed is not used again
-            Err(Abort::Broken(error)) => self.damage.note(error),
-            Ok(_) | Err(Abort::Refused(_)) => self.give_back(connection),
+            Err(Abort::Broken(error)) => Err(self.damage.note(error)),
+            Ok(_) | Err(Abort::Refused(_)) => {
+                self.give_back(connection);
+                Ok(outcome?)
+            }
         }
-        Ok(outcome?)
-    }
-
-    fn connection(&self) -> rusqlite::Result<Connection> {
-        let connection = open(&self.path, OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX)?;
-        connection.pragma_update(None, "cache_size", -READ_CACHE)?;
-        Ok(connection)
     }
 
     fn give_back(&self, connection: Connection) {

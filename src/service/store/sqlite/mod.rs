@@ -14,6 +14,7 @@ mod claim_memory;
 mod commands;
 mod connections;
 mod live;
+mod opening;
 mod rows;
 mod schema;
 mod writer;
@@ -23,22 +24,21 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use async_trait::async_trait;
-use rusqlite::{Connection, OptionalExtension as _, params};
+use rusqlite::{Connection, params};
 use tokio::sync::watch;
 use tokio_util::bytes::Bytes;
 
-use self::check::{Damage, START, is_damage};
+use self::check::Damage;
 use self::claim::Recovered;
-use self::connections::{Readers, all, first, one};
+use self::connections::{Place, Readers, all, first, one};
 use self::rows::{column, count, jobs};
-use self::schema::MigrateError;
-use self::writer::{Listeners, Writer};
+use self::writer::{Batch, Listeners, Writer};
 use super::cursor::Cursors;
 use super::{
     Claiming, Created, Deletion, Ending, Event, Events, Job, JobId, ListQuery, Maintenance, NewJob, Notice, Notices,
     Page, Progress, Pulse, Queue, Release, Retried, Rules, SMALL_BLOBS, State, Statistics, Ticket, What,
 };
-use crate::error::{Error, Kind, Result};
+use crate::error::{Kind, Result};
 use crate::service::blocking::blocking;
 use crate::service::faults::Faults;
 
@@ -51,35 +51,54 @@ pub(in crate::service) struct SqliteStore {
     listeners: Arc<Listeners>,
     damage: Arc<Damage>,
     cursors: Cursors,
+    place: Arc<Place>,
 }
 
 impl SqliteStore {
     /// Opens the store in the file at `path`, or makes it. No other process may have it open.
     pub async fn open(path: &Path, rules: Rules, faults: Faults) -> Result<Self> {
-        let cannot = |error: &dyn std::fmt::Display| {
-            Error::new(Kind::Io, format_args!("the store of jobs cannot be opened: {}: {error}", path.display()))
-        };
-        let file = path.to_owned();
-        let opened = blocking(move || open_up_to_date(&file)).await?;
-        let (connection, readers, cursors) = opened.map_err(|error| match error {
-            MigrateError::Database(error) if is_damage(&error) => {
-                let Error { kind, message } = error.into();
-                Error::new(kind, format_args!("{message}: {}", path.display()))
-            }
-            error => cannot(&error),
-        })?;
+        let place = Arc::new(Place::shared(path.to_owned()));
+        let file = Arc::clone(&place);
+        let (connection, readers, cursors) = blocking(move || opening::open(&file)).await??;
         let listeners = Arc::<Listeners>::default();
         let damage = Arc::clone(&readers.damage);
-        let writer = Writer::start(connection, path.to_owned(), Arc::clone(&listeners), Arc::clone(&damage), faults);
-        let writer = writer.map_err(|error| cannot(&error))?;
-        let store = Self { rules, readers: Arc::new(readers), writer, listeners, damage, cursors };
+        let writer = Writer::start(connection, Arc::clone(&place), Arc::clone(&listeners), Arc::clone(&damage), faults);
+        let writer = writer.map_err(|error| opening::cannot_open(path, &error))?;
+        let store = Self { rules, readers: Arc::new(readers), writer, listeners, damage, cursors, place };
         // one process has the file: running jobs are those of a process that ended
-        let recovered = store.writer.carry_out(move |batch| claim::recover(batch, &rules)).await?;
-        if recovered != Recovered::default() {
-            let Recovered { unharmed, suspects, ended } = recovered;
-            tracing::warn!(unharmed, suspects, ended, "the service did not stop in order; jobs that ran wait again");
+        match store.writer.carry_out(move |batch| claim::recover(batch, &rules)).await {
+            Ok(Recovered { unharmed: 0, suspects: 0, ended: 0 }) => {}
+            Ok(Recovered { unharmed, suspects, ended }) => {
+                let why = "the service did not stop in order; jobs that ran wait again";
+                tracing::warn!(unharmed, suspects, ended, "{why}");
+            }
+            // their leases end
+            Err(error) if error.kind == Kind::InsufficientStorage => {
+                tracing::warn!(%error, "jobs that ran when the process died wait for room on the disk");
+            }
+            Err(error) => return Err(error),
         }
         Ok(store)
+    }
+
+    /// Lets other processes open the file again, when the disk has room for that.
+    async fn share(&self) -> Result<()> {
+        self.writer.carry_out(commands::probe).await?;
+        // privacy ends with the last connection
+        let readers = self.readers.pause().await;
+        self.place.set_private(false);
+        let close = |batch: &mut Batch<'_>| {
+            batch.effects.reopens = true;
+            Ok(())
+        };
+        let shared = async {
+            self.writer.carry_out(close).await?;
+            self.writer.carry_out(commands::probe).await
+        };
+        let shared = shared.await;
+        self.place.set_private(shared.is_err());
+        drop(readers);
+        shared
     }
 
     /// Whether a job was ever added, deleted ones included.
@@ -100,30 +119,6 @@ impl SqliteStore {
             }
         }
     }
-}
-
-/// Opens the file, or makes it, with the tables as they are to be.
-fn open_up_to_date(path: &Path) -> Result<(Connection, Readers, Cursors), MigrateError> {
-    let mut connection = connections::writing(path, true)?;
-    check::check(&connection, START)?;
-    schema::migrate(&mut connection)?;
-    if let Err(error) = schema::let_shrink(&connection) {
-        tracing::warn!(%error, "the store of jobs keeps the disk space of deleted jobs for itself");
-    }
-    let cursors = cursors(&connection)?;
-    Ok((connection, Readers::open(path)?, cursors))
-}
-
-/// The cursors with the key that the file holds, or with a new one that it holds from now on.
-fn cursors(connection: &Connection) -> Result<Cursors, MigrateError> {
-    let sql = "SELECT cursors FROM secrets WHERE id = 1";
-    let kept: Option<Vec<u8>> = connection.query_row(sql, [], |row| row.get(0)).optional()?;
-    if let Some(cursors) = kept.and_then(|key| Cursors::with_key(&key)) {
-        return Ok(cursors);
-    }
-    let cursors = Cursors::random().map_err(MigrateError::Random)?;
-    connection.execute("INSERT OR REPLACE INTO secrets (id, cursors) VALUES (1, ?1)", [cursors.key()])?;
-    Ok(cursors)
 }
 
 #[async_trait]
@@ -335,6 +330,7 @@ impl Maintenance for SqliteStore {
     async fn probe(&self) -> Result<()> {
         match self.damage.found() {
             Some(error) => Err(error),
+            None if self.place.is_private() => self.share().await,
             None => self.writer.carry_out(commands::probe).await,
         }
     }

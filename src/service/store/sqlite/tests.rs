@@ -8,6 +8,7 @@ use std::time::Duration;
 use tempfile::TempDir;
 
 use super::*;
+use crate::error::Error;
 use crate::service::faults::FaultPoint;
 use crate::service::store::JobStore;
 use crate::service::store::conformance::{self, Subject};
@@ -94,7 +95,7 @@ async fn the_disk_gets_the_pages_of_deleted_jobs_back() {
         let (_folder, path) = in_a_folder();
         open(&path).await.close().await;
         if was_made_earlier {
-            let connection = connections::writing(&path, false).expect("it opens");
+            let connection = Place::shared(path.clone()).writing(false).expect("it opens");
             connection.execute_batch("PRAGMA auto_vacuum = NONE; VACUUM").expect("rewritten");
         }
         let store = open(&path).await;
@@ -128,13 +129,14 @@ async fn the_disk_gets_the_pages_of_deleted_jobs_back() {
 async fn a_full_database_is_no_room_and_takes_jobs_again_later() {
     let (_folder, path) = in_a_folder();
     open(&path).await.close().await;
-    let connection = connections::writing(&path, false).expect("it opens");
+    let place = Arc::new(Place::shared(path));
+    let connection = place.writing(false).expect("it opens");
     connection.pragma_update(None, "max_page_count", 1).expect("set");
     // the connection that is opened after the failure finds room
-    let writer = Writer::start(connection, path, Arc::default(), Arc::default(), Faults::default()).expect("it starts");
+    let writer = Writer::start(connection, place, Arc::default(), Arc::default(), Faults::default()).expect("it starts");
     let mut large = new_job();
     large.spec.buffers = vec!["x".repeat(1 << 20)];
-    let create = move |batch: &mut writer::Batch<'_>| commands::create(batch, &large, &RULES);
+    let create = move |batch: &mut Batch<'_>| commands::create(batch, &large, &RULES);
     let error = writer.carry_out(create.clone()).await.expect_err("no room");
     assert_eq!(error.kind, Kind::InsufficientStorage, "{error}");
     writer.carry_out(create).await.expect("there is room again");
@@ -163,7 +165,7 @@ async fn a_command_that_fails_takes_no_other_with_it() {
 }
 
 /// A command with a defect.
-fn panics(batch: &mut writer::Batch<'_>) -> Result<(), connections::Abort> {
+fn panics(batch: &mut Batch<'_>) -> Result<(), connections::Abort> {
     connections::execute(batch.connection, "DELETE FROM jobs", [])?;
     panic!("on purpose")
 }
@@ -199,7 +201,7 @@ async fn a_command_that_panics_fails_alone_and_leaves_nothing() {
 async fn a_read_that_waits_leaves_the_runtimes_only_thread_to_others() {
     let (_folder, path) = in_a_folder();
     let _store = open(&path).await;
-    let readers = Readers::open(&path).expect("it opens");
+    let readers = Readers::open(Arc::new(Place::shared(path))).expect("it opens");
     let waits = |_: &Connection| {
         let (tell, told) = std::sync::mpsc::channel();
         tokio::spawn(async move { tell.send(()) });

@@ -6,7 +6,6 @@
 //! its own: a command that the database refuses, or that panics, fails alone.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, mpsc};
 use std::time::Instant;
@@ -21,7 +20,7 @@ use super::super::pulses::{Pulses, Signal};
 use super::super::{JobId, Pulse, Statistics};
 use super::check::Damage;
 use super::claim_memory::ClaimMemory;
-use super::connections::{self, Abort, closed};
+use super::connections::{Abort, Place, closed};
 use crate::error::{Error, Kind, Result};
 use crate::service::faults::{FaultPoint, Faults};
 
@@ -51,6 +50,8 @@ pub(super) struct Effects {
     pub shrinks: bool,
     /// Whether a job with a webhook ended.
     pub endings: bool,
+    /// Whether the next transaction gets a new connection.
+    pub reopens: bool,
     /// As in [`Statistics`].
     pub attempts_failed: u64,
     /// As in [`Statistics`].
@@ -118,10 +119,10 @@ pub(super) struct Writer {
 }
 
 impl Writer {
-    /// Starts the writer on an open connection to the file at `path`; after a failure it opens another one.
+    /// Starts the writer on an open connection to a file; after a failure it opens another one.
     pub fn start(
         connection: Connection,
-        path: PathBuf,
+        place: Arc<Place>,
         listeners: Arc<Listeners>,
         damage: Arc<Damage>,
         faults: Faults,
@@ -130,7 +131,7 @@ impl Writer {
         let closed = CancellationToken::new();
         let counters = Arc::<Counters>::default();
         let connection = Some(connection);
-        let worker = Worker { connection, path, listeners, damage, faults, counters: Arc::clone(&counters) };
+        let worker = Worker { connection, place, listeners, damage, faults, counters: Arc::clone(&counters) };
         let done = closed.clone().drop_guard();
         thread::Builder::new().name("store-writer".to_owned()).spawn(move || {
             worker.run(&inbox);
@@ -206,7 +207,7 @@ impl<T: Send, C: Fn(&mut Batch<'_>) -> Result<T, Abort> + Send> Pending for Sent
 struct Worker {
     /// None after a failure, until the next command.
     connection: Option<Connection>,
-    path: PathBuf,
+    place: Arc<Place>,
     listeners: Arc<Listeners>,
     damage: Arc<Damage>,
     faults: Faults,
@@ -246,7 +247,7 @@ impl Worker {
     /// One transaction, and what is published after it.
     fn commit(&mut self, batch: &mut [Box<dyn Pending>]) -> Result<()> {
         let started = Instant::now();
-        let outcome = self.transaction(batch).inspect_err(|error| self.damage.note(error));
+        let outcome = self.transaction(batch).map_err(|error| self.damage.note(error));
         self.counters.busy_us.fetch_add(started.elapsed().as_micros() as u64, Ordering::Relaxed);
         match outcome {
             Ok(effects) => {
@@ -269,7 +270,7 @@ impl Worker {
     fn transaction(&mut self, batch: &mut [Box<dyn Pending>]) -> Result<Effects> {
         let connection = match &mut self.connection {
             Some(connection) => connection,
-            none => none.insert(connections::writing(&self.path, false)?),
+            none => none.insert(self.place.writing(false)?),
         };
         let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let mut all = Batch { connection: &transaction, effects: Effects::default() };
@@ -285,6 +286,9 @@ impl Worker {
             // as far as readers allow; the transaction is committed whatever comes of it
             let written = connection.query_row("PRAGMA wal_checkpoint(PASSIVE)", [], |_| Ok(()));
             let _ = written.inspect_err(|error| tracing::debug!(%error, "the log was not written into the store"));
+        }
+        if effects.reopens {
+            self.connection = None;
         }
         Ok(effects)
     }

@@ -6,7 +6,7 @@ use super::*;
 #[tokio::test]
 async fn an_end_that_was_to_be_told_before_an_update_is_told_after_it() {
     let (_folder, path) = in_a_folder();
-    let mut connection = connections::writing(&path, true).expect("it opens");
+    let mut connection = Place::shared(path.clone()).writing(true).expect("it opens");
     schema::migrate_to(2, &mut connection).expect("made");
     let error = Error::new(Kind::InvalidMesh, "x");
     let mut told = Vec::new();
@@ -61,7 +61,7 @@ INSERT INTO _sqlx_migrations (version, description, success, checksum, execution
 
 /// A file as it was written when migrations were rows of a table, with tables of a version.
 fn with_rows(path: &Path, version: u32) -> Connection {
-    let mut connection = connections::writing(path, true).expect("it opens");
+    let mut connection = Place::shared(path.to_owned()).writing(true).expect("it opens");
     schema::migrate_to(version, &mut connection).expect("made");
     connection.execute_batch(BY_ROWS).expect("written");
     connection.execute("DELETE FROM _sqlx_migrations WHERE version > ?1", [version]).expect("written");
@@ -121,7 +121,7 @@ async fn tables_of_a_later_version_are_refused_and_left_alone() {
             true => with_rows(&path, 3),
             false => {
                 open(&path).await.close().await;
-                connections::writing(&path, false).expect("it opens")
+                Place::shared(path.clone()).writing(false).expect("it opens")
             }
         };
         connection.execute_batch(later).expect("written");
@@ -172,9 +172,10 @@ async fn damage_that_a_reader_finds_fails_the_probe_until_the_store_is_opened_ag
     let query = ListQuery { limit: 1000, ..ListQuery::default() };
     let error = store.list(&query).await.expect_err("damaged");
     assert_eq!(error.kind, Kind::Unavailable, "{error}");
+    assert!(!error.message.contains("jobs.sqlite3"), "the remedy is for the operator: {error}");
     assert!(store.statistics().failures > failures, "the service looks");
     for _ in 0..2 {
         let error = store.probe().await.expect_err("damaged");
-        assert!(error.message.contains("damaged"), "{error}");
+        assert!(error.message.contains("damaged") && error.message.contains("backup"), "{error}");
     }
 }
