@@ -28,7 +28,9 @@ pub struct Report {
     pub disconnected_clusters: u64,
     /// The energy before and after.
     pub energy: Energy,
-    /// One row an iteration; of hierarchies, the iterations of parallel rounds and at levels.
+    /// One row an iteration; of hierarchies, the iterations of parallel rounds and at levels. From 10,000 rows on,
+    /// iterations of a phase that are less than a thousandth of those so far share a row: the number, energy and time
+    /// of the last of them, and the moves of all.
     pub iterations: Vec<Iteration>,
     /// Hierarchies: the energy against the number of clusters, one row a round; empty for flat clusterings. Above
     /// 10,000 clusters, rounds that merge less than a thousandth of the clusters share a row.
@@ -125,7 +127,8 @@ pub struct Iteration {
     /// so it may differ from `energy` of the report in the last digits. It never rises within a phase, except `repair`.
     /// Null when it overflows.
     pub energy: Option<f64>,
-    /// Faces that changed their cluster.
+    /// Faces that changed their cluster. From iteration 256 of a boundary phase on, an iteration has several passes,
+    /// and a face counts once for each in which it did.
     pub moves: u64,
     /// Time since the clustering began, in microseconds. On a gpu, when the batch it was in came back.
     pub elapsed_us: u64,

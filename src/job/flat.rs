@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use super::iterations::Iterations;
 use super::{Clustered, Method, Prepared, finite};
 use crate::cluster::coarse::{CoarseStart, Start};
 use crate::cluster::flat::{self, Clustering, Options};
@@ -74,11 +75,11 @@ fn run(
     let mut steps = device.open(surface, &start.component_of_cluster)?;
     let upload = opened.elapsed();
 
-    let mut iterations = Vec::new();
+    let mut iterations = Iterations::default();
     let mut keep = |row: run::Row| {
         let row = iteration(row, finite(surface.energy(row.energy)), started);
         on_row(Row::Iteration(row.clone()));
-        iterations.push(row);
+        iterations.add(row);
     };
     let mut record = Record::new(parameters.snapshots.clone());
     let clustering = cluster(steps.as_mut(), &mut keep, &mut record)?;
@@ -88,7 +89,7 @@ fn run(
         device: device.info().clone(),
         clusters: start.component_of_cluster.len(),
         tree: None,
-        iterations,
+        iterations: iterations.rows,
         levels: Vec::new(),
         warnings: warnings(parameters.max_iterations, &clustering, &record),
         snapshots: record,

@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use serde_json::{Value, json};
 
+use super::iterations::Iterations;
 use super::{Clustered, Prepared, finite};
 use crate::cluster::hierarchy::{Options, RoundRow, hierarchical};
 use crate::cluster::record::Record;
@@ -36,13 +37,13 @@ pub(super) fn run(
     let upload = opened.elapsed();
 
     let started = Instant::now();
-    let mut iterations = Vec::new();
+    let mut iterations = Iterations::default();
     let mut levels = Levels::new(surface.faces() as u64, target);
     let told = std::cell::RefCell::new(on_row);
     let mut keep_iteration = |row: run::Row| {
         let row = super::flat::iteration(row, finite(surface.energy(row.energy)), started);
         (told.borrow_mut())(Row::Iteration(row.clone()));
-        iterations.push(row);
+        iterations.add(row);
     };
     let mut keep_round = |row: RoundRow| {
         if let Some(level) = levels.add(row, || finite(surface.energy(row.energy))) {
@@ -58,7 +59,7 @@ pub(super) fn run(
         clusters: target as usize,
         initial: None,
         tree: Some(tree),
-        iterations,
+        iterations: iterations.rows,
         levels: levels.rows,
         snapshots: Record::default(),
         warnings: Vec::new(),

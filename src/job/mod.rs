@@ -7,6 +7,7 @@
 mod finish;
 mod flat;
 mod hierarchical;
+mod iterations;
 mod label_list;
 mod npy;
 mod seed_list;
