@@ -32,8 +32,9 @@ pub struct Parameters {
     pub clusters: Option<u64>,
 
     /// How much time to take for how low an energy, for bb and pml: fast (bb stops after 3 iterations on the faces and
-    /// does not refine), default, or best (bb optimises its start further and lets clusters teleport). On scans, fast
-    /// ends at a higher energy and best at a lower one; on CAD and other uneven meshes neither is certain
+    /// does not refine, then swaps clusters as long as that pays), default (where swaps pay, also tries another start,
+    /// and merges and splits that pay later), or best (also optimises its start further, and goes on as long as the
+    /// energy falls)
     #[arg(long, value_enum, default_value_t)]
     pub quality: Quality,
 
@@ -53,8 +54,8 @@ pub struct Parameters {
     #[arg(long, default_value_t = 0, value_name = "N", allow_negative_numbers = true)]
     pub seed: u64,
 
-    /// Stop a flat clustering after this many iterations, converged or not; when left out, unlimited, and 3 with
-    /// quality fast
+    /// Stop a flat clustering after this many iterations, converged or not, and without moves of whole clusters; when
+    /// left out, unlimited, and 3 with quality fast, which moves whole clusters all the same
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub max_iterations: Option<u32>,
 

@@ -69,6 +69,10 @@ impl Progress {
             Phase::Refine => "refine",
             Phase::Repair => "repair",
             Phase::Regrow => "regrow",
+            Phase::Swap => "swap",
+            Phase::Restart => "restart",
+            Phase::Trial => "trial",
+            Phase::Breathe => "breathe",
         };
         let energy = row.energy.map_or_else(String::new, |energy| format!(", energy {energy:.6e}"));
         self.bar.set_message(format!("{phase}, iteration {}{energy}, {} moves", row.iteration, row.moves));

@@ -167,6 +167,18 @@ impl CoarseStart {
         Ok(start)
     }
 
+    /// The phases on a coarse graph, and repairs, before energies are compared: a cluster in pieces has an energy that it
+    /// cannot keep. Not where iterations are few, as no energies are compared there.
+    fn settle(&self, steps: &mut dyn Steps, cancel: &Cancel) -> Result<()> {
+        if self.effort.iterations_a_graph < u32::MAX {
+            return self.optimise(steps, self.effort.iterations_a_graph, cancel);
+        }
+        let on_row = &mut |_| {};
+        let mut run = Run { steps, cancel, on_row, round: None, iteration: 0, left: u32::MAX, record: None };
+        run.complete(false, |run| run.optimise(self.effort.refine))?;
+        Ok(())
+    }
+
     /// The phases on a coarse graph.
     fn optimise(&self, steps: &mut dyn Steps, iterations: u32, cancel: &Cancel) -> Result<()> {
         let on_row = &mut |_| {};
@@ -194,11 +206,11 @@ impl CoarseStart {
         surplus.iter_mut().zip(&self.shares).for_each(|(surplus, share)| *surplus -= share);
         loop {
             let is_last = surplus.iter().all(|&surplus| surplus == 0);
-            let Effort { iterations_a_round, iterations_a_graph, .. } = self.effort;
-            self.optimise(steps.as_mut(), if is_last { iterations_a_graph } else { iterations_a_round }, cancel)?;
             if is_last {
+                self.settle(steps.as_mut(), cancel)?;
                 break;
             }
+            self.optimise(steps.as_mut(), self.effort.iterations_a_round, cancel)?;
             merge_cheaper_half(steps.as_mut(), component_of_cluster, &mut surplus)?;
         }
         let (energy, mut labels) = self.teleported(graph, component_of_cluster, steps.as_mut(), cancel)?;
@@ -241,7 +253,7 @@ impl CoarseStart {
                 break;
             };
             steps.set_labels(&labels)?;
-            self.optimise(steps, self.effort.iterations_a_graph, cancel)?;
+            self.settle(steps, cancel)?;
             let energy = steps.energy()?;
             if energy > best.0 {
                 best = (energy, steps.labels()?);

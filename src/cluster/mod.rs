@@ -8,7 +8,8 @@
 //! | where flat clusterings start | [`seeds`], [`coarse`] |
 //! | how much time to take for how low an energy | [`quality`] |
 //! | the order of merges | [`crate::device::dual_edge`] |
-//! | moves of whole clusters, which leave local minima | [`teleport`] |
+//! | moves of whole clusters in a coarse start | [`teleport`] |
+//! | moves of whole clusters after the phases, for uneven meshes | [`relocation`] |
 //! | sums, proxies, merge costs and gains in exact integers | [`crate::energy`] |
 //! | pieces of clusters | [`crate::device::pieces`] |
 //! | the labels of chosen iterations | [`snapshots`], [`record`] |
@@ -23,6 +24,7 @@ pub mod quality;
 pub mod record;
 pub mod reference;
 pub mod refinement;
+pub mod relocation;
 pub mod run;
 pub mod seeds;
 pub mod snapshots;

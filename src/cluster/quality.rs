@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::coarse::Effort;
+use super::relocation;
 
 /// How much time to take for how low an energy. Each is as deterministic as the others, and connected.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
@@ -51,6 +52,21 @@ impl Quality {
                 teleport_rounds: 12,
                 clusters_in_starts: 800,
             },
+        }
+    }
+
+    /// A further coarse start, from which whole components may be taken. With it, the result of a quality is never above
+    /// that of a cheaper one.
+    pub fn further_start(self) -> Option<Effort> {
+        (self == Quality::Best).then(|| Quality::Default.start())
+    }
+
+    /// Moves of whole clusters after the phases.
+    pub fn relocation(self) -> relocation::Effort {
+        match self {
+            Quality::Fast => relocation::Effort::Swaps,
+            Quality::Default => relocation::Effort::Some,
+            Quality::Best => relocation::Effort::All,
         }
     }
 

@@ -25,6 +25,14 @@ pub enum Phase {
     Repair,
     /// Variational clustering: all clusters are grown anew, each from its most central face.
     Regrow,
+    /// Paying swaps: two clusters become one and a third becomes two, where that lowers the energy at once.
+    Swap,
+    /// Labels from another start, or a mix of both, because their energy is lower.
+    Restart,
+    /// Merges and splits that pay after their surroundings have settled.
+    Trial,
+    /// More clusters by splits, then as many again by merges.
+    Breathe,
 }
 
 /// One step of a run.

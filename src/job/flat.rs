@@ -1,17 +1,19 @@
 //! Flat clusterings as jobs.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use super::iterations::Iterations;
-use super::{Clustered, Method, Prepared, finite};
+use super::{Clustered, Coarse, Method, Prepared, finite};
 use crate::cluster::coarse::{CoarseStart, Start};
 use crate::cluster::flat::{self, Clustering, Options};
 use crate::cluster::record::Record;
 use crate::cluster::reference::acvd::acvd;
 use crate::cluster::reference::variational::variational;
-use crate::cluster::run;
+use crate::cluster::relocation::Relocation;
+use crate::cluster::run::{self, Phase};
 use crate::cluster::seeds::SeedFaces;
 use crate::device::{Cancel, Device, Ending, Steps};
+use crate::energy::LatticeEnergy;
 use crate::error::{Error, Kind, Result};
 use crate::parameters::Name;
 use crate::report::{DeviceKind, Iteration, Row};
@@ -19,17 +21,45 @@ use crate::report::{DeviceKind, Iteration, Row};
 /// Runs boundary-based clustering, coarse to fine.
 pub(super) fn run_coarse(
     prepared: &Prepared,
-    start: &CoarseStart,
-    options: Options,
+    coarse: &Coarse,
     device: &mut dyn Device,
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
 ) -> Result<Clustered> {
+    let Coarse { start, further, options, relocation } = coarse;
     let started = Instant::now();
     let start = start.labels(&prepared.surface, device, cancel)?;
-    run(prepared, started, &start, device, on_row, |steps, keep, record| {
-        flat::boundary_based(&start.labels, options, steps, cancel, keep, record)
-    })
+    let mut run = Run::new(prepared, started, &start, on_row);
+    let mut clustering = run.phases(device, |steps, keep, record| {
+        flat::boundary_based(&start.labels, *options, steps, cancel, keep, record)
+    })?;
+    let is_cut_short = clustering.ending == Ending::IterationLimit && prepared.parameters.max_iterations.is_some();
+    if let Some(effort) = relocation.filter(|_| !is_cut_short) {
+        let further = |device: &mut dyn Device| {
+            further.as_ref().map(|start| phases(prepared, start, *options, device, cancel)).transpose()
+        };
+        let labels = std::mem::take(&mut clustering.labels);
+        let mut relocation = Relocation { graph: &prepared.surface, device, cancel };
+        clustering.labels = relocation.labels(labels, &further, effort, &mut |phase, energy, moves, labels| {
+            run.add_row(phase, energy, moves, labels)
+        })?;
+    }
+    Ok(run.ended(device, clustering))
+}
+
+/// Labels from a coarse start and the phases, without a report.
+fn phases(
+    prepared: &Prepared,
+    start: &CoarseStart,
+    options: Options,
+    device: &mut dyn Device,
+    cancel: &Cancel,
+) -> Result<Vec<u32>> {
+    let start = start.labels(&prepared.surface, device, cancel)?;
+    let mut steps = device.open(&prepared.surface, &start.component_of_cluster)?;
+    let mut record = Record::new(None);
+    let clustering = flat::boundary_based(&start.labels, options, steps.as_mut(), cancel, &mut |_| {}, &mut record)?;
+    Ok(clustering.labels)
 }
 
 /// Runs a flat algorithm from seeds.
@@ -54,50 +84,77 @@ pub(super) fn run_seeded(
     }
     let started = Instant::now();
     let start = Start::from_seeds(seeds.clone(), surface.faces());
-    run(prepared, started, &start, device, on_row, |steps, keep, record| match method {
+    let mut run = Run::new(prepared, started, &start, on_row);
+    let clustering = run.phases(device, |steps, keep, record| match method {
         Method::BoundaryBased => flat::boundary_based(&start.labels, options, steps, cancel, keep, record),
         Method::Acvd => acvd(surface, seeds, options, steps, cancel, keep, record),
         Method::Variational => variational(surface, seeds, options, cancel, keep, record),
-    })
+    })?;
+    Ok(run.ended(device, clustering))
 }
 
-/// Runs `cluster` on a device that is opened with the clusters of a start, and gathers what it reports.
-fn run(
-    prepared: &Prepared,
+/// A run, and what it reports.
+struct Run<'a> {
+    prepared: &'a Prepared,
     started: Instant,
-    start: &Start,
-    device: &mut dyn Device,
-    on_row: &mut dyn FnMut(Row),
-    cluster: impl FnOnce(&mut dyn Steps, &mut dyn FnMut(run::Row), &mut Record) -> Result<Clustering>,
-) -> Result<Clustered> {
-    let Prepared { surface, parameters, .. } = prepared;
-    let opened = Instant::now();
-    let mut steps = device.open(surface, &start.component_of_cluster)?;
-    let upload = opened.elapsed();
+    start: &'a Start,
+    on_row: &'a mut dyn FnMut(Row),
+    iterations: Iterations,
+    record: Record,
+    upload: Duration,
+}
 
-    let mut iterations = Iterations::default();
-    let mut keep = |row: run::Row| {
-        let row = iteration(row, finite(surface.energy(row.energy)), started);
-        on_row(Row::Iteration(row.clone()));
-        iterations.add(row);
-    };
-    let mut record = Record::new(parameters.snapshots.clone());
-    let clustering = cluster(steps.as_mut(), &mut keep, &mut record)?;
-    drop(steps);
-    let cluster = started.elapsed() - upload;
-    Ok(Clustered {
-        device: device.info().clone(),
-        clusters: start.component_of_cluster.len(),
-        tree: None,
-        iterations: iterations.rows,
-        levels: Vec::new(),
-        warnings: warnings(parameters.max_iterations, &clustering, &record),
-        snapshots: record,
-        upload,
-        cluster,
-        initial: Some(clustering.initial),
-        labels: clustering.labels,
-    })
+impl<'a> Run<'a> {
+    fn new(prepared: &'a Prepared, started: Instant, start: &'a Start, on_row: &'a mut dyn FnMut(Row)) -> Self {
+        let record = Record::new(prepared.parameters.snapshots.clone());
+        Self { prepared, started, start, on_row, iterations: Iterations::default(), record, upload: Duration::ZERO }
+    }
+
+    /// Runs `cluster` on a device that is opened with the clusters of the start.
+    fn phases(
+        &mut self,
+        device: &mut dyn Device,
+        cluster: impl FnOnce(&mut dyn Steps, &mut dyn FnMut(run::Row), &mut Record) -> Result<Clustering>,
+    ) -> Result<Clustering> {
+        let surface = &self.prepared.surface;
+        let opened = Instant::now();
+        let mut steps = device.open(surface, &self.start.component_of_cluster)?;
+        self.upload = opened.elapsed();
+        let Self { started, on_row, iterations, record, .. } = self;
+        let mut keep = |row: run::Row| {
+            let row = iteration(row, finite(surface.energy(row.energy)), *started);
+            on_row(Row::Iteration(row.clone()));
+            iterations.add(row);
+        };
+        cluster(steps.as_mut(), &mut keep, record)
+    }
+
+    /// Adds a row after the phases, and keeps the labels if they are wanted.
+    fn add_row(&mut self, phase: Phase, energy: LatticeEnergy, moves: u64, labels: &[u32]) -> Result<()> {
+        let number = self.iterations.rows.last().map_or(0, |row| row.iteration + 1);
+        let row = run::Row { iteration: number, round: None, phase, energy, moves };
+        let row = iteration(row, finite(self.prepared.surface.energy(energy)), self.started);
+        (self.on_row)(Row::Iteration(row.clone()));
+        self.iterations.add(row);
+        self.record.offer(number, || Ok(labels.to_vec()))
+    }
+
+    fn ended(self, device: &dyn Device, clustering: Clustering) -> Clustered {
+        let cluster = self.started.elapsed() - self.upload;
+        Clustered {
+            device: device.info().clone(),
+            clusters: self.start.component_of_cluster.len(),
+            tree: None,
+            iterations: self.iterations.rows,
+            levels: Vec::new(),
+            warnings: warnings(self.prepared.parameters.max_iterations, &clustering, &self.record),
+            snapshots: self.record,
+            upload: self.upload,
+            cluster,
+            initial: Some(clustering.initial),
+            labels: clustering.labels,
+        }
+    }
 }
 
 /// A row of a run as a row of the report; `energy` in source units.

@@ -30,7 +30,7 @@ use crate::artifacts::{Artifact, Content, Labels, Need};
 use crate::cluster::coarse::CoarseStart;
 use crate::cluster::record::Record;
 use crate::cluster::seeds::{self, SeedFaces};
-use crate::cluster::{flat as flat_clustering, hierarchy};
+use crate::cluster::{flat as flat_clustering, hierarchy, relocation};
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
 use crate::hierarchy::Tree;
@@ -86,7 +86,7 @@ pub struct Prepared {
 #[derive(Debug)]
 pub enum Plan {
     /// Boundary-based clustering, coarse to fine.
-    Coarse(CoarseStart, flat_clustering::Options),
+    Coarse(Coarse),
     /// A flat clustering from these seeds.
     Seeded(Method, SeedFaces, flat_clustering::Options),
     /// A hierarchy.
@@ -96,6 +96,19 @@ pub enum Plan {
         /// Number of clusters that it ends with.
         target: u64,
     },
+}
+
+/// A boundary-based clustering, coarse to fine.
+#[derive(Debug)]
+pub struct Coarse {
+    /// Where it starts.
+    pub start: CoarseStart,
+    /// Where another one starts, from which whole components may be taken.
+    pub further: Option<CoarseStart>,
+    /// The phases.
+    pub options: flat_clustering::Options,
+    /// Which moves of whole clusters follow, if any.
+    pub relocation: Option<relocation::Effort>,
 }
 
 impl Plan {
@@ -291,8 +304,10 @@ impl Opened<'_> {
 /// Chooses seeds or builds a coarse start. Refuses numbers of clusters that the surface cannot have.
 fn plan(surface: &Surface, spec: JobSpec) -> Result<Plan> {
     Ok(match spec {
-        JobSpec::Coarse { clusters, seed, effort, options } => {
-            Plan::Coarse(CoarseStart::new(surface, clusters, seed, effort)?, options)
+        JobSpec::Coarse { clusters, seed, effort, further, options, relocation } => {
+            let start = |effort| CoarseStart::new(surface, clusters, seed, effort);
+            let further = further.filter(|_| relocation.is_some()).map(start).transpose()?;
+            Plan::Coarse(Coarse { start: start(effort)?, further, options, relocation })
         }
         JobSpec::Seeded { method, clusters, seeds, seed, listed, options } => {
             Plan::Seeded(method, seeds::choose(surface, clusters, &seeds, seed, listed.as_deref())?, options)
@@ -323,7 +338,7 @@ pub fn cluster(
 ) -> Result<Clustered> {
     cancel.check()?;
     where_it_works(device.info().kind, || match &prepared.plan {
-        Plan::Coarse(start, options) => flat::run_coarse(prepared, start, *options, device, cancel, on_row),
+        Plan::Coarse(coarse) => flat::run_coarse(prepared, coarse, device, cancel, on_row),
         Plan::Seeded(method, seeds, options) => {
             flat::run_seeded(prepared, *method, seeds, *options, device, cancel, on_row)
         }

@@ -2,7 +2,7 @@
 
 use super::{InputFile, Refusal, seed_list};
 use crate::cluster::coarse::Effort;
-use crate::cluster::{flat, hierarchy};
+use crate::cluster::{flat, hierarchy, relocation};
 use crate::error::Error;
 use crate::parameters::{Algorithm, Name, Optimize, Parameters, Refine, Seeds};
 
@@ -17,8 +17,12 @@ pub enum JobSpec {
         seed: u64,
         /// How much work goes into the start.
         effort: Effort,
+        /// The work of a further start, if there is one.
+        further: Option<Effort>,
         /// What follows the start.
         options: flat::Options,
+        /// Which moves of whole clusters follow that, if any.
+        relocation: Option<relocation::Effort>,
     },
     /// A flat clustering that starts from one face a cluster.
     Seeded {
@@ -104,7 +108,13 @@ impl JobSpec {
             allow_disconnected: parameters.allow_disconnected,
         };
         let spec = match parameters.seeds.clone() {
-            Seeds::Coarse => Self::Coarse { clusters, seed, effort: quality.start(), options },
+            Seeds::Coarse => {
+                let (effort, further) = (quality.start(), quality.further_start());
+                // pieces of clusters cannot be moved as a whole
+                let is_relocated = parameters.refine == Refine::On && !parameters.allow_disconnected;
+                let relocation = is_relocated.then(|| quality.relocation());
+                Self::Coarse { clusters, seed, effort, further, options, relocation }
+            }
             seeds => Self::Seeded { method, clusters, seeds, seed, listed, options },
         };
         Ok((spec, parameters))

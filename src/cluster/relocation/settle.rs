@@ -1,0 +1,87 @@
+//! Connected refinement on the host: what follows a merge or a split, near it.
+//!
+//! # Definition
+//!
+//! A pass looks, in their order, at the faces at the boundaries of the clusters that changed in the pass before (at
+//! first, those that the caller names). A face considers the clusters of its neighbours and takes the one with the
+//! largest gain ([`crate::cluster::refinement`]; the smaller number of equal ones). It moves at once if F falls,
+//! exactly, and its cluster stays connected. Passes end with one in which nothing moves.
+//!
+//! F is an integer that falls with every move, so passes end. Clusters stay connected: none loses a face that it needs,
+//! and each gains only neighbouring faces.
+//!
+//! It differs from [`crate::device::Steps::refine_connected`] in the order of moves. There all clusters move one face
+//! at the same time; here a pass moves a whole border, and reads only what changed.
+
+use std::cmp::Reverse;
+
+use super::clusters::Clusters;
+use crate::device::Cancel;
+use crate::energy::{Energy, Functional, Side};
+use crate::error::Result;
+
+/// Settles the borders of some clusters, and of those that change with them.
+pub fn settle(clusters: &mut Clusters<'_>, mut changed: Vec<u32>, most_passes: u32, cancel: &Cancel) -> Result<()> {
+    for _ in 0..most_passes {
+        if changed.is_empty() {
+            break;
+        }
+        cancel.check()?;
+        let mut next = Vec::new();
+        for face in boundary_faces(clusters, &changed) {
+            let from = clusters.label(face);
+            if let Some(to) = best_move(clusters, face)
+                && clusters.move_if_lower(face, to)
+            {
+                next.extend([from, to]);
+            }
+        }
+        next.sort_unstable();
+        next.dedup();
+        changed = next;
+    }
+    Ok(())
+}
+
+/// The faces on both sides of the boundaries of some clusters, ascending.
+fn boundary_faces(clusters: &Clusters<'_>, of: &[u32]) -> Vec<u32> {
+    let mut faces = Vec::new();
+    for &cluster in of {
+        for &face in clusters.faces(cluster) {
+            let before = faces.len();
+            let beside = clusters.graph.neighbours_of(face).iter();
+            faces.extend(beside.filter(|&&near| clusters.label(near) != cluster));
+            if faces.len() > before {
+                faces.push(face);
+            }
+        }
+    }
+    faces.sort_unstable();
+    faces.dedup();
+    faces
+}
+
+/// The neighbouring cluster with the largest gain for a face, if that is positive.
+fn best_move(clusters: &Clusters<'_>, face: u32) -> Option<u32> {
+    let graph = clusters.graph;
+    let from = clusters.label(face);
+    let side = |cluster: u32| {
+        let (proxy, weight) = clusters.proxy_and_weight(cluster);
+        Side { cost: Energy::cost(graph.points[face as usize], proxy), weight }
+    };
+    let weight = graph.weights[face as usize];
+    let own = side(from);
+    if own.weight == u64::from(weight) {
+        return None;
+    }
+    let mut last = from;
+    let mut best: Option<(i64, Reverse<u32>)> = None;
+    for &near in graph.neighbours_of(face) {
+        let to = clusters.label(near);
+        if to != from && to != last {
+            best = best.max(Some((Energy::gain(weight, own, side(to)), Reverse(to))));
+            last = to;
+        }
+    }
+    best.filter(|&(gain, _)| gain > 0).map(|(_, Reverse(to))| to)
+}

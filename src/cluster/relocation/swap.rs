@@ -1,0 +1,73 @@
+//! Paying swaps: two clusters become one, and a third becomes two, where that lowers F at once.
+//!
+//! # Definition
+//!
+//! A round:
+//!
+//! 1. Every cluster finds its cheapest merge, with cost F_ab − F_a − F_b. Every cluster with more energy than the
+//!    cheapest merge of all costs finds its best [split](super::split), with gain F_c − F_1 − F_2. All are exact
+//!    integers in the unit of the finest component.
+//! 2. Merges, the cheapest first, meet splits, those that gain most first; ties go by number. A cluster takes part
+//!    once. The round ends at the first merge that costs as much as the best split left gains.
+//! 3. Each swap merges its pair, and the number that becomes free names the new part of the split cluster, in whatever
+//!    component that is. Then the clusters [settle](super::settle).
+//!
+//! Rounds go on until no swap pays.
+//!
+//! # F falls, and the rounds end
+//!
+//! F is a sum over clusters, and no cluster takes part in two swaps, so the changes of a round add up exactly; each is
+//! negative. Settling lowers F, too. F is an integer that is not negative.
+//!
+//! # Why
+//!
+//! The other phases move single faces, and end where only a merge and a split at once would pay. They also leave each
+//! component the number of clusters that its area gave it, which is far from the best where faces are uneven. A split
+//! gains no more than its cluster's energy, so on even meshes few clusters are split, and none pays.
+
+use super::candidates::Candidates;
+use super::clusters::Clusters;
+use super::settle::settle;
+use crate::device::Cancel;
+use crate::error::Result;
+
+/// Makes one round. Returns the number of swaps.
+pub fn round(clusters: &mut Clusters<'_>, candidates: &mut Candidates, cancel: &Cancel) -> Result<usize> {
+    cancel.check()?;
+    candidates.refresh(clusters);
+    let merges = candidates.merges();
+    let Some(&(least, ..)) = merges.first() else { return Ok(0) };
+    let is_large = |cluster: u32| !clusters.faces(cluster).is_empty() && candidates.energy(cluster) > least;
+    let large: Vec<bool> = (0..clusters.numbers() as u32).map(is_large).collect();
+    candidates.split(clusters, |cluster| large[cluster as usize]);
+    let splits = candidates.splits();
+
+    let mut is_taken = vec![false; clusters.numbers()];
+    let mut swaps = Vec::new();
+    let mut first = 0;
+    for (cost, a, b) in merges {
+        if is_taken[a as usize] || is_taken[b as usize] {
+            continue;
+        }
+        first += splits[first..].iter().take_while(|&&(_, cluster)| is_taken[cluster as usize]).count();
+        if splits.get(first).is_none_or(|&(gain, _)| gain <= cost) {
+            break;
+        }
+        let mut paying = splits[first..].iter().take_while(|&&(gain, _)| gain > cost).map(|&(_, cluster)| cluster);
+        let is_apart = |&cluster: &u32| !is_taken[cluster as usize] && cluster != a && cluster != b;
+        if let Some(split) = paying.find(is_apart) {
+            [a, b, split].into_iter().for_each(|cluster| is_taken[cluster as usize] = true);
+            swaps.push((a, b, split));
+        }
+    }
+
+    let mut changed = Vec::with_capacity(3 * swaps.len());
+    for &(a, b, split) in &swaps {
+        changed.push(clusters.merge(a, b));
+        let leaving = candidates.known_split(split).map_or(&[][..], |split| &split.leaving);
+        changed.extend([split, clusters.split(split, leaving)]);
+    }
+    let made = swaps.len();
+    settle(clusters, changed, u32::MAX, cancel)?;
+    Ok(made)
+}

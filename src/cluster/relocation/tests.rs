@@ -1,0 +1,190 @@
+//! Tests of relocation, on surfaces with some heavy faces among light ones.
+
+use super::connection::Connection;
+use super::split::Split;
+use super::*;
+use crate::cluster::seeds;
+use crate::dev::sample::{Sample, generate};
+use crate::device::cpu::CpuDevice;
+use crate::device::pieces::{cut_off_faces, disconnected_clusters};
+use crate::device::plain::PlainDevice;
+use crate::surface::{Component, Surface};
+
+/// One face in five weighs a million times as much as the others, in units that differ by component.
+fn uneven(sample: Sample, faces: u64) -> Surface {
+    let mut surface = Surface::build(&generate(sample, faces).expect("a mesh")).expect("a surface");
+    let graph = &mut surface.graph;
+    for (number, component) in graph.components.iter_mut().enumerate() {
+        component.energy_shift = number as u32 % 3;
+        for face in component.range() {
+            graph.weights[face] = if face * 7 % 5 == 0 { 1 << 20 } else { 1 };
+        }
+        component.weight = graph.weights[component.range()].iter().map(|&weight| u64::from(weight)).sum();
+    }
+    surface
+}
+
+/// Grown from seeds in shares by area, which is far from the best.
+fn start(surface: &Surface, clusters: u64) -> Vec<u32> {
+    let shares = seeds::shares(surface, clusters).expect("that many are possible");
+    let seeds = seeds::stratified(surface, &shares, 1);
+    let mut device = CpuDevice::new();
+    let mut steps = device.open(surface, &seeds.component_of_cluster).expect("it opens");
+    steps.set_labels(&seeds.labels(surface.faces())).expect("labels");
+    steps.grow(&Cancel::default()).expect("no cancellation");
+    steps.labels().expect("labels")
+}
+
+/// What the clusters of some labels explain, summed up anew.
+fn explained(graph: &DualGraph, labels: &[u32]) -> i128 {
+    Clusters::new(graph, labels.to_vec()).energy().explained
+}
+
+/// Labels after a relocation, and the kind of each change and what it explained.
+fn relocated(
+    surface: &Surface,
+    labels: Vec<u32>,
+    effort: Effort,
+    device: &mut dyn Device,
+) -> (Vec<u32>, Vec<(Phase, i128)>) {
+    let mut changes = Vec::new();
+    let clusters = labels.iter().max().map_or(0, |&last| u64::from(last) + 1);
+    let further = |_: &mut dyn Device| Ok(Some(start(surface, clusters)));
+    let mut relocation = Relocation { graph: surface, device, cancel: &Cancel::default() };
+    let labels = relocation.labels(labels, &further, effort, &mut |phase, energy, _, labels| {
+        assert_eq!(energy.explained, explained(surface, labels), "{phase:?}: sums follow every change");
+        changes.push((phase, energy.explained));
+        Ok(())
+    });
+    (labels.expect("no cancellation"), changes)
+}
+
+#[test]
+fn relocation_lowers_f_and_keeps_the_number_of_clusters_and_their_connection() {
+    for (sample, faces, clusters) in
+        [(Sample::Parts, 1200, 80), (Sample::Sphere, 1100, 60), (Sample::Strip, 64, 20), (Sample::Plane, 200, 5)]
+    {
+        let surface = uneven(sample, faces);
+        let before = start(&surface, clusters);
+        let mut last = i128::MIN;
+        for effort in [Effort::Swaps, Effort::Some, Effort::All] {
+            let (labels, changes) = relocated(&surface, before.clone(), effort, &mut CpuDevice::new());
+            let energies: Vec<i128> =
+                std::iter::once(explained(&surface, &before)).chain(changes.iter().map(|change| change.1)).collect();
+            assert!(energies.is_sorted(), "{effort:?} {changes:?}");
+            assert!(energies.len() > 1, "{}: nothing to test", sample.name());
+            assert_eq!(explained(&surface, &labels), energies[energies.len() - 1]);
+            let mut sizes = vec![0; clusters as usize];
+            labels.iter().for_each(|&label| sizes[label as usize] += 1);
+            assert!(sizes.iter().all(|&size| size > 0), "{effort:?} {sizes:?}");
+            assert_eq!(disconnected_clusters(&surface, clusters as usize, &labels), 0);
+            assert!(energies[energies.len() - 1] >= last, "{effort:?} does no worse than less effort");
+            last = energies[energies.len() - 1];
+        }
+    }
+}
+
+#[test]
+fn relocation_does_not_depend_on_the_device() {
+    let surface = uneven(Sample::Parts, 400);
+    let before = start(&surface, 50);
+    let cpu = relocated(&surface, before.clone(), Effort::All, &mut CpuDevice::new());
+    let plain = relocated(&surface, before, Effort::All, &mut PlainDevice::default());
+    assert_eq!(cpu, plain);
+    assert!(cpu.1.iter().any(|&(phase, _)| phase == Phase::Restart), "{:?}", cpu.1);
+}
+
+#[test]
+fn swaps_take_clusters_from_one_component_to_another() {
+    let surface = uneven(Sample::Parts, 1200);
+    let counts = |labels: &[u32]| {
+        let of_component = |component: &Component| {
+            let mut numbers = labels[component.range()].to_vec();
+            numbers.sort_unstable();
+            numbers.dedup();
+            numbers.len()
+        };
+        surface.components.iter().map(of_component).collect::<Vec<_>>()
+    };
+    let before = start(&surface, 80);
+    let (after, changes) = relocated(&surface, before.clone(), Effort::Swaps, &mut CpuDevice::new());
+    assert!(changes.iter().all(|&(phase, _)| phase == Phase::Swap), "{changes:?}");
+    assert_ne!(counts(&before), counts(&after));
+    assert!(counts(&after).iter().all(|&count| count > 0));
+}
+
+#[test]
+fn a_split_gains_what_it_says_and_leaves_two_connected_parts() {
+    let surface = uneven(Sample::Parts, 500);
+    let labels = start(&surface, 30);
+    let mut clusters = Clusters::new(&surface, labels);
+    let mut gained = 0;
+    for cluster in 0..clusters.numbers() as u32 {
+        let mut faces = clusters.faces(cluster).to_vec();
+        faces.sort_unstable();
+        let Some(split) = Split::of(&surface, &faces, clusters.shift(cluster)) else {
+            assert_eq!(faces.len(), 1);
+            continue;
+        };
+        assert!(split.gain >= 0 && split.gain <= clusters.energy_of(cluster));
+        assert!(!split.leaving.is_empty() && !split.leaving.contains(&faces[0]));
+        let before = clusters.energy().explained;
+        clusters.split(cluster, &split.leaving);
+        assert_eq!(clusters.energy().explained - before, split.gain);
+        gained += split.gain;
+    }
+    assert!(gained > 0);
+    assert_eq!(disconnected_clusters(&surface, clusters.numbers(), clusters.labels()), 0);
+    assert_eq!(clusters.energy().explained, explained(&surface, clusters.labels()));
+}
+
+#[test]
+fn a_merge_costs_what_it_says() {
+    let surface = uneven(Sample::Parts, 500);
+    let mut clusters = Clusters::new(&surface, start(&surface, 60));
+    for cluster in 0..clusters.numbers() as u32 {
+        if let Some(&other) = clusters.beside(cluster).first() {
+            let (before, cost) = (clusters.energy().explained, clusters.merge_cost(cluster, other));
+            assert!(cost >= 0);
+            clusters.merge(cluster, other);
+            assert_eq!(before - clusters.energy().explained, cost);
+        }
+    }
+    assert_eq!(clusters.energy().explained, explained(&surface, clusters.labels()));
+    assert!(clusters.count() >= surface.components.len() && clusters.count() <= 30);
+}
+
+#[test]
+fn searches_find_the_faces_that_hold_a_cluster_together() {
+    let mut held = 0;
+    for sample in [Sample::Strip, Sample::Parts, Sample::Plane] {
+        let surface = uneven(sample, 300);
+        let labels = start(&surface, 20);
+        let mut connection = Connection::new(surface.faces());
+        for face in 0..surface.faces() as u32 {
+            let label = labels[face as usize];
+            if labels.iter().filter(|&&other| other == label).count() == 1 {
+                continue;
+            }
+            let mut without = labels.clone();
+            without[face as usize] = 20;
+            let expected = cut_off_faces(&surface, 21, &without).is_empty();
+            let found = connection.stays_without(&surface, face, |near| labels[near as usize] == label);
+            assert_eq!(found, expected, "{} {face}", sample.name());
+            held += u32::from(!expected);
+        }
+    }
+    assert!(held > 0);
+}
+
+#[test]
+fn every_number_of_clusters_can_be_made() {
+    let surface = uneven(Sample::Parts, 250);
+    let (fewest, most) = (surface.components.len(), surface.faces());
+    for wanted in [fewest, fewest + 1, most / 3, most - 1, most] {
+        let mut clusters = Clusters::new(&surface, start(&surface, 20));
+        resize(&mut clusters, wanted, &mut Candidates::default(), &Cancel::default()).expect("a possible number");
+        assert_eq!(clusters.count(), wanted);
+        assert_eq!(disconnected_clusters(&surface, wanted, &clusters.compacted()), 0);
+    }
+}
