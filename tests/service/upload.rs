@@ -92,7 +92,7 @@ async fn a_part_without_a_mesh_type_is_recognised_by_name_then_content() {
         let job = json(service.post("/v1/jobs?clusters=2").multipart(form)).await;
         assert_eq!(job["mesh"]["format"], format);
     }
-    let form = Form::new().part("mesh", file("solid stl", "a.stl"));
+    let form = Form::new().part("mesh", file("OFF\n8 6 12", "a.off"));
     refused(service.post("/v1/jobs?clusters=2").multipart(form), 415, "unsupported-media-type").await;
     let form = Form::new().part("mesh", file(sphere(300), "a.glb"));
     let detail = refused(service.post("/v1/jobs?clusters=2").multipart(form), 422, "invalid-mesh").await;
@@ -146,7 +146,7 @@ async fn parameters_are_refused_by_name() {
         ("clusters=5&algorithm=magic", "magic"),
         ("clusters=5&seeds=file:/etc/passwd", "/etc/passwd"),
         ("clusters=5&seeds=listed", "listed"),
-        ("clusters=5&format=stl", "stl"),
+        ("clusters=5&format=off", "off"),
         ("clusters=5&format=glb", "format"),
         ("clusters=5&max_iterations=99999999999", "max_iterations"),
     ] {
