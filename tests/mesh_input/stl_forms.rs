@@ -1,11 +1,13 @@
 //! STL: the forms that are read, and files that are refused.
 
 use proptest::prelude::*;
+use tesserae::dev::sample::{self, Sample};
 use tesserae::mesh::{self, Format, Limits, NoResources, PolygonMesh};
 use tesserae::surface::Surface;
 use tesserae::{Kind, Result};
 
 use crate::make::{check, faces, triangles};
+use crate::ply_make;
 
 fn stl(bytes: impl AsRef<[u8]>) -> Result<PolygonMesh> {
     mesh::read(bytes.as_ref(), Format::Stl, &NoResources, &Limits::default())
@@ -71,6 +73,31 @@ fn triangles_are_neighbours_where_their_corners_are_equal() {
     for mesh in [stl(binary(b"", &SQUARE)), stl(text("a", &SQUARE))] {
         let counts = Surface::build(&mesh.expect("a mesh")).expect("a surface").counts;
         assert_eq!((counts.welded_vertices, counts.components, counts.boundary_edges), (4, 1, 4));
+    }
+}
+
+/// Labels are a function of the surface, so they do not depend on the format.
+#[test]
+fn one_mesh_in_three_formats_is_one_surface() {
+    let mesh = sample::generate(Sample::Knot, 3000).expect("a sample");
+    let mut obj = Vec::new();
+    sample::write_obj(&mut obj, &mesh).expect("written");
+    let obj = crate::make::obj(&obj).expect("a mesh");
+    let mut vertices = ply_make::vertices(&obj.positions);
+    vertices.1 = ply_make::properties(&["double x", "double y", "double z"]);
+    let elements = [ply_make::faces(&faces(&obj)), vertices];
+    let mut solid = "solid\n".to_owned();
+    for triangle in triangles(&obj) {
+        let corners: String = triangle.iter().map(|[x, y, z]| format!("vertex {x} {y} {z}\n")).collect();
+        solid += &format!("facet\nouter loop\n{corners}endloop\nendfacet\n");
+    }
+    let surface = |mesh: &PolygonMesh| Surface::build(mesh).expect("a surface");
+    let expected = surface(&obj);
+    let plys = ply_make::ENCODINGS.map(|encoding| ply_make::ply(ply_make::write(encoding, &elements, "\n")));
+    for mesh in plys.into_iter().chain([stl(solid)]) {
+        let found = surface(&mesh.expect("a mesh"));
+        assert!(found.upload_face == expected.upload_face && found.points == expected.points);
+        assert!(found.weights == expected.weights && found.neighbours == expected.neighbours);
     }
 }
 

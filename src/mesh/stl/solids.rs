@@ -61,7 +61,7 @@ pub fn split(text: &[u8]) -> Vec<&[u8]> {
     text::pieces(text, PIECE, begins_with_facet)
 }
 
-/// Number of facets of a piece that is well-formed, or more.
+/// Number of lines that begin a facet. Each facet that is read begins a line.
 pub fn count_facets(text: &[u8]) -> u64 {
     let mut lines = 0;
     let mut at = 0;
@@ -191,7 +191,11 @@ fn facet(words: &mut Words<'_>, positions: &mut Vec<[f64; 3]>) -> Result<(), (us
             positions.push(vertex(words).map_err(|message| (at, message))?);
         }
     }
-    Ok(())
+    words.skip_blanks();
+    match words.is_at_line_end() {
+        true => Ok(()),
+        false => Err((words.at, format!("the line must end after endfacet, not go on with {}", quoted(words.word())))),
+    }
 }
 
 /// Reads the coordinates of a vertex.
