@@ -89,8 +89,8 @@ fn ply_and_stl_are_clustered_by_name_by_content_and_by_flag() {
         assert_eq!((&report["input"]["welded_vertices"], &report["input"]["boundary_edges"]), (&4.into(), &4.into()));
         for format in [&["--format", &name[7..]][..], &[]] {
             let arguments = [&["cluster", "-", "-k", "1", "--labels", "-"], format].concat();
-            let labels = folder.run_with_input(&arguments, text.as_bytes()).expect_success();
-            assert_eq!(String::from_utf8_lossy(&labels), "{\"clusters\":1,\"labels\":[0,0]}\n");
+            let done = folder.run_with_input(&arguments, text.as_bytes());
+            assert_eq!((done.status, done.text()), (Some(0), "{\"clusters\":1,\"labels\":[0,0]}\n"), "{done:?}");
         }
     }
     folder.write("cloud.ply", ply.replace("element face 2", "element face 0"));

@@ -246,8 +246,8 @@ impl Format {
 
     /// Refuses a file whose first bytes are plainly not of this format: the cheap check made before a job is accepted.
     ///
-    /// `head` is the first [`HEAD_BYTES`](super::HEAD_BYTES), or the whole file; `length` is the length of the whole file
-    /// in bytes, where it is known.
+    /// `head` is the first [`HEAD_BYTES`](super::HEAD_BYTES), or the whole file; `length` is the length of the whole
+    /// file in bytes, where it is known.
     pub fn check_head(self, head: &[u8], length: Option<u64>) -> Result<()> {
         if head.is_empty() || length == Some(0) {
             return Err(self.is_not("it is empty"));

@@ -179,8 +179,8 @@ impl<'b> Opened<'b> {
         Self { faces, read: Box::new(read) }
     }
 
-    /// Number of faces that memory is needed for: the lines that begin like a face of an OBJ, the triangles of a glTF or
-    /// an STL, the rows of a PLY. Of triangle strips in a PLY, as many as their bytes can hold.
+    /// Number of faces that memory is needed for: the lines that begin like a face of an OBJ, the triangles of a glTF
+    /// or an STL, the rows of a PLY. Of triangle strips in a PLY, as many as their bytes can hold.
     pub fn faces(&self) -> u64 {
         self.faces
     }

@@ -187,7 +187,7 @@ fn text_is_refused_by_line_and_facet() {
         (plain[..plain.len() - 22].into(), "line 15: facet 1 (from 0): the file is truncated: it ends before the endf"),
         (
             plain.replace("vertex 0 1.5", "vertex 0 1.5 7"),
-            "line 14: facet 1 (from 0): a facet has three vertices, so endloop",
+            "line 13: facet 1 (from 0): a facet has three vertices, so endloop",
         ),
     ] {
         let message = message(&text);

@@ -1,8 +1,8 @@
 //! Rows as bytes, in either byte order.
 //!
 //! What the header declares is compared with the bytes that are there before anything is allocated: a row takes at
-//! least the bytes of its single values and of the lengths of its lists. Rows without lists are found by multiplication;
-//! rows with lists one after the other.
+//! least the bytes of its single values and of the lengths of its lists. Rows without lists are found by
+//! multiplication, rows with lists one after the other.
 
 use rayon::prelude::*;
 
@@ -179,7 +179,8 @@ impl<'a> Rows<'a> {
             return Err(match column.count {
                 None => cut_off(),
                 Some(_) => format!(
-                    "the file is truncated or damaged: a list has {count} values of {} bytes, the file has {} bytes for it",
+                    "the file is truncated or damaged: a list has {count} values of {} bytes, the file has {} bytes \
+                     for it",
                     column.size,
                     self.rest.len()
                 ),

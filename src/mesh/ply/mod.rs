@@ -13,7 +13,7 @@
 //! place as a degenerate triangle, so that label i belongs to row i.
 //!
 //! What the header declares is compared with the bytes or lines that are there before anything is allocated, so memory
-//! is in proportion to the file: at most 24 bytes for each of its bytes.
+//! is in proportion to the file: a byte of it becomes at most 16 (an empty face beside polygons).
 
 mod binary;
 mod header;
@@ -35,7 +35,7 @@ use crate::error::{Error, Result};
 /// Fewest bytes of an index in a text: a digit and a blank.
 const LEAST_BYTES_OF_TEXT: u64 = 2;
 
-/// First bytes by which text is told from numbers.
+/// First bytes by which text and numbers are distinguished.
 const SAMPLE: usize = 256;
 
 /// Refuses what begins like no PLY file.
@@ -80,8 +80,8 @@ pub fn open(source: Source<'_>, then: &mut dyn FnMut(Opened<'_>)) -> Result<()> 
         Encoding::Text => {
             if memchr::memchr(0, data).is_some() {
                 return Err(Error::mesh(
-                    "the PLY header says format ascii, but zero bytes follow it as in a binary file: correct its format \
-                     line, or write the file again",
+                    "the PLY header says format ascii, but zero bytes follow it as in a binary file: correct its \
+                     format line, or write the file again",
                 ));
             }
             let text = with_line_feeds(data);

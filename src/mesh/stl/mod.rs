@@ -67,14 +67,14 @@ pub fn open(source: Source<'_>, then: &mut dyn FnMut(Opened<'_>)) -> Result<()> 
     }
     let Some(triangles) = triangles(bytes) else {
         return Err(Error::mesh(format_args!(
-            "the STL file is truncated: a binary one has at least {BEFORE} bytes, and a text has facets; bytes: {length}"
+            "the STL file is truncated: a binary one has at least {BEFORE} bytes, and a text has facets: {length}"
         )));
     };
     let there = declared_length(triangles);
     if there > length {
         return Err(Error::mesh(format_args!(
-            "the file is truncated, or no STL file: its header counts {triangles} triangles, which end at byte {there}; it \
-             has {length}"
+            "the file is truncated, or no STL file: its header counts {triangles} triangles, which end at byte {there}; \
+             it has {length}"
         )));
     }
     check_triangles(triangles)?;
