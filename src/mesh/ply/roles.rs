@@ -36,8 +36,8 @@ pub fn roles(header: &Header<'_>) -> Result<(Vec<Role>, u64)> {
     let lists = rows(|role| matches!(role, Role::Polygons(_) | Role::Strips(_)));
     if lists == 0 {
         return Err(Error::mesh(format_args!(
-            "the mesh has no faces: the PLY file has vertices, and no rows of face or tristrips, as a point cloud (make \
-             a mesh of the points first); vertices: {vertices}"
+            "the mesh has no faces: the PLY file has vertices, and no rows of face or tristrips, as a point cloud \
+             (make a mesh of the points first); vertices: {vertices}"
         )));
     }
     if vertices == 0 {

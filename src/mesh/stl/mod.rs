@@ -73,8 +73,8 @@ pub fn open(source: Source<'_>, then: &mut dyn FnMut(Opened<'_>)) -> Result<()> 
     let there = declared_length(triangles);
     if there > length {
         return Err(Error::mesh(format_args!(
-            "the file is truncated, or no STL file: its header counts {triangles} triangles, which end at byte {there}; \
-             it has {length}"
+            "the file is truncated, or no STL file: its header counts {triangles} triangles, which end at byte \
+             {there}; it has {length}"
         )));
     }
     check_triangles(triangles)?;
