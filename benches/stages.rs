@@ -1,4 +1,5 @@
-//! The stages before the clustering, each by itself: parsing OBJ (beside `tobj`), parsing GLB, topology.
+//! The stages before the clustering, each by itself: parsing every format (OBJ beside `tobj`, all beside a copy of the
+//! file), topology.
 //!
 //! On meshes made from nothing, and on the real ones in the folder that `TESSERAE_TEST_MESHES` names, where there is
 //! one. `make bench` runs it; `make bench FILTER=topology` runs a part. Throughput is in bytes for parsers and in faces
@@ -16,8 +17,11 @@ use tesserae::surface::Surface;
 struct Subject {
     name: String,
     mesh: PolygonMesh,
-    files: Vec<(Format, Vec<u8>)>,
+    files: Vec<File>,
 }
+
+/// A file: what it is, its format, its bytes.
+type File = (&'static str, Format, Vec<u8>);
 
 impl Subject {
     fn sample(sample: Sample, faces: u64) -> Self {
@@ -25,7 +29,15 @@ impl Subject {
         let (mut obj, mut glb) = (Vec::new(), Vec::new());
         sample::write_obj(&mut obj, &mesh).expect("a vector takes everything");
         sample::write_glb(&mut glb, &mesh).expect("a vector takes everything");
-        let files = vec![(Format::Obj, obj), (Format::Glb, glb)];
+        let (ply, stl) = (ply(&mesh), stl(&mesh));
+        let files = vec![
+            ("obj", Format::Obj, obj),
+            ("glb", Format::Glb, glb),
+            ("ply text", Format::Ply, ply.0),
+            ("ply binary", Format::Ply, ply.1),
+            ("stl text", Format::Stl, stl.0),
+            ("stl binary", Format::Stl, stl.1),
+        ];
         Self { name: format!("{}-{}", sample.name(), mesh.faces.len()), mesh, files }
     }
 
@@ -34,12 +46,59 @@ impl Subject {
         let bytes = std::fs::read(folder.join(name)).ok()?;
         let format = Format::recognise(Some(name), &bytes, Some(bytes.len() as u64)).expect("a mesh");
         let mesh = read(&bytes, format);
-        Some(Self { name: name.to_owned(), mesh, files: vec![(format, bytes)] })
+        Some(Self { name: name.to_owned(), mesh, files: vec![(format.name(), format, bytes)] })
     }
 }
 
 fn read(bytes: &[u8], format: Format) -> PolygonMesh {
     mesh::read(bytes, format, &NoResources, &Limits::default()).expect("a mesh")
+}
+
+/// A mesh as PLY, text and binary.
+fn ply(mesh: &PolygonMesh) -> (Vec<u8>, Vec<u8>) {
+    let header = |format: &str| {
+        format!(
+            "ply\nformat {format} 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+             element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+            mesh.positions.len(),
+            mesh.faces.len()
+        )
+    };
+    let (mut text, mut binary) = (header("ascii"), header("binary_little_endian").into_bytes());
+    for [x, y, z] in &mesh.positions {
+        text += &format!("{x} {y} {z}\n");
+        binary.extend([x, y, z].iter().flat_map(|&&c| (c as f32).to_le_bytes()));
+    }
+    for face in 0..mesh.faces.len() {
+        let corners = mesh.faces.corners(face);
+        text += &format!("{}", corners.len());
+        binary.push(corners.len() as u8);
+        for corner in corners {
+            text += &format!(" {corner}");
+            binary.extend(corner.to_le_bytes());
+        }
+        text += "\n";
+    }
+    (text.into_bytes(), binary)
+}
+
+/// The triangles that begin the polygons of a mesh as STL, text and binary.
+fn stl(mesh: &PolygonMesh) -> (Vec<u8>, Vec<u8>) {
+    let (mut text, mut binary) = ("solid bench\n".to_owned(), vec![0; 80]);
+    binary.extend((mesh.faces.len() as u32).to_le_bytes());
+    for face in 0..mesh.faces.len() {
+        text += "facet normal 0 0 0\n  outer loop\n";
+        binary.extend([0; 12]);
+        for &corner in &mesh.faces.corners(face)[..3] {
+            let [x, y, z] = mesh.positions[corner as usize];
+            text += &format!("    vertex {x} {y} {z}\n");
+            binary.extend([x, y, z].iter().flat_map(|&c| (c as f32).to_le_bytes()));
+        }
+        text += "  endloop\nendfacet\n";
+        binary.extend([0; 2]);
+    }
+    text += "endsolid bench\n";
+    (text.into_bytes(), binary)
 }
 
 fn main() {
@@ -49,7 +108,14 @@ fn main() {
         Subject::sample(Sample::Sphere, 1_000_000),
     ];
     if let Some(folder) = std::env::var_os("TESSERAE_TEST_MESHES") {
-        let names = ["stanford-bunny.obj", "stanford-bunny.glb", "igea.glb"];
+        let names = [
+            "stanford-bunny.obj",
+            "stanford-bunny.glb",
+            "igea.glb",
+            "stanford-bunny.ply",
+            "horse.ply",
+            "featuretype.stl",
+        ];
         subjects.extend(names.into_iter().filter_map(|name| Subject::file(Path::new(&folder), name)));
     }
     let mut criterion = Criterion::default().sample_size(20).configure_from_args();
@@ -59,15 +125,15 @@ fn main() {
 }
 
 fn parse(criterion: &mut Criterion, subjects: &[Subject]) {
-    for format in [Format::Obj, Format::Glb] {
-        let mut group = criterion.benchmark_group(format!("parse {}", format.name()));
-        for Subject { name, files, .. } in subjects {
-            let Some((_, bytes)) = files.iter().find(|file| file.0 == format) else { continue };
+    for Subject { name, files, .. } in subjects {
+        for (kind, format, bytes) in files {
+            let mut group = criterion.benchmark_group(format!("parse {kind}"));
             group.throughput(Throughput::Bytes(bytes.len() as u64));
             group.bench_function(BenchmarkId::new("tesserae", name), |bench| {
-                bench.iter(|| read(black_box(bytes), format))
+                bench.iter(|| read(black_box(bytes), *format))
             });
-            if format == Format::Obj {
+            group.bench_function(BenchmarkId::new("copy", name), |bench| bench.iter(|| black_box(&bytes[..]).to_vec()));
+            if *format == Format::Obj {
                 group.bench_function(BenchmarkId::new("tobj", name), |bench| {
                     bench.iter(|| {
                         // polygons stay polygons there too, and materials are not looked at

@@ -55,6 +55,34 @@ def gltf(uri=None):
     return document, binary
 
 
+def ply(encoding):
+    """A square of a triangle, a quad, a face of one corner and a strip, with an element that is skipped."""
+    header = (f"ply\nformat {encoding} 1.0\ncomment x\nelement edge 1\nproperty list uchar short ends\n"
+              "element vertex 4\nproperty float x\nproperty double y\nproperty char z\nproperty uchar red\n"
+              "element face 3\nproperty list uchar int vertex_indices\nelement tristrips 1\n"
+              "property list int int vertex_index\nend_header\n").encode()
+    vertices = [(0, 0, 0, 9), (1, 0, 0, 9), (1, 1.5, 0, 9), (0, 1e-3, 1, 9)]
+    lists = [[0, 1, 2], [0, 1, 2, 3], [2]]
+    strip = [0, 1, 2, 3, -1, 1, 2, 3]
+    if encoding == "ascii":
+        rows = [(2, 0, 1), *vertices, *[(len(row), *row) for row in lists], (len(strip), *strip)]
+        return header + "".join(" ".join(map(str, row)) + "\n" for row in rows).encode()
+    order = "<" if "little" in encoding else ">"
+    rows = [struct.pack(f"{order}B2h", 2, 0, 1)] + [struct.pack(f"{order}fdbB", *vertex) for vertex in vertices]
+    rows += [struct.pack(f"{order}B{len(row)}i", len(row), *row) for row in lists]
+    return header + b"".join(rows) + struct.pack(f"{order}i{len(strip)}i", len(strip), *strip)
+
+
+def stl(name):
+    """Two triangles as text and as bytes."""
+    corners = [(0, 0, 0, 1, 0, 0, 1, 1.5, 0), (0, 0, 0, 1, 1.5, 0, 0, 1, -2e-3)]
+    vertex = "      vertex {} {} {}\n"
+    facet = "  facet normal 0 0 1\n    outer loop\n" + 3 * vertex + "    endloop\n  endfacet\n"
+    text = f"solid {name}\n" + "".join(facet.format(*row) for row in corners) + f"endsolid {name}\n"
+    rows = b"".join(struct.pack("<12fH", 0, 0, 1, *row, 0) for row in corners)
+    return text.encode(), name.encode().ljust(80) + struct.pack("<I", len(corners)) + rows
+
+
 def npy(descr, data, shape):
     header = repr({"descr": descr, "fortran_order": False, "shape": shape}).encode()
     header += b" " * (-(len(header) + 11) % 64) + b"\n"
@@ -77,6 +105,8 @@ def main():
         "obj": [OBJ, OBJ.replace(b"\n", b"\r\n"), b"v 0 0 0\nf 1 1 1\n", b""],
         "gltf": [
             json.dumps(document).encode() + b"\n===\n" + binary, json.dumps(inside).encode(), glb(whole, binary)],
+        "ply": [ply("ascii"), ply("ascii").replace(b"\n", b"\r\n"), ply("binary_little_endian"), ply("binary_big_endian")],
+        "stl": [*stl("a"), *stl("solid b"), stl("a")[0] + stl("b")[0].upper()],
         "number": [b"1", b"-0.5e-10", b"+.1E+308", b"123456789012345678901234567890.5", b"1e-400", b"-2147483648"],
         "stored": [path.read_bytes() for path in trees],
         "lists": [

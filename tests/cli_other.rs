@@ -70,3 +70,31 @@ fn help_and_version_succeed_and_every_command_has_examples_or_flags() {
     }
     folder.run(&[]).expect_usage_error(&["Usage: tesserae <COMMAND>"]);
 }
+
+#[test]
+fn ply_and_stl_are_clustered_by_name_by_content_and_by_flag() {
+    let folder = Folder::new();
+    let ply = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+               element face 2\nproperty list uchar int vertex_indices\nend_header\n\
+               0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n3 0 2 3\n";
+    let facet = |corners: &str| format!("facet normal 0 0 1\nouter loop\n{corners}endloop\nendfacet\n");
+    let [one, two] = ["vertex 1 0 0\nvertex 1 1 0\n", "vertex 1 1 0\nvertex 0 1 0\n"];
+    let corners = |others: &str| facet(&format!("vertex 0 0 0\n{others}"));
+    let stl = format!("solid a\n{}{}endsolid a\n", corners(one), corners(two));
+    for (name, text) in [("square.ply", ply), ("square.stl", &stl)] {
+        folder.write(name, text);
+        folder.run(&["cluster", name, "-k", "2", "--report", "r.json"]).expect_success();
+        let report = folder.json("r.json");
+        assert_eq!(report["input"]["format"], &name[7..]);
+        assert_eq!((&report["input"]["welded_vertices"], &report["input"]["boundary_edges"]), (&4.into(), &4.into()));
+        for format in [&["--format", &name[7..]][..], &[]] {
+            let arguments = [&["cluster", "-", "-k", "1", "--labels", "-"], format].concat();
+            let done = folder.run_with_input(&arguments, text.as_bytes());
+            assert_eq!((done.status, done.text()), (Some(0), "{\"clusters\":1,\"labels\":[0,0]}\n"), "{done:?}");
+        }
+    }
+    folder.write("cloud.ply", ply.replace("element face 2", "element face 0"));
+    folder.run(&["cluster", "cloud.ply", "-k", "2"]).expect_failure(&["cloud.ply: ", "point cloud"]);
+    folder.write("bad.stl", stl.replace("vertex 0 1 0\n", ""));
+    folder.run(&["cluster", "bad.stl", "-k", "2"]).expect_failure(&["bad.stl: line 13: facet 1 "]);
+}

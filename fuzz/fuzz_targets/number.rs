@@ -1,4 +1,4 @@
-//! Numbers of OBJ: what is read is what the standard library reads.
+//! Numbers of OBJ, PLY and STL: what is read is what the standard library reads.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

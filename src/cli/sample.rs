@@ -44,7 +44,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mesh = generate(arguments.name, arguments.faces).map_err(|error| Failure::Usage("sample", error.message))?;
     signals::cancel_when_asked();
     target.write(|out| match format {
-        Format::Obj | Format::Gltf => write_obj(out, &mesh),
+        Format::Obj | Format::Gltf | Format::Ply | Format::Stl => write_obj(out, &mesh),
         Format::Glb => write_glb(out, &mesh),
     })?;
     let Target::File(path) = &target else {

@@ -8,7 +8,7 @@ mod foreign;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Reader, gltf, obj};
+use super::{Reader, gltf, obj, ply, stl};
 use crate::error::{Error, Kind, Result};
 
 /// A mesh format that is read here.
@@ -21,6 +21,10 @@ pub enum Format {
     Glb,
     /// glTF 2.0, JSON.
     Gltf,
+    /// PLY, text or binary.
+    Ply,
+    /// STL, text or binary.
+    Stl,
 }
 
 /// What is known of a format.
@@ -28,7 +32,7 @@ struct Row {
     format: Format,
     /// File extensions; the first is also the short name and the value of `?format=`.
     extensions: &'static [&'static str],
-    /// Media types; the first is the one registered with IANA.
+    /// Media types; the first is the one registered with IANA, where one is.
     media_types: &'static [&'static str],
     /// With its article, before "file" in messages.
     noun: &'static str,
@@ -42,15 +46,15 @@ struct Row {
     has_buffers: bool,
     /// Whether vertices may have attributes with names.
     has_attributes: bool,
-    /// Whether it is text. A text file that begins like another format is taken for a file of that format.
-    is_text: bool,
+    /// Whether no file of another kind is taken for one of this format by `is_it`.
+    is_certain: bool,
     /// Fewest bytes that a face takes in a file of more than a few faces.
     least_bytes_a_face: u64,
     reader: Reader,
 }
 
 /// Every format, in the order of [`Format`]'s variants.
-static TABLE: [Row; 3] = [
+static TABLE: [Row; 5] = [
     Row {
         format: Format::Obj,
         extensions: &["obj"],
@@ -61,7 +65,8 @@ static TABLE: [Row; 3] = [
         check_head: |head, _| obj::check_head(head),
         has_buffers: false,
         has_attributes: false,
-        is_text: true,
+        // a comment begins other kinds of text, too
+        is_certain: false,
         // a line of four-digit numbers
         least_bytes_a_face: 16,
         reader: obj::open,
@@ -76,7 +81,7 @@ static TABLE: [Row; 3] = [
         check_head: gltf::check_binary_head,
         has_buffers: true,
         has_attributes: true,
-        is_text: false,
+        is_certain: true,
         // indices of two bytes, and half a vertex, uncompressed
         least_bytes_a_face: 12,
         reader: gltf::open_binary,
@@ -91,10 +96,46 @@ static TABLE: [Row; 3] = [
         check_head: |head, _| gltf::check_json_head(head),
         has_buffers: true,
         has_attributes: true,
-        is_text: true,
+        is_certain: true,
         // as in a GLB, in buffers beside it
         least_bytes_a_face: 12,
         reader: gltf::open_json,
+    },
+    Row {
+        format: Format::Ply,
+        extensions: &["ply"],
+        media_types: &["model/ply", "model/x-ply", "application/ply", "application/x-ply"],
+        noun: "a PLY",
+        begins_like: "a PLY file",
+        is_it: |head, _| ply::is_ply(head),
+        check_head: |head, _| ply::check_head(head),
+        has_buffers: false,
+        has_attributes: false,
+        is_certain: true,
+        // an index of a strip, and half a vertex
+        least_bytes_a_face: 10,
+        reader: ply::open,
+    },
+    Row {
+        format: Format::Stl,
+        extensions: &["stl"],
+        media_types: &[
+            "model/stl",
+            "model/x.stl-binary",
+            "model/x.stl-ascii",
+            "application/sla",
+            "application/vnd.ms-pki.stl",
+        ],
+        noun: "an STL",
+        begins_like: "an STL file",
+        is_it: stl::is_stl,
+        check_head: stl::check_head,
+        has_buffers: false,
+        has_attributes: false,
+        is_certain: true,
+        // a triangle of a binary file
+        least_bytes_a_face: 50,
+        reader: stl::open,
     },
 ];
 
@@ -120,7 +161,7 @@ impl Format {
         self.row().extensions[0]
     }
 
-    /// IANA media type.
+    /// The usual media type.
     pub fn media_type(self) -> &'static str {
         self.row().media_types[0]
     }
@@ -205,21 +246,22 @@ impl Format {
 
     /// Refuses a file whose first bytes are plainly not of this format: the cheap check made before a job is accepted.
     ///
-    /// `head` is the first 20 bytes at least, or the whole file; `length` is the length of the whole file in bytes,
-    /// where it is known.
+    /// `head` is the first [`HEAD_BYTES`](super::HEAD_BYTES), or the whole file; `length` is the length of the whole
+    /// file in bytes, where it is known.
     pub fn check_head(self, head: &[u8], length: Option<u64>) -> Result<()> {
         if head.is_empty() || length == Some(0) {
             return Err(self.is_not("it is empty"));
         }
-        if let Some(foreign) = foreign::recognise(head) {
+        let Row { is_it, is_certain, check_head, .. } = self.row();
+        let is_own = is_it(head, length);
+        if let Some(foreign) = foreign::recognise(head).filter(|_| !(is_own && *is_certain)) {
             return Err(self.is_not(&format!("it is {}; {}", foreign.name, foreign.advice)));
         }
-        let other = Self::from_content(head, length).filter(|&other| other != self && self.row().is_text);
-        if let Some(other) = other {
+        if let Some(other) = Self::from_content(head, length).filter(|_| !is_own) {
             let (like, name) = (other.row().begins_like, other.name());
             return Err(self.is_not(&format!("it begins like {like}; name it .{name}, or send it as {name}")));
         }
-        (self.row().check_head)(head, length)
+        check_head(head, length)
     }
 
     /// The error of a file that is not of this format, and why.
@@ -249,14 +291,14 @@ mod tests {
         }
         assert_eq!(
             (Format::choice(""), Format::choice(".")),
-            ("obj, glb or gltf".into(), ".obj, .glb or .gltf".into())
+            ("obj, glb, gltf, ply or stl".into(), ".obj, .glb, .gltf, .ply or .stl".into())
         );
         let with_parameters = Format::from_media_type(" Model/OBJ ; charset=utf-8");
         assert_eq!(with_parameters, Some(Format::Obj));
         assert_eq!(Format::from_media_type("application/octet-stream"), None);
         assert_eq!(Format::from_file_name("obj"), None);
         assert_eq!(Format::from_file_name("mesh.obj.gz"), None);
-        let error = Format::from_name("ply").expect_err("not read");
+        let error = Format::from_name("off").expect_err("not read");
         assert_eq!(error.kind, Kind::InvalidParameter);
     }
 
@@ -271,6 +313,10 @@ mod tests {
             (b"\n\n  v 1 2 3", Format::Obj),
             (b"\xef\xbb\xbfmtllib a.mtl\r\n", Format::Obj),
             (b"o thing\rv 1 2 3", Format::Obj),
+            (b"ply\nformat", Format::Ply),
+            (b"ply\r\nformat", Format::Ply),
+            (b"solid x", Format::Stl),
+            (b"SOLID\n", Format::Stl),
         ] {
             assert_eq!(Format::recognise(None, head, None), Ok(format));
             assert_eq!(Format::recognise(Some("mesh.bin"), head, None), Ok(format));
@@ -279,8 +325,9 @@ mod tests {
         assert_eq!(Format::recognise(Some("a.obj"), b"{}", None), Ok(Format::Obj));
         for (head, word) in [
             (&b"\x1f\x8b\x08"[..], "gzip"),
-            (b"ply\nformat", "PLY"),
-            (b"solid x", "STL"),
+            (b"OFF\n", "OFF"),
+            (b"plywood", "neither name nor content"),
+            (b"solidity", "neither name nor content"),
             (b"<html>", "HTML"),
             (b"PK\x03\x04", "ZIP"),
             (b"", "empty"),
@@ -303,8 +350,15 @@ mod tests {
             (Format::Gltf, b"v 1 2 3", "OBJ"),
             (Format::Gltf, b"glTF\x02\0\0\0", "GLB"),
             (Format::Gltf, b"\x1f\x8b", "gzip"),
-            (Format::Glb, b"{", "magic"),
+            (Format::Obj, b"ply\n", "PLY"),
+            (Format::Gltf, b"solid x", "STL"),
+            (Format::Glb, b"{", "JSON"),
+            (Format::Glb, b"g\0lTF", "magic"),
             (Format::Glb, b"\x1f\x8b", "gzip"),
+            (Format::Ply, b"plywood", "first line"),
+            (Format::Ply, b"solid x", "STL"),
+            (Format::Stl, b"v 1 2 3", "OBJ"),
+            (Format::Stl, b"ply\n", "PLY"),
         ] {
             let error = format.check_head(head, None).expect_err("refused");
             assert_eq!(error.kind, Kind::InvalidMesh);

@@ -15,14 +15,16 @@ mod faces;
 mod format;
 mod frame;
 mod gltf;
+pub(crate) mod number;
 mod obj;
+mod ply;
 mod resources;
+mod stl;
+mod text;
 
 pub use faces::Faces;
 pub use format::Format;
 pub(crate) use frame::{Frame, factors};
-#[cfg(fuzzing)]
-pub(crate) use obj::number;
 pub use resources::{Beside, NoResources, Resources};
 
 use std::borrow::Cow;
@@ -70,7 +72,7 @@ pub struct Part {
     pub primitive: Option<u32>,
     /// glTF: index of the GPU instance.
     pub instance: Option<u32>,
-    /// OBJ: object and group names, joined by a slash; glTF: the node's name.
+    /// OBJ: object and group names, joined by a slash; glTF: the node's name; STL: the solid's.
     #[serde(serialize_with = "name")]
     #[schema(value_type = Option<String>)]
     pub group: Option<Arc<str>>,
@@ -177,7 +179,8 @@ impl<'b> Opened<'b> {
         Self { faces, read: Box::new(read) }
     }
 
-    /// Number of faces that memory is needed for: the lines that begin like a face of an OBJ, the triangles of a glTF.
+    /// Number of faces that memory is needed for: the lines that begin like a face of an OBJ, the triangles of a glTF
+    /// or an STL, the rows of a PLY. Of triangle strips in a PLY, as many as their bytes can hold.
     pub fn faces(&self) -> u64 {
         self.faces
     }
@@ -203,7 +206,7 @@ pub fn open<T>(source: Source<'_>, then: impl FnOnce(Opened<'_>) -> T) -> Result
     format.check_head(head, Some(bytes.len() as u64))?;
     if let Some(name) = attribute.filter(|_| !format.has_attributes()) {
         return Err(Error::parameter(format_args!(
-            "{} has no attributes with names, only glTF has: {}",
+            "attributes with names are read of glTF only, and this is {} file: {}",
             format.noun(),
             Quoted(name)
         )));

@@ -54,10 +54,17 @@ fn containers() -> Vec<Input> {
         ("an empty file without a type", "mesh", Vec::new()),
         ("an empty OBJ file", "mesh.obj", Vec::new()),
         ("an empty GLB file", "mesh.glb", Vec::new()),
-        ("binary STL", "part.stl", binary_stl()),
+        ("an empty PLY file", "mesh.ply", Vec::new()),
+        ("an empty STL file", "mesh.stl", Vec::new()),
         ("binary STL called OBJ", "part.obj", binary_stl()),
-        ("text STL", "part.stl", b"solid part\nfacet normal 0 0 1\n".to_vec()),
-        ("PLY", "scan.ply", b"ply\nformat ascii 1.0\n".to_vec()),
+        ("binary STL called PLY", "part.ply", binary_stl()),
+        ("PLY called OBJ", "scan.obj", b"ply\nformat ascii 1.0\n".to_vec()),
+        ("PLY called STL", "scan.stl", b"ply\nformat ascii 1.0\n".to_vec()),
+        ("OBJ called PLY", "mesh.ply", b"v 0 0 0\n".to_vec()),
+        ("OBJ called STL", "mesh.stl", b"v 0 0 0\n".to_vec()),
+        ("words called PLY", "mesh.ply", b"polygons\n".to_vec()),
+        ("words called STL", "mesh.stl", b"polygons\n".to_vec()),
+        ("bytes called STL", "mesh.stl", vec![0xff; 200]),
         ("OFF", "shape.off", b"OFF\n8 6 12\n".to_vec()),
         ("FBX", "scene.fbx", b"Kaydara FBX Binary  \0".to_vec()),
         ("3MF", "print.3mf", b"PK\x03\x04\x14\0......3D/3dmodel.model".to_vec()),
@@ -157,10 +164,88 @@ fn texts() -> Vec<Input> {
     .collect()
 }
 
+/// PLY files whose header is not sound, and sound headers with other rows.
+fn ply_files() -> Vec<Input> {
+    const XYZ: &str = "property float x\nproperty float y\nproperty float z\n";
+    const LIST: &str = "property list uchar int vertex_indices\n";
+    let sound = format!("element vertex 3\n{XYZ}element face 1\n{LIST}");
+    let ply = |what, format: &str, header: &str, rows: &[u8]| {
+        let header = format!("ply\nformat {format} 1.0\n{header}end_header\n");
+        (what, "mesh.ply", [header.as_bytes(), rows].concat())
+    };
+    let text = |what, rows: &str| ply(what, "ascii", &sound, rows.as_bytes());
+    let header = |what, from: &str, to: &str| ply(what, "ascii", &sound.replace(from, to), &b"0 0 0\n".repeat(9));
+    let bytes = |what, changes: &[(usize, &[u8])]| {
+        let mut rows: Vec<u8> = [0.0f32, 0., 0., 1., 0., 0., 0., 1., 0.].iter().flat_map(|v| v.to_le_bytes()).collect();
+        rows.extend([3, 0, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0]);
+        for (at, bytes) in changes {
+            rows[*at..at + bytes.len()].copy_from_slice(bytes);
+        }
+        ply(what, "binary_little_endian", &sound, &rows)
+    };
+    let (_, name, mut cut) = bytes("", &[]);
+    cut.pop();
+    vec![
+        ("PLY of one line", "mesh.ply", b"ply\n".to_vec()),
+        ("PLY without a format", "mesh.ply", b"ply\nelement vertex 3\nend_header\n".to_vec()),
+        ("PLY of an unknown format", "mesh.ply", b"ply\nformat binary 1.0\n".to_vec()),
+        ("PLY of version 2", "mesh.ply", b"ply\nformat ascii 2.0\n".to_vec()),
+        header("PLY with an unknown line", "element face", "elements face"),
+        header("PLY with an unknown type", "float z", "half z"),
+        header("PLY with a broken property", "float z", "float"),
+        header("PLY with a negative number of rows", "face 1", "face -1"),
+        header("PLY with lengths that are floats", "uchar int", "float int"),
+        header("PLY with indices that are floats", "uchar int", "uchar float"),
+        header("PLY without z", "float z", "float w"),
+        header("PLY with two x", "float z", "float x"),
+        header("PLY with lists of coordinates", "float z", "list uchar float z"),
+        header("PLY without corners", "vertex_indices", "corners"),
+        header("PLY without vertices", "vertex 3", "vertex 0"),
+        ply("PLY with two elements vertex", "ascii", &sound.repeat(2), b""),
+        ply("a point cloud", "ascii", &format!("element vertex 3\n{XYZ}"), &b"0 0 0\n".repeat(3)),
+        header("PLY with too few lines", "face 1", "face 4000000000"),
+        text("a PLY vertex of two coordinates", "0 0 0\n0 0\n0 1 0\n3 0 1 2\n"),
+        text("a PLY vertex of four coordinates", "0 0 0\n1 0 0 1\n0 1 0\n3 0 1 2\n"),
+        text("a PLY coordinate that is not finite", "0 0 0\n1 0 0\n0 1 inf\n3 0 1 2\n"),
+        text("a PLY face of no vertex", "0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n"),
+        text("a PLY face of fractions", "0 0 0\n1 0 0\n0 1 0\n3 0 1 1.5\n"),
+        text("a PLY face of letters", "0 0 0\n1 0 0\n0 1 0\nthree 0 1 2\n"),
+        text("text of PLY that is binary", "0 0 0\n1 0 0\n0 1 \0\n3 0 1 2\n"),
+        ply("binary PLY that is text", "binary_big_endian", &sound, b"0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"),
+        ("binary PLY cut off", name, cut),
+        bytes("binary PLY with a list that is too long", &[(36, &[255])]),
+        bytes("binary PLY with a face of no vertex", &[(37, &[9])]),
+        bytes("binary PLY in the other byte order", &[(37, &[0; 12]), (40, &[1])]),
+        bytes("binary PLY with a coordinate that is not finite", &[(12, &f32::NAN.to_le_bytes())]),
+    ]
+}
+
+/// STL files.
+fn stl_files() -> Vec<Input> {
+    let facet = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";
+    let text = |what, from: &str, to: &str| {
+        (what, "part.stl", format!("solid part\n{}endsolid part\n", facet.replacen(from, to, 1)).into_bytes())
+    };
+    let mut not_finite = binary_stl();
+    not_finite[84 + 12..84 + 16].copy_from_slice(&f32::INFINITY.to_le_bytes());
+    vec![
+        text("STL without facets", facet, ""),
+        text("an STL facet of two vertices", "vertex 0 1 0\n", ""),
+        text("an STL facet of four vertices", "vertex 0 1 0\n", "vertex 0 1 0\nvertex 0 2 0\n"),
+        text("an STL vertex of two coordinates", "vertex 0 1 0", "vertex 0 1"),
+        text("an STL coordinate with a comma", "vertex 0 1 0", "vertex 0 1,5 0"),
+        text("an STL coordinate that is not finite", "vertex 0 1 0", "vertex 0 1 -NaN"),
+        text("STL with an unknown word", "endfacet\n", "endfacet\ncolor 1 0 0\n"),
+        ("STL that ends within a facet", "part.stl", format!("solid part\n{}", &facet[..60]).into_bytes()),
+        ("binary STL cut off", "part.stl", binary_stl()[..120].to_vec()),
+        ("binary STL with a coordinate that is not finite", "part.stl", not_finite),
+    ]
+}
+
 #[test]
 fn messages_are_those_of_the_table() {
-    let inputs = [containers(), documents(), texts()].concat();
-    assert!(inputs.len() >= 60, "{}", inputs.len());
+    let inputs = [containers(), documents(), texts(), ply_files(), stl_files()].concat();
+    assert!(inputs.len() >= 110, "{}", inputs.len());
     let mut table = String::new();
     for (what, name, bytes) in inputs {
         let read = Format::recognise(Some(name), &bytes, Some(bytes.len() as u64))

@@ -8,6 +8,7 @@ use tesserae::mesh::{self, Beside, Format, Limits, PolygonMesh};
 use tesserae::surface::Surface;
 
 use crate::make::check;
+use crate::ply_forms::compare;
 
 /// The folder of the meshes, if they are there.
 fn folder() -> Option<PathBuf> {
@@ -43,7 +44,7 @@ fn every_mesh_has_the_known_number_of_triangles_and_vertices() {
         let fields: Vec<&str> = row.split('\t').collect();
         let number = |field: usize| -> u64 { fields[field].parse().expect("a number") };
         let path = folder.join(fields[0]);
-        let known = [".obj", ".glb", ".gltf"].iter().any(|end| fields[0].ends_with(end));
+        let known = [".obj", ".glb", ".gltf", ".ply", ".stl"].iter().any(|end| fields[0].ends_with(end));
         if !known {
             continue;
         }
@@ -66,7 +67,7 @@ fn every_mesh_has_the_known_number_of_triangles_and_vertices() {
         };
         assert_eq!(mesh.positions.len() as u64, placements, "vertices of {}", fields[0]);
     }
-    assert!(seen > 35, "{seen}");
+    assert!(seen > 39, "{seen}");
 }
 
 /// Sets of triangles connected by shared positions, triangles with a position twice left out.
@@ -111,7 +112,7 @@ fn every_mesh_of_triangles_has_the_known_edges_and_components() {
         let fields: Vec<&str> = row.split('\t').collect();
         let number = |field: usize| -> u64 { fields[field].parse().expect("a number") };
         let name = fields[0];
-        if ![".obj", ".glb", ".gltf"].iter().any(|end| name.ends_with(end)) || name.contains("draco") {
+        if ![".obj", ".glb", ".gltf", ".ply", ".stl"].iter().any(|end| name.ends_with(end)) || name.contains("draco") {
             continue;
         }
         let mesh = read(&folder.join(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
@@ -191,6 +192,28 @@ fn the_same_mesh_in_two_formats_is_the_same() {
 }
 
 #[test]
+fn ply_and_stl_files_are_the_meshes_that_they_are_elsewhere() {
+    let Some(folder) = folder() else { return };
+    // text, big endian, little endian
+    for (ply, other) in [
+        ("stanford-bunny.ply", "stanford-bunny.obj"),
+        ("horse.ply", "horse.obj"),
+        ("armadillo-172k.ply", "armadillo-172k.glb"),
+    ] {
+        let [mesh, other] = [ply, other].map(|name| read(&folder.join(name)).expect("a mesh"));
+        assert!(mesh.faces == other.faces, "{ply}");
+        let far = mesh.positions.iter().zip(&other.positions).map(|(a, b)| distance(a, b));
+        let size = extent(&mesh).iter().map(|[low, high]| high - low).fold(0.0, f64::max);
+        assert!(far.fold(0.0, f64::max) < 1e-5 * size, "{ply}");
+        compare(&mesh, &std::fs::read(folder.join(ply)).expect("a file"));
+    }
+    let stl = folder.join("featuretype.stl");
+    let mesh = read(&stl).expect("a mesh");
+    crate::stl_forms::compare(&mesh, &std::fs::read(&stl).expect("a file"));
+    assert!(mesh.warnings.is_empty());
+}
+
+#[test]
 fn instances_and_nodes_are_parts() {
     let Some(folder) = folder() else { return };
     let axes = read(&folder.join("gltf/Axes-gpu-instancing.glb")).expect("a mesh");
@@ -213,10 +236,8 @@ fn instances_and_nodes_are_parts() {
 #[test]
 fn other_formats_are_told_apart() {
     let Some(folder) = folder() else { return };
-    for name in ["horse.ply", "stanford-dragon.glb.gz"] {
-        let error = read(&folder.join(name)).expect_err("not read");
-        assert_eq!(error.kind, Kind::UnsupportedMediaType, "{name}");
-    }
+    let error = read(&folder.join("stanford-dragon.glb.gz")).expect_err("not read");
+    assert_eq!(error.kind, Kind::UnsupportedMediaType);
 }
 
 /// Lowest and highest coordinate of each axis.

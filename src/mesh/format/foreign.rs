@@ -16,18 +16,13 @@ const UNPACK: &str = "unpack it first";
 const NO_MESH: &str = "it holds no mesh; send the file of the mesh itself";
 
 /// First bytes, name, advice. Longer ones come before those that they begin with.
-const KNOWN: [(&[u8], &str, &str); 54] = [
+const KNOWN: [(&[u8], &str, &str); 49] = [
     (b"\x1f\x8b", "a gzip archive", UNPACK),
     (b"\x28\xb5\x2f\xfd", "a Zstandard archive", UNPACK),
     (b"BZh", "a bzip2 archive", UNPACK),
     (b"\xfd7zXZ", "an xz archive", UNPACK),
     (b"7z\xbc\xaf\x27\x1c", "a 7z archive", UNPACK),
     (b"Rar!", "a RAR archive", UNPACK),
-    (b"ply\n", "a PLY file", CONVERT),
-    (b"ply\r", "a PLY file", CONVERT),
-    (b"solid ", "an STL file", CONVERT),
-    (b"solid\n", "an STL file", CONVERT),
-    (b"solid\r", "an STL file", CONVERT),
     (b"OFF", "an OFF file", CONVERT),
     (b"COFF", "an OFF file", CONVERT),
     (b"NOFF", "an OFF file", CONVERT),
@@ -75,9 +70,6 @@ const KNOWN: [(&[u8], &str, &str); 54] = [
 
 /// The kind of file that begins with these bytes, if it is one of those.
 pub fn recognise(head: &[u8]) -> Option<Foreign> {
-    if is_binary_stl(head) {
-        return Some(Foreign { name: "a binary STL file", advice: CONVERT });
-    }
     if head.starts_with(b"PK\x03\x04") {
         return Some(match contains(head, b"3D/") || contains(head, b"[Content_Types].xml") {
             true => Foreign { name: "a 3MF file", advice: CONVERT },
@@ -99,19 +91,6 @@ fn xml_root(head: &[u8]) -> Option<&[u8]> {
     elements.next().map(|at| &head[at..])
 }
 
-/// Whether it is an STL file without text: 80 bytes of any kind (`solid`, too), a count, and 50 bytes a triangle, of
-/// which the first is checked.
-fn is_binary_stl(head: &[u8]) -> bool {
-    const HEADER: usize = 80;
-    const TRIANGLE: usize = 50;
-    let Some(first) = head.get(..HEADER + 4 + TRIANGLE) else { return false };
-    let (words, _) = first[HEADER..].as_chunks::<4>();
-    // four bytes of text make a float of another size
-    let is_number = |value: f32| value == 0.0 || (1e-12..1e12).contains(&value.abs());
-    let are_numbers = words[1..13].iter().all(|bytes| is_number(f32::from_le_bytes(*bytes)));
-    words[0] != [0; 4] && first.contains(&0) && !head.starts_with(b"glTF") && are_numbers
-}
-
 fn contains(text: &[u8], part: &[u8]) -> bool {
     text.windows(part.len()).any(|window| window == part)
 }
@@ -119,28 +98,6 @@ fn contains(text: &[u8], part: &[u8]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn stl(header: &[u8]) -> Vec<u8> {
-        let mut bytes = header.to_vec();
-        bytes.resize(80, 0);
-        bytes.extend(2u32.to_le_bytes());
-        for _ in 0..2 {
-            let numbers = [0.0f32, 0.0, 1.0, 0.0, 0.0, 0.0, 25.4, 0.0, 0.0, 0.0, -3.5e-3, 0.0];
-            bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
-            bytes.extend([0, 0]);
-        }
-        bytes
-    }
-
-    #[test]
-    fn binary_stl_is_told_from_text_and_archives() {
-        for header in [&b""[..], b"solid made by CAD", b"Exported from Blender", b"COLOR=\xff\xff\xff"] {
-            assert_eq!(recognise(&stl(header)).map(|foreign| foreign.name), Some("a binary STL file"));
-        }
-        let text = "v 0.125 0.25 0.5\n".repeat(20);
-        assert_eq!(recognise(text.as_bytes()), None);
-        assert_eq!(recognise(&[0; 4096]), None);
-    }
 
     #[test]
     fn kinds_of_xml_and_zip_are_told_apart() {

@@ -3,6 +3,7 @@
 //! What they say is compared with the bytes that are there; nothing is allocated.
 
 use crate::error::{Error, Quoted, Result};
+use crate::mesh::Format;
 
 pub const MAGIC: &[u8; 4] = b"glTF";
 const HEADER: usize = 12;
@@ -60,13 +61,9 @@ pub fn first_chunk(head: &[u8]) -> Option<&[u8]> {
 /// `length` is the length of the whole file, where it is known.
 pub fn check_head(head: &[u8], length: Option<u64>) -> Result<()> {
     if !head.starts_with(MAGIC) {
-        let instead = match head.trim_ascii_start().first() {
-            Some(b'{') => "but like JSON: send it as gltf, or name it .gltf",
-            _ => "so it is of another format or damaged",
-        };
-        return Err(Error::mesh(format_args!(
-            "this is not a GLB file: it does not begin with the magic \"glTF\", {instead}"
-        )));
+        return Err(
+            Format::Glb.is_not("it does not begin with the magic \"glTF\", so it is of another format or damaged")
+        );
     }
     let (Some(version), Some(declared)) = (word(head, 4), word(head, 8)) else {
         return Err(Error::mesh(format_args!(

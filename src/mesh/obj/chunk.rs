@@ -1,8 +1,8 @@
 //! One piece of an OBJ file, read without knowing the others, so that all pieces can be read at once.
 
-use super::number;
 use super::text::{Cursor, Keyword};
-use crate::mesh::Faces;
+use crate::error::Quoted;
+use crate::mesh::{Faces, number};
 
 /// What a piece of a file holds.
 #[derive(Debug, Default)]
@@ -163,16 +163,7 @@ fn vertex(cursor: &mut Cursor<'_>) -> Result<[f64; 3], String> {
 
 #[cold]
 fn bad_coordinate(cursor: &Cursor<'_>) -> String {
-    let token = cursor.token();
-    let word = token.trim_matches(['"', '+', '-']).to_ascii_lowercase();
-    let is_number = number::float(word.as_bytes()).is_some_and(|(_, length)| length == word.len());
-    if is_number || word.starts_with("nan") || word.starts_with("inf") {
-        format!("a coordinate is not finite: {token}")
-    } else if word.contains(',') {
-        format!("a coordinate is not a number, in which a point stands before the decimals: {token}")
-    } else {
-        format!("a coordinate is not a number: {token}")
-    }
+    format!("a coordinate {}", number::complaint(cursor.token()))
 }
 
 /// Reads what follows `f`: corners, each with a vertex index and perhaps indices of a texture coordinate and a normal.
@@ -220,7 +211,8 @@ fn face(cursor: &mut Cursor<'_>, chunk: &mut Chunk<'_>) -> Result<(), String> {
 
 #[cold]
 fn bad_corner(cursor: &Cursor<'_>) -> String {
-    let token = cursor.token();
+    let token = String::from_utf8_lossy(cursor.token());
+    let token = Quoted(&token);
     match number::integer(cursor.rest()) {
         Some((0, _)) => format!("vertex indices count from 1 (or from -1 backwards): {token}"),
         Some((index, _)) if index.abs() > i64::from(i32::MAX) => {

@@ -7,13 +7,10 @@
 //! Read are vertices (`v`), faces (`f`) and names (`g`, `o`). An index may refer to a vertex that comes later in the
 //! file. Material libraries, texture coordinates and normals are not looked at; what else there is, is skipped.
 //!
-//! Most of the time goes into digits, which are read eight at a time (`number`). `make bench` compares it with `tobj`.
+//! Most of the time goes into digits, which are read eight at a time (`mesh/number.rs`). `make bench` compares it with
+//! `tobj`.
 
 mod chunk;
-#[cfg(not(fuzzing))]
-mod number;
-#[cfg(fuzzing)]
-pub(crate) mod number;
 mod text;
 
 use std::borrow::Cow;
@@ -24,6 +21,7 @@ use rayon::prelude::*;
 
 use self::chunk::{Chunk, Fault, What};
 use super::allowance::Allowance;
+use super::text::{line_number, with_line_feeds};
 use super::{Adjusted, Faces, Format, Limits, Opened, Part, PolygonMesh, Source, part_name, without_mark};
 use crate::error::{Error, Result};
 
@@ -96,18 +94,6 @@ fn face_lines(text: &[u8]) -> u64 {
         indented |= blanks > 0;
     }
     if indented { text.split(|&byte| byte == b'\n').filter(is_face).count() as u64 } else { faces }
-}
-
-/// The text with a line feed for every carriage return that ends a line by itself, be it in a file that has no line
-/// feeds or in one put together from several.
-fn with_line_feeds(text: &[u8]) -> Cow<'_, [u8]> {
-    let after = || text.iter().skip(1).chain([&b'\n']);
-    let is_alone = |(&byte, &after): (&u8, &u8)| byte == b'\r' && after != b'\n';
-    if !text.contains(&b'\r') || !text.iter().zip(after()).any(is_alone) {
-        return Cow::Borrowed(text);
-    }
-    let feed = |(byte, after)| if is_alone((byte, after)) { b'\n' } else { *byte };
-    Cow::Owned(text.iter().zip(after()).map(feed).collect())
 }
 
 /// Joins the pieces in their order.
@@ -188,7 +174,7 @@ struct Start {
 impl Start {
     /// What is wrong with a statement of this piece, with its line and number.
     fn error(&self, text: &[u8], fault: &Fault) -> Error {
-        let line = text::line_number(text, self.byte + fault.at);
+        let line = line_number(text, self.byte + fault.at);
         let message = &fault.message;
         match fault.what {
             What::Vertex(vertex) => {

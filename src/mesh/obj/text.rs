@@ -3,7 +3,7 @@
 //! A statement is a line; a backslash right before the end of the line joins the next one to it. A comment goes from
 //! `#` to the end of its line and is never joined, so that a path in a comment cannot swallow the next vertex.
 
-use crate::error::Quoted;
+use crate::mesh::text::line_end;
 
 /// A place in the text.
 #[derive(Debug, Clone, Copy)]
@@ -137,14 +137,13 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// The token that begins here, for messages.
-    pub fn token(&self) -> String {
+    /// The token that begins here.
+    pub fn token(&self) -> &'a [u8] {
         let mut end = *self;
         while !end.at_boundary() {
             end.at += 1;
         }
-        let token = &self.text[self.at.min(end.at)..end.at];
-        Quoted(&String::from_utf8_lossy(token)).to_string()
+        &self.text[self.at.min(end.at)..end.at]
     }
 }
 
@@ -169,13 +168,6 @@ fn is_joined(line: &[u8]) -> bool {
     line.ends_with(b"\\") || line.ends_with(b"\\\r")
 }
 
-/// Offset of the first line end at or after `from`, or the length of the text.
-#[inline]
-pub fn line_end(text: &[u8], from: usize) -> usize {
-    let rest = text.get(from..).unwrap_or_default();
-    memchr::memchr(b'\n', rest).map_or(text.len(), |at| from + at)
-}
-
 /// Cuts the text into pieces of at least `size` bytes (the last may be shorter) that end where a statement ends.
 pub fn split(text: &[u8], size: usize) -> Vec<&[u8]> {
     let mut pieces = Vec::with_capacity(text.len() / size + 1);
@@ -194,12 +186,6 @@ pub fn split(text: &[u8], size: usize) -> Vec<&[u8]> {
         first = end;
     }
     pieces
-}
-
-/// The number of the line, from 1, that holds the byte at `offset`.
-pub fn line_number(text: &[u8], offset: usize) -> u64 {
-    let before = &text[..offset.min(text.len())];
-    1 + before.iter().filter(|&&byte| byte == b'\n').count() as u64
 }
 
 #[cfg(test)]

@@ -3,6 +3,8 @@
 //! Nearly every coordinate in the wild has few enough digits that its digits and its power of ten are both exact f64;
 //! one multiplication or division then rounds once, which is correct. The others go to the standard library.
 
+use crate::error::Quoted;
+
 /// 10⁰ … 10²², the powers of ten that are exact f64.
 const POWERS: [f64; 23] = [
     1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20,
@@ -125,6 +127,22 @@ pub fn integer(text: &[u8]) -> Option<(i64, usize)> {
         at += 1;
     }
     (at > first).then_some((if negative { -value } else { value }, at))
+}
+
+/// What is wrong with a word that is no finite number, for a message: `is not a number: "1e"`.
+#[cold]
+pub fn complaint(word: &[u8]) -> String {
+    let text = String::from_utf8_lossy(word);
+    let quoted = Quoted(&text);
+    let plain = text.trim_matches(['+', '-']).to_ascii_lowercase();
+    let is_number = float(plain.as_bytes()).is_some_and(|(_, length)| length == plain.len());
+    if is_number || plain.starts_with("nan") || plain.starts_with("inf") {
+        format!("is not finite: {quoted}")
+    } else if plain.contains(',') {
+        format!("is not a number, in which a point stands before the decimals: {quoted}")
+    } else {
+        format!("is not a number: {quoted}")
+    }
 }
 
 #[cfg(test)]
