@@ -141,7 +141,11 @@ mod tests {
                 };
                 match value {
                     Value::Null => assert_eq!(text, "", "{name}"),
-                    Value::Number(number) => assert_eq!(text.parse().ok(), number.as_f64(), "{name}"),
+                    Value::Number(number) => {
+                        let (found, wanted): (f64, _) = (text.parse().expect("a number"), number.as_f64());
+                        // this reader of JSON rounds the last digit
+                        assert!(wanted.is_some_and(|wanted| (found - wanted).abs() <= 1e-14 * found.abs()), "{name}");
+                    }
                     other => assert_eq!(other.to_string(), text, "{name}"),
                 }
             }
