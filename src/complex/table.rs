@@ -30,8 +30,8 @@ pub struct Cluster {
     pub bbox: Option<[[f64; 3]; 2]>,
     /// 4π·area/perimeter²: 1 of a flat circle. Null without a perimeter.
     pub roundness: Option<f64>,
-    /// Length of the sum of its faces' normals, weighted by area, over its area: 1 if it is flat, 0 if it is closed. Null
-    /// without an area.
+    /// Length of the sum of its faces' normals, weighted by area, over its area: 1 if it is flat, 0 if it is closed.
+    /// Null without an area.
     pub planarity: Option<f64>,
     /// Its Euler number without its border: 1 of a disk, 0 of a ring.
     pub euler: i64,

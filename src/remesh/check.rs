@@ -4,7 +4,8 @@ use crate::complex::half_edges::{HalfEdges, Topology};
 use crate::error::{Error, Kind, Result};
 
 /// Checks that triangles are a manifold with the topology `expected`, oriented alike and none there twice: every edge
-/// has one triangle or two that run along it in opposite directions, and the triangles around a vertex are one umbrella.
+/// has one triangle or two that run along it in opposite directions, and the triangles around a vertex are one
+/// umbrella.
 pub fn check(triangles: &[[u32; 3]], vertices: usize, expected: Topology) -> Result<()> {
     let wrong = |what: &str| Err(Error::new(Kind::Internal, format_args!("a remesh that is not sound: {what}")));
     let mut corners: Vec<[u32; 3]> = triangles.to_vec();

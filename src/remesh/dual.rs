@@ -8,10 +8,10 @@
 //! |---|---|
 //! | 0, between cells a and b | ab |
 //! | 0, on the boundary of a, between junctions u and v | au, av, uv, and the triangle a, u, v |
-//! | s > 0 | from each point to a and b (or a alone) and to the next point, on the boundary also to u and v; triangles between |
+//! | more | from each point to a and b (or a alone) and to the next; on the boundary to u and v; triangles between |
 //!
-//! The polygon of a junction has as corners the cells of its sectors, counter-clockwise; between two of them the nearest
-//! point of their arc, if it has points; on a boundary also the junction's vertex.
+//! The polygon of a junction has as corners the cells of its sectors, counter-clockwise; between two of them the
+//! nearest point of their arc, if it has points; on a boundary also the junction's vertex.
 //!
 //! # Why the result is a manifold with the topology of S
 //!
@@ -21,9 +21,9 @@
 //! for each of its vertices. A triangulation of the polygons keeps that. What remains is that no two of its edges join
 //! the same two vertices, since an edge of the result is the pair of its ends:
 //!
-//! 1. *Every edge that arcs imply comes from one arc.* Where two arcs imply an edge, the later gets a point. An edge at a
-//!    point belongs to the point's arc, so one point (two where a boundary arc returns to its junction, three on a closed
-//!    arc) is enough: the cells beside an arc differ.
+//! 1. *Every edge that arcs imply comes from one arc.* Where two arcs imply an edge, the later gets a point. An edge
+//!    at a point belongs to the point's arc, so one point (two where a boundary arc returns to its junction, three on
+//!    a closed arc) is enough: the cells beside an arc differ.
 //! 2. *Every diagonal is new*, and no triangle is there twice: [`triangulate`] takes no others. If it finds nothing,
 //!    all arcs at the junction get a point more, and all polygons are triangulated again.
 //! 3. *That ends.* An arc has at most two points, or three if it returns. A junction whose arcs all have as many has a

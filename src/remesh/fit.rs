@@ -8,9 +8,9 @@
 //! Σ w·|B·d − (g − q)|² + λ·Σ |d|²
 //! ```
 //!
-//! with areas w whose sum is the number of vertices, and λ = 0.05. Its normal equations are sums over the triangles of the
-//! mesh, so the matrix is never put together: the method of conjugate gradients, some ten steps, multiplies triangle by
-//! triangle. Vertices on the boundary do not take part.
+//! with areas w whose sum is the number of vertices, and λ = 0.05. Its normal equations are sums over the triangles
+//! of the mesh, so the matrix is never put together: the method of conjugate gradients, some ten steps, multiplies
+//! triangle by triangle. Vertices on the boundary do not take part.
 
 use glam::DVec3;
 use rayon::prelude::*;

@@ -12,9 +12,10 @@
 //! |---|---|
 //! | `centroid` | the area-weighted mean of its triangles |
 //! | `surface` | the point of its own triangles nearest to that |
-//! | `fit` | the least squared distance to the planes of its triangles (`quadric`), then least squares between the two surfaces (`fit`); back toward `surface` where a triangle lies against its cells' normals |
+//! | `fit` | the least squared distance to its triangles' planes (`quadric`), then to the whole surface (`fit`) |
 //!
-//! Vertices on the boundary stay on the polyline of the input and slide along it (`slide`). Points of arcs between
+//! With `fit`, a vertex goes back toward `surface` where a triangle lies against its cells' normals. Vertices on the
+//! boundary stay on the polyline of the input and slide along it (`slide`). Points of arcs between
 //! cells begin on their arc; `fit` moves them.
 //!
 //! Every vertex has a source, the point of the upload that it stands for ([`VertexSource`]). Labels are not affected by
@@ -35,7 +36,7 @@ mod slide;
 
 use glam::DVec3;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::complex::{Complex, CutSurface, check_labels};
@@ -48,18 +49,7 @@ use geometry::{Geometry, Rows};
 use place::{Cloth, OnSurface};
 use points::Spot;
 
-/// Where the vertex of a cluster stands.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum Placement {
-    /// Near the surface in the sense of least squares.
-    #[default]
-    Fit,
-    /// The point of the cluster's own faces that is nearest to its centroid.
-    Surface,
-    /// The cluster's centroid.
-    Centroid,
-}
+pub use place::Placement;
 
 /// A triangle mesh with a vertex a cluster.
 #[derive(Debug, Clone, PartialEq)]
@@ -125,8 +115,8 @@ pub struct Summary {
     pub cut_edges: u64,
     /// Triangles that lie against the mean normals of their clusters.
     pub flipped: u64,
-    /// Whether it was checked to be a manifold, oriented alike, with the Euler number, boundary circles and components of
-    /// the cut surface. One that is not is refused.
+    /// Whether it was checked to be a manifold, oriented alike, with the Euler number, boundary circles and
+    /// components of the cut surface. One that is not is refused.
     pub checked: bool,
 }
 

@@ -2,11 +2,26 @@
 
 use glam::DVec3;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 use super::closest::{closest, point};
 use super::geometry::{Geometry, Rows};
-use super::{Placement, quadric};
+use super::quadric;
 use crate::complex::CutSurface;
+
+/// Where the vertex of a cluster stands.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Placement {
+    /// Near the surface in the sense of least squares.
+    #[default]
+    Fit,
+    /// The point of the cluster's own faces that is nearest to its centroid.
+    Surface,
+    /// The cluster's centroid.
+    Centroid,
+}
 
 /// A point of the surface: a triangle and barycentric coordinates.
 pub type OnSurface = (u32, [f64; 3]);
@@ -58,8 +73,8 @@ impl Cloth<'_> {
         self.nearest(cell, to).map_or(to, |(triangle, weights)| point(weights, self.surface.corners(triangle)))
     }
 
-    /// Moves vertices of triangles that lie against their cells' mean normals half way back to where they come from: the
-    /// nearest point of the cell's triangles to its centroid, or the place on an arc. At most [`TURNS`] times. Gives the
+    /// Moves vertices of triangles that lie against their cells' mean normals half way back, at most five times: to the
+    /// nearest point of the cell's triangles to its centroid, or to the place on an arc. Gives the
     /// number of triangles that still lie against them; without `is_free`, moves nothing.
     pub fn turn_back(&self, triangles: &[[u32; 3]], positions: &mut [DVec3], is_free: Option<&[bool]>) -> u64 {
         /// Times that a vertex goes half way back.

@@ -59,8 +59,8 @@ pub fn triangulate(polygon: &[u32], made: &Made, position: impl Fn(u32) -> DVec3
         return None;
     }
     let places: Vec<DVec3> = polygon.iter().map(|&vertex| position(vertex)).collect();
-    // of the polygon from corner i to corner j: the worst quality of its best triangulation, and the third corner of the
-    // triangle at the diagonal
+    // of the polygon from corner i to corner j: the worst quality of its best triangulation, and the third corner of
+    // the triangle at the diagonal
     let mut best: Vec<Option<(f64, usize)>> = vec![None; corners * corners];
     for corner in 0..corners - 1 {
         best[corner * corners + corner + 1] = Some((f64::INFINITY, 0));

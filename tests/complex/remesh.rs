@@ -104,7 +104,10 @@ fn check_sources(mesh: &PolygonMesh, labels: &[u32], made: &Remesh) {
 
 proptest! {
     #[test]
-    fn random_labels_give_manifolds_with_the_topology_of_the_mesh(which in any::<prop::sample::Index>(), recipe in recipe()) {
+    fn random_labels_give_manifolds_with_the_topology_of_the_mesh(
+        which in any::<prop::sample::Index>(),
+        recipe in recipe(),
+    ) {
         let (_, mesh) = which.get(&ZOO);
         let (labels, clusters) = recipe.labels(mesh);
         sound(mesh, &labels, clusters, Placement::Surface);

@@ -29,7 +29,7 @@ async fn bytes(service: &Service, url: &str) -> Vec<u8> {
 async fn a_kept_mesh_gives_every_output_in_every_form() {
     let service = Service::start().await;
     // one whose result is kept in the store, and one in files
-    for faces in [500, 60_000] {
+    for faces in [500, 40_000] {
         let job = done(&service, "clusters=9&keep_mesh=true", faces).await;
         assert_eq!((&job["keep_mesh"], &job["outputs"]), (&true.into(), &Value::Array(Vec::new())));
         for artifact in made_of_mesh() {
