@@ -174,7 +174,7 @@ impl CoarseStart {
             return self.optimise(steps, self.effort.iterations_a_graph, cancel);
         }
         let on_row = &mut |_| {};
-        let mut run = Run { steps, cancel, on_row, round: None, iteration: 0, left: u32::MAX, record: None };
+        let mut run = Run::new(steps, cancel, on_row);
         run.complete(false, |run| run.optimise(self.effort.refine))?;
         Ok(())
     }
@@ -182,8 +182,7 @@ impl CoarseStart {
     /// The phases on a coarse graph.
     fn optimise(&self, steps: &mut dyn Steps, iterations: u32, cancel: &Cancel) -> Result<()> {
         let on_row = &mut |_| {};
-        let (left, record, has_flooded) = (iterations, None, false);
-        let mut run = Run { steps, cancel, on_row, round: None, iteration: 0, left, record, has_flooded };
+        let mut run = Run { left: iterations, ..Run::new(steps, cancel, on_row) };
         run.optimise(self.effort.refine)?;
         Ok(())
     }

@@ -110,8 +110,7 @@ pub(super) fn grown<'a>(
     record: &'a mut Record,
 ) -> Result<(Run<'a>, Vec<u32>)> {
     let left = options.max_iterations.unwrap_or(u32::MAX);
-    let record = Some(record);
-    let mut run = Run { steps, cancel, on_row, round: None, iteration: 0, left, record, has_flooded: false };
+    let mut run = Run { left, record: Some(record), ..Run::new(steps, cancel, on_row) };
     run.steps.set_labels(start)?;
     run.steps.grow(cancel)?;
     run.report(Phase::Boundary, 0)?;

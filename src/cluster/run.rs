@@ -70,7 +70,12 @@ pub struct Run<'a> {
     pub has_flooded: bool,
 }
 
-impl Run<'_> {
+impl<'a> Run<'a> {
+    /// A run from its beginning, without a limit on iterations.
+    pub fn new(steps: &'a mut dyn Steps, cancel: &'a Cancel, on_row: &'a mut dyn FnMut(Row)) -> Self {
+        Self { steps, cancel, on_row, round: None, iteration: 0, left: u32::MAX, record: None, has_flooded: false }
+    }
+
     /// Reports the current state.
     pub fn report(&mut self, phase: Phase, moves: u64) -> Result<()> {
         let energy = self.steps.energy()?;
