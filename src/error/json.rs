@@ -108,7 +108,7 @@ mod tests {
             assert_eq!(wrong_json_at(&error), expected);
         }
         let error = serde_json::from_str::<f64>("[]").expect_err("no number");
-        assert_eq!(wrong_json(&error), "must be a number, not an array");
+        assert_eq!(wrong_json(&error), "must be a number, not array");
         let error = serde_json::from_str::<Way>("3").expect_err("no name");
         assert!(!wrong_json(&error).contains('`'), "{error}");
     }

@@ -119,7 +119,8 @@ impl Disk {
             return Ok(());
         }
         Err(Error::too_large(format_args!(
-            "the upload and the result that is expected of it are larger than the storage of this service, which holds              {holds} bytes; send a smaller mesh, or ask for larger storage; bytes: {needs}"
+            "the upload and the result that is expected of it are larger than the storage of this service, which holds \
+             {holds} bytes; send a smaller mesh, or ask for larger storage; bytes: {needs}"
         )))
     }
 

@@ -1,9 +1,9 @@
 //! Which deliveries are due. Only bookkeeping: no I/O, and the time is passed in.
 //!
 //! Every host has its own share of the places, which is a single one until it has answered: fewer than [`AT_ONCE`]
-//! hosts that do not answer delay no other one. After a delivery without any answer the host rests, with growing pauses, however many jobs have a webhook there; then one
-//! delivery tries it again. An answer that is not a 2xx delays the delivery itself only: other URLs of the host may
-//! work.
+//! hosts that do not answer delay no other one. After a delivery without any answer the host rests, with growing
+//! pauses, however many jobs have a webhook there; then one delivery tries it again. An answer that is not a 2xx delays
+//! the delivery itself only: other URLs of the host may work.
 
 use std::collections::{HashMap, HashSet};
 use std::time::{Duration, Instant, SystemTime};

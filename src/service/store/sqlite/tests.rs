@@ -133,7 +133,8 @@ async fn a_full_database_is_no_room_and_takes_jobs_again_later() {
     let connection = place.writing(false).expect("it opens");
     connection.pragma_update(None, "max_page_count", 1).expect("set");
     // the connection that is opened after the failure finds room
-    let writer = Writer::start(connection, place, Arc::default(), Arc::default(), Faults::default()).expect("it starts");
+    let writer =
+        Writer::start(connection, place, Arc::default(), Arc::default(), Faults::default()).expect("it starts");
     let mut large = new_job();
     large.spec.buffers = vec!["x".repeat(1 << 20)];
     let create = move |batch: &mut Batch<'_>| commands::create(batch, &large, &RULES);
