@@ -223,14 +223,14 @@ fn colours(file: &mut Container, clusters: &[u32]) -> usize {
 
 /// The clusters of vertices; gives their accessor. None where no type of a vertex attribute holds them.
 fn feature_ids(file: &mut Container, of_vertices: &[u32], clusters: u64) -> Option<usize> {
-    let (kind, bytes): (u32, Vec<u8>) = match clusters {
+    let (kind, bytes): (u32, Vec<u8>) = if clusters <= IDS_OF_U16 {
         // vertices begin at multiples of four bytes
-        ..=IDS_OF_U16 => {
-            let padded = |&cluster: &u32| [cluster as u8, (cluster >> 8) as u8, 0, 0];
-            (container::UNSIGNED_SHORT, of_vertices.iter().flat_map(padded).collect())
-        }
-        ..=IDS_OF_F32 => (container::FLOAT, of_vertices.iter().flat_map(|&id| (id as f32).to_le_bytes()).collect()),
-        _ => return None,
+        let padded = |&cluster: &u32| [cluster as u8, (cluster >> 8) as u8, 0, 0];
+        (container::UNSIGNED_SHORT, of_vertices.iter().flat_map(padded).collect())
+    } else if clusters <= IDS_OF_F32 {
+        (container::FLOAT, of_vertices.iter().flat_map(|&id| (id as f32).to_le_bytes()).collect())
+    } else {
+        return None;
     };
     let view = file.vertices(bytes, 4);
     Some(file.accessor(json!({
