@@ -42,7 +42,7 @@ fn json<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
     }))
 }
 
-/// A line a curve, in a group named after its clusters.
+/// A line a curve. VTK does not count groups of lines, so there are none.
 fn obj<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
     let Boundaries { points, curves, .. } = boundaries(content)?;
     Ok(Box::new(move |out| {
@@ -50,10 +50,7 @@ fn obj<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
             writeln!(out, "v {x:?} {y:?} {z:?}")?;
         }
         for curve in &curves {
-            match curve.right {
-                Some(right) => write!(out, "g {}-{right}\nl", curve.left)?,
-                None => write!(out, "g {}\nl", curve.left)?,
-            }
+            write!(out, "l")?;
             let again = curve.points.iter().take(usize::from(curve.closed));
             for point in curve.points.iter().chain(again) {
                 write!(out, " {}", point + 1)?;
