@@ -88,7 +88,7 @@ fn as_vtp<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
     Ok(Box::new(move |out| vtp::write_cells(out, &boundaries.points, Cells::Lines, &lines, &[], &sides)))
 }
 
-/// A line a curve, in a group named after its clusters.
+/// A line a curve. VTK does not count groups of lines, so there are none.
 fn obj<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
     let Boundaries { points, curves, .. } = boundaries(content)?;
     Ok(Box::new(move |out| {
@@ -96,10 +96,7 @@ fn obj<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
             writeln!(out, "v {x:?} {y:?} {z:?}")?;
         }
         for curve in &curves {
-            match curve.right {
-                Some(right) => write!(out, "g {}-{right}\nl", curve.left)?,
-                None => write!(out, "g {}\nl", curve.left)?,
-            }
+            write!(out, "l")?;
             let again = curve.points.iter().take(usize::from(curve.closed));
             for point in curve.points.iter().chain(again) {
                 write!(out, " {}", point + 1)?;

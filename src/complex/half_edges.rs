@@ -344,16 +344,8 @@ mod tests {
 
     /// A strip of `squares` squares whose ends are joined, with a half twist or without.
     fn band(squares: u32, is_twisted: bool) -> Vec<[u32; 3]> {
-        let corner = |column: u32, row: u32| match column == squares {
-            true => {
-                if is_twisted {
-                    1 - row
-                } else {
-                    row
-                }
-            }
-            false => 2 * column + row,
-        };
+        let twist = u32::from(is_twisted);
+        let corner = |column: u32, row: u32| if column < squares { 2 * column + row } else { row ^ twist };
         let square =
             |x| [[corner(x, 0), corner(x + 1, 0), corner(x, 1)], [corner(x, 1), corner(x + 1, 0), corner(x + 1, 1)]];
         (0..squares).flat_map(square).collect()
