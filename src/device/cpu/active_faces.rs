@@ -40,9 +40,6 @@ pub struct ActiveFaces {
     queue: Vec<u32>,
     /// Faces that see many clusters, each with a cluster that one of its neighbours has moved to.
     arrivals: Vec<(u32, u32)>,
-    /// Neighbours of all faces evaluated so far.
-    #[cfg(test)]
-    pub looks: usize,
 }
 
 /// What the evaluation of a face gives.
@@ -61,15 +58,7 @@ impl ActiveFaces {
         let mut candidates = FaceSet::new(faces);
         boundary.all().for_each(|face| candidates.insert(face));
         let bounds = std::iter::repeat_with(StoredBound::active).take(faces).collect();
-        Self {
-            candidates,
-            candidate_count: 0,
-            bounds,
-            queue: Vec::new(),
-            arrivals: Vec::new(),
-            #[cfg(test)]
-            looks: 0,
-        }
+        Self { candidates, candidate_count: 0, bounds, queue: Vec::new(), arrivals: Vec::new() }
     }
 
     /// Requests the bound of a face.
@@ -139,14 +128,14 @@ impl ActiveFaces {
         let view = &*partition;
         let rival = |face: u32, cluster: u32| rival(view, face, cluster);
         for (face, cluster) in arrivals {
-            if may_be_attracted(view, &self.bounds, &rival, face, cluster) {
+            if may_be_attracted(view, &self.bounds, rival, face, cluster) {
                 self.add(face);
             }
         }
         let Self { candidates, candidate_count, bounds, queue, .. } = self;
         let listed: usize = changed.iter().map(|&cluster| view.boundary.listed(cluster)).sum();
         if SCATTERED * (listed + queue.len()) < *candidate_count {
-            let around = |changed: &[u32]| exceeded_around(view, changed, bounds, &rival);
+            let around = |changed: &[u32]| exceeded_around(view, changed, bounds, rival);
             let exceeded: Vec<Vec<u32>> = changed.par_chunks(CLUSTERS).map(around).collect();
             for face in exceeded.into_iter().flatten() {
                 if bounds[face as usize].queue() {
@@ -166,8 +155,6 @@ impl ActiveFaces {
         partition: &Partition<'_>,
         decide: impl Fn(u32) -> Evaluation<T> + Sync,
     ) -> Vec<T> {
-        #[cfg(test)]
-        self.queue.iter().for_each(|&face| self.looks += partition.graph.neighbours_of(face).len());
         let Self { candidates, bounds, queue, .. } = self;
         let evaluate = |&face: &u32| {
             let Evaluation { decision, bound } = decide(face);

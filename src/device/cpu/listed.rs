@@ -119,12 +119,6 @@ impl<'a> Listed<'a> {
         refinement.get_or_insert_with(|| RefinementPhase::new(partition)).renew_bids(partition)
     }
 
-    /// Neighbours of all faces that phases have evaluated.
-    #[cfg(test)]
-    pub fn looks(&mut self) -> usize {
-        active_faces(&mut self.boundary_phase, &mut self.refinement).map(|active| active.looks).sum()
-    }
-
     /// Moves faces and fits the proxies.
     pub fn apply(&mut self, moves: &[Move]) {
         self.move_faces(moves);

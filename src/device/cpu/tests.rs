@@ -1,6 +1,4 @@
 use super::*;
-use crate::cluster::hierarchy::{Options, Pairs, hierarchical};
-use crate::dev::sample::hard::cone;
 use crate::dev::sample::{Sample, generate};
 use crate::device::Cancel;
 use crate::device::dual_edge::{Rank, Ties};
@@ -85,32 +83,4 @@ fn whatever_faces_move_all_pieces_are_found() {
         }
     }
     assert!(cut_off > 1000, "{cut_off} faces");
-}
-
-/// How many neighbours of faces are looked at while the faces of a cone merge one at a time, each merge optimised.
-fn looks_at_a_cone(triangles: u32) -> usize {
-    let surface = Surface::build(&cone(triangles)).expect("a surface");
-    let component_of_cluster = surface.component_of_face();
-    let mut steps = CpuSteps::new(&surface, &component_of_cluster);
-    let options = Options {
-        sequential_at: u64::MAX,
-        collapse_fraction: None,
-        optimise: true,
-        refine: true,
-        iterations_a_round: [2, u32::MAX],
-        optimised_from: 4,
-        pairs: Pairs::CheaperHalf,
-        ties: Ties::Hash,
-        clusters: Some(10),
-        levels: Vec::new(),
-        allow_disconnected: false,
-    };
-    hierarchical(&surface, &options, &mut steps, &Cancel::default(), &mut |_| {}, &mut |_| {}).expect("a hierarchy");
-    steps.with_listed(listed::Listed::looks)
-}
-
-#[test]
-fn a_face_with_very_many_neighbours_is_seldom_looked_at_whole() {
-    let [looks, twice] = [500, 1000].map(looks_at_a_cone);
-    assert!(twice < 3 * looks, "{looks} and {twice}: looks grow faster than faces");
 }
