@@ -5,11 +5,11 @@ mod common;
 use common::zoo;
 use tesserae::cluster::flat::Options;
 use tesserae::cluster::record::Record;
-use tesserae::cluster::run::Row;
+use tesserae::cluster::run::{MAX_REPAIRS, Row};
 use tesserae::cluster::{self, seeds::SeedFaces};
+use tesserae::dev::sample::hard::stacked_boxes;
 use tesserae::device::cpu::CpuDevice;
-use tesserae::device::plain;
-use tesserae::device::{Cancel, Device, FREE};
+use tesserae::device::{Cancel, Device, FLOOD_FROM, FREE, pieces, plain};
 use tesserae::parameters::Seeds;
 use tesserae::report::Phase;
 use tesserae::surface::Surface;
@@ -66,9 +66,10 @@ fn every_iteration_is_the_one_that_the_definition_says() {
                 let explained = plain::explained(&surface, &seeds.component_of_cluster, &labels);
                 assert_eq!(rows[0].energy.explained, explained, "{name} k={clusters}: energy of the growth");
                 for row in &rows[1..] {
-                    let state = plain::iterate(&surface, &seeds.component_of_cluster, &labels).unwrap_or_else(|| {
-                        panic!("{name} k={clusters}: the plain version has converged before {row:?}")
-                    });
+                    let state = plain::iterate(&surface, &seeds.component_of_cluster, &labels, row.iteration)
+                        .unwrap_or_else(|| {
+                            panic!("{name} k={clusters}: the plain version has converged before {row:?}")
+                        });
                     assert_eq!(
                         (row.moves, row.energy.explained),
                         (state.moves, state.explained),
@@ -79,11 +80,25 @@ fn every_iteration_is_the_one_that_the_definition_says() {
                 }
                 assert_eq!(clustering.labels, labels, "{name} k={clusters}: final labels");
                 assert_eq!(
-                    plain::iterate(&surface, &seeds.component_of_cluster, &labels),
+                    plain::iterate(&surface, &seeds.component_of_cluster, &labels, 1),
                     None,
                     "{name} k={clusters}: the plain version goes on"
                 );
             }
+        }
+    }
+}
+
+#[test]
+fn a_higher_stack_of_boxes_takes_no_more_iterations() {
+    let most = 300 * (MAX_REPAIRS + 1) as usize;
+    for boxes in [200, 800] {
+        let surface = Surface::build(&stacked_boxes(boxes)).expect("a surface");
+        let (clustering, rows) = run(&surface, &seeds(&surface, 10, &Seeds::Random, 1), REFINED);
+        assert!((FLOOD_FROM as usize..most).contains(&rows.len()), "{boxes} boxes: {} rows", rows.len());
+        assert_eq!(pieces::disconnected_clusters(&surface, 10, &clustering.labels), 0, "{boxes} boxes");
+        for rows in rows.chunk_by(|a, b| a.phase == b.phase).filter(|rows| rows[0].phase == Phase::Boundary) {
+            assert!(rows.is_sorted_by(|a, b| a.energy < b.energy), "{boxes} boxes: F falls within a phase");
         }
     }
 }

@@ -6,7 +6,7 @@ mod gpu_support;
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
-use common::zoo;
+use common::{floods, zoo};
 use gpu_support::{ALL, PLAIN, cluster_counts, device, run, seeds};
 use tesserae::cluster::coarse::CoarseStart;
 use tesserae::cluster::flat::Options;
@@ -15,7 +15,7 @@ use tesserae::cluster::run::Row;
 use tesserae::dev::sample::{Sample, generate};
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::gpu::GpuDevice;
-use tesserae::device::{Cancel, Device};
+use tesserae::device::{Cancel, Device, FLOOD_FROM};
 use tesserae::mesh::{self, Format, Limits, NoResources};
 use tesserae::parameters::Seeds;
 use tesserae::surface::{Surface, Wanted};
@@ -53,6 +53,21 @@ fn the_zoo_is_clustered_alike() {
                 let what = (clusters, &kind, seed);
                 compare(&mut gpu, &name, &surface, what, ALL);
             }
+        }
+    }
+}
+
+#[test]
+fn floods_are_made_alike() {
+    let mut gpu = device();
+    for (name, surface, seeds) in floods() {
+        for max_iterations in [Some(FLOOD_FROM - 1), Some(FLOOD_FROM + 1), None] {
+            let options = Options { max_iterations, ..ALL };
+            let expected = run(&mut CpuDevice::new(), &surface, &seeds, options).expect("the cpu runs");
+            let found = run(&mut gpu, &surface, &seeds, options).expect("the gpu runs");
+            assert!(expected.3.len() >= FLOOD_FROM as usize, "{name}: {} rows", expected.3.len());
+            assert_eq!(found.3, expected.3, "{name} {max_iterations:?}: rows");
+            assert!(found == expected, "{name} {max_iterations:?}: labels or ending");
         }
     }
 }

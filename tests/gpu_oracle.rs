@@ -50,8 +50,8 @@ fn every_step_is_the_one_that_the_definition_says() {
             let ending =
                 steps.optimise_boundary(u32::MAX, &Cancel::default(), &mut |step| found.push(step)).expect("optimise");
             assert_eq!(ending, Ending::Converged, "{context}");
-            for (at, step) in found.iter().enumerate() {
-                let state = plain::iterate(&surface, components, &labels)
+            for (at, step) in (1..).zip(&found) {
+                let state = plain::iterate(&surface, components, &labels, at)
                     .unwrap_or_else(|| panic!("{context}: only {at} iterations"));
                 assert_eq!(
                     (step.moves, step.energy.explained),
@@ -60,7 +60,7 @@ fn every_step_is_the_one_that_the_definition_says() {
                 );
                 labels = state.labels;
             }
-            assert_eq!(plain::iterate(&surface, components, &labels), None, "{context}");
+            assert_eq!(plain::iterate(&surface, components, &labels, 1), None, "{context}");
             assert_eq!(steps.labels().expect("labels"), labels, "{context}");
             let energy = steps.energy().expect("energy").explained;
             assert_eq!(energy, plain::explained(&surface, components, &labels), "{context}");
@@ -85,8 +85,8 @@ fn the_limit_of_iterations_is_exact_and_work_can_go_on_after_it() {
         let mut count = 0;
         let ending = steps.optimise_boundary(limit, &Cancel::default(), &mut |_| count += 1).expect("optimise");
         assert_eq!((ending, count), (Ending::IterationLimit, limit));
-        for _ in 0..limit {
-            labels = plain::iterate(&surface, &seeds.component_of_cluster, &labels)
+        for number in 1..=limit {
+            labels = plain::iterate(&surface, &seeds.component_of_cluster, &labels, number)
                 .expect("it takes more iterations than that")
                 .labels;
         }
@@ -287,7 +287,7 @@ fn of_two_equally_near_clusters_the_smaller_number_wins() {
         steps.set_labels(&labels).expect("set");
         steps.optimise_boundary(1, &Cancel::default(), &mut |_| {}).expect("optimise");
         assert_eq!(steps.labels().expect("labels"), expected);
-        let state = plain::iterate(&surface, &components, &labels).expect("it moves");
+        let state = plain::iterate(&surface, &components, &labels, 1).expect("it moves");
         assert_eq!(state.labels, expected);
     }
 }

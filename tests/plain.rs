@@ -2,18 +2,19 @@
 
 mod common;
 
-use common::zoo;
+use common::{floods, zoo};
 use tesserae::cluster::coarse::CoarseStart;
 use tesserae::cluster::flat::{self, Options};
 use tesserae::cluster::hierarchy::{self, Pairs, RoundRow, hierarchical};
 use tesserae::cluster::quality::Quality;
 use tesserae::cluster::record::Record;
-use tesserae::cluster::run::Row;
-use tesserae::cluster::seeds;
+use tesserae::cluster::run::{Phase, Row};
+use tesserae::cluster::seeds::{self, SeedFaces};
+use tesserae::cluster::snapshots::Snapshots;
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::dual_edge::Ties;
 use tesserae::device::plain::PlainDevice;
-use tesserae::device::{Cancel, Device};
+use tesserae::device::{Cancel, Device, FLOOD_FROM};
 use tesserae::hierarchy::Tree;
 use tesserae::parameters::Seeds;
 use tesserae::surface::Surface;
@@ -26,13 +27,48 @@ fn small_surfaces(most_faces: usize) -> Vec<(String, Surface)> {
 
 fn flat(surface: &Surface, device: &mut dyn Device, clusters: u64, options: Options) -> (Vec<u32>, Vec<Row>) {
     let seeds = seeds::choose(surface, clusters, &Seeds::Random, 4, None).expect("the number is possible");
+    from_seeds(surface, device, &seeds, options, &mut Record::default())
+}
+
+fn from_seeds(
+    surface: &Surface,
+    device: &mut dyn Device,
+    seeds: &SeedFaces,
+    options: Options,
+    record: &mut Record,
+) -> (Vec<u32>, Vec<Row>) {
     let mut steps = device.open(surface, &seeds.component_of_cluster).expect("it opens");
     let mut rows = Vec::new();
     let start = seeds.labels(surface.faces());
-    let (mut on_row, mut record) = (|row| rows.push(row), Record::default());
     let clustering =
-        flat::boundary_based(&start, options, steps.as_mut(), &Cancel::default(), &mut on_row, &mut record);
+        flat::boundary_based(&start, options, steps.as_mut(), &Cancel::default(), &mut |row| rows.push(row), record);
     (clustering.expect("no cancellation").labels, rows)
+}
+
+/// Iterations of boundary phases that were floods, if no phase was interrupted.
+fn flooded(rows: &[Row]) -> usize {
+    let phases = rows.chunk_by(|a, b| a.phase == b.phase).filter(|rows| rows[0].phase == Phase::Boundary);
+    phases.map(|rows| (rows.len() + 1).saturating_sub(FLOOD_FROM as usize)).sum()
+}
+
+#[test]
+fn floods_take_the_steps_of_the_plain_device() {
+    for (name, surface, seeds) in floods() {
+        let options = Options { max_iterations: None, refine: true, allow_disconnected: false };
+        let run = |device: &mut dyn Device, record: &mut Record| from_seeds(&surface, device, &seeds, options, record);
+        let expected = run(&mut PlainDevice::default(), &mut Record::default());
+        println!("{name}: {} rows, {} floods", expected.1.len(), flooded(&expected.1));
+        assert!(flooded(&expected.1) > 0, "{name}: {} rows", expected.1.len());
+        assert_eq!(run(&mut CpuDevice::new(), &mut Record::default()), expected, "{name}");
+        // an interrupted phase counts its iterations on
+        let at = vec![0, 100, FLOOD_FROM - 1, FLOOD_FROM, FLOOD_FROM + 1];
+        for device in [&mut PlainDevice::default() as &mut dyn Device, &mut CpuDevice::new()] {
+            let mut record = Record::new(Some(Snapshots::At(at.clone())));
+            assert_eq!(run(device, &mut record), expected, "{name}");
+        }
+        // refinement would move a few faces an iteration
+        assert!(expected.1.iter().all(|row| row.phase != Phase::Refine), "{name}");
+    }
 }
 
 #[test]

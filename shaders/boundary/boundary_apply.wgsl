@@ -1,7 +1,7 @@
 //! uses: boundary_insert, cluster_sums, count
 //! reads: faces, neighbours, wanted_clusters
 //! writes: labels, clusters, stats, label_at_merge, boundary_list
-// Second step of an iteration of the boundary phase (P§3.2), a thread a listed face: the faces move, and their sums
+// Second step of a pass of the boundary phase (P§3.2), a thread a listed face: the faces move, and their sums
 // with them. If all faces want to leave a cluster, the smallest stays. Rust: device::plain::iterate.
 
 fn boundary_apply(thread: u32, local: u32) {
@@ -31,5 +31,9 @@ fn boundary_apply(thread: u32, local: u32) {
         }
     }
     write_inserted(local);
-    add_moves(local);
+    let moves = counted_here(local);
+    if moves != 0u {
+        atomicAdd(&stats[iteration.slot].moves, moves);
+        atomicStore(&boundary_list.moved_in, iteration.number);
+    }
 }

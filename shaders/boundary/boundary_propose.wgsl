@@ -1,7 +1,7 @@
 //! uses: boundary_list, energy
 //! reads: faces, neighbours, labels, proxies
 //! writes: wanted_clusters, clusters, boundary_list
-// First step of an iteration of the boundary phase (P§3.2), a thread a listed face: compares the proxy of the face's
+// First step of a pass of the boundary phase (P§3.2), a thread a listed face: compares the proxy of the face's
 // cluster with those of its neighbours' clusters and stores the nearest. Rust: device::plain::iterate.
 
 fn boundary_propose(thread: u32, local: u32) {

@@ -170,7 +170,8 @@ impl CoarseStart {
     /// The phases on a coarse graph.
     fn optimise(&self, steps: &mut dyn Steps, iterations: u32, cancel: &Cancel) -> Result<()> {
         let on_row = &mut |_| {};
-        let mut run = Run { steps, cancel, on_row, round: None, iteration: 0, left: iterations, record: None };
+        let (left, record, has_flooded) = (iterations, None, false);
+        let mut run = Run { steps, cancel, on_row, round: None, iteration: 0, left, record, has_flooded };
         run.optimise(self.effort.refine)?;
         Ok(())
     }

@@ -18,6 +18,10 @@
 //!    Faces that arrive in the same iteration do not count, so no cluster is ever empty.
 //! 3. All other faces that want to move do. Sums and proxies follow.
 //!
+//! *Flood.* 1. to 3. are a pass. From iteration 256 of a phase on ([`FLOOD_FROM`]), an iteration repeats it with the
+//! proxies held until nothing moves; then sums and proxies follow. Only faces that moved or were refused in a pass, and
+//! faces beside those that moved, can decide otherwise in the next.
+//!
 //! *Convergence.* The phase ends when nothing moves. Then no face wants to, either: a cluster of one face has its proxy
 //! on that face's centroid, so that face does not want to leave; and of several faces that all want to leave, all but
 //! one do. So nothing is admissible any more, and a face refused by the last-face rule is looked at again because its
@@ -26,10 +30,22 @@
 //! # F never rises, and the phase ends
 //!
 //! F = Σ_c Σ_{f∈c} w·|g − P_c|² over the lattice proxies. With the proxies held, every face that moves lowers its own
-//! term strictly and touches no other, whatever else moves. Refitting P_c then minimises Σ w·|g − P|² over the lattice:
+//! term strictly and touches no other, whatever else moves; so does every pass of a flood, which therefore ends.
+//! Refitting P_c then minimises Σ w·|g − P|² over the lattice:
 //! the sum is M·|P − S/M|² plus a constant, each axis a parabola about S/M, and the lattice point nearest to the vertex
 //! of a parabola is its minimum there. So an iteration in which something moves lowers F, an integer that is not
 //! negative; there are finitely many labellings, none comes back, and the phase ends without a cap on iterations.
+//!
+//! # Why floods
+//!
+//! An iteration moves a border by one face. Where thousands of faces lie at one place (boxes stacked by instancing) or
+//! in one thin ring (a cone), borders have thousands of faces to go, and each iteration would fit the proxies anew:
+//! boxes 20,000 deep took 107,051 iterations. A flood moves a border to where the proxies put it. Ordinary meshes
+//! converge before iteration 256 and never flood.
+//!
+//! No refinement follows a flood ([`super::run::Run::optimise`]): it exchanges some two faces a pair of clusters and
+//! iteration, so that it has as far to go as the borders had. With k = 10 those boxes end at an energy of 7,778 after
+//! 515 iterations; refinement without floods stood at 14,948 after 3,000.
 //!
 //! # Connectivity
 //!
@@ -40,6 +56,8 @@
 
 use super::record::Record;
 use super::run::{Phase, Row, Run};
+#[cfg(doc)]
+use crate::device::FLOOD_FROM;
 use crate::device::{Cancel, Ending, Steps};
 use crate::error::Result;
 
@@ -92,7 +110,8 @@ pub(super) fn grown<'a>(
     record: &'a mut Record,
 ) -> Result<(Run<'a>, Vec<u32>)> {
     let left = options.max_iterations.unwrap_or(u32::MAX);
-    let mut run = Run { steps, cancel, on_row, round: None, iteration: 0, left, record: Some(record) };
+    let record = Some(record);
+    let mut run = Run { steps, cancel, on_row, round: None, iteration: 0, left, record, has_flooded: false };
     run.steps.set_labels(start)?;
     run.steps.grow(cancel)?;
     run.report(Phase::Boundary, 0)?;

@@ -136,7 +136,8 @@ pub fn hierarchical(
         let are_large = faces >= options.optimised_from * (left - components);
         if options.optimise && (is_level || is_sequential || are_large) {
             let on_row: &mut dyn FnMut(Row) = if is_sequential && !is_level { &mut |_| {} } else { on_row };
-            let mut run = Run { steps, cancel, on_row, round: Some(round), iteration, left: u32::MAX, record: None };
+            let (round, left, record, has_flooded) = (Some(round), u32::MAX, None, false);
+            let mut run = Run { steps, cancel, on_row, round, iteration, left, record, has_flooded };
             optimise(&mut run, options, is_level, is_sequential)?;
             iteration = run.iteration;
             let moved = steps.moves_since_merge()?;

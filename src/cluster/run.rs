@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::record::Record;
-use crate::device::{Cancel, Ending, OnStep, Step, Steps};
+use crate::device::{Cancel, Ending, FLOOD_FROM, OnStep, Step, Steps};
 use crate::energy::LatticeEnergy;
 use crate::error::Result;
 
@@ -58,6 +58,8 @@ pub struct Run<'a> {
     pub left: u32,
     /// Keeps the labels of wanted iterations, if any.
     pub record: Option<&'a mut Record>,
+    /// Whether a boundary phase has flooded ([`super::flat`]).
+    pub has_flooded: bool,
 }
 
 impl Run<'_> {
@@ -76,11 +78,14 @@ impl Run<'_> {
         }
     }
 
-    /// Runs the boundary phase to its end, then refinement if `refine`, unless the limit was reached.
+    /// Runs the boundary phase to its end, then refinement if `refine`, unless the limit was reached or a boundary
+    /// phase has flooded ([`super::flat`] has the reason).
     pub fn optimise(&mut self, refine: bool) -> Result<Ending> {
+        let before = self.iteration;
         let ending =
             self.phase(Phase::Boundary, |steps, left, cancel, on_step| steps.optimise_boundary(left, cancel, on_step))?;
-        if ending == Ending::IterationLimit || !refine {
+        self.has_flooded |= self.iteration - before >= FLOOD_FROM;
+        if ending == Ending::IterationLimit || !refine || self.has_flooded {
             return Ok(ending);
         }
         self.phase(Phase::Refine, |steps, left, cancel, on_step| steps.refine(left, cancel, on_step))
@@ -97,7 +102,8 @@ impl Run<'_> {
     }
 
     /// Optimises, and repairs unless clusters may be disconnected, until nothing is cut off; after [`MAX_REPAIRS`]
-    /// repairs, by connected refinement.
+    /// repairs, by connected refinement. A run that has flooded ends with the last repair instead: what grows from
+    /// connected pieces is connected.
     pub fn complete(
         &mut self,
         allow_disconnected: bool,
@@ -109,6 +115,9 @@ impl Run<'_> {
                 return Ok(ending);
             }
         }
+        if self.has_flooded {
+            return Ok(Ending::Converged);
+        }
         self.phase(Phase::Refine, |steps, left, cancel, on_step| steps.refine_connected(left, cancel, on_step))
     }
 
@@ -119,7 +128,7 @@ impl Run<'_> {
         mut iterate: impl FnMut(&mut dyn Steps, u32, &Cancel, OnStep<'_>) -> Result<Ending>,
     ) -> Result<Ending> {
         loop {
-            let Self { steps, cancel, on_row, round, iteration, left, record } = self;
+            let Self { steps, cancel, on_row, round, iteration, left, record, .. } = self;
             let stop = record.as_ref().and_then(|record| record.next());
             let allowed = stop.map_or(u32::MAX, |stop| stop.saturating_sub(*iteration).max(1)).min(*left);
             let mut on_step = |Step { energy, moves }| {

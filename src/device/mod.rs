@@ -33,6 +33,9 @@ use crate::surface::DualGraph;
 /// The label of a face that belongs to no cluster (the paper's "null" cluster, P§5.2).
 pub const FREE: u32 = u32::MAX;
 
+/// The first iteration of a boundary phase that is a flood ([`crate::cluster::flat`]); the phase counts them from 1.
+pub const FLOOD_FROM: u32 = 256;
+
 /// Returns how many bytes of its own memory a device has allocated; None when it has none, or does not know. Any thread
 /// may call it at any time.
 pub type MemoryMeter = Arc<dyn Fn() -> Option<u64> + Send + Sync>;
@@ -127,8 +130,8 @@ pub trait Steps {
     /// The same, but only winners move, and only those that leave their cluster connected; all clusters must be.
     fn refine_connected(&mut self, max_iterations: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending>;
 
-    /// The next phase goes on with the last one, which stopped at its limit: faces that were refused stay refused. Call
-    /// it right before that phase.
+    /// The next phase goes on with the last one, which stopped at its limit: faces that were refused stay refused, and
+    /// iterations are counted on. Call it right before that phase.
     fn resume(&mut self);
 
     /// Frees the faces outside the piece with the most faces (of equally large ones, that with the smallest face) of
@@ -183,7 +186,7 @@ pub type Merges = Vec<(u32, u32)>;
 pub struct Step {
     /// Energy after it.
     pub energy: LatticeEnergy,
-    /// Faces that changed their cluster.
+    /// Faces that changed their cluster, each once for every pass of the iteration in which it did.
     pub moves: u64,
 }
 

@@ -15,7 +15,7 @@ use std::cmp::Reverse;
 
 pub use self::device::{PlainDevice, open};
 
-use super::FREE;
+use super::{FLOOD_FROM, FREE};
 use crate::device::pieces::cut_off_faces;
 use crate::energy::{Energy, Functional, Side, WideSums};
 use crate::surface::DualGraph;
@@ -27,7 +27,7 @@ pub struct State {
     pub labels: Vec<u32>,
     /// What the proxies explain of the energy, see [`crate::energy::LatticeEnergy`].
     pub explained: i128,
-    /// Faces that changed their cluster.
+    /// Faces that changed their cluster, each once for every pass in which it did.
     pub moves: u64,
 }
 
@@ -82,10 +82,25 @@ fn costs<'a>(graph: &'a DualGraph, sums: &'a [WideSums]) -> impl Fn(usize, u32) 
     move |face, cluster| sums[cluster as usize].cost(graph.face(face))
 }
 
-/// One boundary iteration ([`crate::cluster::flat`]); None when nothing moves.
-pub fn iterate(graph: &DualGraph, component_of_cluster: &[u32], labels: &[u32]) -> Option<State> {
-    let sums = sums(graph, component_of_cluster.len(), labels);
-    let cost = costs(graph, &sums);
+/// One boundary iteration ([`crate::cluster::flat`]), the `number`-th of its phase from 1; None when nothing moves.
+pub fn iterate(graph: &DualGraph, component_of_cluster: &[u32], labels: &[u32], number: u32) -> Option<State> {
+    let proxies = sums(graph, component_of_cluster.len(), labels);
+    let mut after = pass(graph, &proxies, labels);
+    let mut moves = moves(labels, &after);
+    while number >= FLOOD_FROM {
+        let next = pass(graph, &proxies, &after);
+        if next == after {
+            break;
+        }
+        moves += self::moves(&after, &next);
+        after = next;
+    }
+    (moves > 0).then(|| State { explained: explained(graph, component_of_cluster, &after), labels: after, moves })
+}
+
+/// The labels after one pass of a boundary iteration, with the proxies of these sums.
+fn pass(graph: &DualGraph, proxies: &[WideSums], labels: &[u32]) -> Vec<u32> {
+    let cost = costs(graph, proxies);
     // 1. the nearest cluster beside each face, if it is nearer than the face's own
     let wanted = |face: usize| {
         let own = labels[face];
@@ -95,17 +110,18 @@ pub fn iterate(graph: &DualGraph, component_of_cluster: &[u32], labels: &[u32]) 
     };
     let wanted: Vec<Option<u32>> = (0..labels.len()).map(wanted).collect();
     // 2. the last face: of a cluster that all faces want to leave, the first one stays
-    let mut leaving: Vec<Vec<usize>> = vec![Vec::new(); component_of_cluster.len()];
-    (0..labels.len()).filter(|&face| wanted[face].is_some()).for_each(|face| leaving[labels[face] as usize].push(face));
+    let mut faces = vec![0; proxies.len()];
+    let mut leaving: Vec<Vec<usize>> = vec![Vec::new(); proxies.len()];
+    for (face, &own) in labels.iter().enumerate() {
+        faces[own as usize] += 1;
+        leaving[own as usize].extend(wanted[face].map(|_| face));
+    }
     let stays = |face: usize| {
         let own = labels[face] as usize;
-        leaving[own].len() == sums[own].faces as usize && leaving[own][0] == face
+        leaving[own].len() == faces[own] && leaving[own][0] == face
     };
     // 3. all others move
-    let after: Vec<u32> =
-        (0..labels.len()).map(|face| wanted[face].filter(|_| !stays(face)).unwrap_or(labels[face])).collect();
-    let moves = moves(labels, &after);
-    (moves > 0).then(|| State { explained: explained(graph, component_of_cluster, &after), labels: after, moves })
+    (0..labels.len()).map(|face| wanted[face].filter(|_| !stays(face)).unwrap_or(labels[face])).collect()
 }
 
 /// A refinement phase ([`crate::cluster::refinement`]). What it keeps between iterations is which faces were refused.

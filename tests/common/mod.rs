@@ -1,4 +1,23 @@
-//! What several tests share: a zoo of meshes.
+//! What several tests share: a zoo of meshes, and clusterings that flood.
 #![allow(dead_code, missing_docs, reason = "every test binary uses its own part")]
 
 pub mod zoo;
+
+use tesserae::cluster::seeds::{self, SeedFaces};
+use tesserae::dev::sample::hard::{cone, stacked_boxes};
+use tesserae::dev::sample::{Sample, generate};
+use tesserae::parameters::Seeds;
+use tesserae::surface::Surface;
+
+/// Clusterings whose boundary phase floods: borders have hundreds of faces to go.
+pub fn floods() -> Vec<(&'static str, Surface, SeedFaces)> {
+    // one cluster is the first face of a strip, the other begins beside it and has all others
+    let strip = Surface::build(&generate(Sample::Strip, 1200).expect("a sample")).expect("a surface");
+    let faces = strip.internal_faces();
+    let ends = SeedFaces { face_of_cluster: vec![faces[0], faces[1]], component_of_cluster: vec![0, 0] };
+    let boxes = Surface::build(&stacked_boxes(160)).expect("a surface");
+    let among_boxes = seeds::choose(&boxes, 6, &Seeds::Random, 1, None).expect("the number is possible");
+    let cone = Surface::build(&cone(1500)).expect("a surface");
+    let around = seeds::choose(&cone, 3, &Seeds::Random, 1, None).expect("the number is possible");
+    vec![("strip", strip, ends), ("stacked boxes", boxes, among_boxes), ("cone", cone, around)]
+}

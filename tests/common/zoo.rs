@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use tesserae::dev::sample::hard::{cone, stacked_boxes};
 use tesserae::dev::sample::{Sample, generate};
 use tesserae::mesh::{Adjusted, Faces, Format, Part, PolygonMesh};
 
@@ -68,6 +69,8 @@ pub fn all() -> Vec<(String, PolygonMesh)> {
     zoo.push(("tangle-dense".into(), tangle(12, 300, 1)));
     zoo.push(("tangle-sparse".into(), tangle(200, 300, 2)));
     zoo.push(("flea-and-elephant".into(), flea_and_elephant()));
+    zoo.push(("cone".into(), cone(300)));
+    zoo.push(("stacked-boxes".into(), stacked_boxes(25)));
     let huge: Vec<[f64; 3]> = corner.iter().map(|p| p.map(|x| (x - 0.5) * 1.7e308)).collect();
     zoo.push(("huge".into(), mesh(&huge, &[&[0, 1, 2], &[1, 3, 2], &[0, 1, 4], &[1, 3, 4], &[3, 2, 4]])));
     let tiny: Vec<[f64; 3]> = corner.iter().map(|p| p.map(|x| x * 5e-324)).collect();

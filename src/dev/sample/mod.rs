@@ -6,6 +6,7 @@
 
 mod boxes;
 mod flat;
+pub mod hard;
 mod icosphere;
 mod knot;
 mod parts;

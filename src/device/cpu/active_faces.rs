@@ -2,7 +2,8 @@
 //!
 //! A phase evaluates only active faces; every other face would decide as it did before ([`super::nearby`] has the bound
 //! and why it is exact). So labels equal those of an iteration over all faces. A face becomes active when its bound is
-//! exceeded, when it moves, and when a neighbour moves to a cluster that its bound does not cover.
+//! exceeded, when it moves, and when a neighbour moves to a cluster that its bound does not cover. A face that sees
+//! many clusters becomes active when one of those that have changed may attract it.
 //!
 //! The last result of an inactive face stays valid. A caller that keeps results, as refinement keeps bids, must [`add`]
 //! faces again when their clusters change, because a face that has come to lie inside its cluster has no bound to
@@ -13,8 +14,9 @@
 use rayon::prelude::*;
 
 use super::Partition;
+use super::clusters::{DRIFT_STEP, slot};
 use super::labels::Labels;
-use super::nearby::Bound;
+use super::nearby::{Bound, Rival};
 use super::tuning::chunks::{CLUSTERS, ITEMS};
 use super::tuning::face_set::FaceSet;
 use super::tuning::filter::Filter;
@@ -36,6 +38,8 @@ pub struct ActiveFaces {
     bounds: Vec<StoredBound>,
     /// Active faces, each once.
     queue: Vec<u32>,
+    /// Faces that see many clusters, each with a cluster that one of its neighbours has moved to.
+    arrivals: Vec<(u32, u32)>,
 }
 
 /// What the evaluation of a face gives.
@@ -54,7 +58,7 @@ impl ActiveFaces {
         let mut candidates = FaceSet::new(faces);
         boundary.all().for_each(|face| candidates.insert(face));
         let bounds = std::iter::repeat_with(StoredBound::active).take(faces).collect();
-        Self { candidates, candidate_count: 0, bounds, queue: Vec::new() }
+        Self { candidates, candidate_count: 0, bounds, queue: Vec::new(), arrivals: Vec::new() }
     }
 
     /// Requests the bound of a face.
@@ -72,16 +76,27 @@ impl ActiveFaces {
     }
 
     /// A face has moved; `labels` already have its new cluster. Active are the face, and the neighbours whose bound
-    /// does not cover that cluster, or covers many, of which it does not say which.
+    /// does not cover that cluster.
     pub fn moved(&mut self, graph: &DualGraph, labels: &Labels, face: u32) {
         self.add(face);
         let cluster = labels.near_boundary(face);
         for &near in graph.neighbours_of(face) {
             let bound = self.bounds[near as usize].near();
-            let is_covered = bound.lists(cluster) | (labels.near_boundary(near) == cluster);
-            if bound.are_many() | !is_covered {
+            if bound.are_many() {
+                self.arrived(near, cluster);
+            } else if !(bound.lists(cluster) | (labels.near_boundary(near) == cluster)) {
                 self.add(near);
             }
+        }
+    }
+
+    /// Notes that a cluster lies beside a face that sees many. The clusters that its limit is the sum of have changed.
+    fn arrived(&mut self, face: u32, cluster: u32) {
+        self.bounds[face as usize].drop_limit();
+        self.arrivals.push((face, cluster));
+        // a phase that is not used does not collect them
+        if self.arrivals.len() > self.bounds.len() {
+            std::mem::take(&mut self.arrivals).into_iter().for_each(|(face, _)| self.add(face));
         }
     }
 
@@ -90,20 +105,37 @@ impl ActiveFaces {
         self.add(face);
         let cluster = labels.near_boundary(face);
         for &near in graph.neighbours_of(face) {
-            if self.bounds[near as usize].near().are_many() || labels.of(near) != cluster {
+            if self.bounds[near as usize].near().are_many() {
+                self.arrived(near, cluster);
+            } else if labels.of(near) != cluster {
                 self.add(near);
             }
         }
     }
 
-    /// Makes the faces active whose bound is exceeded, given the clusters that gained or lost a face since the last
-    /// call. Then brings the labels of all active faces and of their neighbours up to date.
-    pub fn collect(&mut self, partition: &mut Partition<'_>, changed: &[u32]) {
+    /// Makes the faces active whose bound is exceeded, given the clusters whose proxies have changed since the last
+    /// call. `rival` is how a face sees a cluster. Then brings the labels of all active faces and of their neighbours
+    /// up to date.
+    pub fn collect(
+        &mut self,
+        partition: &mut Partition<'_>,
+        changed: &[u32],
+        rival: impl Fn(&Partition<'_>, u32, u32) -> Rival + Sync,
+    ) {
+        let arrivals = std::mem::take(&mut self.arrivals);
+        // clusters may have merged since, around faces that lie inside them now
+        arrivals.iter().for_each(|&(face, _)| _ = partition.labels.refresh(face));
         let view = &*partition;
-        let Self { candidates, candidate_count, bounds, queue } = self;
+        let rival = |face: u32, cluster: u32| rival(view, face, cluster);
+        for (face, cluster) in arrivals {
+            if may_be_attracted(view, &self.bounds, &rival, face, cluster) {
+                self.add(face);
+            }
+        }
+        let Self { candidates, candidate_count, bounds, queue, .. } = self;
         let listed: usize = changed.iter().map(|&cluster| view.boundary.listed(cluster)).sum();
         if SCATTERED * (listed + queue.len()) < *candidate_count {
-            let around = |changed: &[u32]| exceeded_around(view, changed, bounds);
+            let around = |changed: &[u32]| exceeded_around(view, changed, bounds, &rival);
             let exceeded: Vec<Vec<u32>> = changed.par_chunks(CLUSTERS).map(around).collect();
             for face in exceeded.into_iter().flatten() {
                 if bounds[face as usize].queue() {
@@ -169,10 +201,36 @@ fn prefetch_ahead(Partition { graph, labels, .. }: &Partition<'_>, bounds: &[Sto
     }
 }
 
+/// Whether a face that sees many clusters may want to go to one of them that has changed or has come to lie beside it,
+/// or its own proxy has drifted too far. If not, its bound covers that cluster.
+fn may_be_attracted(
+    Partition { labels, clusters, .. }: &Partition<'_>,
+    bounds: &[StoredBound],
+    rival: impl Fn(u32, u32) -> Rival,
+    face: u32,
+    cluster: u32,
+) -> bool {
+    let (bound, own) = (&bounds[face as usize], labels.near_boundary(face));
+    let drift = clusters.cached(own).drift;
+    if bound.near().own != slot(own) || bound.own_limit() < drift {
+        return true;
+    }
+    if own != cluster {
+        match rival(face, cluster) {
+            Some(slack) => bound.lower_own_limit(drift + slack / DRIFT_STEP),
+            None => return true,
+        }
+    }
+    false
+}
+
 /// The boundary faces of some clusters, and their neighbours in others, whose bound is exceeded; some several times.
-/// Faces that see many clusters are taken unseen: they come up once for each neighbour, and adding up their drifts
-/// costs as much as an evaluation.
-fn exceeded_around(partition: &Partition<'_>, changed: &[u32], bounds: &[StoredBound]) -> Vec<u32> {
+fn exceeded_around(
+    partition: &Partition<'_>,
+    changed: &[u32],
+    bounds: &[StoredBound],
+    rival: impl Fn(u32, u32) -> Rival,
+) -> Vec<u32> {
     let Partition { graph, labels, boundary, .. } = partition;
     let mut exceeded = Vec::new();
     let mut around = Filter::default();
@@ -193,7 +251,11 @@ fn exceeded_around(partition: &Partition<'_>, changed: &[u32], bounds: &[StoredB
         }
         around.retain(|face| {
             let bound = &bounds[face as usize];
-            bound.near().are_many() || is_exceeded(partition, face, bound)
+            if bound.near().are_many() {
+                may_be_attracted(partition, bounds, &rival, face, cluster)
+            } else {
+                is_exceeded(partition, face, bound)
+            }
         });
         exceeded.extend_from_slice(around.kept());
     }

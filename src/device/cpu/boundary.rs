@@ -1,18 +1,18 @@
-//! The boundary phase (P§3.2): one iteration as [`crate::cluster::flat`] defines it, on active faces.
+//! The boundary phase (P§3.2): one pass as [`crate::cluster::flat`] defines it, on active faces.
 
 use super::active_faces::{ActiveFaces, Evaluation};
 use super::change_log::Cursor;
 use super::clusters::Clusters;
-use super::nearby::Nearby;
+use super::nearby::{Nearby, Rival};
 use super::{Move, Partition};
 use crate::energy::{Energy, Functional};
 
-/// What boundary phases keep between iterations.
+/// What boundary phases keep between passes.
 #[derive(Debug)]
 pub struct BoundaryPhase {
     /// They have to know of moves and merges.
     pub active: ActiveFaces,
-    /// For each cluster, how many faces want to leave it and the smallest of them; zero between iterations.
+    /// For each cluster, how many faces want to leave it and the smallest of them; zero between passes.
     leaving: Vec<(u32, u32)>,
 }
 
@@ -22,10 +22,20 @@ impl BoundaryPhase {
         Self { active: ActiveFaces::new(partition), leaving: vec![(0, 0); partition.clusters.len()] }
     }
 
-    /// The moves of the next iteration; none when the phase has converged.
+    /// The moves of the first pass of an iteration; none when the phase has converged.
     pub fn moves(&mut self, partition: &mut Partition<'_>) -> Vec<Move> {
         let changed = partition.clusters.take_changes(Cursor::Boundary);
-        self.active.collect(partition, &changed);
+        self.pass(partition, &changed)
+    }
+
+    /// The moves of the next pass of a flood: no proxy has changed.
+    pub fn more_moves(&mut self, partition: &mut Partition<'_>) -> Vec<Move> {
+        self.pass(partition, &[])
+    }
+
+    /// The moves of a pass, given the clusters whose proxies changed since the last.
+    fn pass(&mut self, partition: &mut Partition<'_>, changed: &[u32]) -> Vec<Move> {
+        self.active.collect(partition, changed, rival);
         // 1. every face decides
         let mut moves = self.active.evaluate(partition, |face| decide(partition, face));
         // 2. the last face of a cluster stays, and decides again
@@ -55,6 +65,14 @@ impl BoundaryPhase {
         last.sort_unstable();
         last
     }
+}
+
+/// How a face that stays sees a cluster among its neighbours'.
+fn rival(Partition { graph, labels, clusters, .. }: &Partition<'_>, face: u32, cluster: u32) -> Rival {
+    let point = graph.points[face as usize];
+    let own = clusters.cached(labels.near_boundary(face)).cost(point);
+    let other = clusters.cached(cluster).cost(point);
+    (own <= other).then(|| Energy::boundary_slack(own, other))
 }
 
 /// The move of a face to the nearest cluster among its neighbours' (the smaller number of equally near ones), if that

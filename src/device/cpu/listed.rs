@@ -15,7 +15,7 @@ use super::pieces::{self, Walk};
 use super::refine::RefinementPhase;
 use super::{Move, Partition};
 use crate::device::dual_edge::{Rank, Ties};
-use crate::device::{Cancel, FREE};
+use crate::device::{Cancel, FLOOD_FROM, FREE};
 use crate::error::Result;
 use crate::prefetch::{Ahead, with_lookahead};
 use crate::surface::DualGraph;
@@ -28,7 +28,9 @@ pub struct Listed<'a> {
     boundary_phase: Option<BoundaryPhase>,
     /// Created by the first refinement.
     refinement: Option<RefinementPhase>,
-    /// Whether the next refinement goes on with the last one.
+    /// The last iteration of the last boundary phase.
+    boundary_iteration: u32,
+    /// Whether the next phase goes on with the last one.
     pub is_resumed: bool,
     /// Created by the first search for the cheapest dual edge.
     queue: Option<Queue>,
@@ -50,6 +52,7 @@ impl<'a> Listed<'a> {
             partition: Partition { graph, labels, clusters, boundary },
             boundary_phase: None,
             refinement: None,
+            boundary_iteration: 0,
             is_resumed: false,
             queue: None,
             places: Vec::new(),
@@ -57,11 +60,31 @@ impl<'a> Listed<'a> {
         }
     }
 
-    /// The moves of the next boundary iteration; None when the phase has converged.
-    pub fn boundary_moves(&mut self) -> Option<Vec<Move>> {
+    /// Begins a boundary phase. A resumed one counts its iterations on.
+    pub fn begin_boundary(&mut self) {
+        if !std::mem::take(&mut self.is_resumed) {
+            self.boundary_iteration = 0;
+        }
+    }
+
+    /// Makes the next boundary iteration. Returns how many moves that were; None when the phase has converged. Once
+    /// cancelled, a flood makes no further pass.
+    pub fn boundary_iteration(&mut self, cancel: &Cancel) -> Option<u64> {
         let Self { partition, boundary_phase, .. } = self;
-        let moves = boundary_phase.get_or_insert_with(|| BoundaryPhase::new(partition)).moves(partition);
-        (!moves.is_empty()).then_some(moves)
+        let mut moves = boundary_phase.get_or_insert_with(|| BoundaryPhase::new(partition)).moves(partition);
+        self.boundary_iteration = self.boundary_iteration.saturating_add(1);
+        let mut made = 0;
+        while !moves.is_empty() {
+            made += moves.len() as u64;
+            self.move_faces(&moves);
+            let flooding = self.boundary_phase.as_mut().filter(|_| self.boundary_iteration >= FLOOD_FROM);
+            moves = match flooding {
+                Some(phase) if !cancel.is_cancelled() => phase.more_moves(&mut self.partition),
+                _ => break,
+            };
+        }
+        self.partition.clusters.refit();
+        (made > 0).then_some(made)
     }
 
     /// Begins a refinement phase. A resumed one goes on with the last: refused faces stay refused.
@@ -71,8 +94,15 @@ impl<'a> Listed<'a> {
         }
     }
 
-    /// The moves of the next iteration of refinement; None when there are no bids.
-    pub fn refinement_moves(&mut self, is_connected: bool) -> Option<Vec<Move>> {
+    /// Makes the next iteration of refinement. Returns how many moves that were, maybe none; None when there are no
+    /// bids.
+    pub fn refinement_iteration(&mut self, is_connected: bool) -> Option<u64> {
+        let moves = self.refinement_moves(is_connected)?;
+        self.apply(&moves);
+        Some(moves.len() as u64)
+    }
+
+    fn refinement_moves(&mut self, is_connected: bool) -> Option<Vec<Move>> {
         let Self { partition, refinement, places, .. } = self;
         let phase = refinement.get_or_insert_with(|| RefinementPhase::new(partition));
         let mut walk = is_connected.then(|| {
@@ -89,8 +119,14 @@ impl<'a> Listed<'a> {
         refinement.get_or_insert_with(|| RefinementPhase::new(partition)).renew_bids(partition)
     }
 
-    /// Moves faces, one after the other.
+    /// Moves faces and fits the proxies.
     pub fn apply(&mut self, moves: &[Move]) {
+        self.move_faces(moves);
+        self.partition.clusters.refit();
+    }
+
+    /// Moves faces, one after the other, with the proxies held.
+    fn move_faces(&mut self, moves: &[Move]) {
         let outgrows_caches = self.partition.graph.outgrows_caches();
         for (&Move { face, from, to }, ahead) in with_lookahead(moves) {
             if outgrows_caches {
@@ -109,7 +145,6 @@ impl<'a> Listed<'a> {
             active_faces(&mut self.boundary_phase, &mut self.refinement)
                 .for_each(|active| active.moved(graph, labels, face));
         }
-        self.partition.clusters.refit();
         if let Some(moved) = &mut self.moved_since_merge {
             moved.extend(moves.iter().map(|&Move { face, from, .. }| (face, from)));
         }

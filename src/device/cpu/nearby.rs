@@ -5,6 +5,13 @@
 //! change by no more than the proxies drift, so the decision holds until the drifts of all these clusters add up to
 //! more than the slack, which [`crate::energy`] computes. Elkan 2003 and Hamerly 2010 skip distances of k-means in the
 //! same way.
+//!
+//! # Faces that see many clusters
+//!
+//! A face with thousands of neighbours, as the base of a cone is one, must not be evaluated whenever one of them moves.
+//! A cluster beside such a face that has changed is compared with the face's own alone ([`Rival`]), and the decision
+//! holds if the face still prefers its own, and has its own limit for the drift of its own proxy: the other clusters
+//! have not changed, so that their slacks hold.
 
 use std::hint::select_unpredictable;
 
@@ -13,7 +20,9 @@ use super::clusters::{CachedProxy, DRIFT_STEP, slot};
 use super::labels::Labels;
 use crate::surface::DualGraph;
 
-/// In place of the first other cluster: there are more than two. No slot has this number.
+/// In place of the first other cluster: there are more than two. No slot has this number. In place of the second is
+/// then how far the face's own proxy may have drifted, if those of the others have not; 0 if the decision does not hold
+/// when any of these clusters changes.
 pub const MANY: u32 = u32::MAX;
 
 /// No cluster: the slot of a proxy that never drifts.
@@ -35,6 +44,10 @@ pub struct Bound {
     pub limit: u64,
 }
 
+/// How a face that stays in its cluster sees one other cluster: None where it may want to go there, else by how much
+/// the distances to both may change before it could.
+pub type Rival = Option<u64>;
+
 /// The clusters near a face, and how far their proxies have drifted until now, added up.
 #[derive(Debug, Clone, Copy)]
 pub struct Nearby {
@@ -53,6 +66,14 @@ impl NearClusters {
     #[inline]
     pub fn are_many(self) -> bool {
         self.others[0] == MANY
+    }
+
+    /// The same, for a decision that does not hold when any of these clusters changes.
+    fn watching_all(mut self) -> Self {
+        if let [MANY, own_limit] = &mut self.others {
+            *own_limit = 0;
+        }
+        self
     }
 
     /// Whether a cluster is among the others that are listed.
@@ -96,7 +117,7 @@ impl Nearby {
         }
         if are_many {
             other_clusters(graph, labels, face, own).for_each(|other| visit(other, clusters.cached(other)));
-            let near = NearClusters { own: slot(own), others: [MANY, NO_SLOT] };
+            let near = NearClusters { own: slot(own), others: [MANY, saturated(clusters.cached(own).drift)] };
             return Self { near, drift: drift_of_many(partition, face, own) };
         }
         let mut drift = clusters.cached(own).drift;
@@ -108,18 +129,31 @@ impl Nearby {
         Self { near: NearClusters { own: slot(own), others }, drift }
     }
 
-    /// The bound of a decision that holds while the distances change by no more than `slack`, in lattice units. With 0
-    /// it holds until one of the clusters changes.
+    /// The bound of a decision to stay that holds while the distances change by no more than `slack`, in lattice units.
+    /// With 0 it holds until one of the clusters changes.
     #[inline]
-    pub fn bound(self, slack: u64) -> Bound {
+    pub fn bound(mut self, slack: u64) -> Bound {
         let limit = if self.near.is_interior() { u64::MAX } else { self.drift + slack / DRIFT_STEP };
+        if let [MANY, own_limit] = &mut self.near.others {
+            *own_limit = own_limit.saturating_add(saturated(slack / DRIFT_STEP));
+        }
         Bound { near: self.near, limit }
+    }
+
+    /// The bound of any decision: it holds until one of the clusters changes.
+    pub fn until_a_change(self) -> Bound {
+        Bound { near: self.near.watching_all(), limit: self.drift }
     }
 
     /// The bound of a face that stays active.
     pub fn active(self) -> Bound {
-        Bound { near: self.near, limit: Bound::ACTIVE }
+        Bound { near: self.near.watching_all(), limit: Bound::ACTIVE }
     }
+}
+
+/// A drift in 32 bits; a larger one is lowered, so that a limit is exceeded too early and never too late.
+pub fn saturated(drift: u64) -> u32 {
+    u32::try_from(drift).unwrap_or(u32::MAX)
 }
 
 /// The clusters of a face's neighbours other than `own`; one maybe several times. The labels need not be up to date.

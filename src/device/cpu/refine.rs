@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::active_faces::{ActiveFaces, Evaluation};
 use super::bids::{Bid, Bids, Verdict};
 use super::change_log::Cursor;
-use super::nearby::{Bound, Nearby, other_clusters};
+use super::nearby::{Bound, Nearby, Rival, other_clusters};
 use super::pieces::Walk;
 use super::tuning::chunks::CLUSTERS;
 use super::{Move, Partition};
@@ -54,7 +54,7 @@ impl RefinementPhase {
         let changed = partition.clusters.take_changes(Cursor::Refinement);
         // a bid depends on its clusters, also that of a face which lies on no boundary any more
         self.bids.at(&changed).for_each(|face| self.active.add(face));
-        self.active.collect(partition, &changed);
+        self.active.collect(partition, &changed, rival);
         let bids = &self.bids;
         let new_bids = self.active.evaluate(partition, |face| {
             let (bid, bound) = best_bid(partition, face);
@@ -114,9 +114,25 @@ fn best_bid(partition: &Partition<'_>, face: u32) -> (Bid, Bound) {
         |cluster| Side { cost: clusters.cached(cluster).cost(point), weight: clusters.sums(cluster).weight as u64 };
     let own = side(from);
     let gains = other_clusters(graph, labels, face, from).map(|to| (Energy::gain(weight, own, side(to)), Reverse(to)));
-    let bid = match gains.max() {
-        Some((gain, Reverse(to))) if gain > 0 => Bid { gain: Energy::bid(gain, weight), from, to },
-        _ => Bid::default(),
-    };
-    (bid, nearby.bound(0))
+    match gains.max() {
+        Some((gain, Reverse(to))) if gain > 0 => {
+            (Bid { gain: Energy::bid(gain, weight), from, to }, nearby.until_a_change())
+        }
+        _ => (Bid::default(), nearby.bound(0)),
+    }
+}
+
+/// How a face without a bid sees a cluster among its neighbours'.
+fn rival(Partition { graph, labels, clusters, .. }: &Partition<'_>, face: u32, cluster: u32) -> Rival {
+    let from = labels.near_boundary(face);
+    if clusters.sums(from).faces == 1 {
+        return Some(u64::MAX);
+    }
+    let (point, weight) = (graph.points[face as usize], graph.weights[face as usize]);
+    let [own, other] = [from, cluster].map(|cluster| clusters.cached(cluster));
+    let mut slack = RefinementSlack::new(weight, own.cost(point), own.least_weight);
+    slack.other(other.cost(point), other.least_weight);
+    let [own, other] = [(from, own), (cluster, other)]
+        .map(|(cluster, cached)| Side { cost: cached.cost(point), weight: clusters.sums(cluster).weight as u64 });
+    (slack.is_clear() || Energy::gain(weight, own, other) <= 0).then(|| slack.get())
 }

@@ -2,7 +2,6 @@
 
 use std::mem::take;
 
-use super::Move;
 use super::best_edge::{self, contraction::Contraction};
 use super::clusters::Clusters;
 use super::grow::grow;
@@ -104,23 +103,22 @@ impl<'a> CpuSteps<'a> {
         }
     }
 
-    /// Makes iterations until `next_moves` has none left to make, or the limit is reached.
+    /// Makes iterations until there is none left, or the limit is reached. `iterate` returns the number of moves.
     fn optimise(
         &mut self,
         limit: u32,
         cancel: &Cancel,
         on_step: OnStep<'_>,
-        next_moves: impl Fn(&mut Listed<'a>) -> Option<Vec<Move>>,
+        iterate: impl Fn(&mut Listed<'a>) -> Option<u64>,
     ) -> Result<Ending> {
         self.with_listed(|listed| {
             let mut left = limit;
             while left > 0 {
                 cancel.check()?;
-                let Some(moves) = next_moves(listed) else { return Ok(Ending::Converged) };
-                if !moves.is_empty() {
+                let Some(moves) = iterate(listed) else { return Ok(Ending::Converged) };
+                if moves > 0 {
                     left -= 1;
-                    listed.apply(&moves);
-                    on_step(Step { energy: listed.partition.clusters.energy(), moves: moves.len() as u64 });
+                    on_step(Step { energy: listed.partition.clusters.energy(), moves });
                 }
             }
             cancel.check()?;
@@ -130,7 +128,7 @@ impl<'a> CpuSteps<'a> {
 
     fn refine_as(&mut self, is_connected: bool, limit: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending> {
         self.with_listed(Listed::begin_refinement);
-        self.optimise(limit, cancel, on_step, |listed| listed.refinement_moves(is_connected))
+        self.optimise(limit, cancel, on_step, |listed| listed.refinement_iteration(is_connected))
     }
 }
 
@@ -164,9 +162,8 @@ impl Steps for CpuSteps<'_> {
     }
 
     fn optimise_boundary(&mut self, limit: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending> {
-        // a boundary phase keeps nothing that a new one would not have
-        self.with_listed(|listed| listed.is_resumed = false);
-        self.optimise(limit, cancel, on_step, Listed::boundary_moves)
+        self.with_listed(Listed::begin_boundary);
+        self.optimise(limit, cancel, on_step, |listed| listed.boundary_iteration(cancel))
     }
 
     fn refine(&mut self, limit: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending> {

@@ -5,7 +5,7 @@
 //! that finds an iteration without moves writes zeros into the arguments of the indirect dispatches that follow, also
 //! those in the next batch.
 
-use std::mem::replace;
+use std::mem::{replace, take};
 use std::time::{Duration, Instant};
 
 use super::FaultPoint;
@@ -14,7 +14,7 @@ use super::kernels::{self, Kernel};
 use super::layout::IterationStats;
 use super::readback::Reading;
 use super::steps::{GpuSteps, History};
-use crate::device::{Cancel, Ending};
+use crate::device::{Cancel, Ending, FLOOD_FROM};
 use crate::error::Result;
 
 /// Iterations in the first batch.
@@ -33,7 +33,10 @@ pub(super) struct Phase {
     name: &'static str,
     fault_point: FaultPoint,
     kernels: &'static [&'static Kernel],
-    /// Whether an iteration found nothing left to do.
+    /// The first iteration that is a flood: it takes several passes, each with a number of its own, until one in which
+    /// nothing moves.
+    flood_from: u32,
+    /// Whether an iteration without moves found nothing left to do.
     is_over: fn(&IterationStats) -> bool,
 }
 
@@ -41,14 +44,16 @@ pub(super) const GROWTH: Phase = Phase {
     name: "grow",
     fault_point: FaultPoint::Grow,
     kernels: &[kernels::GROWTH_PROPOSE, kernels::GROWTH_APPLY, kernels::GROWTH_CHECK_DONE],
-    is_over: |stats| stats.moves == 0,
+    flood_from: u32::MAX,
+    is_over: |_| true,
 };
 
 pub(super) const BOUNDARY: Phase = Phase {
     name: "boundary",
     fault_point: FaultPoint::Boundary,
     kernels: &[kernels::BOUNDARY_PROPOSE, kernels::BOUNDARY_APPLY, kernels::PROXIES_FIT],
-    is_over: |stats| stats.moves == 0,
+    flood_from: FLOOD_FROM,
+    is_over: |_| true,
 };
 
 pub(super) const REFINEMENT: Phase = Phase {
@@ -61,22 +66,27 @@ pub(super) const REFINEMENT: Phase = Phase {
         kernels::EVALUATE_MOVES,
         kernels::COMMIT_MOVES,
     ],
+    flood_from: u32::MAX,
     is_over: |stats| stats.bids == 0,
 };
 
 impl GpuSteps<'_> {
     /// Runs iterations, numbered from `first`, until one has nothing left to do or `limit` of them moved something.
-    /// Calls `on_iteration` with each that did, in order. Also returns the number of the next iteration.
+    /// Calls `on_iteration` with each that did and the number of moves, in order. Also returns the number of the next
+    /// iteration.
     pub(super) fn run(
         &mut self,
         phase: &Phase,
         (first, limit): (u32, u32),
         cancel: &Cancel,
-        mut on_iteration: impl FnMut(&IterationStats),
+        mut on_iteration: impl FnMut(&IterationStats, u64),
     ) -> Result<(Ending, u32)> {
         // iterations that may still move something, those in flight taken off
         let mut left = limit;
         let mut number = first;
+        let mut read = first;
+        // moves of a flood that goes on
+        let mut flooded = 0;
         let mut size = FIRST_BATCH;
         let mut queued: Option<Reading> = None;
         loop {
@@ -96,18 +106,27 @@ impl GpuSteps<'_> {
                 continue;
             };
             for stats in self.read_stats(batch)? {
-                if (phase.is_over)(&stats) {
+                let is_flood = read >= phase.flood_from;
+                read = read.wrapping_add(1);
+                if is_flood && stats.moves > 0 {
+                    self.note_moves();
+                    flooded += u64::from(stats.moves);
+                    left += 1;
+                    continue;
+                }
+                let moves = take(&mut flooded) + u64::from(stats.moves);
+                if moves == 0 && (phase.is_over)(&stats) {
                     if let Some(idle) = queued {
                         self.read_stats(idle)?;
                     }
                     cancel.check()?;
                     return Ok((Ending::Converged, number));
                 }
-                if stats.moves == 0 {
+                if moves == 0 {
                     left += 1;
                 } else {
                     self.note_moves();
-                    on_iteration(&stats);
+                    on_iteration(&stats, moves);
                 }
             }
             let took = started.elapsed();

@@ -1,7 +1,7 @@
 //! Structs and constants that Rust and WGSL share. Each is defined here, or in [`words`] of the energy, and nowhere
 //! else: [`wgsl`] declares them in front of every kernel.
 
-use crate::device::FREE;
+use crate::device::{FLOOD_FROM, FREE};
 use crate::energy::shared::{Atomic, List, Struct, shared};
 use crate::energy::{ClusterSums, LatticeEnergy, words};
 
@@ -18,8 +18,9 @@ pub const UNLISTED: u32 = u32::MAX - 1;
 pub const SUM_WORDS: usize = 2 * words::SUMS;
 
 /// Constants of WGSL.
-const CONSTANTS: [(&str, u32); 6] = [
+const CONSTANTS: [(&str, u32); 7] = [
     ("FREE", FREE),
+    ("FLOOD_FROM", FLOOD_FROM),
     ("UNLISTED", UNLISTED),
     ("WORKGROUP", WORKGROUP),
     ("RUN", RUN),
@@ -51,7 +52,7 @@ shared! {
         clusters: u32,
         /// Workgroups in a full row of a dispatch; a smaller dispatch is one row.
         row: u32,
-        /// Number of the iteration in its phase, from 1.
+        /// Number of the iteration in its phase, from 1; of the boundary phase, that of the pass.
         number: u32,
         /// Number of entries of `host_list`.
         entries: u32,
@@ -132,6 +133,8 @@ shared! {
         due: u32,
         /// Index in `entries` of the first listed face: 0 or the number of faces.
         first: u32,
+        /// The last pass of the boundary phase in which a face moved.
+        moved_in: Atomic,
         /// Two halves of one entry a face, of which one is in use; then the clusters that are left. One buffer, because
         /// portable devices bind 8.
         entries: List,

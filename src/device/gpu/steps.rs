@@ -38,9 +38,10 @@ pub(super) enum History {
     MovedSinceMerge,
 }
 
-/// A refinement that stopped at its limit of iterations.
+/// A phase that stopped at its limit of iterations.
 enum Stopped<'a> {
-    /// On the device, with the number of the next iteration: `face_bids` has the iteration of each refusal.
+    /// On the device, with the number of the next iteration. Of refinement, `face_bids` has the iteration of each
+    /// refusal.
     OnDevice(u32),
     /// On the cpu.
     OnCpu(Box<dyn Steps + 'a>),
@@ -180,7 +181,7 @@ impl<'a> GpuSteps<'a> {
     fn grow_listed(&mut self, encoder: wgpu::CommandEncoder, cancel: &Cancel) -> Result<()> {
         self.connection.queue.submit([encoder.finish()]);
         self.set_energy(None);
-        self.run(&GROWTH, (1, u32::MAX), cancel, |_| {})?;
+        self.run(&GROWTH, (1, u32::MAX), cancel, |_, _| {})?;
         Ok(())
     }
 
@@ -203,7 +204,7 @@ impl<'a> GpuSteps<'a> {
         Ok(stats.moves.into())
     }
 
-    /// The refinement that goes on with this call.
+    /// The phase that goes on with this call.
     fn take_resumed(&mut self) -> Option<Stopped<'a>> {
         let is_resumed = take(&mut self.is_resumed);
         self.stopped.take().filter(|_| is_resumed)
@@ -242,16 +243,21 @@ impl Steps for GpuSteps<'_> {
         cancel: &Cancel,
         on_iteration: &mut dyn FnMut(Step),
     ) -> Result<Ending> {
-        self.take_resumed();
+        let first = match self.take_resumed() {
+            Some(Stopped::OnDevice(next)) => next,
+            Some(Stopped::OnCpu(_)) | None => 1,
+        };
         let encoder = self.encode_fit();
         self.connection.queue.submit([encoder.finish()]);
         let mut last = if let Sums::Current(energy) = self.sums { energy } else { None };
-        let outcome = self.run(&BOUNDARY, (1, max_iterations), cancel, |stats| {
+        let outcome = self.run(&BOUNDARY, (first, max_iterations), cancel, |stats, moves| {
             last = Some(stats.energy());
-            on_iteration(Step { energy: stats.energy(), moves: u64::from(stats.moves) });
+            on_iteration(Step { energy: stats.energy(), moves });
         });
         self.set_energy(last);
-        Ok(outcome?.0)
+        let (ending, next) = outcome?;
+        self.stopped = (ending == Ending::IterationLimit).then_some(Stopped::OnDevice(next));
+        Ok(ending)
     }
 
     fn refine(&mut self, max_iterations: u32, cancel: &Cancel, on_iteration: &mut dyn FnMut(Step)) -> Result<Ending> {
@@ -266,9 +272,9 @@ impl Steps for GpuSteps<'_> {
                 1
             }
         };
-        let outcome = self.run(&REFINEMENT, (first, max_iterations), cancel, |stats| {
+        let outcome = self.run(&REFINEMENT, (first, max_iterations), cancel, |stats, moves| {
             explained += stats.explained();
-            on_iteration(Step { energy: LatticeEnergy { explained }, moves: u64::from(stats.moves) });
+            on_iteration(Step { energy: LatticeEnergy { explained }, moves });
         });
         self.set_energy(Some(LatticeEnergy { explained }));
         let (ending, next) = outcome?;

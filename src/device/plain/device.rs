@@ -45,7 +45,7 @@ impl Device for PlainDevice {
 /// The steps on a surface: what [`PlainDevice`] opens.
 pub fn open<'a>(graph: &'a DualGraph, component_of_cluster: &'a [u32]) -> Box<dyn MergeSteps + 'a> {
     let phase = Refinement::new(graph, component_of_cluster, vec![FREE; graph.faces()]);
-    Box::new(PlainSteps { labels_at_merge: phase.labels.clone(), phase, is_resumed: false })
+    Box::new(PlainSteps { labels_at_merge: phase.labels.clone(), phase, iteration: 0, is_resumed: false })
 }
 
 /// The labels of a surface, and what a phase that is resumed has refused.
@@ -53,6 +53,8 @@ struct PlainSteps<'a> {
     phase: Refinement<'a>,
     /// The labels after the last merge.
     labels_at_merge: Vec<u32>,
+    /// The last iteration of the last boundary phase.
+    iteration: u32,
     is_resumed: bool,
 }
 
@@ -125,10 +127,13 @@ impl Steps for PlainSteps<'_> {
     }
 
     fn optimise_boundary(&mut self, limit: u32, cancel: &Cancel, on_step: OnStep<'_>) -> Result<Ending> {
-        self.is_resumed = false;
-        let Refinement { graph, component_of_cluster, labels, .. } = &mut self.phase;
+        if !std::mem::take(&mut self.is_resumed) {
+            self.iteration = 0;
+        }
+        let Self { phase: Refinement { graph, component_of_cluster, labels, .. }, iteration, .. } = self;
         iterations(limit, cancel, on_step, || {
-            let state = iterate(graph, component_of_cluster, labels)?;
+            *iteration = iteration.saturating_add(1);
+            let state = iterate(graph, component_of_cluster, labels, *iteration)?;
             labels.clone_from(&state.labels);
             Some(state)
         })

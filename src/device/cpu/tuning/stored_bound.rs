@@ -3,7 +3,7 @@
 
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-use crate::device::cpu::nearby::{Bound, NearClusters};
+use crate::device::cpu::nearby::{Bound, NearClusters, saturated};
 
 /// A [`Bound`]. The thread that evaluates a face stores it. A limit that needs more than 32 bits is lowered, so that it
 /// is exceeded too early and never too late.
@@ -27,7 +27,7 @@ impl StoredBound {
     /// Replaces the bound of a face.
     #[inline]
     pub fn store(&self, Bound { near: NearClusters { own, others: [first, second] }, limit }: Bound) {
-        self.limit.store(u32::try_from(limit).unwrap_or(u32::MAX), Relaxed);
+        self.limit.store(saturated(limit), Relaxed);
         self.own.store(own, Relaxed);
         self.others[0].store(first, Relaxed);
         self.others[1].store(second, Relaxed);
@@ -37,6 +37,25 @@ impl StoredBound {
     #[inline]
     pub fn queue(&mut self) -> bool {
         std::mem::replace(self.limit.get_mut(), QUEUED) != QUEUED
+    }
+
+    /// Makes the limit one of an active face; the list of those does not change.
+    #[inline]
+    pub fn drop_limit(&mut self) {
+        let limit = self.limit.get_mut();
+        *limit = (*limit).min(Bound::ACTIVE as u32);
+    }
+
+    /// Of a face that sees many clusters: how far its own proxy may drift if the others do not.
+    #[inline]
+    pub fn own_limit(&self) -> u64 {
+        self.others[1].load(Relaxed).into()
+    }
+
+    /// Lowers that to at most `limit`.
+    #[inline]
+    pub fn lower_own_limit(&self, limit: u64) {
+        self.others[1].fetch_min(saturated(limit), Relaxed);
     }
 
     /// The clusters that the face saw when it was evaluated.
