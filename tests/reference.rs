@@ -9,11 +9,12 @@ use tesserae::cluster::reference::acvd::acvd;
 use tesserae::cluster::reference::variational::variational;
 use tesserae::cluster::run::Row;
 use tesserae::cluster::{seeds, seeds::SeedFaces};
+use tesserae::dev::sample::hard::cone;
 use tesserae::dev::sample::{Sample, generate};
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::pieces;
 use tesserae::device::plain;
-use tesserae::device::{Cancel, Device, Ending, FREE, MergeSteps, Steps};
+use tesserae::device::{Cancel, Device, Ending, FLOOD_FROM, FREE, MergeSteps, Steps};
 use tesserae::job::{self, Request};
 use tesserae::mesh::{Format, Limits, NoResources};
 use tesserae::parameters::{Algorithm, Parameters, Seeds};
@@ -54,6 +55,17 @@ fn run_vc(surface: &Surface, seeds: &SeedFaces, options: Options) -> (Clustering
         variational(surface, seeds, options, &Cancel::default(), &mut |row| rows.push(row), &mut Record::default())
             .expect("nobody cancels");
     (clustering, rows)
+}
+
+#[test]
+fn a_larger_cone_takes_acvd_no_more_passes() {
+    for triangles in [8000, 16_000] {
+        let surface = Surface::build(&cone(triangles)).expect("a surface");
+        let seeds = seeds::choose(&surface, 3, &Seeds::Random, 4, None).expect("the number is possible");
+        let (clustering, rows) = run_acvd(&surface, &seeds, CONNECTED);
+        check_rows("cone", &surface, &seeds, &clustering, &rows);
+        assert!((FLOOD_FROM as usize..350).contains(&rows.len()), "{triangles} triangles: {} rows", rows.len());
+    }
 }
 
 /// F falls with every row, except where pieces were repaired, and the last row's is that of the labels.

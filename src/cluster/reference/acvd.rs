@@ -12,6 +12,9 @@
 //! clusters goes back to the end of the queue, and a face that moved adds its other edges that have come to lie between
 //! clusters.
 //!
+//! *Flood.* From pass 256 on ([`FLOOD_FROM`]), the edges that a face adds when it moves are taken next, in the same
+//! pass: a border then goes where it wants to in one pass, not by a face a pass.
+//!
 //! An edge need not be tested while neither of its clusters has changed since its last test. The phase ends with a pass
 //! in which nothing moves: then no face at a boundary can lower F by going across.
 //!
@@ -30,7 +33,7 @@ use crate::cluster::flat::{Clustering, Options, grown};
 use crate::cluster::record::Record;
 use crate::cluster::run::{Phase, Row};
 use crate::cluster::seeds::SeedFaces;
-use crate::device::{Cancel, Ending, OnStep, Step, Steps};
+use crate::device::{Cancel, Ending, FLOOD_FROM, OnStep, Step, Steps};
 use crate::error::Result;
 use crate::surface::Surface;
 
@@ -64,7 +67,13 @@ struct LocalQueries<'a> {
     partition: Partition<'a>,
     /// The boundary edges, and maybe some that no longer are.
     queue: VecDeque<Edge>,
-    /// Whether an edge is in the queue, by its place among the neighbours of its lower face.
+    /// In a flood, the edges that are taken before those of the queue.
+    ahead: VecDeque<Edge>,
+    /// Passes begun.
+    passes: u32,
+    /// For each face the places of its neighbours, in the order of their numbers.
+    places: Vec<u32>,
+    /// Whether an edge is queued, by its place among the neighbours of its lower face.
     is_queued: Vec<bool>,
     /// When each edge was last tested, by the same place; 0 for never.
     tested_at: Vec<u64>,
@@ -87,11 +96,18 @@ impl<'a> LocalQueries<'a> {
     /// Queues all boundary edges.
     fn new(surface: &'a Surface, partition: Partition<'a>) -> Self {
         let edges = surface.neighbours.len();
+        let mut places: Vec<u32> = (0..edges as u32).collect();
+        for row in surface.neighbour_offsets.windows(2) {
+            places[row[0] as usize..row[1] as usize].sort_by_key(|&place| surface.neighbours[place as usize]);
+        }
         let changed_at = vec![1; partition.clusters()];
         let mut queries = Self {
             surface,
             partition,
             queue: VecDeque::new(),
+            ahead: VecDeque::new(),
+            passes: 0,
+            places,
             is_queued: vec![false; edges],
             tested_at: vec![0; edges],
             changed_at,
@@ -118,12 +134,16 @@ impl<'a> LocalQueries<'a> {
 
     /// Takes every edge that is in the queue now; returns how many faces moved.
     fn pass(&mut self) -> u64 {
+        self.passes = self.passes.saturating_add(1);
         let mut moves = 0;
         for _ in 0..self.queue.len() {
-            let Some(edge) = self.queue.pop_front() else { break };
-            self.is_queued[edge.place as usize] = false;
-            moves += u64::from(self.query(edge));
-            self.push_boundary(edge);
+            let mut next = self.queue.pop_front();
+            while let Some(edge) = next {
+                self.is_queued[edge.place as usize] = false;
+                moves += u64::from(self.query(edge));
+                self.push_boundary(edge, false);
+                next = self.ahead.pop_front();
+            }
         }
         moves
     }
@@ -163,26 +183,31 @@ impl<'a> LocalQueries<'a> {
             let edge = match face < near {
                 true => Some(Edge { low: face, place: first + at as u32 }),
                 // the same edge, seen from the other face
-                false => surface
-                    .neighbours_of(near)
-                    .iter()
-                    .position(|&back| back == face)
-                    .map(|back| Edge { low: near, place: surface.neighbour_offsets[near as usize] + back as u32 }),
+                false => self.place_of(near, face).map(|place| Edge { low: near, place }),
             };
             if let Some(edge) = edge {
-                self.push_boundary(edge);
+                self.push_boundary(edge, self.passes >= FLOOD_FROM);
             }
         }
     }
 
-    /// Puts an edge at the end of the queue if it lies between clusters and is not in it.
-    fn push_boundary(&mut self, edge: Edge) {
+    /// The first place of a neighbour among those of a face.
+    fn place_of(&self, face: u32, neighbour: u32) -> Option<u32> {
+        let [start, end] = [face, face + 1].map(|face| self.surface.neighbour_offsets[face as usize] as usize);
+        let row = &self.places[start..end];
+        let found = row.partition_point(|&place| self.surface.neighbours[place as usize] < neighbour);
+        row.get(found).copied().filter(|&place| self.surface.neighbours[place as usize] == neighbour)
+    }
+
+    /// Puts an edge at the end of the queue, or of those that are taken before it, if it lies between clusters and is
+    /// not queued.
+    fn push_boundary(&mut self, edge: Edge, is_ahead: bool) {
         let [low, high] = [edge.low, self.surface.neighbours[edge.place as usize]];
         let labels = &self.partition.labels;
         let is_queued = &mut self.is_queued[edge.place as usize];
         if labels[low as usize] != labels[high as usize] && !*is_queued {
             *is_queued = true;
-            self.queue.push_back(edge);
+            if is_ahead { self.ahead.push_back(edge) } else { self.queue.push_back(edge) }
         }
     }
 }

@@ -83,11 +83,14 @@ fn central_faces(partition: &Partition<'_>) -> Vec<u32> {
 fn flood(surface: &Surface, fitted: &Partition<'_>, seeds: &[u32], cancel: &Cancel) -> Result<Vec<u32>> {
     let mut labels = seeds::labels(seeds, surface.faces());
     let mut queue = BinaryHeap::new();
-    let offer = |queue: &mut BinaryHeap<_>, labels: &[u32], face: u32, cluster: u32| {
+    // a face joins the cluster of its best pair, so that others need not be queued
+    let mut best = vec![(u64::MAX, FREE); surface.faces()];
+    let mut offer = |queue: &mut BinaryHeap<_>, labels: &[u32], face: u32, cluster: u32| {
         for &near in surface.neighbours_of(face) {
-            if labels[near as usize] == FREE {
-                let weight = u128::from(surface.weights[near as usize]);
-                let energy = weight * u128::from(fitted.cost(near, cluster));
+            let (cost, best) = (fitted.cost(near, cluster), &mut best[near as usize]);
+            if labels[near as usize] == FREE && (cost, cluster) < *best {
+                *best = (cost, cluster);
+                let energy = u128::from(surface.weights[near as usize]) * u128::from(cost);
                 queue.push(Reverse((energy, near, cluster)));
             }
         }
