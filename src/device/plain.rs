@@ -87,11 +87,10 @@ pub fn iterate(graph: &DualGraph, component_of_cluster: &[u32], labels: &[u32], 
     let proxies = sums(graph, component_of_cluster.len(), labels);
     let mut after = pass(graph, &proxies, labels);
     let mut moves = moves(labels, &after);
-    while number >= FLOOD_FROM {
+    let mut is_going_on = number >= FLOOD_FROM;
+    while is_going_on {
         let next = pass(graph, &proxies, &after);
-        if next == after {
-            break;
-        }
+        is_going_on = next != after;
         moves += self::moves(&after, &next);
         after = next;
     }

@@ -128,14 +128,14 @@ impl ActiveFaces {
         let view = &*partition;
         let rival = |face: u32, cluster: u32| rival(view, face, cluster);
         for (face, cluster) in arrivals {
-            if may_be_attracted(view, &self.bounds, &rival, face, cluster) {
+            if may_be_attracted(view, &self.bounds, rival, face, cluster) {
                 self.add(face);
             }
         }
         let Self { candidates, candidate_count, bounds, queue, .. } = self;
         let listed: usize = changed.iter().map(|&cluster| view.boundary.listed(cluster)).sum();
         if SCATTERED * (listed + queue.len()) < *candidate_count {
-            let around = |changed: &[u32]| exceeded_around(view, changed, bounds, &rival);
+            let around = |changed: &[u32]| exceeded_around(view, changed, bounds, rival);
             let exceeded: Vec<Vec<u32>> = changed.par_chunks(CLUSTERS).map(around).collect();
             for face in exceeded.into_iter().flatten() {
                 if bounds[face as usize].queue() {
