@@ -124,8 +124,8 @@ impl<'a> Relocation<'a> {
                 let mut other = State::new(self.graph, labels);
                 let has_paid = self.swap(&mut other, &mut silent)?;
                 self.lower(&mut other, has_paid, &mut silent)?;
-                other.clusters = breathe(other.clusters, 1, self.cancel, |_| Ok(()))?;
-                self.mix_in(&mut best, other, on_change)?;
+                let other = breathe(other.clusters, 1, self.cancel, |_| Ok(()))?;
+                self.mix_in(&mut best, State::new(self.graph, other.compacted()), on_change)?;
             }
             self.relax(&mut best, self.most_rounds(), on_change)?;
         }
