@@ -10,9 +10,9 @@
 //! 2. *Too many clusters.* On the coarsest graph, a third more than are wanted start from stratified seeds and grow.
 //! 3. *Merging.* The boundary phase ([`super::flat`]) makes four iterations. Every cluster finds its best dual edge
 //!    ([`crate::device::dual_edge`]); of the mutual pairs, the cheaper half merge; and so on until there are as many
-//!    clusters as wanted. No component goes below its share. Then the boundary phase runs to its end. Where few
-//!    clusters are wanted, clusters teleport ([`super::teleport`]), 800 / k times, and 2. and 3. are done for as many
-//!    seed numbers; the start with the lowest energy is taken.
+//!    clusters as wanted. No component goes below its share. Then the boundary phase runs to its end, and pieces are
+//!    repaired, before energies are compared. Where few clusters are wanted, clusters teleport ([`super::teleport`]),
+//!    800 / k times, and 2. and 3. are done for as many seed numbers; the start with the lowest energy is taken.
 //! 4. *Back to the faces.* Labels go to the next finer graph, where the boundary phase runs; on the finest, they are
 //!    where the clustering starts.
 //!
@@ -167,8 +167,8 @@ impl CoarseStart {
         Ok(start)
     }
 
-    /// The phases on a coarse graph, and repairs, before energies are compared: a cluster in pieces has an energy that it
-    /// cannot keep. Not where iterations are few, as no energies are compared there.
+    /// The phases on a coarse graph, and repairs: a cluster in pieces has an energy that it cannot keep. Where
+    /// iterations are limited, no energies are compared, and nothing is repaired.
     fn settle(&self, steps: &mut dyn Steps, cancel: &Cancel) -> Result<()> {
         if self.effort.iterations_a_graph < u32::MAX {
             return self.optimise(steps, self.effort.iterations_a_graph, cancel);

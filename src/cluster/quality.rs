@@ -55,10 +55,13 @@ impl Quality {
         }
     }
 
-    /// A further coarse start, from which whole components may be taken. With it, the result of a quality is never above
-    /// that of a cheaper one.
-    pub fn further_start(self) -> Option<Effort> {
-        (self == Quality::Best).then(|| Quality::Default.start())
+    /// A further coarse start, from which whole components may be taken: of `best`, and of all on tiny meshes. With it,
+    /// the result of `best` is not above that of the default.
+    pub fn further_start(self) -> Effort {
+        match self {
+            Quality::Fast | Quality::Default => Quality::Best.start(),
+            Quality::Best => Quality::Default.start(),
+        }
     }
 
     /// Moves of whole clusters after the phases.

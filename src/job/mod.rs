@@ -306,7 +306,8 @@ fn plan(surface: &Surface, spec: JobSpec) -> Result<Plan> {
     Ok(match spec {
         JobSpec::Coarse { clusters, seed, effort, further, options, relocation } => {
             let start = |effort| CoarseStart::new(surface, clusters, seed, effort);
-            let further = further.filter(|_| relocation.is_some()).map(start).transpose()?;
+            let all_effort = surface.faces() < relocation::TINY || relocation == Some(relocation::Effort::All);
+            let further = (relocation.is_some() && all_effort).then(|| start(further)).transpose()?;
             Plan::Coarse(Coarse { start: start(effort)?, further, options, relocation })
         }
         JobSpec::Seeded { method, clusters, seeds, seed, listed, options } => {

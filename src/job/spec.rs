@@ -17,8 +17,8 @@ pub enum JobSpec {
         seed: u64,
         /// How much work goes into the start.
         effort: Effort,
-        /// The work of a further start, if there is one.
-        further: Option<Effort>,
+        /// The work of a further start, where there is one.
+        further: Effort,
         /// What follows the start.
         options: flat::Options,
         /// Which moves of whole clusters follow that, if any.

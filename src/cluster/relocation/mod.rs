@@ -14,10 +14,10 @@
 //! | E | relaxed trials: merges and splits, judged after their surroundings have settled | [`trial`] |
 //! | F | breathing: more clusters, then as many again | [`breathe`] |
 //!
-//! C and D follow if a swap paid, E and F also where clusters have fewer than [`FEW_FACES`] faces, or the mesh no more
-//! than [`SMALL`]. The lowest of B, C and D goes on. Quality `fast` makes B; the default all, with [`TRIALS`] rounds of
-//! E and one breath; `best` goes on as long as F falls, and mixes the result with that of a further start. Meshes with
-//! fewer than [`TINY`] faces get all of it. ([`super::coarse`] is step A.)
+//! C and D follow if swaps lowered F by a thousandth, E and F also where clusters have fewer than [`FEW_FACES`] faces,
+//! or the mesh no more than [`SMALL`]. The lowest of B, C and D goes on. Quality `fast` makes B; the default all, with
+//! [`TRIALS`] rounds of E and one breath; `best` goes on as long as F falls, and mixes the result with that of another
+//! start. Meshes with fewer than [`TINY`] faces get all of it. ([`super::coarse`] is step A.)
 //!
 //! # F never rises, and it ends
 //!
@@ -63,14 +63,14 @@ pub enum Effort {
     All,
 }
 
-/// Clusters with fewer faces than this are tried for relocation even if no swap pays.
+/// Clusters with fewer faces than this get E and F even if no swap pays.
 const FEW_FACES: usize = 20;
 
-/// Meshes with no more faces than this are tried, too; it takes milliseconds.
-const SMALL: usize = 20_000;
+/// Meshes with no more faces than this get them, too; it takes milliseconds.
+const SMALL: usize = 1 << 15;
 
 /// Meshes with fewer faces than this get all effort, whatever the quality.
-const TINY: usize = 1_000;
+pub const TINY: usize = 1_000;
 
 /// Rounds of trials, unless all are made.
 const TRIALS: usize = 3;
@@ -124,7 +124,8 @@ impl<'a> Relocation<'a> {
                 let mut other = State::new(self.graph, labels);
                 let has_paid = self.swap(&mut other, &mut silent)?;
                 self.lower(&mut other, has_paid, &mut silent)?;
-                self.mix_in(&mut best, other, on_change)?;
+                let other = breathe(other.clusters, 1, self.cancel, |_| Ok(()))?;
+                self.mix_in(&mut best, State::new(self.graph, other.compacted()), on_change)?;
             }
             self.relax(&mut best, self.most_rounds(), on_change)?;
         }
@@ -134,7 +135,7 @@ impl<'a> Relocation<'a> {
         Ok(best.clusters.compacted())
     }
 
-    /// C, D and E; C and D if a swap has paid.
+    /// C, D and E; C and D if swaps have paid.
     fn lower(&mut self, best: &mut State<'a>, has_paid: bool, on_change: OnChange<'_>) -> Result<()> {
         let before = best.clusters.energy();
         settle_all(&mut best.clusters, self.cancel)?;
@@ -156,14 +157,14 @@ impl<'a> Relocation<'a> {
         (FACES_IN_ROUNDS / self.graph.faces()).clamp(TRIALS, MOST_ROUNDS)
     }
 
-    /// B. Returns whether a swap paid.
+    /// B. Returns whether F has fallen by more than a thousandth.
     fn swap(&self, state: &mut State<'_>, on_change: OnChange<'_>) -> Result<bool> {
-        let mut has_paid = false;
+        let before = state.clusters.energy().explained;
         while swap::round(&mut state.clusters, &mut state.candidates, self.cancel)? > 0 {
-            has_paid = true;
             report(Phase::Swap, &mut state.clusters, on_change)?;
         }
-        Ok(has_paid)
+        let fall = state.clusters.energy().explained - before;
+        Ok(fall > 0 && fall > state.clusters.total() / 1000)
     }
 
     /// D: the lowest of two clusterings and their mix.
