@@ -9,6 +9,8 @@ pub enum Choice {
     Placement,
     /// Writes what takes readers long.
     Force,
+    /// Whether a mesh has colours; not on the command line.
+    Colours,
 }
 
 /// What a request chose.
@@ -18,6 +20,8 @@ pub struct Choices {
     pub placement: Placement,
     /// Whether to write what takes readers long.
     pub force: bool,
+    /// Whether to leave out clusters and their colours.
+    pub is_plain: bool,
 }
 
 impl Choice {
@@ -26,6 +30,7 @@ impl Choice {
         match self {
             Choice::Placement => "placement",
             Choice::Force => "force",
+            Choice::Colours => "colours",
         }
     }
 }

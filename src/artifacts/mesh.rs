@@ -1,6 +1,6 @@
 //! The mesh with its clusters in colour, to look at.
 
-use super::{Artifact, Content, Encoding, Flag, Form, Need, given};
+use super::{Artifact, Choice, Content, Encoding, Flag, Form, Need, given};
 use crate::complex::{Cluster, Graph};
 use crate::error::{Error, Kind, Result};
 use crate::export::glb::{self, Column, Values};
@@ -18,7 +18,7 @@ pub static MESH: Artifact = Artifact {
         Form { file: "mesh.vtp", media_type: "application/x-vtp", is_stored: false, schema: None, encode: as_vtp },
         Form { file: "mesh.obj", media_type: "model/obj", is_stored: false, schema: None, encode: as_obj },
     ],
-    choices: &[],
+    choices: &[Choice::Colours],
     flags: &[Flag {
         name: "--mesh",
         value: "OUT",
@@ -41,6 +41,14 @@ pub(super) fn geometry<'a>(content: &Content<'a>) -> Result<(Geometry<'a>, u64)>
     Ok((Geometry { points: &mesh.positions, faces: &mesh.faces, clusters }, labels.clusters))
 }
 
+/// The mesh of a format that always has its clusters.
+fn coloured<'a>(content: &Content<'a>) -> Result<Geometry<'a>> {
+    match content.choices.is_plain {
+        true => Err(Error::new(Kind::InvalidParameter, "colours=none goes with glb only: take format=glb")),
+        false => Ok(geometry(content)?.0),
+    }
+}
+
 /// What viewers can say about a cluster.
 fn table(mesh: &PolygonMesh, labels: &[u32], clusters: u64) -> Result<[Column; 5]> {
     let rows = Graph::new(mesh, labels, clusters)?.nodes;
@@ -59,21 +67,24 @@ fn table(mesh: &PolygonMesh, labels: &[u32], clusters: u64) -> Result<[Column; 5
 fn as_glb<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
     let (geometry, clusters) = geometry(content)?;
     let labels = geometry.clusters.numbers();
-    let bytes = glb::mesh(&geometry, clusters, &table(given(content.mesh)?, labels, clusters)?)?;
+    let bytes = match content.choices.is_plain {
+        true => glb::plain(geometry.points, geometry.faces)?,
+        false => glb::mesh(&geometry, clusters, &table(given(content.mesh)?, labels, clusters)?)?,
+    };
     Ok(Box::new(move |out| out.write_all(&bytes)))
 }
 
 fn as_ply<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
-    let (geometry, _) = geometry(content)?;
+    let geometry = coloured(content)?;
     Ok(Box::new(move |out| ply::write(out, &geometry)))
 }
 
 fn as_vtp<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
-    let (geometry, _) = geometry(content)?;
+    let geometry = coloured(content)?;
     Ok(Box::new(move |out| vtp::write(out, &geometry)))
 }
 
 fn as_obj<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
-    let (geometry, _) = geometry(content)?;
+    let geometry = coloured(content)?;
     Ok(Box::new(move |out| obj::write(out, &geometry)))
 }

@@ -92,7 +92,7 @@ impl ChoiceFlags {
                 return Err(Failure::Usage(command, message));
             }
         }
-        Ok(Choices { placement: self.placement.unwrap_or_default(), force: self.force })
+        Ok(Choices { placement: self.placement.unwrap_or_default(), force: self.force, is_plain: false })
     }
 }
 

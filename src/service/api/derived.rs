@@ -24,6 +24,15 @@ struct DerivedQuery {
     format: Option<String>,
     placement: Option<Placement>,
     force: Option<bool>,
+    colours: Option<Colours>,
+}
+
+/// Colours of a mesh.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Colours {
+    Clusters,
+    None,
 }
 
 /// Serves an output in the form that `format` or `Accept` chooses.
@@ -36,13 +45,21 @@ pub(in crate::service) async fn derived(
     headers: HeaderMap,
 ) -> Answer {
     let job = shared.job(&caller, &id).await?;
-    let DerivedQuery { clusters, format, placement, force } = query::read(&uri)?;
-    let given = [(Choice::Placement, placement.is_some()), (Choice::Force, force.is_some())];
+    let DerivedQuery { clusters, format, placement, force, colours } = query::read(&uri)?;
+    let given = [
+        (Choice::Placement, placement.is_some()),
+        (Choice::Force, force.is_some()),
+        (Choice::Colours, colours.is_some()),
+    ];
     if let Some((choice, _)) = given.into_iter().find(|(choice, given)| *given && !artifact.choices.contains(choice)) {
         let message = format!("{} has nothing to choose by {}: leave it out", artifact.name, choice.name());
         return Err(Error::new(Kind::InvalidParameter, message).into());
     }
-    let choices = Choices { placement: placement.unwrap_or_default(), force: force.unwrap_or_default() };
+    let choices = Choices {
+        placement: placement.unwrap_or_default(),
+        force: force.unwrap_or_default(),
+        is_plain: colours == Some(Colours::None),
+    };
     let form = negotiate::form(&headers, format.as_deref(), artifact)?;
     let summary = succeeded(&job)?;
     check_clusters(&job, &summary, clusters)?;
