@@ -95,10 +95,18 @@ export function output(job: Job, name: string, query: Record<string, string | nu
   return `/v1/jobs/${job.id}/${name}${search.size > 0 ? `?${search}` : ""}`;
 }
 
-/** Labels in upload order; of a hierarchy at `clusters`. */
-export async function labels(job: Job, clusters: number | null, signal: AbortSignal): Promise<Uint32Array> {
+export interface Labels {
+  /** One a face, in upload order. */
+  numbers: Uint32Array;
+  /** Energy of a cut. */
+  energy: number | null;
+}
+
+/** Labels; of a hierarchy at `clusters`. */
+export async function labels(job: Job, clusters: number | null, signal: AbortSignal): Promise<Labels> {
   const response = await request(output(job, "labels", { format: "bin", clusters }), { signal });
-  return new Uint32Array(await response.arrayBuffer());
+  const energy = response.headers.get("tesserae-energy");
+  return { numbers: new Uint32Array(await response.arrayBuffer()), energy: energy === null ? null : Number(energy) };
 }
 
 /** Bytes of an output, without its content; null where the service does not tell. */

@@ -1,5 +1,5 @@
-// Energies as a curve: against iterations with a colour a phase, or of hierarchies against clusters. Log axes; at most one
-// redraw a frame.
+// Energies as a curve: against iterations with a colour a phase, or of hierarchies against clusters. At most one redraw a
+// frame. Logarithmic axes are linear ones of logarithms, which have marks within a decade too.
 
 import uPlot from "uplot";
 
@@ -14,14 +14,17 @@ export class Curve {
   private x: number[] = [];
   private readonly y: (number | null)[][] = PHASES.map(() => []);
   private previous: Phase | null = null;
-  private isOfClusters = false;
   private plot: uPlot | null = null;
   private pending = 0;
   private readonly observer: ResizeObserver;
   private readonly scheme = matchMedia("(prefers-color-scheme: dark)");
   private readonly rebuild = (): void => this.reset();
 
-  constructor(private readonly box: HTMLElement) {
+  /** `isOfClusters`: of a hierarchy, whose iterations are not drawn. */
+  constructor(
+    private readonly box: HTMLElement,
+    private readonly isOfClusters: boolean,
+  ) {
     box.setAttribute("role", "img");
     this.observer = new ResizeObserver(() => this.plot?.setSize({ width: box.clientWidth, height: HEIGHT }));
     this.observer.observe(box);
@@ -38,12 +41,12 @@ export class Curve {
     this.x = [];
     for (const series of this.y) series.length = 0;
     this.previous = null;
-    this.isOfClusters = false;
     this.box.setAttribute("aria-label", "No energies yet");
     this.reset();
   }
 
   iteration(row: IterationRow): void {
+    if (this.isOfClusters) return;
     this.add(this.x.length, row.energy, row.phase);
     // the curve of a phase begins where that of the one before ends
     if (this.previous !== null && this.previous !== row.phase) {
@@ -57,12 +60,7 @@ export class Curve {
   }
 
   round(row: RoundRow): void {
-    if (!this.isOfClusters) {
-      this.clear();
-      this.isOfClusters = true;
-      this.reset();
-    }
-    this.add(row.clusters, row.energy, "boundary");
+    this.add(Math.log10(row.clusters), row.energy, "boundary");
     this.tell(`Energy ${row.energy === null ? "unknown" : digits(row.energy)} at ${row.clusters} clusters`);
   }
 
@@ -75,7 +73,7 @@ export class Curve {
 
   private add(x: number, energy: number | null, phase: Phase): void {
     this.x.push(x);
-    const shown = energy !== null && energy > 0 ? energy : null;
+    const shown = energy !== null && energy > 0 ? Math.log10(energy) : null;
     for (const [i, series] of this.y.entries()) series.push(PHASES[i] === phase ? shown : null);
     this.pending ||= requestAnimationFrame(() => {
       this.pending = 0;
@@ -105,10 +103,10 @@ export class Curve {
         height: HEIGHT,
         legend: { show: false },
         cursor: { show: false },
-        scales: { x: { time: false, distr: this.isOfClusters ? 3 : 1, dir: this.isOfClusters ? -1 : 1 }, y: { distr: 3 } },
+        scales: { x: { time: false, dir: this.isOfClusters ? -1 : 1 } },
         axes: [
-          { ...axis, ...xs },
-          { ...axis, size: 70, values: (_, splits) => splits.map((value) => (value === null ? "" : value.toExponential(1))) },
+          { ...axis, ...xs, values: (_, splits) => splits.map((x) => (this.isOfClusters ? digits(10 ** x) : String(x))) },
+          { ...axis, size: 80, values: (_, splits) => splits.map((y) => digits(10 ** y)) },
         ],
         series: [{}, ...PHASES.map((phase, i) => ({ label: phase, stroke: STROKES[i] ?? "", width: 2, points: { show: false } }))],
       },

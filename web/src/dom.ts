@@ -42,8 +42,9 @@ export function count(number: number): string {
   return number.toLocaleString("en");
 }
 
+/** A number with four digits. */
 export function digits(number: number): string {
-  return number === 0 ? "0" : number.toPrecision(4).replace(/\.?0+(e|$)/, "$1");
+  return String(Number(number.toPrecision(4)));
 }
 
 export function size(bytes: number): string {

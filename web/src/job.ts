@@ -4,21 +4,27 @@ import * as address from "./address";
 import { type Job, type JobEvent, follow, isHierarchical, isLive, json, nameOf, request } from "./api";
 import { Curve } from "./curve";
 import { announce, count, digits, make, notice } from "./dom";
+import { preview } from "./preview";
 import { Result } from "./result";
+import { View } from "./view";
 
 export class JobPage {
   private readonly abort = new AbortController();
   private readonly state = make("p", { id: "state" });
   private readonly actions = make("div", { class: "tools" });
   private readonly energies = make("div", { id: "curve" });
+  private readonly shape = make("div");
   private readonly rest = make("div", { id: "result" });
   private readonly curve: Curve;
   private result: Result | null = null;
+  private before: View | null = null;
 
   constructor(
     private readonly box: HTMLElement,
     private job: Job,
     private readonly onChange: () => void,
+    /** The mesh that was submitted, if it was from here. */
+    private readonly file: File | null = null,
   ) {
     const { algorithm, clusters, quality } = job.parameters;
     const facts = [algorithm, clusters ? `${count(clusters)} clusters` : "whole hierarchy", quality ?? ""];
@@ -27,12 +33,13 @@ export class JobPage {
       make("p", { class: "facts" }, facts.filter((fact) => fact !== "").join(" · ")),
       this.state,
       this.actions,
+      this.shape,
       make("h3", {}, "Energy"),
       this.energies,
       make("p", { class: "key" }, ...keyOf(algorithm)),
       this.rest,
     );
-    this.curve = new Curve(this.energies);
+    this.curve = new Curve(this.energies, isHierarchical(algorithm));
     this.show();
   }
 
@@ -40,7 +47,7 @@ export class JobPage {
   async run(): Promise<void> {
     const { signal } = this.abort;
     try {
-      if (this.job.state === "succeeded") void this.showResult();
+      if (isLive(this.job)) void this.showFile();
       await follow(this.job.id, signal, (event) => this.take(event), (why) => notice(why));
       if (signal.aborted) return;
       const wasLive = isLive(this.job);
@@ -54,6 +61,7 @@ export class JobPage {
 
   close(): void {
     this.abort.abort();
+    this.before?.dispose();
     this.result?.close();
     this.curve.dispose();
     this.box.replaceChildren();
@@ -85,8 +93,21 @@ export class JobPage {
 
   private async showResult(): Promise<void> {
     if (this.result || this.job.state !== "succeeded") return;
-    this.result = new Result(this.rest, this.job);
+    this.before?.dispose();
+    this.before = null;
+    this.result = new Result(this.shape, this.rest, this.job);
     await this.result.load();
+  }
+
+  /** Shows the file itself while the service works on it. A file that cannot be shown is no error here. */
+  private async showFile(): Promise<void> {
+    const mesh = this.file && (await preview(this.file).catch(() => null));
+    if (!mesh || this.result || this.abort.signal.aborted) return;
+    const figure = make("div", { class: "view", id: "preview" });
+    this.shape.replaceChildren(figure);
+    this.before = new View(figure, mesh);
+    this.before.canvas.setAttribute("role", "img");
+    this.before.canvas.setAttribute("aria-label", "The mesh, not yet clustered");
   }
 
   private show(): void {
@@ -126,12 +147,17 @@ export function describe(job: Job): string {
       return `running: ${step}, energy ${digits(energy)}`;
     }
     case "succeeded":
-      return job.result ? `succeeded: ${count(job.result.faces)} faces, ${count(job.result.clusters)} clusters` : "succeeded";
+      return job.result ? `succeeded: ${count(job.result.faces)} faces, ${clustersOf(job, job.result.clusters)}` : "succeeded";
     case "failed":
       return `failed: ${job.problem?.detail ?? job.problem?.title ?? "no reason is known"}`;
     case "cancelled":
       return "cancelled";
   }
+}
+
+function clustersOf(job: Job, clusters: number): string {
+  const text = clusters === 1 ? "1 cluster" : `${count(clusters)} clusters`;
+  return isHierarchical(job.parameters.algorithm) ? `a hierarchy down to ${text}` : text;
 }
 
 function keyOf(algorithm: string): HTMLElement[] {
@@ -141,7 +167,11 @@ function keyOf(algorithm: string): HTMLElement[] {
 }
 
 /** Opens the job that the address names; a job that is not there is an error. */
-export async function open(box: HTMLElement, onChange: () => void): Promise<JobPage | null> {
+export async function open(
+  box: HTMLElement,
+  onChange: () => void,
+  fileOf: (id: string) => File | null,
+): Promise<JobPage | null> {
   const { job: id } = address.read();
-  return id === null ? null : new JobPage(box, await json<Job>(`/v1/jobs/${id}`), onChange);
+  return id === null ? null : new JobPage(box, await json<Job>(`/v1/jobs/${id}`), onChange, fileOf(id));
 }

@@ -1,16 +1,16 @@
 // The page: a form for jobs, the list of jobs, and the job that the address names.
 
 import * as address from "./address";
-import { type Job, Refused, isLive, json, nameOf, submit, token } from "./api";
+import { type Job, Refused, isHierarchical, isLive, json, nameOf, submit, token } from "./api";
 import { announce, byId, make, notice } from "./dom";
 import { type JobPage, describe, open } from "./job";
 import { sample } from "./samples";
 
 const ALGORITHMS: [string, string][] = [
   ["bb", "BB: boundary-based"],
-  ["pml", "PML: parallel multilevel, a hierarchy"],
-  ["ml", "ML: multilevel, a hierarchy"],
-  ["hr", "HR: hierarchical, a hierarchy"],
+  ["pml", "PML: hierarchy"],
+  ["ml", "ML: hierarchy"],
+  ["hr", "HR: hierarchy"],
   ["acvd", "ACVD"],
   ["vc", "VC: variational"],
 ];
@@ -18,7 +18,11 @@ const ALGORITHMS: [string, string][] = [
 /** Time between looks at the list of jobs, in milliseconds. */
 const LOOK_EVERY = 2000;
 
+/** Whether an algorithm has a quality; the others refuse it. */
+const hasQuality = (algorithm: string): boolean => ["bb", "pml"].includes(algorithm);
+
 let files: File[] = [];
+let submitted: { id: string; file: File | null } | null = null;
 let page: JobPage | null = null;
 let turn = 0;
 
@@ -35,16 +39,16 @@ async function start(): Promise<void> {
   const value = (id: string): string => byId<HTMLInputElement>(id).value;
   const algorithm = value("algorithm");
   const parameters: Record<string, unknown> = { algorithm, clusters: Number(value("clusters")), keep_mesh: true };
-  // quality is of boundary-based clustering; the others refuse it
-  if (algorithm === "bb") parameters["quality"] = value("quality");
+  if (hasQuality(algorithm)) parameters["quality"] = value("quality");
   // a hierarchy is made as a whole, so that the slider has all of it
-  if (["pml", "ml", "hr"].includes(algorithm)) delete parameters["clusters"];
+  if (isHierarchical(algorithm)) delete parameters["clusters"];
   button.disabled = true;
   try {
     announce("Sending the mesh");
     const job = await submit(files, parameters);
     notice("");
     announce(`${nameOf(job)} is accepted`);
+    submitted = { id: job.id, file: files.length === 1 ? (files[0] ?? null) : null };
     location.hash = address.ofJob(job.id);
     await list();
   } catch (error) {
@@ -59,6 +63,14 @@ function fail(error: unknown): void {
   if (error instanceof Refused && error.status === 401) byId("token-form").classList.add("needed");
 }
 
+/** What follows a job says that the service is gone, and for how long. */
+function failUnlessGone(error: unknown): void {
+  if (!(error instanceof TypeError)) fail(error);
+}
+
+/** The file of the job that was submitted last. */
+const fileOf = (id: string): File | null => (submitted?.id === id ? submitted.file : null);
+
 /** Shows the job of the address, or what the first visit shows. */
 async function route(): Promise<void> {
   const mine = ++turn;
@@ -70,7 +82,7 @@ async function route(): Promise<void> {
   box.hidden = job === null;
   document.title = "Tesserae";
   try {
-    const opened = await open(box, () => void list());
+    const opened = await open(box, () => void list().catch(failUnlessGone), fileOf);
     if (mine !== turn) return opened?.close();
     page = opened;
     notice("");
@@ -106,12 +118,7 @@ async function list(): Promise<void> {
 
 async function look(): Promise<void> {
   if (!document.hidden) {
-    await list().then(
-      () => undefined,
-      (error: unknown) => {
-        if (!(error instanceof TypeError)) fail(error);
-      },
-    );
+    await list().catch(failUnlessGone);
   }
   setTimeout(() => void look(), LOOK_EVERY);
 }
@@ -144,8 +151,8 @@ function listen(): void {
   const algorithm = byId<HTMLSelectElement>("algorithm");
   for (const [value, text] of ALGORITHMS) algorithm.append(make("option", { value }, text));
   algorithm.addEventListener("change", () => {
-    byId<HTMLSelectElement>("quality").disabled = algorithm.value !== "bb";
-    byId<HTMLInputElement>("clusters").disabled = ["pml", "ml", "hr"].includes(algorithm.value);
+    byId<HTMLSelectElement>("quality").disabled = !hasQuality(algorithm.value);
+    byId<HTMLInputElement>("clusters").disabled = isHierarchical(algorithm.value);
   });
   byId("new-job").addEventListener("submit", (event) => {
     event.preventDefault();

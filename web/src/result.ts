@@ -2,7 +2,7 @@
 // another job of the same mesh, the remesh, the table, the files.
 
 import * as address from "./address";
-import { type Job, type Report, isHierarchical, json, labels, nameOf, output } from "./api";
+import { type Job, type Labels, type Report, isHierarchical, json, labels, nameOf, output } from "./api";
 import { dendrogram } from "./dendrogram";
 import { announce, count, digits, make, notice } from "./dom";
 import { downloads } from "./downloads";
@@ -22,16 +22,17 @@ const FIRST_CUT = 100;
 export class Result {
   private readonly abort = new AbortController();
   private cutting = new AbortController();
-  private readonly figure = make("div", { id: "view" });
+  private readonly figure = make("div", { id: "view", class: "view" });
   private readonly picked = make("p", { id: "picked" }, "No cluster is selected.");
   private readonly energies = make("dl", { id: "energies" });
   private readonly compared = make("div", { class: "tools" });
+  private readonly level = make("span", { id: "cut-energy" });
   private readonly table: ClusterTable;
   private readonly isTree: boolean;
   private view: View | null = null;
   private mesh: Triangles | null = null;
-  private mine: Uint32Array | null = null;
-  private others: Uint32Array | null = null;
+  private mine: Labels | null = null;
+  private others: Labels | null = null;
   private clusters: Clusters | null = null;
   private cut: number | null = null;
   private selected: number | null = null;
@@ -39,6 +40,7 @@ export class Result {
 
   constructor(
     private readonly box: HTMLElement,
+    rest: HTMLElement,
     private readonly job: Job,
   ) {
     this.isTree = isHierarchical(job.parameters.algorithm);
@@ -46,12 +48,9 @@ export class Result {
     const list = make("details", {}, make("summary", {}, "Table of clusters"));
     this.table = new ClusterTable(list);
     this.table.onSelect = (cluster) => this.select(cluster === this.selected ? null : cluster);
-    box.replaceChildren(
+    box.replaceChildren(...(this.isTree ? [this.slider()] : []), this.figure, this.picked, this.compared);
+    rest.replaceChildren(
       this.energies,
-      ...(this.isTree ? [this.slider()] : []),
-      this.figure,
-      this.picked,
-      this.compared,
       list,
       ...(this.isTree ? [dendrogram(job, this.abort.signal)] : []),
       downloads(job, () => this.cut, this.abort.signal),
@@ -60,13 +59,14 @@ export class Result {
 
   async load(): Promise<void> {
     const { signal } = this.abort;
+    // before anything is shown, which changes the address
+    const { cluster, with: other } = address.read();
     const report = await json<Report>(output(this.job, "report"), { signal });
     this.showEnergies(report);
     await this.fetchLabels();
     if (!this.job.keep_mesh) this.figure.replaceChildren("The mesh was not kept with this job, so there is nothing to draw.");
     else if (report.input.triangles > MANY_TRIANGLES) this.figure.replaceChildren(this.later(report.input.triangles));
     else await this.draw();
-    const { cluster, with: other } = address.read();
     if (cluster !== null) this.select(cluster);
     await this.offerComparison(other);
   }
@@ -101,7 +101,7 @@ export class Result {
     view.onPick = (triangle) => {
       const shown = this.shown();
       const face = triangle === null ? null : (this.mesh?.faces?.[triangle] ?? triangle);
-      this.select(face === null || !shown ? null : (shown[face] ?? null));
+      this.select(face === null || !shown ? null : (shown.numbers[face] ?? null));
     };
     this.figure.removeAttribute("aria-busy");
     this.box.querySelector("#overlay")?.remove();
@@ -135,7 +135,7 @@ export class Result {
       range.value = String(toPlace(clusters));
       move(clusters);
     });
-    return make("div", { class: "tools level" }, make("label", { for: "level" }, "Clusters"), range, number);
+    return make("div", { class: "tools level" }, make("label", { for: "level" }, "Clusters"), range, number, this.level);
   }
 
   /** Fetches the labels at the cut; an answer that comes after a later move is dropped. */
@@ -152,16 +152,17 @@ export class Result {
     this.show();
   }
 
-  private shown(): Uint32Array | null {
+  private shown(): Labels | null {
     return this.others ?? this.mine;
   }
 
   private show(): void {
     const shown = this.shown();
     if (!shown) return;
-    this.clusters = measure(shown, this.mesh);
+    this.clusters = measure(shown.numbers, this.mesh);
     this.table.show(this.clusters);
-    this.view?.setLabels(shown);
+    this.view?.setLabels(shown.numbers);
+    this.level.textContent = this.mine?.energy ? `energy ${digits(this.mine.energy)}` : "";
     if (this.selected !== null && this.selected >= this.clusters.faces.length) this.select(null);
     else this.select(this.selected);
     this.figure.dataset["clusters"] = String(this.clusters.faces.length);
@@ -205,11 +206,13 @@ export class Result {
   private showEnergies(report: Report): void {
     const { initial, final, hexagon_ratio: ratio } = report.energy;
     const rows: [string, string][] = [["faces", count(report.input.faces)]];
+    // of a whole hierarchy they are those of its roots
+    const isFlat = !this.isTree || this.job.parameters.clusters;
     if (initial !== null && initial !== undefined) rows.push(["energy at the start", digits(initial)]);
-    if (final !== null && final !== undefined) rows.push(["energy at the end", digits(final)]);
-    if (ratio !== null && ratio !== undefined) rows.push(["of a tiling with hexagons", ratio.toFixed(4)]);
+    if (isFlat && final !== null && final !== undefined) rows.push(["energy at the end", digits(final)]);
+    if (isFlat && ratio !== null && ratio !== undefined) rows.push(["of a tiling with hexagons", ratio.toFixed(4)]);
     rows.push(["clustered in", `${digits(report.timings_ms["cluster"] ?? 0)} ms`]);
-    this.energies.replaceChildren(...rows.flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]));
+    this.energies.replaceChildren(...rows.map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))));
     for (const warning of report.warnings) this.energies.after(make("p", { class: "warning" }, warning));
   }
 

@@ -6,7 +6,7 @@ import { BoxGeometry, type BufferGeometry, PlaneGeometry, SphereGeometry, TorusG
 const DECIMALS = 5;
 
 const shapes: Record<string, () => BufferGeometry[]> = {
-  knot: () => [new TorusKnotGeometry(1, 0.34, 600, 50)],
+  knot: () => [new TorusKnotGeometry(1, 0.34, 400, 40)],
   terrain: () => [terrain()],
   parts: () => [
     new SphereGeometry(0.8, 96, 64).translate(-2, 0, 0),
@@ -22,7 +22,7 @@ export function sample(name: string): File {
 
 /** Hills of several widths over a square. */
 function terrain(): BufferGeometry {
-  const plane = new PlaneGeometry(4, 4, 170, 170);
+  const plane = new PlaneGeometry(4, 4, 140, 140);
   const positions = plane.getAttribute("position");
   for (let i = 0; i < positions.count; i++) {
     const [x, y] = [positions.getX(i), positions.getY(i)];

@@ -192,7 +192,8 @@ export class View {
   /** Puts the camera where the whole mesh is seen. */
   private fit(): void {
     const { center, radius } = this.bounds;
-    const distance = (1.05 * radius || 1) / Math.sin((this.camera.fov * Math.PI) / 360);
+    const narrow = Math.min(1, (this.box.clientWidth || 1) / (this.box.clientHeight || 1));
+    const distance = (1.05 * radius || 1) / Math.sin((this.camera.fov * Math.PI) / 360) / narrow;
     this.camera.position.copy(center).addScaledVector(new Vector3(0.45, 0.5, 1).normalize(), distance);
     this.camera.near = distance / 200;
     this.camera.far = distance * 20;

@@ -25,7 +25,7 @@ export class Browser {
 
   /** A new session: an own store of tokens, an own size. */
   async open(origin, options = {}) {
-    const context = await this.chromium.newContext({ viewport: { width: 1200, height: 900 }, ...options });
+    const context = await this.chromium.newContext({ viewport: { width: 1100, height: 800 }, ...options });
     context.setDefaultTimeout(60_000);
     const page = await context.newPage();
     const complain = (text) => this.complaints.push(text);
@@ -57,29 +57,35 @@ export class Browser {
   }
 }
 
-/** The pixels of an element as RGBA, with its size. */
-export async function pixels(page, selector) {
+/**
+ * What an element looks like: `hues`, the number of 36 parts of the circle of hues that at least a thousandth of its pixels
+ * have; `centre`, the colour of its middle; `digest`, which differs with any pixel.
+ */
+export async function look(page, selector) {
   const png = (await page.locator(selector).screenshot()).toString("base64");
   return await page.evaluate(async (text) => {
     const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
     const image = await createImageBitmap(new Blob([bytes], { type: "image/png" }));
-    const canvas = new OffscreenCanvas(image.width, image.height);
-    const context = canvas.getContext("2d");
+    const { width, height } = image;
+    const context = new OffscreenCanvas(width, height).getContext("2d");
     context.drawImage(image, 0, 0);
-    const { data, width, height } = context.getImageData(0, 0, image.width, image.height);
-    return { data: [...data], width, height };
+    const { data } = context.getImageData(0, 0, width, height);
+    const counts = new Array(36).fill(0);
+    let digest = 0;
+    for (let i = 0; i < data.length; i += 4) {
+      const [r, g, b] = data.subarray(i, i + 3);
+      digest = (Math.imul(digest, 31) + (r << 16) + (g << 8) + b) | 0;
+      const [high, low] = [Math.max(r, g, b), Math.min(r, g, b)];
+      if (high - low < 40) continue;
+      const of = (shift, one, other) => shift + (one - other) / (high - low);
+      const sector = high === r ? of(6, g, b) : high === g ? of(2, b, r) : of(4, r, g);
+      counts[Math.floor(6 * sector) % 36] += 1;
+    }
+    const middle = 4 * (Math.floor(height / 2) * width + Math.floor(width / 2));
+    return {
+      hues: counts.filter((n) => 1000 * n > width * height).length,
+      centre: [...data.subarray(middle, middle + 3)],
+      digest,
+    };
   }, png);
-}
-
-/** Number of hues, in 36 parts of the circle, that at least a thousandth of the pixels have. */
-export function hues({ data }) {
-  const counts = new Array(36).fill(0);
-  for (let i = 0; i < data.length; i += 4) {
-    const [r, g, b] = data.slice(i, i + 3);
-    const [high, low] = [Math.max(r, g, b), Math.min(r, g, b)];
-    if (high - low < 40) continue;
-    const sector = high === r ? (g - b) / (high - low) : high === g ? 2 + (b - r) / (high - low) : 4 + (r - g) / (high - low);
-    counts[Math.floor(6 * (sector + 6)) % 36] += 1;
-  }
-  return counts.filter((n) => 4000 * n > data.length).length;
 }
