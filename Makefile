@@ -37,6 +37,7 @@ lint: install-test bundle  ## formatting, clippy, documentation and choices of c
 	cargo clippy --locked --all-targets $(FEATURES) -- -D warnings
 	cargo rustc --locked --lib --profile check -- --cfg fuzzing -D warnings
 	tests/scripts/features.sh
+	web/node_modules/.bin/prettier --log-level warn --check web/src web/tests web/bundle.mjs
 	RUSTDOCFLAGS="-D warnings -A rustdoc::private-intra-doc-links" cargo doc --locked $(FEATURES) --no-deps --document-private-items
 
 .PHONY: unit

@@ -11,9 +11,15 @@ export function read(): Address {
   const [path = "", query = ""] = location.hash.slice(1).split("?");
   const job = /^\/jobs\/([0-9a-f-]+)$/.exec(path)?.[1] ?? null;
   const search = new URLSearchParams(query);
-  const number = (name: string): number | null => (/^\d{1,10}$/.test(search.get(name) ?? "") ? Number(search.get(name)) : null);
+  const number = (name: string): number | null =>
+    /^\d{1,10}$/.test(search.get(name) ?? "") ? Number(search.get(name)) : null;
   const other = search.get("with");
-  return { job, clusters: number("clusters"), cluster: number("cluster"), with: /^[0-9a-f-]+$/.test(other ?? "") ? other : null };
+  return {
+    job,
+    clusters: number("clusters"),
+    cluster: number("cluster"),
+    with: /^[0-9a-f-]+$/.test(other ?? "") ? other : null,
+  };
 }
 
 export const ofJob = (id: string): string => `#/jobs/${id}`;

@@ -130,8 +130,8 @@ export async function submit(files: File[], parameters: Record<string, unknown>)
 const pause = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));
 
 /**
- * Follows the events of a job to their end. A stream that breaks is resumed after the last event, for as long as it takes
- * the service to come back; `onBreak` hears of every break, and of the first event after it with an empty text.
+ * Follows the events of a job to their end. A stream that breaks is resumed after the last event, until the service is
+ * back. `onBreak` gets a text at every break, and an empty one when the stream goes on.
  */
 export async function follow(
   id: string,

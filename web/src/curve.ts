@@ -1,5 +1,5 @@
-// Energies as a curve: against iterations with a colour a phase, or of hierarchies against clusters. At most one redraw a
-// frame. Logarithmic axes are linear ones of logarithms, which have marks within a decade too.
+// Energies as a curve: against iterations with a colour a phase, or of hierarchies against clusters. At most one redraw
+// a frame. Logarithmic axes are linear ones of logarithms, which have marks within a decade too.
 
 import uPlot from "uplot";
 
@@ -56,7 +56,9 @@ export class Curve {
       if (series && last !== undefined) series[at] = last;
     }
     this.previous = row.phase;
-    this.tell(`Energy ${row.energy === null ? "unknown" : digits(row.energy)} after iteration ${row.iteration}, ${row.phase}`);
+    this.tell(
+      `Energy ${row.energy === null ? "unknown" : digits(row.energy)} after iteration ${row.iteration}, ${row.phase}`,
+    );
   }
 
   round(row: RoundRow): void {
@@ -95,7 +97,11 @@ export class Curve {
   private reset(): void {
     this.plot?.destroy();
     const style = getComputedStyle(this.box);
-    const axis = { stroke: style.color, grid: { stroke: style.borderColor, width: 1 }, ticks: { stroke: style.borderColor, width: 1 } };
+    const axis = {
+      stroke: style.color,
+      grid: { stroke: style.borderColor, width: 1 },
+      ticks: { stroke: style.borderColor, width: 1 },
+    };
     const xs = { label: this.isOfClusters ? "clusters" : "iterations", labelSize: 18, size: 34 };
     this.plot = new uPlot(
       {
@@ -105,10 +111,17 @@ export class Curve {
         cursor: { show: false },
         scales: { x: { time: false, dir: this.isOfClusters ? -1 : 1 } },
         axes: [
-          { ...axis, ...xs, values: (_, splits) => splits.map((x) => (this.isOfClusters ? digits(10 ** x) : String(x))) },
+          {
+            ...axis,
+            ...xs,
+            values: (_, splits) => splits.map((x) => (this.isOfClusters ? digits(10 ** x) : String(x))),
+          },
           { ...axis, size: 80, values: (_, splits) => splits.map((y) => digits(10 ** y)) },
         ],
-        series: [{}, ...PHASES.map((phase, i) => ({ label: phase, stroke: STROKES[i] ?? "", width: 2, points: { show: false } }))],
+        series: [
+          {},
+          ...PHASES.map((phase, i) => ({ label: phase, stroke: STROKES[i] ?? "", width: 2, points: { show: false } })),
+        ],
       },
       this.data(),
       this.box,

@@ -22,7 +22,9 @@ export function dendrogram(job: Job, signal: AbortSignal): HTMLElement {
   box.addEventListener("toggle", () => {
     if (!box.open || figure.hasChildNodes()) return;
     // a merge that leaves 63 clusters had 64 before it
-    json<{ nodes: Merge[]; roots: number[] }>(output(job, "hierarchy", { format: "json", max_clusters: LEAVES - 1 }), { signal })
+    json<{ nodes: Merge[]; roots: number[] }>(output(job, "hierarchy", { format: "json", max_clusters: LEAVES - 1 }), {
+      signal,
+    })
       .then(({ nodes, roots }) => figure.replaceChildren(picture(nodes, roots)))
       .catch((error: unknown) => figure.replaceChildren(error instanceof Error ? error.message : String(error)));
   });

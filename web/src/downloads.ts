@@ -1,4 +1,4 @@
-// Every file of a job with its size. Files are fetched with the token and handed over as blobs: a link could carry none.
+// Every file of a job with its size. Files are fetched with the token and handed over as blobs: a link has no header.
 
 import { type Job, isHierarchical, length, nameOf, output, request } from "./api";
 import { make, notice, size } from "./dom";
@@ -54,7 +54,10 @@ async function fill(list: HTMLElement, job: Job, clusters: number | null, signal
   for (const ask of sizes) await ask().catch(() => {});
 }
 
-const stem = (job: Job): string => nameOf(job).replace(/\.[^.]*$/, "").replace(/[^\w.-]+/g, "_");
+const stem = (job: Job): string =>
+  nameOf(job)
+    .replace(/\.[^.]*$/, "")
+    .replace(/[^\w.-]+/g, "_");
 
 async function save(path: string, name: string, told: HTMLElement, signal: AbortSignal): Promise<void> {
   try {

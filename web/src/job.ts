@@ -48,7 +48,12 @@ export class JobPage {
     const { signal } = this.abort;
     try {
       if (isLive(this.job)) void this.showFile();
-      await follow(this.job.id, signal, (event) => this.take(event), (why) => notice(why));
+      await follow(
+        this.job.id,
+        signal,
+        (event) => this.take(event),
+        (why) => notice(why),
+      );
       if (signal.aborted) return;
       const wasLive = isLive(this.job);
       await this.reload();
@@ -77,7 +82,11 @@ export class JobPage {
       if (event.data.state === "queued") void this.reload().catch(() => {});
     } else if (event.name === "iteration") {
       this.curve.iteration(event.data);
-      Object.assign(progress, { iterations: event.data.iteration + 1, phase: event.data.phase, energy: event.data.energy });
+      Object.assign(progress, {
+        iterations: event.data.iteration + 1,
+        phase: event.data.phase,
+        energy: event.data.energy,
+      });
     } else if (event.name === "round") {
       this.curve.round(event.data);
       Object.assign(progress, { clusters_left: event.data.clusters, energy: event.data.energy });
@@ -113,7 +122,9 @@ export class JobPage {
   private show(): void {
     const isRunning = isLive(this.job);
     const label = isRunning ? "Cancel" : "Delete";
-    this.actions.replaceChildren(make("button", { type: "button", id: "remove", onclick: () => void this.remove() }, label));
+    this.actions.replaceChildren(
+      make("button", { type: "button", id: "remove", onclick: () => void this.remove() }, label),
+    );
     this.showState();
   }
 
@@ -147,7 +158,9 @@ export function describe(job: Job): string {
       return `running: ${step}, energy ${digits(energy)}`;
     }
     case "succeeded":
-      return job.result ? `succeeded: ${count(job.result.faces)} faces, ${clustersOf(job, job.result.clusters)}` : "succeeded";
+      return job.result
+        ? `succeeded: ${count(job.result.faces)} faces, ${clustersOf(job, job.result.clusters)}`
+        : "succeeded";
     case "failed":
       return `failed: ${job.problem?.detail ?? job.problem?.title ?? "no reason is known"}`;
     case "cancelled":

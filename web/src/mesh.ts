@@ -44,6 +44,7 @@ async function load(path: string, signal: AbortSignal): Promise<Loaded> {
   if (!mesh) throw new Error("the file has no mesh");
   mesh.updateWorldMatrix(true, false);
   const number: unknown = file.parser.json.meshes[0].extras?.faces;
-  const view = typeof number === "number" ? ((await file.parser.getDependency("bufferView", number)) as ArrayBuffer) : null;
+  const view =
+    typeof number === "number" ? ((await file.parser.getDependency("bufferView", number)) as ArrayBuffer) : null;
   return { geometry: mesh.geometry, centre: mesh.getWorldPosition(new Vector3()), view };
 }

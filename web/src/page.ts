@@ -59,7 +59,13 @@ async function start(): Promise<void> {
 }
 
 function fail(error: unknown): void {
-  notice(error instanceof TypeError ? "The service does not answer." : error instanceof Error ? error.message : String(error));
+  notice(
+    error instanceof TypeError
+      ? "The service does not answer."
+      : error instanceof Error
+        ? error.message
+        : String(error),
+  );
   if (error instanceof Refused && error.status === 401) byId("token-form").classList.add("needed");
 }
 

@@ -1,4 +1,5 @@
-// A file as it was dropped, in grey, to look at while the service works on it. three.js reads it; no label depends on that.
+// A file as it was dropped, in grey, to look at while the service works on it. three.js reads it; no label depends on
+// that.
 
 import { type Mesh, type Object3D, Vector3 } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";

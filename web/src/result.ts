@@ -1,5 +1,5 @@
-// What a job gave: the mesh in 3D, a slider over the clusters of a hierarchy, a cluster and its numbers, a comparison with
-// another job of the same mesh, the remesh, the table, the files.
+// What a job gave: the mesh in 3D, a slider over the clusters of a hierarchy, a cluster and its numbers, a comparison
+// with another job of the same mesh, the remesh, the table, the files.
 
 import * as address from "./address";
 import { type Job, type Labels, type Report, isHierarchical, json, labels, nameOf, output } from "./api";
@@ -64,7 +64,8 @@ export class Result {
     const report = await json<Report>(output(this.job, "report"), { signal });
     this.showEnergies(report);
     await this.fetchLabels();
-    if (!this.job.keep_mesh) this.figure.replaceChildren("The mesh was not kept with this job, so there is nothing to draw.");
+    if (!this.job.keep_mesh)
+      this.figure.replaceChildren("The mesh was not kept with this job, so there is nothing to draw.");
     else if (report.input.triangles > MANY_TRIANGLES) this.figure.replaceChildren(this.later(report.input.triangles));
     else await this.draw();
     if (cluster !== null) this.select(cluster);
@@ -85,7 +86,10 @@ export class Result {
   }
 
   private later(triangles: number): HTMLElement {
-    const start = make("button", { type: "button", onclick: () => void this.draw().catch((error) => this.fail(error)) });
+    const start = make("button", {
+      type: "button",
+      onclick: () => void this.draw().catch((error) => this.fail(error)),
+    });
     start.textContent = `Show ${count(triangles)} triangles in 3D`;
     return start;
   }
@@ -97,7 +101,10 @@ export class Result {
     const view = new View(this.figure, this.mesh);
     this.view = view;
     view.canvas.setAttribute("role", "img");
-    view.canvas.setAttribute("aria-label", "The mesh with its clusters. Arrow keys turn it, plus and minus zoom, 0 resets. The table of clusters has the same.");
+    view.canvas.setAttribute(
+      "aria-label",
+      "The mesh with its clusters. Arrow keys turn it, plus and minus zoom, 0 resets. The table has the same clusters.",
+    );
     view.onPick = (triangle) => {
       const shown = this.shown();
       const face = triangle === null ? null : (this.mesh?.faces?.[triangle] ?? triangle);
@@ -111,11 +118,25 @@ export class Result {
 
   private slider(): HTMLElement {
     const [least, most] = [this.within(1), this.within(Infinity)];
-    const toPlace = (clusters: number): number => (most > least ? (1000 * Math.log(clusters / least)) / Math.log(most / least) : 0);
+    const toPlace = (clusters: number): number =>
+      most > least ? (1000 * Math.log(clusters / least)) / Math.log(most / least) : 0;
     const toClusters = (place: number): number => this.within(least * (most / least) ** (place / 1000));
     const first = this.cut ?? least;
-    const range = make("input", { id: "level", type: "range", min: "0", max: "1000", step: "any", value: String(toPlace(first)) });
-    const number = make("input", { id: "level-number", type: "number", min: String(least), max: String(most), value: String(first) });
+    const range = make("input", {
+      id: "level",
+      type: "range",
+      min: "0",
+      max: "1000",
+      step: "any",
+      value: String(toPlace(first)),
+    });
+    const number = make("input", {
+      id: "level-number",
+      type: "number",
+      min: String(least),
+      max: String(most),
+      value: String(first),
+    });
     number.setAttribute("aria-label", "Number of clusters");
     const move = (clusters: number): void => {
       this.cut = this.within(clusters);
@@ -135,7 +156,14 @@ export class Result {
       range.value = String(toPlace(clusters));
       move(clusters);
     });
-    return make("div", { class: "tools level" }, make("label", { for: "level" }, "Clusters"), range, number, this.level);
+    return make(
+      "div",
+      { class: "tools level" },
+      make("label", { for: "level" }, "Clusters"),
+      range,
+      number,
+      this.level,
+    );
   }
 
   /** Fetches the labels at the cut; an answer that comes after a later move is dropped. */
@@ -192,7 +220,12 @@ export class Result {
   private overlay(): HTMLElement {
     const box = make("input", { type: "checkbox", id: "remesh" });
     box.addEventListener("change", () => void this.showRemesh(box.checked).catch((error) => this.fail(error)));
-    return make("p", { id: "overlay" }, box, make("label", { for: "remesh" }, "edges of the remesh, a vertex a cluster"));
+    return make(
+      "p",
+      { id: "overlay" },
+      box,
+      make("label", { for: "remesh" }, "edges of the remesh, a vertex a cluster"),
+    );
   }
 
   private async showRemesh(isOn: boolean): Promise<void> {
@@ -212,7 +245,9 @@ export class Result {
     if (isFlat && final !== null && final !== undefined) rows.push(["energy at the end", digits(final)]);
     if (isFlat && ratio !== null && ratio !== undefined) rows.push(["of a tiling with hexagons", ratio.toFixed(4)]);
     rows.push(["clustered in", `${digits(report.timings_ms["cluster"] ?? 0)} ms`]);
-    this.energies.replaceChildren(...rows.map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))));
+    this.energies.replaceChildren(
+      ...rows.map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))),
+    );
     for (const warning of report.warnings) this.energies.after(make("p", { class: "warning" }, warning));
   }
 
@@ -221,11 +256,19 @@ export class Result {
     const { signal } = this.abort;
     const { jobs } = await json<{ jobs: Job[] }>("/v1/jobs?state=succeeded&limit=200", { signal });
     const faces = this.job.result?.faces;
-    const same = jobs.filter((job) => job.id !== this.job.id && job.result?.faces === faces && nameOf(job) === nameOf(this.job));
+    const same = jobs.filter(
+      (job) => job.id !== this.job.id && job.result?.faces === faces && nameOf(job) === nameOf(this.job),
+    );
     if (same.length === 0) return;
     const choice = make("select", { id: "other" }, make("option", { value: "" }, "no other job"));
     for (const { id, parameters: p } of same) {
-      choice.append(make("option", { value: id }, `${p.algorithm}, ${p.clusters ?? "all"}, ${p.quality ?? "default"} (${id.slice(0, 8)})`));
+      choice.append(
+        make(
+          "option",
+          { value: id },
+          `${p.algorithm}, ${p.clusters ?? "all"}, ${p.quality ?? "default"} (${id.slice(0, 8)})`,
+        ),
+      );
     }
     const told = make("span", { id: "compared" });
     const compare = async (): Promise<void> => {
@@ -236,7 +279,10 @@ export class Result {
       if (other) {
         const isTree = isHierarchical(other.parameters.algorithm);
         const cut = isTree ? (this.cut ?? this.job.result?.clusters ?? null) : null;
-        const [shown, report] = await Promise.all([labels(other, cut, signal), json<Report>(output(other, "report"), { signal })]);
+        const [shown, report] = await Promise.all([
+          labels(other, cut, signal),
+          json<Report>(output(other, "report"), { signal }),
+        ]);
         this.others = shown;
         if (report.energy.final) told.textContent = `its energy: ${digits(report.energy.final)}`;
       }

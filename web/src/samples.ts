@@ -1,6 +1,13 @@
 // Meshes made in place, as OBJ files, so that an empty service has something to show.
 
-import { BoxGeometry, type BufferGeometry, PlaneGeometry, SphereGeometry, TorusGeometry, TorusKnotGeometry } from "three";
+import {
+  BoxGeometry,
+  type BufferGeometry,
+  PlaneGeometry,
+  SphereGeometry,
+  TorusGeometry,
+  TorusKnotGeometry,
+} from "three";
 
 /** Decimals of a position. Few enough that both sides of a seam are written alike, and so are one vertex. */
 const DECIMALS = 5;

@@ -29,7 +29,7 @@ export function measure(labels: Uint32Array, mesh: Triangles | null): Clusters {
     const u = [at(i + 3) - at(i), at(i + 4) - at(i + 1), at(i + 5) - at(i + 2)] as const;
     const v = [at(i + 6) - at(i), at(i + 7) - at(i + 1), at(i + 8) - at(i + 2)] as const;
     const cross = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]] as const;
-    const size = Math.hypot(...cross) / 2;
+    const size = Math.sqrt(cross[0] ** 2 + cross[1] ** 2 + cross[2] ** 2) / 2;
     area[label] = (area[label] ?? 0) + size;
     for (let axis = 0; axis < 3; axis++) {
       const centre = (at(i + axis) + at(i + 3 + axis) + at(i + 6 + axis)) / 3;
@@ -60,14 +60,26 @@ export class ClusterTable {
     for (const name of ["cluster", "faces", "area"]) order.append(make("option", { value: name }, name));
     const turn = (by: number): void => this.turn(by);
     box.append(
-      make("div", { class: "tools" },
-        make("label", { for: "order" }, "Order"), order,
-        make("button", { type: "button", onclick: () => turn(-1) }, "Previous"), this.where,
-        make("button", { type: "button", onclick: () => turn(1) }, "Next")),
-      make("table", { id: "cluster-table" },
+      make(
+        "div",
+        { class: "tools" },
+        make("label", { for: "order" }, "Order"),
+        order,
+        make("button", { type: "button", onclick: () => turn(-1) }, "Previous"),
+        this.where,
+        make("button", { type: "button", onclick: () => turn(1) }, "Next"),
+      ),
+      make(
+        "table",
+        { id: "cluster-table" },
         make("caption", { class: "hidden-text" }, "Clusters"),
-        make("thead", {}, make("tr", {}, ...["Cluster", "Faces", "Area"].map((name) => make("th", { scope: "col" }, name)))),
-        this.body),
+        make(
+          "thead",
+          {},
+          make("tr", {}, ...["Cluster", "Faces", "Area"].map((name) => make("th", { scope: "col" }, name))),
+        ),
+        this.body,
+      ),
     );
   }
 
@@ -107,12 +119,19 @@ export class ClusterTable {
         const swatch = make("span", { class: "swatch" });
         swatch.style.background = css(cluster);
         const pressed = String(cluster === this.selected);
-        const button = make("button", { type: "button", "aria-pressed": pressed, onclick: () => this.onSelect(cluster) },
-          swatch, `cluster ${cluster}`);
-        return make("tr", {},
+        const button = make(
+          "button",
+          { type: "button", "aria-pressed": pressed, onclick: () => this.onSelect(cluster) },
+          swatch,
+          `cluster ${cluster}`,
+        );
+        return make(
+          "tr",
+          {},
           make("th", { scope: "row" }, button),
           make("td", {}, count(this.clusters.faces[cluster] ?? 0)),
-          make("td", {}, digits(this.clusters.area[cluster] ?? 0)));
+          make("td", {}, digits(this.clusters.area[cluster] ?? 0)),
+        );
       }),
     );
   }

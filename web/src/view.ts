@@ -1,10 +1,30 @@
 // The mesh in 3D, coloured by cluster. Triangles are drawn without an index, so `gl_VertexID / 3` is the triangle; its
-// label comes from a texture of integers, its normal from screen derivatives. New labels are one upload of that texture.
+// label comes from a texture of integers, its normal from screen derivatives. New labels are one upload of that
+// texture.
 
 import {
-  BufferAttribute, BufferGeometry, Color, DataTexture, DoubleSide, GLSL3, Group, LineBasicMaterial, LineSegments, Mesh,
-  NearestFilter, PerspectiveCamera, RawShaderMaterial, RedIntegerFormat, Scene, Sphere, Spherical, UnsignedIntType, Vector2,
-  Vector3, WebGLRenderTarget, WebGLRenderer,
+  BufferAttribute,
+  BufferGeometry,
+  Color,
+  DataTexture,
+  DoubleSide,
+  GLSL3,
+  Group,
+  LineBasicMaterial,
+  LineSegments,
+  Mesh,
+  NearestFilter,
+  PerspectiveCamera,
+  RawShaderMaterial,
+  RedIntegerFormat,
+  Scene,
+  Sphere,
+  Spherical,
+  UnsignedIntType,
+  Vector2,
+  Vector3,
+  WebGLRenderTarget,
+  WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
@@ -85,7 +105,10 @@ export class View {
   private readonly observer: ResizeObserver;
   private pending = 0;
 
-  constructor(private readonly box: HTMLElement, private readonly mesh: Triangles) {
+  constructor(
+    private readonly box: HTMLElement,
+    private readonly mesh: Triangles,
+  ) {
     this.renderer = new WebGLRenderer({ antialias: true, powerPreference: "high-performance" });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.canvas = this.renderer.domElement;
@@ -213,8 +236,13 @@ export class View {
 
   private key(event: KeyboardEvent): void {
     const turns: Record<string, [number, number, number]> = {
-      ArrowLeft: [-TURN, 0, 1], ArrowRight: [TURN, 0, 1], ArrowUp: [0, -TURN, 1], ArrowDown: [0, TURN, 1],
-      "+": [0, 0, 0.9], "=": [0, 0, 0.9], "-": [0, 0, 1 / 0.9],
+      ArrowLeft: [-TURN, 0, 1],
+      ArrowRight: [TURN, 0, 1],
+      ArrowUp: [0, -TURN, 1],
+      ArrowDown: [0, TURN, 1],
+      "+": [0, 0, 0.9],
+      "=": [0, 0, 0.9],
+      "-": [0, 0, 1 / 0.9],
     };
     if (event.key === "0") this.fit();
     const turn = turns[event.key];

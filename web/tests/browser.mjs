@@ -5,8 +5,14 @@ import { join } from "node:path";
 import { chromium } from "playwright-core";
 
 const FLAGS = [
-  "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update",
-  "--disable-sync", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+  "--no-sandbox",
+  "--disable-quic",
+  "--no-first-run",
+  "--disable-background-networking",
+  "--disable-component-update",
+  "--disable-sync",
+  "--use-angle=swiftshader",
+  "--enable-unsafe-swiftshader",
 ];
 
 const TYPES = { "/": "index.html", "/page.js": "page.js", "/page.css": "page.css", "/licences.txt": "licences.txt" };
@@ -58,8 +64,8 @@ export class Browser {
 }
 
 /**
- * What an element looks like: `hues`, the number of 36 parts of the circle of hues that at least a thousandth of its pixels
- * have; `centre`, the colour of its middle; `digest`, which differs with any pixel.
+ * What an element looks like: `hues`, the number of 36 parts of the circle of hues that at least a thousandth of its
+ * pixels have; `centre`, the colour of its middle; `digest`, which differs with any pixel.
  */
 export async function look(page, selector) {
   const png = (await page.locator(selector).screenshot()).toString("base64");

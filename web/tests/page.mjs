@@ -1,4 +1,5 @@
-// The page in Chromium against a real service: node web/tests/page.mjs BINARY [--pictures FOLDER] [--files FOLDER] [MESHES]
+// The page in Chromium against a real service:
+//   node web/tests/page.mjs BINARY [--pictures FOLDER] [--files FOLDER] [--only NAME] [MESHES]
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
 import { existsSync, mkdirSync, readFileSync } from "node:fs";
@@ -21,7 +22,8 @@ const drawn = async (page, clusters) =>
     page.evaluate((k) => {
       const [view, canvas] = [document.querySelector("#view"), document.querySelector("#view canvas")];
       return view?.dataset.clusters === String(k) && Number(canvas?.dataset.frames) > 0;
-    }, clusters));
+    }, clusters),
+  );
 const idOf = (page) => /jobs\/([0-9a-f-]+)/.exec(page.url())[1];
 
 async function picture(page, name) {
@@ -40,11 +42,14 @@ function sample(service, name, faces) {
 /** Drops a file on the page, as a pointer does. */
 async function drop(page, path, name) {
   const bytes = readFileSync(path).toString("base64");
-  const transfer = await page.evaluateHandle(([data, name]) => {
-    const transfer = new DataTransfer();
-    transfer.items.add(new File([Uint8Array.from(atob(data), (c) => c.charCodeAt(0))], name));
-    return transfer;
-  }, [bytes, name]);
+  const transfer = await page.evaluateHandle(
+    ([data, name]) => {
+      const transfer = new DataTransfer();
+      transfer.items.add(new File([Uint8Array.from(atob(data), (c) => c.charCodeAt(0))], name));
+      return transfer;
+    },
+    [bytes, name],
+  );
   await page.dispatchEvent("#drop", "drop", { dataTransfer: transfer });
 }
 
@@ -80,7 +85,13 @@ const tests = {
   async "an empty service shows a drop zone and samples, and a sample becomes clusters"({ service, browser }) {
     const page = await browser.open(service.url);
     const paint = await until("the page is painted", () =>
-      page.evaluate(() => performance.getEntriesByName("first-paint").map((entry) => Math.round(entry.startTime)).at(0)));
+      page.evaluate(() =>
+        performance
+          .getEntriesByName("first-paint")
+          .map((entry) => Math.round(entry.startTime))
+          .at(0),
+      ),
+    );
     console.log(`  first paint after ${paint} ms`);
     assert.ok(await page.locator("#drop").isVisible());
     assert.equal(await text(page, "#jobs"), "none yet");
@@ -110,7 +121,11 @@ const tests = {
     const { width, height } = await page.locator("#view canvas").boundingBox();
     await page.locator("#view canvas").click({ position: { x: width / 2, y: height / 2 } });
     const [, cluster, faces] = /cluster (\d+): ([\d,]+) faces/.exec(await text(page, "#picked"));
-    assert.equal(Number(faces), shown.filter((label) => label === Number(cluster)).length, "polygons count, not triangles");
+    assert.equal(
+      Number(faces),
+      shown.filter((label) => label === Number(cluster)).length,
+      "polygons count, not triangles",
+    );
     await page.mouse.move(0, 0);
     const { centre: pixel, digest } = await look(page, "#view");
     await page.locator("details:has(#cluster-table) summary").click();
@@ -126,7 +141,9 @@ const tests = {
     await until("the mesh turns", async () => (await look(page, "#view")).digest !== digest);
     await page.reload();
     await drawn(page, 30);
-    await until("the reloaded page has the selection", async () => (await text(page, "#picked")).startsWith(`cluster ${cluster}:`));
+    await until("the reloaded page has the selection", async () =>
+      (await text(page, "#picked")).startsWith(`cluster ${cluster}:`),
+    );
     await page.close();
   },
 
@@ -142,8 +159,9 @@ const tests = {
       const counts = new Map();
       for (const label of await labels(service, idOf(page), clusters)) counts.set(label, (counts.get(label) ?? 0) + 1);
       await page.evaluate(() => (document.querySelector("details:has(#cluster-table)").open = true));
-      const rows = await page.locator("#cluster-table tbody tr").evaluateAll((rows) =>
-        rows.map((row) => [...row.cells].map((cell) => cell.textContent)));
+      const rows = await page
+        .locator("#cluster-table tbody tr")
+        .evaluateAll((rows) => rows.map((row) => [...row.cells].map((cell) => cell.textContent)));
       assert.equal(rows.length, Math.min(20, clusters));
       for (const [name, faces] of rows) {
         assert.equal(Number(faces.replace(",", "")), counts.get(Number(name.split(" ")[1])), `${name} of ${clusters}`);
@@ -168,9 +186,15 @@ const tests = {
     await page.click("#jobs a:has-text('quads')");
     await drawn(page, 30);
     await page.check("#remesh");
-    await until("the remesh is drawn", () => page.evaluate(() => Number(document.querySelector("#view").dataset.edges) > 30));
+    await until("the remesh is drawn", () =>
+      page.evaluate(() => Number(document.querySelector("#view").dataset.edges) > 30),
+    );
     await page.locator("details:has(#downloads) summary").click();
-    for (const [name, extension, begins] of [["labels", "npy", "\x93NUMPY"], ["mesh", "glb", "glTF"], ["remesh", "ply", "ply\n"]]) {
+    for (const [name, extension, begins] of [
+      ["labels", "npy", "\x93NUMPY"],
+      ["mesh", "glb", "glTF"],
+      ["remesh", "ply", "ply\n"],
+    ]) {
       const [download] = await Promise.all([
         page.waitForEvent("download"),
         page.click(`[aria-label="Download ${name} as ${extension}"]`),
@@ -182,7 +206,8 @@ const tests = {
       assert.ok(bytes.equals(Buffer.from(await answer.arrayBuffer())), `${name}.${extension}`);
     }
     await until("every file has its size", async () =>
-      (await page.locator("#downloads .size").allTextContents()).every((told) => /^[\d.]+ k?M?B$/.test(told)));
+      (await page.locator("#downloads .size").allTextContents()).every((told) => /^[\d.]+ k?M?B$/.test(told)),
+    );
     await page.close();
   },
 
@@ -239,7 +264,11 @@ const tests = {
   },
 
   async "a phone's width has no sideways scrolling"({ service, browser }) {
-    const page = await browser.open(service.url, { viewport: { width: 360, height: 740 }, colorScheme: "dark", reducedMotion: "reduce" });
+    const page = await browser.open(service.url, {
+      viewport: { width: 360, height: 740 },
+      colorScheme: "dark",
+      reducedMotion: "reduce",
+    });
     await page.click("#jobs a:has-text('knot')");
     await drawn(page, 400);
     assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth));
@@ -265,7 +294,11 @@ const tests = {
       await succeeded(page);
       await drawn(page, 400);
       assert.ok(!page.url().includes(token));
-      assert.deepEqual(await page.evaluate(() => [localStorage.length, document.cookie, sessionStorage.length]), [0, "", 1]);
+      assert.deepEqual(await page.evaluate(() => [localStorage.length, document.cookie, sessionStorage.length]), [
+        0,
+        "",
+        1,
+      ]);
       await page.close();
     } finally {
       await service.stop();

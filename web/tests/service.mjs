@@ -38,11 +38,24 @@ export class Service {
     this.options = options;
     this.port ??= await freePort();
     this.url = `http://127.0.0.1:${this.port}`;
-    const command = ["serve", "--device", "cpu", "--listen", `127.0.0.1:${this.port}`, "--data-dir", join(this.folder, "data")];
+    const command = [
+      "serve",
+      "--device",
+      "cpu",
+      "--listen",
+      `127.0.0.1:${this.port}`,
+      "--data-dir",
+      join(this.folder, "data"),
+    ];
     this.process = spawn(this.binary, [...command, ...options], { stdio: ["ignore", "pipe", "pipe"] });
     for (const stream of [this.process.stdout, this.process.stderr]) stream.on("data", (text) => (this.log += text));
     this.ended = new Promise((resolve) => this.process.once("exit", resolve));
-    await until("the service is ready", () => fetch(`${this.url}/readyz`).then((answer) => answer.ok, () => false));
+    await until("the service is ready", () =>
+      fetch(`${this.url}/readyz`).then(
+        (answer) => answer.ok,
+        () => false,
+      ),
+    );
     return this;
   }
 
