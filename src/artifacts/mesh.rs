@@ -4,7 +4,7 @@ use super::{Artifact, Choice, Content, Encoding, Flag, Form, Need, given};
 use crate::complex::{Cluster, Graph};
 use crate::error::{Error, Kind, Result};
 use crate::export::glb::{self, Column, Values};
-use crate::export::{Clusters, Geometry, obj, ply, vtp};
+use crate::export::{Clusters, Geometry, Split, obj, ply, vtp};
 use crate::mesh::PolygonMesh;
 
 /// The mesh with its clusters.
@@ -18,7 +18,7 @@ pub static MESH: Artifact = Artifact {
         Form { file: "mesh.vtp", media_type: "application/x-vtp", is_stored: false, schema: None, encode: as_vtp },
         Form { file: "mesh.obj", media_type: "model/obj", is_stored: false, schema: None, encode: as_obj },
     ],
-    choices: &[Choice::Colours],
+    choices: &[Choice::PlyVertexColours, Choice::Colours],
     flags: &[Flag {
         name: "--mesh",
         value: "OUT",
@@ -41,11 +41,11 @@ pub(super) fn geometry<'a>(content: &Content<'a>) -> Result<(Geometry<'a>, u64)>
     Ok((Geometry { points: &mesh.positions, faces: &mesh.faces, clusters }, labels.clusters))
 }
 
-/// The mesh of a format that always has its clusters.
-fn coloured<'a>(content: &Content<'a>) -> Result<Geometry<'a>> {
+/// [`geometry`] for a format that always has clusters.
+fn coloured<'a>(content: &Content<'a>) -> Result<(Geometry<'a>, u64)> {
     match content.choices.is_plain {
         true => Err(Error::new(Kind::InvalidParameter, "colours=none goes with glb only: take format=glb")),
-        false => Ok(geometry(content)?.0),
+        false => geometry(content),
     }
 }
 
@@ -75,16 +75,24 @@ fn as_glb<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
 }
 
 fn as_ply<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
-    let geometry = coloured(content)?;
-    Ok(Box::new(move |out| ply::write(out, &geometry)))
+    let (geometry, clusters) = coloured(content)?;
+    if !content.choices.ply_vertex_colours {
+        return Ok(Box::new(move |out| ply::write(out, &geometry)));
+    }
+    let split = Split::new(&geometry, geometry.clusters.numbers(), clusters as usize);
+    Ok(Box::new(move |out| {
+        let (points, faces) = (split.positions(&geometry), split.cut_faces(&geometry));
+        let clusters = split.cluster_of_vertex();
+        ply::write(out, &Geometry { points: &points, faces: &faces, clusters: Clusters::OfPoints(&clusters) })
+    }))
 }
 
 fn as_vtp<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
-    let geometry = coloured(content)?;
+    let (geometry, _) = coloured(content)?;
     Ok(Box::new(move |out| vtp::write(out, &geometry)))
 }
 
 fn as_obj<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
-    let geometry = coloured(content)?;
+    let (geometry, _) = coloured(content)?;
     Ok(Box::new(move |out| obj::write(out, &geometry)))
 }

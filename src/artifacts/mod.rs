@@ -2,13 +2,16 @@
 //!
 //! Flags of the command line, names and extensions of files, blobs that the service stores, the media types that
 //! `Accept` chooses from, `GET /v1/formats`, the OpenAPI document and the table in `docs/results.md` come from it. A
-//! new output is a file here with its [`Artifact`], and a row of [`ALL`]; if it is served and not made of a mesh, also a
-//! member of `urls`.
+//! new output is a file here with its [`Artifact`], and a row of [`ALL`]; if it is served and not made of a mesh, also
+//! a member of `urls`.
 //!
 //! An encoder turns a [`Content`] into bytes. It knows no HTTP, no flags and no folders. [`Need`] says what of a job it
 //! is made of; a job keeps that until it is written.
 
+mod boundaries;
 mod choices;
+mod clusters;
+mod graph;
 mod hierarchy;
 mod labels;
 mod mesh;
@@ -34,7 +37,10 @@ use crate::parameters::Parameters;
 use crate::remesh::Remesh;
 use crate::report::Report;
 
+pub use boundaries::BOUNDARIES;
 pub use choices::{Choice, Choices};
+pub use clusters::CLUSTERS;
+pub use graph::GRAPH;
 pub use hierarchy::{HIERARCHY, HIERARCHY_JSON, HIERARCHY_TSR, LINKAGE_NPY};
 pub use labels::{CutKind, LABELS, LABELS_BIN, LABELS_JSON, LABELS_NPY, Labels};
 pub use mesh::MESH;
@@ -44,7 +50,19 @@ pub use snapshots::{SNAPSHOTS, SNAPSHOTS_JSON, SNAPSHOTS_NPY};
 pub use submeshes::SUBMESHES;
 
 /// Every output. The report is last: it has the time that writing the others took.
-pub static ALL: [&Artifact; 8] = [&LABELS, &SNAPSHOTS, &HIERARCHY, &MESH, &SUBMESHES, &REMESH, &REMESH_SOURCE, &REPORT];
+pub static ALL: [&Artifact; 11] = [
+    &LABELS,
+    &SNAPSHOTS,
+    &HIERARCHY,
+    &MESH,
+    &SUBMESHES,
+    &GRAPH,
+    &BOUNDARIES,
+    &CLUSTERS,
+    &REMESH,
+    &REMESH_SOURCE,
+    &REPORT,
+];
 
 /// An output.
 #[derive(Debug)]
@@ -208,4 +226,20 @@ pub struct Content<'a> {
 /// A part of a content that an encoder needs.
 fn given<T>(part: Option<T>) -> Result<T> {
     part.ok_or_else(|| Error::new(Kind::Internal, "an output was to be written without what it is made of"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dev::sample::{Sample, generate};
+
+    /// An output of an open mesh in five clusters.
+    pub(super) fn written(artifact: &Artifact, form: usize) -> Vec<u8> {
+        let mesh = generate(Sample::Terrain, 300).expect("a sample");
+        let labels: Vec<u32> = (0..mesh.faces.len()).map(|face| (face * 5 / mesh.faces.len()) as u32).collect();
+        let content = Content { labels: Some(Labels::new(5, &labels)), mesh: Some(&mesh), ..Content::default() };
+        let mut out = Vec::new();
+        (artifact.forms[form].encode)(&content).expect("a mesh")(&mut out).expect("a vector takes everything");
+        out
+    }
 }

@@ -75,6 +75,11 @@ pub struct ChoiceFlags {
     #[arg(long, value_enum)]
     placement: Option<Placement>,
 
+    /// Colour the vertices of OUT.ply instead of its faces, for readers that know no colours of faces, such as Blender:
+    /// vertices are split where clusters meet
+    #[arg(long)]
+    ply_vertex_colours: bool,
+
     /// Write submeshes as OUT.glb although they are more than readers load within seconds
     #[arg(long)]
     force: bool,
@@ -83,16 +88,21 @@ pub struct ChoiceFlags {
 impl ChoiceFlags {
     /// What was chosen. Refuses what belongs to no requested output.
     pub fn choices(&self, command: &'static str, files: &[OutputFile]) -> Result<Choices, Failure> {
-        let given = [(Choice::Placement, self.placement.is_some()), (Choice::Force, self.force)];
+        let given = [
+            (Choice::Placement, self.placement.is_some()),
+            (Choice::PlyVertexColours, self.ply_vertex_colours),
+            (Choice::Force, self.force),
+        ];
         for (choice, _) in given.into_iter().filter(|(_, is_given)| *is_given) {
             if !files.iter().any(|file| file.artifact.choices.contains(&choice)) {
                 let with = flags().filter(|(artifact, _)| artifact.choices.contains(&choice));
                 let with: Vec<&str> = with.map(|(_, flag)| flag.name).collect();
-                let message = format!("--{} goes with {}", choice.name(), with.join(" or "));
+                let message = format!("--{} goes with {}", choice.name().replace('_', "-"), with.join(" or "));
                 return Err(Failure::Usage(command, message));
             }
         }
-        Ok(Choices { placement: self.placement.unwrap_or_default(), force: self.force, is_plain: false })
+        let Self { placement, ply_vertex_colours, force } = *self;
+        Ok(Choices { placement: placement.unwrap_or_default(), ply_vertex_colours, force, is_plain: false })
     }
 }
 

@@ -20,8 +20,8 @@ pub struct Archive<'w> {
 /// Why a write failed.
 type Failure = Rc<Cell<Option<io::Error>>>;
 
-/// Where the archive goes. The library writes the list of files when it is dropped, and prints an error if that fails: so
-/// it never sees one, and what it writes after a failure is lost.
+/// Where the archive goes. The library writes the list of files when it is dropped, and prints an error if that fails:
+/// so it never sees one, and what it writes after a failure is lost.
 struct Out<'w> {
     out: &'w mut dyn Write,
     has_failed: bool,

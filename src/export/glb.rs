@@ -57,9 +57,8 @@ pub fn mesh(geometry: &Geometry<'_>, clusters: u64, table: &[Column]) -> Result<
     match geometry.clusters {
         Clusters::OfFaces(labels) => {
             split = Split::new(geometry, labels, clusters as usize);
-            points = split.points.iter().map(|&point| geometry.points[point as usize]).collect::<Vec<_>>();
-            let of = (0..split.clusters()).flat_map(|cluster| split.vertices(cluster).map(move |_| cluster as u32));
-            cluster_of_vertex = of.collect::<Vec<_>>();
+            points = split.positions(geometry);
+            cluster_of_vertex = split.cluster_of_vertex();
             corners = &split.corners[..];
         }
         Clusters::OfPoints(of_points) => {
@@ -127,6 +126,10 @@ pub fn plain(points: &[[f64; 3]], faces: &Faces) -> Result<Vec<u8>> {
 /// # Errors
 /// There is no line, or the positions leave single precision.
 pub fn lines(points: &[[f64; 3]], lines: &Faces, clusters: &[u32]) -> Result<Vec<u8>> {
+    if lines.is_empty() {
+        let message = "there are no boundaries, and a GLB file cannot be without lines: take json, obj or vtp";
+        return Err(Error::new(Kind::Conflict, message));
+    }
     // a vertex a line and corner: colours are attributes of vertices
     let mut indices = Vec::new();
     let mut cluster_of_vertex = Vec::new();
@@ -154,10 +157,9 @@ pub fn lines(points: &[[f64; 3]], lines: &Faces, clusters: &[u32]) -> Result<Vec
 /// # Errors
 /// As those of [`mesh()`].
 pub fn nodes(geometry: &Geometry<'_>, split: &Split) -> Result<Vec<u8>> {
-    let points: Vec<[f64; 3]> = split.points.iter().map(|&point| geometry.points[point as usize]).collect();
+    let points = split.positions(geometry);
     let centre = centre_of(&points);
     let near = single(points.iter().copied(), centre, "GLB")?;
-    let of = (0..split.clusters()).flat_map(|cluster| split.vertices(cluster).map(move |_| cluster as u32));
     let mut file = Container::default();
     let (mut indices, mut ranges) = (Vec::new(), Vec::new());
     for cluster in 0..split.clusters() {
@@ -175,7 +177,7 @@ pub fn nodes(geometry: &Geometry<'_>, split: &Split) -> Result<Vec<u8>> {
         return Err(no_triangles());
     }
     let position_view = file.vertices(near.iter().flatten().flat_map(|x| x.to_le_bytes()).collect(), 12);
-    let colour_view = file.vertices(of.flat_map(rgba).collect(), 4);
+    let colour_view = file.vertices(split.cluster_of_vertex().into_iter().flat_map(rgba).collect(), 4);
     let index_view = file.view(indices.iter().flat_map(|x| x.to_le_bytes()).collect(), Some(container::INDICES));
     let (mut nodes, mut meshes) = (Vec::new(), Vec::new());
     for (cluster, vertices, corners) in ranges {
@@ -281,4 +283,74 @@ fn property_table(file: &mut Container, clusters: u64, table: &[Column]) -> Valu
             "name": "clusters", "class": "cluster", "count": clusters, "properties": properties,
         }],
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dev::sample::{Sample, generate};
+    use crate::mesh::{self, Format, Limits, NoResources};
+
+    fn json_of(file: &[u8]) -> Value {
+        let length = u32::from_le_bytes(file[12..16].try_into().expect("four bytes")) as usize;
+        serde_json::from_slice(&file[20..20 + length]).expect("JSON")
+    }
+
+    #[test]
+    fn a_mesh_is_read_back_with_its_triangles_in_upload_order() {
+        let original = generate(Sample::Quads, 600).expect("a sample");
+        let labels: Vec<u32> = (0..original.faces.len() as u32).map(|face| face / 100).collect();
+        let geometry =
+            Geometry { points: &original.positions, faces: &original.faces, clusters: Clusters::OfFaces(&labels) };
+        let faces = Values::U32(vec![100; 6]);
+        let file = mesh(&geometry, 6, &[Column { name: "faces", values: faces }]).expect("a file");
+        let read = mesh::read(&file, Format::Glb, &NoResources, &Limits::default()).expect("a mesh");
+        let fans: Vec<[u32; 3]> = (0..original.faces.len()).flat_map(|f| fan(original.faces.corners(f))).collect();
+        assert_eq!(read.faces.len(), fans.len());
+        for (face, triangle) in fans.iter().enumerate() {
+            for (&corner, &point) in read.faces.corners(face).iter().zip(triangle) {
+                let (found, wanted) = (read.positions[corner as usize], original.positions[point as usize]);
+                assert!((0..3).all(|axis| (found[axis] - wanted[axis]).abs() < 1e-5), "{found:?} {wanted:?}");
+            }
+        }
+        let document = json_of(&file);
+        let table = &document["extensions"]["EXT_structural_metadata"]["propertyTables"][0];
+        assert_eq!((&table["count"], &table["class"]), (&6.into(), &"cluster".into()));
+        let split = Split::new(&geometry, &labels, 6);
+        assert_eq!(document["accessors"][0]["count"], split.points.len());
+        let apart = nodes(&geometry, &split).expect("a file");
+        assert_eq!(json_of(&apart)["nodes"].as_array().map(Vec::len), Some(7));
+        let apart = mesh::read(&apart, Format::Glb, &NoResources, &Limits::default()).expect("a mesh");
+        assert_eq!(apart.faces.len(), fans.len());
+    }
+
+    #[test]
+    fn ids_are_of_the_narrowest_type_that_holds_them() {
+        let mut file = Container::default();
+        for (clusters, kind) in [
+            (1 << 16, Some(container::UNSIGNED_SHORT)),
+            ((1 << 16) + 1, Some(container::FLOAT)),
+            (1 << 24, Some(container::FLOAT)),
+            ((1 << 24) + 1, None),
+        ] {
+            let accessor = feature_ids(&mut file, &[0, 1], clusters);
+            assert_eq!(accessor.is_some(), kind.is_some(), "{clusters}");
+        }
+    }
+
+    #[test]
+    fn what_gltf_cannot_express_is_refused() {
+        let mut faces = Faces::default();
+        faces.push(&[0, 1]);
+        let points = [[0.0; 3], [1.0; 3]];
+        let geometry = Geometry { points: &points, faces: &faces, clusters: Clusters::OfFaces(&[0]) };
+        for refused in [
+            mesh(&geometry, 1, &[]),
+            nodes(&geometry, &Split::new(&geometry, &[0], 1)),
+            lines(&points, &Faces::default(), &[]),
+        ] {
+            assert_eq!(refused.expect_err("nothing to draw").kind, Kind::Conflict);
+        }
+        assert!(lines(&points, &faces, &[0]).is_ok());
+    }
 }

@@ -6,6 +6,7 @@
 use std::ops::Range;
 
 use super::Geometry;
+use crate::mesh::Faces;
 
 /// A mesh cut apart along the boundaries of its clusters.
 #[derive(Debug)]
@@ -70,6 +71,24 @@ impl Split {
         self.vertex_starts.len() - 1
     }
 
+    /// The position of each vertex.
+    pub fn positions(&self, geometry: &Geometry<'_>) -> Vec<[f64; 3]> {
+        self.points.iter().map(|&point| geometry.points[point as usize]).collect()
+    }
+
+    /// The cluster of each vertex.
+    pub fn cluster_of_vertex(&self) -> Vec<u32> {
+        let of = (0..self.clusters()).flat_map(|cluster| self.vertices(cluster).map(move |_| cluster as u32));
+        of.collect()
+    }
+
+    /// The faces in upload order, whose corners are vertices.
+    pub fn cut_faces(&self, geometry: &Geometry<'_>) -> Faces {
+        let mut faces = Faces::with_capacity(geometry.faces.len());
+        (0..geometry.faces.len()).for_each(|face| faces.push(&self.corners[geometry.faces.corner_range(face)]));
+        faces
+    }
+
     /// The vertices of a cluster.
     pub fn vertices(&self, cluster: usize) -> Range<usize> {
         self.vertex_starts[cluster] as usize..self.vertex_starts[cluster + 1] as usize
@@ -85,7 +104,6 @@ impl Split {
 mod tests {
     use super::*;
     use crate::export::Clusters;
-    use crate::mesh::Faces;
 
     #[test]
     fn vertices_are_split_where_clusters_meet_and_nowhere_else() {
@@ -102,5 +120,9 @@ mod tests {
         assert_eq!((split.faces_of(0), split.faces_of(1)), (&[1][..], &[0, 2][..]));
         assert_eq!((split.vertices(0), split.vertices(1), split.vertices(2)), (0..3, 3..9, 9..9));
         assert_eq!(split.clusters(), 3);
+        assert_eq!(split.cluster_of_vertex(), [0, 0, 0, 1, 1, 1, 1, 1, 1]);
+        let cut = split.cut_faces(&geometry);
+        assert_eq!((cut.len(), cut.corners(1), cut.corners(2)), (3, &[0, 1, 2][..], &[6, 4, 7, 8][..]));
+        assert_eq!(split.positions(&geometry)[3], [0.0; 3]);
     }
 }

@@ -23,7 +23,8 @@ use crate::error::{Error, Kind};
 /// What compression adds to a tag, because compressed bytes are other bytes.
 const CODINGS: [&str; 2] = ["gzip", "zstd"];
 
-/// Put into the extensions of a response: the SHA-256 of the labels that it holds, and nothing else but their number.
+/// Put into the extensions of a response: what decides its bytes besides the media type. Of labels their SHA-256, where
+/// it holds nothing else but their number; of outputs that are made on request, path, query and release.
 #[derive(Debug, Clone)]
 pub(super) struct Content(pub String);
 

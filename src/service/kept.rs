@@ -1,5 +1,5 @@
-//! What a job keeps of its mesh, which is otherwise gone when the job ends: named outputs, which are made while the mesh
-//! is in memory, and the mesh itself, of which every output can be made later.
+//! What a job keeps of its mesh, which is otherwise gone when the job ends: named outputs, which are made while the
+//! mesh is in memory, and the mesh itself, of which every output can be made later.
 
 use serde::{Deserialize, Serialize};
 

@@ -3,7 +3,8 @@
 //! | bytes | what |
 //! |---|---|
 //! | 8 | `TSRMESH1` |
-//! | 1 + 1 | whether positions are f32, because that holds all of them exactly, or else f64; whether all faces are triangles |
+//! | 1 | 1 if positions are f32, which then holds all of them exactly, 0 if they are f64 |
+//! | 1 | 1 if all faces are triangles, else 0 |
 //! | 3 · 8 | numbers of points, faces and corners, u64 |
 //! | 12 or 24 a point | positions |
 //! | 4 a corner | points of the corners, u32 |

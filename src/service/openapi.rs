@@ -191,6 +191,10 @@ fn operation_of(artifact: &Artifact) -> Operation {
             let placements = ObjectBuilder::new().schema_type(Type::String).enum_values(Some(placements));
             choice(chosen.name(), "Where vertices are placed", placements)
         }
+        Choice::PlyVertexColours => {
+            let colours = ObjectBuilder::new().schema_type(Type::Boolean);
+            choice(chosen.name(), "PLY: colour vertices instead of faces, split where clusters meet", colours)
+        }
         Choice::Force => {
             let force = ObjectBuilder::new().schema_type(Type::Boolean);
             choice(chosen.name(), "Make what takes readers long", force)

@@ -102,10 +102,11 @@ fn curves_cover_every_edge_between_clusters_and_at_the_boundary_once() {
 fn left_is_left_as_seen_from_outside() {
     let mesh = generate(Sample::Plane, 800).expect("a sample");
     // one cluster in the middle of another, counter-clockwise around it where it is on the left
+    let high = [0, 1].map(|axis| mesh.positions.iter().fold(0.0f64, |high, position| high.max(position[axis])));
     let inside = |face: usize| {
         let at = mesh.faces.corners(face).iter().map(|&v| mesh.positions[v as usize]);
         let centre = at.fold([0.0; 2], |sum, p| [sum[0] + p[0] / 3.0, sum[1] + p[1] / 3.0]);
-        (0.3..0.7).contains(&centre[0]) && (0.3..0.7).contains(&centre[1])
+        (0..2).all(|axis| (0.3..0.7).contains(&(centre[axis] / high[axis])))
     };
     for inner in [0, 1u32] {
         let labels: Vec<u32> = (0..mesh.faces.len()).map(|face| if inside(face) { inner } else { 1 - inner }).collect();

@@ -29,7 +29,7 @@ async fn bytes(service: &Service, url: &str) -> Vec<u8> {
 async fn a_kept_mesh_gives_every_output_in_every_form() {
     let service = Service::start().await;
     // one whose result is kept in the store, and one in files
-    for faces in [500, 20_000] {
+    for faces in [500, 60_000] {
         let job = done(&service, "clusters=9&keep_mesh=true", faces).await;
         assert_eq!((&job["keep_mesh"], &job["outputs"]), (&true.into(), &Value::Array(Vec::new())));
         for artifact in made_of_mesh() {
@@ -177,7 +177,7 @@ async fn a_kept_mesh_is_its_tenants_only_and_goes_with_its_job() {
         .map(|tenant| TokenFile::change(&tokens, |file| Ok(file.add(tenant)?.reveal())).expect("made"));
     let service = Service::with(|settings| settings.access.tokens = Some(tokens), Box::new(CpuDevice::new())).await;
     let request = service.post("/v1/jobs?clusters=9&keep_mesh=true").header("content-type", "model/obj");
-    let request = request.header("prefer", "wait=100").bearer_auth(&mine).body(sphere(20_000));
+    let request = request.header("prefer", "wait=100").bearer_auth(&mine).body(sphere(60_000));
     let job: Value = json(request).await;
     let url = text(&job["urls"]["mesh"]);
     refused(service.get(url).bearer_auth(&theirs), 404, "not-found").await;
@@ -226,4 +226,32 @@ async fn labels_and_hierarchies_are_chosen_by_format_too() {
         assert!(response.headers().contains_key("content-disposition"));
     }
     refused(service.get(&format!("{}?format=glb", text(&job["urls"]["labels"]))), 422, "invalid-parameter").await;
+}
+
+#[tokio::test]
+async fn a_glb_without_colours_has_the_triangles_of_the_upload_and_their_faces() {
+    let service = Service::start().await;
+    let obj = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 2 0 0\nf 1 2 3 4\nf 2 5 3\n";
+    let job = service.submit("clusters=2&keep_mesh=true", obj.into()).await;
+    let job = service.ended(&job).await;
+    let url = text(&job["urls"]["mesh"]);
+    let glb = bytes(&service, &format!("{url}?format=glb&colours=none")).await;
+    let json_length = u32::from_le_bytes(glb[12..16].try_into().expect("four bytes")) as usize;
+    let document: Value = serde_json::from_slice(&glb[20..20 + json_length]).expect("JSON");
+    let primitive = &document["meshes"][0]["primitives"][0];
+    assert_eq!(primitive["attributes"].as_object().expect("an object").keys().collect::<Vec<_>>(), ["POSITION"]);
+    let view = document["meshes"][0]["extras"]["faces"].as_u64().expect("a view") as usize;
+    let numbers = |view: &Value| -> Vec<u32> {
+        let at = |name: &str| view[name].as_u64().unwrap_or_default() as usize;
+        let bytes = &glb[28 + json_length..][at("byteOffset")..][..at("byteLength")];
+        bytes.as_chunks().0.iter().copied().map(u32::from_le_bytes).collect()
+    };
+    assert_eq!(numbers(&document["bufferViews"][view]), [0, 0, 1]);
+    let indices = &document["accessors"][primitive["indices"].as_u64().expect("an accessor") as usize];
+    let indices = &document["bufferViews"][indices["bufferView"].as_u64().expect("a view") as usize];
+    assert_eq!(numbers(indices), [0, 1, 2, 0, 2, 3, 1, 4, 2]);
+
+    for wrong in ["mesh?format=ply&colours=none", "remesh?colours=none", "mesh?colours=red"] {
+        refused(service.get(&format!("{}/{wrong}", path(&job))), 422, "invalid-parameter").await;
+    }
 }

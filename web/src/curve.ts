@@ -114,6 +114,8 @@ export class Curve {
           {
             ...axis,
             ...xs,
+            // whole decades of clusters
+            ...(this.isOfClusters ? { incrs: [1, 2, 5] } : {}),
             values: (_, splits) => splits.map((x) => (this.isOfClusters ? digits(10 ** x) : String(x))),
           },
           { ...axis, size: 80, values: (_, splits) => splits.map((y) => digits(10 ** y)) },

@@ -19,6 +19,14 @@ const REST = 80;
 /** Clusters that a hierarchy is shown at first. */
 const FIRST_CUT = 100;
 
+/** What the page shows of a row of the service's table of clusters. */
+interface ClusterRow {
+  perimeter: number | null;
+  roundness: number | null;
+  neighbours: number;
+  energy: number | null;
+}
+
 export class Result {
   private readonly abort = new AbortController();
   private cutting = new AbortController();
@@ -36,6 +44,8 @@ export class Result {
   private clusters: Clusters | null = null;
   private cut: number | null = null;
   private selected: number | null = null;
+  private rows: Promise<ClusterRow[]> | null = null;
+  private edges: HTMLInputElement | null = null;
   private timer = 0;
 
   constructor(
@@ -177,7 +187,9 @@ export class Result {
       if (cutting.signal.aborted) return;
       throw error;
     }
+    this.rows = null;
     this.show();
+    if (this.edges?.checked) await this.showRemesh(true);
   }
 
   private shown(): Labels | null {
@@ -205,6 +217,21 @@ export class Result {
     this.table.select(this.selected);
     this.picked.textContent = this.numbers();
     if (changed) announce(this.picked.textContent);
+    if (this.selected !== null) void this.tellMore(this.selected).catch((error) => this.fail(error));
+  }
+
+  /** Adds what the service's table of clusters has beyond the page's own numbers; of this job's labels only. */
+  private async tellMore(cluster: number): Promise<void> {
+    if (!this.job.urls["clusters"] || this.others) return;
+    this.rows ??= json<{ clusters: ClusterRow[] }>(
+      output(this.job, "clusters", { format: "json", clusters: this.cut }),
+      { signal: this.abort.signal },
+    ).then(({ clusters }) => clusters);
+    const row = (await this.rows)[cluster];
+    if (!row || this.selected !== cluster || this.others) return;
+    const [neighbours, energy] = [count(row.neighbours), digits(row.energy ?? NaN)];
+    const shape = `perimeter ${digits(row.perimeter ?? NaN)}, roundness ${digits(row.roundness ?? NaN)}`;
+    this.picked.textContent = `${this.numbers()}, ${shape}, ${neighbours} neighbours, energy ${energy}`;
   }
 
   /** The numbers of the selected cluster. */
@@ -219,6 +246,7 @@ export class Result {
 
   private overlay(): HTMLElement {
     const box = make("input", { type: "checkbox", id: "remesh" });
+    this.edges = box;
     box.addEventListener("change", () => void this.showRemesh(box.checked).catch((error) => this.fail(error)));
     return make(
       "p",

@@ -31,7 +31,7 @@ export class Browser {
 
   /** A new session: an own store of tokens, an own size. */
   async open(origin, options = {}) {
-    const context = await this.chromium.newContext({ viewport: { width: 1100, height: 800 }, ...options });
+    const context = await this.chromium.newContext({ viewport: { width: 1000, height: 720 }, ...options });
     context.setDefaultTimeout(60_000);
     const page = await context.newPage();
     const complain = (text) => this.complaints.push(text);

@@ -120,6 +120,9 @@ const tests = {
     const shown = await labels(service, idOf(page));
     const { width, height } = await page.locator("#view canvas").boundingBox();
     await page.locator("#view canvas").click({ position: { x: width / 2, y: height / 2 } });
+    await until("the service's numbers of the cluster are there", async () =>
+      /neighbours, energy \d/.test(await text(page, "#picked")),
+    );
     const [, cluster, faces] = /cluster (\d+): ([\d,]+) faces/.exec(await text(page, "#picked"));
     assert.equal(
       Number(faces),

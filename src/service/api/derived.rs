@@ -23,6 +23,7 @@ struct DerivedQuery {
     clusters: Option<u64>,
     format: Option<String>,
     placement: Option<Placement>,
+    ply_vertex_colours: Option<bool>,
     force: Option<bool>,
     colours: Option<Colours>,
 }
@@ -45,9 +46,10 @@ pub(in crate::service) async fn derived(
     headers: HeaderMap,
 ) -> Answer {
     let job = shared.job(&caller, &id).await?;
-    let DerivedQuery { clusters, format, placement, force, colours } = query::read(&uri)?;
+    let DerivedQuery { clusters, format, placement, ply_vertex_colours, force, colours } = query::read(&uri)?;
     let given = [
         (Choice::Placement, placement.is_some()),
+        (Choice::PlyVertexColours, ply_vertex_colours.is_some()),
         (Choice::Force, force.is_some()),
         (Choice::Colours, colours.is_some()),
     ];
@@ -57,6 +59,7 @@ pub(in crate::service) async fn derived(
     }
     let choices = Choices {
         placement: placement.unwrap_or_default(),
+        ply_vertex_colours: ply_vertex_colours.unwrap_or_default(),
         force: force.unwrap_or_default(),
         is_plain: colours == Some(Colours::None),
     };

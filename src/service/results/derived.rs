@@ -60,8 +60,8 @@ pub(in crate::service) fn mesh_not_kept(form: &Form) -> Error {
     Error::new(
         Kind::MeshNotKept,
         format_args!(
-            "the mesh of this job was not kept: submit it again with keep_mesh=true, which keeps it with the result, or \
-             name what to make of it with outputs={}",
+            "the mesh of this job was not kept: submit it again with keep_mesh=true, which keeps it with the result, \
+             or name what to make of it with outputs={}",
             form.file
         ),
     )
