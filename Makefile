@@ -3,6 +3,10 @@
 SHELL := /bin/bash
 TARGET := $(or $(CARGO_TARGET_DIR),target)
 VENV := $(TARGET)/venv
+# The page: what the bundle is made of, where it goes, and the feature that puts it into the binary.
+WEB := $(wildcard web/src/* web/*.mjs web/*.json)
+export PAGE_BUNDLE := $(abspath $(TARGET))/web
+FEATURES := --features page
 # Real meshes for the tests, where there are any; samples are made and used in any case.
 ifneq ($(wildcard ../shared/meshes),)
 export TESSERAE_TEST_MESHES ?= $(abspath ../shared/meshes)
@@ -18,27 +22,27 @@ help:  ## list these targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 16
 
 .PHONY: run
-run:  ## install what is missing, build, and serve on http://127.0.0.1:8080 (TESSERAE_* variables are settings)
-	@deploy/install-missing.sh build
-	cargo build --release --locked
-	@echo "serving on http://$(TESSERAE_LISTEN), press Ctrl-C to stop"
+run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:8080, with a page there (TESSERAE_* variables are settings)
+	cargo build --release --locked $(FEATURES)
+	@echo "open http://$(TESSERAE_LISTEN)/ in a browser; press Ctrl-C to stop"
 	@exec $(TARGET)/release/tesserae serve
 
 .PHONY: test
 test: lint  ## install what is missing and check everything, on cpu and on a software gpu
-	@$(MAKE) --no-print-directory unit end-to-end outputs memory crash fuzz deploy
+	@$(MAKE) --no-print-directory unit end-to-end page outputs memory crash fuzz deploy
 
 .PHONY: lint
-lint: install-test  ## formatting, clippy, documentation and choices of cargo features, warnings denied
+lint: install-test bundle  ## formatting, clippy, documentation and choices of cargo features, warnings denied
 	cargo fmt --check
-	cargo clippy --locked --all-targets -- -D warnings
+	cargo clippy --locked --all-targets $(FEATURES) -- -D warnings
 	cargo rustc --locked --lib --profile check -- --cfg fuzzing -D warnings
 	tests/scripts/features.sh
-	RUSTDOCFLAGS="-D warnings -A rustdoc::private-intra-doc-links" cargo doc --locked --no-deps --document-private-items
+	web/node_modules/.bin/prettier --log-level warn --check web/src web/tests web/bundle.mjs
+	RUSTDOCFLAGS="-D warnings -A rustdoc::private-intra-doc-links" cargo doc --locked $(FEATURES) --no-deps --document-private-items
 
 .PHONY: unit
-unit: install-test  ## the tests of the crate
-	cargo test --locked --no-fail-fast
+unit: install-test bundle  ## the tests of the crate
+	cargo test --locked $(FEATURES) --no-fail-fast
 
 .PHONY: end-to-end
 end-to-end: debug-binary $(VENV)/ready  ## service and command line from outside, results scored independently
@@ -56,13 +60,17 @@ $(TARGET)/node/ready: tests/scripts/gltf/package.json | install-test
 	npm install --silent --no-fund --no-audit --no-package-lock --prefix $(TARGET)/node
 	touch $@
 
+.PHONY: page
+page: debug-binary  ## the page in Chromium, against the service; pictures of it go to target/pictures
+	node web/tests/page.mjs $(TARGET)/debug/tesserae --pictures $(TARGET)/pictures $(TESSERAE_TEST_MESHES)
+
 .PHONY: memory
 memory: debug-binary  ## whether memory stays the same over many jobs (MEMORY_JOBS=1000)
 	python3 tests/scripts/memory.py $(TARGET)/debug/tesserae $(or $(MEMORY_JOBS),1000)
 
 .PHONY: throughput
-throughput:  ## measure small jobs a second
-	cargo build --release --locked
+throughput: bundle  ## measure small jobs a second
+	cargo build --release --locked $(FEATURES)
 	python3 tests/scripts/throughput.py $(TARGET)/release/tesserae
 
 .PHONY: crash
@@ -90,14 +98,12 @@ fuzz-parsers:  ## fuzz every parser, FUZZ_SECONDS (60) each; needs `cargo instal
 bench: bench-stages bench-peers  ## measure the stages, and everything beside pyacvd, higra and scikit-learn
 
 .PHONY: bench-stages
-bench-stages:  ## measure the stages before the clustering (FILTER=topology: a part of them)
-	@deploy/install-missing.sh build
-	cargo bench --locked --bench stages -- $(FILTER)
+bench-stages: bundle  ## measure the stages before the clustering (FILTER=topology: a part of them)
+	cargo bench --locked $(FEATURES) --bench stages -- $(FILTER)
 
 .PHONY: bench-peers
-bench-peers: $(TARGET)/bench-venv/ready  ## the same work by us and by peers, in turns: target/bench/peers.md and .json
-	@deploy/install-missing.sh build
-	cargo build --release --locked
+bench-peers: bundle $(TARGET)/bench-venv/ready  ## the same work by us and by peers, in turns: target/bench/peers.md and .json
+	cargo build --release --locked $(FEATURES)
 	$(TARGET)/bench-venv/bin/python benches/peers.py $(TARGET)/release/tesserae $(TARGET)/bench $(TESSERAE_TEST_MESHES)
 
 $(TARGET)/bench-venv/ready: benches/requirements.txt | install-test
@@ -108,18 +114,32 @@ $(TARGET)/bench-venv/ready: benches/requirements.txt | install-test
 
 .PHONY: pages
 pages: debug-binary $(VENV)/ready  ## write settings and output of commands into README and guide, after a change of either
-	UPDATE_PAGES=1 cargo test --locked --test guide
+	UPDATE_PAGES=1 cargo test --locked $(FEATURES) --test guide
 	$(VENV)/bin/python tests/scripts/pages.py $(TARGET)/debug/tesserae --update
 
 .PHONY: picture
-picture: debug-binary $(VENV)/ready  ## draw docs/knot.png anew
+picture: debug-binary $(VENV)/ready  ## draw docs/knot.png anew, and take the pictures of the page
+	node web/tests/page.mjs $(TARGET)/debug/tesserae --pictures docs
 	$(TARGET)/debug/tesserae sample knot --faces 200000 $(TARGET)/knot.obj
 	$(TARGET)/debug/tesserae cluster $(TARGET)/knot.obj --clusters 400 --labels $(TARGET)/knot.npy
 	$(VENV)/bin/python docs/render.py $(TARGET)/knot.obj $(TARGET)/knot.npy docs/knot.png
 
 .PHONY: debug-binary
-debug-binary: install-test
-	cargo build --locked
+debug-binary: install-test bundle
+	cargo build --locked $(FEATURES)
+
+.PHONY: bundle
+bundle: $(PAGE_BUNDLE)/page.js
+
+$(PAGE_BUNDLE)/page.js: $(WEB) web/node_modules/ready
+	web/node_modules/.bin/tsc --project web
+	node web/bundle.mjs $(PAGE_BUNDLE)
+
+web/node_modules/ready: web/package-lock.json web/.npmrc
+	@deploy/install-missing.sh build
+	@echo "installing into web/node_modules what web/package-lock.json lists"
+	cd web && npm ci --silent
+	touch $@
 
 .PHONY: install-test
 install-test:

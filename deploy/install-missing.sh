@@ -35,13 +35,14 @@ has_software_vulkan() {
 }
 
 need g++ command -v c++
+need nodejs command -v node
+need npm command -v npm
 if [ "${1:-}" = test ]; then
     need libvulkan1 has_library libvulkan.so.1
     need mesa-vulkan-drivers has_software_vulkan
     need curl command -v curl
     need python3 command -v python3
-    need nodejs command -v node
-    need npm command -v npm
+    need chromium command -v chromium
     need python3-venv python3 -c 'import ensurepip, venv'
 fi
 

@@ -11,6 +11,8 @@ pub enum Choice {
     PlyVertexColours,
     /// Writes what takes readers long.
     Force,
+    /// Whether a mesh has colours; not on the command line.
+    Colours,
 }
 
 /// What a request chose.
@@ -22,6 +24,8 @@ pub struct Choices {
     pub ply_vertex_colours: bool,
     /// Whether to write what takes readers long.
     pub force: bool,
+    /// Whether to leave out clusters and their colours.
+    pub is_plain: bool,
 }
 
 impl Choice {
@@ -31,6 +35,7 @@ impl Choice {
             Choice::Placement => "placement",
             Choice::PlyVertexColours => "ply_vertex_colours",
             Choice::Force => "force",
+            Choice::Colours => "colours",
         }
     }
 }

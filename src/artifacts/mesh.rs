@@ -18,7 +18,7 @@ pub static MESH: Artifact = Artifact {
         Form { file: "mesh.vtp", media_type: "application/x-vtp", is_stored: false, schema: None, encode: as_vtp },
         Form { file: "mesh.obj", media_type: "model/obj", is_stored: false, schema: None, encode: as_obj },
     ],
-    choices: &[Choice::PlyVertexColours],
+    choices: &[Choice::PlyVertexColours, Choice::Colours],
     flags: &[Flag {
         name: "--mesh",
         value: "OUT",
@@ -41,6 +41,14 @@ pub(super) fn geometry<'a>(content: &Content<'a>) -> Result<(Geometry<'a>, u64)>
     Ok((Geometry { points: &mesh.positions, faces: &mesh.faces, clusters }, labels.clusters))
 }
 
+/// [`geometry`] for a format that always has clusters.
+fn coloured<'a>(content: &Content<'a>) -> Result<(Geometry<'a>, u64)> {
+    match content.choices.is_plain {
+        true => Err(Error::new(Kind::InvalidParameter, "colours=none goes with glb only: take format=glb")),
+        false => geometry(content),
+    }
+}
+
 /// What viewers can say about a cluster.
 fn table(mesh: &PolygonMesh, labels: &[u32], clusters: u64) -> Result<[Column; 5]> {
     let rows = Graph::new(mesh, labels, clusters)?.nodes;
@@ -59,12 +67,15 @@ fn table(mesh: &PolygonMesh, labels: &[u32], clusters: u64) -> Result<[Column; 5
 fn as_glb<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
     let (geometry, clusters) = geometry(content)?;
     let labels = geometry.clusters.numbers();
-    let bytes = glb::mesh(&geometry, clusters, &table(given(content.mesh)?, labels, clusters)?)?;
+    let bytes = match content.choices.is_plain {
+        true => glb::plain(geometry.points, geometry.faces)?,
+        false => glb::mesh(&geometry, clusters, &table(given(content.mesh)?, labels, clusters)?)?,
+    };
     Ok(Box::new(move |out| out.write_all(&bytes)))
 }
 
 fn as_ply<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
-    let (geometry, clusters) = geometry(content)?;
+    let (geometry, clusters) = coloured(content)?;
     if !content.choices.ply_vertex_colours {
         return Ok(Box::new(move |out| ply::write(out, &geometry)));
     }
@@ -77,11 +88,11 @@ fn as_ply<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
 }
 
 fn as_vtp<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
-    let (geometry, _) = geometry(content)?;
+    let (geometry, _) = coloured(content)?;
     Ok(Box::new(move |out| vtp::write(out, &geometry)))
 }
 
 fn as_obj<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
-    let (geometry, _) = geometry(content)?;
+    let (geometry, _) = coloured(content)?;
     Ok(Box::new(move |out| obj::write(out, &geometry)))
 }

@@ -102,7 +102,7 @@ impl ChoiceFlags {
             }
         }
         let Self { placement, ply_vertex_colours, force } = *self;
-        Ok(Choices { placement: placement.unwrap_or_default(), ply_vertex_colours, force })
+        Ok(Choices { placement: placement.unwrap_or_default(), ply_vertex_colours, force, is_plain: false })
     }
 }
 

@@ -94,6 +94,33 @@ pub fn mesh(geometry: &Geometry<'_>, clusters: u64, table: &[Column]) -> Result<
     file.finish(document)
 }
 
+/// A mesh without clusters as GLB: the vertices of the upload, triangles in upload order. Where a face is no triangle,
+/// `extras.faces` of the mesh is the number of a buffer view with the face of each triangle (u32, little-endian).
+///
+/// # Errors
+/// It has no triangle, leaves single precision, or does not fit in the 4 GiB of the format.
+pub fn plain(points: &[[f64; 3]], faces: &Faces) -> Result<Vec<u8>> {
+    let triangles = (0..faces.len()).flat_map(|face| fan(faces.corners(face))).flatten();
+    let indices: Vec<u32> = triangles.collect();
+    let mut file = Container::default();
+    let centre = centre_of(points);
+    let positions = file.positions(&single(points.iter().copied(), centre, "GLB")?);
+    let indices = file.indices(&indices)?;
+    let primitive = json!({ "attributes": { "POSITION": positions }, "indices": indices, "material": 0, "mode": 4 });
+    let mut mesh = json!({ "primitives": [primitive] });
+    if (0..faces.len()).any(|face| faces.corners(face).len() != 3) {
+        let of_triangles = (0..faces.len()).flat_map(|face| fan(faces.corners(face)).map(move |_| face as u32));
+        let view = file.view(of_triangles.flat_map(u32::to_le_bytes).collect(), None);
+        mesh["extras"] = json!({ "faces": view });
+    }
+    file.finish(json!({
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "mesh": 0, "name": "mesh", "translation": centre }],
+        "meshes": [mesh],
+        "materials": [material()],
+    }))
+}
+
 /// Polylines as GLB; `clusters` has the cluster of each, by whose colour it is drawn.
 ///
 /// # Errors

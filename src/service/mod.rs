@@ -29,6 +29,7 @@
 //! | which trace a request belongs to | `trace` |
 //! | webhooks | `webhooks` |
 //! | ETag, Range | `conditional` |
+//! | the page at `/` | `page`; its sources are in `web/` |
 //! | routes and layers | `router` |
 //! | start and stop | `server` |
 //!
@@ -62,6 +63,7 @@ mod logging;
 mod metrics;
 mod negotiate;
 mod openapi;
+mod page;
 mod pipeline;
 mod prefer;
 mod preflight;

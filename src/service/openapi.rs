@@ -199,6 +199,11 @@ fn operation_of(artifact: &Artifact) -> Operation {
             let force = ObjectBuilder::new().schema_type(Type::Boolean);
             choice(chosen.name(), "Make what takes readers long", force)
         }
+        Choice::Colours => {
+            let colours = ObjectBuilder::new().schema_type(Type::String).enum_values(Some(["clusters", "none"]));
+            let about = "Colours and ids of clusters, or a GLB of the mesh alone, whose triangles are in upload order";
+            choice(chosen.name(), about, colours)
+        }
     });
     choices.fold(operation, OperationBuilder::parameter).build()
 }

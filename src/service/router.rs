@@ -23,7 +23,7 @@ use super::api::{
 use super::metrics::Metrics;
 use super::state::Shared;
 use super::traffic::{self, heads};
-use super::{conditional, openapi, problem, urls};
+use super::{conditional, openapi, page, problem, urls};
 use crate::artifacts::{self, Need};
 
 /// Bytes from which on an answer is compressed if the client can read that.
@@ -77,6 +77,7 @@ pub(super) fn router(shared: Arc<Shared>) -> Router {
         .route("/v1/jobs/{id}/retry", post(retry::retry))
         .route("/v1/jobs/{id}/events", get(events::stream))
         .merge(results)
+        .merge(page::routes(shared.settings.no_page).layer(from_fn(conditional::results)))
         .route("/v1/device", get(info::device))
         .route("/v1/formats", get(info::formats))
         .route("/v1/version", get(info::version))

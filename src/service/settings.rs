@@ -101,6 +101,10 @@ pub struct Settings {
           default_value_t = Settings::default().access_log_every)]
     pub access_log_every: u64,
 
+    /// Serve no page at /
+    #[arg(long, env = "TESSERAE_NO_PAGE")]
+    pub no_page: bool,
+
     /// What is kept.
     #[command(flatten)]
     pub storage: StorageSettings,
@@ -138,6 +142,7 @@ impl Default for Settings {
             grace_period: 10,
             drain_delay: 0,
             access_log_every: 1,
+            no_page: false,
             storage: StorageSettings::default(),
             work: WorkSettings::default(),
             access: AccessSettings::default(),

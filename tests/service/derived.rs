@@ -227,3 +227,31 @@ async fn labels_and_hierarchies_are_chosen_by_format_too() {
     }
     refused(service.get(&format!("{}?format=glb", text(&job["urls"]["labels"]))), 422, "invalid-parameter").await;
 }
+
+#[tokio::test]
+async fn a_glb_without_colours_has_the_triangles_of_the_upload_and_their_faces() {
+    let service = Service::start().await;
+    let obj = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 2 0 0\nf 1 2 3 4\nf 2 5 3\n";
+    let job = service.submit("clusters=2&keep_mesh=true", obj.into()).await;
+    let job = service.ended(&job).await;
+    let url = text(&job["urls"]["mesh"]);
+    let glb = bytes(&service, &format!("{url}?format=glb&colours=none")).await;
+    let json_length = u32::from_le_bytes(glb[12..16].try_into().expect("four bytes")) as usize;
+    let document: Value = serde_json::from_slice(&glb[20..20 + json_length]).expect("JSON");
+    let primitive = &document["meshes"][0]["primitives"][0];
+    assert_eq!(primitive["attributes"].as_object().expect("an object").keys().collect::<Vec<_>>(), ["POSITION"]);
+    let view = document["meshes"][0]["extras"]["faces"].as_u64().expect("a view") as usize;
+    let numbers = |view: &Value| -> Vec<u32> {
+        let at = |name: &str| view[name].as_u64().unwrap_or_default() as usize;
+        let bytes = &glb[28 + json_length..][at("byteOffset")..][..at("byteLength")];
+        bytes.as_chunks().0.iter().copied().map(u32::from_le_bytes).collect()
+    };
+    assert_eq!(numbers(&document["bufferViews"][view]), [0, 0, 1]);
+    let indices = &document["accessors"][primitive["indices"].as_u64().expect("an accessor") as usize];
+    let indices = &document["bufferViews"][indices["bufferView"].as_u64().expect("a view") as usize];
+    assert_eq!(numbers(indices), [0, 1, 2, 0, 2, 3, 1, 4, 2]);
+
+    for wrong in ["mesh?format=ply&colours=none", "remesh?colours=none", "mesh?colours=red"] {
+        refused(service.get(&format!("{}/{wrong}", path(&job))), 422, "invalid-parameter").await;
+    }
+}

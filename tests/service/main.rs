@@ -18,6 +18,7 @@ mod manners;
 mod metrics;
 mod openapi;
 mod overlap;
+mod page;
 mod results;
 mod storage;
 mod support;

@@ -31,8 +31,9 @@ use crate::error::{Error, Kind, Result};
 /// How often the file of tokens is looked at.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
-/// Paths that need no token: those of probes, proxies and readers of the description, without data of jobs.
-const OPEN: [&str; 4] = ["/healthz", "/readyz", "/v1/version", "/openapi.yaml"];
+/// Paths that need no token: those of probes, proxies, readers of the description, and the page; without data of jobs.
+const OPEN: [&str; 8] =
+    ["/healthz", "/readyz", "/v1/version", "/openapi.yaml", "/", "/page.js", "/page.css", "/licences.txt"];
 
 /// The path with data of all tenants.
 const METRICS: &str = "/metrics";

@@ -25,6 +25,15 @@ struct DerivedQuery {
     placement: Option<Placement>,
     ply_vertex_colours: Option<bool>,
     force: Option<bool>,
+    colours: Option<Colours>,
+}
+
+/// Colours of a mesh.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Colours {
+    Clusters,
+    None,
 }
 
 /// Serves an output in the form that `format` or `Accept` chooses.
@@ -37,11 +46,12 @@ pub(in crate::service) async fn derived(
     headers: HeaderMap,
 ) -> Answer {
     let job = shared.job(&caller, &id).await?;
-    let DerivedQuery { clusters, format, placement, ply_vertex_colours, force } = query::read(&uri)?;
+    let DerivedQuery { clusters, format, placement, ply_vertex_colours, force, colours } = query::read(&uri)?;
     let given = [
         (Choice::Placement, placement.is_some()),
         (Choice::PlyVertexColours, ply_vertex_colours.is_some()),
         (Choice::Force, force.is_some()),
+        (Choice::Colours, colours.is_some()),
     ];
     if let Some((choice, _)) = given.into_iter().find(|(choice, given)| *given && !artifact.choices.contains(choice)) {
         let message = format!("{} has nothing to choose by {}: leave it out", artifact.name, choice.name());
@@ -51,6 +61,7 @@ pub(in crate::service) async fn derived(
         placement: placement.unwrap_or_default(),
         ply_vertex_colours: ply_vertex_colours.unwrap_or_default(),
         force: force.unwrap_or_default(),
+        is_plain: colours == Some(Colours::None),
     };
     let form = negotiate::form(&headers, format.as_deref(), artifact)?;
     let summary = succeeded(&job)?;

@@ -1,0 +1,197 @@
+// The service's interface. The token lives in sessionStorage and travels in a header, never in an address.
+
+export type State = "queued" | "running" | "succeeded" | "failed" | "cancelled";
+export type Phase = "boundary" | "refine" | "repair" | "regrow";
+
+export interface Problem {
+  title: string;
+  detail: string;
+}
+
+export interface Job {
+  id: string;
+  state: State;
+  queue_position: number | null;
+  attempt: number;
+  progress: { iterations: number; phase: Phase | null; clusters_left: number | null; energy: number | null };
+  problem: Problem | null;
+  result: { faces: number; clusters: number } | null;
+  parameters: { algorithm: string; clusters?: number | null; quality?: string | null };
+  mesh: { file_name: string | null; format: string; bytes: number };
+  created_at: string;
+  started_at: string | null;
+  ended_at: string | null;
+  keep_mesh: boolean;
+  urls: Record<string, string | null>;
+}
+
+export interface Report {
+  input: { faces: number; triangles: number };
+  clusters: number | null;
+  energy: { initial: number | null; final: number | null; hexagon_ratio: number | null };
+  timings_ms: Record<string, number>;
+  warnings: string[];
+}
+
+export interface IterationRow {
+  iteration: number;
+  phase: Phase;
+  energy: number | null;
+}
+
+export interface RoundRow {
+  round: number;
+  clusters: number;
+  energy: number | null;
+}
+
+export type JobEvent =
+  | { name: "state"; data: { state: State; attempt?: number } }
+  | { name: "iteration"; data: IterationRow }
+  | { name: "round"; data: RoundRow }
+  | { name: "end"; data: { state: State; problem: Problem | null } };
+
+/** An answer that is no success. */
+export class Refused extends Error {
+  constructor(
+    readonly status: number,
+    message: string,
+  ) {
+    super(message);
+  }
+}
+
+const TOKEN = "tesserae-token";
+
+export const token = {
+  get: (): string => sessionStorage.getItem(TOKEN) ?? "",
+  set: (text: string): void => (text === "" ? sessionStorage.removeItem(TOKEN) : sessionStorage.setItem(TOKEN, text)),
+};
+
+export const isLive = (job: Job): boolean => job.state === "queued" || job.state === "running";
+export const isHierarchical = (algorithm: string): boolean => ["pml", "ml", "hr"].includes(algorithm);
+export const nameOf = (job: Job): string => job.mesh.file_name ?? `${job.mesh.format} mesh`;
+
+/** A request with the token; an answer that is no success becomes a {@link Refused} with the detail of its problem. */
+export async function request(path: string, options: RequestInit = {}): Promise<Response> {
+  const headers = new Headers(options.headers);
+  const mine = token.get();
+  if (mine !== "") headers.set("authorization", `Bearer ${mine}`);
+  const response = await fetch(path, { ...options, headers });
+  if (response.ok) return response;
+  const body: Partial<Problem> = await response.json().catch(() => ({}));
+  throw new Refused(response.status, body.detail ?? body.title ?? `the service answered ${response.status}`);
+}
+
+export async function json<T>(path: string, options: RequestInit = {}): Promise<T> {
+  const response = await request(path, options);
+  return (await response.json()) as T;
+}
+
+/** Address of an output of a job. */
+export function output(job: Job, name: string, query: Record<string, string | number | null> = {}): string {
+  const given = Object.entries(query).filter(([, value]) => value !== null);
+  const search = new URLSearchParams(given.map(([key, value]) => [key, String(value)]));
+  return `/v1/jobs/${job.id}/${name}${search.size > 0 ? `?${search}` : ""}`;
+}
+
+export interface Labels {
+  /** One a face, in upload order. */
+  numbers: Uint32Array;
+  /** Energy of a cut. */
+  energy: number | null;
+}
+
+/** Labels; of a hierarchy at `clusters`. */
+export async function labels(job: Job, clusters: number | null, signal: AbortSignal): Promise<Labels> {
+  const response = await request(output(job, "labels", { format: "bin", clusters }), { signal });
+  const energy = response.headers.get("tesserae-energy");
+  return { numbers: new Uint32Array(await response.arrayBuffer()), energy: energy === null ? null : Number(energy) };
+}
+
+/** Bytes of an output, without its content; null where the service does not tell. */
+export async function length(path: string, signal: AbortSignal): Promise<number | null> {
+  const response = await request(path, { signal, headers: { range: "bytes=0-0" } });
+  await response.body?.cancel();
+  const total = /\/(\d+)$/.exec(response.headers.get("content-range") ?? "")?.[1];
+  return total === undefined ? null : Number(total);
+}
+
+export async function submit(files: File[], parameters: Record<string, unknown>): Promise<Job> {
+  const form = new FormData();
+  const [mesh, ...buffers] = files;
+  if (!mesh) throw new Error("there is no mesh to send");
+  form.append("parameters", new Blob([JSON.stringify(parameters)], { type: "application/json" }));
+  form.append("mesh", mesh, mesh.name);
+  for (const buffer of buffers) form.append("buffer", buffer, buffer.name);
+  return await json<Job>("/v1/jobs", { method: "POST", body: form });
+}
+
+const pause = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));
+
+/**
+ * Follows the events of a job to their end. A stream that breaks is resumed after the last event, until the service is
+ * back. `onBreak` gets a text at every break, and an empty one when the stream goes on.
+ */
+export async function follow(
+  id: string,
+  signal: AbortSignal,
+  onEvent: (event: JobEvent) => void,
+  onBreak: (why: string) => void,
+): Promise<void> {
+  let last = "";
+  for (let wait = 250; !signal.aborted; wait = Math.min(2 * wait, 4000)) {
+    try {
+      const headers: Record<string, string> = { accept: "text/event-stream" };
+      if (last !== "") headers["last-event-id"] = last;
+      const response = await request(`/v1/jobs/${id}/events`, { signal, headers });
+      onBreak("");
+      for await (const event of events(response)) {
+        wait = 250;
+        last = event.id;
+        onEvent(event as unknown as JobEvent);
+        if (event.name === "end") return;
+      }
+    } catch (error) {
+      if (signal.aborted) return;
+      // what the service refuses does not become right by repetition
+      if (error instanceof Refused && error.status < 500 && error.status !== 429) throw error;
+    }
+    onBreak("The service does not answer. The page goes on when it is back.");
+    await pause(wait);
+  }
+}
+
+interface RawEvent {
+  id: string;
+  name: string;
+  data: unknown;
+}
+
+/** The events of a stream (HTML Standard §9.2.6), of which the service writes one `data` line each. */
+async function* events(response: Response): AsyncGenerator<RawEvent> {
+  if (!response.body) return;
+  const reader = response.body.pipeThrough(new TextDecoderStream()).getReader();
+  let rest = "";
+  for (;;) {
+    const { done, value } = await reader.read();
+    if (done) return;
+    const blocks = (rest + value).split("\n\n");
+    rest = blocks.pop() ?? "";
+    for (const block of blocks) {
+      const event: RawEvent = { id: "", name: "", data: null };
+      for (const line of block.split("\n")) {
+        const [field = "", text = ""] = split(line);
+        if (field === "id") event.id = text;
+        else if (field === "event") event.name = text;
+        else if (field === "data") event.data = JSON.parse(text);
+      }
+      if (event.name !== "") yield event;
+    }
+  }
+}
+
+function split(line: string): string[] {
+  const at = line.indexOf(":");
+  return at < 0 ? [line] : [line.slice(0, at), line.slice(at + 1).replace(/^ /, "")];
+}

@@ -1,0 +1,132 @@
+// Energies as a curve: against iterations with a colour a phase, or of hierarchies against clusters. At most one redraw
+// a frame. Logarithmic axes are linear ones of logarithms, which have marks within a decade too.
+
+import uPlot from "uplot";
+
+import type { IterationRow, Phase, RoundRow } from "./api";
+import { digits } from "./dom";
+
+const PHASES: Phase[] = ["boundary", "refine", "repair", "regrow"];
+const STROKES = ["#2f7ed8", "#1a9850", "#d95f02", "#8e5bd0"];
+const HEIGHT = 200;
+
+export class Curve {
+  private x: number[] = [];
+  private readonly y: (number | null)[][] = PHASES.map(() => []);
+  private previous: Phase | null = null;
+  private plot: uPlot | null = null;
+  private pending = 0;
+  private readonly observer: ResizeObserver;
+  private readonly scheme = matchMedia("(prefers-color-scheme: dark)");
+  private readonly rebuild = (): void => this.reset();
+
+  /** `isOfClusters`: of a hierarchy, whose iterations are not drawn. */
+  constructor(
+    private readonly box: HTMLElement,
+    private readonly isOfClusters: boolean,
+  ) {
+    box.setAttribute("role", "img");
+    this.observer = new ResizeObserver(() => this.plot?.setSize({ width: box.clientWidth, height: HEIGHT }));
+    this.observer.observe(box);
+    this.scheme.addEventListener("change", this.rebuild);
+    this.clear();
+  }
+
+  /** Number of points. */
+  get length(): number {
+    return this.x.length;
+  }
+
+  clear(): void {
+    this.x = [];
+    for (const series of this.y) series.length = 0;
+    this.previous = null;
+    this.box.setAttribute("aria-label", "No energies yet");
+    this.reset();
+  }
+
+  iteration(row: IterationRow): void {
+    if (this.isOfClusters) return;
+    this.add(this.x.length, row.energy, row.phase);
+    // the curve of a phase begins where that of the one before ends
+    if (this.previous !== null && this.previous !== row.phase) {
+      const at = this.x.length - 2;
+      const last = this.y[PHASES.indexOf(this.previous)]?.[at];
+      const series = this.y[PHASES.indexOf(row.phase)];
+      if (series && last !== undefined) series[at] = last;
+    }
+    this.previous = row.phase;
+    this.tell(
+      `Energy ${row.energy === null ? "unknown" : digits(row.energy)} after iteration ${row.iteration}, ${row.phase}`,
+    );
+  }
+
+  round(row: RoundRow): void {
+    this.add(Math.log10(row.clusters), row.energy, "boundary");
+    this.tell(`Energy ${row.energy === null ? "unknown" : digits(row.energy)} at ${row.clusters} clusters`);
+  }
+
+  dispose(): void {
+    cancelAnimationFrame(this.pending);
+    this.observer.disconnect();
+    this.scheme.removeEventListener("change", this.rebuild);
+    this.plot?.destroy();
+  }
+
+  private add(x: number, energy: number | null, phase: Phase): void {
+    this.x.push(x);
+    const shown = energy !== null && energy > 0 ? Math.log10(energy) : null;
+    for (const [i, series] of this.y.entries()) series.push(PHASES[i] === phase ? shown : null);
+    this.pending ||= requestAnimationFrame(() => {
+      this.pending = 0;
+      this.plot?.setData(this.data());
+    });
+  }
+
+  private tell(text: string): void {
+    this.box.setAttribute("aria-label", text);
+    this.box.dataset["points"] = String(this.x.length);
+  }
+
+  private data(): uPlot.AlignedData {
+    if (!this.isOfClusters) return [this.x, ...this.y];
+    // uPlot takes rising abscissae only; clusters fall from round to round
+    return [this.x.toReversed(), ...this.y.map((series) => series.toReversed())];
+  }
+
+  private reset(): void {
+    this.plot?.destroy();
+    const style = getComputedStyle(this.box);
+    const axis = {
+      stroke: style.color,
+      grid: { stroke: style.borderColor, width: 1 },
+      ticks: { stroke: style.borderColor, width: 1 },
+    };
+    const xs = { label: this.isOfClusters ? "clusters" : "iterations", labelSize: 18, size: 34 };
+    this.plot = new uPlot(
+      {
+        width: this.box.clientWidth || 300,
+        height: HEIGHT,
+        legend: { show: false },
+        cursor: { show: false },
+        scales: { x: { time: false, dir: this.isOfClusters ? -1 : 1 } },
+        axes: [
+          {
+            ...axis,
+            ...xs,
+            // whole decades of clusters
+            ...(this.isOfClusters ? { incrs: [1, 2, 5] } : {}),
+            values: (_, splits) => splits.map((x) => (this.isOfClusters ? digits(10 ** x) : String(x))),
+          },
+          { ...axis, size: 80, values: (_, splits) => splits.map((y) => digits(10 ** y)) },
+        ],
+        series: [
+          {},
+          ...PHASES.map((phase, i) => ({ label: phase, stroke: STROKES[i] ?? "", width: 2, points: { show: false } })),
+        ],
+      },
+      this.data(),
+      this.box,
+    );
+  }
+}

@@ -1,0 +1,54 @@
+// Elements of the document. Text goes in as text nodes only, so no name or message is ever read as HTML.
+
+type Child = Node | string;
+type Attributes = Record<string, string | boolean | ((event: Event) => void)>;
+
+/** Makes an element: attributes, handlers (`onclick`), children. */
+export function make<K extends keyof HTMLElementTagNameMap>(
+  tag: K,
+  attributes: Attributes = {},
+  ...children: Child[]
+): HTMLElementTagNameMap[K] {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (typeof value === "function") element.addEventListener(name.slice(2), value);
+    else if (typeof value === "boolean") element.toggleAttribute(name, value);
+    else element.setAttribute(name, value);
+  }
+  element.append(...children);
+  return element;
+}
+
+/** The element with this id, which `index.html` has. */
+export function byId<T extends HTMLElement>(id: string): T {
+  const element = document.getElementById(id);
+  if (!element) throw new Error(`no element has the id ${id}`);
+  return element as T;
+}
+
+/** Says something to readers of screens. */
+export function announce(text: string): void {
+  byId("live").textContent = text;
+}
+
+/** Shows what is wrong, or nothing. */
+export function notice(text: string): void {
+  const element = byId("notice");
+  if (element.textContent !== text) element.textContent = text;
+  element.hidden = text === "";
+}
+
+export function count(number: number): string {
+  return number.toLocaleString("en");
+}
+
+/** A number with four digits. */
+export function digits(number: number): string {
+  return String(Number(number.toPrecision(4)));
+}
+
+export function size(bytes: number): string {
+  if (bytes < 1000) return `${bytes} B`;
+  if (bytes < 1e6) return `${(bytes / 1e3).toPrecision(3)} kB`;
+  return `${(bytes / 1e6).toPrecision(3)} MB`;
+}

@@ -1,0 +1,190 @@
+// One job: its state and energies while it runs, then what it gave.
+
+import * as address from "./address";
+import { type Job, type JobEvent, follow, isHierarchical, isLive, json, nameOf, request } from "./api";
+import { Curve } from "./curve";
+import { announce, count, digits, make, notice } from "./dom";
+import { preview } from "./preview";
+import { Result } from "./result";
+import { View } from "./view";
+
+export class JobPage {
+  private readonly abort = new AbortController();
+  private readonly state = make("p", { id: "state" });
+  private readonly actions = make("div", { class: "tools" });
+  private readonly energies = make("div", { id: "curve" });
+  private readonly shape = make("div");
+  private readonly rest = make("div", { id: "result" });
+  private readonly curve: Curve;
+  private result: Result | null = null;
+  private before: View | null = null;
+
+  constructor(
+    private readonly box: HTMLElement,
+    private job: Job,
+    private readonly onChange: () => void,
+    /** The mesh that was submitted, if it was from here. */
+    private readonly file: File | null = null,
+  ) {
+    const { algorithm, clusters, quality } = job.parameters;
+    const facts = [algorithm, clusters ? `${count(clusters)} clusters` : "whole hierarchy", quality ?? ""];
+    box.replaceChildren(
+      make("h2", { id: "job-title" }, nameOf(job)),
+      make("p", { class: "facts" }, facts.filter((fact) => fact !== "").join(" · ")),
+      this.state,
+      this.actions,
+      this.shape,
+      make("h3", {}, "Energy"),
+      this.energies,
+      make("p", { class: "key" }, ...keyOf(algorithm)),
+      this.rest,
+    );
+    this.curve = new Curve(this.energies, isHierarchical(algorithm));
+    this.show();
+  }
+
+  /** Follows the job, then shows its result. */
+  async run(): Promise<void> {
+    const { signal } = this.abort;
+    try {
+      if (isLive(this.job)) void this.showFile();
+      await follow(
+        this.job.id,
+        signal,
+        (event) => this.take(event),
+        (why) => notice(why),
+      );
+      if (signal.aborted) return;
+      const wasLive = isLive(this.job);
+      await this.reload();
+      if (wasLive) announce(`${nameOf(this.job)}: ${this.job.state}`);
+      await this.showResult();
+    } catch (error) {
+      if (!signal.aborted) notice(error instanceof Error ? error.message : String(error));
+    }
+  }
+
+  close(): void {
+    this.abort.abort();
+    this.before?.dispose();
+    this.result?.close();
+    this.curve.dispose();
+    this.box.replaceChildren();
+  }
+
+  private take(event: JobEvent): void {
+    const { progress } = this.job;
+    if (event.name === "state") {
+      if (isLive(this.job)) this.job.state = event.data.state;
+      // another attempt begins anew
+      if (event.data.state === "running") this.curve.clear();
+      this.onChange();
+      if (event.data.state === "queued") void this.reload().catch(() => {});
+    } else if (event.name === "iteration") {
+      this.curve.iteration(event.data);
+      Object.assign(progress, {
+        iterations: event.data.iteration + 1,
+        phase: event.data.phase,
+        energy: event.data.energy,
+      });
+    } else if (event.name === "round") {
+      this.curve.round(event.data);
+      Object.assign(progress, { clusters_left: event.data.clusters, energy: event.data.energy });
+    }
+    this.showState();
+  }
+
+  private async reload(): Promise<void> {
+    this.job = await json<Job>(`/v1/jobs/${this.job.id}`, { signal: this.abort.signal });
+    this.show();
+    this.onChange();
+  }
+
+  private async showResult(): Promise<void> {
+    if (this.result || this.job.state !== "succeeded") return;
+    this.before?.dispose();
+    this.before = null;
+    this.result = new Result(this.shape, this.rest, this.job);
+    await this.result.load();
+  }
+
+  /** Shows the file itself while the service works on it. A file that cannot be shown is no error here. */
+  private async showFile(): Promise<void> {
+    const mesh = this.file && (await preview(this.file).catch(() => null));
+    if (!mesh || this.result || this.abort.signal.aborted) return;
+    const figure = make("div", { class: "view", id: "preview" });
+    this.shape.replaceChildren(figure);
+    this.before = new View(figure, mesh);
+    this.before.canvas.setAttribute("role", "img");
+    this.before.canvas.setAttribute("aria-label", "The mesh, not yet clustered");
+  }
+
+  private show(): void {
+    const isRunning = isLive(this.job);
+    const label = isRunning ? "Cancel" : "Delete";
+    this.actions.replaceChildren(
+      make("button", { type: "button", id: "remove", onclick: () => void this.remove() }, label),
+    );
+    this.showState();
+  }
+
+  private showState(): void {
+    this.state.textContent = describe(this.job);
+    this.state.dataset["state"] = this.job.state;
+  }
+
+  private async remove(): Promise<void> {
+    const wasLive = isLive(this.job);
+    try {
+      await request(`/v1/jobs/${this.job.id}`, { method: "DELETE" });
+      if (!wasLive) location.hash = "#/";
+      announce(wasLive ? "The job is being cancelled" : "The job is deleted");
+      this.onChange();
+    } catch (error) {
+      notice(error instanceof Error ? error.message : String(error));
+    }
+  }
+}
+
+/** A job in a line. */
+export function describe(job: Job): string {
+  const { iterations, phase, clusters_left: left, energy } = job.progress;
+  switch (job.state) {
+    case "queued":
+      return job.queue_position === null ? "waiting" : `waiting, number ${job.queue_position} in the queue`;
+    case "running": {
+      if (energy === null) return "running";
+      const step = left !== null ? `${count(left)} clusters left` : `iteration ${iterations}, ${phase ?? ""}`;
+      return `running: ${step}, energy ${digits(energy)}`;
+    }
+    case "succeeded":
+      return job.result
+        ? `succeeded: ${count(job.result.faces)} faces, ${clustersOf(job, job.result.clusters)}`
+        : "succeeded";
+    case "failed":
+      return `failed: ${job.problem?.detail ?? job.problem?.title ?? "no reason is known"}`;
+    case "cancelled":
+      return "cancelled";
+  }
+}
+
+function clustersOf(job: Job, clusters: number): string {
+  const text = clusters === 1 ? "1 cluster" : `${count(clusters)} clusters`;
+  return isHierarchical(job.parameters.algorithm) ? `a hierarchy down to ${text}` : text;
+}
+
+function keyOf(algorithm: string): HTMLElement[] {
+  if (isHierarchical(algorithm)) return [make("span", {}, "energy against the number of clusters, both logarithmic")];
+  const phases = ["boundary", "refine", "repair", "regrow"];
+  return phases.map((phase) => make("span", { class: `phase ${phase}` }, phase));
+}
+
+/** Opens the job that the address names; a job that is not there is an error. */
+export async function open(
+  box: HTMLElement,
+  onChange: () => void,
+  fileOf: (id: string) => File | null,
+): Promise<JobPage | null> {
+  const { job: id } = address.read();
+  return id === null ? null : new JobPage(box, await json<Job>(`/v1/jobs/${id}`), onChange, fileOf(id));
+}

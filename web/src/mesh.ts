@@ -1,0 +1,50 @@
+// GLB files of the service as triangles and edges.
+
+import { type BufferGeometry, type Mesh, Vector3, WireframeGeometry } from "three";
+import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+
+import { request } from "./api";
+import type { Triangles } from "./view";
+
+/** The mesh of a job: `mesh?format=glb&colours=none`. */
+export async function triangles(path: string, signal: AbortSignal): Promise<Triangles> {
+  const { geometry, centre, view } = await load(path, signal);
+  const indexed = geometry.getAttribute("position").array;
+  const index = geometry.getIndex();
+  if (!index) return { positions: indexed as Float32Array, centre, faces: null };
+  const corners = index.array;
+  const positions = new Float32Array(3 * corners.length);
+  for (let i = 0; i < corners.length; i++) {
+    const from = 3 * (corners[i] ?? 0);
+    for (let axis = 0; axis < 3; axis++) positions[3 * i + axis] = indexed[from + axis] ?? 0;
+  }
+  return { positions, centre, faces: view && new Uint32Array(view) };
+}
+
+/** The edges of a remesh as segments. */
+export async function edges(path: string, signal: AbortSignal): Promise<{ segments: Float32Array; centre: Vector3 }> {
+  const { geometry, centre } = await load(path, signal);
+  return { segments: new WireframeGeometry(geometry).getAttribute("position").array as Float32Array, centre };
+}
+
+interface Loaded {
+  geometry: BufferGeometry;
+  centre: Vector3;
+  /** What `extras.faces` of the mesh refers to. */
+  view: ArrayBuffer | null;
+}
+
+async function load(path: string, signal: AbortSignal): Promise<Loaded> {
+  const bytes = await (await request(path, { signal })).arrayBuffer();
+  const file = await new GLTFLoader().parseAsync(bytes, "");
+  let mesh: Mesh | undefined;
+  file.scene.traverse((object) => {
+    if ("isMesh" in object) mesh ??= object as Mesh;
+  });
+  if (!mesh) throw new Error("the file has no mesh");
+  mesh.updateWorldMatrix(true, false);
+  const number: unknown = file.parser.json.meshes[0].extras?.faces;
+  const view =
+    typeof number === "number" ? ((await file.parser.getDependency("bufferView", number)) as ArrayBuffer) : null;
+  return { geometry: mesh.geometry, centre: mesh.getWorldPosition(new Vector3()), view };
+}

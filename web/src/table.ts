@@ -1,0 +1,138 @@
+// The clusters as a table: what the 3D view shows, for readers of screens and keyboards. A page of rows at a time.
+
+import { css } from "./colour";
+import { count, digits, make } from "./dom";
+import type { Triangles } from "./view";
+
+/** Rows on a page. */
+const ROWS = 20;
+
+/** Size and place of each cluster. */
+export interface Clusters {
+  faces: Uint32Array;
+  area: Float64Array;
+  /** Mean of the centres of its triangles, weighted by area; three numbers each. */
+  centres: Float64Array;
+}
+
+/** Adds up what each cluster has. */
+export function measure(labels: Uint32Array, mesh: Triangles | null): Clusters {
+  const clusters = labels.reduce((most, label) => Math.max(most, label + 1), 0);
+  const faces = new Uint32Array(clusters);
+  for (const label of labels) faces[label] = (faces[label] ?? 0) + 1;
+  const [area, centres] = [new Float64Array(clusters), new Float64Array(3 * clusters)];
+  if (!mesh) return { faces, area, centres };
+  const p = mesh.positions;
+  const at = (i: number): number => p[i] ?? 0;
+  for (let t = 0, i = 0; i < p.length; t++, i += 9) {
+    const label = labels[mesh.faces ? (mesh.faces[t] ?? 0) : t] ?? 0;
+    const u = [at(i + 3) - at(i), at(i + 4) - at(i + 1), at(i + 5) - at(i + 2)] as const;
+    const v = [at(i + 6) - at(i), at(i + 7) - at(i + 1), at(i + 8) - at(i + 2)] as const;
+    const cross = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]] as const;
+    const size = Math.sqrt(cross[0] ** 2 + cross[1] ** 2 + cross[2] ** 2) / 2;
+    area[label] = (area[label] ?? 0) + size;
+    for (let axis = 0; axis < 3; axis++) {
+      const centre = (at(i + axis) + at(i + 3 + axis) + at(i + 6 + axis)) / 3;
+      centres[3 * label + axis] = (centres[3 * label + axis] ?? 0) + size * centre;
+    }
+  }
+  const offset = mesh.centre.toArray();
+  for (let i = 0; i < centres.length; i++) {
+    centres[i] = (centres[i] ?? 0) / (area[Math.floor(i / 3)] || 1) + (offset[i % 3] ?? 0);
+  }
+  return { faces, area, centres };
+}
+
+type Order = "cluster" | "faces" | "area";
+
+export class ClusterTable {
+  onSelect: (cluster: number) => void = () => {};
+  private clusters: Clusters = { faces: new Uint32Array(), area: new Float64Array(), centres: new Float64Array() };
+  private order: Order = "cluster";
+  private rows: number[] = [];
+  private page = 0;
+  private selected: number | null = null;
+  private readonly body = make("tbody");
+  private readonly where = make("span");
+
+  constructor(box: HTMLElement) {
+    const order = make("select", { id: "order", onchange: () => this.sort(order.value as Order) });
+    for (const name of ["cluster", "faces", "area"]) order.append(make("option", { value: name }, name));
+    const turn = (by: number): void => this.turn(by);
+    box.append(
+      make(
+        "div",
+        { class: "tools" },
+        make("label", { for: "order" }, "Order"),
+        order,
+        make("button", { type: "button", onclick: () => turn(-1) }, "Previous"),
+        this.where,
+        make("button", { type: "button", onclick: () => turn(1) }, "Next"),
+      ),
+      make(
+        "table",
+        { id: "cluster-table" },
+        make("caption", { class: "hidden-text" }, "Clusters"),
+        make(
+          "thead",
+          {},
+          make("tr", {}, ...["Cluster", "Faces", "Area"].map((name) => make("th", { scope: "col" }, name))),
+        ),
+        this.body,
+      ),
+    );
+  }
+
+  show(clusters: Clusters): void {
+    this.clusters = clusters;
+    this.sort(this.order);
+  }
+
+  /** Marks a row and turns to its page. */
+  select(cluster: number | null): void {
+    this.selected = cluster;
+    const row = cluster === null ? -1 : this.rows.indexOf(cluster);
+    if (row >= 0) this.page = Math.floor(row / ROWS);
+    this.draw();
+  }
+
+  private sort(order: Order): void {
+    this.order = order;
+    this.rows = Array.from(this.clusters.faces.keys());
+    const of = order === "faces" ? this.clusters.faces : this.clusters.area;
+    if (order !== "cluster") this.rows.sort((a, b) => (of[b] ?? 0) - (of[a] ?? 0) || a - b);
+    this.page = 0;
+    this.draw();
+  }
+
+  private turn(by: number): void {
+    this.page = Math.max(0, Math.min(this.page + by, Math.ceil(this.rows.length / ROWS) - 1));
+    this.draw();
+  }
+
+  private draw(): void {
+    const first = this.page * ROWS;
+    const shown = this.rows.slice(first, first + ROWS);
+    this.where.textContent = `${count(first + 1)} to ${count(first + shown.length)} of ${count(this.rows.length)}`;
+    this.body.replaceChildren(
+      ...shown.map((cluster) => {
+        const swatch = make("span", { class: "swatch" });
+        swatch.style.background = css(cluster);
+        const pressed = String(cluster === this.selected);
+        const button = make(
+          "button",
+          { type: "button", "aria-pressed": pressed, onclick: () => this.onSelect(cluster) },
+          swatch,
+          `cluster ${cluster}`,
+        );
+        return make(
+          "tr",
+          {},
+          make("th", { scope: "row" }, button),
+          make("td", {}, count(this.clusters.faces[cluster] ?? 0)),
+          make("td", {}, digits(this.clusters.area[cluster] ?? 0)),
+        );
+      }),
+    );
+  }
+}

@@ -1,0 +1,97 @@
+// Chromium with an empty profile and software GL, and what a page must not do: foreign requests, violations of the
+// policy, errors. Each is recorded, and `complaints` has them all.
+import { readFileSync } from "node:fs";
+import { join } from "node:path";
+import { chromium } from "playwright-core";
+
+const FLAGS = [
+  "--no-sandbox",
+  "--disable-quic",
+  "--no-first-run",
+  "--disable-background-networking",
+  "--disable-component-update",
+  "--disable-sync",
+  "--use-angle=swiftshader",
+  "--enable-unsafe-swiftshader",
+];
+
+const TYPES = { "/": "index.html", "/page.js": "page.js", "/page.css": "page.css", "/licences.txt": "licences.txt" };
+
+export class Browser {
+  /** `files`: a folder whose bundle is served in place of that of the binary, while it is worked on. */
+  constructor(files) {
+    this.files = files;
+    this.complaints = [];
+  }
+
+  async launch() {
+    this.chromium = await chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args: FLAGS });
+    return this;
+  }
+
+  /** A new session: an own store of tokens, an own size. */
+  async open(origin, options = {}) {
+    const context = await this.chromium.newContext({ viewport: { width: 1000, height: 720 }, ...options });
+    context.setDefaultTimeout(60_000);
+    const page = await context.newPage();
+    const complain = (text) => this.complaints.push(text);
+    page.on("request", (request) => {
+      const url = new URL(request.url());
+      if (!["blob:", "data:"].includes(url.protocol) && url.origin !== origin) complain(`foreign request: ${url}`);
+      if (url.search.includes("tess_")) complain(`a token in an address: ${url}`);
+    });
+    page.on("pageerror", (error) => complain(`error: ${error.message}`));
+    page.on("dialog", (dialog) => complain(`dialog: ${dialog.message()}`));
+    page.on("console", (message) => {
+      if (/Content Security Policy/i.test(message.text())) complain(`violation: ${message.text()}`);
+    });
+    if (this.files) await page.route(origin + "/**", (route) => this.fromFolder(route));
+    await page.goto(origin + "/");
+    return page;
+  }
+
+  /** Answers with the file of the folder and the headers of the service. */
+  async fromFolder(route) {
+    const name = TYPES[new URL(route.request().url()).pathname];
+    if (!name) return await route.continue();
+    const response = await route.fetch();
+    await route.fulfill({ response, body: readFileSync(join(this.files, name)) });
+  }
+
+  async close() {
+    await this.chromium.close();
+  }
+}
+
+/**
+ * What an element looks like: `hues`, the number of 36 parts of the circle of hues that at least a thousandth of its
+ * pixels have; `centre`, the colour of its middle; `digest`, which differs with any pixel.
+ */
+export async function look(page, selector) {
+  const png = (await page.locator(selector).screenshot()).toString("base64");
+  return await page.evaluate(async (text) => {
+    const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+    const image = await createImageBitmap(new Blob([bytes], { type: "image/png" }));
+    const { width, height } = image;
+    const context = new OffscreenCanvas(width, height).getContext("2d");
+    context.drawImage(image, 0, 0);
+    const { data } = context.getImageData(0, 0, width, height);
+    const counts = new Array(36).fill(0);
+    let digest = 0;
+    for (let i = 0; i < data.length; i += 4) {
+      const [r, g, b] = data.subarray(i, i + 3);
+      digest = (Math.imul(digest, 31) + (r << 16) + (g << 8) + b) | 0;
+      const [high, low] = [Math.max(r, g, b), Math.min(r, g, b)];
+      if (high - low < 40) continue;
+      const of = (shift, one, other) => shift + (one - other) / (high - low);
+      const sector = high === r ? of(6, g, b) : high === g ? of(2, b, r) : of(4, r, g);
+      counts[Math.floor(6 * sector) % 36] += 1;
+    }
+    const middle = 4 * (Math.floor(height / 2) * width + Math.floor(width / 2));
+    return {
+      hues: counts.filter((n) => 1000 * n > width * height).length,
+      centre: [...data.subarray(middle, middle + 3)],
+      digest,
+    };
+  }, png);
+}

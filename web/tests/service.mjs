@@ -1,0 +1,76 @@
+// `tesserae serve` in a process of its own, with a folder that outlasts it.
+import { spawn } from "node:child_process";
+import { mkdtempSync, rmSync } from "node:fs";
+import { createServer } from "node:net";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { setTimeout as pause } from "node:timers/promises";
+
+const PATIENCE_MS = 60_000;
+
+/** Repeats a check until it gives something true; the page refuses the eval that Playwright's own waiting needs. */
+export async function until(what, check, patience = PATIENCE_MS) {
+  const end = Date.now() + patience;
+  for (;;) {
+    const found = await check();
+    if (found) return found;
+    if (Date.now() > end) throw new Error(`not within ${patience} ms: ${what}`);
+    await pause(50);
+  }
+}
+
+async function freePort() {
+  const probe = createServer().listen(0, "127.0.0.1");
+  await new Promise((resolve) => probe.once("listening", resolve));
+  const { port } = probe.address();
+  await new Promise((resolve) => probe.close(resolve));
+  return port;
+}
+
+export class Service {
+  constructor(binary) {
+    this.binary = binary;
+    this.folder = mkdtempSync(join(tmpdir(), "tesserae-page-"));
+    this.log = "";
+  }
+
+  async start(...options) {
+    this.options = options;
+    this.port ??= await freePort();
+    this.url = `http://127.0.0.1:${this.port}`;
+    const command = [
+      "serve",
+      "--device",
+      "cpu",
+      "--listen",
+      `127.0.0.1:${this.port}`,
+      "--data-dir",
+      join(this.folder, "data"),
+    ];
+    this.process = spawn(this.binary, [...command, ...options], { stdio: ["ignore", "pipe", "pipe"] });
+    for (const stream of [this.process.stdout, this.process.stderr]) stream.on("data", (text) => (this.log += text));
+    this.ended = new Promise((resolve) => this.process.once("exit", resolve));
+    await until("the service is ready", () =>
+      fetch(`${this.url}/readyz`).then(
+        (answer) => answer.ok,
+        () => false,
+      ),
+    );
+    return this;
+  }
+
+  async again() {
+    return await this.start(...this.options);
+  }
+
+  async kill() {
+    this.process.kill("SIGKILL");
+    await this.ended;
+  }
+
+  async stop() {
+    this.process.kill("SIGTERM");
+    await this.ended;
+    rmSync(this.folder, { recursive: true, force: true });
+  }
+}
