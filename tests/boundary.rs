@@ -160,11 +160,7 @@ fn connected_refinement_is_the_one_that_the_definition_says() {
             assert_eq!(plain.iterate(), None, "{name} k={clusters}: the plain version goes on");
             let labels = steps.labels().expect("the cpu has them");
             assert_eq!(labels, plain.labels, "{name} k={clusters}");
-            assert_eq!(
-                tesserae::device::pieces::disconnected_clusters(&surface, clusters as usize, &labels),
-                0,
-                "{name}"
-            );
+            assert_eq!(pieces::disconnected_clusters(&surface, clusters as usize, &labels), 0, "{name}");
             let mut free = plain::Refinement::new(&surface, &seeds.component_of_cluster, labels);
             refused_for_pieces += usize::from(free.iterate().is_some());
         }
@@ -182,7 +178,7 @@ fn where_repairs_go_round_in_circles_the_last_word_lowers_the_energy_and_keeps_c
         let (clustering, rows) = run(&surface, &seeds(&surface, k, &Seeds::Random, seed), REFINED);
         let repairs = rows.iter().filter(|row| row.phase == Phase::Repair).count();
         assert!(repairs <= 3, "{repairs} repairs");
-        assert_eq!(tesserae::device::pieces::disconnected_clusters(&surface, k as usize, &clustering.labels), 0);
+        assert_eq!(pieces::disconnected_clusters(&surface, k as usize, &clustering.labels), 0);
         let last_repair = rows.iter().rposition(|row| row.phase == Phase::Repair);
         settled += usize::from(repairs == 3 && last_repair.is_some_and(|at| at + 1 < rows.len()));
     }
@@ -224,7 +220,7 @@ fn energy_never_rises_within_a_phase_and_clusters_are_whole() {
                 clustering.labels.iter().for_each(|&label| faces[label as usize] += 1);
                 assert!(faces.iter().all(|&faces| faces > 0), "{context}: an empty cluster");
                 assert_eq!(
-                    tesserae::device::pieces::disconnected_clusters(&surface, clusters, &clustering.labels),
+                    pieces::disconnected_clusters(&surface, clusters, &clustering.labels),
                     0,
                     "{context}: a cluster in pieces"
                 );
@@ -251,7 +247,7 @@ fn a_limit_on_iterations_ends_with_whole_clusters_too() {
         let options = Options { max_iterations: Some(limit), refine: true, allow_disconnected: false };
         let (clustering, rows) = run(&surface, &seeds, options);
         assert_eq!(rows.iter().skip(1).filter(|row| row.phase == Phase::Boundary).count(), limit as usize);
-        assert_eq!(tesserae::device::pieces::disconnected_clusters(&surface, 100, &clustering.labels), 0);
+        assert_eq!(pieces::disconnected_clusters(&surface, 100, &clustering.labels), 0);
     }
 }
 
