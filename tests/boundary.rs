@@ -160,11 +160,7 @@ fn connected_refinement_is_the_one_that_the_definition_says() {
             assert_eq!(plain.iterate(), None, "{name} k={clusters}: the plain version goes on");
             let labels = steps.labels().expect("the cpu has them");
             assert_eq!(labels, plain.labels, "{name} k={clusters}");
-            assert_eq!(
-                pieces::disconnected_clusters(&surface, clusters as usize, &labels),
-                0,
-                "{name}"
-            );
+            assert_eq!(pieces::disconnected_clusters(&surface, clusters as usize, &labels), 0, "{name}");
             let mut free = plain::Refinement::new(&surface, &seeds.component_of_cluster, labels);
             refused_for_pieces += usize::from(free.iterate().is_some());
         }

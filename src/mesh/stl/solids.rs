@@ -79,8 +79,11 @@ fn begins_with_facet(text: &[u8]) -> bool {
     words.word().eq_ignore_ascii_case(b"facet")
 }
 
-/// Reads the pieces of a text: the corners of all facets, the solids, and warnings.
-pub fn read(text: &[u8], pieces: &[&[u8]]) -> Result<(Vec<[f64; 3]>, Vec<Part>, Vec<String>)> {
+/// The corners of all facets, the solids, and warnings.
+type Facets = (Vec<[f64; 3]>, Vec<Part>, Vec<String>);
+
+/// Reads the pieces of a text.
+pub fn read(text: &[u8], pieces: &[&[u8]]) -> Result<Facets> {
     let parsed: Vec<Result<Chunk<'_>, Fault>> = pieces.par_iter().map(|piece| parse(piece)).collect();
     let mut positions = Vec::new();
     let mut solids = Solids::default();
