@@ -39,8 +39,10 @@ impl Sets {
     }
 }
 
-/// The sides of triangles by their edges: triangle, side, and whether it runs from the lower to the higher vertex.
-fn sides(triangles: &[[u32; 3]]) -> BTreeMap<(u32, u32), Vec<(usize, usize, bool)>> {
+/// For the two ends of an edge, the triangles that have it, the side, and whether it runs upwards there.
+type Sides = BTreeMap<(u32, u32), Vec<(usize, usize, bool)>>;
+
+fn sides(triangles: &[[u32; 3]]) -> Sides {
     let mut sides: BTreeMap<_, Vec<_>> = BTreeMap::new();
     for (number, triangle) in triangles.iter().enumerate() {
         for side in 0..3 {
