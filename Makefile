@@ -118,11 +118,13 @@ pages: debug-binary $(VENV)/ready  ## write settings and output of commands into
 	$(VENV)/bin/python tests/scripts/pages.py $(TARGET)/debug/tesserae --update
 
 .PHONY: picture
-picture: debug-binary $(VENV)/ready  ## draw docs/knot.png anew, and take the pictures of the page
+picture: debug-binary $(VENV)/ready  ## draw docs/knot.png and docs/remesh.png anew, and take the pictures of the page
 	node web/tests/page.mjs $(TARGET)/debug/tesserae --pictures docs
 	$(TARGET)/debug/tesserae sample knot --faces 200000 $(TARGET)/knot.obj
 	$(TARGET)/debug/tesserae cluster $(TARGET)/knot.obj --clusters 400 --labels $(TARGET)/knot.npy
 	$(VENV)/bin/python docs/render.py $(TARGET)/knot.obj $(TARGET)/knot.npy docs/knot.png
+	$(TARGET)/debug/tesserae cluster $(TARGET)/knot.obj --clusters 1500 --labels $(TARGET)/knot.npy --remesh $(TARGET)/remesh.obj
+	$(VENV)/bin/python docs/render.py $(TARGET)/knot.obj $(TARGET)/knot.npy docs/remesh.png $(TARGET)/remesh.obj
 
 .PHONY: debug-binary
 debug-binary: install-test bundle

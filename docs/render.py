@@ -1,6 +1,7 @@
-"""Draws a clustered mesh as a PNG, with numpy alone: `python render.py MESH.obj LABELS.npy OUT.png`.
+"""Draws a clustered mesh as a PNG, with numpy alone: `python render.py MESH.obj LABELS.npy OUT.png [REMESH.obj]`.
 
-Every cluster has a colour of its own, its outline is dark, and light comes from the upper left.
+Every cluster has a colour of its own, its outline is dark, and light comes from the upper left. A remesh is drawn to the
+right of the mesh, with the outlines of its triangles.
 """
 
 import pathlib
@@ -33,8 +34,8 @@ def palette(count):
     return (1 - 0.55 * (1 - np.clip(ramp, 0, 1))) * value[:, None]
 
 
-def draw(vertices, triangles, face, labels):
-    """The picture, rows × columns × 3, at FINER times the size."""
+def draw(vertices, triangles, face, labels, colours):
+    """The picture, rows × columns × 3, at FINER times the size. Each label has a row of `colours`."""
     width, height = WIDTH * FINER, HEIGHT * FINER
     size = np.ptp(vertices, axis=0)
     scale = min(0.96 * width / size[0], 0.96 * height / size[1])
@@ -63,7 +64,7 @@ def draw(vertices, triangles, face, labels):
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     light = np.array([-0.45, 0.6, 0.66])
     shade = 0.42 + 0.58 * np.clip(normal @ light, 0, 1)
-    colour = palette(labels.max() + 1)[labels[face]] * shade[:, None] * 255
+    colour = colours[labels[face]] * shade[:, None] * 255
     seen = owner >= 0
     picture = np.where(seen[..., None], colour[owner], BACKGROUND)
 
@@ -91,10 +92,20 @@ def png(picture):
     return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(data, 9)) + chunk(b"IEND", b""))
 
 
-if __name__ == "__main__":
-    mesh, labels, out = sys.argv[1:]
+def drawn(mesh, labels=None):
+    """The picture of a mesh; without labels that of its triangles in one colour."""
     vertices, corners, first = score.load(mesh)
     triangles, face = score.fans(corners, first)
-    large = draw(look(vertices), triangles, face, np.load(labels).astype(np.int64))
-    small = large.reshape(HEIGHT, FINER, WIDTH, FINER, 3).mean((1, 3))
-    pathlib.Path(out).write_bytes(png(small))
+    if labels is None:
+        labels = np.arange(len(triangles))
+        colours = np.full((len(labels), 3), [0.93, 0.87, 0.76])
+    else:
+        colours = palette(labels.max() + 1)
+    large = draw(look(vertices), triangles, face, labels, colours)
+    return large.reshape(HEIGHT, FINER, WIDTH, FINER, 3).mean((1, 3))
+
+
+if __name__ == "__main__":
+    mesh, labels, out, *remesh = sys.argv[1:]
+    pictures = [drawn(mesh, np.load(labels).astype(np.int64)), *(drawn(path) for path in remesh)]
+    pathlib.Path(out).write_bytes(png(np.concatenate(pictures, axis=1)))

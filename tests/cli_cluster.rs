@@ -76,7 +76,7 @@ fn cpu_and_gpu_give_the_same_labels() {
     folder.sample("parts", 4000, "parts.glb");
     let hash = |device: &str, seed: &str| {
         folder
-            .run(&["cluster", "parts.glb", "-k", "90", "--device", device, "--seed", seed, "--report", "report.json"])
+            .run(&["cluster", "parts.glb", "-k", "300", "--device", device, "--seed", seed, "--report", "report.json"])
             .expect_success();
         let report = folder.json("report.json");
         assert_eq!(report["device"]["kind"], device);

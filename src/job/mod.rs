@@ -10,12 +10,14 @@ mod hierarchical;
 mod iterations;
 mod label_list;
 mod npy;
+mod plan;
 mod seed_list;
 mod spec;
 mod weight_list;
 
 pub use finish::{finish, labels_sha256};
 pub use label_list::parse as parse_labels;
+pub use plan::{Coarse, Plan};
 #[cfg(fuzzing)]
 pub(crate) use seed_list::parse as parse_seeds;
 pub use spec::{JobSpec, Method};
@@ -27,10 +29,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crate::artifacts::{Artifact, Content, Labels, Need};
-use crate::cluster::coarse::CoarseStart;
 use crate::cluster::record::Record;
-use crate::cluster::seeds::{self, SeedFaces};
-use crate::cluster::{flat as flat_clustering, hierarchy, relocation};
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
 use crate::hierarchy::Tree;
@@ -80,51 +79,6 @@ pub struct Prepared {
     pub mesh: Option<Arc<PolygonMesh>>,
     /// What the stages so far took.
     pub timings: Timings,
-}
-
-/// A [`JobSpec`] with what the mesh decides: where clusters start, and where a hierarchy ends.
-#[derive(Debug)]
-pub enum Plan {
-    /// Boundary-based clustering, coarse to fine.
-    Coarse(Coarse),
-    /// A flat clustering from these seeds.
-    Seeded(Method, SeedFaces, flat_clustering::Options),
-    /// A hierarchy.
-    Hierarchy {
-        /// What to build.
-        options: hierarchy::Options,
-        /// Number of clusters that it ends with.
-        target: u64,
-    },
-}
-
-/// A boundary-based clustering, coarse to fine.
-#[derive(Debug)]
-pub struct Coarse {
-    /// Where it starts.
-    pub start: CoarseStart,
-    /// Where another one starts, from which whole components may be taken.
-    pub further: Option<CoarseStart>,
-    /// The phases.
-    pub options: flat_clustering::Options,
-    /// Which moves of whole clusters follow, if any.
-    pub relocation: Option<relocation::Effort>,
-}
-
-impl Plan {
-    /// Whether the job has labels of its own. A whole hierarchy has some at every number of clusters instead.
-    pub fn has_labels(&self) -> bool {
-        !matches!(self, Self::Hierarchy { options, .. } if options.clusters.is_none())
-    }
-
-    /// Whether each step waits for the one before, so that a gpu is slow at it or cannot do it.
-    pub fn is_sequential(&self) -> bool {
-        match self {
-            Self::Coarse(..) => false,
-            Self::Seeded(method, ..) => *method != Method::BoundaryBased,
-            Self::Hierarchy { options, .. } => options.sequential_at == u64::MAX,
-        }
-    }
 }
 
 /// What a job gives.
@@ -259,7 +213,7 @@ impl Opened<'_> {
         })?;
         // from within the pool, as in `where_it_works`
         let of_seeds = parameters.seeds == Seeds::Listed;
-        let plan = rayon::scope(|_| plan(&surface, spec)).map_err(Refusal::of(if of_seeds {
+        let plan = rayon::scope(|_| Plan::new(&surface, spec)).map_err(Refusal::of(if of_seeds {
             InputFile::Seeds
         } else {
             InputFile::Mesh
@@ -299,25 +253,6 @@ impl Opened<'_> {
         let mesh = keeps_mesh.then(|| Arc::new(mesh));
         Ok(Prepared { surface, plan, input, parameters, weighted_by, warnings, mesh, timings })
     }
-}
-
-/// Chooses seeds or builds a coarse start. Refuses numbers of clusters that the surface cannot have.
-fn plan(surface: &Surface, spec: JobSpec) -> Result<Plan> {
-    Ok(match spec {
-        JobSpec::Coarse { clusters, seed, effort, further, options, relocation } => {
-            let start = |effort| CoarseStart::new(surface, clusters, seed, effort);
-            let all_effort = surface.faces() < relocation::TINY || relocation == Some(relocation::Effort::All);
-            let further = (relocation.is_some() && all_effort).then(|| start(further)).transpose()?;
-            Plan::Coarse(Coarse { start: start(effort)?, further, options, relocation })
-        }
-        JobSpec::Seeded { method, clusters, seeds, seed, listed, options } => {
-            Plan::Seeded(method, seeds::choose(surface, clusters, &seeds, seed, listed.as_deref())?, options)
-        }
-        JobSpec::Hierarchy(options) => {
-            let target = hierarchy::check(surface, &options)?;
-            Plan::Hierarchy { options, target }
-        }
-    })
 }
 
 /// Clusters a prepared mesh, and finishes. Calls `on_row` with every row of the report as it comes.

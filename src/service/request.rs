@@ -343,7 +343,7 @@ mod tests {
             ("clusters=2&cluster=3", "`cluster`"),
             ("clusters=two", "clusters"),
             ("clusters=-1", "clusters"),
-            ("clusters=2&format=stl", "stl"),
+            ("clusters=2&format=fbx", "fbx"),
             ("clusters=2&seeds=file:/etc/passwd", "/etc/passwd"),
             ("clusters=2&clusters=2", "clusters"),
             ("clusters=2&algorithm=magic", "magic"),

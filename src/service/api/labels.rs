@@ -37,9 +37,9 @@ pub(in crate::service) struct LabelsQuery {
 
 /// Get the labels
 ///
-/// One cluster number a face, in upload order; the format is chosen by `format` or `Accept`. `clusters` cuts a hierarchy, and
-/// headers and JSON then say what kind of cut it is and what its energy. 409 before the job has succeeded, and for a
-/// whole hierarchy without `clusters`.
+/// One cluster number a face, in upload order; the format is chosen by `format` or `Accept`. `clusters` cuts a
+/// hierarchy, and headers and JSON then say what kind of cut it is and what its energy. 409 before the job has
+/// succeeded, and for a whole hierarchy without `clusters`.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/labels", tag = "results", operation_id = "getLabels",
     params(LabelsQuery),

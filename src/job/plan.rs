@@ -1,0 +1,72 @@
+//! What a job does with its mesh: a [`JobSpec`] and what the mesh decides.
+
+use super::{JobSpec, Method};
+use crate::cluster::coarse::CoarseStart;
+use crate::cluster::seeds::{self, SeedFaces};
+use crate::cluster::{flat, hierarchy, relocation};
+use crate::error::Result;
+use crate::surface::Surface;
+
+/// A [`JobSpec`] with what the mesh decides: where clusters start, and where a hierarchy ends.
+#[derive(Debug)]
+pub enum Plan {
+    /// Boundary-based clustering, coarse to fine.
+    Coarse(Coarse),
+    /// A flat clustering from these seeds.
+    Seeded(Method, SeedFaces, flat::Options),
+    /// A hierarchy.
+    Hierarchy {
+        /// What to build.
+        options: hierarchy::Options,
+        /// Number of clusters that it ends with.
+        target: u64,
+    },
+}
+
+/// A boundary-based clustering, coarse to fine.
+#[derive(Debug)]
+pub struct Coarse {
+    /// Where it starts.
+    pub start: CoarseStart,
+    /// Where another one starts, from which whole components may be taken.
+    pub further: Option<CoarseStart>,
+    /// The phases.
+    pub options: flat::Options,
+    /// Which moves of whole clusters follow, if any.
+    pub relocation: Option<relocation::Effort>,
+}
+
+impl Plan {
+    /// Chooses seeds or builds a coarse start. Refuses numbers of clusters that the surface cannot have.
+    pub(super) fn new(surface: &Surface, spec: JobSpec) -> Result<Self> {
+        Ok(match spec {
+            JobSpec::Coarse { clusters, seed, effort, further, options, relocation } => {
+                let start = |effort| CoarseStart::new(surface, clusters, seed, effort);
+                let all_effort = surface.faces() < relocation::TINY || relocation == Some(relocation::Effort::All);
+                let further = (relocation.is_some() && all_effort).then(|| start(further)).transpose()?;
+                Self::Coarse(Coarse { start: start(effort)?, further, options, relocation })
+            }
+            JobSpec::Seeded { method, clusters, seeds, seed, listed, options } => {
+                Self::Seeded(method, seeds::choose(surface, clusters, &seeds, seed, listed.as_deref())?, options)
+            }
+            JobSpec::Hierarchy(options) => {
+                let target = hierarchy::check(surface, &options)?;
+                Self::Hierarchy { options, target }
+            }
+        })
+    }
+
+    /// Whether the job has labels of its own. A whole hierarchy has some at every number of clusters instead.
+    pub fn has_labels(&self) -> bool {
+        !matches!(self, Self::Hierarchy { options, .. } if options.clusters.is_none())
+    }
+
+    /// Whether each step waits for the one before, so that a gpu is slow at it or cannot do it.
+    pub fn is_sequential(&self) -> bool {
+        match self {
+            Self::Coarse(..) => false,
+            Self::Seeded(method, ..) => *method != Method::BoundaryBased,
+            Self::Hierarchy { options, .. } => options.sequential_at == u64::MAX,
+        }
+    }
+}
