@@ -5,6 +5,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::surface::CutSurface;
+use crate::energy::{Energy, Functional};
 use crate::mesh::PolygonMesh;
 use crate::union_find;
 
@@ -96,9 +97,8 @@ pub(super) fn table(mesh: &PolygonMesh, surface: &CutSurface, labels: &[u32], eu
         }
     }
     let centroids: Vec<DVec3> = all.iter().map(Sums::centroid).collect();
-    for (&label, of_face) in labels.iter().zip(&geometry) {
-        all[label as usize].energy += of_face.area * of_face.centroid.distance_squared(centroids[label as usize]);
-    }
+    let faces = labels.iter().zip(&geometry).map(|(&label, of_face)| (of_face.centroid, of_face.area, label));
+    Energy::source_terms(faces, all.len()).for_each(|(label, term)| all[label as usize].energy += term);
     drop(geometry);
     let triangles = 0..surface.faces.len() as u32;
     let label_of = |triangle: u32| labels[surface.faces[triangle as usize] as usize] as usize;

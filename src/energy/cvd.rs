@@ -122,8 +122,11 @@ impl Functional for Cvd {
         (squared_distance(to, from) as f64).sqrt() as u64
     }
 
-    /// Σ area·|g − P|², P the area-weighted mean of the cluster's centroids (P§6, Eq. 4).
-    fn source_energy(faces: impl Iterator<Item = (DVec3, f64, u32)> + Clone, clusters: usize) -> f64 {
+    /// area·|g − P|², P the area-weighted mean of the cluster's centroids (P§6, Eq. 4).
+    fn source_terms(
+        faces: impl Iterator<Item = (DVec3, f64, u32)> + Clone,
+        clusters: usize,
+    ) -> impl Iterator<Item = (u32, f64)> {
         let mut sums = vec![(DVec3::ZERO, 0.0); clusters];
         for (centroid, area, label) in faces.clone() {
             let (sum, total) = &mut sums[label as usize];
@@ -132,7 +135,7 @@ impl Functional for Cvd {
         }
         let mean = |(sum, area)| sum / if area > 0.0 { area } else { 1.0 };
         let proxies: Vec<DVec3> = sums.into_iter().map(mean).collect();
-        faces.map(|(centroid, area, label)| area * centroid.distance_squared(proxies[label as usize])).sum()
+        faces.map(move |(centroid, area, label)| (label, area * centroid.distance_squared(proxies[label as usize])))
     }
 
     #[inline]

@@ -57,9 +57,18 @@ pub trait Functional {
     /// How far a proxy has moved, rounded down: a face's distances change by no more than 1 above that.
     fn drift(from: Self::Proxy, to: Self::Proxy) -> u64;
 
-    /// The energy in f64, from source positions: for reports, never for labels. Takes the point (in f64), the area and
-    /// the label of each face; sums go in the order of the faces.
-    fn source_energy(faces: impl Iterator<Item = (DVec3, f64, u32)> + Clone, clusters: usize) -> f64;
+    /// What each face adds to the energy of its cluster, with its label, in f64, from source positions: for reports,
+    /// never for labels. Takes the point (in f64), the area and the label of each face; sums go in the order of the
+    /// faces.
+    fn source_terms(
+        faces: impl Iterator<Item = (DVec3, f64, u32)> + Clone,
+        clusters: usize,
+    ) -> impl Iterator<Item = (u32, f64)>;
+
+    /// The sum of the [terms](Self::source_terms).
+    fn source_energy(faces: impl Iterator<Item = (DVec3, f64, u32)> + Clone, clusters: usize) -> f64 {
+        Self::source_terms(faces, clusters).map(|(_, term)| term).sum()
+    }
 
     /// By how much proxies may drift, together, before a face that stays could want to move in the boundary phase.
     /// Takes its cost in its own cluster and the least in another.
