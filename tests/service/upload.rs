@@ -341,8 +341,8 @@ async fn room_is_promised_for_the_faces_that_a_mesh_places_not_for_its_bytes() {
     let post = |query: &str| {
         service.post(&format!("/v1/jobs?{query}")).header("content-type", "model/gltf-binary").body(glb.clone())
     };
-    let detail = refused(post("algorithm=pml"), 507, "insufficient-storage").await;
-    assert!(detail.contains("--max-disk-bytes"), "{detail}");
+    let detail = refused(post("algorithm=pml"), 413, "too-large").await;
+    assert!(detail.contains("storage"), "{detail}");
     // its labels alone have room
     let answer = post("clusters=1&bridge_components=true").send().await.expect("answered");
     assert_eq!(answer.status(), 202);
