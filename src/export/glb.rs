@@ -3,7 +3,7 @@
 //! | attribute | type | what |
 //! |---|---|---|
 //! | `POSITION` | f32 | relative to the centre of the bounding box, to which the node moves it back |
-//! | `COLOR_0` | u8, normalised | [`colour`](super::colour) of the cluster |
+//! | `COLOR_0` | u8, normalised | the colour of the cluster ([`super::colour`]) |
 //! | `_FEATURE_ID_0` | u16; f32 above 65,536 clusters | the cluster, for `EXT_mesh_features` |
 //!
 //! A vertex attribute cannot be u32, and f32 counts to 2²⁴: a mesh with more clusters has no ids. The table of clusters

@@ -3,7 +3,7 @@
 //! # Definition
 //!
 //! With f = 1/5 at first, clusters are split until there are (1 + f)·k, and merged until there are k
-//! ([`super::resize`]); they settle, and swaps are made as long as they pay. If F is lower, the result is kept;
+//! ([`mod@super::resize`]); they settle, and swaps are made as long as they pay. If F is lower, the result is kept;
 //! otherwise it is discarded and f is halved. Where F is lower by less than a thousandth, f is multiplied by 0.7. It
 //! ends when f·k is less than 1.
 //!

@@ -3,7 +3,7 @@
 //! Two clusterings with the same number of clusters may share them among the components in different ways. A cluster is
 //! worth λ, the cost of the cheapest merge in the clustering with the lower F. Each component is taken from the one in
 //! which F of its clusters + λ · their number is smaller, the first where both are equal. The number of clusters that
-//! results is not the one that was wanted; [`super::resize`] makes it so.
+//! results is not the one that was wanted; [`mod@super::resize`] makes it so.
 
 use super::clusters::Clusters;
 

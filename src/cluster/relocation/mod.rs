@@ -8,11 +8,11 @@
 //!
 //! | step | what | where |
 //! |---|---|---|
-//! | B | paying swaps: a merge and a split, until none pays | [`swap`], [`split`], [`settle`] |
+//! | B | paying swaps: a merge and a split, until none pays | [`swap`], [`split`], [`mod@settle`] |
 //! | C | another start, merged from single faces, with its own swaps | [`merging`] |
-//! | D | a mix of both, each component from where it is cheaper | [`mix`], [`resize`] |
+//! | D | a mix of both, each component from where it is cheaper | [`mix`], [`mod@resize`] |
 //! | E | relaxed trials: merges and splits, judged after their surroundings have settled | [`trial`] |
-//! | F | breathing: more clusters, then as many again | [`breathe`] |
+//! | F | breathing: more clusters, then as many again | [`mod@breathe`] |
 //!
 //! C and D follow if swaps lowered F by a thousandth, E and F also where clusters have fewer than [`FEW_FACES`] faces,
 //! or the mesh no more than [`SMALL`]. The lowest of B, C and D goes on. Quality `fast` makes B; the default all, with

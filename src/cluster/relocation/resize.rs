@@ -1,8 +1,8 @@
 //! More clusters by splits, fewer by merges.
 //!
 //! A round splits the clusters that gain most, or merges the cheaper half of the mutual pairs, but no more than a
-//! quarter of the clusters; then a few passes [settle](super::settle) what changed. Splits in a round gain at least a
-//! quarter of what the best gains: the parts of a large cluster are better split again than a small one.
+//! quarter of the clusters; then a few passes [settle](mod@super::settle) what changed. Splits in a round gain at least
+//! a quarter of what the best gains: the parts of a large cluster are better split again than a small one.
 //!
 //! A split gains no more than its cluster's energy. So the clusters with the most energy are split first, and then only
 //! those with more energy than the least gain that would be used.

@@ -10,7 +10,7 @@
 //! 2. Merges, the cheapest first, meet splits, those that gain most first; ties go by number. A cluster takes part
 //!    once. The round ends at the first merge that costs as much as the best split left gains.
 //! 3. Each swap merges its pair, and the number that becomes free names the new part of the split cluster, in whatever
-//!    component that is. Then the clusters [settle](super::settle).
+//!    component that is. Then the clusters [settle](mod@super::settle).
 //!
 //! Rounds go on until no swap pays.
 //!

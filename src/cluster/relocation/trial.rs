@@ -7,8 +7,8 @@
 //! 1. Merges (the cheapest first) and splits (those that gain most first) take turns at claiming a region: their
 //!    clusters and those beside, if no other trial has claimed any of them. There are at most k/8 merges and as many
 //!    splits.
-//! 2. Each trial is made on a copy of its region and [settles](super::settle) there, where nothing outside takes part.
-//!    What F changes by is exact, whatever the other trials do, because their regions have no cluster in common.
+//! 2. Each trial is made on a copy of its region and [settles](mod@super::settle) there, where nothing outside takes
+//!    part. What F changes by is exact, whatever the other trials do, because their regions have no cluster in common.
 //! 3. Merges (the smallest rise first) meet splits (the largest fall first), as long as the sum of both falls. Those
 //!    trials are kept, the others discarded, and the kept regions settle.
 //!
