@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 
 use axum::http::header;
 use axum::response::IntoResponse;
+use clap::ValueEnum as _;
 use serde_json::{Value, json};
 use utoipa::openapi::path::{HttpMethod, Operation, OperationBuilder, Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::request_body::RequestBody;
@@ -186,8 +187,7 @@ fn operation_of(artifact: &Artifact) -> Operation {
         ));
     let choices = artifact.choices.iter().map(|chosen| match chosen {
         Choice::Placement => {
-            let placements =
-                [Placement::Fit, Placement::Surface, Placement::Centroid].map(|placement| json!(placement));
+            let placements = Placement::value_variants().iter().map(|placement| json!(placement));
             let placements = ObjectBuilder::new().schema_type(Type::String).enum_values(Some(placements));
             choice(chosen.name(), "Where vertices are placed", placements)
         }
