@@ -5,8 +5,8 @@ use std::sync::OnceLock;
 use std::time::Instant;
 
 use super::device::DeviceArguments;
-use super::files::{self, Source, Target};
-use super::places::Kept;
+use super::files::{Source, Target};
+use super::mesh_file::MeshFile;
 use super::progress::Progress;
 use super::results::{ChoiceFlags, OfJob, OutputFile, Outputs, check_places};
 use super::{Failure, complain, print_line, say, signals};
@@ -16,7 +16,7 @@ use crate::device::cpu::CpuDevice;
 use crate::error::{Error, Kind};
 use crate::hierarchy::linkage::no_single_root;
 use crate::job::{self, InputFile, Outcome, Plan, Prepared, Request, milliseconds};
-use crate::mesh::{Beside, Format, Limits, NoResources, Resources};
+use crate::mesh::Limits;
 use crate::parameters::{Parameters, Seeds};
 use crate::report::{Report, Row};
 
@@ -39,13 +39,8 @@ Examples:
   tesserae cluster horse.obj -k 2000 --snapshots 0,6,46 --labels horse.npy    (and horse.iteration-0.npy, …)
   gunzip -c dragon.glb.gz | tesserae cluster - -k 5000 --labels - > dragon.labels.json")]
 pub struct Arguments {
-    #[arg(value_name = "INPUT", help = format!("The mesh: {}, or - for standard input", Format::choice(".")))]
-    input: PathBuf,
-
-    #[arg(long, value_name = "FORMAT", value_parser = Format::from_name, help = format!(
-        "Format of the mesh: {}; by file name, then by content when left out", Format::choice("")
-    ))]
-    format: Option<Format>,
+    #[command(flatten)]
+    mesh: MeshFile,
 
     #[command(flatten)]
     parameters: Parameters,
@@ -88,7 +83,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 
     progress.stage("writing");
     let writing = Instant::now();
-    let input = Source::from(arguments.input.clone());
+    let input = arguments.mesh.source();
     let (with_report, others): (Vec<&OutputFile>, Vec<&OutputFile>) =
         arguments.outputs.files().iter().partition(|file| file.needs(Need::Report));
     let remesh = OnceLock::new();
@@ -171,7 +166,7 @@ fn check(arguments: &Arguments) -> Result<Choices, Failure> {
 
 /// Where everything comes from, after what it is.
 fn inputs(arguments: &Arguments) -> Vec<(&'static str, Source)> {
-    let mut inputs = vec![("the mesh", Source::from(arguments.input.clone()))];
+    let mut inputs = vec![("the mesh", arguments.mesh.source())];
     if let Seeds::File(path) = &arguments.parameters.seeds {
         inputs.push(("the list of seeds", Source::from(path.clone())));
     }
@@ -207,7 +202,7 @@ fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Fa
     };
     progress.stage("reading");
     let reading = Instant::now();
-    let input = Source::from(arguments.input.clone());
+    let input = arguments.mesh.source();
     let bytes = input.read(limits.max_bytes)?;
     limits.check_bytes(bytes.len() as u64).map_err(Failure::about(&input))?;
     let seeds = match &arguments.parameters.seeds {
@@ -219,21 +214,9 @@ fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Fa
     let (seed_bytes, weight_bytes) = (content(&seeds)?, content(&weights)?);
     let read = milliseconds(reading.elapsed());
 
-    let name = match &input {
-        Source::Stdin => None,
-        Source::File(path) => Some(path.to_string_lossy()),
-    };
-    let format = match arguments.format {
-        Some(format) => format,
-        None => Format::recognise(name.as_deref(), &bytes, Some(bytes.len() as u64)).map_err(Failure::about(&input))?,
-    };
+    let format = arguments.mesh.format(&bytes)?;
     let places = arguments.outputs.places();
-    let resources: Box<dyn Resources> = match &input {
-        Source::Stdin => Box::new(NoResources),
-        Source::File(path) => {
-            Box::new(Kept { beside: Beside { folder: files::folder(path).to_owned() }, outputs: &places })
-        }
-    };
+    let resources = arguments.mesh.resources(&places);
 
     // Until here there is nothing to end in order, and a read that waits for input could not be told to stop.
     let cancel = signals::cancel_when_asked();

@@ -93,7 +93,7 @@ fn check(arguments: &Arguments) -> Result<(), Failure> {
     match arguments.clusters {
         None if of_cut.is_some() => return usage("--clusters is missing: say how many clusters you want"),
         None if outputs.files().is_empty() => {
-            return usage("nothing is asked for: give --clusters and --labels, --hierarchy or --linkage");
+            return usage("no output is named: give --clusters and --labels, --hierarchy or --linkage");
         }
         _ => {}
     }

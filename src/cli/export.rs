@@ -3,15 +3,15 @@
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-use super::files::{self, Source};
-use super::places::Kept;
+use super::files::Source;
+use super::mesh_file::MeshFile;
 use super::results::{ChoiceFlags, OfMesh, OutputFiles, check_places, places, use_stdout};
 use super::{Failure, print_line, say, signals};
 use crate::artifacts::{Choices, Content, Labels};
 use crate::error::Error;
 use crate::hierarchy::stored;
 use crate::job::parse_labels;
-use crate::mesh::{self, Beside, Format, Limits, NoResources, PolygonMesh, Resources};
+use crate::mesh::{self, Limits, PolygonMesh};
 
 /// Arguments of `tesserae export`.
 #[derive(Debug, clap::Args)]
@@ -22,13 +22,8 @@ Examples:
   tesserae export horse.obj --labels horse.npy --mesh horse.glb
   tesserae export horse.obj --hierarchy horse.tsr -k 750 --mesh horse-750.ply --submeshes horse-750.zip")]
 pub struct Arguments {
-    #[arg(value_name = "INPUT", help = format!("The mesh: {}, or - for standard input", Format::choice(".")))]
-    input: PathBuf,
-
-    #[arg(long, value_name = "FORMAT", value_parser = Format::from_name, help = format!(
-        "Format of the mesh: {}; by file name, then by content when left out", Format::choice("")
-    ))]
-    format: Option<Format>,
+    #[command(flatten)]
+    mesh: MeshFile,
 
     /// The labels: a .npy file with one whole number a face, or - for standard input
     #[arg(long, value_name = "IN.npy", required_unless_present = "hierarchy")]
@@ -61,7 +56,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let choices = check(arguments)?;
     signals::cancel_when_asked();
-    let input = Source::from(arguments.input.clone());
+    let input = arguments.mesh.source();
     let mesh = read_mesh(arguments, &input)?;
     let (labels, clusters) = read_labels(arguments, mesh.faces.len())?;
     let labels = Labels::new(clusters, &labels);
@@ -89,11 +84,11 @@ fn labels_source(arguments: &Arguments) -> (&'static str, Source) {
 fn check(arguments: &Arguments) -> Result<Choices, Failure> {
     let usage = |message: &str| Err(Failure::Usage("export", message.to_owned()));
     if arguments.outputs.is_empty() {
-        return usage("nothing is asked for: give --mesh, --submeshes or another output");
+        return usage("no output is named: give --mesh, --submeshes or another output");
     }
     let choices = arguments.choices.choices("export", &arguments.outputs)?;
     let (what, labels) = labels_source(arguments);
-    let input = Source::from(arguments.input.clone());
+    let input = arguments.mesh.source();
     if input == Source::Stdin && labels == Source::Stdin {
         return usage("mesh and labels cannot both come from standard input");
     }
@@ -107,21 +102,9 @@ fn read_mesh(arguments: &Arguments, input: &Source) -> Result<PolygonMesh, Failu
     let about_input = || Failure::about(input);
     let bytes = input.read(limits.max_bytes)?;
     limits.check_bytes(bytes.len() as u64).map_err(about_input())?;
-    let name = match input {
-        Source::Stdin => None,
-        Source::File(path) => Some(path.to_string_lossy()),
-    };
-    let format = match arguments.format {
-        Some(format) => format,
-        None => Format::recognise(name.as_deref(), &bytes, Some(bytes.len() as u64)).map_err(about_input())?,
-    };
+    let format = arguments.mesh.format(&bytes)?;
     let outputs = places(&arguments.outputs);
-    let resources: Box<dyn Resources> = match input {
-        Source::Stdin => Box::new(NoResources),
-        Source::File(path) => {
-            Box::new(Kept { beside: Beside { folder: files::folder(path).to_owned() }, outputs: &outputs })
-        }
-    };
+    let resources = arguments.mesh.resources(&outputs);
     mesh::read(&bytes, format, &*resources, &limits).map_err(about_input())
 }
 

@@ -18,6 +18,7 @@ mod devices;
 mod evaluate;
 mod export;
 mod files;
+mod mesh_file;
 mod places;
 mod plot;
 mod progress;

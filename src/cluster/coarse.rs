@@ -274,8 +274,12 @@ impl Start {
     }
 }
 
-/// Merges the cheaper half of the mutual pairs; in each component at most its surplus.
-fn merge_cheaper_half(steps: &mut dyn MergeSteps, component_of_cluster: &[u32], surplus: &mut [usize]) -> Result<()> {
+/// Merges the cheaper half of the mutual pairs; in each component at most its surplus, which falls by that.
+pub(super) fn merge_cheaper_half(
+    steps: &mut dyn MergeSteps,
+    component_of_cluster: &[u32],
+    surplus: &mut [usize],
+) -> Result<()> {
     let mut mutual = steps.mutual_dual_edges(Ties::Hash)?;
     mutual.retain(|pair| surplus[component_of_cluster[pair.ends().0 as usize] as usize] > 0);
     keep_cheaper_half(&mut mutual);

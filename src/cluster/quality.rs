@@ -55,8 +55,8 @@ impl Quality {
         }
     }
 
-    /// A further coarse start, from which whole components may be taken: of `best`, and of all on tiny meshes. With it,
-    /// the result of `best` is not above that of the default.
+    /// A further coarse start, from which whole components may be taken: of `best`, and of all on tiny meshes. Where it
+    /// is used, the result of `best` is not above that of the default.
     pub fn further_start(self) -> Effort {
         match self {
             Quality::Fast | Quality::Default => Quality::Best.start(),

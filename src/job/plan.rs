@@ -42,8 +42,9 @@ impl Plan {
         Ok(match spec {
             JobSpec::Coarse { clusters, seed, effort, further, options, relocation } => {
                 let start = |effort| CoarseStart::new(surface, clusters, seed, effort);
-                let all_effort = surface.faces() < relocation::TINY || relocation == Some(relocation::Effort::All);
-                let further = (relocation.is_some() && all_effort).then(|| start(further)).transpose()?;
+                let relocation = relocation.map(|effort| effort.on(surface.faces()));
+                let is_all = relocation == Some(relocation::Effort::All);
+                let further = is_all.then(|| start(further)).transpose()?;
                 Self::Coarse(Coarse { start: start(effort)?, further, options, relocation })
             }
             JobSpec::Seeded { method, clusters, seeds, seed, listed, options } => {

@@ -14,6 +14,7 @@ use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method};
 use axum::middleware::Next;
 use axum::response::Response;
+use futures_util::TryStreamExt as _;
 use hyper::body::{Frame, SizeHint};
 use tracing::{Instrument as _, Span};
 use uuid::Uuid;
@@ -80,7 +81,7 @@ pub(super) async fn log(State(log): State<Arc<AccessLog>>, mut request: Request,
     request.extensions_mut().insert(Origin { client, request: id.clone(), trace });
     let method = request.method().clone();
     let received = Arc::<AtomicU64>::default();
-    let request = request.map(|body| Body::new(Counted { body, bytes: Arc::clone(&received) }));
+    let request = request.map(|body| counted(body, Arc::clone(&received)));
     let is_probe = PROBES.contains(&path.as_str());
     let mut response = next.run(request).instrument(span.clone()).await;
     if let Some(header) = header {
@@ -172,34 +173,11 @@ impl Line {
 }
 
 /// The body of a request, whose bytes are counted.
-struct Counted {
-    body: Body,
-    bytes: Arc<AtomicU64>,
-}
-
-impl HttpBody for Counted {
-    type Data = Bytes;
-    type Error = axum::Error;
-
-    fn poll_frame(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
-        let polled = Pin::new(&mut self.body).poll_frame(context);
-        if let Poll::Ready(Some(Ok(frame))) = &polled {
-            let bytes = frame.data_ref().map_or(0, |data| data.len() as u64);
-            self.bytes.fetch_add(bytes, Ordering::Relaxed);
-        }
-        polled
-    }
-
-    fn is_end_stream(&self) -> bool {
-        self.body.is_end_stream()
-    }
-
-    fn size_hint(&self) -> SizeHint {
-        self.body.size_hint()
-    }
+fn counted(body: Body, bytes: Arc<AtomicU64>) -> Body {
+    let count = move |data: &Bytes| {
+        bytes.fetch_add(data.len() as u64, Ordering::Relaxed);
+    };
+    Body::from_stream(body.into_data_stream().inspect_ok(count))
 }
 
 /// The body of an answer, whose end is the end of the request.

@@ -29,7 +29,8 @@ SPARE_MB = 4
 def client(address, mesh, jobs, failures):
     connection = http.client.HTTPConnection(address, timeout=60)
     for _ in range(jobs):
-        connection.request("POST", "/v1/jobs?clusters=20", mesh, {"Content-Type": "model/gltf-binary", "Prefer": "wait=60"})
+        headers = {"Content-Type": "model/gltf-binary", "Prefer": "wait=60"}
+        connection.request("POST", "/v1/jobs?clusters=20&quality=fast", mesh, headers)
         answer = connection.getresponse()
         body = answer.read()
         if answer.status != 200:

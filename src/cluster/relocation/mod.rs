@@ -63,6 +63,13 @@ pub enum Effort {
     All,
 }
 
+impl Effort {
+    /// The effort on a mesh of this many faces: all on those with fewer than [`TINY`].
+    pub fn on(self, faces: usize) -> Self {
+        if faces < TINY { Effort::All } else { self }
+    }
+}
+
 /// Clusters with fewer faces than this get E and F even if no swap pays.
 const FEW_FACES: usize = 20;
 
@@ -70,7 +77,7 @@ const FEW_FACES: usize = 20;
 const SMALL: usize = 1 << 15;
 
 /// Meshes with fewer faces than this get all effort, whatever the quality.
-pub const TINY: usize = 1_000;
+const TINY: usize = 1_000;
 
 /// Rounds of trials, unless all are made.
 const TRIALS: usize = 3;
@@ -109,7 +116,6 @@ impl<'a> Relocation<'a> {
     ) -> Result<Vec<u32>> {
         let mut best = State::new(self.graph, labels);
         let has_paid = self.swap(&mut best, on_change)?;
-        let effort = if self.graph.faces() < TINY { Effort::All } else { effort };
         if effort == Effort::Swaps {
             return Ok(best.clusters.compacted());
         }
