@@ -5,9 +5,11 @@
 
 mod json;
 pub mod names;
+mod parsing;
 mod text;
 
 pub use json::{wrong_json, wrong_json_at};
+pub use parsing::what_it_must_be;
 pub use text::{Brief, Quoted};
 
 use std::fmt::Display;

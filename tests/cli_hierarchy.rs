@@ -197,7 +197,9 @@ fn wrong_flags_are_usage_errors_that_say_what_to_do() {
         folder.run(&[&cluster[..], flags].concat()).expect_usage_error(words);
     }
     for (flags, words) in [
-        (&["cut", "x.tsr"][..], &["no output is named"][..]),
+        (&["cut", "x.tsr", "-k", "12x"][..], &["12x", "--clusters", "must be a whole number"][..]),
+        (&["cut", "x.tsr", "-k", "99999999999999999999"], &["must be a smaller number"]),
+        (&["cut", "x.tsr"], &["no output is named"]),
         (&["cut", "x.tsr", "--labels", "x.npy"], &["--clusters is missing"]),
         (&["cut", "x.tsr", "-k", "3", "--labels", "-", "--report", "-"], &["same place"]),
         (&["plot", "x.svg"], &["OUT.svg"]),

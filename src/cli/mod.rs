@@ -28,6 +28,7 @@ mod sample;
 mod service;
 mod signals;
 
+use std::error::Error as _;
 use std::fmt::Display;
 use std::io::{self, Write};
 use std::process::ExitCode;
@@ -36,7 +37,7 @@ use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 
 use self::files::Target;
-use crate::error::{Error, Kind};
+use crate::error::{Error, Kind, what_it_must_be};
 use crate::memory;
 use crate::parameters::names;
 
@@ -80,7 +81,7 @@ enum Command {
     Devices(devices::Arguments),
 }
 
-/// Runs the command that the arguments of this process ask for.
+/// Runs the command that the arguments of this process name.
 pub fn main() -> ExitCode {
     names::spell_as_flags(true);
     let outcome = match Cli::try_parse() {
@@ -198,8 +199,12 @@ fn as_parser_says(command: &str, message: &str) -> clap::Error {
 
 /// Says what is wrong with the command line. Exit status 2.
 fn usage_error(wrong: &clap::Error) -> ExitCode {
+    let cause = wrong.source().map(ToString::to_string).unwrap_or_default();
     // Where even that cannot be said, the status is all that is left.
-    let _ = wrong.print();
+    let _ = match what_it_must_be(&cause) {
+        Some(must) => io::stderr().write_all(wrong.render().to_string().replacen(&cause, must, 1).as_bytes()),
+        None => wrong.print(),
+    };
     ExitCode::from(2)
 }
 

@@ -5,7 +5,7 @@ use axum::http::Uri;
 use percent_encoding::percent_decode_str;
 use serde::de::DeserializeOwned;
 
-use crate::error::{Error, Quoted, Result};
+use crate::error::{Error, Quoted, Result, what_it_must_be};
 
 /// Reads the query into `T`, which denies unknown fields. What is wrong is named.
 pub(super) fn read<T: DeserializeOwned>(uri: &Uri) -> Result<T> {
@@ -17,22 +17,10 @@ pub(super) fn read<T: DeserializeOwned>(uri: &Uri) -> Result<T> {
     })
 }
 
-/// Errors of Rust's numbers, and what a value must be.
-const WORDS: [(&str, &str); 8] = [
-    ("invalid digit found in string", "must be a whole number"),
-    ("cannot parse integer from empty string", "must be a whole number"),
-    ("number too large to fit in target type", "must be a smaller number"),
-    ("number too small to fit in target type", "must be a larger number"),
-    ("number would be zero for non-zero type", "must be 1 or more"),
-    ("invalid float literal", "must be a number"),
-    ("cannot parse float from empty string", "must be a number"),
-    ("provided string was not `true` or `false`", "must be true or false"),
-];
-
 /// The error about one parameter with its value, in words of HTTP; others as they are.
 fn in_words(text: &str, uri: &Uri) -> String {
     let found = text.split_once(": ").and_then(|(name, what)| {
-        let (_, must) = WORDS.iter().find(|(rust, _)| *rust == what)?;
+        let must = what_it_must_be(what)?;
         let (value, _) = take(uri.query()?, name);
         Some(format!("{name} {must}, not {}", Quoted(&value?)))
     });

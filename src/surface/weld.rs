@@ -36,15 +36,34 @@ pub fn weld(mesh: &PolygonMesh) -> (Weld, Vec<u32>) {
 }
 
 /// For each vertex the first one at its position.
+///
+/// Vertices are sorted by a hash of their position and by number, because whole numbers sort in a third of the time
+/// that positions take; those of equal hash are sorted by position.
 fn first_vertices(positions: &[[f64; 3]]) -> Vec<u32> {
-    // adding zero turns −0 into 0
-    let bits = |position: &[f64; 3]| position.map(|coordinate| (coordinate + 0.0).to_bits());
-    let mut sorted: Vec<([u64; 3], u32)> =
-        positions.par_iter().enumerate().map(|(vertex, position)| (bits(position), vertex as u32)).collect();
+    let mut sorted: Vec<u64> =
+        positions.par_iter().enumerate().map(|(vertex, position)| hash(position) << 32 | vertex as u64).collect();
     sorted.par_sort_unstable();
     let mut first: Vec<u32> = (0..positions.len() as u32).collect();
-    for same in sorted.chunk_by(|a, b| a.0 == b.0) {
-        same[1..].iter().for_each(|&(_, vertex)| first[vertex as usize] = same[0].1);
+    let mut by_position = Vec::new();
+    for same_hash in sorted.chunk_by(|a, b| a >> 32 == b >> 32).filter(|vertices| vertices.len() > 1) {
+        let vertices = same_hash.iter().map(|&entry| entry as u32);
+        by_position.clear();
+        by_position.extend(vertices.map(|vertex| (bits(&positions[vertex as usize]), vertex)));
+        by_position.sort_unstable();
+        for same in by_position.chunk_by(|a, b| a.0 == b.0) {
+            same[1..].iter().for_each(|&(_, vertex)| first[vertex as usize] = same[0].1);
+        }
     }
     first
+}
+
+/// The bits of a position; adding zero turns −0 into 0.
+fn bits(position: &[f64; 3]) -> [u64; 3] {
+    position.map(|coordinate| (coordinate + 0.0).to_bits())
+}
+
+/// 32 bits that mix all those of a position. Meshes made so that hashes are equal cost a sort by position.
+fn hash(position: &[f64; 3]) -> u64 {
+    const ODD: u64 = 0x9e37_79b9_7f4a_7c15;
+    bits(position).into_iter().fold(0u64, |hash, bits| (hash.rotate_left(23) ^ bits).wrapping_mul(ODD)) >> 32
 }
