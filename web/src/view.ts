@@ -87,8 +87,8 @@ void main() {
 }`;
 
 export class View {
-  /** Called with the triangle under a click, or null. */
-  onPick: (triangle: number | null) => void = () => {};
+  /** Called with the triangle under a click, or null, and whether Shift was held. */
+  onPick: (triangle: number | null, withShift: boolean) => void = () => {};
   /** Frames drawn. */
   frames = 0;
   readonly canvas: HTMLCanvasElement;
@@ -263,7 +263,7 @@ export class View {
     this.canvas.addEventListener("pointerdown", (event) => down.set(event.offsetX, event.offsetY));
     this.canvas.addEventListener("pointerup", (event) => {
       const moved = down.distanceTo(new Vector2(event.offsetX, event.offsetY));
-      if (event.button === 0 && moved < 4) this.onPick(this.pick(event.offsetX, event.offsetY));
+      if (event.button === 0 && moved < 4) this.onPick(this.pick(event.offsetX, event.offsetY), event.shiftKey);
     });
   }
 
