@@ -1,5 +1,5 @@
 // The page in Chromium against a real service:
-//   node web/tests/page.mjs BINARY [--pictures FOLDER] [--files FOLDER] [--only NAME] [MESHES]
+//   node web/tests/page.mjs BINARY [--pictures FOLDER] [--files FOLDER] [--only REGEXP] [MESHES]
 import assert from "node:assert/strict";
 import { Browser } from "./browser.mjs";
 import { results } from "./results.mjs";
@@ -14,7 +14,7 @@ const browser = await new Browser(values.files).launch();
 const service = await new Service(binary).start();
 let failures = 0;
 for (const [name, test] of Object.entries(tests)) {
-  if (values.only && !name.includes(values.only)) continue;
+  if (values.only && !new RegExp(values.only).test(name)) continue;
   const started = Date.now();
   try {
     await test({ service, browser });

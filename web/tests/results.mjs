@@ -203,7 +203,7 @@ export const results = {
     await drawn(page, 50);
     await page.selectOption("#other", { index: 1 });
     await drawn(page, 30);
-    assert.match(await text(page, "#compared"), /its energy: \d/);
+    assert.match(await text(page, "#compared"), /^this job's energy: \d.*, its energy: \d.* \(\+\d.* %\)$/);
     assert.match(page.url(), /with=/);
     await page.close();
   },
@@ -216,8 +216,10 @@ export const results = {
     });
     await page.click("#jobs a:has-text('knot')");
     await drawn(page, 400);
+    assert.ok(Math.abs((await page.locator("#main").boundingBox()).y) < 2, "the job is in sight, below form and list");
     assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth));
     await picture(page, "page-phone.png");
+    await accessible(page, "a phone");
     await page.close();
   },
 
