@@ -1,4 +1,5 @@
-// Bundles the page into a folder: node bundle.mjs [FOLDER]. Four files: document, script, styles, licences.
+// Bundles the page into a folder: node bundle.mjs [FOLDER]. Five files: document, two scripts,
+// styles, licences. `scene.js` has what draws; `page.js` loads it when the page is there.
 // An error, and not a bundle that is too large, where the bundle leaves its budget.
 import { readFileSync, writeFileSync, mkdirSync, copyFileSync } from "node:fs";
 import { dirname, join, resolve } from "node:path";
@@ -14,11 +15,12 @@ const out = resolve(process.argv[2] ?? join(here, "../target/web"));
 mkdirSync(out, { recursive: true });
 
 const result = await build({
-  entryPoints: [join(here, "src/page.ts"), join(here, "src/page.css")],
+  entryPoints: [...["page.ts", "scene.ts", "page.css"].map((name) => join(here, "src", name))],
   outdir: out,
   bundle: true,
   minify: true,
   format: "esm",
+  external: ["./scene.js"],
   target: "es2022",
   legalComments: "none",
   metafile: true,
@@ -41,7 +43,7 @@ const licences = [...packages].sort().map((name) => {
 writeFileSync(join(out, "licences.txt"), licences.join(`\n${"-".repeat(80)}\n\n`));
 
 let [bytes, compressed] = [0, 0];
-for (const name of ["index.html", "page.js", "page.css", "licences.txt"]) {
+for (const name of ["index.html", "page.js", "scene.js", "page.css", "licences.txt"]) {
   const content = readFileSync(join(out, name));
   bytes += content.length;
   compressed += gzipSync(content).length;

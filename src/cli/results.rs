@@ -256,7 +256,7 @@ impl<W: Writes> Outputs<W> {
 
     /// Which part of a hierarchy is written as JSON.
     pub fn limits(&self) -> Limits {
-        Limits { min_clusters: self.min_clusters, max_clusters: self.max_clusters }
+        Limits { min_clusters: self.min_clusters, max_clusters: self.max_clusters, clusters: None }
     }
 }
 

@@ -11,9 +11,10 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use super::stored::Stored;
-use super::{Level, Nodes, Tree};
+use super::{Level, Nodes, Tree, contradiction};
 use crate::energy::Merged;
 use crate::error::names::Name;
+use crate::error::{Error, Result};
 
 /// A hierarchy: what `--hierarchy OUT.json` writes.
 #[derive(Debug, Serialize, ToSchema)]
@@ -31,6 +32,17 @@ pub struct Hierarchy {
     pub nodes: Vec<Node>,
     /// The nodes, leaves too, that are no child in `nodes`, ascending: the clusters at the end of the list.
     pub roots: Vec<u32>,
+    /// The clusters of the cut that the parameter `clusters` names; absent without it.
+    pub cut: Option<CutNodes>,
+}
+
+/// The clusters of a cut as nodes of the tree, in the order of their labels.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct CutNodes {
+    /// The node of each cluster.
+    pub nodes: Vec<u32>,
+    /// The node that each cluster becomes a part of. Null for a cluster that the hierarchy ends with.
+    pub parents: Vec<Option<u32>>,
 }
 
 /// Two clusters that became one.
@@ -66,18 +78,20 @@ pub struct Limits {
     pub min_clusters: Option<u64>,
     /// The largest number.
     pub max_clusters: Option<u64>,
+    /// A cut whose clusters are written as nodes in addition.
+    pub clusters: Option<u64>,
 }
 
 impl Limits {
     /// Whether any limit was given.
     pub fn are_given(&self) -> bool {
-        self.min_clusters.is_some() || self.max_clusters.is_some()
+        *self != Self::default()
     }
 
     /// What is wrong with them, if anything.
-    pub fn check(&self) -> crate::Result<()> {
+    pub fn check(&self) -> Result<()> {
         match (self.min_clusters, self.max_clusters) {
-            (Some(min), Some(max)) if min > max => Err(crate::Error::parameter(format_args!(
+            (Some(min), Some(max)) if min > max => Err(Error::parameter(format_args!(
                 "{} must not be above {}: {min} and {max}",
                 Name::MIN_CLUSTERS,
                 Name::MAX_CLUSTERS
@@ -92,8 +106,10 @@ impl Limits {
 }
 
 impl Stored {
-    /// Writes a [`Hierarchy`] in many small pieces, in one line.
+    /// Writes a [`Hierarchy`] in many small pieces, in one line. The cut must be one that the tree has.
     pub fn write_json(&self, out: &mut dyn Write, limits: Limits) -> io::Result<()> {
+        let cut = limits.clusters.map(|clusters| self.tree.nodes_at(clusters));
+        let cut = cut.transpose().map_err(io::Error::other)?;
         let range = limits.range();
         out.write_all(b"{\"algorithm\":")?;
         serde_json::to_writer(&mut *out, &self.header.algorithm)?;
@@ -110,11 +126,40 @@ impl Stored {
         write_array(out, made.filter(|node| range.contains(&u64::from(node.clusters_left))))?;
         out.write_all(b",\"roots\":")?;
         write_array(out, nodes.roots().into_iter())?;
+        if let Some(cut) = cut {
+            out.write_all(b",\"cut\":")?;
+            serde_json::to_writer(&mut *out, &cut)?;
+        }
         out.write_all(b"}\n")
     }
 }
 
 impl Tree {
+    /// The clusters of [`Self::labels_at`] as nodes. The merges of a cut at k clusters are the first n − k, because
+    /// every merge ends one cluster.
+    fn nodes_at(&self, clusters: u64) -> Result<CutNodes> {
+        let (_, mut replay, _) = self.replay_to(clusters)?;
+        let merges = u64::from(self.faces) - clusters;
+        let Some((made, later)) = self.merges.split_at_checked(merges as usize) else {
+            return contradiction("merges before a cut", merges);
+        };
+        let mut nodes = Nodes::new(self.faces);
+        made.iter().for_each(|merge| _ = nodes.merge(merge));
+        let mut node_of_cluster = nodes.node_of_cluster.clone();
+        // labels go by the first face of a cluster
+        let ended = u32::MAX;
+        let first =
+            replay.clusters().iter().map(|&cluster| std::mem::replace(&mut node_of_cluster[cluster as usize], ended));
+        let of_cut: Vec<u32> = first.filter(|&node| node != ended).collect();
+        let mut parent = vec![None; self.faces as usize + self.merges.len()];
+        for merge in later {
+            let (id, children) = nodes.merge(merge);
+            children.into_iter().for_each(|child| parent[child as usize] = Some(id));
+        }
+        let parents = of_cut.iter().map(|&node| parent[node as usize]).collect();
+        Ok(CutNodes { nodes: of_cut, parents })
+    }
+
     /// Every round.
     fn levels(&self) -> impl Iterator<Item = Level> {
         let mut ends = (0, 0);

@@ -134,7 +134,18 @@ impl Tree {
     /// A number that a round ended with gives that round's state. Any other takes the state of the last round that
     /// left more, and applies as many of the next round's merges as it takes, the cheapest first.
     pub fn labels_at(&self, clusters: u64) -> Result<Cut> {
-        check_range(self.faces, self.roots(), clusters)?;
+        let (plan, replay, energy) = self.replay_to(clusters)?;
+        plan.finish(replay, energy)
+    }
+
+    /// Refuses a number of clusters that the tree cannot be cut at.
+    pub fn check_cut(&self, clusters: u64) -> Result<()> {
+        check_range(self.faces, self.roots(), clusters)
+    }
+
+    /// The replay of a cut, and the energy of the cut.
+    fn replay_to(&self, clusters: u64) -> Result<(CutPlan, Replay, f64)> {
+        self.check_cut(clusters)?;
         let plan = CutPlan::of(&self.rounds, self.faces, clusters as u32);
         let mut replay = Replay::new(self.faces);
         for round in 0..plan.rounds {
@@ -142,7 +153,7 @@ impl Tree {
         }
         let on_top = &self.merges[Round::before(&self.rounds, plan.rounds).merges_end as usize..][..plan.extra_merges];
         on_top.iter().try_for_each(|merge| replay.merge(merge.into, merge.from))?;
-        plan.finish(replay, on_top.iter().fold(plan.energy, |energy, merge| energy + merge.made.cost))
+        Ok((plan, replay, on_top.iter().fold(plan.energy, |energy, merge| energy + merge.made.cost)))
     }
 
     /// The merges and the moves of a round.

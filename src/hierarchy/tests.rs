@@ -92,17 +92,35 @@ fn json_lists_what_was_asked_for() {
     assert_eq!(whole["nodes"][5]["children"], json!([10, 11]));
     assert_eq!(whole["roots"], json!([12]));
 
-    let part = json_of(&small(), Limits { min_clusters: Some(2), max_clusters: Some(4) });
+    let part = json_of(&small(), Limits { min_clusters: Some(2), max_clusters: Some(4), ..Limits::default() });
     let left: Vec<u64> =
         part["nodes"].as_array().expect("a list").iter().filter_map(|node| node["clusters_left"].as_u64()).collect();
     assert_eq!(left, [4, 3, 2]);
     assert_eq!(part["levels"].as_array().map(Vec::len), Some(2));
     assert_eq!(part["roots"], json!([10, 11]));
-    let none = json_of(&small(), Limits { min_clusters: Some(100), max_clusters: None });
+    let none = json_of(&small(), Limits { min_clusters: Some(100), ..Limits::default() });
     assert_eq!(
         (&none["nodes"], &none["levels"], &none["roots"]),
         (&json!([]), &json!([]), &json!([0, 1, 2, 3, 4, 5, 6]))
     );
+}
+
+#[test]
+fn the_clusters_of_a_cut_are_nodes_in_the_order_of_their_labels() {
+    for (clusters, nodes, parents) in [
+        (7, json!([0, 1, 2, 3, 4, 5, 6]), json!([7, 7, 8, 8, 9, 9, 10])),
+        // face 5 moves to the cluster of 2 and 3 at the end of round 1
+        (5, json!([7, 8, 4, 5, 6]), json!([11, 10, 9, 9, 10])),
+        (4, json!([7, 8, 9, 6]), json!([11, 10, 11, 10])),
+        (2, json!([11, 10]), json!([12, 12])),
+        (1, json!([12]), json!([null])),
+    ] {
+        let limits = Limits { max_clusters: Some(0), clusters: Some(clusters), ..Limits::default() };
+        let json = json_of(&small(), limits);
+        assert_eq!(json["cut"], json!({"nodes": nodes, "parents": parents}), "{clusters}");
+        assert_eq!(json["nodes"], json!([]));
+    }
+    assert_eq!(json_of(&small(), Limits::default()).get("cut"), None);
 }
 
 #[test]

@@ -1,6 +1,7 @@
-//! The page at `/`: a client of this interface for people, in one document, one script and one style sheet.
+//! The page at `/`: a client of this interface for people, in one document, one style sheet and two scripts. The first
+//! script is small, so that the page is there at once; it loads the second, which draws.
 //!
-//! Its sources are in `web/`. `make bundle` makes four files of them, and the feature `page` compiles these in. Without
+//! Its sources are in `web/`. `make bundle` makes five files of them, and the feature `page` compiles these in. Without
 //! the feature, or with `--no-page`, the paths are a 404 that says so.
 //!
 //! The page needs no token to be read, and holds no data; a token that it is given stays in the browser's session. The
@@ -43,9 +44,10 @@ mod bundled {
     }
 
     /// The files, by their paths.
-    pub const FILES: [File; 4] = [
+    pub const FILES: [File; 5] = [
         File { path: "/", media_type: "text/html; charset=utf-8", bytes: bundled!("index.html") },
         File { path: "/page.js", media_type: "text/javascript; charset=utf-8", bytes: bundled!("page.js") },
+        File { path: "/scene.js", media_type: "text/javascript; charset=utf-8", bytes: bundled!("scene.js") },
         File { path: "/page.css", media_type: "text/css; charset=utf-8", bytes: bundled!("page.css") },
         File { path: "/licences.txt", media_type: "text/plain; charset=utf-8", bytes: bundled!("licences.txt") },
     ];

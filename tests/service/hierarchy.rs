@@ -1,7 +1,7 @@
 //! Hierarchies over HTTP: rounds as they happen, cuts, the tree in its forms.
 
 use reqwest::Response;
-use serde_json::Value;
+use serde_json::{Value, json};
 use tesserae::dev::sample::{self, Sample};
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::{Device, MergeSteps, Steps};
@@ -119,6 +119,19 @@ async fn the_tree_comes_as_json_as_much_of_it_as_is_asked_for() {
     let from = nodes.iter().position(|node| node["clusters_left"] == 19).expect("it is there");
     assert_eq!(part["nodes"], Value::Array(nodes[from..from + 10].to_vec()));
     assert_eq!(part["roots"].as_array().map(Vec::len), Some(10));
+    let cut = json(service.get(&format!("{url}?clusters=10&max_clusters=0"))).await;
+    assert_eq!(cut["nodes"], Value::Array(Vec::new()));
+    let mut of_cut = cut["cut"]["nodes"].as_array().expect("a list").clone();
+    of_cut.sort_by_key(Value::as_u64);
+    assert_eq!(Value::Array(of_cut), part["roots"]);
+    let labels = json(service.get(&format!("{}?clusters=10", text(&job["urls"]["labels"])))).await;
+    let sizes = |label: usize| labels["labels"].as_array().into_iter().flatten().filter(|&l| *l == label).count();
+    for (label, node) in cut["cut"]["nodes"].as_array().into_iter().flatten().enumerate() {
+        // without optimisation the faces of a node stay its own
+        let made = nodes.iter().find(|made| made["id"] == *node).map_or(json!(1), |made| made["faces"].clone());
+        assert_eq!(made, sizes(label), "{node}");
+    }
+    refused(service.get(&format!("{url}?clusters=0")), 409, "conflict").await;
     for (query, word) in
         [("min_clusters=9&max_clusters=8", "9 and 8"), ("min_clusters=x", "min_clusters"), ("k=3", "k")]
     {

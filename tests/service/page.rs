@@ -6,6 +6,15 @@ use crate::support::*;
 
 const HAS_PAGE: bool = cfg!(feature = "page");
 
+/// Paths and media types of the files.
+const FILES: [(&str, &str); 5] = [
+    ("/", "text/html"),
+    ("/page.js", "text/javascript"),
+    ("/scene.js", "text/javascript"),
+    ("/page.css", "text/css"),
+    ("/licences.txt", "text/plain"),
+];
+
 #[tokio::test]
 async fn the_page_has_a_strict_policy_and_is_validated_before_each_use() {
     let service = Service::start().await;
@@ -14,12 +23,7 @@ async fn the_page_has_a_strict_policy_and_is_validated_before_each_use() {
         assert!(detail.contains("this build has no page"), "{detail}");
         return;
     }
-    for (path, media_type) in [
-        ("/", "text/html"),
-        ("/page.js", "text/javascript"),
-        ("/page.css", "text/css"),
-        ("/licences.txt", "text/plain"),
-    ] {
+    for (path, media_type) in FILES {
         let response = service.get(path).send().await.expect("answered");
         assert_eq!(response.status(), 200, "{path}");
         let headers = response.headers().clone();
@@ -55,6 +59,8 @@ async fn the_page_needs_no_token_and_gives_no_data() {
     let with_tokens = |settings: &mut tesserae::service::Settings| settings.access.tokens = Some(path);
     let service = Service::with(with_tokens, Box::new(CpuDevice::new())).await;
     let expected = if HAS_PAGE { 200 } else { 404 };
-    assert_eq!(service.get("/").send().await.expect("answered").status(), expected);
+    for (path, _) in FILES {
+        assert_eq!(service.get(path).send().await.expect("answered").status(), expected, "{path}");
+    }
     refused(service.get("/v1/jobs"), 401, "unauthorized").await;
 }

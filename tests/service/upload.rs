@@ -108,6 +108,18 @@ async fn a_form_brings_mesh_parameters_and_seeds_in_any_order() {
 }
 
 #[tokio::test]
+async fn a_quotation_mark_in_a_file_name_stays_one() {
+    let service = Service::start().await;
+    // as browsers write it, and as RFC 2183 does
+    for written in ["a%22b 100%.obj", "a\\\"b 100%.obj"] {
+        let part = format!("--b\r\nContent-Disposition: form-data; name=\"mesh\"; filename=\"{written}\"\r\n\r\n");
+        let body = [part.into_bytes(), sphere(300), b"\r\n--b--\r\n".to_vec()].concat();
+        let request = service.post("/v1/jobs?clusters=2").header("content-type", "multipart/form-data; boundary=b");
+        assert_eq!(json(request.body(body)).await["mesh"]["file_name"], "a\"b 100%.obj", "{written}");
+    }
+}
+
+#[tokio::test]
 async fn a_part_without_a_mesh_type_is_recognised_by_name_then_content() {
     let service = Service::start().await;
     for (part, format) in [

@@ -72,6 +72,12 @@ export const isLive = (job: Job): boolean => job.state === "queued" || job.state
 export const isHierarchical = (algorithm: string): boolean => ["pml", "ml", "hr"].includes(algorithm);
 export const nameOf = (job: Job): string => job.mesh.file_name ?? `${job.mesh.format} mesh`;
 
+export const pause = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));
+
+/** What an answer that is no success says. */
+export const refusal = (status: number, { detail, title }: Partial<Problem>): Refused =>
+  new Refused(status, detail ?? title ?? `the service answered ${status}`);
+
 /** A request with the token; an answer that is no success becomes a {@link Refused} with the detail of its problem. */
 export async function request(path: string, options: RequestInit = {}): Promise<Response> {
   const headers = new Headers(options.headers);
@@ -79,8 +85,7 @@ export async function request(path: string, options: RequestInit = {}): Promise<
   if (mine !== "") headers.set("authorization", `Bearer ${mine}`);
   const response = await fetch(path, { ...options, headers });
   if (response.ok) return response;
-  const body: Partial<Problem> = await response.json().catch(() => ({}));
-  throw new Refused(response.status, body.detail ?? body.title ?? `the service answered ${response.status}`);
+  throw refusal(response.status, (await response.json().catch(() => ({}))) as Partial<Problem>);
 }
 
 export async function json<T>(path: string, options: RequestInit = {}): Promise<T> {
@@ -116,18 +121,6 @@ export async function length(path: string, signal: AbortSignal): Promise<number 
   const total = /\/(\d+)$/.exec(response.headers.get("content-range") ?? "")?.[1];
   return total === undefined ? null : Number(total);
 }
-
-export async function submit(files: File[], parameters: Record<string, unknown>): Promise<Job> {
-  const form = new FormData();
-  const [mesh, ...buffers] = files;
-  if (!mesh) throw new Error("there is no mesh to send");
-  form.append("parameters", new Blob([JSON.stringify(parameters)], { type: "application/json" }));
-  form.append("mesh", mesh, mesh.name);
-  for (const buffer of buffers) form.append("buffer", buffer, buffer.name);
-  return await json<Job>("/v1/jobs", { method: "POST", body: form });
-}
-
-const pause = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));
 
 /**
  * Follows the events of a job to their end. A stream that breaks is resumed after the last event, until the service is

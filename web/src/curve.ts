@@ -114,8 +114,8 @@ export class Curve {
           {
             ...axis,
             ...xs,
-            // whole decades of clusters
-            ...(this.isOfClusters ? { incrs: [1, 2, 5] } : {}),
+            // whole iterations, whole decades of clusters
+            incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000],
             values: (_, splits) => splits.map((x) => (this.isOfClusters ? digits(10 ** x) : String(x))),
           },
           { ...axis, size: 80, values: (_, splits) => splits.map((y) => digits(10 ** y)) },

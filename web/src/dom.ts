@@ -42,9 +42,10 @@ export function count(number: number): string {
   return number.toLocaleString("en");
 }
 
-/** A number with four digits. */
+/** A number with four digits at most; as a product with a power of ten where it would be long otherwise. */
 export function digits(number: number): string {
-  return String(Number(number.toPrecision(4)));
+  const [short, size] = [Number(number.toPrecision(4)), Math.abs(number)];
+  return size !== 0 && (size < 1e-3 || size >= 1e7) ? short.toExponential() : String(short);
 }
 
 export function size(bytes: number): string {

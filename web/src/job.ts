@@ -2,17 +2,18 @@
 
 import * as address from "./address";
 import { type Job, type JobEvent, follow, isHierarchical, isLive, json, nameOf, request } from "./api";
-import { Curve } from "./curve";
+import type { Curve } from "./curve";
 import { announce, count, digits, make, notice } from "./dom";
-import { preview } from "./preview";
+import { type Scene, scene } from "./load";
 import { Result } from "./result";
-import { View } from "./view";
+import type { View } from "./view";
 
 export class JobPage {
   private readonly abort = new AbortController();
   private readonly state = make("p", { id: "state" });
   private readonly actions = make("div", { class: "tools" });
   private readonly energies = make("div", { id: "curve" });
+  private readonly history = make("section", { "aria-label": "Energy" });
   private readonly shape = make("div");
   private readonly rest = make("div", { id: "result" });
   private readonly curve: Curve;
@@ -23,8 +24,9 @@ export class JobPage {
     private readonly box: HTMLElement,
     private job: Job,
     private readonly onChange: () => void,
-    /** The mesh that was submitted, if it was from here. */
-    private readonly file: File | null = null,
+    /** What was submitted, mesh first, if it was from here. */
+    private readonly files: File[],
+    private readonly scene: Scene,
   ) {
     const { algorithm, clusters, quality } = job.parameters;
     const facts = [algorithm, clusters ? `${count(clusters)} clusters` : "whole hierarchy", quality ?? ""];
@@ -34,12 +36,11 @@ export class JobPage {
       this.state,
       this.actions,
       this.shape,
-      make("h3", {}, "Energy"),
-      this.energies,
-      make("p", { class: "key" }, ...keyOf(algorithm)),
+      this.history,
       this.rest,
     );
-    this.curve = new Curve(this.energies, isHierarchical(algorithm));
+    this.history.append(make("h3", {}, "Energy"), this.energies, make("p", { class: "key" }, ...keyOf(algorithm)));
+    this.curve = new scene.Curve(this.energies, isHierarchical(algorithm));
     this.show();
   }
 
@@ -58,6 +59,7 @@ export class JobPage {
       const wasLive = isLive(this.job);
       await this.reload();
       if (wasLive) announce(`${nameOf(this.job)}: ${this.job.state}`);
+      this.history.hidden = this.curve.length === 0;
       await this.showResult();
     } catch (error) {
       if (!signal.aborted) notice(error instanceof Error ? error.message : String(error));
@@ -104,17 +106,22 @@ export class JobPage {
     if (this.result || this.job.state !== "succeeded") return;
     this.before?.dispose();
     this.before = null;
-    this.result = new Result(this.shape, this.rest, this.job);
+    this.result = new Result(this.shape, this.rest, this.job, this.scene);
     await this.result.load();
   }
 
-  /** Shows the file itself while the service works on it. A file that cannot be shown is no error here. */
+  /** Shows the mesh itself while the service works on it, or says why not. */
   private async showFile(): Promise<void> {
-    const mesh = this.file && (await preview(this.file).catch(() => null));
-    if (!mesh || this.result || this.abort.signal.aborted) return;
-    const figure = make("div", { class: "view", id: "preview" });
+    if (this.files.length === 0) return;
+    const figure = make("div", { class: "view", id: "preview" }, "Reading the mesh");
     this.shape.replaceChildren(figure);
-    this.before = new View(figure, mesh);
+    const mesh = await this.scene.preview(this.files).catch((error: unknown) => {
+      const why = error instanceof Error ? error.message : String(error);
+      figure.textContent = `The mesh is shown when it is clustered, not before: ${why}.`;
+      return null;
+    });
+    if (!mesh || this.result || !figure.isConnected) return;
+    this.before = new this.scene.View(figure, mesh);
     this.before.canvas.setAttribute("role", "img");
     this.before.canvas.setAttribute("aria-label", "The mesh, not yet clustered");
   }
@@ -183,8 +190,10 @@ function keyOf(algorithm: string): HTMLElement[] {
 export async function open(
   box: HTMLElement,
   onChange: () => void,
-  fileOf: (id: string) => File | null,
+  filesOf: (id: string) => File[],
 ): Promise<JobPage | null> {
   const { job: id } = address.read();
-  return id === null ? null : new JobPage(box, await json<Job>(`/v1/jobs/${id}`), onChange, fileOf(id));
+  if (id === null) return null;
+  const [job, loaded] = await Promise.all([json<Job>(`/v1/jobs/${id}`), scene()]);
+  return new JobPage(box, job, onChange, filesOf(id), loaded);
 }

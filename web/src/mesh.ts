@@ -3,12 +3,11 @@
 import { type BufferGeometry, type Mesh, Vector3, WireframeGeometry } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 
-import { request } from "./api";
 import type { Triangles } from "./view";
 
 /** The mesh of a job: `mesh?format=glb&colours=none`. */
-export async function triangles(path: string, signal: AbortSignal): Promise<Triangles> {
-  const { geometry, centre, view } = await load(path, signal);
+export async function triangles(bytes: ArrayBuffer): Promise<Triangles> {
+  const { geometry, centre, view } = await load(bytes);
   const indexed = geometry.getAttribute("position").array;
   const index = geometry.getIndex();
   if (!index) return { positions: indexed as Float32Array, centre, faces: null };
@@ -22,8 +21,8 @@ export async function triangles(path: string, signal: AbortSignal): Promise<Tria
 }
 
 /** The edges of a remesh as segments. */
-export async function edges(path: string, signal: AbortSignal): Promise<{ segments: Float32Array; centre: Vector3 }> {
-  const { geometry, centre } = await load(path, signal);
+export async function edges(bytes: ArrayBuffer): Promise<{ segments: Float32Array; centre: Vector3 }> {
+  const { geometry, centre } = await load(bytes);
   return { segments: new WireframeGeometry(geometry).getAttribute("position").array as Float32Array, centre };
 }
 
@@ -34,8 +33,7 @@ interface Loaded {
   view: ArrayBuffer | null;
 }
 
-async function load(path: string, signal: AbortSignal): Promise<Loaded> {
-  const bytes = await (await request(path, { signal })).arrayBuffer();
+async function load(bytes: ArrayBuffer): Promise<Loaded> {
   const file = await new GLTFLoader().parseAsync(bytes, "");
   let mesh: Mesh | undefined;
   file.scene.traverse((object) => {

@@ -1,10 +1,11 @@
 // The page: a form for jobs, the list of jobs, and the job that the address names.
 
 import * as address from "./address";
-import { type Job, Refused, isHierarchical, isLive, json, nameOf, submit, token } from "./api";
-import { announce, byId, make, notice } from "./dom";
+import { type Job, Refused, isHierarchical, isLive, json, nameOf, token } from "./api";
+import { announce, byId, make, notice, size } from "./dom";
 import { type JobPage, describe, open } from "./job";
-import { sample } from "./samples";
+import { scene } from "./load";
+import { type Progress, send } from "./send";
 
 const ALGORITHMS: [string, string][] = [
   ["bb", "BB: boundary-based"],
@@ -21,20 +22,26 @@ const LOOK_EVERY = 2000;
 /** Whether an algorithm has a quality; the others refuse it. */
 const hasQuality = (algorithm: string): boolean => ["bb", "pml"].includes(algorithm);
 
+const GONE = "The service does not answer. The page goes on when it is back.";
+
 let files: File[] = [];
-let submitted: { id: string; file: File | null } | null = null;
+let submitted: { id: string; files: File[] } | null = null;
+let sending: AbortController | null = null;
 let page: JobPage | null = null;
 let turn = 0;
+let isGone = false;
 
 function choose(chosen: File[]): void {
+  if (chosen.length === 0) return;
   // the mesh first, then what belongs to it
   const isMesh = (file: File): boolean => /\.(obj|glb|gltf|ply|stl)$/i.test(file.name);
   files = [...chosen].sort((a, b) => Number(isMesh(b)) - Number(isMesh(a)));
-  byId("file-name").textContent = files.map((file) => file.name).join(", ") || "or choose a file: OBJ, glTF, GLB";
-  byId<HTMLButtonElement>("submit").disabled = files.length === 0;
+  byId("file-name").textContent = files.map((file) => `${file.name}, ${size(file.size)}`).join("; ");
+  byId<HTMLButtonElement>("submit").disabled = sending !== null;
 }
 
 async function start(): Promise<void> {
+  if (sending) return;
   const button = byId<HTMLButtonElement>("submit");
   const value = (id: string): string => byId<HTMLInputElement>(id).value;
   const algorithm = value("algorithm");
@@ -42,40 +49,57 @@ async function start(): Promise<void> {
   if (hasQuality(algorithm)) parameters["quality"] = value("quality");
   // a hierarchy is made as a whole, so that the slider has all of it
   if (isHierarchical(algorithm)) delete parameters["clusters"];
+  const mine = files;
   button.disabled = true;
+  sending = new AbortController();
+  const { signal } = sending;
+  const began = performance.now();
+  const tell = (progress: Progress): void => tellSent(progress, (performance.now() - began) / 1000);
+  tell({ sent: 0, total: mine.reduce((sum, file) => sum + file.size, 0) });
+  byId("sending").hidden = false;
   try {
     announce("Sending the mesh");
-    const job = await submit(files, parameters);
+    const job = await send(mine, parameters, signal, tell, () =>
+      notice("The service does not answer. The mesh is sent again when it is back."),
+    );
     notice("");
     announce(`${nameOf(job)} is accepted`);
-    submitted = { id: job.id, file: files.length === 1 ? (files[0] ?? null) : null };
+    submitted = { id: job.id, files: mine };
     location.hash = address.ofJob(job.id);
     await list();
   } catch (error) {
-    fail(error);
+    if (signal.aborted) announce("The mesh is not sent");
+    else fail(error);
   } finally {
+    sending = null;
+    byId("sending").hidden = true;
     button.disabled = files.length === 0;
   }
 }
 
+/** Says how much of the mesh is sent, and how long the rest takes at the pace so far. */
+function tellSent({ sent, total }: Progress, seconds: number): void {
+  const bar = byId<HTMLProgressElement>("sent");
+  bar.max = total;
+  bar.value = sent;
+  const rest = Math.ceil((seconds * (total - sent)) / sent);
+  const text = sent < total ? `${size(sent)} of ${size(total)}` : `${size(total)} sent, waiting for the answer`;
+  byId("sent-text").textContent = sent > 0 && sent < total ? `${text}, ${rest} s left` : text;
+}
+
 function fail(error: unknown): void {
-  notice(
-    error instanceof TypeError
-      ? "The service does not answer."
-      : error instanceof Error
-        ? error.message
-        : String(error),
-  );
-  if (error instanceof Refused && error.status === 401) byId("token-form").classList.add("needed");
+  if (error instanceof TypeError) isGone = true;
+  notice(error instanceof TypeError ? GONE : error instanceof Error ? error.message : String(error));
+  if (error instanceof Refused && error.status === 401) {
+    byId("token-form").classList.add("needed");
+    // what another token showed
+    byId("jobs").replaceChildren();
+    delete byId("jobs").dataset["shown"];
+  }
 }
 
-/** What follows a job says that the service is gone, and for how long. */
-function failUnlessGone(error: unknown): void {
-  if (!(error instanceof TypeError)) fail(error);
-}
-
-/** The file of the job that was submitted last. */
-const fileOf = (id: string): File | null => (submitted?.id === id ? submitted.file : null);
+/** The files of the job that was submitted last. */
+const filesOf = (id: string): File[] => (submitted?.id === id ? submitted.files : []);
 
 /** Shows the job of the address, or what the first visit shows. */
 async function route(): Promise<void> {
@@ -88,10 +112,12 @@ async function route(): Promise<void> {
   box.hidden = job === null;
   document.title = "Tesserae";
   try {
-    const opened = await open(box, () => void list().catch(failUnlessGone), fileOf);
+    const opened = await open(box, () => void list().catch(fail), filesOf);
     if (mine !== turn) return opened?.close();
     page = opened;
     notice("");
+    // on a narrow screen the job is below the form and the list
+    if (opened && matchMedia("(max-width: 52rem)").matches) byId("main").scrollIntoView();
     document.title = opened ? `${box.querySelector("h2")?.textContent ?? ""} – Tesserae` : "Tesserae";
     await page?.run();
   } catch (error) {
@@ -122,9 +148,20 @@ async function list(): Promise<void> {
   if (focused?.startsWith("#/jobs/")) link?.focus();
 }
 
+/** Looks at the list of jobs again and again; when the service is back, goes on with what was not there. */
 async function look(): Promise<void> {
   if (!document.hidden) {
-    await list().catch(failUnlessGone);
+    try {
+      await list();
+      if (isGone) {
+        isGone = false;
+        notice("");
+        void describeService().catch(fail);
+        if (!page) void route();
+      }
+    } catch (error) {
+      fail(error);
+    }
   }
   setTimeout(() => void look(), LOOK_EVERY);
 }
@@ -150,8 +187,13 @@ function listen(): void {
   });
   for (const button of document.querySelectorAll<HTMLButtonElement>("[data-sample]")) {
     button.addEventListener("click", () => {
-      choose([sample(button.dataset["sample"] ?? "")]);
-      void start();
+      const name = button.dataset["sample"] ?? "";
+      void scene()
+        .then(({ sample }) => {
+          choose([sample(name)]);
+          return start();
+        })
+        .catch(fail);
     });
   }
   const algorithm = byId<HTMLSelectElement>("algorithm");
@@ -164,6 +206,7 @@ function listen(): void {
     event.preventDefault();
     void start();
   });
+  byId("stop").addEventListener("click", () => sending?.abort());
   byId<HTMLInputElement>("token").value = token.get();
   byId("token-form").addEventListener("submit", (event) => {
     event.preventDefault();
@@ -181,3 +224,5 @@ listen();
 void describeService().catch(fail);
 void route();
 void look();
+// what draws is there before it is needed, but after the first picture of the page
+requestAnimationFrame(() => setTimeout(() => void scene().catch(() => {}), 0));

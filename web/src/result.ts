@@ -1,14 +1,17 @@
-// What a job gave: the mesh in 3D, a slider over the clusters of a hierarchy, a cluster and its numbers, a comparison
-// with another job of the same mesh, the remesh, the table, the files.
+// What a job gave: the mesh in 3D, cuts of a hierarchy, a cluster and its numbers, a comparison with another job of the
+// same mesh, the remesh, the table, the files.
 
 import * as address from "./address";
-import { type Job, type Labels, type Report, isHierarchical, json, labels, nameOf, output } from "./api";
+import { type Job, type Labels, type Report, isHierarchical, json, labels, output, request } from "./api";
+import { climb } from "./climb";
+import { Comparison } from "./compare";
 import { dendrogram } from "./dendrogram";
 import { announce, count, digits, make, notice } from "./dom";
 import { downloads } from "./downloads";
-import { edges, triangles } from "./mesh";
+import { Level } from "./level";
+import type { Scene } from "./load";
 import { ClusterTable, type Clusters, measure } from "./table";
-import { type Triangles, View } from "./view";
+import type { Triangles, View } from "./view";
 
 /** Triangles above which 3D waits for a click: 36 bytes each on the graphics processor, and twice that here. */
 const MANY_TRIANGLES = 5_000_000;
@@ -33,18 +36,23 @@ export class Result {
   private readonly figure = make("div", { id: "view", class: "view" });
   private readonly picked = make("p", { id: "picked" }, "No cluster is selected.");
   private readonly energies = make("dl", { id: "energies" });
-  private readonly compared = make("div", { class: "tools" });
-  private readonly level = make("span", { id: "cut-energy" });
+  private readonly up = make("button", { type: "button", id: "up", onclick: () => this.go(true) }, "Merge it, upwards");
+  private readonly down = make("button", { type: "button", id: "down", onclick: () => this.go(false) }, "Split it");
+  private readonly comparison: Comparison;
   private readonly table: ClusterTable;
-  private readonly isTree: boolean;
+  private readonly level: Level | null;
   private view: View | null = null;
   private mesh: Triangles | null = null;
   private mine: Labels | null = null;
+  /** Labels of the job that is compared. */
   private others: Labels | null = null;
+  private other: string | null = null;
   private clusters: Clusters | null = null;
   private cut: number | null = null;
   private selected: number | null = null;
   private rows: Promise<ClusterRow[]> | null = null;
+  /** Energy of a flat job's labels. */
+  private final: number | null = null;
   private edges: HTMLInputElement | null = null;
   private timer = 0;
 
@@ -52,17 +60,25 @@ export class Result {
     private readonly box: HTMLElement,
     rest: HTMLElement,
     private readonly job: Job,
+    private readonly scene: Scene,
   ) {
-    this.isTree = isHierarchical(job.parameters.algorithm);
-    if (this.isTree) this.cut = address.read().clusters ?? job.parameters.clusters ?? this.within(FIRST_CUT);
+    this.level = isHierarchical(job.parameters.algorithm) ? this.slider() : null;
+    this.comparison = new Comparison(job);
+    this.comparison.onChoose = (other) => {
+      this.other = other;
+      address.amend({ with: other });
+      void this.fetchLabels().catch((error) => this.fail(error));
+    };
     const list = make("details", {}, make("summary", {}, "Table of clusters"));
     this.table = new ClusterTable(list);
     this.table.onSelect = (cluster) => this.select(cluster === this.selected ? null : cluster);
-    box.replaceChildren(...(this.isTree ? [this.slider()] : []), this.figure, this.picked, this.compared);
+    const tree = make("div", { class: "tools" }, this.up, this.down);
+    box.replaceChildren(...(this.level ? [this.level.element] : []), this.figure, this.picked);
+    box.append(...(this.level ? [tree] : []), this.comparison.element);
     rest.replaceChildren(
       this.energies,
       list,
-      ...(this.isTree ? [dendrogram(job, this.abort.signal)] : []),
+      ...(this.level ? [dendrogram(job, this.abort.signal)] : []),
       downloads(job, () => this.cut, this.abort.signal),
     );
   }
@@ -73,13 +89,14 @@ export class Result {
     const { cluster, with: other } = address.read();
     const report = await json<Report>(output(this.job, "report"), { signal });
     this.showEnergies(report);
+    await this.comparison.offer(signal);
+    this.other = other;
     await this.fetchLabels();
     if (!this.job.keep_mesh)
       this.figure.replaceChildren("The mesh was not kept with this job, so there is nothing to draw.");
     else if (report.input.triangles > MANY_TRIANGLES) this.figure.replaceChildren(this.later(report.input.triangles));
     else await this.draw();
     if (cluster !== null) this.select(cluster);
-    await this.offerComparison(other);
   }
 
   close(): void {
@@ -87,12 +104,6 @@ export class Result {
     this.abort.abort();
     this.cutting.abort();
     this.view?.dispose();
-  }
-
-  /** Numbers of clusters that the hierarchy can be cut at, from its roots to its faces. */
-  private within(clusters: number): number {
-    const { clusters: least = 1, faces: most = 1 } = this.job.result ?? {};
-    return Math.min(Math.max(Math.round(clusters), least), most);
   }
 
   private later(triangles: number): HTMLElement {
@@ -107,18 +118,23 @@ export class Result {
   private async draw(): Promise<void> {
     const path = output(this.job, "mesh", { format: "glb", colours: "none", clusters: this.cut });
     this.figure.setAttribute("aria-busy", "true");
-    this.mesh = await triangles(path, this.abort.signal);
-    const view = new View(this.figure, this.mesh);
+    this.mesh = await this.scene.triangles(await this.bytes(path));
+    this.abort.signal.throwIfAborted();
+    const view = new this.scene.View(this.figure, this.mesh);
     this.view = view;
     view.canvas.setAttribute("role", "img");
     view.canvas.setAttribute(
       "aria-label",
       "The mesh with its clusters. Arrow keys turn it, plus and minus zoom, 0 resets. The table has the same clusters.",
     );
-    view.onPick = (triangle) => {
+    view.onPick = (triangle, isUp) => {
       const shown = this.shown();
       const face = triangle === null ? null : (this.mesh?.faces?.[triangle] ?? triangle);
-      this.select(face === null || !shown ? null : (shown.numbers[face] ?? null));
+      const cluster = face === null || !shown ? null : (shown.numbers[face] ?? null);
+      // the first click selects; the next one goes down the tree, or with Shift up
+      const isAgain = cluster !== null && cluster === this.selected;
+      if (isAgain && this.level) this.go(isUp);
+      else this.select(cluster);
     };
     this.figure.removeAttribute("aria-busy");
     this.box.querySelector("#overlay")?.remove();
@@ -126,54 +142,38 @@ export class Result {
     this.show();
   }
 
-  private slider(): HTMLElement {
-    const [least, most] = [this.within(1), this.within(Infinity)];
-    const toPlace = (clusters: number): number =>
-      most > least ? (1000 * Math.log(clusters / least)) / Math.log(most / least) : 0;
-    const toClusters = (place: number): number => this.within(least * (most / least) ** (place / 1000));
-    const first = this.cut ?? least;
-    const range = make("input", {
-      id: "level",
-      type: "range",
-      min: "0",
-      max: "1000",
-      step: "any",
-      value: String(toPlace(first)),
-    });
-    const number = make("input", {
-      id: "level-number",
-      type: "number",
-      min: String(least),
-      max: String(most),
-      value: String(first),
-    });
-    number.setAttribute("aria-label", "Number of clusters");
-    const move = (clusters: number): void => {
-      this.cut = this.within(clusters);
-      address.amend({ clusters: this.cut });
-      range.setAttribute("aria-valuetext", `${this.cut} clusters`);
+  private slider(): Level {
+    const { clusters: least = 1, faces: most = 1 } = this.job.result ?? {};
+    const level = new Level(least, most, (clusters) => {
+      this.cut = clusters;
+      address.amend({ clusters });
       clearTimeout(this.timer);
       this.timer = window.setTimeout(() => void this.fetchLabels().catch((error) => this.fail(error)), REST);
-    };
-    range.addEventListener("input", () => {
-      const clusters = toClusters(Number(range.value));
-      number.value = String(clusters);
-      move(clusters);
     });
-    number.addEventListener("change", () => {
-      const clusters = this.within(Number(number.value) || least);
-      number.value = String(clusters);
-      range.value = String(toPlace(clusters));
-      move(clusters);
-    });
-    return make(
-      "div",
-      { class: "tools level" },
-      make("label", { for: "level" }, "Clusters"),
-      range,
-      number,
-      this.level,
-    );
+    this.cut = level.within(address.read().clusters ?? this.job.parameters.clusters ?? FIRST_CUT);
+    level.set(this.cut);
+    return level;
+  }
+
+  /** Goes up or down the tree from the selected cluster. */
+  private go(isUp: boolean): void {
+    void this.step(isUp).catch((error) => this.fail(error));
+  }
+
+  private async step(isUp: boolean): Promise<void> {
+    const { cut, selected, job } = this;
+    if (cut === null || selected === null || this.others || !this.level) return;
+    const step = await climb(job, job.result?.faces ?? 0, cut, selected, isUp, this.abort.signal);
+    if (this.cut !== cut || this.selected !== selected) return;
+    if (!step) return announce(isUp ? "The hierarchy ends with this cluster." : "A single face cannot be split.");
+    clearTimeout(this.timer);
+    this.cut = step.clusters;
+    this.level.set(step.clusters);
+    address.amend({ clusters: step.clusters });
+    await this.fetchLabels();
+    const { faces } = this.clusters ?? { faces: new Uint32Array() };
+    const largest = step.parts.reduce((a, b) => ((faces[b] ?? 0) > (faces[a] ?? 0) ? b : a));
+    if (this.cut === step.clusters) this.select(largest);
   }
 
   /** Fetches the labels at the cut; an answer that comes after a later move is dropped. */
@@ -183,6 +183,7 @@ export class Result {
     this.cutting = cutting;
     try {
       this.mine = await labels(this.job, this.cut, cutting.signal);
+      this.others = await this.comparison.show(this.other, this.cut, cutting.signal);
     } catch (error) {
       if (cutting.signal.aborted) return;
       throw error;
@@ -202,7 +203,8 @@ export class Result {
     this.clusters = measure(shown.numbers, this.mesh);
     this.table.show(this.clusters);
     this.view?.setLabels(shown.numbers);
-    this.level.textContent = this.mine?.energy ? `energy ${digits(this.mine.energy)}` : "";
+    this.level?.tell(this.mine?.energy ? `energy ${digits(this.mine.energy)}` : "");
+    this.comparison.tell(this.mine?.energy ?? this.final, this.others?.energy ?? null);
     if (this.selected !== null && this.selected >= this.clusters.faces.length) this.select(null);
     else this.select(this.selected);
     this.figure.dataset["clusters"] = String(this.clusters.faces.length);
@@ -216,6 +218,7 @@ export class Result {
     this.view?.select(this.selected);
     this.table.select(this.selected);
     this.picked.textContent = this.numbers();
+    this.up.disabled = this.down.disabled = this.selected === null || this.others !== null;
     if (changed) announce(this.picked.textContent);
     if (this.selected !== null) void this.tellMore(this.selected).catch((error) => this.fail(error));
   }
@@ -237,7 +240,10 @@ export class Result {
   /** The numbers of the selected cluster. */
   private numbers(): string {
     const { clusters, selected } = this;
-    if (!clusters || selected === null) return "No cluster is selected. Click on one, or take one from the table.";
+    if (!clusters || selected === null) {
+      const tree = this.level ? " A second click on it splits it, one with Shift merges it." : "";
+      return `No cluster is selected. Click on one, or take one from the table.${tree}`;
+    }
     const faces = `cluster ${selected}: ${count(clusters.faces[selected] ?? 0)} faces`;
     if (!this.mesh) return faces;
     const centre = clusters.centres.slice(3 * selected, 3 * selected + 3);
@@ -256,10 +262,14 @@ export class Result {
     );
   }
 
+  private async bytes(path: string): Promise<ArrayBuffer> {
+    return await (await request(path, { signal: this.abort.signal })).arrayBuffer();
+  }
+
   private async showRemesh(isOn: boolean): Promise<void> {
     if (!isOn) return this.view?.setLines(null);
     const path = output(this.job, "remesh", { format: "glb", clusters: this.cut });
-    const { segments, centre } = await edges(path, this.abort.signal);
+    const { segments, centre } = await this.scene.edges(await this.bytes(path));
     this.view?.setLines(segments, centre);
     this.figure.dataset["edges"] = String(segments.length / 6);
   }
@@ -268,7 +278,8 @@ export class Result {
     const { initial, final, hexagon_ratio: ratio } = report.energy;
     const rows: [string, string][] = [["faces", count(report.input.faces)]];
     // of a whole hierarchy they are those of its roots
-    const isFlat = !this.isTree || this.job.parameters.clusters;
+    const isFlat = !this.level || this.job.parameters.clusters;
+    if (isFlat) this.final = final;
     if (initial !== null && initial !== undefined) rows.push(["energy at the start", digits(initial)]);
     if (isFlat && final !== null && final !== undefined) rows.push(["energy at the end", digits(final)]);
     if (isFlat && ratio !== null && ratio !== undefined) rows.push(["of a tiling with hexagons", ratio.toFixed(4)]);
@@ -277,51 +288,6 @@ export class Result {
       ...rows.map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))),
     );
     for (const warning of report.warnings) this.energies.after(make("p", { class: "warning" }, warning));
-  }
-
-  /** Other jobs of equally many faces from a file of the same name. */
-  private async offerComparison(chosen: string | null): Promise<void> {
-    const { signal } = this.abort;
-    const { jobs } = await json<{ jobs: Job[] }>("/v1/jobs?state=succeeded&limit=200", { signal });
-    const faces = this.job.result?.faces;
-    const same = jobs.filter(
-      (job) => job.id !== this.job.id && job.result?.faces === faces && nameOf(job) === nameOf(this.job),
-    );
-    if (same.length === 0) return;
-    const choice = make("select", { id: "other" }, make("option", { value: "" }, "no other job"));
-    for (const { id, parameters: p } of same) {
-      choice.append(
-        make(
-          "option",
-          { value: id },
-          `${p.algorithm}, ${p.clusters ?? "all"}, ${p.quality ?? "default"} (${id.slice(0, 8)})`,
-        ),
-      );
-    }
-    const told = make("span", { id: "compared" });
-    const compare = async (): Promise<void> => {
-      const other = same.find((job) => job.id === choice.value) ?? null;
-      address.amend({ with: other?.id ?? null });
-      this.others = null;
-      told.textContent = "";
-      if (other) {
-        const isTree = isHierarchical(other.parameters.algorithm);
-        const cut = isTree ? (this.cut ?? this.job.result?.clusters ?? null) : null;
-        const [shown, report] = await Promise.all([
-          labels(other, cut, signal),
-          json<Report>(output(other, "report"), { signal }),
-        ]);
-        this.others = shown;
-        if (report.energy.final) told.textContent = `its energy: ${digits(report.energy.final)}`;
-      }
-      this.show();
-    };
-    choice.addEventListener("change", () => void compare().catch((error) => this.fail(error)));
-    this.compared.replaceChildren(make("label", { for: "other" }, "Show the labels of"), choice, told);
-    if (chosen !== null) {
-      choice.value = chosen;
-      await compare();
-    }
   }
 
   private fail(error: unknown): void {

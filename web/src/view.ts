@@ -44,6 +44,9 @@ const WIDTH = 2048;
 /** Angle of a turn by a key. */
 const TURN = Math.PI / 24;
 
+/** Part of the length of an edge by which the mesh is behind it. */
+const STEP_BACK = 0.2;
+
 /** No cluster. */
 const NONE = 0xffffffff;
 
@@ -87,8 +90,8 @@ void main() {
 }`;
 
 export class View {
-  /** Called with the triangle under a click, or null. */
-  onPick: (triangle: number | null) => void = () => {};
+  /** Called with the triangle under a click, or null, and whether Shift was held. */
+  onPick: (triangle: number | null, withShift: boolean) => void = () => {};
   /** Frames drawn. */
   frames = 0;
   readonly canvas: HTMLCanvasElement;
@@ -164,9 +167,10 @@ export class View {
     this.draw();
   }
 
-  /** Draws edges of triangles over the mesh; none for null. */
+  /** Draws edges over the mesh; none for null. Chords of a curved surface are below it, so the mesh steps back. */
   setLines(segments: Float32Array | null, centre = new Vector3()): void {
     this.clearLines();
+    this.material.polygonOffsetUnits = segments ? this.stepBack(segments) : 1;
     if (segments) {
       const geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(segments, 3));
       this.lines.add(new LineSegments(geometry, new LineBasicMaterial({ color: 0x101010 })));
@@ -202,6 +206,18 @@ export class View {
   private uniform(name: string, value: number | boolean): void {
     const uniform = this.material.uniforms[name];
     if (uniform) uniform.value = value;
+  }
+
+  /** A part of the mean length of the edges, in units of a depth buffer of 24 bits at the distance of the mesh. */
+  private stepBack(segments: Float32Array): number {
+    let sum = 0;
+    for (let i = 0; i + 5 < segments.length; i += 6) {
+      const along = (axis: number): number => (segments[i + 3 + axis] ?? 0) - (segments[i + axis] ?? 0);
+      sum += Math.hypot(along(0), along(1), along(2));
+    }
+    const depth = (STEP_BACK * sum) / (segments.length / 6 || 1);
+    const distance = this.camera.position.distanceTo(this.controls.target);
+    return 1 + (depth * this.camera.near * 2 ** 24) / distance ** 2;
   }
 
   private clearLines(): void {
@@ -263,7 +279,7 @@ export class View {
     this.canvas.addEventListener("pointerdown", (event) => down.set(event.offsetX, event.offsetY));
     this.canvas.addEventListener("pointerup", (event) => {
       const moved = down.distanceTo(new Vector2(event.offsetX, event.offsetY));
-      if (event.button === 0 && moved < 4) this.onPick(this.pick(event.offsetX, event.offsetY));
+      if (event.button === 0 && moved < 4) this.onPick(this.pick(event.offsetX, event.offsetY), event.shiftKey);
     });
   }
 

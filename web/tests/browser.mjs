@@ -15,7 +15,7 @@ const FLAGS = [
   "--enable-unsafe-swiftshader",
 ];
 
-const TYPES = { "/": "index.html", "/page.js": "page.js", "/page.css": "page.css", "/licences.txt": "licences.txt" };
+const FILES = ["page.js", "scene.js", "page.css", "licences.txt"];
 
 export class Browser {
   /** `files`: a folder whose bundle is served in place of that of the binary, while it is worked on. */
@@ -29,8 +29,8 @@ export class Browser {
     return this;
   }
 
-  /** A new session: an own store of tokens, an own size. */
-  async open(origin, options = {}) {
+  /** A new session: an own store of tokens, an own size. `prepare` gets the page before it is loaded. */
+  async open(origin, options = {}, prepare = async () => {}) {
     const context = await this.chromium.newContext({ viewport: { width: 1000, height: 720 }, ...options });
     context.setDefaultTimeout(60_000);
     const page = await context.newPage();
@@ -46,16 +46,17 @@ export class Browser {
       if (/Content Security Policy/i.test(message.text())) complain(`violation: ${message.text()}`);
     });
     if (this.files) await page.route(origin + "/**", (route) => this.fromFolder(route));
+    await prepare(page);
     await page.goto(origin + "/");
     return page;
   }
 
   /** Answers with the file of the folder and the headers of the service. */
   async fromFolder(route) {
-    const name = TYPES[new URL(route.request().url()).pathname];
-    if (!name) return await route.continue();
+    const path = new URL(route.request().url()).pathname.slice(1);
+    if (path !== "" && !FILES.includes(path)) return await route.fallback();
     const response = await route.fetch();
-    await route.fulfill({ response, body: readFileSync(join(this.files, name)) });
+    await route.fulfill({ response, body: readFileSync(join(this.files, path || "index.html")) });
   }
 
   async close() {

@@ -50,8 +50,8 @@ export class Service {
     this.process = spawn(this.binary, [...command, ...options], { stdio: ["ignore", "pipe", "pipe"] });
     for (const stream of [this.process.stdout, this.process.stderr]) stream.on("data", (text) => (this.log += text));
     this.ended = new Promise((resolve) => this.process.once("exit", resolve));
-    await until("the service is ready", () =>
-      fetch(`${this.url}/readyz`).then(
+    await until("the service answers", () =>
+      fetch(`${this.url}/healthz`).then(
         (answer) => answer.ok,
         () => false,
       ),

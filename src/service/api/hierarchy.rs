@@ -29,6 +29,9 @@ pub(in crate::service) struct HierarchyQuery {
     /// JSON: leave out what comes before as few clusters as this are left
     #[param(minimum = 0)]
     max_clusters: Option<u64>,
+    /// JSON: add the clusters of this cut as nodes, in the order of their labels
+    #[param(minimum = 1)]
+    clusters: Option<u64>,
     /// The format, `json`, `npy` or `tsr`; by `Accept` when left out
     format: Option<String>,
 }
@@ -60,13 +63,13 @@ pub(in crate::service) async fn hierarchy(
         let message = format!("the job has no hierarchy, because its algorithm makes a flat clustering: {algorithm}");
         return Err(Error::new(Kind::NotFound, message).into());
     }
-    let HierarchyQuery { min_clusters, max_clusters, format } = query::read(&uri)?;
-    let limits = Limits { min_clusters, max_clusters };
+    let HierarchyQuery { min_clusters, max_clusters, clusters, format } = query::read(&uri)?;
+    let limits = Limits { min_clusters, max_clusters, clusters };
     limits.check()?;
     succeeded(&job)?;
     let form = negotiate::form(&headers, format.as_deref(), &HIERARCHY)?;
     if limits.are_given() && form.file != HIERARCHY_JSON.file {
-        return Err(Error::parameter("min_clusters and max_clusters go with application/json only").into());
+        return Err(Error::parameter("clusters, min_clusters and max_clusters go with application/json only").into());
     }
     let mut response = match form.is_stored {
         true => stored(&shared, &job, form.file, None, form.media_type).await?,

@@ -66,6 +66,7 @@ pub(in crate::service) async fn made(
     let write = move |out: &mut dyn Write| {
         // this service wrote it
         let tree = Stored::read(stored, length, u64::MAX).map_err(|error| Error::new(Kind::Internal, error.message))?;
+        limits.clusters.map_or(Ok(()), |clusters| tree.tree.check_cut(clusters)).map_err(of_cut)?;
         let content = Content { hierarchy: Some(&tree), limits, ..Content::default() };
         (form.encode)(&content)?(out).map_err(encoded::cannot)
     };

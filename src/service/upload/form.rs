@@ -102,7 +102,7 @@ impl Form {
 
     async fn add_mesh(&mut self, field: Field<'_>) -> Result<()> {
         once("mesh", self.mesh.is_some())?;
-        let file_name = field.file_name().map(shortened);
+        let file_name = file_name(&field).map(|name| name.chars().take(MAX_NAME).collect());
         let by_type = field.content_type().and_then(Format::from_media_type);
         let format = agreed(by_type, self.wanted.format)?;
         let early = |head: &[u8]| match format {
@@ -115,7 +115,7 @@ impl Form {
     }
 
     async fn add_buffer(&mut self, field: Field<'_>) -> Result<()> {
-        let name = field.file_name().unwrap_or_default().to_owned();
+        let name = file_name(&field).unwrap_or_default();
         if name.is_empty() {
             return Err(Error::parameter("a part buffer needs a file name: the URI that the mesh refers to it by"));
         }
@@ -202,9 +202,10 @@ async fn small(field: Field<'_>) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// A file name for people, not longer than it may be.
-fn shortened(name: &str) -> String {
-    name.chars().take(MAX_NAME).collect()
+/// The file name of a part. Browsers write a quotation mark in it as `%22` (HTML Standard §4.10.22.8), and nothing else
+/// that a file name has is encoded.
+fn file_name(field: &Field<'_>) -> Option<String> {
+    field.file_name().map(|name| name.replace("%22", "\""))
 }
 
 /// The error of a form that cannot be read on: what [`Content`] refused, or what is wrong with the form.

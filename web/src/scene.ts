@@ -1,0 +1,7 @@
+// Everything that draws, and with it three.js and uPlot: a script of its own, so that the page is there before them.
+
+export { Curve } from "./curve";
+export { edges, triangles } from "./mesh";
+export { preview } from "./preview";
+export { sample } from "./samples";
+export { View } from "./view";

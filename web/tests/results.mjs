@@ -1,0 +1,236 @@
+// What a job gave, as people see it.
+import assert from "node:assert/strict";
+import { existsSync, readFileSync } from "node:fs";
+import { join } from "node:path";
+import { look } from "./browser.mjs";
+import { until } from "./service.mjs";
+import {
+  accessible,
+  drawn,
+  idOf,
+  labels,
+  meshes,
+  picture,
+  recordStates,
+  sample,
+  statesOf,
+  submit,
+  succeeded,
+  text,
+} from "./steps.mjs";
+
+export const results = {
+  async "an empty service shows a drop zone and samples, and a sample becomes clusters"({ service, browser }) {
+    const page = await browser.open(service.url);
+    const paint = await until("the page is painted", () =>
+      page.evaluate(() =>
+        performance
+          .getEntriesByName("first-paint")
+          .map((entry) => Math.round(entry.startTime))
+          .at(0),
+      ),
+    );
+    console.log(`  first paint after ${paint} ms`);
+    assert.ok(await page.locator("#drop").isVisible());
+    assert.equal(await text(page, "#jobs"), "none yet");
+    await accessible(page, "first visit");
+    await page.locator("[data-sample=knot]").focus();
+    await page.keyboard.press("Enter");
+    await page.waitForSelector("#curve[data-points]");
+    await succeeded(page);
+    await drawn(page, 400);
+    assert.ok((await look(page, "#view")).hues > 10, "the view has the colours of many clusters");
+    const report = await (await fetch(`${service.url}/v1/jobs/${idOf(page)}/report`)).json();
+    assert.equal(Number(await page.getAttribute("#curve", "data-points")), report.iterations.length);
+    const [first, last] = [report.iterations[0], report.iterations.at(-1)];
+    assert.ok(last.energy < first.energy);
+    assert.match(await page.getAttribute("#curve", "aria-label"), new RegExp(`after iteration ${last.iteration}`));
+    await accessible(page, "a job");
+    await picture(page, "page.png");
+    await page.close();
+  },
+
+  async "a click names the cluster under it, whose colour the pixel has; keys turn the mesh"({ service, browser }) {
+    const page = await browser.open(service.url);
+    await submit(page, sample(service, "quads", 6000), { name: "quads.obj", clusters: 30 });
+    await succeeded(page);
+    await drawn(page, 30);
+    const shown = await labels(service, idOf(page));
+    const { width, height } = await page.locator("#view canvas").boundingBox();
+    await page.locator("#view canvas").click({ position: { x: width / 2, y: height / 2 } });
+    await until("the service's numbers of the cluster are there", async () =>
+      /neighbours, energy \d/.test(await text(page, "#picked")),
+    );
+    const [, cluster, faces] = /cluster (\d+): ([\d,]+) faces/.exec(await text(page, "#picked"));
+    assert.equal(
+      Number(faces),
+      shown.filter((label) => label === Number(cluster)).length,
+      "polygons count, not triangles",
+    );
+    await page.mouse.move(0, 0);
+    const { centre: pixel, digest } = await look(page, "#view");
+    await page.locator("details:has(#cluster-table) summary").click();
+    const swatch = page.locator("#cluster-table [aria-pressed=true] .swatch");
+    const colour = (await swatch.evaluate((span) => getComputedStyle(span).backgroundColor)).match(/\d+/g).map(Number);
+    for (const channel of [0, 1, 2]) {
+      const [seen, meant] = [pixel[channel] / Math.max(...pixel), colour[channel] / Math.max(...colour)];
+      assert.ok(Math.abs(seen - meant) < 0.06, `pixel ${pixel}, colour ${colour}`);
+    }
+    assert.match(page.url(), new RegExp(`cluster=${cluster}`));
+    await page.locator("#view canvas").focus();
+    await page.keyboard.press("ArrowLeft");
+    await until("the mesh turns", async () => (await look(page, "#view")).digest !== digest);
+    await page.reload();
+    await drawn(page, 30);
+    await until("the reloaded page has the selection", async () =>
+      (await text(page, "#picked")).startsWith(`cluster ${cluster}:`),
+    );
+    await page.close();
+  },
+
+  async "the slider cuts a hierarchy into the labels that the interface gives"({ service, browser }) {
+    const page = await browser.open(service.url);
+    await recordStates(page);
+    await submit(page, sample(service, "terrain", 20_000), { name: "terrain.obj", algorithm: "pml" });
+    await succeeded(page);
+    const live = (await statesOf(page)).filter((told) => /^running: [\d,]+ clusters left, energy \d/.test(told));
+    const left = live.map((told) => Number(/([\d,]+) clusters/.exec(told)[1].replaceAll(",", "")));
+    assert.ok(left.length > 1 && left.at(-1) < left[0], `the clusters fall while it runs: ${left}`);
+    const { levels } = await (await fetch(`${service.url}/v1/jobs/${idOf(page)}/report`)).json();
+    assert.equal(Number(await page.getAttribute("#curve", "data-points")), levels.length);
+    await drawn(page, 100);
+    for (const clusters of [12, 777]) {
+      await page.fill("#level-number", String(clusters));
+      await page.locator("#level-number").blur();
+      await drawn(page, clusters);
+      const counts = new Map();
+      for (const label of await labels(service, idOf(page), clusters)) counts.set(label, (counts.get(label) ?? 0) + 1);
+      await page.evaluate(() => (document.querySelector("details:has(#cluster-table)").open = true));
+      const rows = await page
+        .locator("#cluster-table tbody tr")
+        .evaluateAll((rows) => rows.map((row) => [...row.cells].map((cell) => cell.textContent)));
+      assert.equal(rows.length, Math.min(20, clusters));
+      for (const [name, faces] of rows) {
+        assert.equal(Number(faces.replace(",", "")), counts.get(Number(name.split(" ")[1])), `${name} of ${clusters}`);
+      }
+    }
+    await page.locator("#level").focus();
+    await page.keyboard.press("End");
+    await drawn(page, (await labels(service, idOf(page), 12)).length);
+    await page.fill("#level-number", "60");
+    await page.locator("#level-number").blur();
+    await drawn(page, 60);
+    await page.locator("#dendrogram").evaluate((element) => (element.parentElement.open = true));
+    await page.waitForSelector("#dendrogram svg path");
+    assert.equal(await page.locator("#dendrogram path").count(), 63);
+    await accessible(page, "a hierarchy");
+    await picture(page, "page-hierarchy.png");
+    await page.close();
+  },
+
+  async "a second click on a cluster splits it, one with Shift merges it, and so do buttons"({ service, browser }) {
+    const page = await browser.open(service.url);
+    await page.click("#jobs a:has-text('terrain')");
+    await drawn(page, 100);
+    const canvas = page.locator("#view canvas");
+    const { width, height } = await canvas.boundingBox();
+    const middle = { position: { x: width / 2, y: height / 2 } };
+    const shown = async () => {
+      const search = new URLSearchParams(page.url().split("?")[1]);
+      return { clusters: Number(search.get("clusters") ?? 100), cluster: Number(search.get("cluster") ?? NaN) };
+    };
+    /** Selected cluster and its cut, after a step that changes the cut. */
+    const after = async (step) => {
+      const before = await shown();
+      await step();
+      await until("another cut is drawn", async () => (await shown()).clusters !== before.clusters);
+      const { clusters } = await shown();
+      await drawn(page, clusters);
+      await until("a cluster is selected", async () => (await shown()).cluster >= 0 && !(await page.isDisabled("#up")));
+      const { cluster } = await shown();
+      const path = `/v1/jobs/${idOf(page)}/hierarchy?format=json&clusters=${clusters}&max_clusters=0`;
+      const { cut } = await (await fetch(service.url + path)).json();
+      return { clusters, node: cut.nodes[cluster], parent: cut.parents[cluster] };
+    };
+    assert.ok(await page.isDisabled("#down"), "nothing is selected");
+    await canvas.click(middle);
+    await until("a cluster is selected", async () => (await shown()).cluster >= 0);
+    const first = await after(() => canvas.click(middle));
+    assert.ok(first.clusters > 100);
+    const up = await after(() => page.press("#up", "Enter"));
+    assert.equal(up.node, first.parent, "upwards from a part is the cluster that was split");
+    const above = await after(() => canvas.click({ ...middle, modifiers: ["Shift"] }));
+    assert.ok(above.clusters < up.clusters);
+    const down = await after(() => page.press("#down", "Enter"));
+    assert.equal(down.parent, above.node);
+    await page.close();
+  },
+
+  async "downloads have the bytes of the interface, and the remesh lies over the mesh"({ service, browser }) {
+    const page = await browser.open(service.url);
+    await page.click("#jobs a:has-text('quads')");
+    await drawn(page, 30);
+    await page.check("#remesh");
+    await until("the remesh is drawn", () =>
+      page.evaluate(() => Number(document.querySelector("#view").dataset.edges) > 30),
+    );
+    await page.locator("details:has(#downloads) summary").click();
+    for (const [name, extension, begins] of [
+      ["labels", "npy", "\x93NUMPY"],
+      ["mesh", "glb", "glTF"],
+      ["remesh", "ply", "ply\n"],
+    ]) {
+      const [download] = await Promise.all([
+        page.waitForEvent("download"),
+        page.click(`[aria-label="Download ${name} as ${extension}"]`),
+      ]);
+      assert.equal(download.suggestedFilename(), `quads-${name}.${extension}`);
+      const bytes = readFileSync(await download.path());
+      assert.equal(bytes.subarray(0, begins.length).toString("latin1"), begins);
+      const answer = await fetch(`${service.url}/v1/jobs/${idOf(page)}/${name}?format=${extension}`);
+      assert.ok(bytes.equals(Buffer.from(await answer.arrayBuffer())), `${name}.${extension}`);
+    }
+    await until("every file has its size", async () =>
+      (await page.locator("#downloads .size").allTextContents()).every((told) => /^[\d.]+ k?M?B$/.test(told)),
+    );
+    await page.close();
+  },
+
+  async "two jobs of one mesh are compared"({ service, browser }) {
+    const page = await browser.open(service.url);
+    await submit(page, sample(service, "quads", 6000), { name: "quads.obj", clusters: 50, quality: "best" });
+    await succeeded(page);
+    await drawn(page, 50);
+    await page.selectOption("#other", { index: 1 });
+    await drawn(page, 30);
+    assert.match(await text(page, "#compared"), /^this job's energy: \d.*, its energy: \d.* \(\+\d.* %\)$/);
+    assert.match(page.url(), /with=/);
+    await page.close();
+  },
+
+  async "a phone's width has no sideways scrolling"({ service, browser }) {
+    const page = await browser.open(service.url, {
+      viewport: { width: 360, height: 740 },
+      colorScheme: "dark",
+      reducedMotion: "reduce",
+    });
+    await page.click("#jobs a:has-text('knot')");
+    await drawn(page, 400);
+    assert.ok(Math.abs((await page.locator("#main").boundingBox()).y) < 2, "the job is in sight, below form and list");
+    assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth));
+    await picture(page, "page-phone.png");
+    await accessible(page, "a phone");
+    await page.close();
+  },
+
+  async "a real file"({ service, browser }) {
+    const path = meshes && join(meshes, "stanford-bunny.glb");
+    if (!path || !existsSync(path)) return console.log("  left out: there is no folder of meshes");
+    const page = await browser.open(service.url);
+    await submit(page, path, { name: "stanford-bunny.glb", clusters: 1000 });
+    await succeeded(page);
+    await drawn(page, 1000);
+    assert.ok((await look(page, "#view")).hues > 20);
+    await page.close();
+  },
+};

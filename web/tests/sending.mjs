@@ -1,0 +1,113 @@
+// Sending a mesh, and what is seen of it before it is clustered.
+import assert from "node:assert/strict";
+import { existsSync, readFileSync, writeFileSync } from "node:fs";
+import { join } from "node:path";
+import { look } from "./browser.mjs";
+import { Service, until } from "./service.mjs";
+import { binary, meshes, sample, succeeded, text } from "./steps.mjs";
+
+const jobs = async (service) => (await (await fetch(`${service.url}/v1/jobs`)).json()).jobs;
+
+/** A glTF file of one triangle that would like the page to look elsewhere. */
+function curious(service) {
+  const positions = Buffer.from(new Float32Array([0, 0, 0, 1, 0, 0, 0, 1, 0]).buffer);
+  const document = {
+    asset: { version: "2.0" },
+    scenes: [{ nodes: [0] }],
+    nodes: [{ mesh: 0 }],
+    meshes: [{ primitives: [{ attributes: { POSITION: 0 }, material: 0 }] }],
+    materials: [{ pbrMetallicRoughness: { baseColorTexture: { index: 0 } } }],
+    textures: [{ source: 0 }],
+    images: [{ uri: "http://127.0.0.2:9/tracker.png" }],
+    accessors: [{ bufferView: 0, componentType: 5126, count: 3, type: "VEC3", min: [0, 0, 0], max: [1, 1, 0] }],
+    bufferViews: [{ buffer: 0, byteLength: 36 }],
+    buffers: [{ byteLength: 36, uri: `data:application/octet-stream;base64,${positions.toString("base64")}` }],
+  };
+  const path = join(service.folder, "curious.gltf");
+  writeFileSync(path, JSON.stringify(document));
+  return path;
+}
+
+export const sending = {
+  async "it says how much of a mesh is sent, and can be stopped"({ service, browser }) {
+    const page = await browser.open(service.url);
+    const before = (await jobs(service)).length;
+    const session = await page.context().newCDPSession(page);
+    const pace = (bytes) =>
+      session.send("Network.emulateNetworkConditions", {
+        offline: false,
+        latency: 0,
+        downloadThroughput: -1,
+        uploadThroughput: bytes,
+      });
+    await session.send("Network.enable");
+    await pace(200_000);
+    await page.setInputFiles("#file", sample(service, "knot", 60_000));
+    await page.click("#submit");
+    await until("a part is sent", async () =>
+      /^[\d.]+ .B of [\d.]+ MB, \d+ s left$/.test(await text(page, "#sent-text")),
+    );
+    const { value, max } = await page.locator("#sent").evaluate(({ value, max }) => ({ value, max }));
+    assert.ok(value > 0 && value < max);
+    await page.click("#stop");
+    await until("it ends", () => page.isHidden("#sending"));
+    assert.equal((await jobs(service)).length, before);
+    assert.ok(await page.isHidden("#notice"), "to stop is no error");
+    await page.close();
+  },
+
+  async "a mesh whose sending breaks is sent again, and becomes one job"({ service, browser }) {
+    const page = await browser.open(service.url);
+    await page.setInputFiles("#file", sample(service, "sphere", 700));
+    await page.fill("#clusters", "7");
+    await service.kill();
+    await page.click("#submit");
+    await until("the page says so", async () => /is sent again/.test(await text(page, "#notice")));
+    await service.again();
+    await page.waitForSelector("#state");
+    await succeeded(page);
+    const same = (await jobs(service)).filter(({ mesh, parameters }) => {
+      return mesh.file_name === "sphere.obj" && parameters.clusters === 7;
+    });
+    assert.equal(same.length, 1);
+    await page.close();
+  },
+
+  async "a mesh of every format is seen while it waits, and asks no other host for anything"({ browser }) {
+    const service = await new Service(binary).start("--meshes-in-memory", "1");
+    try {
+      const query = "format=obj&algorithm=acvd&clusters=3000";
+      const body = readFileSync(sample(service, "knot", 100_000));
+      const first = await (await fetch(`${service.url}/v1/jobs?${query}`, { method: "POST", body })).json();
+      const files = [[sample(service, "knot", 3000)], [sample(service, "quads", 3000, "glb")], [curious(service)]];
+      for (const names of [["gltf/Duck/Duck.gltf", "gltf/Duck/Duck0.bin"], ["featuretype.stl"], ["horse.ply"]]) {
+        const paths = meshes ? names.map((name) => join(meshes, name)) : [];
+        if (paths.length > 0 && paths.every(existsSync)) files.push(paths);
+      }
+      const page = await browser.open(service.url);
+      for (const paths of files) {
+        await page.goto(`${service.url}/#/`);
+        await page.setInputFiles("#file", paths);
+        await page.click("#submit");
+        await page.waitForSelector("#preview canvas[data-frames]");
+        assert.match(await text(page, "#state"), /^waiting, number \d+ in the queue$/, paths[0]);
+        const background = await page.locator("#preview").evaluate((box) => getComputedStyle(box).backgroundColor);
+        const { centre } = await look(page, "#preview");
+        assert.notDeepEqual(centre, background.match(/\d+/g).map(Number), `${paths[0]} is in the middle`);
+      }
+      const compressed = meshes && join(meshes, "gltf/Duck-meshopt.glb");
+      if (compressed && existsSync(compressed)) {
+        await page.goto(`${service.url}/#/`);
+        await page.setInputFiles("#file", compressed);
+        await page.click("#submit");
+        await until("the page says why there is no picture", async () =>
+          /when it is clustered, not before: it is compressed/.test(await text(page, "#job")),
+        );
+      }
+      await fetch(`${service.url}/v1/jobs/${first.id}`, { method: "DELETE" });
+      await page.close();
+    } finally {
+      await service.stop();
+    }
+  },
+};

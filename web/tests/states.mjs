@@ -1,0 +1,128 @@
+// States in which something is missing: a token, the service, room, a job; and what must not be read as HTML.
+import assert from "node:assert/strict";
+import { execFileSync } from "node:child_process";
+import { statfsSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { Service, until } from "./service.mjs";
+import { accessible, binary, drawn, sample, submit, succeeded, text } from "./steps.mjs";
+
+export const states = {
+  async "names are text"({ service, browser }) {
+    const page = await browser.open(service.url);
+    const name = `<img src=x onerror=window.hit=1>'"&quot;.obj`;
+    await submit(page, sample(service, "sphere", 500), { name, clusters: 5 });
+    await succeeded(page);
+    await drawn(page, 5);
+    assert.equal(await text(page, "#job-title"), name);
+    assert.equal(await page.locator("img").count(), 0);
+    assert.equal(await page.evaluate(() => window.hit), undefined);
+    await page.click("#remove");
+    await until("the job is gone", async () => !(await text(page, "#jobs")).includes("onerror"));
+    await page.close();
+  },
+
+  async "what cannot be done is said"({ service, browser }) {
+    const page = await browser.open(service.url);
+    await submit(page, sample(service, "sphere", 500), { name: "sphere.obj", clusters: 100_000 });
+    await until("the job fails", async () => (await text(page, "#state")).startsWith("failed: "));
+    assert.match(await text(page, "#state"), /clusters/);
+    await page.goto(`${service.url}/#/jobs/00000000-0000-4000-8000-000000000000`);
+    await until("the job is not there", async () => /no such job|no job/i.test(await text(page, "#notice")));
+    await page.close();
+  },
+
+  async "a mesh that the service refuses is refused in its words"({ browser }) {
+    // a reserve that the disk has, but not now
+    const { blocks, bavail, bsize } = statfsSync(tmpdir());
+    const reserve = Math.floor((bsize * (blocks + bavail)) / 2);
+    for (const [setting, value, words] of [
+      ["--max-upload-bytes", "100000", /more bytes than the limit of 100000/],
+      ["--min-free-bytes", String(reserve), /--min-free-bytes/],
+    ]) {
+      const service = await new Service(binary).start(setting, value);
+      try {
+        const page = await browser.open(service.url);
+        await page.setInputFiles("#file", sample(service, "knot", 200_000));
+        await page.click("#submit");
+        await until(`${setting} is named`, async () => words.test(await text(page, "#notice")));
+        assert.ok(await page.isHidden("#sending"));
+        assert.ok(await page.isEnabled("#submit"), "another mesh can be sent");
+        await accessible(page, setting);
+        await page.close();
+      } finally {
+        await service.stop();
+      }
+    }
+  },
+
+  async "a service that is killed and comes back loses nothing, and the page needs no reload"({ service, browser }) {
+    const page = await browser.open(service.url);
+    await page.evaluate(() => (window.marker = 1));
+    await submit(page, sample(service, "knot", 120_000), { name: "slow.obj", clusters: 3000, algorithm: "acvd" });
+    await until("it runs", async () => (await text(page, "#state")).startsWith("running"));
+    await page.waitForSelector("#preview canvas[data-frames]");
+    await service.kill();
+    await until("the page says so", async () => /does not answer/.test(await text(page, "#notice")));
+    await service.again();
+    await succeeded(page);
+    await drawn(page, 3000);
+    assert.equal(await text(page, "#notice"), "");
+    assert.equal(await page.evaluate(() => window.marker), 1);
+    await page.close();
+  },
+
+  async "a service that is gone is said on every page, and its return is noticed"({ service, browser }) {
+    const page = await browser.open(service.url);
+    await submit(page, sample(service, "sphere", 500), { name: "gone.obj", clusters: 5 });
+    await succeeded(page);
+    await page.goto(`${service.url}/#/`);
+    await service.kill();
+    await until("the page says so", async () => /does not answer/.test(await text(page, "#notice")));
+    await page.click("#jobs a:has-text('gone')");
+    await service.again();
+    await drawn(page, 5);
+    await until("nothing is wrong any more", async () => !(await page.isVisible("#notice")));
+    await page.close();
+  },
+
+  async "a script that could not be loaded is loaded at the next use"({ service, browser }) {
+    let refused = 0;
+    const page = await browser.open(service.url, {}, (page) =>
+      page.route(`${service.url}/scene.js`, (route) => (++refused, route.abort())),
+    );
+    await until("it could not be loaded", () => refused > 0);
+    await page.click("[data-sample=terrain]");
+    await page.waitForSelector("#state");
+    await page.close();
+  },
+
+  async "a token is kept for the session and sent in a header"({ browser }) {
+    const service = new Service(binary);
+    try {
+      const file = join(service.folder, "tokens.json");
+      const token = execFileSync(binary, ["token", "new", "mine", "--tokens", file]).toString().trim();
+      await service.start("--tokens", file);
+      const page = await browser.open(service.url);
+      await until("a token is needed", async () => /token/.test(await text(page, "#notice")));
+      await page.fill("#token", token);
+      await page.keyboard.press("Enter");
+      await until("the jobs are listed", async () => (await text(page, "#jobs")) === "none yet");
+      await page.click("[data-sample=parts]");
+      await page.waitForSelector("#state");
+      await succeeded(page);
+      await page.reload();
+      await succeeded(page);
+      await drawn(page, 400);
+      assert.ok(!page.url().includes(token));
+      assert.deepEqual(await page.evaluate(() => [localStorage.length, document.cookie, sessionStorage.length]), [
+        0,
+        "",
+        1,
+      ]);
+      await page.close();
+    } finally {
+      await service.stop();
+    }
+  },
+};

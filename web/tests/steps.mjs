@@ -1,0 +1,91 @@
+// What every test of the page does: makes meshes, drops them, waits for clusters, compares with the interface.
+import assert from "node:assert/strict";
+import { execFileSync } from "node:child_process";
+import { mkdirSync, readFileSync } from "node:fs";
+import { createRequire } from "node:module";
+import { join } from "node:path";
+import { parseArgs } from "node:util";
+import { until } from "./service.mjs";
+
+export const { positionals, values } = parseArgs({
+  allowPositionals: true,
+  options: { pictures: { type: "string" }, files: { type: "string" }, only: { type: "string" } },
+});
+export const [binary, meshes] = positionals;
+const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
+export const text = (page, selector) => page.locator(selector).textContent();
+export const succeeded = (page) =>
+  until("the job succeeds", async () => (await text(page, "#state")).startsWith("succeeded"));
+export const drawn = async (page, clusters) =>
+  await until(`${clusters} clusters are drawn`, () =>
+    page.evaluate((k) => {
+      const [view, canvas] = [document.querySelector("#view"), document.querySelector("#view canvas")];
+      return view?.dataset.clusters === String(k) && Number(canvas?.dataset.frames) > 0;
+    }, clusters),
+  );
+export const idOf = (page) => /jobs\/([0-9a-f-]+)/.exec(page.url())[1];
+
+export async function picture(page, name) {
+  if (!values.pictures) return;
+  mkdirSync(values.pictures, { recursive: true });
+  await page.evaluate(() => document.querySelector(innerWidth < 500 ? "#job" : "header").scrollIntoView());
+  await page.screenshot({ path: join(values.pictures, name) });
+}
+
+export function sample(service, name, faces, extension = "obj") {
+  const path = join(service.folder, `${name}.${extension}`);
+  execFileSync(binary, ["sample", name, "--faces", String(faces), path]);
+  return path;
+}
+
+/** Drops a file on the page, as a pointer does. */
+export async function drop(page, path, name) {
+  const bytes = readFileSync(path).toString("base64");
+  const transfer = await page.evaluateHandle(
+    ([data, name]) => {
+      const transfer = new DataTransfer();
+      transfer.items.add(new File([Uint8Array.from(atob(data), (c) => c.charCodeAt(0))], name));
+      return transfer;
+    },
+    [bytes, name],
+  );
+  await page.dispatchEvent("#drop", "drop", { dataTransfer: transfer });
+}
+
+export async function submit(page, path, { name, clusters, algorithm, quality }) {
+  await drop(page, path, name);
+  if (clusters) await page.fill("#clusters", String(clusters));
+  if (algorithm) await page.selectOption("#algorithm", algorithm);
+  if (quality) await page.selectOption("#quality", quality);
+  const before = page.url();
+  await page.click("#submit");
+  await until("the job is open", async () => page.url() !== before && (await page.locator("#state").count()) > 0);
+}
+
+export async function labels(service, id, clusters) {
+  const cut = clusters ? `&clusters=${clusters}` : "";
+  const answer = await fetch(`${service.url}/v1/jobs/${id}/labels?format=bin${cut}`);
+  assert.equal(answer.status, 200);
+  return new Uint32Array(await answer.arrayBuffer());
+}
+
+export async function accessible(page, where) {
+  await page.evaluate(axe);
+  for (const colorScheme of ["light", "dark"]) {
+    await page.emulateMedia({ colorScheme });
+    const { violations } = await page.evaluate(() => axe.run());
+    const found = violations.map(({ id, nodes }) => `${id}: ${nodes.map((node) => node.html).join(" ")}`);
+    assert.deepEqual(found, [], `${where}, ${colorScheme}`);
+  }
+  await page.emulateMedia({ colorScheme: "light" });
+}
+
+/** Keeps every text that the state of a job has from now on, without a reload in between. */
+export const recordStates = (page) =>
+  page.evaluate(() => {
+    window.states = [];
+    const take = () => window.states.push(document.querySelector("#state")?.textContent ?? "");
+    new MutationObserver(take).observe(document.querySelector("#job"), { childList: true, subtree: true });
+  });
+
+export const statesOf = (page) => page.evaluate(() => window.states);
