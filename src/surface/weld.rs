@@ -36,7 +36,7 @@ pub fn weld(mesh: &PolygonMesh) -> (Weld, Vec<u32>) {
 }
 
 /// For each vertex the first one at its position.
-fn first_vertices(positions: &[[f64; 3]]) -> Vec<u32> {
+pub fn first_vertices(positions: &[[f64; 3]]) -> Vec<u32> {
     // adding zero turns −0 into 0
     let bits = |position: &[f64; 3]| position.map(|coordinate| (coordinate + 0.0).to_bits());
     let mut sorted: Vec<([u64; 3], u32)> =
