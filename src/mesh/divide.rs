@@ -2,7 +2,7 @@
 //! again.
 //!
 //! A remesh is good with some thirty faces a cluster, which a coarse mesh does not have. The surface stays as it is: a
-//! new vertex is the middle of an edge, the same for all triangles at the edge. Vertices of the mesh keep their numbers.
+//! new vertex is the middle of an edge, the same for all triangles at it. Vertices of the mesh keep their numbers.
 //!
 //! ```text
 //!            c
@@ -14,8 +14,8 @@
 //!      a ─── ab ── b
 //! ```
 //!
-//! After n divisions, the parts of triangle t are the faces t·4ⁿ to t·4ⁿ + 4ⁿ − 1. The digits of a part's number in base
-//! 4, the highest first, say which of the four it was in at each division. So [`Origin`] needs no table of parts.
+//! After n divisions, the parts of triangle t are the faces t·4ⁿ to t·4ⁿ + 4ⁿ − 1. The digits of a part's number in
+//! base 4, the highest first, say which of the four it was in at each division. So [`Origin`] needs no table of parts.
 
 use rayon::prelude::*;
 

@@ -44,8 +44,8 @@ impl Kept {
     pub fn check(&self, parameters: &Parameters) -> Result<()> {
         if self.mesh && parameters.subdivide.is_some() {
             return Err(Error::parameter(format_args!(
-                "keep_mesh does not go with {}, by which another mesh is clustered: name what is to be made of that with \
-                 outputs",
+                "keep_mesh does not go with {}, by which another mesh is clustered: name what is to be made of that \
+                 with outputs",
                 Name::SUBDIVIDE
             )));
         }

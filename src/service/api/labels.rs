@@ -75,8 +75,8 @@ pub(in crate::service) async fn labels(
     }
     check_clusters(&job, &summary, clusters)?;
     if !Need::Faces.is_met(parameters) {
-        let message = "this job divided the faces of the mesh before it clustered them (subdivide): there are no labels \
-                       of its faces, only the named outputs";
+        let message = "this job divided the faces of the mesh before it clustered them (subdivide): there are no \
+                       labels of its faces, only the named outputs";
         return Err(Error::new(Kind::Conflict, message).into());
     }
     let form = negotiate::form(&headers, format.as_deref(), &LABELS)?;
