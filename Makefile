@@ -11,6 +11,11 @@ FEATURES := --features page
 ifneq ($(wildcard ../shared/meshes),)
 export TESSERAE_TEST_MESHES ?= $(abspath ../shared/meshes)
 endif
+# CGAL's remesh, for `make bench-peers`: where headers of CGAL 6.1 or later are found, which no Debian release has yet.
+CGAL_INCLUDE ?= /usr/include
+ifeq ($(shell awk '/define CGAL_VERSION_NR/ { print ($$3 >= 1060100000) }' $(CGAL_INCLUDE)/CGAL/version.h 2>/dev/null),1)
+CGAL_DRIVER := $(TARGET)/bench/cgal_remesh
+endif
 # Without a desktop, Mesa's device-select layer makes libwayland complain on standard error.
 export NODEVICE_SELECT ?= 1
 export TESSERAE_LISTEN ?= 127.0.0.1:8080
@@ -102,9 +107,15 @@ bench-stages: bundle  ## measure the stages before the clustering (FILTER=topolo
 	cargo bench --locked $(FEATURES) --bench stages -- $(FILTER)
 
 .PHONY: bench-peers
-bench-peers: bundle $(TARGET)/bench-venv/ready  ## the same work by us and by peers, in turns: target/bench/peers.md and .json
+bench-peers: bundle $(TARGET)/bench-venv/ready $(CGAL_DRIVER)  ## the same work by us and by peers, in turns: target/bench/{peers,remesh}.{md,json}
 	cargo build --release --locked $(FEATURES)
 	$(TARGET)/bench-venv/bin/python benches/peers.py $(TARGET)/release/tesserae $(TARGET)/bench $(TESSERAE_TEST_MESHES)
+	$(TARGET)/bench-venv/bin/python benches/remesh.py $(TARGET)/release/tesserae $(TARGET)/bench $(TESSERAE_TEST_MESHES) \
+		$(if $(CGAL_DRIVER),--cgal $(CGAL_DRIVER))
+
+$(TARGET)/bench/cgal_remesh: benches/cgal_remesh.cpp
+	mkdir -p $(TARGET)/bench
+	g++ -std=c++17 -O2 -DNDEBUG -I$(CGAL_INCLUDE) -I/usr/include/eigen3 $< -o $@ -lgmp -lmpfr
 
 $(TARGET)/bench-venv/ready: benches/requirements.txt | install-test
 	@echo "installing into $(TARGET)/bench-venv: $$(grep -v '^#' $< | tr '\n' ' ')"

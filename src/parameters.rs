@@ -1,12 +1,14 @@
 //! The parameters of a job: defined once, for the command line, the query string and the JSON part.
 
 mod levels;
+mod subdivide;
 
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 pub use self::levels::Levels;
+pub use self::subdivide::Subdivide;
 use crate::cluster::hierarchy::Pairs;
 use crate::cluster::quality::Quality;
 pub use crate::cluster::seeds::Seeds;
@@ -78,6 +80,11 @@ pub struct Parameters {
     #[arg(long, value_name = "N|LIST")]
     pub snapshots: Option<Snapshots>,
 
+    /// Divide every triangle into four so many times before it is clustered, or (auto) until there are 30 faces a
+    /// cluster: for the remesh of a coarse mesh by a flat clustering. There are no labels of faces then
+    #[arg(long, value_name = "N|auto")]
+    pub subdivide: Option<Subdivide>,
+
     /// Let clusters be smaller where the surface bends: areas are multiplied by curvature (over its root mean square,
     /// kept within a factor of 100 of it) to this power; from 0, which is nothing, to 10
     #[arg(long, value_name = "G", allow_negative_numbers = true)]
@@ -146,7 +153,7 @@ impl Parameters {
         if let Some((name, _)) = contradictions.into_iter().find(|(_, given)| *given) {
             return Err(self.contradiction(name, goes_with));
         }
-        if self.algorithm.is_hierarchical() { self.check_hierarchy() } else { Ok(()) }
+        if self.algorithm.is_hierarchical() { self.check_hierarchy() } else { self.check_subdivide(listed) }
     }
 
     /// Checks each value by itself: what nothing that may still come can make right.
@@ -207,6 +214,7 @@ impl Parameters {
             (Name::SEED, self.seed != 0),
             (Name::MAX_ITERATIONS, self.max_iterations.is_some()),
             (Name::SNAPSHOTS, self.snapshots.is_some()),
+            (Name::SUBDIVIDE, self.subdivide.is_some()),
         ]
     }
 
@@ -221,6 +229,22 @@ impl Parameters {
             (Name::PAIRS, self.pairs != Pairs::CheaperHalf),
             (Name::LEVELS, !self.levels().is_empty()),
         ]
+    }
+
+    /// Refuses what is said about single faces or vertices if these are divided.
+    fn check_subdivide(&self, listed: bool) -> Result<()> {
+        let others = [
+            (Name::SEEDS, listed),
+            (Name::SNAPSHOTS, self.snapshots.is_some()),
+            (Name::WEIGHT_ATTRIBUTE, self.weight_attribute.is_some()),
+        ];
+        match others.into_iter().find(|&(_, is_given)| is_given && self.subdivide.is_some()) {
+            Some((name, _)) => Err(Error::parameter(format_args!(
+                "{} divides the faces that {name} is about: leave one of them out",
+                Name::SUBDIVIDE
+            ))),
+            None => Ok(()),
+        }
     }
 
     /// Checks the parameters of a hierarchy.

@@ -61,6 +61,35 @@ fn a_hierarchy_is_exported_at_any_number_of_clusters() {
 }
 
 #[test]
+fn a_coarse_mesh_is_divided_for_its_remesh() {
+    let folder = Folder::new();
+    folder.sample("quads", 600, "q.obj");
+    let outputs = ["--remesh", "r.ply", "--remesh-source", "s.npz", "--report", "r.json"];
+    let cluster = |more: &[&'static str]| [&["cluster", "q.obj", "-k", "150", "--device", "cpu"], more].concat();
+    folder.run(&cluster(&[&["--subdivide", "auto"], &outputs[..]].concat())).expect_success();
+    let report = folder.json("r.json");
+    let auto = folder.read("r.ply");
+    assert_eq!((&report["parameters"]["subdivide"], &report["remesh"]["checked"]), (&1.into(), &true.into()));
+    assert_eq!(report["remesh"]["vertices"]["clusters"], 150);
+    assert!(report["input"]["faces"].as_u64() >= Some(150 * 30), "{report}");
+    folder.run(&cluster(&[&["--subdivide", "1"], &outputs[..]].concat())).expect_success();
+    assert!(folder.read("r.ply") == auto && folder.read("s.npz").starts_with(b"PK"));
+    for (more, words) in [
+        (&["--subdivide", "1", "--labels", "l.npy"][..], &["--labels", "--subdivide"][..]),
+        (&["--subdivide", "11", "--remesh", "r.ply"], &["--subdivide", "auto", "11"]),
+        (&["--subdivide", "1", "--algorithm", "pml", "--remesh", "r.ply"], &["--subdivide", "pml"]),
+        (
+            &["--subdivide", "1", "--weight-attribute", "_W", "--remesh", "r.ply"],
+            &["--subdivide", "--weight-attribute"],
+        ),
+        (&["--subdivide", "1", "--weights", "w.npy", "--remesh", "r.ply"], &["--subdivide", "--weights"]),
+    ] {
+        folder.run(&cluster(more)).expect_usage_error(words);
+    }
+    folder.run(&cluster(&["--subdivide", "10", "--remesh", "r.ply"])).expect_failure(&["--max-faces"]);
+}
+
+#[test]
 fn labels_from_anywhere_may_have_gaps() {
     let folder = Folder::new();
     folder.write("m.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\nf 1 2 4\nf 1 4 3\n");

@@ -12,7 +12,7 @@ use crate::hierarchy::Cut;
 pub static LABELS: Artifact = Artifact {
     name: "labels",
     about: "The cluster of each face, in upload order.",
-    needs: &[Need::Labels],
+    needs: &[Need::Labels, Need::Faces],
     forms: &[LABELS_JSON, LABELS_NPY, LABELS_BIN],
     choices: &[],
     flags: &[Flag {

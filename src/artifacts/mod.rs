@@ -33,6 +33,7 @@ pub use crate::export::npz::npy_header;
 use crate::hierarchy::json::Limits;
 use crate::hierarchy::stored::Stored;
 use crate::mesh::PolygonMesh;
+use crate::mesh::divide::Origin;
 use crate::parameters::Parameters;
 use crate::remesh::Remesh;
 use crate::report::Report;
@@ -129,6 +130,8 @@ pub struct Flag {
 pub enum Need {
     /// One label a face.
     Labels,
+    /// Clusters of the faces that were read, not of parts of them.
+    Faces,
     /// The labels of the requested iterations.
     Snapshots,
     /// The hierarchy.
@@ -146,6 +149,7 @@ impl Need {
         let is_hierarchical = parameters.algorithm.is_hierarchical();
         match self {
             Need::Labels => !is_hierarchical || parameters.clusters.is_some(),
+            Need::Faces => parameters.subdivide.is_none(),
             Need::Snapshots => parameters.snapshots.is_some(),
             Need::Hierarchy => is_hierarchical,
             Need::Report | Need::Mesh => true,
@@ -217,6 +221,8 @@ pub struct Content<'a> {
     pub is_indented: bool,
     /// The mesh, where an output needs it: positions and faces count, parts may be missing.
     pub mesh: Option<&'a PolygonMesh>,
+    /// Where its faces come from, if those that were read were divided.
+    pub origin: Option<&'a Origin>,
     /// What the request chose.
     pub choices: Choices,
     /// Keeps the remesh between outputs that are made of it.

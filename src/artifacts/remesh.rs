@@ -8,7 +8,8 @@ use crate::error::Result;
 use crate::export::npz::{self, Array};
 use crate::export::{Clusters, Geometry, glb, obj, ply, stl, vtp};
 use crate::mesh::Faces;
-use crate::remesh::{Remesh, remesh};
+use crate::mesh::divide::Origin;
+use crate::remesh::{Remesh, VertexSource, remesh};
 
 /// The remesh.
 pub static REMESH: Artifact = Artifact {
@@ -117,12 +118,28 @@ fn as_glb<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
     Ok(Box::new(move |out| out.write_all(&bytes)))
 }
 
+/// The source of a vertex in the mesh whose divided faces were clustered.
+fn before_division(source: &VertexSource, divided: &Faces, origin: &Origin) -> VertexSource {
+    let part = origin.of(source.face);
+    let corners = divided.corners(source.face as usize);
+    let mut barycentric = [0.0; 3];
+    for (vertex, weight) in source.vertices.iter().zip(source.barycentric) {
+        let corner = corners.iter().position(|corner| corner == vertex).unwrap_or_default();
+        (0..3).for_each(|i| barycentric[i] += weight * part.corners[corner][i]);
+    }
+    VertexSource { face: part.face, vertices: part.vertices, barycentric, ..*source }
+}
+
 fn source<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
-    geometry(content)?;
+    let (of_clusters, _) = geometry(content)?;
     let remesh = made(content)?;
-    let sources = &remesh.sources;
+    let read = |source: &VertexSource| match content.origin {
+        Some(origin) => before_division(source, of_clusters.faces, origin),
+        None => *source,
+    };
+    let sources: Vec<VertexSource> = remesh.sources.iter().map(read).collect();
     let count = sources.len();
-    let u32s = |of: fn(&crate::remesh::VertexSource) -> u32| sources.iter().map(of).collect::<Vec<u32>>();
+    let u32s = |of: fn(&VertexSource) -> u32| sources.iter().map(of).collect::<Vec<u32>>();
     let vertices: Vec<u32> = sources.iter().flat_map(|source| source.vertices).collect();
     let barycentric: Vec<f64> = sources.iter().flat_map(|source| source.barycentric).collect();
     let arrays = [
@@ -133,4 +150,36 @@ fn source<'a>(content: &Content<'a>) -> Result<Encoding<'a>> {
         ("barycentric", Array::f64(&[count, 3], &barycentric)),
     ];
     Ok(Box::new(move |out| npz::write(out, &arrays)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dev::sample::{Sample, generate};
+    use crate::mesh::divide::divided;
+    use crate::remesh::Placement;
+
+    #[test]
+    fn sources_in_a_divided_mesh_are_points_of_the_mesh_that_was_read() {
+        for (sample, times) in [(Sample::Quads, 2), (Sample::Terrain, 1)] {
+            let mesh = generate(sample, 300).expect("a sample");
+            let (fine, origin) = divided(&mesh, times).expect("few faces");
+            let labels: Vec<u32> = (0..fine.faces.len() as u32).map(|face| face / 40).collect();
+            let clusters = u64::from(labels[labels.len() - 1]) + 1;
+            let made = remesh(&fine, &labels, clusters, Placement::Fit).expect("labels fit");
+            for source in &made.sources {
+                let before = before_division(source, &fine.faces, &origin);
+                assert!(before.vertices.iter().all(|at| mesh.faces.corners(before.face as usize).contains(at)));
+                assert!((before.barycentric.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+                let point = |vertices: [u32; 3], weights: [f64; 3], positions: &[[f64; 3]], axis: usize| -> f64 {
+                    vertices.iter().zip(weights).map(|(&at, weight)| weight * positions[at as usize][axis]).sum()
+                };
+                for axis in 0..3 {
+                    let one = point(source.vertices, source.barycentric, &fine.positions, axis);
+                    let other = point(before.vertices, before.barycentric, &mesh.positions, axis);
+                    assert!((one - other).abs() < 1e-9, "{source:?} {before:?}");
+                }
+            }
+        }
+    }
 }

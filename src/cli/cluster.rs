@@ -47,7 +47,7 @@ pub struct Arguments {
 
     /// Multiply the area of each face by a weight, so that clusters are smaller where it is larger: a .npy file with
     /// floats above 0, one a face or one a vertex (whose mean a face takes)
-    #[arg(long, value_name = "IN.npy", conflicts_with = "weight_attribute")]
+    #[arg(long, value_name = "IN.npy", conflicts_with_all = ["weight_attribute", "subdivide"])]
     weights: Option<PathBuf>,
 
     #[command(flatten)]
@@ -151,6 +151,12 @@ fn check(arguments: &Arguments) -> Result<Choices, Failure> {
              with --hierarchy OUT.tsr and take labels from it with `tesserae cut`"
                 .to_owned(),
         );
+    }
+    if let Some(file) = outputs.that_needs(Need::Faces).filter(|_| !Need::Faces.is_met(parameters)) {
+        let flag = file.flag;
+        return usage(format!(
+            "{flag} is about the faces of the mesh, which --subdivide divides: leave one of them out"
+        ));
     }
     if outputs.includes(&LINKAGE_NPY) {
         if parameters.optimizes() {

@@ -9,9 +9,11 @@
 //! Around a vertex, triangles that twins connect are an *umbrella*: closed, or open with one boundary half-edge that
 //! leaves the vertex and one that arrives. A vertex of several umbrellas is several vertices of the cut surface.
 
-use std::ops::Range;
+mod mates;
 
 use rayon::prelude::*;
+
+use self::mates::Mates;
 
 /// No half-edge.
 pub const NONE: u32 = u32::MAX;
@@ -75,29 +77,19 @@ impl HalfEdges {
     /// Orients triangles and cuts them apart. The corners of each are different and below `vertices`; there are at most
     /// 2³²/3 triangles.
     pub fn new(mut triangles: Vec<[u32; 3]>, vertices: usize) -> Self {
-        let Mates { mates, crowded_edges, across_crowded } = Mates::new(&triangles, vertices);
-        let (component, components, turned) = orient(&triangles, &mates);
-        let placed = |half: u32| match turned[half as usize / 3] {
-            true => half / 3 * 3 + 2 - half % 3,
-            false => half,
+        let Mates { mates, crowded_edges, across_crowded, run_alike } = Mates::new(&triangles, vertices);
+        // where no two run alike, nothing is turned, and mates are twins
+        let ((component, components, turned), early) =
+            rayon::join(|| orient(&triangles, &mates), || (!run_alike).then(|| umbrellas(&mates)));
+        let (twins, cut) = match run_alike {
+            true => twins(&triangles, &mates, &turned),
+            false => (mates, 0),
         };
-        let mut twins = vec![NONE; mates.len()];
-        let mut cut_edges = crowded_edges;
-        for (half, &mate) in (0..).zip(&mates) {
-            if mate == NONE {
-                continue;
-            }
-            let run_alike = origin(&triangles, half) == origin(&triangles, mate);
-            if run_alike == (turned[half as usize / 3] != turned[mate as usize / 3]) {
-                twins[placed(half) as usize] = placed(mate);
-            } else {
-                cut_edges += u64::from(half < mate);
-            }
-        }
+        let cut_edges = crowded_edges + cut;
         for (triangle, _) in triangles.iter_mut().zip(&turned).filter(|(_, turned)| **turned) {
             triangle.swap(1, 2);
         }
-        let (umbrella, umbrellas) = umbrellas(&twins);
+        let (umbrella, umbrellas) = early.unwrap_or_else(|| umbrellas(&twins));
         Self { triangles, twins, umbrella, umbrellas, component, components, turned, cut_edges, across_crowded }
     }
 
@@ -122,7 +114,9 @@ impl HalfEdges {
     pub fn loops(&self) -> Vec<Vec<u32>> {
         let mut seen = vec![false; self.twins.len()];
         let mut loops = Vec::new();
-        for start in (0..self.twins.len() as u32).filter(|&half| self.twins[half as usize] == NONE) {
+        let mut starts: Vec<u32> = self.open().map(|umbrella| umbrella.first).collect();
+        starts.sort_unstable();
+        for start in starts {
             let mut circle = Vec::new();
             let mut half = start;
             while !std::mem::replace(&mut seen[half as usize], true) {
@@ -136,10 +130,15 @@ impl HalfEdges {
         loops
     }
 
+    /// The umbrellas on the boundary.
+    fn open(&self) -> impl Iterator<Item = &Umbrella> {
+        self.umbrellas.iter().filter(|umbrella| umbrella.is_open)
+    }
+
     /// Euler number, boundary circles, components.
     pub fn topology(&self) -> Topology {
-        let paired = self.twins.iter().filter(|&&twin| twin != NONE).count();
-        let edges = self.twins.len() - paired / 2;
+        // of open umbrellas there are as many as of half-edges on the boundary
+        let edges = (self.twins.len() + self.open().count()) / 2;
         Topology {
             euler: self.umbrellas.len() as i64 - edges as i64 + self.triangles.len() as i64,
             loops: self.loops().len() as u64,
@@ -182,83 +181,6 @@ fn origin(triangles: &[[u32; 3]], half: u32) -> u32 {
     triangles[half as usize / 3][half as usize % 3]
 }
 
-/// Half-edges that share an edge.
-#[derive(Default)]
-struct Mates {
-    /// The other half-edge of each edge that has two.
-    mates: Vec<u32>,
-    /// Edges of more than two half-edges.
-    crowded_edges: u64,
-    across_crowded: Vec<[u32; 2]>,
-}
-
-impl Mates {
-    /// Ranges of vertices whose edges are found at the same time: each looks at all triangles.
-    const MOST_RANGES: usize = 4;
-
-    fn new(triangles: &[[u32; 3]], vertices: usize) -> Self {
-        let ranges = rayon::current_num_threads().min(Self::MOST_RANGES).min(vertices.div_ceil(1 << 14)).max(1);
-        let bound = |range: usize| (vertices * range / ranges) as u32;
-        let found: Vec<(Vec<[u32; 2]>, Self)> = (0..ranges)
-            .into_par_iter()
-            .map(|range| Self::of_edges(triangles, bound(range)..bound(range + 1)))
-            .collect();
-        let mut all = Self { mates: vec![NONE; 3 * triangles.len()], ..Self::default() };
-        for (pairs, found) in found {
-            for [one, other] in pairs {
-                all.mates[one as usize] = other;
-                all.mates[other as usize] = one;
-            }
-            all.crowded_edges += found.crowded_edges;
-            all.across_crowded.extend(found.across_crowded);
-        }
-        all
-    }
-
-    /// The edges whose lower ends are in a range: puts half-edges into one bucket for each lower end, and sorts each
-    /// bucket by upper ends. Gives the two half-edges of each edge that has two.
-    fn of_edges(triangles: &[[u32; 3]], lower_ends: Range<u32>) -> (Vec<[u32; 2]>, Self) {
-        let (first, count) = (lower_ends.start, lower_ends.len());
-        let sides = |triangle: usize| {
-            let [a, b, c] = triangles[triangle];
-            let ends = [(a, b), (b, c), (c, a)].map(|(a, b)| (a.min(b), a.max(b)));
-            let halves = (0..3).map(move |side| (ends[side].0.wrapping_sub(first) as usize, ends[side].1, side));
-            halves.filter(move |&(lower, ..)| lower < count)
-        };
-        let mut begin = vec![0u32; count + 1];
-        (0..triangles.len()).flat_map(&sides).for_each(|(lower, ..)| begin[lower] += 1);
-        let mut sum = 0;
-        for begin in &mut begin {
-            sum += *begin;
-            *begin = sum;
-        }
-        let mut buckets = vec![(0, 0); sum as usize];
-        for triangle in 0..triangles.len() {
-            for (lower, upper, side) in sides(triangle) {
-                let end = &mut begin[lower];
-                *end -= 1;
-                buckets[*end as usize] = (upper, (3 * triangle + side) as u32);
-            }
-        }
-        let (mut pairs, mut found) = (Vec::with_capacity(buckets.len() / 2), Self::default());
-        for range in begin.windows(2) {
-            let bucket = &mut buckets[range[0] as usize..range[1] as usize];
-            bucket.sort_unstable();
-            for edge in bucket.chunk_by(|a, b| a.0 == b.0) {
-                match edge {
-                    [_] => {}
-                    [(_, one), (_, other)] => pairs.push([*one, *other]),
-                    _ => {
-                        found.crowded_edges += 1;
-                        found.across_crowded.extend(edge.windows(2).map(|pair| [pair[0].1 / 3, pair[1].1 / 3]));
-                    }
-                }
-            }
-        }
-        (pairs, found)
-    }
-}
-
 /// The component of each triangle, their number, and which triangles to turn.
 fn orient(triangles: &[[u32; 3]], mates: &[u32]) -> (Vec<u32>, u32, Vec<bool>) {
     let mut component = vec![NONE; triangles.len()];
@@ -295,6 +217,27 @@ fn orient(triangles: &[[u32; 3]], mates: &[u32]) -> (Vec<u32>, u32, Vec<bool>) {
         components += 1;
     }
     (component, components, turned)
+}
+
+/// The twins of half-edges after triangles are turned, and the number of edges of two that are cut.
+fn twins(triangles: &[[u32; 3]], mates: &[u32], turned: &[bool]) -> (Vec<u32>, u64) {
+    let placed = |half: u32| match turned[half as usize / 3] {
+        true => half / 3 * 3 + 2 - half % 3,
+        false => half,
+    };
+    let (mut twins, mut cut) = (vec![NONE; mates.len()], 0);
+    for (half, &mate) in (0..).zip(mates) {
+        if mate == NONE {
+            continue;
+        }
+        let run_alike = origin(triangles, half) == origin(triangles, mate);
+        if run_alike == (turned[half as usize / 3] != turned[mate as usize / 3]) {
+            twins[placed(half) as usize] = placed(mate);
+        } else {
+            cut += u64::from(half < mate);
+        }
+    }
+    (twins, cut)
 }
 
 /// The umbrella of each half-edge's origin, and all umbrellas.

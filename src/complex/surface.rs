@@ -29,37 +29,48 @@ impl CutSurface {
     /// Welds vertices at equal positions, cuts polygons into fans, drops triangles with two equal corners, orients and
     /// cuts the others.
     pub fn new(mesh: &PolygonMesh) -> Result<Self> {
+        Self::in_order(mesh, 0..mesh.faces.len() as u32)
+    }
+
+    /// The same with triangles and points in an order of the faces, each of which is there once: what is near in the
+    /// order is near in memory.
+    pub fn in_order(mesh: &PolygonMesh, order: impl Iterator<Item = u32>) -> Result<Self> {
         /// Three half-edges of each are numbered below 2³² − 1.
         const MOST: u64 = u32::MAX as u64 / 3 - 1;
         let count = mesh.faces.triangles();
         if count > MOST {
             return Err(Error::too_large(format_args!("the mesh has more triangles than {MOST}: {count}")));
         }
-        let (_, points_of_corners) = weld::weld(mesh);
-        let mut vertices = Vec::new();
-        for (&point, &vertex) in points_of_corners.iter().zip(mesh.faces.all_corners()) {
-            if point as usize == vertices.len() {
-                vertices.push(vertex);
-            }
-        }
-        let frame = Frame::of(vertices.iter().map(|&vertex| &mesh.positions[vertex as usize]), 0);
-        let points =
-            vertices.par_iter().map(|&vertex| frame.position(mesh.positions[vertex as usize])).collect::<Vec<_>>();
+        let first = weld::first_vertices(&mesh.positions);
+        let mut numbers = vec![weld::UNUSED; first.len()];
+        let mut vertices = Vec::with_capacity(first.len());
         let room = count as usize;
         let (mut triangles, mut faces, mut fans) =
             (Vec::with_capacity(room), Vec::with_capacity(room), Vec::with_capacity(room));
-        for face in 0..mesh.faces.len() {
-            let corners = &points_of_corners[mesh.faces.corner_range(face)];
+        let mut corners = Vec::new();
+        for face in order {
+            corners.clear();
+            for &vertex in mesh.faces.corners(face as usize) {
+                let number = &mut numbers[first[vertex as usize] as usize];
+                if *number == weld::UNUSED {
+                    *number = vertices.len() as u32;
+                    vertices.push(vertex);
+                }
+                corners.push(*number);
+            }
             for second in 1..corners.len().saturating_sub(1) {
                 let [a, b, c] = [corners[0], corners[second], corners[second + 1]];
                 if a != b && b != c && c != a {
                     triangles.push([a, b, c]);
-                    faces.push(face as u32);
+                    faces.push(face);
                     fans.push(second as u32);
                 }
             }
         }
-        drop(points_of_corners);
+        drop((first, numbers));
+        let frame = Frame::of(vertices.iter().map(|&vertex| &mesh.positions[vertex as usize]), 0);
+        let points =
+            vertices.par_iter().map(|&vertex| frame.position(mesh.positions[vertex as usize])).collect::<Vec<_>>();
         let halves = HalfEdges::new(triangles, points.len());
         Ok(Self { halves, points, vertices, faces, fans, frame })
     }

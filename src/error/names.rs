@@ -50,6 +50,7 @@ names! {
     SEED "seed",
     SEEDS "seeds",
     SNAPSHOTS "snapshots",
+    SUBDIVIDE "subdivide",
     SWITCH_TO_ML_AT "switch_to_ml_at",
     TIES "ties",
     WEIGHTS "weights",

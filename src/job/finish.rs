@@ -68,7 +68,7 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
         remesh: None,
         warnings,
     };
-    Ok(Outcome { labels, hierarchy, snapshots, mesh: prepared.mesh.clone(), report })
+    Ok(Outcome { labels, hierarchy, snapshots, mesh: prepared.mesh.clone(), origin: prepared.origin.clone(), report })
 }
 
 /// A warning where the mesh is so large or small that its energies leave the range of f64.

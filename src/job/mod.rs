@@ -4,6 +4,7 @@
 //! what comes before ([`prepare`]: parse, topology, seeds) and after ([`finish()`], and the encoding of results,
 //! [`crate::artifacts`]) on the cpu pool.
 
+mod divide;
 mod finish;
 mod flat;
 mod hierarchical;
@@ -34,6 +35,7 @@ use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind, Result};
 use crate::hierarchy::Tree;
 use crate::hierarchy::stored::Stored;
+use crate::mesh::divide::Origin;
 use crate::mesh::{self, Format, Limits, PolygonMesh, Resources};
 use crate::parameters::{Name, Parameters, Seeds};
 use crate::report::{DeviceInfo, DeviceKind, Input, Iteration, Level, Report, Row, Timings, WeightedBy};
@@ -75,8 +77,10 @@ pub struct Prepared {
     pub weighted_by: Vec<WeightedBy>,
     /// What is unusual about the mesh.
     pub warnings: Vec<String>,
-    /// The mesh, if an output needs it.
+    /// The mesh that is clustered, if an output needs it.
     pub mesh: Option<Arc<PolygonMesh>>,
+    /// Where its faces come from, if those that were read were divided.
+    pub origin: Option<Arc<Origin>>,
     /// What the stages so far took.
     pub timings: Timings,
 }
@@ -91,8 +95,10 @@ pub struct Outcome {
     /// The labels of the requested iterations, in upload order; numbered as `labels`, so that a number means
     /// the same cluster in all of them.
     pub snapshots: Record,
-    /// The mesh, if an output needs it.
+    /// The mesh that was clustered, if an output needs it.
     pub mesh: Option<Arc<PolygonMesh>>,
+    /// Where its faces come from, if those that were read were divided.
+    pub origin: Option<Arc<Origin>>,
     /// The report; `timings_ms.read`, `.write` and `.total` are the caller's to fill.
     pub report: Report,
 }
@@ -106,6 +112,7 @@ impl Outcome {
             hierarchy: self.hierarchy.as_ref(),
             report: Some(&self.report),
             mesh: self.mesh.as_deref(),
+            origin: self.origin.as_deref(),
             ..Content::default()
         }
     }
@@ -160,6 +167,8 @@ pub struct Opened<'a> {
     spec: JobSpec,
     parameters: Parameters,
     weights: Option<Vec<f64>>,
+    format: Format,
+    limits: Limits,
     keeps_mesh: bool,
     started: Instant,
 }
@@ -178,12 +187,19 @@ pub fn open<T>(request: &Request<'_>, then: impl FnOnce(Opened<'_>) -> T) -> Res
             Name::WEIGHT_ATTRIBUTE
         ))));
     }
+    if request.weights.is_some() && request.parameters.subdivide.is_some() {
+        return Err(Refusal::from(Error::parameter(format_args!(
+            "{} divides the faces that {} is about: leave one of them out",
+            Name::SUBDIVIDE,
+            Name::WEIGHTS
+        ))));
+    }
     let weights = request.weights.map(weight_list::parse).transpose().map_err(Refusal::of(InputFile::Weights))?;
     let Request { bytes, format, resources, ref limits, .. } = *request;
     let attribute = request.parameters.weight_attribute.as_deref();
     let keeps_mesh = request.outputs.iter().any(|output| output.needs.contains(&Need::Mesh));
     mesh::open(mesh::Source { bytes, format, resources, limits, attribute }, |mesh| {
-        then(Opened { mesh, spec, parameters, weights, keeps_mesh, started })
+        then(Opened { mesh, spec, parameters, weights, format, limits: *limits, keeps_mesh, started })
     })
     .map_err(Refusal::of(InputFile::Mesh))
 }
@@ -196,13 +212,16 @@ impl Opened<'_> {
 
     /// Number of faces that memory is needed for.
     pub fn faces(&self) -> u64 {
-        self.mesh.faces()
+        divide::faces(self.mesh.faces(), self.format, &self.parameters)
     }
 
     /// Builds the mesh and its surface: the second half of [`prepare`]. May run on another thread than [`open`].
     pub fn prepare(self) -> Result<Prepared, Refusal> {
-        let Self { mesh, spec, parameters, weights, keeps_mesh, started } = self;
+        let foreseen = self.faces();
+        let Self { mesh, spec, mut parameters, weights, limits, keeps_mesh, started, .. } = self;
         let (mut mesh, weights_of_attribute) = mesh.read().map_err(Refusal::of(InputFile::Mesh))?;
+        let origin = divide::divide(&mut mesh, &mut parameters, &limits, foreseen);
+        let origin = origin.map_err(Refusal::of(InputFile::Mesh))?.map(Arc::new);
         let parsed = Instant::now();
         let are_listed = weights.is_some();
         let weights = weights.or(weights_of_attribute);
@@ -251,7 +270,7 @@ impl Opened<'_> {
             ..Timings::default()
         };
         let mesh = keeps_mesh.then(|| Arc::new(mesh));
-        Ok(Prepared { surface, plan, input, parameters, weighted_by, warnings, mesh, timings })
+        Ok(Prepared { surface, plan, input, parameters, weighted_by, warnings, mesh, origin, timings })
     }
 }
 

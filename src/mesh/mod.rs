@@ -11,6 +11,7 @@
 //! face. They open no file themselves: what a mesh refers to comes through [`Resources`].
 
 mod allowance;
+pub mod divide;
 mod faces;
 mod format;
 mod frame;

@@ -25,11 +25,10 @@ pub struct Cells {
 }
 
 impl Cells {
-    /// Divides clusters into disks; `labels` has the cluster of each triangle.
-    pub fn new(halves: &HalfEdges, geometry: &Geometry, labels: Vec<u32>, clusters: usize) -> Self {
+    /// The connected pieces of clusters; `labels` has the cluster of each triangle.
+    pub fn pieces(halves: &HalfEdges, labels: Vec<u32>, clusters: usize) -> Self {
         let mut cells = Self { of_triangle: labels, clusters: (0..clusters as u32).collect() };
         cells.divide_into_pieces(halves);
-        cells.divide_into_disks(halves, geometry);
         cells
     }
 
@@ -81,14 +80,15 @@ impl Cells {
         }
     }
 
-    fn divide_into_disks(&mut self, halves: &HalfEdges, geometry: &Geometry) {
+    /// Divides connected cells into disks, and gives the half-edges that cross between them.
+    pub fn divide_into_disks(&mut self, halves: &HalfEdges, geometry: &Geometry) -> Vec<u32> {
         let crossing = halves.crossing(&self.of_triangle);
         let euler = halves.euler_of_cells(&self.of_triangle, self.clusters.len(), &crossing);
         let mut has_triangle = vec![false; euler.len()];
         self.of_triangle.iter().for_each(|&cell| has_triangle[cell as usize] = true);
         let is_disk: Vec<bool> = euler.iter().zip(has_triangle).map(|(&euler, has)| euler == 1 || !has).collect();
         if is_disk.iter().all(|&is_disk| is_disk) {
-            return;
+            return crossing;
         }
         let mut triangles: Vec<Vec<u32>> = vec![Vec::new(); is_disk.len()];
         for (triangle, &cell) in (0..).zip(&self.of_triangle) {
@@ -110,6 +110,7 @@ impl Cells {
                 }
             }
         }
+        halves.crossing(&self.of_triangle)
     }
 }
 

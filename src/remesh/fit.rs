@@ -2,7 +2,8 @@
 //!
 //! Twice: the centroid g of every triangle of the surface finds its nearest point q among the triangles of the mesh
 //! *around its own cell's vertex*, with barycentric coordinates B. That cannot be on another sheet, and is as good as a
-//! search over the whole mesh (mean distances within 1 %). Then steps d of the vertices minimise
+//! search over the whole mesh (mean distances within 1 %). A lower bound of the distance ([`Candidate::bound`]) leaves
+//! one or two of these triangles to be looked at. Then steps d of the vertices minimise
 //!
 //! ```text
 //! Σ w·|B·d − (g − q)|² + λ·Σ |d|²
@@ -64,6 +65,73 @@ impl Found {
     }
 }
 
+/// A triangle of the mesh that may have the nearest point.
+struct Candidate {
+    corners: [DVec3; 3],
+    /// Its unit normal.
+    normal: DVec3,
+    /// Unit vectors in its plane, out of it across each side; side i begins at corner i.
+    outward: [DVec3; 3],
+}
+
+impl Candidate {
+    fn new(corners: [DVec3; 3]) -> Self {
+        let [a, b, c] = corners;
+        let normal = (b - a).cross(c - a).normalize_or_zero();
+        let outward = [b - a, c - b, a - c].map(|side| side.cross(normal).normalize_or_zero());
+        Self { corners, normal, outward }
+    }
+
+    /// A lower bound of the squared distance from a point, without rounding: of the distance to its plane and, within
+    /// the plane, that to the half-planes whose intersection it is.
+    #[inline]
+    fn bound(&self, point: DVec3) -> f64 {
+        let from = self.corners.map(|corner| point - corner);
+        let [one, two, three] = [0, 1, 2].map(|side| self.outward[side].dot(from[side]));
+        let (above, beside) = (self.normal.dot(from[0]), one.max(two).max(three).max(0.0));
+        above * above + beside * beside
+    }
+
+    fn look(&self, slot: usize, target: DVec3) -> Nearest {
+        let weights = closest(target, self.corners);
+        let error = target - point(weights, self.corners);
+        Nearest { slot, weights, error, distance: error.length_squared() }
+    }
+}
+
+/// The nearest point among some triangles.
+struct Nearest {
+    slot: usize,
+    weights: [f64; 3],
+    /// From the nearest point to the target.
+    error: DVec3,
+    /// Squared.
+    distance: f64,
+}
+
+impl Nearest {
+    /// Looks at the triangle with the lowest bound first, then at those whose bounds are below what was found.
+    fn new(around: &[Candidate], bounds: &mut [f64], target: DVec3) -> Option<Self> {
+        let (mut first, mut least) = (0, f64::INFINITY);
+        for (slot, (candidate, bound)) in around.iter().zip(&mut *bounds).enumerate() {
+            *bound = candidate.bound(target);
+            if *bound < least {
+                (first, least) = (slot, *bound);
+            }
+        }
+        let mut best = around.get(first)?.look(first, target);
+        for (slot, candidate) in around.iter().enumerate() {
+            if bounds[slot] < best.distance && slot != first {
+                let other = candidate.look(slot, target);
+                if other.distance < best.distance {
+                    best = other;
+                }
+            }
+        }
+        Some(best)
+    }
+}
+
 impl Fit<'_> {
     /// Moves vertices. The first vertices are those of the cells.
     pub fn run(&self, positions: &mut [DVec3]) {
@@ -90,24 +158,15 @@ impl Fit<'_> {
     /// Sums for each triangle of the mesh; `rows` has those around each cell's vertex.
     fn found(&self, rows: &[&[(u32, u32)]], scale: f64, positions: &[DVec3]) -> Vec<Found> {
         let of_cell = |cell: usize| {
-            let around: Vec<[DVec3; 3]> = rows[cell]
-                .iter()
-                .map(|&(_, triangle)| self.triangles[triangle as usize].map(|vertex| positions[vertex as usize]))
-                .collect();
+            let corners = |triangle: u32| self.triangles[triangle as usize].map(|vertex| positions[vertex as usize]);
+            let around: Vec<Candidate> =
+                rows[cell].iter().map(|&(_, triangle)| Candidate::new(corners(triangle))).collect();
             let mut found = vec![Found::default(); around.len()];
+            let mut bounds = vec![0.0; around.len()];
             for &triangle in self.triangles_of_cells.row(cell) {
                 let target = self.geometry.centroids[triangle as usize];
-                let mut best = (f64::INFINITY, 0, [0.0; 3], DVec3::ZERO);
-                for (slot, &corners) in around.iter().enumerate() {
-                    let weights = closest(target, corners);
-                    let error = target - point(weights, corners);
-                    if error.length_squared() < best.0 {
-                        best = (error.length_squared(), slot, weights, error);
-                    }
-                }
-                let (_, slot, weights, error) = best;
-                if let Some(found) = found.get_mut(slot) {
-                    found.add(scale * self.geometry.weights[triangle as usize], weights, error);
+                if let Some(Nearest { slot, weights, error, .. }) = Nearest::new(&around, &mut bounds, target) {
+                    found[slot].add(scale * self.geometry.weights[triangle as usize], weights, error);
                 }
             }
             found

@@ -1,4 +1,5 @@
-//! What vertices are placed by: areas, centroids and normals of the triangles, and which triangles each cell has.
+//! What vertices are placed by: areas, centroids, normals and sizes of the triangles, and which triangles each cell
+//! has.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -35,6 +36,11 @@ impl Rows {
         self.begin.len() - 1
     }
 
+    /// The items of all rows.
+    pub fn items(&self) -> &[u32] {
+        &self.items
+    }
+
     /// Where a row is among the items of all rows.
     pub fn range(&self, row: usize) -> std::ops::Range<usize> {
         self.begin[row] as usize..self.begin[row + 1] as usize
@@ -46,7 +52,7 @@ impl Rows {
     }
 }
 
-/// Area, centroid and unit normal of the triangles, in the frame of their surface.
+/// Area, centroid, unit normal and size of the triangles, in the frame of their surface.
 #[derive(Debug)]
 pub struct Geometry {
     /// Area, and at least a number so small that no area below it matters.
@@ -55,6 +61,8 @@ pub struct Geometry {
     pub centroids: Vec<DVec3>,
     /// Unit normal; 0 without an area.
     pub normals: Vec<DVec3>,
+    /// Distance from the centroid to the farthest corner.
+    pub reaches: Vec<f64>,
 }
 
 impl Geometry {
@@ -64,11 +72,12 @@ impl Geometry {
         const LEAST: f64 = 1e-290;
         let of = |triangle: usize| {
             let [a, b, c] = surface.corners(triangle as u32);
-            let normal = (b - a).cross(c - a);
-            ((normal.length() / 2.0).max(LEAST), ((a + b + c) / 3.0, normal.normalize_or_zero()))
+            let (normal, centroid) = ((b - a).cross(c - a), (a + b + c) / 3.0);
+            let reach = [a, b, c].map(|corner| corner.distance_squared(centroid)).into_iter().fold(0.0, f64::max);
+            (((normal.length() / 2.0).max(LEAST), centroid), (normal.normalize_or_zero(), reach.sqrt()))
         };
-        let (weights, (centroids, normals)) = (0..surface.faces.len()).into_par_iter().map(of).unzip();
-        Self { weights, centroids, normals }
+        let ((weights, centroids), (normals, reaches)) = (0..surface.faces.len()).into_par_iter().map(of).unzip();
+        Self { weights, centroids, normals, reaches }
     }
 
     /// Area-weighted mean of the centroids of some triangles.

@@ -139,13 +139,16 @@ pub struct VertexCounts {
 /// Labels do not fit the mesh ([`check_labels`]), or the mesh is too large to number.
 pub fn remesh(mesh: &PolygonMesh, labels: &[u32], clusters: u64, placement: Placement) -> Result<Remesh> {
     check_labels(mesh, labels, clusters)?;
-    let surface = CutSurface::new(mesh)?;
-    let geometry = Geometry::new(&surface);
-    let cells = Cells::new(&surface.halves, &geometry, surface.labels(labels), clusters as usize);
+    let of_clusters = Rows::new(clusters as usize, labels);
+    let surface = CutSurface::in_order(mesh, of_clusters.items().iter().copied())?;
+    drop(of_clusters);
+    let halves = &surface.halves;
+    let (geometry, mut cells) =
+        rayon::join(|| Geometry::new(&surface), || Cells::pieces(halves, surface.labels(labels), clusters as usize));
+    let crossing = cells.divide_into_disks(halves, &geometry);
     let triangles_of_cells = Rows::new(cells.clusters.len(), &cells.of_triangle);
     let cloth = Cloth { surface: &surface, geometry: &geometry, triangles_of_cells: &triangles_of_cells };
-    let crossing = surface.halves.crossing(&cells.of_triangle);
-    let complex = Complex::new(&surface.halves, &cells.of_triangle, &crossing);
+    let complex = Complex::new(halves, &cells.of_triangle, &crossing);
 
     let mut positions = cloth.positions(placement);
     let Dual { triangles, mut spots, on_boundary } = dual(&surface, &complex, &positions);
@@ -166,7 +169,7 @@ pub fn remesh(mesh: &PolygonMesh, labels: &[u32], clusters: u64, placement: Plac
         }
         Placement::Surface | Placement::Centroid => cloth.turn_back(&triangles, &mut positions, None),
     };
-    let topology = surface.halves.topology();
+    let topology = halves.topology();
     check::check(&triangles, positions.len(), topology)?;
 
     let made = Made { mesh, labels, clusters, cells: &cells, cloth: &cloth, spots: &spots, on_boundary };
@@ -185,7 +188,7 @@ pub fn remesh(mesh: &PolygonMesh, labels: &[u32], clusters: u64, placement: Plac
         euler: topology.euler,
         loops: topology.loops,
         components: topology.components,
-        cut_edges: surface.halves.cut_edges,
+        cut_edges: halves.cut_edges,
         flipped,
         checked: true,
     };

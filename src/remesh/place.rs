@@ -54,10 +54,18 @@ impl Cloth<'_> {
         (0..self.triangles_of_cells.len()).into_par_iter().map(of_cell).collect()
     }
 
-    /// The nearest point of a cell's triangles.
+    /// The nearest point of a cell's triangles. No triangle is nearer than its centroid less its reach, so most are not
+    /// looked at.
     pub fn nearest(&self, cell: usize, to: DVec3) -> Option<OnSurface> {
+        let triangles = self.triangles_of_cells.row(cell);
+        let to_centroid = |triangle: u32| self.geometry.centroids[triangle as usize].distance_squared(to);
+        let enough = triangles.iter().map(|&triangle| to_centroid(triangle)).fold(f64::INFINITY, f64::min).sqrt();
         let mut best = (f64::INFINITY, None);
-        for &triangle in self.triangles_of_cells.row(cell) {
+        for &triangle in triangles {
+            let limit = enough + self.geometry.reaches[triangle as usize];
+            if to_centroid(triangle) > limit * limit {
+                continue;
+            }
             let corners = self.surface.corners(triangle);
             let weights = closest(to, corners);
             let distance = to.distance_squared(point(weights, corners));

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::artifacts::{ALL, Artifact, Form, Need};
 use crate::error::{Error, Quoted, Result};
-use crate::parameters::Parameters;
+use crate::parameters::{Name, Parameters};
 
 /// What a job keeps of its mesh.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -42,6 +42,13 @@ impl Kept {
 
     /// Refuses outputs that jobs with these parameters do not have.
     pub fn check(&self, parameters: &Parameters) -> Result<()> {
+        if self.mesh && parameters.subdivide.is_some() {
+            return Err(Error::parameter(format_args!(
+                "keep_mesh does not go with {}, by which another mesh is clustered: name what is to be made of that \
+                 with outputs",
+                Name::SUBDIVIDE
+            )));
+        }
         match self.outputs.first().filter(|_| !Need::Labels.is_met(parameters)) {
             Some(name) => Err(Error::parameter(format_args!(
                 "a whole hierarchy has labels at every number of clusters: give clusters, or keep_mesh=true instead of \
@@ -78,7 +85,7 @@ pub(super) fn files<'a>(names: impl Iterator<Item = &'a str>) -> Result<Vec<Stri
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::parameters::Algorithm;
+    use crate::parameters::{Algorithm, Subdivide};
 
     #[test]
     fn outputs_are_named_by_file_or_by_name() {
@@ -98,6 +105,9 @@ mod tests {
         let mesh = Kept { outputs: Vec::new(), mesh: true };
         assert!(named.check(&cut).is_ok() && mesh.check(&whole).is_ok());
         assert!(named.check(&whole).is_err());
+        let divided = Parameters { clusters: Some(3), subdivide: Some(Subdivide::Auto), ..Parameters::default() };
+        assert!(named.check(&divided).is_ok());
+        assert!(mesh.check(&divided).expect_err("another mesh").message.contains("outputs"));
         assert_eq!(named.forms().count(), 1);
         for artifact in made_of_mesh() {
             assert!(mesh.gives(artifact));

@@ -37,9 +37,9 @@ pub fn weld(mesh: &PolygonMesh) -> (Weld, Vec<u32>) {
 
 /// For each vertex the first one at its position.
 ///
-/// Vertices are sorted by a hash of their position and by number, because whole numbers sort in a third of the time
-/// that positions take; those of equal hash are sorted by position.
-fn first_vertices(positions: &[[f64; 3]]) -> Vec<u32> {
+/// Vertices are sorted by a hash of their position and by number, because whole numbers sort faster than positions;
+/// those of equal hash are sorted by position.
+pub fn first_vertices(positions: &[[f64; 3]]) -> Vec<u32> {
     let mut sorted: Vec<u64> =
         positions.par_iter().enumerate().map(|(vertex, position)| hash(position) << 32 | vertex as u64).collect();
     sorted.par_sort_unstable();

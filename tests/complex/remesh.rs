@@ -6,7 +6,8 @@ use std::sync::LazyLock;
 use proptest::prelude::*;
 use tesserae::dev::sample::{Sample, generate};
 use tesserae::mesh::PolygonMesh;
-use tesserae::remesh::{Placement, Remesh, VertexKind, remesh};
+use tesserae::mesh::divide::divided;
+use tesserae::remesh::{Placement, Remesh, Summary, VertexKind, remesh};
 
 use super::checker::{look, oriented, welded};
 use super::common::zoo;
@@ -177,6 +178,19 @@ fn every_face_a_cluster_and_clusters_without_faces_are_possible() {
         let labels = vec![faces as u32 - 1; faces as usize];
         let made = sound(mesh, &labels, faces, Placement::Fit);
         assert_eq!(made.summary.vertices.clusters, faces, "{name}");
+    }
+}
+
+#[test]
+fn divided_faces_change_no_topology() {
+    for (number, (name, mesh)) in (0..).zip(ZOO.iter()).filter(|(_, (name, _))| name != "tiny") {
+        let (fine, _) = divided(mesh, 1).expect("few faces");
+        let recipe = Recipe { kind: Kind::Nearest, clusters: 20, noise: 1, seed: number };
+        let (labels, clusters) = recipe.labels(&fine);
+        let of_fine = sound(&fine, &labels, clusters, Placement::Fit).summary;
+        let whole = sound(mesh, &vec![0; mesh.faces.len()], 1, Placement::Surface).summary;
+        let topology = |summary: Summary| (summary.euler, summary.loops, summary.components);
+        assert_eq!((topology(of_fine), of_fine.cut_edges), (topology(whole), 2 * whole.cut_edges), "{name}");
     }
 }
 

@@ -145,6 +145,28 @@ async fn a_remesh_is_placed_as_the_query_says() {
 }
 
 #[tokio::test]
+async fn a_mesh_is_divided_for_its_remesh_and_then_has_no_labels() {
+    let service = Service::start().await;
+    let job = done(&service, "clusters=60&subdivide=auto&outputs=remesh.ply,remesh-source.npz", 500).await;
+    let report = json(service.get(text(&job["urls"]["report"]))).await;
+    assert_eq!((&report["parameters"]["subdivide"], &report["remesh"]["checked"]), (&1.into(), &true.into()));
+    assert!(bytes(&service, text(&job["urls"]["remesh"])).await.starts_with(b"ply\n"));
+    assert!(bytes(&service, text(&job["urls"]["remesh-source"])).await.starts_with(b"PK"));
+    let detail = refused(service.get(text(&job["urls"]["labels"])), 409, "conflict").await;
+    assert!(detail.contains("subdivide"), "{detail}");
+    for (query, word) in [
+        ("clusters=9&subdivide=1&keep_mesh=true", "keep_mesh"),
+        ("clusters=9&subdivide=often", "auto"),
+        ("clusters=9&subdivide=1&snapshots=3", "snapshots"),
+        ("algorithm=hr&subdivide=1", "hr"),
+    ] {
+        let request = service.post(&format!("/v1/jobs?{query}")).header("content-type", "model/obj").body(sphere(300));
+        let detail = refused(request, 422, "invalid-parameter").await;
+        assert!(detail.contains(word), "{detail}");
+    }
+}
+
+#[tokio::test]
 async fn an_output_that_cannot_be_written_is_a_warning_of_a_job_that_succeeds() {
     let service = Service::start().await;
     let job = done(&service, "clusters=2100&outputs=submeshes.glb,mesh.ply", 5000).await;

@@ -74,6 +74,11 @@ pub(in crate::service) async fn labels(
         .into());
     }
     check_clusters(&job, &summary, clusters)?;
+    if !Need::Faces.is_met(parameters) {
+        let message = "this job divided the faces of the mesh before it clustered them (subdivide): there are no \
+                       labels of its faces, only the named outputs";
+        return Err(Error::new(Kind::Conflict, message).into());
+    }
     let form = negotiate::form(&headers, format.as_deref(), &LABELS)?;
     // the raw numbers are what follows the header of the .npy file
     let numbers = Some(GetRange::Suffix(4 * summary.faces));
