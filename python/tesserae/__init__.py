@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from tesserae._cluster import cluster as cluster
     from tesserae._clustering import Clustering as Clustering
     from tesserae._clustering import Remesh as Remesh
+    from tesserae._clustering import outputs as outputs
     from tesserae._errors import Error as Error
     from tesserae._hierarchy import Cut as Cut
     from tesserae._hierarchy import Hierarchy as Hierarchy
@@ -28,8 +29,12 @@ if TYPE_CHECKING:
     from tesserae._native import __version__ as __version__
     from tesserae._rows import Iteration as Iteration
     from tesserae._rows import Level as Level
+    from tesserae.client import AsyncClient as AsyncClient
+    from tesserae.client import Client as Client
 
 _MODULES = {
+    "AsyncClient": "client",
+    "Client": "client",
     "Clustering": "_clustering",
     "Cut": "_hierarchy",
     "Error": "_errors",
@@ -40,9 +45,12 @@ _MODULES = {
     "Remesh": "_clustering",
     "__version__": "_native",
     "cluster": "_cluster",
+    "outputs": "_clustering",
 }
 
 __all__ = [
+    "AsyncClient",
+    "Client",
     "Clustering",
     "Cut",
     "Error",
@@ -53,6 +61,7 @@ __all__ = [
     "Remesh",
     "__version__",
     "cluster",
+    "outputs",
 ]
 
 
