@@ -1,0 +1,16 @@
+"""The command line: ``python -m tesserae`` and the script ``tesserae``."""
+
+from __future__ import annotations
+
+import sys
+
+
+def main() -> int:
+    """Run the command that the arguments of this process name; return its exit status."""
+    from tesserae import _native
+
+    return _native.main(["tesserae", *sys.argv[1:]])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
