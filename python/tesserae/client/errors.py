@@ -9,10 +9,10 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any, Mapping, cast
 
-from .._errors import Error
+from tesserae._errors import Error
 
 if TYPE_CHECKING:
-    from .documents import Problem
+    from tesserae.client.documents import Problem
 
 
 class ServiceError(Error):

@@ -12,7 +12,7 @@ from typing import IO, TYPE_CHECKING, Any, Literal, Mapping, Sequence, TypedDict
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-    from .documents import Algorithm, Format
+    from tesserae.client.documents import Algorithm, Format
 
 Source = Union[str, "os.PathLike[str]", bytes, IO[bytes]]
 """A file: its name, its bytes, or an open binary file that can be rewound."""

@@ -13,14 +13,14 @@ import uuid
 from dataclasses import replace
 from typing import IO, TYPE_CHECKING, Mapping, cast
 
-from .errors import Conflict, JobCancelled, JobFailed, NotFound, TimedOut
-from .exchange import Answer, Broken, Patience, Pause, Request, Steps, error_in, exchange, members, send
-from .operations import OPERATIONS
-from .upload import form_of
+from tesserae.client.errors import Conflict, JobCancelled, JobFailed, NotFound, TimedOut
+from tesserae.client.exchange import Answer, Broken, Patience, Pause, Request, Steps, error_in, exchange, members, send
+from tesserae.client.operations import OPERATIONS
+from tesserae.client.upload import form_of
 
 if TYPE_CHECKING:
-    from .documents import JobDocument, JobList
-    from .options import SubmitOptions
+    from tesserae.client.documents import JobDocument, JobList
+    from tesserae.client.options import SubmitOptions
 
 ENDED = ("succeeded", "failed", "cancelled")
 

@@ -16,13 +16,13 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from .._errors import Error
-from .._mesh import Mesh
-from .exchange import Form
-from .operations import PARAMETERS
+from tesserae._errors import Error
+from tesserae._mesh import Mesh
+from tesserae.client.exchange import Form
+from tesserae.client.operations import PARAMETERS
 
 if TYPE_CHECKING:
-    from .options import Source, SubmitOptions
+    from tesserae.client.options import Source, SubmitOptions
 
 BYTES = "application/octet-stream"
 
