@@ -28,8 +28,12 @@ if TYPE_CHECKING:
     from tesserae._native import __version__ as __version__
     from tesserae._rows import Iteration as Iteration
     from tesserae._rows import Level as Level
+    from tesserae.client import AsyncClient as AsyncClient
+    from tesserae.client import Client as Client
 
 _MODULES = {
+    "AsyncClient": "client",
+    "Client": "client",
     "Clustering": "_clustering",
     "Cut": "_hierarchy",
     "Error": "_errors",
@@ -43,6 +47,8 @@ _MODULES = {
 }
 
 __all__ = [
+    "AsyncClient",
+    "Client",
     "Clustering",
     "Cut",
     "Error",

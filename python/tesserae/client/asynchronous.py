@@ -32,7 +32,7 @@ if TYPE_CHECKING:
         Version,
     )
     from tesserae.client.exchange import Steps
-    from tesserae.client.options import SubmitOptions
+    from tesserae.client.options import MeshSource, SubmitOptions
 
 
 class AsyncClient:
@@ -62,7 +62,7 @@ class AsyncClient:
     ) -> None:
         await self.close()
 
-    async def submit(self, mesh: object, **options: Unpack[SubmitOptions]) -> AsyncJob:
+    async def submit(self, mesh: MeshSource, **options: Unpack[SubmitOptions]) -> AsyncJob:
         """Uploads a mesh to be clustered."""
         return AsyncJob(self._connection, await self._connection.run(steps.submit(mesh, options, self._patience)))
 
@@ -193,7 +193,9 @@ class AsyncJob:
         """A row a cluster: size, place, shape, neighbours, energy."""
         return await self._connection.run(results.table(self.id, {"clusters": clusters}, self._patience))
 
-    async def remesh_source(self, clusters: int | None = None, *, placement: str | None = None) -> dict[str, NDArray[Any]]:
+    async def remesh_source(
+        self, clusters: int | None = None, *, placement: str | None = None
+    ) -> dict[str, NDArray[Any]]:
         """What each vertex of the remesh stands for."""
         query = {"clusters": clusters, "placement": placement}
         return await self._connection.run(results.arrays(self.id, "remesh-source", query, self._patience))
@@ -205,7 +207,11 @@ class AsyncJob:
         return await self._connection.run(results.content(self.id, name, format, options, self._patience))
 
     async def save(
-        self, path: str | os.PathLike[str], form: str | None = None, clusters: int | None = None, **query: str | float | bool
+        self,
+        path: str | os.PathLike[str],
+        form: str | None = None,
+        clusters: int | None = None,
+        **query: str | float | bool,
     ) -> None:
         """Writes an output to a file, whole or not at all."""
         target = pathlib.Path(path)

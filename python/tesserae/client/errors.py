@@ -153,8 +153,8 @@ def error_of(status: int, headers: Mapping[str, str], body: bytes, path: str) ->
         "instance": path,
     }
     by_status: Mapping[int, type[ServiceError]] = {401: Unauthorized, 403: Unauthorized, 404: NotFound, 409: Conflict}
-    retryable = dict.fromkeys([408, 429, 502, 503, 504], Busy)
-    return {**by_status, **retryable}.get(status, ServiceError)(unknown, seconds)
+    kind = Busy if status in (408, 429, 502, 503, 504) else by_status.get(status, ServiceError)
+    return kind(unknown, seconds)
 
 
 def _problem(body: bytes) -> Problem | None:

@@ -29,8 +29,8 @@ class Request:
 
     method: str
     path: str
-    query: Mapping[str, str] = field(default_factory=dict)
-    headers: Mapping[str, str] = field(default_factory=dict)
+    query: Mapping[str, str] = field(default_factory=dict[str, str])
+    headers: Mapping[str, str] = field(default_factory=dict[str, str])
     form: Form | None = None
     #: Seconds beyond the client's timeout that the service may take before it answers.
     extra_time: float = 0.0
@@ -53,7 +53,7 @@ class Broken:
 
     cause: Exception
     #: Those of the answer that began.
-    headers: Mapping[str, str] = field(default_factory=dict)
+    headers: Mapping[str, str] = field(default_factory=dict[str, str])
 
 
 @dataclass(frozen=True)

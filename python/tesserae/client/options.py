@@ -11,17 +11,23 @@ from typing import IO, TYPE_CHECKING, Any, Literal, Mapping, Sequence, TypedDict
 
 if TYPE_CHECKING:
     import numpy as np
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
+
+    from tesserae._mesh import FacesLike, MeshLike
     from tesserae.client.documents import Algorithm, Format
 
 Source = Union[str, "os.PathLike[str]", bytes, IO[bytes]]
 """A file: its name, its bytes, or an open binary file that can be rewound."""
 
 
+MeshSource = Union[Source, "MeshLike", "tuple[ArrayLike, FacesLike]"]
+"""A mesh to upload: a file, a mesh in memory, or points and faces as a tuple."""
+
+
 class Parameters(TypedDict, total=False):
     """What a job is asked to do: the members of the part ``parameters`` of an upload."""
 
-    #: How to cluster: ``"bb"``, ``"acvd"`` or ``"vc"`` for flat clusters, ``"pml"``, ``"ml"`` or ``"hr"`` for a hierarchy.
+    #: How to cluster: ``"bb"``, ``"acvd"``, ``"vc"`` make flat clusters, ``"pml"``, ``"ml"``, ``"hr"`` a hierarchy.
     algorithm: Algorithm
     #: Number of clusters. May be left out with listed ``seeds``, and for hierarchies, which then go to the top.
     clusters: int

@@ -8,7 +8,7 @@ import json
 import os
 import pathlib
 import uuid
-from typing import IO, TYPE_CHECKING, Any, Iterator, Mapping, Union, cast
+from typing import IO, TYPE_CHECKING, Any, Generator, Mapping, Union, cast
 
 import numpy as np
 
@@ -53,7 +53,7 @@ def options(clusters: int | None, query: Query) -> Query:
 
 
 @contextlib.contextmanager
-def replacing(target: pathlib.Path) -> Iterator[IO[bytes]]:
+def replacing(target: pathlib.Path) -> Generator[IO[bytes], None, None]:
     """A file that takes the place of ``target`` once it is whole."""
     beside = target.with_name(f".{target.name}.{uuid.uuid4().hex}")
     try:

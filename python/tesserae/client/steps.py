@@ -20,12 +20,12 @@ from tesserae.client.upload import form_of
 
 if TYPE_CHECKING:
     from tesserae.client.documents import JobDocument, JobList
-    from tesserae.client.options import SubmitOptions
+    from tesserae.client.options import MeshSource, SubmitOptions
 
 ENDED = ("succeeded", "failed", "cancelled")
 
 
-def submit(mesh: object, options: SubmitOptions, patience: float) -> Steps[JobDocument]:
+def submit(mesh: MeshSource, options: SubmitOptions, patience: float) -> Steps[JobDocument]:
     """Uploads a mesh."""
     wait = options.get("wait")
     key = options.get("idempotency_key") or str(uuid.uuid4())

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
         Version,
     )
     from tesserae.client.exchange import Steps
-    from tesserae.client.options import SubmitOptions
+    from tesserae.client.options import MeshSource, SubmitOptions
 
 
 class Client:
@@ -85,7 +85,7 @@ class Client:
     ) -> None:
         self.close()
 
-    def submit(self, mesh: object, **options: Unpack[SubmitOptions]) -> Job:
+    def submit(self, mesh: MeshSource, **options: Unpack[SubmitOptions]) -> Job:
         """Uploads a mesh to be clustered.
 
         Parameters
@@ -307,7 +307,11 @@ class Job:
         return self._connection.run(results.content(self.id, name, format, options, self._patience))
 
     def save(
-        self, path: str | os.PathLike[str], form: str | None = None, clusters: int | None = None, **query: str | float | bool
+        self,
+        path: str | os.PathLike[str],
+        form: str | None = None,
+        clusters: int | None = None,
+        **query: str | float | bool,
     ) -> None:
         """Writes an output to a file, whole or not at all.
 

@@ -11,7 +11,7 @@ import io
 import json
 import os
 import pathlib
-from typing import IO, TYPE_CHECKING, Any, Iterator, Mapping, cast
+from typing import IO, TYPE_CHECKING, Any, Generator, Mapping, cast
 from urllib.parse import unquote
 
 import numpy as np
@@ -22,13 +22,16 @@ from tesserae.client.exchange import Form
 from tesserae.client.operations import PARAMETERS
 
 if TYPE_CHECKING:
-    from tesserae.client.options import Source, SubmitOptions
+    from numpy.typing import ArrayLike
+
+    from tesserae._mesh import FacesLike, MeshLike
+    from tesserae.client.options import MeshSource, Source, SubmitOptions
 
 BYTES = "application/octet-stream"
 
 
 @contextlib.contextmanager
-def form_of(mesh: object, options: SubmitOptions) -> Iterator[Form]:
+def form_of(mesh: MeshSource, options: SubmitOptions) -> Generator[Form, None, None]:
     """The form of an upload; files are open as long as the context lasts.
 
     Parameters
@@ -46,14 +49,15 @@ def form_of(mesh: object, options: SubmitOptions) -> Iterator[Form]:
         left.pop(name, None)
     with contextlib.ExitStack() as files:
         if isinstance(mesh, (str, os.PathLike)):
-            path = pathlib.Path(cast("str | os.PathLike[str]", mesh))
+            path = pathlib.Path(mesh)
             file_name = file_name or path.name
             buffers = {**_beside(path), **buffers}
             content: bytes | IO[bytes] = files.enter_context(_open(path))
-        elif isinstance(mesh, bytes) or hasattr(mesh, "read"):
+        elif _is_content(mesh):
             content = cast("bytes | IO[bytes]", mesh)
         else:
-            content, file_name = ply(_in_memory(mesh)), file_name or "mesh.ply"
+            content = ply(_in_memory(cast("MeshLike | tuple[ArrayLike, FacesLike]", mesh)))
+            file_name = file_name or "mesh.ply"
         # The service tells parts with a file from others by the file name.
         parts: list[tuple[str, str | None, bytes | IO[bytes], str]] = [("mesh", file_name or "mesh", content, BYTES)]
         for uri, source in buffers.items():
@@ -77,12 +81,12 @@ def _members(left: Mapping[str, Any]) -> dict[str, Any]:
     for name, value in left.items():
         if value is None:
             continue
-        if isinstance(value, (np.generic, np.ndarray)):
-            value = value.tolist()
-        elif not isinstance(value, (str, int, float)):
-            value = [each.item() if isinstance(each, np.generic) else each for each in value]
-        plain[name] = value
+        plain[name] = value if isinstance(value, (str, int, float)) else np.asarray(value).tolist()
     return plain
+
+
+def _is_content(mesh: object) -> bool:
+    return isinstance(mesh, bytes) or hasattr(mesh, "read")
 
 
 def _open(path: str | os.PathLike[str]) -> IO[bytes]:
@@ -114,34 +118,31 @@ def _beside(path: pathlib.Path) -> dict[str, pathlib.Path]:
     return found
 
 
-def _in_memory(mesh: object) -> Mesh:
-    if isinstance(mesh, tuple):
-        pair = cast("tuple[Any, ...]", mesh)
-        if len(pair) == 2:
-            return Mesh.of(pair[0], pair[1])
-        raise Error("invalid-mesh", f"a mesh of arrays must be a pair of points and faces, not {len(pair)} arrays")
-    return Mesh.of(mesh)
+def _in_memory(mesh: MeshLike | tuple[ArrayLike, FacesLike]) -> Mesh:
+    if not isinstance(mesh, tuple):
+        return Mesh.of(mesh)
+    if len(mesh) != 2:
+        raise Error("invalid-mesh", f"a mesh of arrays must be a pair of points and faces, not {len(mesh)} arrays")
+    return Mesh(*mesh)
 
 
 def ply(mesh: Mesh) -> bytes:
     """A mesh as binary PLY: single or double precision as it is, every face as a list of corners."""
-    points = np.asarray(mesh.points)
-    kind = "float" if points.dtype == np.float32 else "double"
-    padded = np.asarray(mesh.padded())
-    faces = len(mesh.connectivity) // 3 if mesh.offsets is None else len(mesh.offsets) - 1
+    kind = "float" if mesh.points.dtype == np.float32 else "double"
+    padded = mesh.padded()
     header = [
         "ply",
         "format binary_little_endian 1.0",
-        f"element vertex {len(points)}",
+        f"element vertex {mesh.n_points}",
         *(f"property {kind} {axis}" for axis in "xyz"),
-        f"element face {faces}",
+        f"element face {mesh.n_faces}",
         "property list int int vertex_indices",
         "end_header",
         "",
     ]
     if padded.size and (padded.min() < 0 or padded.max() > np.iinfo(np.int32).max):
         raise Error("invalid-mesh", f"a face names a vertex that cannot be: {padded.min()} to {padded.max()}")
-    body = points.astype("<f4" if kind == "float" else "<f8", copy=False).tobytes()
+    body = mesh.points.astype("<f4" if kind == "float" else "<f8", copy=False).tobytes()
     return b"".join(["\n".join(header).encode(), body, padded.astype("<i4", copy=False).tobytes()])
 
 
