@@ -35,14 +35,14 @@ impl CutSurface {
         if count > MOST {
             return Err(Error::too_large(format_args!("the mesh has more triangles than {MOST}: {count}")));
         }
-        let (_, points_of_corners) = weld::weld(mesh);
+        let (_, points_of_corners) = weld::weld(mesh.into());
         let mut vertices = Vec::new();
         for (&point, &vertex) in points_of_corners.iter().zip(mesh.faces.all_corners()) {
             if point as usize == vertices.len() {
                 vertices.push(vertex);
             }
         }
-        let frame = Frame::of(vertices.iter().map(|&vertex| &mesh.positions[vertex as usize]), 0);
+        let frame = Frame::of(vertices.iter().map(|&vertex| mesh.positions[vertex as usize]), 0);
         let points =
             vertices.par_iter().map(|&vertex| frame.position(mesh.positions[vertex as usize])).collect::<Vec<_>>();
         let room = count as usize;
