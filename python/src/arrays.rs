@@ -160,12 +160,13 @@ pub fn unpad<'py>(
 fn unpadded(mut numbers: impl ExactSizeIterator<Item = i64>) -> Result<(Vec<i64>, Vec<i64>)> {
     let (mut corners, mut offsets) = (Vec::with_capacity(numbers.len()), vec![0]);
     while let Some(count) = numbers.next() {
-        let count = usize::try_from(count).ok().filter(|count| (1..=numbers.len()).contains(count)).ok_or_else(|| {
-            Error::mesh(format_args!(
-                "face {} (from 0) of the padded array has no corners, or more than are left: {count}",
-                offsets.len() - 1
-            ))
-        })?;
+        let count =
+            usize::try_from(count).ok().filter(|count| (1..=numbers.len()).contains(count)).ok_or_else(|| {
+                Error::mesh(format_args!(
+                    "face {} (from 0) of the padded array has no corners, or more than are left: {count}",
+                    offsets.len() - 1
+                ))
+            })?;
         corners.extend(numbers.by_ref().take(count));
         offsets.push(corners.len() as i64);
     }
