@@ -51,8 +51,9 @@ pub struct Report {
 /// What was read.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Input {
-    /// The format of the upload.
-    pub format: Format,
+    /// The format of the upload. Null for a mesh that was in memory, as in Python.
+    #[schema(value_type = Format)]
+    pub format: Option<Format>,
     /// Vertices stored in the upload, those that no face uses included (glTF: every placement counts).
     pub vertices: u64,
     /// Faces, the items that get clustered.

@@ -61,6 +61,7 @@ pub struct NodeLink {
 
 /// A cluster as a node.
 #[derive(Debug, Serialize, ToSchema)]
+#[schema(as = GraphNode)]
 struct Node {
     /// The number of the cluster.
     id: u32,

@@ -11,14 +11,12 @@ use super::progress::Progress;
 use super::results::{ChoiceFlags, OfJob, OutputFile, Outputs, check_places};
 use super::{Failure, complain, print_line, say, signals};
 use crate::artifacts::{Artifact, Choices, Content, LABELS, LINKAGE_NPY, Labels, Need};
-use crate::device::Cancel;
-use crate::device::cpu::CpuDevice;
 use crate::error::{Error, Kind};
 use crate::hierarchy::linkage::no_single_root;
-use crate::job::{self, InputFile, Outcome, Plan, Prepared, Request, milliseconds};
+use crate::job::{self, InputFile, Outcome, Plan, Request, milliseconds};
 use crate::mesh::Limits;
 use crate::parameters::{Parameters, Seeds};
-use crate::report::{Report, Row};
+use crate::report::Report;
 
 /// Arguments of `tesserae cluster`.
 #[derive(Debug, clap::Args)]
@@ -260,25 +258,8 @@ fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Fa
         progress.hierarchy(prepared.input.faces, target);
     }
     progress.stage("clustering");
-    run_on_device(arguments, &prepared, &cancel, progress)
-}
-
-/// Clusters on the chosen device; with `auto`, the cpu does what a gpu cannot.
-fn run_on_device(
-    arguments: &Arguments,
-    prepared: &Prepared,
-    cancel: &Cancel,
-    progress: &mut Progress,
-) -> Result<Outcome, Failure> {
-    let mut on_row = |row: Row| progress.row(&row);
-    let mut device = arguments.device.open(prepared)?;
-    match job::run(prepared, device.as_mut(), cancel, &mut on_row) {
-        Err(error) if error.kind == Kind::DeviceUnsuitable && arguments.device.is_auto() => {
-            tracing::warn!(%error, "taking the cpu instead of the gpu");
-            Ok(job::run(prepared, &mut CpuDevice::new(), cancel, &mut on_row)?)
-        }
-        outcome => Ok(outcome?),
-    }
+    let device = arguments.device.choice();
+    Ok(job::run_on(device, &prepared, &cancel, &mut |row| progress.row(&row))?)
 }
 
 /// What came out, in one line.

@@ -1,9 +1,7 @@
 //! The flags that choose a device, the same for every command that needs one.
 
-use crate::device::Device;
-use crate::device::select::{self, DeviceChoice};
-use crate::error::Result;
-use crate::job::Prepared;
+use crate::device::select::DeviceChoice;
+use crate::job;
 
 /// Which device a command uses.
 #[derive(Debug, Clone, clap::Args)]
@@ -34,13 +32,8 @@ impl DeviceArguments {
         self.device == DeviceChoice::Gpu || self.adapter.is_some()
     }
 
-    /// Opens the device for one mesh. `auto` takes the cpu for what merges one pair after the other, as for small
-    /// meshes.
-    pub fn open(&self, prepared: &Prepared) -> Result<Box<dyn Device>> {
-        let faces = match prepared.plan.is_sequential() {
-            true => 0,
-            false => prepared.input.faces,
-        };
-        select::open(self.device, self.adapter.as_deref(), Some(faces))
+    /// The choice, for a job.
+    pub fn choice(&self) -> job::DeviceFor<'_> {
+        job::DeviceFor { choice: self.device, adapter: self.adapter.as_deref() }
     }
 }

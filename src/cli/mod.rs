@@ -29,6 +29,7 @@ mod service;
 mod signals;
 
 use std::error::Error as _;
+use std::ffi::OsString;
 use std::fmt::Display;
 use std::io::{self, Write};
 use std::process::ExitCode;
@@ -83,24 +84,29 @@ enum Command {
 
 /// Runs the command that the arguments of this process name.
 pub fn main() -> ExitCode {
+    ExitCode::from(main_of(std::env::args_os()))
+}
+
+/// Runs the command of these arguments, the first of which is the name of the program; gives the exit status.
+pub fn main_of(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     names::spell_as_flags(true);
-    let outcome = match Cli::try_parse() {
+    let outcome = match Cli::try_parse_from(arguments) {
         Ok(cli) => run(cli.command),
         Err(wrong) if wrong.use_stderr() => return usage_error(&wrong),
         Err(help) => print(|_| help.print()),
     };
     match outcome {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) => 0,
         Err(Failure::Usage(command, message)) => usage_error(&as_parser_says(command, &message)),
         Err(Failure::Failed(error)) => {
             complain(&error.message);
-            ExitCode::FAILURE
+            1
         }
         Err(Failure::Stopped) => {
             complain(&signals::stopped());
-            ExitCode::FAILURE
+            1
         }
-        Err(Failure::BrokenPipe) => ExitCode::FAILURE,
+        Err(Failure::BrokenPipe) => 1,
     }
 }
 
@@ -198,14 +204,14 @@ fn as_parser_says(command: &str, message: &str) -> clap::Error {
 }
 
 /// Says what is wrong with the command line. Exit status 2.
-fn usage_error(wrong: &clap::Error) -> ExitCode {
+fn usage_error(wrong: &clap::Error) -> u8 {
     let cause = wrong.source().map(ToString::to_string).unwrap_or_default();
     // Where even that cannot be said, the status is all that is left.
     let _ = match what_it_must_be(&cause) {
         Some(must) => io::stderr().write_all(wrong.render().to_string().replacen(&cause, must, 1).as_bytes()),
         None => wrong.print(),
     };
-    ExitCode::from(2)
+    2
 }
 
 #[cfg(test)]

@@ -41,7 +41,7 @@ impl CutSurface {
         if count > MOST {
             return Err(Error::too_large(format_args!("the mesh has more triangles than {MOST}: {count}")));
         }
-        let first = weld::first_vertices(&mesh.positions);
+        let first = weld::first_vertices(mesh.into());
         let mut numbers = vec![weld::UNUSED; first.len()];
         let mut vertices = Vec::with_capacity(first.len());
         let room = count as usize;
@@ -68,7 +68,7 @@ impl CutSurface {
             }
         }
         drop((first, numbers));
-        let frame = Frame::of(vertices.iter().map(|&vertex| &mesh.positions[vertex as usize]), 0);
+        let frame = Frame::of(vertices.iter().map(|&vertex| mesh.positions[vertex as usize]), 0);
         let points =
             vertices.par_iter().map(|&vertex| frame.position(mesh.positions[vertex as usize])).collect::<Vec<_>>();
         let halves = HalfEdges::new(triangles, points.len());

@@ -84,7 +84,7 @@ impl Sums {
 pub(super) fn table(mesh: &PolygonMesh, surface: &CutSurface, labels: &[u32], euler: &[i64]) -> Vec<Cluster> {
     let frame = &surface.frame;
     let mut all = vec![Sums::ZERO; euler.len()];
-    let geometry = frame.faces(mesh, |_| None);
+    let geometry = frame.faces(mesh.into(), |_| None);
     for (face, (&label, of_face)) in labels.iter().zip(&geometry).enumerate() {
         let sums = &mut all[label as usize];
         sums.faces += 1;

@@ -1,7 +1,7 @@
 //! One job from bytes to results: what the command line and the service both do.
 //!
 //! Stages, so that the service can overlap them for neighbouring jobs: [`cluster`] belongs on the thread of the device;
-//! what comes before ([`prepare`]: parse, topology, seeds) and after ([`finish()`], and the encoding of results,
+//! what comes before ([`prepare()`]: parse, topology, seeds) and after ([`finish()`], and the encoding of results,
 //! [`crate::artifacts`]) on the cpu pool.
 
 mod divide;
@@ -11,14 +11,18 @@ mod hierarchical;
 mod iterations;
 mod label_list;
 mod npy;
+mod on_device;
 mod plan;
+mod prepare;
 mod seed_list;
 mod spec;
 mod weight_list;
 
 pub use finish::{finish, labels_sha256};
 pub use label_list::parse as parse_labels;
+pub use on_device::{DeviceFor, run_on};
 pub use plan::{Coarse, Plan};
+pub use prepare::{InMemory, prepare_in_memory};
 #[cfg(fuzzing)]
 pub(crate) use seed_list::parse as parse_seeds;
 pub use spec::{JobSpec, Method};
@@ -27,19 +31,21 @@ pub use weight_list::check_head as check_head_of_weights;
 pub(crate) use weight_list::parse as parse_weights;
 
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crate::artifacts::{Artifact, Content, Labels, Need};
 use crate::cluster::record::Record;
 use crate::device::{Cancel, Device};
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::hierarchy::Tree;
 use crate::hierarchy::stored::Stored;
 use crate::mesh::divide::Origin;
 use crate::mesh::{self, Format, Limits, PolygonMesh, Resources};
-use crate::parameters::{Name, Parameters, Seeds};
+use crate::parameters::Parameters;
 use crate::report::{DeviceInfo, DeviceKind, Input, Iteration, Level, Report, Row, Timings, WeightedBy};
-use crate::surface::{Surface, Wanted};
+use crate::surface::Surface;
+
+use self::prepare::{About, Checked};
 
 /// Everything that a job is made of.
 #[derive(Clone, Copy)]
@@ -156,7 +162,7 @@ pub fn prepare(request: &Request<'_>) -> Result<Prepared> {
     prepare_naming_files(request).map_err(|refusal| refusal.error)
 }
 
-/// As [`prepare`], with errors that say which file they are about.
+/// As [`prepare()`], with errors that say which file they are about.
 pub fn prepare_naming_files(request: &Request<'_>) -> Result<Prepared, Refusal> {
     open(request, |opened| opened.prepare())?
 }
@@ -164,42 +170,23 @@ pub fn prepare_naming_files(request: &Request<'_>) -> Result<Prepared, Refusal> 
 /// A job whose mesh was opened ([`mesh::open`]).
 pub struct Opened<'a> {
     mesh: mesh::Opened<'a>,
-    spec: JobSpec,
-    parameters: Parameters,
-    weights: Option<Vec<f64>>,
+    checked: Checked,
     format: Format,
     limits: Limits,
     keeps_mesh: bool,
-    started: Instant,
 }
 
-/// Checks the parameters, opens the mesh and calls `then` with it: the first half of [`prepare`].
+/// Checks the parameters, opens the mesh and calls `then` with it: the first half of [`prepare()`].
 ///
 /// # Errors
 /// What is wrong with the parameters or a file; then `then` is not called.
 pub fn open<T>(request: &Request<'_>, then: impl FnOnce(Opened<'_>) -> T) -> Result<T, Refusal> {
-    let started = Instant::now();
-    let (spec, parameters) = JobSpec::new(request.parameters, request.seeds)?;
-    if request.weights.is_some() && request.parameters.weight_attribute.is_some() {
-        return Err(Refusal::from(Error::parameter(format_args!(
-            "{} and {} exclude each other: give one of them",
-            Name::WEIGHTS,
-            Name::WEIGHT_ATTRIBUTE
-        ))));
-    }
-    if request.weights.is_some() && request.parameters.subdivide.is_some() {
-        return Err(Refusal::from(Error::parameter(format_args!(
-            "{} divides the faces that {} is about: leave one of them out",
-            Name::SUBDIVIDE,
-            Name::WEIGHTS
-        ))));
-    }
-    let weights = request.weights.map(weight_list::parse).transpose().map_err(Refusal::of(InputFile::Weights))?;
+    let checked = Checked::new(request.parameters, request.seeds, request.weights)?;
     let Request { bytes, format, resources, ref limits, .. } = *request;
     let attribute = request.parameters.weight_attribute.as_deref();
     let keeps_mesh = request.outputs.iter().any(|output| output.needs.contains(&Need::Mesh));
     mesh::open(mesh::Source { bytes, format, resources, limits, attribute }, |mesh| {
-        then(Opened { mesh, spec, parameters, weights, format, limits: *limits, keeps_mesh, started })
+        then(Opened { mesh, checked, format, limits: *limits, keeps_mesh })
     })
     .map_err(Refusal::of(InputFile::Mesh))
 }
@@ -207,70 +194,25 @@ pub fn open<T>(request: &Request<'_>, then: impl FnOnce(Opened<'_>) -> T) -> Res
 impl Opened<'_> {
     /// What the job does.
     pub fn spec(&self) -> &JobSpec {
-        &self.spec
+        self.checked.spec()
     }
 
     /// Number of faces that memory is needed for.
     pub fn faces(&self) -> u64 {
-        divide::faces(self.mesh.faces(), self.format, &self.parameters)
+        divide::faces(self.mesh.faces(), self.format, &self.checked.parameters)
     }
 
-    /// Builds the mesh and its surface: the second half of [`prepare`]. May run on another thread than [`open`].
+    /// Builds the mesh and its surface: the second half of [`prepare()`]. May run on another thread than [`open`].
     pub fn prepare(self) -> Result<Prepared, Refusal> {
         let foreseen = self.faces();
-        let Self { mesh, spec, mut parameters, weights, limits, keeps_mesh, started, .. } = self;
+        let Self { mesh, mut checked, limits, keeps_mesh, .. } = self;
         let (mut mesh, weights_of_attribute) = mesh.read().map_err(Refusal::of(InputFile::Mesh))?;
-        let origin = divide::divide(&mut mesh, &mut parameters, &limits, foreseen);
+        let origin = divide::divide(&mut mesh, &mut checked.parameters, &limits, foreseen);
         let origin = origin.map_err(Refusal::of(InputFile::Mesh))?.map(Arc::new);
-        let parsed = Instant::now();
-        let are_listed = weights.is_some();
-        let weights = weights.or(weights_of_attribute);
-        let density = Wanted { weights: weights.as_deref(), curvature_exponent: parameters.curvature_exponent };
-        let surface = Surface::build_with(&mesh, parameters.bridge_components, density).map_err(|error| {
-            let of_weights = are_listed && error.kind == Kind::InvalidParameter;
-            Refusal::of(if of_weights { InputFile::Weights } else { InputFile::Mesh })(error)
-        })?;
-        // from within the pool, as in `where_it_works`
-        let of_seeds = parameters.seeds == Seeds::Listed;
-        let plan = rayon::scope(|_| Plan::new(&surface, spec)).map_err(Refusal::of(if of_seeds {
-            InputFile::Seeds
-        } else {
-            InputFile::Mesh
-        }))?;
-        let input = describe(&mesh, &surface);
-        let mut warnings = std::mem::take(&mut mesh.warnings);
-        if surface.counts.degenerate_faces > 0 {
-            warnings.push(format!(
-                "degenerate faces, with two corners at one position: {}",
-                surface.counts.degenerate_faces
-            ));
-        }
-        if surface.counts.zero_area_faces > 0 {
-            warnings.push(format!(
-                "faces without area, which weigh as little as a face can: {}",
-                surface.counts.zero_area_faces
-            ));
-        }
-        if are_listed && mesh.faces.len() == mesh.positions.len() {
-            warnings.push(format!(
-                "there are as many faces as vertices, and the weights were taken as one a face: {}",
-                mesh.faces.len()
-            ));
-        }
-        let mut weighted_by = Vec::new();
-        if weights.is_some() {
-            weighted_by.push(if are_listed { WeightedBy::Weights } else { WeightedBy::Attribute });
-        }
-        if parameters.curvature_exponent.is_some() {
-            weighted_by.push(WeightedBy::Curvature);
-        }
-        let timings = Timings {
-            parse: milliseconds(parsed - started),
-            topology: milliseconds(parsed.elapsed()),
-            ..Timings::default()
-        };
-        let mesh = keeps_mesh.then(|| Arc::new(mesh));
-        Ok(Prepared { surface, plan, input, parameters, weighted_by, warnings, mesh, origin, timings })
+        let warnings = std::mem::take(&mut mesh.warnings);
+        let about = About { format: Some(mesh.format), adjusted: mesh.adjusted, parts: mesh.parts.clone() };
+        let prepared = checked.prepare((&mesh).into(), weights_of_attribute, about, warnings)?;
+        Ok(Prepared { mesh: keeps_mesh.then(|| Arc::new(mesh)), origin, ..prepared })
     }
 }
 
@@ -327,25 +269,6 @@ pub struct Clustered {
     warnings: Vec<String>,
     upload: Duration,
     cluster: Duration,
-}
-
-/// What was read, for the report.
-fn describe(mesh: &PolygonMesh, surface: &Surface) -> Input {
-    let counts = surface.counts;
-    Input {
-        format: mesh.format,
-        vertices: mesh.positions.len() as u64 + mesh.adjusted.vertices_left_out,
-        faces: mesh.faces.len() as u64,
-        triangles: mesh.faces.triangles(),
-        welded_vertices: counts.welded_vertices,
-        joined_across_parts: mesh.adjusted.joined_across_parts,
-        components: counts.components,
-        boundary_edges: counts.boundary_edges,
-        non_manifold_edges: counts.non_manifold_edges,
-        degenerate_faces: counts.degenerate_faces,
-        duplicate_faces: counts.duplicate_faces,
-        parts: mesh.parts.clone(),
-    }
 }
 
 /// JSON has no infinities.

@@ -14,9 +14,9 @@ pub struct Frame {
 
 impl Frame {
     /// The frame of some positions: half of the longest side of their bounding box is below 2^`bits`, and not by half.
-    pub fn of<'a>(positions: impl Iterator<Item = &'a [f64; 3]>, bits: i32) -> Self {
+    pub fn of(positions: impl Iterator<Item = [f64; 3]>, bits: i32) -> Self {
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        for &position in positions {
+        for position in positions {
             (low, high) = (low.min(position.into()), high.max(position.into()));
         }
         // halves first: the sum and the difference of two finite numbers may not be finite

@@ -22,11 +22,13 @@ mod ply;
 mod resources;
 mod stl;
 mod text;
+mod view;
 
 pub use faces::Faces;
 pub use format::Format;
 pub(crate) use frame::{Frame, factors};
 pub use resources::{Beside, NoResources, Resources};
+pub use view::{MeshView, Positions};
 
 use std::borrow::Cow;
 use std::sync::Arc;

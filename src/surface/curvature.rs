@@ -17,13 +17,13 @@
 
 use super::lattice::FaceGeometry;
 use super::weld::Weld;
-use crate::mesh::{Frame, PolygonMesh};
+use crate::mesh::{Frame, MeshView};
 
 /// Upper half of a symmetric matrix: xx, yy, zz, xy, xz, yz.
 type Symmetric = [f64; 6];
 
 /// κ² of each face in lattice units, upload order.
-pub fn squared_curvatures(mesh: &PolygonMesh, weld: &Weld, frame: &Frame, geometry: &[FaceGeometry]) -> Vec<f64> {
+pub fn squared_curvatures(mesh: MeshView<'_>, weld: &Weld, frame: &Frame, geometry: &[FaceGeometry]) -> Vec<f64> {
     let vertex = |corner: u32| weld.position_of_vertex[corner as usize] as usize;
     let vertices = weld.vertices as usize;
     let tensors = normal_tensors(mesh, weld, frame);
@@ -34,7 +34,7 @@ pub fn squared_curvatures(mesh: &PolygonMesh, weld: &Weld, frame: &Frame, geomet
             let next = corners[(at + 1) % corners.len()];
             if let (Some(a), Some(b)) = (tensors[vertex(corner)], tensors[vertex(next)]) {
                 bend += squared_difference(&a, &b);
-                let [a, b] = [corner, next].map(|corner| frame.position(mesh.positions[corner as usize]));
+                let [a, b] = [corner, next].map(|corner| frame.position(mesh.positions.at(corner as usize)));
                 length += a.distance_squared(b);
             }
         }
@@ -61,7 +61,7 @@ pub fn squared_curvatures(mesh: &PolygonMesh, weld: &Weld, frame: &Frame, geomet
 }
 
 /// T of each vertex; none where no face has an area.
-fn normal_tensors(mesh: &PolygonMesh, weld: &Weld, frame: &Frame) -> Vec<Option<Symmetric>> {
+fn normal_tensors(mesh: MeshView<'_>, weld: &Weld, frame: &Frame) -> Vec<Option<Symmetric>> {
     let mut sums = vec![([0.0; 6], 0.0); weld.vertices as usize];
     for face in 0..mesh.faces.len() {
         let normal = frame.vector_area(mesh, face);
@@ -92,11 +92,13 @@ fn squared_difference(a: &Symmetric, b: &Symmetric) -> f64 {
 mod tests {
     use super::*;
     use crate::dev::sample::{Sample, generate};
+    use crate::mesh::PolygonMesh;
     use crate::surface::lattice::COORDINATE_BITS;
     use crate::surface::weld;
 
     /// κ of each face in source units.
     fn curvatures(mesh: &PolygonMesh) -> Vec<f64> {
+        let mesh = MeshView::from(mesh);
         let frame = Frame::of(mesh.positions.iter(), COORDINATE_BITS);
         let geometry = frame.faces(mesh, |_| None);
         let squared = squared_curvatures(mesh, &weld::weld(mesh).0, &frame, &geometry);

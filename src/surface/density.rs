@@ -10,7 +10,7 @@ use super::curvature;
 use super::lattice::FaceGeometry;
 use super::weld::Weld;
 use crate::error::{Error, Result};
-use crate::mesh::{Frame, PolygonMesh};
+use crate::mesh::{Frame, MeshView};
 
 /// Curvatures are kept within this factor of their root mean square, up and down: so flat parts count too, and a crease
 /// does not take all clusters.
@@ -43,7 +43,7 @@ pub struct Density {
 
 impl Density {
     /// The density of a mesh, if there is one. Weights must be one a face or one a vertex, finite and above 0.
-    pub fn of(mesh: &PolygonMesh, weld: &Weld, frame: &Frame, wanted: Wanted<'_>) -> Result<Option<Self>> {
+    pub fn of(mesh: MeshView<'_>, weld: &Weld, frame: &Frame, wanted: Wanted<'_>) -> Result<Option<Self>> {
         if !wanted.is_any() {
             return Ok(None);
         }
@@ -62,7 +62,7 @@ impl Density {
         Ok(Some(density))
     }
 
-    fn of_weights(mesh: &PolygonMesh, weights: &[f64]) -> Result<Self> {
+    fn of_weights(mesh: MeshView<'_>, weights: &[f64]) -> Result<Self> {
         let (faces, vertices) = (mesh.faces.len(), mesh.positions.len());
         if weights.len() != faces && weights.len() != vertices {
             return Err(Error::parameter(format_args!(

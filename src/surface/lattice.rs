@@ -9,7 +9,7 @@ use std::ops::{Add, Div, Mul, Range, Sub};
 
 use glam::DVec3;
 
-use crate::mesh::{Frame, PolygonMesh, factors};
+use crate::mesh::{Frame, MeshView, factors};
 use crate::prefetch::{prefetch, with_lookahead};
 
 /// Lattice coordinates stay below 2 to this power.
@@ -33,9 +33,9 @@ pub struct FaceGeometry {
 impl Frame {
     /// Centroid and area of a face, and the second moment inside it: Σ over the fan's triangles of
     /// `area·((|ab|²+|bc|²+|ca|²)/36 + |triangle centroid − face centroid|²)`.
-    pub fn face(&self, mesh: &PolygonMesh, face: usize) -> (FaceGeometry, f64) {
+    pub fn face(&self, mesh: MeshView<'_>, face: usize) -> (FaceGeometry, f64) {
         let corners = mesh.faces.corners(face);
-        let position = |corner: usize| self.position(mesh.positions[corners[corner] as usize]);
+        let position = |corner: usize| self.position(mesh.positions.at(corners[corner] as usize));
         let triangle = |corners: [usize; 3]| Triangle { corners: corners.map(|corner| position(corner).to_array()) };
         if let [_, _, _] = corners {
             let triangle = triangle([0, 1, 2]);
@@ -60,7 +60,7 @@ impl Frame {
     }
 
     /// Calls `visit` with each index in `faces` and the centroid of the face there.
-    pub fn each_centroid(&self, mesh: &PolygonMesh, faces: &[u32], mut visit: impl FnMut(usize, DVec3)) {
+    pub fn each_centroid(&self, mesh: MeshView<'_>, faces: &[u32], mut visit: impl FnMut(usize, DVec3)) {
         let four = self.fours(mesh, faces, |at, triangles| {
             let [x, y, z] = triangles.centroid();
             (0..4).for_each(|lane| visit(at + lane, DVec3::new(x.0[lane], y.0[lane], z.0[lane])));
@@ -71,7 +71,7 @@ impl Frame {
     }
 
     /// Calls `visit` with each index in `faces` and the result of [`face`](Self::face) for the face there.
-    pub fn each_face(&self, mesh: &PolygonMesh, faces: &[u32], mut visit: impl FnMut(usize, FaceGeometry, f64)) {
+    pub fn each_face(&self, mesh: MeshView<'_>, faces: &[u32], mut visit: impl FnMut(usize, FaceGeometry, f64)) {
         let four = self.fours(mesh, faces, |at, triangles| {
             let [x, y, z] = triangles.centroid();
             let area = triangles.area();
@@ -89,7 +89,7 @@ impl Frame {
 
     /// Calls `visit` for every four faces of a mesh of triangles; returns how many faces that were.
     #[inline]
-    fn fours(&self, mesh: &PolygonMesh, faces: &[u32], mut visit: impl FnMut(usize, Triangle<Four>)) -> usize {
+    fn fours(&self, mesh: MeshView<'_>, faces: &[u32], mut visit: impl FnMut(usize, Triangle<Four>)) -> usize {
         if !mesh.faces.are_triangles() {
             return 0;
         }
@@ -101,13 +101,13 @@ impl Frame {
             }
             if let Some(later) = ahead.stage(1) {
                 let vertices = later.iter().flat_map(|&face| corners[face as usize]);
-                vertices.for_each(|vertex| prefetch(&mesh.positions, vertex as usize));
+                vertices.for_each(|vertex| mesh.positions.prefetch(vertex as usize));
             }
             let mut of = [[Four([0.0; 4]); 3]; 3];
             let centre = self.centre.to_array();
             for (lane, &face) in faces.iter().enumerate() {
                 for (corner, &vertex) in corners[face as usize].iter().enumerate() {
-                    let position = mesh.positions[vertex as usize];
+                    let position = mesh.positions.at(vertex as usize);
                     for axis in 0..3 {
                         of[corner][axis].0[lane] = position[axis] - centre[axis];
                     }
@@ -121,7 +121,7 @@ impl Frame {
     }
 
     /// The geometry of all faces, upload order, areas times a density where there is one.
-    pub fn faces(&self, mesh: &PolygonMesh, density: impl Fn(usize) -> Option<f64>) -> Vec<FaceGeometry> {
+    pub fn faces(&self, mesh: MeshView<'_>, density: impl Fn(usize) -> Option<f64>) -> Vec<FaceGeometry> {
         let geometry = |face: usize| {
             let (mut geometry, _) = self.face(mesh, face);
             geometry.area *= density(face).unwrap_or(1.0);
@@ -131,9 +131,9 @@ impl Frame {
     }
 
     /// The vector area of a face: of a flat one, its area along its normal.
-    pub fn vector_area(&self, mesh: &PolygonMesh, face: usize) -> DVec3 {
+    pub fn vector_area(&self, mesh: MeshView<'_>, face: usize) -> DVec3 {
         let corners = mesh.faces.corners(face);
-        let position = |corner: usize| self.position(mesh.positions[corners[corner] as usize]);
+        let position = |corner: usize| self.position(mesh.positions.at(corners[corner] as usize));
         let normal = |corner: usize| (position(corner) - position(0)).cross(position(corner + 1) - position(0));
         (1..corners.len().saturating_sub(1)).map(|corner| normal(corner) / 2.0).sum()
     }

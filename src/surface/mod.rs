@@ -38,7 +38,7 @@ use rayon::prelude::*;
 
 use crate::energy::{ClusterSums, Energy, Functional, Item, LatticeEnergy, Merged, Sums};
 use crate::error::{Error, Result};
-use crate::mesh::{Frame, PolygonMesh};
+use crate::mesh::{Frame, MeshView, PolygonMesh};
 use adjacency::Links;
 use density::Density;
 use lattice::{COORDINATE_BITS, FaceGeometry, Scales};
@@ -86,7 +86,8 @@ impl Surface {
     ///
     /// Fails for meshes of more than 2³¹ faces or corners, and for weights that are not one a face or vertex, finite
     /// and above 0. Corners must be valid indices of finite positions, as [`crate::mesh::read`] promises.
-    pub fn build_with(mesh: &PolygonMesh, bridge: bool, wanted: Wanted<'_>) -> Result<Self> {
+    pub fn build_with<'a>(mesh: impl Into<MeshView<'a>>, bridge: bool, wanted: Wanted<'_>) -> Result<Self> {
+        let mesh = mesh.into();
         let faces = mesh.faces.len();
         if faces > 1 << 31 || mesh.faces.all_corners().len() > 1 << 31 {
             return Err(Error::too_large(format_args!(
@@ -98,11 +99,11 @@ impl Surface {
         rayon::scope(|_| Self::build_in_pool(mesh, bridge, wanted))
     }
 
-    fn build_in_pool(mesh: &PolygonMesh, bridge: bool, wanted: Wanted<'_>) -> Result<Self> {
+    fn build_in_pool(mesh: MeshView<'_>, bridge: bool, wanted: Wanted<'_>) -> Result<Self> {
         let faces = mesh.faces.len();
         let connect = || {
             let (weld, positions) = weld::weld(mesh);
-            let links = Links::new(&mesh.faces, positions, weld.vertices);
+            let links = Links::new(mesh.faces, positions, weld.vertices);
             let components = components::label(faces, &links);
             (weld, links, components)
         };
@@ -251,7 +252,7 @@ struct Gathered {
 
 impl Gathered {
     fn new(
-        mesh: &PolygonMesh,
+        mesh: MeshView<'_>,
         frame: &Frame,
         upload_face: &[u32],
         density: impl Fn(usize) -> Option<f64> + Sync,

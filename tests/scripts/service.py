@@ -25,17 +25,26 @@ class Service:
     def __enter__(self):
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
-            address = f"127.0.0.1:{probe.getsockname()[1]}"
-        self.url = f"http://{address}"
+            self.address = f"127.0.0.1:{probe.getsockname()[1]}"
+        self.url = f"http://{self.address}"
         self.log = tempfile.TemporaryFile()
+        self.start()
+        return self
+
+    def start(self):
+        """Starts the process, at the same address each time."""
         self.process = subprocess.Popen(
-            [*self.command, "--listen", address], stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log)
+            [*self.command, "--listen", self.address], stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log)
         try:
             self.wait_until_ready()
         except BaseException:
             self.stop()
             raise
-        return self
+
+    def kill(self):
+        """Ends the process as a crash does."""
+        self.process.kill()
+        self.process.wait()
 
     def wait_until_ready(self):
         deadline = time.monotonic() + 60

@@ -50,7 +50,7 @@ pub fn across_placements(positions: &mut [[f64; 3]], corners: &[u32], placed: &[
         run_of.iter_mut().filter(|number| **number != NONE).for_each(|number| *number = run.transform);
     }
     let used = positions.iter().zip(&transforms).filter(|(_, transform)| **transform != NONE);
-    let grid = Frame::of(used.map(|(position, _)| position), REACH_BITS);
+    let grid = Frame::of(used.map(|(position, _)| *position), REACH_BITS);
     let entries = entries(positions, &transforms, &grid);
     let mut parents: Vec<u32> = (0..positions.len() as u32).collect();
     for cell in entries.chunk_by(|a, b| a.0 == b.0) {

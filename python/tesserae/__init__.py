@@ -1,0 +1,78 @@
+"""Clusters the faces of polygon meshes, fast and reproducibly.
+
+>>> import tesserae
+>>> clustering = tesserae.cluster(points, faces, clusters=1000)  # doctest: +SKIP
+>>> clustering.labels                                            # doctest: +SKIP
+array([  0,   0, 731, ...], dtype=uint32)
+
+Labels depend on the mesh and the parameters only: not on threads, machine or device. They equal those of the command
+line (``python -m tesserae cluster``) for the same mesh and parameters.
+
+Nothing but the standard library is imported until a name of this module is first used, so that ``import tesserae`` and
+the command line start at once.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tesserae._cluster import cluster as cluster
+    from tesserae._clustering import Clustering as Clustering
+    from tesserae._clustering import Remesh as Remesh
+    from tesserae._clustering import outputs as outputs
+    from tesserae._errors import Error as Error
+    from tesserae._hierarchy import Cut as Cut
+    from tesserae._hierarchy import Hierarchy as Hierarchy
+    from tesserae._mesh import Mesh as Mesh
+    from tesserae._native import __version__ as __version__
+    from tesserae._rows import Iteration as Iteration
+    from tesserae._rows import Level as Level
+    from tesserae.client import AsyncClient as AsyncClient
+    from tesserae.client import Client as Client
+
+_MODULES = {
+    "AsyncClient": "client",
+    "Client": "client",
+    "Clustering": "_clustering",
+    "Cut": "_hierarchy",
+    "Error": "_errors",
+    "Hierarchy": "_hierarchy",
+    "Iteration": "_rows",
+    "Level": "_rows",
+    "Mesh": "_mesh",
+    "Remesh": "_clustering",
+    "__version__": "_native",
+    "cluster": "_cluster",
+    "outputs": "_clustering",
+}
+
+__all__ = [
+    "AsyncClient",
+    "Client",
+    "Clustering",
+    "Cut",
+    "Error",
+    "Hierarchy",
+    "Iteration",
+    "Level",
+    "Mesh",
+    "Remesh",
+    "__version__",
+    "cluster",
+    "outputs",
+]
+
+
+def __getattr__(name: str) -> object:
+    module = _MODULES.get(name)
+    if module is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value: object = getattr(import_module(f"{__name__}.{module}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,0 +1,236 @@
+"""What `tesserae.cluster` returns."""
+
+from __future__ import annotations
+
+import json
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Optional
+
+import numpy as np
+
+from tesserae import _native
+from tesserae._errors import Error
+from tesserae._hierarchy import Cut, Hierarchy
+from tesserae._mesh import Mesh
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+Placement = Literal["fit", "surface", "centroid"]
+
+ITERATION = np.dtype(
+    [
+        ("iteration", "u4"),
+        ("phase", "U16"),
+        ("round", "i8"),
+        ("energy", "f8"),
+        ("moves", "u8"),
+        ("elapsed_us", "u8"),
+    ]
+)
+"""A row of `Clustering.iterations`."""
+
+
+def outputs() -> dict[str, str]:
+    """Return what `Clustering.output` can write: names of files, and what is in them."""
+    return dict(_native.forms())
+
+
+class Remesh(NamedTuple):
+    """A triangle mesh with a vertex a cluster, a manifold for any labels."""
+
+    points: NDArray[np.float64]
+    """Positions, shape (V, 3), in units of the mesh. Point i is that of cluster i for all clusters; then come those of
+    split-off parts of clusters, of the boundary, and of curves between clusters."""
+    faces: NDArray[np.uint32]
+    """Triangles, shape (T, 3), counter-clockwise seen from outside."""
+    clusters: NDArray[np.uint32]
+    """The cluster of each point; between two, the lower one."""
+    source: dict[str, NDArray[Any]]
+    """What each point stands for: ``kind`` (0 cluster, 1 split-off part, 2 boundary, 3 curve), ``face``, ``vertices``
+    (three corners of that face) and ``barycentric``. An attribute of the mesh's points is there
+    ``(barycentric[:, :, None] * attribute[vertices]).sum(axis=1)``."""
+    summary: dict[str, Any]
+    """What was checked: numbers of vertices and triangles, Euler number, boundary loops, components."""
+
+
+class Clustering:
+    """The clusters of a mesh.
+
+    Not made by hand: `tesserae.cluster` returns one.
+
+    Attributes
+    ----------
+    labels : ndarray of uint32, shape (F,)
+        The cluster of each face, 0 to ``clusters - 1``, numbered by the first face that carries them; those of listed
+        seeds have the numbers of the seeds.
+    clusters : int
+        Number of clusters.
+    energy : float
+        Sum over faces of area x squared distance between the face's centroid and its cluster's (centroidal Voronoi
+        diagram): area x length**2, in units of the mesh. NaN where it overflows.
+    hexagon_ratio : float or None
+        Energy over that of a flat tiling by regular hexagons; None where that is no measure, as with weights.
+    """
+
+    def __init__(self, outcome: _native.Outcome, mesh: Optional[Mesh], cut: Optional[Cut] = None) -> None:
+        self._outcome = outcome
+        self._mesh = mesh
+        self._cut = cut
+        self.clusters: int = outcome.clusters if cut is None else cut.clusters
+        energy = outcome.energy if cut is None else cut.energy
+        self.energy: float = float("nan") if energy is None else energy
+        self.hexagon_ratio: Optional[float] = outcome.hexagon_ratio if cut is None else None
+
+    @cached_property
+    def labels(self) -> NDArray[np.uint32]:
+        """The cluster of each face.
+
+        Raises
+        ------
+        tesserae.Error
+            The clustering is a whole hierarchy, which has labels at every number of clusters: take `cut`
+            (``"conflict"``).
+        """
+        labels = self._outcome.labels() if self._cut is None else self._cut.labels
+        if labels is None:
+            raise Error("conflict", "a whole hierarchy has labels at every number of clusters: take them with cut(k)")
+        return labels
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """The mesh: the arrays that were given, or those that were read from the file."""
+        if self._mesh is not None:
+            return self._mesh
+        geometry = self._geometry
+        offsets, connectivity = geometry.offsets(), geometry.connectivity()
+        return Mesh(geometry.points(), np.reshape(connectivity, (-1, 3)) if offsets is None else (offsets, connectivity))
+
+    @cached_property
+    def report(self) -> dict[str, Any]:
+        """Everything that is known about the run, as ``--report`` writes it: input, parameters, device, energies, times.
+
+        The service's documentation describes its members; ``input.format`` is None for arrays.
+        """
+        report: dict[str, Any] = json.loads(self._outcome.report())
+        return report
+
+    @cached_property
+    def iterations(self) -> NDArray[np.void]:
+        """One row an iteration: ``iteration``, ``phase``, ``round``, ``energy``, ``moves``, ``elapsed_us``.
+
+        `round` is -1 for flat clusterings; `energy` is area x length**2, in units of the mesh, and NaN where it
+        overflows.
+        """
+        rows = self.report["iterations"]
+        missing = {"round": -1, "energy": float("nan")}
+        columns = ITERATION.names or ()
+        table = [tuple(missing.get(name) if row[name] is None else row[name] for name in columns) for row in rows]
+        return np.array(table, dtype=ITERATION)
+
+    @cached_property
+    def snapshots(self) -> dict[int, NDArray[np.uint32]]:
+        """The labels at the iterations that `snapshots` asked for."""
+        return dict(self._outcome.snapshots())
+
+    @cached_property
+    def sizes(self) -> NDArray[np.int64]:
+        """Number of faces of each cluster."""
+        return np.bincount(self.labels, minlength=self.clusters).astype(np.int64, copy=False)
+
+    @cached_property
+    def table(self) -> list[dict[str, Any]]:
+        """A row a cluster: size, area, place, shape, neighbours, energy, as ``--clusters-table`` writes it."""
+        rows: list[dict[str, Any]] = json.loads(self.output("clusters.json"))["clusters"]
+        return rows
+
+    @cached_property
+    def centroids(self) -> NDArray[np.float64]:
+        """Mean of the centroids of each cluster's faces, weighted by area: shape (clusters, 3)."""
+        missing = [float("nan")] * 3
+        rows = [row["centroid"] or missing for row in self.table]
+        return np.reshape(np.array(rows, dtype=np.float64), (-1, 3))
+
+    @cached_property
+    def hierarchy(self) -> Hierarchy:
+        """The hierarchy, of the algorithms pml, ml and hr.
+
+        Raises
+        ------
+        tesserae.Error
+            The clustering is flat (``"conflict"``).
+        """
+        tree = self._outcome.tree()
+        if tree is None:
+            raise Error("conflict", 'a flat clustering has no hierarchy; take algorithm="pml", "ml" or "hr"')
+        return Hierarchy(tree)
+
+    def cut(self, clusters: int) -> Clustering:
+        """Return the clustering of the same mesh at another number of clusters, taken from the hierarchy.
+
+        Raises
+        ------
+        tesserae.Error
+            The clustering is flat (``"conflict"``), or its hierarchy has no such cut (``"invalid-parameter"``).
+        """
+        return Clustering(self._outcome, self._mesh, self.hierarchy.cut(clusters))
+
+    def remesh(self, placement: Placement = "fit") -> Remesh:
+        """Make a triangle mesh with a vertex a cluster.
+
+        Parameters
+        ----------
+        placement : {"fit", "surface", "centroid"}
+            Where a cluster's vertex stands: at the least squared distance to the surface, at the point of the surface
+            nearest to the cluster's centroid, or at the centroid.
+        """
+        points, faces, clusters, source, summary = self._geometry.remesh(self.labels, self.clusters, placement)
+        return Remesh(points, faces, clusters, source, json.loads(summary))
+
+    def output(
+        self,
+        form: str,
+        *,
+        placement: Placement = "fit",
+        ply_vertex_colours: bool = False,
+        force: bool = False,
+    ) -> bytes:
+        """Return an output of the command line as the bytes of its file.
+
+        Parameters
+        ----------
+        form : str
+            ``"labels.npy"``, ``"mesh.ply"``, ``"submeshes.zip"``, ``"graph.npz"``, ``"boundaries.json"``,
+            ``"remesh.obj"``, ...: `tesserae.outputs` lists them.
+        placement : {"fit", "surface", "centroid"}
+            Where the vertices of a remesh are placed.
+        ply_vertex_colours : bool
+            Colour the vertices of a PLY in place of its faces, for readers that know no colours of faces.
+        force : bool
+            Write submeshes as GLB although they are more than readers load within seconds.
+
+        Raises
+        ------
+        tesserae.Error
+            There is no such output, or not of this clustering (``"not-found"``, ``"conflict"``).
+        """
+        cut = None if self._cut is None else (self._cut.labels, self._cut.clusters)
+        return self._outcome.encode(form, self._geometry, cut, placement, ply_vertex_colours, force)
+
+    @cached_property
+    def _geometry(self) -> _native.Geometry:
+        if self._mesh is not None:
+            return _native.Geometry(self._mesh.points, self._mesh.connectivity, self._mesh.offsets)
+        geometry = self._outcome.geometry()
+        if geometry is None:
+            raise Error("mesh-not-kept", "the mesh of this clustering was not kept")
+        return geometry
+
+    def plot(self, **options: Any) -> Any:
+        """Show the clusters in colours, by pyvista; `tesserae._plot.plot` describes the options."""
+        from tesserae._plot import plot
+
+        return plot(self, **options)
+
+    def __repr__(self) -> str:
+        return f"Clustering({self._outcome.faces} faces, {self.clusters} clusters, energy {self.energy:.6g})"

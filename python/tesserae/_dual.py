@@ -1,0 +1,92 @@
+"""Triangles of a mesh in arrays: dual cells, subdivision, nearest points. What `tesserae.pyacvd` is made of.
+
+For one triangle with corners ``a``, ``b`` and ``c``, centroid ``g`` and midpoints ``ab`` and ``ca``, the *kite* ``a, ab,
+g, ca`` is what belongs to ``a``. The *dual cell* of ``a`` is the polygon that goes around its kites one after the other,
+through ``a`` each time. Its fan from ``a`` consists of exactly the kites' triangles, so its area is a third of that of the
+triangles around ``a``. It runs along ``a, ab`` there and back where two triangles meet, which is no boundary, and along
+``ab, g`` once, as does the cell of ``b``: cells share edges with exactly those of neighbouring points.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+def dual_cells(
+    points: NDArray[np.float64], triangles: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """The dual cells of the points that triangles use, as polygons.
+
+    Returns
+    -------
+    points : ndarray
+        Corners of the cells: the points, the centroid of each triangle, the middle of each of its sides. A side of two
+        triangles has its middle twice, at the same position.
+    offsets, corners : ndarray
+        The polygons.
+    used : ndarray
+        The point that each polygon is the cell of.
+    """
+    vertices, faces = len(points), len(triangles)
+    of_face = points[triangles]
+    middles = (of_face + of_face[:, [1, 2, 0]]) / 2
+    centroid = vertices + np.arange(faces)
+    middle = vertices + faces + np.arange(3 * faces).reshape(faces, 3)
+    kites = np.empty((faces, 3, 4), dtype=np.int64)
+    kites[:, :, 0] = triangles
+    kites[:, :, 1] = middle
+    kites[:, :, 2] = centroid[:, None]
+    kites[:, :, 3] = middle[:, [2, 0, 1]]
+    owner = triangles.ravel()
+    corners = kites.reshape(-1, 4)[np.argsort(owner, kind="stable")].ravel()
+    counts = np.bincount(owner, minlength=vertices)
+    used = np.flatnonzero(counts)
+    offsets = np.concatenate([[0], np.cumsum(4 * counts[used])])
+    return np.concatenate([points, of_face.mean(axis=1), middles.reshape(-1, 3)]), offsets, corners, used
+
+
+def nearest_in_triangles(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The nearest point of triangle i, of shape (3, 3), to point i.
+
+    It is the foot of the perpendicular if that is inside, else the nearest point of a side.
+    """
+    a, sides = corners[:, 0], np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=1)
+    gram = np.einsum("nij,nkj->nik", sides, sides)
+    along = np.einsum("nij,nj->ni", sides, points - a)
+    determinant = gram[:, 0, 0] * gram[:, 1, 1] - gram[:, 0, 1] ** 2
+    flat = determinant <= 0
+    scale = np.where(flat, 1, determinant)
+    u = (gram[:, 1, 1] * along[:, 0] - gram[:, 0, 1] * along[:, 1]) / scale
+    v = (gram[:, 0, 0] * along[:, 1] - gram[:, 0, 1] * along[:, 0]) / scale
+    inside = (u >= 0) & (v >= 0) & (u + v <= 1) & ~flat
+    best = a + u[:, None] * sides[:, 0] + v[:, None] * sides[:, 1]
+    distance = np.where(inside, np.square(best - points).sum(axis=1), np.inf)
+    for start, end in ((0, 1), (1, 2), (2, 0)):
+        side = corners[:, end] - corners[:, start]
+        length = np.square(side).sum(axis=1)
+        at = np.einsum("ij,ij->i", points - corners[:, start], side) / np.where(length > 0, length, 1)
+        candidate = corners[:, start] + np.clip(at, 0, 1)[:, None] * side
+        further = np.square(candidate - points).sum(axis=1)
+        nearer = further < distance
+        best[nearer], distance[nearer] = candidate[nearer], further[nearer]
+    return np.asarray(best)
+
+
+def quartered(triangles: NDArray[np.int64], points: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The ends of each edge, and four triangles for each; the middle of edge i is point ``points + i``."""
+    sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    keys, middle = np.unique(sides[:, 0] * points + sides[:, 1], return_inverse=True)
+    ends = np.stack(np.divmod(keys, points), axis=1)
+    (a, b, c), (ab, bc, ca) = triangles.T, points + middle.reshape(-1, 3).T
+    return ends, np.stack([a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca], axis=1).reshape(-1, 3)
+
+
+def normals(points: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Normals of triangles, twice as long as their areas."""
+    a, b, c = points[triangles].swapaxes(0, 1)
+    return np.cross(b - a, c - a)

@@ -1,0 +1,384 @@
+"""The JSON documents of the service, as types.
+
+``openapi.yaml`` says what their members mean, and a test compares the two. Lengths, areas and energies are in the units
+of the mesh (an energy is area x length squared). A number that overflows is ``None``.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal, TypedDict
+
+State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
+Algorithm = Literal["bb", "pml", "ml", "hr", "acvd", "vc"]
+Format = Literal["obj", "glb", "gltf", "ply", "stl"]
+Phase = Literal["boundary", "refine", "repair", "regrow", "swap", "restart", "trial", "breathe"]
+DeviceKind = Literal["cpu", "gpu"]
+WeightedBy = Literal["weights", "attribute", "curvature"]
+
+
+class _Problem(TypedDict):
+    type: str
+    title: str
+    status: int
+    detail: str
+    instance: str
+
+
+class Problem(_Problem, total=False):
+    """What went wrong (RFC 9457)."""
+
+    queue_depth: int
+
+
+class Progress(TypedDict):
+    """How far a job is."""
+
+    iterations: int
+    phase: Phase | None
+    rounds: int
+    clusters_left: int | None
+    energy: float | None
+
+
+class ResultSummary(TypedDict):
+    """What a job gave."""
+
+    faces: int
+    clusters: int
+
+
+class UploadedMesh(TypedDict):
+    """What was uploaded."""
+
+    file_name: str | None
+    format: Format
+    bytes: int
+    buffers: list[str]
+
+
+class JobDocument(TypedDict):
+    """A job: where it is in its life, and what it was asked to do."""
+
+    id: str
+    state: State
+    queue_position: int | None
+    priority: int
+    attempt: int
+    worker: str | None
+    progress: Progress
+    cancel_requested: bool
+    problem: Problem | None
+    result: ResultSummary | None
+    parameters: dict[str, Any]
+    mesh: UploadedMesh
+    created_at: str
+    started_at: str | None
+    ended_at: str | None
+    expires_at: str | None
+    outputs: list[str]
+    keep_mesh: bool
+    urls: dict[str, str | None]
+
+
+class JobList(TypedDict):
+    """A page of jobs."""
+
+    jobs: list[JobDocument]
+    next: str | None
+
+
+class _StateEvent(TypedDict):
+    state: State
+
+
+class StateEvent(_StateEvent, total=False):
+    """Data of the event ``state``."""
+
+    attempt: int
+    worker: str
+
+
+class EndEvent(TypedDict):
+    """Data of the event ``end``."""
+
+    state: State
+    problem: Problem | None
+
+
+class Part(TypedDict):
+    """A run of consecutive faces with a common origin."""
+
+    node: int | None
+    mesh: int | None
+    primitive: int | None
+    instance: int | None
+    group: str | None
+    first_face: int
+    faces: int
+
+
+class Input(TypedDict):
+    """What was read."""
+
+    format: Format
+    vertices: int
+    faces: int
+    triangles: int
+    welded_vertices: int
+    joined_across_parts: int
+    components: int
+    boundary_edges: int
+    non_manifold_edges: int
+    degenerate_faces: int
+    duplicate_faces: int
+    parts: list[Part]
+
+
+class DeviceInfo(TypedDict):
+    """The device that ran a job."""
+
+    kind: DeviceKind
+    name: str
+    backend: str
+    driver: str
+
+
+class Energy(TypedDict):
+    """Energies, in source units: area × length²."""
+
+    functional: str
+    weighted_by: list[WeightedBy]
+    initial: float | None
+    final: float | None
+    hexagon_ratio: float | None
+
+
+class Iteration(TypedDict):
+    """One iteration of an optimisation."""
+
+    iteration: int
+    phase: Phase
+    round: int | None
+    energy: float | None
+    moves: int
+    elapsed_us: int
+
+
+class Level(TypedDict):
+    """A round of a hierarchy, or several, each of which merged little."""
+
+    round: int
+    clusters: int
+    energy: float | None
+    merges: int
+    moves: int
+
+
+class Timings(TypedDict):
+    """Durations of the stages, in milliseconds."""
+
+    read: float
+    parse: float
+    topology: float
+    upload: float
+    cluster: float
+    download: float
+    write: float
+    total: float
+
+
+class VertexCounts(TypedDict):
+    """Numbers of vertices by kind."""
+
+    clusters: int
+    split: int
+    boundary: int
+    extra: int
+
+
+class RemeshSummary(TypedDict):
+    """What a report says about a remesh."""
+
+    placement: str
+    vertices: VertexCounts
+    triangles: int
+    euler: int
+    loops: int
+    components: int
+    cut_edges: int
+    flipped: int
+    checked: bool
+
+
+class Report(TypedDict):
+    """Everything that is known about an ended clustering."""
+
+    input: Input
+    algorithm: Algorithm
+    parameters: dict[str, Any]
+    device: DeviceInfo
+    clusters: int
+    disconnected_clusters: int
+    energy: Energy
+    iterations: list[Iteration]
+    levels: list[Level]
+    timings_ms: Timings
+    labels_sha256: str | None
+    snapshots: list[int]
+    remesh: RemeshSummary | None
+    warnings: list[str]
+
+
+class Node(TypedDict):
+    """Two clusters that became one."""
+
+    id: int
+    children: list[int]
+    round: int
+    clusters_left: int
+    cost: float | None
+    energy: float | None
+    faces: int
+    weight: float | None
+    proxy: list[float]
+
+
+class HierarchyDocument(TypedDict):
+    """A hierarchy as JSON."""
+
+    algorithm: str
+    parameters: dict[str, Any]
+    faces: int
+    levels: list[Level]
+    nodes: list[Node]
+    roots: list[int]
+
+
+class Cluster(TypedDict):
+    """A row of the cluster table."""
+
+    cluster: int
+    faces: int
+    area: float
+    perimeter: float
+    centroid: list[float] | None
+    normal: list[float] | None
+    normal_cone: float | None
+    bbox: list[list[float]] | None
+    roundness: float | None
+    planarity: float | None
+    euler: int
+    neighbours: int
+    component: int | None
+    open: bool
+    energy: float
+
+
+class ClusterTable(TypedDict):
+    """The cluster table as JSON."""
+
+    tesserae: int
+    clusters: list[Cluster]
+
+
+class Junction(TypedDict):
+    """A point at which curves meet."""
+
+    point: int
+    clusters: list[int]
+
+
+class Curve(TypedDict):
+    """A curve between two clusters, or of the boundary of one."""
+
+    left: int
+    right: int | None
+    points: list[int]
+    start: int | None
+    end: int | None
+    closed: bool
+    length: float
+
+
+class Boundaries(TypedDict):
+    """The curves between clusters and along the boundary, and the points where they meet."""
+
+    tesserae: int
+    points: list[list[float]]
+    point_vertices: list[int]
+    junctions: list[Junction]
+    curves: list[Curve]
+
+
+class Edge(TypedDict):
+    """Two clusters that have a curve between them."""
+
+    source: int
+    target: int
+    length: float
+    arcs: int
+
+
+class GraphNode(Cluster):
+    """A cluster as a node of a graph."""
+
+    id: int
+
+
+class Graph(TypedDict):
+    """A graph as networkx reads it: ``networkx.node_link_graph``."""
+
+    tesserae: int
+    directed: bool
+    multigraph: bool
+    nodes: list[GraphNode]
+    edges: list[Edge]
+
+
+class DeviceDescription(DeviceInfo):
+    """The device of a service and why it is that one."""
+
+    chosen: str
+    cpu_below_faces: int | None
+
+
+class FormatInfo(TypedDict):
+    """A format."""
+
+    name: str
+    media_type: str
+
+
+class Formats(TypedDict):
+    """Formats that are read and written."""
+
+    meshes: list[FormatInfo]
+    labels: list[FormatInfo]
+
+
+class Version(TypedDict):
+    """The version of the service."""
+
+    name: str
+    version: str
+
+
+class Health(TypedDict):
+    """That the process answers."""
+
+    status: str
+
+
+class Condition(TypedDict):
+    """What is wrong with a part."""
+
+    part: str
+    severity: str
+    detail: str
+
+
+class Readiness(TypedDict):
+    """That jobs are taken."""
+
+    status: str
+    conditions: list[Condition]

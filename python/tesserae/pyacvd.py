@@ -1,0 +1,371 @@
+"""Stands in for pyacvd: ``from tesserae.pyacvd import Clustering``, or ``from tesserae import pyacvd``.
+
+As in pyacvd, clusters are of the points of a triangle mesh. What Tesserae clusters is the *dual cell* of each point: the
+part of the surface that is nearer to it, in barycentric coordinates, than to the other corners of a triangle. A cell
+weighs a third of the area of the triangles around its point, which is pyacvd's weight up to the factor. Cells are
+neighbours where points share an edge. Two things are not as there: the energy is that of the cells' centroids, not of
+the points themselves; and points at one position are neighbours, so a seam of a texture is no boundary.
+
+Where pyacvd differs:
+
+| pyacvd | here |
+|---|---|
+| clusters may be in pieces, some may be lost | exactly ``nclus`` clusters, each connected |
+| ``maxiter=100`` | no limit; a number limits the iterations, as there |
+| ``iso_try`` counts attempts to connect clusters | clusters are connected; 0 leaves them as they are |
+| ``weights`` multiply points, not their areas | they multiply areas: clusters are smaller where they are larger |
+| only triangles | other polygons are cut into triangles, in a copy |
+| points without a triangle end the process | they have the label -1 |
+| as many clusters as the seed of a random generator gives | a function of mesh and parameters |
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Any, Optional, cast
+
+import numpy as np
+import pyvista
+
+from tesserae._cluster import cluster as cluster_faces
+from tesserae._dual import dual_cells, nearest_in_triangles, normals, quartered
+from tesserae._errors import Error
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from tesserae._cluster import Quality
+
+__all__ = ["ACVDAccessor", "Clustering"]
+
+
+class Clustering:
+    """Uniform clusters of the points of a mesh.
+
+    Parameters
+    ----------
+    mesh : pyvista.PolyData
+        The mesh. `subdivide` changes it, as in pyacvd, unless it has faces that are no triangles.
+    weights : array_like, optional
+        A number above 0 for each point; clusters are smaller where it is larger.
+
+    Attributes
+    ----------
+    mesh : pyvista.PolyData
+        The triangles that are clustered.
+    clusters : ndarray of int32 or None
+        The cluster of each point, -1 for points without a triangle.
+    nclus : int or None
+        Number of clusters.
+    remesh : pyvista.PolyData
+        What `create_mesh` made last.
+    """
+
+    remesh: pyvista.PolyData
+
+    def __init__(self, mesh: pyvista.PolyData, weights: Optional[ArrayLike] = None) -> None:
+        self.mesh = mesh if mesh.is_all_triangles else _triangulated(mesh)
+        self._weights = None if weights is None else np.asarray(weights, dtype=np.float64)
+        if self._weights is not None and self._weights.shape != (self.mesh.n_points,):
+            raise ValueError(f"weights must be one for each of the {self.mesh.n_points} points: {self._weights.shape}")
+        self.clusters: Optional[NDArray[np.int32]] = None
+        self.nclus: Optional[int] = None
+
+    @property
+    def area(self) -> NDArray[np.float64]:
+        """The area of the triangles around each point, at least 1e-10."""
+        triangles = _triangles(self.mesh)
+        areas = np.linalg.norm(normals(_points(self.mesh), triangles), axis=1) / 2
+        return np.maximum(_sums(triangles.ravel(), np.repeat(areas, 3), self.mesh.n_points), 1e-10)
+
+    @property
+    def wcent(self) -> NDArray[np.float64]:
+        """The points times their `area`."""
+        return _points(self.mesh) * self.area[:, None]
+
+    def cluster(
+        self,
+        nclus: int,
+        maxiter: Optional[int] = None,
+        debug: bool = False,
+        iso_try: Optional[int] = None,
+        init_only: bool = False,
+    ) -> NDArray[np.int32]:
+        """Cluster the points.
+
+        Parameters
+        ----------
+        nclus : int
+            Number of clusters; one for each point, where there are fewer.
+        maxiter : int, optional
+            At most this many iterations, and no moves of whole clusters. When left out, until no move lowers the energy.
+        debug : bool
+            Means nothing here.
+        iso_try : int, optional
+            0 leaves clusters in pieces. Other numbers mean nothing here: clusters are connected.
+        init_only : bool
+            Stop after the initial growth.
+        """
+        if debug:
+            warnings.warn("debug means nothing to tesserae; progress is a parameter of tesserae.cluster", stacklevel=2)
+        if iso_try:
+            warnings.warn("iso_try means nothing to tesserae, whose clusters are connected", stacklevel=2)
+        return self._cluster(nclus, "default", 0 if init_only else maxiter, iso_try == 0)
+
+    def fast_cluster(self, nclus: int) -> NDArray[np.int32]:
+        """Cluster the points in less time, into clusters that are less uniform: quality ``"fast"``."""
+        return self._cluster(nclus, "fast", None, False)
+
+    def _cluster(
+        self, nclus: int, quality: Quality, max_iterations: Optional[int], allow_disconnected: bool
+    ) -> NDArray[np.int32]:
+        points, offsets, corners, used = dual_cells(_points(self.mesh), _triangles(self.mesh))
+        labels = np.full(self.mesh.n_points, -1, dtype=np.int32)
+        if nclus >= len(used):
+            labels[used] = np.arange(len(used), dtype=np.int32)
+            self.nclus, self.clusters = len(used), labels
+            return labels
+
+        def run(bridge_components: bool) -> NDArray[np.uint32]:
+            return cluster_faces(
+                points,
+                (offsets, corners),
+                nclus,
+                quality=quality,
+                max_iterations=max_iterations,
+                allow_disconnected=allow_disconnected,
+                bridge_components=bridge_components,
+                weights=None if self._weights is None else self._weights[used],
+            ).labels
+
+        try:
+            found = run(False)
+        except Error as error:
+            # Maybe there are fewer clusters than components. Otherwise the error comes again.
+            if error.kind != "invalid-parameter":
+                raise
+            found = run(True)
+        labels[used] = found
+        self.nclus, self.clusters = nclus, labels
+        return labels
+
+    def subdivide(self, nsub: int) -> None:
+        """Cut every triangle into four, `nsub` times, and merge points at one position. Changes `mesh` in place."""
+        points, triangles = _points(self.mesh), _triangles(self.mesh)
+        weights = self._weights
+        for _ in range(nsub):
+            ends, triangles = quartered(triangles, len(points))
+            points = np.concatenate([points, (points[ends[:, 0]] + points[ends[:, 1]]) / 2])
+            if weights is not None:
+                weights = np.concatenate([weights, (weights[ends[:, 0]] + weights[ends[:, 1]]) / 2])
+        finer = _polydata(points, triangles)
+        if weights is not None:
+            finer.point_data["weights"] = weights
+        finer = cast("pyvista.PolyData", finer.clean())
+        self._weights = None if weights is None else np.asarray(finer.point_data["weights"], dtype=np.float64)
+        self.mesh.copy_from(finer)
+        self.clusters = self.nclus = None
+
+    def plot(self, random_color: bool = True, **kwargs: Any) -> Any:
+        """Show the clusters.
+
+        Parameters
+        ----------
+        random_color : bool
+            Colours in no order; otherwise in that of the clusters.
+        **kwargs
+            Of `pyvista.plot`, such as ``off_screen`` and ``screenshot``.
+
+        Returns
+        -------
+        What `pyvista.plot` returns.
+        """
+        mesh: Any = self.mesh
+        kwargs.setdefault("notebook", False)
+        if self.clusters is None or self.nclus is None:
+            warnings.warn("there are no clusters to plot; call cluster() first", stacklevel=2)
+            return mesh.plot(**kwargs)
+        order = np.linspace(0, 1, self.nclus)
+        if random_color:
+            order = np.random.default_rng(0).permutation(order)
+        colours = np.append(order, -0.25)[self.clusters]
+        kwargs.setdefault("show_scalar_bar", False)
+        return mesh.plot(scalars=colours, rng=[-0.25 if np.any(colours < 0) else 0, 1], **kwargs)
+
+    def create_mesh(self, moveclus: bool = True, flipnorm: bool = True, clean: bool = True) -> pyvista.PolyData:
+        """Make a mesh with a point a cluster, and a triangle for three clusters that meet in a triangle.
+
+        Such a mesh has as many points as there are clusters and may have holes where a cluster is not a disk;
+        `tesserae.Clustering.remesh` is always a manifold and has a few more points.
+
+        Parameters
+        ----------
+        moveclus : bool
+            Move each point from the mean of its cluster's points to the surface: to the nearest point of the triangles
+            around that point of the cluster which is nearest to the mean.
+        flipnorm : bool
+            Turn triangles over that lie against the mean normal of their clusters. Others keep the orientation of the
+            triangle that they come from.
+        clean : bool
+            Leave out points of clusters without a triangle.
+        """
+        clusters, _ = self._labels()
+        points, triangles = self.cluster_centroid, _triangles(self.mesh)
+        if moveclus:
+            points = self._on_surface(points, clusters, triangles)
+        met = clusters[triangles].astype(np.int64)
+        a, b, c = met.T
+        met = met[(a >= 0) & (b >= 0) & (c >= 0) & (a != b) & (b != c) & (c != a)]
+        met = met[np.unique(np.sort(met, axis=1), axis=0, return_index=True)[1]]
+        if flipnorm:
+            against = np.einsum("ij,ij->i", normals(points, met), self.cluster_norm[met].sum(axis=1)) < 0
+            met[against] = met[against, ::-1]
+        if clean:
+            left, numbers = np.unique(met, return_inverse=True)
+            points, met = points[left], numbers.reshape(-1, 3)
+        self.remesh = _polydata(points, met)
+        return self.remesh
+
+    @property
+    def cluster_norm(self) -> NDArray[np.float64]:
+        """The mean normal of each cluster, of length 1."""
+        triangles = _triangles(self.mesh)
+        axes = normals(_points(self.mesh), triangles).T
+        around = [_sums(triangles.ravel(), np.repeat(axis, 3), self.mesh.n_points) for axis in axes]
+        return _of_length_1(self._sum(_of_length_1(np.stack(around, axis=1)) * self.area[:, None]))
+
+    @property
+    def cluster_centroid(self) -> NDArray[np.float64]:
+        """The mean of each cluster's points, weighted by `area`."""
+        return self._sum(self.wcent) / self._sum(self.area[:, None])
+
+    def _labels(self) -> tuple[NDArray[np.int32], int]:
+        if self.clusters is None or self.nclus is None:
+            raise RuntimeError("there are no clusters yet; call cluster() first")
+        return self.clusters, self.nclus
+
+    def _sum(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The sum of a row a point over the points of each cluster."""
+        clusters, nclus = self._labels()
+        inside = clusters >= 0
+        return np.stack([_sums(clusters[inside], axis[inside], nclus) for axis in values.T], axis=1)
+
+    def _on_surface(
+        self, means: NDArray[np.float64], clusters: NDArray[np.int32], triangles: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """For each cluster the nearest point of the triangles around its point that is nearest to its mean."""
+        points = _points(self.mesh)
+        members = np.flatnonzero(clusters >= 0)
+        distance = np.square(points[members] - means[clusters[members]]).sum(axis=1)
+        order = members[np.lexsort((distance, clusters[members]))]
+        firsts = order[np.unique(clusters[order], return_index=True)[1]]
+        owner = np.full(len(points), -1)
+        owner[firsts] = clusters[firsts]
+        face, corner = np.nonzero(owner[triangles] >= 0)
+        cluster = owner[triangles[face, corner]]
+        nearest = nearest_in_triangles(means[cluster], points[triangles[face]])
+        distance = np.square(nearest - means[cluster]).sum(axis=1)
+        order = np.lexsort((distance, cluster))
+        found, at = np.unique(cluster[order], return_index=True)
+        moved = means.copy()
+        moved[found] = nearest[order[at]]
+        return moved
+
+
+def _triangulated(mesh: pyvista.PolyData) -> pyvista.PolyData:
+    return cast("pyvista.PolyData", mesh.triangulate())
+
+
+def _points(mesh: pyvista.PolyData) -> NDArray[np.float64]:
+    return np.asarray(mesh.points, dtype=np.float64)
+
+
+def _triangles(mesh: pyvista.PolyData) -> NDArray[np.int64]:
+    faces: Any = mesh.faces
+    return np.asarray(faces, dtype=np.int64).reshape(-1, 4)[:, 1:]
+
+
+def _sums(
+    owners: NDArray[np.integer[Any]], values: NDArray[np.floating[Any]], count: int
+) -> NDArray[np.float64]:
+    """The sum of the values of each owner."""
+    return np.asarray(np.bincount(owners, values, count), dtype=np.float64)
+
+
+def _of_length_1(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    lengths = np.sqrt(np.square(vectors).sum(axis=1, keepdims=True))
+    return np.asarray(vectors / np.where(lengths > 0, lengths, 1))
+
+
+def _polydata(points: NDArray[np.float64], triangles: NDArray[np.int64]) -> pyvista.PolyData:
+    return pyvista.PolyData(points, np.insert(triangles, 0, 3, axis=1).ravel())
+
+
+class ACVDAccessor:
+    """``mesh.acvd`` as pyacvd registers it, by this module's `Clustering`. The mesh is not changed.
+
+    Parameters
+    ----------
+    mesh : pyvista.PolyData
+        The mesh.
+    """
+
+    def __init__(self, mesh: pyvista.PolyData) -> None:
+        self._mesh = mesh
+
+    def clustering(self, weights: Optional[ArrayLike] = None, *, subdivide: int = 0) -> Clustering:
+        """A `Clustering` of a copy of the mesh, whose triangles were cut into four `subdivide` times."""
+        made = Clustering(_triangulated(self._mesh), weights)
+        if subdivide:
+            made.subdivide(subdivide)
+        return made
+
+    def cluster_ids(
+        self,
+        n_clusters: int,
+        *,
+        subdivide: int = 0,
+        weights: Optional[ArrayLike] = None,
+        maxiter: Optional[int] = None,
+        iso_try: Optional[int] = None,
+        fast: bool = False,
+    ) -> NDArray[np.int32]:
+        """The cluster of each point; parameters as of `Clustering.cluster` and `clustering`."""
+        made = self.clustering(weights, subdivide=subdivide)
+        return made.fast_cluster(n_clusters) if fast else made.cluster(n_clusters, maxiter=maxiter, iso_try=iso_try)
+
+    def remesh(
+        self,
+        n_clusters: int,
+        *,
+        subdivide: int = 0,
+        weights: Optional[ArrayLike] = None,
+        maxiter: Optional[int] = None,
+        iso_try: Optional[int] = None,
+        fast: bool = False,
+        moveclus: bool = True,
+        flipnorm: bool = True,
+        clean: bool = True,
+    ) -> pyvista.PolyData:
+        """A mesh with a point a cluster; parameters as of `cluster_ids` and `Clustering.create_mesh`."""
+        made = self.clustering(weights, subdivide=subdivide)
+        if fast:
+            made.fast_cluster(n_clusters)
+        else:
+            made.cluster(n_clusters, maxiter=maxiter, iso_try=iso_try)
+        return made.create_mesh(moveclus=moveclus, flipnorm=flipnorm, clean=clean)
+
+    def subdivide(self, nsub: int) -> pyvista.PolyData:
+        """The mesh with every triangle in four, `nsub` times."""
+        return self.clustering(subdivide=nsub).mesh
+
+
+def _register() -> None:
+    """Registers ``mesh.acvd``, in place of pyacvd's where both are imported."""
+    if hasattr(pyvista, "register_dataset_accessor"):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            pyvista.register_dataset_accessor("acvd", pyvista.PolyData)(ACVDAccessor)
+
+
+_register()

@@ -1,0 +1,219 @@
+//! From a mesh to a [`Prepared`] one: the part of a job that is the same whether the mesh was read or is in memory.
+
+use std::time::Instant;
+
+use super::{InputFile, JobSpec, Plan, Prepared, Refusal, milliseconds, weight_list};
+use crate::error::{Error, Kind};
+use crate::mesh::{Adjusted, Format, Limits, MeshView, Part};
+use crate::parameters::{Name, Parameters, Seeds};
+use crate::report::{Input, Timings, WeightedBy};
+use crate::surface::{Surface, Wanted};
+
+/// A job on a mesh that this program has in memory; a [`Request`](super::Request) has the bytes of a file.
+#[derive(Debug, Clone, Copy)]
+pub struct InMemory<'a> {
+    /// The mesh.
+    pub mesh: MeshView<'a>,
+    /// Largest number of faces.
+    pub limits: Limits,
+    /// What to do.
+    pub parameters: &'a Parameters,
+    /// A list of seeds, as in a [`Request`](super::Request).
+    pub seeds: Option<&'a [u8]>,
+    /// A file with weights, as in a [`Request`](super::Request).
+    pub weights: Option<&'a [u8]>,
+}
+
+/// Checks and prepares a mesh in memory. Its points are not copied, and it is not kept.
+pub fn prepare_in_memory(job: &InMemory<'_>) -> Result<Prepared, Refusal> {
+    let checked = Checked::new(job.parameters, job.seeds, job.weights)?;
+    if let Some(name) = &job.parameters.weight_attribute {
+        return Err(Refusal::from(Error::parameter(format_args!(
+            "{} goes with glTF files, not with a mesh in memory; give {}: {name:?}",
+            Name::WEIGHT_ATTRIBUTE,
+            Name::WEIGHTS
+        ))));
+    }
+    if job.parameters.subdivide.is_some() {
+        return Err(Refusal::from(Error::parameter(format_args!(
+            "{} goes with mesh files: divide a mesh in memory before it is clustered",
+            Name::SUBDIVIDE
+        ))));
+    }
+    job.limits.check_faces(job.mesh.faces.len() as u64).map_err(Refusal::of(InputFile::Mesh))?;
+    checked.prepare(job.mesh, None, About::default(), Vec::new())
+}
+
+/// A job whose parameters, seeds and weights were read and checked.
+pub(super) struct Checked {
+    spec: JobSpec,
+    pub parameters: Parameters,
+    weights: Option<Vec<f64>>,
+    started: Instant,
+}
+
+/// What is known of a mesh besides points and faces.
+#[derive(Default)]
+pub(super) struct About {
+    pub format: Option<Format>,
+    pub adjusted: Adjusted,
+    pub parts: Vec<Part>,
+}
+
+impl Checked {
+    pub fn new(parameters: &Parameters, seeds: Option<&[u8]>, weights: Option<&[u8]>) -> Result<Self, Refusal> {
+        let started = Instant::now();
+        let (spec, settled) = JobSpec::new(parameters, seeds)?;
+        if weights.is_some() && parameters.weight_attribute.is_some() {
+            return Err(Refusal::from(Error::parameter(format_args!(
+                "{} and {} exclude each other: give one of them",
+                Name::WEIGHTS,
+                Name::WEIGHT_ATTRIBUTE
+            ))));
+        }
+        if weights.is_some() && parameters.subdivide.is_some() {
+            return Err(Refusal::from(Error::parameter(format_args!(
+                "{} divides the faces that {} is about: leave one of them out",
+                Name::SUBDIVIDE,
+                Name::WEIGHTS
+            ))));
+        }
+        let weights = weights.map(weight_list::parse).transpose().map_err(Refusal::of(InputFile::Weights))?;
+        Ok(Self { spec, parameters: settled, weights, started })
+    }
+
+    /// What the job does.
+    pub fn spec(&self) -> &JobSpec {
+        &self.spec
+    }
+
+    /// Builds the surface. Weights are those of an attribute where none are listed; warnings are added to those given.
+    pub fn prepare(
+        self,
+        mesh: MeshView<'_>,
+        weights_of_attribute: Option<Vec<f64>>,
+        about: About,
+        mut warnings: Vec<String>,
+    ) -> Result<Prepared, Refusal> {
+        let Self { spec, parameters, weights, started } = self;
+        let parsed = Instant::now();
+        let are_listed = weights.is_some();
+        let weights = weights.or(weights_of_attribute);
+        let density = Wanted { weights: weights.as_deref(), curvature_exponent: parameters.curvature_exponent };
+        let surface = Surface::build_with(mesh, parameters.bridge_components, density).map_err(|error| {
+            let of_weights = are_listed && error.kind == Kind::InvalidParameter;
+            Refusal::of(if of_weights { InputFile::Weights } else { InputFile::Mesh })(error)
+        })?;
+        // from within the pool, as in `where_it_works`
+        let of_seeds = parameters.seeds == Seeds::Listed;
+        let plan = rayon::scope(|_| Plan::new(&surface, spec)).map_err(Refusal::of(if of_seeds {
+            InputFile::Seeds
+        } else {
+            InputFile::Mesh
+        }))?;
+        let counts = surface.counts;
+        if counts.degenerate_faces > 0 {
+            warnings.push(format!("degenerate faces, with two corners at one position: {}", counts.degenerate_faces));
+        }
+        if counts.zero_area_faces > 0 {
+            warnings
+                .push(format!("faces without area, which weigh as little as a face can: {}", counts.zero_area_faces));
+        }
+        if are_listed && mesh.faces.len() == mesh.positions.len() {
+            warnings.push(format!(
+                "there are as many faces as vertices, and the weights were taken as one a face: {}",
+                mesh.faces.len()
+            ));
+        }
+        let mut weighted_by = Vec::new();
+        if weights.is_some() {
+            weighted_by.push(if are_listed { WeightedBy::Weights } else { WeightedBy::Attribute });
+        }
+        if parameters.curvature_exponent.is_some() {
+            weighted_by.push(WeightedBy::Curvature);
+        }
+        let timings = Timings {
+            parse: milliseconds(parsed - started),
+            topology: milliseconds(parsed.elapsed()),
+            ..Timings::default()
+        };
+        let input = describe(mesh, about, &surface);
+        Ok(Prepared { surface, plan, input, parameters, weighted_by, warnings, mesh: None, origin: None, timings })
+    }
+}
+
+/// What was read, for the report.
+fn describe(mesh: MeshView<'_>, about: About, surface: &Surface) -> Input {
+    let About { format, adjusted, parts } = about;
+    let counts = surface.counts;
+    Input {
+        format,
+        vertices: mesh.positions.len() as u64 + adjusted.vertices_left_out,
+        faces: mesh.faces.len() as u64,
+        triangles: mesh.faces.triangles(),
+        welded_vertices: counts.welded_vertices,
+        joined_across_parts: adjusted.joined_across_parts,
+        components: counts.components,
+        boundary_edges: counts.boundary_edges,
+        non_manifold_edges: counts.non_manifold_edges,
+        degenerate_faces: counts.degenerate_faces,
+        duplicate_faces: counts.duplicate_faces,
+        parts,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dev::sample::{Sample, generate};
+    use crate::device::{Cancel, cpu::CpuDevice};
+    use crate::job::{Request, prepare, run};
+    use crate::mesh::{NoResources, Positions};
+
+    #[test]
+    fn a_mesh_in_memory_has_the_labels_of_its_file_in_both_precisions() {
+        let mesh = generate(Sample::Parts, 600).expect("a sample");
+        let single: Vec<[f32; 3]> = mesh.positions.iter().map(|p| p.map(|x| x as f32)).collect();
+        let rounded = single.iter().map(|p| p.map(f64::from)).collect::<Vec<_>>();
+        let parameters = Parameters { clusters: Some(40), ..Parameters::default() };
+        let labels_of = |prepared: &Prepared| {
+            run(prepared, &mut CpuDevice::new(), &Cancel::default(), &mut |_| ()).expect("labels").labels
+        };
+        let in_memory = |positions| {
+            let mesh = MeshView::new(positions, &mesh.faces).expect("a mesh");
+            let job = InMemory { mesh, limits: Limits::default(), parameters: &parameters, seeds: None, weights: None };
+            prepare_in_memory(&job).expect("a prepared mesh")
+        };
+        let mut file = Vec::new();
+        crate::dev::sample::write_obj(&mut file, &mesh).expect("a vector takes everything");
+        let request = Request {
+            bytes: &file,
+            format: Format::Obj,
+            resources: &NoResources,
+            limits: Limits::default(),
+            parameters: &parameters,
+            seeds: None,
+            weights: None,
+            outputs: &[],
+        };
+        let (of_file, of_memory) = (prepare(&request).expect("a mesh"), in_memory(Positions::Double(&mesh.positions)));
+        assert_eq!(labels_of(&of_file), labels_of(&of_memory));
+        assert_eq!((of_file.input.format, of_memory.input.format), (Some(Format::Obj), None));
+        let (double, single) = (in_memory(Positions::Double(&rounded)), in_memory(Positions::Single(&single)));
+        assert_eq!(labels_of(&double), labels_of(&single));
+    }
+
+    #[test]
+    fn what_needs_a_file_or_is_over_the_limit_is_refused() {
+        let mesh = generate(Sample::Knot, 500).expect("a sample");
+        let parameters = Parameters { clusters: Some(5), ..Parameters::default() };
+        let refusal = |parameters: &Parameters, max_faces| {
+            let limits = Limits { max_faces, ..Limits::default() };
+            let job = InMemory { mesh: (&mesh).into(), limits, parameters, seeds: None, weights: None };
+            prepare_in_memory(&job).expect_err("a refusal").error
+        };
+        assert_eq!(refusal(&parameters, 10).kind, Kind::TooLarge);
+        let with_attribute = Parameters { weight_attribute: Some("_W".to_owned()), ..parameters };
+        assert!(refusal(&with_attribute, 1 << 20).message.contains("glTF"));
+    }
+}
