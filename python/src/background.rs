@@ -64,7 +64,8 @@ pub fn run<T: Send + 'static>(
         let _ = sender.send(Said::Done(done.unwrap_or_else(|payload| Err(of_panic(&*payload)))));
     });
     loop {
-        let said = py.detach(|| receiver.recv_timeout(PATIENCE));
+        let ours = &mut receiver; // a receiver may be moved to another thread, but not shared with one
+        let said = py.detach(move || ours.recv_timeout(PATIENCE));
         let heard = match said {
             Ok(Said::Done(done)) => return raised(py, done),
             Ok(Said::Row(row)) => on_row.map_or(Ok(()), |on_row| call(on_row, row)),
