@@ -37,7 +37,7 @@ enum Said<T> {
 }
 
 /// Reports rows of running work; rows are lost where nothing listens.
-pub struct Reporter(Option<Box<dyn Fn(Row) + Send>>);
+pub struct Reporter(Option<Box<dyn Fn(Row) + Send + Sync>>);
 
 impl Reporter {
     /// Reports a row.
@@ -90,7 +90,7 @@ pub fn run_quietly<T: Send + 'static>(
     run(py, |_, _| work(), None)
 }
 
-fn reporting<T: Send + 'static>(sender: Sender<Said<T>>) -> Box<dyn Fn(Row) + Send> {
+fn reporting<T: Send + 'static>(sender: Sender<Said<T>>) -> Box<dyn Fn(Row) + Send + Sync> {
     Box::new(move |row| {
         let _ = sender.send(Said::Row(row));
     })
