@@ -23,8 +23,8 @@ enum Numbers {
 }
 
 // SAFETY: the pointers are those of an array that `_array` keeps alive, and are only read. A program that writes to the
-// array meanwhile, or frees its memory by `resize(refcheck=False)`, breaks a rule of NumPy's: results are then undefined
-// there, too.
+// array meanwhile, or frees its memory by `resize(refcheck=False)`, breaks a rule of NumPy's: results are then
+// undefined there, too.
 #[expect(unsafe_code, reason = "work on other threads reads the array")]
 unsafe impl Send for Points {}
 

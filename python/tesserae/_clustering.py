@@ -104,13 +104,14 @@ class Clustering:
             return self._mesh
         geometry = self._geometry
         offsets, connectivity = geometry.offsets(), geometry.connectivity()
-        return Mesh(geometry.points(), np.reshape(connectivity, (-1, 3)) if offsets is None else (offsets, connectivity))
+        faces = np.reshape(connectivity, (-1, 3)) if offsets is None else (offsets, connectivity)
+        return Mesh(geometry.points(), faces)
 
     @cached_property
     def report(self) -> dict[str, Any]:
-        """Everything that is known about the run, as ``--report`` writes it: input, parameters, device, energies, times.
+        """Everything that is known about the run, as ``--report`` writes it: input, parameters, energies, times.
 
-        The service's documentation describes its members; ``input.format`` is None for arrays.
+        ``docs/results.md`` describes its members; ``input.format`` is None for arrays.
         """
         report: dict[str, Any] = json.loads(self._outcome.report())
         return report

@@ -73,8 +73,8 @@ class Mesh:
     points : array_like of shape (N, 3)
         Positions, in any unit of length; finite.
     faces : array_like or tuple
-        Polygons: an integer array of shape (F, n), F polygons of n corners; VTK's padded array of shape (M,), ``[n, i, j,
-        ..., n, ...]``; or a tuple of two arrays, offsets of shape (F + 1,) and corners, as VTK's cell arrays have them.
+        Polygons: an integer array of shape (F, n), F polygons of n corners; VTK's padded array of one dimension,
+        ``[n, i, j, ..., n, ...]``; or a tuple of two arrays, offsets of shape (F + 1,) and corners, as VTK's cell arrays have them.
 
     Attributes
     ----------
