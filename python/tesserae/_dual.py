@@ -88,5 +88,5 @@ def quartered(triangles: NDArray[np.int64], points: int) -> tuple[NDArray[np.int
 
 def normals(points: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.float64]:
     """Normals of triangles, twice as long as their areas."""
-    a, b, c = points[triangles].swapaxes(0, 1)
-    return np.cross(b - a, c - a)
+    a, b, c = (points[triangles[:, corner]] for corner in range(3))
+    return np.asarray(np.cross(b - a, c - a), dtype=np.float64)
