@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from tesserae._cluster import cluster as cluster
     from tesserae._clustering import Clustering as Clustering
     from tesserae._clustering import Remesh as Remesh
+    from tesserae._clustering import outputs as outputs
     from tesserae._errors import Error as Error
     from tesserae._hierarchy import Cut as Cut
     from tesserae._hierarchy import Hierarchy as Hierarchy
@@ -44,6 +45,7 @@ _MODULES = {
     "Remesh": "_clustering",
     "__version__": "_native",
     "cluster": "_cluster",
+    "outputs": "_clustering",
 }
 
 __all__ = [
@@ -59,6 +61,7 @@ __all__ = [
     "Remesh",
     "__version__",
     "cluster",
+    "outputs",
 ]
 
 

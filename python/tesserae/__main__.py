@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 
 
@@ -9,6 +10,8 @@ def main() -> int:
     """Run the command that the arguments of this process name; return its exit status."""
     from tesserae import _native
 
+    # The command handles signals as it does without Python, which would add a traceback.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     return _native.main(["tesserae", *sys.argv[1:]])
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import io
 import json
 import os
-from typing import TYPE_CHECKING, Any, Literal, Optional, Union
+from typing import TYPE_CHECKING, Any, Literal, Optional, Union, cast
 
 import numpy as np
 
 from tesserae import _native
 from tesserae._clustering import Clustering
-from tesserae._errors import Error
+from tesserae._errors import Error, count_if_given
 from tesserae._mesh import FacesLike, Mesh, MeshLike, PathLike
 from tesserae._progress import Progress, Rows
 
@@ -192,11 +192,11 @@ def cluster(
         ),
         listed,
         None if weights is None else _npy(weights, "weights", "fiu"),
-        device,
+        str(device),
         None if adapter is None else str(adapter),
-        max_faces,
-        max_faces_per_byte,
-        max_upload_bytes,
+        count_if_given(max_faces, "max_faces"),
+        count_if_given(max_faces_per_byte, "max_faces_per_byte"),
+        count_if_given(max_upload_bytes, "max_upload_bytes"),
     )
     if file is not None:
         with Rows(progress) as rows:
@@ -221,9 +221,9 @@ def _json(**parameters: Any) -> str:
 def _plain(value: Any) -> Any:
     """A number or array of NumPy as Python's own."""
     if isinstance(value, (np.generic, np.ndarray)):
-        return value.tolist()
-    if isinstance(value, (range, set, frozenset)):
-        return list(value)  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
+        return cast(Any, value).tolist()
+    if isinstance(value, range):
+        return list(value)
     raise TypeError(f"{value!r:.80}")
 
 

@@ -31,6 +31,11 @@ ITERATION = np.dtype(
 """A row of `Clustering.iterations`."""
 
 
+def outputs() -> dict[str, str]:
+    """Return what `Clustering.output` can write: names of files, and what is in them."""
+    return dict(_native.forms())
+
+
 class Remesh(NamedTuple):
     """A triangle mesh with a vertex a cluster, a manifold for any labels."""
 
@@ -99,7 +104,7 @@ class Clustering:
             return self._mesh
         geometry = self._geometry
         offsets, connectivity = geometry.offsets(), geometry.connectivity()
-        return Mesh(geometry.points(), connectivity.reshape(-1, 3) if offsets is None else (offsets, connectivity))
+        return Mesh(geometry.points(), np.reshape(connectivity, (-1, 3)) if offsets is None else (offsets, connectivity))
 
     @cached_property
     def report(self) -> dict[str, Any]:
@@ -143,7 +148,8 @@ class Clustering:
     def centroids(self) -> NDArray[np.float64]:
         """Mean of the centroids of each cluster's faces, weighted by area: shape (clusters, 3)."""
         missing = [float("nan")] * 3
-        return np.array([row["centroid"] or missing for row in self.table], dtype=np.float64).reshape(-1, 3)
+        rows = [row["centroid"] or missing for row in self.table]
+        return np.reshape(np.array(rows, dtype=np.float64), (-1, 3))
 
     @cached_property
     def hierarchy(self) -> Hierarchy:
@@ -208,7 +214,8 @@ class Clustering:
         tesserae.Error
             There is no such output, or not of this clustering (``"not-found"``, ``"conflict"``).
         """
-        return self._geometry.encode(form, self.labels, self.clusters, placement, ply_vertex_colours, force)
+        cut = None if self._cut is None else (self._cut.labels, self._cut.clusters)
+        return self._outcome.encode(form, self._geometry, cut, placement, ply_vertex_colours, force)
 
     @cached_property
     def _geometry(self) -> _native.Geometry:
@@ -226,5 +233,4 @@ class Clustering:
         return plot(self, **options)
 
     def __repr__(self) -> str:
-        faces = self.report["input"]["faces"]
-        return f"Clustering({faces} faces, {self.clusters} clusters, energy {self.energy:.6g})"
+        return f"Clustering({self._outcome.faces} faces, {self.clusters} clusters, energy {self.energy:.6g})"

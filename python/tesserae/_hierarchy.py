@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Optional, Union
 import numpy as np
 
 from tesserae import _native
-from tesserae._errors import Error
+from tesserae._errors import Error, count, count_if_given
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -65,6 +65,7 @@ class Hierarchy:
         tesserae.Error
             The file cannot be read (``"io"``), is no hierarchy (``"bad-request"``) or too large (``"too-large"``).
         """
+        max_faces = count_if_given(max_faces, "max_faces")
         if isinstance(source, bytes):
             return cls(_native.Tree.read(source, max_faces))
         try:
@@ -98,7 +99,8 @@ class Hierarchy:
         min_clusters, max_clusters : int, optional
             Leave out what comes after fewer, or before as few, clusters are left.
         """
-        value: dict[str, Any] = json.loads(self._tree.json(min_clusters, max_clusters))
+        limits = count_if_given(min_clusters, "min_clusters"), count_if_given(max_clusters, "max_clusters")
+        value: dict[str, Any] = json.loads(self._tree.json(*limits))
         return value
 
     @property
@@ -140,8 +142,9 @@ class Hierarchy:
         tesserae.Error
             There are fewer faces, or more roots, than that (``"invalid-parameter"``).
         """
-        labels, energy, rounds, merges = self._tree.cut(clusters)
-        return Cut(labels, clusters, energy, "merged" if merges else "exact", rounds, merges)
+        wanted = count(clusters, "clusters")
+        labels, energy, rounds, merges = self._tree.cut(wanted)
+        return Cut(labels, wanted, energy, "merged" if merges else "exact", rounds, merges)
 
     def linkage(self) -> NDArray[np.float64]:
         """Return scipy's linkage matrix: a row a merge, with two clusters, their distance, their number of faces.

@@ -15,7 +15,7 @@ Points that are float32 or float64, contiguous, aligned and in the byte order of
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any, Optional, Protocol, Union
+from typing import TYPE_CHECKING, Any, Optional, Protocol, Union, cast
 
 import numpy as np
 
@@ -144,7 +144,7 @@ class Mesh:
             return cls(np.asarray(vertices), np.asarray(triangles))
         cells: Any = getattr(mesh, "cells", None)
         if points is not None and isinstance(cells, list):
-            return _of_blocks(points, cells)
+            return _of_blocks(points, cast("list[Any]", cells))
         raise Error(
             "invalid-mesh",
             "a mesh is points and faces, a file name, or an object of pyvista, trimesh, open3d or meshio, "
@@ -173,7 +173,7 @@ class Mesh:
             padded = np.empty((faces, corners + 1), dtype=np.int64)
             padded[:, 0] = corners
             padded[:, 1:] = self.connectivity
-            return padded.reshape(-1)
+            return np.ravel(padded)
         offsets = self.offsets.astype(np.int64)
         return np.insert(self.connectivity.astype(np.int64), offsets[:-1], np.diff(offsets))
 
@@ -203,7 +203,7 @@ def _integers(numbers: Any, what: str) -> Numbers:
         raise Error("invalid-mesh", f"{what} must be integers, not {array.dtype}")
     if array.dtype.kind not in "iu" or array.dtype.itemsize < 4:
         return array.astype(np.int64)
-    return np.require(array, dtype=array.dtype.newbyteorder("="), requirements=["A"])
+    return np.require(array, dtype=f"{array.dtype.kind}{array.dtype.itemsize}", requirements=["A"])
 
 
 def _array(values: Any, what: str) -> Numbers:
@@ -221,10 +221,10 @@ def _are_faces(pair: tuple[Any, Any]) -> bool:
 def _unpadded(padded: Numbers) -> tuple[Numbers, Optional[Numbers]]:
     """Connectivity and offsets of VTK's padded array; offsets are None if all faces have as many corners."""
     if padded.size == 0:
-        return padded.reshape(0, 3), None
+        return np.reshape(padded, (0, 3)), None
     corners = int(padded[0])
     if corners > 0 and padded.size % (corners + 1) == 0:
-        rows = padded.reshape(-1, corners + 1)
+        rows = np.reshape(padded, (-1, corners + 1))
         if bool((rows[:, 0] == corners).all()):
             return rows[:, 1:], None
     return _native.unpad(np.ascontiguousarray(padded, dtype=np.int64))
@@ -235,16 +235,17 @@ def _of_blocks(points: Any, blocks: list[Any]) -> Mesh:
     left_out = ("vertex", "line")
     faces: list[Numbers] = []
     for block in blocks:
-        kind, data = str(block.type), block.data
+        kind, data = str(block.type), cast(Any, block.data)
         if kind.startswith(left_out):
             continue
         if kind not in ("triangle", "quad", "polygon"):
             raise Error("unsupported-mesh", f"cells must be triangles, quads or polygons, not {kind}")
-        faces.extend([np.asarray(face) for face in data] if isinstance(data, list) else [np.asarray(data)])
+        # ragged polygons are a list of arrays
+        faces.extend(np.asarray(face) for face in (cast("list[Any]", data) if isinstance(data, list) else [data]))
     arrays = [np.atleast_2d(array) for array in faces]
     if len(arrays) == 1:
         return Mesh(points, arrays[0])
     counts = [np.full(array.shape[0], array.shape[1], dtype=np.int64) for array in arrays]
     lengths = np.concatenate(counts) if counts else np.zeros(0, dtype=np.int64)
-    corners = np.concatenate([array.reshape(-1) for array in arrays]) if arrays else np.zeros(0, dtype=np.int64)
+    corners = np.concatenate([np.ravel(array) for array in arrays]) if arrays else np.zeros(0, dtype=np.int64)
     return Mesh(points, (np.concatenate([[0], np.cumsum(lengths)]), corners))

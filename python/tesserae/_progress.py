@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Callable, Optional, Union
 
 from tesserae._rows import Iteration, Level
@@ -18,10 +19,10 @@ class Bar:
         self._tqdm: Optional[Any] = None
         self._rows = 0
         try:
-            from tqdm.auto import tqdm
+            tqdm: Any = import_module("tqdm.auto").tqdm
         except ImportError:
             return
-        self._tqdm = tqdm(desc="clustering", unit=" rows", leave=True)
+        self._tqdm = tqdm(desc="clustering", unit=" rows")
 
     def __call__(self, row: Union[Iteration, Level]) -> None:
         """Show a row."""

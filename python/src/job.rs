@@ -1,0 +1,155 @@
+//! A clustering of arrays or of a file.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use pyo3::prelude::*;
+use serde_json::{Map, Value};
+use tesserae::artifacts::{Artifact, MESH};
+use tesserae::device::Cancel;
+use tesserae::device::select::DeviceChoice;
+use tesserae::error::wrong_json;
+use tesserae::job::{self, DeviceFor, InMemory, Prepared, Request, milliseconds};
+use tesserae::mesh::{Beside, Faces, Format, Limits, MeshView};
+use tesserae::parameters::Parameters;
+use tesserae::{Error, Result};
+
+use crate::arrays::{self, Points};
+use crate::background::{self, Reporter};
+use crate::error::raised;
+use crate::outcome::Outcome;
+
+/// What to do with a mesh.
+#[pyclass(frozen, module = "tesserae._native")]
+#[derive(Clone)]
+pub struct Job {
+    parameters: Parameters,
+    seeds: Option<Vec<u8>>,
+    weights: Option<Vec<u8>>,
+    device: DeviceChoice,
+    adapter: Option<String>,
+    limits: Limits,
+}
+
+#[pymethods]
+impl Job {
+    #[new]
+    #[expect(clippy::too_many_arguments, reason = "these are the arguments of the class in Python")]
+    fn new(
+        py: Python<'_>,
+        parameters: &str,
+        seeds: Option<Vec<u8>>,
+        weights: Option<Vec<u8>>,
+        device: &str,
+        adapter: Option<String>,
+        max_faces: Option<u64>,
+        max_faces_per_byte: Option<u64>,
+        max_bytes: Option<u64>,
+    ) -> PyResult<Self> {
+        let parameters = raised(py, parsed(parameters))?;
+        let device = serde_json::from_value(Value::String(device.to_owned()));
+        let device = device.map_err(|error| Error::parameter(format_args!("device {}", wrong_json(&error))));
+        let usual = Limits::default();
+        let limits = Limits {
+            max_faces: max_faces.unwrap_or(usual.max_faces),
+            max_faces_per_byte,
+            max_bytes: max_bytes.unwrap_or(usual.max_bytes),
+        };
+        Ok(Self { parameters, seeds, weights, device: raised(py, device)?, adapter, limits })
+    }
+}
+
+/// The parameters of a JSON object. Each is read by itself first, so that an error has its name.
+fn parsed(parameters: &str) -> Result<Parameters> {
+    let wrong = |name: &str, error| Error::parameter(format_args!("{name} {}", wrong_json(&error)));
+    let members: Map<String, Value> = serde_json::from_str(parameters).map_err(|error| wrong("parameters", error))?;
+    for (name, value) in &members {
+        let alone = Value::Object(Map::from_iter([(name.clone(), value.clone())]));
+        serde_json::from_value::<Parameters>(alone).map_err(|error| wrong(name, error))?;
+    }
+    serde_json::from_value(Value::Object(members)).map_err(|error| wrong("parameters", error))
+}
+
+impl Job {
+    /// Clusters a prepared mesh, and says in the report when that began.
+    fn run(&self, prepared: Prepared, begin: Instant, cancel: &Cancel, reporter: &Reporter) -> Result<Outcome> {
+        cancel.check()?;
+        let device = DeviceFor { choice: self.device, adapter: self.adapter.as_deref() };
+        let mut outcome = job::run_on(device, &prepared, cancel, &mut |row| reporter.row(row))?;
+        outcome.report.timings_ms.total = milliseconds(begin.elapsed());
+        Ok(Outcome::of(outcome))
+    }
+
+    fn cluster(&self, points: &Points, faces: &Faces, cancel: &Cancel, reporter: &Reporter) -> Result<Outcome> {
+        let begin = Instant::now();
+        let prepared = job::prepare_in_memory(&InMemory {
+            mesh: MeshView::new(points.positions(), faces)?,
+            limits: self.limits,
+            parameters: &self.parameters,
+            seeds: self.seeds.as_deref(),
+            weights: self.weights.as_deref(),
+        });
+        self.run(prepared.map_err(|refusal| refusal.error)?, begin, cancel, reporter)
+    }
+
+    fn cluster_file(
+        &self,
+        path: &PathBuf,
+        format: Option<Format>,
+        cancel: &Cancel,
+        reporter: &Reporter,
+    ) -> Result<Outcome> {
+        let begin = Instant::now();
+        let name = path.to_string_lossy();
+        let unreadable = |error| Error::io(format_args!("cannot read {name}"), error);
+        self.limits.check_bytes(std::fs::metadata(path).map_err(unreadable)?.len())?;
+        let bytes = std::fs::read(path).map_err(unreadable)?;
+        let recognised = || Format::recognise(Some(&name), &bytes, Some(bytes.len() as u64));
+        let format = format.map_or_else(recognised, Ok)?;
+        let read = milliseconds(begin.elapsed());
+        let kept: [&Artifact; 1] = [&MESH];
+        let mut prepared = job::prepare(&Request {
+            bytes: &bytes,
+            format,
+            resources: &Beside { folder: path.parent().map_or_else(PathBuf::new, PathBuf::from) },
+            limits: self.limits,
+            parameters: &self.parameters,
+            seeds: self.seeds.as_deref(),
+            weights: self.weights.as_deref(),
+            outputs: &kept,
+        })?;
+        prepared.timings.read = read;
+        drop(bytes);
+        self.run(prepared, begin, cancel, reporter)
+    }
+}
+
+/// Clusters a mesh in arrays. `on_row` is called in this thread.
+#[pyfunction]
+#[pyo3(signature = (points, connectivity, offsets, job, on_row))]
+pub fn cluster(
+    py: Python<'_>,
+    points: &Bound<'_, PyAny>,
+    connectivity: &Bound<'_, PyAny>,
+    offsets: Option<&Bound<'_, PyAny>>,
+    job: Job,
+    on_row: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Outcome> {
+    let points = Points::of(points)?;
+    let faces = arrays::faces(connectivity, offsets)?;
+    background::run(py, move |cancel, reporter| job.cluster(&points, &faces, cancel, reporter), on_row)
+}
+
+/// Clusters the mesh of a file. `on_row` is called in this thread.
+#[pyfunction]
+#[pyo3(signature = (path, format, job, on_row))]
+pub fn cluster_file(
+    py: Python<'_>,
+    path: PathBuf,
+    format: Option<&str>,
+    job: Job,
+    on_row: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Outcome> {
+    let format = raised(py, format.map(Format::from_name).transpose().map_err(Error::parameter))?;
+    background::run(py, move |cancel, reporter| job.cluster_file(&path, format, cancel, reporter), on_row)
+}

@@ -1,0 +1,141 @@
+"""Random inputs: an exception of the package or a right answer, never a crash.
+
+TESSERAE_TEST_INPUTS says how many; they run in a process of its own under faulthandler.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+import tesserae
+
+
+def grid(random: Generator) -> tuple[NDArray[Any], NDArray[Any]]:
+    """A bent grid of triangles."""
+    n = int(random.integers(2, 7))
+    x, y = np.meshgrid(np.arange(n), np.arange(n))
+    points = np.stack([x, y, random.normal(size=(n, n))], axis=-1).reshape(-1, 3)
+    a = (y[:-1, :-1] * n + x[:-1, :-1]).reshape(-1)
+    return points, np.concatenate([np.stack([a, a + 1, a + n], 1), np.stack([a + 1, a + n + 1, a + n], 1)])
+
+
+def strange_points(random: Generator, points: NDArray[Any]) -> Any:
+    """Points of another type, layout, shape or value."""
+    kinds = ["f2", "f4", ">f4", "f8", ">f8", "longdouble", "i4", "u1", "c16", "?", "O", "S4", "M8[s]"]
+    choice = int(random.integers(12))
+    if choice < 4:
+        kind = kinds[int(random.integers(len(kinds)))]
+        with np.errstate(all="ignore"):
+            return points.astype("i8").astype(kind) if kind in ("M8[s]",) else points.astype(kind)
+    if choice == 4:
+        return points[:, :: int(random.choice([-1, 1, 2]))]
+    if choice == 5:
+        return np.asfortranarray(points)[:: int(random.choice([-1, 1, 2]))]
+    if choice == 6:
+        points[random.integers(len(points))] = random.choice([np.nan, np.inf, -np.inf, 1e308, 1e-320])
+        return points
+    if choice == 7:
+        packed = np.zeros(len(points), dtype=[("skip", "u1"), ("point", "f8", 3)])
+        packed["point"] = points
+        return packed["point"]  # not aligned
+    if choice == 8:
+        return points.reshape(random.choice([1, 3]), -1) if len(points) % 3 == 0 else points[None]
+    if choice == 9:
+        return points.tolist()
+    if choice == 10:
+        return [None, 7, "x.obj"][int(random.integers(3))]
+    points.flags.writeable = False
+    return points
+
+
+def strange_faces(random: Generator, faces: NDArray[Any]) -> Any:
+    """Faces of another type, layout, shape or value."""
+    choice = int(random.integers(14))
+    if choice < 3:
+        kinds = ["i1", "u1", "i2", ">i2", "i4", ">i4", "u4", "i8", ">u8", "u8", "f4", "?", "O", "S3"]
+        return faces.astype(kinds[int(random.integers(len(kinds)))])
+    if choice < 6:
+        wrong = [-1, 1 << 31, 1 << 32, (1 << 63) - 1, -(1 << 63), len(faces) * 9]
+        faces = faces.astype("i8")
+        faces[random.integers(len(faces)), random.integers(3)] = wrong[int(random.integers(len(wrong)))]
+        return faces
+    if choice == 6:
+        return np.asfortranarray(faces)[:: int(random.choice([-1, 1, 2]))]
+    if choice == 7:
+        return faces[:, : int(random.integers(4))]
+    if choice == 8:
+        padded = np.insert(faces, 0, 3, axis=1).reshape(-1)
+        padded[random.integers(len(padded))] = random.integers(-3, 9)
+        return padded[: int(random.integers(len(padded) + 1))]
+    if choice == 9:
+        offsets = np.arange(0, faces.size + 1, 3)
+        offsets[random.integers(len(offsets))] = random.choice([-1, 0, 1 << 40, 5])
+        return offsets, faces.reshape(-1)
+    if choice == 10:
+        offsets = np.unique(np.concatenate([[0], random.integers(1, faces.size, size=6), [faces.size]]))
+        return offsets, faces.reshape(-1)
+    if choice == 11:
+        return np.sort(faces, axis=1)[random.integers(len(faces), size=len(faces))]
+    if choice == 12:
+        return [None, 7, "x"][int(random.integers(3))]
+    return faces.reshape(2, -1, 3) if len(faces) % 2 == 0 else faces[:0]
+
+
+def strange_options(random: Generator, faces: int, points: int) -> dict[str, Any]:
+    """Options, some of which are wrong."""
+    options: dict[str, Any] = {"clusters": random.choice([1, 2, 3, faces, faces + 1, 0, -1, 1 << 40])}
+    if random.random() < 0.5:
+        options["algorithm"] = str(random.choice(["bb", "pml", "ml", "hr", "acvd", "vc", "none"]))
+    if random.random() < 0.2:
+        options["weights"] = random.normal(1, 0.4, size=random.choice([faces, points, 3]))
+    if random.random() < 0.2:
+        options["seeds"] = random.integers(-1, faces + 1, size=int(random.choice([1, 2, 3])))
+    if random.random() < 0.2:
+        options["bridge_components"] = bool(random.random() < 0.8)
+    if random.random() < 0.1:
+        options["levels"] = random.integers(0, 9, size=2)
+    if random.random() < 0.1:
+        options["snapshots"] = random.choice([0, 1, -1])
+    return options
+
+
+def once(seed: int) -> bool:
+    """Cluster one input; whether there was an answer."""
+    random = np.random.default_rng(seed)
+    points, faces = grid(random)
+    given_points: Any = strange_points(random, points) if random.random() < 0.5 else points
+    given_faces: Any = strange_faces(random, faces) if random.random() < 0.5 else faces
+    options = strange_options(random, len(faces), len(points))
+    try:
+        clustering = tesserae.cluster(given_points, given_faces, **options)
+        labels = clustering.labels
+    except tesserae.Error as error:
+        assert error.kind != "internal", (seed, error)
+        return False
+    assert labels.dtype == np.uint32 and labels.shape == (tesserae.Mesh(given_points, given_faces).n_faces,), seed
+    assert np.array_equal(np.unique(labels), np.arange(clustering.clusters)), seed
+    if seed % 10 == 0:
+        clustering.remesh()
+        clustering.centroids  # noqa: B018
+    return True
+
+
+def test_random_inputs_give_an_exception_or_an_answer() -> None:
+    count = int(os.environ.get("TESSERAE_TEST_INPUTS", "2000"))
+    words = [sys.executable, "-W", "ignore", "-X", "faulthandler", __file__, str(count)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-4000:]
+    answers = int(done.stdout)
+    # both happen often
+    assert count // 10 < answers < count * 9 // 10
+
+
+if __name__ == "__main__":
+    print(sum(once(seed) for seed in range(int(sys.argv[1]))))

@@ -1,0 +1,182 @@
+"""What a clustering gives: numbers, hierarchies, outputs, errors."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import re
+from collections.abc import Callable
+from inspect import signature
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import command, read_obj
+
+import tesserae
+from tesserae import _native
+
+Sample = Callable[[str, int], Path]
+TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+
+
+def test_numbers_add_up(sample: Sample) -> None:
+    points, faces = read_obj(sample("terrain", 2000))
+    clustering = tesserae.cluster(points, faces, 25, snapshots=[0, 2])
+    labels = clustering.labels
+    assert clustering.clusters == 25 and labels.shape == (len(faces),)
+    assert clustering.sizes.sum() == len(faces) and clustering.sizes.min() > 0
+    corners = points[np.array(faces)]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    middle = corners.mean(axis=1)
+    centroids = np.array([np.average(middle[labels == k], axis=0, weights=area[labels == k]) for k in range(25)])
+    assert np.allclose(clustering.centroids, centroids)
+    energy = (area * ((middle - centroids[labels]) ** 2).sum(axis=1)).sum()
+    assert np.isclose(clustering.energy, energy, rtol=1e-9)
+    rows = clustering.iterations
+    assert rows.dtype.names == ("iteration", "phase", "round", "energy", "moves", "elapsed_us")
+    assert rows["iteration"][0] == 0 and (rows["round"] == -1).all() and np.isclose(rows["energy"][-1], energy)
+    assert list(clustering.snapshots) == [0, 2]
+    assert clustering.report["clusters"] == 25 and clustering.report["energy"]["final"] == clustering.energy
+    assert clustering.hexagon_ratio == clustering.report["energy"]["hexagon_ratio"]
+    assert "25 clusters" in repr(clustering)
+
+
+def test_hierarchies_are_cut_saved_and_loaded(sample: Sample, tmp_path: Path) -> None:
+    points, faces = read_obj(sample("knot", 2000))
+    whole = tesserae.cluster(points, faces, algorithm="pml")
+    assert whole.hierarchy.roots == 1 and whole.hierarchy.faces == len(faces)
+    with pytest.raises(tesserae.Error) as caught:
+        whole.labels  # noqa: B018
+    assert caught.value.kind == "conflict"
+    whole.hierarchy.save(tmp_path / "knot.tsr")
+    loaded = tesserae.Hierarchy.load(tmp_path / "knot.tsr")
+    assert loaded.to_bytes() == tesserae.Hierarchy.load(whole.hierarchy.to_bytes()).to_bytes()
+    cut = loaded.cut(37)
+    assert cut.clusters == 37 == len(np.unique(cut.labels)) and np.array_equal(cut.labels, whole.cut(37).labels)
+    done = command("cut", tmp_path / "knot.tsr", "-k", "37", "--labels", tmp_path / "cut.npy")
+    assert done.returncode == 0 and np.array_equal(cut.labels, np.load(tmp_path / "cut.npy"))
+    levels = loaded.levels
+    assert levels["clusters"][-1] == 1 and (np.diff(levels["clusters"].astype(np.int64)) < 0).all()
+    assert levels["merges"].sum() == len(faces) - 1
+    exact = loaded.cut(int(levels["clusters"][0]))
+    assert (exact.kind, exact.merges_on_top) == ("exact", 0) and np.isclose(exact.energy, levels["energy"][0])
+    assert loaded.header["algorithm"] == "pml" and len(loaded.to_json(max_clusters=10)["nodes"]) == 9
+    assert whole.cut(37).remesh("centroid").faces.shape[1] == 3
+    for wrong in [0, len(faces) + 1, -1]:
+        with pytest.raises(tesserae.Error) as caught:
+            loaded.cut(wrong)
+        assert caught.value.kind == "invalid-parameter"
+
+
+def test_linkage_needs_a_nested_tree(sample: Sample) -> None:
+    points, faces = read_obj(sample("knot", 500))
+    linkage = tesserae.cluster(points, faces, algorithm="hr").hierarchy.linkage()
+    assert linkage.shape == (len(faces) - 1, 4) and linkage[-1, 3] == len(faces)
+    assert (np.diff(linkage[:, 2]) >= 0).all()
+    with pytest.raises(tesserae.Error) as caught:
+        tesserae.cluster(points, faces, algorithm="pml").hierarchy.linkage()
+    assert caught.value.kind == "conflict"
+
+
+def test_a_remesh_is_a_manifold_with_a_vertex_a_cluster(sample: Sample) -> None:
+    points, faces = read_obj(sample("knot", 3000))
+    remesh = tesserae.cluster(points, faces, 300).remesh()
+    assert remesh.summary["checked"] and remesh.summary["triangles"] == len(remesh.faces)
+    edges = np.sort(remesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
+    assert np.array_equal(remesh.clusters[:300], np.arange(300))
+    source = remesh.source
+    places = (source["barycentric"][:, :, None] * points[source["vertices"]]).sum(axis=1)
+    assert np.linalg.norm(places - remesh.points, axis=1).max() < 0.1 * np.ptp(points)
+
+
+def test_every_output_is_that_of_the_command_line(sample: Sample, tmp_path: Path) -> None:
+    path = sample("knot", 800)
+    points, faces = read_obj(path)
+    clustering = tesserae.cluster(points, faces, algorithm="hr", clusters=20)
+    flags = {"clusters": "--clusters-table", "linkage": "--linkage"}
+    left_out = {"snapshots.npy", "snapshots.json", "report.json", "linkage.npy"}
+    for form, about in _native.forms():
+        assert about
+        if form in left_out:
+            continue
+        stem, extension = form.split(".", 1)
+        out = tmp_path / f"out.{extension}"
+        flag = flags.get(stem, f"--{stem}")
+        done = command("cluster", path, "--algorithm", "hr", "-k", "20", flag, out)
+        assert done.returncode == 0, done.stderr
+        ours, theirs = clustering.output(form), out.read_bytes()
+        if form == "hierarchy.tsr":  # its header names the format of the file
+            assert len(ours) > 1000
+        else:
+            assert ours == theirs, form
+    assert json.loads(clustering.output("report.json"))["clusters"] == 20
+    for form, kind in [("mesh.xyz", "not-found"), ("linkage.npy", "conflict")]:
+        with pytest.raises(tesserae.Error) as caught:
+            clustering.output(form)
+        assert caught.value.kind == kind
+
+
+def test_every_parameter_of_the_command_line_is_a_documented_keyword() -> None:
+    keywords = signature(tesserae.cluster).parameters
+    help_of_command = command("cluster", "--help").stdout
+    flags = {flag.replace("-", "_") for flag in re.findall(r"--([a-z][a-z-]+)", help_of_command)}
+    outputs = {form.split(".")[0].replace("-", "_") for form, _ in _native.forms()}
+    of_outputs = {"clusters_table", "placement", "ply_vertex_colours", "force", "min_clusters", "max_clusters"}
+    missing = flags - outputs - of_outputs - {"help", "version"} - set(keywords)
+    assert not missing
+    assert set(_native.parameters()) <= set(keywords)
+    assert keywords["clusters"].default == 1000
+    described = tesserae.cluster.__doc__ or ""
+    for name in keywords:
+        assert re.search(rf"^    {name} : ", described, flags=re.MULTILINE), name
+
+
+REFUSED: list[tuple[dict[str, Any], str]] = [
+    ({"points": TRIANGLE[:, :2]}, "invalid-mesh"),
+    ({"points": TRIANGLE.astype(complex)}, "invalid-mesh"),
+    ({"points": [[0, 0, 0], [1]]}, "invalid-mesh"),
+    ({"points": np.full((3, 3), np.nan)}, "invalid-mesh"),
+    ({"points": object()}, "invalid-mesh"),
+    ({"faces": [[0, 1, 3]]}, "invalid-mesh"),
+    ({"faces": [[0, 1, -1]]}, "invalid-mesh"),
+    ({"faces": [[0, 1, 1 << 40]]}, "invalid-mesh"),
+    ({"faces": [[0.0, 1.0, 2.0]]}, "invalid-mesh"),
+    ({"faces": np.zeros((0, 3), dtype=int)}, "invalid-mesh"),
+    ({"faces": np.array([3, 0, 1])}, "invalid-mesh"),
+    ({"faces": np.array([3, 0, 1, 2, 0])}, "invalid-mesh"),
+    ({"faces": (np.array([0, 3, 2]), np.array([0, 1, 2]))}, "invalid-mesh"),
+    ({"clusters": 2}, "invalid-parameter"),
+    ({"clusters": 0}, "invalid-parameter"),
+    ({"clusters": -1}, "invalid-parameter"),
+    ({"clusters": "many"}, "invalid-parameter"),
+    ({"clusters": 1.5}, "invalid-parameter"),
+    ({"algorithm": "kmeans"}, "invalid-parameter"),
+    ({"seeds": [0.5]}, "invalid-parameter"),
+    ({"seeds": [7]}, "invalid-parameter"),
+    ({"weights": [-1.0]}, "invalid-parameter"),
+    ({"weights": ["a"]}, "invalid-parameter"),
+    ({"curvature_exponent": float("nan")}, "invalid-parameter"),
+    ({"weight_attribute": "_W"}, "invalid-parameter"),
+    ({"device": "tpu"}, "invalid-parameter"),
+    ({"max_faces": -1}, "invalid-parameter"),
+    ({"max_faces": 0}, "too-large"),
+    ({"format": "obj"}, "invalid-parameter"),
+    ({"points": "no-such-file.obj", "faces": None}, "io"),
+]
+
+
+@pytest.mark.parametrize(("wrong", "kind"), REFUSED)
+def test_what_is_refused_says_so_with_its_kind(wrong: dict[str, Any], kind: str) -> None:
+    given: dict[str, Any] = {"points": TRIANGLE, "faces": [[0, 1, 2]], "clusters": 1, **wrong}
+    with pytest.raises(tesserae.Error) as caught:
+        tesserae.cluster(**given)
+    assert caught.value.kind == kind, caught.value
+    assert "\n" not in str(caught.value)
+
+
+def test_errors_survive_pickling() -> None:
+    error = pickle.loads(pickle.dumps(tesserae.Error("io", "cannot read x")))
+    assert (error.kind, str(error)) == ("io", "cannot read x")
