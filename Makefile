@@ -104,6 +104,7 @@ bench-stages: bundle  ## measure the stages before the clustering (FILTER=topolo
 .PHONY: bench-peers
 bench-peers: bundle $(TARGET)/bench-venv/ready  ## the same work by us and by peers, in turns: target/bench/peers.md and .json
 	cargo build --release --locked $(FEATURES)
+	$(TARGET)/bench-venv/bin/pip install --quiet --disable-pip-version-check ./python
 	$(TARGET)/bench-venv/bin/python benches/peers.py $(TARGET)/release/tesserae $(TARGET)/bench $(TESSERAE_TEST_MESHES)
 
 $(TARGET)/bench-venv/ready: benches/requirements.txt | install-test
