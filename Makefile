@@ -29,7 +29,7 @@ run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:80
 
 .PHONY: test
 test: lint  ## install what is missing and check everything, on cpu and on a software gpu
-	@$(MAKE) --no-print-directory unit end-to-end page outputs memory crash fuzz deploy
+	@$(MAKE) --no-print-directory unit end-to-end page outputs python memory crash fuzz deploy
 
 .PHONY: lint
 lint: install-test bundle  ## formatting, clippy, documentation and choices of cargo features, warnings denied
@@ -52,6 +52,29 @@ end-to-end: debug-binary $(VENV)/ready  ## service and command line from outside
 .PHONY: outputs
 outputs: debug-binary $(VENV)/ready $(TARGET)/node/ready  ## outputs as the programs read them that people use
 	$(VENV)/bin/python tests/scripts/outputs.py $(TARGET)/debug/tesserae --node $(TARGET)/node $(TESSERAE_TEST_MESHES)
+
+# The wheel has neither service nor gpu; `pip install ./python` builds the same.
+PYTHON_VENV := $(abspath $(TARGET))/python-venv
+WHEELS := $(abspath $(TARGET))/wheels
+
+.PHONY: python
+python: debug-binary $(PYTHON_VENV)/ready  ## build the Python package, check its types, and run its tests
+	cargo fmt --check --manifest-path python/Cargo.toml
+	cargo clippy --locked --manifest-path python/Cargo.toml --release --target-dir $(abspath $(TARGET)) -- -D warnings
+	rm -rf $(WHEELS)
+	$(PYTHON_VENV)/bin/maturin build --manifest-path python/Cargo.toml --release --locked --auditwheel repair \
+		--interpreter $(PYTHON_VENV)/bin/python --target-dir $(abspath $(TARGET)) --out $(WHEELS)
+	$(PYTHON_VENV)/bin/pip install --quiet --disable-pip-version-check --no-deps --force-reinstall $(WHEELS)/*.whl
+	cd python && $(PYTHON_VENV)/bin/mypy --cache-dir $(PYTHON_VENV)/mypy tesserae examples tests
+	cd python && $(PYTHON_VENV)/bin/pyright --pythonpath $(PYTHON_VENV)/bin/python tesserae examples
+	TESSERAE_BINARY=$(abspath $(TARGET))/debug/tesserae TESSERAE_WHEEL=$$(echo $(WHEELS)/*.whl) \
+		$(PYTHON_VENV)/bin/pytest -q -p no:cacheprovider python/tests
+
+$(PYTHON_VENV)/ready: python/requirements-test.txt | install-test
+	@echo "installing into $(PYTHON_VENV): $$(grep -v '^#' $< | tr '\n' ' ')"
+	python3 -m venv $(PYTHON_VENV)
+	$(PYTHON_VENV)/bin/pip install --quiet --disable-pip-version-check -r $<
+	touch $@
 
 $(TARGET)/node/ready: tests/scripts/gltf/package.json | install-test
 	@echo "installing into $(TARGET)/node: gltf-validator"

@@ -12,13 +12,16 @@ import numpy as np
 from tesserae import _native
 from tesserae._clustering import Clustering
 from tesserae._errors import Error, count_if_given
-from tesserae._mesh import FacesLike, Mesh, MeshLike, PathLike
-from tesserae._progress import Progress, Rows
+from tesserae._mesh import Mesh
+from tesserae._progress import Rows
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import ArrayLike
+
+    from tesserae._mesh import FacesLike, MeshLike, PathLike
+    from tesserae._progress import Progress
 
 Algorithm = Literal["bb", "pml", "ml", "hr", "acvd", "vc"]
 Quality = Literal["fast", "default", "best"]
