@@ -7,7 +7,7 @@ import re
 from typing import Any
 
 import pytest
-from test_client_service import BINARY, ROOT, Service, sample
+from services import BINARY, ROOT, Service, sample
 
 pyvista = pytest.importorskip("pyvista")
 
