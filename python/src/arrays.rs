@@ -23,8 +23,8 @@ enum Numbers {
 }
 
 // SAFETY: the pointers are those of an array that `_array` keeps alive, and are only read. A program that writes to the
-// array meanwhile, or frees its memory by `resize(refcheck=False)`, breaks a rule of NumPy's: results are then undefined
-// there, too.
+// array meanwhile, or frees its memory by `resize(refcheck=False)`, breaks a rule of NumPy's: results are then
+// undefined there, too.
 #[expect(unsafe_code, reason = "work on other threads reads the array")]
 unsafe impl Send for Points {}
 
@@ -160,12 +160,13 @@ pub fn unpad<'py>(
 fn unpadded(mut numbers: impl ExactSizeIterator<Item = i64>) -> Result<(Vec<i64>, Vec<i64>)> {
     let (mut corners, mut offsets) = (Vec::with_capacity(numbers.len()), vec![0]);
     while let Some(count) = numbers.next() {
-        let count = usize::try_from(count).ok().filter(|count| (1..=numbers.len()).contains(count)).ok_or_else(|| {
-            Error::mesh(format_args!(
-                "face {} (from 0) of the padded array has no corners, or more than are left: {count}",
-                offsets.len() - 1
-            ))
-        })?;
+        let count =
+            usize::try_from(count).ok().filter(|count| (1..=numbers.len()).contains(count)).ok_or_else(|| {
+                Error::mesh(format_args!(
+                    "face {} (from 0) of the padded array has no corners, or more than are left: {count}",
+                    offsets.len() - 1
+                ))
+            })?;
         corners.extend(numbers.by_ref().take(count));
         offsets.push(corners.len() as i64);
     }

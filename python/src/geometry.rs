@@ -23,13 +23,8 @@ pub struct Geometry {
 }
 
 /// Positions, triangles, clusters, sources, and the summary as JSON.
-type RemeshArrays<'py> = (
-    Bound<'py, PyArray2<f64>>,
-    Bound<'py, PyArray2<u32>>,
-    Bound<'py, PyArray1<u32>>,
-    Bound<'py, PyDict>,
-    String,
-);
+type RemeshArrays<'py> =
+    (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<u32>>, Bound<'py, PyArray1<u32>>, Bound<'py, PyDict>, String);
 
 #[pymethods]
 impl Geometry {

@@ -108,9 +108,9 @@ class Clustering:
 
     @cached_property
     def report(self) -> dict[str, Any]:
-        """Everything that is known about the run, as ``--report`` writes it: input, parameters, device, energies, times.
+        """Everything that is known about the run, as ``--report`` writes it: input, parameters, energies, times.
 
-        The service's documentation describes its members; ``input.format`` is None for arrays.
+        ``docs/results.md`` describes its members; ``input.format`` is None for arrays.
         """
         report: dict[str, Any] = json.loads(self._outcome.report())
         return report

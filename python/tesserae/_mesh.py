@@ -15,7 +15,7 @@ Points that are float32 or float64, contiguous, aligned and in the byte order of
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any, Optional, Protocol, Union, cast
+from typing import TYPE_CHECKING, Any, Optional, Protocol, Union
 
 import numpy as np
 
@@ -73,8 +73,8 @@ class Mesh:
     points : array_like of shape (N, 3)
         Positions, in any unit of length; finite.
     faces : array_like or tuple
-        Polygons: an integer array of shape (F, n), F polygons of n corners; VTK's padded array of shape (M,), ``[n, i, j,
-        ..., n, ...]``; or a tuple of two arrays, offsets of shape (F + 1,) and corners, as VTK's cell arrays have them.
+        Polygons: an integer array of shape (F, n), F polygons of n corners; VTK's padded array of one dimension,
+        ``[n, i, j, ..., n, ...]``; or a tuple of two arrays, offsets of shape (F + 1,) and corners, as VTK's cell arrays have them.
 
     Attributes
     ----------
@@ -144,7 +144,8 @@ class Mesh:
             return cls(np.asarray(vertices), np.asarray(triangles))
         cells: Any = getattr(mesh, "cells", None)
         if points is not None and isinstance(cells, list):
-            return _of_blocks(points, cast("list[Any]", cells))
+            blocks: list[Any] = cells
+            return _of_blocks(points, blocks)
         raise Error(
             "invalid-mesh",
             "a mesh is points and faces, a file name, or an object of pyvista, trimesh, open3d or meshio, "
@@ -235,13 +236,15 @@ def _of_blocks(points: Any, blocks: list[Any]) -> Mesh:
     left_out = ("vertex", "line")
     faces: list[Numbers] = []
     for block in blocks:
-        kind, data = str(block.type), cast(Any, block.data)
+        kind: str = block.type
+        data: Any = block.data
         if kind.startswith(left_out):
             continue
         if kind not in ("triangle", "quad", "polygon"):
             raise Error("unsupported-mesh", f"cells must be triangles, quads or polygons, not {kind}")
         # ragged polygons are a list of arrays
-        faces.extend(np.asarray(face) for face in (cast("list[Any]", data) if isinstance(data, list) else [data]))
+        rows: list[Any] = data if isinstance(data, list) else [data]
+        faces.extend(np.asarray(face) for face in rows)
     arrays = [np.atleast_2d(array) for array in faces]
     if len(arrays) == 1:
         return Mesh(points, arrays[0])

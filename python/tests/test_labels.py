@@ -38,15 +38,24 @@ def test_arrays_and_files_have_the_labels_of_the_command_line(sample: Sample, tm
 
 
 OPTIONS: list[tuple[list[str], dict[str, Any]]] = [
-    (["--algorithm", "pml", "-k", "20", "--levels", "200,50"], {"algorithm": "pml", "clusters": 20, "levels": [200, 50]}),
+    (
+        ["--algorithm", "pml", "-k", "20", "--levels", "200,50"],
+        {"algorithm": "pml", "clusters": 20, "levels": [200, 50]},
+    ),
     (["--algorithm", "ml", "-k", "20"], {"algorithm": "ml", "clusters": 20}),
     (["--algorithm", "hr", "-k", "20"], {"algorithm": "hr", "clusters": 20}),
     (["--algorithm", "acvd", "-k", "20"], {"algorithm": "acvd", "clusters": 20}),
-    (["--algorithm", "vc", "-k", "20", "--max-iterations", "3"], {"algorithm": "vc", "clusters": 20, "max_iterations": 3}),
+    (
+        ["--algorithm", "vc", "-k", "20", "--max-iterations", "3"],
+        {"algorithm": "vc", "clusters": 20, "max_iterations": 3},
+    ),
     (["-k", "20", "--seeds", "random", "--seed", "7"], {"clusters": 20, "seeds": "random", "seed": 7}),
     (["-k", "20", "--quality", "fast"], {"clusters": 20, "quality": "fast"}),
     (["-k", "20", "--curvature-exponent", "1.5"], {"clusters": 20, "curvature_exponent": 1.5}),
-    (["-k", "20", "--refine", "none", "--allow-disconnected"], {"clusters": 20, "refine": "none", "allow_disconnected": True}),
+    (
+        ["-k", "20", "--refine", "none", "--allow-disconnected"],
+        {"clusters": 20, "refine": "none", "allow_disconnected": True},
+    ),
 ]
 
 
@@ -117,11 +126,15 @@ def test_objects_of_other_libraries_are_recognised_by_their_attributes(sample: S
         Like(vertices=points, faces=faces, triangles=points[faces]),
         Like(vertices=points, triangles=faces),
         Like(points=points, cells=[Like(type="vertex", data=np.array([[0]])), Like(type="triangle", data=faces)]),
-        Like(points=points, cells=[Like(type="triangle", data=faces[:50]), Like(type="polygon", data=list(faces[50:]))]),
+        Like(
+            points=points,
+            cells=[Like(type="triangle", data=faces[:50]), Like(type="polygon", data=list(faces[50:]))],
+        ),
         tesserae.Mesh(points, faces),
     ]:
         assert np.array_equal(tesserae.cluster(mesh, clusters=30).labels, expected)  # type: ignore[arg-type]
-    for wrong in [Like(points=points, cells=[Like(type="tetra", data=faces)]), Like(points=points, faces=faces, n_strips=2)]:
+    tetrahedra = Like(points=points, cells=[Like(type="tetra", data=faces)])
+    for wrong in [tetrahedra, Like(points=points, faces=faces, n_strips=2)]:
         with pytest.raises(tesserae.Error) as caught:
             tesserae.cluster(wrong, clusters=30)  # type: ignore[arg-type]
         assert caught.value.kind == "unsupported-mesh"

@@ -103,10 +103,8 @@ impl Checked {
             warnings.push(format!("degenerate faces, with two corners at one position: {}", counts.degenerate_faces));
         }
         if counts.zero_area_faces > 0 {
-            warnings.push(format!(
-                "faces without area, which weigh as little as a face can: {}",
-                counts.zero_area_faces
-            ));
+            warnings
+                .push(format!("faces without area, which weigh as little as a face can: {}", counts.zero_area_faces));
         }
         if are_listed && mesh.faces.len() == mesh.positions.len() {
             warnings.push(format!(
