@@ -37,7 +37,7 @@ enum Said<T> {
 }
 
 /// Reports rows of running work; rows are lost where nothing listens.
-pub struct Reporter(Option<Box<dyn Fn(Row) + Send>>);
+pub struct Reporter(Option<Box<dyn Fn(Row) + Send + Sync>>);
 
 impl Reporter {
     /// Reports a row.
@@ -64,7 +64,8 @@ pub fn run<T: Send + 'static>(
         let _ = sender.send(Said::Done(done.unwrap_or_else(|payload| Err(of_panic(&*payload)))));
     });
     loop {
-        let said = py.detach(|| receiver.recv_timeout(PATIENCE));
+        let ours = &mut receiver; // a receiver may be moved to another thread, but not shared with one
+        let said = py.detach(move || ours.recv_timeout(PATIENCE));
         let heard = match said {
             Ok(Said::Done(done)) => return raised(py, done),
             Ok(Said::Row(row)) => on_row.map_or(Ok(()), |on_row| call(on_row, row)),
@@ -89,7 +90,7 @@ pub fn run_quietly<T: Send + 'static>(
     run(py, |_, _| work(), None)
 }
 
-fn reporting<T: Send + 'static>(sender: Sender<Said<T>>) -> Box<dyn Fn(Row) + Send> {
+fn reporting<T: Send + 'static>(sender: Sender<Said<T>>) -> Box<dyn Fn(Row) + Send + Sync> {
     Box::new(move |row| {
         let _ = sender.send(Said::Row(row));
     })

@@ -15,7 +15,7 @@ use crate::background::run_quietly;
 use crate::error::raised;
 
 /// A mesh.
-#[pyclass(frozen, module = "tesserae._native")]
+#[pyclass(frozen, from_py_object, module = "tesserae._native")]
 #[derive(Clone)]
 pub struct Geometry {
     /// The mesh.

@@ -20,7 +20,7 @@ use crate::error::raised;
 use crate::outcome::Outcome;
 
 /// What to do with a mesh.
-#[pyclass(frozen, module = "tesserae._native")]
+#[pyclass(frozen, from_py_object, module = "tesserae._native")]
 #[derive(Clone)]
 pub struct Job {
     parameters: Parameters,
@@ -150,6 +150,6 @@ pub fn cluster_file(
     job: Job,
     on_row: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Outcome> {
-    let format = raised(py, format.map(Format::from_name).transpose().map_err(Error::parameter))?;
+    let format = raised(py, format.map(Format::from_name).transpose())?;
     background::run(py, move |cancel, reporter| job.cluster_file(&path, format, cancel, reporter), on_row)
 }

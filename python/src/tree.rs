@@ -15,7 +15,6 @@ use crate::error::raised;
 
 /// A hierarchy.
 #[pyclass(frozen, module = "tesserae._native")]
-#[derive(Clone)]
 pub struct Tree {
     /// The hierarchy.
     pub stored: Arc<Stored>,

@@ -104,7 +104,8 @@ class Clustering:
             return self._mesh
         geometry = self._geometry
         offsets, connectivity = geometry.offsets(), geometry.connectivity()
-        return Mesh(geometry.points(), np.reshape(connectivity, (-1, 3)) if offsets is None else (offsets, connectivity))
+        faces = np.reshape(connectivity, (-1, 3)) if offsets is None else (offsets, connectivity)
+        return Mesh(geometry.points(), faces)
 
     @cached_property
     def report(self) -> dict[str, Any]:
