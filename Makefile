@@ -132,6 +132,7 @@ bench-stages: bundle  ## measure the stages before the clustering (FILTER=topolo
 .PHONY: bench-peers
 bench-peers: bundle $(TARGET)/bench-venv/ready $(CGAL_DRIVER)  ## the same work by us and by peers, in turns: target/bench/{peers,remesh}.{md,json}
 	cargo build --release --locked $(FEATURES)
+	$(TARGET)/bench-venv/bin/pip install --quiet --disable-pip-version-check ./python
 	$(TARGET)/bench-venv/bin/python benches/peers.py $(TARGET)/release/tesserae $(TARGET)/bench $(TESSERAE_TEST_MESHES)
 	$(TARGET)/bench-venv/bin/python benches/remesh.py $(TARGET)/release/tesserae $(TARGET)/bench $(TESSERAE_TEST_MESHES) \
 		$(if $(CGAL_DRIVER),--cgal $(CGAL_DRIVER))

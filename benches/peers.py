@@ -7,7 +7,8 @@ stages `topology`, `upload`, `cluster` and `download` of the report, of a proces
 is said, of a service that has done it before, as the peers' process has; for pyacvd the making of its clustering object and
 `cluster`; for higra and scikit-learn the call alone, without the graph of the faces. Whole processes are timed from outside.
 Energies are of face labels, scored by tests/scripts/score.py; pyacvd labels vertices, and a face takes the label that most of
-its corners have (of three different ones the first).
+its corners have (of three different ones the first). Rows "in process" and "drop-in" are of the Python package, called by
+the process that calls pyacvd.
 
 The real meshes are used where MESH_DIR has them; samples of tesserae otherwise.
 """
@@ -32,9 +33,13 @@ import numpy as np
 import pyacvd
 import pyvista
 import score
+import tesserae as package
 from linkage import dual_edges
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from service import Service
 from sklearn.cluster import AgglomerativeClustering
+from tesserae import pyacvd as drop_in
 
 BINARY = pathlib.Path(sys.argv[1]).resolve()
 OUT = pathlib.Path(sys.argv[2])
@@ -234,12 +239,74 @@ def hierarchies(mesh, name, clusters):
         f"energies at {clusters}")
     if len(mesh.faces) < 200_000:
         pairs, centroid, _ = mesh.dual()
-        from scipy.sparse import coo_matrix
         graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(centroid),) * 2)
         started = time.perf_counter()
         AgglomerativeClustering(n_clusters=clusters, connectivity=graph + graph.T, compute_full_tree=True).fit(centroid)
         row("whole hierarchy, no optimisation", name, "scikit-learn", (time.perf_counter() - started) * 1e3,
             min(run[0] for run in nested))
+
+
+def in_process(mesh, name, clusters):
+    """The Python package beside pyacvd, both in this process: faces, then points as pyacvd clusters them.
+
+    Energies are of what is clustered: of the same points, weighted by the area around them, for the stand-in.
+    """
+    theirs, faces, points, meshes = [], [], [], {"pyacvd": [], "tesserae": []}
+    positions, triangles = np.asarray(mesh.poly.points, dtype=float), mesh.faces
+    runs = RUNS if len(mesh.faces) < 500_000 else max(2, RUNS // 3)
+    for _ in range(runs):
+        peer, ms = timed(lambda: clustered(pyacvd.Clustering(mesh.poly), clusters))
+        theirs.append(ms)
+        of_faces, ms = timed(lambda: package.cluster(positions, triangles, clusters).labels)
+        faces.append(ms)
+        stand_in, ms = timed(lambda: clustered(drop_in.Clustering(mesh.poly), clusters))
+        points.append(ms)
+    for _ in range(2):
+        made, ms = timed(peer.create_mesh)
+        meshes["pyacvd"].append((ms, made))
+        made, ms = timed(stand_in.create_mesh)
+        meshes["tesserae"].append((ms, made))
+    scored = score.score(mesh.scored, of_faces)
+    of_peer = score.score(mesh.scored, faces_of(np.asarray(peer.clusters), mesh.faces))
+    row("faces, in process, default", f"{name} {clusters}", "pyacvd", min(theirs), min(faces),
+        scored["energy"] / of_peer["energy"],
+        f"connected clusters {clusters - scored['disconnected_clusters']}, "
+        f"theirs {of_peer['clusters'] - of_peer['disconnected_clusters']}")
+    weights = stand_in.area
+    ours_of, theirs_of = (points_scored(positions, weights, triangles, each.clusters) for each in (stand_in, peer))
+    row("points, drop-in, default", f"{name} {clusters}", "pyacvd", min(theirs), min(points), ours_of[0] / theirs_of[0],
+        f"connected clusters {ours_of[1]}, theirs {theirs_of[1]}")
+    ours, made = min(meshes["tesserae"], key=lambda run: run[0])
+    ms, other = min(meshes["pyacvd"], key=lambda run: run[0])
+    row("mesh of the clusters, drop-in", f"{name} {clusters}", "pyacvd", ms, ours,
+        note=f"{made.n_points} points, {made.n_open_edges} open edges; theirs {other.n_points}, {other.n_open_edges}")
+
+
+def timed(call):
+    """What a call gives, and milliseconds."""
+    started = time.perf_counter()
+    result = call()
+    return result, (time.perf_counter() - started) * 1e3
+
+
+def clustered(clustering, clusters):
+    clustering.cluster(clusters)
+    return clustering
+
+
+def points_scored(points, weights, triangles, labels):
+    """Energy of labels of points, and how many clusters are connected across edges."""
+    labels, k = np.asarray(labels), int(np.max(labels)) + 1
+    mass = np.bincount(labels, weights, k)
+    mean = np.stack([np.bincount(labels, weights * axis, k) for axis in points.T], 1) / np.maximum(mass, 1e-300)[:, None]
+    energy = float((weights * ((points - mean[labels]) ** 2).sum(1)).sum())
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    edges = edges[labels[edges[:, 0]] == labels[edges[:, 1]]]
+    graph = coo_matrix((np.ones(len(edges)), edges.T), shape=(len(points),) * 2)
+    pieces, piece = connected_components(graph, directed=False)
+    of = np.zeros(pieces, dtype=int)
+    of[piece] = labels
+    return energy, int((np.bincount(of, minlength=k) == 1).sum())
 
 
 PYACVD_PROGRAM = """
@@ -311,6 +378,7 @@ def main():
         for path, name, clusters in [(bunny, bunny.stem, 1000), (igea, igea.stem, 5000), (large, large.stem, 10000)]:
             mesh = Mesh(path)
             flat(mesh, name, clusters, client)
+            in_process(mesh, name, clusters)
             if name != igea.stem:
                 hierarchies(mesh, name, clusters)
         over_http(glb, glb.stem, 1000, client)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from tesserae._cluster import Quality
 
-__all__ = ["ACVDAccessor", "Clustering"]
+__all__ = ["ACVDAccessor", "Clustering", "register_accessor"]
 
 
 class Clustering:
@@ -161,9 +161,9 @@ class Clustering:
         finer = _polydata(points, triangles)
         if weights is not None:
             finer.point_data["weights"] = weights
-        finer = cast("pyvista.PolyData", finer.clean())
-        self._weights = None if weights is None else np.asarray(finer.point_data["weights"], dtype=np.float64)
-        self.mesh.copy_from(finer)
+        cleaned: Any = finer.clean()  # pyright: ignore[reportUnknownMemberType]
+        self._weights = None if weights is None else np.asarray(cleaned.point_data["weights"], dtype=np.float64)
+        self.mesh.copy_from(cleaned)
         self.clusters = self.nclus = None
 
     def plot(self, random_color: bool = True, **kwargs: Any) -> Any:
@@ -228,9 +228,9 @@ class Clustering:
 
     @property
     def cluster_norm(self) -> NDArray[np.float64]:
-        """The mean normal of each cluster, of length 1."""
+        """The mean normal of each cluster, of length 1: of its points, whose normals are means of their triangles'."""
         triangles = _triangles(self.mesh)
-        axes = normals(_points(self.mesh), triangles).T
+        axes = _of_length_1(normals(_points(self.mesh), triangles)).T
         around = [_sums(triangles.ravel(), np.repeat(axis, 3), self.mesh.n_points) for axis in axes]
         return _of_length_1(self._sum(_of_length_1(np.stack(around, axis=1)) * self.area[:, None]))
 
@@ -267,7 +267,7 @@ class Clustering:
         distance = np.square(nearest - means[cluster]).sum(axis=1)
         order = np.lexsort((distance, cluster))
         found, at = np.unique(cluster[order], return_index=True)
-        moved = means.copy()
+        moved: NDArray[np.float64] = means.copy()
         moved[found] = nearest[order[at]]
         return moved
 
@@ -281,7 +281,8 @@ def _points(mesh: pyvista.PolyData) -> NDArray[np.float64]:
 
 
 def _triangles(mesh: pyvista.PolyData) -> NDArray[np.int64]:
-    faces: Any = mesh.faces
+    # pyvista names no type of numbers
+    faces: Any = mesh.faces  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
     return np.asarray(faces, dtype=np.int64).reshape(-1, 4)[:, 1:]
 
 
@@ -360,12 +361,16 @@ class ACVDAccessor:
         return self.clustering(subdivide=nsub).mesh
 
 
-def _register() -> None:
-    """Registers ``mesh.acvd``, in place of pyacvd's where both are imported."""
+def register_accessor() -> None:
+    """Make ``mesh.acvd`` an `ACVDAccessor`.
+
+    The import of this module does so. A later import of pyacvd makes it pyacvd's.
+    """
     if hasattr(pyvista, "register_dataset_accessor"):
         with warnings.catch_warnings():
+            # that it takes the place of pyacvd's
             warnings.simplefilter("ignore", UserWarning)
             pyvista.register_dataset_accessor("acvd", pyvista.PolyData)(ACVDAccessor)
 
 
-_register()
+register_accessor()

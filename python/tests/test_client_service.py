@@ -1,28 +1,20 @@
-"""The client against a real service: what comes back, and what happens when the service is killed.
-
-TESSERAE_BINARY is the ``tesserae`` to start; ``target/debug/tesserae`` when it is not set.
-"""
+"""The client against a real service: what comes back, and what happens when the service is killed."""
 
 from __future__ import annotations
 
 import asyncio
-import os
 import pathlib
 import subprocess
-import sys
 import threading
 from typing import Any, Iterator
 
 import numpy as np
 import pytest
+from conftest import read_obj
+from services import BINARY, ROOT, Service, command_line, sample
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "scripts"))
-
-from service import Service  # noqa: E402
-
-import tesserae  # noqa: E402
-from tesserae.client import (  # noqa: E402
+import tesserae
+from tesserae.client import (
     Conflict,
     InvalidRequest,
     Job,
@@ -33,9 +25,6 @@ from tesserae.client import (  # noqa: E402
     Unauthorized,
     Unreachable,
 )
-
-TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
-BINARY = pathlib.Path(os.environ.get("TESSERAE_BINARY", TARGET / "debug" / "tesserae"))
 
 
 @pytest.fixture(scope="module")
@@ -53,32 +42,6 @@ def client(service: Any) -> Iterator[tesserae.Client]:
 @pytest.fixture(scope="module")
 def sphere(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
     return sample(tmp_path_factory.mktemp("meshes"), "sphere", 3_000, "obj")
-
-
-def sample(folder: pathlib.Path, name: str, faces: int, extension: str) -> pathlib.Path:
-    path = folder / f"{name}-{faces}.{extension}"
-    subprocess.run([BINARY, "sample", name, "--faces", str(faces), path], check=True, stderr=subprocess.DEVNULL)
-    return path
-
-
-def command_line(mesh: pathlib.Path, *arguments: str) -> np.ndarray[Any, Any]:
-    """Labels of ``tesserae cluster``."""
-    labels = mesh.with_suffix(".command-line.npy")
-    command = [BINARY, "cluster", mesh, "--device", "cpu", "--labels", labels, *arguments]
-    subprocess.run(command, check=True, stderr=subprocess.DEVNULL)
-    return np.asarray(np.load(labels))
-
-
-def read_obj(path: pathlib.Path) -> tuple[np.ndarray[Any, Any], list[list[int]]]:
-    points: list[list[float]] = []
-    faces: list[list[int]] = []
-    for line in path.read_text().splitlines():
-        words = line.split()
-        if words[:1] == ["v"]:
-            points.append([float(word) for word in words[1:4]])
-        elif words[:1] == ["f"]:
-            faces.append([int(word.split("/")[0]) - 1 for word in words[1:]])
-    return np.array(points), faces
 
 
 def test_labels_are_those_of_the_command_line(client: tesserae.Client, sphere: pathlib.Path) -> None:

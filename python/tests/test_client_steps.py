@@ -10,8 +10,22 @@ import numpy as np
 import pytest
 
 from tesserae import Error, Mesh
-from tesserae.client import Busy, Conflict, InvalidRequest, JobCancelled, JobFailed, NotFound, ServiceError, TimedOut
-from tesserae.client import Unreachable, errors, exchange, results, steps, upload
+from tesserae.client import (
+    Busy,
+    Conflict,
+    InvalidRequest,
+    JobCancelled,
+    JobFailed,
+    NotFound,
+    ServiceError,
+    TimedOut,
+    Unreachable,
+    errors,
+    exchange,
+    results,
+    steps,
+    upload,
+)
 from tesserae.client.events import Reader
 from tesserae.client.exchange import Answer, Broken, Pause, Request
 from tesserae.client.operations import OPERATIONS
@@ -36,8 +50,8 @@ class Clock:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = 0.0
-        monkeypatch.setattr(exchange.time, "monotonic", lambda: self.now)
-        monkeypatch.setattr(exchange.random, "uniform", lambda low, high: high)
+        monkeypatch.setattr("tesserae.client.exchange.time.monotonic", lambda: self.now)
+        monkeypatch.setattr("tesserae.client.exchange.random.uniform", lambda low, high: high)
 
 
 @pytest.fixture

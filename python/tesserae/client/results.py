@@ -57,7 +57,11 @@ def replacing(target: pathlib.Path) -> Generator[IO[bytes], None, None]:
     """A file that takes the place of ``target`` once it is whole."""
     beside = target.with_name(f".{target.name}.{uuid.uuid4().hex}")
     try:
-        with open(beside, "xb") as file:
+        file = open(beside, "xb")
+    except OSError as error:
+        raise Error("io", f"cannot write {target}: {error.strerror}") from error
+    try:
+        with file:
             yield file
         os.replace(beside, target)
     except BaseException:

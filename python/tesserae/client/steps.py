@@ -13,7 +13,7 @@ import uuid
 from dataclasses import replace
 from typing import IO, TYPE_CHECKING, Mapping, cast
 
-from tesserae.client.errors import Conflict, JobCancelled, JobFailed, NotFound, TimedOut
+from tesserae.client.errors import Busy, Conflict, JobCancelled, JobFailed, NotFound, TimedOut
 from tesserae.client.exchange import Answer, Broken, Patience, Pause, Request, Steps, error_in, exchange, members, send
 from tesserae.client.operations import OPERATIONS
 from tesserae.client.upload import form_of
@@ -91,7 +91,7 @@ def delete(id: str, patience: float) -> Steps[None]:
     """Deletes a job, after its end where it has not ended."""
     pauses = Patience(patience)
     request = OPERATIONS["deleteJob"].request(id)
-    was_there = False
+    may_be_done = False
     pause = 0.02
     while True:
         outcome = yield from send(request)
@@ -103,11 +103,11 @@ def delete(id: str, patience: float) -> Steps[None]:
             pauses.succeeded()
             pause = min(2 * pause, 1.0)
             yield Pause(pause)
-        elif isinstance(error, NotFound) and was_there:
+        elif isinstance(error, NotFound) and may_be_done:
             return
         elif error is not None:
             yield Pause(pauses.pause_after(error))
-        was_there = True
+        may_be_done = may_be_done or not isinstance(error, Busy)
 
 
 def retry(id: str, patience: float) -> Steps[JobDocument]:

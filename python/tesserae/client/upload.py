@@ -93,7 +93,7 @@ def _open(path: str | os.PathLike[str]) -> IO[bytes]:
     try:
         return open(path, "rb")
     except OSError as error:
-        raise Error("io", f"the file cannot be read: {os.fspath(path)}: {error.strerror}") from error
+        raise Error("io", f"cannot read {os.fspath(path)}: {error.strerror}") from error
 
 
 def _beside(path: pathlib.Path) -> dict[str, pathlib.Path]:

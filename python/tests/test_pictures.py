@@ -1,0 +1,81 @@
+"""Pictures, the accessor of pyvista, and the notebook; all without a window."""
+
+from __future__ import annotations
+
+import colorsys
+import os
+import pathlib
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+pyvista = pytest.importorskip("pyvista")
+
+import tesserae  # noqa: E402
+from tesserae import _plot  # noqa: E402
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+HAS_ACCESSORS = hasattr(pyvista, "register_dataset_accessor")
+
+
+@pytest.fixture
+def mesh() -> Any:
+    return pyvista.Sphere(theta_resolution=30, phi_resolution=30)
+
+
+def test_colours_are_those_of_outputs(mesh: Any) -> None:
+    for cluster, colour in enumerate(_plot.colours(40)):
+        hue, saturation, value = 0.61803398875 * cluster % 1, (0.75, 0.5, 0.9)[cluster % 3], 0.0
+        value = (0.95, 0.75, 0.85, 0.65)[cluster % 4]
+        assert np.allclose(colour, 255 * np.array(colorsys.hsv_to_rgb(hue, saturation, value)), atol=1)
+    clustering = tesserae.cluster(mesh, clusters=20)
+    text = clustering.output("mesh.ply")
+    rows = np.frombuffer(text[text.index(b"end_header\n") + 11 :][-mesh.n_cells * 20 :], np.uint8).reshape(-1, 20)
+    colours = {tuple(row[13:16]) for row in rows}
+    assert colours == {tuple(colour) for colour in _plot.colours(20)}
+
+
+def test_a_picture_shows_every_cluster(mesh: Any, tmp_path: pathlib.Path) -> None:
+    clustering = tesserae.cluster(mesh, clusters=12)
+    file = tmp_path / "clusters.png"
+    clustering.plot(off_screen=True, screenshot=file, lighting=False, window_size=(300, 300), anti_aliasing=None)
+    seen = np.unique(pyvista.read(file).active_scalars.reshape(-1, 3), axis=0)
+    shown = {tuple(colour) for colour in _plot.colours(12)} & {tuple(colour) for colour in seen}
+    assert len(shown) >= 5, "a camera sees half of a sphere"
+
+
+@pytest.mark.skipif(not HAS_ACCESSORS, reason="pyvista is older than 0.48")
+def test_every_mesh_of_pyvista_has_the_accessor(mesh: Any) -> None:
+    assert np.array_equal(mesh.tesserae.cluster(30, seed=4).labels, tesserae.cluster(mesh, clusters=30, seed=4).labels)
+    remesh = mesh.tesserae.remesh(100, placement="surface")
+    assert remesh.is_manifold
+    assert set(remesh.point_data["cluster"]) == set(range(100))
+    quads = pyvista.Box(level=5, quads=True)
+    assert len(np.unique(quads.tesserae.cluster(12).labels)) == 12
+
+
+@pytest.mark.skipif(not HAS_ACCESSORS, reason="pyvista is older than 0.48")
+def test_the_accessor_needs_no_import_and_costs_none() -> None:
+    program = (
+        "import sys, pyvista\n"
+        "assert 'tesserae' not in sys.modules\n"
+        "print(len(set(pyvista.Sphere().tesserae.cluster(7).labels)))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.stdout.strip() == "7", done.stderr
+
+
+def test_the_notebook_runs(tmp_path: pathlib.Path) -> None:
+    nbformat = pytest.importorskip("nbformat")
+    nbclient = pytest.importorskip("nbclient")
+    if not HAS_ACCESSORS:
+        pytest.skip("pyvista is older than 0.48")
+    notebook = nbformat.read(ROOT / "examples" / "clusters.ipynb", as_version=4)
+    os.environ.setdefault("PYDEVD_DISABLE_FILE_VALIDATION", "1")
+    nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    assert not [output for output in outputs if output.output_type == "error"]
+    assert sum("image/png" in output.get("data", {}) for output in outputs) == 3
