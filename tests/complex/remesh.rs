@@ -183,7 +183,14 @@ fn every_face_a_cluster_and_clusters_without_faces_are_possible() {
 
 #[test]
 fn divided_faces_change_no_topology() {
+    let mut seen = 0;
     for (number, (name, mesh)) in (0..).zip(ZOO.iter()).filter(|(_, (name, _))| name != "tiny") {
+        // triangles at the same corners come apart where they are divided, and edges are cut anywhere on a twisted band
+        let triangles = welded(mesh).0;
+        if look(&triangles).faults.contains("a triangle is there twice") || oriented(triangles).is_none() {
+            continue;
+        }
+        seen += 1;
         let (fine, _) = divided(mesh, 1).expect("few faces");
         let recipe = Recipe { kind: Kind::Nearest, clusters: 20, noise: 1, seed: number };
         let (labels, clusters) = recipe.labels(&fine);
@@ -192,6 +199,7 @@ fn divided_faces_change_no_topology() {
         let topology = |summary: Summary| (summary.euler, summary.loops, summary.components);
         assert_eq!((topology(of_fine), of_fine.cut_edges), (topology(whole), 2 * whole.cut_edges), "{name}");
     }
+    assert!(seen > 10, "{seen} of {} meshes", ZOO.len());
 }
 
 #[test]
