@@ -24,8 +24,9 @@ export async function obj(file: File, most: number): Promise<Float32Array> {
     if (done) break;
   }
   const positions = new Float32Array(3 * corners.length);
-  for (const [i, vertex] of corners.entries()) {
-    for (let axis = 0; axis < 3; axis++) positions[3 * i + axis] = places[3 * vertex + axis] ?? 0;
+  for (let i = 0; i < corners.length; i++) {
+    const from = 3 * (corners[i] ?? 0);
+    for (let axis = 0; axis < 3; axis++) positions[3 * i + axis] = places[from + axis] ?? 0;
   }
   return positions;
 }

@@ -145,7 +145,7 @@ async function list(): Promise<void> {
   );
   if (jobs.length === 0) box.append(make("li", {}, "none yet"));
   const link = [...box.querySelectorAll("a")].find((a) => a.getAttribute("href") === focused);
-  if (focused?.startsWith("#/jobs/")) link?.focus();
+  if (focused?.startsWith("#/jobs/")) link?.focus({ preventScroll: true });
 }
 
 /** Looks at the list of jobs again and again; when the service is back, goes on with what was not there. */
