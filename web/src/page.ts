@@ -225,4 +225,7 @@ void describeService().catch(fail);
 void route();
 void look();
 // what draws is there before it is needed, but after the first picture of the page
-requestAnimationFrame(() => setTimeout(() => void scene().catch(() => {}), 0));
+new PerformanceObserver((_, observer) => {
+  observer.disconnect();
+  void scene().catch(() => {});
+}).observe({ type: "paint", buffered: true });
