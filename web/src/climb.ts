@@ -1,6 +1,6 @@
-// Up and down the tree of a hierarchy: from a cluster of a cut to the cluster that it becomes a part of, or to the two
-// that it was made of. Merge i makes node n + i of n faces and leaves n − i − 1 clusters, so the number of a node says
-// where to cut: there with the node as a whole, at one cluster more with its two parts.
+// Up and down the tree of a hierarchy: from a cluster of a cut to the cluster that it becomes a part of, or to the
+// two that it was made of. Merge i makes node n + i of n faces and leaves n − i − 1 clusters, so the number of a node
+// says where to cut: there with the node as a whole, at one cluster more with its two parts.
 
 import { type Job, json, output } from "./api";
 

@@ -1,5 +1,5 @@
-// glTF and GLB files as three.js's loader may read them: reduced to geometry, with every buffer a blob. So a file cannot
-// make the page request an address, and no picture is decoded that is not shown.
+// glTF and GLB files as three.js's loader may read them: reduced to geometry, with every buffer a blob. So a file
+// cannot make the page request an address, and no picture is decoded that is not shown.
 
 interface Buffer {
   uri?: string;

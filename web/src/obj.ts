@@ -1,6 +1,9 @@
 // OBJ files as triangles, for the preview: read in pieces, so that the page answers meanwhile and no text of the whole
 // file is in memory.
 
+/** Time after which the page gets a turn, in milliseconds. */
+const TURN = 30;
+
 /** Nine numbers a triangle; polygons become fans. More than `most` triangles are an error. */
 export async function obj(file: File, most: number): Promise<Float32Array> {
   const places: number[] = [];
@@ -16,16 +19,21 @@ export async function obj(file: File, most: number): Promise<Float32Array> {
   };
   const reader = file.stream().pipeThrough(new TextDecoderStream()).getReader();
   let rest = "";
+  let began = performance.now();
   for (;;) {
     const { done, value } = await reader.read();
     const lines = (rest + (value ?? "\n")).split("\n");
     rest = lines.pop() ?? "";
     lines.forEach(take);
     if (done) break;
+    if (performance.now() - began < TURN) continue;
+    await new Promise((resolve) => setTimeout(resolve, 0));
+    began = performance.now();
   }
   const positions = new Float32Array(3 * corners.length);
-  for (const [i, vertex] of corners.entries()) {
-    for (let axis = 0; axis < 3; axis++) positions[3 * i + axis] = places[3 * vertex + axis] ?? 0;
+  for (let i = 0; i < corners.length; i++) {
+    const from = 3 * (corners[i] ?? 0);
+    for (let axis = 0; axis < 3; axis++) positions[3 * i + axis] = places[from + axis] ?? 0;
   }
   return positions;
 }

@@ -145,7 +145,7 @@ async function list(): Promise<void> {
   );
   if (jobs.length === 0) box.append(make("li", {}, "none yet"));
   const link = [...box.querySelectorAll("a")].find((a) => a.getAttribute("href") === focused);
-  if (focused?.startsWith("#/jobs/")) link?.focus();
+  if (focused?.startsWith("#/jobs/")) link?.focus({ preventScroll: true });
 }
 
 /** Looks at the list of jobs again and again; when the service is back, goes on with what was not there. */
@@ -225,4 +225,7 @@ void describeService().catch(fail);
 void route();
 void look();
 // what draws is there before it is needed, but after the first picture of the page
-requestAnimationFrame(() => setTimeout(() => void scene().catch(() => {}), 0));
+new PerformanceObserver((_, observer) => {
+  observer.disconnect();
+  void scene().catch(() => {});
+}).observe({ type: "paint", buffered: true });

@@ -1,7 +1,7 @@
 // Sends a mesh, and says how much of it is sent. `fetch` does not say that, so this is an XMLHttpRequest.
 //
-// A mesh whose sending breaks is sent again when the service is back. The same Idempotency-Key makes the same job of it,
-// whether or not the service had accepted the first one.
+// A mesh whose sending breaks is sent again when the service is back. The same Idempotency-Key makes the same job of
+// it, whether or not the service had accepted the first one.
 
 import { type Job, type Problem, json, pause, refusal, token } from "./api";
 

@@ -55,7 +55,8 @@ export class Browser {
   async fromFolder(route) {
     const path = new URL(route.request().url()).pathname.slice(1);
     if (path !== "" && !FILES.includes(path)) return await route.fallback();
-    const response = await route.fetch();
+    const response = await route.fetch().catch(() => null);
+    if (!response) return await route.abort();
     await route.fulfill({ response, body: readFileSync(join(this.files, path || "index.html")) });
   }
 

@@ -77,7 +77,7 @@ export const sending = {
     const service = await new Service(binary).start("--meshes-in-memory", "1");
     try {
       const query = "format=obj&algorithm=acvd&clusters=3000";
-      const body = readFileSync(sample(service, "knot", 100_000));
+      const body = readFileSync(sample(service, "knot", 300_000));
       const first = await (await fetch(`${service.url}/v1/jobs?${query}`, { method: "POST", body })).json();
       const files = [[sample(service, "knot", 3000)], [sample(service, "quads", 3000, "glb")], [curious(service)]];
       for (const names of [["gltf/Duck/Duck.gltf", "gltf/Duck/Duck0.bin"], ["featuretype.stl"], ["horse.ply"]]) {
