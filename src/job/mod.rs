@@ -20,7 +20,7 @@ pub use label_list::parse as parse_labels;
 pub use plan::{Coarse, Plan};
 #[cfg(fuzzing)]
 pub(crate) use seed_list::parse as parse_seeds;
-pub use spec::{JobSpec, Method};
+pub use spec::{CoarseSpec, JobSpec, Method};
 pub use weight_list::check_head as check_head_of_weights;
 #[cfg(fuzzing)]
 pub(crate) use weight_list::parse as parse_weights;
