@@ -5,9 +5,9 @@
 //! Numbers are those of the default [`Effort`]; [`super::quality`] has the others.
 //!
 //! 1. *Coarsening.* Neighbouring faces are grouped ([`crate::surface::Coarse`]), then groups, until less than a third
-//!    would go. No group weighs more than 1/16 of the mean cluster of its component (less with fewer than 64 clusters, so
-//!    that there are some 1,000 groups), and a component that would be left with fewer groups than two a cluster, because
-//!    most of its faces weigh next to nothing, stays as it is.
+//!    would go. No group weighs more than 1/16 of the mean cluster of its component (less with fewer than 64 clusters:
+//!    there are some 1,000 groups then), and a component that would be left with fewer groups than two a cluster,
+//!    because most of its faces weigh next to nothing, stays as it is.
 //! 2. *Too many clusters.* On the coarsest graph, a third more than are wanted start from stratified seeds and grow.
 //! 3. *Merging.* The boundary phase ([`super::flat`]) makes four iterations. Every cluster finds its best dual edge
 //!    ([`crate::device::dual_edge`]); of the mutual pairs, the cheaper half merge; and so on until there are as many

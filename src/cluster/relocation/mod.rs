@@ -15,9 +15,9 @@
 //! | F | breathing: more clusters, then as many again | [`mod@breathe`] |
 //!
 //! C and D follow if swaps lowered F by a thousandth, E and F also where clusters have fewer than [`FEW_FACES`]
-//! *effective* faces: as many equal ones as would have the same Σ w² and the same Σ w, (Σ w)²/Σ w². The lowest of B, C
-//! and D goes on. Quality `fast` makes B; the default all, with [`TRIALS`] rounds of E and one breath; `best` goes on as
-//! long as F falls, and mixes in the results of cheaper jobs, so that its own is not above any of them.
+//! *effective* faces: as many equal ones as would have the same Σ w² and the same Σ w, (Σ w)²/Σ w². The lowest of B,
+//! C and D goes on. Quality `fast` makes B; the default all, with [`TRIALS`] rounds of E and one breath; `best` goes
+//! on as long as F falls, and mixes in the results of cheaper jobs, so that its own is not above any of them.
 //! ([`super::coarse`] is step A.)
 //!
 //! On small meshes the default makes E, without F, also where clusters have fewer than [`MANY_FACES`] effective faces.
