@@ -1,10 +1,14 @@
 """Energies of every quality and of the other algorithms, on meshes of every kind.
 
-    python uneven.py BINARY MESH_DIR OUT_DIR [--before BINARY] [--faces MOST] [--meshes PART,...]
+    python uneven.py BINARY MESH_DIR OUT_DIR [--before BINARY] [--faces MOST] [--meshes PART,...] [--variants]
 
 Clusters every mesh of MESH_DIR with k in 5, 20, 100, 300, 1000, faces/4 and faces/2, and writes OUT_DIR/uneven.json and
 OUT_DIR/uneven.md: for each gate the number of cases, the worst ones and the geometric mean. Energies are those of the
 reports (f64, from source positions). `--before` is an older build whose default and best count among the bars.
+
+With `--variants`, every mesh is clustered with k in 20, 100 and 1000 in twelve forms that are the same surface: scaled,
+shifted, rotated, with other orders of faces and corners. OUT_DIR/variants.json and OUT_DIR/variants.md have the spread
+of the energies, the largest over the smallest less one.
 """
 
 import argparse
@@ -12,6 +16,7 @@ import gzip
 import json
 import math
 import pathlib
+import random
 import shutil
 import subprocess
 import tempfile
@@ -53,6 +58,12 @@ def meshes(folder, scratch):
         yield str(path).removeprefix(f"{folder}/"), path
 
 
+def chosen_meshes(arguments, scratch):
+    for name, path in meshes(arguments.meshes_dir, scratch):
+        if not arguments.only or any(part in name for part in arguments.only.split(",")):
+            yield name, path
+
+
 def run(binary, mesh, k, options, scratch):
     """The report of a run, or None where it is refused."""
     report = scratch / "report.json"
@@ -67,9 +78,7 @@ def run(binary, mesh, k, options, scratch):
 def measured(arguments, scratch):
     """One row a mesh and k."""
     rows = []
-    for name, mesh in meshes(arguments.meshes_dir, scratch):
-        if arguments.only and not any(part in name for part in arguments.only.split(",")):
-            continue
+    for name, mesh in chosen_meshes(arguments, scratch):
         first = run(arguments.binary, mesh, 1, ["--bridge-components"], scratch)
         if first is None or first["input"]["faces"] > arguments.faces:
             continue
@@ -89,6 +98,79 @@ def measured(arguments, scratch):
                 rows.append(row)
                 print(name, k, {label: f"{energy:.6g}" for label, energy in row["energy"].items()}, flush=True)
     return rows
+
+
+def rotated(axis, degrees):
+    """A rotation about an axis through the origin (Rodrigues)."""
+    length = math.sqrt(sum(x * x for x in axis))
+    x, y, z = (part / length for part in axis)
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    rows = [
+        [c + x * x * (1 - c), x * y * (1 - c) - z * s, x * z * (1 - c) + y * s],
+        [y * x * (1 - c) + z * s, c + y * y * (1 - c), y * z * (1 - c) - x * s],
+        [z * x * (1 - c) - y * s, z * y * (1 - c) + x * s, c + z * z * (1 - c)],
+    ]
+    return lambda point: [sum(a * b for a, b in zip(row, point)) for row in rows]
+
+
+def variants(points, faces):
+    """(name, scale of lengths, points, faces) of each form of a mesh."""
+    low, high = ([end(axis) for axis in zip(*points)] for end in (min, max))
+    diagonal = math.dist(low, high)
+    shuffled = faces[:]
+    random.Random(1).shuffle(shuffled)
+    yield "as it is", 1, points, faces
+    for scale in (1e-3, 1e3, 1e6):
+        yield f"times {scale:g}", scale, [[scale * x for x in point] for point in points], faces
+    for by in (1, 100):
+        offset = [by * part * diagonal for part in (1, -2, 3)]
+        yield f"shifted by {by}", 1, [[x + d for x, d in zip(point, offset)] for point in points], faces
+    for axis, degrees in (((1, 2, 3), 30), ((1, 0, 0), 90)):
+        yield f"rotated by {degrees}", 1, list(map(rotated(axis, degrees), points)), faces
+    yield "faces reversed", 1, points, faces[::-1]
+    yield "faces shuffled", 1, points, shuffled
+    yield "winding reversed", 1, points, [face[::-1] for face in faces]
+    yield "other first corners", 1, points, [face[1:] + face[:1] for face in faces]
+
+
+def spreads(arguments, scratch):
+    """One row a mesh and k: the energy of each variant, in units of the mesh as it is."""
+    rows = []
+    for name, mesh in chosen_meshes(arguments, scratch):
+        plain = scratch / "plain.obj"
+        if run(arguments.binary, mesh, 1, ["--bridge-components", "--mesh", plain], scratch) is None:
+            continue
+        words = [line.split() for line in plain.read_text().splitlines()]
+        points = [[float(x) for x in line[1:4]] for line in words if line and line[0] == "v"]
+        faces = [[int(corner.split("/")[0]) for corner in line[1:]] for line in words if line and line[0] == "f"]
+        if not 40 <= len(faces) <= arguments.faces:
+            continue
+        energies = {k: {} for k in (20, 100, 1000) if k <= len(faces) // 2}
+        for variant, scale, moved, ordered in variants(points, faces):
+            form = scratch / "variant.obj"
+            lines = ["v " + " ".join(map(repr, point)) for point in moved]
+            lines += ["f " + " ".join(map(str, face)) for face in ordered]
+            form.write_text("\n".join(lines) + "\n")
+            for k, energy in energies.items():
+                report = run(arguments.binary, form, k, [], scratch)
+                if report is not None:
+                    energy[variant] = report["energy"]["final"] / scale**4
+        for k, energy in energies.items():
+            if len(energy) > 1 and min(energy.values()) > 0:
+                spread = max(energy.values()) / min(energy.values()) - 1
+                rows.append({"mesh": name, "faces": len(faces), "k": k, "spread": spread, "energy": energy})
+                print(name, k, f"{100 * spread:.2f} %", flush=True)
+    return rows
+
+
+def markdown_of_spreads(rows):
+    ordered = sorted(row["spread"] for row in rows)
+    lines = [f"{len(rows)} cases, median {100 * ordered[len(ordered) // 2]:.2f} %, most {100 * ordered[-1]:.2f} %.", ""]
+    lines += ["| mesh | k | spread | lowest | highest |", "|---|--:|--:|---|---|"]
+    for row in sorted(rows, key=lambda row: -row["spread"]):
+        low, high = (end(row["energy"], key=row["energy"].get) for end in (min, max))
+        lines.append(f"| {row['mesh']} | {row['k']} | {100 * row['spread']:.2f} % | {low} | {high} |")
+    return "\n".join(lines) + "\n"
 
 
 def ratios(rows, of, bars):
@@ -134,13 +216,15 @@ def main():
     parser.add_argument("--before")
     parser.add_argument("--faces", type=int, default=1 << 20)
     parser.add_argument("--meshes", dest="only")
+    parser.add_argument("--variants", action="store_true")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as scratch:
-        rows = measured(arguments, pathlib.Path(scratch))
-    (arguments.out / "uneven.json").write_text(json.dumps(rows, indent=1))
-    (arguments.out / "uneven.md").write_text(markdown(rows))
-    print(markdown(rows).split("| mesh | k |")[0])
+        rows = (spreads if arguments.variants else measured)(arguments, pathlib.Path(scratch))
+    name, text = ("variants", markdown_of_spreads(rows)) if arguments.variants else ("uneven", markdown(rows))
+    (arguments.out / f"{name}.json").write_text(json.dumps(rows, indent=1))
+    (arguments.out / f"{name}.md").write_text(text)
+    print(text.split("| mesh | k |")[0])
 
 
 if __name__ == "__main__":

@@ -8,7 +8,8 @@ use std::collections::BTreeSet;
 use common::zoo;
 use gpu_support::{ALL, adapter, device, device_with, numbers, run as run_flat, seeds, surface};
 use tesserae::Kind;
-use tesserae::cluster::hierarchy::{Options, Pairs, RoundRow, hierarchical};
+use tesserae::cluster::hierarchy::{Hierarchy, Options, Pairs, RoundRow, hierarchical};
+use tesserae::cluster::relocation::Effort;
 use tesserae::cluster::run::Row;
 use tesserae::dev::sample::{Sample, generate};
 use tesserae::device::adapter::AdapterKind;
@@ -36,6 +37,7 @@ fn pml() -> Options {
         clusters: None,
         levels: Vec::new(),
         allow_disconnected: false,
+        relocation: Some(Effort::Some),
     }
 }
 
@@ -54,14 +56,10 @@ struct Outcome {
 }
 
 fn run(device: &mut dyn Device, surface: &Surface, options: &Options) -> Result<Outcome> {
-    let components = surface.component_of_face();
-    let mut steps = device.open_merging(surface, &components)?;
     let (mut rows, mut rounds) = (Vec::new(), Vec::new());
     let cancel = Cancel::default();
-    let (tree, labels) =
-        hierarchical(surface, options, steps.as_mut(), &cancel, &mut |row| rows.push(row), &mut |round| {
-            rounds.push(round)
-        })?;
+    let (on_row, on_round) = (&mut |row| rows.push(row), &mut |round| rounds.push(round));
+    let Hierarchy { tree, labels, .. } = hierarchical(surface, options, device, &cancel, on_row, on_round)?;
     Ok(Outcome { tree, labels, rows, rounds })
 }
 

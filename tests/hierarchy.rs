@@ -3,7 +3,8 @@
 mod common;
 
 use common::zoo;
-use tesserae::cluster::hierarchy::{Options, Pairs, RoundRow, hierarchical};
+use tesserae::cluster::hierarchy::{Hierarchy, Options, Pairs, RoundRow, hierarchical};
+use tesserae::cluster::relocation::Effort;
 use tesserae::dev::sample::{Sample, generate};
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::dual_edge::{Rank, Ties};
@@ -28,6 +29,7 @@ fn pml() -> Options {
         clusters: None,
         levels: Vec::new(),
         allow_disconnected: false,
+        relocation: Some(Effort::Some),
     }
 }
 
@@ -43,13 +45,10 @@ struct Outcome {
 }
 
 fn run(surface: &Surface, options: &Options) -> Outcome {
-    let components = surface.component_of_face();
     let mut device = CpuDevice::new();
-    let mut steps = device.open_merging(surface, &components).expect("the cpu takes everything");
     let mut rounds = Vec::new();
-    let (tree, labels) =
-        hierarchical(surface, options, steps.as_mut(), &Cancel::default(), &mut |_| {}, &mut |row| rounds.push(row))
-            .expect("nobody cancels");
+    let run = hierarchical(surface, options, &mut device, &Cancel::default(), &mut |_| {}, &mut |row| rounds.push(row));
+    let Hierarchy { tree, labels, .. } = run.expect("no cancellation");
     Outcome { tree, labels, rounds }
 }
 
@@ -222,6 +221,66 @@ fn cuts_have_exactly_the_clusters_asked_for_all_of_them_connected() {
 }
 
 #[test]
+fn at_levels_clusters_move_to_other_components_and_cuts_follow() {
+    let mut surface = Surface::build(&generate(Sample::Parts, 1500).expect("a sample")).expect("a surface");
+    // some heavy faces among light ones, in units that differ by component
+    let graph = &mut surface.graph;
+    for (number, component) in graph.components.iter_mut().enumerate() {
+        component.energy_shift = number as u32 % 3;
+        component.range().for_each(|face| graph.weights[face] = if face * 7 % 5 == 0 { 1 << 20 } else { 1 });
+        component.weight = graph.weights[component.range()].iter().map(|&weight| u64::from(weight)).sum();
+    }
+    let internal = surface.internal_faces();
+    let component_of_face = surface.component_of_face();
+    let levels = vec![400, 90];
+    let with = |relocation| run(&surface, &Options { levels: levels.clone(), relocation, ..pml() });
+    let (still, moved) = (with(None), with(Some(Effort::Some)));
+    let mut have_crossed = false;
+    for &level in &levels {
+        let energy = |outcome: &Outcome| {
+            let round = outcome.rounds.iter().find(|round| round.clusters == level).expect("a level");
+            assert!(round.is_level);
+            round.energy
+        };
+        // what labels explain is the larger, the lower the energy
+        assert!(energy(&moved) > energy(&still), "{level}");
+        let cut = moved.tree.labels_at(level).expect("a level");
+        let mut labels = vec![0; internal.len()];
+        cut.labels.iter().zip(&internal).for_each(|(&label, &face)| labels[face as usize] = label);
+        assert_eq!(disconnected_clusters(&surface, level as usize, &labels), 0);
+        let mut component_of_cluster = vec![0; level as usize];
+        labels.iter().zip(&component_of_face).for_each(|(&label, &at)| component_of_cluster[label as usize] = at);
+        assert_eq!(energy(&moved).explained, plain::explained(&surface, &component_of_cluster, &labels), "{level}");
+        let shares = |outcome: &Outcome| {
+            let mut shares: Vec<(u32, u32)> = outcome
+                .tree
+                .labels_at(level)
+                .expect("a level")
+                .labels
+                .into_iter()
+                .zip(surface_components(&surface))
+                .collect();
+            shares.sort_unstable();
+            shares.dedup();
+            let mut of_component: Vec<u32> = shares.into_iter().map(|(_, component)| component).collect();
+            of_component.sort_unstable();
+            of_component
+        };
+        have_crossed |= shares(&moved) != shares(&still);
+    }
+    assert!(have_crossed, "every component has the clusters that it had");
+    assert_eq!(moved.tree.roots() as usize, surface.components.len());
+    let last = moved.tree.labels_at(u64::from(moved.tree.roots())).expect("the roots");
+    assert_eq!(last.labels, canonical(&surface, &component_of_face), "one root a component");
+}
+
+/// The component of each face of the upload.
+fn surface_components(surface: &Surface) -> Vec<u32> {
+    let component_of_face = surface.component_of_face();
+    surface.internal_faces().iter().map(|&face| component_of_face[face as usize]).collect()
+}
+
+#[test]
 fn energies_of_rounds_are_those_of_their_labels_and_a_level_has_converged() {
     let surface = Surface::build(&generate(Sample::Knot, 3000).expect("a sample")).expect("a surface");
     let component_of_cluster = surface.component_of_face();
@@ -234,6 +293,8 @@ fn energies_of_rounds_are_those_of_their_labels_and_a_level_has_converged() {
             iterations_a_round: [iterations; 2],
             sequential_at,
             collapse_fraction,
+            // settling ends where every move that is left would cut a cluster
+            relocation: None,
             ..pml()
         };
         let Outcome { labels, rounds, .. } = run(&surface, &options);

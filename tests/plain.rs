@@ -5,9 +5,10 @@ mod common;
 use common::{floods, zoo};
 use tesserae::cluster::coarse::CoarseStart;
 use tesserae::cluster::flat::{self, Options};
-use tesserae::cluster::hierarchy::{self, Pairs, RoundRow, hierarchical};
+use tesserae::cluster::hierarchy::{self, Hierarchy, Pairs, RoundRow, hierarchical};
 use tesserae::cluster::quality::Quality;
 use tesserae::cluster::record::Record;
+use tesserae::cluster::relocation::Effort;
 use tesserae::cluster::run::{Phase, Row};
 use tesserae::cluster::seeds::{self, SeedFaces};
 use tesserae::cluster::snapshots::Snapshots;
@@ -109,13 +110,9 @@ fn hierarchy(
     device: &mut dyn Device,
     options: &hierarchy::Options,
 ) -> (Tree, Vec<u32>, Vec<RoundRow>) {
-    let component_of_face = surface.component_of_face();
-    let mut steps = device.open_merging(surface, &component_of_face).expect("it opens");
     let mut rounds = Vec::new();
-    let run = hierarchical(surface, options, steps.as_mut(), &Cancel::default(), &mut |_| {}, &mut |row| {
-        rounds.push(row);
-    });
-    let (tree, labels) = run.expect("no cancellation");
+    let run = hierarchical(surface, options, device, &Cancel::default(), &mut |_| {}, &mut |row| rounds.push(row));
+    let Hierarchy { tree, labels, .. } = run.expect("no cancellation");
     (tree, labels, rounds)
 }
 
@@ -133,8 +130,9 @@ fn hierarchies_take_the_steps_of_the_plain_device() {
             pairs: Pairs::CheaperHalf,
             ties: Ties::Hash,
             clusters: None,
-            levels: Vec::new(),
+            levels: vec![surface.components.len().max(surface.faces() / 7) as u64],
             allow_disconnected: false,
+            relocation: Some(Effort::Some),
         };
         let nested = hierarchy::Options { optimise: false, ties: Ties::LargestId, ..parallel.clone() };
         let sequential_at = surface.components.len() as u64 + 20;

@@ -179,6 +179,31 @@ fn presets_keep_what_is_promised_and_pay_for_lower_energies() {
 }
 
 #[test]
+fn best_is_not_above_any_cheaper_job() {
+    let mut is_below = 0;
+    for (sample, faces, clusters) in [(Sample::Knot, 1400, 8), (Sample::Parts, 1300, 60), (Sample::Terrain, 600, 20)] {
+        let mesh = generate(sample, faces).expect("a mesh");
+        let energy = |quality, algorithm| {
+            let parameters = Parameters { clusters: Some(clusters), quality, algorithm, ..Parameters::default() };
+            run(&mesh, parameters).report.energy.final_.expect("finite")
+        };
+        let best = energy(Quality::Best, Algorithm::Bb);
+        for (quality, algorithm) in [
+            (Quality::Default, Algorithm::Bb),
+            (Quality::Fast, Algorithm::Bb),
+            (Quality::Default, Algorithm::Pml),
+            (Quality::Default, Algorithm::Acvd),
+        ] {
+            let cheaper = energy(quality, algorithm);
+            // the energy that was compared is that of the lattice
+            assert!(best < cheaper * (1.0 + 1e-6), "{} {quality:?} {algorithm:?}: {best} {cheaper}", sample.name());
+            is_below += usize::from(best < cheaper * (1.0 - 1e-6));
+        }
+    }
+    assert!(is_below > 3, "{is_below} of 12 are higher");
+}
+
+#[test]
 fn a_small_detailed_mesh_on_a_huge_plane_is_clustered_as_well_as_alone() {
     let small = generate(Sample::Knot, 6000).expect("a sample");
     let plane = generate(Sample::Plane, 2000).expect("a sample");

@@ -5,8 +5,9 @@
 //! Numbers are those of the default [`Effort`]; [`super::quality`] has the others.
 //!
 //! 1. *Coarsening.* Neighbouring faces are grouped ([`crate::surface::Coarse`]), then groups, until less than a third
-//!    would go. No group weighs more than 1/16 of the mean cluster of its component, and a component that would be left
-//!    with fewer groups than two a cluster, because most of its faces weigh next to nothing, stays as it is.
+//!    would go. No group weighs more than 1/16 of the mean cluster of its component (less with fewer than 64 clusters:
+//!    there are some 1,000 groups then), and a component that would be left with fewer groups than two a cluster,
+//!    because most of its faces weigh next to nothing, stays as it is.
 //! 2. *Too many clusters.* On the coarsest graph, a third more than are wanted start from stratified seeds and grow.
 //! 3. *Merging.* The boundary phase ([`super::flat`]) makes four iterations. Every cluster finds its best dual edge
 //!    ([`crate::device::dual_edge`]); of the mutual pairs, the cheaper half merge; and so on until there are as many
@@ -39,6 +40,9 @@ use crate::surface::{Coarse, DualGraph, Surface};
 pub struct Effort {
     /// A group weighs no more than the mean cluster of its component over this.
     pub groups_a_cluster: u64,
+    /// Groups in all, where that many are possible: with fewer, the energies of starts do not tell which of them ends
+    /// lowest on the faces.
+    pub least_groups: u64,
     /// Clusters to begin with beyond those that are wanted, in percent of those.
     pub surplus_percent: usize,
     /// Iterations at most between two rounds of merges.
@@ -92,11 +96,12 @@ impl CoarseStart {
     /// Coarsens a surface for `clusters` clusters and chooses seeds on the coarsest graph.
     pub fn new(surface: &Surface, clusters: u64, seed: u64, effort: Effort) -> Result<Self> {
         let shares = seeds::shares(surface, clusters)?;
+        let groups_a_cluster = effort.groups_a_cluster.max(effort.least_groups / clusters);
         let mut heaviest: Vec<u64> = surface
             .components
             .iter()
             .zip(&shares)
-            .map(|(component, &share)| component.weight / (effort.groups_a_cluster * share as u64))
+            .map(|(component, &share)| component.weight / (groups_a_cluster * share as u64))
             .collect();
         let mut levels: Vec<Coarse> = Vec::new();
         loop {

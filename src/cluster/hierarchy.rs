@@ -24,20 +24,24 @@
 //!
 //! A run stops at `clusters`, at each of `levels` and at one cluster a component, at exactly those numbers: a round
 //! that would pass one merges only its cheapest pairs. There the phases run until no cluster is in pieces, as in a flat
-//! run.
+//! run, and whole clusters move ([`super::relocation`]), into other components, too. A cluster keeps its number where
+//! it keeps most of its faces ([`numbers`]); all faces that are in another cluster than before count as moved.
 //!
 //! Why the cheaper half: merging all pairs halves the clusters everywhere, also where they are large already. Why a few
 //! iterations: the next round moves what a minimum would fix. Why not from the first round: clusters of two or three
 //! faces leave little to optimise. `benches/results/choices.md` has the measurements.
 
+use std::time::{Duration, Instant};
+
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::relocation::{self, Relocation, numbers};
 use super::run::{Row, Run};
 use super::seeds::check_number;
 use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half};
-use crate::device::{Cancel, MergeSteps};
+use crate::device::{Cancel, Device, MergeSteps};
 use crate::energy::{ClusterSums, LatticeEnergy};
 use crate::error::names::Name;
 use crate::error::{Error, Kind, Result};
@@ -81,6 +85,8 @@ pub struct Options {
     pub levels: Vec<u64>,
     /// Leave clusters in the pieces that the optimisation left.
     pub allow_disconnected: bool,
+    /// Which moves of whole clusters follow at stops, if any.
+    pub relocation: Option<relocation::Effort>,
 }
 
 /// What a round did.
@@ -100,54 +106,146 @@ pub struct RoundRow {
     pub is_level: bool,
 }
 
-/// Builds a hierarchy. The device was opened for it with one cluster a face, in the component of that face.
+/// A hierarchy that was built.
+#[derive(Debug)]
+pub struct Hierarchy {
+    /// The merges and moves.
+    pub tree: Tree,
+    /// Those of the last round, internal order.
+    pub labels: Vec<u32>,
+    /// Time that the device took to open.
+    pub upload: Duration,
+}
+
+/// Builds a hierarchy.
 ///
-/// `on_row` is called with every iteration of parallel rounds, `on_round` with every round. Labels are the last
-/// round's, internal order.
+/// `on_row` is called with every iteration of parallel rounds, `on_round` with every round.
 pub fn hierarchical(
     surface: &Surface,
     options: &Options,
-    steps: &mut dyn MergeSteps,
+    device: &mut dyn Device,
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
     on_round: &mut dyn FnMut(RoundRow),
-) -> Result<(Tree, Vec<u32>)> {
-    let (faces, components) = (surface.faces() as u64, surface.components.len() as u64);
+) -> Result<Hierarchy> {
+    let faces = surface.faces() as u64;
     let target = check(surface, options)?;
-    steps.set_labels(&(0..faces as u32).collect::<Vec<_>>())?;
-    let mut builder = Builder::new(surface, (faces - target) as usize);
-    let mut iteration = 0;
-    let mut left = faces;
-    while left > target {
-        cancel.check()?;
-        let round = builder.tree.rounds.len() as u32 + 1;
-        let stop = options.levels.iter().copied().filter(|&level| level < left).fold(target, u64::max);
-        let is_sequential = left <= options.sequential_at;
-        let merges = if is_sequential {
-            let wanted = options.collapse_fraction.map_or(1, |percent| (left as f64 * percent / 100.0) as u64);
-            merge_cheapest(steps, options.ties, wanted.clamp(1, left - stop), &mut builder)?
-        } else {
-            merge_mutual(steps, options, left - stop, &mut builder)?
-        };
-        left -= merges;
-        let is_level = left == stop && (options.levels.contains(&stop) || options.clusters == Some(stop));
-        let mut moves = 0;
-        // a cluster that is all of its component does not count
-        let are_large = faces >= options.optimised_from * (left - components);
-        if options.optimise && (is_level || is_sequential || are_large) {
-            let on_row: &mut dyn FnMut(Row) = if is_sequential && !is_level { &mut |_| {} } else { on_row };
-            let mut run = Run { round: Some(round), iteration, ..Run::new(steps, cancel, on_row) };
-            optimise(&mut run, options, is_level, is_sequential)?;
-            iteration = run.iteration;
-            let moved = steps.moves_since_merge()?;
-            moves = moved.len() as u64;
-            builder.moves(&moved);
-        }
-        let energy = steps.energy()?;
-        builder.end_round(left, energy);
-        on_round(RoundRow { round, clusters: left, energy, merges, moves, is_level });
+    let builder = Builder::new(surface, (faces - target) as usize);
+    let mut rounds = Rounds { options, target, cancel, left: faces, iteration: 0, builder, on_row, on_round };
+    let mut labels: Vec<u32> = (0..faces as u32).collect();
+    let mut upload = Duration::ZERO;
+    while rounds.left > target {
+        // a device knows the component of each cluster, so it is opened anew when clusters have gone to others
+        let component_of_cluster = rounds.builder.component_of_cluster.clone();
+        let opened = Instant::now();
+        let mut steps = device.open_merging(surface, &component_of_cluster)?;
+        upload += opened.elapsed();
+        steps.set_labels(&labels)?;
+        labels = rounds.until_relocated(steps.as_mut())?;
     }
-    Ok((builder.tree, steps.labels()?))
+    Ok(Hierarchy { tree: rounds.builder.tree, labels, upload })
+}
+
+/// The rounds of a run.
+struct Rounds<'a> {
+    options: &'a Options,
+    /// Clusters to end with.
+    target: u64,
+    cancel: &'a Cancel,
+    /// Clusters that are left.
+    left: u64,
+    /// Number of the last row.
+    iteration: u32,
+    builder: Builder<'a>,
+    on_row: &'a mut dyn FnMut(Row),
+    on_round: &'a mut dyn FnMut(RoundRow),
+}
+
+impl Rounds<'_> {
+    /// Makes rounds to the end, or until whole clusters have moved at a stop. Returns the labels.
+    fn until_relocated(&mut self, steps: &mut dyn MergeSteps) -> Result<Vec<u32>> {
+        while self.left > self.target {
+            if let Some(labels) = self.round(steps)? {
+                return Ok(labels);
+            }
+        }
+        steps.labels()
+    }
+
+    /// Makes a round. Returns the labels if whole clusters have moved, which the device does not know.
+    fn round(&mut self, steps: &mut dyn MergeSteps) -> Result<Option<Vec<u32>>> {
+        self.cancel.check()?;
+        let Options { levels, clusters, ties, .. } = self.options;
+        let round = self.builder.tree.rounds.len() as u32 + 1;
+        let left = self.left;
+        let stop = levels.iter().copied().filter(|&level| level < left).fold(self.target, u64::max);
+        let is_sequential = left <= self.options.sequential_at;
+        let merges = if is_sequential {
+            let wanted = self.options.collapse_fraction.map_or(1, |percent| (left as f64 * percent / 100.0) as u64);
+            merge_cheapest(steps, *ties, wanted.clamp(1, left - stop), &mut self.builder)?
+        } else {
+            merge_mutual(steps, self.options, left - stop, &mut self.builder)?
+        };
+        self.left -= merges;
+        let is_level = self.left == stop && (levels.contains(&stop) || *clusters == Some(stop));
+        let mut moves = Vec::new();
+        let mut relocated = None;
+        let mut energy = None;
+        if self.options.optimise && (is_level || is_sequential || self.are_large()) {
+            let on_row: &mut dyn FnMut(Row) = if is_sequential && !is_level { &mut |_| {} } else { &mut self.on_row };
+            let mut run = Run { round: Some(round), iteration: self.iteration, ..Run::new(steps, self.cancel, on_row) };
+            optimise(&mut run, self.options, is_level, is_sequential)?;
+            self.iteration = run.iteration;
+            moves = steps.moves_since_merge()?;
+            if let Some(effort) = self.options.relocation.filter(|_| is_level)
+                && let Some((labels, after)) = self.relocated(steps, effort, round)?
+            {
+                moves = moves_to(&labels, steps.labels()?, &moves);
+                (relocated, energy) = (Some(labels), Some(after));
+            }
+            self.builder.moves(&moves);
+            relocated.iter().for_each(|labels| self.builder.relocated(labels));
+        }
+        let energy = energy.map_or_else(|| steps.energy(), Ok)?;
+        self.builder.end_round(self.left, energy);
+        let moves = moves.len() as u64;
+        (self.on_round)(RoundRow { round, clusters: self.left, energy, merges, moves, is_level });
+        Ok(relocated)
+    }
+
+    /// Whether clusters have enough faces to be optimised; one that is all of its component does not count.
+    fn are_large(&self) -> bool {
+        let surface = self.builder.surface;
+        surface.faces() as u64 >= self.options.optimised_from * (self.left - surface.components.len() as u64)
+    }
+
+    /// Moves whole clusters. Returns labels and energy if that lowers it.
+    fn relocated(
+        &mut self,
+        steps: &mut dyn MergeSteps,
+        effort: relocation::Effort,
+        round: u32,
+    ) -> Result<Option<(Vec<u32>, LatticeEnergy)>> {
+        let before = steps.labels()?;
+        let mut energy = None;
+        let relocation = Relocation { graph: self.builder.surface, effort, cancel: self.cancel };
+        let after = relocation.labels_from(numbers::compact(&before), &mut |phase, after, moves, _| {
+            energy = Some(after);
+            self.iteration += 1;
+            let row = Row { iteration: self.iteration, round: Some(round), phase, energy: after, moves };
+            (self.on_row)(row);
+            Ok(())
+        })?;
+        Ok(energy.map(|energy| (numbers::kept(&before, &after), energy)))
+    }
+}
+
+/// The moves to these labels from those after the merges, given the present ones and the moves to them.
+fn moves_to(labels: &[u32], present: Vec<u32>, moves: &[(u32, u32, u32)]) -> Vec<(u32, u32, u32)> {
+    let mut before = present;
+    moves.iter().for_each(|&(face, from, _)| before[face as usize] = from);
+    let changes = (0..).zip(before).zip(labels).filter(|((_, from), to)| from != *to);
+    changes.map(|((face, from), &to)| (face, from, to)).collect()
 }
 
 /// Where to end. Refuses numbers that this surface cannot have.
@@ -221,6 +319,8 @@ struct Builder<'a> {
     tree: Tree,
     /// Σ w·|g|² of each cluster, exactly.
     moments: Vec<i128>,
+    /// The component that each cluster lies in, while it lives.
+    component_of_cluster: Vec<u32>,
 }
 
 impl<'a> Builder<'a> {
@@ -228,7 +328,8 @@ impl<'a> Builder<'a> {
     fn new(surface: &'a Surface, merges: usize) -> Self {
         let faces = surface.faces() as u32;
         let moments = (0..faces).map(|face| surface.moment_of(face)).collect();
-        Self { surface, tree: Tree { faces, merges: Vec::with_capacity(merges), ..Tree::default() }, moments }
+        let tree = Tree { faces, merges: Vec::with_capacity(merges), ..Tree::default() };
+        Self { surface, tree, moments, component_of_cluster: surface.component_of_face() }
     }
 
     /// Records merges (from, into), with the sums of both ends before, in either order.
@@ -236,9 +337,9 @@ impl<'a> Builder<'a> {
         for &(from, into) in pairs {
             self.moments[into as usize] += std::mem::take(&mut self.moments[from as usize]);
         }
-        let Self { surface, tree, moments } = self;
+        let Self { surface, tree, moments, component_of_cluster } = self;
         let records = pairs.par_iter().zip(sums).with_min_len(MERGES_A_THREAD).map(|(&(from, into), [a, b])| {
-            let made = surface.merged(a, b, moments[into as usize], into);
+            let made = surface.merged(a, b, moments[into as usize], component_of_cluster[into as usize]);
             let [into, from] = [into, from].map(|cluster| surface.upload_face[cluster as usize]);
             Merge { into, from, made }
         });
@@ -253,6 +354,13 @@ impl<'a> Builder<'a> {
             self.moments[from as usize] -= moment;
             self.moments[to as usize] += moment;
             self.tree.moves.push(FaceMove { face: upload[face as usize], to: upload[to as usize] });
+        }
+    }
+
+    /// Follows clusters into other components.
+    fn relocated(&mut self, labels: &[u32]) {
+        for (number, component) in (0..).zip(&self.surface.components) {
+            component.range().for_each(|face| self.component_of_cluster[labels[face] as usize] = number);
         }
     }
 

@@ -8,6 +8,9 @@ use utoipa::ToSchema;
 use super::coarse::Effort;
 use super::relocation;
 
+/// Meshes with fewer faces than this get the best quality: it takes milliseconds.
+const TINY: usize = 1_000;
+
 /// How much time to take for how low an energy. Each is as deterministic as the others, and connected.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
@@ -22,11 +25,17 @@ pub enum Quality {
 }
 
 impl Quality {
+    /// The quality of flat clusterings of a mesh with this many faces: the best of those with fewer than [`TINY`].
+    pub fn on(self, faces: usize) -> Self {
+        if faces < TINY { Quality::Best } else { self }
+    }
+
     /// Coarse starts.
     pub fn start(self) -> Effort {
         match self {
             Quality::Fast => Effort {
                 groups_a_cluster: 8,
+                least_groups: 0,
                 surplus_percent: 20,
                 iterations_a_round: 2,
                 iterations_a_graph: 3,
@@ -36,6 +45,7 @@ impl Quality {
             },
             Quality::Default => Effort {
                 groups_a_cluster: 16,
+                least_groups: 1024,
                 surplus_percent: 33,
                 iterations_a_round: 4,
                 iterations_a_graph: u32::MAX,
@@ -45,6 +55,7 @@ impl Quality {
             },
             Quality::Best => Effort {
                 groups_a_cluster: 16,
+                least_groups: 1024,
                 surplus_percent: 50,
                 iterations_a_round: u32::MAX,
                 iterations_a_graph: u32::MAX,
@@ -52,15 +63,6 @@ impl Quality {
                 teleport_rounds: 12,
                 clusters_in_starts: 800,
             },
-        }
-    }
-
-    /// A further coarse start, from which whole components may be taken: of `best`, and of all on tiny meshes. Where it
-    /// is used, the result of `best` is not above that of the default.
-    pub fn further_start(self) -> Effort {
-        match self {
-            Quality::Fast | Quality::Default => Quality::Best.start(),
-            Quality::Best => Quality::Default.start(),
         }
     }
 

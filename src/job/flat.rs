@@ -3,20 +3,24 @@
 use std::time::{Duration, Instant};
 
 use super::iterations::Iterations;
-use super::{Clustered, Coarse, Method, Prepared, finite};
-use crate::cluster::coarse::{CoarseStart, Start};
+use super::{Clustered, Coarse, CoarseSpec, Method, Prepared, finite};
+use crate::cluster::coarse::Start;
 use crate::cluster::flat::{self, Clustering, Options};
+use crate::cluster::hierarchy::hierarchical;
+use crate::cluster::quality::Quality;
 use crate::cluster::record::Record;
 use crate::cluster::reference::acvd::acvd;
 use crate::cluster::reference::variational::variational;
-use crate::cluster::relocation::Relocation;
+use crate::cluster::relocation::{self, Relocation};
 use crate::cluster::run::{self, Phase};
-use crate::cluster::seeds::SeedFaces;
+use crate::cluster::seeds::{self, SeedFaces};
+use crate::device::cpu::CpuDevice;
 use crate::device::{Cancel, Device, Ending, Steps};
 use crate::energy::LatticeEnergy;
 use crate::error::{Error, Kind, Result};
-use crate::parameters::Name;
+use crate::parameters::{Name, Seeds};
 use crate::report::{DeviceKind, Iteration, Row};
+use crate::surface::Surface;
 
 /// Runs boundary-based clustering, coarse to fine.
 pub(super) fn run_coarse(
@@ -26,40 +30,87 @@ pub(super) fn run_coarse(
     cancel: &Cancel,
     on_row: &mut dyn FnMut(Row),
 ) -> Result<Clustered> {
-    let Coarse { start, further, options, relocation } = coarse;
+    let surface = &prepared.surface;
     let started = Instant::now();
-    let start = start.labels(&prepared.surface, device, cancel)?;
+    let start = coarse.start.labels(surface, device, cancel)?;
     let mut run = Run::new(prepared, started, &start, on_row);
     let mut clustering = run.phases(device, |steps, keep, record| {
-        flat::boundary_based(&start.labels, *options, steps, cancel, keep, record)
+        flat::boundary_based(&start.labels, coarse.spec.options(), steps, cancel, keep, record)
     })?;
-    let is_cut_short = clustering.ending == Ending::IterationLimit && prepared.parameters.max_iterations.is_some();
-    if let Some(effort) = relocation.filter(|_| !is_cut_short) {
-        let further = |device: &mut dyn Device| {
-            further.as_ref().map(|start| phases(prepared, start, *options, device, cancel)).transpose()
-        };
+    if let Some(effort) = coarse.relocation_after(clustering.ending) {
         let labels = std::mem::take(&mut clustering.labels);
-        let mut relocation = Relocation { graph: &prepared.surface, device, cancel };
-        clustering.labels = relocation.labels(labels, &further, effort, &mut |phase, energy, moves, labels| {
+        let cheaper = |number| cheaper_labels(surface, coarse.spec, number, cancel);
+        let relocation = Relocation { graph: surface, effort, cancel };
+        clustering.labels = relocation.labels(labels, device, &cheaper, &mut |phase, energy, moves, labels| {
             run.add_row(phase, energy, moves, labels)
         })?;
     }
     Ok(run.ended(device, clustering))
 }
 
-/// Labels from a coarse start and the phases, without a report.
-fn phases(
-    prepared: &Prepared,
-    start: &CoarseStart,
-    options: Options,
-    device: &mut dyn Device,
-    cancel: &Cancel,
-) -> Result<Vec<u32>> {
-    let start = start.labels(&prepared.surface, device, cancel)?;
-    let mut steps = device.open(&prepared.surface, &start.component_of_cluster)?;
-    let mut record = Record::new(None);
-    let clustering = flat::boundary_based(&start.labels, options, steps.as_mut(), cancel, &mut |_| {}, &mut record)?;
-    Ok(clustering.labels)
+impl Coarse {
+    /// Which moves of whole clusters follow the phases, if any: none where the caller's limit ended them.
+    fn relocation_after(&self, ending: Ending) -> Option<relocation::Effort> {
+        let is_cut_short = ending == Ending::IterationLimit && self.spec.max_iterations.is_some();
+        self.spec.relocation().filter(|_| !is_cut_short)
+    }
+
+    /// The labels of a run without a report.
+    fn labels(&self, surface: &Surface, cancel: &Cancel) -> Result<Vec<u32>> {
+        let (device, record) = (&mut CpuDevice::new(), &mut Record::new(None));
+        let start = self.start.labels(surface, device, cancel)?;
+        let mut steps = device.open(surface, &start.component_of_cluster)?;
+        let options = self.spec.options();
+        let run = flat::boundary_based(&start.labels, options, steps.as_mut(), cancel, &mut |_| {}, record)?;
+        drop(steps);
+        match self.relocation_after(run.ending) {
+            Some(effort) => {
+                let relocation = Relocation { graph: surface, effort, cancel };
+                let cheaper = |number| cheaper_labels(surface, self.spec, number, cancel);
+                relocation.labels(run.labels, device, &cheaper, &mut |_, _, _, _| Ok(()))
+            }
+            None => Ok(run.labels),
+        }
+    }
+}
+
+/// A job whose result another one mixes in.
+#[derive(Debug, Clone, Copy)]
+enum Cheaper {
+    Quality(Quality),
+    Parallel,
+    Acvd,
+}
+
+/// The jobs whose results a job of this quality mixes in.
+fn cheaper_than(spec: CoarseSpec) -> &'static [Cheaper] {
+    const ALL: &[Cheaper] =
+        &[Cheaper::Quality(Quality::Default), Cheaper::Quality(Quality::Fast), Cheaper::Parallel, Cheaper::Acvd];
+    match spec.quality {
+        Quality::Best => ALL,
+        Quality::Default if spec.clusters <= relocation::FEW_CLUSTERS as u64 => &[Cheaper::Acvd],
+        Quality::Default | Quality::Fast => &[],
+    }
+}
+
+/// What the cheaper jobs end with, by number from 0. They run on the cpu, whatever the device: labels are the same.
+fn cheaper_labels(surface: &Surface, spec: CoarseSpec, number: usize, cancel: &Cancel) -> Result<Option<Vec<u32>>> {
+    let Some(&job) = cheaper_than(spec).get(number) else { return Ok(None) };
+    let mut device = CpuDevice::new();
+    Ok(Some(match job {
+        Cheaper::Quality(quality) => Coarse::new(surface, CoarseSpec { quality, ..spec })?.labels(surface, cancel)?,
+        Cheaper::Parallel => {
+            let options = spec.as_hierarchy();
+            hierarchical(surface, &options, &mut device, cancel, &mut |_| {}, &mut |_| {})?.labels
+        }
+        Cheaper::Acvd => {
+            let seeds = seeds::choose(surface, spec.clusters, &Seeds::Morton, spec.seed, None)?;
+            let options = Options { refine: false, ..spec.options() };
+            let mut steps = device.open(surface, &seeds.component_of_cluster)?;
+            let record = &mut Record::new(None);
+            acvd(surface, &seeds, options, steps.as_mut(), cancel, &mut |_| {}, record)?.labels
+        }
+    }))
 }
 
 /// Runs a flat algorithm from seeds.

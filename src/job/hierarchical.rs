@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::iterations::Iterations;
 use super::{Clustered, Prepared, finite};
-use crate::cluster::hierarchy::{Options, RoundRow, hierarchical};
+use crate::cluster::hierarchy::{Hierarchy, Options, RoundRow, hierarchical};
 use crate::cluster::record::Record;
 use crate::cluster::run;
 use crate::device::{Cancel, Device};
@@ -31,11 +31,6 @@ pub(super) fn run(
     on_row: &mut dyn FnMut(Row),
 ) -> Result<Clustered> {
     let surface = &prepared.surface;
-    let component_of_cluster = surface.component_of_face();
-    let opened = Instant::now();
-    let mut steps = device.open_merging(surface, &component_of_cluster)?;
-    let upload = opened.elapsed();
-
     let started = Instant::now();
     let mut iterations = Iterations::default();
     let mut levels = Levels::new(surface.faces() as u64, target);
@@ -50,9 +45,9 @@ pub(super) fn run(
             (told.borrow_mut())(Row::Round(level));
         }
     };
-    let (tree, labels) = hierarchical(surface, options, steps.as_mut(), cancel, &mut keep_iteration, &mut keep_round)?;
-    drop(steps);
-    let cluster = started.elapsed();
+    let hierarchy = hierarchical(surface, options, device, cancel, &mut keep_iteration, &mut keep_round)?;
+    let cluster = started.elapsed() - hierarchy.upload;
+    let Hierarchy { tree, labels, upload } = hierarchy;
     Ok(Clustered {
         device: device.info().clone(),
         labels,

@@ -25,7 +25,7 @@ pub use plan::{Coarse, Plan};
 pub use prepare::{InMemory, prepare_in_memory};
 #[cfg(fuzzing)]
 pub(crate) use seed_list::parse as parse_seeds;
-pub use spec::{JobSpec, Method};
+pub use spec::{CoarseSpec, JobSpec, Method};
 pub use weight_list::check_head as check_head_of_weights;
 #[cfg(fuzzing)]
 pub(crate) use weight_list::parse as parse_weights;

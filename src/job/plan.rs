@@ -1,9 +1,9 @@
 //! What a job does with its mesh: a [`JobSpec`] and what the mesh decides.
 
-use super::{JobSpec, Method};
+use super::{CoarseSpec, JobSpec, Method};
 use crate::cluster::coarse::CoarseStart;
 use crate::cluster::seeds::{self, SeedFaces};
-use crate::cluster::{flat, hierarchy, relocation};
+use crate::cluster::{flat, hierarchy};
 use crate::error::Result;
 use crate::surface::Surface;
 
@@ -28,24 +28,25 @@ pub enum Plan {
 pub struct Coarse {
     /// Where it starts.
     pub start: CoarseStart,
-    /// Where another one starts, from which whole components may be taken.
-    pub further: Option<CoarseStart>,
-    /// The phases.
-    pub options: flat::Options,
-    /// Which moves of whole clusters follow, if any.
-    pub relocation: Option<relocation::Effort>,
+    /// What follows.
+    pub spec: CoarseSpec,
+}
+
+impl Coarse {
+    /// Builds the start.
+    pub(super) fn new(surface: &Surface, spec: CoarseSpec) -> Result<Self> {
+        let start = CoarseStart::new(surface, spec.clusters, spec.seed, spec.quality.start())?;
+        Ok(Self { start, spec })
+    }
 }
 
 impl Plan {
     /// Chooses seeds or builds a coarse start. Refuses numbers of clusters that the surface cannot have.
     pub(super) fn new(surface: &Surface, spec: JobSpec) -> Result<Self> {
         Ok(match spec {
-            JobSpec::Coarse { clusters, seed, effort, further, options, relocation } => {
-                let start = |effort| CoarseStart::new(surface, clusters, seed, effort);
-                let relocation = relocation.map(|effort| effort.on(surface.faces()));
-                let is_all = relocation == Some(relocation::Effort::All);
-                let further = is_all.then(|| start(further)).transpose()?;
-                Self::Coarse(Coarse { start: start(effort)?, further, options, relocation })
+            JobSpec::Coarse(spec) => {
+                let quality = spec.quality.on(surface.faces());
+                Self::Coarse(Coarse::new(surface, CoarseSpec { quality, ..spec })?)
             }
             JobSpec::Seeded { method, clusters, seeds, seed, listed, options } => {
                 Self::Seeded(method, seeds::choose(surface, clusters, &seeds, seed, listed.as_deref())?, options)

@@ -1,7 +1,7 @@
 //! What a job does, typed: made once from its parameters. No later stage asks which algorithm has which options.
 
 use super::{InputFile, Refusal, seed_list};
-use crate::cluster::coarse::Effort;
+use crate::cluster::quality::Quality;
 use crate::cluster::{flat, hierarchy, relocation};
 use crate::error::Error;
 use crate::parameters::{Algorithm, Name, Optimize, Parameters, Refine, Seeds};
@@ -10,20 +10,7 @@ use crate::parameters::{Algorithm, Name, Optimize, Parameters, Refine, Seeds};
 #[derive(Debug, Clone, PartialEq)]
 pub enum JobSpec {
     /// Boundary-based clustering, coarse to fine.
-    Coarse {
-        /// Number of clusters.
-        clusters: u64,
-        /// What the random choices are drawn from.
-        seed: u64,
-        /// How much work goes into the start.
-        effort: Effort,
-        /// The work of a further start, where there is one.
-        further: Effort,
-        /// What follows the start.
-        options: flat::Options,
-        /// Which moves of whole clusters follow that, if any.
-        relocation: Option<relocation::Effort>,
-    },
+    Coarse(CoarseSpec),
     /// A flat clustering that starts from one face a cluster.
     Seeded {
         /// How clusters are made of the seeds.
@@ -41,6 +28,47 @@ pub enum JobSpec {
     },
     /// A hierarchy.
     Hierarchy(hierarchy::Options),
+}
+
+/// What a boundary-based clustering does, coarse to fine.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CoarseSpec {
+    /// Number of clusters.
+    pub clusters: u64,
+    /// What the random choices are drawn from.
+    pub seed: u64,
+    /// How much time to take.
+    pub quality: Quality,
+    /// Iterations to stop after, if the caller limits them.
+    pub max_iterations: Option<u32>,
+    /// Whether refinement and relocation are allowed.
+    pub refine: bool,
+    /// Leave clusters in the pieces that the optimisation left.
+    pub allow_disconnected: bool,
+}
+
+impl CoarseSpec {
+    /// The phases.
+    pub fn options(&self) -> flat::Options {
+        flat::Options {
+            max_iterations: self.max_iterations.or(self.quality.max_iterations()),
+            refine: self.refine && self.quality.refines(),
+            allow_disconnected: self.allow_disconnected,
+        }
+    }
+
+    /// Which moves of whole clusters follow the phases, if any: pieces of clusters cannot be moved as a whole.
+    pub fn relocation(&self) -> Option<relocation::Effort> {
+        (self.refine && !self.allow_disconnected).then(|| self.quality.relocation())
+    }
+
+    /// A parallel hierarchy that ends with as many clusters.
+    pub fn as_hierarchy(&self) -> hierarchy::Options {
+        hierarchical(
+            &Parameters { algorithm: Algorithm::Pml, clusters: Some(self.clusters), ..Parameters::default() },
+            0,
+        )
+    }
 }
 
 /// How a flat clustering goes on from seeds.
@@ -100,22 +128,18 @@ impl JobSpec {
             }
         };
         // `check` has seen that there is a number
-        let (clusters, seed) = (parameters.clusters.unwrap_or_default(), parameters.seed);
-        let quality = parameters.quality;
-        let options = flat::Options {
-            max_iterations: parameters.max_iterations.or(quality.max_iterations()),
-            refine: parameters.refine == Refine::On && quality.refines(),
+        let coarse = CoarseSpec {
+            clusters: parameters.clusters.unwrap_or_default(),
+            seed: parameters.seed,
+            quality: parameters.quality,
+            max_iterations: parameters.max_iterations,
+            refine: parameters.refine == Refine::On,
             allow_disconnected: parameters.allow_disconnected,
         };
+        let CoarseSpec { clusters, seed, .. } = coarse;
         let spec = match parameters.seeds.clone() {
-            Seeds::Coarse => {
-                let (effort, further) = (quality.start(), quality.further_start());
-                // pieces of clusters cannot be moved as a whole
-                let is_relocated = parameters.refine == Refine::On && !parameters.allow_disconnected;
-                let relocation = is_relocated.then(|| quality.relocation());
-                Self::Coarse { clusters, seed, effort, further, options, relocation }
-            }
-            seeds => Self::Seeded { method, clusters, seeds, seed, listed, options },
+            Seeds::Coarse => Self::Coarse(coarse),
+            seeds => Self::Seeded { method, clusters, seeds, seed, listed, options: coarse.options() },
         };
         Ok((spec, parameters))
     }
@@ -123,11 +147,12 @@ impl JobSpec {
 
 /// What the parameters mean to hierarchies whose rounds are sequential from a number of clusters on.
 fn hierarchical(parameters: &Parameters, sequential_at: u64) -> hierarchy::Options {
+    let refine = parameters.refine == Refine::On;
     hierarchy::Options {
         sequential_at,
         collapse_fraction: parameters.collapse_fraction,
         optimise: parameters.optimizes(),
-        refine: parameters.refine == Refine::On,
+        refine,
         iterations_a_round: [parameters.quality.iterations_a_round(), u32::MAX]
             .map(|usual| parameters.optimize_iterations.unwrap_or(usual)),
         optimised_from: parameters.quality.optimised_from(),
@@ -136,13 +161,13 @@ fn hierarchical(parameters: &Parameters, sequential_at: u64) -> hierarchy::Optio
         clusters: parameters.clusters,
         levels: parameters.levels().to_vec(),
         allow_disconnected: parameters.allow_disconnected,
+        relocation: (refine && !parameters.allow_disconnected).then(|| parameters.quality.relocation()),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cluster::quality::Quality;
 
     fn spec(parameters: Parameters, seeds: Option<&[u8]>) -> (JobSpec, Parameters) {
         JobSpec::new(&parameters, seeds).expect("a job")
@@ -181,7 +206,7 @@ mod tests {
         let JobSpec::Seeded { clusters: 2, seeds: Seeds::Listed, listed, .. } = made else { panic!("{made:?}") };
         assert_eq!(listed, Some(vec![7, 3]));
         let of = |algorithm| Parameters { algorithm, clusters: Some(2), ..Parameters::default() };
-        assert!(matches!(spec(of(Algorithm::Bb), None).0, JobSpec::Coarse { clusters: 2, .. }));
+        assert!(matches!(spec(of(Algorithm::Bb), None).0, JobSpec::Coarse(CoarseSpec { clusters: 2, .. })));
         let (made, settled) = spec(of(Algorithm::Vc), None);
         assert!(matches!(made, JobSpec::Seeded { seeds: Seeds::Morton, .. }), "{made:?}");
         assert_eq!((settled.seeds, settled.refine), (Seeds::Morton, Refine::None));

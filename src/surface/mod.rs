@@ -191,11 +191,10 @@ impl Surface {
         Energy::constant(self.face(face as usize))
     }
 
-    /// What becomes of two clusters that merge. `moment` is Σ w·|g|² of both; `face` is any face of either.
-    pub fn merged(&self, a: &ClusterSums, b: &ClusterSums, moment: i128, face: u32) -> Merged {
-        let component = self.components.partition_point(|component| component.first_face <= face) - 1;
-        let energy_exponent =
-            -4 * self.frame.exponent - self.weight_exponent + self.components[component].energy_shift as i32;
+    /// What becomes of two clusters of a component that merge. `moment` is Σ w·|g|² of both.
+    pub fn merged(&self, a: &ClusterSums, b: &ClusterSums, moment: i128, component: u32) -> Merged {
+        let energy_shift = self.components[component as usize].energy_shift as i32;
+        let energy_exponent = -4 * self.frame.exponent - self.weight_exponent + energy_shift;
         let cost = Energy::merge_cost_of_means(a, b);
         let mut sums = *a;
         sums.add(b, 1);

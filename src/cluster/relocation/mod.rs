@@ -14,13 +14,17 @@
 //! | E | relaxed trials: merges and splits, judged after their surroundings have settled | [`trial`] |
 //! | F | breathing: more clusters, then as many again | [`mod@breathe`] |
 //!
-//! C and D follow if swaps lowered F by a thousandth, E and F also where clusters have fewer than [`FEW_FACES`] faces.
-//! The lowest of B, C and D goes on. Quality `fast` makes B; the default all, with [`TRIALS`] rounds of E and one
-//! breath; `best` goes on as long as F falls, and mixes the result with that of another start. Meshes with fewer than
-//! [`TINY`] faces get all of it. ([`super::coarse`] is step A.)
+//! C and D follow if swaps lowered F by a thousandth, E and F also where clusters have fewer than [`FEW_FACES`]
+//! *effective* faces: as many equal ones as would have the same Σ w² and the same Σ w, (Σ w)²/Σ w². The lowest of B,
+//! C and D goes on. Quality `fast` makes B; the default all, with [`TRIALS`] rounds of E and one breath; `best` goes
+//! on as long as F falls, and mixes in the results of cheaper jobs, so that its own is not above any of them.
+//! ([`super::coarse`] is step A.)
 //!
-//! On small even meshes the default makes E, without F, where there are more than [`WELL_STARTED`] clusters. Up to that
-//! number the coarse start is the best of at least four, and E and F gain 0.3 % at most for half as much time again.
+//! On small meshes the default makes E, without F, also where clusters have fewer than [`MANY_FACES`] effective faces.
+//! With more, E and F gain 0.1 % for half as much time again (sphere and knot of 5,000 faces, 100 clusters). Up to
+//! [`FEW_CLUSTERS`], whatever the start is, another may end a per cent lower: there it mixes in the result of ACVD.
+//!
+//! Levels of hierarchies get B, E and F ([`Relocation::labels_from`]): another start would not be theirs.
 //!
 //! # F never rises, and it ends
 //!
@@ -37,6 +41,7 @@ mod clusters;
 mod connection;
 mod merging;
 mod mix;
+pub mod numbers;
 mod resize;
 mod settle;
 mod split;
@@ -66,24 +71,17 @@ pub enum Effort {
     All,
 }
 
-impl Effort {
-    /// The effort on a mesh of this many faces: all on those with fewer than [`TINY`].
-    pub fn on(self, faces: usize) -> Self {
-        if faces < TINY { Effort::All } else { self }
-    }
-}
-
-/// Clusters with fewer faces than this get E and F even if no swap pays.
+/// Clusters with fewer effective faces than this get E and F even if no swap pays.
 const FEW_FACES: usize = 20;
+
+/// On small meshes, clusters with fewer effective faces than this get E.
+const MANY_FACES: usize = 45;
 
 /// Meshes with no more faces than this are small.
 const SMALL: usize = 1 << 15;
 
-/// Up to this number of clusters, a coarse start is the best of at least four.
-const WELL_STARTED: usize = 200;
-
-/// Meshes with fewer faces than this get all effort, whatever the quality.
-const TINY: usize = 1_000;
+/// Up to this number of clusters, the default mixes in the result of `acvd` on small meshes.
+pub const FEW_CLUSTERS: usize = 32;
 
 /// Rounds of trials, unless all are made.
 const TRIALS: usize = 3;
@@ -97,77 +95,107 @@ const FACES_IN_ROUNDS: usize = 4_000_000;
 /// Called with each change of the clusters: its kind, F after it, faces that moved, and their labels.
 pub type OnChange<'a> = &'a mut dyn FnMut(Phase, LatticeEnergy, u64, &[u32]) -> Result<()>;
 
-/// Computes the labels of a further start, if there is one.
-pub type Further<'a> = &'a dyn Fn(&mut dyn Device) -> Result<Option<Vec<u32>>>;
+/// Computes the labels that a cheaper job ends with, by number from 0; none where there are no more such jobs.
+pub type Cheaper<'a> = &'a dyn Fn(usize) -> Result<Option<Vec<u32>>>;
 
 /// A relocation: what it works with.
 pub struct Relocation<'a> {
     /// The faces.
     pub graph: &'a DualGraph,
-    /// Merges single faces.
-    pub device: &'a mut dyn Device,
+    /// Which steps are made.
+    pub effort: Effort,
     /// Ends it early.
     pub cancel: &'a Cancel,
 }
 
 impl<'a> Relocation<'a> {
-    /// Makes the steps from labels in which every cluster has faces and is connected, and returns labels with as many
-    /// clusters. `further` computes others with as many clusters, for effort [`Effort::All`] where it is worth it.
+    /// Makes all steps from labels in which every cluster has faces and is connected, and returns labels with as many
+    /// clusters. `device` merges single faces; `cheaper` computes other labels with as many clusters, where it is worth
+    /// it.
     pub fn labels(
-        &mut self,
+        &self,
         labels: Vec<u32>,
-        further: Further<'_>,
-        effort: Effort,
+        device: &mut dyn Device,
+        cheaper: Cheaper<'_>,
         on_change: OnChange<'_>,
     ) -> Result<Vec<u32>> {
         let mut best = State::new(self.graph, labels);
         let has_paid = self.swap(&mut best, on_change)?;
-        if effort == Effort::Swaps {
+        if !self.tries_more(&best, has_paid) {
             return Ok(best.clusters.compacted());
         }
-        let (faces, clusters) = (self.graph.faces(), best.clusters.count());
-        let is_uneven = has_paid || faces < FEW_FACES * clusters;
-        let is_small = faces <= SMALL && (effort == Effort::All || clusters > WELL_STARTED);
-        if !is_uneven && !is_small {
-            return Ok(best.clusters.compacted());
+        self.settle_all(&mut best, on_change)?;
+        if has_paid {
+            let merged = merging::merged(self.graph, best.clusters.count(), device, self.cancel)?;
+            let mut other = State::new(self.graph, merged);
+            settle_and_swap(&mut other.clusters, &mut other.candidates, self.cancel)?;
+            self.mix_in(&mut best, other, on_change)?;
         }
-        self.lower(&mut best, has_paid, on_change)?;
-        if effort == Effort::All {
-            if let Some(labels) = further(self.device)? {
-                let mut other = State::new(self.graph, labels);
-                let has_paid = self.swap(&mut other, &mut silent)?;
-                self.lower(&mut other, has_paid, &mut silent)?;
-                let other = breathe(other.clusters, 1, self.cancel, |_| Ok(()))?;
-                self.mix_in(&mut best, State::new(self.graph, other.compacted()), on_change)?;
-            }
-            self.relax(&mut best, self.most_rounds(), on_change)?;
+        self.relax(&mut best, TRIALS, on_change)?;
+        let mut mixed = 0;
+        while let Some(labels) = cheaper(mixed)? {
+            self.mix_in(&mut best, State::new(self.graph, labels), on_change)?;
+            mixed += 1;
         }
-        let breaths = if effort == Effort::All { self.most_rounds() } else { usize::from(is_uneven) };
-        let on_lower = |clusters: &mut Clusters<'a>| report(Phase::Breathe, clusters, on_change);
-        best.clusters = breathe(best.clusters, breaths, self.cancel, on_lower)?;
-        Ok(best.clusters.compacted())
+        if mixed > 0 {
+            self.relax(&mut best, self.rounds(), on_change)?;
+        }
+        self.breathe(best, has_paid, on_change)
     }
 
-    /// C, D and E; C and D if swaps have paid.
-    fn lower(&mut self, best: &mut State<'a>, has_paid: bool, on_change: OnChange<'_>) -> Result<()> {
+    /// Makes the steps that begin with the clusters as they are: B, E and F.
+    pub fn labels_from(&self, labels: Vec<u32>, on_change: OnChange<'_>) -> Result<Vec<u32>> {
+        let mut best = State::new(self.graph, labels);
+        let has_paid = self.swap(&mut best, on_change)?;
+        if !self.tries_more(&best, has_paid) {
+            return Ok(best.clusters.compacted());
+        }
+        self.settle_all(&mut best, on_change)?;
+        self.relax(&mut best, self.rounds(), on_change)?;
+        self.breathe(best, has_paid, on_change)
+    }
+
+    /// Whether E and what goes with it are worth it.
+    fn tries_more(&self, state: &State<'_>, has_paid: bool) -> bool {
+        let clusters = state.clusters.count();
+        let is_small = self.graph.faces() <= SMALL;
+        match self.effort {
+            Effort::Swaps => false,
+            Effort::Some if is_small && clusters <= FEW_CLUSTERS => true,
+            Effort::Some if is_small => has_paid || effective_faces(self.graph) < MANY_FACES * clusters,
+            Effort::All if is_small => true,
+            Effort::Some | Effort::All => has_paid || effective_faces(self.graph) < FEW_FACES * clusters,
+        }
+    }
+
+    /// F, where it is worth it.
+    fn breathe(&self, best: State<'a>, has_paid: bool, on_change: OnChange<'_>) -> Result<Vec<u32>> {
+        let is_hard = || has_paid || effective_faces(self.graph) < FEW_FACES * best.clusters.count();
+        let breaths = match self.effort {
+            Effort::All => self.rounds(),
+            Effort::Some | Effort::Swaps => usize::from(is_hard()),
+        };
+        let on_lower = |clusters: &mut Clusters<'a>| report(Phase::Breathe, clusters, on_change);
+        Ok(breathe(best.clusters, breaths, self.cancel, on_lower)?.compacted())
+    }
+
+    /// Settles all clusters, and makes swaps again.
+    fn settle_all(&self, best: &mut State<'a>, on_change: OnChange<'_>) -> Result<()> {
         let before = best.clusters.energy();
         settle_all(&mut best.clusters, self.cancel)?;
         if best.clusters.energy() > before {
             report(Phase::Refine, &mut best.clusters, on_change)?;
         }
         self.swap(best, on_change)?;
-        if has_paid {
-            let merged = merging::merged(self.graph, best.clusters.count(), self.device, self.cancel)?;
-            let mut other = State::new(self.graph, merged);
-            settle_and_swap(&mut other.clusters, &mut other.candidates, self.cancel)?;
-            self.mix_in(best, other, on_change)?;
-        }
-        self.relax(best, TRIALS, on_change)
+        Ok(())
     }
 
-    /// Rounds of trials, and breaths, with all effort: fewer on large meshes.
-    fn most_rounds(&self) -> usize {
-        (FACES_IN_ROUNDS / self.graph.faces()).clamp(TRIALS, MOST_ROUNDS)
+    /// Rounds of trials. With all effort also breaths; fewer on large meshes.
+    fn rounds(&self) -> usize {
+        match self.effort {
+            Effort::All => (FACES_IN_ROUNDS / self.graph.faces()).clamp(TRIALS, MOST_ROUNDS),
+            Effort::Some | Effort::Swaps => TRIALS,
+        }
     }
 
     /// B. Returns whether F has fallen by more than a thousandth.
@@ -229,6 +257,19 @@ impl<'a> State<'a> {
     }
 }
 
+/// (Σ w)²/Σ w² over all faces. Units of finer components than the coarsest are rounded down.
+fn effective_faces(graph: &DualGraph) -> usize {
+    let coarsest = graph.components.iter().map(|component| component.energy_shift).max().unwrap_or(0);
+    let (mut sum, mut squares) = (0u128, 0u128);
+    for component in &graph.components {
+        let weights = graph.weights[component.range()].iter().map(|&weight| u128::from(weight));
+        let finer = coarsest - component.energy_shift;
+        sum += weights.clone().sum::<u128>() >> finer;
+        squares += weights.map(|weight| weight * weight).sum::<u128>() >> (2 * finer);
+    }
+    usize::try_from(sum.saturating_mul(sum) / squares.max(1)).unwrap_or(usize::MAX)
+}
+
 fn settle_all(clusters: &mut Clusters<'_>, cancel: &Cancel) -> Result<()> {
     let all = (0..clusters.numbers() as u32).collect();
     settle(clusters, all, u32::MAX, cancel)
@@ -244,11 +285,6 @@ fn settle_and_swap(clusters: &mut Clusters<'_>, candidates: &mut Candidates, can
 fn report(phase: Phase, clusters: &mut Clusters<'_>, on_change: OnChange<'_>) -> Result<()> {
     let moves = clusters.take_moves();
     on_change(phase, clusters.energy(), moves, clusters.labels())
-}
-
-/// Reports nothing.
-fn silent(_: Phase, _: LatticeEnergy, _: u64, _: &[u32]) -> Result<()> {
-    Ok(())
 }
 
 #[cfg(test)]

@@ -49,9 +49,9 @@ fn relocated(
 ) -> (Vec<u32>, Vec<(Phase, i128)>) {
     let mut changes = Vec::new();
     let clusters = labels.iter().max().map_or(0, |&last| u64::from(last) + 1);
-    let further = |_: &mut dyn Device| Ok(Some(start(surface, clusters)));
-    let mut relocation = Relocation { graph: surface, device, cancel: &Cancel::default() };
-    let labels = relocation.labels(labels, &further, effort, &mut |phase, energy, _, labels| {
+    let cheaper = |number| Ok((number == 0).then(|| start(surface, clusters)));
+    let relocation = Relocation { graph: surface, effort, cancel: &Cancel::default() };
+    let labels = relocation.labels(labels, device, &cheaper, &mut |phase, energy, _, labels| {
         assert_eq!(energy.explained, explained(surface, labels), "{phase:?}: sums follow every change");
         changes.push((phase, energy.explained));
         Ok(())
@@ -187,4 +187,14 @@ fn every_number_of_clusters_can_be_made() {
         assert_eq!(clusters.count(), wanted);
         assert_eq!(disconnected_clusters(&surface, wanted, &clusters.compacted()), 0);
     }
+}
+
+#[test]
+fn effective_faces_are_all_where_they_are_equal_and_the_heavy_ones_else() {
+    let mut surface = Surface::build(&generate(Sample::Cube, 300).expect("a mesh")).expect("a surface");
+    surface.graph.weights.fill(5);
+    assert_eq!(effective_faces(&surface), surface.faces());
+    surface.graph.weights.iter_mut().for_each(|weight| *weight = 1);
+    surface.graph.weights[..30].fill(1 << 20);
+    assert_eq!(effective_faces(&surface), 30);
 }
