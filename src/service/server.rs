@@ -108,8 +108,9 @@ impl Server {
         let reload = extras.reload.clone().unwrap_or_default();
         let end_drain_delay = extras.end_drain_delay.clone().unwrap_or_default();
         let (place, disk) = (settings.storage.blobs.as_ref(), settings.storage.disk());
-        let files = Arc::new(Files::open(settings.data_dir.as_deref(), place, disk, faults.clone())?);
+        let mut files = Files::open(settings.data_dir.as_deref(), place, disk, faults.clone())?;
         files.take_place(None).await?;
+        let files = Arc::new(files);
         let forgets = settings.storage.forget_lost_jobs;
         files.check_store(forgets).await?;
         let rules = Rules {
