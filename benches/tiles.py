@@ -2,8 +2,8 @@
 
     python tiles.py [FACES [CLUSTERS…]]
 
-A bumpy torus is clustered by the boundary phase of src/cluster/flat.rs, in integers: once as a whole, and in tiles, which
-are ranges of the order along a Morton curve.
+A bumpy torus is clustered by the boundary phase of src/cluster/flat.rs, in integers: once as a whole, and in tiles,
+which are ranges of the order along a Morton curve.
 
 exact     Tiles iterate together. After each iteration a tile learns the labels that changed next to it, and the proxies
           of clusters that it sees and others changed. Its labels are checked against those of the whole after every
@@ -15,8 +15,8 @@ import sys
 
 import numpy as np
 
-# Bytes of messages: a face and its label; a cluster with its changes (weight, three sums, faces, those that want to leave
-# and the first of them), as a tile sends it; a cluster with its proxy, as a tile gets it.
+# Bytes of messages: a face and its label; a cluster with its changes (weight, three sums, faces, those that want to
+# leave and the first of them), as a tile sends it; a cluster with its proxy, as a tile gets it.
 LABEL, CHANGE, PROXY = 8, 4 + 8 + 24 + 12, 4 + 12
 NONE = np.iinfo(np.int64).max
 FREE = -1
@@ -28,7 +28,8 @@ def torus(faces):
     m = faces // (2 * n)
     u, v = np.meshgrid(np.arange(m) * (2 * np.pi / m), np.arange(n) * (2 * np.pi / n), indexing="ij")
     r = 1 + 0.15 * np.cos(5 * u) * np.sin(4 * v) + 0.05 * np.cos(23 * u + 11 * v)
-    points = np.stack([(3 + r * np.cos(v)) * np.cos(u), (3 + r * np.cos(v)) * np.sin(u), r * np.sin(v)], -1).reshape(-1, 3)
+    points = np.stack([(3 + r * np.cos(v)) * np.cos(u), (3 + r * np.cos(v)) * np.sin(u), r * np.sin(v)], -1)
+    points = points.reshape(-1, 3)
     i, j = (part.ravel() for part in np.meshgrid(np.arange(m), np.arange(n), indexing="ij"))
     at = lambda i, j: (i % m) * n + j % n
     cell = at(i, j)
@@ -213,7 +214,8 @@ def main():
     faces = int(sys.argv[1]) if len(sys.argv) > 1 else 100_000
     mesh = torus(faces)
     faces = len(mesh[1])
-    print("| faces | clusters | tiles | | iterations together | MB in all | KB an iteration | energy above that of one |")
+    print("| faces | clusters | tiles | | iterations together | MB in all | KB an iteration "
+          "| energy above that of one |")
     print("|--:|--:|--:|---|--:|--:|--:|--:|")
     for clusters in map(int, sys.argv[2:] or ["200", "2000"]):
         seeds = (np.arange(clusters) * 2 + 1) * faces // (2 * clusters)
@@ -224,12 +226,14 @@ def main():
             row = f"| {faces:,} | {clusters:,} | {tiles} |"
             labels, iterations, bytes, ends = together(mesh, history[0].copy(), clusters, tiles, history)
             assert (labels == history[-1]).all() and ends == energies
-            print(f"{row} exact | {iterations} | {bytes / 1e6:.1f} | {bytes / 1e3 / iterations:.1f} | 0, equal labels |")
+            traffic = f"{iterations} | {bytes / 1e6:.1f} | {bytes / 1e3 / iterations:.1f}"
+            print(f"{row} exact | {traffic} | 0, equal labels |")
             labels, most = apart(mesh, seeds, clusters, tiles)
             labels, iterations, bytes, ends = together(mesh, labels, clusters, tiles)
-            above = [f"{100 * (ends[min(at, len(ends) - 1)] / energies[-1] - 1):+.2f} %" for at in (0, 10, len(ends) - 1)]
-            print(f"{row} apart ({most} at most) | {iterations} | {bytes / 1e6:.1f} | {bytes / 1e3 / max(1, iterations):.1f} "
-                  f"| {above[0]} at first, {above[1]} after 10, {above[2]} in the end |", flush=True)
+            above = [100 * (ends[min(at, len(ends) - 1)] / energies[-1] - 1) for at in (0, 10, len(ends) - 1)]
+            traffic = f"{iterations} | {bytes / 1e6:.1f} | {bytes / 1e3 / max(1, iterations):.1f}"
+            energy_of = "{:+.2f} % at first, {:+.2f} % after 10, {:+.2f} % in the end".format(*above)
+            print(f"{row} apart ({most} at most) | {traffic} | {energy_of} |", flush=True)
 
 
 main()
