@@ -107,7 +107,10 @@ impl Server {
         let access = Arc::new(Access::open(&settings.access)?);
         let reload = extras.reload.clone().unwrap_or_default();
         let end_drain_delay = extras.end_drain_delay.clone().unwrap_or_default();
-        let files = Arc::new(Files::open(settings.data_dir.as_deref(), settings.storage.disk(), faults.clone())?);
+        let (place, disk) = (settings.storage.blobs.as_ref(), settings.storage.disk());
+        let mut files = Files::open(settings.data_dir.as_deref(), place, disk, faults.clone())?;
+        files.take_place(None).await?;
+        let files = Arc::new(files);
         let forgets = settings.storage.forget_lost_jobs;
         files.check_store(forgets).await?;
         let rules = Rules {

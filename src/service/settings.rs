@@ -166,6 +166,12 @@ impl Settings {
                 self.listen
             )));
         }
+        if let Some(blobs) = self.storage.blobs.as_ref().filter(|_| self.data_dir.is_none()) {
+            return Err(Error::parameter(format_args!(
+                "jobs in memory only would leave their files at {blobs} when the service ends: give --data-dir beside \
+                 --blobs, for the store of jobs"
+            )));
+        }
         self.check_amounts()?;
         if !self.webhooks.webhook_hosts.is_empty() && self.webhooks.webhook_secret.is_none() {
             return Err(Error::parameter(
