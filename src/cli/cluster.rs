@@ -257,7 +257,7 @@ fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Fa
     run_on_device(arguments, &prepared, &cancel, progress)
 }
 
-/// Clusters on the chosen device; with `auto`, the cpu does what a gpu cannot.
+/// Clusters on the chosen device. The cpu does what a gpu computed wrongly, and with `auto` what a gpu cannot.
 fn run_on_device(
     arguments: &Arguments,
     prepared: &Prepared,
@@ -267,9 +267,13 @@ fn run_on_device(
     let mut on_row = |row: Row| progress.row(&row);
     let mut device = arguments.device.open(prepared)?;
     match job::run(prepared, device.as_mut(), cancel, &mut on_row) {
-        Err(error) if error.kind == Kind::DeviceUnsuitable && arguments.device.is_auto() => {
-            tracing::warn!(%error, "taking the cpu instead of the gpu");
-            Ok(job::run(prepared, &mut CpuDevice::new(), cancel, &mut on_row)?)
+        Err(error)
+            if error.kind == Kind::DeviceWrong
+                || error.kind == Kind::DeviceUnsuitable && arguments.device.is_auto() =>
+        {
+            let mut outcome = job::run(prepared, &mut CpuDevice::new(), cancel, &mut on_row)?;
+            outcome.report.warnings.push(job::instead_of_gpu(&error));
+            Ok(outcome)
         }
         outcome => Ok(outcome?),
     }

@@ -24,6 +24,14 @@ pub struct AdapterReport {
     pub reason: Option<String>,
 }
 
+impl AdapterReport {
+    /// Notes why it cannot cluster.
+    pub(super) fn refuse(&mut self, reason: String) {
+        self.usable = false;
+        self.reason = Some(reason);
+    }
+}
+
 impl fmt::Display for AdapterReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { index, name, kind, backend, .. } = self;

@@ -4,13 +4,25 @@ use super::Device;
 use super::adapter::{AdapterKind, AdapterReport};
 use crate::error::{Error, Kind, Result};
 
+/// Nothing that could be changed about a gpu.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Overrides {
+    /// Means nothing here.
+    pub timed: bool,
+}
+
 /// No adapters.
 pub fn adapters() -> Vec<AdapterReport> {
     Vec::new()
 }
 
+/// No adapters.
+pub fn tested_adapters() -> Vec<AdapterReport> {
+    Vec::new()
+}
+
 /// The error.
-pub fn open(_: Option<&str>, _: bool) -> Result<(AdapterKind, Box<dyn Device>)> {
+pub fn open(_: Option<&str>, _: Overrides, _: &mut Vec<AdapterReport>) -> Result<(AdapterKind, Box<dyn Device>)> {
     Err(Error::new(
         Kind::DeviceUnsuitable,
         "this build has no gpu: take the device cpu, or build tesserae with the feature gpu",
@@ -18,7 +30,7 @@ pub fn open(_: Option<&str>, _: bool) -> Result<(AdapterKind, Box<dyn Device>)> 
 }
 
 /// No gpu.
-pub fn open_hardware() -> Result<Option<Box<dyn Device>>> {
+pub fn open_hardware(_: &mut Vec<AdapterReport>) -> Result<Option<Box<dyn Device>>> {
     Ok(None)
 }
 

@@ -310,6 +310,19 @@ pub struct Clustered {
     cluster: Duration,
 }
 
+impl Clustered {
+    /// The same with a warning more in its report.
+    pub fn with_warning(mut self, warning: String) -> Self {
+        self.warnings.push(warning);
+        self
+    }
+}
+
+/// The warning that the cpu clustered a mesh because of an error of the gpu.
+pub fn instead_of_gpu(error: &Error) -> String {
+    format!("the cpu clustered the mesh, since {}", error.message)
+}
+
 /// What was read, for the report.
 fn describe(mesh: &PolygonMesh, surface: &Surface) -> Input {
     let counts = surface.counts;

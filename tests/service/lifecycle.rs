@@ -118,7 +118,7 @@ async fn a_taken_address_and_a_bad_folder_are_errors() {
         change(&mut settings);
         let device = CpuDevice::new();
         let description =
-            DeviceDescription { info: device.info().clone(), chosen: String::new(), cpu_below_faces: None };
+            DeviceDescription { info: device.info().clone(), chosen: String::new(), cpu_below_faces: None, adapters: Vec::new() };
         Server::bind(settings, Box::new(device), description).await
     };
     let error = bind(&|settings| settings.listen = service.address).await.expect_err("taken");

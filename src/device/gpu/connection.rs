@@ -10,6 +10,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use rayon::prelude::*;
+
 use super::adapter::Found;
 use super::clock::{self, Clock};
 use super::kernels::{KERNELS, Kernel};
@@ -38,6 +40,8 @@ pub(super) struct Connection {
     fault: Mutex<Option<Fault>>,
     /// Whether a fault leaves no memory for the next buffer.
     is_exhausted: AtomicBool,
+    /// Whether a fault changes the next numbers that the host reads.
+    is_wrong: AtomicBool,
     /// Where passes are timed.
     clock: Option<Clock>,
 }
@@ -98,24 +102,24 @@ impl Connection {
             pipelines: Mutex::default(),
             name,
             health,
-            fault: Mutex::default(),
+            fault: Mutex::new(overrides.fault),
             is_exhausted: AtomicBool::default(),
+            is_wrong: AtomicBool::default(),
             clock,
         };
-        connection.compile(false)?;
+        connection.compile()?;
         Ok(connection)
     }
 
-    /// Compiles the kernels of hierarchies, or all others, unless that was done.
-    pub(super) fn compile(&self, is_merging: bool) -> Result<()> {
-        KERNELS
-            .iter()
-            .filter(|kernel| kernel.is_merging() == is_merging)
-            .for_each(|kernel| drop(self.pipeline(kernel)));
+    /// Compiles all kernels, several at a time.
+    fn compile(&self) -> Result<()> {
+        let compiled: Vec<_> =
+            KERNELS.par_iter().map(|kernel| (kernel.name, compile(&self.device, kernel))).collect();
+        lock(&self.pipelines).extend(compiled);
         self.check()
     }
 
-    /// The layout of a kernel's bind group and its pipeline, compiled on first use.
+    /// The layout of a kernel's bind group, and its pipeline.
     pub(super) fn pipeline(&self, kernel: &Kernel) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline) {
         lock(&self.pipelines).entry(kernel.name).or_insert_with(|| compile(&self.device, kernel)).clone()
     }
@@ -238,10 +242,19 @@ impl Connection {
         *lock(&self.fault) = fault;
     }
 
+    /// The bytes with another last number, if a fault requires that.
+    pub(super) fn corrupted(&self, bytes: &[u8]) -> Option<Vec<u8>> {
+        let last = bytes.len().checked_sub(4).filter(|_| self.is_wrong.swap(false, Ordering::SeqCst))?;
+        let mut wrong = bytes.to_vec();
+        wrong[last] ^= 1;
+        Some(wrong)
+    }
+
     /// Injects the fault that was set for this point.
     pub(super) fn reach(&self, point: FaultPoint) {
         match lock(&self.fault).take_if(|fault| fault.point() == point) {
             Some(Fault::Exhaust(_)) => self.is_exhausted.store(true, Ordering::SeqCst),
+            Some(Fault::Miscompute(_)) => self.is_wrong.store(true, Ordering::SeqCst),
             Some(Fault::Lose(_)) => self.device.destroy(),
             Some(Fault::Misuse(_)) => {
                 // more than any device allows

@@ -12,6 +12,7 @@ use super::kernels::{self, Kernel};
 use super::layout::UNLISTED;
 use super::memory::{BETWEEN, SurfaceMemory};
 use super::upload::upload;
+use super::verify::energy_of;
 use crate::device::cpu;
 use crate::device::{Cancel, Ending, FREE, Step, Steps};
 use crate::energy::LatticeEnergy;
@@ -204,6 +205,21 @@ impl<'a> GpuSteps<'a> {
         Ok(stats.moves.into())
     }
 
+    /// Fails where labels that the device gave do not have the energy that it gave.
+    fn verify(&self, labels: &[u32], energy: LatticeEnergy) -> Result<()> {
+        let wrong = |what: &dyn std::fmt::Display| {
+            Err(Error::new(Kind::DeviceWrong, format_args!("the gpu {} computed wrongly: {what}", self.connection.name)))
+        };
+        match energy_of(self.graph, self.component_of_cluster, labels) {
+            Ok(expected) if expected == energy => Ok(()),
+            Ok(expected) => wrong(&format_args!(
+                "its labels explain {} of the energy, by its own sums {}",
+                expected.explained, energy.explained
+            )),
+            Err(label) => wrong(&format_args!("clusters are below {}, a face got {label}", self.clusters())),
+        }
+    }
+
     /// The phase that goes on with this call.
     fn take_resumed(&mut self) -> Option<Stopped<'a>> {
         let is_resumed = take(&mut self.is_resumed);
@@ -326,8 +342,16 @@ impl Steps for GpuSteps<'_> {
         Ok(freed)
     }
 
+    /// Fails with [`Kind::DeviceWrong`] where the energy of the labels is not the one that the device gave.
     fn labels(&mut self) -> Result<Vec<u32>> {
         self.connection.reach(FaultPoint::Labels);
-        Ok(self.download(self.encoder(), Buffer::Labels, self.graph.faces())?.1)
+        let encoder = if self.sums == Sums::Current(None) { self.encode_fit() } else { self.encoder() };
+        let (stats, labels) = self.download(encoder, Buffer::Labels, self.graph.faces())?;
+        if let Sums::Current(energy) = self.sums {
+            let energy = energy.unwrap_or_else(|| stats.energy());
+            self.verify(&labels, energy)?;
+            self.set_energy(Some(energy));
+        }
+        Ok(labels)
     }
 }

@@ -51,7 +51,6 @@ fn the_list_has_the_faces_on_boundaries_and_few_others() {
     let graph = &surface.graph;
     let seeds = seeds::stratified(graph, &[60], 1);
     let components = &seeds.component_of_cluster;
-    connection.compile(true).expect("they compile");
     let mut steps = GpuSteps::new(connection, graph, components, true).expect("it fits");
     let cancel = Cancel::default();
 
