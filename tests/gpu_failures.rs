@@ -8,7 +8,7 @@ use gpu_support::{ALL, adapter, device, device_with, run, seeds};
 use tesserae::Kind;
 use tesserae::cluster::seeds::SeedFaces;
 use tesserae::dev::sample::{Sample, generate};
-use tesserae::device::gpu::{self, Fault, FaultPoint, GpuDevice, Overrides};
+use tesserae::device::gpu::{self, Fault, FaultPoint, GpuDevice, Overrides, Tuning};
 use tesserae::device::select::{self, DeviceChoice};
 use tesserae::device::{Cancel, Device, FREE};
 use tesserae::parameters::Seeds;
@@ -141,8 +141,8 @@ fn a_cancelled_job_ends_and_leaves_the_device_usable() {
             cancel.cancel();
         });
         assert_eq!(ended.map_err(|error| error.kind), Err(Kind::Cancelled));
-        // what was queued comes back, nothing else is queued: at most two batches
-        assert_eq!(count, 16, "iterations of the first two batches");
+        // what was queued comes back, nothing else is queued
+        assert_eq!(count, Tuning::default().first_batch, "iterations of the first batch");
         // and the labels are those of the last row that was told
         let after = steps.labels().expect("labels");
         let energy = steps.energy().expect("energy");

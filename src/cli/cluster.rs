@@ -11,8 +11,8 @@ use super::progress::Progress;
 use super::results::{ChoiceFlags, OfJob, OutputFile, Outputs, check_places};
 use super::{Failure, complain, print_line, say, signals};
 use crate::artifacts::{Artifact, Choices, Content, LABELS, LINKAGE_NPY, Labels, Need};
-use crate::device::Cancel;
 use crate::device::cpu::CpuDevice;
+use crate::device::{Cancel, Device};
 use crate::error::{Error, Kind};
 use crate::hierarchy::linkage::no_single_root;
 use crate::job::{self, InputFile, Outcome, Plan, Prepared, Request, milliseconds};
@@ -222,7 +222,7 @@ fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Fa
     let cancel = signals::cancel_when_asked();
     progress.stage("preparing");
     let outputs: Vec<&Artifact> = arguments.outputs.files().iter().map(|file| file.artifact).collect();
-    let prepared = job::prepare_naming_files(&Request {
+    let request = Request {
         bytes: &bytes,
         format,
         resources: &*resources,
@@ -231,6 +231,11 @@ fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Fa
         seeds: seed_bytes.as_deref(),
         weights: weight_bytes.as_deref(),
         outputs: &outputs,
+    };
+    // ends with its thread joined: a process must not end while a driver is being opened
+    let (prepared, ahead) = std::thread::scope(|scope| {
+        let ahead = scope.spawn(|| arguments.device.open_ahead(bytes.len()));
+        (job::prepare_naming_files(&request), ahead.join().ok().flatten())
     });
     let mut prepared = prepared.map_err(|refusal| {
         let file = match refusal.file {
@@ -254,18 +259,19 @@ fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Fa
         progress.hierarchy(prepared.input.faces, target);
     }
     progress.stage("clustering");
-    run_on_device(arguments, &prepared, &cancel, progress)
+    let device = arguments.device.open(&prepared, ahead)?;
+    run_on_device(arguments, &prepared, device, &cancel, progress)
 }
 
 /// Clusters on the chosen device. The cpu does what a gpu computed wrongly, and with `auto` what a gpu cannot.
 fn run_on_device(
     arguments: &Arguments,
     prepared: &Prepared,
+    mut device: Box<dyn Device>,
     cancel: &Cancel,
     progress: &mut Progress,
 ) -> Result<Outcome, Failure> {
     let mut on_row = |row: Row| progress.row(&row);
-    let mut device = arguments.device.open(prepared)?;
     match job::run(prepared, device.as_mut(), cancel, &mut on_row) {
         Err(error)
             if error.kind == Kind::DeviceWrong

@@ -9,6 +9,20 @@ use crate::error::{Error, Kind, Result};
 pub struct Overrides {
     /// Means nothing here.
     pub timed: bool,
+    /// Means nothing here.
+    pub tuning: Tuning,
+}
+
+/// No constants.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Tuning {}
+
+impl std::str::FromStr for Tuning {
+    type Err = Error;
+
+    fn from_str(_: &str) -> Result<Self> {
+        Ok(Self {})
+    }
 }
 
 /// No adapters.
@@ -27,6 +41,11 @@ pub fn open(_: Option<&str>, _: Overrides, _: &mut Vec<AdapterReport>) -> Result
         Kind::DeviceUnsuitable,
         "this build has no gpu: take the device cpu, or build tesserae with the feature gpu",
     ))
+}
+
+/// The error.
+pub fn probe(adapter: Option<&str>) -> Result<Vec<(&'static str, f64)>> {
+    open(adapter, Overrides::default(), &mut Vec::new()).map(|_| Vec::new())
 }
 
 /// No gpu.

@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 pub use super::adapter::{AdapterKind, AdapterReport, auto_adapter};
 use super::cpu::CpuDevice;
 use super::gpu::Overrides;
-pub use super::gpu::{adapters, tested_adapters};
+pub use super::gpu::{Tuning, adapters, probe, tested_adapters};
 use super::{Device, gpu};
 use crate::error::{Error, Result};
 
@@ -59,15 +59,18 @@ pub fn open_listing(
         (DeviceChoice::Cpu, Some(_)) => {
             Err(Error::parameter("an adapter goes with the device gpu or auto, not with cpu"))
         }
-        (DeviceChoice::Gpu, _) | (DeviceChoice::Auto, Some(_)) => Ok(gpu::open(adapter, Overrides::default(), adapters)?.1),
+        (DeviceChoice::Gpu, _) | (DeviceChoice::Auto, Some(_)) => {
+            Ok(gpu::open(adapter, Overrides::default(), adapters)?.1)
+        }
         (DeviceChoice::Auto, None) if faces.is_none_or(|faces| faces >= FACES_FOR_GPU) => Ok(open_auto(adapters)),
         (DeviceChoice::Cpu | DeviceChoice::Auto, None) => Ok(Box::new(CpuDevice::new())),
     }
 }
 
-/// Opens a gpu to be timed: the one of that number or name, else the fastest, software where there is no other.
-pub fn open_timed(adapter: Option<&str>) -> Result<(AdapterKind, Box<dyn Device>)> {
-    gpu::open(adapter, Overrides { timed: true, ..Overrides::default() }, &mut Vec::new())
+/// Opens a gpu to be timed, with other constants: the one of that number or name, else the fastest, software where there
+/// is no other.
+pub fn open_timed(adapter: Option<&str>, tuning: Tuning) -> Result<(AdapterKind, Box<dyn Device>)> {
+    gpu::open(adapter, Overrides { timed: true, tuning, ..Overrides::default() }, &mut Vec::new())
 }
 
 fn open_auto(adapters: &mut Vec<AdapterReport>) -> Box<dyn Device> {

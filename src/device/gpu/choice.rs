@@ -72,7 +72,7 @@ fn reports(found: &[Found]) -> Vec<AdapterReport> {
 }
 
 /// The adapter to open.
-fn choose<'a>(found: &'a [Found], adapter: Option<&str>) -> Result<&'a Found> {
+pub(super) fn choose<'a>(found: &'a [Found], adapter: Option<&str>) -> Result<&'a Found> {
     let candidates = matching(found, adapter)?;
     best(candidates.iter().map(|found| &found.report)).and_then(|report| found.get(report.index)).ok_or_else(|| {
         Error::new(

@@ -15,7 +15,8 @@ use rayon::prelude::*;
 use super::adapter::Found;
 use super::clock::{self, Clock};
 use super::kernels::{KERNELS, Kernel};
-use super::{Fault, FaultPoint, Overrides};
+use super::upload::Staging;
+use super::{Fault, FaultPoint, Overrides, Tuning};
 use crate::device::Profile;
 use crate::device::adapter::AdapterKind;
 use crate::error::{Error, Kind, Result};
@@ -30,12 +31,16 @@ pub(super) struct Connection {
     pub(super) queue: wgpu::Queue,
     /// The device's limits, lowered by [`Overrides`].
     pub(super) limits: wgpu::Limits,
+    /// From [`Overrides`].
+    pub(super) tuning: Tuning,
     /// Whether the adapter is a driver that computes on the cpu.
     pub(super) is_software: bool,
     /// Compiled kernels, by name.
     pipelines: Mutex<HashMap<&'static str, (wgpu::BindGroupLayout, wgpu::ComputePipeline)>>,
     /// Name of the adapter.
     pub(super) name: String,
+    /// What surfaces are uploaded through.
+    pub(super) staging: Mutex<Staging>,
     health: Arc<Health>,
     fault: Mutex<Option<Fault>>,
     /// Whether a fault leaves no memory for the next buffer.
@@ -98,9 +103,11 @@ impl Connection {
             device,
             queue,
             limits,
+            tuning: overrides.tuning,
             is_software: found.report.kind == AdapterKind::Software,
             pipelines: Mutex::default(),
             name,
+            staging: Mutex::default(),
             health,
             fault: Mutex::new(overrides.fault),
             is_exhausted: AtomicBool::default(),
@@ -114,14 +121,14 @@ impl Connection {
     /// Compiles all kernels, several at a time.
     fn compile(&self) -> Result<()> {
         let compiled: Vec<_> =
-            KERNELS.par_iter().map(|kernel| (kernel.name, compile(&self.device, kernel))).collect();
+            KERNELS.par_iter().map(|kernel| (kernel.name, compile(&self.device, kernel, &self.tuning))).collect();
         lock(&self.pipelines).extend(compiled);
         self.check()
     }
 
     /// The layout of a kernel's bind group, and its pipeline.
     pub(super) fn pipeline(&self, kernel: &Kernel) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline) {
-        lock(&self.pipelines).entry(kernel.name).or_insert_with(|| compile(&self.device, kernel)).clone()
+        lock(&self.pipelines).entry(kernel.name).or_insert_with(|| compile(&self.device, kernel, &self.tuning)).clone()
     }
 
     /// Begins a pass, timed if there is a clock.
@@ -150,6 +157,7 @@ impl Connection {
             Err(_) => return Err(self.break_down("its timestamps could not be read")),
         };
         queries.unmap();
+        clock.forget_wait();
         Ok(Some(clock.profile(done, &ticks)))
     }
 
@@ -213,6 +221,9 @@ impl Connection {
 
     /// Waits until a submission has completed and the callbacks of its buffers were called.
     pub(super) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<()> {
+        if let Some(clock) = &self.clock {
+            clock.count_wait();
+        }
         let outcome = self.poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(PATIENCE) });
         self.check()?;
         outcome
@@ -289,7 +300,7 @@ fn one_line(message: &str) -> String {
 }
 
 /// Binding 0 is the uniform, at an offset that each dispatch chooses; then come the storage buffers of the row.
-fn compile(device: &wgpu::Device, kernel: &Kernel) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline) {
+fn compile(device: &wgpu::Device, kernel: &Kernel, tuning: &Tuning) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline) {
     let storage = |is_written: bool| wgpu::BufferBindingType::Storage { read_only: !is_written };
     let types = kernel.bindings().into_iter().map(|binding| storage(binding.is_written));
     let entries: Vec<_> = (0..)
@@ -310,7 +321,7 @@ fn compile(device: &wgpu::Device, kernel: &Kernel) -> (wgpu::BindGroupLayout, wg
     let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries: &entries });
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label,
-        source: wgpu::ShaderSource::Wgsl(kernel.source().into()),
+        source: wgpu::ShaderSource::Wgsl(kernel.source(tuning).into()),
     });
     let constants: Vec<_> = kernel.constant.into_iter().map(|(name, value)| (name, f64::from(value))).collect();
     let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {

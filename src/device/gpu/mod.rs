@@ -9,13 +9,15 @@
 //! | `buffers` | the table of storage buffers; `layout` has the structs in them, in Rust and WGSL |
 //! | `memory` | a surface on the device: buffers, bind groups, sizes of dispatches; `upload` fills it |
 //! | `steps`, `merge_steps` | the steps of the algorithms, as sequences of kernels |
-//! | `batches`, `readback` | iterations queued ahead of the host; results on their way back |
+//! | `batches`, `readback` | iterations that are queued at once; results on their way back |
+//! | `probe` | what dispatches, round trips and transfers cost |
+//! | `tuning` | constants that decide how long it takes |
 //! | `self_test`, `verify` | whether the device computes as the cpu does: when it is opened; whenever labels come back |
 //!
 //! An iteration of the boundary phase dispatches `boundary_propose`, `boundary_apply` and `proxies_fit`; an iteration
 //! of the refinement `face_bid`, `select_bids`, `join_moves`, `evaluate_moves` and `commit_moves`. Each reads what all
 //! threads of the one before wrote. Threads work on *listed* faces: those with a neighbour of another cluster, and free
-//! ones. Up to 64 iterations are queued at a time; the device itself ends a phase, by indirect dispatches of no
+//! ones. Iterations are queued in batches of up to 64; the device itself ends a phase, by indirect dispatches of no
 //! workgroups.
 //!
 //! Labels equal those of the cpu, because every number that decides a label is an integer, which WGSL specifies
@@ -41,11 +43,13 @@ pub mod kernels;
 pub mod layout;
 mod memory;
 mod merge_steps;
+mod probe;
 mod readback;
 mod self_test;
 mod steps;
 #[cfg(test)]
 mod tests;
+pub mod tuning;
 mod upload;
 mod verify;
 
@@ -54,7 +58,9 @@ use std::sync::{Arc, Mutex};
 use self::adapter::Found;
 pub use self::choice::{adapters, open, open_hardware, tested_adapters};
 use self::connection::{Connection, lock};
+pub use self::probe::probe;
 use self::steps::GpuSteps;
+pub use self::tuning::Tuning;
 use super::adapter::AdapterReport;
 use super::{Device, DeviceInfo, DeviceKind, MemoryMeter, MergeSteps, Profile, Steps};
 use crate::error::{Error, Kind, Result};
@@ -72,6 +78,8 @@ pub struct Overrides {
     pub timed: bool,
     /// A failure of the self-test.
     pub fault: Option<Fault>,
+    /// Constants.
+    pub tuning: Tuning,
 }
 
 /// A failure that a test injects.

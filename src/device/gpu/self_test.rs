@@ -134,9 +134,8 @@ fn graph() -> DualGraph {
             // the middle of the square is the origin
             let middle = (SIDE / 2) << scale;
             let place = |index: u32, beyond: u32| ((index << scale) + beyond) as i32 - middle as i32;
-            let point = [(column, scale), (row, scale), (SIDE / 2, scale + 2)].map(|(index, bits)| {
-                place(index, random(bits)).max(1 - (1 << 27))
-            });
+            let point = [(column, scale), (row, scale), (SIDE / 2, scale + 2)]
+                .map(|(index, bits)| place(index, random(bits)).max(1 - (1 << 27)));
             graph.points.push(point);
             let bits = 1 + random(5) % 24;
             // the sum of a component stays below 2³⁴

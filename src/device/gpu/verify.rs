@@ -9,17 +9,27 @@ use rayon::prelude::*;
 
 use crate::device::FREE;
 use crate::energy::{ClusterSums, LatticeEnergy, Sums};
+use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
 
 /// Faces for each cluster of a thread's sums, at least: sums then take no more than 12 bytes a face.
 const FACES_A_CLUSTER: usize = 4;
 
+/// Fails with [`Kind::DeviceWrong`] where labels that a gpu gave do not have the energy that it gave. `graph` comes with
+/// the component of each cluster.
+pub(super) fn verify(gpu: &str, graph: (&DualGraph, &[u32]), labels: &[u32], energy: LatticeEnergy) -> Result<()> {
+    let why = match energy_of(graph.0, graph.1, labels) {
+        Ok(expected) if expected == energy => return Ok(()),
+        Ok(expected) => {
+            format!("its labels explain {} of the energy, by its own sums {}", expected.explained, energy.explained)
+        }
+        Err(label) => format!("clusters are below {}, and a face got {label}", graph.1.len()),
+    };
+    Err(Error::new(Kind::DeviceWrong, format_args!("the gpu {gpu} computed wrongly: {why}")))
+}
+
 /// What labels explain of the energy; free faces count for none. An error is a label that names no cluster.
-pub(super) fn energy_of(
-    graph: &DualGraph,
-    component_of_cluster: &[u32],
-    labels: &[u32],
-) -> Result<LatticeEnergy, u32> {
+fn energy_of(graph: &DualGraph, component_of_cluster: &[u32], labels: &[u32]) -> Result<LatticeEnergy, u32> {
     let clusters = component_of_cluster.len();
     if let Some(&label) = labels.par_iter().find_any(|&&label| label as usize >= clusters && label != FREE) {
         return Err(label);
