@@ -45,8 +45,8 @@ impl DeviceArguments {
             .then(|| select::open(self.device, self.adapter.as_deref(), None))
     }
 
-    /// Opens the device for one mesh, if `ahead` is none or not the right one. `auto` takes the cpu for what merges one pair after the other, as for small
-    /// meshes.
+    /// Opens the device for one mesh, if `ahead` is none or not the right one. `auto` takes the cpu for what merges one
+    /// pair after the other, as for small meshes.
     pub fn open(&self, prepared: &Prepared, ahead: Option<Result<Box<dyn Device>>>) -> Result<Box<dyn Device>> {
         let faces = match prepared.plan.is_sequential() {
             true => 0,

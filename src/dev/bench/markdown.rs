@@ -69,7 +69,8 @@ fn figures(row: &Row, is_gpu: bool) -> Vec<String> {
 /// Where the device's time went, and how often it was waited for.
 fn stages(out: &mut String, rows: &[Row]) {
     out.push_str("\n## On the device\n\n");
-    out.push_str("Milliseconds and passes of each stage; waits of the host; dispatches of all kernels, with or without work.\n\n");
+    out.push_str("Milliseconds and passes of each stage; waits of the host; dispatches of all kernels, also those ");
+    out.push_str("without work.\n\n");
     table_head(out, &["mesh, faces, algorithm", "stages", "waits", "dispatches"]);
     for row in rows.iter().filter(|row| !row.stages.is_empty()) {
         let stage = |stage: &super::StageTime| format!("{} {:.2} ({})", stage.stage, stage.milliseconds, stage.passes);

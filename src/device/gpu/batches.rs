@@ -127,8 +127,9 @@ impl GpuSteps<'_> {
         let mut encoder = self.encoder();
         encoder.clear_buffer(self.memory.get(Buffer::Stats), 0, None);
         // after a merge the host may ask for moves, so faces that moved stay listed
-        let compacts =
-            self.history == History::Unmerged && self.iterations_listed >= self.connection.tuning.compact_after;
+        let compacts = !phase.is_growth
+            && self.history == History::Unmerged
+            && self.iterations_listed >= self.connection.tuning.compact_after;
         {
             let mut pass = self.connection.pass(&mut encoder, phase.name);
             let mut dispatch = |kernel: &Kernel, slot| self.memory.dispatch(&self.connection, &mut pass, kernel, slot);
@@ -140,7 +141,12 @@ impl GpuSteps<'_> {
                 phase.kernels.iter().for_each(|kernel| dispatch(kernel, slot));
             }
         }
-        self.iterations_listed = iterations + if compacts { 0 } else { self.iterations_listed };
+        self.iterations_listed = match compacts {
+            true => iterations,
+            // free faces are listed, wherever they are
+            false if phase.is_growth && !self.is_repaired => u32::MAX,
+            false => self.iterations_listed.saturating_add(iterations),
+        };
         self.forget();
         if !phase.is_growth {
             return self.read_stats(encoder, iterations);

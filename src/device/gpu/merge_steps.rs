@@ -1,8 +1,8 @@
 //! The steps of hierarchical clustering on one surface.
 //!
 //! Searches go over boundary faces and the clusters that are left. A round of the parallel kind transfers bytes in
-//! proportion to the clusters that are left and the faces that moved; a search for the cheapest dual edge some 150. What
-//! the next call will need comes along with what a call reads, since a wait costs more than some thousand bytes.
+//! proportion to the clusters that are left and the faces that moved; a search for the cheapest dual edge some 150.
+//! What the next call will need comes along with what a call reads, since a wait costs more than some thousand bytes.
 
 use std::mem::offset_of;
 

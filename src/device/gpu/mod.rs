@@ -12,7 +12,7 @@
 //! | `batches`, `readback` | iterations that are queued at once; results on their way back |
 //! | `probe` | what dispatches, round trips and transfers cost |
 //! | `tuning` | constants that decide how long it takes |
-//! | `self_test`, `verify` | whether the device computes as the cpu does: when it is opened; whenever labels come back |
+//! | `self_test`, `verify` | whether the device computes as the cpu does: when it opens, when labels come back |
 //!
 //! An iteration of the boundary phase dispatches `boundary_propose`, `boundary_apply` and `proxies_fit`; an iteration
 //! of the refinement `face_bid`, `select_bids`, `join_moves`, `evaluate_moves` and `commit_moves`. Each reads what all

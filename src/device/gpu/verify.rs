@@ -15,8 +15,8 @@ use crate::surface::DualGraph;
 /// Faces for each cluster of a thread's sums, at least: sums then take no more than 12 bytes a face.
 const FACES_A_CLUSTER: usize = 4;
 
-/// Fails with [`Kind::DeviceWrong`] where labels that a gpu gave do not have the energy that it gave. `graph` comes with
-/// the component of each cluster.
+/// Fails with [`Kind::DeviceWrong`] where labels that a gpu gave do not have the energy that it gave. The graph comes
+/// with the component of each cluster.
 pub(super) fn verify(gpu: &str, graph: (&DualGraph, &[u32]), labels: &[u32], energy: LatticeEnergy) -> Result<()> {
     let why = match energy_of(graph.0, graph.1, labels) {
         Ok(expected) if expected == energy => return Ok(()),
