@@ -152,6 +152,14 @@ $(TARGET)/bench-venv/ready: benches/requirements.txt | install-test
 	$(TARGET)/bench-venv/bin/pip install --quiet --disable-pip-version-check -r $<
 	touch $@
 
+.PHONY: gpu-check
+gpu-check: gpu-check-pack  ## measure the graphics card of this machine, and say which constants suit it (GPU_CHECK_MINUTES=40)
+	python3 $(TARGET)/gpu-check/gpu_check.py --out benches/results --minutes $(or $(GPU_CHECK_MINUTES),40)
+
+.PHONY: gpu-check-pack
+gpu-check-pack: install-test  ## pack target/gpu-check for a machine with a card and without network (GPU_CHECK_PROFILE=release)
+	CARGO_TARGET_DIR=$(TARGET) benches/gpu_check_pack.sh $(TARGET)/gpu-check $(GPU_CHECK_PROFILE)
+
 .PHONY: pages
 pages: debug-binary $(VENV)/ready  ## write settings and output of commands into README and guide, after a change of either
 	UPDATE_PAGES=1 cargo test --locked $(FEATURES) --test guide

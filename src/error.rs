@@ -75,6 +75,8 @@ pub enum Kind {
     DeviceUnsuitable,
     /// The device was lost or ran out of memory.
     DeviceLost,
+    /// The device computed wrongly: what it gave contradicts itself.
+    DeviceWrong,
     /// A file could not be read or written.
     Io,
     /// A defect of this program.
@@ -99,7 +101,7 @@ impl Kind {
             Kind::InvalidParameter | Kind::InvalidMesh | Kind::UnsupportedMesh | Kind::DeviceUnsuitable => 422,
             Kind::KeyReused | Kind::TimeLimit => 422,
             Kind::QueueFull | Kind::RateLimited => 429,
-            Kind::Io | Kind::Internal | Kind::Poison => 500,
+            Kind::Io | Kind::Internal | Kind::Poison | Kind::DeviceWrong => 500,
             Kind::NotImplemented => 501,
             Kind::Unavailable | Kind::Overloaded | Kind::DeviceLost => 503,
             Kind::InsufficientStorage => 507,
@@ -136,6 +138,7 @@ impl Kind {
             Kind::Unavailable => "unavailable",
             Kind::DeviceUnsuitable => "device-unsuitable",
             Kind::DeviceLost => "device-lost",
+            Kind::DeviceWrong => "device-wrong",
             Kind::Io => "io",
             Kind::Internal => "internal",
         }
@@ -171,6 +174,7 @@ impl Kind {
             Kind::Unavailable => "The service is not available",
             Kind::DeviceUnsuitable => "The device cannot do this",
             Kind::DeviceLost => "The device was lost",
+            Kind::DeviceWrong => "The device computed wrongly",
             Kind::Io => "A file could not be read or written",
             Kind::Internal => "Internal error",
         }
@@ -185,6 +189,7 @@ impl Kind {
             | Kind::Timeout
             | Kind::Unavailable
             | Kind::DeviceLost
+            | Kind::DeviceWrong
             | Kind::Io
             | Kind::InsufficientStorage => true,
             Kind::BadRequest

@@ -8,7 +8,7 @@ use gpu_support::{ALL, adapter, device, device_with, run, seeds};
 use tesserae::Kind;
 use tesserae::cluster::seeds::SeedFaces;
 use tesserae::dev::sample::{Sample, generate};
-use tesserae::device::gpu::{Fault, FaultPoint, GpuDevice, Overrides};
+use tesserae::device::gpu::{self, Fault, FaultPoint, GpuDevice, Overrides, Tuning};
 use tesserae::device::select::{self, DeviceChoice};
 use tesserae::device::{Cancel, Device, FREE};
 use tesserae::parameters::Seeds;
@@ -141,8 +141,8 @@ fn a_cancelled_job_ends_and_leaves_the_device_usable() {
             cancel.cancel();
         });
         assert_eq!(ended.map_err(|error| error.kind), Err(Kind::Cancelled));
-        // what was queued comes back, nothing else is queued: at most two batches
-        assert_eq!(count, 16, "iterations of the first two batches");
+        // what was queued comes back, nothing else is queued
+        assert_eq!(count, Tuning::default().first_batch, "iterations of the first batch");
         // and the labels are those of the last row that was told
         let after = steps.labels().expect("labels");
         let energy = steps.energy().expect("energy");
@@ -170,6 +170,33 @@ fn the_gpu_can_be_chosen_and_says_what_it_is() {
     let expected = select::auto_adapter(&reports).map_or(DeviceKind::Cpu, |_| DeviceKind::Gpu);
     let auto = select::open(DeviceChoice::Auto, None, None).expect("there is always the cpu");
     assert_eq!(auto.info().kind, expected);
+}
+
+#[test]
+fn an_adapter_that_computes_wrongly_when_it_is_opened_is_unsuitable_and_says_what_differed() {
+    let fault = Some(Fault::Miscompute(FaultPoint::Labels));
+    let overrides = Overrides { fault, ..Overrides::default() };
+    let error = GpuDevice::with_overrides(&adapter(), overrides).map(|_| ()).expect_err("a wrong label");
+    assert_eq!(error.kind, Kind::DeviceUnsuitable);
+    assert!(error.message.contains("self-test") && error.message.contains("explain"), "{error}");
+    // without a name, an adapter that fails is passed over
+    let mut adapters = Vec::new();
+    let error = gpu::open(None, overrides, &mut adapters).map(|_| ()).expect_err("no adapter is left");
+    assert!(error.message.contains("no gpu can be used") && error.message.contains("self-test"), "{error}");
+    assert!(adapters.iter().all(|report| !report.usable && report.reason.is_some()), "{adapters:?}");
+    assert!(select::tested_adapters().iter().any(|report| report.usable));
+}
+
+#[test]
+fn labels_without_the_energy_that_the_device_gave_are_an_error_and_the_next_job_works() {
+    let (surface, seeds) = example();
+    let mut gpu = device();
+    let expected = run(&mut gpu, &surface, &seeds, ALL).expect("a run");
+    gpu.inject(Fault::Miscompute(FaultPoint::Labels));
+    let error = run(&mut gpu, &surface, &seeds, ALL).expect_err("a wrong label");
+    assert_eq!(error.kind, Kind::DeviceWrong, "{error}");
+    assert!(error.message.contains("explain"), "{error}");
+    assert_eq!(run(&mut gpu, &surface, &seeds, ALL).expect("it works again"), expected);
 }
 
 #[test]

@@ -6,6 +6,7 @@ use std::path::Path;
 
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, StorageAccess, TypeInner};
+use tesserae::device::gpu::Tuning;
 use tesserae::device::gpu::kernels::{Binding, KERNELS, Kernel, PIECES, names};
 use tesserae::device::gpu::layout::{self, Iteration};
 use tesserae::energy::shared::Struct;
@@ -77,7 +78,7 @@ fn check_struct(module: &Module, expected: &Struct) -> Result<(), String> {
 fn every_shader_is_valid_and_uses_the_buffers_and_the_constant_that_it_names() {
     let mut all = BTreeSet::new();
     for kernel in KERNELS {
-        let parsed = parse(kernel, &kernel.source());
+        let parsed = parse(kernel, &kernel.source(&Tuning::default()));
         let bound = kernel.bindings();
         check_bindings(&parsed, &bound).unwrap_or_else(|error| panic!("{}.wgsl: {error}", kernel.path));
         let named = ["reads", "writes"].map(|key| names(kernel.wgsl, key).count());
@@ -92,7 +93,7 @@ fn every_shader_is_valid_and_uses_the_buffers_and_the_constant_that_it_names() {
 
 #[test]
 fn structs_have_the_same_layout_on_both_sides() {
-    let (module, _) = parse(KERNELS[0], &KERNELS[0].source());
+    let (module, _) = parse(KERNELS[0], &KERNELS[0].source(&Tuning::default()));
     for expected in layout::structs() {
         assert_eq!(check_struct(&module, expected), Ok(()));
     }
@@ -143,7 +144,7 @@ fn the_rust_twin_that_a_kernel_names_exists() {
 fn the_comparison_notices_differences() {
     let mut swaps = 0;
     for kernel in KERNELS {
-        let parsed = parse(kernel, &kernel.source());
+        let parsed = parse(kernel, &kernel.source(&Tuning::default()));
         let bound = kernel.bindings();
         for (b, a) in (0..bound.len()).flat_map(|b| (0..b).map(move |a| (b, a))) {
             let mut swapped = bound.clone();
@@ -155,15 +156,15 @@ fn the_comparison_notices_differences() {
     assert!(swaps > 200, "{swaps}");
     let kernel = KERNELS.iter().find(|kernel| kernel.path == "boundary/boundary_apply").expect("boundary_apply");
     let changed = |from: &str, to: &str| {
-        let source = kernel.source().replace(from, to);
-        assert_ne!(source, kernel.source(), "{from}");
+        let source = kernel.source(&Tuning::default()).replace(from, to);
+        assert_ne!(source, kernel.source(&Tuning::default()), "{from}");
         parse(kernel, &source)
     };
     let unused = changed("wanted_clusters[thread]", "0u");
     assert!(check_bindings(&unused, &kernel.bindings()).is_err());
     let mut only_read = kernel.bindings();
     only_read.iter_mut().for_each(|binding| binding.is_written = false);
-    assert!(check_bindings(&parse(kernel, &kernel.source()), &only_read).is_err());
+    assert!(check_bindings(&parse(kernel, &kernel.source(&Tuning::default())), &only_read).is_err());
     let (grown, _) = changed("moves: atomic<u32>,", "moves: atomic<u32>, more: u32,");
     assert!(layout::structs().any(|expected| check_struct(&grown, expected).is_err()));
     let (moved, _) = changed("centroid: vec3<i32>,\n    weight: u32,", "weight: u32,\n    centroid: vec3<i32>,");

@@ -75,7 +75,7 @@ impl Job {
     fn run(&self, prepared: Prepared, begin: Instant, cancel: &Cancel, reporter: &Reporter) -> Result<Outcome> {
         cancel.check()?;
         let device = DeviceFor { choice: self.device, adapter: self.adapter.as_deref() };
-        let mut outcome = job::run_on(device, &prepared, cancel, &mut |row| reporter.row(row))?;
+        let mut outcome = job::run_on(device, None, &prepared, cancel, &mut |row| reporter.row(row))?;
         outcome.report.timings_ms.total = milliseconds(begin.elapsed());
         Ok(Outcome::of(outcome))
     }

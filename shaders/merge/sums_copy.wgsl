@@ -7,6 +7,10 @@ fn sums_copy(entry: u32, local: u32) {
         return;
     }
     let cluster = host_list[entry];
+    // the ends of the cheapest dual edge where there is none
+    if cluster == FREE {
+        return;
+    }
     for (var word = 0u; word < SUM_WORDS; word++) {
         copied_sums[entry].sums[word] = atomicLoad(&clusters[cluster].sums[word]);
     }

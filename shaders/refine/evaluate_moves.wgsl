@@ -53,7 +53,8 @@ fn evaluate(own: u32) -> Wide {
     var change = take_joining(own);
     var accepted = ALL_MOVE;
     var energy = rise(sums, into_sums, count, change);
-    if !is_positive(energy) {
+    // a winner that nothing joined was tried already
+    if !is_positive(energy) && change.count > 1u {
         change = Change(sums_of(faces[cluster_bids[own].winner]), 1u);
         accepted = WINNER_MOVES;
         energy = rise(sums, into_sums, count, change);

@@ -2,17 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
-use super::Failure;
 use super::device::DeviceArguments;
 use super::files::{Source, Target, path_parser};
 use super::progress::Progress;
 use super::results::check_places;
-use super::signals;
+use super::{Failure, print, signals};
 use crate::dev::bench::{self, Mesh, Plan, Work};
 use crate::dev::sample::MAX_FACES;
 use crate::device::Device;
 use crate::device::cpu::CpuDevice;
-use crate::device::select::{self, AdapterKind, DeviceChoice};
+use crate::device::select::{self, AdapterKind, DeviceChoice, Tuning};
 use crate::parameters::Optimize;
 
 /// Faces of the samples on a gpu: as far as it holds them.
@@ -60,6 +59,14 @@ pub struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 4_000_000)]
     compare_up_to: u64,
 
+    /// Other constants of the gpu device, name=value,…
+    #[arg(long, hide = true, value_name = "NAME=VALUE,…", default_value = "")]
+    tuning: Tuning,
+
+    /// Measure dispatches, round trips and transfers of the gpu alone, and print them as JSON
+    #[arg(long, hide = true)]
+    probe: bool,
+
     /// Where to write the tables: a file, or - for standard output
     #[arg(long, value_name = "OUT.md", default_value = "-")]
     markdown: PathBuf,
@@ -99,13 +106,19 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(message) = arguments.device.contradiction() {
         return Err(Failure::Usage("bench", message));
     }
+    if arguments.probe {
+        let figures = select::probe(arguments.device.adapter.as_deref())?;
+        let figures: serde_json::Map<String, serde_json::Value> =
+            figures.into_iter().map(|(name, figure)| (name.to_owned(), figure.into())).collect();
+        return print(|out| writeln!(out, "{:#}", serde_json::Value::Object(figures)));
+    }
     let markdown = Target::from(arguments.markdown.clone());
     let json = arguments.json.clone().map(Target::from);
     let inputs: Vec<_> = arguments.meshes.iter().map(|(path, _)| ("a mesh", Source::File(path.clone()))).collect();
     let outputs: Vec<_> = json.iter().map(|json| ("--json", json)).chain([("--markdown", &markdown)]).collect();
     check_places("bench", &inputs, &outputs)?;
     let cancel = signals::cancel_when_asked();
-    let (mut device, sizes) = open(&arguments.device)?;
+    let (mut device, sizes) = open(&arguments.device, arguments.tuning)?;
     let sizes = arguments.faces.as_deref().unwrap_or(sizes);
     let plan = Plan { repeats: arguments.repeats, compare_up_to: arguments.compare_up_to };
     let progress = Progress::new(None);
@@ -127,12 +140,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// The device, and the sizes of samples that suit it. `auto` takes a gpu where there is one.
-fn open(device: &DeviceArguments) -> Result<(Box<dyn Device>, &'static [u64]), Failure> {
+fn open(device: &DeviceArguments, tuning: Tuning) -> Result<(Box<dyn Device>, &'static [u64]), Failure> {
     let has_gpu = || select::auto_adapter(&select::adapters()).is_some();
-    if device.device == DeviceChoice::Cpu || device.is_auto() && !has_gpu() {
+    if device.device == DeviceChoice::Cpu || device.choice().is_auto() && !has_gpu() {
         return Ok((Box::new(CpuDevice::new()), &ON_CPU));
     }
-    let (kind, gpu) = select::open_timed(device.adapter.as_deref())?;
+    let (kind, gpu) = select::open_timed(device.adapter.as_deref(), tuning)?;
     Ok((gpu, if kind == AdapterKind::Software { &ON_SOFTWARE } else { &ON_GPU }))
 }
 

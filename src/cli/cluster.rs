@@ -123,7 +123,7 @@ fn check(arguments: &Arguments) -> Result<Choices, Failure> {
     if let Some(message) = arguments.device.contradiction() {
         return usage(message);
     }
-    if parameters.algorithm.is_reference() && arguments.device.wants_gpu() {
+    if parameters.algorithm.is_reference() && arguments.device.choice().wants_gpu() {
         let name = parameters.algorithm.name();
         return usage(format!(
             "the algorithm {name} is a sequential reference that no gpu runs: take --device cpu or auto"
@@ -226,7 +226,7 @@ fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Fa
     let cancel = signals::cancel_when_asked();
     progress.stage("preparing");
     let outputs: Vec<&Artifact> = arguments.outputs.files().iter().map(|file| file.artifact).collect();
-    let prepared = job::prepare_naming_files(&Request {
+    let request = Request {
         bytes: &bytes,
         format,
         resources: &*resources,
@@ -235,6 +235,11 @@ fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Fa
         seeds: seed_bytes.as_deref(),
         weights: weight_bytes.as_deref(),
         outputs: &outputs,
+    };
+    // ends with its thread joined: a process must not end while a driver is being opened
+    let (prepared, ahead) = std::thread::scope(|scope| {
+        let ahead = scope.spawn(|| arguments.device.choice().open_ahead(bytes.len()));
+        (job::prepare_naming_files(&request), ahead.join().ok().flatten())
     });
     let mut prepared = prepared.map_err(|refusal| {
         let file = match refusal.file {
@@ -258,8 +263,7 @@ fn cluster(arguments: &Arguments, progress: &mut Progress) -> Result<Outcome, Fa
         progress.hierarchy(prepared.input.faces, target);
     }
     progress.stage("clustering");
-    let device = arguments.device.choice();
-    Ok(job::run_on(device, &prepared, &cancel, &mut |row| progress.row(&row))?)
+    Ok(job::run_on(arguments.device.choice(), ahead, &prepared, &cancel, &mut |row| progress.row(&row))?)
 }
 
 /// What came out, in one line.

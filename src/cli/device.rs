@@ -22,16 +22,6 @@ impl DeviceArguments {
             .then(|| "--adapter chooses among gpus and does not go with --device cpu".to_owned())
     }
 
-    /// Whether the choice is left to this program: who names an adapter wants that one.
-    pub fn is_auto(&self) -> bool {
-        self.device == DeviceChoice::Auto && self.adapter.is_none()
-    }
-
-    /// Whether nothing but a gpu will do.
-    pub fn wants_gpu(&self) -> bool {
-        self.device == DeviceChoice::Gpu || self.adapter.is_some()
-    }
-
     /// The choice, for a job.
     pub fn choice(&self) -> job::DeviceFor<'_> {
         job::DeviceFor { choice: self.device, adapter: self.adapter.as_deref() }

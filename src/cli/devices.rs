@@ -39,7 +39,7 @@ struct Auto {
 /// Prints every device, and which one `--device auto` takes.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let cpu = CpuDevice::new();
-    let adapters = select::adapters();
+    let adapters = select::tested_adapters();
     let auto =
         Auto { adapter: select::auto_adapter(&adapters).map(|report| report.index), faces_for_gpu: FACES_FOR_GPU };
     let devices = Devices { cpu: cpu.info(), adapters: &adapters, auto };
@@ -53,11 +53,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 /// The devices in columns, then what auto takes.
 fn table(devices: &Devices<'_>) -> String {
-    let row = |cells: [&str; 6]| cells.map(str::to_owned);
+    let row = |cells: [&str; 8]| cells.map(str::to_owned);
     let cpu = devices.cpu;
     let mut rows = vec![
-        row(["adapter", "kind", "name", "backend", "driver", "usable"]),
-        row(["", "cpu", &cpu.name, &cpu.backend, &cpu.driver, "yes"]),
+        row(["adapter", "kind", "name", "backend", "driver", "faces", "of hierarchies", "usable"]),
+        row(["", "cpu", &cpu.name, &cpu.backend, &cpu.driver, "", "", "yes"]),
     ];
     for report in devices.adapters {
         let index = report.index.to_string();
@@ -66,9 +66,11 @@ fn table(devices: &Devices<'_>) -> String {
             Some(reason) => format!("no: {reason}"),
             None => "yes".to_owned(),
         };
-        rows.push(row([&index, &kind, &report.name, &report.backend, &report.driver, &usable]));
+        let [flat, hierarchy] = [report.largest.flat, report.largest.hierarchy].map(|faces| faces.to_string());
+        let (name, backend, driver) = (&report.name, &report.backend, &report.driver);
+        rows.push(row([&index, &kind, name, backend, driver, &flat, &hierarchy, &usable]));
     }
-    let widths: [usize; 6] =
+    let widths: [usize; 8] =
         std::array::from_fn(|column| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0));
     let mut text = String::new();
     for row in rows {

@@ -58,7 +58,7 @@ use super::record::Record;
 use super::run::{Phase, Row, Run};
 #[cfg(doc)]
 use crate::device::FLOOD_FROM;
-use crate::device::{Cancel, Ending, Steps};
+use crate::device::{Cancel, Ending, FREE, Steps};
 use crate::error::Result;
 
 /// Options of a flat clustering.
@@ -114,6 +114,7 @@ pub(super) fn grown<'a>(
     run.steps.set_labels(start)?;
     run.steps.grow(cancel)?;
     run.report(Phase::Boundary, 0)?;
-    let initial = run.steps.labels()?;
+    let is_grown = !start.contains(&FREE);
+    let initial = if is_grown { start.to_vec() } else { run.steps.labels()? };
     Ok((run, initial))
 }

@@ -22,6 +22,27 @@ pub struct AdapterReport {
     pub usable: bool,
     /// Why it cannot; null when it can.
     pub reason: Option<String>,
+    /// The largest meshes that its buffers hold.
+    pub largest: LargestMeshes,
+}
+
+/// The largest closed triangle meshes that fit, in faces; the memory of the adapter may hold less.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+pub struct LargestMeshes {
+    /// Flat clusterings into a quarter as many clusters.
+    #[schema(example = 134_217_726)]
+    pub flat: u64,
+    /// Hierarchies.
+    #[schema(example = 33_554_431)]
+    pub hierarchy: u64,
+}
+
+impl AdapterReport {
+    /// Notes why it cannot cluster.
+    pub(super) fn refuse(&mut self, reason: String) {
+        self.usable = false;
+        self.reason = Some(reason);
+    }
 }
 
 impl fmt::Display for AdapterReport {
@@ -86,6 +107,7 @@ pub(super) mod tests {
             driver: "driver 1".to_owned(),
             usable,
             reason: (!usable).then(|| "it is old".to_owned()),
+            largest: LargestMeshes { flat: 400, hierarchy: 100 },
         }
     }
 

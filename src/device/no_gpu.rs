@@ -4,21 +4,52 @@ use super::Device;
 use super::adapter::{AdapterKind, AdapterReport};
 use crate::error::{Error, Kind, Result};
 
+/// Nothing that could be changed about a gpu.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Overrides {
+    /// Means nothing here.
+    pub timed: bool,
+    /// Means nothing here.
+    pub tuning: Tuning,
+}
+
+/// No constants.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Tuning {}
+
+impl std::str::FromStr for Tuning {
+    type Err = Error;
+
+    fn from_str(_: &str) -> Result<Self> {
+        Ok(Self {})
+    }
+}
+
 /// No adapters.
 pub fn adapters() -> Vec<AdapterReport> {
     Vec::new()
 }
 
+/// No adapters.
+pub fn tested_adapters() -> Vec<AdapterReport> {
+    Vec::new()
+}
+
 /// The error.
-pub fn open(_: Option<&str>, _: bool) -> Result<(AdapterKind, Box<dyn Device>)> {
+pub fn open(_: Option<&str>, _: Overrides, _: &mut Vec<AdapterReport>) -> Result<(AdapterKind, Box<dyn Device>)> {
     Err(Error::new(
         Kind::DeviceUnsuitable,
         "this build has no gpu: take the device cpu, or build tesserae with the feature gpu",
     ))
 }
 
+/// The error.
+pub fn probe(adapter: Option<&str>) -> Result<Vec<(&'static str, f64)>> {
+    open(adapter, Overrides::default(), &mut Vec::new()).map(|_| Vec::new())
+}
+
 /// No gpu.
-pub fn open_hardware() -> Result<Option<Box<dyn Device>>> {
+pub fn open_hardware(_: &mut Vec<AdapterReport>) -> Result<Option<Box<dyn Device>>> {
     Ok(None)
 }
 

@@ -13,6 +13,8 @@ pub struct Profile {
     pub untimed_passes: u64,
     /// Dispatches of each kernel, those without workgroups included.
     pub dispatches: BTreeMap<&'static str, u64>,
+    /// How often the host waited for the device.
+    pub waits: u64,
 }
 
 /// Device time of a stage.

@@ -7,7 +7,8 @@ use utoipa::ToSchema;
 
 pub use super::adapter::{AdapterKind, AdapterReport, auto_adapter};
 use super::cpu::CpuDevice;
-pub use super::gpu::adapters;
+use super::gpu::Overrides;
+pub use super::gpu::{Tuning, adapters, probe, tested_adapters};
 use super::{Device, gpu};
 use crate::error::{Error, Result};
 
@@ -44,23 +45,36 @@ impl fmt::Display for DeviceChoice {
 /// `adapter` narrows the gpus to one, by its number in [`adapters`] or by a part of its name; with it, `auto` takes
 /// that gpu or fails, as `gpu` does. `faces` is the size of the mesh, where the device will be used for one mesh only.
 pub fn open(choice: DeviceChoice, adapter: Option<&str>, faces: Option<u64>) -> Result<Box<dyn Device>> {
+    open_listing(choice, adapter, faces, &mut Vec::new())
+}
+
+/// The same; sets `adapters` to the gpus that were looked at, with those that failed their self-test as unusable.
+pub fn open_listing(
+    choice: DeviceChoice,
+    adapter: Option<&str>,
+    faces: Option<u64>,
+    adapters: &mut Vec<AdapterReport>,
+) -> Result<Box<dyn Device>> {
     match (choice, adapter) {
         (DeviceChoice::Cpu, Some(_)) => {
             Err(Error::parameter("an adapter goes with the device gpu or auto, not with cpu"))
         }
-        (DeviceChoice::Gpu, _) | (DeviceChoice::Auto, Some(_)) => Ok(gpu::open(adapter, false)?.1),
-        (DeviceChoice::Auto, None) if faces.is_none_or(|faces| faces >= FACES_FOR_GPU) => Ok(open_auto()),
+        (DeviceChoice::Gpu, _) | (DeviceChoice::Auto, Some(_)) => {
+            Ok(gpu::open(adapter, Overrides::default(), adapters)?.1)
+        }
+        (DeviceChoice::Auto, None) if faces.is_none_or(|faces| faces >= FACES_FOR_GPU) => Ok(open_auto(adapters)),
         (DeviceChoice::Cpu | DeviceChoice::Auto, None) => Ok(Box::new(CpuDevice::new())),
     }
 }
 
-/// Opens a gpu to be timed: the one of that number or name, else the fastest, software where there is no other.
-pub fn open_timed(adapter: Option<&str>) -> Result<(AdapterKind, Box<dyn Device>)> {
-    gpu::open(adapter, true)
+/// Opens a gpu to be timed, with other constants: the one of that number or name, else the fastest, software where
+/// there is no other.
+pub fn open_timed(adapter: Option<&str>, tuning: Tuning) -> Result<(AdapterKind, Box<dyn Device>)> {
+    gpu::open(adapter, Overrides { timed: true, tuning, ..Overrides::default() }, &mut Vec::new())
 }
 
-fn open_auto() -> Box<dyn Device> {
-    let gpu = gpu::open_hardware().unwrap_or_else(|error| {
+fn open_auto(adapters: &mut Vec<AdapterReport>) -> Box<dyn Device> {
+    let gpu = gpu::open_hardware(adapters).unwrap_or_else(|error| {
         tracing::warn!(%error, "taking the cpu instead of the gpu");
         None
     });

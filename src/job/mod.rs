@@ -20,7 +20,7 @@ mod weight_list;
 
 pub use finish::{finish, labels_sha256};
 pub use label_list::parse as parse_labels;
-pub use on_device::{DeviceFor, run_on};
+pub use on_device::{DeviceFor, instead_of_gpu, run_on};
 pub use plan::{Coarse, Plan};
 pub use prepare::{InMemory, prepare_in_memory};
 #[cfg(fuzzing)]
@@ -269,6 +269,14 @@ pub struct Clustered {
     warnings: Vec<String>,
     upload: Duration,
     cluster: Duration,
+}
+
+impl Clustered {
+    /// The same with a warning more in its report.
+    pub fn with_warning(mut self, warning: String) -> Self {
+        self.warnings.push(warning);
+        self
+    }
 }
 
 /// JSON has no infinities.

@@ -2,10 +2,13 @@
 
 use super::{Outcome, Prepared, run};
 use crate::device::cpu::CpuDevice;
-use crate::device::select::{self, DeviceChoice};
+use crate::device::select::{self, DeviceChoice, FACES_FOR_GPU};
 use crate::device::{Cancel, Device};
-use crate::error::{Kind, Result};
+use crate::error::{Error, Kind, Result};
 use crate::report::Row;
+
+/// Bytes of a face in most files, at least.
+const BYTES_A_FACE: u64 = 16;
 
 /// The device of one job.
 #[derive(Debug, Clone, Copy, Default)]
@@ -16,31 +19,61 @@ pub struct DeviceFor<'a> {
     pub adapter: Option<&'a str>,
 }
 
+/// A gpu that was opened before the mesh was known.
+pub type Ahead = Option<Result<Box<dyn Device>>>;
+
 impl DeviceFor<'_> {
-    /// Opens the device for one mesh. `auto` takes the cpu for what merges one pair after the other, as for small
-    /// meshes.
-    fn open(&self, prepared: &Prepared) -> Result<Box<dyn Device>> {
+    /// Whether the program chooses.
+    pub fn is_auto(&self) -> bool {
+        self.choice == DeviceChoice::Auto && self.adapter.is_none()
+    }
+
+    /// Whether nothing but a gpu will do.
+    pub fn wants_gpu(&self) -> bool {
+        self.choice == DeviceChoice::Gpu || self.adapter.is_some()
+    }
+
+    /// Opens a gpu before the mesh is known, if it will be one or, by the bytes of the mesh, probably will: this takes
+    /// as long as reading a mesh.
+    pub fn open_ahead(&self, bytes: usize) -> Ahead {
+        let is_large = bytes as u64 >= BYTES_A_FACE * FACES_FOR_GPU;
+        (self.wants_gpu() || self.is_auto() && is_large).then(|| select::open(self.choice, self.adapter, None))
+    }
+
+    /// Opens the device for one mesh, unless `ahead` is the right one. `auto` takes the cpu for what merges one pair
+    /// after the other, as for small meshes.
+    fn open(&self, ahead: Ahead, prepared: &Prepared) -> Result<Box<dyn Device>> {
         let faces = match prepared.plan.is_sequential() {
             true => 0,
             false => prepared.input.faces,
         };
-        select::open(self.choice, self.adapter, Some(faces))
+        match ahead.filter(|_| self.wants_gpu() || faces >= FACES_FOR_GPU) {
+            Some(ahead) => ahead,
+            None => select::open(self.choice, self.adapter, Some(faces)),
+        }
     }
 }
 
-/// Opens the device and does what [`run`] does. With `auto`, the cpu does what a gpu cannot.
+/// Opens the device and does what [`run`] does. The cpu does what a gpu computed wrongly, and with `auto` what a gpu
+/// cannot.
 pub fn run_on(
     device: DeviceFor<'_>,
+    ahead: Ahead,
     prepared: &Prepared,
     cancel: &Cancel,
     on_row: &mut (dyn FnMut(Row) + Send),
 ) -> Result<Outcome> {
-    let is_auto = device.choice == DeviceChoice::Auto && device.adapter.is_none();
-    match run(prepared, device.open(prepared)?.as_mut(), cancel, on_row) {
-        Err(error) if error.kind == Kind::DeviceUnsuitable && is_auto => {
-            tracing::warn!(%error, "taking the cpu instead of the gpu");
-            run(prepared, &mut CpuDevice::new(), cancel, on_row)
+    match run(prepared, device.open(ahead, prepared)?.as_mut(), cancel, on_row) {
+        Err(error) if error.kind == Kind::DeviceWrong || error.kind == Kind::DeviceUnsuitable && device.is_auto() => {
+            let mut outcome = run(prepared, &mut CpuDevice::new(), cancel, on_row)?;
+            outcome.report.warnings.push(instead_of_gpu(&error));
+            Ok(outcome)
         }
         outcome => outcome,
     }
+}
+
+/// The warning that the cpu clustered a mesh because of an error of the gpu.
+pub fn instead_of_gpu(error: &Error) -> String {
+    format!("the cpu clustered the mesh, since {}", error.message)
 }

@@ -20,6 +20,7 @@ use super::storage::Storage;
 use super::store::{Job, JobId, JobStore, no_such_job};
 use super::traffic::Traffic;
 use super::webhooks::Webhooks;
+use crate::device::select::AdapterReport;
 use crate::error::{Error, Kind, Result};
 use crate::report::DeviceInfo;
 
@@ -36,6 +37,9 @@ pub struct DeviceDescription {
     /// the device was chosen by name, and the processor takes no part.
     #[schema(example = 200_000)]
     pub cpu_below_faces: Option<u64>,
+    /// The graphics adapters that were looked at for it, usable or not; none when the device was chosen to be the
+    /// processor.
+    pub adapters: Vec<AdapterReport>,
 }
 
 /// What all handlers share.

@@ -259,6 +259,7 @@ async fn other_machines_are_not_listened_to_without_tokens() {
         info: tesserae::device::Device::info(&CpuDevice::new()).clone(),
         chosen: String::new(),
         cpu_below_faces: None,
+        adapters: Vec::new(),
     };
     let settings = Settings { listen: "0.0.0.0:0".parse().expect("an address"), ..Settings::default() };
     let refused = Server::bind(settings, device(), description).await.expect_err("refused");

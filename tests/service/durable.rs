@@ -149,7 +149,7 @@ async fn a_folder_in_use_is_refused() {
     };
     let device = CpuDevice::new();
     let info = tesserae::device::Device::info(&device).clone();
-    let description = DeviceDescription { info, chosen: String::new(), cpu_below_faces: None };
+    let description = DeviceDescription { info, chosen: String::new(), cpu_below_faces: None, adapters: Vec::new() };
     let error = Server::bind(settings, Box::new(device), description).await.expect_err("in use");
     assert!(error.message.contains("--data-dir"), "{error}");
 }

@@ -7,6 +7,8 @@ use std::time::Instant;
 
 use serde_json::Value;
 use tesserae::device::cpu::CpuDevice;
+use tesserae::device::gpu::adapter::enumerate;
+use tesserae::device::gpu::{self, Fault, GpuDevice};
 use tesserae::device::{Device, MergeSteps, Steps};
 use tesserae::report::DeviceInfo;
 use tesserae::service::{Extras, FaultPoint, Faults, Reopen, Settings};
@@ -245,6 +247,23 @@ async fn the_cpu_stands_in_where_it_may() {
     assert_eq!(service.ended(&next).await["state"], "succeeded");
     assert_eq!(device_of(&service, &next).await, "faulty");
     assert_eq!(ready(&service, true).await["status"], "ok");
+}
+
+#[tokio::test]
+async fn a_job_whose_labels_a_gpu_got_wrong_runs_again_on_the_cpu_and_is_counted() {
+    let found = enumerate().into_iter().find(|found| found.report.usable).expect("a Vulkan driver");
+    let mut device = GpuDevice::new(&found).expect("it opens");
+    device.inject(Fault::Miscompute(gpu::FaultPoint::Labels));
+    let service = Service::with(|_| {}, Box::new(device)).await;
+    for (wrong, name) in [(1.0, std::env::consts::ARCH), (1.0, &*found.report.name)] {
+        let job = service.submit("clusters=5", sphere(300)).await;
+        assert_eq!(service.ended(&job).await["state"], "succeeded");
+        let report = json(service.get(text(&job["urls"]["report"]))).await;
+        assert_eq!(report["device"]["name"], name, "{report}");
+        let is_warned = report["warnings"].to_string().contains("computed wrongly");
+        assert_eq!(is_warned, name == std::env::consts::ARCH, "{report}");
+        assert_eq!(metric(&service, "tesserae_device_wrong_total").await, wrong);
+    }
 }
 
 #[tokio::test]

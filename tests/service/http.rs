@@ -118,7 +118,12 @@ async fn jobs_are_taken_while_the_service_drains() {
 async fn the_system_keeps_many_connections_until_they_are_accepted() {
     let settings = Settings { listen: ([127, 0, 0, 1], 0).into(), ..Settings::default() };
     let device = CpuDevice::new();
-    let description = DeviceDescription { info: device.info().clone(), chosen: String::new(), cpu_below_faces: None };
+    let description = DeviceDescription {
+        info: device.info().clone(),
+        chosen: String::new(),
+        cpu_below_faces: None,
+        adapters: Vec::new(),
+    };
     // it accepts none before it runs
     let server = Server::bind(settings, Box::new(device), description).await.expect("bound");
     let address = server.address();

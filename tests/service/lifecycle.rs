@@ -117,8 +117,12 @@ async fn a_taken_address_and_a_bad_folder_are_errors() {
         let mut settings = Settings { listen: ([127, 0, 0, 1], 0).into(), ..Settings::default() };
         change(&mut settings);
         let device = CpuDevice::new();
-        let description =
-            DeviceDescription { info: device.info().clone(), chosen: String::new(), cpu_below_faces: None };
+        let description = DeviceDescription {
+            info: device.info().clone(),
+            chosen: String::new(),
+            cpu_below_faces: None,
+            adapters: Vec::new(),
+        };
         Server::bind(settings, Box::new(device), description).await
     };
     let error = bind(&|settings| settings.listen = service.address).await.expect_err("taken");

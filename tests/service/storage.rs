@@ -18,8 +18,12 @@ async fn refusal(folder: &TempDir) -> String {
         ..Settings::default()
     };
     let device = Box::new(CpuDevice::new());
-    let description =
-        DeviceDescription { info: device.info().clone(), chosen: "by the test".to_owned(), cpu_below_faces: None };
+    let description = DeviceDescription {
+        info: device.info().clone(),
+        chosen: "by the test".to_owned(),
+        cpu_below_faces: None,
+        adapters: Vec::new(),
+    };
     Server::bind(settings, device, description).await.expect_err("it must not start").message
 }
 

@@ -64,8 +64,12 @@ impl Service {
             ..Settings::default()
         };
         change(&mut settings);
-        let description =
-            DeviceDescription { info: device.info().clone(), chosen: "by the test".to_owned(), cpu_below_faces };
+        let description = DeviceDescription {
+            info: device.info().clone(),
+            chosen: "by the test".to_owned(),
+            cpu_below_faces,
+            adapters: Vec::new(),
+        };
         let server = Server::bind_with(settings, device, description, extras).await.expect("bound");
         let address = server.address();
         let (stop, stopped) = oneshot::channel();

@@ -71,8 +71,10 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     }
     // before the device is opened, which takes seconds
     service::preflight(&arguments.settings)?;
-    let device = open(&arguments.device)?;
-    let (device, cpu_below_faces) = match (arguments.device.is_auto(), device.info().kind) {
+    let mut adapters = Vec::new();
+    let DeviceArguments { device: choice, adapter } = &arguments.device;
+    let device = select::open_listing(*choice, adapter.as_deref(), None, &mut adapters)?;
+    let (device, cpu_below_faces) = match (arguments.device.choice().is_auto(), device.info().kind) {
         (true, DeviceKind::Gpu) => {
             let (device, faces) = bench::calibrated(device, bench::PATIENCE, || open(&arguments.device))?;
             (device, Some(faces))
@@ -84,6 +86,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         chosen: chosen(&arguments.device, device.info()),
         info: device.info().clone(),
         cpu_below_faces,
+        adapters,
     };
     let choice = arguments.device.clone();
     let reopen: service::Reopen = Arc::new(move || open(&choice));

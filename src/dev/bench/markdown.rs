@@ -66,11 +66,12 @@ fn figures(row: &Row, is_gpu: bool) -> Vec<String> {
     cells
 }
 
-/// Where the device's time went, and how often it was asked.
+/// Where the device's time went, and how often it was waited for.
 fn stages(out: &mut String, rows: &[Row]) {
     out.push_str("\n## On the device\n\n");
-    out.push_str("Milliseconds and passes of each stage; dispatches of all kernels, with or without work.\n\n");
-    table_head(out, &["mesh, faces, algorithm", "stages", "dispatches"]);
+    out.push_str("Milliseconds and passes of each stage; waits of the host; dispatches of all kernels, also those ");
+    out.push_str("without work.\n\n");
+    table_head(out, &["mesh, faces, algorithm", "stages", "waits", "dispatches"]);
     for row in rows.iter().filter(|row| !row.stages.is_empty()) {
         let stage = |stage: &super::StageTime| format!("{} {:.2} ({})", stage.stage, stage.milliseconds, stage.passes);
         let stages: Vec<String> = row.stages.iter().map(stage).collect();
@@ -81,6 +82,9 @@ fn stages(out: &mut String, rows: &[Row]) {
             passes => format!(" and {passes} passes that were not timed"),
         };
         let what = format!("{}, {}, {}", row.mesh, row.faces, row.algorithm);
-        line(out, &[what, stages.join(", ") + &untimed, format!("{dispatches}: {}", each.join(", "))]);
+        line(
+            out,
+            &[what, stages.join(", ") + &untimed, row.waits.to_string(), format!("{dispatches}: {}", each.join(", "))],
+        );
     }
 }

@@ -87,6 +87,8 @@ pub struct Row {
     pub untimed_passes: u64,
     /// Dispatches of each kernel.
     pub dispatches: BTreeMap<&'static str, u64>,
+    /// How often the host waited for the device.
+    pub waits: u64,
     /// Iterations in which something moved.
     pub iterations: u64,
     /// In the end, source units.
@@ -223,7 +225,7 @@ fn measure(
             let sum = profile.stages.iter().map(|stage| stage.milliseconds).sum();
             row.device = (profile.untimed_passes == 0).then_some(sum);
             row.untimed_passes = profile.untimed_passes;
-            (row.stages, row.dispatches) = (profile.stages, profile.dispatches);
+            (row.stages, row.dispatches, row.waits) = (profile.stages, profile.dispatches, profile.waits);
         }
         best = Some(outcome);
     }
@@ -291,6 +293,7 @@ impl Row {
             stages: Vec::new(),
             untimed_passes: 0,
             dispatches: BTreeMap::new(),
+            waits: 0,
             iterations: 0,
             energy: None,
             hexagon_ratio: None,

@@ -1,7 +1,8 @@
 //! What adapters there are, and which of them can cluster.
 
+use super::Tuning;
 use super::kernels::KERNELS;
-use super::layout::WORKGROUP;
+use super::memory::largest_meshes;
 use crate::device::adapter::{AdapterKind, AdapterReport};
 
 impl From<wgpu::DeviceType> for AdapterKind {
@@ -45,7 +46,8 @@ pub fn enumerate() -> Vec<Found> {
 
 fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
     let info = adapter.get_info();
-    let reason = unusable(adapter.features(), adapter.get_downlevel_capabilities().flags, &adapter.limits());
+    let limits = adapter.limits();
+    let reason = unusable(adapter.features(), adapter.get_downlevel_capabilities().flags, &limits);
     AdapterReport {
         index,
         name: info.name,
@@ -54,11 +56,13 @@ fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
         driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
         usable: reason.is_none(),
         reason,
+        largest: largest_meshes(&limits),
     }
 }
 
 /// Why an adapter with these properties cannot cluster.
 fn unusable(features: wgpu::Features, flags: wgpu::DownlevelFlags, limits: &wgpu::Limits) -> Option<String> {
+    let workgroup = Tuning::default().workgroup;
     let storage_buffers = KERNELS.iter().map(|kernel| kernel.bindings().len() as u32).max().unwrap_or(0);
     if !features.contains(wgpu::Features::SHADER_INT64) {
         Some("it has no 64-bit integers in shaders".to_owned())
@@ -69,8 +73,8 @@ fn unusable(features: wgpu::Features, flags: wgpu::DownlevelFlags, limits: &wgpu
             "a shader needs {storage_buffers} storage buffers, it has {}",
             limits.max_storage_buffers_per_shader_stage
         ))
-    } else if limits.max_compute_invocations_per_workgroup.min(limits.max_compute_workgroup_size_x) < WORKGROUP {
-        Some(format!("a workgroup needs {WORKGROUP} threads, it has {}", limits.max_compute_invocations_per_workgroup))
+    } else if limits.max_compute_invocations_per_workgroup.min(limits.max_compute_workgroup_size_x) < workgroup {
+        Some(format!("a workgroup needs {workgroup} threads, it has {}", limits.max_compute_invocations_per_workgroup))
     } else {
         None
     }

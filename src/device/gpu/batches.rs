@@ -1,31 +1,23 @@
-//! Phases as batches of iterations, queued ahead of the host.
+//! Phases as batches of iterations.
 //!
-//! Batches of iterations (or passes of the growth) are queued without waiting for each other's results: while the
-//! device works on one, the host reads the statistics of the one before. The device itself ends a phase: the kernel
-//! that finds an iteration without moves writes zeros into the arguments of the indirect dispatches that follow, also
-//! those in the next batch.
+//! A batch is queued at once, and then the host waits for its statistics: a round trip costs as much as some 15
+//! dispatches, an iteration 3 or 5 of them. The device itself ends a phase: the kernel that finds an iteration without
+//! moves writes zeros into the arguments of the indirect dispatches that follow. Those still cost most of a dispatch,
+//! so the next batch has as many iterations as the moves so far foretell ([`foretold`]).
+//!
+//! A batch before the last is not known to be the last, and queueing the next one ahead of its statistics would leave
+//! that idle after every phase. The pause of a round trip between batches costs less.
 
-use std::mem::{replace, take};
+use std::mem::take;
 use std::time::{Duration, Instant};
 
 use super::FaultPoint;
 use super::buffers::{BATCH, Buffer};
 use super::kernels::{self, Kernel};
 use super::layout::IterationStats;
-use super::readback::Reading;
 use super::steps::{GpuSteps, History};
 use crate::device::{Cancel, Ending, FLOOD_FROM};
 use crate::error::Result;
-
-/// Iterations in the first batch.
-const FIRST_BATCH: u32 = 8;
-
-/// A batch that takes less makes the next one larger: queueing should not cost more than the work.
-const SHORT_BATCH: Duration = Duration::from_millis(25);
-
-/// A batch that takes longer makes the next one smaller: a job that is cancelled ends after the batches that are
-/// queued.
-const LONG_BATCH: Duration = Duration::from_millis(100);
 
 /// What an iteration does.
 pub(super) struct Phase {
@@ -38,14 +30,17 @@ pub(super) struct Phase {
     flood_from: u32,
     /// Whether an iteration without moves found nothing left to do.
     is_over: fn(&IterationStats) -> bool,
+    /// Whether a batch ends with the energy: iterations of the others report it.
+    is_growth: bool,
 }
 
 pub(super) const GROWTH: Phase = Phase {
     name: "grow",
     fault_point: FaultPoint::Grow,
-    kernels: &[kernels::GROWTH_PROPOSE, kernels::GROWTH_APPLY, kernels::GROWTH_CHECK_DONE],
+    kernels: &[kernels::GROWTH_PROPOSE, kernels::GROWTH_APPLY],
     flood_from: u32::MAX,
     is_over: |_| true,
+    is_growth: true,
 };
 
 pub(super) const BOUNDARY: Phase = Phase {
@@ -54,6 +49,7 @@ pub(super) const BOUNDARY: Phase = Phase {
     kernels: &[kernels::BOUNDARY_PROPOSE, kernels::BOUNDARY_APPLY, kernels::PROXIES_FIT],
     flood_from: FLOOD_FROM,
     is_over: |_| true,
+    is_growth: false,
 };
 
 pub(super) const REFINEMENT: Phase = Phase {
@@ -68,6 +64,7 @@ pub(super) const REFINEMENT: Phase = Phase {
     ],
     flood_from: u32::MAX,
     is_over: |stats| stats.bids == 0,
+    is_growth: false,
 };
 
 impl GpuSteps<'_> {
@@ -81,74 +78,62 @@ impl GpuSteps<'_> {
         cancel: &Cancel,
         mut on_iteration: impl FnMut(&IterationStats, u64),
     ) -> Result<(Ending, u32)> {
-        // iterations that may still move something, those in flight taken off
+        let tuning = self.connection.tuning;
+        // iterations that may still move something
         let mut left = limit;
         let mut number = first;
-        let mut read = first;
         // moves of a flood that goes on
         let mut flooded = 0;
-        let mut size = FIRST_BATCH;
-        let mut queued: Option<Reading> = None;
+        let mut size = if self.is_repaired { tuning.batch_after_repair } else { tuning.first_batch };
+        let mut all_moves = Vec::new();
         loop {
-            let started = Instant::now();
-            let iterations = size.min(left);
-            let mut next = None;
-            if iterations > 0 && !cancel.is_cancelled() {
-                next = Some(self.submit(phase, number, iterations)?);
-                left -= iterations;
-                number = number.wrapping_add(iterations);
+            cancel.check()?;
+            let iterations = size.min(left).min(BATCH);
+            if iterations == 0 {
+                return Ok((Ending::IterationLimit, number));
             }
-            let Some(batch) = replace(&mut queued, next) else {
-                if queued.is_none() {
-                    cancel.check()?;
-                    return Ok((Ending::IterationLimit, number));
-                }
-                continue;
-            };
-            for stats in self.read_stats(batch)? {
-                let is_flood = read >= phase.flood_from;
-                read = read.wrapping_add(1);
-                if is_flood && stats.moves > 0 {
+            let started = Instant::now();
+            for stats in self.run_batch(phase, number, iterations)? {
+                let is_flood = number >= phase.flood_from;
+                number = number.wrapping_add(1);
+                all_moves.push(stats.moves);
+                if stats.moves > 0 {
                     self.note_moves();
-                    flooded += u64::from(stats.moves);
-                    left += 1;
-                    continue;
+                    if is_flood {
+                        flooded += u64::from(stats.moves);
+                        continue;
+                    }
                 }
                 let moves = take(&mut flooded) + u64::from(stats.moves);
-                if moves == 0 && (phase.is_over)(&stats) {
-                    if let Some(idle) = queued {
-                        self.read_stats(idle)?;
-                    }
+                if moves > 0 {
+                    left -= 1;
+                    on_iteration(&stats, moves);
+                } else if (phase.is_over)(&stats) {
                     cancel.check()?;
                     return Ok((Ending::Converged, number));
                 }
-                if moves == 0 {
-                    left += 1;
-                } else {
-                    self.note_moves();
-                    on_iteration(&stats, moves);
-                }
             }
-            let took = started.elapsed();
-            if took < SHORT_BATCH {
-                size = (size * 2).min(BATCH);
-            } else if took > LONG_BATCH {
-                size = (size / 2).max(2);
-            }
+            let affordable = Duration::from_millis(tuning.batch_ms.into()).as_nanos() * u128::from(iterations)
+                / started.elapsed().as_nanos().max(1);
+            let most = tuning.largest_batch.min(affordable.try_into().unwrap_or(u32::MAX)).max(1);
+            size = foretold(&all_moves).max(tuning.least_batch).min(most);
         }
     }
 
-    /// Queues a batch, and the reading of its statistics.
-    fn submit(&self, phase: &Phase, number: u32, iterations: u32) -> Result<Reading> {
+    /// Queues a batch and waits for its statistics.
+    fn run_batch(&mut self, phase: &Phase, number: u32, iterations: u32) -> Result<Vec<IterationStats>> {
         self.connection.reach(phase.fault_point);
         self.memory.number(&self.connection.queue, number);
         let mut encoder = self.encoder();
         encoder.clear_buffer(self.memory.get(Buffer::Stats), 0, None);
+        // after a merge the host may ask for moves, so faces that moved stay listed
+        let compacts = !phase.is_growth
+            && self.history == History::Unmerged
+            && self.iterations_listed >= self.connection.tuning.compact_after;
         {
             let mut pass = self.connection.pass(&mut encoder, phase.name);
             let mut dispatch = |kernel: &Kernel, slot| self.memory.dispatch(&self.connection, &mut pass, kernel, slot);
-            // after a merge the host may ask for moves, so faces that moved stay listed
-            if self.history == History::Unmerged {
+            if compacts {
                 dispatch(kernels::BOUNDARY_COMPACT, 0);
                 dispatch(kernels::BOUNDARY_PUBLISH, 0);
             }
@@ -156,6 +141,51 @@ impl GpuSteps<'_> {
                 phase.kernels.iter().for_each(|kernel| dispatch(kernel, slot));
             }
         }
-        self.request_stats(encoder, 0..iterations)
+        self.iterations_listed = match compacts {
+            true => iterations,
+            // free faces are listed, wherever they are
+            false if phase.is_growth && !self.is_repaired => u32::MAX,
+            false => self.iterations_listed.saturating_add(iterations),
+        };
+        self.forget();
+        if !phase.is_growth {
+            return self.read_stats(encoder, iterations);
+        }
+        self.encode(&mut encoder, "fit", &[kernels::PROXIES_FIT]);
+        let (stats, between, moves) = self.read_stats_and_moves(encoder, iterations)?;
+        self.moves = moves;
+        // of a growth that is not over, the next batch reports both anew
+        self.set_energy(Some(between.energy()));
+        Ok(stats)
+    }
+}
+
+/// How many iterations to queue next, from the moves of those so far. They fall by about a constant factor, taken from
+/// the second half; to fewer than one after this many iterations, of which four fifths are queued, since the last moves
+/// come one by one (`benches/results/choices.md`). As many as there were where they do not fall.
+fn foretold(moves: &[u32]) -> u32 {
+    let recent = &moves[moves.len() / 2..];
+    let (Some(&first), Some(&last)) = (recent.first(), recent.last()) else { return 0 };
+    if recent.len() < 2 || last >= first {
+        return moves.len() as u32;
+    }
+    let fall_an_iteration = (f64::from(first) / f64::from(last.max(1))).ln() / (recent.len() - 1) as f64;
+    (0.8 * f64::from(last.max(1)).ln() / fall_an_iteration + 1.0).ceil() as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn moves_foretell_the_iterations_that_are_left() {
+        let halved: Vec<u32> = (0..12).map(|at| 1 << 20 >> at).collect();
+        // 512 moves fall to 1 in nine more, and then to none
+        assert_eq!(foretold(&halved), 9);
+        assert_eq!(foretold(&[5, 5, 5, 5]), 4);
+        assert_eq!(foretold(&[1, 2, 4]), 3);
+        assert_eq!(foretold(&[9]), 1);
+        assert_eq!(foretold(&[]), 0);
+        assert!(foretold(&[7, 7, 1_000_000, 999_999]) > 1_000_000);
     }
 }

@@ -8,29 +8,71 @@ use crate::error::{Error, Kind, Result};
 
 /// Every adapter of this machine, usable or not. Loads the graphics drivers.
 pub fn adapters() -> Vec<AdapterReport> {
-    enumerate().into_iter().map(|found| found.report).collect()
+    reports(&enumerate())
 }
 
-/// Opens a gpu: the one of that number or name, else the fastest, software where there is no other.
-pub fn open(adapter: Option<&str>, is_timed: bool) -> Result<(AdapterKind, Box<dyn Device>)> {
-    let found = enumerate();
-    let found = choose(&found, adapter)?;
-    let device = GpuDevice::with_overrides(found, Overrides { timed: is_timed, ..Overrides::default() })?;
-    Ok((found.report.kind, Box::new(device)))
+/// The same after a self-test of each that may be usable: opens them, which compiles the kernels.
+pub fn tested_adapters() -> Vec<AdapterReport> {
+    let mut found = enumerate();
+    for found in found.iter_mut().filter(|found| found.report.usable) {
+        if let Err(error) = GpuDevice::new(found) {
+            found.report.refuse(error.message);
+        }
+    }
+    reports(&found)
 }
 
-/// Opens the fastest gpu that is no software; none if there is no such gpu.
-pub fn open_hardware() -> Result<Option<Box<dyn Device>>> {
-    let found = enumerate();
-    let reports: Vec<AdapterReport> = found.iter().map(|found| found.report.clone()).collect();
-    match auto_adapter(&reports).and_then(|report| found.get(report.index)) {
-        Some(found) => Ok(Some(Box::new(GpuDevice::new(found)?))),
-        None => Ok(None),
+/// Opens a gpu: the one of that number or name, else the fastest, software where there is no other. One that fails its
+/// self-test is passed over. `adapters` is set to all that were found.
+pub fn open(
+    adapter: Option<&str>,
+    overrides: Overrides,
+    adapters: &mut Vec<AdapterReport>,
+) -> Result<(AdapterKind, Box<dyn Device>)> {
+    let mut found = enumerate();
+    let opened = loop {
+        let chosen = choose(&found, adapter).map(|chosen| chosen.report.index);
+        let Some(opened) = chosen.and_then(|index| open_or_refuse(&mut found[index], overrides)).transpose() else {
+            continue;
+        };
+        break opened;
+    };
+    *adapters = reports(&found);
+    opened
+}
+
+/// Opens the fastest gpu that is no software; none if there is no such gpu. Otherwise like [`open`].
+pub fn open_hardware(adapters: &mut Vec<AdapterReport>) -> Result<Option<Box<dyn Device>>> {
+    let mut found = enumerate();
+    let opened = loop {
+        let Some(index) = auto_adapter(&reports(&found)).map(|report| report.index) else { break Ok(None) };
+        let opened = open_or_refuse(&mut found[index], Overrides::default()).transpose();
+        if let Some(opened) = opened {
+            break opened.map(|(_, device)| Some(device));
+        }
+    };
+    *adapters = reports(&found);
+    opened
+}
+
+/// Opens an adapter; none if it turns out to be unusable, which its report then says.
+fn open_or_refuse(found: &mut Found, overrides: Overrides) -> Result<Option<(AdapterKind, Box<dyn Device>)>> {
+    match GpuDevice::with_overrides(found, overrides) {
+        Err(error) if error.kind == Kind::DeviceUnsuitable => {
+            tracing::error!(%error, "an adapter is passed over");
+            found.report.refuse(error.message);
+            Ok(None)
+        }
+        opened => Ok(Some((found.report.kind, Box::new(opened?)))),
     }
 }
 
+fn reports(found: &[Found]) -> Vec<AdapterReport> {
+    found.iter().map(|found| found.report.clone()).collect()
+}
+
 /// The adapter to open.
-fn choose<'a>(found: &'a [Found], adapter: Option<&str>) -> Result<&'a Found> {
+pub(super) fn choose<'a>(found: &'a [Found], adapter: Option<&str>) -> Result<&'a Found> {
     let candidates = matching(found, adapter)?;
     best(candidates.iter().map(|found| &found.report)).and_then(|report| found.get(report.index)).ok_or_else(|| {
         Error::new(

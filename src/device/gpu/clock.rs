@@ -30,6 +30,7 @@ pub(super) struct Done {
     stages: Vec<&'static str>,
     untimed: u64,
     dispatches: BTreeMap<&'static str, u64>,
+    waits: u64,
 }
 
 impl Clock {
@@ -66,6 +67,16 @@ impl Clock {
     /// Counts a dispatch.
     pub fn count(&self, kernel: &'static str) {
         *lock(&self.done).dispatches.entry(kernel).or_default() += 1;
+    }
+
+    /// Counts a wait of the host.
+    pub fn count_wait(&self) {
+        lock(&self.done).waits += 1;
+    }
+
+    /// Forgets the wait for the profile itself.
+    pub fn forget_wait(&self) {
+        lock(&self.done).waits = 0;
     }
 
     /// The timestamp writes of a pass; none when no queries are left.
@@ -115,6 +126,6 @@ impl Clock {
             stages[at].passes += 1;
             stages[at].milliseconds += end.saturating_sub(*begin) as f64 * self.nanoseconds_a_tick / 1e6;
         }
-        Profile { stages, untimed_passes: done.untimed, dispatches: done.dispatches }
+        Profile { stages, untimed_passes: done.untimed, dispatches: done.dispatches, waits: done.waits }
     }
 }

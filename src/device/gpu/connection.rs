@@ -10,10 +10,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use rayon::prelude::*;
+
 use super::adapter::Found;
 use super::clock::{self, Clock};
 use super::kernels::{KERNELS, Kernel};
-use super::{Fault, FaultPoint, Overrides};
+use super::upload::Staging;
+use super::{Fault, FaultPoint, Overrides, Tuning};
 use crate::device::Profile;
 use crate::device::adapter::AdapterKind;
 use crate::error::{Error, Kind, Result};
@@ -28,16 +31,22 @@ pub(super) struct Connection {
     pub(super) queue: wgpu::Queue,
     /// The device's limits, lowered by [`Overrides`].
     pub(super) limits: wgpu::Limits,
+    /// From [`Overrides`].
+    pub(super) tuning: Tuning,
     /// Whether the adapter is a driver that computes on the cpu.
     pub(super) is_software: bool,
     /// Compiled kernels, by name.
     pipelines: Mutex<HashMap<&'static str, (wgpu::BindGroupLayout, wgpu::ComputePipeline)>>,
     /// Name of the adapter.
     pub(super) name: String,
+    /// What surfaces are uploaded through.
+    pub(super) staging: Mutex<Staging>,
     health: Arc<Health>,
     fault: Mutex<Option<Fault>>,
     /// Whether a fault leaves no memory for the next buffer.
     is_exhausted: AtomicBool,
+    /// Whether a fault changes the next numbers that the host reads.
+    is_wrong: AtomicBool,
     /// Where passes are timed.
     clock: Option<Clock>,
 }
@@ -94,30 +103,32 @@ impl Connection {
             device,
             queue,
             limits,
+            tuning: overrides.tuning,
             is_software: found.report.kind == AdapterKind::Software,
             pipelines: Mutex::default(),
             name,
+            staging: Mutex::default(),
             health,
-            fault: Mutex::default(),
+            fault: Mutex::new(overrides.fault),
             is_exhausted: AtomicBool::default(),
+            is_wrong: AtomicBool::default(),
             clock,
         };
-        connection.compile(false)?;
+        connection.compile()?;
         Ok(connection)
     }
 
-    /// Compiles the kernels of hierarchies, or all others, unless that was done.
-    pub(super) fn compile(&self, is_merging: bool) -> Result<()> {
-        KERNELS
-            .iter()
-            .filter(|kernel| kernel.is_merging() == is_merging)
-            .for_each(|kernel| drop(self.pipeline(kernel)));
+    /// Compiles all kernels, several at a time.
+    fn compile(&self) -> Result<()> {
+        let compiled: Vec<_> =
+            KERNELS.par_iter().map(|kernel| (kernel.name, compile(&self.device, kernel, &self.tuning))).collect();
+        lock(&self.pipelines).extend(compiled);
         self.check()
     }
 
-    /// The layout of a kernel's bind group and its pipeline, compiled on first use.
+    /// The layout of a kernel's bind group, and its pipeline.
     pub(super) fn pipeline(&self, kernel: &Kernel) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline) {
-        lock(&self.pipelines).entry(kernel.name).or_insert_with(|| compile(&self.device, kernel)).clone()
+        lock(&self.pipelines).entry(kernel.name).or_insert_with(|| compile(&self.device, kernel, &self.tuning)).clone()
     }
 
     /// Begins a pass, timed if there is a clock.
@@ -146,6 +157,7 @@ impl Connection {
             Err(_) => return Err(self.break_down("its timestamps could not be read")),
         };
         queries.unmap();
+        clock.forget_wait();
         Ok(Some(clock.profile(done, &ticks)))
     }
 
@@ -209,6 +221,9 @@ impl Connection {
 
     /// Waits until a submission has completed and the callbacks of its buffers were called.
     pub(super) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<()> {
+        if let Some(clock) = &self.clock {
+            clock.count_wait();
+        }
         let outcome = self.poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(PATIENCE) });
         self.check()?;
         outcome
@@ -238,10 +253,19 @@ impl Connection {
         *lock(&self.fault) = fault;
     }
 
+    /// The bytes with another last number, if a fault requires that.
+    pub(super) fn corrupted(&self, bytes: &[u8]) -> Option<Vec<u8>> {
+        let last = bytes.len().checked_sub(4).filter(|_| self.is_wrong.swap(false, Ordering::SeqCst))?;
+        let mut wrong = bytes.to_vec();
+        wrong[last] ^= 1;
+        Some(wrong)
+    }
+
     /// Injects the fault that was set for this point.
     pub(super) fn reach(&self, point: FaultPoint) {
         match lock(&self.fault).take_if(|fault| fault.point() == point) {
             Some(Fault::Exhaust(_)) => self.is_exhausted.store(true, Ordering::SeqCst),
+            Some(Fault::Miscompute(_)) => self.is_wrong.store(true, Ordering::SeqCst),
             Some(Fault::Lose(_)) => self.device.destroy(),
             Some(Fault::Misuse(_)) => {
                 // more than any device allows
@@ -276,7 +300,7 @@ fn one_line(message: &str) -> String {
 }
 
 /// Binding 0 is the uniform, at an offset that each dispatch chooses; then come the storage buffers of the row.
-fn compile(device: &wgpu::Device, kernel: &Kernel) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline) {
+fn compile(device: &wgpu::Device, kernel: &Kernel, tuning: &Tuning) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline) {
     let storage = |is_written: bool| wgpu::BufferBindingType::Storage { read_only: !is_written };
     let types = kernel.bindings().into_iter().map(|binding| storage(binding.is_written));
     let entries: Vec<_> = (0..)
@@ -297,7 +321,7 @@ fn compile(device: &wgpu::Device, kernel: &Kernel) -> (wgpu::BindGroupLayout, wg
     let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries: &entries });
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label,
-        source: wgpu::ShaderSource::Wgsl(kernel.source().into()),
+        source: wgpu::ShaderSource::Wgsl(kernel.source(tuning).into()),
     });
     let constants: Vec<_> = kernel.constant.into_iter().map(|(name, value)| (name, f64::from(value))).collect();
     let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {

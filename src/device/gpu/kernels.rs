@@ -15,8 +15,9 @@
 
 use std::mem::size_of;
 
+use super::Tuning;
 use super::buffers::{Buffer, Spec};
-use super::layout::{self, Iteration, WORKGROUP};
+use super::layout::{self, Iteration};
 use crate::energy::words;
 
 /// A compute shader with one entry point.
@@ -52,7 +53,7 @@ pub enum Threads {
     Group,
     /// A thread a face.
     Faces,
-    /// A thread for [`RUN`](super::layout::RUN) faces.
+    /// A thread for [`Tuning::run`] faces.
     FaceRuns,
     /// A thread a cluster that is left.
     Clusters,
@@ -64,8 +65,8 @@ pub enum Threads {
 
 impl Kernel {
     /// All of its WGSL.
-    pub fn source(&self) -> String {
-        let mut source = layout::wgsl();
+    pub fn source(&self, tuning: &Tuning) -> String {
+        let mut source = layout::wgsl(tuning);
         source.push_str("@group(0) @binding(0) var<uniform> iteration: Iteration;\n");
         for (place, Binding { buffer, is_written }) in (1..).zip(self.bindings()) {
             let Spec { name, wgsl: ty, .. } = buffer.spec();
@@ -76,7 +77,7 @@ impl Kernel {
         splice(self.wgsl, &mut Vec::new(), &mut source);
         // not from num_workgroups, which is 0 in an indirect dispatch on DX12 unless wgpu validates those
         let thread = "(group.y * iteration.row + group.x) * WORKGROUP + local, local";
-        let (size, arguments) = if self.threads == Threads::One { (1, "") } else { (WORKGROUP, thread) };
+        let (size, arguments) = if self.threads == Threads::One { (1, "") } else { (tuning.workgroup, thread) };
         source.push_str(&format!(
             "@compute @workgroup_size({size})\n\
              fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {{\n    \
@@ -185,7 +186,6 @@ kernels! {
     LABELS_FREE = "growth/labels_free", Faces;
     GROWTH_PROPOSE = "growth/growth_propose", Listed;
     GROWTH_APPLY = "growth/growth_apply", Listed;
-    GROWTH_CHECK_DONE = "growth/growth_check_done", One;
 
     BOUNDARY_BUILD = "boundary/boundary_keep" ("FROM_ALL" = 1), Faces;
     BOUNDARY_COMPACT = "boundary/boundary_keep" ("FROM_ALL" = 0), Listed;

@@ -1,15 +1,10 @@
 //! Structs and constants that Rust and WGSL share. Each is defined here, or in [`words`] of the energy, and nowhere
 //! else: [`wgsl`] declares them in front of every kernel.
 
+use super::Tuning;
 use crate::device::{FLOOD_FROM, FREE};
 use crate::energy::shared::{Atomic, List, Struct, shared};
 use crate::energy::{ClusterSums, LatticeEnergy, words};
-
-/// Threads in a workgroup of every kernel that has one thread an item.
-pub const WORKGROUP: u32 = 256;
-
-/// Faces that one thread takes in kernels with [`Threads::FaceRuns`](super::kernels::Threads::FaceRuns).
-pub const RUN: u32 = 8;
 
 /// `label_at_merge` of a face that is not on the boundary list.
 pub const UNLISTED: u32 = u32::MAX - 1;
@@ -18,12 +13,10 @@ pub const UNLISTED: u32 = u32::MAX - 1;
 pub const SUM_WORDS: usize = 2 * words::SUMS;
 
 /// Constants of WGSL.
-const CONSTANTS: [(&str, u32); 7] = [
+const CONSTANTS: [(&str, u32); 5] = [
     ("FREE", FREE),
     ("FLOOD_FROM", FLOOD_FROM),
     ("UNLISTED", UNLISTED),
-    ("WORKGROUP", WORKGROUP),
-    ("RUN", RUN),
     ("SUMS", words::SUMS as u32),
     ("SUM_WORDS", SUM_WORDS as u32),
 ];
@@ -34,8 +27,9 @@ pub fn structs() -> impl Iterator<Item = &'static Struct> {
 }
 
 /// The declarations of all constants and structs.
-pub fn wgsl() -> String {
-    let constants = CONSTANTS.iter().map(|(name, value)| format!("const {name}: u32 = {value}u;\n"));
+pub fn wgsl(tuning: &Tuning) -> String {
+    let tuned = [("WORKGROUP", tuning.workgroup), ("RUN", tuning.run)];
+    let constants = CONSTANTS.iter().chain(&tuned).map(|(name, value)| format!("const {name}: u32 = {value}u;\n"));
     constants.chain(structs().map(Struct::wgsl)).collect()
 }
 

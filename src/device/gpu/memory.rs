@@ -6,12 +6,13 @@ use std::mem::size_of;
 
 use bytemuck::Zeroable;
 
-use super::FaultPoint;
 use super::buffers::{BATCH, Buffer, Sizes};
 use super::connection::Connection;
 use super::kernels::{KERNELS, Kernel, Threads};
-use super::layout::{Dispatch, Iteration, RUN, WORKGROUP};
+use super::layout::{Dispatch, Iteration};
 use super::upload::{upload, upload_graph};
+use super::{FaultPoint, Tuning};
+use crate::device::adapter::LargestMeshes;
 use crate::device::dual_edge::Ties;
 use crate::energy::words::Proxy;
 use crate::error::{Error, Kind, Result};
@@ -19,6 +20,9 @@ use crate::surface::DualGraph;
 
 /// The iteration, and the entry of the statistics, of what is done between batches.
 pub(super) const BETWEEN: u32 = BATCH;
+
+/// Faces that threads of a dispatch can number in u32, the last row half empty.
+const MOST_FACES: u64 = 1 << 31;
 
 /// A surface on the device.
 #[derive(Debug)]
@@ -29,6 +33,8 @@ pub(super) struct SurfaceMemory {
     iterations: wgpu::Buffer,
     /// Bytes from one iteration to the next.
     stride: u32,
+    /// How threads are grouped.
+    tuning: Tuning,
     /// What all iterations have in common.
     common: Iteration,
     /// Pipelines and buffers of kernels that were dispatched, by name.
@@ -47,7 +53,8 @@ impl SurfaceMemory {
         let proxies = proxies(graph, component_of_cluster)?;
         check_counts(connection, graph)?;
         let row = connection.limits.max_compute_workgroups_per_dimension;
-        let [columns, rows, _] = groups(graph.faces() as u64, row);
+        let tuning = connection.tuning;
+        let [columns, rows, _] = groups(graph.faces() as u64, tuning.workgroup, row);
         let sizes = Sizes {
             faces: graph.faces() as u64,
             neighbours: graph.neighbours.len() as u64,
@@ -55,8 +62,7 @@ impl SurfaceMemory {
             face_groups: u64::from(columns) * u64::from(rows),
         };
         connection.reach(FaultPoint::Upload);
-        let kernels = KERNELS.iter().filter(|kernel| is_merging || !kernel.is_merging());
-        let needed: Vec<Buffer> = kernels.flat_map(|kernel| kernel.bindings()).map(|binding| binding.buffer).collect();
+        let needed = needed(is_merging);
         let create = |buffer: &Buffer| create(connection, *buffer, needed.contains(buffer).then_some(&sizes));
         let storage = Buffer::ALL.iter().map(create).collect::<Result<Vec<_>>>()?;
         let stride = connection.limits.min_uniform_buffer_offset_alignment.max(size_of::<Iteration>() as u32);
@@ -64,7 +70,7 @@ impl SurfaceMemory {
         let iterations =
             connection.buffer("iterations", bytes, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST)?;
         let common = Iteration { faces: sizes.faces as u32, row, ..Iteration::zeroed() };
-        let mut memory = Self { storage, iterations, stride, common, bound: RefCell::default() };
+        let mut memory = Self { storage, iterations, stride, tuning, common, bound: RefCell::default() };
         upload_graph(connection, graph, memory.get(Buffer::Faces), memory.get(Buffer::Neighbours))?;
         upload(&connection.queue, memory.get(Buffer::Proxies), 0, &proxies);
         let all: Vec<u32> = (0..sizes.clusters as u32).collect();
@@ -140,12 +146,12 @@ impl SurfaceMemory {
         let items = match threads {
             Threads::One | Threads::Group => 1,
             Threads::Faces => faces,
-            Threads::FaceRuns => faces.div_ceil(RUN),
+            Threads::FaceRuns => faces.div_ceil(self.tuning.run),
             Threads::Clusters => clusters,
             Threads::Entries => entries,
             Threads::Listed => return None,
         };
-        Some(groups(u64::from(items), row))
+        Some(groups(u64::from(items), self.tuning.workgroup, row))
     }
 
     fn bind(&self, connection: &Connection, kernel: &Kernel) -> (wgpu::ComputePipeline, wgpu::BindGroup) {
@@ -170,6 +176,32 @@ impl SurfaceMemory {
     }
 }
 
+/// The buffers that a flat clustering needs, or a hierarchy.
+fn needed(is_merging: bool) -> Vec<Buffer> {
+    let kernels = KERNELS.iter().filter(|kernel| is_merging || !kernel.is_merging());
+    kernels.flat_map(|kernel| kernel.bindings()).map(|binding| binding.buffer).collect()
+}
+
+/// The largest closed triangle meshes, by the sizes of their buffers.
+pub(super) fn largest_meshes(limits: &wgpu::Limits) -> LargestMeshes {
+    let most = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+    let [flat, hierarchy] = [(false, 4), (true, 1)].map(|(is_merging, faces_a_cluster)| {
+        let needed = needed(is_merging);
+        let fits = |faces: u64| {
+            let clusters = (faces / faces_a_cluster).max(1);
+            let sizes = Sizes { faces, neighbours: 3 * faces, clusters, face_groups: faces.div_ceil(32) };
+            needed.iter().all(|buffer| (buffer.spec().bytes)(&sizes) <= most)
+        };
+        let (mut least, mut beyond) = (0, MOST_FACES + 1);
+        while beyond - least > 1 {
+            let middle = least.midpoint(beyond);
+            *(if fits(middle) { &mut least } else { &mut beyond }) = middle;
+        }
+        least
+    });
+    LargestMeshes { flat, hierarchy }
+}
+
 /// The proxies of clusters without faces.
 fn proxies(graph: &DualGraph, component_of_cluster: &[u32]) -> Result<Vec<Proxy>> {
     let (faces, clusters) = (graph.faces(), component_of_cluster.len());
@@ -183,9 +215,9 @@ fn proxies(graph: &DualGraph, component_of_cluster: &[u32]) -> Result<Vec<Proxy>
     component_of_cluster.iter().map(proxy).collect()
 }
 
-/// Workgroups for so many threads, in rows of `row`.
-fn groups(threads: u64, row: u32) -> Dispatch {
-    let groups = threads.div_ceil(u64::from(WORKGROUP)).max(1);
+/// Workgroups of `size` for so many threads, in rows of `row`.
+fn groups(threads: u64, size: u32, row: u32) -> Dispatch {
+    let groups = threads.div_ceil(u64::from(size)).max(1);
     let rows = groups.div_ceil(u64::from(row));
     [groups.min(u64::from(row)) as u32, rows as u32, 1]
 }
@@ -195,7 +227,7 @@ fn groups(threads: u64, row: u32) -> Dispatch {
 fn check_counts(connection: &Connection, graph: &DualGraph) -> Result<()> {
     let (faces, neighbours) = (graph.faces() as u64, graph.neighbours.len() as u64);
     let row = u64::from(connection.limits.max_compute_workgroups_per_dimension);
-    let threads = (row * row * u64::from(WORKGROUP)).min(1 << 31);
+    let threads = (row * row * u64::from(connection.tuning.workgroup)).min(MOST_FACES);
     for (what, found, limit) in
         [("faces", faces, threads), ("faces and neighbours of faces", faces + 1 + neighbours, u64::from(u32::MAX))]
     {
@@ -246,7 +278,7 @@ mod tests {
             (256 * 65_535 + 1, 65_535, [65_535, 2, 1]),
             (256 * 7, 3, [3, 3, 1]),
         ] {
-            assert_eq!(groups(threads, row), expected);
+            assert_eq!(groups(threads, 256, row), expected);
         }
     }
 }

@@ -1,40 +1,106 @@
 //! The steps of hierarchical clustering on one surface.
 //!
 //! Searches go over boundary faces and the clusters that are left. A round of the parallel kind transfers bytes in
-//! proportion to the clusters that are left and the faces that moved; a search for the cheapest dual edge transfers 64.
+//! proportion to the clusters that are left and the faces that moved; a search for the cheapest dual edge some 150.
+//! What the next call will need comes along with what a call reads, since a wait costs more than some thousand bytes.
+
+use std::mem::offset_of;
+
+use bytemuck::{Pod, pod_collect_to_vec};
 
 use super::FaultPoint;
 use super::buffers::Buffer;
 use super::kernels;
-use super::layout::{CandidateEdge, CopiedSums, DualEdge as ListedEdge, Move};
+use super::layout::{CandidateEdge, CopiedSums, DualEdge as ListedEdge, IterationStats};
+use super::memory::BETWEEN;
 use super::steps::{GpuSteps, History};
 use super::upload::upload;
 use crate::device::dual_edge::Ties;
 use crate::device::{DualEdge, FREE, MergeSteps};
-use crate::energy::ClusterSums;
+use crate::energy::{ClusterSums, LatticeEnergy};
 use crate::error::{Error, Kind, Result};
 
 /// Faces times clusters up to which a software gpu merges one pair at a time. Each merge searches all listed faces, in
 /// dispatches that have a fixed cost.
 const SOFTWARE_LIMIT: u64 = 1 << 24;
 
-/// Moves that are read along with their number; more are read once that is known.
-const FEW_MOVES: usize = 4096;
+/// A search for dual edges.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Search {
+    /// The best of each cluster.
+    Best(Ties),
+    /// The cheapest of all.
+    Cheapest(Ties),
+}
+
+/// What a search has found.
+#[derive(Debug)]
+pub(super) enum Found {
+    /// In the order of the clusters.
+    Best(Vec<DualEdge>),
+    /// The ends, the smaller number first.
+    Cheapest(Option<(u32, u32)>),
+}
 
 impl GpuSteps<'_> {
     /// Encodes proxies and energy, and removes faces from the list that are no longer on a boundary.
-    fn encode_compaction(&mut self, ties: Ties) -> wgpu::CommandEncoder {
-        self.memory.announce(&self.connection.queue, 0, ties);
+    fn encode_compaction(&mut self, ties: Ties, entries: usize) -> wgpu::CommandEncoder {
+        self.memory.announce(&self.connection.queue, entries as u32, ties);
         let mut encoder = self.encode_fit();
         self.encode(&mut encoder, "merge", &[kernels::BOUNDARY_COMPACT, kernels::BOUNDARY_PUBLISH]);
         encoder
     }
+
+    /// Reads the statistics of what is done between batches, the first items of a buffer, and the sums of the clusters
+    /// in the first entries of `host_list`.
+    fn read_with_sums<T: Pod>(
+        &self,
+        mut encoder: wgpu::CommandEncoder,
+        (buffer, items): (Buffer, usize),
+        entries: usize,
+    ) -> Result<(IterationStats, Vec<T>, Vec<ClusterSums>)> {
+        if entries > 0 {
+            self.encode(&mut encoder, "merge", &[kernels::SUMS_COPY]);
+        }
+        let bytes = |items: usize, size: usize| (items * size) as u64;
+        let stats = bytes(1, size_of::<IterationStats>());
+        let parts = [
+            (self.memory.get(Buffer::Stats), stats * u64::from(BETWEEN), stats),
+            (self.memory.get(buffer), 0, bytes(items, size_of::<T>())),
+            (self.memory.get(Buffer::CopiedSums), 0, bytes(entries, size_of::<CopiedSums>())),
+        ];
+        self.read(self.request(encoder, &parts)?, |view| {
+            let (stats, rest) = view.split_at(parts[0].2 as usize);
+            let (items, sums) = rest.split_at(parts[1].2 as usize);
+            let sums: Vec<CopiedSums> = pod_collect_to_vec(sums);
+            let sums = sums.iter().map(CopiedSums::sums).collect();
+            (bytemuck::pod_read_unaligned(stats), pod_collect_to_vec(items), sums)
+        })
+    }
 }
 
-impl MergeSteps for GpuSteps<'_> {
-    fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
+/// The ends of a candidate are copied together.
+const _: () = assert!(offset_of!(CandidateEdge, high) == offset_of!(CandidateEdge, low) + 4);
+
+impl GpuSteps<'_> {
+    /// Searches, and returns the energy too, which takes no further wait.
+    pub(super) fn search(&mut self, search: Search) -> Result<(LatticeEnergy, Option<Found>)> {
         self.connection.reach(FaultPoint::DualEdges);
-        let mut encoder = self.encode_compaction(ties);
+        self.last_search = Some(search);
+        self.forget();
+        let (stats, found) = match search {
+            Search::Best(ties) => self.search_best(ties)?,
+            Search::Cheapest(ties) => self.search_cheapest(ties)?,
+        };
+        self.set_energy(Some(stats.energy()));
+        Ok((stats.energy(), Some(found)))
+    }
+
+    fn search_best(&mut self, ties: Ties) -> Result<(IterationStats, Found)> {
+        let living = self.living.len();
+        // their sums come along, unless those are many bytes
+        let summed = if living <= self.connection.tuning.sums_along as usize { living } else { 0 };
+        let mut encoder = self.encode_compaction(ties, summed);
         let search = [
             kernels::MIN_DUAL_EDGE_COST,
             kernels::MIN_DUAL_EDGE_TIE,
@@ -42,14 +108,19 @@ impl MergeSteps for GpuSteps<'_> {
             kernels::DUAL_EDGES_PUBLISH,
         ];
         self.encode(&mut encoder, "merge", &search);
-        let (stats, edges) = self.download::<ListedEdge>(encoder, Buffer::DualEdges, self.living.len())?;
-        self.set_energy(Some(stats.energy()));
+        if summed > 0 {
+            let (from, to) = (self.memory.get(Buffer::LivingClusters), self.memory.get(Buffer::HostList));
+            encoder.copy_buffer_to_buffer(from, 0, to, 0, 4 * summed as u64);
+        }
+        let (stats, edges, sums) = self.read_with_sums::<ListedEdge>(encoder, (Buffer::DualEdges, living), summed)?;
+        self.known_sums = self.living.iter().copied().zip(sums).collect();
         let edges = self.living.iter().zip(edges).filter(|(_, edge)| edge.other != FREE);
-        Ok(edges.map(|(&cluster, edge)| DualEdge { cluster, other: edge.other, cost: edge.cost }).collect())
+        let edge = |(&cluster, edge): (&u32, ListedEdge)| DualEdge { cluster, other: edge.other, cost: edge.cost };
+        Ok((stats, Found::Best(edges.map(edge).collect())))
     }
 
     /// Refuses on a software gpu when faces times clusters are more than 2²⁴.
-    fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {
+    fn search_cheapest(&mut self, ties: Ties) -> Result<(IterationStats, Found)> {
         let work = u64::from(self.memory.faces()) * self.living.len() as u64;
         if self.connection.is_software && work > SOFTWARE_LIMIT {
             return Err(Error::new(
@@ -63,12 +134,39 @@ impl MergeSteps for GpuSteps<'_> {
                 ),
             ));
         }
-        self.connection.reach(FaultPoint::DualEdges);
-        let mut encoder = self.encode_compaction(ties);
+        let mut encoder = self.encode_compaction(ties, 2);
         self.encode(&mut encoder, "merge", &[kernels::CHEAPEST_DUAL_EDGE, kernels::CHEAPEST_DUAL_EDGE_REDUCE]);
-        let (stats, best) = self.download::<CandidateEdge>(encoder, Buffer::CandidateEdges, 1)?;
-        self.set_energy(Some(stats.energy()));
-        Ok(best.first().filter(|best| best.low != FREE).map(|best| (best.low, best.high)))
+        // the sums of both ends come along
+        let (from, ends) = (self.memory.get(Buffer::CandidateEdges), offset_of!(CandidateEdge, low) as u64);
+        encoder.copy_buffer_to_buffer(from, ends, self.memory.get(Buffer::HostList), 0, 8);
+        let (stats, best, sums) = self.read_with_sums::<CandidateEdge>(encoder, (Buffer::CandidateEdges, 1), 2)?;
+        let best = best.first().filter(|best| best.low != FREE).map(|best| (best.low, best.high));
+        self.known_sums = best.iter().flat_map(|&(low, high)| [low, high]).zip(sums).collect();
+        Ok((stats, Found::Cheapest(best)))
+    }
+
+    /// What a search finds; what it found with the energy, if that was the same search.
+    fn found(&mut self, search: Search) -> Result<Option<Found>> {
+        match self.found_ahead.take().filter(|_| self.last_search == Some(search)) {
+            Some(found) => Ok(Some(found)),
+            None => Ok(self.search(search)?.1),
+        }
+    }
+}
+
+impl MergeSteps for GpuSteps<'_> {
+    fn optimal_dual_edges(&mut self, ties: Ties) -> Result<Vec<DualEdge>> {
+        match self.found(Search::Best(ties))? {
+            Some(Found::Best(edges)) => Ok(edges),
+            Some(Found::Cheapest(_)) | None => Ok(Vec::new()),
+        }
+    }
+
+    fn cheapest_dual_edge(&mut self, ties: Ties) -> Result<Option<(u32, u32)>> {
+        match self.found(Search::Cheapest(ties))? {
+            Some(Found::Cheapest(ends)) => Ok(ends),
+            Some(Found::Best(_)) | None => Ok(None),
+        }
     }
 
     fn merge(&mut self, pairs: &[(u32, u32)]) -> Result<()> {
@@ -85,6 +183,8 @@ impl MergeSteps for GpuSteps<'_> {
             ));
         }
         self.connection.reach(FaultPoint::Merge);
+        self.forget();
+        self.is_repaired = false;
         let entries: Vec<u32> = pairs.iter().flat_map(|&(from, into)| [from, into]).collect();
         upload(&self.connection.queue, self.memory.get(Buffer::HostList), 0, &entries);
         self.memory.announce(&self.connection.queue, pairs.len() as u32, Ties::Hash);
@@ -106,6 +206,13 @@ impl MergeSteps for GpuSteps<'_> {
 
     fn sums_of(&mut self, clusters: &[u32]) -> Result<Vec<ClusterSums>> {
         self.check_clusters(clusters.iter().copied())?;
+        let known = |cluster: &u32| {
+            let at = self.known_sums.binary_search_by_key(cluster, |&(cluster, _)| cluster).ok()?;
+            Some(self.known_sums[at].1)
+        };
+        if let Some(sums) = clusters.iter().map(known).collect() {
+            return Ok(sums);
+        }
         let mut sums = Vec::with_capacity(clusters.len());
         for chunk in clusters.chunks(self.memory.capacity(Buffer::CopiedSums)) {
             upload(&self.connection.queue, self.memory.get(Buffer::HostList), 0, chunk);
@@ -122,16 +229,19 @@ impl MergeSteps for GpuSteps<'_> {
         if self.history != History::MovedSinceMerge {
             return Ok(Vec::new());
         }
-        let mut encoder = self.encoder_with_sums();
-        encoder.clear_buffer(self.memory.get(Buffer::Stats), 0, None);
-        self.encode(&mut encoder, "merge", &[kernels::BOUNDARY_COVER, kernels::MOVES_LIST]);
-        let few = FEW_MOVES.min(self.memory.faces() as usize);
-        let (stats, mut list) = self.download::<Move>(encoder, Buffer::Moves, few)?;
-        let listed = stats.listed as usize;
-        if listed > few {
-            list = self.download::<Move>(self.encoder(), Buffer::Moves, listed)?.1;
-        }
-        list.truncate(listed);
+        let mut list = match self.moves.take() {
+            Some(list) => list,
+            None => {
+                let mut encoder = self.encoder_with_sums();
+                encoder.clear_buffer(self.memory.get(Buffer::Stats), 0, None);
+                self.encode(&mut encoder, "moves", &[kernels::BOUNDARY_COVER]);
+                let (_, stats, moves) = self.read_stats_and_moves(encoder, 0)?;
+                match moves {
+                    Some(moves) => moves,
+                    None => self.download(self.encoder(), Buffer::Moves, stats.listed as usize)?.1,
+                }
+            }
+        };
         list.sort_unstable_by_key(|moved| moved.face);
         Ok(list.iter().map(|moved| (moved.face, moved.before, moved.after)).collect())
     }

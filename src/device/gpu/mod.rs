@@ -9,12 +9,15 @@
 //! | `buffers` | the table of storage buffers; `layout` has the structs in them, in Rust and WGSL |
 //! | `memory` | a surface on the device: buffers, bind groups, sizes of dispatches; `upload` fills it |
 //! | `steps`, `merge_steps` | the steps of the algorithms, as sequences of kernels |
-//! | `batches`, `readback` | iterations queued ahead of the host; results on their way back |
+//! | `batches`, `readback` | iterations that are queued at once; results on their way back |
+//! | `probe` | what dispatches, round trips and transfers cost |
+//! | `tuning` | constants that decide how long it takes |
+//! | `self_test`, `verify` | whether the device computes as the cpu does: when it opens, when labels come back |
 //!
 //! An iteration of the boundary phase dispatches `boundary_propose`, `boundary_apply` and `proxies_fit`; an iteration
 //! of the refinement `face_bid`, `select_bids`, `join_moves`, `evaluate_moves` and `commit_moves`. Each reads what all
 //! threads of the one before wrote. Threads work on *listed* faces: those with a neighbour of another cluster, and free
-//! ones. Up to 64 iterations are queued at a time; the device itself ends a phase, by indirect dispatches of no
+//! ones. Iterations are queued in batches of up to 64; the device itself ends a phase, by indirect dispatches of no
 //! workgroups.
 //!
 //! Labels equal those of the cpu, because every number that decides a label is an integer, which WGSL specifies
@@ -26,6 +29,9 @@
 //! Everything that wgpu reports becomes an error of the call that notices it ([`Kind::DeviceLost`] for a lost device
 //! and for lack of memory), and the next surface gets a new connection. [`GpuDevice::inject`] causes failures for
 //! tests.
+//!
+//! A driver that computes wrongly becomes an error, too: [`Kind::DeviceUnsuitable`] of an adapter that fails its
+//! self-test, [`Kind::DeviceWrong`] where labels do not have the energy that the device added up.
 
 pub mod adapter;
 mod batches;
@@ -37,18 +43,24 @@ pub mod kernels;
 pub mod layout;
 mod memory;
 mod merge_steps;
+mod probe;
 mod readback;
+mod self_test;
 mod steps;
 #[cfg(test)]
 mod tests;
+pub mod tuning;
 mod upload;
+mod verify;
 
 use std::sync::{Arc, Mutex};
 
 use self::adapter::Found;
-pub use self::choice::{adapters, open, open_hardware};
+pub use self::choice::{adapters, open, open_hardware, tested_adapters};
 use self::connection::{Connection, lock};
+pub use self::probe::probe;
 use self::steps::GpuSteps;
+pub use self::tuning::Tuning;
 use super::adapter::AdapterReport;
 use super::{Device, DeviceInfo, DeviceKind, MemoryMeter, MergeSteps, Profile, Steps};
 use crate::error::{Error, Kind, Result};
@@ -64,6 +76,10 @@ pub struct Overrides {
     pub binding_size: Option<u64>,
     /// Whether passes are timed and dispatches counted, for [`Device::take_profile`].
     pub timed: bool,
+    /// A failure of the self-test.
+    pub fault: Option<Fault>,
+    /// Constants.
+    pub tuning: Tuning,
 }
 
 /// A failure that a test injects.
@@ -75,13 +91,15 @@ pub enum Fault {
     Misuse(FaultPoint),
     /// There is no memory for the next buffer.
     Exhaust(FaultPoint),
+    /// The last of the next numbers that the host reads is wrong.
+    Miscompute(FaultPoint),
 }
 
 impl Fault {
     /// Where it happens.
     fn point(self) -> FaultPoint {
         match self {
-            Self::Lose(point) | Self::Misuse(point) | Self::Exhaust(point) => point,
+            Self::Lose(point) | Self::Misuse(point) | Self::Exhaust(point) | Self::Miscompute(point) => point,
         }
     }
 }
@@ -119,7 +137,7 @@ pub struct GpuDevice {
 }
 
 impl GpuDevice {
-    /// Opens an adapter.
+    /// Opens an adapter. [`Kind::DeviceUnsuitable`] where it cannot cluster, or fails its self-test.
     pub fn new(found: &Found) -> Result<Self> {
         Self::with_overrides(found, Overrides::default())
     }
@@ -133,7 +151,7 @@ impl GpuDevice {
                 format_args!("the gpu {} cannot cluster: {reason}", report.name),
             ));
         }
-        let connection = Arc::new(Connection::open(found, overrides)?);
+        let connection = connect(found, overrides)?;
         Ok(Self {
             info: DeviceInfo {
                 kind: DeviceKind::Gpu,
@@ -174,7 +192,7 @@ impl GpuDevice {
             .or_else(|| adapters.iter().find(|found| self.is_same(&found.report)))
             .ok_or_else(|| Error::new(Kind::DeviceLost, format_args!("the gpu is gone: {}", self.report.name)))?;
         tracing::warn!(adapter = self.report.name, "opening the lost gpu again");
-        let connection = Arc::new(Connection::open(found, self.overrides)?);
+        let connection = connect(found, self.overrides)?;
         *lock(&self.opened) = Some(Arc::clone(&connection));
         Ok(connection)
     }
@@ -188,11 +206,15 @@ impl GpuDevice {
         let fault = self.fault.take();
         let connection = self.connection()?;
         connection.arm(fault);
-        if is_merging {
-            connection.compile(true)?;
-        }
         GpuSteps::new(connection, graph, component_of_cluster, is_merging)
     }
+}
+
+/// Opens an adapter and tests it.
+fn connect(found: &Found, overrides: Overrides) -> Result<Arc<Connection>> {
+    let connection = Arc::new(Connection::open(found, overrides)?);
+    self_test::run(&connection)?;
+    Ok(connection)
 }
 
 impl Drop for GpuDevice {

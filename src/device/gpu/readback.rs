@@ -1,19 +1,22 @@
 //! How results come back from the device: copies into memory that the host can map, and the wait for them.
 
-use std::ops::Range;
 use std::sync::mpsc::{Receiver, channel};
 
 use bytemuck::{Pod, pod_collect_to_vec};
 
 use super::buffers::{BATCH, Buffer};
 use super::connection::PATIENCE;
-use super::layout::IterationStats;
+use super::kernels;
+use super::layout::{IterationStats, Move};
 use super::memory::BETWEEN;
-use super::steps::GpuSteps;
+use super::steps::{GpuSteps, History};
 use crate::error::Result;
 
 /// Bytes of the statistics of an iteration.
 const STATS: u64 = size_of::<IterationStats>() as u64;
+
+/// Moves that are read along with their number; more are read once that is known.
+pub(super) const FEW_MOVES: usize = 4096;
 
 /// Commands in flight, and a buffer that they copy results to.
 pub(super) struct Reading {
@@ -25,13 +28,19 @@ pub(super) struct Reading {
 
 impl GpuSteps<'_> {
     /// Submits the commands, and then copies of parts of buffers: the first byte and the number of bytes of each.
-    fn request(&self, mut encoder: wgpu::CommandEncoder, parts: &[(&wgpu::Buffer, u64, u64)]) -> Result<Reading> {
+    pub(super) fn request(
+        &self,
+        mut encoder: wgpu::CommandEncoder,
+        parts: &[(&wgpu::Buffer, u64, u64)],
+    ) -> Result<Reading> {
         let bytes = parts.iter().map(|&(_, _, bytes)| bytes).sum();
         let buffer = self.host_buffer(bytes)?;
         let mut end = 0;
         for &(from, first, bytes) in parts {
-            encoder.copy_buffer_to_buffer(from, first, &buffer, end, bytes);
-            end += bytes;
+            if bytes > 0 {
+                encoder.copy_buffer_to_buffer(from, first, &buffer, end, bytes);
+                end += bytes;
+            }
         }
         let submission = self.connection.queue.submit([encoder.finish()]);
         self.connection.check()?;
@@ -44,27 +53,55 @@ impl GpuSteps<'_> {
     }
 
     /// Waits for the commands and reads what they copied.
-    fn read<T>(&self, reading: Reading, look: impl FnOnce(&[u8]) -> T) -> Result<T> {
+    pub(super) fn read<T>(&self, reading: Reading, look: impl FnOnce(&[u8]) -> T) -> Result<T> {
         let Reading { buffer, bytes, submission, mapped } = reading;
         self.connection.wait(submission)?;
         let unreadable = || self.connection.break_down("its memory could not be read");
         // another thread may have polled first, and be about to call back
         mapped.recv_timeout(PATIENCE).ok().and_then(Result::ok).ok_or_else(unreadable)?;
-        let seen = look(&buffer.slice(..bytes).get_mapped_range().map_err(|_| unreadable())?);
+        let seen = {
+            let view = buffer.slice(..bytes).get_mapped_range().map_err(|_| unreadable())?;
+            match self.connection.corrupted(&view) {
+                Some(wrong) => look(&wrong),
+                None => look(&view),
+            }
+        };
         buffer.unmap();
         self.host_buffers.borrow_mut().push(buffer);
         Ok(seen)
     }
 
-    /// Submits the commands, and then a copy of the statistics of some iterations.
-    pub(super) fn request_stats(&self, encoder: wgpu::CommandEncoder, slots: Range<u32>) -> Result<Reading> {
-        let (first, slots) = (u64::from(slots.start), u64::from(slots.end - slots.start));
-        self.request(encoder, &[(self.memory.get(Buffer::Stats), STATS * first, STATS * slots)])
+    /// Submits the commands, and reads the statistics of the first iterations of a batch.
+    pub(super) fn read_stats(&self, encoder: wgpu::CommandEncoder, iterations: u32) -> Result<Vec<IterationStats>> {
+        let stats = (self.memory.get(Buffer::Stats), 0, STATS * u64::from(iterations));
+        self.read(self.request(encoder, &[stats])?, pod_collect_to_vec)
     }
 
-    /// Waits for statistics.
-    pub(super) fn read_stats(&self, reading: Reading) -> Result<Vec<IterationStats>> {
-        self.read(reading, pod_collect_to_vec)
+    /// The same, with the statistics of what is done between batches and, if clusters have merged, the faces that moved
+    /// since: none if there are more than [`FEW_MOVES`].
+    pub(super) fn read_stats_and_moves(
+        &self,
+        mut encoder: wgpu::CommandEncoder,
+        iterations: u32,
+    ) -> Result<(Vec<IterationStats>, IterationStats, Option<Vec<Move>>)> {
+        let few = match self.history {
+            History::Unmerged => 0,
+            History::Merged | History::MovedSinceMerge => {
+                self.encode(&mut encoder, "moves", &[kernels::MOVES_LIST]);
+                FEW_MOVES.min(self.memory.faces() as usize)
+            }
+        };
+        let (stats, batch) = (self.memory.get(Buffer::Stats), STATS * u64::from(iterations));
+        let moves = (self.memory.get(Buffer::Moves), 0, (few * size_of::<Move>()) as u64);
+        let parts = [(stats, 0, batch), (stats, STATS * u64::from(BETWEEN), STATS), moves];
+        self.read(self.request(encoder, &parts)?, |view| {
+            let (batch, rest) = view.split_at(batch as usize);
+            let (between, moves) = rest.split_at(STATS as usize);
+            let between: IterationStats = bytemuck::pod_read_unaligned(between);
+            let listed = between.listed as usize;
+            let moves = (listed <= few).then(|| pod_collect_to_vec(&moves[..listed * size_of::<Move>()]));
+            (pod_collect_to_vec(batch), between, moves)
+        })
     }
 
     /// Submits the commands, and reads the statistics of what is done between batches.

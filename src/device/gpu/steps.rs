@@ -9,12 +9,14 @@ use super::batches::{BOUNDARY, GROWTH, REFINEMENT};
 use super::buffers::Buffer;
 use super::connection::Connection;
 use super::kernels::{self, Kernel};
-use super::layout::UNLISTED;
+use super::layout::{Move, UNLISTED};
 use super::memory::{BETWEEN, SurfaceMemory};
+use super::merge_steps::{Found, Search};
 use super::upload::upload;
+use super::verify::verify;
 use crate::device::cpu;
 use crate::device::{Cancel, Ending, FREE, Step, Steps};
-use crate::energy::LatticeEnergy;
+use crate::energy::{ClusterSums, LatticeEnergy};
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
 
@@ -57,8 +59,22 @@ pub(super) struct GpuSteps<'a> {
     pub(super) living: Vec<u32>,
     sums: Sums,
     pub(super) history: History,
+    /// Whether a face may be free.
+    has_free: bool,
     /// Whether faces may have moved since pieces were last searched.
     may_have_pieces: bool,
+    /// Whether a repair was the last to free faces: few of them move then.
+    pub(super) is_repaired: bool,
+    /// Iterations since the boundary list was made of boundary faces only.
+    pub(super) iterations_listed: u32,
+    /// The faces that moved since the last merge, if they were read and nothing has moved since.
+    pub(super) moves: Option<Vec<Move>>,
+    /// The last search for dual edges.
+    pub(super) last_search: Option<Search>,
+    /// What that search would find now, if it was made with the energy and nothing has changed since.
+    pub(super) found_ahead: Option<Found>,
+    /// The sums of some clusters, ascending, if they were read and nothing has changed since.
+    pub(super) known_sums: Vec<(u32, ClusterSums)>,
     stopped: Option<Stopped<'a>>,
     /// Whether `stopped` goes on with the next call.
     is_resumed: bool,
@@ -83,7 +99,14 @@ impl<'a> GpuSteps<'a> {
             living: (0..component_of_cluster.len() as u32).collect(),
             sums: Sums::Stale,
             history: History::Unmerged,
+            has_free: true,
             may_have_pieces: true,
+            is_repaired: false,
+            iterations_listed: u32::MAX,
+            moves: None,
+            last_search: None,
+            found_ahead: None,
+            known_sums: Vec::new(),
             stopped: None,
             is_resumed: false,
             host_buffers: RefCell::default(),
@@ -121,6 +144,9 @@ impl<'a> GpuSteps<'a> {
         encoder.copy_buffer_to_buffer(from, 0, to, 0, None);
         self.connection.queue.submit([encoder.finish()]);
         self.sums = Sums::Stale;
+        self.has_free = labels.contains(&FREE);
+        self.is_repaired = false;
+        self.forget();
         self.note_moves();
         self.connection.check()
     }
@@ -131,6 +157,13 @@ impl<'a> GpuSteps<'a> {
         if self.history == History::Merged {
             self.history = History::MovedSinceMerge;
         }
+    }
+
+    /// Forgets what was read about clusters and moves, because faces will move or clusters merge.
+    pub(super) fn forget(&mut self) {
+        self.moves = None;
+        self.found_ahead = None;
+        self.known_sums.clear();
     }
 
     /// Stores the energy of the labels, the sums being current; none when it is not known.
@@ -148,13 +181,13 @@ impl<'a> GpuSteps<'a> {
     /// Encodes proxies and energy of the labels, after sums and boundary list if those are stale. The indirect
     /// dispatches that follow go over the listed faces.
     pub(super) fn encode_fit(&mut self) -> wgpu::CommandEncoder {
-        let mut encoder = self.encoder();
-        encoder.clear_buffer(self.memory.get(Buffer::Stats), 0, None);
+        let mut encoder = self.encoder_without_stats();
         if self.sums == Sums::Stale {
             encoder.clear_buffer(self.memory.get(Buffer::Clusters), 0, None);
             let gather = [kernels::SUMS_GATHER, kernels::BOUNDARY_BUILD, kernels::BOUNDARY_PUBLISH];
             self.encode(&mut encoder, "gather", &gather);
             self.sums = Sums::Current(None);
+            self.iterations_listed = if self.has_free { u32::MAX } else { 0 };
         }
         self.encode(&mut encoder, "fit", &[kernels::PROXIES_FIT]);
         encoder
@@ -163,6 +196,13 @@ impl<'a> GpuSteps<'a> {
     /// An encoder after whose commands the sums are current.
     pub(super) fn encoder_with_sums(&mut self) -> wgpu::CommandEncoder {
         if self.sums == Sums::Stale { self.encode_fit() } else { self.encoder() }
+    }
+
+    /// An encoder that clears the statistics.
+    fn encoder_without_stats(&self) -> wgpu::CommandEncoder {
+        let mut encoder = self.encoder();
+        encoder.clear_buffer(self.memory.get(Buffer::Stats), 0, None);
+        encoder
     }
 
     pub(super) fn encoder(&self) -> wgpu::CommandEncoder {
@@ -180,15 +220,17 @@ impl<'a> GpuSteps<'a> {
     /// Grows the clusters over the free faces, all of which are listed once `encoder` has run.
     fn grow_listed(&mut self, encoder: wgpu::CommandEncoder, cancel: &Cancel) -> Result<()> {
         self.connection.queue.submit([encoder.finish()]);
-        self.set_energy(None);
         self.run(&GROWTH, (1, u32::MAX), cancel, |_, _| {})?;
+        self.has_free = false;
         Ok(())
     }
 
     /// Frees and lists the faces outside of the largest piece of each cluster. Returns their number.
     fn detach_pieces(&mut self) -> Result<u64> {
         self.connection.reach(FaultPoint::Pieces);
-        let mut encoder = self.encode_fit();
+        self.forget();
+        let known = if let Sums::Current(energy) = self.sums { energy } else { None };
+        let mut encoder = if known.is_some() { self.encoder_without_stats() } else { self.encode_fit() };
         encoder.clear_buffer(self.memory.get(Buffer::LargestPieces), 0, None);
         let search = [
             kernels::PIECE_LINK,
@@ -199,8 +241,14 @@ impl<'a> GpuSteps<'a> {
             kernels::BOUNDARY_COVER,
         ];
         self.encode(&mut encoder, "pieces", &search);
-        let stats = self.read_between(encoder)?;
-        self.set_energy((stats.moves == 0).then_some(stats.energy()));
+        let (_, stats, moves) = self.read_stats_and_moves(encoder, 0)?;
+        let has_freed = stats.moves != 0;
+        if !has_freed {
+            self.set_energy(Some(known.unwrap_or_else(|| stats.energy())));
+            self.moves = moves;
+        }
+        self.has_free = has_freed;
+        self.is_repaired |= has_freed;
         Ok(stats.moves.into())
     }
 
@@ -223,12 +271,21 @@ impl Steps for GpuSteps<'_> {
     }
 
     fn grow(&mut self, cancel: &Cancel) -> Result<()> {
+        if !self.has_free {
+            return Ok(());
+        }
         let encoder = self.encode_fit();
         self.grow_listed(encoder, cancel)
     }
 
     fn energy(&mut self) -> Result<LatticeEnergy> {
         if let Sums::Current(Some(energy)) = self.sums {
+            return Ok(energy);
+        }
+        if let Some(search) = self.last_search.filter(|_| self.history == History::Merged) {
+            // of a round without optimisation: the next round begins with this search
+            let energy;
+            (energy, self.found_ahead) = self.search(search)?;
             return Ok(energy);
         }
         let encoder = self.encode_fit();
@@ -326,8 +383,16 @@ impl Steps for GpuSteps<'_> {
         Ok(freed)
     }
 
+    /// Fails with [`Kind::DeviceWrong`] where the energy of the labels is not the one that the device gave.
     fn labels(&mut self) -> Result<Vec<u32>> {
         self.connection.reach(FaultPoint::Labels);
-        Ok(self.download(self.encoder(), Buffer::Labels, self.graph.faces())?.1)
+        let encoder = if self.sums == Sums::Current(None) { self.encode_fit() } else { self.encoder() };
+        let (stats, labels) = self.download(encoder, Buffer::Labels, self.graph.faces())?;
+        if let Sums::Current(energy) = self.sums {
+            let energy = energy.unwrap_or_else(|| stats.energy());
+            verify(&self.connection.name, (self.graph, self.component_of_cluster), &labels, energy)?;
+            self.set_energy(Some(energy));
+        }
+        Ok(labels)
     }
 }

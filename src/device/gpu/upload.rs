@@ -1,12 +1,14 @@
 //! What the host writes to the device.
 
+use std::collections::VecDeque;
 use std::ops::Range;
+use std::sync::mpsc::{Receiver, channel};
 
 use bytemuck::{Pod, cast, cast_slice};
 
-use super::connection::Connection;
+use super::connection::{Connection, PATIENCE, lock};
 use crate::energy::Item;
-use crate::error::Result;
+use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;
 
 /// Items that are written at once, so that wgpu's copies of them stay small.
@@ -24,8 +26,8 @@ pub(super) fn upload<T: Pod>(queue: &wgpu::Queue, buffer: &wgpu::Buffer, first: 
     }
 }
 
-/// Writes faces and their neighbours, through buffers that the host maps. Creating one of those may fail for want of
-/// memory, which is an error of this call; if a copy of `write_buffer` finds none, the device is lost.
+/// Writes faces and their neighbours, through [`Staging`]. Creating a piece may fail for want of memory, which is an
+/// error of this call; if a copy of `write_buffer` finds none, the device is lost.
 pub(super) fn upload_graph(
     connection: &Connection,
     graph: &DualGraph,
@@ -43,8 +45,77 @@ pub(super) fn upload_graph(
     })
 }
 
+/// Writes numbers to the beginning of a buffer, through [`Staging`].
+pub(super) fn upload_staged(connection: &Connection, target: &wgpu::Buffer, numbers: &[u32]) -> Result<()> {
+    write(connection, target, (0, numbers.len()), |range, mut to: To<'_, 4>| {
+        to.copy_from_slice(cast_slice(&numbers[range]));
+    })
+}
+
 /// Mapped memory for items of `N` bytes.
 type To<'a, const N: usize> = wgpu::WriteOnly<'a, [[u8; N]]>;
+
+/// Bytes of a piece of staging memory.
+const PIECE: usize = 4 << 20;
+
+/// Pieces that a connection keeps: the host fills one while the device copies from others.
+const PIECES: usize = 4;
+
+/// Memory that the host writes and the device copies from. Pieces are used again: wgpu fills new ones with zeros, which
+/// takes as long as writing what is to be sent.
+#[derive(Debug, Default)]
+pub(super) struct Staging {
+    /// Mapped.
+    idle: Vec<wgpu::Buffer>,
+    /// In the order of their submissions.
+    in_flight: VecDeque<InFlight>,
+}
+
+/// A piece from which the device copies; it is mapped again after that.
+#[derive(Debug)]
+struct InFlight {
+    buffer: wgpu::Buffer,
+    submission: wgpu::SubmissionIndex,
+    mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
+}
+
+impl Staging {
+    /// A mapped piece.
+    fn take(&mut self, connection: &Connection) -> Result<wgpu::Buffer> {
+        if let Some(buffer) = self.idle.pop() {
+            return Ok(buffer);
+        }
+        if self.in_flight.len() < PIECES {
+            let usage = wgpu::BufferUsages::MAP_WRITE | wgpu::BufferUsages::COPY_SRC;
+            return connection.buffer("staging", PIECE as u64, usage);
+        }
+        let Some(InFlight { buffer, submission, mapped }) = self.in_flight.pop_front() else {
+            return Err(Error::new(Kind::Internal, "there is no staging memory"));
+        };
+        connection.wait(submission)?;
+        // another thread may have polled first, and be about to call back
+        match mapped.recv_timeout(PATIENCE) {
+            Ok(Ok(())) => Ok(buffer),
+            Ok(Err(_)) | Err(_) => Err(connection.break_down("its memory could not be mapped again")),
+        }
+    }
+
+    /// Copies the first bytes of a piece, which is mapped again once that is done.
+    fn copy(&mut self, connection: &Connection, buffer: wgpu::Buffer, (target, at): (&wgpu::Buffer, u64), bytes: u64) {
+        buffer.unmap();
+        let mut encoder = connection.encoder();
+        encoder.copy_buffer_to_buffer(&buffer, 0, target, at, bytes);
+        let submission = connection.queue.submit([encoder.finish()]);
+        let (sender, mapped) = channel();
+        // the receiver is gone with the connection
+        buffer.map_async(wgpu::MapMode::Write, .., move |outcome| drop(sender.send(outcome)));
+        self.in_flight.push_back(InFlight { buffer, submission, mapped });
+        // those whose mapping an earlier wait has brought
+        while self.in_flight.front().is_some_and(|piece| matches!(piece.mapped.try_recv(), Ok(Ok(())))) {
+            self.idle.extend(self.in_flight.pop_front().map(|piece| piece.buffer));
+        }
+    }
+}
 
 /// Writes items to a buffer, from item `first` on, in chunks that `fill` provides.
 fn write<const N: usize>(
@@ -53,19 +124,17 @@ fn write<const N: usize>(
     (first, items): (usize, usize),
     mut fill: impl FnMut(Range<usize>, To<'_, N>),
 ) -> Result<()> {
-    for at in (0..items).step_by(CHUNK) {
-        let range = at..items.min(at + CHUNK);
+    let mut staging = lock(&connection.staging);
+    for at in (0..items).step_by(PIECE / N) {
+        let range = at..items.min(at + PIECE / N);
         let bytes = (range.len() * N) as u64;
-        let chunk = connection.buffer("upload", bytes, wgpu::BufferUsages::MAP_WRITE | wgpu::BufferUsages::COPY_SRC)?;
+        let piece = staging.take(connection)?;
         {
             let unwritable = |_| connection.break_down("its memory could not be written");
-            let mut view = chunk.get_mapped_range_mut(..).map_err(unwritable)?;
+            let mut view = piece.get_mapped_range_mut(..bytes).map_err(unwritable)?;
             fill(range, view.slice(..).into_chunks::<N>().0);
         }
-        chunk.unmap();
-        let mut encoder = connection.encoder();
-        encoder.copy_buffer_to_buffer(&chunk, 0, target, ((first + at) * N) as u64, bytes);
-        connection.queue.submit([encoder.finish()]);
+        staging.copy(connection, piece, (target, ((first + at) * N) as u64), bytes);
     }
     Ok(())
 }

@@ -119,6 +119,8 @@ metrics! {
         device_busy: Seconds, "device_busy" [Seconds],
             "Time in which the device worked on a job, or several at once; its rate is the busy share";
         device_lost: Counter, "device_lost", "Attempts at a job that ended because the device was lost";
+        device_wrong: Counter, "device_wrong",
+            "Jobs that the cpu ran again, because what the device gave contradicted itself";
         answers: Family<ByAnswer, Counter>, "http_requests", "Requests answered, by route template";
         answer_seconds: Histograms<ByRoute> = Family::new_with_constructor(SHORT), "http_request" [Seconds],
             "Time until the head of an answer";

@@ -163,6 +163,11 @@ impl Metrics {
         }
     }
 
+    /// The device computed wrongly.
+    pub fn device_wrong(&self) {
+        self.families.device_wrong.inc();
+    }
+
     /// A job ended in `state`, so long after its claim.
     pub fn ended(&self, job: &Job, state: State, elapsed: Duration, error: Option<Kind>) {
         let algorithm = job.spec.parameters.algorithm.name();

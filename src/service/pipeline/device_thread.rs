@@ -8,6 +8,9 @@
 //! the cpu takes meshes that lost the device before, and all meshes while there is no device. Otherwise a device that
 //! cannot be opened makes the service not ready, and no job begins until it can be opened.
 //!
+//! A device that computed wrongly is opened anew, too, which tests it. The cpu runs that job again, also where it takes
+//! no part otherwise.
+//!
 //! A device that takes [several](Device::another) meshes at a time works on small ones beside the thread, and on a
 //! [short](Beside) one beside a long one. The others take [turns](Line), shared fairly among tenants.
 
@@ -29,7 +32,7 @@ use super::turns::{Line, Place, Visit};
 use crate::device::Device;
 use crate::device::cpu::CpuDevice;
 use crate::error::{Error, Kind, Result};
-use crate::job::{Clustered, Outcome};
+use crate::job::{Clustered, Outcome, instead_of_gpu};
 use crate::report::DeviceKind;
 use crate::service::blocking::blocking;
 use crate::service::faults::Faults;
@@ -304,7 +307,17 @@ impl Devices {
         match (outcome, &mut self.cpu) {
             (Err(error), Some(cpu)) if error.kind == Kind::DeviceUnsuitable => {
                 tracing::warn!(%error, "taking the cpu instead of the gpu");
-                run(cpu)
+                run(cpu).map(|clustered| clustered.with_warning(instead_of_gpu(&error)))
+            }
+            (Err(error), cpu) if error.kind == Kind::DeviceWrong => {
+                tracing::error!(%error, "the cpu runs the job again");
+                self.shared.metrics.device_wrong();
+                self.shared.lost(&error.message);
+                if self.shared.reopen.is_some() {
+                    self.device = None;
+                }
+                let outcome = run(cpu.get_or_insert_with(CpuDevice::new));
+                outcome.map(|clustered| clustered.with_warning(instead_of_gpu(&error)))
             }
             (Err(error), _) if error.kind == Kind::DeviceLost => {
                 if self.is_left() {

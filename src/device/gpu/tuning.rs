@@ -1,0 +1,105 @@
+//! The constants of the gpu device that decide how long it takes and no result, so that one binary can try them all
+//! (`make gpu-check`).
+
+use crate::error::{Error, Result};
+
+macro_rules! tuning {
+    ($($(#[$doc:meta])* $name:ident = $value:literal, $range:expr;)*) => {
+        /// The constants; `docs/gpu.md` says which of them a card has decided.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub struct Tuning { $($(#[$doc])* pub $name: u32,)* }
+
+        impl Default for Tuning {
+            fn default() -> Self {
+                Self { $($name: $value,)* }
+            }
+        }
+
+        impl Tuning {
+            /// Name and value of each.
+            pub fn list(&self) -> impl Iterator<Item = (&'static str, u32)> {
+                [$((stringify!($name), self.$name)),*].into_iter()
+            }
+
+            /// Sets the constant of that name.
+            fn set(&mut self, name: &str, value: u32) -> Result<()> {
+                match name {
+                    $(stringify!($name) => {
+                        if !$range.contains(&value) {
+                            return Err(Error::parameter(format_args!("{name} must be in {:?}: {value}", $range)));
+                        }
+                        self.$name = value;
+                    })*
+                    _ => {
+                        let names = [$(stringify!($name)),*].join(", ");
+                        return Err(Error::parameter(format_args!("constants are {names}: {name:?}")));
+                    }
+                }
+                Ok(())
+            }
+        }
+    };
+}
+
+tuning! {
+    /// Threads in a workgroup of every kernel that has one thread an item: a power of two.
+    workgroup = 256, (32..=1024);
+    /// Faces that one thread takes in kernels with [`Threads::FaceRuns`](super::kernels::Threads::FaceRuns).
+    run = 8, (1..=64);
+    /// Iterations in the first batch of a phase.
+    first_batch = 12, (1..=64);
+    /// Iterations in a further batch, at least.
+    least_batch = 4, (1..=64);
+    /// The same, at most.
+    largest_batch = 32, (1..=64);
+    /// Milliseconds that a batch should not exceed: a job that is cancelled ends with the batch.
+    batch_ms = 200, (1..=1_000_000);
+    /// Passes of the growth after a repair, and iterations of the phases after that, in the first batch.
+    batch_after_repair = 2, (1..=64);
+    /// Iterations after which the boundary list is made anew, before the next batch.
+    compact_after = 16, (1..=1_000_000);
+    /// Clusters up to which their sums come with their best dual edges: 36 bytes each, instead of a wait for those
+    /// that merge.
+    sums_along = 16_384, (0..=1_000_000_000);
+}
+
+impl std::str::FromStr for Tuning {
+    type Err = Error;
+
+    /// From `name=value,…`; what is not named keeps its default.
+    fn from_str(text: &str) -> Result<Self> {
+        let mut tuning = Self::default();
+        for part in text.split(',').filter(|part| !part.is_empty()) {
+            let apart = part.split_once('=').and_then(|(name, value)| Some((name, value.parse().ok()?)));
+            let (name, value) =
+                apart.ok_or_else(|| Error::parameter(format_args!("constants are name=value,…: {part:?}")))?;
+            tuning.set(name, value)?;
+        }
+        if !tuning.workgroup.is_power_of_two() {
+            return Err(Error::parameter(format_args!("workgroup must be a power of two: {}", tuning.workgroup)));
+        }
+        if tuning.least_batch > tuning.largest_batch {
+            let least = tuning.least_batch;
+            return Err(Error::parameter(format_args!("least_batch must not be above largest_batch: {least}")));
+        }
+        Ok(tuning)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn constants_are_set_by_name_and_refused_outside_their_range() {
+        let tuning: Tuning = "workgroup=64,run=4".parse().expect("two of them");
+        assert_eq!(tuning, Tuning { workgroup: 64, run: 4, ..Tuning::default() });
+        assert_eq!("".parse(), Ok(Tuning::default()));
+        for wrong in
+            ["workgroup=48", "workgroup=16", "run=0", "run", "run=x", "size=3", "least_batch=64,largest_batch=63"]
+        {
+            assert!(wrong.parse::<Tuning>().is_err(), "{wrong}");
+        }
+        assert_eq!(tuning.list().find(|(name, _)| *name == "run"), Some(("run", 4)));
+    }
+}

@@ -1,0 +1,85 @@
+//! Whether labels and energy that a gpu gave belong together.
+//!
+//! A driver that computes wrongly in one of thousands of dispatches gives labels that look like any others. The device
+//! adds up the energy over the whole run, from the sums of the first labels and each change since. Here it is computed
+//! anew, from the labels alone, in integers on the host. Both are exact, so a difference is an error of the device; and
+//! an error in sums, proxies, moves or labels makes a difference, unless it repeats itself in all of them.
+
+use rayon::prelude::*;
+
+use crate::device::FREE;
+use crate::energy::{ClusterSums, LatticeEnergy, Sums};
+use crate::error::{Error, Kind, Result};
+use crate::surface::DualGraph;
+
+/// Faces for each cluster of a thread's sums, at least: sums then take no more than 12 bytes a face.
+const FACES_A_CLUSTER: usize = 4;
+
+/// Fails with [`Kind::DeviceWrong`] where labels that a gpu gave do not have the energy that it gave. The graph comes
+/// with the component of each cluster.
+pub(super) fn verify(gpu: &str, graph: (&DualGraph, &[u32]), labels: &[u32], energy: LatticeEnergy) -> Result<()> {
+    let why = match energy_of(graph.0, graph.1, labels) {
+        Ok(expected) if expected == energy => return Ok(()),
+        Ok(expected) => {
+            format!("its labels explain {} of the energy, by its own sums {}", expected.explained, energy.explained)
+        }
+        Err(label) => format!("clusters are below {}, and a face got {label}", graph.1.len()),
+    };
+    Err(Error::new(Kind::DeviceWrong, format_args!("the gpu {gpu} computed wrongly: {why}")))
+}
+
+/// What labels explain of the energy; free faces count for none. An error is a label that names no cluster.
+fn energy_of(graph: &DualGraph, component_of_cluster: &[u32], labels: &[u32]) -> Result<LatticeEnergy, u32> {
+    let clusters = component_of_cluster.len();
+    if let Some(&label) = labels.par_iter().find_any(|&&label| label as usize >= clusters && label != FREE) {
+        return Err(label);
+    }
+    let threads = rayon::current_num_threads().min(labels.len() / (FACES_A_CLUSTER * clusters)).max(1);
+    let chunk = labels.len().div_ceil(threads).max(1);
+    let parts: Vec<Vec<ClusterSums>> = labels
+        .par_chunks(chunk)
+        .enumerate()
+        .map(|(at, labels)| {
+            let mut sums = vec![ClusterSums::default(); clusters];
+            for (face, &label) in (at * chunk..).zip(labels).filter(|&(_, &label)| label != FREE) {
+                sums[label as usize].add_face(graph.face(face), 1);
+            }
+            sums
+        })
+        .collect();
+    let explained = |(cluster, &component): (usize, &u32)| {
+        let mut sums = ClusterSums::default();
+        parts.iter().for_each(|part| sums.add(&part[cluster], 1));
+        sums.fit().map_or(0, |(_, explained)| explained << graph.components[component as usize].energy_shift)
+    };
+    Ok(LatticeEnergy { explained: component_of_cluster.par_iter().enumerate().map(explained).sum() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cluster::seeds;
+    use crate::dev::sample::{Sample, generate};
+    use crate::device::plain;
+    use crate::surface::Surface;
+
+    #[test]
+    fn it_is_the_energy_of_the_definition_and_changes_with_each_label() {
+        let surface = Surface::build(&generate(Sample::Parts, 2000).expect("a sample")).expect("a surface");
+        let seeds = seeds::stratified(&surface.graph, &vec![5; surface.components.len()], 1);
+        let components = &seeds.component_of_cluster;
+        let of = |labels: &[u32]| energy_of(&surface.graph, components, labels).map(|energy| energy.explained);
+        let mut labels = seeds.labels(surface.faces());
+        assert_eq!(of(&labels), Ok(plain::explained(&surface, components, &labels)), "free faces");
+        labels = plain::grow(&surface, &labels);
+        let expected = plain::explained(&surface, components, &labels);
+        assert_eq!(of(&labels), Ok(expected));
+        for face in [0, 999] {
+            labels[face] ^= 1;
+            assert_ne!(of(&labels), Ok(expected), "face {face}");
+            labels[face] ^= 1;
+        }
+        labels[7] = components.len() as u32;
+        assert_eq!(of(&labels), Err(components.len() as u32));
+    }
+}

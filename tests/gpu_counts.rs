@@ -1,0 +1,117 @@
+//! How many dispatches and waits of the host a clustering takes on a gpu. Both are the same on every adapter, and cost
+//! more than the work of a dispatch on small meshes.
+
+mod common;
+mod gpu_support;
+
+use common::zoo;
+use gpu_support::{ALL, device_with, surface};
+use tesserae::cluster::coarse::CoarseStart;
+use tesserae::cluster::flat::boundary_based;
+use tesserae::cluster::hierarchy::{Options, Pairs, hierarchical};
+use tesserae::cluster::quality::Quality;
+use tesserae::cluster::record::Record;
+use tesserae::dev::sample::Sample;
+use tesserae::device::dual_edge::Ties;
+use tesserae::device::gpu::{GpuDevice, Overrides, Tuning};
+use tesserae::device::{Cancel, Device};
+use tesserae::mesh::{self, Format, Limits, NoResources};
+use tesserae::surface::Surface;
+
+/// A device that counts, and whose batches do not depend on time.
+fn counting() -> GpuDevice {
+    let tuning = Tuning { batch_ms: 1_000_000, ..Tuning::default() };
+    device_with(Overrides { timed: true, tuning, ..Overrides::default() })
+}
+
+/// Dispatches and waits since the last call; none where the adapter has no timestamps.
+fn counts(device: &mut GpuDevice) -> Option<(u64, u64)> {
+    let profile = device.take_profile().expect("a profile")?;
+    Some((profile.dispatches.values().sum(), profile.waits))
+}
+
+/// Those of a clustering at default quality, up to relocation, which works on the host.
+fn of_flat(surface: &Surface, clusters: u64) -> Option<(u64, u64)> {
+    let mut device = counting();
+    counts(&mut device);
+    let cancel = Cancel::default();
+    let plan = CoarseStart::new(surface, clusters, 0, Quality::Default.start()).expect("so many are possible");
+    let start = plan.labels(surface, &mut device, &cancel).expect("it runs");
+    {
+        let mut steps = device.open(surface, &start.component_of_cluster).expect("it fits");
+        let mut record = Record::default();
+        boundary_based(&start.labels, ALL, steps.as_mut(), &cancel, &mut |_| {}, &mut record).expect("it runs");
+    }
+    counts(&mut device)
+}
+
+/// Those of a hierarchy, and its rounds: all of them, and the optimised ones.
+fn of_hierarchy(surface: &Surface, optimise: bool) -> Option<((u64, u64), u64, u64)> {
+    let options = Options {
+        sequential_at: 0,
+        collapse_fraction: None,
+        optimise,
+        refine: true,
+        iterations_a_round: [2, 1],
+        optimised_from: 4,
+        pairs: Pairs::CheaperHalf,
+        ties: Ties::Hash,
+        clusters: None,
+        levels: Vec::new(),
+        allow_disconnected: false,
+    };
+    let mut device = counting();
+    counts(&mut device);
+    let components = surface.component_of_face();
+    let (mut rounds, mut optimised) = (0, 0);
+    {
+        let mut steps = device.open_merging(surface, &components).expect("it fits");
+        let mut on_round = |row: tesserae::cluster::hierarchy::RoundRow| {
+            rounds += 1;
+            optimised += u64::from(row.moves > 0);
+        };
+        hierarchical(surface, &options, steps.as_mut(), &Cancel::default(), &mut |_| {}, &mut on_round)
+            .expect("it runs");
+    }
+    counts(&mut device).map(|counted| (counted, rounds, optimised))
+}
+
+#[test]
+fn a_flat_clustering_takes_no_more_dispatches_and_waits_than_before() {
+    for (sample, faces, clusters, most) in
+        [(Sample::Knot, 20_000, 200, (2300, 160)), (Sample::Sphere, 5000, 2000, (900, 40))]
+    {
+        let Some(found) = of_flat(&surface(sample, faces), clusters) else { return };
+        eprintln!("{} {faces}/{clusters}: {found:?}", sample.name());
+        assert!(found.0 <= most.0 && found.1 <= most.1, "{} {faces}: {found:?} above {most:?}", sample.name());
+    }
+}
+
+#[test]
+fn a_round_of_a_hierarchy_takes_no_more_dispatches_and_waits_than_before() {
+    let surface = surface(Sample::Knot, 5000);
+    for optimise in [false, true] {
+        let Some(((dispatches, waits), rounds, optimised)) = of_hierarchy(&surface, optimise) else { return };
+        eprintln!("{rounds} rounds, {optimised} optimised: {dispatches} dispatches, {waits} waits");
+        // a round that nothing follows has one wait; the first and the last have further ones
+        let plain = rounds - optimised;
+        assert!(waits <= 4 * optimised + plain + 4, "{waits} waits in {rounds} rounds, {optimised} of them optimised");
+        assert!(dispatches <= 35 * optimised + 12 * plain + 12, "{dispatches} dispatches in {rounds} rounds");
+    }
+}
+
+#[test]
+fn real_meshes_take_no_more_dispatches_and_waits_than_before() {
+    let Some(folder) = zoo::shared_meshes() else { return };
+    for (name, clusters, most) in [("stanford-bunny.glb", 1000, (1000, 30)), ("armadillo-172k.glb", 2000, (1500, 50))] {
+        let Ok(bytes) = std::fs::read(std::path::Path::new(&folder).join(name)) else {
+            eprintln!("notice: {name} is not there");
+            continue;
+        };
+        let mesh = mesh::read(&bytes, Format::Glb, &NoResources, &Limits::default()).expect("a mesh");
+        let surface = Surface::build(&mesh).expect("a surface");
+        let Some(found) = of_flat(&surface, clusters) else { return };
+        eprintln!("{name}/{clusters}: {found:?}");
+        assert!(found.0 <= most.0 && found.1 <= most.1, "{name}: {found:?} above {most:?}");
+    }
+}
