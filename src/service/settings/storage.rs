@@ -2,11 +2,25 @@
 
 use std::time::Duration;
 
+use crate::error::Result;
 use crate::service::files::DiskLimits;
+use crate::service::store::StoreUrl;
 
 /// What is kept.
 #[derive(Debug, Clone, PartialEq, Eq, clap::Args)]
 pub struct StorageSettings {
+    /// Database that keeps the jobs of several services together, postgres://USER:PASSWORD@HOST/DATABASE; in the data
+    /// folder when left out. Connections to other machines are encrypted, and the server is verified, unless the URL
+    /// says ?sslmode=disable; ?sslrootcert=FILE names the certificates that it is verified by
+    #[arg(long, env = "TESSERAE_STORE", value_name = "URL", hide_env_values = true)]
+    pub store: Option<StoreUrl>,
+
+    /// Connections to that database at a time, beside one that listens
+    #[arg(long, env = "TESSERAE_STORE_CONNECTIONS", value_name = "N",
+          default_value_t = StorageSettings::default().store_connections,
+          value_parser = clap::value_parser!(u32).range(2..=1000))]
+    pub store_connections: u32,
+
     /// Time for which a job that has ended is kept with its results, in seconds; 0 until it is deleted
     #[arg(long, env = "TESSERAE_RETENTION", value_name = "SECONDS",
           default_value_t = StorageSettings::default().retention)]
@@ -29,7 +43,14 @@ pub struct StorageSettings {
 
 impl Default for StorageSettings {
     fn default() -> Self {
-        Self { retention: 7 * 86_400, max_disk_bytes: None, min_free_bytes: 256 << 20, forget_lost_jobs: false }
+        Self {
+            store: None,
+            store_connections: 8,
+            retention: 7 * 86_400,
+            max_disk_bytes: None,
+            min_free_bytes: 256 << 20,
+            forget_lost_jobs: false,
+        }
     }
 }
 
@@ -37,6 +58,23 @@ impl StorageSettings {
     /// [`retention`](Self::retention) as a duration; none for ever.
     pub(in crate::service) fn retention(&self) -> Option<Duration> {
         (self.retention > 0).then(|| Duration::from_secs(self.retention))
+    }
+
+    /// Checks the URL of the database.
+    #[cfg(feature = "postgres")]
+    pub(in crate::service) fn check_store(&self) -> Result<()> {
+        self.store.as_ref().map_or(Ok(()), |url| crate::service::store::postgres::Address::parse(url).map(drop))
+    }
+
+    /// Refuses a database: this build knows none.
+    #[cfg(not(feature = "postgres"))]
+    pub(in crate::service) fn check_store(&self) -> Result<()> {
+        match &self.store {
+            None => Ok(()),
+            Some(_) => Err(crate::error::Error::parameter(
+                "this build has no --store: build tesserae with the cargo feature postgres",
+            )),
+        }
     }
 
     /// What the data folder may hold.
