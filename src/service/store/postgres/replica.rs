@@ -60,7 +60,10 @@ impl PostgresStore {
             Ok(Cursors::with_key(&key).ok_or_else(damaged)?)
         });
         let cursors = opened.await.map_err(|error| match error.kind {
-            Kind::Unavailable => Error::new(error.kind, format_args!("{}, with --store", error.message)),
+            Kind::Unavailable => Error::new(
+                error.kind,
+                "the database that --store names cannot be reached, or takes no connections; --log debug says why",
+            ),
             _ => error,
         })?;
         let (me, stop) = (Uuid::new_v4(), CancellationToken::new());
