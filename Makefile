@@ -6,7 +6,9 @@ VENV := $(TARGET)/venv
 # The page: what the bundle is made of, where it goes, and the feature that puts it into the binary.
 WEB := $(wildcard web/src/* web/*.mjs web/*.json)
 export PAGE_BUNDLE := $(abspath $(TARGET))/web
-FEATURES := --features page
+FEATURES := --features page,postgres,s3
+# What `make run` needs: it keeps jobs and files in a folder.
+RUN_FEATURES := --features page
 # Real meshes for the tests, where there are any; samples are made and used in any case.
 ifneq ($(wildcard ../shared/meshes),)
 export TESSERAE_TEST_MESHES ?= $(abspath ../shared/meshes)
@@ -28,13 +30,13 @@ help:  ## list these targets
 
 .PHONY: run
 run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:8080, with a page there (TESSERAE_* variables are settings)
-	cargo build --release --locked $(FEATURES)
+	cargo build --release --locked $(RUN_FEATURES)
 	@echo "open http://$(TESSERAE_LISTEN)/ in a browser; press Ctrl-C to stop"
 	@exec $(TARGET)/release/tesserae serve
 
 .PHONY: test
 test: lint  ## install what is missing and check everything, on cpu and on a software gpu
-	@$(MAKE) --no-print-directory unit end-to-end bucket page outputs python memory crash fuzz deploy
+	@$(MAKE) --no-print-directory unit end-to-end bucket farm page outputs python memory crash fuzz deploy
 
 .PHONY: lint
 lint: install-test bundle  ## formatting, clippy, documentation and choices of cargo features, warnings denied
@@ -109,6 +111,10 @@ throughput: bundle  ## measure small jobs a second
 .PHONY: crash
 crash: debug-binary  ## kill the service at random moments under load (KILLS=100 within CRASH_SECONDS=60), and count
 	python3 tests/scripts/crash.py $(TARGET)/debug/tesserae $(or $(KILLS),100) $(or $(CRASH_SECONDS),60)
+
+.PHONY: farm
+farm: debug-binary  ## several services on one PostgreSQL, killed at random (FARM_JOBS=100 FARM_KILLS=8 FARM_STOPS=2), and count
+	python3 tests/scripts/farm.py $(TARGET)/debug/tesserae $(or $(FARM_JOBS),100) $(or $(FARM_KILLS),8) $(or $(FARM_STOPS),2)
 
 .PHONY: fuzz
 fuzz: debug-binary $(VENV)/ready  ## the service against its OpenAPI document

@@ -77,6 +77,10 @@ impl Retention {
                 () = stop.cancelled() => return self.save(),
                 () = tokio::time::sleep(interval) => {}
             }
+            // one service does it for all that share the store
+            if !self.store.may_clean_up().await.unwrap_or(false) {
+                continue;
+            }
             let time = self.look(Reading::now()).await;
             if swept.elapsed() >= SWEEP {
                 swept = Instant::now();

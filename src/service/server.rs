@@ -26,11 +26,13 @@ use super::router::router;
 use super::state::{DeviceDescription, Shared};
 use super::storage::{self, Storage};
 use super::store::memory::MemoryStore;
+#[cfg(feature = "postgres")]
+use super::store::postgres::PostgresStore;
 use super::store::sqlite::SqliteStore;
 use super::store::{JobStore, Rules};
 use super::traffic::{Traffic, connections};
 use super::webhooks::{Teller, Webhooks};
-use super::{Settings, tls};
+use super::{Settings, Switch, tls};
 use crate::device::Device;
 use crate::error::{Error, Result};
 
@@ -112,21 +114,24 @@ impl Server {
         files.take_place(None).await?;
         let files = Arc::new(files);
         let forgets = settings.storage.forget_lost_jobs;
-        files.check_store(forgets).await?;
+        if settings.storage.store.is_none() {
+            files.check_store(forgets).await?;
+        }
         let rules = Rules {
             max_queued: settings.max_queued_jobs,
             max_attempts: settings.work.max_attempts,
             crash_pause: settings.work.crash_pause(),
         };
-        let store: Arc<dyn JobStore> = match files.database() {
-            Some(path) => {
+        let store: Arc<dyn JobStore> = match (open_shared(&settings, rules).await?, files.database()) {
+            (Some(store), _) => store,
+            (None, Some(path)) => {
                 let store = SqliteStore::open(&path, rules, faults).await?;
                 if !store.was_used().await? {
                     files.check_unused_store(forgets).await?;
                 }
                 Arc::new(store)
             }
-            None => Arc::new(MemoryStore::new(rules)?),
+            (None, None) => Arc::new(MemoryStore::new(rules)?),
         };
         let metrics = Arc::new(Metrics::new(&description.info));
         metrics.limits(&settings);
@@ -165,6 +170,7 @@ impl Server {
             slots: settings.meshes_in_memory,
             memory: settings.work.memory_budget,
             time: settings.work.max_job(),
+            lease: settings.work.lease(),
         };
         let pipeline = Pipeline::start(parts, costs)?;
         let most = settings.traffic.max_queued_jobs_per_tenant;
@@ -203,7 +209,10 @@ impl Server {
         let kept = shared.settings.storage.retention();
         let (files, store) = (Arc::clone(&shared.files), Arc::clone(&shared.store));
         let retention = Retention::new(files, store, kept, Reading::now()).await?;
-        let mut work = tokio::spawn(pipeline.run(stop.clone(), abort.clone()));
+        let mut work = match shared.settings.work.work {
+            Switch::On => tokio::spawn(pipeline.run(stop.clone(), abort.clone())),
+            Switch::Off => tokio::spawn(stop.clone().cancelled_owned()),
+        };
         let watching = tokio::spawn({
             let (storage, until) = (Arc::clone(&shared.storage), close.clone());
             async move { storage.watch(until).await }
@@ -260,6 +269,20 @@ impl Server {
         tracing::info!("stopped");
         Ok(())
     }
+}
+
+/// The store that the service shares with others, if it does.
+#[cfg(feature = "postgres")]
+async fn open_shared(settings: &Settings, rules: Rules) -> Result<Option<Arc<dyn JobStore>>> {
+    let Some(url) = &settings.storage.store else { return Ok(None) };
+    let store = PostgresStore::open(url, settings.storage.store_connections as usize, rules).await?;
+    Ok(Some(Arc::new(store)))
+}
+
+/// None: the settings were checked.
+#[cfg(not(feature = "postgres"))]
+async fn open_shared(_: &Settings, _: Rules) -> Result<Option<Arc<dyn JobStore>>> {
+    Ok(None)
 }
 
 /// Takes an address; the system keeps `backlog` connections until they are accepted.

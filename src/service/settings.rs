@@ -23,7 +23,7 @@ pub use self::access::AccessSettings;
 pub use self::storage::StorageSettings;
 pub use self::traffic::TrafficSettings;
 pub use self::webhooks::WebhookSettings;
-pub use self::work::WorkSettings;
+pub use self::work::{Switch, WorkSettings};
 use crate::error::{Error, Result};
 use crate::mesh::Limits;
 
@@ -173,6 +173,12 @@ impl Settings {
             )));
         }
         self.check_amounts()?;
+        self.storage.check_store()?;
+        if self.work.work == Switch::Off && self.storage.store.is_none() {
+            return Err(Error::parameter(
+                "with --work off nothing works on the jobs: give --store, which others share",
+            ));
+        }
         if !self.webhooks.webhook_hosts.is_empty() && self.webhooks.webhook_secret.is_none() {
             return Err(Error::parameter(
                 "webhooks must be signed: give a file with the secret, --webhook-secret FILE, beside --webhook-hosts",

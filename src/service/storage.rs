@@ -14,7 +14,7 @@ use tracing::Instrument as _;
 use super::blocking::blocking;
 use super::files::Files;
 use super::health::{Health, Part};
-use super::store::{Job, JobStore, ListQuery, Queue, Retried, State};
+use super::store::{Job, JobStore, ListQuery, Retried, State};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Limits;
 
@@ -144,9 +144,11 @@ impl Storage {
 
 /// Renews the promises of jobs that were accepted before the service was started, oldest first. The ballast is made
 /// after that, so that it takes none of their room.
-pub(super) async fn promise_again(files: &Arc<Files>, store: &dyn Queue, limits: &Limits) -> Result<()> {
+pub(super) async fn promise_again(files: &Arc<Files>, store: &dyn JobStore, limits: &Limits) -> Result<()> {
     let mut jobs = Vec::new();
-    for state in [State::Running, State::Queued] {
+    // jobs of a shared store run anywhere
+    let states: &[State] = if store.is_shared() { &[] } else { &[State::Running, State::Queued] };
+    for &state in states {
         let mut query = ListQuery { state: Some(state), limit: PAGE, ..ListQuery::default() };
         loop {
             let page = store.list(&query).await?;
@@ -173,7 +175,7 @@ mod tests {
     use crate::service::store::memory::MemoryStore;
     use crate::service::store::sqlite::SqliteStore;
     use crate::service::store::tests::{RULES, new_job};
-    use crate::service::store::{Maintenance as _, Release, Rules};
+    use crate::service::store::{Maintenance as _, Queue as _, Release, Rules};
 
     /// Two retries of a job, of which the first fails: the queue is full until the second one begins.
     async fn two_retries(is_second_awaited: bool) {

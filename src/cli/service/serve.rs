@@ -11,10 +11,11 @@ use crate::cli::device::DeviceArguments;
 use crate::cli::{Cli, Failure};
 use crate::dev::bench;
 use crate::device::Device;
+use crate::device::cpu::CpuDevice;
 use crate::device::select::{self, DeviceChoice};
 use crate::error::{Error, Result};
 use crate::report::{DeviceInfo, DeviceKind};
-use crate::service::{self, DeviceDescription, Extras, LogSettings, Settings};
+use crate::service::{self, DeviceDescription, Extras, LogSettings, Settings, Switch};
 
 /// Arguments of `tesserae serve`.
 #[derive(Debug, clap::Args)]
@@ -71,9 +72,13 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     }
     // before the device is opened, which takes seconds
     service::preflight(&arguments.settings)?;
+    let works = arguments.settings.work.work == Switch::On;
     let mut adapters = Vec::new();
     let DeviceArguments { device: choice, adapter } = &arguments.device;
-    let device = select::open_listing(*choice, adapter.as_deref(), None, &mut adapters)?;
+    let device = match works {
+        true => select::open_listing(*choice, adapter.as_deref(), None, &mut adapters)?,
+        false => Box::new(CpuDevice::new()),
+    };
     let (device, cpu_below_faces) = match (arguments.device.choice().is_auto(), device.info().kind) {
         (true, DeviceKind::Gpu) => {
             let (device, faces) = bench::calibrated(device, bench::PATIENCE, || open(&arguments.device))?;
@@ -83,7 +88,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         (false, _) => (device, None),
     };
     let description = DeviceDescription {
-        chosen: chosen(&arguments.device, device.info()),
+        chosen: if works { chosen(&arguments.device, device.info()) } else { "none: --work off".to_owned() },
         info: device.info().clone(),
         cpu_below_faces,
         adapters,

@@ -13,7 +13,7 @@ use utoipa::ToSchema;
 
 use super::binary::Binary;
 use super::view::{JobView, answer};
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Kind};
 use crate::mesh::Format;
 use crate::parameters::Parameters;
 use crate::service::access::Caller;
@@ -130,7 +130,7 @@ pub(in crate::service) async fn create(Extract(shared): App, caller: Caller, req
         .map_err(|error| Error::new(Kind::Internal, format_args!("the job was not accepted: {error}")))??;
     let location = urls::path(job.id);
     let job = match wait {
-        Some(wait) => wait_for_end(&shared, job, wait).await?,
+        Some(wait) => wait_for_end(&shared, job, wait).await,
         None => job,
     };
     let mut headers = HeaderMap::new();
@@ -179,19 +179,25 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
             audit::record(Action::Repeated, &caller, job.id);
             Ok(job)
         }
-        Err(error) => Err(shared.admission.full(error).await),
+        Err(error) => {
+            // its answer may be lost, and the job be there; a sweep removes the upload otherwise
+            if shared.store.is_shared() && error.is_of_storage() {
+                folder.keep();
+            }
+            Err(shared.admission.full(error).await)
+        }
     }
 }
 
-/// The job after it ended, or after a while.
-async fn wait_for_end(shared: &Shared, job: Job, wait: Duration) -> Result<Job> {
-    let Some(mut pulses) = shared.store.watch(job.id).await? else {
-        return Ok(job);
+/// The job after it ended, or after a while; as it was accepted when the store cannot be read now.
+async fn wait_for_end(shared: &Shared, job: Job, wait: Duration) -> Job {
+    let Ok(Some(mut pulses)) = shared.store.watch(job.id).await else {
+        return job;
     };
     tokio::select! {
         _ = pulses.wait_for(|pulse| pulse.ended) => {}
         () = tokio::time::sleep(wait) => {}
         () = shared.stop.cancelled() => {}
     }
-    Ok(shared.store.get(job.id).await?.unwrap_or(job))
+    shared.store.get(job.id).await.ok().flatten().unwrap_or(job)
 }

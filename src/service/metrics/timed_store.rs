@@ -109,7 +109,12 @@ timed!(Maintenance {
     "delete": delete(id: JobId) -> Deletion;
     "ended_before": ended_before(time: SystemTime, limit: usize) -> Vec<JobId>;
     "probe": probe() -> ();
+    "may_clean_up": may_clean_up() -> bool;
 } and {
+    fn is_shared(&self) -> bool {
+        self.store.is_shared()
+    }
+
     fn is_durable(&self) -> bool {
         self.store.is_durable()
     }

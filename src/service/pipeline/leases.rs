@@ -11,44 +11,65 @@ use tokio_util::sync::CancellationToken;
 
 use crate::service::store::{Queue, Ticket};
 
-/// For how long a job is leased at a time.
-pub(super) const LEASE: Duration = Duration::from_secs(30);
+/// Parts of a lease after which it is prolonged.
+const PARTS: u32 = 3;
 
-/// Time between two prolongations.
-const HEARTBEAT: Duration = Duration::from_secs(10);
+/// Time until a prolongation that failed is tried again: other services may take the jobs once it can succeed.
+const AGAIN: Duration = Duration::from_secs(1);
 
 /// The leases of this process.
-#[derive(Debug, Default)]
-pub(super) struct Leases(Mutex<HashMap<Ticket, CancellationToken>>);
+#[derive(Debug)]
+pub(super) struct Leases {
+    /// For how long a job is leased at a time.
+    term: Duration,
+    held: Mutex<HashMap<Ticket, CancellationToken>>,
+}
 
 impl Leases {
+    /// No leases, and the term of those to come.
+    pub fn new(term: Duration) -> Self {
+        Self { term, held: Mutex::default() }
+    }
+
+    /// For how long a job is leased at a time.
+    pub fn term(&self) -> Duration {
+        self.term
+    }
+
     /// Prolongs the lease of a job until this is dropped.
     pub fn hold(self: &Arc<Self>, ticket: Ticket) -> Lease {
         let lost = CancellationToken::new();
-        self.0.lock().insert(ticket, lost.clone());
+        self.held.lock().insert(ticket, lost.clone());
         Lease { leases: Arc::clone(self), ticket, lost }
     }
 
     /// Prolongs leases and reclaims those that are over, until `stop`.
     pub async fn keep(&self, store: &dyn Queue, stop: CancellationToken) {
+        let heartbeat = self.term / PARTS;
+        let mut pause = heartbeat;
         loop {
             tokio::select! {
                 () = stop.cancelled() => return,
-                () = tokio::time::sleep(HEARTBEAT) => self.beat(store).await,
+                () = tokio::time::sleep(pause) => {}
             }
+            pause = if self.beat(store).await { heartbeat } else { AGAIN.min(heartbeat) };
         }
     }
 
-    async fn beat(&self, store: &dyn Queue) {
-        let tickets: Vec<Ticket> = self.0.lock().keys().copied().collect();
+    /// Whether the store took it.
+    async fn beat(&self, store: &dyn Queue) -> bool {
+        let tickets: Vec<Ticket> = self.held.lock().keys().copied().collect();
         let lost = match tickets.is_empty() {
             true => Ok(Vec::new()),
-            false => store.heartbeat(&tickets, LEASE).await,
+            false => store.heartbeat(&tickets, self.term).await,
         };
         match lost {
             Ok(lost) => lost.iter().for_each(|ticket| self.lose(*ticket)),
-            // a disk that fails costs no lease: no other process could take the job either
-            Err(error) => return tracing::warn!(%error, "leases cannot be prolonged now"),
+            // a store that fails costs no lease: no other process could take the job either
+            Err(error) => {
+                tracing::warn!(%error, "leases cannot be prolonged now");
+                return false;
+            }
         }
         match store.reclaim().await {
             Ok(reclaimed) => {
@@ -57,12 +78,16 @@ impl Leases {
                     self.lose(ticket);
                 }
             }
-            Err(error) => tracing::warn!(%error, "leases cannot be reclaimed now"),
+            Err(error) => {
+                tracing::warn!(%error, "leases cannot be reclaimed now");
+                return false;
+            }
         }
+        true
     }
 
     fn lose(&self, ticket: Ticket) {
-        if let Some(lost) = self.0.lock().get(&ticket) {
+        if let Some(lost) = self.held.lock().get(&ticket) {
             lost.cancel();
         }
     }
@@ -85,7 +110,7 @@ impl Lease {
 
 impl Drop for Lease {
     fn drop(&mut self) {
-        self.leases.0.lock().remove(&self.ticket);
+        self.leases.held.lock().remove(&self.ticket);
     }
 }
 
@@ -95,6 +120,8 @@ mod tests {
     use crate::service::store::memory::MemoryStore;
     use crate::service::store::tests::{RULES, new_job};
 
+    const LEASE: Duration = Duration::from_secs(30);
+
     #[tokio::test]
     async fn held_leases_are_prolonged_and_others_reclaimed() {
         let store = MemoryStore::new(RULES).expect("made");
@@ -102,7 +129,7 @@ mod tests {
             store.create(new_job()).await.expect("created");
         }
         let claimed = store.claim(2, LEASE).await.expect("claimable");
-        let leases = Arc::<Leases>::default();
+        let leases = Arc::new(Leases::new(LEASE));
         let held = leases.hold(claimed[0].0);
         leases.beat(&store).await;
         assert_eq!(store.counts().await.expect("counted")[..2], [0, 2]);
@@ -115,6 +142,6 @@ mod tests {
         leases.beat(&store).await;
         held.lost().await;
         drop(held);
-        assert!(leases.0.lock().is_empty());
+        assert!(leases.held.lock().is_empty());
     }
 }

@@ -8,7 +8,6 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::Instrument;
 
-use super::leases::LEASE;
 use super::parts::{AGAIN, Pipeline};
 use super::slot::Slot;
 use super::stages::{Log, Written};
@@ -103,7 +102,7 @@ impl Pipeline {
             let claiming = Claiming {
                 limit: slots.len(),
                 newcomers: usize::from(newcomer.is_some()),
-                lease: LEASE,
+                lease: self.leases.term(),
                 worker: Arc::clone(&self.worker),
                 shares: Arc::clone(&shares.borrow_and_update()),
             };
@@ -259,9 +258,12 @@ impl Pipeline {
 
     /// Completes when the job is to be cancelled.
     async fn cancel_requested(&self, job: &Job) {
-        let asked = match self.store.watch(job.id).await {
-            Ok(Some(mut pulses)) => pulses.wait_for(|pulse| pulse.cancel_requested).await.is_ok(),
-            Ok(None) | Err(_) => false,
+        let asked = loop {
+            match self.store.watch(job.id).await {
+                Ok(Some(mut pulses)) => break pulses.wait_for(|pulse| pulse.cancel_requested).await.is_ok(),
+                Err(error) if error.is_of_storage() => tokio::time::sleep(AGAIN).await,
+                Ok(None) | Err(_) => break false,
+            }
         };
         if !asked {
             std::future::pending::<()>().await;

@@ -2,12 +2,26 @@
 
 use std::time::Duration;
 
+use crate::error::Result;
 use crate::service::blobs::BlobPlace;
 use crate::service::files::DiskLimits;
+use crate::service::store::StoreUrl;
 
 /// What is kept.
 #[derive(Debug, Clone, PartialEq, Eq, clap::Args)]
 pub struct StorageSettings {
+    /// Database that keeps the jobs of several services together, postgres://USER:PASSWORD@HOST/DATABASE; in the data
+    /// folder when left out. Connections to other machines are encrypted, and the server is verified, unless the URL
+    /// says ?sslmode=disable; ?sslrootcert=FILE names the certificates that it is verified by
+    #[arg(long, env = "TESSERAE_STORE", value_name = "URL", hide_env_values = true)]
+    pub store: Option<StoreUrl>,
+
+    /// Connections to that database at a time, beside one that listens
+    #[arg(long, env = "TESSERAE_STORE_CONNECTIONS", value_name = "N",
+          default_value_t = StorageSettings::default().store_connections,
+          value_parser = clap::value_parser!(u32).range(2..=1000))]
+    pub store_connections: u32,
+
     /// Where uploads and results lie that are too large for the store of jobs: a folder, or s3://BUCKET/PREFIX with keys,
     /// region and endpoint in the usual variables AWS_…; in the data folder when left out
     #[arg(long, env = "TESSERAE_BLOBS", value_name = "PLACE")]
@@ -37,6 +51,8 @@ pub struct StorageSettings {
 impl Default for StorageSettings {
     fn default() -> Self {
         Self {
+            store: None,
+            store_connections: 8,
             blobs: None,
             retention: 7 * 86_400,
             max_disk_bytes: None,
@@ -50,6 +66,23 @@ impl StorageSettings {
     /// [`retention`](Self::retention) as a duration; none for ever.
     pub(in crate::service) fn retention(&self) -> Option<Duration> {
         (self.retention > 0).then(|| Duration::from_secs(self.retention))
+    }
+
+    /// Checks the URL of the database.
+    #[cfg(feature = "postgres")]
+    pub(in crate::service) fn check_store(&self) -> Result<()> {
+        self.store.as_ref().map_or(Ok(()), |url| crate::service::store::postgres::Address::parse(url).map(drop))
+    }
+
+    /// Refuses a database: this build knows none.
+    #[cfg(not(feature = "postgres"))]
+    pub(in crate::service) fn check_store(&self) -> Result<()> {
+        match &self.store {
+            None => Ok(()),
+            Some(_) => Err(crate::error::Error::parameter(
+                "this build has no --store: build tesserae with the cargo feature postgres",
+            )),
+        }
     }
 
     /// What the data folder may hold.

@@ -2,9 +2,28 @@
 
 use std::time::Duration;
 
+/// On or off.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Switch {
+    /// It happens.
+    On,
+    /// It does not.
+    Off,
+}
+
 /// What a job may cost.
 #[derive(Debug, Clone, PartialEq, Eq, clap::Args)]
 pub struct WorkSettings {
+    /// Whether this service works on jobs: with off it only answers, and others that share its --store work
+    #[arg(long, env = "TESSERAE_WORK", value_name = "on|off", value_enum, default_value_t = WorkSettings::default().work)]
+    pub work: Switch,
+
+    /// Time after which a job of a service that died or hangs is given to another one, in seconds; a living service
+    /// prolongs it in time
+    #[arg(long, env = "TESSERAE_LEASE", value_name = "SECONDS", default_value_t = WorkSettings::default().lease,
+          value_parser = clap::value_parser!(u64).range(2..=3600))]
+    pub lease: u64,
+
     /// Attempts at a job that the service or its device did not survive; after the last one the job has failed. An
     /// attempt counts once the mesh is being read, and a crash of the service counts for the job that ran alone
     #[arg(long, env = "TESSERAE_MAX_ATTEMPTS", value_name = "N", default_value_t = WorkSettings::default().max_attempts,
@@ -42,6 +61,8 @@ pub struct WorkSettings {
 impl Default for WorkSettings {
     fn default() -> Self {
         Self {
+            work: Switch::On,
+            lease: 30,
             max_attempts: 3,
             crash_pause: 5,
             worker_name: None,
@@ -64,7 +85,7 @@ fn worker_name(name: &str) -> Result<String, String> {
 }
 
 impl WorkSettings {
-    durations!(crash_pause, device_timeout);
+    durations!(lease, crash_pause, device_timeout);
 
     /// [`worker_name`](Self::worker_name), or host name and process id.
     pub(in crate::service) fn worker(&self) -> String {

@@ -34,6 +34,12 @@ impl FromIterator<(String, Share)> for Shares {
 }
 
 impl Shares {
+    /// The tenants that have another share than the default one.
+    #[cfg(feature = "postgres")]
+    pub(super) fn iter(&self) -> impl Iterator<Item = (&str, Share)> {
+        self.0.iter().map(|(tenant, share)| (tenant.as_str(), *share))
+    }
+
     /// The share of a tenant.
     pub fn of(&self, tenant: &str) -> Share {
         self.0.get(tenant).copied().unwrap_or_default()

@@ -43,6 +43,16 @@ pub(in crate::service) trait Maintenance: fmt::Debug + Send + Sync {
     /// Whether jobs outlast the process.
     fn is_durable(&self) -> bool;
 
+    /// Whether other processes use the store, too.
+    fn is_shared(&self) -> bool {
+        false
+    }
+
+    /// Whether this process is the one that cleans up for all: deletes jobs that expired, sweeps files of no job.
+    async fn may_clean_up(&self) -> Result<bool> {
+        Ok(true)
+    }
+
     /// Bytes on disk that the store has taken and will use again before it takes more.
     async fn free_bytes(&self) -> Result<u64>;
 

@@ -2,7 +2,8 @@
 //!
 //! [`JobStore`] is a whole store; its users take the part that they need: [`Queue`], [`Events`], [`Notices`] or
 //! [`Maintenance`]. Every store passes the suite in `conformance`. A store knows nothing of HTTP, of files or of
-//! devices. [`sqlite`] keeps jobs on disk; [`memory`] loses them when the process ends.
+//! devices. [`sqlite`] keeps jobs on disk, [`postgres`] in a database that several services share; [`memory`] loses them
+//! when the process ends.
 //!
 //! # The life of a job
 //!
@@ -53,9 +54,12 @@ mod job;
 mod maintenance;
 pub(super) mod memory;
 mod notices;
+#[cfg(feature = "postgres")]
+pub(super) mod postgres;
 mod pulses;
 mod queue;
 pub(super) mod sqlite;
+mod url;
 
 pub(super) use self::events::{Event, Events, Pulse, What};
 pub(super) use self::job::{
@@ -66,7 +70,8 @@ pub(super) use self::notices::{Notice, Notices};
 pub(super) use self::queue::{
     ALONE, Claiming, Created, End, Ending, Idempotency, ListQuery, NewJob, Page, Queue, Release, Retried, Rules,
 };
-use self::queue::{ALONE_FROM, BLAMED_FROM, given_up, lease_is_over, not_yours, reused_key};
+use self::queue::{ALONE_FROM, given_up, guilty, lease_is_over, not_yours, reused_key};
+pub use self::url::StoreUrl;
 
 /// A whole store. See the [module](self) for the life of a job.
 pub(super) trait JobStore: Queue + Events + Notices + Maintenance {}

@@ -71,6 +71,19 @@ impl Pulses {
         }
     }
 
+    /// Jobs with a receiver.
+    #[cfg(feature = "postgres")]
+    pub fn waited_for(&self) -> Vec<JobId> {
+        let waiters = self.0.lock();
+        waiters.jobs.iter().filter(|(_, pulse)| pulse.receiver_count() > 0).map(|(id, _)| *id).collect()
+    }
+
+    /// Whether a job has a receiver.
+    #[cfg(feature = "postgres")]
+    pub fn is_waited_for(&self, id: JobId) -> bool {
+        self.0.lock().jobs.get(&id).is_some_and(|pulse| pulse.receiver_count() > 0)
+    }
+
     /// Drops the receivers of a deleted job.
     pub fn forget(&self, id: JobId) {
         self.0.lock().jobs.remove(&id);

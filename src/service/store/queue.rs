@@ -86,6 +86,18 @@ impl Rules {
     }
 }
 
+/// Of jobs that had begun when their process died, with the crashes before and the time of each start: the one that the
+/// crash counts for, if any. See [After a crash](super).
+pub(in crate::service::store) fn guilty<T: Ord>(begun: &[(u32, T)]) -> Option<usize> {
+    let last = begun.iter().map(|(_, started)| started).max();
+    let old: Vec<usize> = (0..begun.len()).filter(|&index| begun[index].0 >= ALONE_FROM).collect();
+    match (begun, &old[..]) {
+        ([_], _) => Some(0),
+        (_, &[only]) if Some(&begun[only].1) == last || begun[only].0 >= BLAMED_FROM => Some(only),
+        _ => None,
+    }
+}
+
 /// What a worker claims.
 #[derive(Debug, Clone)]
 pub(in crate::service) struct Claiming {

@@ -6,7 +6,7 @@ use parking_lot::Mutex;
 use rusqlite::{Connection, params};
 
 use super::super::fairness::{Waiting, first_tenants};
-use super::super::{ALONE, ALONE_FROM, BLAMED_FROM, Claiming, Job, Rules, State, Ticket, What};
+use super::super::{ALONE, ALONE_FROM, Claiming, Job, Rules, State, Ticket, What, guilty};
 use super::claim_memory::ClaimMemory;
 use super::connections::{Abort, all, execute, first, one};
 use super::live::Live;
@@ -175,13 +175,8 @@ pub(super) fn recover(batch: &mut Batch<'_>, rules: &Rules) -> Result<Recovered,
         Ok((Live::from_row(rows::id(row, "id")?, row)?, column::<Option<i64>>(row, "started_at")?))
     })?;
     let begun: Vec<_> = jobs.iter().filter(|(job, _)| job.has_begun).collect();
-    let last = begun.iter().map(|(_, started)| *started).max();
-    let old: Vec<_> = begun.iter().filter(|(job, _)| job.suspicion >= ALONE_FROM).collect();
-    let guilty = match (&begun[..], &old[..]) {
-        ([(only, _)], _) => Some(only.number),
-        (_, [(only, started)]) if Some(*started) == last || only.suspicion >= BLAMED_FROM => Some(only.number),
-        _ => None,
-    };
+    let starts: Vec<_> = begun.iter().map(|(job, started)| (job.suspicion, *started)).collect();
+    let guilty = guilty(&starts).map(|index| begun[index].0.number);
     let mut recovered = Recovered::default();
     for (mut job, _) in jobs {
         let is_suspect = job.has_begun;
