@@ -62,7 +62,7 @@ def test_hierarchies_are_cut_saved_and_loaded(sample: Sample, tmp_path: Path) ->
     assert levels["merges"].sum() == len(faces) - 1
     exact = loaded.cut(int(levels["clusters"][0]))
     assert (exact.kind, exact.merges_on_top) == ("exact", 0) and np.isclose(exact.energy, levels["energy"][0])
-    assert loaded.header["algorithm"] == "pml" and len(loaded.to_json(max_clusters=10)["nodes"]) == 9
+    assert loaded.header["algorithm"] == "pml" and len(loaded.to_json(max_clusters=10)["nodes"]) == 10
     assert whole.cut(37).remesh("centroid").faces.shape[1] == 3
     for wrong in [0, len(faces) + 1, -1]:
         with pytest.raises(tesserae.Error) as caught:
