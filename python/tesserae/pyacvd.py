@@ -181,7 +181,6 @@ class Clustering:
         What `pyvista.plot` returns.
         """
         mesh: Any = self.mesh
-        kwargs.setdefault("notebook", False)
         if self.clusters is None or self.nclus is None:
             warnings.warn("there are no clusters to plot; call cluster() first", stacklevel=2)
             return mesh.plot(**kwargs)
