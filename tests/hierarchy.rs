@@ -10,7 +10,7 @@ use tesserae::device::cpu::CpuDevice;
 use tesserae::device::dual_edge::{Rank, Ties};
 use tesserae::device::pieces::disconnected_clusters;
 use tesserae::device::plain;
-use tesserae::device::{Cancel, Device};
+use tesserae::device::Cancel;
 use tesserae::energy::{ClusterSums, End, Energy, Functional, Sums};
 use tesserae::hierarchy::Tree;
 use tesserae::surface::Surface;
