@@ -2,8 +2,8 @@
 //! again.
 //!
 //! A remesh is good with some thirty faces a cluster, which a coarse mesh does not have. The surface stays as it is: a
-//! new vertex is the middle of an edge, the same for all triangles at it. Vertices of the mesh keep their numbers. Only triangles with the
-//! same three corners come apart, since all edges inside them have more than two triangles then.
+//! new vertex is the middle of an edge, the same for all triangles at it. Vertices of the mesh keep their numbers.
+//! Only triangles with the same three corners come apart: edges inside them have more than two triangles then.
 //!
 //! ```text
 //!            c

@@ -111,7 +111,8 @@ mod tests {
     fn what_is_no_mesh_is_refused_with_its_place() {
         let square = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, f64::NAN, 0.0]];
         let faces = Faces::from_triangles(vec![0, 1, 2, 0, 2, 4]);
-        let refusal = |positions, faces| MeshView::new(positions, faces).expect_err("no mesh").message;
+        let refusal =
+            |positions: Positions<'_>, faces: &Faces| MeshView::new(positions, faces).expect_err("no mesh").message;
         let double = Positions::Double(&square);
         assert!(refusal(double, &Faces::default()).contains("no faces"));
         assert!(refusal(double, &faces).starts_with("face 1 (from 0) has a corner that is none of the 4 points: 4"));
