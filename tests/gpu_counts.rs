@@ -59,18 +59,17 @@ fn of_hierarchy(surface: &Surface, optimise: bool) -> Option<((u64, u64), u64, u
         clusters: None,
         levels: Vec::new(),
         allow_disconnected: false,
+        relocation: None,
     };
     let mut device = counting();
     counts(&mut device);
-    let components = surface.component_of_face();
     let (mut rounds, mut optimised) = (0, 0);
     {
-        let mut steps = device.open_merging(surface, &components).expect("it fits");
         let mut on_round = |row: tesserae::cluster::hierarchy::RoundRow| {
             rounds += 1;
             optimised += u64::from(row.moves > 0);
         };
-        hierarchical(surface, &options, steps.as_mut(), &Cancel::default(), &mut |_| {}, &mut on_round)
+        hierarchical(surface, &options, &mut device, &Cancel::default(), &mut |_| {}, &mut on_round)
             .expect("it runs");
     }
     counts(&mut device).map(|counted| (counted, rounds, optimised))

@@ -114,7 +114,8 @@ mod tests {
         let refusal =
             |positions: Positions<'_>, faces: &Faces| MeshView::new(positions, faces).expect_err("no mesh").message;
         let double = Positions::Double(&square);
-        assert!(refusal(double, &Faces::default()).contains("no faces"));
+        let none = Faces::default();
+        assert!(refusal(double, &none).contains("no faces"));
         assert!(refusal(double, &faces).starts_with("face 1 (from 0) has a corner that is none of the 4 points: 4"));
         let faces = Faces::from_triangles(vec![0, 1, 2]);
         assert!(refusal(double, &faces).starts_with("point 3 (from 0)"));
