@@ -29,7 +29,7 @@ run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:80
 
 .PHONY: test
 test: lint  ## install what is missing and check everything, on cpu and on a software gpu
-	@$(MAKE) --no-print-directory unit end-to-end page outputs memory crash fuzz deploy
+	@$(MAKE) --no-print-directory unit end-to-end page outputs memory crash farm fuzz deploy
 
 .PHONY: lint
 lint: install-test bundle  ## formatting, clippy, documentation and choices of cargo features, warnings denied
@@ -76,6 +76,10 @@ throughput: bundle  ## measure small jobs a second
 .PHONY: crash
 crash: debug-binary  ## kill the service at random moments under load (KILLS=100 within CRASH_SECONDS=60), and count
 	python3 tests/scripts/crash.py $(TARGET)/debug/tesserae $(or $(KILLS),100) $(or $(CRASH_SECONDS),60)
+
+.PHONY: farm
+farm: debug-binary  ## several services on one PostgreSQL, killed at random (FARM_JOBS=100 FARM_KILLS=8 FARM_STOPS=2), and count
+	python3 tests/scripts/farm.py $(TARGET)/debug/tesserae $(or $(FARM_JOBS),100) $(or $(FARM_KILLS),8) $(or $(FARM_STOPS),2)
 
 .PHONY: fuzz
 fuzz: debug-binary $(VENV)/ready  ## the service against its OpenAPI document

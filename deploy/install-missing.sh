@@ -34,6 +34,10 @@ has_software_vulkan() {
     compgen -G '/usr/share/vulkan/icd.d/lvp_icd*.json' || compgen -G '/etc/vulkan/icd.d/lvp_icd*.json'
 }
 
+has_postgresql() {
+    command -v initdb || compgen -G '/usr/lib/postgresql/*/bin/initdb'
+}
+
 need g++ command -v c++
 need nodejs command -v node
 need npm command -v npm
@@ -41,6 +45,7 @@ if [ "${1:-}" = test ]; then
     need libvulkan1 has_library libvulkan.so.1
     need mesa-vulkan-drivers has_software_vulkan
     need curl command -v curl
+    need postgresql has_postgresql
     need python3 command -v python3
     need chromium command -v chromium
     need python3-venv python3 -c 'import ensurepip, venv'

@@ -35,8 +35,9 @@
 //!
 //! # Features
 //!
-//! `gpu` has the device of that name (wgpu), `service` the modules [`service`] (axum, SQLite, …) and `cli::service`.
-//! Both are on by default; without them, everything else works on the cpu. `page` puts the page at `/` into the binary.
+//! `gpu` has the device of that name (wgpu), `service` the modules [`service`] (axum, SQLite, …) and `cli::service`,
+//! `s3` buckets as a place for files of jobs, `postgres` a store of jobs that services share. All are on by default;
+//! without them, everything else works on the cpu. `page` puts the page at `/` into the binary.
 //!
 //! # Where to begin
 //!

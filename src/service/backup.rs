@@ -3,7 +3,7 @@
 //! The store of jobs is copied by SQLite itself, as it is at one moment. Files of jobs never change once they are
 //! there, so those that the copy of the store needs are linked, or copied to another disk. A job may end meanwhile, and
 //! its upload go: the files are taken before and after the store, and the store once more when it then knows a job
-//! whose files are missed.
+//! whose files are missed. Files that lie elsewhere (`--blobs`) stay there, and serve the copy too.
 
 use std::collections::HashSet;
 use std::fs::File;
@@ -14,7 +14,7 @@ use rusqlite::types::{ToSqlOutput, Type, ValueRef};
 use rusqlite::{Connection, OpenFlags};
 
 use super::blobs::folder::{link, whole_files};
-use super::files::{self, Folder, RESULTS, UPLOADS};
+use super::files::{self, BLOBS, Folder, RESULTS, UPLOADS};
 use super::private;
 use super::store::{JobId, State};
 use crate::artifacts::REPORT_JSON;
@@ -107,9 +107,14 @@ fn copy_all(from: &Path, to: &Path) -> Result<Backup> {
     let copy = to.join(STORE);
     let mut backup = Backup::default();
     take_files(from, to).map_err(cannot_write)?;
+    link(from, to, Path::new(BLOBS)).map_err(cannot_write)?;
+    let is_elsewhere = to.join(BLOBS).exists();
     for round in 1..=ROUNDS {
         copy_store(&store, &copy).map_err(|error| failed(&copy, &error))?;
-        let wanted = wanted(&copy).map_err(|error| failed(&copy, &error))?;
+        let wanted = match is_elsewhere {
+            true => Vec::new(),
+            false => wanted(&copy).map_err(|error| failed(&copy, &error))?,
+        };
         take_files(from, to).map_err(cannot_write)?;
         let lost: Vec<JobId> = wanted.iter().filter(|wanted| wanted.is_lost(to)).map(|wanted| wanted.job).collect();
         if lost.is_empty() || round == ROUNDS {

@@ -53,7 +53,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let faults = Faults::default();
         let files =
-            Arc::new(Files::open(Some(folder.path()), DiskLimits::default(), faults.clone()).expect("it opens"));
+            Arc::new(Files::open(Some(folder.path()), None, DiskLimits::default(), faults.clone()).expect("it opens"));
         files.make_ballast();
         let path = files.database().expect("a folder that stays");
         let store = SqliteStore::open(&path, RULES, faults.clone()).await.expect("a store");

@@ -31,7 +31,7 @@ pub fn form(bytes: &[u8]) {
     static PLACE: OnceLock<(Runtime, Arc<Files>)> = OnceLock::new();
     let (runtime, files) = PLACE.get_or_init(|| {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
-        (runtime, Arc::new(Files::open(None, DiskLimits::default(), Faults::default()).expect("a folder")))
+        (runtime, Arc::new(Files::open(None, None, DiskLimits::default(), Faults::default()).expect("a folder")))
     });
     let rules = Rules::new(1 << 20, &TrafficSettings::default(), Arc::new(Budget::new(1 << 30)));
     let request = Request::post("/v1/jobs?clusters=3")

@@ -12,7 +12,7 @@
 //! | how bodies come in | `upload`, `intake` |
 //! | what happens to a job | `pipeline` |
 //! | how jobs are kept | `store`, and their files in `files`; `job_blobs` knows which are where |
-//! | where files lie: a folder, later an object store | `blobs` |
+//! | where files lie: a folder or a bucket | `blobs` |
 //! | what a job keeps of its mesh | `kept`, `kept_mesh` |
 //! | how long they are kept | `retention`, by the time of `aging`; `deletion` |
 //! | what happens when the disk fails | `storage` |
@@ -89,6 +89,7 @@ mod webhooks;
 
 pub use access::tokens::{Quotas, TenantEntry, Token, TokenEntry, TokenFile};
 pub use backup::{Backup, back_up};
+pub use blobs::BlobPlace;
 pub use faults::{FaultPoint, Faults};
 pub use logging::{LogFormat, LogSettings, Logging};
 pub use openapi::openapi_yaml;

@@ -141,7 +141,7 @@ mod tests {
     async fn a_clock_that_jumps_forward_makes_no_job_expire() {
         let folder = tempfile::tempdir().expect("a folder");
         let open = || {
-            let opened = Files::open(Some(folder.path()), DiskLimits::default(), Faults::default());
+            let opened = Files::open(Some(folder.path()), None, DiskLimits::default(), Faults::default());
             Arc::new(opened.expect("it opens"))
         };
         let week = Duration::from_secs(7 * 86_400);

@@ -95,8 +95,8 @@ impl Storage {
         self.give_back_room().await;
         let files = Arc::clone(&self.files);
         let folder = match blocking(move || files.probe()).await {
-            Ok(tried) => tried,
-            Err(error) => Err(error),
+            Ok(Ok(())) => self.files.probe_elsewhere().await,
+            Ok(Err(error)) | Err(error) => Err(error),
         };
         let store = self.store.probe().await;
         let works = folder.is_ok() && store.is_ok();
@@ -181,7 +181,7 @@ mod tests {
     async fn two_retries(is_second_awaited: bool) {
         let folder = tempfile::tempdir().expect("a folder");
         let faults = Faults::default();
-        let files = Files::open(Some(folder.path()), DiskLimits::default(), faults.clone()).expect("it opens");
+        let files = Files::open(Some(folder.path()), None, DiskLimits::default(), faults.clone()).expect("it opens");
         let (files, rules) = (Arc::new(files), Rules { max_queued: 1, max_attempts: 1, ..RULES });
         let path = files.database().expect("a path");
         let store: Arc<dyn JobStore> =
@@ -247,7 +247,7 @@ mod tests {
         for limit in [700 << 10, 50 << 10] {
             let folder = tempfile::tempdir().expect("a folder");
             let limits = DiskLimits { max_bytes: Some(limit), min_free_bytes: 0 };
-            let files = Files::open(Some(folder.path()), limits, Faults::default()).expect("it opens");
+            let files = Files::open(Some(folder.path()), None, limits, Faults::default()).expect("it opens");
             let (files, health) = (Arc::new(files), Arc::<Health>::default());
             let store = Arc::new(MemoryStore::new(RULES).expect("a store"));
             let storage = Storage::new(Arc::clone(&files), store, Arc::clone(&health));
@@ -263,7 +263,7 @@ mod tests {
         // never any room: whatever the store keeps free is needed
         let total = rustix::fs::statvfs(folder.path()).map(|found| found.f_blocks * found.f_frsize).expect("known");
         let limits = DiskLimits { min_free_bytes: total - 1, ..DiskLimits::default() };
-        let files = Arc::new(Files::open(Some(folder.path()), limits, Faults::default()).expect("it opens"));
+        let files = Arc::new(Files::open(Some(folder.path()), None, limits, Faults::default()).expect("it opens"));
         let path = files.database().expect("a path");
         let store = Arc::new(SqliteStore::open(&path, RULES, Faults::default()).await.expect("a store"));
         let storage = Storage::new(Arc::clone(&files), Arc::clone(&store) as Arc<dyn JobStore>, Arc::default());
@@ -287,7 +287,7 @@ mod tests {
         let ballast = folder.path().join("ballast");
         let store = MemoryStore::new(RULES).expect("a store");
         for is_promised in [true, false] {
-            let files = Files::open(Some(folder.path()), DiskLimits::default(), Faults::default());
+            let files = Files::open(Some(folder.path()), None, DiskLimits::default(), Faults::default());
             let files = Arc::new(files.expect("it opens"));
             let mut job = new_job();
             // a result larger than any disk

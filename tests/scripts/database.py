@@ -45,7 +45,8 @@ class Database:
         return done.stdout.decode()
 
     def start(self):
-        options = f"-c listen_addresses=127.0.0.1 -c port={self.port} -c unix_socket_directories= -c max_connections=200"
+        options = (f"-c listen_addresses=127.0.0.1 -c port={self.port} -c unix_socket_directories= "
+                   "-c max_connections=200")
         # its output must not be the pipe of the call, which would wait for the server's end
         subprocess.run([self.programs / "pg_ctl", "-w", "-s", "-D", self.data, "-l", self.data + ".log", "-o", options,
                         "start"], cwd=self.folder.name, check=True, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
@@ -57,7 +58,8 @@ class Database:
 
     def ask(self, sql):
         """What a query gives, as text."""
-        return self.run("psql", "-h", "127.0.0.1", "-p", str(self.port), "-U", "tesserae", "-d", "farm", "-Atc", sql).strip()
+        place = ["-h", "127.0.0.1", "-p", str(self.port), "-U", "tesserae", "-d", "farm"]
+        return self.run("psql", *place, "-Atc", sql).strip()
 
     def __exit__(self, *_):
         if os.path.exists(os.path.join(self.data, "postmaster.pid")):

@@ -2,11 +2,11 @@
 
     python farm.py BINARY [JOBS [KILLS [STOPS]]]
 
-A front end (`--work off`) and two workers run. First, single things are shown across services: jobs that one accepts and
-another does, events and results read elsewhere, cancellation, a request sent to two services at once, a worker that is
-killed, a database that is stopped. Then JOBS (100) jobs come in at all services while KILLS (8) times a service is ended
-by SIGKILL and started again, and STOPS (2) times the database is. In the end every job has ended once, with the labels
-that the command line gives, its events are numbered without a gap, and no file is left that belongs to no job.
+A front end (`--work off`) and two workers run. First, single things are shown across services: jobs that one accepts
+and another does, events and results read elsewhere, cancellation, a request sent to two services at once, a worker that
+is killed, a database that is stopped. Then JOBS (100) jobs come in at all services while KILLS (8) times a service is
+ended by SIGKILL and started again, and STOPS (2) times the database is. In the end every job has ended once, with the
+labels that the command line gives, its events are numbered without a gap, and no result is missing.
 """
 
 import contextlib

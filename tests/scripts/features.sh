@@ -5,6 +5,8 @@ set -euo pipefail
 cd "$(dirname "$0")/../.."
 
 of_gpu="naga wgpu wgpu-core"
+of_postgres="deadpool-postgres tokio-postgres tokio-postgres-rustls"
+of_s3="h2 quick-xml"
 of_service="axum hyper object_store opentelemetry reqwest rusqlite rustls tokio"
 
 fail() {
@@ -28,8 +30,8 @@ without() {
 }
 
 # otherwise the names above would be wrong
-built=$(crates gpu,service)
-for crate in $of_gpu $of_service; do
+built=$(crates gpu,postgres,s3,service)
+for crate in $of_gpu $of_postgres $of_s3 $of_service; do
     grep --quiet --line-regexp "$crate" <<<"$built" || fail "no dependency of any feature: $crate"
 done
 
@@ -38,9 +40,10 @@ done
     without "" $of_gpu $of_service
     without gpu $of_service
     without service $of_gpu
+    without gpu,service $of_s3 $of_postgres
 }
 
-for features in "" gpu service; do
+for features in "" gpu service postgres; do
     cargo clippy --locked --quiet --no-default-features --features "$features" -- -D warnings
 done
 

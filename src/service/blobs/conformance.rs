@@ -112,10 +112,29 @@ async fn listing_moving_and_removing(blobs: &dyn Blobs) {
     assert!(sorted_names(blobs, "a").await.is_empty());
 }
 
+/// Times are those of the place, and a probe leaves nothing.
+async fn times(blobs: &dyn Blobs) {
+    let before = blobs.probe().await.expect("it works");
+    let below = Path::from("times");
+    assert_eq!(blobs.newest(&below).await, Ok(None));
+    for path in ["times/a/x", "times/b"] {
+        blobs.put(&Path::from(path), content(1)).await.expect("stored");
+    }
+    let newest = async |below: &str| blobs.newest(&Path::from(below)).await.expect("listed").expect("there");
+    let after = blobs.probe().await.expect("it works");
+    assert!(before <= newest("times/a").await && newest("times/a").await <= newest("times").await);
+    assert!(newest("times").await <= after);
+    // object stores have no empty folders
+    for left in sorted_names(blobs, "probes").await {
+        assert!(sorted_names(blobs, &format!("probes/{left}")).await.is_empty());
+    }
+}
+
 async fn check(blobs: &dyn Blobs) {
     reading(blobs).await;
     parts(blobs).await;
     listing_moving_and_removing(blobs).await;
+    times(blobs).await;
 }
 
 #[tokio::test]
@@ -132,4 +151,24 @@ async fn a_folder_conforms() {
 #[tokio::test]
 async fn an_object_store_in_memory_conforms() {
     check(&InMemory::new()).await;
+}
+
+/// The bucket is one of a server that `tests/scripts/s3.py` runs, which sets this variable to its URL.
+#[cfg(feature = "s3")]
+#[tokio::test]
+async fn a_bucket_conforms() {
+    let Ok(bucket) = std::env::var("TESSERAE_TEST_S3") else {
+        println!("not tried: TESSERAE_TEST_S3 names no bucket (`make bucket`)");
+        return;
+    };
+    crate::service::tls::prepare();
+    for below in [String::new(), format!("/{}/x", Uuid::new_v4())] {
+        let place: BlobPlace = format!("{bucket}{below}").parse().expect("a bucket");
+        check(place.open().expect("opened").as_ref()).await;
+    }
+    // one that is away is not an empty one
+    let place: BlobPlace = format!("{bucket}-away").parse().expect("a bucket");
+    let away = place.open().expect("opened");
+    assert!(away.names(&Path::default()).await.is_err());
+    assert!(away.probe().await.is_err());
 }

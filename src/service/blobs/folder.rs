@@ -6,6 +6,7 @@
 use std::fs::{File, Metadata};
 use std::io;
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 use async_trait::async_trait;
 use axum::body::Bytes;
@@ -17,6 +18,9 @@ use super::{Blob, Blobs, Parts};
 use crate::error::{Error, Result};
 use crate::service::blocking::blocking;
 use crate::service::private;
+
+/// Bytes of a part of a blob.
+const PART: usize = 1 << 20;
 
 /// The blobs in a folder.
 #[derive(Debug)]
@@ -40,6 +44,10 @@ impl FolderBlobs {
 
 #[async_trait]
 impl Blobs for FolderBlobs {
+    fn part_bytes(&self) -> usize {
+        PART
+    }
+
     async fn put(&self, path: &BlobPath, bytes: Bytes) -> Result<()> {
         Blobs::put(&self.files, path, bytes).await
     }
@@ -67,6 +75,20 @@ impl Blobs for FolderBlobs {
     async fn size(&self, below: &BlobPath) -> Result<u64> {
         let folder = self.at(below);
         blocking(move || size(&folder)).await
+    }
+
+    async fn newest(&self, below: &BlobPath) -> Result<Option<SystemTime>> {
+        let folder = self.at(below);
+        blocking(move || {
+            let mut newest = None;
+            // one that is being written counts too
+            each_below(&folder, |_, found| {
+                let time = found.modified().ok().filter(|_| found.is_file());
+                newest = newest.max(time);
+            });
+            newest
+        })
+        .await
     }
 
     async fn rename(&self, from: &BlobPath, to: &BlobPath) -> Result<()> {

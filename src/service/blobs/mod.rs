@@ -1,18 +1,25 @@
 //! Blobs: bytes under a path, which appear whole, never change, and are removed together with others below a path.
 //!
 //! [`Blobs`] is all that the service needs of a place that keeps them. Every [`ObjectStore`] is one; the folder on a
-//! disk, [`folder::FolderBlobs`], is one of its own, because a folder can be listed and removed as such. One
-//! suite of tests runs for each (`conformance`). Nothing here knows of jobs, or of room on a disk: `files` does.
+//! disk, [`folder::FolderBlobs`], is one of its own, because a folder can be listed and removed as such; a `bucket` of
+//! S3 is the other one in use. [`BlobPlace`] is what `--blobs` says. One suite of tests runs for each (`conformance`).
+//! Nothing here knows of jobs, or of room on a disk: `files` does.
 
+#[cfg(feature = "s3")]
+mod bucket;
 #[cfg(test)]
 mod conformance;
 pub(super) mod folder;
+mod place;
 #[cfg(test)]
 mod tests;
+
+pub use self::place::BlobPlace;
 
 use std::fmt::Debug;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
+use std::time::SystemTime;
 
 use async_trait::async_trait;
 use axum::body::{Body, Bytes};
@@ -25,6 +32,7 @@ use object_store::{
 use tokio::io::AsyncReadExt as _;
 use tokio::runtime::Handle;
 use tokio_util::io::{ReaderStream, StreamReader, SyncIoBridge};
+use uuid::Uuid;
 
 use crate::error::{Error, Kind, Result};
 use crate::hierarchy::stored::Input;
@@ -32,9 +40,15 @@ use crate::hierarchy::stored::Input;
 /// Bytes that are read at once.
 const CHUNK: usize = 1 << 16;
 
+/// Bytes of a part of a blob in an object store. S3 takes none below 5 MiB but the last, and at most 10,000.
+const PART: usize = 8 << 20;
+
 /// A place that keeps blobs.
 #[async_trait]
 pub(super) trait Blobs: Debug + Send + Sync {
+    /// Bytes of a part of a blob; the last one may have fewer.
+    fn part_bytes(&self) -> usize;
+
     /// Stores a blob, which stays when this returns.
     async fn put(&self, path: &Path, bytes: Bytes) -> Result<()>;
 
@@ -50,15 +64,35 @@ pub(super) trait Blobs: Debug + Send + Sync {
     /// Number of bytes of all blobs below a path.
     async fn size(&self, below: &Path) -> Result<u64>;
 
+    /// When the newest blob below a path was stored, by the clock of the place; none without blobs.
+    async fn newest(&self, below: &Path) -> Result<Option<SystemTime>>;
+
     /// Moves all blobs below a path: they lie below another one then.
     async fn rename(&self, from: &Path, to: &Path) -> Result<()>;
 
     /// Removes all blobs below a path, and returns the number of their bytes.
     async fn remove(&self, below: &Path) -> Result<u64>;
+
+    /// Stores a blob, finds it, and removes it; returns the time by the clock of the place. A place that fails here is
+    /// one that does not work.
+    async fn probe(&self) -> Result<SystemTime> {
+        let below = Path::from_iter([PROBES, &Uuid::new_v4().to_string()]);
+        self.put(&below.clone().join("probe"), Bytes::from_static(b"probe")).await?;
+        let time = self.newest(&below).await?;
+        self.remove(&below).await?;
+        time.ok_or_else(|| Error::new(Kind::Unavailable, "a file that was stored cannot be found"))
+    }
 }
+
+/// Where blobs lie that try a place.
+const PROBES: &str = "probes";
 
 #[async_trait]
 impl<S: ObjectStore> Blobs for S {
+    fn part_bytes(&self) -> usize {
+        PART
+    }
+
     async fn put(&self, path: &Path, bytes: Bytes) -> Result<()> {
         self.put_opts(path, bytes.into(), PutOptions::default()).await.map(drop).map_err(cannot_store)
     }
@@ -83,6 +117,11 @@ impl<S: ObjectStore> Blobs for S {
     async fn size(&self, below: &Path) -> Result<u64> {
         let sizes = self.list(Some(below)).map_ok(|blob| blob.size);
         sizes.try_fold(0, |sum, size| future::ready(Ok(sum + size))).await.map_err(cannot_read)
+    }
+
+    async fn newest(&self, below: &Path) -> Result<Option<SystemTime>> {
+        let times = self.list(Some(below)).map_ok(|blob| SystemTime::from(blob.last_modified));
+        times.try_fold(None, |newest, time| future::ready(Ok(newest.max(Some(time))))).await.map_err(cannot_read)
     }
 
     async fn rename(&self, from: &Path, to: &Path) -> Result<()> {
@@ -252,5 +291,5 @@ fn failed(what: &str, error: object_store::Error) -> Error {
         }
         cause = error.source();
     }
-    Error::new(Kind::Io, format_args!("{what}; the log of the service says why"))
+    Error::new(Kind::Unavailable, format_args!("{what}; the log of the service says why"))
 }

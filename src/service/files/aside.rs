@@ -26,7 +26,11 @@ impl Files {
         if database.metadata().is_ok_and(|found| found.len() > 0) {
             return Ok(());
         }
-        let jobs = self.jobs_in(UPLOADS).await?.len() + self.jobs_in(RESULTS).await?.len();
+        let jobs = match self.is_shared() {
+            // whatever lies elsewhere, it stays
+            true => 0,
+            false => self.jobs_in(UPLOADS).await?.len() + self.jobs_in(RESULTS).await?.len(),
+        };
         let was_used = jobs > 0 || [root::CLOCK, BALLAST].iter().any(|name| self.root.path().join(name).exists());
         match (was_used, forget) {
             (false, _) => Ok(()),
@@ -38,6 +42,9 @@ impl Files {
     /// Checks a store of jobs that never knew a job: there are no results then. With `forget` they are moved aside
     /// instead.
     pub async fn check_unused_store(&self, forget: bool) -> Result<()> {
+        if self.is_shared() {
+            return Ok(());
+        }
         match (self.jobs_in(RESULTS).await?.len(), forget) {
             (0, _) => Ok(()),
             (jobs, false) => Err(self.lost("is new", jobs)),
@@ -66,6 +73,9 @@ impl Files {
 
     /// Moves the files of all jobs aside. The store stays where it is.
     async fn move_all_aside(&self) -> Result<()> {
+        if self.is_shared() {
+            return Ok(());
+        }
         for id in self.jobs_in(UPLOADS).await? {
             self.move_aside(Folder::Upload(id)).await?;
         }
@@ -97,6 +107,9 @@ impl Files {
 
     /// Removes what was moved aside long before `now`.
     pub async fn empty_aside(&self, now: SystemTime) -> Result<()> {
+        if self.is_shared() {
+            return Ok(());
+        }
         for name in self.names_in(&BlobPath::from(ASIDE)).await? {
             let Ok(seconds) = name.parse() else { continue };
             if UNIX_EPOCH + Duration::from_secs(seconds) + KEPT < now {

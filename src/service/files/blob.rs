@@ -16,9 +16,6 @@ use crate::service::blobs::{Blob, Parts};
 use crate::service::faults::FaultPoint;
 use crate::service::store::{JobId, SmallBlob};
 
-/// Bytes that are held before they are written: a smaller blob is written at once.
-const PART: usize = 1 << 20;
-
 /// Bytes of the buffer of a thread that may block.
 const CHUNK: usize = 1 << 16;
 
@@ -32,11 +29,14 @@ pub(in crate::service) struct BlobWriter {
     buffer: Vec<u8>,
     parts: Option<Parts>,
     written: u64,
+    /// Bytes that are held before they are written: a smaller blob is written at once.
+    part: usize,
 }
 
 impl BlobWriter {
     pub(super) fn new(files: Arc<Files>, folder: Folder, name: &str, is_upload: bool) -> Self {
-        Self { files, folder, name: name.to_owned(), is_upload, buffer: Vec::new(), parts: None, written: 0 }
+        let part = files.blobs.part_bytes();
+        Self { files, folder, name: name.to_owned(), is_upload, buffer: Vec::new(), parts: None, written: 0, part }
     }
 
     /// Bytes so far.
@@ -61,8 +61,8 @@ impl BlobWriter {
 
     async fn take(&mut self, bytes: &[u8]) -> Result<()> {
         let mut rest = bytes;
-        while self.buffer.len() + rest.len() >= PART {
-            let (now, later) = rest.split_at(PART - self.buffer.len());
+        while self.buffer.len() + rest.len() >= self.part {
+            let (now, later) = rest.split_at(self.part - self.buffer.len());
             self.buffer.extend_from_slice(now);
             self.write_part().await?;
             rest = later;
@@ -87,7 +87,7 @@ impl BlobWriter {
                 self.files.blobs.put(&self.path(), bytes).await?;
             }
         }
-        self.files.disk.written(self.written);
+        self.files.written(self.written);
         Ok(())
     }
 
@@ -169,11 +169,11 @@ impl Files {
     pub async fn read(&self, folder: Folder, name: &str, range: Option<GetRange>) -> Result<Blob> {
         self.may_read()?;
         let found = self.blobs.get(&folder.path().join(name), range).await;
-        // that a blob is not there means nothing while the folder is not there
-        found.map_err(|error| match self.check_reachable() {
-            Err(away) if error.kind == Kind::NotFound => away,
-            _ => self.noted(error),
-        })
+        match found {
+            // that a blob is not there means nothing while the folder is not there
+            Err(error) if error.kind == Kind::NotFound => Err(self.check_place().await.err().unwrap_or(error)),
+            found => found.map_err(|error| self.noted(error)),
+        }
     }
 
     /// A small blob that the store kept, or a range of it.

@@ -15,12 +15,13 @@ use super::disk::{self, Disk, DiskLimits};
 use super::failure::{cannot_make, storage_error};
 use super::names::{Folder, RESULTS, UPLOADS};
 use super::needs;
+use super::place::CANNOT_REACH;
 use super::room::{self, Room};
 use super::root::{self, Root};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Limits;
-use crate::service::blobs::Blobs;
 use crate::service::blobs::folder::FolderBlobs;
+use crate::service::blobs::{BlobPlace, Blobs};
 use crate::service::blocking::blocking;
 use crate::service::faults::{FaultPoint, Faults};
 use crate::service::private;
@@ -40,6 +41,8 @@ const STORE_PART: u64 = 8;
 pub(in crate::service) struct Files {
     pub(super) root: Root,
     pub(super) blobs: Box<dyn Blobs>,
+    /// Where the blobs lie when they are not in the root. Other processes may use them too.
+    pub(super) elsewhere: Option<BlobPlace>,
     pub(super) disk: Disk,
     pub(super) ballast: Ballast,
     pub(super) room: Room,
@@ -50,26 +53,40 @@ pub(in crate::service) struct Files {
 }
 
 impl Files {
-    /// Takes the folder `data_dir`, which is made if need be, or a temporary one. A folder that another process works
-    /// in is refused. Call [`make_ballast`](Self::make_ballast) once the jobs of the store have their promises again.
-    pub fn open(data_dir: Option<&Path>, limits: DiskLimits, faults: Faults) -> Result<Self> {
+    /// Takes the folder `data_dir`, which is made if need be, or a temporary one; the blobs lie in it or `elsewhere`. A
+    /// folder that another process works in is refused. Call [`make_ballast`](Self::make_ballast) once the jobs of the
+    /// store have their promises again.
+    pub fn open(
+        data_dir: Option<&Path>,
+        elsewhere: Option<&BlobPlace>,
+        limits: DiskLimits,
+        faults: Faults,
+    ) -> Result<Self> {
         let root = match data_dir {
             Some(path) => Root::keep(path)?,
             None => Root::temporary(&std::env::temp_dir())?,
         };
+        // nothing that is to stay lies in a temporary folder then
+        let limits = if elsewhere.is_some() && !root.is_kept() { DiskLimits::default() } else { limits };
         limits.check(root.path())?;
         for folder in [UPLOADS, RESULTS, "scratch"] {
             let path = root.path().join(folder);
             let made = private::make_folder(&path).and_then(|()| private::tighten(&path));
             made.map_err(|error| cannot_make(&path, error))?;
         }
-        let blobs = FolderBlobs::open(root.path(), root.is_kept());
-        let blobs = Box::new(blobs.map_err(|error| cannot_make(root.path(), error))?);
+        let blobs: Box<dyn Blobs> = match elsewhere {
+            Some(place) => place.open()?,
+            None => {
+                let blobs = FolderBlobs::open(root.path(), root.is_kept());
+                Box::new(blobs.map_err(|error| cannot_make(root.path(), error))?)
+            }
+        };
         let ballast = Ballast::new(root.path(), disk::total_bytes(root.path()), limits.max_bytes, root.is_kept());
         let disk = Disk::new(root.path().to_owned(), limits);
         let room = Room::default();
         let (incoming, failures) = (Mutex::default(), AtomicU64::new(0));
-        let files = Self { root, blobs, disk, ballast, room, incoming, failures, faults };
+        let elsewhere = elsewhere.cloned();
+        let files = Self { root, blobs, elsewhere, disk, ballast, room, incoming, failures, faults };
         // the store needs some room to be opened
         if files.disk.free().is_some_and(|free| free < disk::STORE_ROOM / 8) {
             files.ballast.give_up();
@@ -111,13 +128,13 @@ impl Files {
     /// Refuses an upload of so many bytes, as far as is known, when there is no room for it or no folder any more.
     pub fn check_room(&self, bytes: u64) -> Result<()> {
         self.check_reachable()?;
-        self.disk.check(bytes, self.taken())
+        self.disk.check(self.in_root(bytes), self.taken())
     }
 
     /// Refuses when a job may be refused that is kept in the store of jobs.
     pub fn check_small_job(&self) -> Result<()> {
         self.check_reachable()?;
-        self.disk.check(0, self.taken().saturating_add(needs::SMALL_JOB))
+        self.disk.check(0, self.taken().saturating_add(self.in_root(needs::SMALL_JOB)))
     }
 
     /// Bytes that are promised to jobs or kept free for the ballast.
@@ -128,20 +145,27 @@ impl Files {
     /// Promises a job that is being accepted, with an upload of so many bytes, room for its result. Refuses when there
     /// is none; [`Kind::TooLarge`] when there never is.
     pub fn promise(&self, job: JobId, upload: u64, bytes: u64) -> Result<()> {
-        self.disk.check_job(upload, bytes, self.ballast.size())?;
+        self.disk.check_job(self.in_root(upload), self.in_root(bytes), self.ballast.size())?;
         self.promise_from(job, 0, bytes)
     }
 
     fn promise_from(&self, job: JobId, attempt: u32, bytes: u64) -> Result<()> {
         self.check_reachable()?;
-        let missing = self.ballast.missing();
+        let (bytes, missing) = (self.in_root(bytes), self.ballast.missing());
+        if self.has_room_for_all() {
+            return Ok(());
+        }
         self.room.promise(job, attempt, bytes, |promised| self.disk.check(0, promised.saturating_add(missing)))
     }
 
     /// Promises jobs that were accepted before the service was started room again.
     pub async fn promise_again(&self, jobs: &[Job], limits: &Limits) -> Result<()> {
+        if self.has_room_for_all() {
+            return Ok(());
+        }
         for job in jobs {
-            self.room.promise(job.id, job.attempt, self.needs_of(job, limits).await?, |_| Ok::<_, Error>(()))?;
+            let bytes = self.in_root(self.needs_of(job, limits).await?);
+            self.room.promise(job.id, job.attempt, bytes, |_| Ok::<_, Error>(()))?;
         }
         Ok(())
     }
@@ -153,7 +177,7 @@ impl Files {
 
     /// Estimate of a result, from the upload that is kept.
     async fn needs_of(&self, job: &Job, limits: &Limits) -> Result<u64> {
-        let upload = match job.spec.is_small {
+        let upload = match job.spec.is_small || self.is_shared() {
             true => job.spec.bytes,
             false => self.blobs.size(&Folder::Upload(job.id).path()).await?,
         };
@@ -178,7 +202,10 @@ impl Files {
     /// Waits for room for the result of an attempt at a job, which turned out to need so many bytes. Fails with
     /// [`Kind::InsufficientStorage`] when nothing can make room; [`gave_up`](Self::gave_up) holds from then on.
     pub async fn secure(&self, job: JobId, attempt: u32, bytes: u64) -> Result<()> {
-        let started = Instant::now();
+        if self.has_room_for_all() {
+            return Ok(());
+        }
+        let (started, bytes) = (Instant::now(), self.in_root(bytes));
         let mut is_told = false;
         loop {
             let disk = self.disk.state(self.ballast.there());
@@ -289,7 +316,7 @@ impl Files {
     pub(super) fn check_reachable(&self) -> Result<()> {
         self.check_root().map_err(|error| {
             self.noted(error);
-            Error::new(Kind::Unavailable, "the storage of the service cannot be reached; try again later")
+            Error::new(Kind::Unavailable, CANNOT_REACH)
         })
     }
 
@@ -322,7 +349,8 @@ impl Files {
     /// Removes all blobs below a path. What cannot be removed now is swept away later.
     pub(super) async fn remove_below(&self, path: &BlobPath) {
         match self.blobs.remove(path).await {
-            Ok(bytes) => self.disk.removed(bytes),
+            Ok(bytes) if !self.is_shared() => self.disk.removed(bytes),
+            Ok(_) => {}
             Err(error) => tracing::warn!("{error}"),
         }
     }

@@ -9,7 +9,10 @@
 //! DIR/aside/{time}/…                what the store did not know when the service started, for a while
 //! DIR/clock                         the time by which jobs grow old
 //! DIR/ballast                       room that deletions get on a full disk
+//! DIR/blobs                         where uploads and results lie, if elsewhere
 //! ```
+//!
+//! With `--blobs`, `uploads` and `results` lie in another folder or in a bucket (`place`), and nothing is moved aside.
 //!
 //! An upload or a result of a few hundred kilobytes becomes no file: it is handed back as small blobs, for the store to
 //! keep with the job. Files cost the disk more than what is in them: for each a place, a name, and two waits.
@@ -27,6 +30,7 @@ mod folder;
 mod incoming;
 mod names;
 mod needs;
+mod place;
 mod room;
 mod root;
 mod sweep;
@@ -37,6 +41,7 @@ pub(super) use self::folder::Files;
 pub(super) use self::incoming::{Incoming, settle};
 pub(super) use self::names::{Folder, MESH, RESULTS, SEEDS, UPLOADS, WEIGHTS, buffer};
 pub(super) use self::needs::{of_faces, of_kept, of_result};
+pub(super) use self::root::BLOBS;
 
 #[cfg(test)]
 mod tests;

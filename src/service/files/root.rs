@@ -24,6 +24,9 @@ pub(super) const LOCK: &str = "lock";
 /// Name of the file with the time by which jobs grow old.
 pub(super) const CLOCK: &str = "clock";
 
+/// Name of the file that says where the blobs lie, if elsewhere.
+pub(in crate::service) const BLOBS: &str = "blobs";
+
 /// Files of the store of jobs.
 pub(super) const STORE: [&str; 3] = ["jobs.sqlite3", "jobs.sqlite3-wal", "jobs.sqlite3-shm"];
 
@@ -71,7 +74,7 @@ impl Root {
             let (folder, mode) = (path.display(), format!("{mode:04o}"));
             tracing::warn!(%folder, mode, "other users may enter the data folder; `chmod 700` takes that away");
         }
-        for name in STORE.into_iter().chain([LOCK, BALLAST, CLOCK]) {
+        for name in STORE.into_iter().chain([LOCK, BALLAST, CLOCK, BLOBS]) {
             let file = path.join(name);
             private::tighten(&file).map_err(|error| cannot_make(&file, error))?;
         }

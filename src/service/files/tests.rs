@@ -13,7 +13,7 @@ use crate::service::store::tests::{RULES, new_job};
 use crate::service::store::{Created, End, JobId, NewJob, Queue, SMALL_BLOBS, Summary};
 
 fn open(path: &Path, limits: DiskLimits, faults: Faults) -> Arc<Files> {
-    Arc::new(Files::open(Some(path), limits, faults).expect("it opens"))
+    Arc::new(Files::open(Some(path), None, limits, faults).expect("it opens"))
 }
 
 async fn write(mut blob: BlobWriter, bytes: &[u8]) -> Result<()> {
@@ -63,7 +63,7 @@ async fn blobs_of_every_size_come_back_whole_and_in_ranges() {
 async fn a_folder_is_for_one_process_at_a_time() {
     let folder = tempfile::tempdir().expect("a folder");
     let files = open(folder.path(), DiskLimits::default(), Faults::default());
-    let error = Files::open(Some(folder.path()), DiskLimits::default(), Faults::default()).expect_err("in use");
+    let error = Files::open(Some(folder.path()), None, DiskLimits::default(), Faults::default()).expect_err("in use");
     assert_eq!(error.kind, Kind::Conflict);
     let holder = std::process::id().to_string();
     assert!(error.message.contains("--data-dir") && error.message.contains(&holder), "{error}");
@@ -157,7 +157,7 @@ async fn uploads_are_refused_before_the_folder_is_full_and_results_are_not() {
     assert!(error.message.contains("--min-free-bytes"), "{error}");
     // nor would it ever be taken
     let limits = DiskLimits { min_free_bytes: total, ..limits };
-    let error = Files::open(Some(other.path()), limits, Faults::default()).expect_err("no disk is that empty");
+    let error = Files::open(Some(other.path()), None, limits, Faults::default()).expect_err("no disk is that empty");
     let words = format!("less than the {total} bytes");
     assert!(error.message.contains("--min-free-bytes") && error.message.contains(&words), "{error}");
 }

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use crate::error::Result;
+use crate::service::blobs::BlobPlace;
 use crate::service::files::DiskLimits;
 use crate::service::store::StoreUrl;
 
@@ -21,12 +22,18 @@ pub struct StorageSettings {
           value_parser = clap::value_parser!(u32).range(2..=1000))]
     pub store_connections: u32,
 
+    /// Where uploads and results lie that are too large for the store of jobs: a folder, or s3://BUCKET/PREFIX with keys,
+    /// region and endpoint in the usual variables AWS_…; in the data folder when left out
+    #[arg(long, env = "TESSERAE_BLOBS", value_name = "PLACE")]
+    pub blobs: Option<BlobPlace>,
+
     /// Time for which a job that has ended is kept with its results, in seconds; 0 until it is deleted
     #[arg(long, env = "TESSERAE_RETENTION", value_name = "SECONDS",
           default_value_t = StorageSettings::default().retention)]
     pub retention: u64,
 
-    /// Bytes in the data folder above which uploads are refused; no limit when left out
+    /// Bytes in the data folder above which uploads are refused; no limit when left out. What lies elsewhere (--blobs)
+    /// does not count
     #[arg(long, env = "TESSERAE_MAX_DISK_BYTES", value_name = "BYTES")]
     pub max_disk_bytes: Option<u64>,
 
@@ -46,6 +53,7 @@ impl Default for StorageSettings {
         Self {
             store: None,
             store_connections: 8,
+            blobs: None,
             retention: 7 * 86_400,
             max_disk_bytes: None,
             min_free_bytes: 256 << 20,

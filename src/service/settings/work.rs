@@ -15,7 +15,8 @@ pub enum Switch {
 #[derive(Debug, Clone, PartialEq, Eq, clap::Args)]
 pub struct WorkSettings {
     /// Whether this service works on jobs: with off it only answers, and others that share its --store work
-    #[arg(long, env = "TESSERAE_WORK", value_name = "on|off", value_enum, default_value_t = WorkSettings::default().work)]
+    #[arg(long, env = "TESSERAE_WORK", value_name = "on|off", value_enum,
+          default_value_t = WorkSettings::default().work)]
     pub work: Switch,
 
     /// Time after which a job of a service that died or hangs is given to another one, in seconds; a living service

@@ -21,7 +21,7 @@ use uuid::Uuid;
 use super::super::JobId;
 use super::super::pulses::{Pulses, Signal};
 use super::address::Address;
-use super::connections::{Connections, all, encryption, execute};
+use super::connections::{Connections, all, encryption, execute, one};
 use super::live::Effects;
 use super::rows;
 use crate::error::Result;
@@ -139,7 +139,9 @@ impl Hints {
                 self.refresh(connections, heard.into_iter().collect()).await;
                 continue;
             }
-            self.arrivals.notify();
+            if self.do_jobs_wait(connections).await {
+                self.arrivals.notify();
+            }
             if turns.is_multiple_of(SELDOM) {
                 self.endings.notify();
             }
@@ -147,6 +149,15 @@ impl Hints {
             self.refresh(connections, self.pulses.waited_for()).await;
             next = Instant::now() + LOOK;
         }
+    }
+
+    /// Whether a worker may find something to do.
+    async fn do_jobs_wait(&self, connections: &Connections) -> bool {
+        let found = connections.run(|client| async move {
+            let sql = "SELECT EXISTS (SELECT FROM jobs WHERE state = 'queued') AS is_so";
+            Ok(rows::column::<bool>(&one(&client, sql, &[]).await?, "is_so")?)
+        });
+        found.await.unwrap_or(false)
     }
 
     /// Reads the state of jobs anew for the tasks that wait for them.

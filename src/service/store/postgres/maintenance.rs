@@ -105,7 +105,8 @@ impl Maintenance for PostgresStore {
         let left = self.connections.run(|client| async move {
             execute(&client, "UPDATE notices SET teller = NULL WHERE teller = $1", &[&self.me]).await?;
             execute(&client, "DELETE FROM duties WHERE holder = $1", &[&self.me]).await?;
-            let sql = "DELETE FROM workers WHERE id = $1 AND NOT EXISTS (SELECT FROM jobs WHERE boot = $1 AND state = 'running')";
+            let sql = "DELETE FROM workers WHERE id = $1 \
+                       AND NOT EXISTS (SELECT FROM jobs WHERE boot = $1 AND state = 'running')";
             execute(&client, sql, &[&self.me]).await
         });
         if let Err(error) = left.await {

@@ -17,8 +17,8 @@
 //! # Lost workers
 //!
 //! A worker whose leases are all over is lost, with all its jobs, and they are judged together, by the rules of the
-//! [store](super) for jobs that ran during a crash. Suspects run alone on one worker; the others go on. A job whose lease is
-//! over although its worker lives was given up by that worker.
+//! [store](super) for jobs that ran during a crash. Suspects run alone on one worker; the others go on. A job whose
+//! lease is over although its worker lives was given up by that worker.
 //!
 //! # When the answer to a commit is lost
 //!

@@ -13,7 +13,8 @@ use crate::error::Result;
 
 /// Takes up to 256 notices that no living service delivers, and gives all that this one has.
 const TAKE: &str = "WITH free AS (\
-    SELECT place FROM notices WHERE teller IS DISTINCT FROM $1 AND (teller IS NULL OR lease_until <= clock_timestamp()) \
+    SELECT place FROM notices \
+    WHERE teller IS DISTINCT FROM $1 AND (teller IS NULL OR lease_until <= clock_timestamp()) \
     ORDER BY place LIMIT 256 FOR UPDATE SKIP LOCKED\
 ), kept AS (\
     UPDATE notices SET lease_until = clock_timestamp() + interval '90 s' \

@@ -21,10 +21,10 @@ use crate::error::Result;
 /// For how long counts of jobs are believed.
 const COUNTS: Duration = Duration::from_secs(2);
 
-/// A new job. `$9` is the limit of jobs that wait.
+/// A new job. `$8` is the limit of jobs that wait.
 const CREATE: &str = "WITH job AS (\
     INSERT INTO jobs (id, tenant, state, spec, progress, urgency, idempotency_key, request_digest, last_seq) \
-    SELECT $1, $2, 'queued', $3, $4, $5, $6, $7, 1 \
+    SELECT $1::uuid, $2::text, 'queued', $3::json, $4::json, $5::smallint, $6::text, $7::text, 1 \
     WHERE (SELECT count(*) FROM (SELECT FROM jobs WHERE state = 'queued' LIMIT $8) AS waiting) < $8 \
     ON CONFLICT DO NOTHING RETURNING *\
 ), told AS (\
@@ -238,16 +238,18 @@ impl Queue for PostgresStore {
             let sql = "WITH kept AS (\
                 UPDATE jobs SET lease_until = clock_timestamp() + make_interval(secs => $3) \
                 FROM unnest($1::uuid[], $2::integer[]) AS mine(id, attempt) \
-                WHERE jobs.id = mine.id AND jobs.attempt = mine.attempt AND jobs.state = 'running' RETURNING jobs.id\
+                WHERE jobs.id = mine.id AND jobs.attempt = mine.attempt AND jobs.state = 'running' \
+                RETURNING jobs.id, jobs.attempt\
             ), alive AS (\
                 UPDATE workers SET seen_at = clock_timestamp(), \
                     alive_until = greatest(alive_until, clock_timestamp() + make_interval(secs => $3)) WHERE id = $4\
-            ) SELECT id FROM kept";
+            ) SELECT id, attempt FROM kept";
             let rows = all(&client, sql, &[ids, attempts, &lease.as_secs_f64(), &self.me]).await?;
-            Ok(rows.iter().map(|row| rows::id(row, "id")).collect::<Result<Vec<_>>>()?)
+            let ticket = |row| Ok(Ticket { job: rows::id(row, "id")?, attempt: rows::small(row, "attempt")? });
+            Ok(rows.iter().map(ticket).collect::<Result<Vec<_>>>()?)
         });
         let kept = kept.await?;
-        let lost: Vec<Ticket> = tickets.iter().filter(|ticket| !kept.contains(&ticket.job)).copied().collect();
+        let lost: Vec<Ticket> = tickets.iter().filter(|ticket| !kept.contains(ticket)).copied().collect();
         self.held.lock().retain(|ticket, _| !lost.contains(ticket));
         Ok(lost)
     }

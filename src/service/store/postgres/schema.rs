@@ -12,24 +12,28 @@ use crate::error::{Error, Kind};
 /// Every migration's SQL, and the least number of migrations that a service on the tables must know afterwards.
 const MIGRATIONS: [(&str, i32); 1] = [(include_str!("migrations/0001_farm.sql"), 1)];
 
-/// Where the tables are. The version is kept in the first of them.
-const PREPARE: &str = "CREATE SCHEMA IF NOT EXISTS tesserae; \
-                       CREATE TABLE IF NOT EXISTS schema_version (version integer NOT NULL, needs integer NOT NULL)";
+/// The table with the version.
+const VERSION: &str = "CREATE TABLE IF NOT EXISTS schema_version (version integer NOT NULL, needs integer NOT NULL)";
 
 /// Oldest server that is worked with, as it tells its version.
 const OLDEST_SERVER: i32 = 150_000;
 
-/// Brings the tables up to date. [`Kind::Unavailable`] for tables of a later release, which stay as they are.
+/// Brings the tables up to date. [`Kind::Io`] for tables of a later release, which stay as they are.
 pub(super) async fn migrate(client: &mut Client) -> Result<(), Failure> {
     let server: String = client.query_one("SHOW server_version_num", &[]).await?.try_get(0)?;
     if server.parse::<i32>().is_ok_and(|version| version < OLDEST_SERVER) {
         let message = format_args!("the store of jobs needs PostgreSQL 15 or later; the server is {server}");
-        return Err(Error::new(Kind::Unavailable, message).into());
+        return Err(Error::new(Kind::Io, message).into());
     }
     let known = MIGRATIONS.len() as i32;
     let transaction = client.transaction().await?;
     transaction.execute("SELECT pg_advisory_xact_lock(1953723250, 0)", &[]).await?;
-    transaction.batch_execute(PREPARE).await?;
+    // an operator may make it for a user that may not
+    let sql = "SELECT to_regnamespace('tesserae') IS NULL";
+    if transaction.query_one(sql, &[]).await?.try_get(0)? {
+        transaction.batch_execute("CREATE SCHEMA tesserae").await?;
+    }
+    transaction.batch_execute(VERSION).await?;
     let row = transaction.query_opt("SELECT version, needs FROM schema_version", &[]).await?;
     let (found, needs) = match row {
         Some(row) => (row.try_get(0)?, row.try_get(1)?),
@@ -50,7 +54,7 @@ pub(super) async fn migrate(client: &mut Client) -> Result<(), Failure> {
 /// The error of tables that a later release made.
 fn too_new(found: i32, known: i32) -> Error {
     Error::new(
-        Kind::Unavailable,
+        Kind::Io,
         format_args!(
             "the tables of the store of jobs are of version {found}, and this version of tesserae knows them up to \
              {known}: start the version that wrote them, or a later one"

@@ -50,9 +50,11 @@ CREATE TABLE blobs (
     job       bigint  NOT NULL,
     of_result boolean NOT NULL,
     name      text    COLLATE "C" NOT NULL,
-    bytes     bytea   STORAGE EXTERNAL NOT NULL,
+    bytes     bytea   NOT NULL,
     PRIMARY KEY (job, name, of_result)
 );
+-- meshes and labels are not compressed: that costs more time than it saves
+ALTER TABLE blobs ALTER COLUMN bytes SET STORAGE EXTERNAL;
 
 -- Ends that a webhook is to tell; they outlast their jobs.
 CREATE TABLE notices (
@@ -96,7 +98,8 @@ CREATE TABLE duties (
 
 CREATE TABLE secrets (
     id      integer PRIMARY KEY,
-    cursors bytea   NOT NULL -- key of the cursors of lists
+    cursors bytea   NOT NULL,                          -- key of the cursors of lists
+    name    uuid    NOT NULL DEFAULT gen_random_uuid() -- of this store, to know its files by
 );
 
 -- Claims jobs for the worker `me`. One claim at a time holds the advisory lock, so that each sees what the others took.

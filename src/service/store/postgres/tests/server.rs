@@ -1,4 +1,4 @@
-//! A PostgreSQL server of a test: from Debian's package, in a temporary folder, on a socket there, stopped when dropped.
+//! A PostgreSQL server of a test: of Debian's package, in a temporary folder, on a socket there; stopped when dropped.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};

@@ -1,0 +1,94 @@
+//! Blobs in a bucket of S3, or of a server that speaks its protocol.
+//!
+//! | variable | what it says |
+//! |---|---|
+//! | `AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`, `AWS_SESSION_TOKEN` | the key |
+//! | `AWS_WEB_IDENTITY_TOKEN_FILE` and `AWS_ROLE_ARN`, `AWS_CONTAINER_…` | a role instead, as Kubernetes gives it |
+//! | `AWS_REGION` | the region |
+//! | `AWS_ENDPOINT_URL` | another server than Amazon's |
+//! | `AWS_ALLOW_HTTP` | `true`: that server may be one without TLS on another machine |
+//!
+//! A request is repeated a few times for some seconds; then its failure is one of the storage, and the service waits
+//! until the bucket answers again ([`Storage`](crate::service::storage::Storage)).
+
+use std::net::IpAddr;
+use std::time::Duration;
+
+use object_store::aws::{AmazonS3, AmazonS3Builder, AmazonS3ConfigKey};
+use object_store::path::Path;
+use object_store::prefix::PrefixStore;
+use object_store::{BackoffConfig, ClientConfigKey, ClientOptions, RetryConfig};
+use reqwest::Url;
+
+use crate::error::{Error, Result};
+
+/// Times that a request is repeated.
+const RETRIES: usize = 3;
+
+/// Time after which no request is repeated.
+const RETRYING: Duration = Duration::from_secs(15);
+
+/// Longest time between two of them.
+const LONGEST_PAUSE: Duration = Duration::from_secs(2);
+
+/// Time for a connection.
+const CONNECTING: Duration = Duration::from_secs(5);
+
+/// Time without a byte after which a request has failed. A whole answer may take longer: clients read it at their pace.
+const SILENCE: Duration = Duration::from_secs(30);
+
+/// The blobs below a prefix of a bucket.
+pub(super) fn open(name: &str, prefix: &Path) -> Result<PrefixStore<AmazonS3>> {
+    let cannot = |error: object_store::Error| {
+        Error::parameter(format_args!("the bucket cannot be used (--blobs, AWS_…): {name}: {error}"))
+    };
+    let builder = AmazonS3Builder::from_env().with_bucket_name(name);
+    let of = |key| builder.get_config_value(&key);
+    let endpoint = of(AmazonS3ConfigKey::S3Endpoint).or_else(|| of(AmazonS3ConfigKey::Endpoint));
+    let allows_http = of(AmazonS3ConfigKey::Client(ClientConfigKey::AllowHttp)).is_some_and(|value| value == "true");
+    let is_local = endpoint.as_deref().is_some_and(is_on_this_machine);
+    match endpoint {
+        Some(endpoint) if endpoint.starts_with("http://") && !is_local && !allows_http => {
+            return Err(Error::parameter(format_args!(
+                "uploads and results would cross the network without encryption: give an https URL in \
+                 AWS_ENDPOINT_URL, or AWS_ALLOW_HTTP=true beside it; it is {endpoint}"
+            )));
+        }
+        _ => {}
+    }
+    let options = ClientOptions::new()
+        .with_allow_http(allows_http || is_local)
+        .with_connect_timeout(CONNECTING)
+        .with_read_timeout(SILENCE)
+        .with_timeout_disabled();
+    let retry = RetryConfig {
+        backoff: BackoffConfig { max_backoff: LONGEST_PAUSE, ..BackoffConfig::default() },
+        max_retries: RETRIES,
+        retry_timeout: RETRYING,
+    };
+    let bucket = builder.with_client_options(options).with_retry(retry).build().map_err(cannot)?;
+    Ok(PrefixStore::new(bucket, prefix.clone()))
+}
+
+/// Whether the host of a URL is this machine.
+fn is_on_this_machine(url: &str) -> bool {
+    let Ok(url) = Url::parse(url) else { return false };
+    let host = url.host_str().unwrap_or_default();
+    let address = host.trim_start_matches('[').trim_end_matches(']').parse();
+    host == "localhost" || address.is_ok_and(|address: IpAddr| address.to_canonical().is_loopback())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn this_machine_is_known_by_its_addresses() {
+        for url in ["http://127.0.0.1:9000", "http://localhost/x", "http://[::1]:1", "https://127.8.8.8"] {
+            assert!(is_on_this_machine(url), "{url}");
+        }
+        for url in ["http://127.0.0.1.example:9000", "http://10.0.0.1", "http://s3", "localhost", ""] {
+            assert!(!is_on_this_machine(url), "{url}");
+        }
+    }
+}

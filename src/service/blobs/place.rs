@@ -1,0 +1,112 @@
+//! Where blobs lie when they do not lie in the data folder: a folder, or a part of a bucket.
+//!
+//! Several processes may have one place. Nothing locks it, and nothing depends on a conditional put, which not every
+//! S3 server has: the paths of uploads and results have the id of their job in them, and the store of jobs decides what
+//! they mean.
+
+use std::fmt;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use object_store::path::Path as BlobPath;
+
+use super::Blobs;
+use super::folder::FolderBlobs;
+use crate::error::{Error, Result};
+use crate::service::private;
+
+/// What the URL of a bucket begins with.
+const BUCKET: &str = "s3://";
+
+/// A place for blobs: a folder, or `s3://BUCKET/PREFIX`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BlobPlace(Place);
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Place {
+    Folder(PathBuf),
+    Bucket { name: String, prefix: BlobPath },
+}
+
+impl FromStr for BlobPlace {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let Some(rest) = text.strip_prefix(BUCKET) else {
+            return match text.contains("://") || text.is_empty() {
+                true => Err(Error::parameter(format_args!(
+                    "a place for blobs is a folder or s3://BUCKET/PREFIX, not {text:?}"
+                ))),
+                false => Ok(Self(Place::Folder(text.into()))),
+            };
+        };
+        let (name, prefix) = rest.split_once('/').unwrap_or((rest, ""));
+        let is_name = |byte: u8| byte.is_ascii_alphanumeric() || b".-_".contains(&byte);
+        let prefix = BlobPath::parse(prefix).ok();
+        match prefix.filter(|_| !name.is_empty() && name.bytes().all(is_name)) {
+            Some(prefix) => Ok(Self(Place::Bucket { name: name.to_owned(), prefix })),
+            None => Err(Error::parameter(format_args!(
+                "a bucket is s3://BUCKET or s3://BUCKET/PREFIX, without user, port, `?` or empty segments, not {text:?}"
+            ))),
+        }
+    }
+}
+
+impl fmt::Display for BlobPlace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.0 {
+            Place::Folder(path) => path.display().fmt(f),
+            Place::Bucket { name, prefix } if prefix.as_ref().is_empty() => write!(f, "{BUCKET}{name}"),
+            Place::Bucket { name, prefix } => write!(f, "{BUCKET}{name}/{prefix}"),
+        }
+    }
+}
+
+impl BlobPlace {
+    /// The blobs there. A folder is made if need be; a bucket must be there, which is not checked yet.
+    pub(in crate::service) fn open(&self) -> Result<Box<dyn Blobs>> {
+        match &self.0 {
+            Place::Folder(path) => {
+                let opened = private::make_folder(path).and_then(|()| FolderBlobs::open(path, true));
+                let cannot = |error| Error::io(format_args!("the folder cannot be used (--blobs): {self}"), error);
+                Ok(Box::new(opened.map_err(cannot)?))
+            }
+            #[cfg(feature = "s3")]
+            Place::Bucket { name, prefix } => Ok(Box::new(super::bucket::open(name, prefix)?)),
+            #[cfg(not(feature = "s3"))]
+            Place::Bucket { .. } => Err(Error::parameter(format_args!(
+                "this program was built without the cargo feature s3; give --blobs a folder, not {self}"
+            ))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_place_is_a_folder_or_a_bucket() {
+        for text in ["blobs", "/srv/blobs", "s3:x", "s3://b", "s3://b/p", "s3://my-bucket.x_1/p/q"] {
+            let place: BlobPlace = text.parse().expect(text);
+            assert_eq!(place.to_string(), text);
+            assert_eq!(matches!(place.0, Place::Bucket { .. }), text.starts_with(BUCKET));
+        }
+        for (text, same) in [("s3://b/", "s3://b"), ("s3://b/p/", "s3://b/p")] {
+            assert_eq!(text.parse::<BlobPlace>().expect(text).to_string(), same);
+        }
+        for text in
+            ["", "s3://", "s3:///p", "s3://b/../c", "s3://b//p", "s3://u:p@b/p", "s3://b:9/p", "gs://b/p", "http://b"]
+        {
+            let error = text.parse::<BlobPlace>().expect_err(text);
+            assert!(error.message.contains("s3://BUCKET") && error.message.ends_with(&format!("{text:?}")), "{error}");
+        }
+    }
+
+    #[test]
+    #[cfg(not(feature = "s3"))]
+    fn a_bucket_needs_the_feature() {
+        let place: BlobPlace = "s3://b/p".parse().expect("a bucket");
+        assert!(place.open().expect_err("not built in").message.contains("cargo feature s3"));
+    }
+}

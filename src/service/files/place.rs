@@ -1,0 +1,318 @@
+//! Blobs that lie elsewhere than in the data folder (`--blobs`), where other processes may have theirs.
+//!
+//! A store of jobs belongs to a place, and a place to one store: with another place its jobs have no files, and another
+//! store sweeps them away. So the store has a name. The data folder keeps it in a file, [`BLOBS`], whose first line is
+//! the place and whose second line is the name; the place keeps it as a blob, [`OWNER`].
+//!
+//! The room of a place is not counted: other processes fill it too. When it is full, what is written to it fails.
+
+use std::io::{self, Write as _};
+
+use axum::body::Bytes;
+use object_store::path::Path as BlobPath;
+use uuid::Uuid;
+
+use super::failure::cannot_make;
+use super::folder::Files;
+use super::names::{RESULTS, UPLOADS};
+use super::needs;
+use super::root::BLOBS;
+use crate::error::{Error, Kind, Result};
+use crate::service::blobs::BlobPlace;
+use crate::service::private;
+
+/// Name of the blob with the name of the store that a place belongs to.
+const OWNER: &str = "owner";
+
+/// What clients get when the storage fails; the log says why.
+pub(super) const CANNOT_REACH: &str = "the storage of the service cannot be reached; try again later";
+
+/// What the data folder knows of the place of its blobs.
+struct Record {
+    place: String,
+    store: String,
+}
+
+impl Files {
+    /// Whether the blobs lie elsewhere, where other processes may have theirs.
+    pub fn is_shared(&self) -> bool {
+        self.elsewhere.is_some()
+    }
+
+    /// Takes the place of the blobs for a store of this name, or for the one in the data folder: checks that it works,
+    /// and that place and store are each other's, from now on if they are new. Without a name and a data folder
+    /// there is nothing to check that by.
+    pub async fn take_place(&self, store: Option<&str>) -> Result<()> {
+        let file = self.root.path().join(BLOBS);
+        let record = Record::read(&file).map_err(|error| cannot_make(&file, error))?;
+        let Some(place) = &self.elsewhere else {
+            return match record {
+                Some(Record { place, .. }) => Err(Error::new(
+                    Kind::Conflict,
+                    format_args!("the files of the jobs of this data folder lie elsewhere: give --blobs {place}"),
+                )),
+                None => Ok(()),
+            };
+        };
+        if let Some(record) = record.as_ref().filter(|record| record.place != place.to_string()) {
+            return Err(Error::new(
+                Kind::Conflict,
+                format_args!(
+                    "the files of the jobs of this data folder do not lie at {place}: give --blobs {}, or, if they \
+                     were moved, write the new place into the first line of {}",
+                    record.place,
+                    file.display()
+                ),
+            ));
+        }
+        self.probe_elsewhere().await?;
+        let is_new = record.is_none() && self.root.is_kept();
+        if is_new && self.has_files_in_root() {
+            return Err(Error::new(
+                Kind::Conflict,
+                format_args!(
+                    "files of jobs lie in the data folder: move its folders {UPLOADS} and {RESULTS} to {place} while \
+                     the service is stopped, or start without --blobs: {}",
+                    self.root.path().display()
+                ),
+            ));
+        }
+        let name = match (store, &record) {
+            (Some(store), _) => store.to_owned(),
+            (None, Some(record)) => record.store.clone(),
+            (None, None) if is_new => Uuid::new_v4().to_string(),
+            (None, None) => return Ok(()),
+        };
+        self.check_owner(place, &name).await?;
+        if is_new {
+            let record = Record { place: place.to_string(), store: name };
+            record.write(&file).map_err(|error| cannot_make(&file, error))?;
+        }
+        Ok(())
+    }
+
+    /// Checks that the place belongs to the store of this name, and gives it to it if it belongs to none.
+    async fn check_owner(&self, place: &BlobPlace, store: &str) -> Result<()> {
+        let path = BlobPath::from(OWNER);
+        let owner = match self.blobs.get(&path, None).await {
+            Ok(owner) => owner.bytes().await?,
+            Err(error) if error.kind == Kind::NotFound => {
+                return self.blobs.put(&path, Bytes::copy_from_slice(store.as_bytes())).await;
+            }
+            Err(error) => return Err(error),
+        };
+        match owner == store.as_bytes() {
+            true => Ok(()),
+            false => Err(Error::new(
+                Kind::Conflict,
+                format_args!(
+                    "another store of jobs has its files here, and each would remove the other's: give every store its \
+                     own folder or prefix (--blobs), or remove the file {OWNER} here if that store is gone: {place}"
+                ),
+            )),
+        }
+    }
+
+    fn has_files_in_root(&self) -> bool {
+        [UPLOADS, RESULTS].iter().any(|folder| {
+            std::fs::read_dir(self.root.path().join(folder)).is_ok_and(|mut entries| entries.next().is_some())
+        })
+    }
+
+    /// Whether blobs that lie elsewhere can be stored and found there; says what is wrong.
+    pub async fn probe_elsewhere(&self) -> Result<()> {
+        let Some(place) = &self.elsewhere else { return Ok(()) };
+        let probed = self.blobs.probe().await;
+        probed.map(drop).map_err(|error| {
+            let what = format_args!("files of jobs cannot be stored at {place} (--blobs)");
+            Error::new(Kind::Unavailable, format_args!("{what}: {error}"))
+        })
+    }
+
+    /// An error when the place of the blobs is away: each blob looks removed then.
+    pub(super) async fn check_place(&self) -> Result<()> {
+        self.check_reachable()?;
+        if self.is_shared() && self.blobs.names(&BlobPath::default()).await.is_err() {
+            return Err(self.noted(Error::new(Kind::Unavailable, CANNOT_REACH)));
+        }
+        Ok(())
+    }
+
+    /// How many of the bytes of a job take room in the root. Of blobs elsewhere, small ones do, which the store keeps.
+    pub(super) fn in_root(&self, bytes: u64) -> u64 {
+        match self.is_shared() {
+            true if self.root.is_kept() => bytes.min(needs::SMALL_JOB),
+            true => 0,
+            false => bytes,
+        }
+    }
+
+    /// Whether no job takes room in the root, so that none is promised.
+    pub(super) fn has_room_for_all(&self) -> bool {
+        self.is_shared() && !self.root.is_kept()
+    }
+
+    /// Counts the bytes of a blob that was stored.
+    pub(super) fn written(&self, bytes: u64) {
+        if !self.is_shared() {
+            self.disk.written(bytes);
+        }
+    }
+}
+
+impl Record {
+    /// Reads the file of a data folder, if there is one.
+    fn read(file: &std::path::Path) -> io::Result<Option<Self>> {
+        let text = match std::fs::read_to_string(file) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            text => text?,
+        };
+        match text.lines().collect::<Vec<_>>()[..] {
+            [place, store] if !place.is_empty() && !store.is_empty() => {
+                Ok(Some(Self { place: place.to_owned(), store: store.to_owned() }))
+            }
+            _ => Err(io::Error::other("the file must have two lines, the place of files and the name of the store")),
+        }
+    }
+
+    /// Writes the file, whole or not at all.
+    fn write(&self, file: &std::path::Path) -> io::Result<()> {
+        let new = file.with_extension("new");
+        let mut out = private::options().truncate(true).open(&new)?;
+        writeln!(out, "{}\n{}", self.place, self.store)?;
+        out.sync_all()?;
+        std::fs::rename(&new, file)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+    use std::sync::Arc;
+    use std::time::{Duration, SystemTime};
+
+    use super::*;
+    use crate::service::faults::Faults;
+    use crate::service::files::{DiskLimits, Folder, MESH};
+    use crate::service::store::memory::MemoryStore;
+    use crate::service::store::tests::{RULES, new_job};
+    use crate::service::store::{JobId, Queue as _};
+
+    fn place(path: &Path) -> BlobPlace {
+        path.to_str().expect("a name").parse().expect("a place")
+    }
+
+    fn open(data_dir: Option<&Path>, elsewhere: Option<&BlobPlace>, limits: DiskLimits) -> Arc<Files> {
+        Arc::new(Files::open(data_dir, elsewhere, limits, Faults::default()).expect("it opens"))
+    }
+
+    async fn write(files: &Arc<Files>, id: JobId) {
+        let mut blob = files.result(id, 1, "x");
+        blob.write(b"x").await.expect("taken");
+        blob.finish().await.expect("stored");
+    }
+
+    async fn is_there(files: &Files, folder: Folder, name: &str) -> bool {
+        files.read(folder, name, None).await.is_ok()
+    }
+
+    #[tokio::test]
+    async fn a_place_and_a_store_are_each_others() {
+        let folders = [(); 5].map(|()| tempfile::tempdir().expect("a folder"));
+        let [data, another_data, blobs, other_blobs, used] = folders.each_ref().map(|folder| folder.path());
+        let try_open = async |data: &Path, elsewhere: Option<&Path>| {
+            let files = open(Some(data), elsewhere.map(place).as_ref(), DiskLimits::default());
+            let taken = files.take_place(None).await;
+            files.close().await;
+            taken
+        };
+        for _ in 0..2 {
+            assert_eq!(try_open(data, Some(blobs)).await, Ok(()), "new, then known");
+        }
+        for (data, elsewhere, expected) in [
+            (data, None, "lie elsewhere: give --blobs"),
+            (data, Some(other_blobs), "do not lie at"),
+            (another_data, Some(blobs), "another store of jobs"),
+        ] {
+            let error = try_open(data, elsewhere).await.expect_err(expected);
+            assert_eq!(error.kind, Kind::Conflict);
+            assert!(error.message.contains(expected), "{error}");
+        }
+        assert_eq!(try_open(another_data, Some(other_blobs)).await, Ok(()));
+
+        let files = open(Some(used), None, DiskLimits::default());
+        write(&files, JobId::random()).await;
+        files.close().await;
+        let error = try_open(used, Some(&used.join("new"))).await.expect_err("files are here");
+        assert!(error.message.contains("move its folders"), "{error}");
+        assert_eq!(try_open(used, None).await, Ok(()));
+        std::fs::write(data.join(BLOBS), "one line").expect("written");
+        let error = try_open(data, Some(blobs)).await.expect_err("no record");
+        assert!(error.message.contains("two lines"), "{error}");
+    }
+
+    #[tokio::test]
+    async fn what_is_new_at_a_shared_place_stays_although_the_store_does_not_know_it() {
+        let blobs = tempfile::tempdir().expect("a folder");
+        let place = place(blobs.path());
+        let [one, other] = [(); 2].map(|()| open(None, Some(&place), DiskLimits::default()));
+        let store = MemoryStore::new(RULES).expect("a store");
+        let known = new_job();
+        store.create(known.clone()).await.expect("created");
+
+        // in parts, of which the last is still to come
+        let incoming = other.incoming();
+        let mut mesh = incoming.blob(MESH);
+        mesh.write(&vec![0; 3 << 20]).await.expect("taken");
+        let unknown = JobId::random();
+        for id in [unknown, known.id] {
+            write(&other, id).await;
+        }
+        assert_eq!(one.sweep_at_start(&store).await, Ok(0));
+        assert_eq!(one.sweep(&store).await, Ok(1), "the attempt that the known job did not make");
+        assert!(is_there(&other, Folder::Result(unknown, 1), "x").await);
+        assert!(!is_there(&other, Folder::Result(known.id, 1), "x").await);
+        mesh.finish().await.expect("its parts are there");
+        let upload = Folder::Upload(incoming.id());
+        assert!(is_there(&one, upload, MESH).await);
+
+        let day = Duration::from_secs(86_400);
+        for (folder, name, age) in [(upload, MESH, day - day / 24), (Folder::Result(unknown, 1), "x", day + day / 24)] {
+            let path = blobs.path().join(folder.path().as_ref()).join(name);
+            let file = std::fs::File::options().write(true).open(path).expect("there");
+            file.set_modified(SystemTime::now() - age).expect("set");
+        }
+        assert_eq!(one.sweep(&store).await, Ok(1));
+        assert!(is_there(&one, upload, MESH).await);
+        assert!(!is_there(&one, Folder::Result(unknown, 1), "x").await);
+    }
+
+    #[tokio::test]
+    async fn files_elsewhere_take_no_room_in_the_data_folder() {
+        let (data, blobs) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let limits = DiskLimits { max_bytes: Some(2 << 20), min_free_bytes: 0 };
+        let large = 1 << 30;
+        for (elsewhere, is_taken) in [(Some(place(blobs.path())), true), (None, false)] {
+            let files = open(Some(data.path()), elsewhere.as_ref(), limits);
+            assert_eq!(files.check_room(large).is_ok(), is_taken);
+            assert_eq!(files.promise(JobId::random(), large, large).is_ok(), is_taken);
+            // small jobs are in the store, which is here
+            let small = (0..20).filter(|_| files.promise(JobId::random(), 1000, 500 << 10).is_ok()).count();
+            assert!((1..5).contains(&small), "{small}");
+            files.close().await;
+        }
+    }
+
+    #[tokio::test]
+    async fn a_blob_is_not_gone_while_its_place_is_away() {
+        let blobs = tempfile::tempdir().expect("a folder");
+        let files = open(None, Some(&place(blobs.path())), DiskLimits::default());
+        let id = JobId::random();
+        let kind = async || files.read(Folder::Result(id, 1), "x", None).await.expect_err("not there").kind;
+        assert_eq!(kind().await, Kind::NotFound);
+        assert_eq!(files.probe_elsewhere().await, Ok(()));
+        drop(blobs);
+        assert_eq!(kind().await, Kind::Unavailable);
+        assert!(files.probe_elsewhere().await.is_err() && files.failures() > 0);
+    }
+}
