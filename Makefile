@@ -29,7 +29,7 @@ run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:80
 
 .PHONY: test
 test: lint  ## install what is missing and check everything, on cpu and on a software gpu
-	@$(MAKE) --no-print-directory unit end-to-end page outputs memory crash farm fuzz deploy
+	@$(MAKE) --no-print-directory unit end-to-end bucket page outputs memory crash farm fuzz deploy
 
 .PHONY: lint
 lint: install-test bundle  ## formatting, clippy, documentation and choices of cargo features, warnings denied
@@ -48,6 +48,11 @@ unit: install-test bundle  ## the tests of the crate
 end-to-end: debug-binary $(VENV)/ready  ## service and command line from outside, results scored independently
 	$(VENV)/bin/python tests/scripts/end_to_end.py $(TARGET)/debug/tesserae $(TESSERAE_TEST_MESHES)
 	$(VENV)/bin/python tests/scripts/pages.py $(TARGET)/debug/tesserae
+
+.PHONY: bucket
+bucket: debug-binary $(VENV)/ready  ## files of jobs in a bucket of S3, of a server that runs meanwhile (moto)
+	$(VENV)/bin/python tests/scripts/s3.py cargo test --locked $(FEATURES) --lib blobs::
+	$(VENV)/bin/python tests/scripts/bucket.py $(TARGET)/debug/tesserae
 
 .PHONY: outputs
 outputs: debug-binary $(VENV)/ready $(TARGET)/node/ready  ## outputs as the programs read them that people use

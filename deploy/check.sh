@@ -7,7 +7,8 @@ cd "$(dirname "$0")"
 tools=$1
 
 "$tools/hadolint" Dockerfile
-"$tools/check-jsonschema" --builtin-schema vendor.compose-spec compose.yaml compose.nvidia.yaml
+"$tools/check-jsonschema" --builtin-schema vendor.compose-spec compose.yaml compose.nvidia.yaml farm.compose.yaml
+"$tools/python" check-chart.py
 if command -v systemd-analyze >/dev/null; then
     unit=$(mktemp -d)/tesserae.service
     trap 'rm -r "${unit%/*}"' EXIT
@@ -19,15 +20,17 @@ fi
 promtool=$tools/promtool
 [ -x "$promtool" ] || promtool=$(command -v promtool || true)
 if [ -n "$promtool" ]; then
-    "$promtool" check rules alerts.yaml
-    "$promtool" test rules alerts.test.yaml
-    for alert in $(sed -n 's/^ *- alert: //p' alerts.yaml); do
-        grep --quiet "alertname: $alert\$" alerts.test.yaml || { echo "an alert without a test: $alert" >&2; exit 1; }
+    for rules in alerts farm-alerts; do
+        "$promtool" check rules "$rules.yaml"
+        "$promtool" test rules "$rules.test.yaml"
+        for alert in $(sed -n 's/^ *- alert: //p' "$rules.yaml"); do
+            grep --quiet "alertname: $alert\$" "$rules.test.yaml" || { echo "an alert without a test: $alert" >&2; exit 1; }
+        done
     done
 else
-    echo "promtool is not there: alerts.yaml is only read" >&2
-    "$tools/python" -c 'import sys, yaml
-groups = yaml.safe_load(open("alerts.yaml"))["groups"]
+    echo "promtool is not there: alert rules are only read" >&2
+    "$tools/python" -c 'import yaml
+groups = [group for name in ("alerts", "farm-alerts") for group in yaml.safe_load(open(name + ".yaml"))["groups"]]
 for rule in (rule for group in groups for rule in group["rules"]):
     assert {"alert", "expr", "labels", "annotations"} <= set(rule), rule
     assert rule["expr"].count("(") == rule["expr"].count(")"), rule
@@ -43,8 +46,8 @@ rm -r "$symbols"
 profile=$(sed -n 's/.*cargo build --profile \([a-z]*\).*/\1/p' Dockerfile)
 grep --quiet "^\[profile\.$profile\]" ../Cargo.toml || { echo "no profile of cargo: '$profile'" >&2; exit 1; }
 # every setting that these files speak of exists
-known=$(grep -o 'TESSERAE_[A-Z_]*' ../docs/operations.md | sort -u)
-for name in $(grep -oh 'TESSERAE_[A-Z_]*' Dockerfile compose.yaml tesserae.service | sort -u); do
+known=$(grep -oh 'TESSERAE_[A-Z_]*' ../docs/operations.md ../docs/farm.md | sort -u)
+for name in $(grep -oh 'TESSERAE_[A-Z_]*' Dockerfile compose.yaml farm.compose.yaml tesserae.service | sort -u); do
     grep -qx "$name" <<<"$known" || { echo "no setting of the service: $name" >&2; exit 1; }
 done
 echo "deploy: all in order"

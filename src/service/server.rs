@@ -110,7 +110,7 @@ impl Server {
         let reload = extras.reload.clone().unwrap_or_default();
         let end_drain_delay = extras.end_drain_delay.clone().unwrap_or_default();
         let (place, disk) = (settings.storage.blobs.as_ref(), settings.storage.disk());
-        let files = Arc::new(Files::open(settings.data_dir.as_deref(), place, disk, faults.clone())?);
+        let mut files = Files::open(settings.data_dir.as_deref(), place, disk, faults.clone())?;
         let forgets = settings.storage.forget_lost_jobs;
         let rules = Rules {
             max_queued: settings.max_queued_jobs,
@@ -119,6 +119,7 @@ impl Server {
         };
         let shared = open_shared(&settings, rules).await?;
         files.take_place(shared.as_ref().map(|(_, name)| name.as_str())).await?;
+        let files = Arc::new(files);
         let store: Arc<dyn JobStore> = match (shared, files.database()) {
             (Some((store, _)), _) => store,
             (None, Some(path)) => {

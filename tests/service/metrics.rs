@@ -119,7 +119,7 @@ async fn the_dashboard_draws_metrics_that_there_are() {
 /// Alert rules must name metrics that the service gives, or they never fire.
 #[tokio::test]
 async fn alert_rules_are_about_metrics_that_there_are() {
-    let rules = deployed("alerts.yaml");
+    let rules = deployed("alerts.yaml") + &deployed("farm-alerts.yaml");
     // an expression ends before the labels of its rule
     let expressions: Vec<&str> =
         rules.split(" expr: ").skip(1).filter_map(|rest| rest.split(" labels: ").next()).collect();

@@ -238,7 +238,8 @@ impl Blob {
             Source::Found(found) => match file(found) {
                 Ok(file) => Box::new(file.take(length)),
                 Err(found) => {
-                    let stream = found.into_stream().map(|chunk| chunk.map_err(io::Error::other));
+                    let stream =
+                        found.into_stream().map(|chunk| chunk.map_err(|error| io::Error::other(cannot_read(error))));
                     Box::new(SyncIoBridge::new(StreamReader::new(stream)))
                 }
             },

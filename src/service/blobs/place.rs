@@ -42,7 +42,8 @@ impl FromStr for BlobPlace {
         };
         let (name, prefix) = rest.split_once('/').unwrap_or((rest, ""));
         let is_name = |byte: u8| byte.is_ascii_alphanumeric() || b".-_".contains(&byte);
-        let prefix = BlobPath::parse(prefix).ok();
+        // the parser would leave a first `/` out
+        let prefix = BlobPath::parse(prefix).ok().filter(|_| !prefix.starts_with('/'));
         match prefix.filter(|_| !name.is_empty() && name.bytes().all(is_name)) {
             Some(prefix) => Ok(Self(Place::Bucket { name: name.to_owned(), prefix })),
             None => Err(Error::parameter(format_args!(

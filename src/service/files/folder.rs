@@ -43,6 +43,10 @@ pub(in crate::service) struct Files {
     pub(super) blobs: Box<dyn Blobs>,
     /// Where the blobs lie when they are not in the root. Other processes may use them too.
     pub(super) elsewhere: Option<BlobPlace>,
+    /// Name of the store that the place of the blobs belongs to.
+    pub(super) owner: Option<String>,
+    /// Whether the store of jobs is in the root, and grows there.
+    pub(super) has_store: bool,
     pub(super) disk: Disk,
     pub(super) ballast: Ballast,
     pub(super) room: Room,
@@ -85,8 +89,9 @@ impl Files {
         let disk = Disk::new(root.path().to_owned(), limits);
         let room = Room::default();
         let (incoming, failures) = (Mutex::default(), AtomicU64::new(0));
-        let elsewhere = elsewhere.cloned();
-        let files = Self { root, blobs, elsewhere, disk, ballast, room, incoming, failures, faults };
+        let (elsewhere, has_store) = (elsewhere.cloned(), root.is_kept());
+        let files =
+            Self { root, blobs, elsewhere, owner: None, has_store, disk, ballast, room, incoming, failures, faults };
         // the store needs some room to be opened
         if files.disk.free().is_some_and(|free| free < disk::STORE_ROOM / 8) {
             files.ballast.give_up();

@@ -39,10 +39,11 @@ impl Files {
         self.elsewhere.is_some()
     }
 
-    /// Takes the place of the blobs for a store of this name, or for the one in the data folder: checks that it works,
-    /// and that place and store are each other's, from now on if they are new. Without a name and a data folder
-    /// there is nothing to check that by.
-    pub async fn take_place(&self, store: Option<&str>) -> Result<()> {
+    /// Takes the place of the blobs for a store of this name, which is not in the data folder, or for the one that is:
+    /// checks that it works, and that place and store are each other's, from now on if they are new. Without a name and
+    /// a data folder there is nothing to check that by.
+    pub async fn take_place(&mut self, store: Option<&str>) -> Result<()> {
+        self.has_store &= store.is_none();
         let file = self.root.path().join(BLOBS);
         let record = Record::read(&file).map_err(|error| cannot_make(&file, error))?;
         let Some(place) = &self.elsewhere else {
@@ -83,25 +84,22 @@ impl Files {
             (None, None) if is_new => Uuid::new_v4().to_string(),
             (None, None) => return Ok(()),
         };
+        let path = BlobPath::from(OWNER);
+        if self.blobs.get(&path, None).await.is_err_and(|error| error.kind == Kind::NotFound) {
+            self.blobs.put(&path, Bytes::copy_from_slice(name.as_bytes())).await?;
+        }
         self.check_owner(place, &name).await?;
         if is_new {
-            let record = Record { place: place.to_string(), store: name };
+            let record = Record { place: place.to_string(), store: name.clone() };
             record.write(&file).map_err(|error| cannot_make(&file, error))?;
         }
+        self.owner = Some(name);
         Ok(())
     }
 
-    /// Checks that the place belongs to the store of this name, and gives it to it if it belongs to none.
+    /// Checks that the place belongs to the store of this name.
     async fn check_owner(&self, place: &BlobPlace, store: &str) -> Result<()> {
-        let path = BlobPath::from(OWNER);
-        let owner = match self.blobs.get(&path, None).await {
-            Ok(owner) => owner.bytes().await?,
-            Err(error) if error.kind == Kind::NotFound => {
-                return self.blobs.put(&path, Bytes::copy_from_slice(store.as_bytes())).await;
-            }
-            Err(error) => return Err(error),
-        };
-        match owner == store.as_bytes() {
+        match self.blobs.get(&BlobPath::from(OWNER), None).await?.bytes().await? == store.as_bytes() {
             true => Ok(()),
             false => Err(Error::new(
                 Kind::Conflict,
@@ -119,11 +117,18 @@ impl Files {
         })
     }
 
-    /// Whether blobs that lie elsewhere can be stored and found there; says what is wrong.
+    /// Whether blobs that lie elsewhere can be stored and found there; says what is wrong. Without the owner it is
+    /// another place: a folder that is not mounted, say.
     pub async fn probe_elsewhere(&self) -> Result<()> {
         let Some(place) = &self.elsewhere else { return Ok(()) };
-        let probed = self.blobs.probe().await;
-        probed.map(drop).map_err(|error| {
+        let probe = async {
+            self.blobs.names(&BlobPath::default()).await?;
+            if let Some(owner) = &self.owner {
+                self.check_owner(place, owner).await?;
+            }
+            self.blobs.probe().await
+        };
+        probe.await.map(drop).map_err(|error| {
             let what = format_args!("files of jobs cannot be stored at {place} (--blobs)");
             Error::new(Kind::Unavailable, format_args!("{what}: {error}"))
         })
@@ -141,7 +146,7 @@ impl Files {
     /// How many of the bytes of a job take room in the root. Of blobs elsewhere, small ones do, which the store keeps.
     pub(super) fn in_root(&self, bytes: u64) -> u64 {
         match self.is_shared() {
-            true if self.root.is_kept() => bytes.min(needs::SMALL_JOB),
+            true if self.has_store => bytes.min(needs::SMALL_JOB),
             true => 0,
             false => bytes,
         }
@@ -149,7 +154,7 @@ impl Files {
 
     /// Whether no job takes room in the root, so that none is promised.
     pub(super) fn has_room_for_all(&self) -> bool {
-        self.is_shared() && !self.root.is_kept()
+        self.is_shared() && !self.has_store
     }
 
     /// Counts the bytes of a blob that was stored.
@@ -221,7 +226,9 @@ mod tests {
         let folders = [(); 5].map(|()| tempfile::tempdir().expect("a folder"));
         let [data, another_data, blobs, other_blobs, used] = folders.each_ref().map(|folder| folder.path());
         let try_open = async |data: &Path, elsewhere: Option<&Path>| {
-            let files = open(Some(data), elsewhere.map(place).as_ref(), DiskLimits::default());
+            let elsewhere = elsewhere.map(place);
+            let files = Files::open(Some(data), elsewhere.as_ref(), DiskLimits::default(), Faults::default());
+            let mut files = files.expect("it opens");
             let taken = files.take_place(None).await;
             files.close().await;
             taken
@@ -246,8 +253,17 @@ mod tests {
         let error = try_open(used, Some(&used.join("new"))).await.expect_err("files are here");
         assert!(error.message.contains("move its folders"), "{error}");
         assert_eq!(try_open(used, None).await, Ok(()));
+
+        let place = place(blobs);
+        let mut files =
+            Files::open(Some(data), Some(&place), DiskLimits::default(), Faults::default()).expect("opened");
+        assert_eq!(files.take_place(None).await, Ok(()));
+        assert_eq!(files.probe_elsewhere().await, Ok(()));
+        std::fs::remove_file(blobs.join(OWNER)).expect("there");
+        assert!(files.probe_elsewhere().await.is_err(), "as when it is not mounted");
+        files.close().await;
         std::fs::write(data.join(BLOBS), "one line").expect("written");
-        let error = try_open(data, Some(blobs)).await.expect_err("no record");
+        let error = try_open(data, None).await.expect_err("no record");
         assert!(error.message.contains("two lines"), "{error}");
     }
 

@@ -43,6 +43,15 @@ pub(super) fn of_cut(error: Error) -> Error {
     match error.kind {
         // the number is sound, this hierarchy has no such state
         Kind::InvalidParameter => Error::new(Kind::Conflict, error.message),
+        _ => of_stored(error),
+    }
+}
+
+/// The error of a stored hierarchy that cannot be read: this service wrote it.
+fn of_stored(error: Error) -> Error {
+    match error.kind {
+        // what keeps it failed in the middle
+        Kind::Io => Error::new(Kind::Unavailable, error.message),
         _ => Error::new(Kind::Internal, error.message),
     }
 }
@@ -64,8 +73,7 @@ pub(in crate::service) async fn made(
     let turn = encoded::turn(shared).await?;
     let (stored, length) = open(shared, job).await?;
     let write = move |out: &mut dyn Write| {
-        // this service wrote it
-        let tree = Stored::read(stored, length, u64::MAX).map_err(|error| Error::new(Kind::Internal, error.message))?;
+        let tree = Stored::read(stored, length, u64::MAX).map_err(of_stored)?;
         let content = Content { hierarchy: Some(&tree), limits, ..Content::default() };
         (form.encode)(&content)?(out).map_err(encoded::cannot)
     };
