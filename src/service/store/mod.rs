@@ -2,8 +2,8 @@
 //!
 //! [`JobStore`] is a whole store; its users take the part that they need: [`Queue`], [`Events`], [`Notices`] or
 //! [`Maintenance`]. Every store passes the suite in `conformance`. A store knows nothing of HTTP, of files or of
-//! devices. [`sqlite`] keeps jobs on disk, [`postgres`] in a database that several services share; [`memory`] loses them
-//! when the process ends.
+//! devices. [`sqlite`] keeps jobs on disk, [`postgres`] in a database that several services share; [`memory`] loses
+//! them when the process ends.
 //!
 //! # The life of a job
 //!

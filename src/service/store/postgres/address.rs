@@ -1,7 +1,7 @@
 //! The address of the database: its URL with what this service reads of it beside the driver.
 //!
 //! TLS is on or off, and on means that the certificate of the server is verified: `sslmode=require` of other programs,
-//! which takes any certificate, protects from nobody who can answer for the server. What the driver would take as well
+//! which takes any certificate, does not keep another server from answering. What the driver would take as well
 //! (`prefer`) is refused. Without `sslmode` it is on, except for a server on this machine.
 
 use std::path::PathBuf;

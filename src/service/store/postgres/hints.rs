@@ -35,7 +35,7 @@ const PAUSE: Duration = Duration::from_millis(100);
 /// Looks after which deliveries of webhooks look, too.
 const SELDOM: u64 = 10;
 
-/// What is told of an arrival, and of an end with a webhook; a change of a job is told by its id.
+/// Notifications of an arrival, and of an end with a webhook; that of a change of a job is its id.
 const ARRIVAL: &str = "arrival";
 const ENDING: &str = "ending";
 
