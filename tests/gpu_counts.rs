@@ -69,8 +69,7 @@ fn of_hierarchy(surface: &Surface, optimise: bool) -> Option<((u64, u64), u64, u
             rounds += 1;
             optimised += u64::from(row.moves > 0);
         };
-        hierarchical(surface, &options, &mut device, &Cancel::default(), &mut |_| {}, &mut on_round)
-            .expect("it runs");
+        hierarchical(surface, &options, &mut device, &Cancel::default(), &mut |_| {}, &mut on_round).expect("it runs");
     }
     counts(&mut device).map(|counted| (counted, rounds, optimised))
 }

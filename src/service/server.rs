@@ -111,20 +111,19 @@ impl Server {
         let end_drain_delay = extras.end_drain_delay.clone().unwrap_or_default();
         let (place, disk) = (settings.storage.blobs.as_ref(), settings.storage.disk());
         let mut files = Files::open(settings.data_dir.as_deref(), place, disk, faults.clone())?;
-        files.take_place(None).await?;
-        let files = Arc::new(files);
         let forgets = settings.storage.forget_lost_jobs;
-        if settings.storage.store.is_none() {
-            files.check_store(forgets).await?;
-        }
         let rules = Rules {
             max_queued: settings.max_queued_jobs,
             max_attempts: settings.work.max_attempts,
             crash_pause: settings.work.crash_pause(),
         };
-        let store: Arc<dyn JobStore> = match (open_shared(&settings, rules).await?, files.database()) {
-            (Some(store), _) => store,
+        let shared = open_shared(&settings, rules).await?;
+        files.take_place(shared.as_ref().map(|(_, name)| name.as_str())).await?;
+        let files = Arc::new(files);
+        let store: Arc<dyn JobStore> = match (shared, files.database()) {
+            (Some((store, _)), _) => store,
             (None, Some(path)) => {
+                files.check_store(forgets).await?;
                 let store = SqliteStore::open(&path, rules, faults).await?;
                 if !store.was_used().await? {
                     files.check_unused_store(forgets).await?;
@@ -271,17 +270,21 @@ impl Server {
     }
 }
 
+/// A store that the service shares with others, and its name.
+type SharedStore = (Arc<dyn JobStore>, String);
+
 /// The store that the service shares with others, if it does.
 #[cfg(feature = "postgres")]
-async fn open_shared(settings: &Settings, rules: Rules) -> Result<Option<Arc<dyn JobStore>>> {
+async fn open_shared(settings: &Settings, rules: Rules) -> Result<Option<SharedStore>> {
     let Some(url) = &settings.storage.store else { return Ok(None) };
     let store = PostgresStore::open(url, settings.storage.store_connections as usize, rules).await?;
-    Ok(Some(Arc::new(store)))
+    let name = store.name().to_owned();
+    Ok(Some((Arc::new(store), name)))
 }
 
 /// None: the settings were checked.
 #[cfg(not(feature = "postgres"))]
-async fn open_shared(_: &Settings, _: Rules) -> Result<Option<Arc<dyn JobStore>>> {
+async fn open_shared(_: &Settings, _: Rules) -> Result<Option<SharedStore>> {
     Ok(None)
 }
 

@@ -166,10 +166,16 @@ impl Settings {
                 self.listen
             )));
         }
-        if let Some(blobs) = self.storage.blobs.as_ref().filter(|_| self.data_dir.is_none()) {
+        if self.storage.store.is_some() && self.storage.blobs.is_none() {
+            return Err(Error::parameter(
+                "services that share a --store must share the files of its jobs: give --blobs beside it",
+            ));
+        }
+        let has_store = self.data_dir.is_some() || self.storage.store.is_some();
+        if let Some(blobs) = self.storage.blobs.as_ref().filter(|_| !has_store) {
             return Err(Error::parameter(format_args!(
                 "jobs in memory only would leave their files at {blobs} when the service ends: give --data-dir beside \
-                 --blobs, for the store of jobs"
+                 --blobs, or --store, for the store of jobs"
             )));
         }
         self.check_amounts()?;

@@ -32,6 +32,7 @@ pub(in crate::service) struct PostgresStore {
     pub(super) connections: Arc<Connections>,
     pub(super) hints: Arc<Hints>,
     pub(super) cursors: Cursors,
+    name: String,
     /// Numbers of the last events of the jobs that are claimed here: no other service appends to them.
     pub(super) held: Mutex<HashMap<Ticket, u64>>,
     /// Held while jobs are claimed. Whether a claim ended without an answer: it may have taken jobs.
@@ -54,12 +55,12 @@ impl PostgresStore {
             let new = Cursors::random()?;
             let sql = "INSERT INTO secrets (id, cursors) VALUES (1, $1) ON CONFLICT (id) DO NOTHING";
             execute(&client, sql, &[&new.key()]).await?;
-            let row = one(&client, "SELECT cursors FROM secrets WHERE id = 1", &[]).await?;
+            let row = one(&client, "SELECT cursors, name::text FROM secrets WHERE id = 1", &[]).await?;
             let key: Vec<u8> = column(&row, "cursors")?;
             let damaged = || Error::new(Kind::Internal, "the key of cursors in the store of jobs is damaged");
-            Ok(Cursors::with_key(&key).ok_or_else(damaged)?)
+            Ok((Cursors::with_key(&key).ok_or_else(damaged)?, column::<String>(&row, "name")?))
         });
-        let cursors = opened.await.map_err(|error| match error.kind {
+        let (cursors, name) = opened.await.map_err(|error| match error.kind {
             Kind::Unavailable => Error::new(
                 error.kind,
                 "the database that --store names cannot be reached, or takes no connections; --log debug says why",
@@ -75,6 +76,7 @@ impl PostgresStore {
             connections,
             hints,
             cursors,
+            name,
             held: Mutex::default(),
             is_unsure: tokio::sync::Mutex::new(false),
             attempts_failed: AtomicU64::new(0),
@@ -83,6 +85,11 @@ impl PostgresStore {
             stop,
             tasks,
         })
+    }
+
+    /// The name of the store, by which its files are known.
+    pub fn name(&self) -> &str {
+        &self.name
     }
 
     /// Does a change in a transaction, and what follows from it.
