@@ -2,14 +2,14 @@
 
 use std::time::Duration;
 
-use crate::service::blobs::BlobPlace;
+use crate::service::blobs::place::BlobPlace;
 use crate::service::files::DiskLimits;
 
 /// What is kept.
 #[derive(Debug, Clone, PartialEq, Eq, clap::Args)]
 pub struct StorageSettings {
-    /// Where uploads and results lie that are too large for the store of jobs: a folder, or s3://BUCKET/PREFIX with keys,
-    /// region and endpoint in the usual variables AWS_…; in the data folder when left out
+    /// Where uploads and results lie that are too large for the store of jobs: a folder, or s3://BUCKET/PREFIX with
+    /// keys, region and endpoint in the usual variables AWS_…; in the data folder when left out
     #[arg(long, env = "TESSERAE_BLOBS", value_name = "PLACE")]
     pub blobs: Option<BlobPlace>,
 
