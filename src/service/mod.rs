@@ -89,7 +89,7 @@ mod webhooks;
 
 pub use access::tokens::{Quotas, TenantEntry, Token, TokenEntry, TokenFile};
 pub use backup::{Backup, back_up};
-pub use blobs::BlobPlace;
+pub use blobs::place::BlobPlace;
 pub use faults::{FaultPoint, Faults};
 pub use logging::{LogFormat, LogSettings, Logging};
 pub use openapi::openapi_yaml;

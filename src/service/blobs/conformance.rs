@@ -5,6 +5,8 @@ use object_store::memory::InMemory;
 use object_store::path::Path;
 
 use super::folder::FolderBlobs;
+#[cfg(feature = "s3")]
+use super::place::BlobPlace;
 use super::*;
 use crate::service::blocking::blocking;
 

@@ -12,20 +12,17 @@ use axum::body::Bytes;
 use object_store::path::Path as BlobPath;
 use uuid::Uuid;
 
-use super::failure::cannot_make;
+use super::failure::{CANNOT_REACH, cannot_make};
 use super::folder::Files;
 use super::names::{RESULTS, UPLOADS};
 use super::needs;
 use super::root::BLOBS;
 use crate::error::{Error, Kind, Result};
-use crate::service::blobs::BlobPlace;
+use crate::service::blobs::place::BlobPlace;
 use crate::service::private;
 
 /// Name of the blob with the name of the store that a place belongs to.
 const OWNER: &str = "owner";
-
-/// What clients get when the storage fails; the log says why.
-pub(super) const CANNOT_REACH: &str = "the storage of the service cannot be reached; try again later";
 
 /// What the data folder knows of the place of its blobs.
 struct Record {

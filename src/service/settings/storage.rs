@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::error::Result;
-use crate::service::blobs::BlobPlace;
+use crate::service::blobs::place::BlobPlace;
 use crate::service::files::DiskLimits;
 use crate::service::store::StoreUrl;
 
@@ -22,8 +22,8 @@ pub struct StorageSettings {
           value_parser = clap::value_parser!(u32).range(2..=1000))]
     pub store_connections: u32,
 
-    /// Where uploads and results lie that are too large for the store of jobs: a folder, or s3://BUCKET/PREFIX with keys,
-    /// region and endpoint in the usual variables AWS_…; in the data folder when left out
+    /// Where uploads and results lie that are too large for the store of jobs: a folder, or s3://BUCKET/PREFIX with
+    /// keys, region and endpoint in the usual variables AWS_…; in the data folder when left out
     #[arg(long, env = "TESSERAE_BLOBS", value_name = "PLACE")]
     pub blobs: Option<BlobPlace>,
 
