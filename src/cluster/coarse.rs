@@ -96,7 +96,8 @@ impl CoarseStart {
     /// Coarsens a surface for `clusters` clusters and chooses seeds on the coarsest graph.
     pub fn new(surface: &Surface, clusters: u64, seed: u64, effort: Effort) -> Result<Self> {
         let shares = seeds::shares(surface, clusters)?;
-        let groups_a_cluster = effort.groups_a_cluster.max(effort.least_groups / clusters);
+        let least_groups = effort.least_groups.min(surface.faces() as u64 / 2);
+        let groups_a_cluster = effort.groups_a_cluster.max(least_groups / clusters);
         let mut heaviest: Vec<u64> = surface
             .components
             .iter()
