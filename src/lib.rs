@@ -36,8 +36,8 @@
 //! # Features
 //!
 //! `gpu` has the device of that name (wgpu), `service` the modules [`service`] (axum, SQLite, …) and `cli::service`,
-//! `postgres` a store of jobs that services share, and `s3` buckets as a place for files of jobs. `gpu` and `service` are
-//! on by default; without them, everything else works on the cpu. `page` puts the page at `/` into the binary.
+//! `postgres` a store of jobs that services share, and `s3` buckets as a place for files of jobs. `gpu` and `service`
+//! are on by default; without them, everything else works on the cpu. `page` puts the page at `/` into the binary.
 //!
 //! # Where to begin
 //!

@@ -168,9 +168,11 @@ class AsyncJob:
         """What was read, the energies, every iteration, the timings."""
         return await self._connection.run(results.report(self.id, self._patience))
 
-    async def hierarchy(self, min_clusters: int | None = None, max_clusters: int | None = None) -> HierarchyDocument:
-        """The rounds and merges of a hierarchy, between these numbers of clusters."""
-        query = {"min_clusters": min_clusters, "max_clusters": max_clusters}
+    async def hierarchy(
+        self, min_clusters: int | None = None, max_clusters: int | None = None, clusters: int | None = None
+    ) -> HierarchyDocument:
+        """The rounds and merges of a hierarchy, between these numbers of clusters; with the nodes of a cut, if named."""
+        query = {"min_clusters": min_clusters, "max_clusters": max_clusters, "clusters": clusters}
         return await self._connection.run(results.hierarchy(self.id, query, self._patience))
 
     async def tree(self) -> Hierarchy:

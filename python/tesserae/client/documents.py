@@ -243,6 +243,13 @@ class Node(TypedDict):
     proxy: list[float]
 
 
+class CutNodes(TypedDict):
+    """The clusters of a cut as nodes of the tree, in the order of their labels."""
+
+    nodes: list[int]
+    parents: list[int | None]
+
+
 class HierarchyDocument(TypedDict):
     """A hierarchy as JSON."""
 
@@ -252,6 +259,7 @@ class HierarchyDocument(TypedDict):
     levels: list[Level]
     nodes: list[Node]
     roots: list[int]
+    cut: CutNodes | None
 
 
 class Cluster(TypedDict):
@@ -335,11 +343,32 @@ class Graph(TypedDict):
     edges: list[Edge]
 
 
+class LargestMeshes(TypedDict):
+    """The largest meshes that fit on an adapter, in faces."""
+
+    flat: int
+    hierarchy: int
+
+
+class AdapterReport(TypedDict):
+    """A graphics adapter that a service looked at."""
+
+    index: int
+    name: str
+    kind: Literal["discrete", "integrated", "virtual", "other", "software"]
+    backend: str
+    driver: str
+    usable: bool
+    reason: str | None
+    largest: LargestMeshes
+
+
 class DeviceDescription(DeviceInfo):
     """The device of a service and why it is that one."""
 
     chosen: str
     cpu_below_faces: int | None
+    adapters: list[AdapterReport]
 
 
 class FormatInfo(TypedDict):

@@ -119,6 +119,7 @@ KINDS: Mapping[str, type[ServiceError]] = {
             "insufficient-storage",
             "unavailable",
             "device-lost",
+            "device-wrong",
             "io",
         ],
         Busy,

@@ -14,7 +14,7 @@ from tesserae.client.exchange import Request
 
 PARAMETERS = (
     "algorithm clusters quality seeds seed max_iterations refine allow_disconnected bridge_components snapshots "
-    "curvature_exponent weight_attribute optimize optimize_iterations switch_to_ml_at collapse_fraction ties pairs "
+    "subdivide curvature_exponent weight_attribute optimize optimize_iterations switch_to_ml_at collapse_fraction ties pairs "
     "levels priority outputs keep_mesh webhook"
 ).split()
 """Members of the part ``parameters`` of an upload."""
@@ -83,7 +83,7 @@ _ALL = [
     Operation("retryJob", "POST", "/v1/jobs/{id}/retry"),
     Operation("streamEvents", "GET", "/v1/jobs/{id}/events", (), ("Last-Event-ID",)),
     _of_job("getLabels", "labels", "clusters", "iteration", "format"),
-    _of_job("getHierarchy", "hierarchy", "min_clusters", "max_clusters", "format"),
+    _of_job("getHierarchy", "hierarchy", "min_clusters", "max_clusters", "clusters", "format"),
     _of_job("getReport", "report"),
     _of_job("getMesh", "mesh", "format", "clusters", "ply_vertex_colours", "colours"),
     _of_job("getSubmeshes", "submeshes", "format", "clusters", "force"),

@@ -47,6 +47,8 @@ class Parameters(TypedDict, total=False):
     bridge_components: bool
     #: Keep the labels of every N-th iteration, or of the listed ones.
     snapshots: int | Sequence[int]
+    #: Divide every triangle into four, this many times or until there are 30 faces a cluster: for remeshes.
+    subdivide: int | Literal["auto"]
     #: Multiply areas by curvature to this power, 0 to 10: smaller clusters where the surface bends.
     curvature_exponent: float
     #: glTF: multiply areas by this attribute of the vertices.

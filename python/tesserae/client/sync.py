@@ -259,9 +259,11 @@ class Job:
         """What was read, the energies, every iteration, the timings."""
         return self._connection.run(results.report(self.id, self._patience))
 
-    def hierarchy(self, min_clusters: int | None = None, max_clusters: int | None = None) -> HierarchyDocument:
-        """The rounds and merges of a hierarchy, between these numbers of clusters."""
-        query = {"min_clusters": min_clusters, "max_clusters": max_clusters}
+    def hierarchy(
+        self, min_clusters: int | None = None, max_clusters: int | None = None, clusters: int | None = None
+    ) -> HierarchyDocument:
+        """The rounds and merges of a hierarchy, between these numbers of clusters; with the nodes of a cut, if named."""
+        query = {"min_clusters": min_clusters, "max_clusters": max_clusters, "clusters": clusters}
         return self._connection.run(results.hierarchy(self.id, query, self._patience))
 
     def tree(self) -> Hierarchy:

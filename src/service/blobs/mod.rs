@@ -2,8 +2,8 @@
 //!
 //! [`Blobs`] is all that the service needs of a place that keeps them. Every [`ObjectStore`] is one; the folder on a
 //! disk, [`folder::FolderBlobs`], is one of its own, because a folder can be listed and removed as such; a `bucket` of
-//! S3 is the other one in use. [`place::BlobPlace`] is what `--blobs` says. One suite of tests runs for each (`conformance`).
-//! Nothing here knows of jobs, or of room on a disk: `files` does.
+//! S3 is the other one in use. [`place::BlobPlace`] is what `--blobs` says. One suite of tests runs for each
+//! (`conformance`). Nothing here knows of jobs, or of room on a disk: `files` does.
 
 #[cfg(feature = "s3")]
 mod bucket;
