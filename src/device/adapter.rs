@@ -39,6 +39,7 @@ pub struct LargestMeshes {
 
 impl AdapterReport {
     /// Notes why it cannot cluster.
+    #[cfg(feature = "gpu")]
     pub(super) fn refuse(&mut self, reason: String) {
         self.usable = false;
         self.reason = Some(reason);

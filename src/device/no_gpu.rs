@@ -6,11 +6,13 @@ use crate::error::{Error, Kind, Result};
 
 /// Nothing that could be changed about a gpu.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Overrides {
-    /// Means nothing here.
-    pub timed: bool,
-    /// Means nothing here.
-    pub tuning: Tuning,
+pub struct Overrides {}
+
+impl Overrides {
+    /// Nothing.
+    pub fn timed(_: Tuning) -> Self {
+        Self {}
+    }
 }
 
 /// No constants.

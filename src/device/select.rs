@@ -70,7 +70,7 @@ pub fn open_listing(
 /// Opens a gpu to be timed, with other constants: the one of that number or name, else the fastest, software where
 /// there is no other.
 pub fn open_timed(adapter: Option<&str>, tuning: Tuning) -> Result<(AdapterKind, Box<dyn Device>)> {
-    gpu::open(adapter, Overrides { timed: true, tuning, ..Overrides::default() }, &mut Vec::new())
+    gpu::open(adapter, Overrides::timed(tuning), &mut Vec::new())
 }
 
 fn open_auto(adapters: &mut Vec<AdapterReport>) -> Box<dyn Device> {

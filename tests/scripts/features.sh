@@ -43,7 +43,7 @@ done
     without gpu,service $of_s3 $of_postgres
 }
 
-for features in "" gpu service postgres; do
+for features in "" gpu service postgres s3; do
     cargo clippy --locked --quiet --no-default-features --features "$features" -- -D warnings
 done
 

@@ -82,6 +82,13 @@ pub struct Overrides {
     pub tuning: Tuning,
 }
 
+impl Overrides {
+    /// Timed, with these constants.
+    pub fn timed(tuning: Tuning) -> Self {
+        Self { timed: true, tuning, ..Self::default() }
+    }
+}
+
 /// A failure that a test injects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fault {
