@@ -12,7 +12,7 @@ use crate::support::*;
 async fn an_accepted_job_says_all_about_itself() {
     let service = Service::start().await;
     let response = service
-        .post("/v1/jobs?clusters=5&seed=3")
+        .post("/v1/jobs?clusters=7&seed=3")
         .header("content-type", "model/obj")
         .body(sphere(300))
         .send()
@@ -25,7 +25,7 @@ async fn an_accepted_job_says_all_about_itself() {
     let job: Value = response.json().await.expect("JSON");
     assert_eq!(path(&job), location);
     assert_eq!(location, format!("/v1/jobs/{}", text(&job["id"])));
-    assert_eq!(job["parameters"]["clusters"], 5);
+    assert_eq!(job["parameters"]["clusters"], 7);
     assert_eq!(job["parameters"]["seed"], 3);
     assert_eq!(job["mesh"]["bytes"], sphere(300).len());
 

@@ -9,7 +9,7 @@ use crate::support::*;
 #[tokio::test]
 async fn work_shows_in_the_metrics() {
     let service = Service::with(|settings| settings.max_upload_bytes = 100_000, Box::new(CpuDevice::new())).await;
-    let job = service.submit("clusters=5", sphere(300)).await;
+    let job = service.submit("clusters=7", sphere(300)).await;
     service.ended(&job).await;
     let tree = service.submit("algorithm=pml", sphere(300)).await;
     service.ended(&tree).await;
