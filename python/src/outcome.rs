@@ -152,6 +152,8 @@ fn check(artifact: &Artifact, form: &Form, content: &Content<'_>) -> Result<()> 
         Need::Snapshots => content.snapshots.is_none().then_some("the run's own labels, which a cut has not"),
         Need::Report => content.report.is_none().then_some("the run's own report, which a cut has not"),
         Need::Mesh => content.mesh.is_none().then_some("the mesh"),
+        // a mesh that is clustered here is never divided
+        Need::Faces => None,
     });
     match missing {
         Some(what) => Err(Error::new(Kind::Conflict, format_args!("the output {} needs {what}", form.file))),

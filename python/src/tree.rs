@@ -92,7 +92,7 @@ impl Tree {
     /// The tree as JSON, without what comes after fewer or before as few clusters as the limits say.
     #[pyo3(signature = (min_clusters, max_clusters))]
     fn json(&self, py: Python<'_>, min_clusters: Option<u64>, max_clusters: Option<u64>) -> PyResult<String> {
-        let limits = Limits { min_clusters, max_clusters };
+        let limits = Limits { min_clusters, max_clusters, clusters: None };
         raised(py, limits.check())?;
         let stored = Arc::clone(&self.stored);
         let bytes = run_quietly(py, move || written(|out| stored.write_json(out, limits)))?;
