@@ -146,12 +146,12 @@ pub fn labels(array: &Bound<'_, PyArray1<u32>>) -> PyResult<Vec<u32>> {
     Ok(array.try_readonly()?.as_array().to_vec())
 }
 
+/// An array of whole numbers, made here.
+type Made<'py> = Bound<'py, PyArray1<i64>>;
+
 /// Offsets and corners of VTK's padded array, `[n, i, j, …, n, …]`.
 #[pyfunction]
-pub fn unpad<'py>(
-    py: Python<'py>,
-    padded: PyReadonlyArray1<'py, i64>,
-) -> PyResult<(Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i64>>)> {
+pub fn unpad<'py>(py: Python<'py>, padded: PyReadonlyArray1<'py, i64>) -> PyResult<(Made<'py>, Made<'py>)> {
     let view = padded.as_array();
     let (connectivity, offsets) = raised(py, py.detach(|| unpadded(view.iter().copied())))?;
     Ok((PyArray1::from_vec(py, connectivity), PyArray1::from_vec(py, offsets)))
