@@ -143,7 +143,7 @@ class Mesh:
         if vertices is not None and triangles is not None:
             return cls(np.asarray(vertices), np.asarray(triangles))
         cells: Any = getattr(mesh, "cells", None)
-        if points is not None and isinstance(cells, list):
+        if points is not None and _is_list(cells):
             blocks: list[Any] = cells
             return _of_blocks(points, blocks)
         raise Error(
@@ -231,6 +231,11 @@ def _unpadded(padded: Numbers) -> tuple[Numbers, Optional[Numbers]]:
     return _native.unpad(np.ascontiguousarray(padded, dtype=np.int64))
 
 
+def _is_list(value: object) -> bool:
+    """Whether it is a list, of whatever."""
+    return isinstance(value, list)
+
+
 def _of_blocks(points: Any, blocks: list[Any]) -> Mesh:
     """The faces of meshio's blocks of cells, in their order. Points and lines have no area and are left out."""
     left_out = ("vertex", "line")
@@ -243,7 +248,7 @@ def _of_blocks(points: Any, blocks: list[Any]) -> Mesh:
         if kind not in ("triangle", "quad", "polygon"):
             raise Error("unsupported-mesh", f"cells must be triangles, quads or polygons, not {kind}")
         # ragged polygons are a list of arrays
-        rows: list[Any] = data if isinstance(data, list) else [data]
+        rows: list[Any] = data if _is_list(data) else [data]
         faces.extend(np.asarray(face) for face in rows)
     arrays = [np.atleast_2d(array) for array in faces]
     if len(arrays) == 1:

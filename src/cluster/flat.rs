@@ -83,7 +83,7 @@ pub struct Clustering {
     pub ending: Ending,
 }
 
-/// Clusters a surface from a start: one label a face, or [`FREE`](crate::device::FREE) for faces that clusters grow
+/// Clusters a surface from a start: one label a face, or [`FREE`] for faces that clusters grow
 /// over. The device was opened with the same surface and clusters.
 ///
 /// `on_row` is called with every step as it happens; `record` keeps the labels of the iterations that it wants.

@@ -38,8 +38,8 @@
 //! mark. Those that had begun become *suspects*: any of them may have killed the process. The crash counts as an
 //! attempt of a suspect in two cases only: it was the only job that had begun, or the only one of them that was a
 //! suspect of two crashes or more. In the second case a job that was claimed after the suspect may be the cause; then
-//! the crash counts for neither, unless the suspect was in [five](BLAMED_FROM) crashes, so that a job that kills the
-//! process late is given up, too.
+//! the crash counts for neither, unless the suspect was in [five](queue::BLAMED_FROM) crashes, so that a job that kills
+//! the process late is given up, too.
 //!
 //! Suspects start one at a time. Each pauses before, [ten times as long](Rules::pause) after every further crash. After
 //! its second crash a suspect runs alone: no other job is claimed while it starts, for [`ALONE`] at most. So a job that
