@@ -134,12 +134,12 @@ print((peak() - before) / points.nbytes)
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="peaks are read from /proc")
-@pytest.mark.parametrize(("kind", "most"), [("f8", 0.25), ("f4", 0.5)])
+@pytest.mark.parametrize(("kind", "most"), [("f8", 0.4), ("f4", 0.75)])
 def test_points_are_not_copied(kind: str, most: float) -> None:
     count = int(os.environ.get("TESSERAE_TEST_POINTS", "8000000"))
     words = [sys.executable, "-c", MEMORY, kind, str(count)]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
-    # 4 bytes a point for the welding
+    # 8 bytes a point for the welding; a copy would be 1
     assert float(done.stdout) < most
 
 

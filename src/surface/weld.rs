@@ -1,7 +1,7 @@
 //! Welding: vertices at exactly equal positions become one, so that seams of texture coordinates or normals do not cut
 //! the surface. −0 equals 0; there is no tolerance.
 //!
-//! Only vertices that faces use are looked at. Sorting them takes 8 bytes each; any other vertex takes 4.
+//! Only vertices that faces use are looked at. Sorting them takes 8 bytes each, numbering 8 for any vertex.
 
 use rayon::prelude::*;
 
