@@ -39,7 +39,7 @@ const SELDOM: u64 = 10;
 const ARRIVAL: &str = "arrival";
 const ENDING: &str = "ending";
 
-/// The tasks of this process that wait, and what other services are told.
+/// The waiting tasks of this process, and the hints for other services.
 #[derive(Debug)]
 pub(super) struct Hints {
     /// This process among the services, in every notification: it skips its own.

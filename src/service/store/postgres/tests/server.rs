@@ -25,7 +25,7 @@ impl Server {
         let folder = tempfile::tempdir().expect("a folder");
         #[cfg(unix)]
         if rustix::process::getuid().is_root() {
-            std::os::unix::fs::chown(folder.path(), Some(NOBODY), Some(NOBODY)).expect("it is ours");
+            std::os::unix::fs::chown(folder.path(), Some(UNPRIVILEGED), Some(UNPRIVILEGED)).expect("it is ours");
         }
         let server = Self { folder, programs, databases: AtomicUsize::new(0) };
         let data = server.data();
@@ -66,7 +66,7 @@ impl Server {
         command.args(arguments).current_dir(self.folder.path()).stdin(Stdio::null()).stdout(Stdio::null());
         #[cfg(unix)]
         if rustix::process::getuid().is_root() {
-            std::os::unix::process::CommandExt::uid(&mut command, NOBODY);
+            std::os::unix::process::CommandExt::uid(&mut command, UNPRIVILEGED);
         }
         let status = command.status().expect("it starts");
         assert!(status.success(), "{program} {arguments:?}: {status}");
@@ -74,7 +74,7 @@ impl Server {
 }
 
 /// The user that the server is of when the tests are root's, for which it refuses to run.
-const NOBODY: u32 = 65_534;
+const UNPRIVILEGED: u32 = 65_534;
 
 impl Drop for Server {
     fn drop(&mut self) {
