@@ -8,20 +8,16 @@ set -euo pipefail
 folder=$1
 profile=${2:-release}
 target=${CARGO_TARGET_DIR:-target}
-tests=(gpu_equals_cpu gpu_oracle gpu_hierarchy gpu_failures)
 
 cargo build --locked --profile "$profile"
-cargo test --locked --profile "$profile" --no-run $(printf -- '--test %s ' "${tests[@]}") 2>&1 | tee "$target/gpu-check.log" >&2
+cargo test --locked --profile "$profile" --no-run --test gpu 2>&1 | tee "$target/gpu-check.log" >&2
 
 rm -rf "$folder"
 mkdir -p "$folder"/{bin,tests,lib,meshes}
 built=$profile
 [ "$profile" = dev ] && built=debug
 cp "$target/$built/tesserae" "$folder/bin/"
-for test in "${tests[@]}"; do
-    binary=$(sed -n "s|.*Executable tests/$test.rs (\(.*\))|\1|p" "$target/gpu-check.log")
-    cp "$binary" "$folder/tests/$test"
-done
+cp "$(sed -n "s|.*Executable tests/gpu/main.rs (\(.*\))|\1|p" "$target/gpu-check.log")" "$folder/tests/gpu"
 strip "$folder"/bin/* "$folder"/tests/*
 # the loader only: the driver belongs to the card
 loader=$(PATH=$PATH:/sbin:/usr/sbin ldconfig -p | sed -n 's|.*libvulkan.so.1 .*=> ||p' | head -n 1)

@@ -1,5 +1,6 @@
 //! What a compiler does not check about the source: layers, circles of imports, lengths of files and lines, and words.
 
+mod energy_words;
 mod imports;
 mod style;
 

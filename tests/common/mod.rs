@@ -1,6 +1,9 @@
 //! What several tests share: a zoo of meshes, and clusterings that flood.
-#![allow(dead_code, missing_docs, reason = "every test binary uses its own part")]
+#![allow(dead_code, reason = "every test binary uses its own part")]
 
+pub mod command;
+pub mod gpu;
+pub mod running;
 pub mod zoo;
 
 use tesserae::cluster::seeds::{self, SeedFaces};

@@ -1,8 +1,6 @@
 //! `tesserae sample`, `tesserae devices` and the help, from outside.
 
-mod cli_support;
-
-use cli_support::Folder;
+use crate::common::command::Folder;
 
 #[test]
 fn samples_are_written_in_the_format_of_the_name_or_as_obj_to_standard_output() {

@@ -1,8 +1,6 @@
 //! `tesserae export`, and the outputs of `cluster` that are made of the mesh.
 
-mod cli_support;
-
-use cli_support::Folder;
+use crate::common::command::Folder;
 use tesserae::artifacts::{self, Artifact, Need, npy_header};
 
 fn made_of_mesh() -> impl Iterator<Item = &'static Artifact> {

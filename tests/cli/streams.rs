@@ -1,8 +1,6 @@
 //! Results that go to pipes, devices, descriptors and full disks, and files with unusual names.
 #![cfg(target_os = "linux")]
 
-mod cli_support;
-
 use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io::{Read, Write};
@@ -12,7 +10,7 @@ use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use cli_support::{Done, Folder};
+use crate::common::command::{Done, Folder};
 
 const CLUSTER: [&str; 4] = ["cluster", "s.obj", "-k", "10"];
 

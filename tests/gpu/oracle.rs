@@ -1,10 +1,7 @@
 //! The steps of the gpu device, one by one, against the plain version of their definition.
 
-mod common;
-mod gpu_support;
-
-use common::zoo;
-use gpu_support::{cluster_counts, device, seeds};
+use crate::common::gpu::{cluster_counts, device, seeds};
+use crate::common::zoo;
 use tesserae::dev::sample::{Sample, generate};
 use tesserae::device::cpu::CpuDevice;
 use tesserae::device::pieces;

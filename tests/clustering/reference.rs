@@ -1,8 +1,6 @@
 //! The references, ACVD and variational clustering, against brute force and against what their definitions say.
 
-mod common;
-
-use common::zoo;
+use crate::common::zoo;
 use tesserae::cluster::flat::{Clustering, Options};
 use tesserae::cluster::record::Record;
 use tesserae::cluster::reference::acvd::acvd;

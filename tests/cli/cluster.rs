@@ -1,12 +1,10 @@
 //! `tesserae cluster` from outside: results, and how it fails.
 
-mod cli_support;
-
 use std::collections::BTreeSet;
 use std::process::Stdio;
 use std::time::Duration;
 
-use cli_support::Folder;
+use crate::common::command::Folder;
 use sha2::{Digest, Sha256};
 
 fn labels_of(bytes: &[u8]) -> Vec<u32> {

@@ -1,7 +1,4 @@
 //! Running the real binary in a folder of its own.
-#![allow(dead_code, reason = "every test file uses a part of it")]
-
-pub mod running;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};

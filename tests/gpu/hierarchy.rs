@@ -1,12 +1,9 @@
 //! Hierarchies on the gpu: the same trees, rows and labels as on the cpu, at every level.
 
-mod common;
-mod gpu_support;
-
 use std::collections::BTreeSet;
 
-use common::zoo;
-use gpu_support::{ALL, adapter, device, device_with, numbers, run as run_flat, seeds, surface};
+use crate::common::gpu::{ALL, adapter, device, device_with, numbers, run as run_flat, seeds, surface};
+use crate::common::zoo;
 use tesserae::Kind;
 use tesserae::cluster::hierarchy::{Hierarchy, Options, Pairs, RoundRow, hierarchical};
 use tesserae::cluster::relocation::Effort;

@@ -1,13 +1,10 @@
 //! The gpu and the cpu device give the same rows and labels for whole runs, over generated and real meshes.
 
-mod common;
-mod gpu_support;
-
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
-use common::{floods, zoo};
-use gpu_support::{ALL, PLAIN, cluster_counts, device, run, seeds};
+use crate::common::gpu::{ALL, PLAIN, cluster_counts, device, run, seeds};
+use crate::common::{floods, zoo};
 use tesserae::cluster::coarse::CoarseStart;
 use tesserae::cluster::flat::Options;
 use tesserae::cluster::quality::Quality;

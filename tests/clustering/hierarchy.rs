@@ -1,8 +1,6 @@
 //! Hierarchies against brute force, and the promises that every hierarchy keeps.
 
-mod common;
-
-use common::zoo;
+use crate::common::zoo;
 use tesserae::cluster::hierarchy::{Hierarchy, Options, Pairs, RoundRow, hierarchical};
 use tesserae::cluster::relocation::Effort;
 use tesserae::dev::sample::{Sample, generate};

@@ -1,8 +1,6 @@
 //! Dual edges on the gpu, at the ends of the lattice, against their definition.
 
-mod gpu_support;
-
-use gpu_support::{device, numbers, surface};
+use crate::common::gpu::{device, numbers, surface};
 use tesserae::dev::sample::Sample;
 use tesserae::device::dual_edge::{Rank, Ties};
 use tesserae::device::{Device, DualEdge};

@@ -1,10 +1,7 @@
 //! What goes wrong on a gpu: limits, lost devices, refused calls, cancelled jobs. Each is an error, never a panic, and
 //! the device works again afterwards.
 
-mod common;
-mod gpu_support;
-
-use gpu_support::{ALL, adapter, device, device_with, run, seeds};
+use crate::common::gpu::{ALL, adapter, device, device_with, run, seeds};
 use tesserae::Kind;
 use tesserae::cluster::seeds::SeedFaces;
 use tesserae::dev::sample::{Sample, generate};

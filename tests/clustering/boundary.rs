@@ -1,8 +1,6 @@
 //! Boundary-based clustering against its definition, and the promises that every clustering keeps.
 
-mod common;
-
-use common::zoo;
+use crate::common::zoo;
 use tesserae::cluster::flat::Options;
 use tesserae::cluster::record::Record;
 use tesserae::cluster::run::{MAX_REPAIRS, Row};

@@ -1,8 +1,6 @@
 //! The cpu device against the plain one: whole clusterings, driven alike, give the same steps and labels.
 
-mod common;
-
-use common::{floods, zoo};
+use crate::common::{floods, zoo};
 use tesserae::cluster::coarse::CoarseStart;
 use tesserae::cluster::flat::{self, Options};
 use tesserae::cluster::hierarchy::{self, Hierarchy, Pairs, RoundRow, hierarchical};

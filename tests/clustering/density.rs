@@ -1,10 +1,7 @@
 //! Density: weights and curvature make clusters smaller where they are larger, and nothing else.
 
-mod cli_support;
-mod common;
-
-use cli_support::Folder;
-use common::zoo;
+use crate::common::command::Folder;
+use crate::common::zoo;
 use tesserae::Result;
 use tesserae::cluster::{self, flat::Options, seeds};
 use tesserae::dev::sample::{Sample, generate};

@@ -1,8 +1,6 @@
 //! Hierarchies on the command line: made, cut, written, drawn, refused.
 
-mod cli_support;
-
-use cli_support::Folder;
+use crate::common::command::Folder;
 use serde_json::Value;
 
 /// A folder with a knot and a hierarchy of it.

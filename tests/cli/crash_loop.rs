@@ -1,14 +1,12 @@
 //! A mesh that kills the process: it is given up, and the jobs beside it are not. A real process, killed for real.
 #![cfg(all(unix, debug_assertions))]
 
-mod cli_support;
-
 use std::io::{BufRead as _, BufReader};
 use std::net::TcpListener;
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
-use cli_support::Folder;
+use crate::common::command::Folder;
 use reqwest::multipart::{Form, Part};
 use reqwest::{Client, RequestBuilder};
 use serde_json::Value;

@@ -1,11 +1,8 @@
 //! How many dispatches and waits of the host a clustering takes on a gpu. Both are the same on every adapter, and cost
 //! more than the work of a dispatch on small meshes.
 
-mod common;
-mod gpu_support;
-
-use common::zoo;
-use gpu_support::{ALL, device_with, surface};
+use crate::common::gpu::{ALL, device_with, surface};
+use crate::common::zoo;
 use tesserae::cluster::coarse::CoarseStart;
 use tesserae::cluster::flat::boundary_based;
 use tesserae::cluster::hierarchy::{Options, Pairs, hierarchical};

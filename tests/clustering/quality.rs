@@ -1,13 +1,10 @@
 //! What is promised of every result, looked at from outside: by means of its own, from positions, faces and labels
 //! alone.
 
-mod cli_support;
-mod common;
-
 use std::collections::{HashMap, HashSet};
 
-use cli_support::Folder;
-use common::zoo;
+use crate::common::command::Folder;
+use crate::common::zoo;
 use tesserae::cluster::quality::Quality;
 use tesserae::dev::sample::{Sample, generate, write_obj};
 use tesserae::device::Cancel;

@@ -1,20 +1,17 @@
-//! The labels of many jobs against a table of them, `tests/labels.tsv`: a change of labels that was not meant shows.
+//! The labels of many jobs against a table of them, `labels.tsv`: a change of labels that was not meant shows.
 //!
 //! A row is a mesh (`sample:NAME:FACES`, or a file of the folder with real meshes), arguments of `tesserae cluster`,
 //! the sha256 of the labels and the energy. Of a hierarchy without `-k`, the digest is that of all labels of the cuts
 //! in [`CUTS`]. Rows of real meshes are passed over where the meshes are absent.
 //!
-//! `UPDATE_LABELS=1 cargo test --test labels` computes the digests and energies anew, with the real meshes present, and
-//! prints the energies that changed. A new row is a mesh and arguments, with or without the rest.
-
-mod cli_support;
-mod common;
+//! `UPDATE_LABELS=1 cargo test --test clustering labels` computes the digests and energies anew, with the real meshes
+//! present, and prints the energies that changed. A new row is a mesh and arguments, with or without the rest.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use cli_support::Folder;
-use common::zoo::shared_meshes;
+use crate::common::command::Folder;
+use crate::common::zoo::shared_meshes;
 use tesserae::job::labels_sha256;
 
 /// Numbers of clusters at which whole hierarchies are cut.
@@ -28,7 +25,7 @@ struct Result {
 }
 
 fn table() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/labels.tsv")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/clustering/labels.tsv")
 }
 
 /// The mesh of a row; none where it is absent.
@@ -96,7 +93,11 @@ fn labels_are_those_of_the_table() {
         println!("{}", other.join("\n"));
         return;
     }
-    assert!(other.is_empty(), "other labels (meant? UPDATE_LABELS=1 cargo test --test labels):\n{}", other.join("\n"));
+    assert!(
+        other.is_empty(),
+        "other labels (meant? UPDATE_LABELS=1 cargo test --test clustering labels):\n{}",
+        other.join("\n")
+    );
     assert!(compared > 10, "{compared} rows");
 }
 

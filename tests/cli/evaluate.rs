@@ -1,8 +1,6 @@
 //! `tesserae evaluate paper` from outside, on samples that go by the names of the paper's meshes.
 
-mod cli_support;
-
-use cli_support::Folder;
+use crate::common::command::Folder;
 
 #[test]
 fn the_papers_tables_figure_and_statements_come_out_for_the_meshes_that_are_there() {

@@ -1,12 +1,8 @@
 //! Snapshots: the labels of iterations are those that the report's energies are of, on both devices, and to ask for
 //! them changes nothing.
 
-mod cli_support;
-mod common;
-mod gpu_support;
-
-use cli_support::Folder;
-use common::zoo;
+use crate::common::command::Folder;
+use crate::common::{gpu, zoo};
 use tesserae::cluster::flat::Options;
 use tesserae::dev::sample::{Sample, generate, write_obj};
 use tesserae::device::cpu::CpuDevice;
@@ -148,15 +144,15 @@ fn refine(
 
 #[test]
 fn a_phase_that_is_stopped_goes_on_as_if_it_had_not_been() {
-    let mut gpu = gpu_support::device();
+    let mut gpu = gpu::device();
     let mut different = [0, 0];
     for (name, mesh) in zoo::all().into_iter().filter(|(_, mesh)| mesh.faces.len() < 1000) {
         let surface = Surface::build(&mesh).expect("a surface");
         let (fewest, most) = (surface.components.len() as u64, surface.faces() as u64);
         for clusters in [fewest + 2, most / 20, most / 4] {
-            let seeds = gpu_support::seeds(&surface, clusters.clamp(fewest, most), &Seeds::Random, 9);
+            let seeds = gpu::seeds(&surface, clusters.clamp(fewest, most), &Seeds::Random, 9);
             let grown = Options { max_iterations: Some(0), refine: false, allow_disconnected: true };
-            let labels = gpu_support::run(&mut CpuDevice::new(), &surface, &seeds, grown).expect("a run").0;
+            let labels = gpu::run(&mut CpuDevice::new(), &surface, &seeds, grown).expect("a run").0;
             let start = (&labels[..], &seeds.component_of_cluster[..]);
             for connected in [false, true] {
                 let whole = refine(&mut CpuDevice::new(), &surface, start, (connected, u32::MAX, false));
@@ -177,7 +173,7 @@ fn a_phase_that_is_stopped_goes_on_as_if_it_had_not_been() {
 
 #[test]
 fn both_devices_keep_the_same() {
-    let mut gpu = gpu_support::device();
+    let mut gpu = gpu::device();
     let mut phases_after_repairs = 0;
     for (mesh, parameters) in cases().into_iter().filter(|(_, parameters)| parameters.algorithm == Algorithm::Bb) {
         for wanted in [Snapshots::Every(5), Snapshots::At(vec![0, 6, 7, 46, 100_000])] {

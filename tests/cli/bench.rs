@@ -1,8 +1,6 @@
 //! `tesserae bench` from outside, small.
 
-mod cli_support;
-
-use cli_support::Folder;
+use crate::common::command::Folder;
 use serde_json::Value;
 
 #[test]

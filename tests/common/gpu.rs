@@ -1,5 +1,4 @@
 //! What the tests of the gpu device share: an adapter, and runs of the driver.
-#![allow(dead_code, reason = "every test binary uses its own part")]
 
 use tesserae::cluster::flat::{Clustering, Options};
 use tesserae::cluster::run::Row;

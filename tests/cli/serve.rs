@@ -1,16 +1,14 @@
 //! `tesserae serve` as a process: where it listens, and how it ends.
 #![cfg(unix)]
 
-mod cli_support;
-
 use std::ffi::OsStr;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::os::unix::ffi::OsStrExt as _;
 use std::process::Command;
 
-use cli_support::Folder;
-use cli_support::running::Running;
+use crate::common::command::Folder;
+use crate::common::running::Running;
 
 #[test]
 fn it_says_where_it_listens_and_ends_in_order_when_asked() {

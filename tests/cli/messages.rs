@@ -1,8 +1,6 @@
 //! What messages of the command line name: the input that is wrong, and flags as they are typed.
 
-mod cli_support;
-
-use cli_support::Folder;
+use crate::common::command::Folder;
 use tesserae::parameters::Name;
 
 /// Exit status 1 and one line that begins with `begin`.

@@ -1,0 +1,16 @@
+//! The clustering on the cpu: definitions, proofs, qualities, hierarchies, and labels that stay the same.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod boundary;
+mod bridges;
+mod cube;
+mod density;
+mod hierarchy;
+mod labels;
+mod plain;
+mod quality;
+mod reference;
+mod sample;
+mod snapshots;
