@@ -73,6 +73,11 @@ impl Memory {
 }
 
 impl Reading {
+    /// Whether the mesh is small as far as its files tell.
+    pub fn may_be_small(&self) -> bool {
+        self.turn.is_none()
+    }
+
     /// Reserves memory for the faces of a small mesh, without a wait; gives itself back for any other mesh.
     pub fn build_small(self, faces: u64, is_hierarchical: bool) -> Result<Held, Self> {
         match self.turn {

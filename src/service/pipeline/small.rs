@@ -67,11 +67,6 @@ impl SmallMeshes {
 }
 
 impl Thread {
-    /// Runs `work` and waits for it; for blocking threads. A panic is passed on.
-    pub fn install<T: Send>(self, work: impl FnOnce() -> T + Send) -> T {
-        self.threads.pools[self.index].install(work)
-    }
-
     /// Runs `work`. A panic becomes an error. Goes on when the future is dropped.
     pub async fn run<T: Send + 'static>(self, work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<T> {
         let (reply, outcome) = oneshot::channel();
@@ -89,8 +84,6 @@ impl Thread {
 fn gone() -> Error {
     Error::new(Kind::Internal, "the threads for small meshes are gone")
 }
-
-impl Threads {}
 
 impl Drop for Thread {
     fn drop(&mut self) {

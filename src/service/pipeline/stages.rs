@@ -13,6 +13,7 @@ use tokio_util::sync::CancellationToken;
 use tracing::Span;
 
 use super::bounds::caught;
+use super::memory::Reading;
 use super::parts::{AGAIN, Pipeline};
 use super::slot::Slot;
 use super::task::Task;
@@ -112,6 +113,7 @@ impl Pipeline {
     }
 
     /// Reads the mesh, when there is memory for it: a small one on a thread for small meshes, others on all threads.
+    /// A file that is small and has too many faces is opened twice.
     async fn prepare(&self, ticket: Ticket, job: &Job, slot: Slot, broken_off: CancellationToken) -> Result<Prepared> {
         let spec = job.spec.clone();
         let upload = async |name: &str| {
@@ -144,11 +146,9 @@ impl Pipeline {
         };
         let read = reading.elapsed();
         let limits = self.limits;
-        let runtime = Handle::current();
         let span = tracing::info_span!("read");
-        let small = self.small.clone();
-        let prepare = move || {
-            let mut contents = contents.into_iter();
+        let open = move |admits: &mut Admits<'_>| {
+            let mut contents = contents.iter().cloned();
             let mesh = contents.next().unwrap_or_default();
             let request = job::Request {
                 bytes: &mesh,
@@ -160,29 +160,68 @@ impl Pipeline {
                 weights: weights.as_deref(),
                 outputs: if spec.kept.is_nothing() { &[] } else { &[&artifacts::MESH] },
             };
-            let wait = Waiting { runtime, broken_off };
-            let prepared = span.in_scope(|| {
-                job::open(&request, |opened| {
-                    let (faces, is_hierarchical) = (opened.faces(), opened.spec().is_hierarchical());
-                    match memory.build_small(faces, is_hierarchical) {
-                        Ok(held) => {
-                            slot.holds(held);
-                            let thread = wait.until(small.thread())?;
-                            thread.install(|| span.in_scope(|| opened.prepare()))
-                        }
-                        Err(memory) => {
-                            slot.holds(wait.until(memory.build(faces, is_hierarchical))?);
-                            opened.prepare()
-                        }
-                    }
-                })
-            });
-            prepared.flatten().map_err(|refusal| refusal.error)
+            let build = |opened: job::Opened<'_>| match admits(opened.faces(), opened.spec().is_hierarchical())? {
+                true => opened.prepare().map(Some).map_err(|refusal| refusal.error),
+                false => Ok(None),
+            };
+            span.in_scope(|| job::open(&request, build)).map_err(|refusal| refusal.error).flatten()
         };
-        let mut prepared = blocking(|| caught(prepare)).await??;
+        let (open, memory, prepared) = match memory.may_be_small() {
+            true => {
+                let slot = slot.clone();
+                let work = move || open_small(open, memory, &slot);
+                self.small.thread().await?.run(work).await?
+            }
+            false => (open, Some(memory), None),
+        };
+        let mut prepared = match (prepared, memory) {
+            (None, Some(memory)) => {
+                let wait = Waiting { runtime: Handle::current(), broken_off };
+                blocking(move || caught(|| open_in_turn(open, memory, wait, &slot))).await??
+            }
+            (prepared, _) => prepared,
+        }
+        .ok_or_else(|| Error::new(Kind::Internal, "a mesh was not read"))?;
         prepared.timings.read = milliseconds(read);
         Ok(prepared)
     }
+}
+
+/// Gets memory for so many faces of a flat clustering or a hierarchy; false leaves the mesh to a later call.
+type Admits<'a> = dyn FnMut(u64, bool) -> Result<bool> + 'a;
+
+/// Reads a mesh that may be small. Gives back what reads it, and its memory, when it is not. Waits for nothing: what a
+/// thread for small meshes waits for may itself wait for such a thread.
+fn open_small<F>(open: F, memory: Reading, slot: &Slot) -> Result<(F, Option<Reading>, Option<Prepared>)>
+where
+    F: Fn(&mut Admits<'_>) -> Result<Option<Prepared>>,
+{
+    let mut left = Some(memory);
+    let prepared = open(&mut |faces, is_hierarchical| {
+        let Some(memory) = left.take() else { return Ok(true) };
+        match memory.build_small(faces, is_hierarchical) {
+            Ok(held) => slot.holds(held),
+            Err(memory) => left = Some(memory),
+        }
+        Ok(left.is_none())
+    })?;
+    Ok((open, left, prepared))
+}
+
+/// Reads a mesh, on all threads once it has its memory.
+fn open_in_turn(
+    open: impl Fn(&mut Admits<'_>) -> Result<Option<Prepared>>,
+    memory: Reading,
+    wait: Waiting,
+    slot: &Slot,
+) -> Result<Option<Prepared>> {
+    let mut left = Some(memory);
+    open(&mut |faces, is_hierarchical| {
+        if let Some(memory) = left.take() {
+            slot.holds(wait.until(memory.build(faces, is_hierarchical))?);
+        }
+        Ok(true)
+    })
 }
 
 /// About how much work a mesh is, to tell short jobs from long ones: faces, times what hierarchies and sequential
