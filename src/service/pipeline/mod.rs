@@ -18,6 +18,7 @@ pub(super) mod device_thread;
 mod leases;
 mod memory;
 mod parts;
+mod rows;
 mod run;
 mod slot;
 mod small;

@@ -9,8 +9,9 @@ use tokio_util::task::TaskTracker;
 use tracing::Instrument;
 
 use super::parts::{AGAIN, Pipeline};
+use super::rows::Log;
 use super::slot::Slot;
-use super::stages::{Log, Written};
+use super::stages::Written;
 use crate::device::Cancel;
 use crate::error::{Error, Kind};
 use crate::service::store::{Claiming, End, Ending, Job, Release, State, Summary, Ticket};

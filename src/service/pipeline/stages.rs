@@ -3,54 +3,30 @@
 use std::collections::HashMap;
 use std::iter;
 use std::sync::{Arc, OnceLock};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use axum::body::Bytes;
-use parking_lot::Mutex;
 use tokio::runtime::Handle;
-use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 use tracing::Span;
 
 use super::bounds::caught;
 use super::memory::Reading;
-use super::parts::{AGAIN, Pipeline};
+use super::parts::Pipeline;
+use super::rows::{Inbox, Log};
 use super::slot::Slot;
 use super::task::Task;
 use super::turns::Visit;
-
 use crate::artifacts::{self, Content};
 use crate::device::Cancel;
 use crate::error::{Error, Kind, Result};
 use crate::job::{self, Outcome, Plan, Prepared, milliseconds};
 use crate::mesh::Resources;
-use crate::report::Row;
 use crate::service::blocking::blocking;
 use crate::service::files::{self, BlobWriter, BlockingWriter, settle};
 use crate::service::kept::Kept;
-use crate::service::store::{Events, Job, Progress, SmallBlob, Summary, Ticket, What};
+use crate::service::store::{Job, SmallBlob, Summary, Ticket};
 use crate::service::{job_blobs, kept_mesh};
-
-/// Rows that are appended to the job's events at once.
-const ROWS_AT_ONCE: usize = 1024;
-
-/// For how long rows are gathered before they are appended: a short job has all of them stored with its end.
-const GATHERING: Duration = Duration::from_millis(50);
-
-/// Rows that were not appended when the last one came.
-#[derive(Debug, Default)]
-pub(super) struct Log(Mutex<Option<(Vec<What>, Progress)>>);
-
-impl Log {
-    /// The rows that are left, and the progress after them.
-    pub fn rest(&self) -> Option<(Vec<What>, Progress)> {
-        self.0.lock().clone()
-    }
-
-    fn leave(&self, rows: Vec<What>, progress: Progress) {
-        *self.0.lock() = Some((rows, progress));
-    }
-}
 
 impl Pipeline {
     /// From the upload to labels, in memory. May be dropped in the middle; `broken_off` then stops what still waits.
@@ -74,7 +50,7 @@ impl Pipeline {
         self.files.secure(job.id, job.attempt, needs).await?;
 
         let cost = cost(prepared.surface.faces() as u64, &prepared.plan);
-        let (rows, inbox) = mpsc::unbounded_channel();
+        let (on_row, inbox) = Inbox::open();
         let task = Task {
             prepared: Arc::new(prepared),
             cancel: cancel.clone(),
@@ -84,12 +60,11 @@ impl Pipeline {
                 cost,
             },
             is_retry: ticket.attempt > 1,
-            // Unbounded, so that the device never waits; the report holds the same rows anyway.
-            on_row: Box::new(move |row| drop(rows.send(row))),
+            on_row,
             span: tracing::info_span!("cluster"),
             slot: slot.clone(),
         };
-        let telling = tokio::spawn(tell(self.store.clone(), ticket, inbox, Arc::clone(log)));
+        let telling = tokio::spawn(inbox.tell(self.store.clone(), ticket, Arc::clone(log)));
         let outcome = self.device.run(task, &self.small, self.time).await?;
         telling.await.map_err(|error| {
             Error::new(Kind::Internal, format_args!("the events of the job were not written: {error}"))
@@ -260,72 +235,6 @@ fn upload_is_gone(error: Error) -> Error {
     }
 }
 
-/// Appends rows to the events of a job as they come, many at once when they come fast; what is left goes to `log`.
-async fn tell(
-    store: Arc<dyn Events>,
-    ticket: Ticket,
-    mut inbox: mpsc::UnboundedReceiver<Row>,
-    log: Arc<Log>,
-) -> Result<()> {
-    let mut progress = Progress::default();
-    let mut events = Vec::new();
-    let mut rows = Vec::new();
-    loop {
-        let gathered = tokio::time::Instant::now() + GATHERING;
-        let mut is_over = false;
-        while events.len() < ROWS_AT_ONCE {
-            let received = match events.is_empty() {
-                true => Ok(inbox.recv_many(&mut rows, ROWS_AT_ONCE).await),
-                false => tokio::time::timeout_at(gathered, inbox.recv_many(&mut rows, ROWS_AT_ONCE)).await,
-            };
-            for row in rows.drain(..) {
-                events.push(event(row, &mut progress)?);
-            }
-            match received {
-                Ok(0) => {
-                    is_over = true;
-                    break;
-                }
-                Ok(_) => {}
-                Err(_) => break,
-            }
-        }
-        if is_over {
-            if !events.is_empty() {
-                log.leave(events, progress);
-            }
-            return Ok(());
-        }
-        // As long as the disk fails they are kept; the job does not end before they are stored, or lost with it.
-        while let Err(error) = store.append(ticket, events.clone(), progress).await {
-            if !error.is_of_storage() {
-                return Err(error);
-            }
-            tokio::time::sleep(AGAIN).await;
-        }
-        events.clear();
-    }
-}
-
-/// A row as an event.
-fn event(row: Row, progress: &mut Progress) -> Result<What> {
-    match row {
-        Row::Iteration(row) => {
-            progress.iterations = row.iteration;
-            progress.phase = Some(row.phase);
-            progress.energy = row.energy;
-            serde_json::to_string(&row).map(What::Iteration)
-        }
-        Row::Round(row) => {
-            progress.rounds = row.round;
-            progress.clusters_left = Some(row.clusters);
-            progress.energy = row.energy;
-            serde_json::to_string(&row).map(What::Round)
-        }
-    }
-    .map_err(not_json)
-}
-
 /// A result that was written. It means nothing until the job has ended with it.
 pub(super) struct Written {
     pub summary: Summary,
@@ -371,10 +280,6 @@ fn write(
         is_small: false,
     };
     Ok((summary, blobs))
-}
-
-fn not_json(error: serde_json::Error) -> Error {
-    Error::new(Kind::Internal, format_args!("a report cannot be written as JSON: {error}"))
 }
 
 /// The buffers that came with a mesh: the only files that it can refer to, by exactly their names.

@@ -3,12 +3,13 @@
 use std::sync::Arc;
 
 use super::bounds::caught;
+use super::rows::OnRow;
 use super::slot::Slot;
 use super::turns::Visit;
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Result};
 use crate::job::{self, Clustered, Outcome, Prepared};
-use crate::report::Row;
+
 use crate::service::faults::{FaultPoint, Faults};
 use crate::service::metrics::Metrics;
 
@@ -23,7 +24,7 @@ pub(super) struct Task {
     /// Whether an earlier attempt at this mesh failed, maybe with the device.
     pub is_retry: bool,
     /// Receives every row of the report.
-    pub on_row: Box<dyn FnMut(Row) + Send>,
+    pub on_row: OnRow,
     /// Where the lines of the log belong.
     pub span: tracing::Span,
     /// Freed when the mesh is: other meshes wait for its place in memory.

@@ -1,0 +1,113 @@
+//! Rows of a job's report on their way to its events.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use parking_lot::Mutex;
+use tokio::sync::mpsc;
+use tokio_util::sync::CancellationToken;
+
+use super::parts::AGAIN;
+use crate::error::{Error, Kind, Result};
+use crate::report::Row;
+use crate::service::store::{Events, Progress, Ticket, What};
+
+/// Rows that are appended to the job's events at once.
+const ROWS_AT_ONCE: usize = 1024;
+
+/// For how long rows are gathered before they are appended: a short job has all of them stored with its end.
+const GATHERING: Duration = Duration::from_millis(50);
+
+/// Rows that were not appended when the last one came.
+#[derive(Debug, Default)]
+pub(super) struct Log(Mutex<Option<(Vec<What>, Progress)>>);
+
+impl Log {
+    /// The rows that are left, and the progress after them.
+    pub fn rest(&self) -> Option<(Vec<What>, Progress)> {
+        self.0.lock().clone()
+    }
+
+    fn leave(&self, rows: Vec<What>, progress: Progress) {
+        *self.0.lock() = Some((rows, progress));
+    }
+}
+
+/// What a clustering calls with every row.
+pub(super) type OnRow = Box<dyn FnMut(Row) + Send>;
+
+/// Rows that are to become events.
+pub(super) struct Inbox {
+    rows: mpsc::UnboundedReceiver<Row>,
+    clustered: CancellationToken,
+}
+
+impl Inbox {
+    /// An inbox, and what puts rows there. It is unbounded, so that the device never waits; the report holds the same
+    /// rows anyway. The job is clustered once that is dropped.
+    pub fn open() -> (OnRow, Self) {
+        let (sender, rows) = mpsc::unbounded_channel();
+        let clustered = CancellationToken::new();
+        let until = clustered.clone().drop_guard();
+        let on_row = move |row| {
+            let _until = &until;
+            drop(sender.send(row));
+        };
+        (Box::new(on_row), Self { rows, clustered })
+    }
+
+    /// Appends rows to the events of a job, all that came meanwhile at once, until it is clustered; what is left then
+    /// goes to `log`. A row wakes nothing by itself.
+    pub async fn tell(mut self, store: Arc<dyn Events>, ticket: Ticket, log: Arc<Log>) -> Result<()> {
+        let mut progress = Progress::default();
+        let mut events = Vec::new();
+        loop {
+            let is_over = tokio::time::timeout(GATHERING, self.clustered.cancelled()).await.is_ok();
+            while events.len() < ROWS_AT_ONCE
+                && let Ok(row) = self.rows.try_recv()
+            {
+                events.push(event(row, &mut progress)?);
+            }
+            if is_over && self.rows.is_empty() {
+                if !events.is_empty() {
+                    log.leave(events, progress);
+                }
+                return Ok(());
+            }
+            if events.is_empty() {
+                continue;
+            }
+            // As long as the disk fails they are kept; the job does not end before they are stored, or lost with it.
+            while let Err(error) = store.append(ticket, events.clone(), progress).await {
+                if !error.is_of_storage() {
+                    return Err(error);
+                }
+                tokio::time::sleep(AGAIN).await;
+            }
+            events.clear();
+        }
+    }
+}
+
+/// A row as an event.
+fn event(row: Row, progress: &mut Progress) -> Result<What> {
+    match row {
+        Row::Iteration(row) => {
+            progress.iterations = row.iteration;
+            progress.phase = Some(row.phase);
+            progress.energy = row.energy;
+            serde_json::to_string(&row).map(What::Iteration)
+        }
+        Row::Round(row) => {
+            progress.rounds = row.round;
+            progress.clusters_left = Some(row.clusters);
+            progress.energy = row.energy;
+            serde_json::to_string(&row).map(What::Round)
+        }
+    }
+    .map_err(not_json)
+}
+
+fn not_json(error: serde_json::Error) -> Error {
+    Error::new(Kind::Internal, format_args!("a report cannot be written as JSON: {error}"))
+}
