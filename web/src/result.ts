@@ -93,12 +93,15 @@ export class Result {
     const { cluster } = address.read();
     const report = await json<Report>(output(this.job, "report"), { signal });
     this.showEnergies(report);
+    const { triangles } = report.input;
+    // on its way while everything else is fetched
+    const mesh = this.job.keep_mesh && triangles <= MANY_TRIANGLES ? this.fetchMesh() : null;
+    mesh?.catch(() => {});
     await this.comparison.offer(signal);
     await this.fetchLabels();
-    if (!this.job.keep_mesh)
-      this.figure.replaceChildren("The mesh was not kept with this job, so there is nothing to draw.");
-    else if (report.input.triangles > MANY_TRIANGLES) this.figure.replaceChildren(this.later(report.input.triangles));
-    else await this.draw();
+    if (mesh) await this.draw(mesh);
+    else if (this.job.keep_mesh) this.figure.replaceChildren(this.later(triangles));
+    else this.figure.replaceChildren("The mesh was not kept with this job, so there is nothing to draw.");
     if (cluster !== null) this.select(cluster);
   }
 
@@ -112,18 +115,22 @@ export class Result {
   private later(triangles: number): HTMLElement {
     const start = make("button", {
       type: "button",
-      onclick: () => void this.draw().catch((error) => this.fail(error)),
+      onclick: () => void this.draw(this.fetchMesh()).catch((error) => this.fail(error)),
     });
     start.textContent = `Show ${count(triangles)} triangles in 3D`;
     return start;
   }
 
-  private async draw(): Promise<void> {
-    const path = output(this.job, "mesh", { format: "glb", colours: "none", clusters: this.cut });
+  private async fetchMesh(): Promise<ArrayBuffer> {
+    return await this.bytes(output(this.job, "mesh", { format: "glb", colours: "none", clusters: this.cut }));
+  }
+
+  private async draw(bytes: Promise<ArrayBuffer>): Promise<void> {
     this.figure.setAttribute("aria-busy", "true");
-    this.mesh = await this.scene.triangles(await this.bytes(path));
+    const mesh = await this.scene.triangles(await bytes);
     this.abort.signal.throwIfAborted();
-    const view = new this.scene.View(this.figure, this.mesh);
+    this.mesh = mesh;
+    const view = new this.scene.View(this.figure, mesh);
     this.view = view;
     view.canvas.setAttribute("role", "img");
     view.canvas.setAttribute(
@@ -134,7 +141,10 @@ export class Result {
     this.figure.removeAttribute("aria-busy");
     this.box.querySelector("#overlay")?.remove();
     if (this.job.urls["remesh"]) this.picked.before(this.overlay());
-    this.show();
+    this.paint();
+    // what follows takes a while for a large mesh, which is drawn meanwhile
+    await new Promise(requestAnimationFrame);
+    if (!this.abort.signal.aborted) this.tell();
   }
 
   /** The first click on a cluster selects it; the next one goes down the tree, or with Shift up. */
@@ -227,11 +237,22 @@ export class Result {
   }
 
   private show(): void {
+    this.paint();
+    this.tell();
+  }
+
+  private paint(): void {
+    const shown = this.shown();
+    if (!shown) return;
+    this.view?.setLabels(shown.numbers, this.comparison.isBeside ? this.comparison.labels?.numbers : null);
+  }
+
+  /** Everything but the picture. */
+  private tell(): void {
     const shown = this.shown();
     if (!shown) return;
     this.clusters = measure(shown.numbers, this.mesh);
     this.table.show(this.clusters);
-    this.view?.setLabels(shown.numbers, this.comparison.isBeside ? this.comparison.labels?.numbers : null);
     this.level?.tell(this.mine?.energy ? `energy ${digits(this.mine.energy)}` : "");
     this.comparison.tell(this.mine?.energy ?? this.final);
     if (this.selected !== null && this.selected >= this.clusters.faces.length) this.select(null);

@@ -134,10 +134,12 @@ export class View {
   /** Selects a cluster of each pane's labels, or none. */
   select(cluster: number | null, other: number | null = null): void {
     for (const [i, pane] of this.panes.entries()) {
-      pane.selected = i === 0 ? cluster : other;
-      for (const surface of pane.surfaces) surface.select(pane.selected);
+      const selected = i === 0 ? cluster : other;
+      if (pane.selected === selected) continue;
+      pane.selected = selected;
+      for (const surface of pane.surfaces) surface.select(selected);
+      this.draw();
     }
-    this.draw();
   }
 
   /** Draws edges over the mesh; none for null. Chords of a curved surface are below it, so the mesh steps back. */
