@@ -1,5 +1,5 @@
-// The top of a hierarchy as a picture: its last 64 clusters and how they merge, heights by clusters left. A node that is
-// chosen is where the hierarchy is cut. It is a tree of the keyboard too: one node takes the focus, arrows move it.
+// The top of a hierarchy as a picture: its last 64 clusters and how they merge, heights by clusters left. The hierarchy
+// is cut where the node that is chosen is a cluster. One node takes the focus, and arrow keys move it along the tree.
 
 import { type Job, json, output } from "./api";
 import { count, make } from "./dom";

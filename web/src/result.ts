@@ -200,7 +200,7 @@ export class Result {
     await this.fetchLabels();
     const { faces } = this.clusters ?? { faces: new Uint32Array() };
     const largest = labels.reduce((a, b) => ((faces[b] ?? 0) > (faces[a] ?? 0) ? b : a));
-    if (this.cut === clusters) this.select(largest);
+    if (this.cut === clusters && !this.comparison.isReplaced) this.select(largest);
   }
 
   /** Marks the cut and the selected cluster in the picture of the tree. */

@@ -66,8 +66,9 @@ export class Browser {
 }
 
 /**
- * What an element, or a part of its width, looks like: `hues`, the number of 36 parts of the circle of hues that at least a thousandth of its
- * pixels have; `centre`, the colour of its middle; `digest`, which differs with any pixel.
+ * What an element, or the part of its width between `from` and `to`, looks like: `hues`, the number of 36 parts of the
+ * circle of hues that at least a thousandth of its pixels have; `centre`, the colour of its middle; `digest`, which
+ * differs with any pixel.
  */
 export async function look(page, selector, from = 0, to = 1) {
   const png = (await page.locator(selector).screenshot()).toString("base64");
