@@ -1,10 +1,12 @@
-// States have addresses: `#/jobs/ID?clusters=K&cluster=C&with=OTHER`.
+// States have addresses: `#/jobs/ID?clusters=K&cluster=C&with=OTHER&beside=1`.
 
 export interface Address {
   job: string | null;
   clusters: number | null;
   cluster: number | null;
   with: string | null;
+  /** Whether the compared job is shown beside this one; not in its place. */
+  beside: boolean;
 }
 
 export function read(): Address {
@@ -19,6 +21,7 @@ export function read(): Address {
     clusters: number("clusters"),
     cluster: number("cluster"),
     with: /^[0-9a-f-]+$/.test(other ?? "") ? other : null,
+    beside: number("beside") === 1,
   };
 }
 
@@ -26,7 +29,8 @@ export const ofJob = (id: string): string => `#/jobs/${id}`;
 
 /** Changes parts of the address without a step back in the history. */
 export function amend(change: Partial<Address>): void {
-  const { job, ...rest } = { ...read(), ...change };
+  const { job, beside, ...others } = { ...read(), ...change };
+  const rest = { ...others, beside: beside ? 1 : null };
   if (job === null) return;
   const given = Object.entries(rest).filter(([, value]) => value !== null);
   const search = new URLSearchParams(given.map(([key, value]) => [key, String(value)]));

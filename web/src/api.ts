@@ -1,5 +1,7 @@
 // The service's interface. The token lives in sessionStorage and travels in a header, never in an address.
 
+import { notice } from "./dom";
+
 export type State = "queued" | "running" | "succeeded" | "failed" | "cancelled";
 export type Phase = "boundary" | "refine" | "repair" | "regrow";
 
@@ -56,6 +58,8 @@ export class Refused extends Error {
   constructor(
     readonly status: number,
     message: string,
+    /** Seconds after which the service would have it again, where it says so. */
+    readonly retryAfter: number | null = null,
   ) {
     super(message);
   }
@@ -72,20 +76,47 @@ export const isLive = (job: Job): boolean => job.state === "queued" || job.state
 export const isHierarchical = (algorithm: string): boolean => ["pml", "ml", "hr"].includes(algorithm);
 export const nameOf = (job: Job): string => job.mesh.file_name ?? `${job.mesh.format} mesh`;
 
-export const pause = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));
+/** Waits; an abort ends it with an error. */
+export const pause = (ms: number, signal?: AbortSignal | null): Promise<void> =>
+  new Promise((resolve, reject) => {
+    const timer = setTimeout(resolve, ms);
+    const stop = (): void => {
+      clearTimeout(timer);
+      reject(signal?.reason as Error);
+    };
+    signal?.addEventListener("abort", stop, { once: true });
+  });
 
 /** What an answer that is no success says. */
-export const refusal = (status: number, { detail, title }: Partial<Problem>): Refused =>
-  new Refused(status, detail ?? title ?? `the service answered ${status}`);
+export const refusal = (status: number, { detail, title }: Partial<Problem>, retryAfter: string | null): Refused =>
+  new Refused(
+    status,
+    detail ?? title ?? `the service answered ${status}`,
+    retryAfter === null ? null : Number(retryAfter) || 1,
+  );
 
-/** A request with the token; an answer that is no success becomes a {@link Refused} with the detail of its problem. */
+/** Says that the service has too much to do, and waits as long as it says; any other error is thrown again. */
+export async function untilLater(error: unknown, signal?: AbortSignal | null): Promise<void> {
+  if (!(error instanceof Refused) || error.status !== 429 || error.retryAfter === null) throw error;
+  notice(`${error.message}. The page tries again in ${error.retryAfter} s.`);
+  await pause(1000 * error.retryAfter, signal);
+  notice("");
+}
+
+/**
+ * A request with the token; an answer that is no success becomes a {@link Refused} with the detail of its problem. What
+ * is too much for now (429) is repeated when the service says.
+ */
 export async function request(path: string, options: RequestInit = {}): Promise<Response> {
   const headers = new Headers(options.headers);
   const mine = token.get();
   if (mine !== "") headers.set("authorization", `Bearer ${mine}`);
-  const response = await fetch(path, { ...options, headers });
-  if (response.ok) return response;
-  throw refusal(response.status, (await response.json().catch(() => ({}))) as Partial<Problem>);
+  for (;;) {
+    const response = await fetch(path, { ...options, headers });
+    if (response.ok) return response;
+    const problem = (await response.json().catch(() => ({}))) as Partial<Problem>;
+    await untilLater(refusal(response.status, problem, response.headers.get("retry-after")), options.signal);
+  }
 }
 
 export async function json<T>(path: string, options: RequestInit = {}): Promise<T> {
@@ -148,7 +179,7 @@ export async function follow(
     } catch (error) {
       if (signal.aborted) return;
       // what the service refuses does not become right by repetition
-      if (error instanceof Refused && error.status < 500 && error.status !== 429) throw error;
+      if (error instanceof Refused && error.status < 500) throw error;
     }
     onBreak("The service does not answer. The page goes on when it is back.");
     await pause(wait);

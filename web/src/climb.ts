@@ -5,7 +5,7 @@
 import { type Job, json, output } from "./api";
 
 /** The clusters of a cut as nodes of the tree, in the order of their labels. */
-interface CutNodes {
+export interface CutNodes {
   nodes: number[];
   parents: (number | null)[];
 }
@@ -17,6 +17,11 @@ export interface Step {
   parts: number[];
 }
 
+export async function nodesAt(job: Job, clusters: number, signal: AbortSignal): Promise<CutNodes> {
+  const path = output(job, "hierarchy", { format: "json", clusters, max_clusters: 0 });
+  return (await json<{ cut: CutNodes }>(path, { signal })).cut;
+}
+
 /** A step from a cluster of a cut; null where the tree ends. */
 export async function climb(
   job: Job,
@@ -26,15 +31,11 @@ export async function climb(
   isUp: boolean,
   signal: AbortSignal,
 ): Promise<Step | null> {
-  const at = async (clusters: number): Promise<CutNodes> => {
-    const path = output(job, "hierarchy", { format: "json", clusters, max_clusters: 0 });
-    return (await json<{ cut: CutNodes }>(path, { signal })).cut;
-  };
-  const { nodes, parents } = await at(clusters);
+  const { nodes, parents } = await nodesAt(job, clusters, signal);
   const node = (isUp ? parents : nodes)[cluster] ?? null;
   if (node === null || node < faces) return null;
   const target = isUp ? 2 * faces - node - 1 : 2 * faces - node;
-  const there = await at(target);
+  const there = await nodesAt(job, target, signal);
   const isPart = (label: number): boolean => (isUp ? there.nodes : there.parents)[label] === node;
   return { clusters: target, parts: [...there.nodes.keys()].filter(isPart) };
 }

@@ -3,7 +3,7 @@
 // A mesh whose sending breaks is sent again when the service is back. The same Idempotency-Key makes the same job of
 // it, whether or not the service had accepted the first one.
 
-import { type Job, type Problem, json, pause, refusal, token } from "./api";
+import { type Job, type Problem, json, pause, refusal, token, untilLater } from "./api";
 
 /** Breaks in a row, with a service that answers, after which it is an error. */
 const MOST_BREAKS = 3;
@@ -33,7 +33,10 @@ export async function send(
     try {
       return await post(form, key, signal, onProgress);
     } catch (error) {
-      if (!(error instanceof TypeError)) throw error;
+      if (!(error instanceof TypeError)) {
+        await untilLater(error, signal);
+        continue;
+      }
       for (const file of files) await readable(file);
       onBreak();
       const isThere = await json("/v1/version", { signal }).then(
@@ -43,8 +46,7 @@ export async function send(
       breaks = isThere ? breaks + 1 : 0;
       if (breaks === MOST_BREAKS) throw new Error("the connection breaks while the mesh is sent");
     }
-    await pause(PAUSE_MS);
-    signal.throwIfAborted();
+    await pause(PAUSE_MS, signal);
   }
 }
 
@@ -62,7 +64,7 @@ function post(
     request.addEventListener("load", () => {
       const body: unknown = request.response;
       if (request.status < 300 && body !== null) resolve(body as Job);
-      else reject(refusal(request.status, (body ?? {}) as Partial<Problem>));
+      else reject(refusal(request.status, (body ?? {}) as Partial<Problem>, request.getResponseHeader("retry-after")));
     });
     request.addEventListener("error", () => reject(new TypeError("the connection broke")));
     request.addEventListener("abort", () => reject(new DOMException("stopped", "AbortError")));

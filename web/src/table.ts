@@ -24,12 +24,19 @@ export function measure(labels: Uint32Array, mesh: Triangles | null): Clusters {
   if (!mesh) return { faces, area, centres };
   const p = mesh.positions;
   const at = (i: number): number => p[i] ?? 0;
+  // plain variables, as in `pick.ts`
   for (let t = 0, i = 0; i < p.length; t++, i += 9) {
     const label = labels[mesh.faces ? (mesh.faces[t] ?? 0) : t] ?? 0;
-    const u = [at(i + 3) - at(i), at(i + 4) - at(i + 1), at(i + 5) - at(i + 2)] as const;
-    const v = [at(i + 6) - at(i), at(i + 7) - at(i + 1), at(i + 8) - at(i + 2)] as const;
-    const cross = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]] as const;
-    const size = Math.sqrt(cross[0] ** 2 + cross[1] ** 2 + cross[2] ** 2) / 2;
+    const ux = at(i + 3) - at(i);
+    const uy = at(i + 4) - at(i + 1);
+    const uz = at(i + 5) - at(i + 2);
+    const vx = at(i + 6) - at(i);
+    const vy = at(i + 7) - at(i + 1);
+    const vz = at(i + 8) - at(i + 2);
+    const x = uy * vz - uz * vy;
+    const y = uz * vx - ux * vz;
+    const z = ux * vy - uy * vx;
+    const size = Math.sqrt(x * x + y * y + z * z) / 2;
     area[label] = (area[label] ?? 0) + size;
     for (let axis = 0; axis < 3; axis++) {
       const centre = (at(i + axis) + at(i + 3 + axis) + at(i + 6 + axis)) / 3;

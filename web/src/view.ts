@@ -1,34 +1,28 @@
-// The mesh in 3D, coloured by cluster. Triangles are drawn without an index, so `gl_VertexID / 3` is the triangle; its
-// label comes from a texture of integers, its normal from screen derivatives. New labels are one upload of that
-// texture.
+// The mesh in 3D, coloured by cluster: once, or twice beside each other with other labels under one camera.
+//
+// Where a frame takes long, as with a software renderer, a coarse mesh is drawn while the camera moves, and the whole
+// one when it rests.
 
 import {
   BufferAttribute,
   BufferGeometry,
   Color,
-  DataTexture,
-  DoubleSide,
-  GLSL3,
   Group,
   LineBasicMaterial,
   LineSegments,
-  Mesh,
-  NearestFilter,
   PerspectiveCamera,
-  RawShaderMaterial,
-  RedIntegerFormat,
   Scene,
   Sphere,
   Spherical,
-  UnsignedIntType,
   Vector2,
   Vector3,
-  WebGLRenderTarget,
   WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
-import { GLSL } from "./colour";
+import { coarsen } from "./coarse";
+import { meet } from "./pick";
+import { Surface } from "./surface";
 
 /** Triangles of a mesh in upload order: nine numbers each, about `centre`. */
 export interface Triangles {
@@ -38,8 +32,14 @@ export interface Triangles {
   faces: Uint32Array | null;
 }
 
-/** Texels in a row of the texture of labels; every WebGL 2 device has as many. */
-const WIDTH = 2048;
+/** The mesh in the colours of one job's labels. */
+interface Pane {
+  scene: Scene;
+  /** The whole mesh, and the coarse one where there is one. */
+  surfaces: Surface[];
+  labels: Uint32Array | null;
+  selected: number | null;
+}
 
 /** Angle of a turn by a key. */
 const TURN = Math.PI / 24;
@@ -47,130 +47,106 @@ const TURN = Math.PI / 24;
 /** Part of the length of an edge by which the mesh is behind it. */
 const STEP_BACK = 0.2;
 
-/** No cluster. */
-const NONE = 0xffffffff;
+/** Triangles up to which edges are smoothed. A software renderer takes more than twice the time for it. */
+const MOST_SMOOTHED = 500_000;
 
-const VERTEX = `
-precision highp float;
-precision highp int;
-uniform highp usampler2D labels;
-uniform mat4 modelViewMatrix, projectionMatrix;
-in vec3 position;
-flat out uint triangle, label;
-out vec3 place;
-void main() {
-  int number = gl_VertexID / 3;
-  triangle = uint(number);
-  label = texelFetch(labels, ivec2(number % ${WIDTH}, number / ${WIDTH}), 0).r;
-  vec4 view = modelViewMatrix * vec4(position, 1.0);
-  place = view.xyz;
-  gl_Position = projectionMatrix * view;
-}`;
+/** Triangles above which the time of a frame matters. */
+const MANY = 100_000;
 
-const FRAGMENT = `
-precision highp float;
-precision highp int;
-uniform bool picking;
-uniform uint selected;
-flat in uint triangle, label;
-in vec3 place;
-out vec4 colour_out;
-${GLSL}
-void main() {
-  if (picking) {
-    uint id = triangle + 1u;
-    colour_out = vec4(uvec4(id, id >> 8, id >> 16, id >> 24) & 255u) / 255.0;
-    return;
-  }
-  vec3 normal = normalize(cross(dFdx(place), dFdy(place)));
-  float light = 0.4 + 0.6 * abs(dot(normal, normalize(place)));
-  vec3 base = label == ${NONE}u ? vec3(0.62) : colour(label);
-  if (selected != ${NONE}u && label != selected) base = mix(base, vec3(0.55), 0.7);
-  colour_out = vec4(base * light, 1.0);
-}`;
+/** Time of a frame above which a coarse mesh is drawn while the camera moves, in milliseconds. */
+const SLOW = 60;
+
+/** Time after a move when the camera rests, in milliseconds. */
+const REST = 200;
+
+/** Pixels between two panes. */
+const GAP = 2;
 
 export class View {
-  /** Called with the triangle under a click, or null, and whether Shift was held. */
-  onPick: (triangle: number | null, withShift: boolean) => void = () => {};
+  /** Called with the triangle under a click, or null, whether Shift was held, and the pane: 0, or 1 for the second. */
+  onPick: (triangle: number | null, withShift: boolean, pane: number) => void = () => {};
   /** Frames drawn. */
   frames = 0;
   readonly canvas: HTMLCanvasElement;
 
   private readonly renderer: WebGLRenderer;
-  private readonly scene = new Scene();
   private readonly camera = new PerspectiveCamera(35, 1, 0.01, 100);
   private readonly controls: OrbitControls;
-  private readonly geometry = new BufferGeometry();
-  private readonly texture: DataTexture;
-  private readonly material: RawShaderMaterial;
+  private readonly geometry: BufferGeometry;
+  private coarse: { geometry: BufferGeometry; faces: Uint32Array } | null = null;
+  private readonly panes: Pane[] = [];
   private readonly lines = new Group();
   private readonly bounds: Sphere;
   private readonly observer: ResizeObserver;
   private pending = 0;
+  private resting = 0;
+  private isMoving = false;
+  /** Whether frames take long; null until one was measured. */
+  private isSlow: boolean | null = null;
 
   constructor(
     private readonly box: HTMLElement,
     private readonly mesh: Triangles,
   ) {
-    this.renderer = new WebGLRenderer({ antialias: true, powerPreference: "high-performance" });
+    const isSmoothed = this.triangles <= MOST_SMOOTHED;
+    this.renderer = new WebGLRenderer({ antialias: isSmoothed, powerPreference: "high-performance" });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.renderer.setScissorTest(true);
     this.canvas = this.renderer.domElement;
-    this.geometry.setAttribute("position", new BufferAttribute(mesh.positions, 3));
-    this.geometry.computeBoundingSphere();
+    this.geometry = geometryOf(mesh.positions);
     this.bounds = this.geometry.boundingSphere ?? new Sphere();
-
-    const rows = Math.max(1, Math.ceil(this.triangles / WIDTH));
-    const texels = new Uint32Array(WIDTH * rows).fill(NONE);
-    this.texture = new DataTexture(texels, WIDTH, rows, RedIntegerFormat, UnsignedIntType);
-    this.texture.minFilter = this.texture.magFilter = NearestFilter;
-    this.texture.needsUpdate = true;
-    this.material = new RawShaderMaterial({
-      vertexShader: VERTEX,
-      fragmentShader: FRAGMENT,
-      glslVersion: GLSL3,
-      side: DoubleSide,
-      polygonOffset: true,
-      polygonOffsetFactor: 1,
-      polygonOffsetUnits: 1,
-      uniforms: { labels: { value: this.texture }, picking: { value: false }, selected: { value: NONE } },
-    });
-    this.scene.add(new Mesh(this.geometry, this.material), this.lines);
+    this.panes.push(this.pane());
+    this.panes[0]?.scene.add(this.lines);
 
     this.controls = new OrbitControls(this.camera, this.canvas);
-    this.controls.addEventListener("change", () => this.draw());
-    this.fit();
+    this.controls.addEventListener("change", () => this.move());
     box.replaceChildren(this.canvas);
+    this.resize();
+    this.fit(new Vector3(0.45, 0.5, 1));
     this.canvas.tabIndex = 0;
     this.canvas.addEventListener("keydown", (event) => this.key(event));
     this.listenToClicks();
     this.observer = new ResizeObserver(() => this.resize());
     this.observer.observe(box);
-    this.resize();
   }
 
   get triangles(): number {
     return this.mesh.positions.length / 9;
   }
 
-  /** Colours the triangles by the labels of their faces. */
-  setLabels(labels: Uint32Array): void {
-    const texels = this.texture.image.data as Uint32Array;
-    const { faces } = this.mesh;
-    if (faces) for (let i = 0; i < faces.length; i++) texels[i] = labels[faces[i] ?? 0] ?? NONE;
-    else texels.set(labels.subarray(0, this.triangles));
-    this.texture.needsUpdate = true;
-    this.draw();
+  /** Colours the mesh by labels, and shows it a second time in others where there are any. */
+  setLabels(labels: Uint32Array, others: Uint32Array | null = null): void {
+    if (others && this.panes.length === 1) this.panes.push(this.pane());
+    else if (!others && this.panes.length === 2) this.panes.pop()?.surfaces.forEach((surface) => surface.dispose());
+    else this.draw();
+    for (const [i, pane] of this.panes.entries()) {
+      const shown = i === 0 ? labels : others;
+      if (!shown) continue;
+      pane.labels = shown;
+      for (const surface of pane.surfaces) surface.setLabels(shown);
+    }
+    if (this.canvas.dataset["panes"] === String(this.panes.length)) return;
+    this.canvas.dataset["panes"] = String(this.panes.length);
+    this.resize();
+    this.fit(this.camera.position.clone().sub(this.controls.target));
   }
 
-  select(cluster: number | null): void {
-    this.uniform("selected", cluster ?? NONE);
-    this.draw();
+  /** Selects a cluster of each pane's labels, or none. */
+  select(cluster: number | null, other: number | null = null): void {
+    for (const [i, pane] of this.panes.entries()) {
+      const selected = i === 0 ? cluster : other;
+      if (pane.selected === selected) continue;
+      pane.selected = selected;
+      for (const surface of pane.surfaces) surface.select(selected);
+      this.draw();
+    }
   }
 
   /** Draws edges over the mesh; none for null. Chords of a curved surface are below it, so the mesh steps back. */
   setLines(segments: Float32Array | null, centre = new Vector3()): void {
     this.clearLines();
-    this.material.polygonOffsetUnits = segments ? this.stepBack(segments) : 1;
+    const units = segments ? this.unitsBehind(segments) : 1;
+    for (const surface of this.panes[0]?.surfaces ?? []) surface.stepBack(units);
     if (segments) {
       const geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(segments, 3));
       this.lines.add(new LineSegments(geometry, new LineBasicMaterial({ color: 0x101010 })));
@@ -181,35 +157,99 @@ export class View {
 
   dispose(): void {
     cancelAnimationFrame(this.pending);
+    clearTimeout(this.resting);
     this.observer.disconnect();
     this.controls.dispose();
     this.clearLines();
+    for (const { surfaces } of this.panes) surfaces.forEach((surface) => surface.dispose());
     this.geometry.dispose();
-    this.texture.dispose();
-    this.material.dispose();
+    this.coarse?.geometry.dispose();
     this.renderer.dispose();
     this.renderer.forceContextLoss();
     this.canvas.remove();
+  }
+
+  private pane(): Pane {
+    const pane = { scene: new Scene(), surfaces: [], labels: null, selected: null };
+    this.addSurface(pane, this.geometry, this.mesh.faces);
+    if (this.coarse) this.addSurface(pane, this.coarse.geometry, this.coarse.faces);
+    return pane;
+  }
+
+  private addSurface(pane: Pane, geometry: BufferGeometry, faces: Uint32Array | null): void {
+    const surface = new Surface(geometry, faces);
+    if (pane.labels) surface.setLabels(pane.labels);
+    surface.select(pane.selected);
+    pane.surfaces.push(surface);
+    pane.scene.add(surface.object);
   }
 
   /** Draws before the next frame of the browser, once for any number of changes. */
   private draw(): void {
     this.pending ||= requestAnimationFrame(() => {
       this.pending = 0;
-      this.scene.background = new Color(getComputedStyle(this.box).backgroundColor);
-      this.renderer.render(this.scene, this.camera);
+      const isCoarse = this.isMoving && this.isSlow === true;
+      if (isCoarse) this.coarse ??= this.makeCoarse();
+      const began = performance.now();
+      const background = new Color(getComputedStyle(this.box).backgroundColor);
+      for (const [i, { scene, surfaces }] of this.panes.entries()) {
+        for (const [j, { object }] of surfaces.entries()) object.visible = j > 0 === isCoarse;
+        const [x, y, width, height] = this.place(i);
+        this.renderer.setViewport(x, y, width, height);
+        this.renderer.setScissor(x, y, width, height);
+        scene.background = background;
+        this.renderer.render(scene, this.camera);
+      }
+      // the first frame makes shaders and buffers too
+      const isToTime = this.isMoving && this.isSlow === null && this.frames > 0 && this.triangles > MANY;
+      if (isToTime) this.isSlow = this.timeSince(began) > SLOW;
       this.frames++;
-      this.canvas.dataset["frames"] = String(this.frames);
+      const drawn = isCoarse ? (this.coarse?.faces.length ?? 0) : this.triangles;
+      Object.assign(this.canvas.dataset, { frames: this.frames, drawn });
     });
   }
 
-  private uniform(name: string, value: number | boolean): void {
-    const uniform = this.material.uniforms[name];
-    if (uniform) uniform.value = value;
+  /** Draws after a move of the camera, and again when it rests. */
+  private move(): void {
+    this.isMoving = true;
+    clearTimeout(this.resting);
+    this.resting = window.setTimeout(() => {
+      this.isMoving = false;
+      if (this.isSlow) this.draw();
+    }, REST);
+    this.draw();
+  }
+
+  /** Milliseconds until everything that was drawn since is there: a pixel can be read only then. */
+  private timeSince(began: number): number {
+    const gl = this.renderer.getContext();
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+    return performance.now() - began;
+  }
+
+  private makeCoarse(): { geometry: BufferGeometry; faces: Uint32Array } {
+    const { positions, sources } = coarsen(this.mesh.positions);
+    const { faces } = this.mesh;
+    const coarse = {
+      geometry: geometryOf(positions),
+      faces: faces ? sources.map((triangle) => faces[triangle] ?? 0) : sources,
+    };
+    for (const pane of this.panes) this.addSurface(pane, coarse.geometry, coarse.faces);
+    return coarse;
+  }
+
+  /** Left, bottom, width and height of a pane: two are beside each other, or on a narrow screen one above the other. */
+  private place(pane: number): [number, number, number, number] {
+    const [width, height] = [this.box.clientWidth, this.box.clientHeight];
+    if (this.panes.length === 1) return [0, 0, width, height];
+    const isWide = width >= height;
+    const [w, h] = isWide ? [(width - GAP) / 2, height] : [width, (height - GAP) / 2];
+    const isSecond = pane === 1;
+    return isWide ? [isSecond ? w + GAP : 0, 0, w, h] : [0, isSecond ? 0 : h + GAP, w, h];
   }
 
   /** A part of the mean length of the edges, in units of a depth buffer of 24 bits at the distance of the mesh. */
-  private stepBack(segments: Float32Array): number {
+  private unitsBehind(segments: Float32Array): number {
     let sum = 0;
     for (let i = 0; i + 5 < segments.length; i += 6) {
       const along = (axis: number): number => (segments[i + 3 + axis] ?? 0) - (segments[i + axis] ?? 0);
@@ -228,12 +268,12 @@ export class View {
     this.lines.clear();
   }
 
-  /** Puts the camera where the whole mesh is seen. */
-  private fit(): void {
+  /** Puts the camera in a direction from the mesh, where the whole mesh is seen. */
+  private fit(direction: Vector3): void {
     const { center, radius } = this.bounds;
-    const narrow = Math.min(1, (this.box.clientWidth || 1) / (this.box.clientHeight || 1));
+    const narrow = Math.min(1, this.camera.aspect);
     const distance = (1.05 * radius || 1) / Math.sin((this.camera.fov * Math.PI) / 360) / narrow;
-    this.camera.position.copy(center).addScaledVector(new Vector3(0.45, 0.5, 1).normalize(), distance);
+    this.camera.position.copy(center).addScaledVector(direction.normalize(), distance);
     this.camera.near = distance / 200;
     this.camera.far = distance * 20;
     this.camera.updateProjectionMatrix();
@@ -245,7 +285,8 @@ export class View {
     const [width, height] = [this.box.clientWidth, this.box.clientHeight];
     if (width === 0 || height === 0) return;
     this.renderer.setSize(width, height);
-    this.camera.aspect = width / height;
+    const [, , w, h] = this.place(0);
+    this.camera.aspect = w / h;
     this.camera.updateProjectionMatrix();
     this.draw();
   }
@@ -260,7 +301,7 @@ export class View {
       "=": [0, 0, 0.9],
       "-": [0, 0, 1 / 0.9],
     };
-    if (event.key === "0") this.fit();
+    if (event.key === "0") this.fit(new Vector3(0.45, 0.5, 1));
     const turn = turns[event.key];
     if (!turn || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
@@ -279,29 +320,26 @@ export class View {
     this.canvas.addEventListener("pointerdown", (event) => down.set(event.offsetX, event.offsetY));
     this.canvas.addEventListener("pointerup", (event) => {
       const moved = down.distanceTo(new Vector2(event.offsetX, event.offsetY));
-      if (event.button === 0 && moved < 4) this.onPick(this.pick(event.offsetX, event.offsetY), event.shiftKey);
+      if (event.button === 0 && moved < 4) this.pick(event.offsetX, event.offsetY, event.shiftKey);
     });
   }
 
-  /** The triangle at a place of the canvas: the scene drawn into one pixel, with numbers for colours. */
-  private pick(x: number, y: number): number | null {
-    const target = new WebGLRenderTarget(1, 1);
-    this.camera.setViewOffset(this.box.clientWidth, this.box.clientHeight, x, y, 1, 1);
-    this.uniform("picking", true);
-    this.lines.visible = false;
-    this.scene.background = null;
-    this.renderer.setClearColor(0, 0);
-    this.renderer.setRenderTarget(target);
-    this.renderer.clear();
-    this.renderer.render(this.scene, this.camera);
-    const pixel = new Uint8Array(4);
-    this.renderer.readRenderTargetPixels(target, 0, 0, 1, 1, pixel);
-    this.renderer.setRenderTarget(null);
-    this.lines.visible = true;
-    this.uniform("picking", false);
-    this.camera.clearViewOffset();
-    target.dispose();
-    const id = new DataView(pixel.buffer).getUint32(0, true);
-    return id === 0 ? null : id - 1;
+  /** Finds the pane and the triangle at a place of the canvas. */
+  private pick(x: number, y: number, withShift: boolean): void {
+    const up = this.box.clientHeight - y;
+    for (let pane = 0; pane < this.panes.length; pane++) {
+      const [left, bottom, width, height] = this.place(pane);
+      const [u, v] = [(2 * (x - left)) / width - 1, (2 * (up - bottom)) / height - 1];
+      if (Math.abs(u) > 1 || Math.abs(v) > 1) continue;
+      const near = new Vector3(u, v, -1).unproject(this.camera);
+      const far = new Vector3(u, v, 1).unproject(this.camera);
+      this.onPick(meet(this.mesh.positions, near, far.sub(near)), withShift, pane);
+    }
   }
+}
+
+function geometryOf(positions: Float32Array): BufferGeometry {
+  const geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(positions, 3));
+  geometry.computeBoundingSphere();
+  return geometry;
 }

@@ -30,7 +30,7 @@ export class Browser {
   }
 
   /** A new session: an own store of tokens, an own size. `prepare` gets the page before it is loaded. */
-  async open(origin, options = {}, prepare = async () => {}) {
+  async open(origin, options = {}, prepare = async () => {}, path = "/") {
     const context = await this.chromium.newContext({ viewport: { width: 1000, height: 720 }, ...options });
     context.setDefaultTimeout(60_000);
     const page = await context.newPage();
@@ -47,7 +47,7 @@ export class Browser {
     });
     if (this.files) await page.route(origin + "/**", (route) => this.fromFolder(route));
     await prepare(page);
-    await page.goto(origin + "/");
+    await page.goto(origin + path);
     return page;
   }
 
@@ -66,17 +66,18 @@ export class Browser {
 }
 
 /**
- * What an element looks like: `hues`, the number of 36 parts of the circle of hues that at least a thousandth of its
- * pixels have; `centre`, the colour of its middle; `digest`, which differs with any pixel.
+ * What an element, or the part of its width between `from` and `to`, looks like: `hues`, the number of 36 parts of the
+ * circle of hues that at least a thousandth of its pixels have; `centre`, the colour of its middle; `digest`, which
+ * differs with any pixel.
  */
-export async function look(page, selector) {
+export async function look(page, selector, from = 0, to = 1) {
   const png = (await page.locator(selector).screenshot()).toString("base64");
-  return await page.evaluate(async (text) => {
+  const read = async ([text, from, to]) => {
     const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
     const image = await createImageBitmap(new Blob([bytes], { type: "image/png" }));
-    const { width, height } = image;
+    const [width, height] = [Math.floor((to - from) * image.width), image.height];
     const context = new OffscreenCanvas(width, height).getContext("2d");
-    context.drawImage(image, 0, 0);
+    context.drawImage(image, -Math.floor(from * image.width), 0);
     const { data } = context.getImageData(0, 0, width, height);
     const counts = new Array(36).fill(0);
     let digest = 0;
@@ -95,5 +96,6 @@ export async function look(page, selector) {
       centre: [...data.subarray(middle, middle + 3)],
       digest,
     };
-  }, png);
+  };
+  return await page.evaluate(read, [png, from, to]);
 }

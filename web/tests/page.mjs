@@ -2,13 +2,14 @@
 //   node web/tests/page.mjs BINARY [--pictures FOLDER] [--files FOLDER] [--only REGEXP] [MESHES]
 import assert from "node:assert/strict";
 import { Browser } from "./browser.mjs";
+import { reach } from "./reach.mjs";
 import { results } from "./results.mjs";
 import { sending } from "./sending.mjs";
 import { Service, until } from "./service.mjs";
 import { states } from "./states.mjs";
 import { binary, values } from "./steps.mjs";
 
-const tests = { ...results, ...sending, ...states };
+const tests = { ...results, ...reach, ...sending, ...states };
 
 const browser = await new Browser(values.files).launch();
 const service = await new Service(binary).start();

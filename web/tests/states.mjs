@@ -1,7 +1,7 @@
 // States in which something is missing: a token, the service, room, a job; and what must not be read as HTML.
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
-import { statfsSync } from "node:fs";
+import { readFileSync, statfsSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { Service, until } from "./service.mjs";
@@ -53,6 +53,40 @@ export const states = {
       } finally {
         await service.stop();
       }
+    }
+  },
+
+  async "what is too much for now is sent again when the service says"({ browser }) {
+    const service = await new Service(binary).start("--meshes-in-memory", "1", "--max-queued-jobs", "1");
+    try {
+      const body = readFileSync(sample(service, "knot", 300_000));
+      const post = () => fetch(`${service.url}/v1/jobs?format=obj&clusters=3000`, { method: "POST", body });
+      const inTheWay = [];
+      for (let answer = await post(); answer.status !== 429; answer = await post()) inTheWay.push(await answer.json());
+      const page = await browser.open(service.url);
+      await page.setInputFiles("#file", sample(service, "sphere", 500));
+      await page.fill("#clusters", "5");
+      await page.click("#submit");
+      await until("the page says when", async () => /The page tries again in \d+ s/.test(await text(page, "#notice")));
+      await accessible(page, "429");
+      for (const { id } of inTheWay) await fetch(`${service.url}/v1/jobs/${id}`, { method: "DELETE" });
+      await succeeded(page);
+      await drawn(page, 5);
+      assert.ok(await page.isHidden("#notice"));
+      // a list that was asked for too often
+      let refused = 0;
+      const listed = Date.now();
+      await page.route(`${service.url}/v1/jobs?*`, async (route) => {
+        if (refused++ > 0) return await route.fallback();
+        const json = { title: "Too many requests", detail: "too many requests" };
+        await route.fulfill({ status: 429, headers: { "retry-after": "3" }, json });
+      });
+      await until("the page says when", async () => /tries again in 3 s/.test(await text(page, "#notice")));
+      await until("the list is there again", () => refused > 1 && page.isHidden("#notice"));
+      assert.ok(Date.now() - listed >= 3000);
+      await page.close();
+    } finally {
+      await service.stop();
     }
   },
 

@@ -25,9 +25,11 @@ export const drawn = async (page, clusters) =>
   );
 export const idOf = (page) => /jobs\/([0-9a-f-]+)/.exec(page.url())[1];
 
-export async function picture(page, name) {
+/** A picture of what is in sight, or of one element. */
+export async function picture(page, name, selector) {
   if (!values.pictures) return;
   mkdirSync(values.pictures, { recursive: true });
+  if (selector) return await page.locator(selector).screenshot({ path: join(values.pictures, name) });
   await page.evaluate(() => document.querySelector(innerWidth < 500 ? "#job" : "header").scrollIntoView());
   await page.screenshot({ path: join(values.pictures, name) });
 }
