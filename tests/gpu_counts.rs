@@ -27,6 +27,7 @@ fn counting() -> GpuDevice {
 /// Dispatches and waits since the last call; none where the adapter has no timestamps.
 fn counts(device: &mut GpuDevice) -> Option<(u64, u64)> {
     let profile = device.take_profile().expect("a profile")?;
+    eprintln!("{:?}", profile.dispatches);
     Some((profile.dispatches.values().sum(), profile.waits))
 }
 
@@ -101,7 +102,7 @@ fn a_round_of_a_hierarchy_takes_no_more_dispatches_and_waits_than_before() {
 #[test]
 fn real_meshes_take_no_more_dispatches_and_waits_than_before() {
     let Some(folder) = zoo::shared_meshes() else { return };
-    for (name, clusters, most) in [("stanford-bunny.glb", 1000, (920, 31)), ("armadillo-172k.glb", 2000, (1170, 38))] {
+    for (name, clusters, most) in [("stanford-bunny.glb", 1000, (800, 25)), ("armadillo-172k.glb", 2000, (1000, 40))] {
         let Ok(bytes) = std::fs::read(std::path::Path::new(&folder).join(name)) else {
             eprintln!("notice: {name} is not there");
             continue;
