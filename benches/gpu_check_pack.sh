@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Packs what gpu_check.py needs into FOLDER, for a machine without network and toolchain: PROFILE is cargo's, `release` but for
-# a trial of the check itself.
+# Packs what gpu_check.py needs into FOLDER, for a machine without network and toolchain: PROFILE is cargo's, `release`
+# but for a trial of the check itself.
 #
 #   gpu_check_pack.sh FOLDER [PROFILE]
 set -euo pipefail
@@ -11,7 +11,8 @@ target=${CARGO_TARGET_DIR:-target}
 tests=(gpu_equals_cpu gpu_oracle gpu_hierarchy gpu_failures)
 
 cargo build --locked --profile "$profile"
-cargo test --locked --profile "$profile" --no-run $(printf -- '--test %s ' "${tests[@]}") 2>&1 | tee "$target/gpu-check.log" >&2
+cargo test --locked --profile "$profile" --no-run $(printf -- '--test %s ' "${tests[@]}") 2>&1 |
+    tee "$target/gpu-check.log" >&2
 
 rm -rf "$folder"
 mkdir -p "$folder"/{bin,tests,lib,meshes}
