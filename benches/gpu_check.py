@@ -348,7 +348,8 @@ class Check:
         self.say("## Decisions", "")
         self.table(["constant", "now", "decision", "why"], self.decisions)
         self.say("## Failures", "", *(f"- {failure}" for failure in self.failures or ["none"]))
-        card = re.sub(r"[^a-z0-9]+", "-", self.adapter["name"].lower()).strip("-")
+        # without what drivers add in brackets
+        card = re.sub(r"[^a-z0-9]+", "-", self.adapter["name"].split("(")[0].lower()).strip("-")
         folder = pathlib.Path(out) / f"{datetime.date.today()}-{card}"
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "gpu-check.md").write_text("\n".join(self.report) + "\n")
