@@ -78,7 +78,7 @@ fn of_hierarchy(surface: &Surface, optimise: bool) -> Option<((u64, u64), u64, u
 #[test]
 fn a_flat_clustering_takes_no_more_dispatches_and_waits_than_before() {
     for (sample, faces, clusters, most) in
-        [(Sample::Knot, 20_000, 200, (2300, 155)), (Sample::Sphere, 5000, 2000, (270, 17))]
+        [(Sample::Knot, 20_000, 200, (2200, 125)), (Sample::Sphere, 5000, 2000, (250, 12))]
     {
         let Some(found) = of_flat(&surface(sample, faces), clusters) else { return };
         eprintln!("{} {faces}/{clusters}: {found:?}", sample.name());

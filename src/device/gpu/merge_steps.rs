@@ -107,7 +107,7 @@ impl GpuSteps<'_> {
         if living <= self.connection.tuning.sums_along as usize { living } else { 0 }
     }
 
-    /// Reads the statistics of the first iterations of a batch, and finds ahead what a search will be asked for.
+    /// Reads the statistics of the first iterations of a batch, and makes the next search ahead.
     pub(super) fn read_stats_and_best(
         &mut self,
         mut encoder: wgpu::CommandEncoder,

@@ -14,8 +14,8 @@
 //! | `self_test`, `verify` | whether the device computes as the cpu does: when it opens, when labels come back |
 //!
 //! An iteration of the boundary phase dispatches `boundary_propose`, `boundary_apply` and `proxies_fit`; an iteration
-//! of the refinement `face_bid`, `select_bids`, `join_moves` and `evaluate_moves`. Each reads what all threads of the one
-//! before wrote. Threads work on *listed* faces: those with a neighbour of another cluster, and free
+//! of the refinement `face_bid`, `select_bids`, `join_moves` and `evaluate_moves`. Each reads what all threads of the
+//! one before wrote. Threads work on *listed* faces: those with a neighbour of another cluster, and free
 //! ones. Iterations are queued in batches of up to 64; the device itself ends a phase, by indirect dispatches of no
 //! workgroups.
 //!
