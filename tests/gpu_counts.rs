@@ -27,7 +27,6 @@ fn counting() -> GpuDevice {
 /// Dispatches and waits since the last call; none where the adapter has no timestamps.
 fn counts(device: &mut GpuDevice) -> Option<(u64, u64)> {
     let profile = device.take_profile().expect("a profile")?;
-    eprintln!("{:?}", profile.dispatches);
     Some((profile.dispatches.values().sum(), profile.waits))
 }
 
