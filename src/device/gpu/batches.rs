@@ -169,7 +169,7 @@ impl GpuSteps<'_> {
             };
         }
         self.encode(&mut encoder, "fit", &[kernels::PROXIES_FIT]);
-        let (stats, between, moves, _) = self.read_stats_and_moves(encoder, iterations, 0)?;
+        let ((stats, between), moves, _) = self.read_stats_and_moves(encoder, iterations, 0)?;
         self.is_fitted = true;
         self.moves = moves;
         // of a growth that is not over, the next batch reports both anew

@@ -13,6 +13,7 @@ use super::buffers::Buffer;
 use super::kernels::{self, Kernel};
 use super::layout::{CandidateEdge, CopiedSums, DualEdge as ListedEdge, IterationStats};
 use super::memory::BETWEEN;
+use super::readback::BatchStats;
 use super::steps::{GpuSteps, History};
 use super::upload::upload;
 use crate::device::dual_edge::Ties;
@@ -53,7 +54,7 @@ impl GpuSteps<'_> {
         iterations: u32,
         (buffer, items): (Buffer, usize),
         entries: usize,
-    ) -> Result<(Vec<IterationStats>, IterationStats, Vec<T>, Vec<ClusterSums>)> {
+    ) -> Result<(BatchStats, Vec<T>, Vec<ClusterSums>)> {
         if entries > 0 {
             self.encode(&mut encoder, "merge", &[kernels::SUMS_COPY]);
         }
@@ -71,7 +72,8 @@ impl GpuSteps<'_> {
             let (items, sums) = rest.split_at(parts[2].2 as usize);
             let sums: Vec<CopiedSums> = pod_collect_to_vec(sums);
             let sums = sums.iter().map(CopiedSums::sums).collect();
-            (pod_collect_to_vec(batch), bytemuck::pod_read_unaligned(stats), pod_collect_to_vec(items), sums)
+            let stats = (pod_collect_to_vec(batch), bytemuck::pod_read_unaligned(stats));
+            (stats, pod_collect_to_vec(items), sums)
         })
     }
 }
@@ -97,7 +99,7 @@ impl GpuSteps<'_> {
     fn search_best(&mut self, ties: Ties) -> Result<(IterationStats, Found)> {
         self.memory.announce(&self.connection.queue, self.summed() as u32, ties);
         let encoder = self.encode_fit();
-        let (_, stats, found) = self.read_best(encoder, 0)?;
+        let ((_, stats), found) = self.read_best(encoder, 0)?;
         Ok((stats, found))
     }
 
@@ -115,18 +117,14 @@ impl GpuSteps<'_> {
     ) -> Result<Vec<IterationStats>> {
         self.connection.reach(FaultPoint::DualEdges);
         self.encode(&mut encoder, "fit", &[kernels::PROXIES_FIT]);
-        let (batch, _, found) = self.read_best(encoder, iterations)?;
+        let ((batch, _), found) = self.read_best(encoder, iterations)?;
         self.found_ahead = Some(found);
         Ok(batch)
     }
 
     /// Searches for the best dual edge of each cluster, proxies being fitted. Also reads the statistics of the first
     /// iterations of a batch, and of what is done between batches.
-    fn read_best(
-        &mut self,
-        mut encoder: wgpu::CommandEncoder,
-        iterations: u32,
-    ) -> Result<(Vec<IterationStats>, IterationStats, Found)> {
+    fn read_best(&mut self, mut encoder: wgpu::CommandEncoder, iterations: u32) -> Result<(BatchStats, Found)> {
         let (living, summed) = (self.living.len(), self.summed());
         let search = [
             kernels::MIN_DUAL_EDGE_COST,
@@ -140,11 +138,11 @@ impl GpuSteps<'_> {
             encoder.copy_buffer_to_buffer(from, 0, to, 0, 4 * summed as u64);
         }
         let listed = (Buffer::DualEdges, living);
-        let (batch, stats, edges, sums) = self.read_with_sums::<ListedEdge>(encoder, iterations, listed, summed)?;
+        let (stats, edges, sums) = self.read_with_sums::<ListedEdge>(encoder, iterations, listed, summed)?;
         self.known_sums = self.living.iter().copied().zip(sums).collect();
         let edges = self.living.iter().zip(edges).filter(|(_, edge)| edge.other != FREE);
         let edge = |(&cluster, edge): (&u32, ListedEdge)| DualEdge { cluster, other: edge.other, cost: edge.cost };
-        Ok((batch, stats, Found::Best(edges.map(edge).collect())))
+        Ok((stats, Found::Best(edges.map(edge).collect())))
     }
 
     /// Refuses on a software gpu when faces times clusters are more than `software_limit`.
@@ -170,7 +168,7 @@ impl GpuSteps<'_> {
         let (from, ends) = (self.memory.get(Buffer::CandidateEdges), offset_of!(CandidateEdge, low) as u64);
         encoder.copy_buffer_to_buffer(from, ends, self.memory.get(Buffer::HostList), 0, 8);
         let best = (Buffer::CandidateEdges, 1);
-        let (_, stats, best, sums) = self.read_with_sums::<CandidateEdge>(encoder, 0, best, 2)?;
+        let ((_, stats), best, sums) = self.read_with_sums::<CandidateEdge>(encoder, 0, best, 2)?;
         let best = best.first().filter(|best| best.low != FREE).map(|best| (best.low, best.high));
         self.known_sums = best.iter().flat_map(|&(low, high)| [low, high]).zip(sums).collect();
         Ok((stats, Found::Cheapest(best)))
@@ -266,7 +264,7 @@ impl MergeSteps for GpuSteps<'_> {
                 let mut encoder = self.encoder_with_sums();
                 encoder.clear_buffer(self.memory.get(Buffer::Stats), 0, None);
                 self.encode(&mut encoder, "moves", &[kernels::BOUNDARY_COVER]);
-                let (_, stats, moves, _) = self.read_stats_and_moves(encoder, 0, 0)?;
+                let ((_, stats), moves, _) = self.read_stats_and_moves(encoder, 0, 0)?;
                 match moves {
                     Some(moves) => moves,
                     None => self.download(self.encoder(), Buffer::Moves, stats.listed as usize)?.1,

@@ -28,7 +28,7 @@ impl GpuSteps<'_> {
         if along.is_some() {
             self.connection.reach(FaultPoint::Labels);
         }
-        let (_, stats, moves, labels) = self.read_stats_and_moves(encoder, 0, along.unwrap_or(0))?;
+        let ((_, stats), moves, labels) = self.read_stats_and_moves(encoder, 0, along.unwrap_or(0))?;
         let has_freed = stats.moves != 0;
         self.is_fitted &= !has_freed;
         if !has_freed {

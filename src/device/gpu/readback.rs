@@ -20,6 +20,9 @@ const STATS: u64 = size_of::<IterationStats>() as u64;
 /// Moves that are read along with their number; more are read once that is known.
 pub(super) const FEW_MOVES: usize = 4096;
 
+/// Statistics of iterations of a batch, and of what is done between batches.
+pub(super) type BatchStats = (Vec<IterationStats>, IterationStats);
+
 /// Commands in flight, and a buffer that they copy results to.
 pub(super) struct Reading {
     buffer: wgpu::Buffer,
@@ -86,7 +89,7 @@ impl GpuSteps<'_> {
         mut encoder: wgpu::CommandEncoder,
         iterations: u32,
         labelled: usize,
-    ) -> Result<(Vec<IterationStats>, IterationStats, Option<Vec<Move>>, Vec<u32>)> {
+    ) -> Result<(BatchStats, Option<Vec<Move>>, Vec<u32>)> {
         let few = match self.history {
             History::Unmerged => 0,
             History::Merged | History::MovedSinceMerge => {
@@ -105,7 +108,7 @@ impl GpuSteps<'_> {
             let between: IterationStats = bytemuck::pod_read_unaligned(between);
             let listed = between.listed as usize;
             let moves = (listed <= few).then(|| pod_collect_to_vec(&moves[..listed * size_of::<Move>()]));
-            (pod_collect_to_vec(batch), between, moves, pod_collect_to_vec(labels))
+            ((pod_collect_to_vec(batch), between), moves, pod_collect_to_vec(labels))
         })
     }
 
