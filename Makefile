@@ -26,7 +26,7 @@ export XDG_RUNTIME_DIR ?= /tmp
 
 .PHONY: help
 help:  ## list these targets
-	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 16
+	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 16
 
 .PHONY: run
 run: bundle  ## install what is missing, build, and serve on http://127.0.0.1:8080, with a page there (TESSERAE_* variables are settings)
@@ -65,6 +65,29 @@ bucket: debug-binary $(VENV)/ready  ## files of jobs in a bucket of S3, of a ser
 outputs: debug-binary $(VENV)/ready $(TARGET)/node/ready  ## outputs as the programs read them that people use
 	$(VENV)/bin/python tests/scripts/outputs.py $(TARGET)/debug/tesserae --node $(TARGET)/node $(TESSERAE_TEST_MESHES)
 
+BLENDER_VENV := $(TARGET)/blender-venv
+
+.PHONY: blender
+blender: debug-binary $(BLENDER_VENV)/ready  ## outputs as Blender opens them (a download of 500 MB, Python 3.11 only)
+	$(BLENDER_VENV)/bin/python tests/scripts/blender.py $(TARGET)/debug/tesserae $(TESSERAE_TEST_MESHES)
+
+$(BLENDER_VENV)/ready: | install-test
+	@echo "installing into $(BLENDER_VENV): bpy"
+	python3 -m venv $(BLENDER_VENV)
+	$(BLENDER_VENV)/bin/pip install --quiet --disable-pip-version-check bpy==4.2.0
+	touch $@
+
+# Labels are integers on every processor: the table of labels, by a binary for another one, emulated.
+AARCH64 := aarch64-unknown-linux-gnu
+
+.PHONY: aarch64
+aarch64: install-test  ## the labels of samples and real meshes on a 64-bit ARM processor, emulated, beside the table
+	deploy/install-missing.sh aarch64
+	CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc \
+		cargo build --locked --target $(AARCH64) --no-default-features --config profile.dev.opt-level=2
+	TESSERAE_TEST_COMMAND="qemu-aarch64 -L /usr/aarch64-linux-gnu $(abspath $(TARGET))/$(AARCH64)/debug/tesserae" \
+		cargo test --locked --test clustering labels
+
 # The wheel has neither service nor gpu; `pip install ./python` builds the same.
 PYTHON_VENV := $(abspath $(TARGET))/python-venv
 WHEELS := $(abspath $(TARGET))/wheels
@@ -89,7 +112,7 @@ $(PYTHON_VENV)/ready: python/requirements-test.txt | install-test
 	touch $@
 
 $(TARGET)/node/ready: tests/scripts/gltf/package.json | install-test
-	@echo "installing into $(TARGET)/node: gltf-validator"
+	@echo "installing into $(TARGET)/node: gltf-validator three"
 	mkdir -p $(TARGET)/node
 	cp $< $(TARGET)/node/
 	npm install --silent --no-fund --no-audit --no-package-lock --prefix $(TARGET)/node

@@ -2,11 +2,11 @@
 
     python3 gpu_check.py [--out DIR] [--minutes N] [--steps 1,2,3,4,5]
 
-Runs in the folder that `make gpu-check` packs (bin/tesserae, tests/, lib/, meshes/), needs nothing but Python there, and writes
-DIR/<date>-<card>/gpu-check.md and .json. It is meant for a card that is at hand for an hour: steps go from what decides most to
-what decides least, each has its share of the minutes, and a step that takes longer is cut off and said to be. It stops after
-step 1 where labels are not those of the cpu. On software Vulkan the same runs on meshes of some thousand faces: its times mean
-nothing, its labels do.
+Runs in the folder that `make gpu-check` packs (bin/tesserae, tests/, lib/, meshes/), needs nothing but Python there,
+and writes DIR/<date>-<card>/gpu-check.md and .json. It is meant for a card that is at hand for an hour: steps go from
+what decides most to what decides least, each has its share of the minutes and what earlier ones left, and a step that
+takes longer is cut off and said to be. It stops after step 1 where labels are not those of the cpu. On software Vulkan
+the same runs on meshes of some thousand faces: its times mean nothing, its labels do.
 """
 
 import argparse
@@ -50,6 +50,13 @@ VARIANTS = {
     "sums_along": [0, 4096, 65536],
     "workgroup": [64, 128, 512],
     "run": [1, 4, 16],
+    "labels_along": [0, 4_194_304],
+}
+
+# Constants that no measurement of a card decides.
+GIVEN = {
+    "batch_ms": "how long a cancelled job may go on",
+    "software_limit": "of software alone",
 }
 
 # A constant changes where that makes runs faster by more than this.
@@ -63,7 +70,7 @@ class Cut(Exception):
 class Check:
     def __init__(self, minutes):
         self.figures, self.report, self.decisions, self.failures = {}, [], [], []
-        self.minutes, self.until = minutes, None
+        self.minutes, self.until, self.begun, self.shares = minutes, None, time.monotonic(), 0
         self.env = os.environ | {
             "NODEVICE_SELECT": "1",
             "XDG_RUNTIME_DIR": os.environ.get("XDG_RUNTIME_DIR", "/tmp"),
@@ -79,11 +86,12 @@ class Check:
         if left <= 1:
             raise Cut
         try:
-            done = subprocess.run([str(part) for part in command], env=self.env, capture_output=True, text=True, timeout=left)
+            command = [str(part) for part in command]
+            done = subprocess.run(command, env=self.env, capture_output=True, text=True, timeout=left)
         except subprocess.TimeoutExpired:
             raise Cut from None
         if done.returncode:
-            raise RuntimeError(f"{' '.join(map(str, command))}: {(done.stderr or done.stdout).strip()[-2000:]}")
+            raise RuntimeError(f"{' '.join(command)}: {(done.stderr or done.stdout).strip()[-2000:]}")
         return done.stdout
 
     def try_run(self, command):
@@ -102,10 +110,11 @@ class Check:
         self.say("", *("| " + " | ".join(map(str, row)) + " |" for row in [head, align, *rows]), "")
 
     def step(self, number, title, share, work):
-        """Runs a step within its share of the minutes."""
+        """Runs a step within its share of the minutes, and what earlier steps left of theirs."""
         self.say("", f"## {number}. {title}", "")
         started = time.monotonic()
-        self.until = started + share * self.minutes * 60
+        self.shares += share
+        self.until = self.begun + self.shares * self.minutes * 60
         try:
             work()
         except Cut:
@@ -135,14 +144,15 @@ class Check:
         self.gpu = ["--device", "gpu", "--adapter", str(self.adapter["index"])]
 
     def point_to_driver(self):
-        """Points the loader to NVIDIA's driver where nothing else does, as in containers without a description of it."""
+        """Points the loader to NVIDIA's driver where nothing else does, as in containers that do not describe it."""
         folders = ["/usr/share", "/usr/local/share", "/etc", "/usr/local/nvidia/share"]
         found = [path for folder in folders for path in glob.glob(f"{folder}/vulkan/icd.d/nvidia_icd*.json")]
         libraries = self.try_run(["/sbin/ldconfig", "-p"])
         if not found and "libEGL_nvidia.so.0" in libraries:
             # this one needs no X11, unlike libGLX_nvidia
             made = pathlib.Path("/tmp/nvidia_icd.json")
-            made.write_text('{"file_format_version": "1.0.1", "ICD": {"library_path": "libEGL_nvidia.so.0", "api_version": "1.3"}}')
+            driver = {"library_path": "libEGL_nvidia.so.0", "api_version": "1.3"}
+            made.write_text(json.dumps({"file_format_version": "1.0.1", "ICD": driver}))
             found = [str(made)]
         if found:
             self.env["VK_DRIVER_FILES"] = found[0]
@@ -165,6 +175,12 @@ class Check:
         there = [(name, HERE / "meshes" / file, k) for name, file, k in names if (HERE / "meshes" / file).exists()]
         return there or [("knot 70,000", self.sample(70_000), 1000), ("knot 170,000", self.sample(170_000), 2000)]
 
+    def named_meshes(self):
+        """The meshes as arguments of `tesserae bench`; none on software."""
+        if self.is_software:
+            return []
+        return [part for _, mesh, k in self.meshes() for part in ("--mesh", f"{mesh}:{k}")]
+
     def cluster(self, device, mesh, *arguments):
         """The report of a clustering, and the seconds of its process."""
         report = HERE / "report.json"
@@ -184,10 +200,12 @@ class Check:
             same = cold["labels_sha256"] == warm["labels_sha256"] == cpu["labels_sha256"]
             times = warm["timings_ms"]
             self.figures[name] = times["cluster"] + times["upload"]
-            rows.append([name, clusters, f"{first:.2f}", f"{second:.2f}", f"{self.figures[name]:.1f}", "yes" if same else "**no**"])
+            seconds = [f"{first:.2f}", f"{second:.2f}"]
+            rows.append([name, clusters, *seconds, f"{self.figures[name]:.1f}", "yes" if same else "**no**"])
             if not same:
                 self.failures.append(f"labels of {name} are not the cpu's")
-        self.table(["mesh", "clusters", "s, cold", "s, warm", "ms, upload and clustering", "labels of the cpu"], rows)
+        head = ["mesh", "clusters", "s, cold", "s, warm", "ms, upload and clustering", "labels of the cpu"]
+        self.table(head, rows)
 
     def tests(self):
         rows = []
@@ -203,8 +221,9 @@ class Check:
             rows.append([test.name, outcome, f"{time.monotonic() - started:.0f}"])
         self.table(["tests", "outcome", "s"], rows)
         name, mesh, clusters = self.meshes()[-1]
-        self.until = time.monotonic() + 0.1 * self.minutes * 60
-        for arguments, times in ((["-k", clusters], 3 if self.is_software else 50), (["--algorithm", "pml", "-k", 7], 2 if self.is_software else 10)):
+        self.until = max(self.until, time.monotonic() + 60)
+        flat, hierarchies = (3, 2) if self.is_software else (50, 10)
+        for arguments, times in ((["-k", clusters], flat), (["--algorithm", "pml", "-k", 7], hierarchies)):
             hashes = {self.cluster(self.gpu, mesh, *arguments)[0]["labels_sha256"] for _ in range(times)}
             self.say(f"{name}, {' '.join(map(str, arguments))}: {times} runs, {len(hashes)} different results")
             if len(hashes) != 1:
@@ -217,7 +236,7 @@ class Check:
 
     def sizes(self):
         faces = [1000, 4000] if self.is_software else [10_000, 100_000, 1_000_000]
-        meshes = [] if self.is_software else [part for _, mesh, k in self.meshes() for part in ("--mesh", f"{mesh}:{k}")]
+        meshes = self.named_meshes()
         bench = self.bench("--repeats", 1 if self.is_software else 5, "--faces", ",".join(map(str, faces)), *meshes)
         self.figures["bench"] = bench
         self.report += (HERE / "bench.md").read_text().splitlines()[2:]
@@ -242,7 +261,8 @@ class Check:
         else:
             (x0, y0), (x1, y1) = next(pair for pair in zip(ratios, ratios[1:]) if pair[0][1] > 0 >= pair[1][1])
             found = f"{math.exp(x0 + (x1 - x0) * y0 / (y0 - y1)):,.0f}"
-        self.decisions.append(["faces_for_gpu", "200,000", found, "clustering and upload as fast as on this machine's cpu"])
+        why = "clustering and upload as fast as on this machine's cpu"
+        self.decisions.append(["faces_for_gpu", "200,000", found, why])
 
     def large(self):
         if self.is_software:
@@ -254,14 +274,18 @@ class Check:
 
     def variants(self):
         size = ["--faces", "1000"] if self.is_software else ["--faces", "1000000"]
-        meshes = [] if self.is_software else [part for _, mesh, k in self.meshes() for part in ("--mesh", f"{mesh}:{k}")]
+        meshes = self.named_meshes()
         arguments = ["--repeats", 1 if self.is_software else 3, "--compare-up-to", 0, *size, *meshes]
         times = lambda bench: [row["cluster"] + row["upload"] for row in bench["rows"] if not row["refused"]]
         self.bench(*arguments)  # warms up
         rows = []
         for name, values in VARIANTS.items():
             # beside its variants, since clocks and neighbours change
-            default = times(self.bench(*arguments))
+            try:
+                default = times(self.bench(*arguments))
+            except Cut:
+                self.decisions.append([name, "default", "keep", "not measured: the time was up"])
+                continue
             best = (1.0, "keep")
             for value in values:
                 try:
@@ -269,14 +293,22 @@ class Check:
                 except Cut:
                     rows.append([name, value, "not run: the time was up"])
                     continue
+                except RuntimeError as error:
+                    rows.append([name, value, f"failed: {str(error).splitlines()[-1]}"])
+                    continue
                 logs = [math.log(new / old) for new, old in zip(times(bench), default)]
                 ratio = math.exp(sum(logs) / len(logs))
                 rows.append([name, value, f"{ratio:.3f}"])
                 best = min(best, (ratio, value))
             self.figures.setdefault("variants", []).extend(row for row in rows if row[0] == name)
             decision = best[1] if best[0] < 1 - GAIN else "keep"
-            self.decisions.append([name, "default", decision, f"{best[0]:.3f} of the time" if decision != "keep" else "no gain above 5 %"])
+            why = f"{best[0]:.3f} of the time" if decision != "keep" else "no gain above 5 %"
+            if self.is_software:
+                # its dispatches and waits cost what no card's do
+                decision, why = "keep", f"software decides nothing: {best[1]}, {best[0]:.3f} of the time"
+            self.decisions.append([name, "default", decision, why])
         self.table(["constant", "value", "time over that of the default"], rows)
+        self.decisions += [[name, "default", "keep", why] for name, why in GIVEN.items()]
 
     # the report
 
@@ -285,14 +317,18 @@ class Check:
         probe = self.figures.get("probe")
         if not probe:
             return
+        direct = probe["direct_written_8"]
         rules = [
-            ("indirect or direct dispatches", probe["indirect_1_group"] - probe["direct_written_8"] > 1, "direct, with a stride loop"),
+            ("indirect or direct dispatches", probe["indirect_1_group"] - direct > 1, "direct, with a stride loop"),
             ("empty tails of batches", probe["indirect_no_group"] > 1.5, "shorter batches"),
-            ("bindings", probe["direct_written_8"] - probe["direct_written_1"] > 0.5, "one buffer with offsets instead of eight"),
+            ("bindings", direct - probe["direct_written_1"] > 0.5, "one buffer with offsets instead of eight"),
             ("waits", probe["round_trip"] > 80, "fewer waits first of all"),
             ("uploads", max(probe["upload_staged"], probe["upload_written"]) < 2, "uploads first of all"),
         ]
-        self.decisions += [[what, "as it is", "change" if is_met else "keep", text if is_met else ""] for what, is_met, text in rules]
+        for what, is_met, text in rules:
+            if self.is_software:
+                is_met, text = False, "software decides nothing"
+            self.decisions.append([what, "as it is", "change" if is_met else "keep", text])
 
     def predictions(self):
         rows = []
@@ -312,7 +348,8 @@ class Check:
         self.say("## Decisions", "")
         self.table(["constant", "now", "decision", "why"], self.decisions)
         self.say("## Failures", "", *(f"- {failure}" for failure in self.failures or ["none"]))
-        card = re.sub(r"[^a-z0-9]+", "-", self.adapter["name"].lower()).strip("-")
+        # without what drivers add in brackets
+        card = re.sub(r"[^a-z0-9]+", "-", self.adapter["name"].split("(")[0].lower()).strip("-")
         folder = pathlib.Path(out) / f"{datetime.date.today()}-{card}"
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "gpu-check.md").write_text("\n".join(self.report) + "\n")
@@ -331,9 +368,11 @@ def main():
     check = Check(arguments.minutes)
     check.find_adapter()
     adapter = check.adapter
-    check.say("# What a card does", "", f"- {adapter['name']}, {adapter['kind']}, {adapter['backend']}, {adapter['driver']}",
-              f"- largest meshes: {adapter['largest']['flat']:,} faces flat, {adapter['largest']['hierarchy']:,} of hierarchies",
-              f"- {check.run(BINARY, '--version').strip()}; {platform.processor() or platform.machine()}, {os.cpu_count()} threads")
+    largest, processor = adapter["largest"], platform.processor() or platform.machine()
+    check.say("# What a card does", "")
+    check.say("- " + ", ".join(adapter[key] for key in ("name", "kind", "backend", "driver")))
+    check.say(f"- largest meshes: {largest['flat']:,} faces flat, {largest['hierarchy']:,} of hierarchies")
+    check.say(f"- {check.run(BINARY, '--version').strip()}; {processor}, {os.cpu_count()} threads")
     smi = check.try_run(["nvidia-smi", "-q"])
     if smi:
         check.figures["nvidia_smi"] = smi

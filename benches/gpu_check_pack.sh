@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Packs what gpu_check.py needs into FOLDER, for a machine without network and toolchain: PROFILE is cargo's, `release` but for
-# a trial of the check itself.
+# Packs what gpu_check.py needs into FOLDER, for a machine without network and toolchain: PROFILE is cargo's, `release`
+# but for a trial of the check itself.
 #
 #   gpu_check_pack.sh FOLDER [PROFILE]
 set -euo pipefail

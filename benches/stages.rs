@@ -1,14 +1,15 @@
-//! The stages before the clustering, each by itself: parsing every format (OBJ beside `tobj`, all beside a copy of the
-//! file), topology.
+//! The stages around the clustering, each by itself: parsing every format (OBJ beside `tobj`, all beside a copy of the
+//! file), topology, and encoders of everything that is made of a mesh and labels.
 //!
 //! On meshes made from nothing, and on the real ones in the folder that `TESSERAE_TEST_MESHES` names, where there is
 //! one. `make bench` runs it; `make bench FILTER=topology` runs a part. Throughput is in bytes for parsers and in faces
-//! for the topology.
+//! for the rest.
 
 use std::hint::black_box;
 use std::path::Path;
 
 use criterion::{BenchmarkId, Criterion, Throughput};
+use tesserae::artifacts::{ALL, Content, Labels, Need};
 use tesserae::dev::sample::{self, Sample};
 use tesserae::mesh::{self, Format, Limits, NoResources, PolygonMesh};
 use tesserae::surface::Surface;
@@ -121,6 +122,7 @@ fn main() {
     let mut criterion = Criterion::default().sample_size(20).configure_from_args();
     parse(&mut criterion, &subjects);
     topology(&mut criterion, &subjects);
+    encode(&mut criterion, &subjects);
     criterion.final_summary();
 }
 
@@ -151,5 +153,29 @@ fn topology(criterion: &mut Criterion, subjects: &[Subject]) {
     for Subject { name, mesh, .. } in subjects {
         group.throughput(Throughput::Elements(mesh.faces.len() as u64));
         group.bench_function(name, |bench| bench.iter(|| Surface::build(black_box(mesh)).expect("a surface")));
+    }
+}
+
+/// Every form of every output that a mesh and labels are enough for. Clusters are faces in a row, 100 each.
+fn encode(criterion: &mut Criterion, subjects: &[Subject]) {
+    for Subject { name, mesh, .. } in subjects {
+        let labels: Vec<u32> = (0..mesh.faces.len() as u32).map(|face| face / 100).collect();
+        let clusters = labels.last().map_or(0, |&last| u64::from(last) + 1);
+        let content = Content { labels: Some(Labels::new(clusters, &labels)), mesh: Some(mesh), ..Content::default() };
+        let is_enough = |need: &Need| matches!(need, Need::Labels | Need::Faces | Need::Mesh);
+        for form in ALL.iter().filter(|output| output.needs.iter().all(is_enough)).flat_map(|output| output.forms) {
+            let mut bytes = Vec::new();
+            let mut encode = || {
+                bytes.clear();
+                (form.encode)(black_box(&content)).is_ok_and(|write| write(&mut bytes).is_ok())
+            };
+            // a format that refuses this many clusters
+            if !encode() {
+                continue;
+            }
+            let mut group = criterion.benchmark_group(format!("encode {}", form.file));
+            group.throughput(Throughput::Elements(mesh.faces.len() as u64));
+            group.bench_function(name, |bench| bench.iter(&mut encode));
+        }
     }
 }

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Installs the Debian packages that building (`build`) or testing (`test`) needs and this machine lacks.
+# Installs the Debian packages that building (`build`), testing (`test`) or emulation (`aarch64`) needs and this machine lacks.
 # What is there already is left alone, so it does nothing, and needs no rights, on a machine that has everything.
 set -euo pipefail
 
@@ -49,6 +49,21 @@ if [ "${1:-}" = test ]; then
     need python3 command -v python3
     need chromium command -v chromium
     need python3-venv python3 -c 'import ensurepip, venv'
+fi
+
+if [ "${1:-}" = aarch64 ]; then
+    need gcc-aarch64-linux-gnu command -v aarch64-linux-gnu-gcc
+    need g++-aarch64-linux-gnu command -v aarch64-linux-gnu-g++
+    need qemu-user command -v qemu-aarch64
+    target=aarch64-unknown-linux-gnu
+    if ! [ -d "$(rustc --print sysroot)/lib/rustlib/$target/lib" ]; then
+        if ! command -v rustup >/dev/null; then
+            echo "the standard library for $target is missing, and there is no rustup to install it with" >&2
+            exit 1
+        fi
+        echo "installing with rustup: $target"
+        rustup target add "$target"
+    fi
 fi
 
 if [ ${#packages[@]} -eq 0 ]; then

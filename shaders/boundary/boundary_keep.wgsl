@@ -1,6 +1,6 @@
-//! uses: boundary_list
+//! uses: boundary_list, bids
 //! reads: neighbours, labels
-//! writes: label_at_merge, boundary_list
+//! writes: label_at_merge, face_bids, boundary_list
 // Makes the new boundary list, in the half that is not in use: from all faces, or from the listed ones, a thread each.
 // It keeps the faces that are free or have a neighbour of another cluster; between batches also those that moved since
 // the last merge, which the host may read.
@@ -38,6 +38,7 @@ fn boundary_keep(thread: u32, local: u32) {
         is_kept = is_on_boundary(face) || (iteration.between != 0u && has_moved);
         if !is_kept {
             atomicStore(&label_at_merge[face], UNLISTED);
+            face_bids[face] = NO_BID;
         }
     }
     var place = 0u;

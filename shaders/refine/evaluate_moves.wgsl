@@ -1,9 +1,9 @@
 //! uses: living_clusters, bids, cluster_sums, energy_total, count, cover
 //! reads: faces, living_clusters
 //! writes: clusters, proxies, cluster_bids, stats, next_dispatch, boundary_list
-// Fourth step, a thread a cluster: if a face won a move out of the cluster, compares the energy of the two clusters
-// before and after, exactly, with all joining faces and then with the winner alone, and updates sums and proxies. A
-// cluster is in one move at most, so no other thread touches the two. Rust: device::plain::try_moving.
+// Last step of an iteration, a thread a cluster: if a face won a move out of the cluster, compares the energy of the two
+// clusters before and after, exactly, with all joining faces and then with the winner alone, and updates sums and
+// proxies. A cluster is in one move at most, so no other thread touches the two. Rust: device::plain::try_moving.
 
 // Faces that move together.
 struct Change {
@@ -11,14 +11,15 @@ struct Change {
     count: u32,
 }
 
+fn take_sum(cluster: u32, at: u32) -> i64 {
+    let low = u64(atomicExchange(&cluster_bids[cluster].joining_sums[2u * at], 0u));
+    let high = u64(atomicExchange(&cluster_bids[cluster].joining_sums[2u * at + 1u], 0u));
+    return i64((high << 32u) | low);
+}
+
 // Reads the sums of the joining faces and clears them for the next iteration.
 fn take_joining(cluster: u32) -> Change {
-    var sums: Sums;
-    for (var at = 0u; at < SUMS; at++) {
-        let low = u64(atomicExchange(&cluster_bids[cluster].joining_sums[2u * at], 0u));
-        let high = u64(atomicExchange(&cluster_bids[cluster].joining_sums[2u * at + 1u], 0u));
-        sums[at] = i64((high << 32u) | low);
-    }
+    let sums = Sums(take_sum(cluster, 0u), take_sum(cluster, 1u), take_sum(cluster, 2u), take_sum(cluster, 3u));
     return Change(sums, atomicExchange(&cluster_bids[cluster].joining, 0u));
 }
 

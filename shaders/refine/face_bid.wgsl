@@ -1,4 +1,4 @@
-//! uses: boundary_list, cluster_sums
+//! uses: boundary_list, accepted_moves, cluster_sums
 //! reads: faces, neighbours, labels, proxies
 //! writes: clusters, cluster_bids, face_bids, boundary_list
 // First step of an iteration of the refinement, a thread a listed face: finds the cluster that the face gains most by
@@ -9,11 +9,14 @@ fn face_bid(thread: u32, local: u32) {
     if face == FREE {
         return;
     }
-    if iteration.number == 1u {
+    let before = iteration.number - 1u;
+    let own = label_after(face, before);
+    if before == 0u {
         // refusals of an earlier phase
         face_bids[face].refused_in = 0u;
+    } else if is_refused(face, own, before) {
+        face_bids[face].refused_in = before;
     }
-    let own = labels[face];
     var best = FREE;
     if own != FREE && atomicLoad(&clusters[own].count) > 1u {
         let here = faces[face];
@@ -22,7 +25,7 @@ fn face_bid(thread: u32, local: u32) {
         var least = 0x7fffffffffffffffli;
         let end = neighbours[face + 1u];
         for (var at = neighbours[face]; at < end; at++) {
-            let label = labels[neighbours[at]];
+            let label = label_after(neighbours[at], before);
             if label != own && label != best && label != FREE {
                 is_due |= cluster_bids[label].changed_in >= refused_in;
                 let cost = cost_of_entering(here, proxies[label], cluster_weight(label));
@@ -44,5 +47,5 @@ fn face_bid(thread: u32, local: u32) {
             }
         }
     }
-    face_bids[face].cluster = best;
+    face_bids[face].wanted_in[iteration.number & 1u] = best;
 }

@@ -1,28 +1,31 @@
-//! uses: boundary_insert, energy
+//! uses: boundary_insert, bids, energy
 //! reads: faces, neighbours, labels
 //! writes: face_bids, cluster_bids, label_at_merge, boundary_list
 // Third step, a thread a listed face: a face that both its clusters took wins, and faces that want the same move join
 // it. Their sums are added up at the cluster that they leave. Rust: device::plain::winners.
 
+fn add_to_joining_sum(cluster: u32, at: u32, value: i64) {
+    let low = u32(u64(value) & 0xfffffffflu);
+    let before = atomicAdd(&cluster_bids[cluster].joining_sums[2u * at], low);
+    let high = u32(u64(value) >> 32u) + select(0u, 1u, before + low < before);
+    if high != 0u {
+        atomicAdd(&cluster_bids[cluster].joining_sums[2u * at + 1u], high);
+    }
+}
+
 // Adds a face to the sums of those that leave a cluster together, as `cluster_sums` adds to a cluster.
 fn add_joining(cluster: u32, sums: Sums) {
-    var added = sums;
-    for (var at = 0u; at < SUMS; at++) {
-        let value = u64(added[at]);
-        let low = u32(value & 0xfffffffflu);
-        let before = atomicAdd(&cluster_bids[cluster].joining_sums[2u * at], low);
-        let high = u32(value >> 32u) + select(0u, 1u, before + low < before);
-        if high != 0u {
-            atomicAdd(&cluster_bids[cluster].joining_sums[2u * at + 1u], high);
-        }
-    }
+    add_to_joining_sum(cluster, 0u, sums[0]);
+    add_to_joining_sum(cluster, 1u, sums[1]);
+    add_to_joining_sum(cluster, 2u, sums[2]);
+    add_to_joining_sum(cluster, 3u, sums[3]);
     atomicAdd(&cluster_bids[cluster].joining, 1u);
 }
 
 // Adds a face to the move of its cluster's winner, if it wants the same. Its neighbours inside the cluster are listed
 // before the move is accepted; if it is refused, they are evaluated once more without effect.
 fn join_winner(face: u32) {
-    let wanted = face_bids[face].cluster;
+    let wanted = face_bids[face].wanted_in[iteration.number & 1u];
     if wanted == FREE {
         return;
     }
@@ -42,7 +45,7 @@ fn join_winner(face: u32) {
     for (var at = neighbours[face]; at < end; at++) {
         let near = neighbours[at];
         if claim(near, own) {
-            face_bids[near] = FaceBid(FREE, 0u, 0u);
+            face_bids[near] = NO_BID;
             insert(near);
         }
     }

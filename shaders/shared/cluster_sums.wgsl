@@ -2,6 +2,9 @@
 // Reads and adds to the sums of `clusters`. Without 64-bit atomics, an addition takes two of 32 bits: the addition to
 // the low word returns the value before, which shows whether this addition carried, in whatever order threads add. So
 // at the end of the dispatch the two words hold the sum modulo 2⁶⁴. A kernel does not read sums that it adds to.
+//
+// The numbers are written out here and in kernels: an index that is computed would put 64-bit arrays into memory of the
+// thread, which drivers seldom compile. Another number of sums does not parse.
 
 fn cluster_sum(cluster: u32, at: u32) -> i64 {
     let low = u64(atomicLoad(&clusters[cluster].sums[2u * at]));
@@ -14,35 +17,37 @@ fn cluster_weight(cluster: u32) -> i64 {
 }
 
 fn cluster_sums(cluster: u32) -> Sums {
-    var sums: Sums;
-    for (var at = 0u; at < SUMS; at++) {
-        sums[at] = cluster_sum(cluster, at);
+    return Sums(cluster_sum(cluster, 0u), cluster_sum(cluster, 1u), cluster_sum(cluster, 2u), cluster_sum(cluster, 3u));
+}
+
+fn add_to_sum(cluster: u32, at: u32, value: i64) {
+    let low = u32(u64(value) & 0xfffffffflu);
+    let before = atomicAdd(&clusters[cluster].sums[2u * at], low);
+    let high = u32(u64(value) >> 32u) + select(0u, 1u, before + low < before);
+    if high != 0u {
+        atomicAdd(&clusters[cluster].sums[2u * at + 1u], high);
     }
-    return sums;
 }
 
 // Adds the sums of `count` faces; negative to take faces away.
 fn add_to_cluster(cluster: u32, sums: Sums, count: i32) {
-    var added = sums;
-    for (var at = 0u; at < SUMS; at++) {
-        let value = u64(added[at]);
-        let low = u32(value & 0xfffffffflu);
-        let before = atomicAdd(&clusters[cluster].sums[2u * at], low);
-        let high = u32(value >> 32u) + select(0u, 1u, before + low < before);
-        if high != 0u {
-            atomicAdd(&clusters[cluster].sums[2u * at + 1u], high);
-        }
-    }
+    add_to_sum(cluster, 0u, sums[0]);
+    add_to_sum(cluster, 1u, sums[1]);
+    add_to_sum(cluster, 2u, sums[2]);
+    add_to_sum(cluster, 3u, sums[3]);
     atomicAdd(&clusters[cluster].count, u32(count));
+}
+
+fn store_sum(cluster: u32, at: u32, value: i64) {
+    atomicStore(&clusters[cluster].sums[2u * at], u32(u64(value) & 0xfffffffflu));
+    atomicStore(&clusters[cluster].sums[2u * at + 1u], u32(u64(value) >> 32u));
 }
 
 // Replaces the sums of a cluster that no other thread reads or adds to.
 fn store_sums(cluster: u32, sums: Sums, count: u32) {
-    var stored = sums;
-    for (var at = 0u; at < SUMS; at++) {
-        let value = u64(stored[at]);
-        atomicStore(&clusters[cluster].sums[2u * at], u32(value & 0xfffffffflu));
-        atomicStore(&clusters[cluster].sums[2u * at + 1u], u32(value >> 32u));
-    }
+    store_sum(cluster, 0u, sums[0]);
+    store_sum(cluster, 1u, sums[1]);
+    store_sum(cluster, 2u, sums[2]);
+    store_sum(cluster, 3u, sums[3]);
     atomicStore(&clusters[cluster].count, count);
 }

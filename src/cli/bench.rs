@@ -120,7 +120,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let cancel = signals::cancel_when_asked();
     let (mut device, sizes) = open(&arguments.device, arguments.tuning)?;
     let sizes = arguments.faces.as_deref().unwrap_or(sizes);
-    let plan = Plan { repeats: arguments.repeats, compare_up_to: arguments.compare_up_to };
+    let is_auto = arguments.device.choice().is_auto();
+    let faces_for_gpu = if is_auto { arguments.tuning.faces_for_gpu.into() } else { 0 };
+    let plan = Plan { repeats: arguments.repeats, compare_up_to: arguments.compare_up_to, faces_for_gpu };
     let progress = Progress::new(None);
     let work = work(sizes, &arguments.meshes);
     let (measurements, outcome) = bench::run(&work, device.as_mut(), plan, &cancel, &mut |stage| progress.stage(stage));

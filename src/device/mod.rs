@@ -16,6 +16,7 @@ pub mod pieces;
 pub mod plain;
 mod profile;
 pub mod select;
+pub mod tuning;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};

@@ -2,6 +2,7 @@
 
 use super::Device;
 use super::adapter::{AdapterKind, AdapterReport};
+use super::tuning::Tuning;
 use crate::error::{Error, Kind, Result};
 
 /// Nothing that could be changed about a gpu.
@@ -12,18 +13,6 @@ impl Overrides {
     /// Nothing.
     pub fn timed(_: Tuning) -> Self {
         Self {}
-    }
-}
-
-/// No constants.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Tuning {}
-
-impl std::str::FromStr for Tuning {
-    type Err = Error;
-
-    fn from_str(_: &str) -> Result<Self> {
-        Ok(Self {})
     }
 }
 

@@ -8,14 +8,13 @@ use utoipa::ToSchema;
 pub use super::adapter::{AdapterKind, AdapterReport, auto_adapter};
 use super::cpu::CpuDevice;
 use super::gpu::Overrides;
-pub use super::gpu::{Tuning, adapters, probe, tested_adapters};
+pub use super::gpu::{adapters, probe, tested_adapters};
+pub use super::tuning::Tuning;
 use super::{Device, gpu};
 use crate::error::{Error, Result};
 
-/// Meshes with fewer faces go to the cpu without a look at the adapters: looking costs 20 to 370 ms.
-///
-/// Provisional: set where one thread of the cpu device needs about that long, with no gpu at hand to measure.
-pub const FACES_FOR_GPU: u64 = 200_000;
+/// Meshes with fewer faces go to the cpu without a look at the adapters.
+pub const FACES_FOR_GPU: u64 = Tuning::DEFAULT.faces_for_gpu as u64;
 
 /// A choice of device.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]

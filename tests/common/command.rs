@@ -18,9 +18,13 @@ impl Folder {
         self.0.path().join(name)
     }
 
-    /// The command, without any setting of the surroundings.
+    /// The command, without any setting of the surroundings. `TESSERAE_TEST_COMMAND` may name another binary, after
+    /// what runs it.
     pub fn tesserae(&self, arguments: &[&str]) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_tesserae"));
+        let other = std::env::var("TESSERAE_TEST_COMMAND").unwrap_or_default();
+        let mut words = other.split_whitespace();
+        let mut command = Command::new(words.next().unwrap_or(env!("CARGO_BIN_EXE_tesserae")));
+        command.args(words);
         command.args(arguments).current_dir(self.0.path()).stdin(Stdio::null());
         for (name, _) in std::env::vars_os() {
             if name.to_string_lossy().starts_with("TESSERAE_") {

@@ -2,12 +2,12 @@
 
     python outputs.py BINARY [--node FOLDER] [MESHES]
 
-FOLDER is where npm installed gltf-validator; without it, GLB files are not validated. MESHES is a folder of meshes; samples
-made by BINARY are used as well.
+FOLDER is where npm installed gltf-validator and three; without it, GLB files are not validated, nor opened in Chromium.
+MESHES is a folder of meshes; samples made by BINARY are used as well.
 
 | output | read by |
 |---|---|
-| mesh, remesh: glb, ply, obj, stl | trimesh; gltf-validator; pymeshlab (ply, obj, stl) |
+| mesh, remesh: glb, ply, obj, stl | trimesh; gltf-validator; three.js in Chromium (glb); pymeshlab (ply, obj, stl) |
 | mesh, remesh, boundaries: vtp; mesh: ply | pyvista |
 | submeshes: zip, glb, npz | trimesh, numpy |
 | graph: json, npz, graphml | networkx, scipy |
@@ -15,11 +15,13 @@ made by BINARY are used as well.
 """
 
 import argparse
+import base64
 import colorsys
 import csv
 import io
 import json
 import pathlib
+import re
 import subprocess
 import tempfile
 import zipfile
@@ -254,6 +256,27 @@ def validate():
     print(f"  {len(found)} GLB files without error or warning", flush=True)
 
 
+def in_chromium(case):
+    """The GLB of the mesh as three.js has it in Chromium."""
+    modules = OPTIONS.node and OPTIONS.node.resolve() / "node_modules"
+    if not modules or not (modules / "three").exists():
+        print("  left out: three is not there", flush=True)
+        return
+    page = (pathlib.Path(__file__).parent / "gltf" / "three.html").read_text()
+    glb = base64.b64encode(case.path("mesh.glb").read_bytes()).decode()
+    case.path("three.html").write_text(page.replace("MODULES", modules.as_uri()).replace("FILE", glb))
+    # the page reads modules from files; the virtual time passes at once when nothing is left to do
+    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--allow-file-access-from-files"]
+    flags.append("--virtual-time-budget=60000")
+    folder = f"--user-data-dir={case.path('chromium')}"
+    text = run("chromium", *flags, folder, "--dump-dom", case.path("three.html").as_uri())
+    found, = json.loads(re.search(r"<body>(.*?)</body>", text, re.S)[1])
+    assert found["ids"] == case.triangle_labels.tolist(), f"{case.name}: glb, three.js: ids"
+    assert found["ids"] != np.roll(case.triangle_labels, 1).tolist(), "other labels are not noticed"
+    colours = np.array(found["colours"]) * 255
+    assert abs(colours - case.colours[case.triangle_labels]).max() < 0.01, f"{case.name}: glb, three.js: colours"
+
+
 def main():
     samples = [("knot", 6000, "glb", 60), ("quads", 3000, "obj", 40)]
     meshes = []
@@ -266,7 +289,7 @@ def main():
         meshes.append((bunny, 1000))
     for mesh, clusters in meshes:
         case = Case(mesh, clusters)
-        for check in (check_mesh, check_submeshes, check_remesh, check_data):
+        for check in (check_mesh, check_submeshes, check_remesh, check_data, in_chromium):
             check(case)
         print(f"  {case.name}: every output of {case.faces} faces in {clusters} clusters is read back", flush=True)
     validate()

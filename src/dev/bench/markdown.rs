@@ -51,7 +51,8 @@ pub(super) fn report(measurements: &Measurements) -> String {
 fn figures(row: &Row, is_gpu: bool) -> Vec<String> {
     let or = |number: Option<f64>, text: fn(f64) -> String| number.map_or_else(|| "–".to_owned(), text);
     let ms = |number: f64| format!("{number:.1}");
-    let mut cells = vec![row.mesh.clone(), row.faces.to_string(), row.clusters.to_string(), row.algorithm.clone()];
+    let mesh = format!("{}{}", row.mesh, if row.is_for_cpu { ", on the cpu" } else { "" });
+    let mut cells = vec![mesh, row.faces.to_string(), row.clusters.to_string(), row.algorithm.clone()];
     cells.extend([row.parse, row.topology, row.upload, row.cluster].map(ms));
     if is_gpu {
         let same = row.same_as_cpu.map_or("–", |same| if same { "yes" } else { "**no**" });

@@ -37,6 +37,8 @@ pub struct Plan {
     pub repeats: u32,
     /// Largest mesh, in faces, whose labels are compared with the cpu's.
     pub compare_up_to: u64,
+    /// Meshes of fewer faces are for the cpu.
+    pub faces_for_gpu: u64,
 }
 
 /// What was measured.
@@ -67,6 +69,8 @@ pub struct Row {
     pub algorithm: String,
     /// Number of clusters.
     pub clusters: u64,
+    /// Whether the cpu clustered it instead of the device.
+    pub is_for_cpu: bool,
     /// Why there is no time of clustering: it did not fit on the device, say.
     pub refused: Option<String>,
     /// From bytes to faces and positions.
@@ -200,6 +204,9 @@ fn measure(
     let (faces, prepared) = work.prepare()?;
     let clusters = work.clusters(faces).unwrap_or(prepared.surface.components.len() as u64);
     let mut row = Row::new(work, faces, clusters);
+    let mut cpu = CpuDevice::new();
+    row.is_for_cpu = faces < plan.faces_for_gpu;
+    let device = if row.is_for_cpu { &mut cpu } else { device };
     (row.parse, row.topology) = (prepared.timings.parse, prepared.timings.topology);
     let mut best: Option<Outcome> = None;
     for _ in 0..plan.repeats {
@@ -283,6 +290,7 @@ impl Row {
             faces,
             algorithm: work.name(),
             clusters,
+            is_for_cpu: false,
             refused: None,
             parse: 0.0,
             topology: 0.0,

@@ -1,7 +1,7 @@
 //! Phases as batches of iterations.
 //!
 //! A batch is queued at once, and then the host waits for its statistics: a round trip costs as much as some 15
-//! dispatches, an iteration 3 or 5 of them. The device itself ends a phase: the kernel that finds an iteration without
+//! dispatches, an iteration 3 or 4 of them. The device itself ends a phase: the kernel that finds an iteration without
 //! moves writes zeros into the arguments of the indirect dispatches that follow. Those still cost most of a dispatch,
 //! so the next batch has as many iterations as the moves so far foretell ([`foretold`]).
 //!
@@ -15,6 +15,7 @@ use super::FaultPoint;
 use super::buffers::{BATCH, Buffer};
 use super::kernels::{self, Kernel};
 use super::layout::IterationStats;
+use super::merge_steps::Search;
 use super::steps::{GpuSteps, History};
 use crate::device::{Cancel, Ending, FLOOD_FROM};
 use crate::error::Result;
@@ -25,6 +26,8 @@ pub(super) struct Phase {
     name: &'static str,
     fault_point: FaultPoint,
     kernels: &'static [&'static Kernel],
+    /// What completes the last iteration of a batch.
+    at_end: &'static [&'static Kernel],
     /// The first iteration that is a flood: it takes several passes, each with a number of its own, until one in which
     /// nothing moves.
     flood_from: u32,
@@ -32,39 +35,41 @@ pub(super) struct Phase {
     is_over: fn(&IterationStats) -> bool,
     /// Whether a batch ends with the energy: iterations of the others report it.
     is_growth: bool,
+    /// Whether a search for dual edges may be next.
+    precedes_searches: bool,
 }
 
 pub(super) const GROWTH: Phase = Phase {
     name: "grow",
     fault_point: FaultPoint::Grow,
     kernels: &[kernels::GROWTH_PROPOSE, kernels::GROWTH_APPLY],
+    at_end: &[],
     flood_from: u32::MAX,
     is_over: |_| true,
     is_growth: true,
+    precedes_searches: false,
 };
 
 pub(super) const BOUNDARY: Phase = Phase {
     name: "boundary",
     fault_point: FaultPoint::Boundary,
     kernels: &[kernels::BOUNDARY_PROPOSE, kernels::BOUNDARY_APPLY, kernels::PROXIES_FIT],
+    at_end: &[],
     flood_from: FLOOD_FROM,
     is_over: |_| true,
     is_growth: false,
+    precedes_searches: true,
 };
 
 pub(super) const REFINEMENT: Phase = Phase {
     name: "refine",
     fault_point: FaultPoint::Refine,
-    kernels: &[
-        kernels::FACE_BID,
-        kernels::SELECT_BIDS,
-        kernels::JOIN_MOVES,
-        kernels::EVALUATE_MOVES,
-        kernels::COMMIT_MOVES,
-    ],
+    kernels: &[kernels::FACE_BID, kernels::SELECT_BIDS, kernels::JOIN_MOVES, kernels::EVALUATE_MOVES],
+    at_end: &[kernels::COMMIT_MOVES],
     flood_from: u32::MAX,
     is_over: |stats| stats.bids == 0,
     is_growth: false,
+    precedes_searches: false,
 };
 
 impl GpuSteps<'_> {
@@ -93,7 +98,7 @@ impl GpuSteps<'_> {
                 return Ok((Ending::IterationLimit, number));
             }
             let started = Instant::now();
-            for stats in self.run_batch(phase, number, iterations)? {
+            for stats in self.run_batch(phase, number, iterations, iterations == left)? {
                 let is_flood = number >= phase.flood_from;
                 number = number.wrapping_add(1);
                 all_moves.push(stats.moves);
@@ -120,9 +125,17 @@ impl GpuSteps<'_> {
         }
     }
 
-    /// Queues a batch and waits for its statistics.
-    fn run_batch(&mut self, phase: &Phase, number: u32, iterations: u32) -> Result<Vec<IterationStats>> {
+    /// Queues a batch and waits for its statistics. With the last one of a boundary phase goes the search for dual
+    /// edges, if one followed the phase before.
+    fn run_batch(&mut self, phase: &Phase, number: u32, iterations: u32, is_last: bool) -> Result<Vec<IterationStats>> {
         self.connection.reach(phase.fault_point);
+        let search = match self.last_search {
+            Some(Search::Best(ties)) if is_last && self.search_follows && phase.precedes_searches => Some(ties),
+            _ => None,
+        };
+        if let Some(ties) = search {
+            self.memory.announce_for_batch(self.summed() as u32, ties);
+        }
         self.memory.number(&self.connection.queue, number);
         let mut encoder = self.encoder();
         encoder.clear_buffer(self.memory.get(Buffer::Stats), 0, None);
@@ -140,6 +153,7 @@ impl GpuSteps<'_> {
             for slot in 0..iterations {
                 phase.kernels.iter().for_each(|kernel| dispatch(kernel, slot));
             }
+            phase.at_end.iter().for_each(|kernel| dispatch(kernel, iterations - 1));
         }
         self.iterations_listed = match compacts {
             true => iterations,
@@ -149,10 +163,14 @@ impl GpuSteps<'_> {
         };
         self.forget();
         if !phase.is_growth {
-            return self.read_stats(encoder, iterations);
+            return match search {
+                Some(_) => self.read_stats_and_best(encoder, iterations),
+                None => self.read_stats(encoder, iterations),
+            };
         }
         self.encode(&mut encoder, "fit", &[kernels::PROXIES_FIT]);
-        let (stats, between, moves) = self.read_stats_and_moves(encoder, iterations)?;
+        let ((stats, between), moves, _) = self.read_stats_and_moves(encoder, iterations, 0)?;
+        self.is_fitted = true;
         self.moves = moves;
         // of a growth that is not over, the next batch reports both anew
         self.set_energy(Some(between.energy()));

@@ -146,6 +146,7 @@ macro_rules! pieces {
 }
 
 pieces! {
+    "accepted_moves",
     "bids",
     "boundary_insert",
     "boundary_list",

@@ -81,10 +81,11 @@ shared! {
         connected: Atomic,
     }
 
-    /// The best move of a face, in refinement.
+    /// The best move of a face, in refinement; of one that is not listed, none.
     FaceBid {
-        /// The cluster that it wants to enter, or FREE.
-        cluster: u32,
+        /// The clusters that it wants to enter in the last two iterations, or FREE: that of the present one at the
+        /// lowest bit of its number.
+        wanted_in: [u32; 2],
         /// The packed gain.
         bid: u32,
         /// The iteration in which the face was last refused, or 0.

@@ -116,9 +116,14 @@ impl SurfaceMemory {
     /// Sets, for the next submission between batches, the length of the host's list and the order of equally cheap
     /// edges.
     pub(super) fn announce(&mut self, queue: &wgpu::Queue, entries: u32, ties: Ties) {
+        self.announce_for_batch(entries, ties);
+        self.number(queue, 1);
+    }
+
+    /// The same for what is done after the next batch, in the same submission; before the batch is numbered.
+    pub(super) fn announce_for_batch(&mut self, entries: u32, ties: Ties) {
         self.common.entries = entries;
         self.common.prefers_largest_id = u32::from(ties == Ties::LargestId);
-        self.number(queue, 1);
     }
 
     /// Encodes one dispatch of a kernel, in an iteration of a batch or [`BETWEEN`] batches.

@@ -10,19 +10,16 @@ use bytemuck::{Pod, pod_collect_to_vec};
 
 use super::FaultPoint;
 use super::buffers::Buffer;
-use super::kernels;
+use super::kernels::{self, Kernel};
 use super::layout::{CandidateEdge, CopiedSums, DualEdge as ListedEdge, IterationStats};
 use super::memory::BETWEEN;
+use super::readback::BatchStats;
 use super::steps::{GpuSteps, History};
 use super::upload::upload;
 use crate::device::dual_edge::Ties;
 use crate::device::{DualEdge, FREE, MergeSteps};
 use crate::energy::{ClusterSums, LatticeEnergy};
 use crate::error::{Error, Kind, Result};
-
-/// Faces times clusters up to which a software gpu merges one pair at a time. Each merge searches all listed faces, in
-/// dispatches that have a fixed cost.
-const SOFTWARE_LIMIT: u64 = 1 << 24;
 
 /// A search for dual edges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,38 +40,40 @@ pub(super) enum Found {
 }
 
 impl GpuSteps<'_> {
-    /// Encodes proxies and energy, and removes faces from the list that are no longer on a boundary.
-    fn encode_compaction(&mut self, ties: Ties, entries: usize) -> wgpu::CommandEncoder {
-        self.memory.announce(&self.connection.queue, entries as u32, ties);
-        let mut encoder = self.encode_fit();
-        self.encode(&mut encoder, "merge", &[kernels::BOUNDARY_COMPACT, kernels::BOUNDARY_PUBLISH]);
-        encoder
+    /// Encodes the removal of faces from the list that are no longer on a boundary, and a search.
+    fn encode_search(&self, encoder: &mut wgpu::CommandEncoder, kernels: &[&Kernel]) {
+        self.encode(encoder, "merge", &[kernels::BOUNDARY_COMPACT, kernels::BOUNDARY_PUBLISH]);
+        self.encode(encoder, "merge", kernels);
     }
 
-    /// Reads the statistics of what is done between batches, the first items of a buffer, and the sums of the clusters
-    /// in the first entries of `host_list`.
+    /// Reads the statistics of the first iterations of a batch and of what is done between batches, the first items of
+    /// a buffer, and the sums of the clusters in the first entries of `host_list`.
     fn read_with_sums<T: Pod>(
         &self,
         mut encoder: wgpu::CommandEncoder,
+        iterations: u32,
         (buffer, items): (Buffer, usize),
         entries: usize,
-    ) -> Result<(IterationStats, Vec<T>, Vec<ClusterSums>)> {
+    ) -> Result<(BatchStats, Vec<T>, Vec<ClusterSums>)> {
         if entries > 0 {
             self.encode(&mut encoder, "merge", &[kernels::SUMS_COPY]);
         }
         let bytes = |items: usize, size: usize| (items * size) as u64;
         let stats = bytes(1, size_of::<IterationStats>());
         let parts = [
+            (self.memory.get(Buffer::Stats), 0, stats * u64::from(iterations)),
             (self.memory.get(Buffer::Stats), stats * u64::from(BETWEEN), stats),
             (self.memory.get(buffer), 0, bytes(items, size_of::<T>())),
             (self.memory.get(Buffer::CopiedSums), 0, bytes(entries, size_of::<CopiedSums>())),
         ];
         self.read(self.request(encoder, &parts)?, |view| {
-            let (stats, rest) = view.split_at(parts[0].2 as usize);
-            let (items, sums) = rest.split_at(parts[1].2 as usize);
+            let (batch, rest) = view.split_at(parts[0].2 as usize);
+            let (stats, rest) = rest.split_at(parts[1].2 as usize);
+            let (items, sums) = rest.split_at(parts[2].2 as usize);
             let sums: Vec<CopiedSums> = pod_collect_to_vec(sums);
             let sums = sums.iter().map(CopiedSums::sums).collect();
-            (bytemuck::pod_read_unaligned(stats), pod_collect_to_vec(items), sums)
+            let stats = (pod_collect_to_vec(batch), bytemuck::pod_read_unaligned(stats));
+            (stats, pod_collect_to_vec(items), sums)
         })
     }
 }
@@ -87,6 +86,7 @@ impl GpuSteps<'_> {
     pub(super) fn search(&mut self, search: Search) -> Result<(LatticeEnergy, Option<Found>)> {
         self.connection.reach(FaultPoint::DualEdges);
         self.last_search = Some(search);
+        self.search_follows = self.is_after_boundary;
         self.forget();
         let (stats, found) = match search {
             Search::Best(ties) => self.search_best(ties)?,
@@ -97,49 +97,78 @@ impl GpuSteps<'_> {
     }
 
     fn search_best(&mut self, ties: Ties) -> Result<(IterationStats, Found)> {
+        self.memory.announce(&self.connection.queue, self.summed() as u32, ties);
+        let encoder = self.encode_fit();
+        let ((_, stats), found) = self.read_best(encoder, 0)?;
+        Ok((stats, found))
+    }
+
+    /// Clusters whose sums come with their best dual edges: all that are left, unless those are many bytes.
+    pub(super) fn summed(&self) -> usize {
         let living = self.living.len();
-        // their sums come along, unless those are many bytes
-        let summed = if living <= self.connection.tuning.sums_along as usize { living } else { 0 };
-        let mut encoder = self.encode_compaction(ties, summed);
+        if living <= self.connection.tuning.sums_along as usize { living } else { 0 }
+    }
+
+    /// Reads the statistics of the first iterations of a batch, and makes the next search ahead.
+    pub(super) fn read_stats_and_best(
+        &mut self,
+        mut encoder: wgpu::CommandEncoder,
+        iterations: u32,
+    ) -> Result<Vec<IterationStats>> {
+        self.connection.reach(FaultPoint::DualEdges);
+        self.encode(&mut encoder, "fit", &[kernels::PROXIES_FIT]);
+        let ((batch, _), found) = self.read_best(encoder, iterations)?;
+        self.found_ahead = Some(found);
+        Ok(batch)
+    }
+
+    /// Searches for the best dual edge of each cluster, proxies being fitted. Also reads the statistics of the first
+    /// iterations of a batch, and of what is done between batches.
+    fn read_best(&mut self, mut encoder: wgpu::CommandEncoder, iterations: u32) -> Result<(BatchStats, Found)> {
+        let (living, summed) = (self.living.len(), self.summed());
         let search = [
             kernels::MIN_DUAL_EDGE_COST,
             kernels::MIN_DUAL_EDGE_TIE,
             kernels::MIN_DUAL_EDGE_OTHER,
             kernels::DUAL_EDGES_PUBLISH,
         ];
-        self.encode(&mut encoder, "merge", &search);
+        self.encode_search(&mut encoder, &search);
         if summed > 0 {
             let (from, to) = (self.memory.get(Buffer::LivingClusters), self.memory.get(Buffer::HostList));
             encoder.copy_buffer_to_buffer(from, 0, to, 0, 4 * summed as u64);
         }
-        let (stats, edges, sums) = self.read_with_sums::<ListedEdge>(encoder, (Buffer::DualEdges, living), summed)?;
+        let listed = (Buffer::DualEdges, living);
+        let (stats, edges, sums) = self.read_with_sums::<ListedEdge>(encoder, iterations, listed, summed)?;
         self.known_sums = self.living.iter().copied().zip(sums).collect();
         let edges = self.living.iter().zip(edges).filter(|(_, edge)| edge.other != FREE);
         let edge = |(&cluster, edge): (&u32, ListedEdge)| DualEdge { cluster, other: edge.other, cost: edge.cost };
         Ok((stats, Found::Best(edges.map(edge).collect())))
     }
 
-    /// Refuses on a software gpu when faces times clusters are more than 2²⁴.
+    /// Refuses on a software gpu when faces times clusters are more than `software_limit`.
     fn search_cheapest(&mut self, ties: Ties) -> Result<(IterationStats, Found)> {
         let work = u64::from(self.memory.faces()) * self.living.len() as u64;
-        if self.connection.is_software && work > SOFTWARE_LIMIT {
+        let limit = u64::from(self.connection.tuning.software_limit);
+        if self.connection.is_software && work > limit {
             return Err(Error::new(
                 Kind::DeviceUnsuitable,
                 format_args!(
                     "the software gpu {} would take too long to merge {} clusters of {} faces one by one, use the cpu \
-                     device; faces times clusters may be {SOFTWARE_LIMIT}",
+                     device; faces times clusters may be {limit}",
                     self.connection.name,
                     self.living.len(),
                     self.memory.faces()
                 ),
             ));
         }
-        let mut encoder = self.encode_compaction(ties, 2);
-        self.encode(&mut encoder, "merge", &[kernels::CHEAPEST_DUAL_EDGE, kernels::CHEAPEST_DUAL_EDGE_REDUCE]);
+        self.memory.announce(&self.connection.queue, 2, ties);
+        let mut encoder = self.encode_fit();
+        self.encode_search(&mut encoder, &[kernels::CHEAPEST_DUAL_EDGE, kernels::CHEAPEST_DUAL_EDGE_REDUCE]);
         // the sums of both ends come along
         let (from, ends) = (self.memory.get(Buffer::CandidateEdges), offset_of!(CandidateEdge, low) as u64);
         encoder.copy_buffer_to_buffer(from, ends, self.memory.get(Buffer::HostList), 0, 8);
-        let (stats, best, sums) = self.read_with_sums::<CandidateEdge>(encoder, (Buffer::CandidateEdges, 1), 2)?;
+        let best = (Buffer::CandidateEdges, 1);
+        let ((_, stats), best, sums) = self.read_with_sums::<CandidateEdge>(encoder, 0, best, 2)?;
         let best = best.first().filter(|best| best.low != FREE).map(|best| (best.low, best.high));
         self.known_sums = best.iter().flat_map(|&(low, high)| [low, high]).zip(sums).collect();
         Ok((stats, Found::Cheapest(best)))
@@ -235,7 +264,7 @@ impl MergeSteps for GpuSteps<'_> {
                 let mut encoder = self.encoder_with_sums();
                 encoder.clear_buffer(self.memory.get(Buffer::Stats), 0, None);
                 self.encode(&mut encoder, "moves", &[kernels::BOUNDARY_COVER]);
-                let (_, stats, moves) = self.read_stats_and_moves(encoder, 0)?;
+                let ((_, stats), moves, _) = self.read_stats_and_moves(encoder, 0, 0)?;
                 match moves {
                     Some(moves) => moves,
                     None => self.download(self.encoder(), Buffer::Moves, stats.listed as usize)?.1,

@@ -8,15 +8,14 @@
 //! | `kernels` | the table of kernels: a kernel is its WGSL file, a row, and a dispatch |
 //! | `buffers` | the table of storage buffers; `layout` has the structs in them, in Rust and WGSL |
 //! | `memory` | a surface on the device: buffers, bind groups, sizes of dispatches; `upload` fills it |
-//! | `steps`, `merge_steps` | the steps of the algorithms, as sequences of kernels |
+//! | `steps`, `pieces`, `merge_steps` | the steps of the algorithms, as sequences of kernels |
 //! | `batches`, `readback` | iterations that are queued at once; results on their way back |
 //! | `probe` | what dispatches, round trips and transfers cost |
-//! | `tuning` | constants that decide how long it takes |
 //! | `self_test`, `verify` | whether the device computes as the cpu does: when it opens, when labels come back |
 //!
 //! An iteration of the boundary phase dispatches `boundary_propose`, `boundary_apply` and `proxies_fit`; an iteration
-//! of the refinement `face_bid`, `select_bids`, `join_moves`, `evaluate_moves` and `commit_moves`. Each reads what all
-//! threads of the one before wrote. Threads work on *listed* faces: those with a neighbour of another cluster, and free
+//! of the refinement `face_bid`, `select_bids`, `join_moves` and `evaluate_moves`. Each reads what all threads of the
+//! one before wrote. Threads work on *listed* faces: those with a neighbour of another cluster, and free
 //! ones. Iterations are queued in batches of up to 64; the device itself ends a phase, by indirect dispatches of no
 //! workgroups.
 //!
@@ -43,13 +42,13 @@ pub mod kernels;
 pub mod layout;
 mod memory;
 mod merge_steps;
+mod pieces;
 mod probe;
 mod readback;
 mod self_test;
 mod steps;
 #[cfg(test)]
 mod tests;
-pub mod tuning;
 mod upload;
 mod verify;
 
@@ -60,8 +59,8 @@ pub use self::choice::{adapters, open, open_hardware, tested_adapters};
 use self::connection::{Connection, lock};
 pub use self::probe::probe;
 use self::steps::GpuSteps;
-pub use self::tuning::Tuning;
 use super::adapter::AdapterReport;
+pub use super::tuning::Tuning;
 use super::{Device, DeviceInfo, DeviceKind, MemoryMeter, MergeSteps, Profile, Steps};
 use crate::error::{Error, Kind, Result};
 use crate::surface::DualGraph;

@@ -4,12 +4,14 @@ use std::sync::mpsc::{Receiver, channel};
 
 use bytemuck::{Pod, pod_collect_to_vec};
 
+use super::FaultPoint;
 use super::buffers::{BATCH, Buffer};
 use super::connection::PATIENCE;
 use super::kernels;
-use super::layout::{IterationStats, Move};
+use super::layout::{IterationStats, Move, UNLISTED};
 use super::memory::BETWEEN;
-use super::steps::{GpuSteps, History};
+use super::steps::{GpuSteps, History, Sums};
+use super::verify::verify;
 use crate::error::Result;
 
 /// Bytes of the statistics of an iteration.
@@ -17,6 +19,9 @@ const STATS: u64 = size_of::<IterationStats>() as u64;
 
 /// Moves that are read along with their number; more are read once that is known.
 pub(super) const FEW_MOVES: usize = 4096;
+
+/// Statistics of iterations of a batch, and of what is done between batches.
+pub(super) type BatchStats = (Vec<IterationStats>, IterationStats);
 
 /// Commands in flight, and a buffer that they copy results to.
 pub(super) struct Reading {
@@ -78,12 +83,13 @@ impl GpuSteps<'_> {
     }
 
     /// The same, with the statistics of what is done between batches and, if clusters have merged, the faces that moved
-    /// since: none if there are more than [`FEW_MOVES`].
+    /// since: none if there are more than [`FEW_MOVES`]. The first `labelled` faces' labels come along.
     pub(super) fn read_stats_and_moves(
         &self,
         mut encoder: wgpu::CommandEncoder,
         iterations: u32,
-    ) -> Result<(Vec<IterationStats>, IterationStats, Option<Vec<Move>>)> {
+        labelled: usize,
+    ) -> Result<(BatchStats, Option<Vec<Move>>, Vec<u32>)> {
         let few = match self.history {
             History::Unmerged => 0,
             History::Merged | History::MovedSinceMerge => {
@@ -93,14 +99,16 @@ impl GpuSteps<'_> {
         };
         let (stats, batch) = (self.memory.get(Buffer::Stats), STATS * u64::from(iterations));
         let moves = (self.memory.get(Buffer::Moves), 0, (few * size_of::<Move>()) as u64);
-        let parts = [(stats, 0, batch), (stats, STATS * u64::from(BETWEEN), STATS), moves];
+        let labels = (self.memory.get(Buffer::Labels), 0, 4 * labelled as u64);
+        let parts = [(stats, 0, batch), (stats, STATS * u64::from(BETWEEN), STATS), moves, labels];
         self.read(self.request(encoder, &parts)?, |view| {
             let (batch, rest) = view.split_at(batch as usize);
-            let (between, moves) = rest.split_at(STATS as usize);
+            let (between, rest) = rest.split_at(STATS as usize);
+            let (moves, labels) = rest.split_at(moves.2 as usize);
             let between: IterationStats = bytemuck::pod_read_unaligned(between);
             let listed = between.listed as usize;
             let moves = (listed <= few).then(|| pod_collect_to_vec(&moves[..listed * size_of::<Move>()]));
-            (pod_collect_to_vec(batch), between, moves)
+            ((pod_collect_to_vec(batch), between), moves, pod_collect_to_vec(labels))
         })
     }
 
@@ -122,6 +130,30 @@ impl GpuSteps<'_> {
             let (stats, items) = view.split_at(STATS as usize);
             (bytemuck::pod_read_unaligned(stats), pod_collect_to_vec(items))
         })
+    }
+
+    /// The labels. Fails with [`Kind::DeviceWrong`] where the energy of the labels is not the one that the device gave.
+    pub(super) fn read_labels(&mut self) -> Result<Vec<u32>> {
+        if let (Sums::Current(Some(energy)), Some(labels)) = (self.sums, self.known_labels.take()) {
+            verify(&self.connection.name, (self.graph, self.component_of_cluster), &labels, energy)?;
+            return Ok(labels);
+        }
+        self.connection.reach(FaultPoint::Labels);
+        let encoder = if self.sums == Sums::Current(None) { self.encode_fit() } else { self.encoder() };
+        let (stats, labels) = self.download(encoder, Buffer::Labels, self.graph.faces())?;
+        if let Sums::Current(energy) = self.sums {
+            let energy = energy.unwrap_or_else(|| stats.energy());
+            verify(&self.connection.name, (self.graph, self.component_of_cluster), &labels, energy)?;
+            self.set_energy(Some(energy));
+        }
+        Ok(labels)
+    }
+
+    /// The labels that all faces had after the last merge; `labels` are the present ones.
+    pub(super) fn labels_at_merge(&self, labels: &[u32]) -> Result<Vec<u32>> {
+        let (_, at_merge) = self.download::<u32>(self.encoder(), Buffer::LabelAtMerge, labels.len())?;
+        let label = |(&before, &label): (&u32, &u32)| if before == UNLISTED { label } else { before };
+        Ok(at_merge.iter().zip(labels).map(label).collect())
     }
 
     /// A buffer of at least `bytes` that the host can read, and room for all statistics. [`read`](Self::read) keeps it

@@ -4,16 +4,14 @@ use std::cell::RefCell;
 use std::mem::take;
 use std::sync::Arc;
 
-use super::FaultPoint;
 use super::batches::{BOUNDARY, GROWTH, REFINEMENT};
 use super::buffers::Buffer;
 use super::connection::Connection;
 use super::kernels::{self, Kernel};
-use super::layout::{Move, UNLISTED};
+use super::layout::Move;
 use super::memory::{BETWEEN, SurfaceMemory};
 use super::merge_steps::{Found, Search};
 use super::upload::upload;
-use super::verify::verify;
 use crate::device::cpu;
 use crate::device::{Cancel, Ending, FREE, Step, Steps};
 use crate::energy::{ClusterSums, LatticeEnergy};
@@ -22,7 +20,7 @@ use crate::surface::DualGraph;
 
 /// Whether cluster sums and boundary list belong to the labels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Sums {
+pub(super) enum Sums {
     /// The labels were replaced.
     Stale,
     /// They do; the energy once known.
@@ -52,15 +50,15 @@ enum Stopped<'a> {
 /// A surface on the gpu.
 pub(super) struct GpuSteps<'a> {
     pub(super) connection: Arc<Connection>,
-    graph: &'a DualGraph,
-    component_of_cluster: &'a [u32],
+    pub(super) graph: &'a DualGraph,
+    pub(super) component_of_cluster: &'a [u32],
     pub(super) memory: SurfaceMemory,
     /// The clusters that may have faces, ascending.
     pub(super) living: Vec<u32>,
-    sums: Sums,
+    pub(super) sums: Sums,
     pub(super) history: History,
     /// Whether a face may be free.
-    has_free: bool,
+    pub(super) has_free: bool,
     /// Whether faces may have moved since pieces were last searched.
     may_have_pieces: bool,
     /// Whether a repair was the last to free faces: few of them move then.
@@ -71,8 +69,18 @@ pub(super) struct GpuSteps<'a> {
     pub(super) moves: Option<Vec<Move>>,
     /// The last search for dual edges.
     pub(super) last_search: Option<Search>,
-    /// What that search would find now, if it was made with the energy and nothing has changed since.
+    /// Whether proxies, bids and dispatches are as [`PROXIES_FIT`](kernels::PROXIES_FIT) left them between batches.
+    pub(super) is_fitted: bool,
+    /// Whether that search came right after a boundary phase: then the next one may, too.
+    pub(super) search_follows: bool,
+    /// Whether nothing has happened since a boundary phase.
+    pub(super) is_after_boundary: bool,
+    /// What that search would find now, if it was made ahead and nothing has changed since.
     pub(super) found_ahead: Option<Found>,
+    /// The labels, if they were read and nothing has changed since.
+    pub(super) known_labels: Option<Vec<u32>>,
+    /// Whether the last phase had no limit: what follows are a search for pieces and, where there are none, the labels.
+    pub(super) was_unlimited: bool,
     /// The sums of some clusters, ascending, if they were read and nothing has changed since.
     pub(super) known_sums: Vec<(u32, ClusterSums)>,
     stopped: Option<Stopped<'a>>,
@@ -105,7 +113,12 @@ impl<'a> GpuSteps<'a> {
             iterations_listed: u32::MAX,
             moves: None,
             last_search: None,
+            search_follows: false,
+            is_after_boundary: false,
+            is_fitted: false,
             found_ahead: None,
+            known_labels: None,
+            was_unlimited: false,
             known_sums: Vec::new(),
             stopped: None,
             is_resumed: false,
@@ -161,21 +174,17 @@ impl<'a> GpuSteps<'a> {
 
     /// Forgets what was read about clusters and moves, because faces will move or clusters merge.
     pub(super) fn forget(&mut self) {
+        self.is_fitted = false;
+        self.is_after_boundary = false;
         self.moves = None;
         self.found_ahead = None;
+        self.known_labels = None;
         self.known_sums.clear();
     }
 
     /// Stores the energy of the labels, the sums being current; none when it is not known.
     pub(super) fn set_energy(&mut self, energy: Option<LatticeEnergy>) {
         self.sums = Sums::Current(energy);
-    }
-
-    /// The labels that all faces had after the last merge; `labels` are the present ones.
-    fn labels_at_merge(&self, labels: &[u32]) -> Result<Vec<u32>> {
-        let (_, at_merge) = self.download::<u32>(self.encoder(), Buffer::LabelAtMerge, labels.len())?;
-        let label = |(&before, &label): (&u32, &u32)| if before == UNLISTED { label } else { before };
-        Ok(at_merge.iter().zip(labels).map(label).collect())
     }
 
     /// Encodes proxies and energy of the labels, after sums and boundary list if those are stale. The indirect
@@ -190,7 +199,16 @@ impl<'a> GpuSteps<'a> {
             self.iterations_listed = if self.has_free { u32::MAX } else { 0 };
         }
         self.encode(&mut encoder, "fit", &[kernels::PROXIES_FIT]);
+        self.is_fitted = true;
         encoder
+    }
+
+    /// Makes clusters ready for a phase: leavers and bids are counted from none.
+    fn begin_phase(&mut self) {
+        if !self.is_fitted {
+            let encoder = self.encode_fit();
+            self.connection.queue.submit([encoder.finish()]);
+        }
     }
 
     /// An encoder after whose commands the sums are current.
@@ -199,7 +217,7 @@ impl<'a> GpuSteps<'a> {
     }
 
     /// An encoder that clears the statistics.
-    fn encoder_without_stats(&self) -> wgpu::CommandEncoder {
+    pub(super) fn encoder_without_stats(&self) -> wgpu::CommandEncoder {
         let mut encoder = self.encoder();
         encoder.clear_buffer(self.memory.get(Buffer::Stats), 0, None);
         encoder
@@ -225,38 +243,16 @@ impl<'a> GpuSteps<'a> {
         Ok(())
     }
 
-    /// Frees and lists the faces outside of the largest piece of each cluster. Returns their number.
-    fn detach_pieces(&mut self) -> Result<u64> {
-        self.connection.reach(FaultPoint::Pieces);
-        self.forget();
-        let known = if let Sums::Current(energy) = self.sums { energy } else { None };
-        let mut encoder = if known.is_some() { self.encoder_without_stats() } else { self.encode_fit() };
-        encoder.clear_buffer(self.memory.get(Buffer::LargestPieces), 0, None);
-        let search = [
-            kernels::PIECE_LINK,
-            kernels::PIECE_UNION,
-            kernels::PIECE_SIZE,
-            kernels::PIECE_SELECT_LARGEST,
-            kernels::PIECE_DETACH,
-            kernels::BOUNDARY_COVER,
-        ];
-        self.encode(&mut encoder, "pieces", &search);
-        let (_, stats, moves) = self.read_stats_and_moves(encoder, 0)?;
-        let has_freed = stats.moves != 0;
-        if !has_freed {
-            self.set_energy(Some(known.unwrap_or_else(|| stats.energy())));
-            self.moves = moves;
-        }
-        self.has_free = has_freed;
-        self.is_repaired |= has_freed;
-        Ok(stats.moves.into())
-    }
-
     /// The phase that goes on with this call.
     fn take_resumed(&mut self) -> Option<Stopped<'a>> {
         let is_resumed = take(&mut self.is_resumed);
         self.stopped.take().filter(|_| is_resumed)
     }
+}
+
+/// Whether a limit is none: that of a run falls from the largest number with each iteration.
+fn is_unlimited(max_iterations: u32) -> bool {
+    max_iterations > u32::MAX / 2
 }
 
 impl Steps for GpuSteps<'_> {
@@ -304,14 +300,15 @@ impl Steps for GpuSteps<'_> {
             Some(Stopped::OnDevice(next)) => next,
             Some(Stopped::OnCpu(_)) | None => 1,
         };
-        let encoder = self.encode_fit();
-        self.connection.queue.submit([encoder.finish()]);
+        self.begin_phase();
+        self.was_unlimited = is_unlimited(max_iterations);
         let mut last = if let Sums::Current(energy) = self.sums { energy } else { None };
         let outcome = self.run(&BOUNDARY, (first, max_iterations), cancel, |stats, moves| {
             last = Some(stats.energy());
             on_iteration(Step { energy: stats.energy(), moves });
         });
         self.set_energy(last);
+        self.is_after_boundary = true;
         let (ending, next) = outcome?;
         self.stopped = (ending == Ending::IterationLimit).then_some(Stopped::OnDevice(next));
         Ok(ending)
@@ -323,12 +320,11 @@ impl Steps for GpuSteps<'_> {
         let first = match self.take_resumed() {
             Some(Stopped::OnDevice(next)) => next,
             Some(Stopped::OnCpu(_)) | None => {
-                // clears the bids
-                let encoder = self.encode_fit();
-                self.connection.queue.submit([encoder.finish()]);
+                self.begin_phase();
                 1
             }
         };
+        self.was_unlimited = is_unlimited(max_iterations);
         let outcome = self.run(&REFINEMENT, (first, max_iterations), cancel, |stats, moves| {
             explained += stats.explained();
             on_iteration(Step { energy: LatticeEnergy { explained }, moves });
@@ -383,16 +379,7 @@ impl Steps for GpuSteps<'_> {
         Ok(freed)
     }
 
-    /// Fails with [`Kind::DeviceWrong`] where the energy of the labels is not the one that the device gave.
     fn labels(&mut self) -> Result<Vec<u32>> {
-        self.connection.reach(FaultPoint::Labels);
-        let encoder = if self.sums == Sums::Current(None) { self.encode_fit() } else { self.encoder() };
-        let (stats, labels) = self.download(encoder, Buffer::Labels, self.graph.faces())?;
-        if let Sums::Current(energy) = self.sums {
-            let energy = energy.unwrap_or_else(|| stats.energy());
-            verify(&self.connection.name, (self.graph, self.component_of_cluster), &labels, energy)?;
-            self.set_energy(Some(energy));
-        }
-        Ok(labels)
+        self.read_labels()
     }
 }

@@ -1,5 +1,5 @@
-//! The constants of the gpu device that decide how long it takes and no result, so that one binary can try them all
-//! (`make gpu-check`).
+//! The constants of the gpu device, and of its choice, that decide how long a job takes and no result, so that one
+//! binary can try them all (`make gpu-check`).
 
 use crate::error::{Error, Result};
 
@@ -11,11 +11,14 @@ macro_rules! tuning {
 
         impl Default for Tuning {
             fn default() -> Self {
-                Self { $($name: $value,)* }
+                Self::DEFAULT
             }
         }
 
         impl Tuning {
+            /// What is in use.
+            pub const DEFAULT: Self = Self { $($name: $value,)* };
+
             /// Name and value of each.
             pub fn list(&self) -> impl Iterator<Item = (&'static str, u32)> {
                 [$((stringify!($name), self.$name)),*].into_iter()
@@ -44,7 +47,7 @@ macro_rules! tuning {
 tuning! {
     /// Threads in a workgroup of every kernel that has one thread an item: a power of two.
     workgroup = 256, (32..=1024);
-    /// Faces that one thread takes in kernels with [`Threads::FaceRuns`](super::kernels::Threads::FaceRuns).
+    /// Faces that one thread takes in kernels with `Threads::FaceRuns`.
     run = 8, (1..=64);
     /// Iterations in the first batch of a phase.
     first_batch = 12, (1..=64);
@@ -61,6 +64,15 @@ tuning! {
     /// Clusters up to which their sums come with their best dual edges: 36 bytes each, instead of a wait for those
     /// that merge.
     sums_along = 16_384, (0..=1_000_000_000);
+    /// Faces up to which the labels come with the search for pieces at the end of a run, instead of a wait: 4 bytes
+    /// each, in vain where pieces are cut off.
+    labels_along = 262_144, (0..=1_000_000_000);
+    /// Faces times clusters up to which a software gpu merges one pair at a time. Each merge searches all listed faces,
+    /// in dispatches that have a fixed cost.
+    software_limit = 16_777_216, (0..=u32::MAX);
+    /// Faces from which on a gpu clusters where the program chooses the device: looking for one costs 20 to 370 ms.
+    /// About where one thread of the cpu device needs that long.
+    faces_for_gpu = 200_000, (0..=u32::MAX);
 }
 
 impl std::str::FromStr for Tuning {
