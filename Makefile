@@ -100,10 +100,20 @@ python: debug-binary $(PYTHON_VENV)/ready  ## build the Python package, check it
 	$(PYTHON_VENV)/bin/maturin build --manifest-path python/Cargo.toml --release --locked --auditwheel repair \
 		--interpreter $(PYTHON_VENV)/bin/python --target-dir $(abspath $(TARGET)) --out $(WHEELS)
 	$(PYTHON_VENV)/bin/pip install --quiet --disable-pip-version-check --no-deps --force-reinstall $(WHEELS)/*.whl
+	$(PYTHON_VENV)/bin/vermin --quiet --no-tips --eval-annotations --target=3.9- --violations python/tesserae
 	cd python && $(PYTHON_VENV)/bin/mypy --cache-dir $(PYTHON_VENV)/mypy tesserae examples tests
 	cd python && $(PYTHON_VENV)/bin/pyright --pythonpath $(PYTHON_VENV)/bin/python tesserae examples
 	TESSERAE_BINARY=$(abspath $(TARGET))/debug/tesserae TESSERAE_WHEEL=$$(echo $(WHEELS)/*.whl) \
 		$(PYTHON_VENV)/bin/pytest -q -p no:cacheprovider python/tests
+
+.PHONY: python-install
+python-install: $(PYTHON_VENV)/ready  ## install the Python package into a new environment, from its source distribution as pip does
+	rm -rf $(TARGET)/python-install
+	$(PYTHON_VENV)/bin/maturin sdist --manifest-path python/Cargo.toml --out $(TARGET)/python-install
+	python3 -m venv $(TARGET)/python-install/venv
+	CARGO_TARGET_DIR=$(abspath $(TARGET)) $(TARGET)/python-install/venv/bin/pip install --quiet --disable-pip-version-check \
+		$(TARGET)/python-install/tesserae-*.tar.gz
+	cd $(TARGET)/python-install && venv/bin/python $(CURDIR)/python/examples/cluster_arrays.py
 
 $(PYTHON_VENV)/ready: python/requirements-test.txt | install-test
 	@echo "installing into $(PYTHON_VENV): $$(grep -v '^#' $< | tr '\n' ' ')"

@@ -252,15 +252,20 @@ def in_process(mesh, name, clusters):
     Energies are of what is clustered: of the same points, weighted by the area around them, for the stand-in.
     """
     theirs, faces, points, meshes = [], [], [], {"pyacvd": [], "tesserae": []}
+    alone = {"pyacvd": [], "tesserae": []}
     positions, triangles = np.asarray(mesh.poly.points, dtype=float), mesh.faces
     runs = RUNS if len(mesh.faces) < 500_000 else max(2, RUNS // 3)
     for _ in range(runs):
-        peer, ms = timed(lambda: clustered(pyacvd.Clustering(mesh.poly), clusters))
-        theirs.append(ms)
+        peer, ms = timed(lambda: pyacvd.Clustering(mesh.poly))
+        _, of_cluster = timed(lambda: peer.cluster(clusters))
+        theirs.append(ms + of_cluster)
+        alone["pyacvd"].append(of_cluster)
         of_faces, ms = timed(lambda: package.cluster(positions, triangles, clusters).labels)
         faces.append(ms)
-        stand_in, ms = timed(lambda: clustered(drop_in.Clustering(mesh.poly), clusters))
-        points.append(ms)
+        stand_in, ms = timed(lambda: drop_in.Clustering(mesh.poly))
+        _, of_cluster = timed(lambda: stand_in.cluster(clusters))
+        points.append(ms + of_cluster)
+        alone["tesserae"].append(of_cluster)
     for _ in range(2):
         made, ms = timed(peer.create_mesh)
         meshes["pyacvd"].append((ms, made))
@@ -274,8 +279,10 @@ def in_process(mesh, name, clusters):
         f"theirs {of_peer['clusters'] - of_peer['disconnected_clusters']}")
     weights = stand_in.area
     ours_of, theirs_of = (points_scored(positions, weights, triangles, each.clusters) for each in (stand_in, peer))
-    row("points, drop-in, default", f"{name} {clusters}", "pyacvd", min(theirs), min(points), ours_of[0] / theirs_of[0],
-        f"connected clusters {ours_of[1]}, theirs {theirs_of[1]}")
+    connected = f"connected clusters {ours_of[1]}, theirs {theirs_of[1]}"
+    for work, peer_ms, ms in (("made and clustered", theirs, points), ("cluster() alone", alone["pyacvd"], alone["tesserae"])):
+        row(f"points, drop-in, {work}", f"{name} {clusters}", "pyacvd", min(peer_ms), min(ms), ours_of[0] / theirs_of[0],
+            connected)
     ours, made = min(meshes["tesserae"], key=lambda run: run[0])
     ms, other = min(meshes["pyacvd"], key=lambda run: run[0])
     row("mesh of the clusters, drop-in", f"{name} {clusters}", "pyacvd", ms, ours,
@@ -287,11 +294,6 @@ def timed(call):
     started = time.perf_counter()
     result = call()
     return result, (time.perf_counter() - started) * 1e3
-
-
-def clustered(clustering, clusters):
-    clustering.cluster(clusters)
-    return clustering
 
 
 def points_scored(points, weights, triangles, labels):

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use serde_json::{Map, Value};
 use tesserae::artifacts::{Artifact, MESH};
@@ -12,6 +13,7 @@ use tesserae::error::wrong_json;
 use tesserae::job::{self, DeviceFor, InMemory, Prepared, Request, milliseconds};
 use tesserae::mesh::{Beside, Faces, Format, Limits, MeshView};
 use tesserae::parameters::Parameters;
+use tesserae::surface::{OfPoints, Wanted};
 use tesserae::{Error, Result};
 
 use crate::arrays::{self, Points};
@@ -72,12 +74,12 @@ fn parsed(parameters: &str) -> Result<Parameters> {
 
 impl Job {
     /// Clusters a prepared mesh, and says in the report when that began.
-    fn run(&self, prepared: Prepared, begin: Instant, cancel: &Cancel, reporter: &Reporter) -> Result<Outcome> {
+    fn run(&self, prepared: &Prepared, begin: Instant, cancel: &Cancel, reporter: &Reporter) -> Result<job::Outcome> {
         cancel.check()?;
         let device = DeviceFor { choice: self.device, adapter: self.adapter.as_deref() };
-        let mut outcome = job::run_on(device, None, &prepared, cancel, &mut |row| reporter.row(row))?;
+        let mut outcome = job::run_on(device, None, prepared, cancel, &mut |row| reporter.row(row))?;
         outcome.report.timings_ms.total = milliseconds(begin.elapsed());
-        Ok(Outcome::of(outcome))
+        Ok(outcome)
     }
 
     fn cluster(&self, points: &Points, faces: &Faces, cancel: &Cancel, reporter: &Reporter) -> Result<Outcome> {
@@ -89,7 +91,36 @@ impl Job {
             seeds: self.seeds.as_deref(),
             weights: self.weights.as_deref(),
         });
-        self.run(prepared.map_err(|refusal| refusal.error)?, begin, cancel, reporter)
+        Ok(Outcome::of(self.run(&prepared.map_err(|refusal| refusal.error)?, begin, cancel, reporter)?))
+    }
+
+    /// Clusters the points of triangles: one label a point, -1 where no triangle uses it, and the number of clusters.
+    ///
+    /// There are no more clusters than positions of points, and components are joined where there are more of them.
+    fn cluster_points(
+        &self,
+        points: &Points,
+        triangles: &Faces,
+        weights: Option<&[f64]>,
+        cancel: &Cancel,
+        reporter: &Reporter,
+    ) -> Result<(Vec<i32>, u64)> {
+        let begin = Instant::now();
+        let mesh = MeshView::new(points.positions(), triangles)?;
+        self.limits.check_faces(triangles.len() as u64)?;
+        let wanted = Wanted { weights, ..Wanted::default() };
+        let clusters = self.parameters.clusters.unwrap_or_default();
+        let OfPoints { surface, item_of_point } = OfPoints::build(mesh, clusters, wanted)?;
+        let items = surface.faces();
+        let (labels, clusters) = if clusters >= items as u64 {
+            ((0..items as u32).collect(), items as u64)
+        } else {
+            let prepared = job::prepare_surface(&self.parameters, mesh, surface).map_err(|refusal| refusal.error)?;
+            let outcome = self.run(&prepared, begin, cancel, reporter)?;
+            (outcome.labels.unwrap_or_default(), clusters)
+        };
+        let label = |&item: &u32| labels.get(item as usize).map_or(-1, |&label| label as i32);
+        Ok((item_of_point.iter().map(label).collect(), clusters))
     }
 
     fn cluster_file(
@@ -120,7 +151,7 @@ impl Job {
         })?;
         prepared.timings.read = read;
         drop(bytes);
-        self.run(prepared, begin, cancel, reporter)
+        Ok(Outcome::of(self.run(&prepared, begin, cancel, reporter)?))
     }
 }
 
@@ -138,6 +169,27 @@ pub fn cluster(
     let points = Points::of(points)?;
     let faces = arrays::faces(connectivity, offsets)?;
     background::run(py, move |cancel, reporter| job.cluster(&points, &faces, cancel, reporter), on_row)
+}
+
+/// Clusters the points of triangles: labels, and how many clusters there are.
+#[pyfunction]
+#[pyo3(signature = (points, triangles, weights, job))]
+pub fn cluster_points<'py>(
+    py: Python<'py>,
+    points: &Bound<'py, PyAny>,
+    triangles: &Bound<'py, PyAny>,
+    weights: Option<PyReadonlyArray1<'py, f64>>,
+    job: Job,
+) -> PyResult<(Bound<'py, PyArray1<i32>>, u64)> {
+    let points = Points::of(points)?;
+    let triangles = arrays::faces(triangles, None)?;
+    let weights = weights.map(|weights| weights.as_array().to_vec());
+    let (labels, clusters) = background::run(
+        py,
+        move |cancel, reporter| job.cluster_points(&points, &triangles, weights.as_deref(), cancel, reporter),
+        None,
+    )?;
+    Ok((PyArray1::from_vec(py, labels), clusters))
 }
 
 /// Clusters the mesh of a file. `on_row` is called in this thread.

@@ -38,6 +38,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<tree::Tree>()?;
     module.add_function(wrap_pyfunction!(job::cluster, module)?)?;
     module.add_function(wrap_pyfunction!(job::cluster_file, module)?)?;
+    module.add_function(wrap_pyfunction!(job::cluster_points, module)?)?;
     module.add_function(wrap_pyfunction!(arrays::unpad, module)?)?;
     module.add_function(wrap_pyfunction!(main, module)?)?;
     module.add_function(wrap_pyfunction!(forms, module)?)?;

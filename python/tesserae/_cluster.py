@@ -18,7 +18,7 @@ from tesserae._progress import Rows
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from tesserae._mesh import FacesLike, MeshLike, PathLike
     from tesserae._progress import Progress
@@ -210,6 +210,18 @@ def cluster(
     with Rows(progress) as rows:
         outcome = _native.cluster(mesh.points, mesh.connectivity, mesh.offsets, job, rows.function)
     return Clustering(outcome, mesh)
+
+
+def cluster_points(
+    mesh: Mesh, clusters: int, weights: Optional[NDArray[np.float64]], **parameters: Any
+) -> tuple[NDArray[np.int32], int]:
+    """Cluster the points of triangles, for `tesserae.pyacvd`: one label a point, and the number of clusters.
+
+    Points that no triangle uses have the label -1, those at one position the same. There are no more clusters than
+    positions, and separate parts are joined where they are nearest if they are more than the clusters.
+    """
+    job = _native.Job(_json(clusters=clusters, **parameters), None, None, "cpu", None, None, None, None)
+    return _native.cluster_points(mesh.points, mesh.connectivity, weights, job)
 
 
 def _json(**parameters: Any) -> str:

@@ -130,12 +130,16 @@ class Mesh:
         """
         if isinstance(mesh, Mesh):
             return mesh
-        faces: Any = getattr(mesh, "faces", None)
         points: Any = getattr(mesh, "points", None)
         vertices: Any = getattr(mesh, "vertices", None)
+        if getattr(mesh, "n_strips", 0):
+            raise Error("unsupported-mesh", "triangle strips are not read; call triangulate() first")
+        if getattr(mesh, "is_all_triangles", False) and hasattr(mesh, "regular_faces"):
+            triangles_of_vtk: Any = mesh
+            # the array that VTK has, where `faces` would be a new one
+            return cls(points, triangles_of_vtk.regular_faces)
+        faces: Any = getattr(mesh, "faces", None)
         if points is not None and faces is not None:
-            if getattr(mesh, "n_strips", 0):
-                raise Error("unsupported-mesh", "triangle strips are not read; call triangulate() first")
             return cls(points, faces)
         if vertices is not None and faces is not None:
             return cls(vertices, faces)

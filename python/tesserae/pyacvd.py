@@ -1,10 +1,9 @@
 """Stands in for pyacvd: ``from tesserae.pyacvd import Clustering``, or ``from tesserae import pyacvd``.
 
-As in pyacvd, clusters are of the points of a triangle mesh. What Tesserae clusters is the *dual cell* of each point: the
-part of the surface that is nearer to it, in barycentric coordinates, than to the other corners of a triangle. A cell
-weighs a third of the area of the triangles around its point, which is pyacvd's weight up to the factor. Cells are
-neighbours where points share an edge. Two things are not as there: the energy is that of the cells' centroids, not of
-the points themselves; and points at one position are neighbours, so a seam of a texture is no boundary.
+As in pyacvd, clusters are of the points of a triangle mesh, and the energy is the sum over points of area times squared
+distance to the mean of the cluster, which is weighted by area. The area of a point is a third of that of the triangles
+around it: pyacvd's weight up to the factor. Points are neighbours where they share an edge. One thing is not as there:
+points at one position are one point with one label, so a seam of a texture is no boundary.
 
 Where pyacvd differs:
 
@@ -27,9 +26,9 @@ from typing import TYPE_CHECKING, Any, Optional, cast
 import numpy as np
 import pyvista
 
-from tesserae._cluster import cluster as cluster_faces
-from tesserae._dual import dual_cells, nearest_in_triangles, normals, quartered
-from tesserae._errors import Error
+from tesserae._cluster import cluster_points
+from tesserae._mesh import Mesh
+from tesserae._triangles import nearest_in_triangles, normals, quartered
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -96,7 +95,7 @@ class Clustering:
         Parameters
         ----------
         nclus : int
-            Number of clusters; one for each point, where there are fewer.
+            Number of clusters; one for each position of points, where there are fewer.
         maxiter : int, optional
             At most this many iterations, and no moves of whole clusters. When left out, until no move lowers the energy.
         debug : bool
@@ -119,35 +118,17 @@ class Clustering:
     def _cluster(
         self, nclus: int, quality: Quality, max_iterations: Optional[int], allow_disconnected: bool
     ) -> NDArray[np.int32]:
-        points, offsets, corners, used = dual_cells(_points(self.mesh), _triangles(self.mesh))
-        labels = np.full(self.mesh.n_points, -1, dtype=np.int32)
-        if nclus >= len(used):
-            labels[used] = np.arange(len(used), dtype=np.int32)
-            self.nclus, self.clusters = len(used), labels
-            return labels
-
-        def run(bridge_components: bool) -> NDArray[np.uint32]:
-            return cluster_faces(
-                points,
-                (offsets, corners),
-                nclus,
-                quality=quality,
-                max_iterations=max_iterations,
-                allow_disconnected=allow_disconnected,
-                bridge_components=bridge_components,
-                weights=None if self._weights is None else self._weights[used],
-            ).labels
-
-        try:
-            found = run(False)
-        except Error as error:
-            # Maybe there are fewer clusters than components. Otherwise the error comes again.
-            if error.kind != "invalid-parameter":
-                raise
-            found = run(True)
-        labels[used] = found
-        self.nclus, self.clusters = nclus, labels
-        return labels
+        # as they are stored: points in single precision are not copied
+        mesh = Mesh(np.asarray(self.mesh.points), _triangles(self.mesh))
+        self.clusters, self.nclus = cluster_points(
+            mesh,
+            nclus,
+            self._weights,
+            quality=quality,
+            max_iterations=max_iterations,
+            allow_disconnected=allow_disconnected,
+        )
+        return self.clusters
 
     def subdivide(self, nsub: int) -> None:
         """Cut every triangle into four, `nsub` times, and merge points at one position. Changes `mesh` in place."""
@@ -280,9 +261,9 @@ def _points(mesh: pyvista.PolyData) -> NDArray[np.float64]:
 
 
 def _triangles(mesh: pyvista.PolyData) -> NDArray[np.int64]:
-    # pyvista names no type of numbers
-    faces: Any = mesh.faces  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
-    return np.asarray(faces, dtype=np.int64).reshape(-1, 4)[:, 1:]
+    # pyvista names no type of numbers. It is the array that VTK has; `faces` would be a new one
+    faces: Any = mesh.regular_faces  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
+    return np.asarray(faces, dtype=np.int64).reshape(-1, 3)
 
 
 def _sums(

@@ -22,6 +22,13 @@ def test_the_wheel_is_small_and_for_every_python_from_3_9_on() -> None:
     assert re.search(r"-cp39-abi3-", WHEEL.name), WHEEL.name
 
 
+def test_the_extension_uses_what_python_3_9_has() -> None:
+    """No symbol outside the stable interface of 3.9; `make python` checks the syntax of the Python files."""
+    words = [sys.executable, "-m", "abi3audit", "--strict", os.fspath(WHEEL)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 def test_types_are_in_the_wheel() -> None:
     with zipfile.ZipFile(WHEEL) as wheel:
         names = set(wheel.namelist())

@@ -22,7 +22,7 @@ pub use finish::{finish, labels_sha256};
 pub use label_list::parse as parse_labels;
 pub use on_device::{DeviceFor, instead_of_gpu, run_on};
 pub use plan::{Coarse, Plan};
-pub use prepare::{InMemory, prepare_in_memory};
+pub use prepare::{InMemory, prepare_in_memory, prepare_surface};
 #[cfg(fuzzing)]
 pub(crate) use seed_list::parse as parse_seeds;
 pub use spec::{CoarseSpec, JobSpec, Method};

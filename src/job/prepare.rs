@@ -44,6 +44,11 @@ pub fn prepare_in_memory(job: &InMemory<'_>) -> Result<Prepared, Refusal> {
     checked.prepare(job.mesh, None, About::default(), Vec::new())
 }
 
+/// Prepares a surface that the caller built of a mesh in memory, such as one of its points; without seeds and weights.
+pub fn prepare_surface(parameters: &Parameters, mesh: MeshView<'_>, surface: Surface) -> Result<Prepared, Refusal> {
+    Checked::new(parameters, None, None)?.plan(mesh, surface, Instant::now(), About::default(), Vec::new())
+}
+
 /// A job whose parameters, seeds and weights were read and checked.
 pub(super) struct Checked {
     spec: JobSpec,
@@ -89,21 +94,47 @@ impl Checked {
 
     /// Builds the surface. Weights are those of an attribute where none are listed; warnings are added to those given.
     pub fn prepare(
-        self,
+        mut self,
         mesh: MeshView<'_>,
         weights_of_attribute: Option<Vec<f64>>,
         about: About,
-        mut warnings: Vec<String>,
+        warnings: Vec<String>,
     ) -> Result<Prepared, Refusal> {
-        let Self { spec, parameters, weights, started } = self;
         let parsed = Instant::now();
-        let are_listed = weights.is_some();
-        let weights = weights.or(weights_of_attribute);
-        let density = Wanted { weights: weights.as_deref(), curvature_exponent: parameters.curvature_exponent };
-        let surface = Surface::build_with(mesh, parameters.bridge_components, density).map_err(|error| {
+        let are_listed = self.weights.is_some();
+        let weights = self.weights.take().or(weights_of_attribute);
+        let curvature_exponent = self.parameters.curvature_exponent;
+        let density = Wanted { weights: weights.as_deref(), curvature_exponent };
+        let surface = Surface::build_with(mesh, self.parameters.bridge_components, density).map_err(|error| {
             let of_weights = are_listed && error.kind == Kind::InvalidParameter;
             Refusal::of(if of_weights { InputFile::Weights } else { InputFile::Mesh })(error)
         })?;
+        let mut prepared = self.plan(mesh, surface, parsed, about, warnings)?;
+        if are_listed && mesh.faces.len() == mesh.positions.len() {
+            prepared.warnings.push(format!(
+                "there are as many faces as vertices, and the weights were taken as one a face: {}",
+                mesh.faces.len()
+            ));
+        }
+        if weights.is_some() {
+            prepared.weighted_by.push(if are_listed { WeightedBy::Weights } else { WeightedBy::Attribute });
+        }
+        if curvature_exponent.is_some() {
+            prepared.weighted_by.push(WeightedBy::Curvature);
+        }
+        Ok(prepared)
+    }
+
+    /// Chooses how to go about a surface, which was begun at `parsed`.
+    fn plan(
+        self,
+        mesh: MeshView<'_>,
+        surface: Surface,
+        parsed: Instant,
+        about: About,
+        mut warnings: Vec<String>,
+    ) -> Result<Prepared, Refusal> {
+        let Self { spec, parameters, started, .. } = self;
         // from within the pool, as in `where_it_works`
         let of_seeds = parameters.seeds == Seeds::Listed;
         let plan = rayon::scope(|_| Plan::new(&surface, spec)).map_err(Refusal::of(if of_seeds {
@@ -119,25 +150,13 @@ impl Checked {
             warnings
                 .push(format!("faces without area, which weigh as little as a face can: {}", counts.zero_area_faces));
         }
-        if are_listed && mesh.faces.len() == mesh.positions.len() {
-            warnings.push(format!(
-                "there are as many faces as vertices, and the weights were taken as one a face: {}",
-                mesh.faces.len()
-            ));
-        }
-        let mut weighted_by = Vec::new();
-        if weights.is_some() {
-            weighted_by.push(if are_listed { WeightedBy::Weights } else { WeightedBy::Attribute });
-        }
-        if parameters.curvature_exponent.is_some() {
-            weighted_by.push(WeightedBy::Curvature);
-        }
         let timings = Timings {
-            parse: milliseconds(parsed - started),
+            parse: milliseconds(parsed.saturating_duration_since(started)),
             topology: milliseconds(parsed.elapsed()),
             ..Timings::default()
         };
         let input = describe(mesh, about, &surface);
+        let weighted_by = Vec::new();
         Ok(Prepared { surface, plan, input, parameters, weighted_by, warnings, mesh: None, origin: None, timings })
     }
 }

@@ -70,12 +70,7 @@ impl Density {
                 weights.len()
             )));
         }
-        if let Some(at) = weights.iter().position(|weight| !(weight.is_finite() && *weight > 0.0)) {
-            return Err(Error::parameter(format_args!(
-                "weights must be finite and above 0; number {at}, counted from 0, is {}",
-                weights[at]
-            )));
-        }
+        check(weights)?;
         let largest = weights.iter().copied().fold(0.0, f64::max);
         let of_face = if weights.len() == faces {
             weights.iter().map(|weight| weight / largest).collect()
@@ -100,6 +95,17 @@ impl Density {
             self.of_face.iter_mut().for_each(|density| *density /= largest);
             self.unit *= largest;
         }
+    }
+}
+
+/// Refuses weights that are not finite and above 0.
+pub fn check(weights: &[f64]) -> Result<()> {
+    match weights.iter().position(|weight| !(weight.is_finite() && *weight > 0.0)) {
+        Some(at) => Err(Error::parameter(format_args!(
+            "weights must be finite and above 0; number {at}, counted from 0, is {}",
+            weights[at]
+        ))),
+        None => Ok(()),
     }
 }
 

@@ -1,11 +1,4 @@
-"""Triangles of a mesh in arrays: dual cells, subdivision, nearest points. What `tesserae.pyacvd` is made of.
-
-For one triangle with corners ``a``, ``b`` and ``c``, centroid ``g`` and midpoints ``ab`` and ``ca``, the *kite* ``a, ab,
-g, ca`` is what belongs to ``a``. The *dual cell* of ``a`` is the polygon that goes around its kites one after the other,
-through ``a`` each time. Its fan from ``a`` consists of exactly the kites' triangles, so its area is a third of that of the
-triangles around ``a``. It runs along ``a, ab`` there and back where two triangles meet, which is no boundary, and along
-``ab, g`` once, as does the cell of ``b``: cells share edges with exactly those of neighbouring points.
-"""
+"""Triangles of a mesh in arrays: subdivision, normals, nearest points. What `tesserae.pyacvd` is made of."""
 
 from __future__ import annotations
 
@@ -15,41 +8,6 @@ import numpy as np
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-
-def dual_cells(
-    points: NDArray[np.float64], triangles: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """The dual cells of the points that triangles use, as polygons.
-
-    Returns
-    -------
-    points : ndarray
-        Corners of the cells: the points, the centroid of each triangle, the middle of each of its sides. A side of two
-        triangles has its middle twice, at the same position.
-    offsets, corners : ndarray
-        The polygons.
-    used : ndarray
-        The point that each polygon is the cell of.
-    """
-    vertices, faces = len(points), len(triangles)
-    of_face = points[triangles]
-    middles = (of_face + of_face[:, [1, 2, 0]]) / 2
-    centroid = vertices + np.arange(faces)
-    middle = vertices + faces + np.arange(3 * faces).reshape(faces, 3)
-    kites = np.empty((faces, 3, 4), dtype=np.int64)
-    kites[:, :, 0] = triangles
-    kites[:, :, 1] = middle
-    kites[:, :, 2] = centroid[:, None]
-    kites[:, :, 3] = middle[:, [2, 0, 1]]
-    owner = triangles.ravel()
-    # by point, then by triangle: numbers sort faster than argsort finds a stable order
-    order = np.sort((owner << 32) | np.arange(3 * faces)) & 0xFFFF_FFFF
-    corners = kites.reshape(-1, 4)[order].ravel()
-    counts = np.bincount(owner, minlength=vertices)
-    used = np.flatnonzero(counts)
-    offsets = np.concatenate([[0], np.cumsum(4 * counts[used])])
-    return np.concatenate([points, of_face.mean(axis=1), middles.reshape(-1, 3)]), offsets, corners, used
 
 
 def nearest_in_triangles(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.float64]:
