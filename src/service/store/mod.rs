@@ -1,9 +1,9 @@
 //! The store of jobs and their events.
 //!
 //! [`JobStore`] is a whole store; its users take the part that they need: [`Queue`], [`Events`], [`Notices`],
-//! [`Workers`] or [`Maintenance`]. Every store passes the suite in `conformance`. A store knows nothing of HTTP, of files or of
-//! devices. [`sqlite`] keeps jobs on disk, [`postgres`] in a database that several services share; [`memory`] loses
-//! them when the process ends.
+//! [`Workers`] or [`Maintenance`]. Every store passes the suite in `conformance`. A store knows nothing of HTTP, of
+//! files or of devices. [`sqlite`] keeps jobs on disk, [`postgres`] in a database that several services share;
+//! [`memory`] loses them when the process ends.
 //!
 //! # The life of a job
 //!

@@ -16,7 +16,8 @@ use serde::{Serialize, Serializer};
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-use super::{JobId, ListQuery, Queue, State};
+use super::job::{JobId, State};
+use super::queue::{ListQuery, Queue};
 use crate::error::{Error, Kind, Result};
 
 /// Name of a worker, new at every start of its process.

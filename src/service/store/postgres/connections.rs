@@ -2,8 +2,8 @@
 //!
 //! Work that takes longer than [`PATIENCE`] fails as if the database were away, and takes the pool's connections with
 //! it: one whose server does not answer would hold up the next work, too. Work that the database broke off for the sake
-//! of other work (a deadlock) is done again, and so is work whose prepared statements are of tables that a service of the
-//! next release has changed since: on new connections, which prepare them anew.
+//! of other work (a deadlock) is done again, and so is work whose prepared statements are of tables that a service of
+//! the next release has changed since: on new connections, which prepare them anew.
 
 use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
