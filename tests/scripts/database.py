@@ -4,7 +4,6 @@ import glob
 import os
 import pathlib
 import shutil
-import signal
 import socket
 import subprocess
 import tempfile
@@ -56,24 +55,6 @@ class Database:
     def kill(self):
         """Stops it as a crash does: the next start recovers what was committed."""
         self.run("pg_ctl", "-w", "-s", "-D", self.data, "-m", "immediate", "stop")
-
-    def freeze(self):
-        """Lets all its processes stand still: connections stay, and nothing answers."""
-        self.signal(signal.SIGSTOP)
-
-    def thaw(self):
-        self.signal(signal.SIGCONT)
-
-    def signal(self, number):
-        main = int(pathlib.Path(self.data, "postmaster.pid").read_text().split()[0])
-        os.kill(main, number)
-        for stat in glob.glob("/proc/[0-9]*/stat"):
-            try:
-                name, rest = pathlib.Path(stat).read_text().rsplit(")", 1)
-            except OSError:
-                continue
-            if int(rest.split()[1]) == main:
-                os.kill(int(name.split()[0]), number)
 
     def ask(self, sql):
         """What a query gives, as text."""

@@ -1,5 +1,4 @@
-"""Failures of a farm, one at a time: a frozen database, a stream whose service dies, a flood, a rolling update; and
-what is left at the end."""
+"""Checks that need a moment: a stream whose service dies, a flood, a rolling update, and what is left at the end."""
 
 import http.client
 import json
@@ -19,32 +18,6 @@ def become_operator(front):
     """The tenant of the checks may drain workers from now on; older releases refuse a file of tokens that says so."""
     new_token("many", "--admin")
     wait_for(lambda: front.request("GET", "/v1/workers")[0] == 200, "the tokens are read again")
-
-
-def frozen_database(database, front, workers, kinds, long):
-    """While PostgreSQL stands still, answers are 503 and nothing ends; afterwards every job ends once."""
-    running = submitted(long, front)["id"]
-    waiting = [(submitted(kind, front)["id"], kind) for kind in kinds]
-    wait_for(lambda: front.job(running)["state"] == "running", "it runs")
-    started = time.monotonic()
-    database.freeze()
-    try:
-        status, body, headers = kinds[0].submit(front)
-        assert status == 503 and headers["Retry-After"] and b"/problems/unavailable" in body, (status, body)
-        refused = time.monotonic() - started
-        wait_for(lambda: front.request("GET", "/readyz")[0] == 503, "not ready while the database stands still")
-        assert front.request("GET", "/healthz")[0] == 200
-        frozen = time.monotonic() - started
-    finally:
-        database.thaw()
-    for replica in [front, *workers]:
-        replica.wait_until_ready()
-    ready = time.monotonic() - started - frozen
-    attempts = check_end(front, running, long)
-    for id, kind in waiting:
-        check_end(workers[0], id, kind)
-    print(f"farm: 503 after {refused:.0f} s of a database that stood still for {frozen:.0f} s; ready {ready:.1f} s "
-          f"after it, and nothing lost; the job that ran ended at attempt {attempts}")
 
 
 def check_end(replica, id, kind):
