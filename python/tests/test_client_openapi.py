@@ -223,7 +223,7 @@ class Recorder:
             file = io.BytesIO()
             np.savez(file, kind=np.zeros(1, np.uint32))
             return httpx.Response(200, content=file.getvalue())
-        return httpx.Response(200, json={**job, "clusters": []})
+        return httpx.Response(200, json={**job, "clusters": [], "workers": []})
 
 
 def expected() -> set[tuple[str, str]]:
@@ -251,6 +251,8 @@ def test_blocking_calls_reach_every_operation_and_parameter(tmp_path: pathlib.Pa
         assert (tmp_path / "graph.json").exists()
         for call in (client.device, client.formats, client.version, client.readiness, client.metrics, client.openapi):
             call()
+        assert client.workers() == []
+        assert client.drain(JOB)["id"] == client.resume(JOB)["id"] == JOB
         assert client.is_alive()
         assert client.is_ready()
     assert missing(recorder) == set()
@@ -276,6 +278,8 @@ def test_awaited_calls_reach_every_operation_and_parameter(tmp_path: pathlib.Pat
             for call in (client.device, client.formats, client.version, client.readiness, client.metrics):
                 await call()
             await client.openapi()
+            assert await client.workers() == []
+            assert (await client.drain(JOB))["id"] == (await client.resume(JOB))["id"] == JOB
             assert await client.is_alive()
             assert await client.is_ready()
         await http.aclose()

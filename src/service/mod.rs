@@ -22,6 +22,7 @@
 //! | what results look like | `results`, `negotiate` |
 //! | what errors look like | `problem` |
 //! | what `/readyz` knows | `health` |
+//! | the list of workers | `presence`; draining is the store's |
 //! | tokens and tenants | `access` |
 //! | limits of traffic and of the queue | `traffic`, `admission` |
 //! | metrics | `metrics` |
@@ -67,6 +68,7 @@ mod page;
 mod pipeline;
 mod prefer;
 mod preflight;
+mod presence;
 mod private;
 mod problem;
 mod query;

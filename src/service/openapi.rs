@@ -17,7 +17,7 @@ use utoipa::openapi::{self, Ref, RefOr, Required, Response, ResponseBuilder, Sch
 use utoipa::{Modify, OpenApi, PartialSchema as _};
 
 use super::api::binary::Binary;
-use super::api::{create, events, health, hierarchy, info, labels, list, metrics, remove, retry, show as job};
+use super::api::{create, events, health, hierarchy, info, labels, list, metrics, remove, retry, show as job, workers};
 use super::problem::{Answer, Problematic};
 use super::store::PRIORITIES;
 use super::urls;
@@ -45,6 +45,9 @@ const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\
         events::stream,
         labels::labels,
         hierarchy::hierarchy,
+        workers::list,
+        workers::drain,
+        workers::resume,
         info::device,
         info::formats,
         info::version,
@@ -123,7 +126,7 @@ impl Modify for Adjustments {
         for (path, item) in &mut document.paths.paths {
             for operation in [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten() {
                 if path.contains("{id}") {
-                    operation.parameters.get_or_insert_default().insert(0, id_of_job().into());
+                    operation.parameters.get_or_insert_default().insert(0, id_in(path).into());
                 }
                 add_common_answers(path, &mut operation.responses.responses);
             }
@@ -144,15 +147,15 @@ impl Modify for Adjustments {
     }
 }
 
-/// The id in the path of a job's resources.
-fn id_of_job() -> Parameter {
+/// The id in the path of a job's or a worker's resources.
+fn id_in(path: &str) -> Parameter {
     let id =
         ObjectBuilder::new().schema_type(Type::String).format(Some(openapi::SchemaFormat::Custom("uuid".to_owned())));
     ParameterBuilder::new()
         .name("id")
         .parameter_in(ParameterIn::Path)
         .required(Required::True)
-        .description(Some("Id of the job"))
+        .description(Some(if path.starts_with("/v1/workers") { "Id of the worker" } else { "Id of the job" }))
         .schema(Some(Schema::from(id)))
         .build()
 }
@@ -263,7 +266,7 @@ fn add_common_answers(path: &str, answers: &mut BTreeMap<String, RefOr<Response>
     if ["/healthz", "/readyz"].contains(&path) {
         return;
     }
-    if path.starts_with("/v1/jobs") {
+    if path.starts_with("/v1/jobs") || path.starts_with("/v1/workers") {
         add("500", problem());
     }
     if path.contains("{id}") {
@@ -275,7 +278,7 @@ fn add_common_answers(path: &str, answers: &mut BTreeMap<String, RefOr<Response>
     if !["/v1/version", "/openapi.yaml"].contains(&path) {
         add("401", problem());
     }
-    if path == "/metrics" {
+    if path == "/metrics" || path.starts_with("/v1/workers") {
         add("403", problem());
     }
     if path == "/v1/jobs" {

@@ -22,6 +22,9 @@ const INTERVAL: Duration = Duration::from_secs(30);
 /// Time between two sweeps of files that a failed removal left.
 const SWEEP: Duration = Duration::from_secs(3600);
 
+/// Time from the start to the first sweep: a service that is started again every hour would never sweep otherwise.
+const FIRST_SWEEP: Duration = Duration::from_secs(5);
+
 /// Deletes jobs some time after their end.
 #[derive(Debug)]
 pub(super) struct Retention {
@@ -71,7 +74,7 @@ impl Retention {
     pub async fn run(mut self, stop: CancellationToken) {
         let kept = self.kept;
         let interval = kept.map_or(INTERVAL, |kept| (kept / 10).clamp(Duration::from_millis(100), INTERVAL));
-        let mut swept = Instant::now();
+        let (mut swept, mut pause) = (Instant::now(), FIRST_SWEEP);
         loop {
             tokio::select! {
                 () = stop.cancelled() => return self.save(),
@@ -82,8 +85,8 @@ impl Retention {
                 continue;
             }
             let time = self.look(Reading::now()).await;
-            if swept.elapsed() >= SWEEP {
-                swept = Instant::now();
+            if swept.elapsed() >= pause {
+                (swept, pause) = (Instant::now(), SWEEP);
                 match self.files.sweep(self.store.as_ref()).await {
                     Ok(removed) => tracing::debug!(removed, "swept"),
                     Err(error) => tracing::warn!(%error, "the data folder cannot be swept now"),

@@ -18,7 +18,7 @@ use tower_http::cors::CorsLayer;
 use super::access::Caller;
 use super::access_log::{self, AccessLog};
 use super::api::{
-    create, derived, events, health, hierarchy, info, labels, list, metrics, output, remove, retry, show,
+    create, derived, events, health, hierarchy, info, labels, list, metrics, output, remove, retry, show, workers,
 };
 use super::metrics::Metrics;
 use super::state::Shared;
@@ -78,6 +78,8 @@ pub(super) fn router(shared: Arc<Shared>) -> Router {
         .route("/v1/jobs/{id}/events", get(events::stream))
         .merge(results)
         .merge(page::routes(shared.settings.no_page).layer(from_fn(conditional::results)))
+        .route("/v1/workers", get(workers::list))
+        .route("/v1/workers/{id}/drain", post(workers::drain).delete(workers::resume))
         .route("/v1/device", get(info::device))
         .route("/v1/formats", get(info::formats))
         .route("/v1/version", get(info::version))

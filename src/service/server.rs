@@ -29,10 +29,10 @@ use super::store::memory::MemoryStore;
 #[cfg(feature = "postgres")]
 use super::store::postgres::PostgresStore;
 use super::store::sqlite::SqliteStore;
-use super::store::{JobStore, Rules};
+use super::store::{JobStore, Presence, Rules};
 use super::traffic::{Traffic, connections};
 use super::webhooks::{Teller, Webhooks};
-use super::{Settings, Switch, tls};
+use super::{Settings, Switch, presence, tls};
 use crate::device::Device;
 use crate::error::{Error, Result};
 
@@ -212,6 +212,15 @@ impl Server {
             Switch::On => tokio::spawn(pipeline.run(stop.clone(), abort.clone())),
             Switch::Off => tokio::spawn(stop.clone().cancelled_owned()),
         };
+        let announcing = (shared.settings.work.work == Switch::On).then(|| {
+            let (store, until) = (Arc::clone(&shared.store), stop.clone());
+            let presence = Presence {
+                name: shared.settings.work.worker().into(),
+                version: env!("CARGO_PKG_VERSION"),
+                device: shared.device.info.name.as_str().into(),
+            };
+            tokio::spawn(async move { presence::announce(store.as_ref(), presence, until).await })
+        });
         let watching = tokio::spawn({
             let (storage, until) = (Arc::clone(&shared.storage), close.clone());
             async move { storage.watch(until).await }
@@ -257,6 +266,9 @@ impl Server {
         }
         let _ = following.await;
         let _ = telling.await;
+        if let Some(announcing) = announcing {
+            let _ = timeout(LAST_MOMENT, announcing).await;
+        }
         close.cancel();
         if !serving.is_finished() {
             let _ = timeout(LAST_MOMENT, serving).await;

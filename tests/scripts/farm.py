@@ -6,7 +6,11 @@ A front end (`--work off`) and two workers run. First, single things are shown a
 and another does, events and results read elsewhere, cancellation, a request sent to two services at once, a worker that
 is killed, a database that is stopped. Then JOBS (100) jobs come in at all services while KILLS (8) times a service is
 ended by SIGKILL and started again, and STOPS (2) times the database is. In the end every job has ended once, with the
-labels that the command line gives, its events are numbered without a gap, and no result is missing.
+labels that the command line gives, its events are numbered without a gap, and no result is missing. `farm_failures` has
+the checks that need a moment of their own. At the end all jobs expire, and the sweep leaves no file.
+
+With FARM_OLD=BINARY in the environment, the services begin as those of an older release, and are replaced one by one
+while jobs come in.
 """
 
 import contextlib
@@ -15,145 +19,23 @@ import json
 import os
 import pathlib
 import random
-import re
-import signal
-import socket
-import subprocess
 import sys
-import tempfile
 import threading
 import time
 import uuid
 
+import farm_failures
 from database import Database
+from farm_replica import (
+    BINARY, BLOBS, LEASE, MANY, SMALL, WORK, Kind, Replica, check, ended, submitted, wait_for
+)
 
-BINARY = pathlib.Path(sys.argv[1]).resolve()
 JOBS, KILLS, STOPS = (int(sys.argv[place]) if len(sys.argv) > place else number
                       for place, number in [(2, 100), (3, 8), (4, 2)])
-TEMPORARY = tempfile.TemporaryDirectory(prefix="tesserae-farm-")
-WORK = pathlib.Path(TEMPORARY.name)
-BLOBS = WORK / "blobs"
 SEED = int(os.environ.get("SEED", random.randrange(1 << 30)))
-# bytes above which an upload is a file
-SMALL = 256 << 10
-# seconds after which the jobs of a killed worker are given to another one
-LEASE = 2
 CLIENTS = 8
-
-
-class Replica:
-    """A service of the farm, which is killed and started again, always at the same address."""
-
-    def __init__(self, name, database, *arguments):
-        self.name = name
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.address = probe.getsockname()
-        self.log = open(WORK / f"{name}.log", "ab")
-        self.command = [
-            BINARY, "serve", "--listen", "%s:%d" % self.address, "--store", database.url, "--blobs", BLOBS,
-            "--device", "cpu", "--worker-name", name, "--lease", str(LEASE), "--min-free-bytes", "0", "--log", "info",
-            "--max-request-rate", "1000000", "--max-queued-jobs", "100000", "--crash-pause", "0",
-            # kills are so many that a job may be alone at work in several
-            "--max-attempts", "1000", *arguments]
-        self.start()
-
-    def start(self):
-        self.process = subprocess.Popen(self.command, stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log)
-
-    def kill(self):
-        self.process.send_signal(signal.SIGKILL)
-        self.process.wait()
-
-    def stop(self):
-        self.process.send_signal(signal.SIGTERM)
-        status = self.process.wait(timeout=60)
-        assert status == 0, f"{self.name} ended with {status}:\n{self.tail()}"
-
-    def tail(self):
-        return (WORK / f"{self.name}.log").read_text(errors="replace")[-3000:]
-
-    def request(self, method, path, body=None, headers={}, timeout=60):
-        connection = http.client.HTTPConnection(*self.address, timeout=timeout)
-        try:
-            connection.request(method, path, body, headers)
-            answer = connection.getresponse()
-            return answer.status, answer.read(), answer.headers
-        except http.client.HTTPException as error:
-            raise ConnectionError(str(error)) from error
-        finally:
-            connection.close()
-
-    def get(self, path):
-        status, body, _ = self.request("GET", path)
-        assert status == 200, f"{self.name}: GET {path}: {status} {body!r}"
-        return body
-
-    def job(self, id):
-        return json.loads(self.get(f"/v1/jobs/{id}"))
-
-    def wait_until_ready(self):
-        def is_ready():
-            with contextlib.suppress(OSError):
-                return self.request("GET", "/readyz")[0] == 200
-            assert self.process.poll() is None, f"{self.name} ended by itself:\n{self.tail()}"
-        wait_for(is_ready, f"{self.name} is ready")
-
-
-def wait_for(condition, what, seconds=60):
-    deadline = time.monotonic() + seconds
-    while not (found := condition()):
-        assert time.monotonic() < deadline, f"not within {seconds} s: {what}"
-        time.sleep(0.02)
-    return found
-
-
-class Kind:
-    """A job, and the labels that the command line gives for it."""
-
-    def __init__(self, name, faces, flags, comment=0):
-        mesh, report = WORK / f"{name}-{faces}.obj", WORK / f"{name}.json"
-        subprocess.run([BINARY, "sample", name, "--faces", str(faces), mesh], check=True, stdout=subprocess.DEVNULL)
-        with mesh.open("a") as file:
-            file.write("# a comment as long as a large mesh\n" * (comment // 36))
-        subprocess.run([BINARY, "cluster", mesh, *flags, "--device", "cpu", "--report", report, "--labels",
-                        WORK / f"{name}.npy"], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        self.query = "&".join(f"{flag[2:].replace('-', '_')}={value}" for flag, value in zip(flags[::2], flags[1::2]))
-        self.mesh, self.digest = mesh.read_bytes(), json.loads(report.read_text())["labels_sha256"]
-
-    def submit(self, replica, headers={}):
-        return replica.request("POST", f"/v1/jobs?{self.query}", self.mesh, {"Content-Type": "model/obj", **headers})
-
-
-def submitted(kind, replica, headers={}):
-    status, body, _ = kind.submit(replica, headers)
-    assert status in (200, 202), f"{status} {body!r}"
-    return json.loads(body)
-
-
-def ended(replica, id, seconds=60):
-    def job():
-        with contextlib.suppress(OSError, AssertionError):
-            found = replica.job(id)
-            return found if found["state"] in ("succeeded", "failed", "cancelled") else None
-    return wait_for(job, f"the end of {id}", seconds)
-
-
-def check(replica, id, digest):
-    """Result and events of a job that succeeded, as one service tells them; the number of its attempts."""
-    job = replica.job(id)
-    assert job["state"] == "succeeded", job
-    report = json.loads(replica.get(f"/v1/jobs/{id}/report"))
-    assert report["labels_sha256"] == digest, f"other labels: {id}"
-    assert len(json.loads(replica.get(f"/v1/jobs/{id}/labels"))["labels"]) == report["input"]["faces"]
-    events = replica.get(f"/v1/jobs/{id}/events").decode()
-    numbers = [int(number) for number in re.findall(r"^id: (\d+)$", events, re.MULTILINE)]
-    assert numbers == list(range(1, len(numbers) + 1)), f"numbers of events are missing: {id}: {numbers}"
-    names = re.findall(r"^event: (\w+)$", events, re.MULTILINE)
-    assert names.count("end") == 1 and names[-1] == "end", f"it did not end once: {id}"
-    attempts = re.findall(r'^data: {"state":"running","attempt":(\d+),', events, re.MULTILINE)
-    assert [int(attempt) for attempt in attempts] == list(range(1, len(attempts) + 1)), f"{id}: {attempts}"
-    return len(attempts)
+# binary of an older release
+OLD = pathlib.Path(os.environ["FARM_OLD"]).resolve() if os.environ.get("FARM_OLD") else None
 
 
 def show_single_things(database, front, workers, kinds, long):
@@ -182,7 +64,7 @@ def show_single_things(database, front, workers, kinds, long):
     # live events at another service, and a cancellation there
     id = submitted(long, workers[0])["id"]
     connection = http.client.HTTPConnection(*front.address, timeout=60)
-    connection.request("GET", f"/v1/jobs/{id}/events")
+    connection.request("GET", f"/v1/jobs/{id}/events", headers={"Authorization": f"Bearer {MANY}"})
     stream = connection.getresponse()
     lines = []
     while "event: iteration" not in lines:
@@ -328,16 +210,23 @@ def main():
         replicas = []
         try:
             for name, work in [("front", "off"), ("one", "on"), ("two", "on")]:
-                replicas.append(Replica(name, database, "--work", work, "--data-dir", WORK / f"data-{name}"))
+                arguments = ["--work", work, "--data-dir", WORK / f"data-{name}"]
+                replicas.append(Replica(name, database, OLD or BINARY, *arguments))
                 stack.callback(lambda replica=replicas[-1]: replica.process.poll() is None and replica.kill())
             for replica in replicas:
                 replica.wait_until_ready()
             front, *workers = replicas
+            if OLD:
+                farm_failures.rolling_update(replicas, kinds)
+            farm_failures.become_operator(front)
             show_single_things(database, front, workers, kinds, long)
+            farm_failures.stream_across_a_kill(front, workers, long)
+            farm_failures.flood(database, front, workers, kinds[0], min(1000, 2 * JOBS))
             survive(database, replicas, kinds)
             check_files(database)
             for replica in replicas:
                 replica.stop()
+            farm_failures.nothing_is_left(database, front)
             assert database.ask("SELECT count(*) FROM tesserae.workers WHERE name = 'front'") == "0"
             for replica in replicas:
                 assert "not-a-secret" not in (WORK / f"{replica.name}.log").read_text(errors="replace"), "a password"

@@ -10,14 +10,15 @@ use tesserae::service::{Server, Settings, TokenFile};
 
 use crate::support::*;
 
-/// A file of tokens for two tenants and who may read metrics; and their tokens.
+/// A file of tokens for two tenants and one that may read metrics and drain workers; and their tokens.
 fn tokens() -> (TempDir, [String; 3]) {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("tokens.json");
     let tokens = ["mine", "theirs", "monitoring"].map(|tenant| {
         TokenFile::change(&path, |file| {
             let token = file.add(tenant)?;
-            file.tenants.get_mut(tenant).expect("just made").metrics = tenant == "monitoring";
+            let entry = file.tenants.get_mut(tenant).expect("just made");
+            (entry.metrics, entry.admin) = (tenant == "monitoring", tenant == "monitoring");
             Ok(token.reveal())
         })
         .expect("made")
@@ -129,6 +130,33 @@ async fn metrics_are_for_who_may_read_them() {
     let detail = refused(service.get("/metrics").bearer_auth(&mine), 403, "forbidden").await;
     assert!(detail.contains("--metrics"), "{detail}");
     assert_eq!(service.get("/metrics").bearer_auth(&monitoring).send().await.expect("answered").status(), 200);
+}
+
+#[tokio::test]
+async fn workers_are_for_the_operator_and_one_that_drains_begins_no_job() {
+    let (folder, [mine, _, operator]) = tokens();
+    let service = with_tokens(folder.path()).await;
+    let detail = refused(service.get("/v1/workers").bearer_auth(&mine), 403, "forbidden").await;
+    assert!(detail.contains("--admin"), "{detail}");
+    let worker = loop {
+        // announced while the service starts
+        let list = json(service.get("/v1/workers").bearer_auth(&operator)).await;
+        if let Some(worker) = list["workers"].get(0) {
+            break worker.clone();
+        }
+    };
+    assert_eq!((&worker["draining"], &worker["version"]), (&false.into(), &env!("CARGO_PKG_VERSION").into()));
+    let drain = format!("/v1/workers/{}/drain", worker["id"].as_str().expect("an id"));
+    refused(service.post(&drain).bearer_auth(&mine), 403, "forbidden").await;
+    let unknown = "/v1/workers/00000000-0000-4000-8000-000000000000/drain";
+    refused(service.post(unknown).bearer_auth(&operator), 404, "not-found").await;
+    refused(service.post("/v1/workers/x/drain").bearer_auth(&operator), 404, "not-found").await;
+    assert_eq!(json(service.post(&drain).bearer_auth(&operator)).await["draining"], true);
+    let waiting = json(submit(&service, "clusters=7").header("prefer", "wait=1").bearer_auth(&mine)).await;
+    assert_eq!(waiting["state"], "queued", "it claims nothing");
+    assert_eq!(json(service.delete(&drain).bearer_auth(&operator)).await["draining"], false);
+    let path = format!("/v1/jobs/{}", waiting["id"].as_str().expect("an id"));
+    while json(service.get(&path).bearer_auth(&mine)).await["state"] != "succeeded" {}
 }
 
 #[tokio::test]

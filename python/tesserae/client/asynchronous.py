@@ -30,6 +30,8 @@ if TYPE_CHECKING:
         Report,
         State,
         Version,
+        Worker,
+        WorkerList,
     )
     from tesserae.client.exchange import Steps
     from tesserae.client.options import MeshSource, SubmitOptions
@@ -85,6 +87,21 @@ class AsyncClient:
         """What clusters at the service, and how it was chosen."""
         device: DeviceDescription = await self._connection.run(results.info("getDevice", self._patience))
         return device
+
+    async def workers(self) -> list[Worker]:
+        """The processes that work on jobs. Needs a token of the operator's (``--admin``)."""
+        found: WorkerList = await self._connection.run(results.info("listWorkers", self._patience))
+        return found["workers"]
+
+    async def drain(self, worker: str) -> Worker:
+        """Lets a worker claim no more jobs, by its id; it ends those that it has."""
+        drained: Worker = await self._connection.run(results.info("drainWorker", self._patience, worker))
+        return drained
+
+    async def resume(self, worker: str) -> Worker:
+        """Lets a worker that drains claim jobs again."""
+        resumed: Worker = await self._connection.run(results.info("resumeWorker", self._patience, worker))
+        return resumed
 
     async def formats(self) -> Formats:
         """Formats of meshes and of labels."""

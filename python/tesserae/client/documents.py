@@ -371,6 +371,25 @@ class DeviceDescription(DeviceInfo):
     adapters: list[AdapterReport]
 
 
+class Worker(TypedDict):
+    """A process that works on jobs."""
+
+    id: str
+    name: str
+    version: str
+    device: str | None
+    draining: bool
+    started_at: str
+    seen_at: str
+    jobs: list[str]
+
+
+class WorkerList(TypedDict):
+    """The workers."""
+
+    workers: list[Worker]
+
+
 class FormatInfo(TypedDict):
     """A format."""
 

@@ -35,6 +35,10 @@ enum Command {
         #[arg(long)]
         metrics: bool,
 
+        /// Let the tenant list and drain the workers, which have jobs of everybody
+        #[arg(long)]
+        admin: bool,
+
         #[command(flatten)]
         place: Place,
     },
@@ -68,13 +72,14 @@ fn tenant_name(name: &str) -> Result<String, String> {
 /// Does what the arguments say.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     match &arguments.command {
-        Command::New { tenant, metrics, place } => {
+        Command::New { tenant, metrics, admin, place } => {
             Target::Stdout.check()?;
             // printed before the file is written: a token that was never shown is never valid
             TokenFile::try_change(&place.tokens, |file| {
                 let token = file.add(tenant)?;
                 if let Some(entry) = file.tenants.get_mut(tenant) {
                     entry.metrics |= *metrics;
+                    entry.admin |= *admin;
                 }
                 print(|out| writeln!(out, "{}", token.reveal()))
             })

@@ -73,6 +73,22 @@ impl Caller {
         self.token.as_ref().map(TokenName::id)
     }
 
+    /// Refuses callers that may not see and change what is of all tenants.
+    pub fn operator(&self) -> Result<()> {
+        let tenant = self.tenant()?;
+        match tenant.admin {
+            true => Ok(()),
+            false => Err(Error::new(
+                Kind::Forbidden,
+                format_args!(
+                    "workers have jobs of all tenants; the operator makes a token for them with `tesserae token new \
+                     NAME --admin`, which this one is not: {}",
+                    tenant.name
+                ),
+            )),
+        }
+    }
+
     /// The tenant whose jobs it may see.
     pub fn tenant(&self) -> Result<&Tenant> {
         self.tenant.as_ref().ok_or_else(missing)
@@ -136,7 +152,8 @@ impl Access {
     /// The caller of a request with these headers to `path`; an error where access is denied.
     pub fn caller(&self, path: &str, headers: &HeaderMap) -> Result<Caller> {
         let Some(file) = &self.file else {
-            let local = Tenant { name: LOCAL_TENANT.to_owned(), quotas: Default::default(), metrics: true };
+            let local =
+                Tenant { name: LOCAL_TENANT.to_owned(), quotas: Default::default(), metrics: true, admin: true };
             return Ok(Caller { tenant: Some(local), token: None, origin: None });
         };
         if OPEN.contains(&path) {

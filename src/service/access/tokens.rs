@@ -69,6 +69,9 @@ pub struct TenantEntry {
     /// Whether it may read `/metrics`, which cover all tenants.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub metrics: bool,
+    /// Whether it may see and drain workers.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub admin: bool,
     /// Its tokens, any of which will do.
     pub tokens: Vec<TokenEntry>,
 }
@@ -174,7 +177,8 @@ impl TokenFile {
                      number, or set max_queued_jobs to 0 to take no jobs of {name:?}"
                 )));
             }
-            let owner = Tenant { name: name.clone(), quotas: tenant.quotas, metrics: tenant.metrics };
+            let owner =
+                Tenant { name: name.clone(), quotas: tenant.quotas, metrics: tenant.metrics, admin: tenant.admin };
             for token in &tenant.tokens {
                 let known = token.known(owner.clone()).ok_or_else(|| {
                     Error::parameter(format_args!(
@@ -246,6 +250,8 @@ pub(in crate::service) struct Tenant {
     pub quotas: Quotas,
     /// Whether it may read `/metrics`.
     pub metrics: bool,
+    /// Whether it may see and drain workers.
+    pub admin: bool,
 }
 
 impl Tokens {

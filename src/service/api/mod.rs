@@ -16,3 +16,4 @@ pub(super) mod remove;
 pub(super) mod retry;
 pub(super) mod show;
 mod view;
+pub(super) mod workers;

@@ -11,7 +11,8 @@ use super::Metrics;
 use crate::error::Result;
 use crate::service::store::{
     Claiming, Created, Deletion, Ending, Event, Events, Job, JobId, JobStore, ListQuery, Maintenance, NewJob, Notice,
-    Notices, Page, Progress, Pulse, Queue, Release, Retried, State, Statistics, Ticket, What,
+    Notices, Page, Presence, Progress, Pulse, Queue, Release, Retried, State, Statistics, Ticket, What, Worker,
+    WorkerId, Workers,
 };
 
 /// Another store, timed.
@@ -102,6 +103,12 @@ timed!(Notices {
         self.store.endings()
     }
 });
+
+timed!(Workers {
+    "announce": announce(presence: &Presence) -> ();
+    "workers": workers() -> Vec<Worker>;
+    "drain": drain(id: WorkerId, drains: bool) -> Option<Worker>;
+} and {});
 
 timed!(Maintenance {
     "free_bytes": free_bytes() -> u64;

@@ -1,9 +1,9 @@
 //! The store of jobs and their events.
 //!
-//! [`JobStore`] is a whole store; its users take the part that they need: [`Queue`], [`Events`], [`Notices`] or
-//! [`Maintenance`]. Every store passes the suite in `conformance`. A store knows nothing of HTTP, of files or of
-//! devices. [`sqlite`] keeps jobs on disk, [`postgres`] in a database that several services share; [`memory`] loses
-//! them when the process ends.
+//! [`JobStore`] is a whole store; its users take the part that they need: [`Queue`], [`Events`], [`Notices`],
+//! [`Workers`] or [`Maintenance`]. Every store passes the suite in `conformance`. A store knows nothing of HTTP, of
+//! files or of devices. [`sqlite`] keeps jobs on disk, [`postgres`] in a database that several services share;
+//! [`memory`] loses them when the process ends.
 //!
 //! # The life of a job
 //!
@@ -60,6 +60,7 @@ mod pulses;
 mod queue;
 pub(super) mod sqlite;
 mod url;
+mod workers;
 
 pub(super) use self::events::{Event, Events, Pulse, What};
 pub(super) use self::job::{
@@ -72,11 +73,12 @@ pub(super) use self::queue::{
 };
 use self::queue::{ALONE_FROM, given_up, guilty, lease_is_over, not_yours, reused_key};
 pub use self::url::StoreUrl;
+pub(super) use self::workers::{Presence, Worker, WorkerId, Workers};
 
 /// A whole store. See the [module](self) for the life of a job.
-pub(super) trait JobStore: Queue + Events + Notices + Maintenance {}
+pub(super) trait JobStore: Queue + Events + Notices + Workers + Maintenance {}
 
-impl<S: Queue + Events + Notices + Maintenance> JobStore for S {}
+impl<S: Queue + Events + Notices + Workers + Maintenance> JobStore for S {}
 
 #[cfg(test)]
 pub(super) mod tests {

@@ -3,6 +3,7 @@
 //! One lock around everything, held for look-ups only and never across an await.
 
 mod jobs;
+mod workers;
 
 use std::time::{Duration, SystemTime};
 
@@ -13,6 +14,7 @@ use tokio_util::bytes::Bytes;
 
 use self::jobs::{Entry, Jobs};
 use super::cursor::Cursors;
+use super::workers::OnlyWorker;
 use super::{
     Claiming, Created, Deletion, End, Ending, Event, Events, Job, JobId, ListQuery, Maintenance, NewJob, Notice,
     Notices, Page, Progress, Pulse, Queue, Release, Retried, Rules, SMALL_BLOBS, State, Statistics, Ticket, What,
@@ -28,12 +30,13 @@ const BLOBS: u64 = 64 << 20;
 pub(in crate::service) struct MemoryStore {
     jobs: Mutex<Jobs>,
     cursors: Cursors,
+    worker: OnlyWorker,
 }
 
 impl MemoryStore {
     /// An empty store.
     pub fn new(rules: Rules) -> Result<Self> {
-        Ok(Self { jobs: Mutex::new(Jobs::new(rules)), cursors: Cursors::random()? })
+        Ok(Self { jobs: Mutex::new(Jobs::new(rules)), cursors: Cursors::random()?, worker: OnlyWorker::default() })
     }
 }
 
@@ -112,6 +115,9 @@ impl Queue for MemoryStore {
     }
 
     async fn claim_as(&self, claiming: Claiming) -> Result<Vec<(Ticket, Job)>> {
+        if self.worker.drains() {
+            return Ok(Vec::new());
+        }
         let jobs = &mut *self.jobs.lock();
         let now = SystemTime::now();
         let mut claimed = Vec::new();

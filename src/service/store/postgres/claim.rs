@@ -12,7 +12,7 @@ use super::replica::PostgresStore;
 use super::rows;
 use crate::error::{Error, Result};
 
-const CLAIM: &str = "SELECT * FROM claim_1($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11)";
+const CLAIM: &str = "SELECT * FROM claim_2($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11)";
 
 /// The change that waits for the disk: see the [module](super).
 const SECURE: &str = "UPDATE workers SET claims = claims + 1 WHERE id = $1";

@@ -2,7 +2,8 @@
 //!
 //! Work that takes longer than [`PATIENCE`] fails as if the database were away, and takes the pool's connections with
 //! it: one whose server does not answer would hold up the next work, too. Work that the database broke off for the sake
-//! of other work (a deadlock) is done again.
+//! of other work (a deadlock) is done again, and so is work whose prepared statements are of tables that a service of
+//! the next release has changed since: on new connections, which prepare them anew.
 
 use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -25,7 +26,7 @@ use crate::error::{Error, Kind, Result};
 /// Time for a piece of work, the wait for a connection included.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// Times that work is done again that the database broke off for the sake of other work.
+/// Times that work is done again that the database broke off, though nothing is wrong with it.
 const AGAIN: usize = 5;
 
 /// Why a piece of work failed.
@@ -62,6 +63,16 @@ impl Failure {
     fn is_of_others(&self) -> bool {
         let broken_off = [&SqlState::T_R_DEADLOCK_DETECTED, &SqlState::T_R_SERIALIZATION_FAILURE];
         matches!(self, Self::Database(error) if error.code().is_some_and(|code| broken_off.contains(&code)))
+    }
+}
+
+impl Failure {
+    /// Whether the connection has statements of tables that have other columns now.
+    fn is_of_old_statements(&self) -> bool {
+        let Self::Database(error) = self else { return false };
+        error.as_db_error().is_some_and(|error| {
+            *error.code() == SqlState::FEATURE_NOT_SUPPORTED && error.message().starts_with("cached plan")
+        })
     }
 }
 
@@ -143,6 +154,10 @@ impl Connections {
             loop {
                 match work(self.pool.get().await?).await {
                     Err(failure) if failure.is_of_others() && left > 0 => left -= 1,
+                    Err(failure) if failure.is_of_old_statements() && left > 0 => {
+                        left -= 1;
+                        self.pool.retain(|_, _| false);
+                    }
                     outcome => return outcome,
                 }
             }

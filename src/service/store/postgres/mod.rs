@@ -7,12 +7,13 @@
 //!
 //! # Claims
 //!
-//! One claim at a time decides (`claim_1` in the tables), under an advisory lock, so that fairness is exact over all
-//! services. Counters in a row for each tenant, locked by every change, would make the changes of a tenant wait for the
-//! disk one after the other; so running and waiting jobs are counted by index, and creations and ends of jobs wait for
-//! nothing. The lock is held for the statement, not for the disk: the commit of the claim is asynchronous, and the
-//! worker waits for the disk by a change of its own row before it gets the tickets. Both are in one log, so the second
-//! commit is on the disk only if the first is.
+//! One claim at a time decides (`claim_2` in the tables), under an advisory lock, so that fairness is exact over all
+//! services; a worker with several free places claims for all of them at once. Counters in a row for each tenant,
+//! locked by every change, would make the changes of a tenant wait for the disk one after the other; so running and
+//! waiting jobs are counted by index, and creations and ends of jobs wait for nothing. The lock is held for the
+//! statement, not for the disk: the commit of the claim is asynchronous, and the worker waits for the disk by a change
+//! of its own row before it gets the tickets. Both are in one log, so the second commit is on the disk only if the
+//! first is.
 //!
 //! # Lost workers
 //!
@@ -41,6 +42,7 @@ mod rows;
 mod schema;
 #[cfg(test)]
 mod tests;
+mod workers;
 
 pub(in crate::service) use self::address::Address;
 pub(in crate::service) use self::replica::PostgresStore;

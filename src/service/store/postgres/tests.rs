@@ -168,16 +168,32 @@ async fn changes_whose_answer_was_lost_are_not_made_twice() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn claimers_of_many_services_take_each_job_once() {
-    const JOBS: usize = 1200;
     let Some(server) = Server::start() else { return };
+    for limit in [1, 8] {
+        claim_all(&server, limit, 1200).await;
+    }
+}
+
+/// The same with more jobs, for the table in `docs/farm.md`.
+#[tokio::test(flavor = "multi_thread")]
+#[ignore = "a measurement"]
+async fn claims_a_second() {
+    let Some(server) = Server::start() else { return };
+    for limit in [1, 8, 8, 1] {
+        claim_all(&server, limit, 5000).await;
+    }
+}
+
+/// Claims empty jobs by 16 services, each of which ends those that it claimed before it claims again.
+async fn claim_all(server: &Server, limit: usize, jobs: usize) {
     let url = server.database();
-    let rules = Rules { max_queued: JOBS, ..RULES };
+    let rules = Rules { max_queued: jobs, ..RULES };
     let first = Arc::new(open(&url, rules).await);
     let creators: Vec<_> = (0..8)
         .map(|creator| {
             let store = Arc::clone(&first);
             tokio::spawn(async move {
-                for number in 0..JOBS / 8 {
+                for number in 0..jobs / 8 {
                     let mut job = new_job();
                     job.spec = Spec { tenant: format!("tenant {}", (creator + number) % 5), ..job.spec };
                     store.create(job).await.expect("created");
@@ -188,30 +204,41 @@ async fn claimers_of_many_services_take_each_job_once() {
     for creator in creators {
         creator.await.expect("no panic");
     }
-    let started = std::time::Instant::now();
     let mut claimers = Vec::new();
     for number in 0..16 {
         let store = PostgresStore::open(&url, 2, rules).await.expect("it opens");
-        claimers.push(tokio::spawn(async move {
-            let mut claimed = Vec::new();
+        claimers.push(async move {
+            let (mut claimed, mut claiming) = (Vec::new(), Duration::ZERO);
             let worker = format!("worker {number}").into();
-            let claiming = Claiming { limit: 1, newcomers: 0, lease: LEASE, worker, shares: Arc::default() };
-            while let Some((ticket, _)) = store.claim_as(claiming.clone()).await.expect("claimable").pop() {
-                claimed.push(ticket.job);
+            let request = Claiming { limit, newcomers: 0, lease: LEASE, worker, shares: Arc::default() };
+            loop {
+                let started = std::time::Instant::now();
+                let taken = store.claim_as(request.clone()).await.expect("claimable");
+                claiming += started.elapsed();
+                if taken.is_empty() {
+                    return (claimed, claiming);
+                }
+                for (ticket, _) in taken {
+                    claimed.push(ticket.job);
+                    store.finish(ticket, End::Cancelled).await.expect("ended");
+                }
             }
-            claimed
-        }));
+        });
     }
-    let mut claimed = Vec::new();
+    let started = std::time::Instant::now();
+    let claimers: Vec<_> = claimers.into_iter().map(tokio::spawn).collect();
+    let (mut claimed, mut claiming) = (Vec::new(), Duration::ZERO);
     for claimer in claimers {
-        claimed.extend(claimer.await.expect("no panic"));
+        let (jobs, time) = claimer.await.expect("no panic");
+        claimed.extend(jobs);
+        claiming += time;
     }
-    println!("{:.0} claims a second", JOBS as f64 / started.elapsed().as_secs_f64());
-    assert_eq!(claimed.len(), JOBS);
+    let rate = jobs as f64 / started.elapsed().as_secs_f64();
+    println!("{limit} at a time: {rate:.0} jobs claimed and ended a second, {claiming:.1?} in claims of 16 services");
+    assert_eq!(claimed.len(), jobs);
     claimed.sort();
     claimed.dedup();
-    assert_eq!(claimed.len(), JOBS, "none twice");
-    assert_eq!(first.counts().await.expect("counted"), [0, JOBS as u64, 0, 0, 0]);
+    assert_eq!(claimed.len(), jobs, "none twice");
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -258,6 +285,40 @@ async fn one_service_cleans_up_and_each_notice_is_delivered_by_one() {
     one.close().await;
     let third = open(&url, RULES).await;
     assert_eq!(third.may_clean_up().await, Ok(true), "a service that stops leaves its duties");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_migration_of_the_next_release_disturbs_no_service_that_works() {
+    let Some(server) = Server::start() else { return };
+    let url = server.database();
+    let (old, other) = (open(&url, RULES).await, open(&url, RULES).await);
+    // every statement is prepared on its connections, and every plan of the claim is made
+    let work = async |store: &PostgresStore| {
+        let id = create(store).await;
+        store.list(&Default::default()).await.expect("listed");
+        let ticket = claim(store).await;
+        assert_eq!(ticket.job, id);
+        store.begin(ticket).await.expect("begun");
+        store.append(ticket, vec![What::Iteration("{}".into())], Default::default()).await.expect("appended");
+        store.release(ticket, Release::Free).await.expect("released");
+        let ticket = claim(store).await;
+        store.finish(ticket, End::Cancelled).await.expect("ended");
+        assert_eq!(store.get(id).await.expect("readable").expect("a job").state, State::Cancelled);
+        assert_eq!(store.events(id, 0, 99).await.expect("readable").expect("a job").len(), 6);
+    };
+    work(&old).await;
+    work(&other).await;
+    let migrated = other.connections.run(|client| async move {
+        let sql = "ALTER TABLE jobs ADD COLUMN later text NOT NULL DEFAULT 'x', ADD COLUMN latest json; \
+                   ALTER TABLE workers ADD COLUMN later integer; UPDATE schema_version SET version = 99, needs = 1";
+        Ok(client.batch_execute(sql).await?)
+    });
+    migrated.await.expect("migrated");
+    work(&old).await;
+    work(&other).await;
+    let new = open(&url, RULES).await;
+    work(&new).await;
+    assert_eq!(old.statistics().failures, 0, "no answer was lost");
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -17,6 +17,7 @@ mod live;
 mod opening;
 mod rows;
 mod schema;
+mod workers;
 mod writer;
 
 use std::path::Path;
@@ -34,6 +35,7 @@ use self::connections::{Place, Readers, all, first, one};
 use self::rows::{column, count, jobs};
 use self::writer::{Batch, Listeners, Writer};
 use super::cursor::Cursors;
+use super::workers::OnlyWorker;
 use super::{
     Claiming, Created, Deletion, Ending, Event, Events, Job, JobId, ListQuery, Maintenance, NewJob, Notice, Notices,
     Page, Progress, Pulse, Queue, Release, Retried, Rules, SMALL_BLOBS, State, Statistics, Ticket, What,
@@ -52,6 +54,7 @@ pub(in crate::service) struct SqliteStore {
     damage: Arc<Damage>,
     cursors: Cursors,
     place: Arc<Place>,
+    worker: OnlyWorker,
 }
 
 impl SqliteStore {
@@ -64,7 +67,8 @@ impl SqliteStore {
         let damage = Arc::clone(&readers.damage);
         let writer = Writer::start(connection, Arc::clone(&place), Arc::clone(&listeners), Arc::clone(&damage), faults);
         let writer = writer.map_err(|error| opening::cannot_open(path, &error))?;
-        let store = Self { rules, readers: Arc::new(readers), writer, listeners, damage, cursors, place };
+        let (readers, worker) = (Arc::new(readers), OnlyWorker::default());
+        let store = Self { rules, readers, writer, listeners, damage, cursors, place, worker };
         // one process has the file: running jobs are those of a process that ended
         match store.writer.carry_out(move |batch| claim::recover(batch, &rules)).await {
             Ok(Recovered { unharmed: 0, suspects: 0, ended: 0 }) => {}
@@ -163,6 +167,9 @@ impl Queue for SqliteStore {
     }
 
     async fn claim_as(&self, claiming: Claiming) -> Result<Vec<(Ticket, Job)>> {
+        if self.worker.drains() {
+            return Ok(Vec::new());
+        }
         let listeners = Arc::clone(&self.listeners);
         self.writer.carry_out(move |batch| claim::claim(batch, &claiming, &listeners.claims)).await
     }

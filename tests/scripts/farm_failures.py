@@ -1,0 +1,162 @@
+"""Checks that need a moment: a stream whose service dies, a flood, a rolling update, and what is left at the end."""
+
+import http.client
+import json
+import os
+import threading
+import time
+
+from farm_replica import (
+    BINARY, BLOBS, FEW, MANY, check, ended, new_token, submitted, wait_for
+)
+
+# jobs that a worker has at a time by default, and the one for a newcomer
+PLACES = 9
+
+
+def become_operator(front):
+    """The tenant of the checks may drain workers from now on; older releases refuse a file of tokens that says so."""
+    new_token("many", "--admin")
+    wait_for(lambda: front.request("GET", "/v1/workers")[0] == 200, "the tokens are read again")
+
+
+def check_end(replica, id, kind):
+    assert ended(replica, id, 180)["state"] == "succeeded"
+    return check(replica, id, kind.digest)
+
+
+def read_events(replica, id, after, enough):
+    """Numbers and names of events after a number, until there are enough or the stream ends."""
+    connection = http.client.HTTPConnection(*replica.address, timeout=120)
+    connection.request("GET", f"/v1/jobs/{id}/events",
+                       headers={"Authorization": f"Bearer {MANY}", "Last-Event-ID": str(after)})
+    stream, events, number, name = connection.getresponse(), [], 0, None
+    assert stream.status == 200, stream.read()
+    while len(events) < enough and (line := stream.readline().decode()):
+        field, _, value = line.strip().partition(": ")
+        if field == "id":
+            number = int(value)
+        elif field == "event":
+            name = value
+        elif not field and name:
+            events.append((number, name))
+            name = None
+    connection.close()
+    return events
+
+
+def stream_across_a_kill(front, workers, long):
+    """A stream goes on at another service where the one that died left off."""
+    id = submitted(long, front)["id"]
+    name = wait_for(lambda: front.job(id)["progress"]["iterations"] > 0 and front.job(id)["worker"], "it runs")
+    other = next(worker for worker in workers if worker.name != name)
+    first = read_events(front, id, 0, 4)
+    front.kill()
+    rest = read_events(other, id, first[-1][0], 1 << 30)
+    front.start()
+    front.wait_until_ready()
+    numbers = [number for number, _ in first + rest]
+    assert numbers == list(range(1, len(numbers) + 1)), numbers
+    assert rest[-1][1] == "end", rest[-1]
+    print(f"farm: {len(first)} events at a service that was killed, {len(rest)} at another one, without a gap")
+
+
+def flood(database, front, workers, kind, count):
+    """One tenant has many jobs; another one's single job starts when a place is free. Workers drain meanwhile."""
+    def drained(method):
+        for worker in json.loads(front.get("/v1/workers"))["workers"]:
+            if worker["name"] in [each.name for each in workers]:
+                status, body, _ = front.request(method, f"/v1/workers/{worker['id']}/drain")
+                assert status == 200 and json.loads(body)["draining"] == (method == "POST"), body
+
+    listed = json.loads(front.get("/v1/workers"))["workers"]
+    assert {worker["name"] for worker in listed} >= {worker.name for worker in workers}, listed
+    drained("POST")
+    threads = [threading.Thread(target=lambda: [submitted(kind, front) for _ in range(count // 8)]) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    def waiting():
+        return int(database.ask("SELECT count(*) FROM tesserae.jobs WHERE state = 'queued'"))
+    assert database.ask("SELECT 1 FROM tesserae.jobs WHERE state = 'running'") == "", "all drain"
+    assert waiting() == count // 8 * 8
+    drained("DELETE")
+    wait_for(lambda: waiting() < count * 7 // 8, "an eighth has started", 120)
+    few = {"Authorization": f"Bearer {FEW}"}
+    status, body, _ = kind.submit(front, few)
+    assert status == 202, body
+    id = json.loads(body)["id"]
+    wait_for(lambda: json.loads(front.request("GET", f"/v1/jobs/{id}", headers=few)[1])["state"] == "succeeded",
+             "the other tenant's job", 120)
+    left = waiting()
+    assert left > 0, "the flood was over before"
+    before = int(database.ask(
+        f"SELECT count(*) FROM tesserae.jobs AS flood, tesserae.jobs AS one WHERE one.id = '{id}' "
+        "AND flood.tenant = 'many' AND flood.started_at > one.created_at AND flood.started_at < one.started_at"))
+    assert before <= PLACES * len(workers), before
+    wait = database.ask(f"SELECT round(extract(epoch FROM started_at - created_at) * 1000) FROM tesserae.jobs "
+                        f"WHERE id = '{id}'")
+    wait_for(lambda: database.ask("SELECT 1 FROM tesserae.jobs WHERE state IN ('queued', 'running') LIMIT 1") == "",
+             "the flood ends", 300)
+    print(f"farm: another tenant's job started after {wait} ms and {before} jobs of a flood of {count}, of which "
+          f"{left} still waited when it had ended")
+
+
+def rolling_update(replicas, kinds):
+    """Services of an older release are replaced one by one while jobs come in."""
+    accepted, stop, failures = [], threading.Event(), []
+
+    def submit():
+        number = 0
+        while not stop.is_set():
+            kind = kinds[number % len(kinds)]
+            try:
+                status, body, _ = kind.submit(replicas[number % len(replicas)])
+            except OSError:
+                status = None
+            if status == 202:
+                accepted.append((json.loads(body)["id"], kind))
+            elif status not in (None, 429, 503):
+                failures.append((status, body))
+            number += 1
+    client = threading.Thread(target=submit)
+    client.start()
+    try:
+        for replica in [replicas[1], replicas[0], replicas[2]]:
+            enough = len(accepted) + 20
+            wait_for(lambda: len(accepted) > enough or failures, "jobs come in")
+            replica.stop()
+            replica.binary = BINARY
+            replica.start()
+            replica.wait_until_ready()
+        enough = len(accepted) + 20
+        wait_for(lambda: len(accepted) > enough or failures, "jobs come in")
+    finally:
+        stop.set()
+        client.join()
+    assert not failures, failures
+    for number, (id, kind) in enumerate(accepted):
+        check_end(replicas[number % len(replicas)], id, kind)
+    print(f"farm: {len(accepted)} jobs during a rolling update, each ended once with its labels")
+
+
+def nothing_is_left(database, front):
+    """Jobs expire, and the sweep removes what killed services left."""
+    two_days_ago = time.time() - 2 * 86_400
+    leftovers = 0
+    for folder, _, files in os.walk(BLOBS):
+        for name in files:
+            if name != "owner":
+                os.utime(os.path.join(folder, name), (two_days_ago, two_days_ago))
+                leftovers += 1
+    front.arguments += ["--retention", "1"]
+    front.start()
+    front.wait_until_ready()
+
+    def files():
+        return [name for folder, _, names in os.walk(BLOBS) for name in names if name != "owner"]
+    wait_for(lambda: database.ask("SELECT count(*) FROM tesserae.jobs") == "0", "all jobs expire", 120)
+    wait_for(lambda: not files(), f"{leftovers} files go", 120)
+    front.stop()
+    print(f"farm: all jobs expired, and of {leftovers} files none is left after the sweep")
