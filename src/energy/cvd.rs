@@ -138,6 +138,10 @@ impl Functional for Cvd {
         faces.map(move |(centroid, area, label)| (label, area * centroid.distance_squared(proxies[label as usize])))
     }
 
+    fn most_split_gain(faces: impl Iterator<Item = Face>, proxy: [i32; 3]) -> f64 {
+        bound::most_split_gain(faces, proxy)
+    }
+
     #[inline]
     fn boundary_slack(own: u64, least_other: u64) -> u64 {
         bound::boundary_slack(own, least_other)

@@ -70,6 +70,10 @@ pub trait Functional {
         Self::source_terms(faces, clusters).map(|(_, term)| term).sum()
     }
 
+    /// What a split of a cluster in two lowers the energy by, at most, in units of its component: to leave out clusters
+    /// that no split pays in. Takes its faces and its proxy.
+    fn most_split_gain(items: impl Iterator<Item = Self::Item>, proxy: Self::Proxy) -> f64;
+
     /// By how much proxies may drift, together, before a face that stays could want to move in the boundary phase.
     /// Takes its cost in its own cluster and the least in another.
     fn boundary_slack(own: u64, least_other: u64) -> u64;

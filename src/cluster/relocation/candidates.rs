@@ -2,11 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::clusters::Clusters;
+use super::clusters::{CHUNK, Clusters};
 use super::split::Split;
-
-/// Clusters of a chunk.
-const CHUNK: usize = 64;
 
 /// The cheapest merge of a cluster.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,7 +15,7 @@ pub struct Merge {
 }
 
 /// What the clusters offer; entries of numbers that are free mean nothing.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Candidates {
     merges: Vec<Option<Merge>>,
     energies: Vec<i128>,
@@ -74,6 +71,14 @@ impl Candidates {
             .with_min_len(CHUNK)
             .filter(|&(at, _)| is_touched[at])
             .for_each(|(cluster, energy)| *energy = clusters.energy_of(cluster as u32));
+    }
+
+    /// Computes the splits of the clusters in which one may gain more than `least`, as far as they are not known.
+    pub fn split_where_gaining(&mut self, clusters: &Clusters<'_>, least: i128) {
+        let energies = std::mem::take(&mut self.energies);
+        // the energy bounds the gain, too; it is known
+        self.split(clusters, |cluster| energies[cluster as usize] > least && clusters.may_gain(cluster, least));
+        self.energies = energies;
     }
 
     /// Computes the splits of the wanted clusters, as far as they are not known.

@@ -4,9 +4,9 @@
 //!
 //! A round:
 //!
-//! 1. Every cluster finds its cheapest merge, with cost F_ab − F_a − F_b. Every cluster with more energy than the
-//!    cheapest merge of all costs finds its best [split](super::split), with gain F_c − F_1 − F_2. All are exact
-//!    integers in the unit of the finest component.
+//! 1. Every cluster finds its cheapest merge, with cost F_ab − F_a − F_b, and its best [split](super::split), with gain
+//!    F_c − F_1 − F_2. All are exact integers in the unit of the finest component. Clusters are left out in which no
+//!    split can gain more than the cheapest merge of all costs ([`Functional::most_split_gain`]).
 //! 2. Merges, the cheapest first, meet splits, those that gain most first; ties go by number. A cluster takes part
 //!    once. The round ends at the first merge that costs as much as the best split left gains.
 //! 3. Each swap merges its pair, and the number that becomes free names the new part of the split cluster, in whatever
@@ -22,13 +22,15 @@
 //! # Why
 //!
 //! The other phases move single faces, and end where only a merge and a split at once would pay. They also leave each
-//! component the number of clusters that its area gave it, which is far from the best where faces are uneven. A split
-//! gains no more than its cluster's energy, so on even meshes few clusters are split, and none pays.
+//! component the number of clusters that its area gave it, which is far from the best where faces are uneven. On even
+//! meshes the bound leaves out nearly all clusters.
 
 use super::candidates::Candidates;
 use super::clusters::Clusters;
 use super::settle::settle;
 use crate::device::Cancel;
+#[cfg(doc)]
+use crate::energy::Functional;
 use crate::error::Result;
 
 /// Makes one round. Returns the number of swaps.
@@ -37,9 +39,7 @@ pub fn round(clusters: &mut Clusters<'_>, candidates: &mut Candidates, cancel: &
     candidates.refresh(clusters);
     let merges = candidates.merges();
     let Some(&(least, ..)) = merges.first() else { return Ok(0) };
-    let is_large = |cluster: u32| !clusters.faces(cluster).is_empty() && candidates.energy(cluster) > least;
-    let large: Vec<bool> = (0..clusters.numbers() as u32).map(is_large).collect();
-    candidates.split(clusters, |cluster| large[cluster as usize]);
+    candidates.split_where_gaining(clusters, least);
     let splits = candidates.splits();
 
     let mut is_taken = vec![false; clusters.numbers()];

@@ -49,9 +49,9 @@ fn relocated(
 ) -> (Vec<u32>, Vec<(Phase, i128)>) {
     let mut changes = Vec::new();
     let clusters = labels.iter().max().map_or(0, |&last| u64::from(last) + 1);
-    let cheaper = |number| Ok((number == 0).then(|| start(surface, clusters)));
+    let mut cheaper = std::iter::once_with(|| Ok(start(surface, clusters)));
     let relocation = Relocation { graph: surface, effort, cancel: &Cancel::default() };
-    let labels = relocation.labels(labels, device, &cheaper, &mut |phase, energy, _, labels| {
+    let labels = relocation.labels(labels, device, &mut cheaper, &mut |phase, energy, _, labels| {
         assert_eq!(energy.explained, explained(surface, labels), "{phase:?}: sums follow every change");
         changes.push((phase, energy.explained));
         Ok(())
@@ -111,6 +111,40 @@ fn swaps_take_clusters_from_one_component_to_another() {
     assert!(changes.iter().all(|&(phase, _)| phase == Phase::Swap), "{changes:?}");
     assert_ne!(counts(&before), counts(&after));
     assert!(counts(&after).iter().all(|&count| count > 0));
+}
+
+/// Rounds of swaps until none pays. Returns how many splits were computed in the first, and the labels.
+fn swapped(surface: &Surface, labels: Vec<u32>, splits_all: bool) -> (usize, Vec<u32>) {
+    let mut clusters = Clusters::new(surface, labels);
+    let mut candidates = Candidates::default();
+    let mut computed = None;
+    loop {
+        candidates.refresh(&mut clusters);
+        candidates.split(&clusters, |_| splits_all);
+        let least = candidates.merges()[0].0;
+        candidates.split_where_gaining(&clusters, least);
+        computed.get_or_insert(candidates.splits().len());
+        if swap::round(&mut clusters, &mut candidates, &Cancel::default()).expect("no cancellation") == 0 {
+            return (computed.unwrap_or_default(), clusters.labels().to_vec());
+        }
+    }
+}
+
+#[test]
+fn no_split_that_pays_is_left_out() {
+    for (sample, faces, number) in [(Sample::Parts, 1200, 80), (Sample::Strip, 200, 20), (Sample::Knot, 900, 150)] {
+        let surface = uneven(sample, faces);
+        let labels = start(&surface, number);
+        let (all, few) = (swapped(&surface, labels.clone(), true), swapped(&surface, labels, false));
+        assert_eq!(all.1, few.1, "{}", sample.name());
+        assert!(few.0 > 0, "{}: nothing to test", sample.name());
+    }
+    let even = Surface::build(&generate(Sample::Sphere, 5000).expect("a mesh")).expect("a surface");
+    let labels = start(&even, 200);
+    let (all, few) = (swapped(&even, labels.clone(), true), swapped(&even, labels, false));
+    assert_eq!(all.1, few.1);
+    assert_eq!(all.0, 200);
+    assert!(few.0 < all.0, "{}", few.0);
 }
 
 #[test]
