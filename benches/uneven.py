@@ -1,10 +1,12 @@
 """Energies of every quality and of the other algorithms, on meshes of every kind.
 
-    python uneven.py BINARY MESH_DIR OUT_DIR [--before BINARY] [--faces MOST] [--meshes PART,...] [--variants]
+    python uneven.py BINARY MESH_DIR OUT_DIR [--before BINARY] [--faces MOST] [--more-than LEAST] [--meshes PART,...]
+        [--seconds LIMIT] [--variants]
 
 Clusters every mesh of MESH_DIR with k in 5, 20, 100, 300, 1000, faces/4 and faces/2, and writes OUT_DIR/uneven.json and
 OUT_DIR/uneven.md: for each gate the number of cases, the worst ones and the geometric mean. Energies are those of the
-reports (f64, from source positions). `--before` is an older build whose default and best count among the bars.
+reports (f64, from source positions). `--before` is an older build whose default and best count among the bars. A run of
+more than LIMIT seconds is left out, and named.
 
 With `--variants`, every mesh is clustered with k in 20, 100 and 1000 in twelve forms that are the same surface: scaled,
 shifted, rotated, with other orders of faces and corners. OUT_DIR/variants.json and OUT_DIR/variants.md have the spread
@@ -64,11 +66,15 @@ def chosen_meshes(arguments, scratch):
             yield name, path
 
 
-def run(binary, mesh, k, options, scratch):
-    """The report of a run, or None where it is refused."""
+def run(arguments, binary, mesh, k, options, scratch):
+    """The report of a run, or None where it is refused or takes too long."""
     report = scratch / "report.json"
     command = [binary, "cluster", mesh, "--device", "cpu", "--clusters", str(k), "--report", report, *options]
-    done = subprocess.run(command, capture_output=True, text=True)
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=arguments.seconds)
+    except subprocess.TimeoutExpired:
+        print("left out:", mesh, k, *options, flush=True)
+        return None
     if done.returncode == 1:
         return None
     done.check_returncode()
@@ -79,8 +85,8 @@ def measured(arguments, scratch):
     """One row a mesh and k."""
     rows = []
     for name, mesh in chosen_meshes(arguments, scratch):
-        first = run(arguments.binary, mesh, 1, ["--bridge-components"], scratch)
-        if first is None or first["input"]["faces"] > arguments.faces:
+        first = run(arguments, arguments.binary, mesh, 1, ["--bridge-components"], scratch)
+        if first is None or not arguments.least < first["input"]["faces"] <= arguments.faces:
             continue
         faces = first["input"]["faces"]
         for k in sorted({5, 20, 100, 300, 1000, faces // 4, faces // 2}):
@@ -89,14 +95,14 @@ def measured(arguments, scratch):
                 runs += [(arguments.before, label, options) for label, options in BEFORE.items()]
             row = {"mesh": name, "faces": faces, "k": k, "energy": {}, "ms": {}}
             for binary, label, options in runs:
-                report = run(binary, mesh, k, options, scratch) if 0 < k <= faces else None
-                if report is None:
-                    break
-                row["energy"][label] = report["energy"]["final"]
-                row["ms"][label] = report["timings_ms"]["cluster"]
-            else:
+                report = run(arguments, binary, mesh, k, options, scratch) if 0 < k <= faces else None
+                if report is not None:
+                    row["energy"][label] = report["energy"]["final"]
+                    row["ms"][label] = report["timings_ms"]["cluster"]
+            if row["energy"]:
                 rows.append(row)
                 print(name, k, {label: f"{energy:.6g}" for label, energy in row["energy"].items()}, flush=True)
+                (arguments.out / "uneven.json").write_text(json.dumps(rows, indent=1))
     return rows
 
 
@@ -138,12 +144,12 @@ def spreads(arguments, scratch):
     rows = []
     for name, mesh in chosen_meshes(arguments, scratch):
         plain = scratch / "plain.obj"
-        if run(arguments.binary, mesh, 1, ["--bridge-components", "--mesh", plain], scratch) is None:
+        if run(arguments, arguments.binary, mesh, 1, ["--bridge-components", "--mesh", plain], scratch) is None:
             continue
         words = [line.split() for line in plain.read_text().splitlines()]
         points = [[float(x) for x in line[1:4]] for line in words if line and line[0] == "v"]
         faces = [[int(corner.split("/")[0]) for corner in line[1:]] for line in words if line and line[0] == "f"]
-        if not 40 <= len(faces) <= arguments.faces:
+        if not max(40, arguments.least + 1) <= len(faces) <= arguments.faces:
             continue
         energies = {k: {} for k in (20, 100, 1000) if k <= len(faces) // 2}
         for variant, scale, moved, ordered in variants(points, faces):
@@ -152,7 +158,7 @@ def spreads(arguments, scratch):
             lines += ["f " + " ".join(map(str, face)) for face in ordered]
             form.write_text("\n".join(lines) + "\n")
             for k, energy in energies.items():
-                report = run(arguments.binary, form, k, [], scratch)
+                report = run(arguments, arguments.binary, form, k, [], scratch)
                 if report is not None:
                     energy[variant] = report["energy"]["final"] / scale**4
         for k, energy in energies.items():
@@ -177,7 +183,7 @@ def ratios(rows, of, bars):
     """(ratio, row) of each case in which something is to be lowered, the worst first."""
     found = []
     for row in rows:
-        bar = min((row["energy"][bar] for bar in bars if bar in row["energy"]), default=0)
+        bar = min((row["energy"][bar] for bar in bars if bar in row["energy"] and of in row["energy"]), default=0)
         scale = max(row["energy"].values())
         # at rounding errors of the whole mesh there is nothing to compare
         if bar > 1e-9 * scale:
@@ -197,13 +203,14 @@ def markdown(rows):
         bars = ", ".join(bars)
         lines.append(f"| {of} | {bars} | {len(cases)} | {allowed} | {len(above)} | {cases[0][0]:.4f} | {mean:.4f} |")
         worst += [f"| {of} / {bars} | {row['mesh']}, {row['k']} | {ratio:.4f} |" for ratio, row in above[:10]]
-    labels = list(rows[0]["energy"]) if rows else []
+    labels = list(dict.fromkeys(label for row in rows for label in row["energy"]))
     times = ["| | " + " | ".join(labels) + " |", "|---|" + "--:|" * len(labels)]
-    totals = [sum(row["ms"][label] for row in rows) for label in labels]
+    complete = [row for row in rows if len(row["ms"]) == len(labels)]
+    totals = [sum(row["ms"][label] for row in complete) for label in labels]
     times.append("| ms, all cases | " + " | ".join(f"{total:.0f}" for total in totals) + " |")
     table = ["| mesh | k | " + " | ".join(labels) + " |", "|---|--:|" + "--:|" * len(labels)]
     for row in rows:
-        energies = " | ".join(f"{row['energy'][label]:.6g}" for label in labels)
+        energies = " | ".join(f"{row['energy'][label]:.6g}" if label in row["energy"] else "" for label in labels)
         table.append(f"| {row['mesh']} | {row['k']} | {energies} |")
     return "\n\n".join("\n".join(part) for part in (lines, worst, times, table)) + "\n"
 
@@ -215,7 +222,9 @@ def main():
     parser.add_argument("out", type=pathlib.Path)
     parser.add_argument("--before")
     parser.add_argument("--faces", type=int, default=1 << 20)
+    parser.add_argument("--more-than", dest="least", type=int, default=0)
     parser.add_argument("--meshes", dest="only")
+    parser.add_argument("--seconds", type=float)
     parser.add_argument("--variants", action="store_true")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)

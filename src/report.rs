@@ -28,7 +28,8 @@ pub struct Report {
     pub disconnected_clusters: u64,
     /// The energy before and after.
     pub energy: Energy,
-    /// One row an iteration; of hierarchies, the iterations of parallel rounds and at levels. From 10,000 rows on,
+    /// One row an iteration; of hierarchies, the iterations of parallel rounds and at levels. Row 0 of a flat
+    /// clustering is its start, and the only one where no face moves: that is 0 iterations. From 10,000 rows on,
     /// iterations of a phase that are less than a thousandth of those so far share a row: the number, energy and time
     /// of the last of them, and the moves of all.
     pub iterations: Vec<Iteration>,

@@ -39,9 +39,9 @@ pub(super) fn run_coarse(
     })?;
     if let Some(effort) = coarse.relocation_after(clustering.ending) {
         let labels = std::mem::take(&mut clustering.labels);
-        let cheaper = |number| cheaper_labels(surface, coarse.spec, number, cancel);
+        let cheaper = &mut labels_of_cheaper(surface, coarse.spec, cancel);
         let relocation = Relocation { graph: surface, effort, cancel };
-        clustering.labels = relocation.labels(labels, device, &cheaper, &mut |phase, energy, moves, labels| {
+        clustering.labels = relocation.labels(labels, device, cheaper, &mut |phase, energy, moves, labels| {
             run.add_row(phase, energy, moves, labels)
         })?;
     }
@@ -66,8 +66,8 @@ impl Coarse {
         match self.relocation_after(run.ending) {
             Some(effort) => {
                 let relocation = Relocation { graph: surface, effort, cancel };
-                let cheaper = |number| cheaper_labels(surface, self.spec, number, cancel);
-                relocation.labels(run.labels, device, &cheaper, &mut |_, _, _, _| Ok(()))
+                let cheaper = &mut labels_of_cheaper(surface, self.spec, cancel);
+                relocation.labels(run.labels, device, cheaper, &mut |_, _, _, _| Ok(()))
             }
             None => Ok(run.labels),
         }
@@ -93,11 +93,15 @@ fn cheaper_than(spec: CoarseSpec) -> &'static [Cheaper] {
     }
 }
 
-/// What the cheaper jobs end with, by number from 0. They run on the cpu, whatever the device: labels are the same.
-fn cheaper_labels(surface: &Surface, spec: CoarseSpec, number: usize, cancel: &Cancel) -> Result<Option<Vec<u32>>> {
-    let Some(&job) = cheaper_than(spec).get(number) else { return Ok(None) };
+/// What the cheaper jobs end with.
+fn labels_of_cheaper(surface: &Surface, spec: CoarseSpec, cancel: &Cancel) -> impl Iterator<Item = Result<Vec<u32>>> {
+    cheaper_than(spec).iter().map(move |&job| labels_of(job, surface, spec, cancel))
+}
+
+/// What a job ends with. It runs on the cpu, whatever the device: labels are the same.
+fn labels_of(job: Cheaper, surface: &Surface, spec: CoarseSpec, cancel: &Cancel) -> Result<Vec<u32>> {
     let mut device = CpuDevice::new();
-    Ok(Some(match job {
+    Ok(match job {
         Cheaper::Quality(quality) => Coarse::new(surface, CoarseSpec { quality, ..spec })?.labels(surface, cancel)?,
         Cheaper::Parallel => {
             let options = spec.as_hierarchy();
@@ -110,7 +114,7 @@ fn cheaper_labels(surface: &Surface, spec: CoarseSpec, number: usize, cancel: &C
             let record = &mut Record::new(None);
             acvd(surface, &seeds, options, steps.as_mut(), cancel, &mut |_| {}, record)?.labels
         }
-    }))
+    })
 }
 
 /// Runs a flat algorithm from seeds.

@@ -12,45 +12,45 @@
 //! A light face between heavy ones must be parted from one and joined to another before either pays; neither swaps nor
 //! trials do both. Splits at f·k places, which settle before the merges choose, do.
 
-use super::candidates::Candidates;
-use super::clusters::Clusters;
 use super::resize::resize;
-use super::settle_and_swap;
+use super::{State, settle_and_swap};
 use crate::device::Cancel;
 use crate::error::Result;
 
 /// f, in units of 2⁻³².
 const FIRST: u64 = (1 << 32) / 5;
 
-/// Breathes until that lowers F no more, `most` times at most. `on_lower` is called with each result that is kept.
-pub fn breathe<'a>(
-    mut best: Clusters<'a>,
-    most: usize,
-    cancel: &Cancel,
-    mut on_lower: impl FnMut(&mut Clusters<'a>) -> Result<()>,
-) -> Result<Clusters<'a>> {
-    let (faces, wanted) = (best.graph.faces(), best.count());
-    let mut part = FIRST;
-    for _ in 0..most {
-        let more = ((u128::from(part) * wanted as u128) >> 32) as usize;
-        if more == 0 {
-            break;
-        }
-        let mut clusters = Clusters::new(best.graph, best.compacted());
-        let mut candidates = Candidates::default();
-        resize(&mut clusters, (wanted + more).min(faces), &mut candidates, cancel)?;
-        resize(&mut clusters, wanted, &mut candidates, cancel)?;
-        settle_and_swap(&mut clusters, &mut candidates, cancel)?;
-        let fall = clusters.energy().explained - best.energy().explained;
-        if fall > 0 {
-            if fall < clusters.total() / 1000 {
-                part = part * 7 / 10;
-            }
-            best = clusters;
-            on_lower(&mut best)?;
-        } else {
-            part /= 2;
-        }
+/// How deep the next breath is: f.
+pub struct Breath(u64);
+
+impl Default for Breath {
+    fn default() -> Self {
+        Self(FIRST)
     }
-    Ok(best)
+}
+
+impl Breath {
+    /// Takes one, and keeps the result if that lowers F. Returns whether it does.
+    pub fn lowers(&mut self, best: &mut State<'_>, cancel: &Cancel) -> Result<bool> {
+        let (faces, wanted) = (best.clusters.graph.faces(), best.clusters.count());
+        let more = ((u128::from(self.0) * wanted as u128) >> 32) as usize;
+        if more == 0 {
+            return Ok(false);
+        }
+        let mut state = best.clone();
+        let State { clusters, candidates } = &mut state;
+        resize(clusters, (wanted + more).min(faces), candidates, cancel)?;
+        resize(clusters, wanted, candidates, cancel)?;
+        settle_and_swap(clusters, candidates, cancel)?;
+        let fall = clusters.energy().explained - best.clusters.energy().explained;
+        if fall <= 0 {
+            self.0 /= 2;
+            return Ok(false);
+        }
+        if fall < clusters.total() / 1000 {
+            self.0 = self.0 * 7 / 10;
+        }
+        *best = state;
+        Ok(true)
+    }
 }

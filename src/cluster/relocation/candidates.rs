@@ -2,11 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::clusters::Clusters;
+use super::clusters::{CHUNK, Clusters};
 use super::split::Split;
-
-/// Clusters of a chunk.
-const CHUNK: usize = 64;
 
 /// The cheapest merge of a cluster.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,7 +15,7 @@ pub struct Merge {
 }
 
 /// What the clusters offer; entries of numbers that are free mean nothing.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Candidates {
     merges: Vec<Option<Merge>>,
     energies: Vec<i128>,

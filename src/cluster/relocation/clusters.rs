@@ -6,11 +6,15 @@
 //! Energies are compared in one unit, that of the finest component: a number of a component is shifted left by its
 //! `energy_shift`. Only the explained part of F is kept, because no labels change the rest.
 
+use rayon::prelude::*;
+
+use super::connection::Connection;
 use crate::device::FREE;
 use crate::energy::{ClusterSums, Energy, Functional, LatticeEnergy, Proxy, Sums};
 use crate::surface::DualGraph;
 
-use super::connection::Connection;
+/// Clusters of a chunk.
+pub(super) const CHUNK: usize = 64;
 
 /// A clustering of a graph. Numbers of clusters may be free: [`compacted`](Self::compacted) closes the gaps.
 #[derive(Debug, Clone)]
@@ -76,11 +80,13 @@ impl<'a> Clusters<'a> {
                 let cluster = &mut all[labels[face] as usize];
                 place_of_face[face] = cluster.faces.len() as u32;
                 cluster.faces.push(face as u32);
-                cluster.sums.add_face(graph.face(face), 1);
                 cluster.shift = component.energy_shift;
             }
         }
-        all.iter_mut().for_each(|cluster| cluster.fit = cluster.sums.fit().unwrap_or_default());
+        all.par_iter_mut().with_min_len(CHUNK).for_each(|Cluster { faces, sums, fit, .. }| {
+            faces.iter().for_each(|&face| sums.add_face(graph.face(face as usize), 1));
+            *fit = sums.fit().unwrap_or_default();
+        });
         let explained = all.iter().map(|cluster| cluster.fit.1 << cluster.shift).sum();
         let free_numbers = (0..numbers as u32).rev().filter(|&number| sizes[number as usize] == 0).collect();
         let touched = Touched { list: (0..numbers as u32).collect(), is_listed: vec![true; numbers] };
@@ -163,7 +169,8 @@ impl<'a> Clusters<'a> {
 
     /// The clusters beside a cluster, ascending.
     pub fn beside(&self, cluster: u32) -> Vec<u32> {
-        let mut beside = Vec::new();
+        // most have no more entries than that
+        let mut beside = Vec::with_capacity(self.faces(cluster).len() + 2);
         let mut last = cluster;
         for &face in self.faces(cluster) {
             for &near in self.graph.neighbours_of(face) {

@@ -49,9 +49,9 @@ fn relocated(
 ) -> (Vec<u32>, Vec<(Phase, i128)>) {
     let mut changes = Vec::new();
     let clusters = labels.iter().max().map_or(0, |&last| u64::from(last) + 1);
-    let cheaper = |number| Ok((number == 0).then(|| start(surface, clusters)));
+    let mut cheaper = std::iter::once_with(|| Ok(start(surface, clusters)));
     let relocation = Relocation { graph: surface, effort, cancel: &Cancel::default() };
-    let labels = relocation.labels(labels, device, &cheaper, &mut |phase, energy, _, labels| {
+    let labels = relocation.labels(labels, device, &mut cheaper, &mut |phase, energy, _, labels| {
         assert_eq!(energy.explained, explained(surface, labels), "{phase:?}: sums follow every change");
         changes.push((phase, energy.explained));
         Ok(())
