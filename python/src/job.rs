@@ -13,7 +13,8 @@ use tesserae::error::wrong_json;
 use tesserae::job::{self, DeviceFor, InMemory, Prepared, Request, milliseconds};
 use tesserae::mesh::{Beside, Faces, Format, Limits, MeshView};
 use tesserae::parameters::Parameters;
-use tesserae::surface::{OfPoints, Wanted};
+use tesserae::surface::Wanted;
+use tesserae::surface::points::OfPoints;
 use tesserae::{Error, Result};
 
 use crate::arrays::{self, Points};

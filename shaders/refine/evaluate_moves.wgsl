@@ -1,8 +1,8 @@
 //! uses: living_clusters, bids, cluster_sums, energy_total, count, cover
 //! reads: faces, living_clusters
 //! writes: clusters, proxies, cluster_bids, stats, next_dispatch, boundary_list
-// Last step of an iteration, a thread a cluster: if a face won a move out of the cluster, compares the energy of the two
-// clusters before and after, exactly, with all joining faces and then with the winner alone, and updates sums and
+// Last step of an iteration, a thread a cluster: if a face won a move out of the cluster, compares the energy of the
+// two clusters before and after, exactly, with all joining faces and then with the winner alone, and updates sums and
 // proxies. A cluster is in one move at most, so no other thread touches the two. Rust: device::plain::try_moving.
 
 // Faces that move together.

@@ -1,4 +1,5 @@
-//! The bounds of work on a job: its panics are caught, its time is limited, its threads are counted.
+//! The bounds of work on a job: its panics are caught, its time is limited, its threads are counted, its
+//! end is stored again and again.
 
 use std::time::Duration;
 
@@ -6,6 +7,9 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::error::{Error, Kind, Result};
 use crate::job::Outcome;
+
+/// Time between two attempts to store what could not be stored.
+pub(super) const AGAIN: Duration = Duration::from_millis(500);
 
 /// Runs `work`; a panic becomes an error.
 pub(super) fn caught<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {

@@ -18,9 +18,6 @@ use crate::service::storage::Storage;
 use crate::service::store::JobStore;
 use crate::service::store::fairness::Shares;
 
-/// Time between two attempts to store what could not be stored.
-pub(super) const AGAIN: Duration = Duration::from_millis(500);
-
 /// What a pipeline is made of.
 #[derive(Debug)]
 pub(in crate::service) struct Parts {

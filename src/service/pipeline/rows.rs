@@ -7,7 +7,7 @@ use parking_lot::Mutex;
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
-use super::parts::AGAIN;
+use super::bounds::AGAIN;
 use crate::error::{Error, Kind, Result};
 use crate::report::Row;
 use crate::service::store::{Events, Progress, Ticket, What};

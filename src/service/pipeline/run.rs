@@ -8,7 +8,8 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::Instrument;
 
-use super::parts::{AGAIN, Pipeline};
+use super::bounds::AGAIN;
+use super::parts::Pipeline;
 use super::rows::Log;
 use super::slot::Slot;
 use super::stages::Written;
