@@ -5,8 +5,9 @@
 //! (`components`; `bridge` can join them), positions and areas become integers (`lattice`), and faces get an internal
 //! order that keeps neighbours close in memory (`order`). Where detail shall get smaller clusters, areas are first
 //! multiplied by a `density`, which may come from the `curvature`. [`points`] makes a surface whose items are the
-//! points of a triangle mesh in place of its faces. Everything up to the lattice is scalar f64 with + − × ÷ √ (and one power,
-//! from the `libm` crate) in a fixed order, so the result is the same on every machine and for any number of threads.
+//! points of a triangle mesh in place of its faces. Everything up to the lattice is scalar f64 with + − × ÷ √ (and one
+//! power, from the `libm` crate) in a fixed order, so the result is the same on every machine and for any number of
+//! threads.
 //!
 //! It knows no algorithm and no device; of clusters it knows the sums, whose energy it converts to source units.
 //!
