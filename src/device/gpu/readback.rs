@@ -132,7 +132,7 @@ impl GpuSteps<'_> {
         })
     }
 
-    /// The labels. Fails with [`Kind::DeviceWrong`] where the energy of the labels is not the one that the device gave.
+    /// The labels. Fails with `DeviceWrong` where the energy of the labels is not the one that the device gave.
     pub(super) fn read_labels(&mut self) -> Result<Vec<u32>> {
         if let (Sums::Current(Some(energy)), Some(labels)) = (self.sums, self.known_labels.take()) {
             verify(&self.connection.name, (self.graph, self.component_of_cluster), &labels, energy)?;
