@@ -65,6 +65,9 @@ export class Refused extends Error {
   }
 }
 
+/** What the page says while requests get no answer. */
+export const GONE = "The service does not answer. The page goes on when it is back.";
+
 const TOKEN = "tesserae-token";
 
 export const token = {
@@ -181,7 +184,7 @@ export async function follow(
       // what the service refuses does not become right by repetition
       if (error instanceof Refused && error.status < 500) throw error;
     }
-    onBreak("The service does not answer. The page goes on when it is back.");
+    onBreak(GONE);
     await pause(wait);
   }
 }

@@ -1,7 +1,7 @@
 // One job: its state and energies while it runs, then what it gave.
 
 import * as address from "./address";
-import { type Job, type JobEvent, follow, isHierarchical, isLive, json, nameOf, request } from "./api";
+import { GONE, type Job, type JobEvent, follow, isHierarchical, isLive, json, nameOf, pause, request } from "./api";
 import type { Curve } from "./curve";
 import { announce, count, digits, make, notice } from "./dom";
 import { type Scene, scene } from "./load";
@@ -57,10 +57,10 @@ export class JobPage {
       );
       if (signal.aborted) return;
       const wasLive = isLive(this.job);
-      await this.reload();
+      await this.whenThere(() => this.reload());
       if (wasLive) announce(`${nameOf(this.job)}: ${this.job.state}`);
       this.history.hidden = this.curve.length === 0;
-      await this.showResult();
+      await this.whenThere(() => this.showResult());
     } catch (error) {
       if (!signal.aborted) notice(error instanceof Error ? error.message : String(error));
     }
@@ -102,10 +102,27 @@ export class JobPage {
     this.onChange();
   }
 
+  /** Does what takes the service, and does it again when the service went away meanwhile. */
+  private async whenThere(work: () => Promise<void>): Promise<void> {
+    for (let wait = 250; ; wait = Math.min(2 * wait, 4000)) {
+      try {
+        await work();
+        if (wait > 250) notice("");
+        return;
+      } catch (error) {
+        // what a request fails with that gets no answer
+        if (!(error instanceof TypeError) || this.abort.signal.aborted) throw error;
+        notice(GONE);
+        await pause(wait, this.abort.signal);
+      }
+    }
+  }
+
   private async showResult(): Promise<void> {
-    if (this.result || this.job.state !== "succeeded") return;
+    if (this.job.state !== "succeeded") return;
     this.before?.dispose();
     this.before = null;
+    this.result?.close();
     this.result = new Result(this.shape, this.rest, this.job, this.scene);
     await this.result.load();
   }

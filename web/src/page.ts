@@ -1,7 +1,7 @@
 // The page: a form for jobs, the list of jobs, and the job that the address names.
 
 import * as address from "./address";
-import { type Job, Refused, isHierarchical, isLive, json, nameOf, token } from "./api";
+import { GONE, type Job, Refused, isHierarchical, isLive, json, nameOf, token } from "./api";
 import { announce, byId, make, notice, size } from "./dom";
 import { type JobPage, describe, open } from "./job";
 import { scene } from "./load";
@@ -21,8 +21,6 @@ const LOOK_EVERY = 2000;
 
 /** Whether an algorithm has a quality; the others refuse it. */
 const hasQuality = (algorithm: string): boolean => ["bb", "pml"].includes(algorithm);
-
-const GONE = "The service does not answer. The page goes on when it is back.";
 
 let files: File[] = [];
 let submitted: { id: string; files: File[] } | null = null;

@@ -76,7 +76,8 @@ export const sending = {
   async "a mesh of every format is seen while it waits, and asks no other host for anything"({ browser }) {
     const service = await new Service(binary).start("--meshes-in-memory", "1");
     try {
-      const query = "format=obj&algorithm=acvd&clusters=3000";
+      // runs until it is deleted
+      const query = "format=obj&quality=best&clusters=30000";
       const body = readFileSync(sample(service, "knot", 300_000));
       const first = await (await fetch(`${service.url}/v1/jobs?${query}`, { method: "POST", body })).json();
       const files = [[sample(service, "knot", 3000)], [sample(service, "quads", 3000, "glb")], [curious(service)]];

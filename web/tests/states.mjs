@@ -60,7 +60,9 @@ export const states = {
     const service = await new Service(binary).start("--meshes-in-memory", "1", "--max-queued-jobs", "1");
     try {
       const body = readFileSync(sample(service, "knot", 300_000));
-      const post = () => fetch(`${service.url}/v1/jobs?format=obj&clusters=3000`, { method: "POST", body });
+      // the first one runs until it is deleted
+      const query = "format=obj&quality=best&clusters=30000";
+      const post = () => fetch(`${service.url}/v1/jobs?${query}`, { method: "POST", body });
       const inTheWay = [];
       for (let answer = await post(); answer.status !== 429; answer = await post()) inTheWay.push(await answer.json());
       const page = await browser.open(service.url);
@@ -103,6 +105,23 @@ export const states = {
     await drawn(page, 3000);
     assert.equal(await text(page, "#notice"), "");
     assert.equal(await page.evaluate(() => window.marker), 1);
+    await page.close();
+  },
+
+  async "a service that is killed while results are fetched shows them when it is back"({ service, browser }) {
+    let killed = null;
+    const page = await browser.open(service.url, {}, (page) =>
+      page.route(`${service.url}/v1/jobs/*/labels*`, async (route) => {
+        killed ??= service.kill();
+        await killed;
+        await route.continue().catch(() => {});
+      }),
+    );
+    await submit(page, sample(service, "sphere", 500), { name: "fetched.obj", clusters: 5 });
+    await until("the page says so", async () => /does not answer/.test(await text(page, "#notice")));
+    await service.again();
+    await drawn(page, 5);
+    await until("nothing is wrong any more", () => page.isHidden("#notice"));
     await page.close();
   },
 
