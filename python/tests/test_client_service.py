@@ -210,7 +210,7 @@ def follow_across_a_crash(service: Any, job: Job) -> list[Any]:
 
 
 def test_events_go_on_after_the_service_was_killed(tmp_path: pathlib.Path) -> None:
-    mesh = sample(tmp_path, "sphere", 20_000, "glb")
+    mesh = sample(tmp_path, "sphere", 300_000, "glb")
     with Service(BINARY, "--data-dir", str(tmp_path / "data"), "--device", "cpu") as service:
         with tesserae.Client(service.url, patience=60) as client:
             job = client.submit(mesh, clusters=200)
