@@ -192,10 +192,11 @@ def no_bucket_for_a_while(bucket, service, large, small):
 
 
 def killed_with_work(bucket, large):
-    expected = labels_of(large)
+    # so long that none of them has ended when the last is accepted
+    expected = labels_of(large, "--quality", "best")
     service = serve(bucket)
     with service:
-        ids = [accepted(service, large) for _ in "123"]
+        ids = [accepted(service, large, "&quality=best") for _ in "123"]
         service.process.send_signal(signal.SIGKILL)
         service.process.wait()
         assert len(bucket.keys("farm/uploads/")) == 3
