@@ -3,7 +3,6 @@
 //! One lock around everything, held for look-ups only and never across an await.
 
 mod jobs;
-mod workers;
 
 use std::time::{Duration, SystemTime};
 
@@ -14,7 +13,7 @@ use tokio_util::bytes::Bytes;
 
 use self::jobs::{Entry, Jobs};
 use super::cursor::Cursors;
-use super::workers::OnlyWorker;
+use super::workers::{OneProcess, OnlyWorker};
 use super::{
     Claiming, Created, Deletion, End, Ending, Event, Events, Job, JobId, ListQuery, Maintenance, NewJob, Notice,
     Notices, Page, Progress, Pulse, Queue, Release, Retried, Rules, SMALL_BLOBS, State, Statistics, Ticket, What,
@@ -37,6 +36,16 @@ impl MemoryStore {
     /// An empty store.
     pub fn new(rules: Rules) -> Result<Self> {
         Ok(Self { jobs: Mutex::new(Jobs::new(rules)), cursors: Cursors::random()?, worker: OnlyWorker::default() })
+    }
+}
+
+impl OneProcess for MemoryStore {
+    fn only_worker(&self) -> &OnlyWorker {
+        &self.worker
+    }
+
+    fn look_again(&self) {
+        self.jobs.lock().arrivals.notify();
     }
 }
 

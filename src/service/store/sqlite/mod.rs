@@ -17,7 +17,6 @@ mod live;
 mod opening;
 mod rows;
 mod schema;
-mod workers;
 mod writer;
 
 use std::path::Path;
@@ -35,7 +34,7 @@ use self::connections::{Place, Readers, all, first, one};
 use self::rows::{column, count, jobs};
 use self::writer::{Batch, Listeners, Writer};
 use super::cursor::Cursors;
-use super::workers::OnlyWorker;
+use super::workers::{OneProcess, OnlyWorker};
 use super::{
     Claiming, Created, Deletion, Ending, Event, Events, Job, JobId, ListQuery, Maintenance, NewJob, Notice, Notices,
     Page, Progress, Pulse, Queue, Release, Retried, Rules, SMALL_BLOBS, State, Statistics, Ticket, What,
@@ -122,6 +121,16 @@ impl SqliteStore {
                 (jobs!("WHERE number < ?1 AND tenant = ?4 AND state = ?3 ORDER BY number DESC LIMIT ?2"), 4)
             }
         }
+    }
+}
+
+impl OneProcess for SqliteStore {
+    fn only_worker(&self) -> &OnlyWorker {
+        &self.worker
+    }
+
+    fn look_again(&self) {
+        self.listeners.arrivals.notify();
     }
 }
 
