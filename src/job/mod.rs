@@ -40,7 +40,7 @@ use crate::error::{Error, Result};
 use crate::hierarchy::Tree;
 use crate::hierarchy::stored::Stored;
 use crate::mesh::divide::Origin;
-use crate::mesh::{self, Format, Limits, PolygonMesh, Resources};
+use crate::mesh::{self, Format, Limits, NoResources, PolygonMesh, Resources};
 use crate::parameters::Parameters;
 use crate::report::{DeviceInfo, DeviceKind, Input, Iteration, Level, Report, Row, Timings, WeightedBy};
 use crate::surface::Surface;
@@ -66,6 +66,14 @@ pub struct Request<'a> {
     pub weights: Option<&'a [u8]>,
     /// What will be written of the job: the mesh is kept if one of these needs it.
     pub outputs: &'a [&'a Artifact],
+}
+
+impl<'a> Request<'a> {
+    /// A mesh in one file within the default limits, without seeds, weights and outputs.
+    pub fn new(bytes: &'a [u8], format: Format, parameters: &'a Parameters) -> Self {
+        let limits = Limits::default();
+        Self { bytes, format, resources: &NoResources, limits, parameters, seeds: None, weights: None, outputs: &[] }
+    }
 }
 
 /// A mesh that is ready to be clustered.

@@ -151,7 +151,7 @@ impl Checked {
                 .push(format!("faces without area, which weigh as little as a face can: {}", counts.zero_area_faces));
         }
         let timings = Timings {
-            parse: milliseconds(parsed.saturating_duration_since(started)),
+            parse: milliseconds(parsed - started),
             topology: milliseconds(parsed.elapsed()),
             ..Timings::default()
         };
@@ -187,7 +187,7 @@ mod tests {
     use crate::dev::sample::{Sample, generate};
     use crate::device::{Cancel, cpu::CpuDevice};
     use crate::job::{Request, prepare, run};
-    use crate::mesh::{NoResources, Positions};
+    use crate::mesh::Positions;
 
     #[test]
     fn a_mesh_in_memory_has_the_labels_of_its_file_in_both_precisions() {
@@ -205,16 +205,7 @@ mod tests {
         };
         let mut file = Vec::new();
         crate::dev::sample::write_obj(&mut file, &mesh).expect("a vector takes everything");
-        let request = Request {
-            bytes: &file,
-            format: Format::Obj,
-            resources: &NoResources,
-            limits: Limits::default(),
-            parameters: &parameters,
-            seeds: None,
-            weights: None,
-            outputs: &[],
-        };
+        let request = Request::new(&file, Format::Obj, &parameters);
         let (of_file, of_memory) = (prepare(&request).expect("a mesh"), in_memory(Positions::Double(&mesh.positions)));
         assert_eq!(labels_of(&of_file), labels_of(&of_memory));
         assert_eq!((of_file.input.format, of_memory.input.format), (Some(Format::Obj), None));

@@ -1,7 +1,6 @@
 use super::*;
 use crate::artifacts::LABELS;
 use crate::device::cpu::CpuDevice;
-use crate::mesh::NoResources;
 
 #[test]
 fn a_mesh_is_kept_for_an_output_that_needs_it_and_for_no_other() {
@@ -17,14 +16,8 @@ fn a_mesh_is_kept_for_an_output_that_needs_it_and_for_no_other() {
     let parameters = Parameters { clusters: Some(1), ..Parameters::default() };
     for (outputs, positions) in [(vec![&LABELS, &made_of_mesh], Some(4)), (vec![&LABELS], None)] {
         let request = Request {
-            bytes: b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n",
-            format: Format::Obj,
-            resources: &NoResources,
-            limits: Limits::default(),
-            parameters: &parameters,
-            seeds: None,
-            weights: None,
             outputs: &outputs,
+            ..Request::new(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n", Format::Obj, &parameters)
         };
         let prepared = prepare(&request).expect("a mesh");
         let outcome = run(&prepared, &mut CpuDevice::new(), &Cancel::default(), &mut |_| {}).expect("a result");
@@ -41,16 +34,7 @@ fn faces_that_visit_a_vertex_twice_are_warned_about_once() {
         [("f 1 2 3\nf 2 4 3\n", None), ("f 1 2 3 2\nf 1 2 3 1 2 4\nf 2 4 3\n", Some("at one position: 2"))]
     {
         let bytes = obj(faces);
-        let request = Request {
-            bytes: bytes.as_bytes(),
-            format: Format::Obj,
-            resources: &NoResources,
-            limits: Limits::default(),
-            parameters: &parameters,
-            seeds: None,
-            weights: None,
-            outputs: &[],
-        };
+        let request = Request::new(bytes.as_bytes(), Format::Obj, &parameters);
         let warnings = prepare(&request).expect("a mesh").warnings;
         assert_eq!(warnings.len(), usize::from(degenerate.is_some()), "{warnings:?}");
         assert!(degenerate.is_none_or(|words| warnings[0].ends_with(words)), "{warnings:?}");
@@ -64,14 +48,8 @@ fn the_outputs_that_parameters_promise_are_what_the_plan_makes() {
         for clusters in [None, Some(1)] {
             let parameters = Parameters { algorithm, clusters, ..Parameters::default() };
             let request = Request {
-                bytes: b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n",
-                format: Format::Obj,
-                resources: &NoResources,
-                limits: Limits::default(),
-                parameters: &parameters,
                 seeds: if algorithm.is_hierarchical() { None } else { Some(b"[1]") },
-                weights: None,
-                outputs: &[],
+                ..Request::new(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n", Format::Obj, &parameters)
             };
             let prepared = prepare(&request).expect("a mesh");
             // of the parameters as they were sent, and as the report repeats them

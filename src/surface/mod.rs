@@ -147,26 +147,35 @@ impl Surface {
         counts.zero_area_faces = gathered.zero_area_faces;
         counts.duplicate_faces = links.duplicates(&rows.repeating);
         drop(links);
-        let weighed = Weighed::new(&gathered, &runs, &scales);
-        Ok(Self {
-            graph: DualGraph {
-                points: gathered.points,
-                weights: weighed.weights,
-                neighbour_offsets: rows.offsets,
-                neighbours: rows.neighbours,
-                components: weighed.components,
-            },
-            upload_face,
-            counts,
-            geometry: gathered.geometry,
-            frame,
-            moment: weighed.moment,
-            weight_exponent: scales.finest,
-            moment_inside_faces: gathered.moment_inside_faces,
-            density_unit: density.map(|density| density.unit),
-        })
+        let neighbours = (rows.offsets, rows.neighbours);
+        let density_unit = density.map(|density| density.unit);
+        Ok(Self::of(gathered, (&runs, &scales), neighbours, upload_face, counts, frame, density_unit))
     }
 
+    /// Weighs the items that were gathered.
+    fn of(
+        gathered: Gathered,
+        (runs, scales): (&[Range<usize>], &Scales),
+        (neighbour_offsets, neighbours): (Vec<u32>, Vec<u32>),
+        upload_face: Vec<u32>,
+        counts: Counts,
+        frame: Frame,
+        density_unit: Option<f64>,
+    ) -> Self {
+        let Weighed { weights, components, moment } = Weighed::new(&gathered, runs, scales);
+        let Gathered { geometry, points, moment_inside_faces, .. } = gathered;
+        Self {
+            graph: DualGraph { points, weights, neighbour_offsets, neighbours, components },
+            upload_face,
+            counts,
+            geometry,
+            frame,
+            moment,
+            weight_exponent: scales.finest,
+            moment_inside_faces,
+            density_unit,
+        }
+    }
     /// The internal face that each face of the upload is: the inverse of `upload_face`.
     pub fn internal_faces(&self) -> Vec<u32> {
         order::inverse(&self.upload_face)

@@ -15,7 +15,7 @@ use super::components::Components;
 use super::density::{self, Wanted};
 use super::lattice::{self, COORDINATE_BITS, FaceGeometry};
 use super::weld::{self, UNUSED, Weld};
-use super::{Counts, DualGraph, Gathered, Surface, Weighed, bridge, order};
+use super::{Counts, Gathered, Surface, bridge, order};
 use crate::error::{Error, Result};
 use crate::mesh::{Frame, MeshView};
 use crate::union_find;
@@ -94,24 +94,9 @@ impl OfPoints {
         };
         let ((neighbour_offsets, neighbours), (gathered, scales)) =
             rayon::join(|| rows(&internal, || edges(triangles).chain(bridges.iter().copied())), gather);
-        let weighed = Weighed::new(&gathered, &runs, &scales);
-        let surface = Surface {
-            graph: DualGraph {
-                points: gathered.points,
-                weights: weighed.weights,
-                neighbour_offsets,
-                neighbours,
-                components: weighed.components,
-            },
-            upload_face,
-            counts,
-            geometry: gathered.geometry,
-            frame,
-            moment: weighed.moment,
-            weight_exponent: scales.finest,
-            moment_inside_faces: gathered.moment_inside_faces,
-            density_unit: weights.map(|weights| weights.largest),
-        };
+        let neighbours = (neighbour_offsets, neighbours);
+        let density_unit = weights.map(|weights| weights.largest);
+        let surface = Surface::of(gathered, (&runs, &scales), neighbours, upload_face, counts, frame, density_unit);
         Self { surface, item_of_point: weld.position_of_vertex }
     }
 }

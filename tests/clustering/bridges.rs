@@ -4,22 +4,13 @@ use tesserae::dev::sample::{Sample, generate, write_obj};
 use tesserae::device::Cancel;
 use tesserae::device::cpu::CpuDevice;
 use tesserae::job::{self, Outcome, Request};
-use tesserae::mesh::{Format, Limits, NoResources};
+use tesserae::mesh::Format;
 use tesserae::parameters::{Algorithm, Parameters};
 
 fn run(parameters: &Parameters) -> tesserae::Result<Outcome> {
     let mut bytes = Vec::new();
     write_obj(&mut bytes, &generate(Sample::Parts, 2000)?).expect("a vector takes everything");
-    let prepared = job::prepare(&Request {
-        bytes: &bytes,
-        format: Format::Obj,
-        resources: &NoResources,
-        limits: Limits::default(),
-        parameters,
-        seeds: None,
-        weights: None,
-        outputs: &[],
-    })?;
+    let prepared = job::prepare(&Request::new(&bytes, Format::Obj, parameters))?;
     job::run(&prepared, &mut CpuDevice::new(), &Cancel::default(), &mut |_| {})
 }
 

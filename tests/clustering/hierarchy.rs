@@ -1,6 +1,6 @@
 //! Hierarchies against brute force, and the promises that every hierarchy keeps.
 
-use crate::common::zoo;
+use crate::common::{pml, zoo};
 use tesserae::cluster::hierarchy::{Hierarchy, Options, Pairs, RoundRow, hierarchical};
 use tesserae::cluster::relocation::Effort;
 use tesserae::dev::sample::{Sample, generate};
@@ -12,24 +12,6 @@ use tesserae::device::plain;
 use tesserae::energy::{ClusterSums, End, Energy, Functional, Sums};
 use tesserae::hierarchy::Tree;
 use tesserae::surface::Surface;
-
-/// Parallel rounds with optimisation, to the top.
-fn pml() -> Options {
-    Options {
-        sequential_at: 0,
-        collapse_fraction: None,
-        optimise: true,
-        refine: true,
-        iterations_a_round: [4, u32::MAX],
-        optimised_from: 1,
-        ties: Ties::Hash,
-        pairs: Pairs::CheaperHalf,
-        clusters: None,
-        levels: Vec::new(),
-        allow_disconnected: false,
-        relocation: Some(Effort::Some),
-    }
-}
 
 /// Sequential rounds without optimisation: exact greedy Ward clustering.
 fn hr() -> Options {

@@ -10,7 +10,7 @@ use tesserae::dev::sample::{Sample, generate, write_obj};
 use tesserae::device::Cancel;
 use tesserae::device::cpu::CpuDevice;
 use tesserae::job::{self, Outcome, Request};
-use tesserae::mesh::{Faces, Format, Limits, NoResources, Part, PolygonMesh};
+use tesserae::mesh::{Faces, Format, Part, PolygonMesh};
 use tesserae::parameters::{Algorithm, Parameters};
 
 fn run(mesh: &PolygonMesh, parameters: Parameters) -> Outcome {
@@ -18,17 +18,7 @@ fn run(mesh: &PolygonMesh, parameters: Parameters) -> Outcome {
     let whole = Part { faces: mesh.faces.len() as u64, ..Part::default() };
     let mesh = &PolygonMesh { parts: vec![whole], ..mesh.clone() };
     write_obj(&mut obj, mesh).expect("a vector takes everything");
-    let prepared = job::prepare(&Request {
-        bytes: &obj,
-        format: Format::Obj,
-        resources: &NoResources,
-        limits: Limits::default(),
-        parameters: &parameters,
-        seeds: None,
-        weights: None,
-        outputs: &[],
-    })
-    .expect("a mesh");
+    let prepared = job::prepare(&Request::new(&obj, Format::Obj, &parameters)).expect("a mesh");
     job::run(&prepared, &mut CpuDevice::new(), &Cancel::default(), &mut |_| {}).expect("a result")
 }
 

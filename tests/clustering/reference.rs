@@ -14,7 +14,7 @@ use tesserae::device::pieces;
 use tesserae::device::plain;
 use tesserae::device::{Cancel, Device, Ending, FLOOD_FROM, FREE, MergeSteps, Steps};
 use tesserae::job::{self, Request};
-use tesserae::mesh::{Format, Limits, NoResources};
+use tesserae::mesh::Format;
 use tesserae::parameters::{Algorithm, Parameters, Seeds};
 use tesserae::report::{DeviceInfo, DeviceKind};
 use tesserae::surface::{Component, DualGraph, Surface};
@@ -263,16 +263,11 @@ impl Device for Untouched {
 fn a_gpu_does_not_run_references_and_says_so() {
     for algorithm in [Algorithm::Acvd, Algorithm::Vc, Algorithm::Bb] {
         let parameters = Parameters { algorithm, clusters: Some(2), ..Parameters::default() };
-        let prepared = job::prepare(&Request {
-            bytes: b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n",
-            format: Format::Obj,
-            resources: &NoResources,
-            limits: Limits::default(),
-            parameters: &parameters,
-            seeds: None,
-            weights: None,
-            outputs: &[],
-        })
+        let prepared = job::prepare(&Request::new(
+            b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n",
+            Format::Obj,
+            &parameters,
+        ))
         .expect("a mesh");
         let info = CpuDevice::new().info().clone();
         let mut gpu = Untouched(DeviceInfo { kind: DeviceKind::Gpu, ..info });

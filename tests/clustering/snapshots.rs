@@ -10,7 +10,7 @@ use tesserae::device::plain;
 use tesserae::device::{Cancel, Device, Ending, Step};
 use tesserae::energy::LatticeEnergy;
 use tesserae::job::{self, Outcome, Prepared, Request};
-use tesserae::mesh::{Format, Limits, NoResources, PolygonMesh};
+use tesserae::mesh::{Format, PolygonMesh};
 use tesserae::parameters::{Algorithm, Parameters, Seeds, Snapshots};
 use tesserae::report::Phase;
 use tesserae::surface::Surface;
@@ -18,17 +18,7 @@ use tesserae::surface::Surface;
 fn prepare(mesh: &PolygonMesh, parameters: &Parameters) -> Prepared {
     let mut obj = Vec::new();
     write_obj(&mut obj, mesh).expect("a vector takes everything");
-    job::prepare(&Request {
-        bytes: &obj,
-        format: Format::Obj,
-        resources: &NoResources,
-        limits: Limits::default(),
-        parameters,
-        seeds: None,
-        weights: None,
-        outputs: &[],
-    })
-    .expect("a mesh")
+    job::prepare(&Request::new(&obj, Format::Obj, parameters)).expect("a mesh")
 }
 
 fn run(prepared: &Prepared, device: &mut dyn Device) -> Outcome {

@@ -6,9 +6,12 @@ pub mod gpu;
 pub mod running;
 pub mod zoo;
 
+use tesserae::cluster::hierarchy::{Options, Pairs};
+use tesserae::cluster::relocation::Effort;
 use tesserae::cluster::seeds::{self, SeedFaces};
 use tesserae::dev::sample::hard::{cone, stacked_boxes};
 use tesserae::dev::sample::{Sample, generate};
+use tesserae::device::dual_edge::Ties;
 use tesserae::parameters::Seeds;
 use tesserae::surface::Surface;
 
@@ -23,4 +26,22 @@ pub fn floods() -> Vec<(&'static str, Surface, SeedFaces)> {
     let cone = Surface::build(&cone(1500)).expect("a surface");
     let around = seeds::choose(&cone, 3, &Seeds::Random, 1, None).expect("the number is possible");
     vec![("strip", strip, ends), ("stacked boxes", boxes, among_boxes), ("cone", cone, around)]
+}
+
+/// Parallel rounds with optimisation, to the top.
+pub fn pml() -> Options {
+    Options {
+        sequential_at: 0,
+        collapse_fraction: None,
+        optimise: true,
+        refine: true,
+        iterations_a_round: [4, u32::MAX],
+        optimised_from: 1,
+        ties: Ties::Hash,
+        pairs: Pairs::CheaperHalf,
+        clusters: None,
+        levels: Vec::new(),
+        allow_disconnected: false,
+        relocation: Some(Effort::Some),
+    }
 }

@@ -3,10 +3,9 @@
 use std::collections::BTreeSet;
 
 use crate::common::gpu::{ALL, adapter, device, device_with, numbers, run as run_flat, seeds, surface};
-use crate::common::zoo;
+use crate::common::{pml, zoo};
 use tesserae::Kind;
 use tesserae::cluster::hierarchy::{Hierarchy, Options, Pairs, RoundRow, hierarchical};
-use tesserae::cluster::relocation::Effort;
 use tesserae::cluster::run::Row;
 use tesserae::dev::sample::{Sample, generate};
 use tesserae::device::adapter::AdapterKind;
@@ -19,24 +18,6 @@ use tesserae::error::Result;
 use tesserae::hierarchy::Tree;
 use tesserae::parameters::Seeds;
 use tesserae::surface::Surface;
-
-/// Parallel rounds with optimisation, to the top.
-fn pml() -> Options {
-    Options {
-        sequential_at: 0,
-        collapse_fraction: None,
-        optimise: true,
-        refine: true,
-        iterations_a_round: [4, u32::MAX],
-        optimised_from: 1,
-        ties: Ties::Hash,
-        pairs: Pairs::CheaperHalf,
-        clusters: None,
-        levels: Vec::new(),
-        allow_disconnected: false,
-        relocation: Some(Effort::Some),
-    }
-}
 
 /// Sequential rounds with optimisation.
 fn ml() -> Options {

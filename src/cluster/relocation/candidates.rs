@@ -18,7 +18,6 @@ pub struct Merge {
 #[derive(Debug, Clone, Default)]
 pub struct Candidates {
     merges: Vec<Option<Merge>>,
-    energies: Vec<i128>,
     splits: Vec<KnownSplit>,
 }
 
@@ -31,12 +30,11 @@ enum KnownSplit {
 }
 
 impl Candidates {
-    /// Follows the changes since the last call: merges and energies are computed anew, splits forgotten.
+    /// Follows the changes since the last call: merges are computed anew, splits forgotten.
     pub fn refresh(&mut self, clusters: &mut Clusters<'_>) {
         let touched = clusters.take_touched();
         let numbers = clusters.numbers();
         self.merges.resize(numbers, None);
-        self.energies.resize(numbers, 0);
         self.splits.resize(numbers, KnownSplit::Unknown);
         let mut is_touched = vec![false; numbers];
         touched.iter().for_each(|&cluster| is_touched[cluster as usize] = true);
@@ -65,12 +63,6 @@ impl Candidates {
             .with_min_len(CHUNK)
             .filter(|&(cluster, _)| is_stale[cluster])
             .for_each(|(cluster, known)| *known = merge(cluster as u32));
-        self.energies
-            .par_iter_mut()
-            .enumerate()
-            .with_min_len(CHUNK)
-            .filter(|&(at, _)| is_touched[at])
-            .for_each(|(cluster, energy)| *energy = clusters.energy_of(cluster as u32));
     }
 
     /// Computes the splits of the wanted clusters, as far as they are not known.
@@ -88,11 +80,6 @@ impl Candidates {
     /// The cheapest merge of a cluster; none without neighbours.
     pub fn merge(&self, cluster: u32) -> Option<Merge> {
         self.merges[cluster as usize]
-    }
-
-    /// The energy of a cluster. No split gains more.
-    pub fn energy(&self, cluster: u32) -> i128 {
-        self.energies[cluster as usize]
     }
 
     /// The split of a cluster, if it was computed and there is one.

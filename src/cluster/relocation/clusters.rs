@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::connection::Connection;
 use crate::device::FREE;
-use crate::energy::{ClusterSums, Energy, Functional, LatticeEnergy, Proxy, Sums};
+use crate::energy::{ClusterSums, Energy, Functional, Item, LatticeEnergy, Proxy, Sums};
 use crate::surface::DualGraph;
 
 /// Clusters of a chunk.
@@ -36,9 +36,19 @@ pub struct Clusters<'a> {
 struct Cluster {
     faces: Vec<u32>,
     sums: ClusterSums,
+    /// The part of F that no labels change.
+    constant: i128,
     fit: Fit,
     /// The `energy_shift` of its component.
     shift: u32,
+}
+
+impl Cluster {
+    /// Counts a face in (1) or out (−1); the proxy is not fitted.
+    fn count(&mut self, face: Item, sign: i64) {
+        self.sums.add_face(face, sign);
+        self.constant += Energy::constant(face) * i128::from(sign);
+    }
 }
 
 /// A proxy, and what it explains ([`Sums::fit`]).
@@ -83,9 +93,11 @@ impl<'a> Clusters<'a> {
                 cluster.shift = component.energy_shift;
             }
         }
-        all.par_iter_mut().with_min_len(CHUNK).for_each(|Cluster { faces, sums, fit, .. }| {
-            faces.iter().for_each(|&face| sums.add_face(graph.face(face as usize), 1));
-            *fit = sums.fit().unwrap_or_default();
+        all.par_iter_mut().with_min_len(CHUNK).for_each(|cluster| {
+            let faces = std::mem::take(&mut cluster.faces);
+            faces.iter().for_each(|&face| cluster.count(graph.face(face as usize), 1));
+            cluster.fit = cluster.sums.fit().unwrap_or_default();
+            cluster.faces = faces;
         });
         let explained = all.iter().map(|cluster| cluster.fit.1 << cluster.shift).sum();
         let free_numbers = (0..numbers as u32).rev().filter(|&number| sizes[number as usize] == 0).collect();
@@ -146,10 +158,9 @@ impl<'a> Clusters<'a> {
         fit.1 << shift
     }
 
-    /// F of a cluster.
+    /// F of a cluster. No split gains more.
     pub fn energy_of(&self, cluster: u32) -> i128 {
-        let Cluster { faces, fit, shift, .. } = &self.all[cluster as usize];
-        let constant: i128 = faces.iter().map(|&face| Energy::constant(self.graph.face(face as usize))).sum();
+        let Cluster { constant, fit, shift, .. } = &self.all[cluster as usize];
         (constant - fit.1) << shift
     }
 
@@ -227,7 +238,7 @@ impl<'a> Clusters<'a> {
                 self.take_from_list(face, from);
                 self.push_to_list(face, to);
                 for (cluster, sign) in [(from, -1), (to, 1)] {
-                    self.all[cluster as usize].sums.add_face(self.graph.face(face as usize), sign);
+                    self.all[cluster as usize].count(self.graph.face(face as usize), sign);
                 }
                 self.all[to as usize].shift = self.all[from as usize].shift;
                 self.note_change(from, to, 1);
@@ -264,6 +275,9 @@ impl<'a> Clusters<'a> {
         let of = |cluster: u32| cluster as usize;
         (self.all[of(from)].sums, self.all[of(from)].fit) = (without, fit_without);
         (self.all[of(to)].sums, self.all[of(to)].fit) = (with, fit_with);
+        let constant = Energy::constant(self.graph.face(face as usize));
+        self.all[of(from)].constant -= constant;
+        self.all[of(to)].constant += constant;
         self.explained += fall << shift;
         self.note_change(from, to, 1);
         true
@@ -304,13 +318,15 @@ impl<'a> Clusters<'a> {
 
     /// Gives faces of a cluster, which are in no list any more, to another one.
     fn hand_over(&mut self, faces: &[u32], from: u32, to: u32) {
-        let mut sums = ClusterSums::default();
+        let mut moved = Cluster::default();
         for &face in faces {
             self.push_to_list(face, to);
-            sums.add_face(self.graph.face(face as usize), 1);
+            moved.count(self.graph.face(face as usize), 1);
         }
         for (cluster, sign) in [(from, -1), (to, 1)] {
-            self.all[cluster as usize].sums.add(&sums, sign);
+            let Cluster { sums, constant, .. } = &mut self.all[cluster as usize];
+            sums.add(&moved.sums, sign);
+            *constant += moved.constant * i128::from(sign);
             self.fit(cluster);
         }
         self.note_change(from, to, faces.len() as u64);

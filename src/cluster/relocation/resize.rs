@@ -40,13 +40,13 @@ pub fn resize(clusters: &mut Clusters<'_>, wanted: usize, candidates: &mut Candi
 fn split(clusters: &mut Clusters<'_>, most: usize, candidates: &mut Candidates) -> Vec<u32> {
     let numbers = 0..clusters.numbers() as u32;
     let mut by_energy: Vec<u32> = numbers.filter(|&cluster| clusters.faces(cluster).len() > 1).collect();
-    by_energy.sort_unstable_by_key(|&cluster| (Reverse(candidates.energy(cluster)), cluster));
+    by_energy.sort_unstable_by_key(|&cluster| (Reverse(clusters.energy_of(cluster)), cluster));
     let mut is_wanted = vec![false; clusters.numbers()];
     by_energy.iter().take(most).for_each(|&cluster| is_wanted[cluster as usize] = true);
     candidates.split(clusters, |cluster| is_wanted[cluster as usize]);
     let least = candidates.splits().get(most - 1).map_or(-1, |&(gain, _)| gain);
     for &cluster in &by_energy {
-        is_wanted[cluster as usize] |= candidates.energy(cluster) > least;
+        is_wanted[cluster as usize] |= clusters.energy_of(cluster) > least;
     }
     candidates.split(clusters, |cluster| is_wanted[cluster as usize]);
     let splits = candidates.splits();

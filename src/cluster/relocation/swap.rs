@@ -37,7 +37,7 @@ pub fn round(clusters: &mut Clusters<'_>, candidates: &mut Candidates, cancel: &
     candidates.refresh(clusters);
     let merges = candidates.merges();
     let Some(&(least, ..)) = merges.first() else { return Ok(0) };
-    let is_large = |cluster: u32| !clusters.faces(cluster).is_empty() && candidates.energy(cluster) > least;
+    let is_large = |cluster: u32| !clusters.faces(cluster).is_empty() && clusters.energy_of(cluster) > least;
     let large: Vec<bool> = (0..clusters.numbers() as u32).map(is_large).collect();
     candidates.split(clusters, |cluster| large[cluster as usize]);
     let splits = candidates.splits();

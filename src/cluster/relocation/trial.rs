@@ -97,14 +97,6 @@ fn claims(clusters: &Clusters<'_>, candidates: &Candidates) -> Vec<Claim> {
     let mut is_claimed = vec![false; clusters.numbers()];
     let mut claim = |mut attempts: &mut dyn Iterator<Item = Attempt>| {
         (&mut attempts).find_map(|attempt| {
-            // the whole region is looked at only where its middle is free
-            let (a, b) = match attempt {
-                Attempt::Merge(a, b) => (a, b),
-                Attempt::Split(cluster) => (cluster, cluster),
-            };
-            if is_claimed[a as usize] || is_claimed[b as usize] {
-                return None;
-            }
             let region = region(clusters, attempt);
             let is_free = region.iter().all(|&cluster| !is_claimed[cluster as usize]);
             is_free.then(|| {

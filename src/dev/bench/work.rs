@@ -98,14 +98,9 @@ impl Work {
         let mut parameters = self.parameters.clone();
         parameters.clusters = faces.map_or(parameters.clusters, |faces| self.clusters(faces));
         let prepared = job::prepare(&Request {
-            bytes: &bytes,
-            format,
             resources: &Beside { folder },
             limits: Limits { max_bytes: u64::MAX, ..Limits::default() },
-            parameters: &parameters,
-            seeds: None,
-            weights: None,
-            outputs: &[],
+            ..Request::new(&bytes, format, &parameters)
         });
         let prepared =
             prepared.map_err(|error| Error::new(error.kind, format_args!("{}: {}", self.mesh, error.message)))?;

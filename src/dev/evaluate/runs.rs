@@ -7,7 +7,7 @@ use crate::device::cpu::CpuDevice;
 use crate::device::{Cancel, Device};
 use crate::error::{Error, Result};
 use crate::job::{self, Request};
-use crate::mesh::{Beside, Format, Limits};
+use crate::mesh::{Beside, Format};
 use crate::parameters::Parameters;
 use crate::report::{DeviceInfo, Report};
 
@@ -100,14 +100,8 @@ impl Runner<'_> {
         (self.on_stage)(format!("{}{clusters}, {}", mesh.model, parameters.algorithm.name()));
         let folder = mesh.path.parent().unwrap_or(Path::new(".")).to_owned();
         let prepared = job::prepare(&Request {
-            bytes: &mesh.bytes,
-            format: mesh.format,
             resources: &Beside { folder },
-            limits: Limits::default(),
-            parameters,
-            seeds: None,
-            weights: None,
-            outputs: &[],
+            ..Request::new(&mesh.bytes, mesh.format, parameters)
         })?;
         let mut run = || -> Result<Report> {
             Ok(job::run(&prepared, self.devices.0[device].as_mut(), self.cancel, &mut |_| {})?.report)

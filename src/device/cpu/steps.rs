@@ -143,6 +143,9 @@ impl Steps for CpuSteps<'_> {
     fn grow(&mut self, cancel: &Cancel) -> Result<()> {
         let graph = self.graph;
         let labels = self.labels_mut().all();
+        if !labels.contains(&FREE) {
+            return Ok(());
+        }
         let is_near_free = |face: &u32| {
             labels[*face as usize] != FREE
                 && graph.neighbours_of(*face).iter().any(|&near| labels[near as usize] == FREE)

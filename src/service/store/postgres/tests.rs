@@ -166,21 +166,13 @@ async fn changes_whose_answer_was_lost_are_not_made_twice() {
     assert_eq!(job.state, State::Running);
 }
 
+/// `CLAIM_JOBS=5000`, with `-- --nocapture`, gives the figures in `docs/farm.md`.
 #[tokio::test(flavor = "multi_thread")]
 async fn claimers_of_many_services_take_each_job_once() {
     let Some(server) = Server::start() else { return };
+    let jobs = std::env::var("CLAIM_JOBS").map_or(1200, |jobs| jobs.parse().expect("a number"));
     for limit in [1, 8] {
-        claim_all(&server, limit, 1200).await;
-    }
-}
-
-/// The same with more jobs, for the table in `docs/farm.md`.
-#[tokio::test(flavor = "multi_thread")]
-#[ignore = "a measurement"]
-async fn claims_a_second() {
-    let Some(server) = Server::start() else { return };
-    for limit in [1, 8, 8, 1] {
-        claim_all(&server, limit, 5000).await;
+        claim_all(&server, limit, jobs).await;
     }
 }
 
