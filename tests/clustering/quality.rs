@@ -168,7 +168,10 @@ fn presets_keep_what_is_promised_and_pay_for_lower_energies() {
 #[test]
 fn best_is_not_above_any_cheaper_job() {
     let mut is_below = 0;
-    for (sample, faces, clusters) in [(Sample::Knot, 1400, 8), (Sample::Parts, 1300, 60), (Sample::Terrain, 600, 20)] {
+    // the last is too large for trials, and no swap pays there
+    let cases =
+        [(Sample::Knot, 1400, 8), (Sample::Parts, 1300, 60), (Sample::Terrain, 600, 20), (Sample::Sphere, 34_000, 20)];
+    for (sample, faces, clusters) in cases {
         let mesh = generate(sample, faces).expect("a mesh");
         let energy = |quality, algorithm| {
             let parameters = Parameters { clusters: Some(clusters), quality, algorithm, ..Parameters::default() };
@@ -187,7 +190,7 @@ fn best_is_not_above_any_cheaper_job() {
             is_below += usize::from(best < cheaper * (1.0 - 1e-6));
         }
     }
-    assert!(is_below > 3, "{is_below} of 12 are higher");
+    assert!(is_below > 3, "{is_below} of 16 are higher");
 }
 
 #[test]

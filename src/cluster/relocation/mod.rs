@@ -36,7 +36,8 @@
 //! clusters, and each of them connected.
 //!
 //! Nothing depends on the device: the steps are exact integer arithmetic on the host. On even meshes B costs a pass
-//! over the mesh and some splits, none of which pays, and nothing else is done.
+//! over the mesh and some splits, none of which pays, and nothing else is done; `best` mixes in the results of cheaper
+//! jobs there, too.
 
 mod breathe;
 mod candidates;
@@ -128,6 +129,9 @@ impl<'a> Relocation<'a> {
         let mut best = State::new(self.graph, labels);
         let has_paid = self.swap(&mut best, on_change)?;
         if !self.tries_more(&best, has_paid) {
+            if self.effort == Effort::All {
+                self.mix_in_all(&mut best, cheaper, on_change)?;
+            }
             return Ok(best.clusters.compacted());
         }
         self.settle_all(&mut best, on_change)?;
@@ -140,9 +144,7 @@ impl<'a> Relocation<'a> {
         if self.effort == Effort::All {
             self.relax(&mut best, TRIALS, on_change)?;
         }
-        for labels in cheaper {
-            self.mix_in(&mut best, State::new(self.graph, labels?), on_change)?;
-        }
+        self.mix_in_all(&mut best, cheaper, on_change)?;
         self.relax_and_breathe(best, on_change)
     }
 
@@ -234,6 +236,13 @@ impl<'a> Relocation<'a> {
         }
         if best.clusters.energy() > before {
             report(Phase::Restart, &mut best.clusters, on_change)?;
+        }
+        Ok(())
+    }
+
+    fn mix_in_all(&self, best: &mut State<'a>, cheaper: Cheaper<'_>, on_change: OnChange<'_>) -> Result<()> {
+        for labels in cheaper {
+            self.mix_in(best, State::new(self.graph, labels?), on_change)?;
         }
         Ok(())
     }
