@@ -79,14 +79,15 @@ $(BLENDER_VENV)/ready: | install-test
 
 # Labels are integers on every processor: the table of labels, by a binary for another one, emulated.
 AARCH64 := aarch64-unknown-linux-gnu
+AARCH64_COMMAND = qemu-aarch64 -L /usr/aarch64-linux-gnu $(abspath $(TARGET))/$(AARCH64)/debug/tesserae
 
 .PHONY: aarch64
-aarch64: install-test  ## the labels of samples and real meshes on a 64-bit ARM processor, emulated, beside the table
+aarch64: install-test bundle  ## the labels of samples and real meshes on a 64-bit ARM processor, emulated, beside the table
 	deploy/install-missing.sh aarch64
 	CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc \
 		cargo build --locked --target $(AARCH64) --no-default-features --config profile.dev.opt-level=2
-	TESSERAE_TEST_COMMAND="qemu-aarch64 -L /usr/aarch64-linux-gnu $(abspath $(TARGET))/$(AARCH64)/debug/tesserae" \
-		cargo test --locked --test clustering labels
+	$(AARCH64_COMMAND) devices
+	TESSERAE_TEST_COMMAND="$(AARCH64_COMMAND)" cargo test --locked $(FEATURES) --test clustering labels::
 
 # The wheel has neither service nor gpu; `pip install ./python` builds the same.
 PYTHON_VENV := $(abspath $(TARGET))/python-venv

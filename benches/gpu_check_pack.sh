@@ -9,8 +9,9 @@ folder=$1
 profile=${2:-release}
 target=${CARGO_TARGET_DIR:-target}
 
-cargo build --locked --profile "$profile"
-cargo test --locked --profile "$profile" --no-run --test gpu 2>&1 | tee "$target/gpu-check.log" >&2
+# builds the command, too, and nothing of the service
+cargo test --locked --profile "$profile" --no-default-features --features gpu --no-run --test gpu 2>&1 |
+    tee "$target/gpu-check.log" >&2
 
 rm -rf "$folder"
 mkdir -p "$folder"/{bin,tests,lib,meshes}

@@ -62,7 +62,10 @@ if [ "${1:-}" = aarch64 ]; then
             exit 1
         fi
         echo "installing with rustup: $target"
-        rustup target add "$target"
+        rustup target add "$target" || {
+            echo "the standard library for $target cannot be fetched: install rust-std of $(rustc --version) for it" >&2
+            exit 1
+        }
     fi
 fi
 

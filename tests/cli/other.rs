@@ -43,6 +43,10 @@ fn devices_lists_the_cpu_every_adapter_and_what_auto_takes() {
     assert_eq!(lines.len(), 2 + adapters.len() + 2);
     for (line, adapter) in lines[2..].iter().zip(adapters) {
         assert!(line.contains(adapter["name"].as_str().expect("a name")), "{line}");
+        for kind in ["flat", "hierarchy"] {
+            let largest = adapter["largest"][kind].as_u64().expect("a number of faces");
+            assert!(largest > 0 && line.contains(&format!(" {largest} ")), "{line}");
+        }
         let reason = adapter["reason"].as_str();
         assert_eq!(adapter["usable"], reason.is_none());
         assert!(line.ends_with(&reason.map_or("yes".into(), |reason| format!("no: {reason}"))), "{line}");

@@ -6,9 +6,11 @@ use tesserae::Kind;
 use tesserae::cluster::seeds::SeedFaces;
 use tesserae::dev::sample::{Sample, generate};
 use tesserae::device::gpu::{self, Fault, FaultPoint, GpuDevice, Overrides, Tuning};
-use tesserae::device::select::{self, DeviceChoice};
+use tesserae::device::select::{self, DeviceChoice, FACES_FOR_GPU};
 use tesserae::device::{Cancel, Device, FREE};
-use tesserae::parameters::Seeds;
+use tesserae::job::{self, DeviceFor, InMemory};
+use tesserae::mesh::Limits;
+use tesserae::parameters::{Parameters, Seeds};
 use tesserae::report::DeviceKind;
 use tesserae::surface::Surface;
 
@@ -204,4 +206,47 @@ fn an_unusable_adapter_is_refused_with_its_reason() {
     let error = GpuDevice::new(&found).map(|_| ()).expect_err("unusable");
     assert_eq!(error.kind, Kind::DeviceUnsuitable);
     assert!(error.message.ends_with("it is old"), "{error}");
+}
+
+#[test]
+fn the_cpu_clusters_what_is_too_large_for_the_gpu_of_auto_or_came_back_wrong_and_the_report_warns() {
+    let mesh = generate(Sample::Knot, 5000).expect("a sample");
+    let parameters = Parameters { clusters: Some(40), ..Parameters::default() };
+    let in_memory = InMemory {
+        mesh: (&mesh).into(),
+        limits: Limits::default(),
+        parameters: &parameters,
+        seeds: None,
+        weights: None,
+    };
+    let mut prepared = job::prepare_in_memory(&in_memory).expect("a job");
+    // what `auto` goes by
+    prepared.input.faces = FACES_FOR_GPU;
+    let run = |choice, gpu: GpuDevice| {
+        let device = DeviceFor { choice, adapter: None };
+        job::run_on(device, Some(Ok(Box::new(gpu))), &prepared, &Cancel::default(), &mut |_| {})
+    };
+    // enough for the self-test
+    let narrow = || device_with(Overrides { binding_size: Some(60_000), ..Overrides::default() });
+    let wrong = || {
+        let mut gpu = device();
+        gpu.inject(Fault::Miscompute(FaultPoint::Labels));
+        gpu
+    };
+    let sound = run(DeviceChoice::Auto, device()).expect("a result");
+    assert_eq!((sound.report.device.kind, &*sound.report.warnings), (DeviceKind::Gpu, &[][..]));
+    for (choice, gpu, why) in [
+        (DeviceChoice::Auto, narrow(), "60000"),
+        (DeviceChoice::Auto, wrong(), "explain"),
+        (DeviceChoice::Gpu, wrong(), "explain"),
+    ] {
+        let outcome = run(choice, gpu).expect("the cpu's result");
+        assert_eq!(outcome.report.device.kind, DeviceKind::Cpu);
+        assert_eq!(outcome.labels, sound.labels);
+        let warning = outcome.report.warnings.join("; ");
+        assert!(warning.contains("the cpu clustered the mesh") && warning.contains(why), "{warning}");
+    }
+    // a gpu that was asked for is not replaced
+    let error = run(DeviceChoice::Gpu, narrow()).map(|_| ()).expect_err("it does not fit");
+    assert_eq!(error.kind, Kind::DeviceUnsuitable);
 }

@@ -2,18 +2,20 @@
 //! need a Vulkan driver.
 
 use std::mem::{offset_of, size_of};
+use std::sync::Arc;
 
 use super::adapter::enumerate;
 use super::buffers::Buffer;
 use super::kernels::{Kernel, Threads};
 use super::layout::BoundaryList;
+use super::memory::largest_meshes;
 use super::steps::GpuSteps;
 use super::{GpuDevice, Overrides};
 use crate::cluster::seeds;
 use crate::dev::sample::{Sample, generate};
 use crate::device::dual_edge::{Rank, Ties, mutual};
 use crate::device::{Cancel, Device, FREE, MergeSteps, Steps};
-use crate::surface::{DualGraph, Surface};
+use crate::surface::{Component, DualGraph, Surface};
 
 /// The best adapter, opened.
 fn device(overrides: Overrides) -> GpuDevice {
@@ -147,4 +149,26 @@ fn a_kernel_is_its_text_a_row_and_a_dispatch() {
     steps.connection.queue.submit([encoder.finish()]);
     let expected: Vec<u32> = labels.iter().map(|label| label + 3).collect();
     assert_eq!(steps.labels().expect("labels"), expected);
+}
+
+#[test]
+fn a_mesh_of_the_largest_size_that_is_reported_opens_and_one_with_a_face_more_does_not() {
+    let device = device(Overrides { binding_size: Some(100_000), ..Overrides::default() });
+    let connection = device.connection().expect("it is open");
+    let largest = largest_meshes(&connection.limits);
+    for (most, faces_a_cluster, is_merging) in [(largest.flat, 4, false), (largest.hierarchy, 1, true)] {
+        let opens = |faces: u64| {
+            let count = faces as u32;
+            let graph = DualGraph {
+                points: vec![[0; 3]; faces as usize],
+                weights: vec![1; faces as usize],
+                neighbour_offsets: (0..=count).map(|face| 3 * face).collect(),
+                neighbours: (0..3 * count).map(|at| (at / 3 + at % 3 + 1) % count).collect(),
+                components: vec![Component { first_face: 0, faces: count, weight: faces, energy_shift: 0 }],
+            };
+            let clusters = vec![0; (faces / faces_a_cluster) as usize];
+            GpuSteps::new(Arc::clone(&connection), &graph, &clusters, is_merging).is_ok()
+        };
+        assert!(opens(most) && !opens(most + 1), "{most} faces");
+    }
 }
