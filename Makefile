@@ -116,6 +116,24 @@ python-install: $(PYTHON_VENV)/ready  ## install the Python package into a new e
 		$(TARGET)/python-install/tesserae-*.tar.gz
 	cd $(TARGET)/python-install && venv/bin/python $(CURDIR)/python/examples/cluster_arrays.py
 
+# The runtime is clang's; Rust's own is linked to programs only. LeakSanitizer finds what Python keeps to its end.
+ASAN := $(abspath $(TARGET))/asan
+ASAN_HOST = $(shell rustc -vV | sed -n 's/^host: //p')
+ASAN_RUNTIME = $(lastword $(wildcard /usr/lib/llvm-*/lib/clang/*/lib/linux/libclang_rt.asan-$(shell uname -m).so))
+
+.PHONY: python-asan
+python-asan: $(PYTHON_VENV)/ready  ## 10,000 random inputs to the Python package under an address sanitizer (libclang-rt-dev)
+	@test -n "$(ASAN_RUNTIME)" || { echo "there is no libclang_rt.asan: apt-get install libclang-rt-19-dev"; exit 1; }
+	RUSTC_BOOTSTRAP=1 RUSTFLAGS=-Zsanitizer=address CARGO_PROFILE_DEV_OPT_LEVEL=1 CARGO_PROFILE_DEV_CODEGEN_UNITS=16 \
+		cargo build --locked --manifest-path python/Cargo.toml --target $(ASAN_HOST) --target-dir $(ASAN) \
+		--config 'profile.dev.package."*".opt-level=1'
+	rm -rf $(ASAN)/package
+	mkdir $(ASAN)/package
+	cp -r python/tesserae $(ASAN)/package/
+	cp $(ASAN)/$(ASAN_HOST)/debug/lib_native.so $(ASAN)/package/tesserae/_native.abi3.so
+	LD_PRELOAD=$(ASAN_RUNTIME) ASAN_OPTIONS=detect_leaks=0:allocator_may_return_null=1 PYTHONMALLOC=malloc \
+		PYTHONPATH=$(ASAN)/package $(PYTHON_VENV)/bin/python -W ignore -X faulthandler python/tests/test_random_inputs.py 10000
+
 $(PYTHON_VENV)/ready: python/requirements-test.txt | install-test
 	@echo "installing into $(PYTHON_VENV): $$(grep -v '^#' $< | tr '\n' ' ')"
 	python3 -m venv $(PYTHON_VENV)

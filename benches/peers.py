@@ -8,7 +8,9 @@ is said, of a service that has done it before, as the peers' process has; for py
 `cluster`; for higra and scikit-learn the call alone, without the graph of the faces. Whole processes are timed from outside.
 Energies are of face labels, scored by tests/scripts/score.py; pyacvd labels vertices, and a face takes the label that most of
 its corners have (of three different ones the first). Rows "in process" and "drop-in" are of the Python package, called by
-the process that calls pyacvd.
+the process that calls pyacvd; milliseconds of the processors, of all threads, are there too.
+
+PARTS chooses rows: `PARTS=python` measures the package alone.
 
 The real meshes are used where MESH_DIR has them; samples of tesserae otherwise.
 """
@@ -35,8 +37,8 @@ import pyvista
 import score
 import tesserae as package
 from linkage import dual_edges
+from points import points_scored
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from service import Service
 from sklearn.cluster import AgglomerativeClustering
 from tesserae import pyacvd as drop_in
@@ -46,6 +48,7 @@ OUT = pathlib.Path(sys.argv[2])
 MESHES = pathlib.Path(sys.argv[3]) if len(sys.argv) > 3 else None
 FOLDER = pathlib.Path(tempfile.mkdtemp(prefix="tesserae-bench-"))
 RUNS = int(os.environ.get("RUNS", 7))
+PARTS = os.environ.get("PARTS", "flat,python,hierarchies,http,whole,growth").split(",")
 
 
 LAUNCH = """
@@ -251,64 +254,52 @@ def in_process(mesh, name, clusters):
 
     Energies are of what is clustered: of the same points, weighted by the area around them, for the stand-in.
     """
-    theirs, faces, points, meshes = [], [], [], {"pyacvd": [], "tesserae": []}
-    alone = {"pyacvd": [], "tesserae": []}
+    took = {work: ([], []) for work in ("faces", "points", "cluster()", "create_mesh()")}
     positions, triangles = np.asarray(mesh.poly.points, dtype=float), mesh.faces
     runs = RUNS if len(mesh.faces) < 500_000 else max(2, RUNS // 3)
+
+    def points_of(module, whole, alone):
+        made, making = timed(lambda: module.Clustering(mesh.poly))
+        _, clustering = timed(lambda: made.cluster(clusters))
+        whole.append(making + clustering)
+        alone.append(clustering)
+        return made
+
     for _ in range(runs):
-        peer, ms = timed(lambda: pyacvd.Clustering(mesh.poly))
-        _, of_cluster = timed(lambda: peer.cluster(clusters))
-        theirs.append(ms + of_cluster)
-        alone["pyacvd"].append(of_cluster)
-        of_faces, ms = timed(lambda: package.cluster(positions, triangles, clusters).labels)
-        faces.append(ms)
-        stand_in, ms = timed(lambda: drop_in.Clustering(mesh.poly))
-        _, of_cluster = timed(lambda: stand_in.cluster(clusters))
-        points.append(ms + of_cluster)
-        alone["tesserae"].append(of_cluster)
+        peer = points_of(pyacvd, took["points"][0], took["cluster()"][0])
+        of_faces, of_call = timed(lambda: package.cluster(positions, triangles, clusters).labels)
+        took["faces"][1].append(of_call)
+        stand_in = points_of(drop_in, took["points"][1], took["cluster()"][1])
+    took["faces"] = (took["points"][0], took["faces"][1])
     for _ in range(2):
-        made, ms = timed(peer.create_mesh)
-        meshes["pyacvd"].append((ms, made))
-        made, ms = timed(stand_in.create_mesh)
-        meshes["tesserae"].append((ms, made))
+        other, of_call = timed(peer.create_mesh)
+        took["create_mesh()"][0].append(of_call)
+        made, of_call = timed(stand_in.create_mesh)
+        took["create_mesh()"][1].append(of_call)
+
+    def rows(work, measured, energy, note):
+        theirs, ours = (np.min(times, axis=0) for times in measured)
+        row(work, f"{name} {clusters}", "pyacvd", theirs[0], ours[0], energy,
+            f"{note}; processor {ours[1]:.0f} ms, theirs {theirs[1]:.0f}")
+
     scored = score.score(mesh.scored, of_faces)
     of_peer = score.score(mesh.scored, faces_of(np.asarray(peer.clusters), mesh.faces))
-    row("faces, in process, default", f"{name} {clusters}", "pyacvd", min(theirs), min(faces),
-        scored["energy"] / of_peer["energy"],
-        f"connected clusters {clusters - scored['disconnected_clusters']}, "
-        f"theirs {of_peer['clusters'] - of_peer['disconnected_clusters']}")
-    weights = stand_in.area
-    ours_of, theirs_of = (points_scored(positions, weights, triangles, each.clusters) for each in (stand_in, peer))
+    rows("faces, in process, default", took["faces"], scored["energy"] / of_peer["energy"],
+         f"connected clusters {clusters - scored['disconnected_clusters']}, "
+         f"theirs {of_peer['clusters'] - of_peer['disconnected_clusters']}")
+    ours_of, theirs_of = (points_scored(positions, stand_in.area, triangles, each.clusters) for each in (stand_in, peer))
     connected = f"connected clusters {ours_of[1]}, theirs {theirs_of[1]}"
-    for work, peer_ms, ms in (("made and clustered", theirs, points), ("cluster() alone", alone["pyacvd"], alone["tesserae"])):
-        row(f"points, drop-in, {work}", f"{name} {clusters}", "pyacvd", min(peer_ms), min(ms), ours_of[0] / theirs_of[0],
-            connected)
-    ours, made = min(meshes["tesserae"], key=lambda run: run[0])
-    ms, other = min(meshes["pyacvd"], key=lambda run: run[0])
-    row("mesh of the clusters, drop-in", f"{name} {clusters}", "pyacvd", ms, ours,
-        note=f"{made.n_points} points, {made.n_open_edges} open edges; theirs {other.n_points}, {other.n_open_edges}")
+    for work, part in (("made and clustered", "points"), ("cluster() alone", "cluster()")):
+        rows(f"points, drop-in, {work}", took[part], ours_of[0] / theirs_of[0], connected)
+    rows("mesh of the clusters, drop-in", took["create_mesh()"], None,
+         f"{made.n_points} points, {made.n_open_edges} open edges, theirs {other.n_points}, {other.n_open_edges}")
 
 
 def timed(call):
-    """What a call gives, and milliseconds."""
-    started = time.perf_counter()
+    """What a call gives; milliseconds, and those of the processors."""
+    started = np.array([time.perf_counter(), time.process_time()])
     result = call()
-    return result, (time.perf_counter() - started) * 1e3
-
-
-def points_scored(points, weights, triangles, labels):
-    """Energy of labels of points, and how many clusters are connected across edges."""
-    labels, k = np.asarray(labels), int(np.max(labels)) + 1
-    mass = np.bincount(labels, weights, k)
-    mean = np.stack([np.bincount(labels, weights * axis, k) for axis in points.T], 1) / np.maximum(mass, 1e-300)[:, None]
-    energy = float((weights * ((points - mean[labels]) ** 2).sum(1)).sum())
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    edges = edges[labels[edges[:, 0]] == labels[edges[:, 1]]]
-    graph = coo_matrix((np.ones(len(edges)), edges.T), shape=(len(points),) * 2)
-    pieces, piece = connected_components(graph, directed=False)
-    of = np.zeros(pieces, dtype=int)
-    of[piece] = labels
-    return energy, int((np.bincount(of, minlength=k) == 1).sum())
+    return result, (np.array([time.perf_counter(), time.process_time()]) - started) * 1e3
 
 
 PYACVD_PROGRAM = """
@@ -379,14 +370,18 @@ def main():
         client = Client(service)
         for path, name, clusters in [(bunny, bunny.stem, 1000), (igea, igea.stem, 5000), (large, large.stem, 10000)]:
             mesh = Mesh(path)
-            flat(mesh, name, clusters, client)
-            in_process(mesh, name, clusters)
-            if name != igea.stem:
+            if "flat" in PARTS:
+                flat(mesh, name, clusters, client)
+            if "python" in PARTS:
+                in_process(mesh, name, clusters)
+            if "hierarchies" in PARTS and name != igea.stem:
                 hierarchies(mesh, name, clusters)
-        over_http(glb, glb.stem, 1000, client)
-    if bunny.suffix == ".obj":
+        if "http" in PARTS:
+            over_http(glb, glb.stem, 1000, client)
+    if "whole" in PARTS and bunny.suffix == ".obj":
         whole_process(bunny, bunny.stem, 1000)
-    memory_and_growth()
+    if "growth" in PARTS:
+        memory_and_growth()
 
     (OUT / "peers.json").write_text(json.dumps({"machine": described, "rows": ROWS}, indent=1) + "\n")
     table = ["| work | mesh | peer | peer ms | tesserae ms | of its time | of its energy | |", "|---|---|---|--:|--:|--:|--:|---|"]

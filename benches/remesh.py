@@ -50,13 +50,18 @@ ROWS = [
 
 
 def welded(path):
-    """Positions and triangles: equal positions are one, polygons are fans, no triangle has two equal corners."""
+    """Positions that triangles use, and triangles: equal positions are one, polygons are fans, none has two equal corners.
+
+    pyacvd crashes on a position without a triangle.
+    """
     vertices, corners, first = score.load(path)
     triangles, _ = score.fans(corners, first)
     points, number = np.unique(vertices + 0.0, axis=0, return_inverse=True)
     triangles = number.reshape(-1)[triangles]
     a, b, c = triangles.T
-    return points, triangles[(a != b) & (b != c) & (c != a)]
+    triangles = triangles[(a != b) & (b != c) & (c != a)]
+    used, number = np.unique(triangles, return_inverse=True)
+    return points[used], number.reshape(-1, 3)
 
 
 def components(pairs, count):

@@ -57,8 +57,8 @@ def flat(faces: list[list[int]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return offsets, np.array([corner for face in faces for corner in face], dtype=np.int64)
 
 
-def real_meshes() -> Iterator[Path]:
-    """The OBJ files in the folder that TESSERAE_TEST_MESHES names."""
+def real_meshes(*endings: str) -> Iterator[Path]:
+    """The files with these endings in the folder that TESSERAE_TEST_MESHES names, and in those in it."""
     folder = os.environ.get("TESSERAE_TEST_MESHES", "")
     if folder:
-        yield from sorted(Path(folder).glob("*.obj"))
+        yield from sorted(path for path in Path(folder).rglob("*") if path.suffix in endings)

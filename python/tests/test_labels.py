@@ -139,7 +139,7 @@ def test_objects_of_other_libraries_are_recognised_by_their_attributes(sample: S
         assert caught.value.kind == "unsupported-mesh"
 
 
-@pytest.mark.parametrize("path", list(real_meshes()), ids=lambda path: str(path.stem))
+@pytest.mark.parametrize("path", list(real_meshes(".obj")), ids=lambda path: str(path.stem))
 def test_real_meshes_have_the_labels_of_the_command_line(path: Path, tmp_path: Path) -> None:
     points, faces = read_obj(path)
     clusters = max(1, min(1000, len(faces) // 4))
@@ -147,3 +147,19 @@ def test_real_meshes_have_the_labels_of_the_command_line(path: Path, tmp_path: P
     keywords: dict[str, Any] = {"clusters": clusters, "quality": "fast", "bridge_components": True}
     assert np.array_equal(tesserae.cluster(points, flat(faces), **keywords).labels, expected)
     assert np.array_equal(tesserae.cluster(path, **keywords).labels, expected)
+
+
+@pytest.mark.parametrize(
+    "path", list(real_meshes(".glb", ".gltf", ".ply", ".stl")), ids=lambda path: str(path.name)
+)
+def test_real_files_have_the_labels_of_the_command_line(path: Path, tmp_path: Path) -> None:
+    keywords: dict[str, Any] = {"quality": "fast", "bridge_components": True}
+    try:
+        faces = tesserae.cluster(path, clusters=1, **keywords).report["input"]["faces"]
+    except tesserae.Error as error:
+        done = command("cluster", path, "-k", "1")
+        assert done.returncode == 1 and str(error) in done.stderr
+        return
+    clusters = max(1, min(1000, faces // 4))
+    expected = by_command(path, tmp_path, "-k", str(clusters), "--quality", "fast", "--bridge-components")
+    assert np.array_equal(tesserae.cluster(path, clusters=clusters, **keywords).labels, expected)

@@ -1,7 +1,19 @@
 // One job: its state and energies while it runs, then what it gave.
 
 import * as address from "./address";
-import { GONE, type Job, type JobEvent, follow, isHierarchical, isLive, json, nameOf, pause, request } from "./api";
+import {
+  GONE,
+  type Job,
+  type JobEvent,
+  type State,
+  follow,
+  isHierarchical,
+  isLive,
+  json,
+  nameOf,
+  pause,
+  request,
+} from "./api";
 import type { Curve } from "./curve";
 import { announce, count, digits, make, notice } from "./dom";
 import { type Scene, scene } from "./load";
@@ -44,25 +56,22 @@ export class JobPage {
     this.show();
   }
 
-  /** Follows the job, then shows its result. */
+  /** Follows the job, then shows its result; that of a job that has ended does not wait for its events. */
   async run(): Promise<void> {
-    const { signal } = this.abort;
     try {
-      if (isLive(this.job)) void this.showFile();
-      await follow(
-        this.job.id,
-        signal,
-        (event) => this.take(event),
-        (why) => notice(why),
-      );
-      if (signal.aborted) return;
-      const wasLive = isLive(this.job);
-      await this.whenThere(() => this.reload());
-      if (wasLive) announce(`${nameOf(this.job)}: ${this.job.state}`);
-      this.history.hidden = this.curve.length === 0;
-      await this.whenThere(() => this.showResult());
+      this.onChange();
+      if (isLive(this.job)) {
+        void this.showFile();
+        await this.followEvents();
+        if (this.abort.signal.aborted) return;
+        await this.whenThere(() => this.reload());
+        announce(`${nameOf(this.job)}: ${this.job.state}`);
+        await this.whenThere(() => this.showResult());
+      } else {
+        await Promise.all([this.whenThere(() => this.showResult()), this.followEvents()]);
+      }
     } catch (error) {
-      if (!signal.aborted) notice(error instanceof Error ? error.message : String(error));
+      if (!this.abort.signal.aborted) notice(error instanceof Error ? error.message : String(error));
     }
   }
 
@@ -74,14 +83,23 @@ export class JobPage {
     this.box.replaceChildren();
   }
 
+  private async followEvents(): Promise<void> {
+    const { signal } = this.abort;
+    await follow(
+      this.job.id,
+      signal,
+      (event) => this.take(event),
+      (why) => notice(why),
+    );
+    if (!signal.aborted) this.history.hidden = this.curve.length === 0;
+  }
+
   private take(event: JobEvent): void {
     const { progress } = this.job;
     if (event.name === "state") {
-      if (isLive(this.job)) this.job.state = event.data.state;
       // another attempt begins anew
       if (event.data.state === "running") this.curve.clear();
-      this.onChange();
-      if (event.data.state === "queued") void this.reload().catch(() => {});
+      if (isLive(this.job)) this.enter(event.data.state);
     } else if (event.name === "iteration") {
       this.curve.iteration(event.data);
       Object.assign(progress, {
@@ -94,6 +112,12 @@ export class JobPage {
       Object.assign(progress, { clusters_left: event.data.clusters, energy: event.data.energy });
     }
     this.showState();
+  }
+
+  private enter(state: State): void {
+    this.job.state = state;
+    this.onChange();
+    if (state === "queued") void this.reload().catch(() => {});
   }
 
   private async reload(): Promise<void> {

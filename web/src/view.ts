@@ -106,7 +106,11 @@ export class View {
     this.canvas.tabIndex = 0;
     this.canvas.addEventListener("keydown", (event) => this.key(event));
     this.listenToClicks();
-    this.observer = new ResizeObserver(() => this.resize());
+    this.observer = new ResizeObserver(() => {
+      // also called once at the beginning
+      const { x, y } = this.renderer.getSize(new Vector2());
+      if (x !== box.clientWidth || y !== box.clientHeight) this.resize();
+    });
     this.observer.observe(box);
   }
 

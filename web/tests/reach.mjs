@@ -148,6 +148,8 @@ export const reach = {
       };
       view.setLabels(new Uint32Array(view.triangles));
       const whole = await drawn(() => view.frames > 0);
+      await new Promise((resolve) => setTimeout(resolve, 300));
+      const atRest = view.frames;
       const turn = () => canvas.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowLeft" }));
       turn();
       // the first frame of a move is measured; those after it are coarse
@@ -157,12 +159,13 @@ export const reach = {
       const coarse = await drawn(() => Number(canvas.dataset.drawn) < whole);
       const rested = await drawn(() => Number(canvas.dataset.drawn) === whole);
       view.onPick = (triangle) => (window.picked = Math.floor(triangle / 2));
-      return { whole, coarse, rested, cells };
+      return { whole, atRest, coarse, rested, cells };
     });
     const { width, height } = await page.locator(".view canvas").boundingBox();
     await page.locator(".view canvas").click({ position: { x: width / 2, y: height / 2 } });
     const cell = await until("a triangle is found", () => page.evaluate(() => window.picked));
     const place = [cell % found.cells, Math.floor(cell / found.cells)].map((i) => i / found.cells);
+    assert.equal(found.atRest, 1, "it is drawn once, until it turns");
     assert.ok(found.whole > 999_000 && found.rested === found.whole);
     assert.ok(found.coarse < found.whole / 10, `${found.coarse} triangles are drawn while it moves`);
     for (const along of place) assert.ok(Math.abs(along - 0.5) < 0.01, `the middle is found at ${place}`);

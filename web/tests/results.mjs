@@ -64,6 +64,26 @@ export const results = {
     await page.close();
   },
 
+  async "the result of a job that has ended does not wait for its events"({ service, browser }) {
+    const first = await browser.open(service.url);
+    await submit(first, sample(service, "cube", 600), { name: "ended.obj", clusters: 5 });
+    await succeeded(first);
+    const { hash } = new URL(first.url());
+    await first.close();
+    let release;
+    const held = new Promise((resolve) => (release = resolve));
+    const hold = async (route) => {
+      await held;
+      await route.fallback();
+    };
+    const page = await browser.open(service.url, {}, (page) => page.route(/\/events$/, hold), `/${hash}`);
+    await drawn(page, 5);
+    assert.equal(await page.getAttribute("#curve", "data-points"), null);
+    release();
+    await page.waitForSelector("#curve[data-points]");
+    await page.close();
+  },
+
   async "a click names the cluster under it, whose colour the pixel has; keys turn the mesh"({ service, browser }) {
     const page = await browser.open(service.url);
     await submit(page, sample(service, "quads", 6000), { name: "quads.obj", clusters: 30 });
