@@ -111,6 +111,7 @@ impl Server {
         let end_drain_delay = extras.end_drain_delay.clone().unwrap_or_default();
         let (place, disk) = (settings.storage.blobs.as_ref(), settings.storage.disk());
         let mut files = Files::open(settings.data_dir.as_deref(), place, disk, faults.clone())?;
+        files.allow_references(&settings.storage.mesh_prefixes)?;
         let forgets = settings.storage.forget_lost_jobs;
         let rules = Rules {
             max_queued: settings.max_queued_jobs,

@@ -26,6 +26,7 @@ pub use self::webhooks::WebhookSettings;
 pub use self::work::{Switch, WorkSettings};
 use crate::error::{Error, Result};
 use crate::mesh::Limits;
+use crate::service::files::check_prefixes;
 
 /// Least bytes of memory and disk with which the service can do anything: the store of jobs alone takes a part of them.
 const LEAST_BYTES: u64 = 1 << 20;
@@ -180,6 +181,7 @@ impl Settings {
         }
         self.check_amounts()?;
         self.storage.check_store()?;
+        check_prefixes(&self.storage.mesh_prefixes, self.storage.blobs.as_ref())?;
         if self.work.work == Switch::Off && self.storage.store.is_none() {
             return Err(Error::parameter(
                 "with --work off nothing works on the jobs: give --store, which others share",

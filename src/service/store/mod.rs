@@ -64,7 +64,8 @@ mod workers;
 
 pub(super) use self::events::{Event, Events, Pulse, What};
 pub(super) use self::job::{
-    Job, JobId, LOCAL_TENANT, PRIORITIES, Progress, SMALL_BLOBS, SmallBlob, Spec, State, Summary, Ticket, no_such_job,
+    Job, JobId, LOCAL_TENANT, PRIORITIES, Progress, Referred, SMALL_BLOBS, SmallBlob, Spec, State, Summary, Ticket,
+    no_such_job,
 };
 pub(super) use self::maintenance::{Deletion, Maintenance, Statistics};
 pub(super) use self::notices::{Notice, Notices};
@@ -109,6 +110,7 @@ pub(super) mod tests {
             claimed_faces: None,
             priority: 0,
             kept: Kept::default(),
+            referred: None,
         };
         NewJob { id: JobId::random(), spec, idempotency: None, upload: Vec::new() }
     }
