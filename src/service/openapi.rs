@@ -159,11 +159,7 @@ fn id_in(path: &str) -> Parameter {
         .name("id")
         .parameter_in(ParameterIn::Path)
         .required(Required::True)
-        .description(Some(match path {
-            _ if path.starts_with("/v1/workers") => "Id of the worker",
-            _ if path.starts_with("/v1/uploads") => "Id of the upload",
-            _ => "Id of the job",
-        }))
+        .description(Some(format!("Id of the {}", path.split('/').nth(2).unwrap_or_default().trim_end_matches('s'))))
         .schema(Some(Schema::from(id)))
         .build()
 }

@@ -1,8 +1,8 @@
 //! Uploads: the body of a job request, from its first byte to a folder of files and a [`Spec`].
 //!
 //! What the head of the request says is checked before the body is read, every part as soon as it is there; the mesh
-//! goes to disk as it comes. When anything is refused, or the client hangs up, the folder is removed. A mesh that lies in
-//! a bucket is not read here (`referred`).
+//! goes to disk as it comes. When anything is refused, or the client hangs up, the folder is removed. Of a mesh
+//! that lies in a bucket only the head is read (`referred`).
 
 mod form;
 mod referred;

@@ -56,8 +56,8 @@ pub(in crate::service) struct UploadForm {
     params(
         ("format" = Option<Format>, Query, description = "Format of the mesh, where its media type does not say it"),
         ("upload" = Option<String>, Query,
-         description = "Id of an upload by URL (`POST /v1/uploads`) that is the mesh; the body is empty then, or a form \
-                        without a part `mesh`. The job gets that id; the same request again gives the same job"),
+         description = "Id of an upload by URL (`POST /v1/uploads`) that is the mesh; the body is empty then, or a \
+                        form without a part `mesh`. The job gets that id; the same request again gives the same job"),
         ("mesh_url" = Option<String>, Query, example = "s3://bucket/meshes/horse.glb",
          description = "Object of a bucket that is the mesh, below a prefix that the operator allows; the body is \
                         empty then, or a form without a part `mesh`"),

@@ -32,7 +32,7 @@ struct Wanted {
 pub(in crate::service) struct UploadView {
     /// Its id, which `upload` of `POST /v1/jobs` takes.
     id: JobId,
-    /// Takes the mesh: the body of a `PUT`, of exactly as many bytes as were said, without a token.
+    /// Takes the mesh: the body of a `PUT`, without a token.
     url: String,
     /// When the URL ends. A `PUT` that has begun goes on.
     #[schema(format = DateTime)]
@@ -45,8 +45,8 @@ pub(in crate::service) struct UploadView {
 /// Reserve an upload by URL
 ///
 /// For meshes that are too large to go through the service: `PUT` the mesh to the URL, then `POST
-/// /v1/jobs?upload={id}`. Waiting jobs and uploads without a job count together for the limit of waiting jobs. 501 where
-/// the files of jobs do not lie in a bucket.
+/// /v1/jobs?upload={id}`. Waiting jobs and uploads without a job count together for the limit of waiting jobs. 501
+/// where the files of jobs do not lie in a bucket.
 #[utoipa::path(
     post, path = "/v1/uploads", tag = "jobs", operation_id = "createUpload",
     params(("bytes" = u64, Query, description = "Number of bytes of the mesh")),
@@ -92,7 +92,7 @@ pub(in crate::service) async fn remove(
     let tenant = caller.tenant()?;
     let id: JobId = id.parse()?;
     let _taken = shared.files.incoming_reserved(id)?;
-    shared.files.check_reserved(&tenant.name, id).await?;
+    shared.files.reserved_bytes(&tenant.name, id).await?;
     if shared.store.get(id).await?.is_none() {
         shared.files.remove_upload(id).await;
     }

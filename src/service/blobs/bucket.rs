@@ -15,11 +15,11 @@ use std::net::IpAddr;
 use std::time::Duration;
 
 use async_trait::async_trait;
-use axum::http::{Method, header};
+use axum::http::Method;
 use object_store::aws::{AmazonS3, AmazonS3Builder, AmazonS3ConfigKey};
 use object_store::path::Path;
 use object_store::prefix::PrefixStore;
-use object_store::signer::{SignedUrlOptions, Signer as _};
+use object_store::signer::Signer as _;
 use object_store::{BackoffConfig, ClientConfigKey, ClientOptions, RetryConfig};
 use reqwest::Url;
 
@@ -76,9 +76,8 @@ pub(super) fn open(name: &str, prefix: &Path) -> Result<PrefixStore<AmazonS3>> {
 
 #[async_trait]
 impl UploadUrls for PrefixStore<AmazonS3> {
-    async fn put_url(&self, path: &Path, bytes: u64, valid: Duration) -> Result<String> {
-        let options = SignedUrlOptions::new().with_signed_header(header::CONTENT_LENGTH, bytes.into());
-        let url = self.signed_url_opts(Method::PUT, path, valid, &options).await.map_err(cannot_store)?;
+    async fn put_url(&self, path: &Path, valid: Duration) -> Result<String> {
+        let url = self.signed_url(Method::PUT, path, valid).await.map_err(cannot_store)?;
         Ok(url.into())
     }
 }

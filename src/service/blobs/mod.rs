@@ -102,8 +102,8 @@ pub(super) struct Found {
 /// Makes URLs by which clients store blobs.
 #[async_trait]
 pub(super) trait UploadUrls: Debug + Send + Sync {
-    /// A URL that takes a `PUT` of exactly so many bytes for a while.
-    async fn put_url(&self, path: &Path, bytes: u64, valid: Duration) -> Result<String>;
+    /// A URL that takes a `PUT` for a while.
+    async fn put_url(&self, path: &Path, valid: Duration) -> Result<String>;
 }
 
 /// Where blobs lie that try a place.

@@ -53,8 +53,8 @@ impl Files {
             )));
         }
         let id = JobId::random();
-        let url = urls.put_url(&mesh_of(id), bytes, URL_VALID).await?;
-        let stored = self.blobs.put(&reservation(tenant, id).join(MESH), Bytes::from_static(b"reserved")).await;
+        let url = urls.put_url(&mesh_of(id), URL_VALID).await?;
+        let stored = self.blobs.put(&reservation(tenant, id).join(MESH), Bytes::from(bytes.to_string())).await;
         self.noting(stored)?;
         Ok((id, url))
     }
@@ -64,12 +64,18 @@ impl Files {
         self.remove_below(&reservation(tenant, id)).await;
     }
 
-    /// [`Kind::NotFound`] unless the tenant reserved that upload, not long ago.
-    pub async fn check_reserved(&self, tenant: &str, id: JobId) -> Result<()> {
+    /// Number of bytes that an upload is to have; [`Kind::NotFound`] unless the tenant reserved it, not long ago.
+    pub async fn reserved_bytes(&self, tenant: &str, id: JobId) -> Result<u64> {
         self.url_maker()?;
-        let found = self.blobs.find(&reservation(tenant, id).join(MESH)).await;
-        match self.noting(found) {
-            Ok(found) if found.stored_at + RESERVED_FOR > SystemTime::now() => Ok(()),
+        let path = reservation(tenant, id).join(MESH);
+        let found = async {
+            let found = self.blobs.find(&path).await?;
+            let bytes = self.blobs.get(&path, None).await?.bytes().await?;
+            let bytes = str::from_utf8(&bytes).ok().and_then(|text| text.parse().ok());
+            Ok((found, bytes.ok_or_else(|| Error::new(Kind::Internal, "a reservation of an upload is damaged"))?))
+        };
+        match self.noting(found.await) {
+            Ok((found, bytes)) if found.stored_at + RESERVED_FOR > SystemTime::now() => Ok(bytes),
             Err(error) if error.kind != Kind::NotFound => Err(error),
             Ok(_) | Err(_) => Err(Error::new(
                 Kind::NotFound,
@@ -143,7 +149,8 @@ impl Files {
         let Some(url) = url else { return Ok((self.blobs.as_ref(), mesh_of(id))) };
         self.references.place_of(url, tenant).ok_or_else(|| {
             Error::parameter(format_args!(
-                "mesh_url must be s3://BUCKET/KEY below a prefix that the operator allows (--mesh-prefixes), not {url:?}"
+                "mesh_url must be s3://BUCKET/KEY below a prefix that the operator allows (--mesh-prefixes), not \
+                 {url:?}"
             ))
         })
     }

@@ -27,7 +27,7 @@ pub struct StorageSettings {
     #[arg(long, env = "TESSERAE_BLOBS", value_name = "PLACE")]
     pub blobs: Option<BlobPlace>,
 
-    /// Where jobs may name meshes that lie in a bucket already (mesh_url): s3://BUCKET/PREFIX, with the keys of --blobs.
+    /// Where jobs may name meshes that lie in a bucket (mesh_url): s3://BUCKET/PREFIX, with the keys of --blobs.
     /// {tenant} in it stands for the name of the tenant. Nowhere when left out
     #[arg(long, env = "TESSERAE_MESH_PREFIXES", value_name = "URL,…", value_delimiter = ',')]
     pub mesh_prefixes: Vec<BlobPlace>,

@@ -1,4 +1,4 @@
-//! Uploads whose mesh lies in a bucket: named by `upload` or `mesh_url` in the query. Of the mesh, only its head is read.
+//! Uploads whose mesh lies in a bucket: `upload` or `mesh_url` in the query names it.
 
 use std::sync::Arc;
 
@@ -41,6 +41,7 @@ pub(super) async fn find(
     tenant: &str,
     rules: &Rules,
 ) -> Result<(Incoming, Mesh)> {
+    let mut reserved = None;
     let (mut folder, url) = match at {
         MeshAt::Upload(id) => {
             let folder = files.incoming_reserved(*id)?;
@@ -48,12 +49,22 @@ pub(super) async fn find(
             if let Some(job) = store.get(*id).await?.filter(is_its) {
                 return Ok((files.incoming(), earlier(job)));
             }
-            files.check_reserved(tenant, *id).await?;
+            reserved = Some(files.reserved_bytes(tenant, *id).await?);
             (folder, None)
         }
         MeshAt::Url(url) => (files.incoming(), Some(url.clone())),
     };
     let mesh = look(folder.id(), files, tenant, url, rules).await?;
+    if let Some(bytes) = reserved.filter(|bytes| *bytes != mesh.saved.bytes) {
+        return Err(Error::new(
+            Kind::Conflict,
+            format_args!(
+                "the upload was reserved for {bytes} bytes: PUT the whole mesh to its URL, or reserve another one; it \
+                 has bytes: {}",
+                mesh.saved.bytes
+            ),
+        ));
+    }
     folder.refers_to(mesh.saved.bytes);
     Ok((folder, mesh))
 }
