@@ -3,8 +3,8 @@
     python bucket.py BINARY
 
 Labels are those of the command line, results come whole and in ranges, deletion empties the bucket, a client that hangs
-up leaves no part. Meshes are named that clients stored by a URL, or that lie in the bucket. While the server of S3 cannot be reached, answers are 503, no job is lost, and none fails; once it is
-back, all end. Jobs of a service that is killed run again. A data folder is not used with another bucket than its own.
+up leaves no part. Jobs name meshes that clients stored by a URL, or that lie in the bucket. While the server of S3
+cannot be reached or is full, answers are 503, no job is lost, and none fails; once it is back, all end. Jobs of a service that is killed run again. A data folder is not used with another bucket than its own.
 """
 
 import concurrent.futures
@@ -190,8 +190,9 @@ def by_reference(bucket, service, large):
     status, upload = reserve(len(body))
     assert status == 201, upload
     id, of_upload = upload["id"], f"upload={upload['id']}"
-    assert "X-Amz-SignedHeaders=content-length%3Bhost" in upload["url"], "S3 takes no more bytes than were said"
     refused(of_upload, 409, "nothing was stored")
+    put(upload["url"], body[:1000])
+    refused(of_upload, 409, "was reserved for")
     put(upload["url"], body)
     refused(of_upload, 400, "must be empty", b"v 0 0 0")
     refused(f"{of_upload}&seeds=listed", 422, "seeds")
@@ -279,6 +280,37 @@ def no_bucket_for_a_while(bucket, service, large, small):
     check_labels(service, again, expected)
 
 
+def a_slow_and_a_full_bucket(bucket, service, large):
+    expected = labels_of(large)
+    # slow: the service answers others meanwhile
+    bucket.gate.delay = 0.05
+    with concurrent.futures.ThreadPoolExecutor() as threads:
+        upload = threads.submit(accepted, service, large)
+        slowest = 0
+        while not upload.done():
+            started = time.monotonic()
+            assert request(service, "GET", "/healthz")[0] == 200
+            slowest = max(slowest, time.monotonic() - started)
+        id = upload.result()
+    succeeded(service, id)
+    assert slowest < 2, slowest
+    check_labels(service, id, expected)
+    bucket.gate.delay = 0
+
+    # full: nothing new, everything else; what runs ends when there is room again
+    running = [accepted(service, large, "&quality=best") for _ in "123"]
+    bucket.gate.is_full = True
+    status, headers, body = submit(service, large)
+    assert status == 503 and int(headers["Retry-After"]) > 0, (status, body)
+    until("the service is not ready", lambda: not is_ready(service))
+    check_labels(service, id, expected)
+    assert request(service, "DELETE", f"/v1/jobs/{id}")[0] == 204
+    bucket.gate.is_full = False
+    until("the service is ready", lambda: is_ready(service), 60)
+    for id in running:
+        succeeded(service, id)
+
+
 def killed_with_work(bucket, large):
     expected = labels_of(large, "--quality", "best")
     service = serve(bucket)
@@ -327,6 +359,7 @@ def main():
             by_reference(bucket, service, large)
         with serve(bucket, "--max-attempts", "1") as service:
             no_bucket_for_a_while(bucket, service, large, small)
+            a_slow_and_a_full_bucket(bucket, service, large)
         killed_with_work(bucket, large)
         refusals(bucket)
         assert not bucket.unfinished()
