@@ -181,7 +181,7 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
     spec.is_small = !upload.is_empty();
     match shared.store.create(NewJob { id, spec: spec.clone(), idempotency, upload }).await {
         // another service made a job of the same upload in this moment
-        Ok(Created::New(job)) if !is_same(&job.spec, &spec) => repeated(&caller, job, &spec),
+        Ok(Created::New(job)) if spec.referred.is_some() && !is_same(&job.spec, &spec) => repeated(&caller, job, &spec),
         Ok(Created::New(job)) => {
             folder.keep();
             if spec.referred.is_some_and(|referred| referred.url.is_none()) {
@@ -219,10 +219,12 @@ fn repeated(caller: &Caller, job: Job, spec: &Spec) -> Result<Job, Failure> {
     Err(Error::new(Kind::Conflict, message).into())
 }
 
-/// Whether two requests want the same.
-fn is_same(one: &Spec, other: &Spec) -> bool {
+/// Whether a job is what a request wants. A number that a store kept may differ from the request's in its last digit.
+fn is_same(job: &Spec, wanted: &Spec) -> bool {
     let untraced = |spec: &Spec| Spec { trace_parent: None, ..spec.clone() };
-    untraced(one) == untraced(other)
+    let (job, wanted) = (untraced(job), untraced(wanted));
+    let as_kept = serde_json::to_vec(&wanted).and_then(|json| serde_json::from_slice::<Spec>(&json));
+    job == wanted || as_kept.is_ok_and(|wanted| job == wanted)
 }
 
 /// The job after it ended, or after a while; as it was accepted when the store cannot be read now.
