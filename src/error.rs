@@ -39,7 +39,7 @@ pub enum Kind {
     MeshNotKept,
     /// The resource exists, but does not answer this method.
     MethodNotAllowed,
-    /// The request uses a feature of HTTP that is not supported.
+    /// The request uses a feature of HTTP that is not supported, or one that this service is set up without.
     NotImplemented,
     /// Missing or invalid credentials.
     Unauthorized,
@@ -153,7 +153,7 @@ impl Kind {
             Kind::UnsupportedMesh => "The mesh uses an unsupported feature",
             Kind::UnsupportedMediaType => "The media type is not supported",
             Kind::TooLarge => "The upload is larger than allowed",
-            Kind::NotImplemented => "The request uses an unsupported feature of HTTP",
+            Kind::NotImplemented => "The service does not have this feature",
             Kind::Unauthorized => "A token is needed",
             Kind::Forbidden => "This token may not do this",
             Kind::Timeout => "The request took too long to arrive",

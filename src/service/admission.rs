@@ -74,17 +74,26 @@ impl Admission {
 
     /// Refuses one more job of a tenant that has as many waiting as it may, `creating` more included.
     async fn check_tenant(&self, tenant: &Tenant, creating: u64) -> Result<(), Failure> {
-        let quota = match tenant.quotas.max_queued_jobs {
-            Some(quota) => quota,
-            // without tokens all clients are this tenant: the limit of the whole queue is enough
-            None if tenant.name == LOCAL_TENANT => return Ok(()),
-            None => self.most,
-        };
-        let depth = self.store.queued_of(&tenant.name).await?;
-        if depth + creating < quota {
+        // without tokens all clients are this tenant: the limit of the whole queue is enough
+        if tenant.name == LOCAL_TENANT && tenant.quotas.max_queued_jobs.is_none() {
             return Ok(());
         }
-        let message = format_args!("as many jobs of this tenant wait as may; try again later: {quota}");
+        self.check_quota(tenant, creating).await
+    }
+
+    /// Refuses one more upload by URL of a tenant that has so many without a job: with the waiting jobs, these are at
+    /// most as many as jobs may wait.
+    pub async fn check_reserving(&self, tenant: &Tenant, reserved: u64) -> Result<(), Failure> {
+        self.check_quota(tenant, reserved).await
+    }
+
+    async fn check_quota(&self, tenant: &Tenant, more: u64) -> Result<(), Failure> {
+        let quota = tenant.quotas.max_queued_jobs.unwrap_or(self.most);
+        let depth = self.store.queued_of(&tenant.name).await?;
+        if depth + more < quota {
+            return Ok(());
+        }
+        let message = format_args!("as many jobs and uploads of this tenant wait as may; try again later: {quota}");
         let error = Error::new(Kind::QueueFull, message);
         Err(Failure { queue_depth: Some(depth), retry_after: self.metrics.seconds_to_empty(depth), ..error.into() })
     }

@@ -3,12 +3,15 @@
 use object_store::GetRange;
 
 use super::blobs::Blob;
-use super::files::{Files, Folder};
+use super::files::{Files, Folder, MESH};
 use super::store::{Job, Queue};
 use crate::error::{Error, Kind, Result};
 
 /// A blob of the upload of a job.
 pub(super) async fn upload(files: &Files, store: &dyn Queue, job: &Job, name: &str) -> Result<Blob> {
+    if let Some(referred) = job.spec.referred.as_ref().filter(|_| name == MESH) {
+        return files.read_referred(job.id, &job.spec.tenant, referred, None).await;
+    }
     match job.spec.is_small {
         true => small(files, store, job, name, None).await,
         false => files.read(Folder::Upload(job.id), name, None).await,

@@ -90,6 +90,8 @@ mod urls;
 mod webhooks;
 
 pub use access::tokens::{Quotas, TenantEntry, Token, TokenEntry, TokenFile};
+#[cfg(feature = "postgres")]
+pub use access::{change_tokens, read_tokens};
 pub use backup::{Backup, back_up};
 pub use blobs::place::BlobPlace;
 pub use faults::{FaultPoint, Faults};

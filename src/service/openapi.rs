@@ -17,7 +17,9 @@ use utoipa::openapi::{self, Ref, RefOr, Required, Response, ResponseBuilder, Sch
 use utoipa::{Modify, OpenApi, PartialSchema as _};
 
 use super::api::binary::Binary;
-use super::api::{create, events, health, hierarchy, info, labels, list, metrics, remove, retry, show as job, workers};
+use super::api::{
+    create, events, health, hierarchy, info, labels, list, metrics, remove, retry, show as job, uploads, workers,
+};
 use super::problem::{Answer, Problematic};
 use super::store::PRIORITIES;
 use super::urls;
@@ -42,6 +44,8 @@ const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\
         job::show,
         remove::remove,
         retry::retry,
+        uploads::create,
+        uploads::remove,
         events::stream,
         labels::labels,
         hierarchy::hierarchy,
@@ -155,7 +159,7 @@ fn id_in(path: &str) -> Parameter {
         .name("id")
         .parameter_in(ParameterIn::Path)
         .required(Required::True)
-        .description(Some(if path.starts_with("/v1/workers") { "Id of the worker" } else { "Id of the job" }))
+        .description(Some(format!("Id of the {}", path.split('/').nth(2).unwrap_or_default().trim_end_matches('s'))))
         .schema(Some(Schema::from(id)))
         .build()
 }
@@ -266,7 +270,7 @@ fn add_common_answers(path: &str, answers: &mut BTreeMap<String, RefOr<Response>
     if ["/healthz", "/readyz"].contains(&path) {
         return;
     }
-    if path.starts_with("/v1/jobs") || path.starts_with("/v1/workers") {
+    if ["/v1/jobs", "/v1/uploads", "/v1/workers"].iter().any(|of| path.starts_with(of)) {
         add("500", problem());
     }
     if path.contains("{id}") {

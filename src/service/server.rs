@@ -29,7 +29,7 @@ use super::store::memory::MemoryStore;
 #[cfg(feature = "postgres")]
 use super::store::postgres::PostgresStore;
 use super::store::sqlite::SqliteStore;
-use super::store::{JobStore, Presence, Rules};
+use super::store::{JobStore, Presence, Rules, TokenStore};
 use super::traffic::{Traffic, connections};
 use super::webhooks::{Teller, Webhooks};
 use super::{Settings, Switch, presence, tls};
@@ -106,11 +106,11 @@ impl Server {
         let listener = listen(settings.listen, settings.traffic.listen_backlog).map_err(cannot)?;
         let address = listener.local_addr().map_err(cannot)?;
         let faults = extras.faults.clone();
-        let access = Arc::new(Access::open(&settings.access)?);
         let reload = extras.reload.clone().unwrap_or_default();
         let end_drain_delay = extras.end_drain_delay.clone().unwrap_or_default();
         let (place, disk) = (settings.storage.blobs.as_ref(), settings.storage.disk());
         let mut files = Files::open(settings.data_dir.as_deref(), place, disk, faults.clone())?;
+        files.allow_references(&settings.storage.mesh_prefixes)?;
         let forgets = settings.storage.forget_lost_jobs;
         let rules = Rules {
             max_queued: settings.max_queued_jobs,
@@ -118,10 +118,12 @@ impl Server {
             crash_pause: settings.work.crash_pause(),
         };
         let shared = open_shared(&settings, rules).await?;
-        files.take_place(shared.as_ref().map(|(_, name)| name.as_str())).await?;
+        let tokens = shared.as_ref().map(|shared| Arc::clone(&shared.tokens));
+        let access = Arc::new(Access::open(&settings.access, tokens).await?);
+        files.take_place(shared.as_ref().map(|shared| shared.name.as_str())).await?;
         let files = Arc::new(files);
         let store: Arc<dyn JobStore> = match (shared, files.database()) {
-            (Some((store, _)), _) => store,
+            (Some(shared), _) => shared.jobs,
             (None, Some(path)) => {
                 files.check_store(forgets).await?;
                 let store = SqliteStore::open(&path, rules, faults).await?;
@@ -282,16 +284,21 @@ impl Server {
     }
 }
 
-/// A store that the service shares with others, and its name.
-type SharedStore = (Arc<dyn JobStore>, String);
+/// A store that the service shares with others.
+struct SharedStore {
+    jobs: Arc<dyn JobStore>,
+    tokens: Arc<dyn TokenStore>,
+    /// Its files are known by it.
+    name: String,
+}
 
 /// The store that the service shares with others, if it does.
 #[cfg(feature = "postgres")]
 async fn open_shared(settings: &Settings, rules: Rules) -> Result<Option<SharedStore>> {
     let Some(url) = &settings.storage.store else { return Ok(None) };
     let store = PostgresStore::open(url, settings.storage.store_connections as usize, rules).await?;
-    let name = store.name().to_owned();
-    Ok(Some((Arc::new(store), name)))
+    let (name, store) = (store.name().to_owned(), Arc::new(store));
+    Ok(Some(SharedStore { jobs: store.clone(), tokens: store, name }))
 }
 
 /// None: the settings were checked.

@@ -26,6 +26,7 @@ pub use self::webhooks::WebhookSettings;
 pub use self::work::{Switch, WorkSettings};
 use crate::error::{Error, Result};
 use crate::mesh::Limits;
+use crate::service::files::check_prefixes;
 
 /// Least bytes of memory and disk with which the service can do anything: the store of jobs alone takes a part of them.
 const LEAST_BYTES: u64 = 1 << 20;
@@ -157,7 +158,8 @@ impl Settings {
 
     /// Checks what the settings say together.
     pub fn check(&self) -> Result<()> {
-        let is_open = self.access.tokens.is_none() && !self.access.insecure_no_auth;
+        let has_tokens = self.access.tokens.is_some() || self.access.tokens_in_store;
+        let is_open = !has_tokens && !self.access.insecure_no_auth;
         if is_open && !self.listen.ip().to_canonical().is_loopback() {
             return Err(Error::parameter(format_args!(
                 "without tokens the service listens to this machine only, because any client that reaches it could \
@@ -165,6 +167,11 @@ impl Settings {
                  FILE, or say --insecure-no-auth, to listen on {}",
                 self.listen
             )));
+        }
+        if self.access.tokens_in_store && self.storage.store.is_none() {
+            return Err(Error::parameter(
+                "--tokens-in-store needs a --store that services share: give one, or --tokens",
+            ));
         }
         if self.storage.store.is_some() && self.storage.blobs.is_none() {
             return Err(Error::parameter(
@@ -180,6 +187,7 @@ impl Settings {
         }
         self.check_amounts()?;
         self.storage.check_store()?;
+        check_prefixes(&self.storage.mesh_prefixes, self.storage.blobs.as_ref())?;
         if self.work.work == Switch::Off && self.storage.store.is_none() {
             return Err(Error::parameter(
                 "with --work off nothing works on the jobs: give --store, which others share",

@@ -1,9 +1,11 @@
 //! Uploads: the body of a job request, from its first byte to a folder of files and a [`Spec`].
 //!
 //! What the head of the request says is checked before the body is read, every part as soon as it is there; the mesh
-//! goes to disk as it comes. When anything is refused, or the client hangs up, the folder is removed.
+//! goes to disk as it comes. When anything is refused, or the client hangs up, the folder is removed. Of a mesh
+//! that lies in a bucket only the head is read (`referred`).
 
 mod form;
+mod referred;
 
 use std::sync::{Arc, LazyLock};
 
@@ -18,7 +20,7 @@ use super::blocking::blocking;
 use super::files::{self, Files, Incoming};
 use super::intake::{self, Content, Encoding, Rules};
 use super::request::Wanted;
-use super::store::Spec;
+use super::store::{Job, Queue, Spec};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::{self, Format, HEAD_BYTES};
 
@@ -46,6 +48,8 @@ pub(super) struct Upload {
     pub spec: Spec,
     /// SHA-256 of each file: the mesh, seeds and weights if there are any, the buffers. Empty unless requested.
     pub digests: Vec<[u8; 32]>,
+    /// The job that was made of the same upload by URL before.
+    pub earlier: Option<Job>,
     /// The first bytes of the mesh.
     head: Vec<u8>,
 }
@@ -64,6 +68,7 @@ enum BodyKind {
 pub(super) async fn receive(
     request: Request,
     files: &Arc<Files>,
+    store: &dyn Queue,
     tenant: &str,
     with_digests: bool,
     rules: Rules,
@@ -73,19 +78,31 @@ pub(super) async fn receive(
     let encoding = encoding(&parts.headers);
     let length = content_length(&parts.headers);
     // opened whatever is wrong, so that the answer reaches a client that is still sending
-    let content = intake::open(body, &parts.headers, encoding.clone().unwrap_or(Encoding::Identity), length, rules);
+    let coding = encoding.clone().unwrap_or(Encoding::Identity);
+    let content = intake::open(body, &parts.headers, coding, length, rules.clone());
     let (wanted, encoding) = (wanted?, encoding?);
     let kind = body_kind(&parts.headers)?;
     wanted.check_early(kind == BodyKind::Form)?;
     let (content, length) = (content?, length.filter(|_| encoding == Encoding::Identity));
-    let into = Destination { folder: files.incoming(), with_digests };
-    let mut upload = match kind {
-        BodyKind::Form => form::receive(parts, content, wanted, into).await,
-        BodyKind::Mesh(format) => raw(&parts, content, wanted, format, length, into).await,
+    let (folder, referred) = match &wanted.mesh_at {
+        None => (files.incoming(), None),
+        Some(at) => {
+            let (folder, mesh) = referred::find(at, files, store, tenant, &rules).await?;
+            (folder, Some(mesh))
+        }
+    };
+    let into = Destination { folder, with_digests };
+    let mut upload = match (kind, referred) {
+        (BodyKind::Form, referred) => form::receive(parts, content, wanted, into, referred).await,
+        (BodyKind::Mesh(_), Some(mesh)) => referred::without_body(content, wanted, into, mesh).await,
+        (BodyKind::Mesh(format), None) => raw(&parts, content, wanted, format, length, into).await,
     }?;
     upload.spec.tenant = tenant.to_owned();
     let head = std::mem::take(&mut upload.head);
-    upload.spec.claimed_faces = blocking(move || mesh::claimed_faces(&head)).await?;
+    upload.spec.claimed_faces = match &upload.earlier {
+        Some(job) => job.spec.claimed_faces,
+        None => blocking(move || mesh::claimed_faces(&head)).await?,
+    };
     Ok(upload)
 }
 
@@ -122,16 +139,28 @@ async fn raw(
     let mesh = into.save(content, files::MESH, early).await?;
     let format = mesh.format(format, None)?;
     tracing::debug!(bytes = mesh.bytes, path = parts.uri.path(), "received a mesh");
+    let digests = mesh.digest.into_iter().collect();
+    Ok(Upload {
+        folder: into.folder,
+        digests,
+        earlier: None,
+        spec: spec_of(wanted, format, mesh.bytes)?,
+        head: mesh.head,
+    })
+}
+
+/// A mesh of so many bytes without a name, and nothing else.
+fn spec_of(wanted: Wanted, format: Format, bytes: u64) -> Result<Spec> {
     let (priority, kept) = (wanted.priority(), wanted.kept());
     let (parameters, webhook) = wanted.finish(false)?;
-    let spec = Spec {
+    Ok(Spec {
         tenant: String::new(),
         trace_parent: None,
         webhook,
         parameters,
         file_name: None,
         format,
-        bytes: mesh.bytes,
+        bytes,
         buffers: Vec::new(),
         listed_seeds: false,
         has_weights: false,
@@ -139,8 +168,8 @@ async fn raw(
         claimed_faces: None,
         priority,
         kept,
-    };
-    Ok(Upload { folder: into.folder, spec, digests: mesh.digest.into_iter().collect(), head: mesh.head })
+        referred: None,
+    })
 }
 
 /// What the headers say about the body.

@@ -3,8 +3,8 @@
     python bucket.py BINARY
 
 Labels are those of the command line, results come whole and in ranges, deletion empties the bucket, a client that hangs
-up leaves no part. While the server of S3 cannot be reached, answers are 503, no job is lost, and none fails; once it is
-back, all end. Jobs of a service that is killed run again. A data folder is not used with another bucket than its own.
+up leaves no part. Jobs name meshes that clients stored by a URL, or that lie in the bucket. While the server of S3
+cannot be reached or is full, answers are 503, no job is lost, and none fails; once it is back, all end. Jobs of a service that is killed run again. A data folder is not used with another bucket than its own.
 """
 
 import concurrent.futures
@@ -18,8 +18,9 @@ import subprocess
 import sys
 import tempfile
 import time
+import urllib.parse
 
-from s3 import Bucket
+from s3 import BUCKET, Bucket
 from service import Service
 
 BINARY = pathlib.Path(sys.argv[1]).resolve()
@@ -104,7 +105,7 @@ def check_labels(service, id, expected):
 
 def serve(bucket, *arguments):
     return Service(BINARY, "--data-dir", WORK / "data", "--blobs", f"{bucket.url}/farm", "--device", "cpu",
-                   "--log", "warn", *arguments)
+                   "--mesh-prefixes", f"{bucket.url}/meshes/{{tenant}}", "--log", "warn", *arguments)
 
 
 def is_ready(service):
@@ -160,6 +161,94 @@ def a_client_that_hangs_up(bucket, service, large):
     assert not bucket.keys("farm/uploads/")
 
 
+def by_reference(bucket, service, large):
+    expected, body = labels_of(large), large.read_bytes()
+
+    def reserve(bytes):
+        status, _, body = request(service, "POST", f"/v1/uploads?bytes={bytes}")
+        return status, json.loads(body)
+
+    def put(url, body):
+        place = urllib.parse.urlsplit(url)
+        connection = http.client.HTTPConnection(place.netloc, timeout=60)
+        try:
+            connection.request("PUT", f"{place.path}?{place.query}", body)
+            response = connection.getresponse()
+            assert response.status == 200, response.read()
+        finally:
+            connection.close()
+
+    def job_of(query, body=None, headers={}):
+        status, _, answer = request(service, "POST", f"/v1/jobs?clusters={CLUSTERS}&{query}", body, headers)
+        return status, json.loads(answer)
+
+    def refused(query, status, words, body=None):
+        found, answer = job_of(query, body)
+        assert (found, words in answer["detail"]) == (status, True), (query, found, answer)
+
+    # an upload by URL: named before it is there, once, and again
+    status, upload = reserve(len(body))
+    assert status == 201, upload
+    id, of_upload = upload["id"], f"upload={upload['id']}"
+    refused(of_upload, 409, "nothing was stored")
+    put(upload["url"], body[:1000])
+    refused(of_upload, 409, "was reserved for")
+    put(upload["url"], body)
+    refused(of_upload, 400, "must be empty", b"v 0 0 0")
+    refused(f"{of_upload}&seeds=listed", 422, "seeds")
+    status, job_ = job_of(of_upload)
+    assert status == 202 and job_["id"] == id, job_
+    assert job_of(of_upload)[1]["id"] == id, "the same request gives the same job"
+    refused(f"{of_upload}&seed=5", 409, "other parameters")
+    succeeded(service, id)
+    check_labels(service, id, expected)
+    until("the upload is removed", lambda: not bucket.keys(f"farm/uploads/{id}"))
+    assert job_of(of_upload)[1]["id"] == id, "also when the upload is gone"
+    assert not bucket.keys("farm/reserved/")
+    assert request(service, "DELETE", f"/v1/uploads/{id}")[0] == 404
+    assert request(service, "DELETE", f"/v1/jobs/{id}")[0] == 204
+    refused(of_upload, 404, "no such upload")
+
+    # one that is given up, and those that are refused
+    status, upload = reserve(len(body))
+    put(upload["url"], body)
+    assert bucket.keys(f"farm/uploads/{upload['id']}")
+    assert request(service, "DELETE", f"/v1/uploads/{upload['id']}")[0] == 204
+    assert not bucket.keys("farm/uploads/") and not bucket.keys("farm/reserved/")
+    assert reserve((4 << 30) + 1)[0] == 413 and reserve("many")[0] == 422
+    uploads = [reserve(9) for _ in range(6)]
+    assert [status for status, _ in uploads] == 5 * [201] + [429], "--max-queued-jobs-per-tenant counts them"
+    for _, upload in uploads[:5]:
+        request(service, "DELETE", f"/v1/uploads/{upload['id']}")
+
+    # an object of the bucket, with seeds in a form; one that is replaced while its job waits
+    bucket.client.put_object(Bucket=BUCKET, Key="meshes/local/a b.obj", Body=body)
+    of_url = f"mesh_url={urllib.parse.quote(bucket.url)}/meshes/local/a%20b.obj"
+    status, found = job_of(of_url)
+    assert status == 202, found
+    succeeded(service, found["id"])
+    check_labels(service, found["id"], expected)
+    seeds = json.dumps(list(range(CLUSTERS)))
+    form = f'--x\r\nContent-Disposition: form-data; name="seeds"; filename="s.json"\r\n\r\n{seeds}\r\n--x--\r\n'
+    status, found = job_of(of_url, form.encode(), {"Content-Type": "multipart/form-data; boundary=x"})
+    assert status == 202, found
+    succeeded(service, found["id"])
+    assert not bucket.keys("farm/uploads/") and "meshes/local/a b.obj" in bucket.keys(), "it is not the service's"
+    busy = accepted(service, large, "&quality=best")
+    waits = [job_of(f"{of_url}&quality=best&seed={seed}")[1]["id"] for seed in range(9)]
+    bucket.client.put_object(Bucket=BUCKET, Key="meshes/local/a b.obj", Body=body + b"# other\n")
+    request(service, "DELETE", f"/v1/jobs/{busy}")
+    problem = until("it fails", lambda: job(service, waits[-1])["problem"])
+    assert "replaced by another" in problem["detail"], problem
+    for id in waits:
+        request(service, "DELETE", f"/v1/jobs/{id}")
+    for url, words in [(f"{bucket.url}/meshes/local/none.obj", "no object"), (f"{bucket.url}/farm/owner", "allows"),
+                       (f"{bucket.url}/meshes/other/x.obj", "allows"), ("file:///etc/passwd", "allows"),
+                       ("http://169.254.169.254/", "allows")]:
+        refused(f"mesh_url={urllib.parse.quote(url)}", 422, words)
+    refused(f"{of_url}&{of_upload}", 422, "exclude each other")
+
+
 def no_bucket_for_a_while(bucket, service, large, small):
     expected, of_small = labels_of(large), labels_of(small)
     before = accepted(service, large)
@@ -189,6 +278,37 @@ def no_bucket_for_a_while(bucket, service, large, small):
     again = accepted(service, large)
     succeeded(service, again)
     check_labels(service, again, expected)
+
+
+def a_slow_and_a_full_bucket(bucket, service, large):
+    expected = labels_of(large)
+    # slow: the service answers others meanwhile
+    bucket.gate.delay = 0.05
+    with concurrent.futures.ThreadPoolExecutor() as threads:
+        upload = threads.submit(accepted, service, large)
+        slowest = 0
+        while not upload.done():
+            started = time.monotonic()
+            assert request(service, "GET", "/healthz")[0] == 200
+            slowest = max(slowest, time.monotonic() - started)
+        id = upload.result()
+    succeeded(service, id)
+    assert slowest < 2, slowest
+    check_labels(service, id, expected)
+    bucket.gate.delay = 0
+
+    # full: nothing new, everything else; what runs ends when there is room again
+    running = [accepted(service, large, "&quality=best") for _ in "123"]
+    bucket.gate.is_full = True
+    status, headers, body = submit(service, large)
+    assert status == 503 and int(headers["Retry-After"]) > 0, (status, body)
+    until("the service is not ready", lambda: not is_ready(service))
+    check_labels(service, id, expected)
+    assert request(service, "DELETE", f"/v1/jobs/{id}")[0] == 204
+    bucket.gate.is_full = False
+    until("the service is ready", lambda: is_ready(service), 60)
+    for id in running:
+        succeeded(service, id)
 
 
 def killed_with_work(bucket, large):
@@ -221,6 +341,7 @@ def refusals(bucket):
     assert "another store of jobs" in refused("--data-dir", WORK / "new", "--blobs", here)
     assert "cannot be stored at" in refused("--data-dir", WORK / "newer", "--blobs", "s3://no-such-bucket")
     assert "--data-dir" in refused("--blobs", here)
+    assert "below the other" in refused("--data-dir", data, "--blobs", here, "--mesh-prefixes", bucket.url)
     assert "without encryption" in refused(
         "--data-dir", WORK / "newest", "--blobs", here, AWS_ENDPOINT_URL="http://s3.example:9000")
 
@@ -234,7 +355,11 @@ def main():
         with serve(bucket, "--max-attempts", "1") as service:
             ordinary_work(bucket, service, large, small)
             a_client_that_hangs_up(bucket, service, large)
+        with serve(bucket, "--max-attempts", "1", "--max-queued-jobs-per-tenant", "5") as service:
+            by_reference(bucket, service, large)
+        with serve(bucket, "--max-attempts", "1") as service:
             no_bucket_for_a_while(bucket, service, large, small)
+            a_slow_and_a_full_bucket(bucket, service, large)
         killed_with_work(bucket, large)
         refusals(bucket)
         assert not bucket.unfinished()

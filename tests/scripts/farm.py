@@ -221,6 +221,13 @@ def main():
             farm_failures.become_operator(front)
             show_single_things(database, front, workers, kinds, long)
             farm_failures.stream_across_a_kill(front, workers, long)
+            for worker in workers:
+                worker.stop()
+            farm_failures.tokens_in_the_database(database)
+            farm_failures.frozen_database(database, kinds, long)
+            for worker in workers:
+                worker.start()
+                worker.wait_until_ready()
             farm_failures.flood(database, front, workers, kinds[0], min(1000, 2 * JOBS))
             survive(database, replicas, kinds)
             check_files(database)

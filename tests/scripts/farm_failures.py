@@ -1,14 +1,17 @@
-"""Checks that need a moment: a stream whose service dies, a flood, a rolling update, and what is left at the end."""
+"""Checks that need a moment: a stream whose service dies, a frozen database, a flood, a rolling update, and what is left at the end."""
 
 import http.client
 import json
 import os
+import subprocess
 import threading
 import time
+import types
 
 from farm_replica import (
-    BINARY, BLOBS, FEW, MANY, check, ended, new_token, submitted, wait_for
+    BINARY, BLOBS, FEW, MANY, Replica, check, ended, new_token, submitted, wait_for
 )
+from gate import Gate
 
 # jobs that a worker has at a time by default, and the one for a newcomer
 PLACES = 9
@@ -59,6 +62,77 @@ def stream_across_a_kill(front, workers, long):
     assert numbers == list(range(1, len(numbers) + 1)), numbers
     assert rest[-1][1] == "end", rest[-1]
     print(f"farm: {len(first)} events at a service that was killed, {len(rest)} at another one, without a gap")
+
+
+def tokens_in_the_database(database):
+    """Tokens that are rows: made and taken back by a command, at every service within seconds, and nowhere in the clear."""
+    def token(*arguments):
+        environment = {**os.environ, "TESSERAE_STORE": database.url}
+        done = subprocess.run([BINARY, "token", *arguments], check=True, stdout=subprocess.PIPE, text=True, env=environment)
+        return done.stdout.strip()
+
+    mine, other = token("new", "mine"), token("new", "other", "--admin")
+    token("quota", "mine", '{"max_queued_jobs": 0}')
+    assert [line.split(":")[0] for line in token("list").splitlines()] == ["mine", "other"]
+    replicas = [Replica(f"tokens-{name}", database, BINARY, "--tokens-in-store", "--work", "off") for name in "ab"]
+    try:
+        for replica in replicas:
+            replica.wait_until_ready()
+
+        def status(replica, token, method="GET", path="/v1/jobs"):
+            return replica.request(method, path, b"", {"Authorization": f"Bearer {token}"})[0]
+        for replica in replicas:
+            assert status(replica, mine) == 200 and status(replica, MANY) == 401
+            assert (status(replica, mine, path="/v1/workers"), status(replica, other, path="/v1/workers")) == (403, 200)
+            assert status(replica, mine, "POST", "/v1/jobs?clusters=1") == 429, "a quota"
+        started = time.monotonic()
+        token("revoke", mine.split("_")[1])
+        later = token("new", "mine")
+        for replica in replicas:
+            wait_for(lambda: status(replica, mine) == 401 and status(replica, later) == 200, "the change arrives", 10)
+        took = time.monotonic() - started
+        kept = database.ask("SELECT json_agg(entry) FROM tesserae.access")
+        for made in (mine, other, later):
+            _, id, secret = made.split("_", 2)
+            assert (id in kept) == (made is not mine) and secret not in kept
+        print(f"farm: tokens in the database, changed at two services within {took:.1f} s")
+    finally:
+        for replica in replicas:
+            replica.stop()
+
+
+def frozen_database(database, kinds, long):
+    """PostgreSQL takes connections and answers nothing: as an overloaded machine, or a network that drops packets."""
+    gate = Gate(database.port)
+    behind = types.SimpleNamespace(url=database.url.replace(f":{database.port}/", f":{gate.address[1]}/"))
+    front, worker = [Replica(f"frozen-{name}", behind, BINARY, "--work", work)
+                     for name, work in [("front", "off"), ("worker", "on")]]
+    try:
+        for replica in (front, worker):
+            replica.wait_until_ready()
+        running = submitted(long, front)["id"]
+        wait_for(lambda: front.job(running)["progress"]["iterations"] > 0, "it runs")
+        waiting = [(submitted(kind, front)["id"], kind) for kind in kinds]
+        gate.freeze()
+        started = time.monotonic()
+        status, body, headers = kinds[0].submit(front)
+        assert status == 503 and headers["Retry-After"] and b"/problems/unavailable" in body, (status, body)
+        took = time.monotonic() - started
+        wait_for(lambda: front.request("GET", "/readyz")[0] == 503, "not ready without a database")
+        assert front.request("GET", "/healthz")[0] == 200
+        # a lease is over, by the clock of the database
+        wait_for(lambda: database.ask(f"SELECT 1 FROM tesserae.jobs WHERE id = '{running}' AND state = 'running' "
+                                      "AND lease_until < clock_timestamp()"), "no heartbeat arrives")
+        gate.thaw()
+        for replica in (front, worker):
+            replica.wait_until_ready()
+        attempts = [check_end(front, id, kind) for id, kind in [(running, long), *waiting]]
+        print(f"farm: 503 after {took:.1f} s while the database was frozen; then all of {len(attempts)} jobs ended once, "
+              f"after {max(attempts)} attempts at most")
+    finally:
+        gate.thaw()
+        for replica in (front, worker):
+            replica.stop()
 
 
 def flood(database, front, workers, kind, count):

@@ -45,7 +45,7 @@ class Replica:
         self.binary = binary
         self.arguments = [
             "serve", "--listen", "%s:%d" % self.address, "--store", database.url, "--blobs", BLOBS,
-            "--tokens", TOKENS,
+            *([] if "--tokens-in-store" in arguments else ["--tokens", TOKENS]),
             "--device", "cpu", "--worker-name", name, "--lease", str(LEASE), "--min-free-bytes", "0", "--log", "info",
             "--max-request-rate", "1000000", "--max-queued-jobs", "100000", "--crash-pause", "0",
             # kills are so many that a job may be alone at work in several

@@ -6,24 +6,18 @@ runs the command with a bucket of such a server: its URL is in TESSERAE_TEST_S3,
 """
 
 import os
-import socket
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 import urllib.request
 
 import boto3
 
+from gate import Gate, free_port
+
 BUCKET = "tesserae-test"
 KEYS = {"AWS_ACCESS_KEY_ID": "test", "AWS_SECRET_ACCESS_KEY": "test", "AWS_REGION": "us-east-1"}
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 class Bucket:
@@ -77,63 +71,6 @@ class Bucket:
             self.gate.close()
         self.process.terminate()
         self.process.wait(timeout=30)
-
-
-class Gate:
-    """What stands between the service and the server: open, or closed as if no server were there.
-
-    The server keeps its objects in memory, so it is not the one to be stopped.
-    """
-
-    def __init__(self, port):
-        self.behind = ("127.0.0.1", port)
-        self.address = ("127.0.0.1", free_port())
-        self.url = "http://%s:%d" % self.address
-        self.sockets = set()
-        self.open()
-
-    def open(self):
-        self.listener = socket.create_server(self.address, backlog=128)
-        threading.Thread(target=self.accept, args=[self.listener], daemon=True).start()
-
-    def close(self):
-        """No connection is taken from now on, and those that are there break."""
-        # a thread that waits in accept would keep the listener
-        self.listener.shutdown(socket.SHUT_RDWR)
-        self.listener.close()
-        for each in list(self.sockets):
-            try:
-                each.shutdown(socket.SHUT_RDWR)
-            except OSError:
-                pass
-
-    def accept(self, listener):
-        while True:
-            try:
-                near = listener.accept()[0]
-            except OSError:
-                return
-            try:
-                far = socket.create_connection(self.behind)
-            except OSError:
-                near.close()
-                continue
-            self.sockets |= {near, far}
-            for source, target in [(near, far), (far, near)]:
-                threading.Thread(target=self.copy, args=[source, target], daemon=True).start()
-
-    def copy(self, source, target):
-        try:
-            while chunk := source.recv(1 << 16):
-                target.sendall(chunk)
-            target.shutdown(socket.SHUT_WR)
-        except OSError:
-            for each in (source, target):
-                try:
-                    each.shutdown(socket.SHUT_RDWR)
-                except OSError:
-                    pass
-        self.sockets.discard(source)
 
 
 if __name__ == "__main__":

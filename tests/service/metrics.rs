@@ -95,14 +95,26 @@ fn deployed(name: &str) -> String {
     std::fs::read_to_string(path).expect("a file")
 }
 
-/// Names of metrics in the dashboard must be names that the service gives.
-#[tokio::test]
-async fn the_dashboard_draws_metrics_that_there_are() {
-    let dashboard: serde_json::Value = serde_json::from_str(&deployed("grafana.json")).expect("JSON");
+/// The queries of a dashboard.
+fn queries(dashboard: &str) -> Vec<String> {
+    let dashboard: serde_json::Value = serde_json::from_str(&deployed(dashboard)).expect("JSON");
     let mut expressions = Vec::new();
     collect(&dashboard, &mut expressions);
     assert!(expressions.len() > 15, "{}", expressions.len());
+    expressions
+}
+
+/// Names of metrics in the dashboards must be names that the service gives.
+#[tokio::test]
+async fn the_dashboards_draw_metrics_that_there_are() {
     let (there, kind_of) = given().await;
+    for expression in queries("grafana-farm.json") {
+        assert!(names(&expression).count() > 0 && expression.contains("job=\"$farm\""), "{expression}");
+        for name in names(&expression) {
+            assert!(there.contains(name), "{name} in {expression} is none of {there:#?}");
+        }
+    }
+    let expressions = queries("grafana.json");
     let mut drawn = BTreeSet::new();
     for expression in &expressions {
         for name in names(expression) {

@@ -45,7 +45,7 @@ class Operation:
         Parameters
         ----------
         id : str
-            The job, or the worker.
+            The job, the upload or the worker.
         query, headers : mapping
             Values by name.
         accept : str
@@ -76,11 +76,13 @@ def _of_job(id: str, name: str, *query: str) -> Operation:
 
 
 _ALL = [
-    Operation("createJob", "POST", "/v1/jobs", ("format",), ("Prefer", "Idempotency-Key")),
+    Operation("createJob", "POST", "/v1/jobs", ("format", "upload", "mesh_url"), ("Prefer", "Idempotency-Key")),
     Operation("listJobs", "GET", "/v1/jobs", ("state", "cursor", "limit")),
     Operation("getJob", "GET", "/v1/jobs/{id}"),
     Operation("deleteJob", "DELETE", "/v1/jobs/{id}"),
     Operation("retryJob", "POST", "/v1/jobs/{id}/retry"),
+    Operation("createUpload", "POST", "/v1/uploads", ("bytes",)),
+    Operation("deleteUpload", "DELETE", "/v1/uploads/{id}"),
     Operation("streamEvents", "GET", "/v1/jobs/{id}/events", (), ("Last-Event-ID",)),
     _of_job("getLabels", "labels", "clusters", "iteration", "format"),
     _of_job("getHierarchy", "hierarchy", "min_clusters", "max_clusters", "clusters", "format"),

@@ -21,7 +21,7 @@ Source = Union[str, "os.PathLike[str]", bytes, IO[bytes]]
 
 
 MeshSource = Union[Source, "MeshLike", "tuple[ArrayLike, FacesLike]"]
-"""A mesh to upload: a file, a mesh in memory, or points and faces as a tuple."""
+"""A mesh: a file, a mesh in memory, points and faces as a tuple, or the URL ``s3://…`` of one in a bucket."""
 
 
 class Parameters(TypedDict, total=False):
@@ -90,5 +90,7 @@ class SubmitOptions(Parameters, total=False):
     file_name: str
     #: Seconds that the service waits for the end of the job before it answers.
     wait: float
+    #: Whether the mesh goes to the bucket of the service by a URL, not through the service: for large ones.
+    by_reference: bool
     #: The same key and request give the same job; a new key each time when left out.
     idempotency_key: str

@@ -92,13 +92,13 @@ class Client:
 
         Parameters
         ----------
-        mesh : file name, bytes, open binary file, pair of arrays, or mesh
+        mesh : file name, bytes, open binary file, pair of arrays, mesh, or URL
             A file in a format that `formats` lists; points and faces as a tuple; a `tesserae.Mesh` or an object of
-            pyvista, trimesh, open3d or meshio.
+            pyvista, trimesh, open3d or meshio; the URL ``s3://…`` of an object that the service may read.
         **options
             What to do, by the names of `tesserae.cluster`, and what `tesserae.client.SubmitOptions` adds: ``outputs``,
-            ``keep_mesh``, ``priority``, ``webhook``, ``buffers``, ``format``, ``file_name``, ``wait`` and
-            ``idempotency_key``.
+            ``keep_mesh``, ``priority``, ``webhook``, ``buffers``, ``format``, ``file_name``, ``wait``, ``by_reference``
+            and ``idempotency_key``.
 
         Raises
         ------

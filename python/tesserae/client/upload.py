@@ -36,8 +36,8 @@ def form_of(mesh: MeshSource, options: SubmitOptions) -> Generator[Form, None, N
 
     Parameters
     ----------
-    mesh : file name, bytes, open binary file, or anything that `tesserae.cluster` takes
-        The mesh; points and faces as a pair of arrays.
+    mesh : file name, bytes, open binary file, URL ``s3://…``, or anything that `tesserae.cluster` takes
+        The mesh; points and faces as a pair of arrays. The form has no part for one in a bucket.
     options : SubmitOptions
         Keywords of `Client.submit`.
     """
@@ -45,21 +45,26 @@ def form_of(mesh: MeshSource, options: SubmitOptions) -> Generator[Form, None, N
     file_name: str | None = left.pop("file_name", None)
     buffers: Mapping[str, Source] = left.pop("buffers", None) or {}
     weights, seeds = left.pop("weights", None), left.get("seeds")
-    for name in ("format", "wait", "idempotency_key"):
+    for name in ("format", "wait", "idempotency_key", "by_reference"):
         left.pop(name, None)
     with contextlib.ExitStack() as files:
-        if isinstance(mesh, (str, os.PathLike)):
+        content: bytes | IO[bytes] | None = None
+        if is_in_bucket(mesh):
+            pass
+        elif isinstance(mesh, (str, os.PathLike)):
             path = pathlib.Path(mesh)
             file_name = file_name or path.name
             buffers = {**_beside(path), **buffers}
-            content: bytes | IO[bytes] = files.enter_context(_open(path))
+            content = files.enter_context(_open(path))
         elif _is_content(mesh):
             content = cast("bytes | IO[bytes]", mesh)
         else:
             content = ply(_in_memory(cast("MeshLike | tuple[ArrayLike, FacesLike]", mesh)))
             file_name = file_name or "mesh.ply"
         # The service tells parts with a file from others by the file name.
-        parts: list[tuple[str, str | None, bytes | IO[bytes], str]] = [("mesh", file_name or "mesh", content, BYTES)]
+        parts: list[tuple[str, str | None, bytes | IO[bytes], str]] = []
+        if content is not None:
+            parts.append(("mesh", file_name or "mesh", content, BYTES))
         for uri, source in buffers.items():
             opened = files.enter_context(_open(source)) if isinstance(source, (str, os.PathLike)) else source
             parts.append(("buffer", uri, opened, BYTES))
@@ -83,6 +88,11 @@ def _members(left: Mapping[str, Any]) -> dict[str, Any]:
             continue
         plain[name] = value if isinstance(value, (str, int, float)) else np.asarray(value).tolist()
     return plain
+
+
+def is_in_bucket(mesh: object) -> bool:
+    """Whether a mesh is the URL of an object that the service reads by itself."""
+    return isinstance(mesh, str) and mesh.startswith("s3://")
 
 
 def _is_content(mesh: object) -> bool:

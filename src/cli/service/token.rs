@@ -4,13 +4,14 @@ use std::path::PathBuf;
 
 use crate::cli::files::Target;
 use crate::cli::{Failure, print, print_line};
-use crate::error::{Error, Kind};
-use crate::service::TokenFile;
+use crate::error::{Error, Kind, wrong_json};
+use crate::service::{Quotas, StoreUrl, TokenFile};
 
 /// Arguments of `tesserae token`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-A service that runs with the file takes the change within seconds. Quotas of a tenant are in the file, which is JSON:
+A service that runs with the file takes the change within seconds, and so do all that run with the database. Quotas of
+a tenant are set by `token quota`, or in the file, which is JSON:
   \"quotas\": {\"max_queued_jobs\": 100, \"max_request_rate\": 50, \"max_requests_at_once\": 16, \"max_streams\": 64,
               \"max_running_jobs\": 4, \"weight\": 2}
 
@@ -47,6 +48,19 @@ enum Command {
         #[command(flatten)]
         place: Place,
     },
+    /// Set the quotas of a tenant, new or known; those that are left out are as the settings of the service say
+    Quota {
+        /// Name of the tenant
+        #[arg(value_parser = tenant_name)]
+        tenant: String,
+
+        /// The quotas, as JSON: {"max_queued_jobs": 100, "weight": 2}
+        #[arg(value_parser = quotas)]
+        quotas: Quotas,
+
+        #[command(flatten)]
+        place: Place,
+    },
     /// Take a token back
     Revoke {
         /// Id of the token: what stands in it between the two underscores
@@ -62,11 +76,65 @@ enum Command {
 struct Place {
     /// File of tokens; `new` makes it if it is not there
     #[arg(long, env = "TESSERAE_TOKENS", value_name = "FILE")]
-    tokens: PathBuf,
+    tokens: Option<PathBuf>,
+
+    /// Database that services share, as for `tesserae serve --tokens-in-store`; not looked at beside a file
+    #[arg(long, env = "TESSERAE_STORE", value_name = "URL", hide_env_values = true)]
+    store: Option<StoreUrl>,
+}
+
+impl Place {
+    /// The tokens.
+    fn read(&self) -> Result<TokenFile, Failure> {
+        match (&self.tokens, &self.store) {
+            (Some(path), _) => Ok(TokenFile::read(path)?),
+            (None, Some(url)) => Ok(in_store::read(url)?),
+            (None, None) => Err(nowhere()),
+        }
+    }
+
+    /// Changes the tokens, whole or not at all.
+    fn change<T>(&self, change: impl FnOnce(&mut TokenFile) -> Result<T, Failure>) -> Result<T, Failure> {
+        match (&self.tokens, &self.store) {
+            (Some(path), _) => TokenFile::try_change(path, change),
+            (None, Some(url)) => in_store::change(url, change),
+            (None, None) => Err(nowhere()),
+        }
+    }
+}
+
+fn nowhere() -> Failure {
+    Error::parameter("it is not said where the tokens are: give --tokens FILE, or --store URL").into()
+}
+
+/// Tokens in a database.
+#[cfg(feature = "postgres")]
+mod in_store {
+    pub use crate::service::{change_tokens as change, read_tokens as read};
+}
+
+/// Refuses a database: this build knows none.
+#[cfg(not(feature = "postgres"))]
+mod in_store {
+    use crate::cli::Failure;
+    use crate::error::{Error, Result};
+    use crate::service::{StoreUrl, TokenFile};
+
+    pub fn read(_: &StoreUrl) -> Result<TokenFile> {
+        Err(Error::parameter("this build has no --store: build tesserae with the cargo feature postgres"))
+    }
+
+    pub fn change<T>(url: &StoreUrl, _: impl FnOnce(&mut TokenFile) -> Result<T, Failure>) -> Result<T, Failure> {
+        Err(read(url).map(|_| super::nowhere()).unwrap_or_else(Failure::from))
+    }
 }
 
 fn tenant_name(name: &str) -> Result<String, String> {
     TokenFile::check_name(name).map(|()| name.to_owned()).map_err(|error| error.message)
+}
+
+fn quotas(text: &str) -> Result<Quotas, String> {
+    serde_json::from_str(text).map_err(|error| wrong_json(&error))
 }
 
 /// Does what the arguments say.
@@ -75,7 +143,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::New { tenant, metrics, admin, place } => {
             Target::Stdout.check()?;
             // printed before the file is written: a token that was never shown is never valid
-            TokenFile::try_change(&place.tokens, |file| {
+            place.change(|file| {
                 let token = file.add(tenant)?;
                 if let Some(entry) = file.tenants.get_mut(tenant) {
                     entry.metrics |= *metrics;
@@ -85,7 +153,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             })
         }
         Command::List { place } => {
-            let file = TokenFile::read(&place.tokens)?;
+            let file = place.read()?;
             print(|out| {
                 file.tenants.iter().try_for_each(|(name, tenant)| {
                     let ids: Vec<&str> = tenant.tokens.iter().map(|token| token.id.as_str()).collect();
@@ -93,10 +161,14 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
                 })
             })
         }
+        Command::Quota { tenant, quotas, place } => place.change(|file| {
+            file.tenants.entry(tenant.clone()).or_default().quotas = *quotas;
+            Ok(file.check()?)
+        }),
         Command::Revoke { id, place } => {
-            let tenant = TokenFile::change(&place.tokens, |file| match file.revoke(id) {
+            let tenant = place.change(|file| match file.revoke(id) {
                 Some(tenant) => Ok(tenant.to_owned()),
-                None => Err(Error::new(Kind::NotFound, format_args!("there is no token with this id: {id:?}"))),
+                None => Err(Error::new(Kind::NotFound, format_args!("there is no token with this id: {id:?}")).into()),
             })?;
             print_line(&format!("{tenant}: {id} is no longer a token"))
         }

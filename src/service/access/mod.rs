@@ -1,16 +1,18 @@
 //! Authentication: from tokens to tenants.
 //!
 //! Every request passes [`Access::caller`]; handlers take [`Caller`] and find jobs by it, so that a job of another
-//! tenant is not there. Without a file of tokens all requests are of one tenant. A token is never logged, nor part of
+//! tenant is not there. Without tokens all requests are of one tenant. A token is never logged, nor part of
 //! an error.
 
 mod file;
+#[cfg(feature = "postgres")]
+mod in_store;
+mod place;
 pub(super) mod tokens;
 
 use std::net::IpAddr;
-use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
@@ -18,17 +20,19 @@ use axum::http::{HeaderMap, header};
 use tokio::sync::{Notify, watch};
 use tokio_util::sync::CancellationToken;
 
+#[cfg(feature = "postgres")]
+pub use self::in_store::{change_tokens, read_tokens};
+use self::place::{Place, Stamp};
 use self::tokens::{Tenant, TokenName, Tokens};
-use super::blocking::blocking;
 use super::health::{Health, Part};
 use super::problem::Failure;
 use super::settings::AccessSettings;
-use super::store::LOCAL_TENANT;
 use super::store::fairness::Shares;
+use super::store::{LOCAL_TENANT, TokenStore};
 use super::trace::Origin;
 use crate::error::{Error, Kind, Result};
 
-/// How often the file of tokens is looked at.
+/// How often is looked whether the tokens changed.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
 /// Paths that need no token: those of probes, proxies, readers of the description, and the page; without data of jobs.
@@ -103,55 +107,56 @@ fn missing() -> Error {
 /// Finds the callers of requests.
 #[derive(Debug)]
 pub(super) struct Access {
-    file: Option<TokensInFile>,
+    kept: Option<Kept>,
     changes: watch::Sender<()>,
     shares: watch::Sender<Arc<Shares>>,
 }
 
-/// The tokens, and the file that they were read from.
+/// The tokens, and where they were read from.
 #[derive(Debug)]
-struct TokensInFile {
-    path: PathBuf,
-    /// When it was read first.
-    first: Stamp,
+struct Kept {
+    place: Place,
+    /// When they were read first.
+    first: Option<Stamp>,
     tokens: RwLock<Arc<Tokens>>,
 }
 
-impl TokensInFile {
+impl Kept {
     /// The tokens as they were read last.
     fn tokens(&self) -> Arc<Tokens> {
         Arc::clone(&self.tokens.read().unwrap_or_else(PoisonError::into_inner))
     }
 }
 
-/// What changes when a file does.
-type Stamp = Option<(Option<SystemTime>, u64)>;
-
 impl Access {
-    /// Reads the file of tokens, if there is to be one.
-    pub fn open(settings: &AccessSettings) -> Result<Self> {
-        let file = match &settings.tokens {
-            Some(path) => {
-                // before it is read: what changes meanwhile is read again
-                let first = stamp(path);
-                let tokens = Arc::new(Tokens::read(path)?);
-                tracing::info!(tokens = tokens.len(), "read {}", path.display());
-                Some(TokensInFile { path: path.clone(), first, tokens: RwLock::new(tokens) })
+    /// Reads the tokens, if there are to be some: of a file, or of the store where the settings say so.
+    pub async fn open(settings: &AccessSettings, store: Option<Arc<dyn TokenStore>>) -> Result<Self> {
+        let place = match (&settings.tokens, store.filter(|_| settings.tokens_in_store)) {
+            (Some(path), _) => Some(Place::File(path.clone())),
+            (None, store) => store.map(Place::Store),
+        };
+        let kept = match place {
+            Some(place) => {
+                // before they are read: what changes meanwhile is read again
+                let first = place.stamp().await;
+                let tokens = Arc::new(place.read().await?);
+                tracing::info!(tokens = tokens.len(), "read {}", place.name());
+                Some(Kept { place, first, tokens: RwLock::new(tokens) })
             }
             None => None,
         };
-        let shares = file.as_ref().map(|file| file.tokens().shares()).unwrap_or_default();
-        Ok(Self { file, changes: watch::Sender::default(), shares: watch::Sender::new(Arc::new(shares)) })
+        let shares = kept.as_ref().map(|kept| kept.tokens().shares()).unwrap_or_default();
+        Ok(Self { kept, changes: watch::Sender::default(), shares: watch::Sender::new(Arc::new(shares)) })
     }
 
-    /// What each tenant may use of the queue, as the file says now.
+    /// What each tenant may use of the queue, as the tokens say now.
     pub fn shares(&self) -> watch::Receiver<Arc<Shares>> {
         self.shares.subscribe()
     }
 
     /// The caller of a request with these headers to `path`; an error where access is denied.
     pub fn caller(&self, path: &str, headers: &HeaderMap) -> Result<Caller> {
-        let Some(file) = &self.file else {
+        let Some(kept) = &self.kept else {
             let local =
                 Tenant { name: LOCAL_TENANT.to_owned(), quotas: Default::default(), metrics: true, admin: true };
             return Ok(Caller { tenant: Some(local), token: None, origin: None });
@@ -159,7 +164,7 @@ impl Access {
         if OPEN.contains(&path) {
             return Ok(Caller::anybody());
         }
-        let tokens = file.tokens();
+        let tokens = kept.tokens();
         let (tenant, token) = tokens.tenant(bearer(headers)?).ok_or_else(|| {
             Error::new(Kind::Unauthorized, "the token is not known here: it was mistyped or taken back")
         })?;
@@ -179,7 +184,7 @@ impl Access {
     /// Whether a request with these headers may read how the service is, with its paths: it may read metrics, or comes
     /// from this machine, and not through a proxy, where there are no tokens.
     pub fn may_read_details(&self, headers: &HeaderMap, client: IpAddr) -> bool {
-        match self.file {
+        match self.kept {
             Some(_) => self.caller(METRICS, headers).is_ok(),
             None => {
                 client.is_loopback() && !["forwarded", "x-forwarded-for"].iter().any(|name| headers.contains_key(*name))
@@ -189,10 +194,10 @@ impl Access {
 
     /// Whether the token of an earlier caller is still valid.
     pub fn still_knows(&self, caller: &Caller) -> bool {
-        let (Some(file), Some(token), Some(tenant)) = (&self.file, &caller.token, &caller.tenant) else {
+        let (Some(kept), Some(token), Some(tenant)) = (&self.kept, &caller.token, &caller.tenant) else {
             return true;
         };
-        file.tokens.read().unwrap_or_else(PoisonError::into_inner).has(token, &tenant.name)
+        kept.tokens().has(token, &tenant.name)
     }
 
     /// Changes whenever the tokens may have.
@@ -203,28 +208,27 @@ impl Access {
         changes
     }
 
-    /// Reads the file of tokens again whenever it changes, and when `reload` is notified, until `stop`. One that cannot
-    /// be read changes nothing.
+    /// Reads the tokens again whenever they change, and when `reload` is notified, until `stop`. Tokens that cannot be
+    /// read change nothing.
     pub async fn follow(&self, health: &Health, reload: Arc<Notify>, stop: CancellationToken) {
-        let Some(file) = &self.file else { return };
-        let mut seen = file.first;
+        let Some(kept) = &self.kept else { return };
+        let mut seen = kept.first.clone();
         loop {
             let is_asked = tokio::select! {
                 () = stop.cancelled() => return,
                 () = tokio::time::sleep(LOOK_EVERY) => false,
                 () = reload.notified() => true,
             };
-            let path = file.path.clone();
-            let stamp = blocking(move || stamp(&path)).await.ok().flatten();
-            if stamp == seen && !is_asked {
+            let stamp = kept.place.stamp().await;
+            // a store that is away shows in the health of the store
+            if !is_asked && (stamp.is_none() || stamp == seen) {
                 continue;
             }
-            let path = file.path.clone();
-            match blocking(move || Tokens::read(&path)).await.flatten() {
+            match kept.place.read().await {
                 Ok(tokens) => {
-                    tracing::info!(tokens = tokens.len(), "read {} again", file.path.display());
+                    tracing::info!(tokens = tokens.len(), "read {} again", kept.place.name());
                     self.shares.send_replace(Arc::new(tokens.shares()));
-                    *file.tokens.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(tokens);
+                    *kept.tokens.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(tokens);
                     self.changes.send_replace(());
                     health.clear(Part::Tokens);
                 }
@@ -233,11 +237,6 @@ impl Access {
             seen = stamp;
         }
     }
-}
-
-fn stamp(path: &Path) -> Stamp {
-    let metadata = std::fs::metadata(path).ok()?;
-    Some((metadata.modified().ok(), metadata.len()))
 }
 
 /// The token of a request (RFC 6750 §2.1).

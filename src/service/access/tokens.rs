@@ -118,8 +118,13 @@ impl TokenFile {
         let file: Self = serde_json::from_slice(json).map_err(|error| {
             Error::parameter(format_args!("the file of tokens is not valid: {}", wrong_json_at(&error)))
         })?;
-        file.index()?;
+        file.check()?;
         Ok(file)
+    }
+
+    /// Checks the whole.
+    pub fn check(&self) -> Result<()> {
+        self.index().map(drop)
     }
 
     /// Refuses what cannot be the name of a tenant.

@@ -21,7 +21,7 @@ use crate::service::audit::{self, Action};
 use crate::service::intake::Rules;
 use crate::service::problem::{Answer, Failure, Problematic};
 use crate::service::state::{App, Shared};
-use crate::service::store::{Created, Job, NewJob};
+use crate::service::store::{Created, Job, NewJob, Spec};
 use crate::service::trace::TraceParent;
 use crate::service::upload::{self, Upload};
 use crate::service::{idempotency, intake, prefer, urls};
@@ -55,6 +55,12 @@ pub(in crate::service) struct UploadForm {
     post, path = "/v1/jobs", tag = "jobs", operation_id = "createJob",
     params(
         ("format" = Option<Format>, Query, description = "Format of the mesh, where its media type does not say it"),
+        ("upload" = Option<String>, Query,
+         description = "Id of an upload by URL (`POST /v1/uploads`) that is the mesh; the body is empty then, or a \
+                        form without a part `mesh`. The job gets that id; the same request again gives the same job"),
+        ("mesh_url" = Option<String>, Query, example = "s3://bucket/meshes/horse.glb",
+         description = "Object of a bucket that is the mesh, below a prefix that the operator allows; the body is \
+                        empty then, or a form without a part `mesh`"),
         ("priority" = Option<i8>, Query, minimum = -100, maximum = 100,
          description = "Of your waiting jobs, those with a higher priority start first; 0 when left out"),
         ("outputs" = Option<String>, Query, example = "mesh.glb,submeshes.zip",
@@ -85,6 +91,7 @@ pub(in crate::service) struct UploadForm {
         (status = 202, description = "The job was accepted", body = JobView,
          headers(("Location" = String, description = "Path of the job"))),
         (status = 400, response = Problematic),
+        (status = 404, response = Problematic),
         (status = 409, response = Problematic),
         (status = 413, response = Problematic),
         (status = 415, response = Problematic),
@@ -119,7 +126,8 @@ pub(in crate::service) async fn create(Extract(shared): App, caller: Caller, req
     }
     let wait = prefer::wait(request.headers(), shared.settings.max_wait());
     let parent = request.extensions().get::<TraceParent>().map(|parent| parent.at(&tracing::Span::current()));
-    let mut upload = upload::receive(request, &shared.files, &tenant.name, key.is_some(), rules).await?;
+    let mut upload =
+        upload::receive(request, &shared.files, shared.store.as_ref(), &tenant.name, key.is_some(), rules).await?;
     upload.spec.trace_parent = parent.map(|parent| parent.to_string());
     if let Some(webhook) = &upload.spec.webhook {
         shared.webhooks.check(webhook)?;
@@ -152,7 +160,10 @@ pub(in crate::service) async fn create(Extract(shared): App, caller: Caller, req
 /// Makes a job of an upload, or finds the one that was made of it before.
 async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option<String>) -> Result<Job, Failure> {
     let tenant = caller.tenant()?;
-    let Upload { mut folder, mut spec, digests, .. } = upload;
+    let Upload { mut folder, mut spec, digests, earlier, .. } = upload;
+    if let Some(job) = earlier {
+        return repeated(&caller, job, &spec);
+    }
     let is_known = match &key {
         Some(key) => shared.store.knows_key(&tenant.name, key).await?,
         None => false,
@@ -168,9 +179,14 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
     }
     let upload = folder.settle(|bytes| shared.store.takes(bytes)).await?;
     spec.is_small = !upload.is_empty();
-    match shared.store.create(NewJob { id, spec, idempotency, upload }).await {
+    match shared.store.create(NewJob { id, spec: spec.clone(), idempotency, upload }).await {
+        // another service made a job of the same upload in this moment
+        Ok(Created::New(job)) if spec.referred.is_some() && !is_same(&job.spec, &spec) => repeated(&caller, job, &spec),
         Ok(Created::New(job)) => {
             folder.keep();
+            if spec.referred.is_some_and(|referred| referred.url.is_none()) {
+                shared.files.unreserve(&tenant.name, id).await;
+            }
             audit::record(Action::Accepted(job.spec.bytes), &caller, id);
             shared.metrics.accepted(&job);
             Ok(job)
@@ -187,6 +203,28 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
             Err(shared.admission.full(error).await)
         }
     }
+}
+
+/// The job that was made of an upload by URL before: the same request gives the same job.
+fn repeated(caller: &Caller, job: Job, spec: &Spec) -> Result<Job, Failure> {
+    if is_same(&job.spec, spec) {
+        audit::record(Action::Repeated, caller, job.id);
+        return Ok(job);
+    }
+    let message = format_args!(
+        "a job with other parameters was made of this upload, and an upload is one job's; make another upload, or put \
+         the mesh where mesh_url may name it: {}",
+        job.id
+    );
+    Err(Error::new(Kind::Conflict, message).into())
+}
+
+/// Whether a job is what a request wants. A number that a store kept may differ from the request's in its last digit.
+fn is_same(job: &Spec, wanted: &Spec) -> bool {
+    let untraced = |spec: &Spec| Spec { trace_parent: None, ..spec.clone() };
+    let (job, wanted) = (untraced(job), untraced(wanted));
+    let as_kept = serde_json::to_vec(&wanted).and_then(|json| serde_json::from_slice::<Spec>(&json));
+    job == wanted || as_kept.is_ok_and(|wanted| job == wanted)
 }
 
 /// The job after it ended, or after a while; as it was accepted when the store cannot be read now.

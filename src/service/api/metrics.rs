@@ -31,6 +31,7 @@ pub(in crate::service) async fn metrics(Extract(shared): App) -> Answer {
         streams: shared.traffic.open_streams(),
         upload_bytes_in_flight: shared.traffic.uploads.held(),
         store: shared.store.statistics(),
+        file_errors: shared.files.failures(),
         disk_used: shared.files.used_bytes(),
         room,
     };

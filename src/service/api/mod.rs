@@ -15,5 +15,6 @@ pub(super) mod output;
 pub(super) mod remove;
 pub(super) mod retry;
 pub(super) mod show;
+pub(super) mod uploads;
 mod view;
 pub(super) mod workers;

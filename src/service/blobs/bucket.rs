@@ -14,12 +14,16 @@
 use std::net::IpAddr;
 use std::time::Duration;
 
+use async_trait::async_trait;
+use axum::http::Method;
 use object_store::aws::{AmazonS3, AmazonS3Builder, AmazonS3ConfigKey};
 use object_store::path::Path;
 use object_store::prefix::PrefixStore;
+use object_store::signer::Signer as _;
 use object_store::{BackoffConfig, ClientConfigKey, ClientOptions, RetryConfig};
 use reqwest::Url;
 
+use super::{UploadUrls, cannot_store};
 use crate::error::{Error, Result};
 
 /// Times that a request is repeated.
@@ -68,6 +72,14 @@ pub(super) fn open(name: &str, prefix: &Path) -> Result<PrefixStore<AmazonS3>> {
     };
     let bucket = builder.with_client_options(options).with_retry(retry).build().map_err(cannot)?;
     Ok(PrefixStore::new(bucket, prefix.clone()))
+}
+
+#[async_trait]
+impl UploadUrls for PrefixStore<AmazonS3> {
+    async fn put_url(&self, path: &Path, valid: Duration) -> Result<String> {
+        let url = self.signed_url(Method::PUT, path, valid).await.map_err(cannot_store)?;
+        Ok(url.into())
+    }
 }
 
 /// Whether the host of a URL is this machine.

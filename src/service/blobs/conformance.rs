@@ -132,11 +132,28 @@ async fn times(blobs: &dyn Blobs) {
     }
 }
 
+/// A blob that was replaced is not read by the tag of the one before.
+async fn replaced(blobs: &dyn Blobs) {
+    let path = Path::from("replaced/x");
+    assert_eq!(blobs.find(&path).await.expect_err("none").kind, Kind::NotFound);
+    let before = blobs.probe().await.expect("it works");
+    blobs.put(&path, content(9)).await.expect("stored");
+    let found = blobs.find(&path).await.expect("there");
+    assert!(found.bytes == 9 && found.tag.is_some() && found.stored_at >= before, "{found:?}");
+    let tag = found.tag.as_deref();
+    let range = Some(GetRange::Bounded(2..5));
+    let read = async || blobs.get_tagged(&path, range.clone(), tag).await?.bytes().await;
+    assert_eq!(read().await, Ok(content(9).slice(2..5)));
+    blobs.put(&path, content(10)).await.expect("stored");
+    assert_eq!(read().await.expect_err("another one").kind, Kind::Conflict);
+}
+
 async fn check(blobs: &dyn Blobs) {
     reading(blobs).await;
     parts(blobs).await;
     listing_moving_and_removing(blobs).await;
     times(blobs).await;
+    replaced(blobs).await;
 }
 
 #[tokio::test]

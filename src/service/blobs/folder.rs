@@ -14,7 +14,7 @@ use object_store::GetRange;
 use object_store::local::LocalFileSystem;
 use object_store::path::Path as BlobPath;
 
-use super::{Blob, Blobs, Parts};
+use super::{Blob, Blobs, Found, Parts};
 use crate::error::{Error, Result};
 use crate::service::blocking::blocking;
 use crate::service::private;
@@ -58,6 +58,14 @@ impl Blobs for FolderBlobs {
 
     async fn get(&self, path: &BlobPath, range: Option<GetRange>) -> Result<Blob> {
         Blobs::get(&self.files, path, range).await
+    }
+
+    async fn get_tagged(&self, path: &BlobPath, range: Option<GetRange>, tag: Option<&str>) -> Result<Blob> {
+        self.files.get_tagged(path, range, tag).await
+    }
+
+    async fn find(&self, path: &BlobPath) -> Result<Found> {
+        self.files.find(path).await
     }
 
     async fn names(&self, below: &BlobPath) -> Result<Vec<String>> {

@@ -17,15 +17,15 @@ mod tests;
 use std::fmt::Debug;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 use async_trait::async_trait;
 use axum::body::{Body, Bytes};
 use futures_util::{StreamExt as _, TryStreamExt as _, future, stream};
 use object_store::path::Path;
 use object_store::{
-    GetOptions, GetRange, GetResult, GetResultPayload, MultipartUpload, ObjectMeta, ObjectStore, PutMultipartOptions,
-    PutOptions, RenameOptions,
+    GetOptions, GetRange, GetResult, GetResultPayload, MultipartUpload, ObjectMeta, ObjectStore, ObjectStoreExt as _,
+    PutMultipartOptions, PutOptions, RenameOptions,
 };
 use tokio::io::AsyncReadExt as _;
 use tokio::runtime::Handle;
@@ -56,6 +56,12 @@ pub(super) trait Blobs: Debug + Send + Sync {
     /// Opens a blob, or a range of it. [`Kind::NotFound`] if it is not there.
     async fn get(&self, path: &Path, range: Option<GetRange>) -> Result<Blob>;
 
+    /// The same of a blob that others may replace: [`Kind::Conflict`] if its [tag](Found::tag) is another one.
+    async fn get_tagged(&self, path: &Path, range: Option<GetRange>, tag: Option<&str>) -> Result<Blob>;
+
+    /// What is known of a blob without opening it. [`Kind::NotFound`] if it is not there.
+    async fn find(&self, path: &Path) -> Result<Found>;
+
     /// The next segment of every path below a path, once each, in no order.
     async fn names(&self, below: &Path) -> Result<Vec<String>>;
 
@@ -82,6 +88,24 @@ pub(super) trait Blobs: Debug + Send + Sync {
     }
 }
 
+/// What a place knows of a blob.
+#[derive(Debug, Clone)]
+pub(super) struct Found {
+    /// Number of its bytes.
+    pub bytes: u64,
+    /// Changes with its content; none where the place has none.
+    pub tag: Option<String>,
+    /// When it was stored.
+    pub stored_at: SystemTime,
+}
+
+/// Makes URLs by which clients store blobs.
+#[async_trait]
+pub(super) trait UploadUrls: Debug + Send + Sync {
+    /// A URL that takes a `PUT` for a while.
+    async fn put_url(&self, path: &Path, valid: Duration) -> Result<String>;
+}
+
 /// Where blobs lie that try a place.
 const PROBES: &str = "probes";
 
@@ -101,9 +125,18 @@ impl<S: ObjectStore> Blobs for S {
     }
 
     async fn get(&self, path: &Path, range: Option<GetRange>) -> Result<Blob> {
-        let options = GetOptions { range, ..GetOptions::default() };
+        self.get_tagged(path, range, None).await
+    }
+
+    async fn get_tagged(&self, path: &Path, range: Option<GetRange>, tag: Option<&str>) -> Result<Blob> {
+        let options = GetOptions { range, if_match: tag.map(str::to_owned), ..GetOptions::default() };
         let found = self.get_opts(path, options).await.map_err(cannot_read)?;
         Ok(Blob(Source::Found(Box::new(found))))
+    }
+
+    async fn find(&self, path: &Path) -> Result<Found> {
+        let ObjectMeta { size, e_tag, last_modified, .. } = self.head(path).await.map_err(cannot_read)?;
+        Ok(Found { bytes: size, tag: e_tag, stored_at: last_modified.into() })
     }
 
     async fn names(&self, below: &Path) -> Result<Vec<String>> {
@@ -275,6 +308,7 @@ fn cannot_store(error: object_store::Error) -> Error {
 fn cannot_read(error: object_store::Error) -> Error {
     match error {
         object_store::Error::NotFound { .. } => Error::new(Kind::NotFound, "the file is gone: its job was deleted"),
+        object_store::Error::Precondition { .. } => Error::new(Kind::Conflict, "the file was replaced by another one"),
         error => failed("a file cannot be read", error),
     }
 }

@@ -15,6 +15,7 @@ use super::disk::{self, Disk, DiskLimits};
 use super::failure::{CANNOT_REACH, cannot_make, storage_error};
 use super::names::{Folder, RESULTS, UPLOADS};
 use super::needs;
+use super::references::References;
 use super::room::{self, Room};
 use super::root::{self, Root};
 use crate::error::{Error, Kind, Result};
@@ -41,6 +42,7 @@ const STORE_PART: u64 = 8;
 pub(in crate::service) struct Files {
     pub(super) root: Root,
     pub(super) blobs: Box<dyn Blobs>,
+    pub(super) references: References,
     /// Where the blobs lie when they are not in the root. Other processes may use them too.
     pub(super) elsewhere: Option<BlobPlace>,
     /// Name of the store that the place of the blobs belongs to.
@@ -89,9 +91,22 @@ impl Files {
         let disk = Disk::new(root.path().to_owned(), limits);
         let room = Room::default();
         let (incoming, failures) = (Mutex::default(), AtomicU64::new(0));
+        let references = References::default();
         let (elsewhere, has_store) = (elsewhere.cloned(), root.is_kept());
-        let files =
-            Self { root, blobs, elsewhere, owner: None, has_store, disk, ballast, room, incoming, failures, faults };
+        let files = Self {
+            root,
+            blobs,
+            references,
+            elsewhere,
+            owner: None,
+            has_store,
+            disk,
+            ballast,
+            room,
+            incoming,
+            failures,
+            faults,
+        };
         // the store needs some room to be opened
         if files.disk.free().is_some_and(|free| free < disk::STORE_ROOM / 8) {
             files.ballast.give_up();

@@ -8,7 +8,7 @@ use super::blob::BlobWriter;
 use super::folder::Files;
 use super::names::Folder;
 use super::needs;
-use crate::error::Result;
+use crate::error::{Error, Kind, Result};
 use crate::mesh::Limits;
 use crate::service::store::{JobId, SMALL_BLOBS, SmallBlob, Spec};
 
@@ -23,11 +23,19 @@ pub(in crate::service) struct Incoming {
     /// Bytes of all whole blobs.
     bytes: u64,
     kept: bool,
+    /// Whether the client stored the mesh by a URL: it stays when the request is refused.
+    is_reserved: bool,
 }
 
 impl Incoming {
     pub(super) fn new(files: Arc<Files>, id: JobId) -> Self {
-        Self { files, id, held: Vec::new(), has_files: false, bytes: 0, kept: false }
+        Self { files, id, held: Vec::new(), has_files: false, bytes: 0, kept: false, is_reserved: false }
+    }
+
+    /// The mesh of so many bytes lies in a bucket: what comes with it lies in files.
+    pub fn refers_to(&mut self, bytes: u64) {
+        self.bytes = bytes;
+        self.has_files = true;
     }
 
     /// The name of the job that the upload will be.
@@ -102,6 +110,10 @@ impl Drop for Incoming {
             return;
         }
         self.files.give_back(id);
+        if self.is_reserved {
+            end();
+            return;
+        }
         let files = Arc::clone(&self.files);
         if let Ok(runtime) = tokio::runtime::Handle::try_current() {
             runtime.spawn(async move {
@@ -118,5 +130,16 @@ impl Files {
         let id = JobId::random();
         self.lock_incoming().insert(id);
         Incoming::new(Arc::clone(self), id)
+    }
+
+    /// Starts a job of an upload by URL. [`Kind::Unavailable`] while another request does.
+    pub fn incoming_reserved(self: &Arc<Self>, id: JobId) -> Result<Incoming> {
+        if !self.lock_incoming().insert(id) {
+            let message = format_args!("another request makes a job of this upload; try again: {id}");
+            return Err(Error::new(Kind::Unavailable, message));
+        }
+        let mut incoming = Incoming::new(Arc::clone(self), id);
+        incoming.is_reserved = true;
+        Ok(incoming)
     }
 }

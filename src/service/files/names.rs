@@ -10,6 +10,9 @@ pub(in crate::service) const UPLOADS: &str = "uploads";
 /// Name of the folder of all results.
 pub(in crate::service) const RESULTS: &str = "results";
 
+/// Name of the folder of uploads that clients may store by a URL.
+pub(super) const RESERVED: &str = "reserved";
+
 /// Name of the folder of what was moved aside.
 pub(super) const ASIDE: &str = "aside";
 

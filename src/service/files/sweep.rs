@@ -35,10 +35,12 @@ impl Files {
 
     async fn sweep_all(&self, store: &dyn Queue, moves_aside: bool) -> Result<usize> {
         let mut removed = 0;
-        let old = match self.is_shared() {
-            true => self.blobs.probe().await?.checked_sub(OLD),
-            false => None,
-        };
+        let mut old = None;
+        if self.is_shared() {
+            let now = self.blobs.probe().await?;
+            removed += self.sweep_reservations(now).await?;
+            old = now.checked_sub(OLD);
+        }
         for id in self.jobs_in(UPLOADS).await? {
             // looked at before the store, which knows an accepted one before it stops coming in
             let is_coming_in = self.lock_incoming().contains(&id);

@@ -131,6 +131,7 @@ metrics! {
         store_commits: Counter, "store_commits", "Transactions that the store committed";
         store_commands: Counter, "store_commands", "Changes in committed transactions";
         store_failed_commits: Counter, "store_failed_commits", "Transactions of the store that failed";
+        file_errors: Counter, "file_errors", "Files that could not be written or read for reasons of their place";
         store_commit_seconds: Seconds, "store_commit" [Seconds], "Time that the store spent in transactions";
         rejections: Family<ByReason, Counter>, "rejections", "Requests answered with an error, by kind of problem";
         connections: Gauge, "connections", "Open connections";

@@ -63,6 +63,8 @@ pub(super) struct Snapshot {
     pub upload_bytes_in_flight: u64,
     /// What the store counted.
     pub store: Statistics,
+    /// Files of jobs that could not be written or read for reasons of their place.
+    pub file_errors: u64,
     /// Bytes in the data folder.
     pub disk_used: u64,
     /// What is left.
@@ -290,6 +292,7 @@ impl Metrics {
         families.store_commits.inner().store(now.store.commits, Ordering::Relaxed);
         families.store_commands.inner().store(now.store.commands, Ordering::Relaxed);
         families.store_failed_commits.inner().store(now.store.failures, Ordering::Relaxed);
+        families.file_errors.inner().store(now.file_errors, Ordering::Relaxed);
         families.store_commit_seconds.inner().store(now.store.commit_seconds.to_bits(), Ordering::Relaxed);
         // only the store ends attempts for this reason
         let unavailable = ByReason { reason: Kind::Unavailable.slug() };

@@ -12,6 +12,10 @@ pub struct AccessSettings {
     #[arg(long, env = "TESSERAE_TOKENS", value_name = "FILE")]
     pub tokens: Option<PathBuf>,
 
+    /// Tokens are in the database of --store, as `tesserae token new --store` puts them there
+    #[arg(long, env = "TESSERAE_TOKENS_IN_STORE", conflicts_with = "tokens")]
+    pub tokens_in_store: bool,
+
     /// Listen to other machines without tokens: every client that reaches the service can read and delete every job
     #[arg(long, env = "TESSERAE_INSECURE_NO_AUTH")]
     pub insecure_no_auth: bool,

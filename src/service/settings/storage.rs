@@ -27,6 +27,11 @@ pub struct StorageSettings {
     #[arg(long, env = "TESSERAE_BLOBS", value_name = "PLACE")]
     pub blobs: Option<BlobPlace>,
 
+    /// Where jobs may name meshes that lie in a bucket (mesh_url): s3://BUCKET/PREFIX, with the keys of --blobs.
+    /// {tenant} in it stands for the name of the tenant. Nowhere when left out
+    #[arg(long, env = "TESSERAE_MESH_PREFIXES", value_name = "URL,…", value_delimiter = ',')]
+    pub mesh_prefixes: Vec<BlobPlace>,
+
     /// Time for which a job that has ended is kept with its results, in seconds; 0 until it is deleted
     #[arg(long, env = "TESSERAE_RETENTION", value_name = "SECONDS",
           default_value_t = StorageSettings::default().retention)]
@@ -54,6 +59,7 @@ impl Default for StorageSettings {
             store: None,
             store_connections: 8,
             blobs: None,
+            mesh_prefixes: Vec::new(),
             retention: 7 * 86_400,
             max_disk_bytes: None,
             min_free_bytes: 256 << 20,

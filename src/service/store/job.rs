@@ -144,6 +144,18 @@ pub(in crate::service) struct Spec {
     /// What is kept of the mesh. Left out where it is nothing, for the same reason.
     #[serde(default, skip_serializing_if = "Kept::is_nothing")]
     pub kept: Kept,
+    /// Where the mesh lies that the request did not bring. Left out where it did, for the same reason.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub referred: Option<Referred>,
+}
+
+/// A mesh that lay in a bucket before the request for its job came.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub(in crate::service) struct Referred {
+    /// Its URL, `s3://BUCKET/KEY`; none where it is an upload by URL.
+    pub url: Option<String>,
+    /// Changes with its content.
+    pub tag: Option<String>,
 }
 
 fn is_zero(priority: &i8) -> bool {

@@ -59,12 +59,14 @@ pub(super) mod postgres;
 mod pulses;
 mod queue;
 pub(super) mod sqlite;
+mod token_rows;
 mod url;
 mod workers;
 
 pub(super) use self::events::{Event, Events, Pulse, What};
 pub(super) use self::job::{
-    Job, JobId, LOCAL_TENANT, PRIORITIES, Progress, SMALL_BLOBS, SmallBlob, Spec, State, Summary, Ticket, no_such_job,
+    Job, JobId, LOCAL_TENANT, PRIORITIES, Progress, Referred, SMALL_BLOBS, SmallBlob, Spec, State, Summary, Ticket,
+    no_such_job,
 };
 pub(super) use self::maintenance::{Deletion, Maintenance, Statistics};
 pub(super) use self::notices::{Notice, Notices};
@@ -72,6 +74,7 @@ pub(super) use self::queue::{
     ALONE, Claiming, Created, End, Ending, Idempotency, ListQuery, NewJob, Page, Queue, Release, Retried, Rules,
 };
 use self::queue::{ALONE_FROM, given_up, guilty, lease_is_over, not_yours, reused_key};
+pub(super) use self::token_rows::{TokenRows, TokenStore};
 pub use self::url::StoreUrl;
 pub(super) use self::workers::{Presence, Worker, WorkerId, Workers};
 
@@ -109,6 +112,7 @@ pub(super) mod tests {
             claimed_faces: None,
             priority: 0,
             kept: Kept::default(),
+            referred: None,
         };
         NewJob { id: JobId::random(), spec, idempotency: None, upload: Vec::new() }
     }

@@ -9,7 +9,7 @@ use axum::extract::{FromRequest, Request};
 use axum::http::request::Parts;
 use futures_util::{Stream, TryStreamExt};
 
-use super::{Destination, MAX_NAME, Saved, Upload, agreed};
+use super::{Destination, MAX_NAME, Saved, Upload, agreed, referred};
 use crate::error::{Error, Kind, Result};
 use crate::job;
 use crate::mesh::Format;
@@ -22,7 +22,13 @@ use crate::service::store::Spec;
 const MAX_BUFFERS: usize = 1024;
 
 /// Receives a form.
-pub(super) async fn receive(parts: Parts, content: Content, wanted: Wanted, into: Destination) -> Result<Upload> {
+pub(super) async fn receive(
+    parts: Parts,
+    content: Content,
+    wanted: Wanted,
+    into: Destination,
+    referred: Option<referred::Mesh>,
+) -> Result<Upload> {
     let allowance = content.allowance();
     allowance.between_parts();
     let request = Request::from_parts(parts, Body::from_stream(content));
@@ -33,6 +39,7 @@ pub(super) async fn receive(parts: Parts, content: Content, wanted: Wanted, into
         into,
         wanted,
         mesh: None,
+        referred,
         buffers: Vec::new(),
         digests: Vec::new(),
         seeds: None,
@@ -52,6 +59,8 @@ struct Form {
     into: Destination,
     wanted: Wanted,
     mesh: Option<Mesh>,
+    /// The mesh, if it lies in a bucket.
+    referred: Option<referred::Mesh>,
     buffers: Vec<String>,
     /// Of the buffers.
     digests: Vec<[u8; 32]>,
@@ -101,6 +110,11 @@ impl Form {
     }
 
     async fn add_mesh(&mut self, field: Field<'_>) -> Result<()> {
+        if self.referred.is_some() {
+            return Err(Error::parameter(
+                "the query says where the mesh lies (upload, mesh_url): leave out the part mesh, or these",
+            ));
+        }
         once("mesh", self.mesh.is_some())?;
         let file_name = file_name(&field).map(|name| name.chars().take(MAX_NAME).collect());
         let by_type = field.content_type().and_then(Format::from_media_type);
@@ -135,9 +149,21 @@ impl Form {
 
     /// Checks the whole.
     fn finish(self) -> Result<Upload> {
-        let mesh =
-            self.mesh.ok_or_else(|| Error::parameter("the form has no part named mesh: send the mesh as one"))?;
-        let format = mesh.saved.format(mesh.format, mesh.file_name.as_deref())?;
+        let (saved, file_name, format, referred, earlier) = match (self.mesh, self.referred) {
+            (Some(mesh), _) => {
+                let format = mesh.saved.format(mesh.format, mesh.file_name.as_deref())?;
+                (mesh.saved, mesh.file_name, format, None, None)
+            }
+            (None, Some(mesh)) => {
+                let format = mesh.format(self.wanted.format)?;
+                (mesh.saved, mesh.file_name, format, Some(mesh.referred), mesh.earlier)
+            }
+            (None, None) => {
+                return Err(Error::parameter(
+                    "the form has no part named mesh: send the mesh as one, or name it in the query (upload, mesh_url)",
+                ));
+            }
+        };
         if !self.buffers.is_empty() && !format.has_buffers() {
             return Err(Error::parameter(format_args!(
                 "{} refers to no buffers: leave out the part buffer with file name {:?}",
@@ -157,9 +183,9 @@ impl Form {
             trace_parent: None,
             webhook,
             parameters,
-            file_name: mesh.file_name,
+            file_name,
             format,
-            bytes: mesh.saved.bytes,
+            bytes: saved.bytes,
             buffers: self.buffers,
             listed_seeds: self.seeds.is_some(),
             has_weights: self.weights.is_some(),
@@ -167,10 +193,11 @@ impl Form {
             claimed_faces: None,
             priority,
             kept,
+            referred,
         };
-        let files = [Some(&mesh.saved), self.seeds.as_ref(), self.weights.as_ref()].into_iter().flatten();
+        let files = [Some(&saved), self.seeds.as_ref(), self.weights.as_ref()].into_iter().flatten();
         let digests = files.filter_map(|saved| saved.digest).chain(self.digests).collect();
-        Ok(Upload { folder: self.into.folder, spec, digests, head: mesh.saved.head })
+        Ok(Upload { folder: self.into.folder, spec, digests, earlier, head: saved.head })
     }
 }
 

@@ -98,6 +98,7 @@ fn spec(name: &str) -> Spec {
         claimed_faces: None,
         priority: 0,
         kept: Kept::default(),
+        referred: None,
     }
 }
 

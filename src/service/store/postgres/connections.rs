@@ -143,6 +143,14 @@ impl Connections {
         Ok(Self { pool, commits: AtomicU64::new(0), failures: AtomicU64::new(0), micros: AtomicU64::new(0) })
     }
 
+    /// A connection for work that is done once.
+    pub async fn get(&self) -> Result<Object, Failure> {
+        match tokio::time::timeout(PATIENCE, self.pool.get()).await {
+            Ok(client) => Ok(client?),
+            Err(_) => Err(away(&"no answer in time").into()),
+        }
+    }
+
     /// Does a piece of work on a connection.
     pub async fn run<T, F>(&self, work: impl Fn(Object) -> F + Send) -> Result<T>
     where

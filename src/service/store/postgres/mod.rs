@@ -42,6 +42,7 @@ mod rows;
 mod schema;
 #[cfg(test)]
 mod tests;
+mod tokens;
 mod workers;
 
 pub(in crate::service) use self::address::Address;

@@ -10,8 +10,12 @@ use super::connections::Failure;
 use crate::error::{Error, Kind};
 
 /// Every migration's SQL, and the least number of migrations that a service on the tables must know afterwards.
-const MIGRATIONS: [(&str, i32); 2] =
-    [(include_str!("migrations/0001_farm.sql"), 1), (include_str!("migrations/0002_workers.sql"), 1)];
+const MIGRATIONS: [(&str, i32); 4] = [
+    (include_str!("migrations/0001_farm.sql"), 1),
+    (include_str!("migrations/0002_workers.sql"), 1),
+    (include_str!("migrations/0003_tokens.sql"), 1),
+    (include_str!("migrations/0004_claims.sql"), 1),
+];
 
 /// The table with the version.
 const VERSION: &str = "CREATE TABLE IF NOT EXISTS schema_version (version integer NOT NULL, needs integer NOT NULL)";

@@ -1,6 +1,6 @@
+mod claims;
 mod server;
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use async_trait::async_trait;
@@ -10,8 +10,8 @@ use self::server::Server;
 use super::super::conformance::{self, Subject};
 use super::super::tests::{RULES, new_job};
 use super::super::{
-    Claiming, Created, End, Events as _, JobId, JobStore, Maintenance as _, Notices as _, Queue as _, Release, Rules,
-    Spec, State, StoreUrl, Summary, Ticket, What,
+    Created, End, Events as _, JobId, JobStore, Maintenance as _, Notices as _, Queue as _, Release, Rules, State,
+    StoreUrl, Summary, Ticket, TokenRows, TokenStore as _, What,
 };
 use super::replica::PostgresStore;
 use crate::error::{Error, Kind};
@@ -166,71 +166,37 @@ async fn changes_whose_answer_was_lost_are_not_made_twice() {
     assert_eq!(job.state, State::Running);
 }
 
-/// `CLAIM_JOBS=5000`, with `-- --nocapture`, gives the figures in `docs/farm.md`.
 #[tokio::test(flavor = "multi_thread")]
-async fn claimers_of_many_services_take_each_job_once() {
+async fn changes_of_tokens_are_whole_and_one_after_the_other() {
     let Some(server) = Server::start() else { return };
-    let jobs = std::env::var("CLAIM_JOBS").map_or(1200, |jobs| jobs.parse().expect("a number"));
-    for limit in [1, 8] {
-        claim_all(&server, limit, jobs).await;
-    }
-}
-
-/// Claims empty jobs by 16 services, each of which ends those that it claimed before it claims again.
-async fn claim_all(server: &Server, limit: usize, jobs: usize) {
     let url = server.database();
-    let rules = Rules { max_queued: jobs, ..RULES };
-    let first = Arc::new(open(&url, rules).await);
-    let creators: Vec<_> = (0..8)
-        .map(|creator| {
-            let store = Arc::clone(&first);
-            tokio::spawn(async move {
-                for number in 0..jobs / 8 {
-                    let mut job = new_job();
-                    job.spec = Spec { tenant: format!("tenant {}", (creator + number) % 5), ..job.spec };
-                    store.create(job).await.expect("created");
-                }
-            })
-        })
-        .collect();
-    for creator in creators {
-        creator.await.expect("no panic");
-    }
-    let mut claimers = Vec::new();
-    for number in 0..16 {
-        let store = PostgresStore::open(&url, 2, rules).await.expect("it opens");
-        claimers.push(async move {
-            let (mut claimed, mut claiming) = (Vec::new(), Duration::ZERO);
-            let worker = format!("worker {number}").into();
-            let request = Claiming { limit, newcomers: 0, lease: LEASE, worker, shares: Arc::default() };
-            loop {
-                let started = std::time::Instant::now();
-                let taken = store.claim_as(request.clone()).await.expect("claimable");
-                claiming += started.elapsed();
-                if taken.is_empty() {
-                    return (claimed, claiming);
-                }
-                for (ticket, _) in taken {
-                    claimed.push(ticket.job);
-                    store.finish(ticket, End::Cancelled).await.expect("ended");
-                }
-            }
-        });
-    }
-    let started = std::time::Instant::now();
-    let claimers: Vec<_> = claimers.into_iter().map(tokio::spawn).collect();
-    let (mut claimed, mut claiming) = (Vec::new(), Duration::ZERO);
-    for claimer in claimers {
-        let (jobs, time) = claimer.await.expect("no panic");
-        claimed.extend(jobs);
-        claiming += time;
-    }
-    let rate = jobs as f64 / started.elapsed().as_secs_f64();
-    println!("{limit} at a time: {rate:.0} jobs claimed and ended a second, {claiming:.1?} in claims of 16 services");
-    assert_eq!(claimed.len(), jobs);
-    claimed.sort();
-    claimed.dedup();
-    assert_eq!(claimed.len(), jobs, "none twice");
+    let (one, other) = (open(&url, RULES).await, open(&url, RULES).await);
+    assert_eq!(one.token_rows().await, Ok(TokenRows::new()));
+    let add = |rows: &mut TokenRows, name: &str| {
+        let count = rows.len();
+        rows.insert(name.to_owned(), count.into());
+        Ok::<_, Error>(())
+    };
+    let changes = (0..16).map(|number| {
+        let store = if number % 2 == 0 { &one } else { &other };
+        store.change_tokens(move |rows| add(rows, &number.to_string()))
+    });
+    futures_util::future::try_join_all(changes).await.expect("changed");
+    let rows = other.token_rows().await.expect("readable");
+    // each change saw those before it
+    let mut seen: Vec<u64> = rows.values().filter_map(serde_json::Value::as_u64).collect();
+    seen.sort();
+    assert_eq!(seen, (0..16).collect::<Vec<u64>>());
+    let version = other.token_version().await.expect("readable");
+    let failed = one.change_tokens(|rows| {
+        rows.clear();
+        Err::<(), _>(Error::cancelled())
+    });
+    assert_eq!(failed.await.expect_err("refused").kind, Kind::Cancelled);
+    assert_eq!((other.token_version().await, other.token_rows().await), (Ok(version), Ok(rows)));
+    let removed = one.change_tokens(|rows| Ok::<_, Error>(rows.remove("3"))).await.expect("changed");
+    assert!(removed.is_some() && !other.token_rows().await.expect("readable").contains_key("3"));
+    assert!(other.token_version().await.expect("readable") > version);
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -1,0 +1,101 @@
+//! Uploads by URL: the mesh goes to the bucket, not through the service.
+
+#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
+
+use std::time::SystemTime;
+
+use axum::Json;
+use axum::extract::{Path, State as Extract};
+use axum::http::{StatusCode, Uri};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::service::access::Caller;
+use crate::service::audit::{self, Action};
+use crate::service::files::{RESERVED_FOR, URL_VALID};
+use crate::service::problem::{Answer, Problematic};
+use crate::service::query;
+use crate::service::state::{App, Shared};
+use crate::service::store::JobId;
+use crate::service::timestamp::rfc3339;
+
+/// What is to be uploaded.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Wanted {
+    bytes: u64,
+}
+
+/// An upload by URL.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Upload)]
+pub(in crate::service) struct UploadView {
+    /// Its id, which `upload` of `POST /v1/jobs` takes.
+    id: JobId,
+    /// Takes the mesh: the body of a `PUT`, without a token.
+    url: String,
+    /// When the URL ends. A `PUT` that has begun goes on.
+    #[schema(format = DateTime)]
+    url_expires_at: String,
+    /// When the upload goes, unless a job was made of it.
+    #[schema(format = DateTime)]
+    expires_at: String,
+}
+
+/// Reserve an upload by URL
+///
+/// For meshes that are too large to go through the service: `PUT` the mesh to the URL, then `POST
+/// /v1/jobs?upload={id}`. Waiting jobs and uploads without a job count together for the limit of waiting jobs. 501
+/// where the files of jobs do not lie in a bucket.
+#[utoipa::path(
+    post, path = "/v1/uploads", tag = "jobs", operation_id = "createUpload",
+    params(("bytes" = u64, Query, description = "Number of bytes of the mesh")),
+    responses(
+        (status = 201, description = "The upload is expected", body = UploadView),
+        (status = 413, response = Problematic),
+        (status = 422, response = Problematic),
+        (status = 501, response = Problematic),
+    ),
+)]
+pub(in crate::service) async fn create(
+    Extract(shared): App,
+    caller: Caller,
+    uri: Uri,
+) -> Answer<(StatusCode, Json<UploadView>)> {
+    if shared.stop.is_cancelled() {
+        return Err(Shared::stopping().into());
+    }
+    let tenant = caller.tenant()?;
+    let Wanted { bytes } = query::read(&uri)?;
+    let reserved = shared.files.reserved(&tenant.name).await?;
+    shared.settings.limits().check_bytes(bytes)?;
+    shared.admission.check_reserving(tenant, reserved).await?;
+    let now = SystemTime::now();
+    let (id, url) = shared.files.reserve(&tenant.name, bytes).await?;
+    audit::record(Action::Reserved(bytes), &caller, id);
+    let (url_expires_at, expires_at) = (rfc3339(now + URL_VALID), rfc3339(now + RESERVED_FOR));
+    Ok((StatusCode::CREATED, Json(UploadView { id, url, url_expires_at, expires_at })))
+}
+
+/// Give an upload by URL up
+///
+/// It does not count any more, and what was stored is removed. 404 for an upload that is a job.
+#[utoipa::path(
+    delete, path = "/v1/uploads/{id}", tag = "jobs", operation_id = "deleteUpload",
+    responses((status = 204, description = "It is gone"), (status = 501, response = Problematic)),
+)]
+pub(in crate::service) async fn remove(
+    Extract(shared): App,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> Answer<StatusCode> {
+    let tenant = caller.tenant()?;
+    let id: JobId = id.parse()?;
+    let _taken = shared.files.incoming_reserved(id)?;
+    shared.files.reserved_bytes(&tenant.name, id).await?;
+    if shared.store.get(id).await?.is_none() {
+        shared.files.remove_upload(id).await;
+    }
+    shared.files.unreserve(&tenant.name, id).await;
+    Ok(StatusCode::NO_CONTENT)
+}

@@ -1,0 +1,175 @@
+//! Meshes that no request brings: a client stored one in the bucket by a URL, or it lies in a bucket already.
+//!
+//! A client reserves an upload and gets a URL that takes it: the place of the mesh of the job that the upload will be.
+//! The reservation is a blob with tenant and job in its path. It shows whose upload it is, counts for the tenant's
+//! quota, and goes when the job is made, or when it is [`RESERVED_FOR`] old. The upload itself goes as every upload
+//! without a job does.
+//!
+//! A mesh in a bucket is read only below the prefixes that the operator allows. What a client can replace later is
+//! read by its tag, so that every attempt at the job reads the same bytes.
+
+use std::time::{Duration, SystemTime};
+
+use axum::body::Bytes;
+use object_store::GetRange;
+use object_store::path::Path as BlobPath;
+
+use super::folder::Files;
+use super::names::{Folder, MESH, RESERVED};
+use super::references::References;
+use crate::error::{Error, Kind, Result};
+use crate::service::blobs::place::BlobPlace;
+use crate::service::blobs::{Blob, Blobs, Found, UploadUrls};
+use crate::service::store::{JobId, Referred};
+
+/// Time for which a URL takes an upload.
+pub(in crate::service) const URL_VALID: Duration = Duration::from_secs(3600);
+
+/// Time after which no job is made of an upload any more. It is far below that of a sweep, whatever the clocks say.
+pub(in crate::service) const RESERVED_FOR: Duration = Duration::from_secs(12 * 3600);
+
+/// Largest upload by one request, in bytes: a limit of S3.
+const MAX_PUT: u64 = 5 << 30;
+
+impl Files {
+    /// Allows uploads by URL where the place of the blobs has URLs, and meshes below prefixes of buckets.
+    pub fn allow_references(&mut self, prefixes: &[BlobPlace]) -> Result<()> {
+        self.references = References::open(self.elsewhere.as_ref(), prefixes)?;
+        Ok(())
+    }
+
+    /// Uploads of a tenant that no job is made of yet.
+    pub async fn reserved(&self, tenant: &str) -> Result<u64> {
+        self.url_maker()?;
+        Ok(self.noting(self.names_in(&BlobPath::from_iter([RESERVED, tenant])).await)?.len() as u64)
+    }
+
+    /// Lets a tenant store an upload of so many bytes: the name of the job that it will be, and the URL that takes it.
+    pub async fn reserve(&self, tenant: &str, bytes: u64) -> Result<(JobId, String)> {
+        let urls = self.url_maker()?;
+        if bytes > MAX_PUT {
+            return Err(Error::too_large(format_args!(
+                "an upload by URL has at most {MAX_PUT} bytes; send the mesh as the body of POST /v1/jobs: {bytes}"
+            )));
+        }
+        let id = JobId::random();
+        let url = urls.put_url(&mesh_of(id), URL_VALID).await?;
+        let stored = self.blobs.put(&reservation(tenant, id).join(MESH), Bytes::from(bytes.to_string())).await;
+        self.noting(stored)?;
+        Ok((id, url))
+    }
+
+    /// Takes an upload back that no job is made of.
+    pub async fn unreserve(&self, tenant: &str, id: JobId) {
+        self.remove_below(&reservation(tenant, id)).await;
+    }
+
+    /// Number of bytes that an upload is to have; [`Kind::NotFound`] unless the tenant reserved it, not long ago.
+    pub async fn reserved_bytes(&self, tenant: &str, id: JobId) -> Result<u64> {
+        self.url_maker()?;
+        let path = reservation(tenant, id).join(MESH);
+        let found = async {
+            let found = self.blobs.find(&path).await?;
+            let bytes = self.blobs.get(&path, None).await?.bytes().await?;
+            let bytes = str::from_utf8(&bytes).ok().and_then(|text| text.parse().ok());
+            Ok((found, bytes.ok_or_else(|| Error::new(Kind::Internal, "a reservation of an upload is damaged"))?))
+        };
+        match self.noting(found.await) {
+            Ok((found, bytes)) if found.stored_at + RESERVED_FOR > SystemTime::now() => Ok(bytes),
+            Err(error) if error.kind != Kind::NotFound => Err(error),
+            Ok(_) | Err(_) => Err(Error::new(
+                Kind::NotFound,
+                format_args!(
+                    "there is no such upload, or no job was made of it within {} hours: {id}",
+                    RESERVED_FOR.as_secs() / 3600
+                ),
+            )),
+        }
+    }
+
+    /// What is known of a mesh that no request brings, without reading it.
+    pub async fn find_referred(&self, id: JobId, tenant: &str, url: Option<&str>) -> Result<Found> {
+        let (blobs, path) = self.place_of(id, tenant, url)?;
+        self.noting(blobs.find(&path).await).map_err(|error| match (error.kind, url) {
+            (Kind::NotFound, None) => Error::new(
+                Kind::Conflict,
+                format_args!("nothing was stored at the URL of this upload yet: PUT the mesh there first: {id}"),
+            ),
+            (Kind::NotFound, Some(url)) => no_object(url),
+            _ => error,
+        })
+    }
+
+    /// Opens a mesh that no request brought, or a range of it.
+    pub async fn read_referred(
+        &self,
+        id: JobId,
+        tenant: &str,
+        referred: &Referred,
+        range: Option<GetRange>,
+    ) -> Result<Blob> {
+        let (blobs, path) = self.place_of(id, tenant, referred.url.as_deref())?;
+        let found = blobs.get_tagged(&path, range, referred.tag.as_deref()).await;
+        self.noting(found).map_err(|error| match (error.kind, &referred.url) {
+            (Kind::Conflict, _) => Error::mesh("the mesh was replaced by another one after the job was accepted"),
+            (Kind::NotFound, Some(url)) => no_object(url),
+            _ => error,
+        })
+    }
+
+    /// Removes reservations that are over.
+    pub(super) async fn sweep_reservations(&self, now: SystemTime) -> Result<usize> {
+        let mut removed = 0;
+        for tenant in self.names_in(&BlobPath::from(RESERVED)).await? {
+            let below = BlobPath::from(RESERVED).join(tenant);
+            for id in self.names_in(&below).await? {
+                let path = below.clone().join(id);
+                let newest = self.blobs.newest(&path).await?;
+                if newest.is_some_and(|newest| newest + RESERVED_FOR < now) {
+                    self.remove_below(&path).await;
+                    removed += 1;
+                }
+            }
+        }
+        Ok(removed)
+    }
+
+    fn url_maker(&self) -> Result<&dyn UploadUrls> {
+        self.references.urls.as_deref().ok_or_else(|| {
+            Error::new(
+                Kind::NotImplemented,
+                "only a bucket takes uploads by URL, and this service keeps its files in a folder: send the mesh as \
+                 the body of POST /v1/jobs; the operator may give the service a bucket by --blobs s3://BUCKET/PREFIX",
+            )
+        })
+    }
+
+    /// Where a mesh lies that no request brings.
+    fn place_of(&self, id: JobId, tenant: &str, url: Option<&str>) -> Result<(&dyn Blobs, BlobPath)> {
+        let Some(url) = url else { return Ok((self.blobs.as_ref(), mesh_of(id))) };
+        self.references.place_of(url, tenant).ok_or_else(|| {
+            Error::parameter(format_args!(
+                "mesh_url must be s3://BUCKET/KEY below a prefix that the operator allows (--mesh-prefixes), not \
+                 {url:?}"
+            ))
+        })
+    }
+
+    fn noting<T>(&self, outcome: Result<T>) -> Result<T> {
+        outcome.map_err(|error| self.noted(error))
+    }
+}
+
+/// Where the mesh of a job lies.
+fn mesh_of(id: JobId) -> BlobPath {
+    Folder::Upload(id).path().join(MESH)
+}
+
+/// Where a reservation lies.
+fn reservation(tenant: &str, id: JobId) -> BlobPath {
+    BlobPath::from_iter([RESERVED, tenant, &id.to_string()])
+}
+
+fn no_object(url: &str) -> Error {
+    Error::parameter(format_args!("there is no object at mesh_url: {url:?}"))
+}

@@ -1,0 +1,125 @@
+//! Uploads whose mesh lies in a bucket: `upload` or `mesh_url` in the query names it.
+
+use std::sync::Arc;
+
+use futures_util::StreamExt as _;
+use object_store::GetRange;
+
+use super::{Destination, KEPT, MAX_NAME, Saved, Upload, spec_of};
+use crate::error::{Error, Kind, Result};
+use crate::mesh::Format;
+use crate::service::files::{Files, Incoming};
+use crate::service::intake::{Content, Rules};
+use crate::service::request::{MeshAt, Wanted};
+use crate::service::store::{Job, JobId, Queue, Referred};
+
+/// A mesh in a bucket.
+pub(super) struct Mesh {
+    pub saved: Saved,
+    pub file_name: Option<String>,
+    pub referred: Referred,
+    /// The job that was made of it before.
+    pub earlier: Option<Job>,
+}
+
+impl Mesh {
+    /// Its format, which the request may say.
+    pub fn format(&self, declared: Option<Format>) -> Result<Format> {
+        match &self.earlier {
+            Some(job) => Ok(job.spec.format),
+            None => self.saved.format(declared, self.file_name.as_deref()),
+        }
+    }
+}
+
+/// Finds the mesh, and the folder of what comes with it. An upload that is a job already is not looked at again: it may
+/// be gone with the job's end.
+pub(super) async fn find(
+    at: &MeshAt,
+    files: &Arc<Files>,
+    store: &dyn Queue,
+    tenant: &str,
+    rules: &Rules,
+) -> Result<(Incoming, Mesh)> {
+    let mut reserved = None;
+    let (mut folder, url) = match at {
+        MeshAt::Upload(id) => {
+            let folder = files.incoming_reserved(*id)?;
+            let is_its = |job: &Job| job.spec.tenant == tenant && job.spec.referred.is_some();
+            if let Some(job) = store.get(*id).await?.filter(is_its) {
+                return Ok((files.incoming(), earlier(job)));
+            }
+            reserved = Some(files.reserved_bytes(tenant, *id).await?);
+            (folder, None)
+        }
+        MeshAt::Url(url) => (files.incoming(), Some(url.clone())),
+    };
+    let mesh = look(folder.id(), files, tenant, url, rules).await?;
+    if let Some(bytes) = reserved.filter(|bytes| *bytes != mesh.saved.bytes) {
+        return Err(Error::new(
+            Kind::Conflict,
+            format_args!(
+                "the upload was reserved for {bytes} bytes: PUT the whole mesh to its URL, or reserve another one; it \
+                 has bytes: {}",
+                mesh.saved.bytes
+            ),
+        ));
+    }
+    folder.refers_to(mesh.saved.bytes);
+    Ok((folder, mesh))
+}
+
+/// Reads the head of a mesh.
+async fn look(id: JobId, files: &Files, tenant: &str, url: Option<String>, rules: &Rules) -> Result<Mesh> {
+    let found = files.find_referred(id, tenant, url.as_deref()).await?;
+    if found.bytes > rules.limit {
+        return Err(rules.too_large(found.bytes));
+    }
+    let referred = Referred { url, tag: found.tag };
+    let head = match found.bytes {
+        0 => Vec::new(),
+        bytes => {
+            let range = GetRange::Bounded(0..bytes.min(KEPT as u64));
+            files.read_referred(id, tenant, &referred, Some(range)).await?.bytes().await?.into()
+        }
+    };
+    let file_name = referred.url.as_deref().and_then(|url| url.rsplit('/').next());
+    Ok(Mesh {
+        saved: Saved { bytes: found.bytes, head, digest: None },
+        file_name: file_name.map(|name| name.chars().take(MAX_NAME).collect()),
+        referred,
+        earlier: None,
+    })
+}
+
+/// What a job's upload was.
+fn earlier(job: Job) -> Mesh {
+    Mesh {
+        saved: Saved { bytes: job.spec.bytes, head: Vec::new(), digest: None },
+        file_name: job.spec.file_name.clone(),
+        referred: job.spec.referred.clone().unwrap_or(Referred { url: None, tag: None }),
+        earlier: Some(job),
+    }
+}
+
+/// Makes an upload of a request without a body.
+pub(super) async fn without_body(
+    mut content: Content,
+    wanted: Wanted,
+    into: Destination,
+    mesh: Mesh,
+) -> Result<Upload> {
+    while let Some(chunk) = content.next().await {
+        if !chunk?.is_empty() {
+            return Err(Error::new(
+                Kind::BadRequest,
+                "the query says where the mesh lies (upload, mesh_url), so the body must be empty, or a form without \
+                 a part named mesh",
+            ));
+        }
+    }
+    let mut spec = spec_of(wanted.clone(), mesh.format(wanted.format)?, mesh.saved.bytes)?;
+    spec.file_name = mesh.file_name;
+    spec.referred = Some(mesh.referred);
+    Ok(Upload { folder: into.folder, spec, digests: Vec::new(), earlier: mesh.earlier, head: mesh.saved.head })
+}
