@@ -122,7 +122,9 @@ fn tokens_are_made_listed_and_taken_back() {
     assert!(listed.text().starts_with(&format!("acme: {id} ")), "{}", listed.text());
     folder.run(&["token", "revoke", &id, "--tokens", "tokens.json"]).expect_success();
     folder.run(&["token", "revoke", &id, "--tokens", "tokens.json"]).expect_failure(&[&id]);
-    folder.run(&["token", "new", "a b", "--tokens", "tokens.json"]).expect_usage_error(&["a b", "1 to 64 letters"]);
+    for name in ["a b", ".."] {
+        folder.run(&["token", "new", name, "--tokens", "tokens.json"]).expect_usage_error(&[name, "1 to 64 letters"]);
+    }
     folder.run(&["token", "new", "acme"]).expect_usage_error(&["--tokens"]);
     folder.run(&["token", "list", "--tokens", "missing.json"]).expect_failure(&["missing.json"]);
     folder.run(&["serve", "--tokens", "missing.json", "--log", "off"]).expect_failure(&["missing.json"]);

@@ -130,9 +130,11 @@ impl TokenFile {
     /// Refuses what cannot be the name of a tenant.
     pub fn check_name(name: &str) -> Result<()> {
         let is_allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
-        if name.is_empty() || name.len() > 64 || !name.chars().all(is_allowed) {
+        // names are parts of paths
+        let is_dots = name.bytes().all(|byte| byte == b'.');
+        if is_dots || name.len() > 64 || !name.chars().all(is_allowed) {
             return Err(Error::parameter(format_args!(
-                "the name of a tenant must have 1 to 64 letters, digits, '-', '_' and '.', not {name:?}"
+                "the name of a tenant must have 1 to 64 letters, digits, '-', '_' and '.', and not dots alone: {name:?}"
             )));
         }
         if name == crate::service::LOCAL_TENANT {
