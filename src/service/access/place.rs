@@ -7,7 +7,7 @@ use std::time::SystemTime;
 use serde_json::{Map, Value};
 
 use super::tokens::{TokenFile, Tokens};
-use crate::error::{Error, Kind, Result, wrong_json_at};
+use crate::error::{Error, Result, wrong_json_at};
 use crate::service::blocking::blocking;
 use crate::service::store::{TokenRows, TokenStore};
 
@@ -76,10 +76,8 @@ impl TokenFile {
     #[cfg(feature = "postgres")]
     pub(in crate::service) fn to_rows(&self) -> Result<TokenRows> {
         let row = |(name, entry): (&String, _)| Ok((name.clone(), serde_json::to_value(entry)?));
-        self.tenants
-            .iter()
-            .map(row)
-            .collect::<serde_json::Result<_>>()
-            .map_err(|error| Error::new(Kind::Internal, format_args!("tokens cannot be written as JSON: {error}")))
+        self.tenants.iter().map(row).collect::<serde_json::Result<_>>().map_err(|error| {
+            Error::new(crate::Kind::Internal, format_args!("tokens cannot be written as JSON: {error}"))
+        })
     }
 }
