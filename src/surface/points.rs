@@ -5,9 +5,9 @@
 //! energy of a clustering is Σ area·|position − P|², with P the mean of a cluster's positions weighted by area: what
 //! pyacvd minimises, up to the third.
 //!
-//! Everything after this step sees a [`DualGraph`](super::DualGraph) and cannot tell points from faces. A mesh has half as many points as
-//! triangles, so that clustering them takes about half of the time. The alternative, a polygon around each point as a
-//! face, has 24 corners a polygon to weld and to pair: 15 times the work of this file.
+//! Everything after this step sees a [`DualGraph`](super::DualGraph) and cannot tell points from faces. A mesh has half
+//! as many points as triangles, so that clustering them takes about half of the time. The alternative, a polygon around
+//! each point as a face, has 24 corners a polygon to weld and to pair: 15 times the work of this file.
 
 use rayon::prelude::*;
 
