@@ -169,10 +169,11 @@ fn forget_attempts(copy: &Path) -> rusqlite::Result<()> {
     Ok(())
 }
 
-/// Folders of files of the jobs of a store: results of those that succeeded, and uploads of the others.
+/// Folders of files of the jobs of a store: results of those that succeeded, and uploads of the others, where meshes in
+/// a bucket have no file.
 fn wanted(store: &Path) -> rusqlite::Result<Vec<Wanted>> {
     let connection = Connection::open_with_flags(store, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
-    let sql = "SELECT id, state, attempt FROM jobs \
+    let sql = "SELECT id, state, attempt, spec ->> 'referred' IS NOT NULL FROM jobs \
                WHERE NOT coalesce(CASE WHEN state = 'succeeded' THEN summary ELSE spec END ->> 'is_small', 0)";
     let mut statement = connection.prepare(sql)?;
     let rows = statement.query_map([], |row| {
@@ -184,7 +185,8 @@ fn wanted(store: &Path) -> rusqlite::Result<Vec<Wanted>> {
             true => (Folder::Result(job, row.get(2)?), REPORT_JSON.file),
             false => (Folder::Upload(job), files::MESH),
         };
-        let is_needed = [State::Succeeded, State::Queued, State::Running].into_iter().any(has);
+        let is_here = !row.get::<_, bool>(3)?;
+        let is_needed = has(State::Succeeded) || is_here && [State::Queued, State::Running].into_iter().any(has);
         Ok(Wanted { job, folder, is_needed, file })
     })?;
     rows.collect()

@@ -233,7 +233,8 @@ def by_reference(bucket, service, large):
     status, found = job_of(of_url, form.encode(), {"Content-Type": "multipart/form-data; boundary=x"})
     assert status == 202, found
     succeeded(service, found["id"])
-    assert not bucket.keys("farm/uploads/") and "meshes/local/a b.obj" in bucket.keys(), "it is not the service's"
+    until("the seeds are removed", lambda: not bucket.keys("farm/uploads/"))
+    assert bucket.keys("meshes/local/a b.obj"), "it is not the service's"
     busy = accepted(service, large, "&quality=best")
     waits = [job_of(f"{of_url}&quality=best&seed={seed}")[1]["id"] for seed in range(9)]
     bucket.client.put_object(Bucket=BUCKET, Key="meshes/local/a b.obj", Body=body + b"# other\n")

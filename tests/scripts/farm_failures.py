@@ -143,8 +143,9 @@ def flood(database, front, workers, kind, count):
                 status, body, _ = front.request(method, f"/v1/workers/{worker['id']}/drain")
                 assert status == 200 and json.loads(body)["draining"] == (method == "POST"), body
 
-    listed = json.loads(front.get("/v1/workers"))["workers"]
-    assert {worker["name"] for worker in listed} >= {worker.name for worker in workers}, listed
+    def listed():
+        return {worker["name"] for worker in json.loads(front.get("/v1/workers"))["workers"]}
+    wait_for(lambda: listed() >= {worker.name for worker in workers}, "all workers are listed")
     drained("POST")
     threads = [threading.Thread(target=lambda: [submitted(kind, front) for _ in range(count // 8)]) for _ in range(8)]
     for thread in threads:

@@ -231,10 +231,11 @@ impl Access {
                     *kept.tokens.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(tokens);
                     self.changes.send_replace(());
                     health.clear(Part::Tokens);
+                    seen = stamp;
                 }
+                // and are read again at the next look
                 Err(error) => health.degrade(Part::Tokens, format!("the tokens are as they were before: {error}")),
             }
-            seen = stamp;
         }
     }
 }

@@ -184,7 +184,7 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
         Ok(Created::New(job)) if spec.referred.is_some() && !is_same(&job.spec, &spec) => repeated(&caller, job, &spec),
         Ok(Created::New(job)) => {
             folder.keep();
-            if spec.referred.is_some_and(|referred| referred.url.is_none()) {
+            if spec.is_of_upload_by_url() {
                 shared.files.unreserve(&tenant.name, id).await;
             }
             audit::record(Action::Accepted(job.spec.bytes), &caller, id);
@@ -192,6 +192,11 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
             Ok(job)
         }
         Ok(Created::Known(job)) => {
+            // a repeated request may have stored the mesh once more
+            if spec.is_of_upload_by_url() && job.id != id {
+                shared.files.remove_upload(id).await;
+                shared.files.unreserve(&tenant.name, id).await;
+            }
             audit::record(Action::Repeated, &caller, job.id);
             Ok(job)
         }

@@ -1,6 +1,7 @@
 //! Uploads that are coming in, and blobs that are kept by the store when they are small together.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use futures_util::future::try_join_all;
 
@@ -25,11 +26,14 @@ pub(in crate::service) struct Incoming {
     kept: bool,
     /// Whether the client stored the mesh by a URL: it stays when the request is refused.
     is_reserved: bool,
+    /// Whether room for the result was promised through this.
+    has_promised: AtomicBool,
 }
 
 impl Incoming {
     pub(super) fn new(files: Arc<Files>, id: JobId) -> Self {
-        Self { files, id, held: Vec::new(), has_files: false, bytes: 0, kept: false, is_reserved: false }
+        let has_promised = AtomicBool::new(false);
+        Self { files, id, held: Vec::new(), has_files: false, bytes: 0, kept: false, is_reserved: false, has_promised }
     }
 
     /// The mesh of so many bytes lies in a bucket: what comes with it lies in files.
@@ -64,7 +68,9 @@ impl Incoming {
     /// Promises the job that the upload will be room for its result, as long as the job lasts or the upload is there.
     /// Refuses when there is none.
     pub fn promise(&self, spec: &Spec, limits: &Limits) -> Result<()> {
-        self.files.promise(self.id, self.bytes, needs::of_upload(spec, self.bytes, limits))
+        self.files.promise(self.id, self.bytes, needs::of_upload(spec, self.bytes, limits))?;
+        self.has_promised.store(true, Ordering::Relaxed);
+        Ok(())
     }
 
     /// Ends the upload: gives its blobs if they are small and `takes` them, or else makes files of them and gives none.
@@ -109,7 +115,10 @@ impl Drop for Incoming {
             end();
             return;
         }
-        self.files.give_back(id);
+        // the promise of a job that is there already, whose number a request named, stays
+        if *self.has_promised.get_mut() {
+            self.files.give_back(id);
+        }
         if self.is_reserved {
             end();
             return;

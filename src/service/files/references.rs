@@ -62,6 +62,12 @@ pub(in crate::service) fn check_prefixes(prefixes: &[BlobPlace], blobs: Option<&
         let Some((bucket, prefix)) = place.bucket() else {
             return Err(Error::parameter(format_args!("--mesh-prefixes must be s3://BUCKET/PREFIX, not {place}")));
         };
+        if prefix.parts().any(|part| part.as_ref() != TENANT && part.as_ref().contains(TENANT)) {
+            return Err(Error::parameter(format_args!(
+                "{TENANT} in --mesh-prefixes must be all that is between two slashes, or tenants could name each \
+                 other's folders and those of the service; it is {place}"
+            )));
+        }
         let Some((_, own)) = blobs.and_then(BlobPlace::bucket).filter(|(other, _)| *other == bucket) else { continue };
         // any name of a tenant may be that of a folder of the service
         let mut segments = prefix.parts().take_while(|part| part.as_ref() != TENANT).zip(own.parts());
@@ -114,6 +120,8 @@ mod tests {
             ("s3://b/farm", false),
             ("s3://b/farm/uploads", false),
             ("s3://b/{tenant}", false),
+            ("s3://b/fa{tenant}", false),
+            ("s3://c/m/{tenant}-x", false),
             ("meshes", false),
         ] {
             let checked = check_prefixes(&[place(prefix)], Some(&place("s3://b/farm")));

@@ -237,3 +237,14 @@ async fn a_sweep_leaves_what_jobs_know_of() {
     }
     assert_eq!(files.sweep(&store).await, Ok(0));
 }
+
+#[tokio::test]
+async fn a_request_that_names_a_job_leaves_the_room_promised_to_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let limits = DiskLimits { max_bytes: Some(2 << 20), min_free_bytes: 0 };
+    let files = open(folder.path(), limits, Faults::default());
+    let (job, large) = (JobId::random(), 3 << 19);
+    files.promise(job, 0, large).expect("there is room");
+    drop(files.incoming_reserved(job).expect("no other request"));
+    assert!(files.promise(JobId::random(), 0, large).is_err(), "the room is taken");
+}

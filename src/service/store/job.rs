@@ -149,6 +149,13 @@ pub(in crate::service) struct Spec {
     pub referred: Option<Referred>,
 }
 
+impl Spec {
+    /// Whether the client stored the mesh by a URL that the service gave.
+    pub fn is_of_upload_by_url(&self) -> bool {
+        self.referred.as_ref().is_some_and(|referred| referred.url.is_none())
+    }
+}
+
 /// A mesh that lay in a bucket before the request for its job came.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(in crate::service) struct Referred {

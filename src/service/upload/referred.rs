@@ -45,7 +45,7 @@ pub(super) async fn find(
     let (mut folder, url) = match at {
         MeshAt::Upload(id) => {
             let folder = files.incoming_reserved(*id)?;
-            let is_its = |job: &Job| job.spec.tenant == tenant && job.spec.referred.is_some();
+            let is_its = |job: &Job| job.spec.tenant == tenant && job.spec.is_of_upload_by_url();
             if let Some(job) = store.get(*id).await?.filter(is_its) {
                 return Ok((files.incoming(), earlier(job)));
             }
