@@ -57,8 +57,8 @@ where
     order
 }
 
-/// Stable radix sort by what is above the number of the face.
-fn sort_by_prefix(records: &mut Vec<u64>) {
+/// Stable radix sort by what is above the number of the face, the upper 33 bits.
+pub fn sort_by_prefix(records: &mut Vec<u64>) {
     const DIGITS: usize = (PREFIX_BITS / DIGIT_BITS) as usize;
     let digit = |record: u64, place: usize| {
         (record >> (FACE_BITS + DIGIT_BITS * place as u32)) as usize & ((1 << DIGIT_BITS) - 1)

@@ -1,10 +1,11 @@
 //! Welding: vertices at exactly equal positions become one, so that seams of texture coordinates or normals do not cut
 //! the surface. −0 equals 0; there is no tolerance.
 //!
-//! Only vertices that faces use are looked at. Sorting them takes 8 bytes each, numbering 8 for any vertex.
+//! Only vertices that faces use are looked at. Sorting them takes 16 bytes each, numbering 8 for any vertex.
 
 use rayon::prelude::*;
 
+use super::order::sort_by_prefix;
 use crate::mesh::{MeshView, Positions};
 
 /// For each vertex of the mesh the number of its position, counted in the order in which faces first use them.
@@ -41,15 +42,15 @@ pub fn weld(mesh: MeshView<'_>) -> (Weld, Vec<u32>) {
 
 /// For each vertex that a face uses the first one of those at its position; [`UNUSED`] for all others.
 ///
-/// Vertices are sorted by a hash of their position and by number, because whole numbers sort faster than positions;
-/// those of equal hash are sorted by position.
+/// Vertices are sorted by a hash of their position, because whole numbers sort faster than positions; those of equal
+/// hash are sorted by position.
 pub fn first_vertices(mesh: MeshView<'_>) -> Vec<u32> {
     let positions = mesh.positions;
     let mut first = vec![UNUSED; positions.len()];
     mesh.faces.all_corners().iter().for_each(|&vertex| first[vertex as usize] = vertex);
     let used = first.par_iter().filter(|&&vertex| vertex != UNUSED);
     let mut sorted: Vec<u64> = used.map(|&vertex| hash(positions, vertex) << 32 | u64::from(vertex)).collect();
-    sorted.par_sort_unstable();
+    sort_by_prefix(&mut sorted);
     let mut by_position = Vec::new();
     for same_hash in sorted.chunk_by(|a, b| a >> 32 == b >> 32).filter(|vertices| vertices.len() > 1) {
         let vertices = same_hash.iter().map(|&entry| entry as u32);
