@@ -31,6 +31,7 @@ CASES = [
     {"bucket": {"lifecycle": {"enabled": True}, "endpoint": "http://s3:9000", "allowHttp": True, "secret": ""},
      "serviceAccount": {"annotations": {"a": "b"}}, "monitoring": {"labels": {"release": "p"}},
      "image": {"tag": "1.2.3", "pullSecrets": [{"name": "registry"}]}, "workers": {"gpu": None}},
+    {"tokens": {"inStore": True}},
 ]
 KINDS = {
     "v1": ["Secret", "Service", "ServiceAccount", "ConfigMap"],
