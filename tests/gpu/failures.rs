@@ -246,7 +246,7 @@ fn the_cpu_clusters_what_is_too_large_for_the_gpu_of_auto_or_came_back_wrong_and
         let warning = outcome.report.warnings.join("; ");
         assert!(warning.contains("the cpu clustered the mesh") && warning.contains(why), "{warning}");
     }
-    // a gpu that was asked for is not replaced
+    // a gpu that was wanted is not replaced
     let error = run(DeviceChoice::Gpu, narrow()).map(|_| ()).expect_err("it does not fit");
     assert_eq!(error.kind, Kind::DeviceUnsuitable);
 }

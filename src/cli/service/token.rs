@@ -75,7 +75,7 @@ enum Command {
 #[derive(Debug, clap::Args)]
 struct Place {
     /// File of tokens; `new` makes it if it is not there
-    #[arg(long, env = "TESSERAE_TOKENS", value_name = "FILE")]
+    #[arg(long, env = "TESSERAE_TOKENS", value_name = "FILE", required_unless_present = "store")]
     tokens: Option<PathBuf>,
 
     /// Database that services share, as for `tesserae serve --tokens-in-store`; not looked at beside a file
