@@ -86,46 +86,52 @@ struct Place {
 impl Place {
     /// The tokens.
     fn read(&self) -> Result<TokenFile, Failure> {
-        match (&self.tokens, &self.store) {
-            (Some(path), _) => Ok(TokenFile::read(path)?),
-            (None, Some(url)) => Ok(in_store::read(url)?),
-            (None, None) => Err(nowhere()),
+        match &self.tokens {
+            Some(path) => Ok(TokenFile::read(path)?),
+            None => in_store::read(self.store()?),
         }
     }
 
     /// Changes the tokens, whole or not at all.
     fn change<T>(&self, change: impl FnOnce(&mut TokenFile) -> Result<T, Failure>) -> Result<T, Failure> {
-        match (&self.tokens, &self.store) {
-            (Some(path), _) => TokenFile::try_change(path, change),
-            (None, Some(url)) => in_store::change(url, change),
-            (None, None) => Err(nowhere()),
+        match &self.tokens {
+            Some(path) => TokenFile::try_change(path, change),
+            None => in_store::change(self.store()?, change),
         }
     }
-}
 
-fn nowhere() -> Failure {
-    Error::parameter("it is not said where the tokens are: give --tokens FILE, or --store URL").into()
+    /// The database, where no file is named.
+    fn store(&self) -> Result<&StoreUrl, Failure> {
+        self.store.as_ref().ok_or_else(|| Error::parameter("give --tokens FILE, or --store URL").into())
+    }
 }
 
 /// Tokens in a database.
 #[cfg(feature = "postgres")]
 mod in_store {
-    pub use crate::service::{change_tokens as change, read_tokens as read};
+    pub use crate::service::change_tokens as change;
+
+    use crate::cli::Failure;
+    use crate::service::{StoreUrl, TokenFile};
+
+    pub fn read(url: &StoreUrl) -> Result<TokenFile, Failure> {
+        Ok(crate::service::read_tokens(url)?)
+    }
 }
 
 /// Refuses a database: this build knows none.
 #[cfg(not(feature = "postgres"))]
 mod in_store {
     use crate::cli::Failure;
-    use crate::error::{Error, Result};
+    use crate::error::Error;
     use crate::service::{StoreUrl, TokenFile};
 
-    pub fn read(_: &StoreUrl) -> Result<TokenFile> {
-        Err(Error::parameter("this build has no --store: build tesserae with the cargo feature postgres"))
+    pub fn read(_: &StoreUrl) -> Result<TokenFile, Failure> {
+        Err(Error::parameter("this build has no --store: build tesserae with the cargo feature postgres").into())
     }
 
-    pub fn change<T>(url: &StoreUrl, _: impl FnOnce(&mut TokenFile) -> Result<T, Failure>) -> Result<T, Failure> {
-        Err(read(url).map(|_| super::nowhere()).unwrap_or_else(Failure::from))
+    pub fn change<T>(url: &StoreUrl, change: impl FnOnce(&mut TokenFile) -> Result<T, Failure>) -> Result<T, Failure> {
+        change(&mut read(url)?)
     }
 }
 

@@ -94,10 +94,10 @@ impl<'a> Clusters<'a> {
             }
         }
         all.par_iter_mut().with_min_len(CHUNK).for_each(|cluster| {
-            let faces = std::mem::take(&mut cluster.faces);
-            faces.iter().for_each(|&face| cluster.count(graph.face(face as usize), 1));
+            for at in 0..cluster.faces.len() {
+                cluster.count(graph.face(cluster.faces[at] as usize), 1);
+            }
             cluster.fit = cluster.sums.fit().unwrap_or_default();
-            cluster.faces = faces;
         });
         let explained = all.iter().map(|cluster| cluster.fit.1 << cluster.shift).sum();
         let free_numbers = (0..numbers as u32).rev().filter(|&number| sizes[number as usize] == 0).collect();

@@ -240,6 +240,7 @@ impl<'a> Relocation<'a> {
         Ok(())
     }
 
+    /// D with the results of cheaper jobs.
     fn mix_in_all(&self, best: &mut State<'a>, cheaper: Cheaper<'_>, on_change: OnChange<'_>) -> Result<()> {
         for labels in cheaper {
             self.mix_in(best, State::new(self.graph, labels?), on_change)?;

@@ -179,12 +179,16 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
     }
     let upload = folder.settle(|bytes| shared.store.takes(bytes)).await?;
     spec.is_small = !upload.is_empty();
-    match shared.store.create(NewJob { id, spec: spec.clone(), idempotency, upload }).await {
-        // another service made a job of the same upload in this moment
-        Ok(Created::New(job)) if spec.referred.is_some() && !is_same(&job.spec, &spec) => repeated(&caller, job, &spec),
+    // of an upload by URL only: other jobs have new ids
+    let wanted = spec.is_of_upload_by_url().then(|| spec.clone());
+    match shared.store.create(NewJob { id, spec, idempotency, upload }).await {
         Ok(Created::New(job)) => {
+            // another service made a job of the same upload in this moment
+            if let Some(wanted) = wanted.as_ref().filter(|wanted| !is_same(&job.spec, wanted)) {
+                return repeated(&caller, job, wanted);
+            }
             folder.keep();
-            if spec.is_of_upload_by_url() {
+            if wanted.is_some() {
                 shared.files.unreserve(&tenant.name, id).await;
             }
             audit::record(Action::Accepted(job.spec.bytes), &caller, id);
@@ -193,7 +197,7 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
         }
         Ok(Created::Known(job)) => {
             // a repeated request may have stored the mesh once more
-            if spec.is_of_upload_by_url() && job.id != id {
+            if wanted.is_some() && job.id != id {
                 shared.files.remove_upload(id).await;
                 shared.files.unreserve(&tenant.name, id).await;
             }

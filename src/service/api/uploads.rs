@@ -45,8 +45,8 @@ pub(in crate::service) struct UploadView {
 /// Reserve an upload by URL
 ///
 /// For meshes that are too large to go through the service: `PUT` the mesh to the URL, then `POST
-/// /v1/jobs?upload={id}`. Waiting jobs and uploads without a job count together for the limit of waiting jobs. 501
-/// where the files of jobs do not lie in a bucket.
+/// /v1/jobs?upload={id}`. It is refused while waiting jobs and uploads without a job are together as many as jobs may
+/// wait. 501 where the files of jobs do not lie in a bucket.
 #[utoipa::path(
     post, path = "/v1/uploads", tag = "jobs", operation_id = "createUpload",
     params(("bytes" = u64, Query, description = "Number of bytes of the mesh")),
@@ -97,5 +97,6 @@ pub(in crate::service) async fn remove(
         shared.files.remove_upload(id).await;
     }
     shared.files.unreserve(&tenant.name, id).await;
+    audit::record(Action::Deleted, &caller, id);
     Ok(StatusCode::NO_CONTENT)
 }

@@ -1,7 +1,6 @@
 //! Uploads that are coming in, and blobs that are kept by the store when they are small together.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use futures_util::future::try_join_all;
 
@@ -27,13 +26,13 @@ pub(in crate::service) struct Incoming {
     /// Whether the client stored the mesh by a URL: it stays when the request is refused.
     is_reserved: bool,
     /// Whether room for the result was promised through this.
-    has_promised: AtomicBool,
+    has_promised: bool,
 }
 
 impl Incoming {
     pub(super) fn new(files: Arc<Files>, id: JobId) -> Self {
-        let has_promised = AtomicBool::new(false);
-        Self { files, id, held: Vec::new(), has_files: false, bytes: 0, kept: false, is_reserved: false, has_promised }
+        let (held, bytes) = (Vec::new(), 0);
+        Self { files, id, held, has_files: false, bytes, kept: false, is_reserved: false, has_promised: false }
     }
 
     /// The mesh of so many bytes lies in a bucket: what comes with it lies in files.
@@ -67,9 +66,9 @@ impl Incoming {
 
     /// Promises the job that the upload will be room for its result, as long as the job lasts or the upload is there.
     /// Refuses when there is none.
-    pub fn promise(&self, spec: &Spec, limits: &Limits) -> Result<()> {
+    pub fn promise(&mut self, spec: &Spec, limits: &Limits) -> Result<()> {
         self.files.promise(self.id, self.bytes, needs::of_upload(spec, self.bytes, limits))?;
-        self.has_promised.store(true, Ordering::Relaxed);
+        self.has_promised = true;
         Ok(())
     }
 
@@ -116,7 +115,7 @@ impl Drop for Incoming {
             return;
         }
         // the promise of a job that is there already, whose number a request named, stays
-        if *self.has_promised.get_mut() {
+        if self.has_promised {
             self.files.give_back(id);
         }
         if self.is_reserved {

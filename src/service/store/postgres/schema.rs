@@ -10,11 +10,10 @@ use super::connections::Failure;
 use crate::error::{Error, Kind};
 
 /// Every migration's SQL, and the least number of migrations that a service on the tables must know afterwards.
-const MIGRATIONS: [(&str, i32); 4] = [
+const MIGRATIONS: [(&str, i32); 3] = [
     (include_str!("migrations/0001_farm.sql"), 1),
     (include_str!("migrations/0002_workers.sql"), 1),
     (include_str!("migrations/0003_tokens.sql"), 1),
-    (include_str!("migrations/0004_claims.sql"), 1),
 ];
 
 /// The table with the version.

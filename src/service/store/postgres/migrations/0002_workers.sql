@@ -9,12 +9,14 @@ ALTER TABLE workers ADD COLUMN drains boolean NOT NULL DEFAULT false;
 -- after the other; only the virtual times of tenants that are equal otherwise may differ by those of one call.
 --
 -- Plans are generic, as planning would take longer than the claim, and by index, as the statistics of a queue are those
--- of a moment that is over.
+-- of a moment that is over. A claim takes the same time however many jobs wait: a bitmap has no order, so its plan would
+-- read all of them; the expression around the state keeps the update, too, from the index of waiting jobs.
 CREATE FUNCTION claim_2(
     me uuid, me_name text, me_version text, ttl double precision, most integer, newcomers integer,
     alone double precision, alone_from integer,
     share_names text[], share_weights bigint[], share_limits bigint[]
-) RETURNS SETOF jobs LANGUAGE plpgsql SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET jit = off
+) RETURNS SETOF jobs LANGUAGE plpgsql SET plan_cache_mode = force_generic_plan
+    SET enable_seqscan = off SET enable_bitmapscan = off SET jit = off
 AS $$
 DECLARE
     t       timestamptz;
@@ -114,7 +116,8 @@ BEGIN
             UPDATE jobs SET state = 'running', attempt = jobs.attempt + 1, started_at = t, lease_until = until,
                 worker = me_name, boot = me, begun = coalesce((spec ->> 'is_small')::boolean, false),
                 last_seq = last_seq + 1, reserved_by = NULL, reserved_until = NULL
-            FROM chosen WHERE jobs.number = chosen.number AND jobs.state = 'queued'
+            FROM chosen WHERE jobs.number = ANY (ARRAY(SELECT c.number FROM chosen AS c))
+            AND jobs.number = chosen.number AND jobs.state || '' = 'queued'
             RETURNING jobs AS job, chosen.*
         ), told AS (
             INSERT INTO events (job, seq, kind, data)

