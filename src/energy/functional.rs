@@ -47,6 +47,9 @@ pub trait Functional {
     /// The merge cost with respect to exact proxies, in units of the component: for records.
     fn merge_cost_of_means(a: &Self::Sums, b: &Self::Sums) -> f64;
 
+    /// A bound of what any split of a cluster gains, in units of its component.
+    fn most_gain(faces: impl Iterator<Item = Self::Item>, proxy: Self::Proxy) -> f64;
+
     /// What moving a face of weight `weight` lowers the energy by, per weight; rounded, and only ever used to rank
     /// bids. `from.weight > weight`.
     fn gain(weight: u32, from: Side, to: Side) -> i64;

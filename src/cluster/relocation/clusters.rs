@@ -3,14 +3,12 @@
 //! Devices keep labels and sums for moves of single faces, all at once. A merge or a split reads one cluster whole, and
 //! few of them pay, so this state is kept on the host. Every cluster is connected, and every change keeps that.
 //!
-//! Energies are compared in one unit, that of the finest component: a number of a component is shifted left by its
-//! `energy_shift`. Only the explained part of F is kept, because no labels change the rest.
-
-use rayon::prelude::*;
+//! Only the explained part of F is kept, because no labels change the rest.
 
 use super::connection::Connection;
+use super::totals::Totals;
 use crate::device::FREE;
-use crate::energy::{ClusterSums, Energy, Functional, Item, LatticeEnergy, Proxy, Sums};
+use crate::energy::{LatticeEnergy, Proxy, Sums};
 use crate::surface::DualGraph;
 
 /// Clusters of a chunk.
@@ -35,24 +33,8 @@ pub struct Clusters<'a> {
 #[derive(Debug, Clone, Default)]
 struct Cluster {
     faces: Vec<u32>,
-    sums: ClusterSums,
-    /// The part of F that no labels change.
-    constant: i128,
-    fit: Fit,
-    /// The `energy_shift` of its component.
-    shift: u32,
+    totals: Totals,
 }
-
-impl Cluster {
-    /// Counts a face in (1) or out (−1); the proxy is not fitted.
-    fn count(&mut self, face: Item, sign: i64) {
-        self.sums.add_face(face, sign);
-        self.constant += Energy::constant(face) * i128::from(sign);
-    }
-}
-
-/// A proxy, and what it explains ([`Sums::fit`]).
-type Fit = (Proxy, i128);
 
 /// Clusters that gained or lost a face, each once.
 #[derive(Debug, Clone, Default)]
@@ -80,27 +62,17 @@ impl<'a> Clusters<'a> {
     /// From labels in which every face has one. All clusters count as touched.
     pub fn new(graph: &'a DualGraph, labels: Vec<u32>) -> Self {
         let numbers = labels.iter().map(|&label| label as usize + 1).max().unwrap_or(0);
-        let mut sizes = vec![0; numbers];
-        labels.iter().for_each(|&label| sizes[label as usize] += 1);
-        let with_room = |&size: &usize| Cluster { faces: Vec::with_capacity(size), ..Cluster::default() };
-        let mut all: Vec<Cluster> = sizes.iter().map(with_room).collect();
-        let mut place_of_face = vec![0; labels.len()];
-        for component in &graph.components {
-            for face in component.range() {
-                let cluster = &mut all[labels[face] as usize];
-                place_of_face[face] = cluster.faces.len() as u32;
-                cluster.faces.push(face as u32);
-                cluster.shift = component.energy_shift;
-            }
+        let totals = Totals::of_clusters(graph, &labels, numbers);
+        let with_room = |totals: Totals| Cluster { faces: Vec::with_capacity(totals.sums.faces() as usize), totals };
+        let mut all: Vec<Cluster> = totals.into_iter().map(with_room).collect();
+        let mut place_of_face = Vec::with_capacity(labels.len());
+        for (face, &label) in (0..).zip(&labels) {
+            let faces = &mut all[label as usize].faces;
+            place_of_face.push(faces.len() as u32);
+            faces.push(face);
         }
-        all.par_iter_mut().with_min_len(CHUNK).for_each(|cluster| {
-            for at in 0..cluster.faces.len() {
-                cluster.count(graph.face(cluster.faces[at] as usize), 1);
-            }
-            cluster.fit = cluster.sums.fit().unwrap_or_default();
-        });
-        let explained = all.iter().map(|cluster| cluster.fit.1 << cluster.shift).sum();
-        let free_numbers = (0..numbers as u32).rev().filter(|&number| sizes[number as usize] == 0).collect();
+        let explained = all.iter().map(|cluster| cluster.totals.explained()).sum();
+        let free_numbers = (0..numbers as u32).rev().filter(|&number| all[number as usize].faces.is_empty()).collect();
         let touched = Touched { list: (0..numbers as u32).collect(), is_listed: vec![true; numbers] };
         let connection = Connection::new(labels.len());
         Self { graph, labels, place_of_face, all, free_numbers, explained, moves: 0, touched, connection }
@@ -144,7 +116,7 @@ impl<'a> Clusters<'a> {
 
     /// The `energy_shift` of a cluster's component.
     pub fn shift(&self, cluster: u32) -> u32 {
-        self.all[cluster as usize].shift
+        self.all[cluster as usize].totals.shift
     }
 
     /// F, of all clusters.
@@ -154,14 +126,17 @@ impl<'a> Clusters<'a> {
 
     /// What a cluster explains of F.
     pub fn explained(&self, cluster: u32) -> i128 {
-        let Cluster { fit, shift, .. } = &self.all[cluster as usize];
-        fit.1 << shift
+        self.totals(cluster).explained()
     }
 
-    /// F of a cluster. No split gains more.
+    /// F of a cluster.
     pub fn energy_of(&self, cluster: u32) -> i128 {
-        let Cluster { constant, fit, shift, .. } = &self.all[cluster as usize];
-        (constant - fit.1) << shift
+        self.totals(cluster).energy()
+    }
+
+    /// Whether a split of a cluster might gain more than this.
+    pub fn may_gain(&self, more_than: i128, cluster: u32) -> bool {
+        self.totals(cluster).may_gain(more_than, self.graph, self.faces(cluster))
     }
 
     /// F of all clusters.
@@ -171,11 +146,7 @@ impl<'a> Clusters<'a> {
 
     /// What merging two clusters of one component raises F by.
     pub fn merge_cost(&self, a: u32, b: u32) -> i128 {
-        let [a, b] = [a, b].map(|cluster| &self.all[cluster as usize]);
-        let mut sums = a.sums;
-        sums.add(&b.sums, 1);
-        let (_, explained) = sums.fit().unwrap_or_default();
-        (a.fit.1 + b.fit.1 - explained) << a.shift
+        self.totals(a).merge_cost(self.totals(b))
     }
 
     /// The clusters beside a cluster, ascending.
@@ -220,7 +191,7 @@ impl<'a> Clusters<'a> {
     /// Makes a cluster of some faces of a cluster, but not all, and returns its number.
     pub fn split(&mut self, cluster: u32, leaving: &[u32]) -> u32 {
         let number = self.free_number();
-        self.all[number as usize].shift = self.all[cluster as usize].shift;
+        self.all[number as usize].totals.shift = self.shift(cluster);
         for &face in leaving {
             self.take_from_list(face, cluster);
         }
@@ -238,9 +209,9 @@ impl<'a> Clusters<'a> {
                 self.take_from_list(face, from);
                 self.push_to_list(face, to);
                 for (cluster, sign) in [(from, -1), (to, 1)] {
-                    self.all[cluster as usize].count(self.graph.face(face as usize), sign);
+                    self.all[cluster as usize].totals.count(self.graph.face(face as usize), sign);
                 }
-                self.all[to as usize].shift = self.all[from as usize].shift;
+                self.all[to as usize].totals.shift = self.shift(from);
                 self.note_change(from, to, 1);
                 changed.extend([from, to]);
             }
@@ -248,7 +219,7 @@ impl<'a> Clusters<'a> {
         changed.sort_unstable();
         changed.dedup();
         for cluster in changed {
-            self.fit(cluster);
+            self.explained += self.all[cluster as usize].totals.refit();
             if self.faces(cluster).is_empty() {
                 self.free_numbers.push(cluster);
             }
@@ -259,33 +230,28 @@ impl<'a> Clusters<'a> {
     /// pieces.
     pub fn move_if_lower(&mut self, face: u32, to: u32) -> bool {
         let from = self.label(face);
-        let [a, b] = [from, to].map(|cluster| &self.all[cluster as usize]);
-        let (mut without, mut with) = (a.sums, b.sums);
-        without.add_face(self.graph.face(face as usize), -1);
-        with.add_face(self.graph.face(face as usize), 1);
-        let (Some(fit_without), Some(fit_with)) = (without.fit(), with.fit()) else { return false };
-        let fall = fit_without.1 + fit_with.1 - a.fit.1 - b.fit.1;
-        let shift = a.shift;
+        let moved = self.graph.face(face as usize);
+        let [mut without, mut with] = [from, to].map(|cluster| *self.totals(cluster));
+        without.count(moved, -1);
+        with.count(moved, 1);
+        let rise = without.refit() + with.refit();
         let Self { graph, labels, connection, .. } = self;
-        if fall <= 0 || !connection.stays_without(graph, face, |near| labels[near as usize] == from) {
+        let is_left = without.sums.faces() > 0;
+        if !is_left || rise <= 0 || !connection.stays_without(graph, face, |near| labels[near as usize] == from) {
             return false;
         }
         self.take_from_list(face, from);
         self.push_to_list(face, to);
-        let of = |cluster: u32| cluster as usize;
-        (self.all[of(from)].sums, self.all[of(from)].fit) = (without, fit_without);
-        (self.all[of(to)].sums, self.all[of(to)].fit) = (with, fit_with);
-        let constant = Energy::constant(self.graph.face(face as usize));
-        self.all[of(from)].constant -= constant;
-        self.all[of(to)].constant += constant;
-        self.explained += fall << shift;
+        self.all[from as usize].totals = without;
+        self.all[to as usize].totals = with;
+        self.explained += rise;
         self.note_change(from, to, 1);
         true
     }
 
     /// The proxy and the weight of a cluster.
     pub fn proxy_and_weight(&self, cluster: u32) -> (Proxy, u64) {
-        let Cluster { fit, sums, .. } = &self.all[cluster as usize];
+        let Totals { fit, sums, .. } = self.totals(cluster);
         (fit.0, sums.weight())
     }
 
@@ -318,25 +284,19 @@ impl<'a> Clusters<'a> {
 
     /// Gives faces of a cluster, which are in no list any more, to another one.
     fn hand_over(&mut self, faces: &[u32], from: u32, to: u32) {
-        let mut moved = Cluster::default();
+        let mut moved = Totals::default();
         for &face in faces {
             self.push_to_list(face, to);
             moved.count(self.graph.face(face as usize), 1);
         }
         for (cluster, sign) in [(from, -1), (to, 1)] {
-            let Cluster { sums, constant, .. } = &mut self.all[cluster as usize];
-            sums.add(&moved.sums, sign);
-            *constant += moved.constant * i128::from(sign);
-            self.fit(cluster);
+            self.explained += self.all[cluster as usize].totals.add(&moved, sign);
         }
         self.note_change(from, to, faces.len() as u64);
     }
 
-    /// Fits the proxy of a cluster whose sums have changed.
-    fn fit(&mut self, cluster: u32) {
-        let Cluster { sums, fit, shift, .. } = &mut self.all[cluster as usize];
-        let before = std::mem::replace(fit, sums.fit().unwrap_or_default());
-        self.explained += (fit.1 - before.1) << *shift;
+    fn totals(&self, cluster: u32) -> &Totals {
+        &self.all[cluster as usize].totals
     }
 
     fn note_change(&mut self, from: u32, to: u32, moves: u64) {

@@ -35,14 +35,15 @@
 //! and breaths are compared with what there is, and discarded unless they are lower. Every step keeps the number of
 //! clusters, and each of them connected.
 //!
-//! Nothing depends on the device: the steps are exact integer arithmetic on the host. On even meshes B costs a pass
-//! over the mesh and some splits, none of which pays, and nothing else is done; `best` mixes in the results of cheaper
-//! jobs there, too.
+//! Nothing depends on the device: the steps are exact integer arithmetic on the host. On even meshes a pass over the
+//! mesh shows that no swap pays ([`gate`]), and nothing else is done; `best` mixes in the results of cheaper jobs
+//! there, too.
 
 mod breathe;
 mod candidates;
 mod clusters;
 mod connection;
+mod gate;
 mod merging;
 mod mix;
 pub mod numbers;
@@ -50,6 +51,7 @@ mod resize;
 mod settle;
 mod split;
 mod swap;
+mod totals;
 mod trial;
 
 use self::breathe::Breath;
@@ -126,9 +128,12 @@ impl<'a> Relocation<'a> {
         cheaper: Cheaper<'_>,
         on_change: OnChange<'_>,
     ) -> Result<Vec<u32>> {
+        if self.effort != Effort::All && self.is_even(&labels) {
+            return Ok(labels);
+        }
         let mut best = State::new(self.graph, labels);
         let has_paid = self.swap(&mut best, on_change)?;
-        if !self.tries_more(&best, has_paid) {
+        if !self.tries_more(best.clusters.count(), has_paid) {
             if self.effort == Effort::All {
                 self.mix_in_all(&mut best, cheaper, on_change)?;
             }
@@ -150,18 +155,26 @@ impl<'a> Relocation<'a> {
 
     /// Makes the steps that begin with the clusters as they are: B, E and F.
     pub fn labels_from(&self, labels: Vec<u32>, on_change: OnChange<'_>) -> Result<Vec<u32>> {
+        if self.is_even(&labels) {
+            return Ok(labels);
+        }
         let mut best = State::new(self.graph, labels);
         let has_paid = self.swap(&mut best, on_change)?;
-        if !self.tries_more(&best, has_paid) {
+        if !self.tries_more(best.clusters.count(), has_paid) {
             return Ok(best.clusters.compacted());
         }
         self.settle_all(&mut best, on_change)?;
         self.relax_and_breathe(best, on_change)
     }
 
+    /// Whether no swap pays and nothing else is worth it.
+    fn is_even(&self, labels: &[u32]) -> bool {
+        let clusters = labels.iter().max().map_or(0, |&last| last as usize + 1);
+        !self.tries_more(clusters, false) && !gate::may_pay(self.graph, labels, clusters)
+    }
+
     /// Whether E and what goes with it are worth it.
-    fn tries_more(&self, state: &State<'_>, has_paid: bool) -> bool {
-        let clusters = state.clusters.count();
+    fn tries_more(&self, clusters: usize, has_paid: bool) -> bool {
         let is_small = self.graph.faces() <= SMALL;
         match self.effort {
             Effort::Swaps => false,

@@ -46,7 +46,7 @@ fn split(clusters: &mut Clusters<'_>, most: usize, candidates: &mut Candidates) 
     candidates.split(clusters, |cluster| is_wanted[cluster as usize]);
     let least = candidates.splits().get(most - 1).map_or(-1, |&(gain, _)| gain);
     for &cluster in &by_energy {
-        is_wanted[cluster as usize] |= clusters.energy_of(cluster) > least;
+        is_wanted[cluster as usize] |= clusters.may_gain(least, cluster);
     }
     candidates.split(clusters, |cluster| is_wanted[cluster as usize]);
     let splits = candidates.splits();

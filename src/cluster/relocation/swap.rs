@@ -4,9 +4,9 @@
 //!
 //! A round:
 //!
-//! 1. Every cluster finds its cheapest merge, with cost F_ab − F_a − F_b. Every cluster with more energy than the
-//!    cheapest merge of all costs finds its best [split](super::split), with gain F_c − F_1 − F_2. All are exact
-//!    integers in the unit of the finest component.
+//! 1. Every cluster finds its cheapest merge, with cost F_ab − F_a − F_b. Every cluster whose splits
+//!    [might gain](Clusters::may_gain) more than the cheapest merge of all finds its best [split](super::split), with
+//!    gain F_c − F_1 − F_2. All are exact integers in the unit of the finest component.
 //! 2. Merges, the cheapest first, meet splits, those that gain most first; ties go by number. A cluster takes part
 //!    once. The round ends at the first merge that costs as much as the best split left gains.
 //! 3. Each swap merges its pair, and the number that becomes free names the new part of the split cluster, in whatever
@@ -22,8 +22,8 @@
 //! # Why
 //!
 //! The other phases move single faces, and end where only a merge and a split at once would pay. They also leave each
-//! component the number of clusters that its area gave it, which is far from the best where faces are uneven. A split
-//! gains no more than its cluster's energy, so on even meshes few clusters are split, and none pays.
+//! component the number of clusters that its area gave it, which is far from the best where faces are uneven. On even
+//! meshes no split might gain enough.
 
 use super::candidates::Candidates;
 use super::clusters::Clusters;
@@ -37,9 +37,7 @@ pub fn round(clusters: &mut Clusters<'_>, candidates: &mut Candidates, cancel: &
     candidates.refresh(clusters);
     let merges = candidates.merges();
     let Some(&(least, ..)) = merges.first() else { return Ok(0) };
-    let is_large = |cluster: u32| !clusters.faces(cluster).is_empty() && clusters.energy_of(cluster) > least;
-    let large: Vec<bool> = (0..clusters.numbers() as u32).map(is_large).collect();
-    candidates.split(clusters, |cluster| large[cluster as usize]);
+    candidates.split(clusters, |cluster| clusters.may_gain(least, cluster));
     let splits = candidates.splits();
 
     let mut is_taken = vec![false; clusters.numbers()];

@@ -1,0 +1,81 @@
+//! Exact totals of a cluster: what energies, merges and bounds of splits are computed from.
+
+use super::clusters::CHUNK;
+use crate::energy::{ClusterSums, Energy, Functional, Item, Proxy, Sums};
+use crate::surface::DualGraph;
+use rayon::prelude::*;
+
+/// A proxy, and what it explains ([`Sums::fit`]).
+pub type Fit = (Proxy, i128);
+
+/// The totals of a cluster. Energies are in the unit of the finest component: numbers of its own are shifted left.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Totals {
+    pub sums: ClusterSums,
+    /// The part of F that no labels change.
+    constant: i128,
+    pub fit: Fit,
+    /// The `energy_shift` of its component.
+    pub shift: u32,
+}
+
+impl Totals {
+    /// Those of all clusters of these labels.
+    pub fn of_clusters(graph: &DualGraph, labels: &[u32], clusters: usize) -> Vec<Self> {
+        let mut all = vec![Self::default(); clusters];
+        for component in &graph.components {
+            for face in component.range() {
+                let totals = &mut all[labels[face] as usize];
+                totals.count(graph.face(face), 1);
+                totals.shift = component.energy_shift;
+            }
+        }
+        all.par_iter_mut().with_min_len(CHUNK).for_each(|totals| totals.fit = totals.sums.fit().unwrap_or_default());
+        all
+    }
+
+    /// Counts a face in (1) or out (−1); the proxy is not fitted.
+    pub fn count(&mut self, face: Item, sign: i64) {
+        self.sums.add_face(face, sign);
+        self.constant += Energy::constant(face) * i128::from(sign);
+    }
+
+    /// Counts the faces of another cluster in (1) or out (−1), and fits the proxy. Returns what is explained in
+    /// addition.
+    pub fn add(&mut self, other: &Self, sign: i64) -> i128 {
+        self.sums.add(&other.sums, sign);
+        self.constant += other.constant * i128::from(sign);
+        self.refit()
+    }
+
+    /// Fits the proxy. Returns what is explained in addition.
+    pub fn refit(&mut self) -> i128 {
+        let before = std::mem::replace(&mut self.fit, self.sums.fit().unwrap_or_default());
+        (self.fit.1 - before.1) << self.shift
+    }
+
+    /// What the cluster explains of F.
+    pub fn explained(&self) -> i128 {
+        self.fit.1 << self.shift
+    }
+
+    /// F of the cluster. No split gains more.
+    pub fn energy(&self) -> i128 {
+        (self.constant - self.fit.1) << self.shift
+    }
+
+    /// What merging two clusters of one component raises F by.
+    pub fn merge_cost(&self, other: &Self) -> i128 {
+        let mut sums = self.sums;
+        sums.add(&other.sums, 1);
+        let (_, explained) = sums.fit().unwrap_or_default();
+        (self.fit.1 + other.fit.1 - explained) << self.shift
+    }
+
+    /// Whether a split of the cluster, which has these faces, might gain more than this.
+    pub fn may_gain(&self, more_than: i128, graph: &DualGraph, faces: &[u32]) -> bool {
+        let items = || faces.iter().map(|&face| graph.face(face as usize));
+        let most = || Energy::most_gain(items(), self.fit.0) as i128;
+        self.energy() > more_than && most().saturating_mul(1 << self.shift) > more_than
+    }
+}
