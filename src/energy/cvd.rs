@@ -5,10 +5,11 @@
 
 mod bound;
 mod packed;
+mod scatter;
 pub mod wide;
 pub mod words;
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 use self::packed::Float;
 use super::functional::{Functional, Side, Sums};
@@ -31,6 +32,7 @@ impl Functional for Cvd {
     type Sums = ClusterSums;
     type End = End;
     type RefinementSlack = RefinementSlack;
+    type SplitBounds = scatter::Scatter;
 
     #[inline]
     fn item(centroid: [i32; 3], weight: u32) -> Face {
@@ -87,19 +89,6 @@ impl Functional for Cvd {
     fn merge_cost_of_means(a: &ClusterSums, b: &ClusterSums) -> f64 {
         let (weight_a, weight_b) = (a.weight as f64, b.weight as f64);
         weight_a * weight_b / (weight_a + weight_b) * a.mean().distance_squared(b.mean())
-    }
-
-    /// |Σ w·d·dᵀ| + M, d = g − P (`docs/arithmetic.md`).
-    fn most_gain(faces: impl Iterator<Item = Face>, proxy: [i32; 3]) -> f64 {
-        let (mut spread, mut weight) = (DMat3::ZERO, 0.0);
-        for face in faces {
-            let d: DVec3 = std::array::from_fn(|axis| f64::from(face.centroid[axis] - proxy[axis])).into();
-            let w = f64::from(face.weight);
-            spread += DMat3::from_cols(w * d.x * d, w * d.y * d, w * d.z * d);
-            weight += w;
-        }
-        let squared: f64 = spread.to_cols_array().iter().map(|entry| entry * entry).sum();
-        squared.sqrt() * (1.0 + 1e-9) + weight
     }
 
     /// In units of squared lattice length. M/(M − w) = 1 + w/(M − w), and M/(M + w) = 1 − w/(M + w): the second terms

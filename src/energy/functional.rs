@@ -21,6 +21,8 @@ pub trait Functional {
     type End: Copy + Debug;
     /// See [`super::RefinementSlack`].
     type RefinementSlack: Copy + Debug;
+    /// See [`super::SplitBounds`].
+    type SplitBounds: Bounds<Item = Self::Item>;
 
     /// What the energy sees of a face.
     fn item(point: Self::Point, weight: u32) -> Self::Item;
@@ -46,9 +48,6 @@ pub trait Functional {
 
     /// The merge cost with respect to exact proxies, in units of the component: for records.
     fn merge_cost_of_means(a: &Self::Sums, b: &Self::Sums) -> f64;
-
-    /// A bound of what any split of a cluster gains, in units of its component.
-    fn most_gain(faces: impl Iterator<Item = Self::Item>, proxy: Self::Proxy) -> f64;
 
     /// What moving a face of weight `weight` lowers the energy by, per weight; rounded, and only ever used to rank
     /// bids. `from.weight > weight`.
@@ -110,6 +109,21 @@ pub trait Sums: Copy + Debug + Default + PartialEq {
 
     /// The mean place of the faces, on the lattice.
     fn mean(&self) -> DVec3;
+}
+
+/// Bounds of what splits and merges of a cluster change the energy by, in units of its component.
+pub trait Bounds: Clone + Default {
+    /// See [`super::Item`].
+    type Item;
+
+    /// Adds a face of the cluster.
+    fn add(&mut self, face: Self::Item);
+
+    /// No split gains more.
+    fn most_gain(&self) -> f64;
+
+    /// A merge with this cluster costs no less.
+    fn least_merge_cost(&self, other: &Self) -> f64;
 }
 
 /// A cluster as a bidding face sees it.

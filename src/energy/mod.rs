@@ -13,7 +13,7 @@ pub mod cvd;
 mod functional;
 pub mod shared;
 
-pub use self::functional::{Functional, LatticeEnergy, Merged, Side, Sums};
+pub use self::functional::{Bounds, Functional, LatticeEnergy, Merged, Side, Sums};
 
 /// The energy that everything is compiled for.
 pub type Energy = cvd::Cvd;
@@ -35,6 +35,9 @@ pub type End = <Energy as Functional>::End;
 
 /// By how much proxies may drift before a face could have a bid in refinement.
 pub type RefinementSlack = <Energy as Functional>::RefinementSlack;
+
+/// What bounds the changes by splits and merges of a cluster.
+pub type SplitBounds = <Energy as Functional>::SplitBounds;
 
 /// Which words a face, sums and a proxy take on a gpu.
 pub use cvd::words;

@@ -5,6 +5,8 @@
 //!
 //! Only the explained part of F is kept, because no labels change the rest.
 
+use rayon::prelude::*;
+
 use super::connection::Connection;
 use super::totals::Totals;
 use crate::device::FREE;
@@ -62,15 +64,23 @@ impl<'a> Clusters<'a> {
     /// From labels in which every face has one. All clusters count as touched.
     pub fn new(graph: &'a DualGraph, labels: Vec<u32>) -> Self {
         let numbers = labels.iter().map(|&label| label as usize + 1).max().unwrap_or(0);
-        let totals = Totals::of_clusters(graph, &labels, numbers);
-        let with_room = |totals: Totals| Cluster { faces: Vec::with_capacity(totals.sums.faces() as usize), totals };
-        let mut all: Vec<Cluster> = totals.into_iter().map(with_room).collect();
-        let mut place_of_face = Vec::with_capacity(labels.len());
-        for (face, &label) in (0..).zip(&labels) {
-            let faces = &mut all[label as usize].faces;
-            place_of_face.push(faces.len() as u32);
-            faces.push(face);
+        let mut sizes = vec![0; numbers];
+        labels.iter().for_each(|&label| sizes[label as usize] += 1);
+        let with_room = |&size: &usize| Cluster { faces: Vec::with_capacity(size), ..Cluster::default() };
+        let mut all: Vec<Cluster> = sizes.iter().map(with_room).collect();
+        let mut place_of_face = vec![0; labels.len()];
+        for component in &graph.components {
+            for face in component.range() {
+                let Cluster { faces, totals } = &mut all[labels[face] as usize];
+                place_of_face[face] = faces.len() as u32;
+                faces.push(face as u32);
+                totals.shift = component.energy_shift;
+            }
         }
+        all.par_iter_mut().with_min_len(CHUNK).for_each(|Cluster { faces, totals }| {
+            faces.iter().for_each(|&face| totals.count(graph.face(face as usize), 1));
+            totals.refit();
+        });
         let explained = all.iter().map(|cluster| cluster.totals.explained()).sum();
         let free_numbers = (0..numbers as u32).rev().filter(|&number| all[number as usize].faces.is_empty()).collect();
         let touched = Touched { list: (0..numbers as u32).collect(), is_listed: vec![true; numbers] };

@@ -1,9 +1,7 @@
 //! Exact totals of a cluster: what energies, merges and bounds of splits are computed from.
 
-use super::clusters::CHUNK;
-use crate::energy::{ClusterSums, Energy, Functional, Item, Proxy, Sums};
+use crate::energy::{Bounds, ClusterSums, Energy, Functional, Item, Proxy, SplitBounds, Sums};
 use crate::surface::DualGraph;
-use rayon::prelude::*;
 
 /// A proxy, and what it explains ([`Sums::fit`]).
 pub type Fit = (Proxy, i128);
@@ -20,20 +18,6 @@ pub struct Totals {
 }
 
 impl Totals {
-    /// Those of all clusters of these labels.
-    pub fn of_clusters(graph: &DualGraph, labels: &[u32], clusters: usize) -> Vec<Self> {
-        let mut all = vec![Self::default(); clusters];
-        for component in &graph.components {
-            for face in component.range() {
-                let totals = &mut all[labels[face] as usize];
-                totals.count(graph.face(face), 1);
-                totals.shift = component.energy_shift;
-            }
-        }
-        all.par_iter_mut().with_min_len(CHUNK).for_each(|totals| totals.fit = totals.sums.fit().unwrap_or_default());
-        all
-    }
-
     /// Counts a face in (1) or out (−1); the proxy is not fitted.
     pub fn count(&mut self, face: Item, sign: i64) {
         self.sums.add_face(face, sign);
@@ -74,8 +58,11 @@ impl Totals {
 
     /// Whether a split of the cluster, which has these faces, might gain more than this.
     pub fn may_gain(&self, more_than: i128, graph: &DualGraph, faces: &[u32]) -> bool {
-        let items = || faces.iter().map(|&face| graph.face(face as usize));
-        let most = || Energy::most_gain(items(), self.fit.0) as i128;
-        self.energy() > more_than && most().saturating_mul(1 << self.shift) > more_than
+        let most = || {
+            let mut bounds = SplitBounds::default();
+            faces.iter().for_each(|&face| bounds.add(graph.face(face as usize)));
+            bounds.most_gain() as i128
+        };
+        self.energy() > more_than && most().saturating_mul(1 << self.shift) >= more_than
     }
 }
