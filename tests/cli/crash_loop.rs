@@ -2,7 +2,6 @@
 #![cfg(all(unix, debug_assertions))]
 
 use std::io::{BufRead as _, BufReader};
-use std::net::TcpListener;
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
@@ -30,30 +29,30 @@ struct Service {
 
 impl Service {
     fn start(folder: Folder) -> Self {
-        let address = {
-            let probe = TcpListener::bind("127.0.0.1:0").expect("bound");
-            probe.local_addr().expect("an address").to_string()
-        };
-        let child = Self::spawn(&folder, &address);
+        let (child, address) = Self::spawn(&folder);
         // the first one to come sets it
         let _ = rustls::crypto::ring::default_provider().install_default();
         let client = Client::builder().timeout(PATIENCE).build().expect("a client");
         Self { folder, address, client, child, deaths: 0 }
     }
 
-    fn spawn(folder: &Folder, address: &str) -> Child {
+    /// A process, and its address.
+    fn spawn(folder: &Folder) -> (Child, String) {
         let more = ["--data-dir", "data", "--tokens", "tokens.json", "--crash-pause", "0", "--log", "info"];
-        let mut command = folder.tesserae(&["serve", "--listen", address, "--device", "cpu"]);
+        let mut command = folder.tesserae(&["serve", "--listen", "127.0.0.1:0", "--device", "cpu"]);
         command.args(more).env("TEST_ABORT_AT_FILE", KILLER).stdout(Stdio::null()).stderr(Stdio::piped());
         let mut child = command.spawn().expect("the binary runs");
         let mut log = BufReader::new(child.stderr.take().expect("a pipe"));
         let mut line = String::new();
-        while !line.contains("listening on http://") {
+        let address = loop {
             line.clear();
             assert_ne!(log.read_line(&mut line).expect("text"), 0, "it ended before it listened");
-        }
+            if let Some((_, address)) = line.trim_end().split_once("listening on http://") {
+                break address.split(['"', ' ']).next().unwrap_or(address).to_owned();
+            }
+        };
         std::thread::spawn(move || std::io::copy(&mut log, &mut std::io::sink()));
-        child
+        (child, address)
     }
 
     /// The answer to a request, from the next process if this one dies.
@@ -62,7 +61,7 @@ impl Service {
         loop {
             if self.child.try_wait().expect("a child").is_some() {
                 self.deaths += 1;
-                self.child = Self::spawn(&self.folder, &self.address);
+                (self.child, self.address) = Self::spawn(&self.folder);
             }
             let answer = request(&self.client, &format!("http://{}", self.address)).send().await;
             if let Ok(answer) = answer

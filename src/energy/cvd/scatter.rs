@@ -63,8 +63,8 @@ impl Bounds for Scatter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::energy::cvd::ClusterSums;
     use crate::energy::Sums;
+    use crate::energy::cvd::ClusterSums;
 
     fn sums(faces: &[Face]) -> ClusterSums {
         let mut sums = ClusterSums::default();
