@@ -21,6 +21,24 @@ pub(crate) fn join(parent: &mut [u32], one: u32, other: u32) -> bool {
     one != other
 }
 
+/// Joins the tree of a member that has no children with those of earlier members; the member itself stands for none.
+///
+/// Which neighbours of a face come earlier follows no pattern. There is a branch only where two trees meet, which is
+/// rare where members come in an order that keeps neighbours close.
+#[inline]
+pub(crate) fn attach(parent: &mut [u32], member: u32, earlier: impl Iterator<Item = u32>) {
+    let mut above = member;
+    for other in earlier {
+        let other = parent[other as usize];
+        let (low, high) = (above.min(other), above.max(other));
+        if (high != member) & (low != high) {
+            join(parent, low, high);
+        }
+        above = low;
+    }
+    parent[member as usize] = above;
+}
+
 /// A forest in which every member is a tree.
 pub(crate) fn singletons(members: usize) -> Vec<u32> {
     (0..members as u32).collect()
@@ -46,6 +64,17 @@ pub(crate) fn numbered(mut parent: Vec<u32>) -> (Vec<u32>, usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn attached_members_are_in_the_trees_of_the_earlier_ones() {
+        let earlier: [&[u32]; 7] = [&[], &[], &[0], &[1, 3], &[4], &[2, 3, 5], &[6, 4]];
+        let (mut attached, mut joined) = (singletons(7), singletons(7));
+        for (member, earlier) in (0..).zip(earlier) {
+            attach(&mut attached, member, earlier.iter().copied());
+            earlier.iter().for_each(|&other| _ = join(&mut joined, member, other));
+        }
+        assert_eq!(numbered(attached), numbered(joined));
+    }
 
     #[test]
     fn trees_are_the_sets_that_a_walk_finds_in_the_order_of_their_smallest_members() {

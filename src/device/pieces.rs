@@ -1,6 +1,8 @@
 //! Pieces of clusters, found in a pass over the whole mesh: the reference for those that devices find, and the check of
 //! results.
 
+use std::hint::select_unpredictable;
+
 use crate::device::FREE;
 use crate::surface::DualGraph;
 use crate::union_find;
@@ -10,10 +12,9 @@ use crate::union_find;
 fn pieces(graph: &DualGraph, labels: &[u32]) -> (Vec<u32>, Vec<(u32, u32)>) {
     let mut sets = union_find::singletons(labels.len());
     for (face, &label) in (0..).zip(labels).filter(|(_, label)| **label != FREE) {
-        let beside = graph.neighbours_of(face).iter().copied().filter(|&near| near < face);
-        for near in beside.filter(|&near| labels[near as usize] == label) {
-            union_find::join(&mut sets, face, near);
-        }
+        let is_earlier = |near: u32| (near < face) & (labels[near as usize] == label);
+        let earlier = graph.neighbours_of(face).iter().map(|&near| select_unpredictable(is_earlier(near), near, face));
+        union_find::attach(&mut sets, face, earlier);
     }
     let (piece_of_face, count) = union_find::numbered(sets);
     let mut pieces = vec![(FREE, 0); count];

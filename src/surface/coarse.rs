@@ -11,6 +11,7 @@ use std::hint::select_unpredictable;
 
 use rayon::prelude::*;
 
+use super::ascending;
 use super::components::Component;
 use super::graph::DualGraph;
 use crate::energy::{ClusterSums, Sums};
@@ -175,12 +176,9 @@ impl Run {
             let mut sums = ClusterSums::default();
             for &face in faces {
                 sums.add_face(graph.face(face as usize), 1);
-                let beside = graph.neighbours_of(face).iter().map(|&near| group_of_face[near as usize]);
-                others.extend(beside.filter(|&other| other != group));
+                others.extend(graph.neighbours_of(face).iter().map(|&near| group_of_face[near as usize]));
             }
-            others.sort_unstable();
-            others.dedup();
-            run.neighbours.append(&mut others);
+            ascending::append(&mut run.neighbours, &mut others, group);
             run.ends.push(run.neighbours.len() as u32);
             run.points.push(sums.proxy().unwrap_or_default());
             run.weights.push(sums.weight() as u32);

@@ -16,6 +16,7 @@
 //! 24 of them the mesh itself. `benches/results/` has times.
 
 mod adjacency;
+mod ascending;
 mod bridge;
 mod coarse;
 mod components;
