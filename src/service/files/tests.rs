@@ -1,3 +1,5 @@
+mod by_url;
+
 use std::io::ErrorKind;
 use std::path::Path;
 use std::sync::Arc;

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use futures_util::StreamExt as _;
 use object_store::GetRange;
+use sha2::{Digest as _, Sha256};
 
 use super::{Destination, KEPT, MAX_NAME, Saved, Upload, spec_of};
 use crate::error::{Error, Kind, Result};
@@ -11,7 +12,7 @@ use crate::mesh::Format;
 use crate::service::files::{Files, Incoming};
 use crate::service::intake::{Content, Rules};
 use crate::service::request::{MeshAt, Wanted};
-use crate::service::store::{Job, JobId, Queue, Referred};
+use crate::service::store::{Job, JobId, PartsOfRequest, Queue, Referred};
 
 /// A mesh in a bucket.
 pub(super) struct Mesh {
@@ -26,7 +27,7 @@ impl Mesh {
     /// Its format, which the request may say.
     pub fn format(&self, declared: Option<Format>) -> Result<Format> {
         match &self.earlier {
-            Some(job) => Ok(job.spec.format),
+            Some(job) => Ok(declared.unwrap_or(job.spec.format)),
             None => self.saved.format(declared, self.file_name.as_deref()),
         }
     }
@@ -75,7 +76,7 @@ async fn look(id: JobId, files: &Files, tenant: &str, url: Option<String>, rules
     if found.bytes > rules.limit {
         return Err(rules.too_large(found.bytes));
     }
-    let referred = Referred { url, tag: found.tag };
+    let referred = Referred { url, tag: found.tag, parts: None };
     let head = match found.bytes {
         0 => Vec::new(),
         bytes => {
@@ -92,12 +93,26 @@ async fn look(id: JobId, files: &Files, tenant: &str, url: Option<String>, rules
     })
 }
 
+/// Notes what came with the request for the job of an upload by URL, also where that is a job already.
+pub(super) fn with_parts(referred: Referred, folder: &Incoming, digests: &[[u8; 32]]) -> Referred {
+    let has_parts = referred.url.is_none() && !digests.is_empty();
+    let parts = has_parts.then(|| PartsOfRequest {
+        folder: folder.parts().unwrap_or_default().to_string(),
+        sha256: Sha256::digest(digests.concat()).iter().map(|byte| format!("{byte:02x}")).collect(),
+    });
+    Referred { parts, ..referred }
+}
+
 /// What a job's upload was.
 fn earlier(job: Job) -> Mesh {
     Mesh {
         saved: Saved { bytes: job.spec.bytes, head: Vec::new(), digest: None },
         file_name: job.spec.file_name.clone(),
-        referred: job.spec.referred.clone().unwrap_or(Referred { url: None, tag: None }),
+        referred: Referred {
+            url: None,
+            tag: job.spec.referred.as_ref().and_then(|known| known.tag.clone()),
+            parts: None,
+        },
         earlier: Some(job),
     }
 }
