@@ -277,6 +277,16 @@ mod tests {
 
     /// Receives the request for the job of an upload by URL, with seeds if any.
     async fn receive(files: &Arc<Files>, store: &MemoryStore, id: JobId, more: &str, seeds: &str) -> Upload {
+        try_receive(files, store, id, more, seeds).await.expect("in order")
+    }
+
+    async fn try_receive(
+        files: &Arc<Files>,
+        store: &MemoryStore,
+        id: JobId,
+        more: &str,
+        seeds: &str,
+    ) -> Result<Upload, Error> {
         let mut request = Request::post(format!("/v1/jobs?upload={id}&clusters=2{more}"));
         let body = match seeds {
             "" => String::new(),
@@ -288,7 +298,7 @@ mod tests {
         };
         let request = request.body(Body::from(body)).expect("a request");
         let rules = Rules::new(1 << 20, &TrafficSettings::default(), Arc::new(Budget::new(1 << 30)));
-        upload::receive(request, files, store, LOCAL_TENANT, false, rules).await.expect("in order")
+        upload::receive(request, files, store, LOCAL_TENANT, false, rules).await
     }
 
     async fn create(store: &MemoryStore, upload: &Upload) -> Job {
@@ -345,5 +355,26 @@ mod tests {
             tokio::task::yield_now().await;
         }
         assert_eq!(seeds().await.expect("still there"), b"[0, 1]");
+    }
+
+    #[tokio::test]
+    async fn an_upload_that_is_larger_than_reserved_is_refused_and_removed() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (files, store) = (Files::with_urls(folder.path()), MemoryStore::new(RULES).expect("a store"));
+        let (id, _) = files.reserve(LOCAL_TENANT, MESH.len() as u64).await.expect("reserved");
+        for (mesh, kind, is_kept) in [
+            (&MESH[1..], Kind::Conflict, true),
+            (&[MESH, b"\n"].concat(), Kind::TooLarge, false),
+            // more than any upload may have
+            (&vec![b' '; 2 << 20], Kind::TooLarge, false),
+        ] {
+            files.put_by_url(id, mesh).await;
+            let error = try_receive(&files, &store, id, "", "").await.expect_err("another size");
+            assert_eq!(error.kind, kind);
+            assert!(error.message.contains("was reserved for") && error.message.ends_with(&mesh.len().to_string()));
+            assert_eq!(folder.path().join(format!("uploads/{id}/mesh")).exists(), is_kept, "{error}");
+        }
+        files.put_by_url(id, MESH).await;
+        try_receive(&files, &store, id, "", "").await.expect("as reserved");
     }
 }

@@ -6,6 +6,7 @@
 //! DIR/uploads/{job}/…               from the request until the job ends
 //! DIR/results/{job}/{attempt}/…     from the attempt that succeeded until the job is deleted
 //! DIR/reserved/{tenant}/{job}/…     from the reservation of an upload by URL until a job is made of it
+//! DIR/urls/{job}/…                  from the reservation of an upload by URL on, as long as that could last
 //! DIR/scratch/…                     what an answer is made of while it is sent
 //! DIR/aside/{time}/…                what the store did not know when the service started, for a while
 //! DIR/clock                         the time by which jobs grow old

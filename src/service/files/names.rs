@@ -14,6 +14,9 @@ pub(in crate::service) const RESULTS: &str = "results";
 /// Name of the folder of uploads that clients may store by a URL.
 pub(super) const RESERVED: &str = "reserved";
 
+/// Name of the folder of the URLs that were given for uploads, whatever became of these.
+pub(super) const URLS: &str = "urls";
+
 /// Name of the folder of what was moved aside.
 pub(super) const ASIDE: &str = "aside";
 

@@ -5,9 +5,13 @@
 //! quota, and goes when the job is made, or when it is [`RESERVED_FOR`] old. The upload itself goes as every upload
 //! without a job does.
 //!
+//! A URL takes uploads until it ends, also when the upload was given up, or its job deleted. So another blob tells that
+//! a URL was given for a job. A sweep removes at once what lies at such a URL without a job or a reservation.
+//!
 //! A mesh in a bucket is read only below the prefixes that the operator allows. What a client can replace later is
 //! read by its tag, so that every attempt at the job reads the same bytes.
 
+use std::collections::HashSet;
 use std::time::{Duration, SystemTime};
 
 use axum::body::Bytes;
@@ -15,7 +19,7 @@ use object_store::GetRange;
 use object_store::path::Path as BlobPath;
 
 use super::folder::Files;
-use super::names::{Folder, MESH, RESERVED};
+use super::names::{Folder, MESH, RESERVED, URLS};
 use super::references::References;
 use crate::error::{Error, Kind, Result};
 use crate::service::blobs::place::BlobPlace;
@@ -54,8 +58,15 @@ impl Files {
         }
         let id = JobId::random();
         let url = urls.put_url(&mesh_of(id), URL_VALID).await?;
-        let stored = self.blobs.put(&reservation(tenant, id).join(MESH), Bytes::from(bytes.to_string())).await;
-        self.noting(stored)?;
+        let stored = async {
+            self.blobs.put(&reservation(tenant, id).join(MESH), Bytes::from(bytes.to_string())).await?;
+            // after the reservation: a sweep takes a URL without one for that of an upload that was given up
+            self.blobs.put(&given_url(id).join(MESH), Bytes::new()).await
+        };
+        if let Err(error) = self.noting(stored.await) {
+            self.unreserve(tenant, id).await;
+            return Err(error);
+        }
         Ok((id, url))
     }
 
@@ -117,21 +128,36 @@ impl Files {
         })
     }
 
-    /// Removes reservations that are over.
-    pub(super) async fn sweep_reservations(&self, now: SystemTime) -> Result<usize> {
+    /// Removes reservations that are over. Gives how many there were, and the uploads that have a URL, but no
+    /// reservation any more: each is a job, or was given up.
+    pub(super) async fn sweep_reservations(&self, now: SystemTime) -> Result<(usize, HashSet<JobId>)> {
         let mut removed = 0;
+        let mut unreserved = HashSet::new();
+        // before the reservations, which are stored first
+        for name in self.names_in(&BlobPath::from(URLS)).await? {
+            let Ok(id) = name.parse() else { continue };
+            match self.is_over(&given_url(id), now).await? {
+                true => self.remove_below(&given_url(id)).await,
+                false => drop(unreserved.insert(id)),
+            }
+        }
         for tenant in self.names_in(&BlobPath::from(RESERVED)).await? {
-            let below = BlobPath::from(RESERVED).join(tenant);
-            for id in self.names_in(&below).await? {
-                let path = below.clone().join(id);
-                let newest = self.blobs.newest(&path).await?;
-                if newest.is_some_and(|newest| newest + RESERVED_FOR < now) {
+            for name in self.names_in(&BlobPath::from_iter([RESERVED, &tenant])).await? {
+                let Ok(id) = name.parse() else { continue };
+                unreserved.remove(&id);
+                let path = reservation(&tenant, id);
+                if self.is_over(&path, now).await? {
                     self.remove_below(&path).await;
                     removed += 1;
                 }
             }
         }
-        Ok(removed)
+        Ok((removed, unreserved))
+    }
+
+    /// Whether a reservation is too old for a job to be made of it.
+    async fn is_over(&self, path: &BlobPath, now: SystemTime) -> Result<bool> {
+        Ok(self.blobs.newest(path).await?.is_some_and(|newest| newest + RESERVED_FOR < now))
     }
 
     fn url_maker(&self) -> Result<&dyn UploadUrls> {
@@ -168,6 +194,11 @@ fn mesh_of(id: JobId) -> BlobPath {
 /// Where a reservation lies.
 fn reservation(tenant: &str, id: JobId) -> BlobPath {
     BlobPath::from_iter([RESERVED, tenant, &id.to_string()])
+}
+
+/// Where the blob lies that tells that an upload has a URL.
+fn given_url(id: JobId) -> BlobPath {
+    BlobPath::from_iter([URLS, &id.to_string()])
 }
 
 fn no_object(url: &str) -> Error {

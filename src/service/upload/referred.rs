@@ -9,6 +9,7 @@ use sha2::{Digest as _, Sha256};
 use super::{Destination, KEPT, MAX_NAME, Saved, Upload, spec_of};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Format;
+use crate::service::blobs::Found;
 use crate::service::files::{Files, Incoming};
 use crate::service::intake::{Content, Rules};
 use crate::service::request::{MeshAt, Wanted};
@@ -55,24 +56,43 @@ pub(super) async fn find(
         }
         MeshAt::Url(url) => (files.incoming(), Some(url.clone())),
     };
-    let mesh = look(folder.id(), files, tenant, url, rules).await?;
-    if let Some(bytes) = reserved.filter(|bytes| *bytes != mesh.saved.bytes) {
-        return Err(Error::new(
-            Kind::Conflict,
-            format_args!(
-                "the upload was reserved for {bytes} bytes: PUT the whole mesh to its URL, or reserve another one; it \
-                 has bytes: {}",
-                mesh.saved.bytes
-            ),
-        ));
+    let found = files.find_referred(folder.id(), tenant, url.as_deref()).await?;
+    if let Some(bytes) = reserved.filter(|bytes| *bytes != found.bytes) {
+        return Err(wrong_size(folder.id(), files, bytes, found.bytes).await);
     }
+    let mesh = look(folder.id(), files, tenant, url, found, rules).await?;
     folder.refers_to(mesh.saved.bytes);
     Ok((folder, mesh))
 }
 
+/// The error of an upload by URL that has another number of bytes than reserved: no signature says how many its URL
+/// takes. One with more is removed.
+async fn wrong_size(id: JobId, files: &Files, reserved: u64, bytes: u64) -> Error {
+    if bytes < reserved {
+        return Error::new(
+            Kind::Conflict,
+            format_args!(
+                "the upload was reserved for {reserved} bytes: PUT the whole mesh to its URL, or reserve another one; \
+                 it has bytes: {bytes}"
+            ),
+        );
+    }
+    files.remove_upload(id).await;
+    Error::too_large(format_args!(
+        "the upload was reserved for {reserved} bytes, and what was stored at its URL is larger and was removed: PUT \
+         the mesh there that was reserved for, or reserve another upload; it had bytes: {bytes}"
+    ))
+}
+
 /// Reads the head of a mesh.
-async fn look(id: JobId, files: &Files, tenant: &str, url: Option<String>, rules: &Rules) -> Result<Mesh> {
-    let found = files.find_referred(id, tenant, url.as_deref()).await?;
+async fn look(
+    id: JobId,
+    files: &Files,
+    tenant: &str,
+    url: Option<String>,
+    found: Found,
+    rules: &Rules,
+) -> Result<Mesh> {
     if found.bytes > rules.limit {
         return Err(rules.too_large(found.bytes));
     }

@@ -31,3 +31,32 @@ impl Files {
         self.blobs.put(&path, mesh.to_vec().into()).await.expect("stored");
     }
 }
+
+#[tokio::test]
+async fn what_is_stored_for_an_upload_that_was_given_up_goes_with_the_next_sweep() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (files, store) = (Files::with_urls(folder.path()), MemoryStore::new(RULES).expect("a store"));
+    let mut ids = Vec::new();
+    for _ in 0..3 {
+        let (id, _) = files.reserve("local", 1).await.expect("reserved");
+        files.put_by_url(id, b"x").await;
+        ids.push(id);
+    }
+    let [reserved, given_up, job] = ids[..] else { panic!("three") };
+    files.unreserve("local", given_up).await;
+    store.create(NewJob { id: job, ..new_job() }).await.expect("created");
+    files.unreserve("local", job).await;
+    // comes in at another service, which the store does not know yet
+    let sent = JobId::random();
+    files.put_by_url(sent, b"x").await;
+    let is_there = async |id| files.read(Folder::Upload(id), MESH, None).await.is_ok();
+    assert_eq!(files.sweep(&store).await, Ok(1));
+    for (id, expected) in [(reserved, true), (given_up, false), (job, true), (sent, true)] {
+        assert_eq!(is_there(id).await, expected);
+    }
+    // its URL goes on taking uploads
+    files.put_by_url(given_up, b"again").await;
+    assert_eq!(files.sweep(&store).await, Ok(1));
+    assert!(!is_there(given_up).await && is_there(reserved).await);
+    assert_eq!(files.reserved("local").await, Ok(1));
+}
