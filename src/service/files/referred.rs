@@ -80,7 +80,7 @@ impl Files {
         self.url_maker()?;
         let path = reservation(tenant, id).join(MESH);
         let found = async {
-            let found = self.blobs.find(&path).await?;
+            let found = self.blobs.find(&path).await.map_err(own)?;
             let bytes = self.blobs.get(&path, None).await?.bytes().await?;
             let bytes = str::from_utf8(&bytes).ok().and_then(|text| text.parse().ok());
             Ok((found, bytes.ok_or_else(|| Error::new(Kind::Internal, "a reservation of an upload is damaged"))?))
@@ -101,7 +101,8 @@ impl Files {
     /// What is known of a mesh that no request brings, without reading it.
     pub async fn find_referred(&self, id: JobId, tenant: &str, url: Option<&str>) -> Result<Found> {
         let (blobs, path) = self.place_of(id, tenant, url)?;
-        self.noting(blobs.find(&path).await).map_err(|error| match (error.kind, url) {
+        let found = self.readable(blobs.find(&path).await, url).await;
+        self.noting(found).map_err(|error| match (error.kind, url) {
             (Kind::NotFound, None) => Error::new(
                 Kind::Conflict,
                 format_args!("nothing was stored at the URL of this upload yet: PUT the mesh there first: {id}"),
@@ -121,6 +122,7 @@ impl Files {
     ) -> Result<Blob> {
         let (blobs, path) = self.place_of(id, tenant, referred.url.as_deref())?;
         let found = blobs.get_tagged(&path, range, referred.tag.as_deref()).await;
+        let found = self.readable(found, referred.url.as_deref()).await;
         self.noting(found).map_err(|error| match (error.kind, &referred.url) {
             (Kind::Conflict, _) => Error::mesh("the mesh was replaced by another one after the job was accepted"),
             (Kind::NotFound, Some(url)) => no_object(url),
@@ -158,6 +160,21 @@ impl Files {
     /// Whether a reservation is too old for a job to be made of it.
     async fn is_over(&self, path: &BlobPath, now: SystemTime) -> Result<bool> {
         Ok(self.blobs.newest(path).await?.is_some_and(|newest| newest + RESERVED_FOR < now))
+    }
+
+    /// Says what to do where a bucket does not let the service read a mesh. While it lets the service read nothing, its
+    /// key is wrong, and nothing is wrong with the mesh.
+    pub(super) async fn readable<T>(&self, found: Result<T>, url: Option<&str>) -> Result<T> {
+        match (found, url) {
+            (Err(error), Some(url)) if error.kind == Kind::Forbidden => {
+                self.check_place().await?;
+                Err(Error::parameter(format_args!(
+                    "the bucket does not let the service read the object at mesh_url, or there is none: grant the key \
+                     of the service s3:GetObject on it; {url:?}"
+                )))
+            }
+            (found, _) => found.map_err(own),
+        }
     }
 
     fn url_maker(&self) -> Result<&dyn UploadUrls> {
@@ -199,6 +216,14 @@ fn reservation(tenant: &str, id: JobId) -> BlobPath {
 /// Where the blob lies that tells that an upload has a URL.
 fn given_url(id: JobId) -> BlobPath {
     BlobPath::from_iter([URLS, &id.to_string()])
+}
+
+/// The error of a file of the service's own, which it must be able to read.
+fn own(error: Error) -> Error {
+    match error.kind {
+        Kind::Forbidden => Error::new(Kind::Unavailable, error.message),
+        _ => error,
+    }
 }
 
 fn no_object(url: &str) -> Error {

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use super::*;
 use crate::artifacts::REPORT_JSON;
-use crate::error::{Kind, Result};
+use crate::error::{Error, Kind, Result};
 use crate::service::blobs::folder::size;
 use crate::service::faults::{FaultPoint, Faults};
 use crate::service::store::memory::MemoryStore;

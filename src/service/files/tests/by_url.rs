@@ -60,3 +60,20 @@ async fn what_is_stored_for_an_upload_that_was_given_up_goes_with_the_next_sweep
     assert!(!is_there(given_up).await && is_there(reserved).await);
     assert_eq!(files.reserved("local").await, Ok(1));
 }
+
+#[tokio::test]
+async fn a_mesh_that_the_bucket_does_not_show_is_refused_unless_it_shows_nothing() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let files = Files::with_urls(folder.path());
+    let refused = async |url| {
+        let forbidden = Error::new(Kind::Forbidden, "403");
+        files.readable(Err::<(), _>(forbidden), url).await.expect_err("forbidden")
+    };
+    let url = "s3://bucket/meshes/x.glb";
+    let error = refused(Some(url)).await;
+    assert_eq!(error.kind, Kind::InvalidParameter);
+    assert!(error.message.contains("s3:GetObject") && error.message.contains(url), "{error}");
+    assert_eq!(refused(None).await.kind, Kind::Unavailable, "a file of the service's own");
+    drop(folder);
+    assert_eq!(refused(Some(url)).await.kind, Kind::Unavailable, "as with a wrong key");
+}
