@@ -67,11 +67,10 @@ pub(in crate::service) async fn create(
     }
     let tenant = caller.tenant()?;
     let Wanted { bytes } = query::read(&uri)?;
-    let reserved = shared.files.reserved(&tenant.name).await?;
+    shared.files.check_urls()?;
     shared.settings.limits().check_bytes(bytes)?;
-    shared.admission.check_reserving(tenant, reserved).await?;
     let now = SystemTime::now();
-    let (id, url) = shared.files.reserve(&tenant.name, bytes).await?;
+    let (id, url) = shared.admission.reserve(&shared.files, tenant, bytes).await?;
     audit::record(Action::Reserved(bytes), &caller, id);
     let (url_expires_at, expires_at) = (rfc3339(now + URL_VALID), rfc3339(now + RESERVED_FOR));
     Ok((StatusCode::CREATED, Json(UploadView { id, url, url_expires_at, expires_at })))

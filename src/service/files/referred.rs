@@ -42,9 +42,13 @@ impl Files {
         Ok(())
     }
 
+    /// Refuses uploads by URL where there are none.
+    pub fn check_urls(&self) -> Result<()> {
+        self.url_maker().map(drop)
+    }
+
     /// Uploads of a tenant that no job is made of yet.
     pub async fn reserved(&self, tenant: &str) -> Result<u64> {
-        self.url_maker()?;
         Ok(self.noting(self.names_in(&BlobPath::from_iter([RESERVED, tenant])).await)?.len() as u64)
     }
 
