@@ -6,6 +6,7 @@ use std::sync::Arc;
 use parking_lot::Mutex;
 
 use super::access::tokens::Tenant;
+use super::blobs::PutUrl;
 use super::files::Files;
 use super::metrics::Metrics;
 use super::problem::Failure;
@@ -85,7 +86,7 @@ impl Admission {
     /// Reserves an upload by URL, if with the waiting jobs a tenant then has at most as many as jobs may wait. They are
     /// counted again when it is reserved: a tenant never exceeds its limit, however many services reserve at once; near
     /// the limit, some may be refused that would have fitted.
-    pub async fn reserve(&self, files: &Files, tenant: &Tenant, bytes: u64) -> Result<(JobId, String), Failure> {
+    pub async fn reserve(&self, files: &Files, tenant: &Tenant, bytes: u64) -> Result<(JobId, PutUrl), Failure> {
         self.check_quota(tenant, files.reserved(&tenant.name).await?).await?;
         let (id, url) = files.reserve(&tenant.name, bytes).await?;
         let fits = match files.reserved(&tenant.name).await {

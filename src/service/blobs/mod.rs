@@ -105,7 +105,16 @@ pub(super) struct Found {
 #[async_trait]
 pub(super) trait UploadUrls: Debug + Send + Sync {
     /// A URL that takes a `PUT` for a while.
-    async fn put_url(&self, path: &Path, valid: Duration) -> Result<String>;
+    async fn put_url(&self, path: &Path, valid: Duration) -> Result<PutUrl>;
+}
+
+/// A URL that takes a `PUT`.
+#[derive(Debug)]
+pub(super) struct PutUrl {
+    /// The URL.
+    pub url: String,
+    /// For how long at least.
+    pub valid: Duration,
 }
 
 /// Where blobs lie that try a place.

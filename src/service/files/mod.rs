@@ -46,7 +46,7 @@ pub(super) use self::incoming::{Incoming, settle};
 pub(super) use self::names::{Folder, MESH, RESULTS, SEEDS, UPLOADS, WEIGHTS, buffer};
 pub(super) use self::needs::{of_faces, of_kept, of_result};
 pub(super) use self::references::check_prefixes;
-pub(super) use self::referred::{RESERVED_FOR, URL_VALID};
+pub(super) use self::referred::RESERVED_FOR;
 pub(super) use self::root::BLOBS;
 
 #[cfg(test)]

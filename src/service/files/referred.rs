@@ -23,11 +23,11 @@ use super::names::{Folder, MESH, RESERVED, URLS};
 use super::references::References;
 use crate::error::{Error, Kind, Result};
 use crate::service::blobs::place::BlobPlace;
-use crate::service::blobs::{Blob, Blobs, Found, UploadUrls};
+use crate::service::blobs::{Blob, Blobs, Found, PutUrl, UploadUrls};
 use crate::service::store::{JobId, Referred};
 
 /// Time for which a URL takes an upload.
-pub(in crate::service) const URL_VALID: Duration = Duration::from_secs(3600);
+const URL_VALID: Duration = Duration::from_secs(3600);
 
 /// Time after which no job is made of an upload any more. It is far below that of a sweep, whatever the clocks say.
 pub(in crate::service) const RESERVED_FOR: Duration = Duration::from_secs(12 * 3600);
@@ -53,7 +53,7 @@ impl Files {
     }
 
     /// Lets a tenant store an upload of so many bytes: the name of the job that it will be, and the URL that takes it.
-    pub async fn reserve(&self, tenant: &str, bytes: u64) -> Result<(JobId, String)> {
+    pub async fn reserve(&self, tenant: &str, bytes: u64) -> Result<(JobId, PutUrl)> {
         let urls = self.url_maker()?;
         if bytes > MAX_PUT {
             return Err(Error::too_large(format_args!(

@@ -4,15 +4,15 @@ use async_trait::async_trait;
 use object_store::path::Path as BlobPath;
 
 use super::*;
-use crate::service::blobs::UploadUrls;
+use crate::service::blobs::{PutUrl, UploadUrls};
 
 #[derive(Debug)]
 struct NoUrls;
 
 #[async_trait]
 impl UploadUrls for NoUrls {
-    async fn put_url(&self, path: &BlobPath, _: Duration) -> Result<String> {
-        Ok(format!("https://bucket.example/{path}"))
+    async fn put_url(&self, path: &BlobPath, valid: Duration) -> Result<PutUrl> {
+        Ok(PutUrl { url: format!("https://bucket.example/{path}"), valid })
     }
 }
 
