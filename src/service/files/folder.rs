@@ -203,9 +203,11 @@ impl Files {
 
     /// Estimate of a result, from the upload that is kept.
     async fn needs_of(&self, job: &Job, limits: &Limits) -> Result<u64> {
+        // of a mesh in a bucket, the folder has what came with it
+        let elsewhere = if job.spec.referred.is_some() { job.spec.bytes } else { 0 };
         let upload = match job.spec.is_small || self.is_shared() {
             true => job.spec.bytes,
-            false => self.blobs.size(&Folder::Upload(job.id).path()).await?,
+            false => elsewhere.saturating_add(self.blobs.size(&Folder::Upload(job.id).path()).await?),
         };
         Ok(needs::of_upload(&job.spec, upload, limits))
     }
