@@ -6,9 +6,11 @@ use std::sync::Arc;
 use parking_lot::Mutex;
 
 use super::access::tokens::Tenant;
+use super::blobs::PutUrl;
+use super::files::Files;
 use super::metrics::Metrics;
 use super::problem::Failure;
-use super::store::{LOCAL_TENANT, Queue, State};
+use super::store::{JobId, LOCAL_TENANT, Queue, State};
 use crate::error::{Error, Kind};
 
 /// Admits jobs to the queue.
@@ -81,10 +83,21 @@ impl Admission {
         self.check_quota(tenant, creating).await
     }
 
-    /// Refuses one more upload by URL of a tenant that has so many without a job: with the waiting jobs, these are at
-    /// most as many as jobs may wait.
-    pub async fn check_reserving(&self, tenant: &Tenant, reserved: u64) -> Result<(), Failure> {
-        self.check_quota(tenant, reserved).await
+    /// Reserves an upload by URL, if with the waiting jobs a tenant then has at most as many as jobs may wait. They are
+    /// counted again when it is reserved: a tenant never exceeds its limit, however many services reserve at once; near
+    /// the limit, some may be refused that would have fitted.
+    pub async fn reserve(&self, files: &Files, tenant: &Tenant, bytes: u64) -> Result<(JobId, PutUrl), Failure> {
+        self.check_quota(tenant, files.reserved(&tenant.name).await?).await?;
+        let (id, url) = files.reserve(&tenant.name, bytes).await?;
+        let fits = match files.reserved(&tenant.name).await {
+            Ok(reserved) => self.check_quota(tenant, reserved.saturating_sub(1)).await,
+            Err(error) => Err(error.into()),
+        };
+        if let Err(refusal) = fits {
+            files.unreserve(&tenant.name, id).await;
+            return Err(refusal);
+        }
+        Ok((id, url))
     }
 
     async fn check_quota(&self, tenant: &Tenant, more: u64) -> Result<(), Failure> {
@@ -99,8 +112,6 @@ impl Admission {
     }
 }
 
-impl Creating {}
-
 impl Drop for Place {
     fn drop(&mut self) {
         let mut creating = self.creating.0.lock();
@@ -110,5 +121,36 @@ impl Drop for Place {
                 creating.remove(&self.tenant);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::{DeviceInfo, DeviceKind};
+    use crate::service::store::memory::MemoryStore;
+    use crate::service::store::tests::{RULES, new_job};
+
+    #[tokio::test]
+    async fn uploads_that_are_reserved_at_once_are_not_more_than_jobs_may_wait() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let files = [(); 2].map(|()| Files::with_urls(folder.path()));
+        let store = Arc::new(MemoryStore::new(RULES).expect("a store"));
+        store.create(new_job()).await.expect("created");
+        let [name, backend, driver] = [(); 3].map(|()| "x".to_owned());
+        let device = DeviceInfo { kind: DeviceKind::Cpu, name, backend, driver };
+        let services = [(); 2].map(|()| Admission::new(store.clone(), Arc::new(Metrics::new(&device)), 4));
+        let tenant = Tenant { name: LOCAL_TENANT.to_owned(), quotas: Default::default(), metrics: false, admin: false };
+        let reserve = |number: usize| services[number % 2].reserve(&files[number % 2], &tenant, 1);
+        let at_once = futures_util::future::join_all((0..16).map(reserve)).await;
+        let passed = at_once.iter().filter(|reserved| reserved.is_ok()).count() as u64;
+        assert!(passed <= 3, "{passed} beside a job");
+        assert_eq!(files[0].reserved(LOCAL_TENANT).await, Ok(passed));
+        for _ in passed..3 {
+            reserve(0).await.expect("it fits");
+        }
+        let full = reserve(1).await.expect_err("full");
+        assert_eq!(full.error.kind, Kind::QueueFull);
+        assert_eq!(files[1].reserved(LOCAL_TENANT).await, Ok(3));
     }
 }

@@ -43,14 +43,15 @@ struct Wanted {
     folder: Folder,
     /// Whether the job is worth nothing without them. An upload of a job that failed may be there or not.
     is_needed: bool,
-    /// A file that every such folder holds: the mesh of an upload, the report of a result.
-    file: &'static str,
+    /// A file that every such folder holds: the mesh of an upload, or what came with one in a bucket; the report of a
+    /// result.
+    file: String,
 }
 
 impl Wanted {
     /// Whether the backup in `to` lacks files that the job needs.
     fn is_lost(&self, to: &Path) -> bool {
-        self.is_needed && !to.join(self.path()).join(self.file).is_file()
+        self.is_needed && !to.join(self.path()).join(&self.file).is_file()
     }
 
     /// Its path in the data folder.
@@ -173,7 +174,9 @@ fn forget_attempts(copy: &Path) -> rusqlite::Result<()> {
 /// a bucket have no file.
 fn wanted(store: &Path) -> rusqlite::Result<Vec<Wanted>> {
     let connection = Connection::open_with_flags(store, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
-    let sql = "SELECT id, state, attempt, spec ->> 'referred' IS NOT NULL FROM jobs \
+    let sql = "SELECT id, state, attempt, spec ->> 'referred' IS NOT NULL, \
+               coalesce(spec ->> 'listed_seeds', 0), coalesce(spec ->> 'has_weights', 0), \
+               coalesce(json_array_length(spec, '$.buffers'), 0) FROM jobs \
                WHERE NOT coalesce(CASE WHEN state = 'succeeded' THEN summary ELSE spec END ->> 'is_small', 0)";
     let mut statement = connection.prepare(sql)?;
     let rows = statement.query_map([], |row| {
@@ -181,13 +184,20 @@ fn wanted(store: &Path) -> rusqlite::Result<Vec<Wanted>> {
         let unreadable = |error| rusqlite::Error::FromSqlConversionFailure(0, Type::Text, Box::new(error));
         let job = id.parse().map_err(unreadable)?;
         let has = |one: State| state == one.name();
-        let (folder, file) = match has(State::Succeeded) {
-            true => (Folder::Result(job, row.get(2)?), REPORT_JSON.file),
-            false => (Folder::Upload(job), files::MESH),
+        if has(State::Succeeded) {
+            let (folder, file) = (Folder::Result(job, row.get(2)?), REPORT_JSON.file.to_owned());
+            return Ok(Wanted { job, folder, is_needed: true, file });
+        }
+        let is_in_bucket: bool = row.get(3)?;
+        let (has_seeds, has_weights, buffers): (bool, bool, i64) = (row.get(4)?, row.get(5)?, row.get(6)?);
+        let (has_file, file) = match (is_in_bucket, has_seeds, has_weights) {
+            (false, ..) => (true, files::MESH.to_owned()),
+            (true, true, _) => (true, files::SEEDS.to_owned()),
+            (true, false, true) => (true, files::WEIGHTS.to_owned()),
+            (true, false, false) => (buffers > 0, files::buffer(0)),
         };
-        let is_here = !row.get::<_, bool>(3)?;
-        let is_needed = has(State::Succeeded) || is_here && [State::Queued, State::Running].into_iter().any(has);
-        Ok(Wanted { job, folder, is_needed, file })
+        let is_needed = has_file && [State::Queued, State::Running].into_iter().any(has);
+        Ok(Wanted { job, folder: Folder::Upload(job), is_needed, file })
     })?;
     rows.collect()
 }
@@ -253,12 +263,15 @@ fn sync(folder: &Path) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::service::store::sqlite::SqliteStore;
+    use crate::service::store::tests::{RULES, new_job};
+    use crate::service::store::{Maintenance as _, NewJob, Queue as _, Referred, Spec};
 
     #[test]
     fn a_job_whose_files_went_is_lost() {
         let (from, to) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
         let job = JobId::random();
-        let wanted = Wanted { job, folder: Folder::Upload(job), is_needed: true, file: files::MESH };
+        let wanted = Wanted { job, folder: Folder::Upload(job), is_needed: true, file: files::MESH.to_owned() };
         let folder = wanted.path();
         let file = folder.join(files::MESH);
         link(from.path(), to.path(), &file).expect("nothing to take");
@@ -271,6 +284,27 @@ mod tests {
         take_files(from.path(), to.path()).expect("taken");
         assert_eq!(all_files(to.path()), [file], "what is being written is no file of a job");
         assert!(!wanted.is_lost(to.path()));
+    }
+
+    #[tokio::test]
+    async fn jobs_of_meshes_in_a_bucket_are_in_a_backup_with_what_came_with_them() {
+        let (from, to) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let store = SqliteStore::open(&from.path().join(STORE), RULES, Default::default()).await.expect("opened");
+        let create = async |listed_seeds| {
+            let referred = Some(Referred { url: Some("s3://bucket/x.obj".to_owned()), tag: None, parts: None });
+            let new = new_job();
+            let job = NewJob { spec: Spec { referred, listed_seeds, ..new.spec }, ..new };
+            store.create(job.clone()).await.expect("created");
+            Folder::Upload(job.id).path().to_string()
+        };
+        create(false).await;
+        let (whole, lost) = (create(true).await, create(true).await);
+        std::fs::create_dir_all(from.path().join(&whole)).expect("made");
+        std::fs::write(from.path().join(&whole).join(files::SEEDS), "[0, 1]").expect("written");
+        let backup = back_up(from.path(), &to.path().join("new")).expect("made");
+        assert_eq!(backup, Backup { jobs: 2, files: 1, left_out: 1 }, "without the job whose seeds went: {lost}");
+        assert!(to.path().join("new").join(&whole).join(files::SEEDS).is_file());
+        store.close().await;
     }
 
     #[test]

@@ -12,10 +12,11 @@ pub(super) async fn upload(files: &Files, store: &dyn Queue, job: &Job, name: &s
     if let Some(referred) = job.spec.referred.as_ref().filter(|_| name == MESH) {
         return files.read_referred(job.id, &job.spec.tenant, referred, None).await;
     }
-    match job.spec.is_small {
-        true => small(files, store, job, name, None).await,
-        false => files.read(Folder::Upload(job.id), name, None).await,
+    if job.spec.is_small {
+        return small(files, store, job, name, None).await;
     }
+    let folder = job.spec.parts().map_or(Folder::Upload(job.id), |request| Folder::Parts(job.id, request));
+    files.read(folder, name, None).await
 }
 
 /// A blob of the result of a job, or a range of it. [`Kind::NotFound`] for a job without one.

@@ -19,7 +19,7 @@ use sha2::{Digest, Sha256};
 use super::blocking::blocking;
 use super::files::{self, Files, Incoming};
 use super::intake::{self, Content, Encoding, Rules};
-use super::request::Wanted;
+use super::request::{MeshAt, Wanted};
 use super::store::{Job, Queue, Spec};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::{self, Format, HEAD_BYTES};
@@ -91,6 +91,8 @@ pub(super) async fn receive(
             (folder, Some(mesh))
         }
     };
+    // a repeated request for the job of an upload by URL is known by them
+    let with_digests = with_digests || matches!(wanted.mesh_at, Some(MeshAt::Upload(_)));
     let into = Destination { folder, with_digests };
     let mut upload = match (kind, referred) {
         (BodyKind::Form, referred) => form::receive(parts, content, wanted, into, referred).await,

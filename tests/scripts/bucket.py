@@ -193,6 +193,9 @@ def by_reference(bucket, service, large):
     refused(of_upload, 409, "nothing was stored")
     put(upload["url"], body[:1000])
     refused(of_upload, 409, "was reserved for")
+    put(upload["url"], body + b"\n")
+    refused(of_upload, 413, "was reserved for")
+    assert not bucket.keys("farm/uploads/"), "it is removed"
     put(upload["url"], body)
     refused(of_upload, 400, "must be empty", b"v 0 0 0")
     refused(f"{of_upload}&seeds=listed", 422, "seeds")
@@ -248,6 +251,19 @@ def by_reference(bucket, service, large):
                        ("http://169.254.169.254/", "allows")]:
         refused(f"mesh_url={urllib.parse.quote(url)}", 422, words)
     refused(f"{of_url}&{of_upload}", 422, "exclude each other")
+
+    # what the bucket does not show: an object of others is named, and the service's own file is not
+    bucket.gate.denied = b"/meshes/local/"
+    refused(of_url, 422, "s3:GetObject")
+    assert is_ready(service)
+    status, upload = reserve(len(body))
+    put(upload["url"], body)
+    bucket.gate.denied = b"/farm/uploads/"
+    refused(f"upload={upload['id']}", 503, "the log")
+    bucket.gate.denied = None
+    status, found = job_of(f"upload={upload['id']}")
+    assert status == 202, found
+    succeeded(service, found["id"])
 
 
 def no_bucket_for_a_while(bucket, service, large, small):

@@ -15,7 +15,8 @@ class Gate:
     """Passes connections to a port on.
 
     Closed, it is as if no server were there. Frozen, connections are taken and stay, and no byte passes. Slow, every
-    piece of up to 64 KiB waits. Full, requests by HTTP that store something are answered with 507.
+    piece of up to 64 KiB waits. Full, requests by HTTP that store something are answered with 507. Requests by HTTP whose
+    first line has `denied` in it are answered with 403.
     """
 
     def __init__(self, port):
@@ -25,7 +26,7 @@ class Gate:
         self.sockets = set()
         self.passes = threading.Event()
         self.passes.set()
-        self.delay, self.is_full = 0, False
+        self.delay, self.is_full, self.denied = 0, False, None
         self.open()
 
     def open(self):
@@ -69,6 +70,9 @@ class Gate:
                 if self.is_full and is_request and chunk.startswith((b"PUT ", b"POST ")):
                     source.sendall(b"HTTP/1.1 507 Insufficient Storage\r\ncontent-length: 0\r\nconnection: close\r\n\r\n")
                     raise OSError("full")
+                if is_request and self.denied and self.denied in chunk.split(b"\r\n")[0]:
+                    source.sendall(b"HTTP/1.1 403 Forbidden\r\ncontent-length: 0\r\nconnection: close\r\n\r\n")
+                    raise OSError("denied")
                 target.sendall(chunk)
             target.shutdown(socket.SHUT_WR)
         except OSError:

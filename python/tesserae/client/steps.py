@@ -29,7 +29,7 @@ from tesserae.client.exchange import (
     send,
 )
 from tesserae.client.operations import OPERATIONS
-from tesserae.client.upload import form_of, is_in_bucket
+from tesserae.client.upload import form_of, format_of, is_in_bucket
 
 if TYPE_CHECKING:
     from tesserae.client.documents import JobDocument, JobList, Upload
@@ -49,9 +49,10 @@ def submit(mesh: MeshSource, options: SubmitOptions, patience: float) -> Steps[J
         if is_in_bucket(mesh):
             query["mesh_url"] = cast(str, mesh)
         elif options.get("by_reference"):
-            (_, _, content, _), *rest = form.parts
+            (_, file_name, content, _), *rest = form.parts
             upload = query["upload"] = yield from put(content, patience)
             form = Form(rest)
+            query["format"] = query["format"] or format_of(file_name)
         request = OPERATIONS["createJob"].request(query=query, headers=headers)
         try:
             answer = yield from exchange(replace(request, form=form, extra_time=wait or 0.0), patience)

@@ -253,3 +253,57 @@ fn bearer(headers: &HeaderMap) -> Result<&str> {
         false => Err(unauthorized("Authorization must be `Bearer TOKEN`")),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicU64, Ordering};
+
+    use async_trait::async_trait;
+    use serde_json::json;
+
+    use super::*;
+    use crate::service::store::TokenRows;
+
+    /// A store whose rows cannot be read a few times.
+    #[derive(Debug, Default)]
+    struct Rows {
+        version: AtomicU64,
+        failures: AtomicU64,
+    }
+
+    #[async_trait]
+    impl TokenStore for Rows {
+        async fn token_version(&self) -> Result<u64> {
+            Ok(self.version.load(Ordering::SeqCst))
+        }
+
+        async fn token_rows(&self) -> Result<TokenRows> {
+            let fails = self.failures.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |left| left.checked_sub(1));
+            if fails.is_ok() {
+                return Err(Error::new(Kind::Unavailable, "away"));
+            }
+            let entry = json!({"quotas": {"weight": 1 + self.token_version().await?}});
+            Ok(TokenRows::from([("acme".to_owned(), entry)]))
+        }
+    }
+
+    #[tokio::test]
+    async fn a_change_of_tokens_that_could_not_be_read_once_is_read_at_the_next_look() {
+        let rows = Arc::new(Rows::default());
+        let settings = AccessSettings { tokens_in_store: true, ..AccessSettings::default() };
+        let access = Access::open(&settings, Some(rows.clone())).await.expect("opened");
+        let (health, stop) = (Health::default(), CancellationToken::new());
+        let mut shares = access.shares();
+        assert_eq!(shares.borrow_and_update().of("acme").weight, 1);
+        rows.failures.store(1, Ordering::SeqCst);
+        rows.version.store(1, Ordering::SeqCst);
+        let read = async {
+            tokio::time::timeout(Duration::from_secs(60), shares.changed()).await.expect("in time").expect("followed");
+            assert_eq!(shares.borrow().of("acme").weight, 2);
+            stop.cancel();
+        };
+        tokio::join!(access.follow(&health, Arc::default(), stop.clone()), read);
+        assert_eq!(rows.failures.load(Ordering::SeqCst), 0, "it was read twice");
+        assert!(health.conditions().is_empty(), "and is in order again");
+    }
+}

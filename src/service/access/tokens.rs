@@ -188,15 +188,10 @@ impl TokenFile {
                 Tenant { name: name.clone(), quotas: tenant.quotas, metrics: tenant.metrics, admin: tenant.admin };
             for token in &tenant.tokens {
                 let known = token.known(owner.clone()).ok_or_else(|| {
-                    Error::parameter(format_args!(
-                        "a token in the file of tokens is not as this program writes them, of {name:?}"
-                    ))
+                    Error::parameter(format_args!("a token is not as this program writes them, of {name:?}"))
                 })?;
                 if index.insert(token.id.clone(), known).is_some() {
-                    return Err(Error::parameter(format_args!(
-                        "two tokens in the file of tokens have the same id: {:?}",
-                        token.id
-                    )));
+                    return Err(Error::parameter(format_args!("two tokens have the same id: {:?}", token.id)));
                 }
             }
         }

@@ -177,6 +177,7 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
     if !is_known {
         folder.promise(&spec, &shared.settings.limits())?;
     }
+    let parts = folder.parts();
     let upload = folder.settle(|bytes| shared.store.takes(bytes)).await?;
     spec.is_small = !upload.is_empty();
     // of an upload by URL only: other jobs have new ids
@@ -189,6 +190,10 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
             }
             folder.keep();
             if wanted.is_some() {
+                // that service stored the same parts
+                if let Some(parts) = parts.filter(|_| job.spec.parts() != wanted.as_ref().and_then(Spec::parts)) {
+                    shared.files.remove_parts(id, parts).await;
+                }
                 shared.files.unreserve(&tenant.name, id).await;
             }
             audit::record(Action::Accepted(job.spec.bytes), &caller, id);
@@ -221,8 +226,8 @@ fn repeated(caller: &Caller, job: Job, spec: &Spec) -> Result<Job, Failure> {
         return Ok(job);
     }
     let message = format_args!(
-        "a job with other parameters was made of this upload, and an upload is one job's; make another upload, or put \
-         the mesh where mesh_url may name it: {}",
+        "a job with other parameters, seeds, weights or buffers was made of this upload, and an upload is one job's; \
+         make another upload, or put the mesh where mesh_url may name it: {}",
         job.id
     );
     Err(Error::new(Kind::Conflict, message).into())
@@ -230,8 +235,14 @@ fn repeated(caller: &Caller, job: Job, spec: &Spec) -> Result<Job, Failure> {
 
 /// Whether a job is what a request wants. A number that a store kept may differ from the request's in its last digit.
 fn is_same(job: &Spec, wanted: &Spec) -> bool {
-    let untraced = |spec: &Spec| Spec { trace_parent: None, ..spec.clone() };
-    let (job, wanted) = (untraced(job), untraced(wanted));
+    let compared = |spec: &Spec| {
+        let mut spec = Spec { trace_parent: None, ..spec.clone() };
+        if let Some(parts) = spec.referred.as_mut().and_then(|referred| referred.parts.as_mut()) {
+            parts.folder.clear();
+        }
+        spec
+    };
+    let (job, wanted) = (compared(job), compared(wanted));
     let as_kept = serde_json::to_vec(&wanted).and_then(|json| serde_json::from_slice::<Spec>(&json));
     job == wanted || as_kept.is_ok_and(|wanted| job == wanted)
 }
@@ -247,4 +258,123 @@ async fn wait_for_end(shared: &Shared, job: Job, wait: Duration) -> Job {
         () = shared.stop.cancelled() => {}
     }
     shared.store.get(job.id).await.ok().flatten().unwrap_or(job)
+}
+
+#[cfg(test)]
+mod tests {
+    use axum::body::Body;
+
+    use super::*;
+    use crate::service::budget::Budget;
+    use crate::service::files::{Files, SEEDS};
+    use crate::service::job_blobs;
+    use crate::service::settings::TrafficSettings;
+    use crate::service::store::memory::MemoryStore;
+    use crate::service::store::tests::RULES;
+    use crate::service::store::{JobId, LOCAL_TENANT, Queue as _};
+
+    const MESH: &[u8] = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 1\nf 1 2 3\nf 2 3 4\n";
+
+    /// Receives the request for the job of an upload by URL, with seeds if any.
+    async fn receive(files: &Arc<Files>, store: &MemoryStore, id: JobId, more: &str, seeds: &str) -> Upload {
+        try_receive(files, store, id, more, seeds).await.expect("in order")
+    }
+
+    async fn try_receive(
+        files: &Arc<Files>,
+        store: &MemoryStore,
+        id: JobId,
+        more: &str,
+        seeds: &str,
+    ) -> Result<Upload, Error> {
+        let mut request = Request::post(format!("/v1/jobs?upload={id}&clusters=2{more}"));
+        let body = match seeds {
+            "" => String::new(),
+            seeds => {
+                request = request.header(header::CONTENT_TYPE, "multipart/form-data; boundary=x");
+                let head = "Content-Disposition: form-data; name=\"seeds\"; filename=\"s.json\"";
+                format!("--x\r\n{head}\r\n\r\n{seeds}\r\n--x--\r\n")
+            }
+        };
+        let request = request.body(Body::from(body)).expect("a request");
+        let rules = Rules::new(1 << 20, &TrafficSettings::default(), Arc::new(Budget::new(1 << 30)));
+        upload::receive(request, files, store, LOCAL_TENANT, false, rules).await
+    }
+
+    async fn create(store: &MemoryStore, upload: &Upload) -> Job {
+        let (id, spec) = (upload.folder.id(), upload.spec.clone());
+        match store.create(NewJob { id, spec, idempotency: None, upload: Vec::new() }).await.expect("created") {
+            Created::New(job) | Created::Known(job) => job,
+        }
+    }
+
+    #[tokio::test]
+    async fn other_seeds_or_another_format_are_another_request() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (files, store) = (Files::with_urls(folder.path()), MemoryStore::new(RULES).expect("a store"));
+        for first in ["[0, 1]", ""] {
+            let (id, _) = files.reserve(LOCAL_TENANT, MESH.len() as u64).await.expect("reserved");
+            files.put_by_url(id, MESH).await;
+            let upload = receive(&files, &store, id, "", first).await;
+            let job = create(&store, &upload).await;
+            upload.folder.keep();
+            for (more, seeds, expected) in [
+                ("", "[0, 1]", !first.is_empty()),
+                ("", "[1, 0]", false),
+                ("", "", first.is_empty()),
+                ("&format=ply", first, false),
+            ] {
+                let again = receive(&files, &store, id, more, seeds).await;
+                assert!(again.earlier.is_some());
+                assert_eq!(is_same(&job.spec, &again.spec), expected, "{first:?}, then {more:?} {seeds:?}");
+            }
+        }
+    }
+
+    #[tokio::test]
+    async fn two_services_that_make_a_job_of_one_upload_overwrite_no_seeds() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (one, other) = (Files::with_urls(folder.path()), Files::with_urls(folder.path()));
+        let store = MemoryStore::new(RULES).expect("a store");
+        let (id, _) = one.reserve(LOCAL_TENANT, MESH.len() as u64).await.expect("reserved");
+        one.put_by_url(id, MESH).await;
+        let first = receive(&one, &store, id, "", "[0, 1]").await;
+        let second = receive(&other, &store, id, "", "[1, 0]").await;
+        assert!(!is_same(&first.spec, &second.spec));
+        let job = create(&store, &first).await;
+        first.folder.keep();
+        let seeds = async || {
+            let blob = job_blobs::upload(&one, &store, &job, SEEDS).await?;
+            Ok::<_, Error>(blob.bytes().await?.to_vec())
+        };
+        assert_eq!(seeds().await.expect("there"), b"[0, 1]");
+        let refused = folder.path().join(format!("uploads/{id}/{}", second.folder.parts().expect("a folder")));
+        assert!(refused.is_dir());
+        drop(second);
+        while refused.exists() {
+            tokio::task::yield_now().await;
+        }
+        assert_eq!(seeds().await.expect("still there"), b"[0, 1]");
+    }
+
+    #[tokio::test]
+    async fn an_upload_that_is_larger_than_reserved_is_refused_and_removed() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (files, store) = (Files::with_urls(folder.path()), MemoryStore::new(RULES).expect("a store"));
+        let (id, _) = files.reserve(LOCAL_TENANT, MESH.len() as u64).await.expect("reserved");
+        for (mesh, kind, is_kept) in [
+            (&MESH[1..], Kind::Conflict, true),
+            (&[MESH, b"\n"].concat(), Kind::TooLarge, false),
+            // more than any upload may have
+            (&vec![b' '; 2 << 20], Kind::TooLarge, false),
+        ] {
+            files.put_by_url(id, mesh).await;
+            let error = try_receive(&files, &store, id, "", "").await.expect_err("another size");
+            assert_eq!(error.kind, kind);
+            assert!(error.message.contains("was reserved for") && error.message.ends_with(&mesh.len().to_string()));
+            assert_eq!(folder.path().join(format!("uploads/{id}/mesh")).exists(), is_kept, "{error}");
+        }
+        files.put_by_url(id, MESH).await;
+        try_receive(&files, &store, id, "", "").await.expect("as reserved");
+    }
 }

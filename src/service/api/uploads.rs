@@ -12,7 +12,8 @@ use utoipa::ToSchema;
 
 use crate::service::access::Caller;
 use crate::service::audit::{self, Action};
-use crate::service::files::{RESERVED_FOR, URL_VALID};
+use crate::service::blobs::PutUrl;
+use crate::service::files::RESERVED_FOR;
 use crate::service::problem::{Answer, Problematic};
 use crate::service::query;
 use crate::service::state::{App, Shared};
@@ -34,7 +35,7 @@ pub(in crate::service) struct UploadView {
     id: JobId,
     /// Takes the mesh: the body of a `PUT`, without a token.
     url: String,
-    /// When the URL ends. A `PUT` that has begun goes on.
+    /// When the URL ends, or the temporary key that signed it may end. A `PUT` that has begun goes on.
     #[schema(format = DateTime)]
     url_expires_at: String,
     /// When the upload goes, unless a job was made of it.
@@ -67,13 +68,12 @@ pub(in crate::service) async fn create(
     }
     let tenant = caller.tenant()?;
     let Wanted { bytes } = query::read(&uri)?;
-    let reserved = shared.files.reserved(&tenant.name).await?;
+    shared.files.check_urls()?;
     shared.settings.limits().check_bytes(bytes)?;
-    shared.admission.check_reserving(tenant, reserved).await?;
     let now = SystemTime::now();
-    let (id, url) = shared.files.reserve(&tenant.name, bytes).await?;
+    let (id, PutUrl { url, valid }) = shared.admission.reserve(&shared.files, tenant, bytes).await?;
     audit::record(Action::Reserved(bytes), &caller, id);
-    let (url_expires_at, expires_at) = (rfc3339(now + URL_VALID), rfc3339(now + RESERVED_FOR));
+    let (url_expires_at, expires_at) = (rfc3339(now + valid), rfc3339(now + RESERVED_FOR));
     Ok((StatusCode::CREATED, Json(UploadView { id, url, url_expires_at, expires_at })))
 }
 

@@ -56,10 +56,12 @@ pub(super) trait Blobs: Debug + Send + Sync {
     /// Opens a blob, or a range of it. [`Kind::NotFound`] if it is not there.
     async fn get(&self, path: &Path, range: Option<GetRange>) -> Result<Blob>;
 
-    /// The same of a blob that others may replace: [`Kind::Conflict`] if its [tag](Found::tag) is another one.
+    /// The same of a blob that may be another's: [`Kind::Conflict`] if its [tag](Found::tag) is another one, and
+    /// [`Kind::Forbidden`] if it may not be read.
     async fn get_tagged(&self, path: &Path, range: Option<GetRange>, tag: Option<&str>) -> Result<Blob>;
 
-    /// What is known of a blob without opening it. [`Kind::NotFound`] if it is not there.
+    /// What is known of a blob without opening it. [`Kind::NotFound`] if it is not there, [`Kind::Forbidden`] if it may
+    /// not be read.
     async fn find(&self, path: &Path) -> Result<Found>;
 
     /// The next segment of every path below a path, once each, in no order.
@@ -103,7 +105,16 @@ pub(super) struct Found {
 #[async_trait]
 pub(super) trait UploadUrls: Debug + Send + Sync {
     /// A URL that takes a `PUT` for a while.
-    async fn put_url(&self, path: &Path, valid: Duration) -> Result<String>;
+    async fn put_url(&self, path: &Path, valid: Duration) -> Result<PutUrl>;
+}
+
+/// A URL that takes a `PUT`.
+#[derive(Debug)]
+pub(super) struct PutUrl {
+    /// The URL.
+    pub url: String,
+    /// For how long at least.
+    pub valid: Duration,
 }
 
 /// Where blobs lie that try a place.
@@ -125,17 +136,19 @@ impl<S: ObjectStore> Blobs for S {
     }
 
     async fn get(&self, path: &Path, range: Option<GetRange>) -> Result<Blob> {
-        self.get_tagged(path, range, None).await
-    }
-
-    async fn get_tagged(&self, path: &Path, range: Option<GetRange>, tag: Option<&str>) -> Result<Blob> {
-        let options = GetOptions { range, if_match: tag.map(str::to_owned), ..GetOptions::default() };
+        let options = GetOptions { range, ..GetOptions::default() };
         let found = self.get_opts(path, options).await.map_err(cannot_read)?;
         Ok(Blob(Source::Found(Box::new(found))))
     }
 
+    async fn get_tagged(&self, path: &Path, range: Option<GetRange>, tag: Option<&str>) -> Result<Blob> {
+        let options = GetOptions { range, if_match: tag.map(str::to_owned), ..GetOptions::default() };
+        let found = self.get_opts(path, options).await.map_err(may_not_read)?;
+        Ok(Blob(Source::Found(Box::new(found))))
+    }
+
     async fn find(&self, path: &Path) -> Result<Found> {
-        let ObjectMeta { size, e_tag, last_modified, .. } = self.head(path).await.map_err(cannot_read)?;
+        let ObjectMeta { size, e_tag, last_modified, .. } = self.head(path).await.map_err(may_not_read)?;
         Ok(Found { bytes: size, tag: e_tag, stored_at: last_modified.into() })
     }
 
@@ -310,6 +323,17 @@ fn cannot_read(error: object_store::Error) -> Error {
         object_store::Error::NotFound { .. } => Error::new(Kind::NotFound, "the file is gone: its job was deleted"),
         object_store::Error::Precondition { .. } => Error::new(Kind::Conflict, "the file was replaced by another one"),
         error => failed("a file cannot be read", error),
+    }
+}
+
+/// The error of a blob that cannot be read, and may be another's.
+fn may_not_read(error: object_store::Error) -> Error {
+    match error {
+        object_store::Error::PermissionDenied { .. } | object_store::Error::Unauthenticated { .. } => {
+            tracing::debug!(%error, "a file may not be read");
+            Error::new(Kind::Forbidden, "a file may not be read; the log of the service says why")
+        }
+        error => cannot_read(error),
     }
 }
 

@@ -1,4 +1,4 @@
-//! What happens to the parts of a blob.
+//! What happens to the parts of a blob, and what errors become.
 
 use async_trait::async_trait;
 use object_store::{PutPayload, PutResult, UploadPart};
@@ -49,4 +49,16 @@ async fn parts_that_become_no_blob_are_removed_at_their_place() {
         }
         assert_eq!(count, aborts, "{is_completed} {completes}");
     }
+}
+
+#[test]
+fn a_file_of_another_that_may_not_be_read_is_forbidden_and_one_of_the_service_unavailable() {
+    let denied = || object_store::Error::PermissionDenied { path: "x".into(), source: "403".into() };
+    let unknown = || object_store::Error::Unauthenticated { path: "x".into(), source: "401".into() };
+    for error in [denied, unknown] as [fn() -> object_store::Error; 2] {
+        assert_eq!(may_not_read(error()).kind, Kind::Forbidden);
+        assert_eq!((cannot_read(error()).kind, cannot_store(error()).kind), (Kind::Unavailable, Kind::Unavailable));
+    }
+    let away = object_store::Error::Generic { store: "a test", source: "away".into() };
+    assert_eq!(may_not_read(away).kind, Kind::Unavailable);
 }

@@ -9,6 +9,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use object_store::path::Path as BlobPath;
+use uuid::Uuid;
 
 use super::ballast::Ballast;
 use super::disk::{self, Disk, DiskLimits};
@@ -134,6 +135,11 @@ impl Files {
         self.remove_below(&Folder::Upload(id).path()).await;
     }
 
+    /// Removes what came with a request for the job of an upload by URL.
+    pub async fn remove_parts(&self, id: JobId, request: Uuid) {
+        self.remove_below(&Folder::Parts(id, request).path()).await;
+    }
+
     /// Removes what an attempt at a job left.
     pub async fn remove_result(&self, id: JobId, attempt: u32) {
         self.remove_below(&Folder::Result(id, attempt).path()).await;
@@ -197,9 +203,11 @@ impl Files {
 
     /// Estimate of a result, from the upload that is kept.
     async fn needs_of(&self, job: &Job, limits: &Limits) -> Result<u64> {
+        // of a mesh in a bucket, the folder has what came with it
+        let elsewhere = if job.spec.referred.is_some() { job.spec.bytes } else { 0 };
         let upload = match job.spec.is_small || self.is_shared() {
             true => job.spec.bytes,
-            false => self.blobs.size(&Folder::Upload(job.id).path()).await?,
+            false => elsewhere.saturating_add(self.blobs.size(&Folder::Upload(job.id).path()).await?),
         };
         Ok(needs::of_upload(&job.spec, upload, limits))
     }

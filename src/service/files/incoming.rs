@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use futures_util::future::try_join_all;
+use uuid::Uuid;
 
 use super::blob::BlobWriter;
 use super::folder::Files;
@@ -18,21 +19,33 @@ pub(in crate::service) struct Incoming {
     id: JobId,
     /// Whole blobs, as long as all are small together.
     held: Vec<BlobWriter>,
+    /// Whether any was added.
+    has_blobs: bool,
     /// Whether they were not, and are files.
     has_files: bool,
     /// Bytes of all whole blobs.
     bytes: u64,
     kept: bool,
-    /// Whether the client stored the mesh by a URL: it stays when the request is refused.
-    is_reserved: bool,
+    /// Where its blobs go. Those of an upload by URL have a folder beside the mesh, which stays when the request is
+    /// refused.
+    folder: Folder,
     /// Whether room for the result was promised through this.
     has_promised: bool,
 }
 
 impl Incoming {
     pub(super) fn new(files: Arc<Files>, id: JobId) -> Self {
-        let (held, bytes) = (Vec::new(), 0);
-        Self { files, id, held, has_files: false, bytes, kept: false, is_reserved: false, has_promised: false }
+        Self {
+            files,
+            id,
+            held: Vec::new(),
+            has_blobs: false,
+            has_files: false,
+            bytes: 0,
+            kept: false,
+            folder: Folder::Upload(id),
+            has_promised: false,
+        }
     }
 
     /// The mesh of so many bytes lies in a bucket: what comes with it lies in files.
@@ -46,13 +59,22 @@ impl Incoming {
         self.id
     }
 
+    /// The folder of what comes with an upload by URL.
+    pub fn parts(&self) -> Option<Uuid> {
+        match self.folder {
+            Folder::Parts(_, request) => Some(request),
+            _ => None,
+        }
+    }
+
     /// Starts a blob, to be [added](Self::add) when it is whole.
     pub fn blob(&self, name: &str) -> BlobWriter {
-        BlobWriter::new(Arc::clone(&self.files), Folder::Upload(self.id), name, true)
+        BlobWriter::new(Arc::clone(&self.files), self.folder, name, true)
     }
 
     /// Makes a blob part of the upload.
     pub async fn add(&mut self, blob: BlobWriter) -> Result<()> {
+        self.has_blobs = true;
         self.bytes += blob.bytes();
         self.held.push(blob);
         if self.has_files || !are_small(&self.held) {
@@ -108,25 +130,25 @@ fn are_small(blobs: &[BlobWriter]) -> bool {
 
 impl Drop for Incoming {
     fn drop(&mut self) {
-        let (files, id, kept) = (Arc::clone(&self.files), self.id, self.kept);
-        let end = move || files.lock_incoming().remove(&id);
-        if kept {
-            end();
-            return;
-        }
+        let (files, id, folder) = (Arc::clone(&self.files), self.id, self.folder);
         // the promise of a job that is there already, whose number a request named, stays
-        if self.has_promised {
-            self.files.give_back(id);
+        if self.has_promised && !self.kept {
+            files.give_back(id);
         }
-        if self.is_reserved {
-            end();
+        // the next request for the job of an upload by URL has another folder
+        let is_over = self.kept || self.parts().is_some();
+        if is_over {
+            files.lock_incoming().remove(&id);
+        }
+        if self.kept || is_over && !self.has_blobs {
             return;
         }
-        let files = Arc::clone(&self.files);
         if let Ok(runtime) = tokio::runtime::Handle::try_current() {
             runtime.spawn(async move {
-                files.remove_upload(id).await;
-                end();
+                files.remove_below(&folder.path()).await;
+                if !is_over {
+                    files.lock_incoming().remove(&id);
+                }
             });
         }
     }
@@ -147,7 +169,7 @@ impl Files {
             return Err(Error::new(Kind::Unavailable, message));
         }
         let mut incoming = Incoming::new(Arc::clone(self), id);
-        incoming.is_reserved = true;
+        incoming.folder = Folder::Parts(id, Uuid::new_v4());
         Ok(incoming)
     }
 }

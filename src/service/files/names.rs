@@ -1,6 +1,7 @@
 //! Names: where the blobs of a job lie in the data folder, and among the blobs.
 
 use object_store::path::Path;
+use uuid::Uuid;
 
 use crate::service::store::JobId;
 
@@ -12,6 +13,9 @@ pub(in crate::service) const RESULTS: &str = "results";
 
 /// Name of the folder of uploads that clients may store by a URL.
 pub(super) const RESERVED: &str = "reserved";
+
+/// Name of the folder of the URLs that were given for uploads, whatever became of these.
+pub(super) const URLS: &str = "urls";
 
 /// Name of the folder of what was moved aside.
 pub(super) const ASIDE: &str = "aside";
@@ -33,6 +37,8 @@ pub(in crate::service) fn buffer(index: usize) -> String {
 pub(in crate::service) enum Folder {
     /// What was uploaded for a job.
     Upload(JobId),
+    /// What came with a request for the job of an upload by URL.
+    Parts(JobId, Uuid),
     /// What an attempt at a job gave.
     Result(JobId, u32),
     /// What all attempts at a job gave.
@@ -44,6 +50,7 @@ impl Folder {
     pub fn path(self) -> Path {
         match self {
             Folder::Upload(job) => Path::from_iter([UPLOADS, &job.to_string()]),
+            Folder::Parts(job, request) => Folder::Upload(job).path().join(request.to_string()),
             Folder::Result(job, attempt) => Folder::Results(job).path().join(attempt.to_string()),
             Folder::Results(job) => Path::from_iter([RESULTS, &job.to_string()]),
         }

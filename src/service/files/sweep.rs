@@ -2,8 +2,9 @@
 //!
 //! A place that is shared holds uploads that come in at another process, which the store does not know yet, and which
 //! this process cannot tell from those that a killed process left. There, what belongs to no job goes when its newest
-//! blob is a day old by the clock of the place.
+//! blob is a day old by the clock of the place. Uploads by URL that were given up go at once (`referred`).
 
+use std::collections::HashSet;
 use std::time::{Duration, SystemTime};
 
 use object_store::path::Path as BlobPath;
@@ -35,10 +36,12 @@ impl Files {
 
     async fn sweep_all(&self, store: &dyn Queue, moves_aside: bool) -> Result<usize> {
         let mut removed = 0;
-        let mut old = None;
+        let (mut old, mut unreserved) = (None, HashSet::new());
         if self.is_shared() {
             let now = self.blobs.probe().await?;
-            removed += self.sweep_reservations(now).await?;
+            let over;
+            (over, unreserved) = self.sweep_reservations(now).await?;
+            removed += over;
             old = now.checked_sub(OLD);
         }
         for id in self.jobs_in(UPLOADS).await? {
@@ -48,7 +51,7 @@ impl Files {
                 _ if is_coming_in => continue,
                 Some(job) if !job.state.is_ended() || job.keeps_upload() => continue,
                 None if moves_aside => self.move_upload_aside(id).await?,
-                None if self.is_young(Folder::Upload(id), old).await? => continue,
+                None if !unreserved.contains(&id) && self.is_young(Folder::Upload(id), old).await? => continue,
                 _ => self.remove_upload(id).await,
             }
             removed += 1;

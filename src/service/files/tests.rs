@@ -1,16 +1,19 @@
+mod by_url;
+
 use std::io::ErrorKind;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use super::*;
 use crate::artifacts::REPORT_JSON;
-use crate::error::{Kind, Result};
+use crate::error::{Error, Kind, Result};
+use crate::mesh::Limits;
 use crate::service::blobs::folder::size;
 use crate::service::faults::{FaultPoint, Faults};
 use crate::service::store::memory::MemoryStore;
 use crate::service::store::tests::{RULES, new_job};
-use crate::service::store::{Created, End, JobId, NewJob, Queue, SMALL_BLOBS, Summary};
+use crate::service::store::{Created, End, Job, JobId, NewJob, Queue, Referred, SMALL_BLOBS, Spec, Summary};
 
 fn open(path: &Path, limits: DiskLimits, faults: Faults) -> Arc<Files> {
     Arc::new(Files::open(Some(path), None, limits, faults).expect("it opens"))
@@ -247,4 +250,35 @@ async fn a_request_that_names_a_job_leaves_the_room_promised_to_it() {
     files.promise(job, 0, large).expect("there is room");
     drop(files.incoming_reserved(job).expect("no other request"));
     assert!(files.promise(JobId::random(), 0, large).is_err(), "the room is taken");
+}
+
+#[tokio::test]
+async fn a_service_that_is_started_again_promises_the_same_room() {
+    let mesh_url = Referred { url: Some("s3://bucket/x.obj".to_owned()), tag: None, parts: None };
+    for referred in [None, Some(mesh_url)] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (limits, mesh, seeds) = (Limits::default(), content(SMALL_BLOBS as usize), content(1000));
+        let files = open(folder.path(), DiskLimits::default(), Faults::default());
+        let mut incoming = files.incoming();
+        let mut uploaded = vec![(SEEDS, &seeds)];
+        match &referred {
+            Some(_) => incoming.refers_to(mesh.len() as u64),
+            None => uploaded.push((MESH, &mesh)),
+        }
+        for (name, bytes) in uploaded {
+            let mut blob = incoming.blob(name);
+            blob.write(bytes).await.expect("written");
+            incoming.add(blob).await.expect("added");
+        }
+        let spec = Spec { bytes: mesh.len() as u64, referred, ..new_job().spec };
+        incoming.promise(&spec, &limits).expect("there is room");
+        let job = Job::queued(incoming.id(), spec, SystemTime::now());
+        let promised = files.room.promised();
+        assert!(promised > mesh.len() as u64 / 10);
+        incoming.keep();
+        files.close().await;
+        let files = open(folder.path(), DiskLimits::default(), Faults::default());
+        files.promise_again(&[job], &limits).await.expect("promised");
+        assert_eq!(files.room.promised(), promised);
+    }
 }

@@ -154,6 +154,11 @@ impl Spec {
     pub fn is_of_upload_by_url(&self) -> bool {
         self.referred.as_ref().is_some_and(|referred| referred.url.is_none())
     }
+
+    /// The folder of what came with the request for the job of an upload by URL.
+    pub fn parts(&self) -> Option<Uuid> {
+        Uuid::try_parse(&self.referred.as_ref()?.parts.as_ref()?.folder).ok()
+    }
 }
 
 /// A mesh that lay in a bucket before the request for its job came.
@@ -163,6 +168,18 @@ pub(in crate::service) struct Referred {
     pub url: Option<String>,
     /// Changes with its content.
     pub tag: Option<String>,
+    /// What came with the request for the job of an upload by URL; none where nothing did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parts: Option<PartsOfRequest>,
+}
+
+/// Seeds, weights and buffers that came with the request for the job of an upload by URL.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub(in crate::service) struct PartsOfRequest {
+    /// Name of their folder in that of the upload: each request has its own, so that a repeated one overwrites nothing.
+    pub folder: String,
+    /// SHA-256 of the SHA-256 of each, in hexadecimal digits.
+    pub sha256: String,
 }
 
 fn is_zero(priority: &i8) -> bool {

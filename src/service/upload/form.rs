@@ -178,6 +178,9 @@ impl Form {
                 "the part weights and the parameter weight_attribute exclude each other: leave out {name:?}"
             )));
         }
+        let files = [Some(&saved), self.seeds.as_ref(), self.weights.as_ref()].into_iter().flatten();
+        let digests: Vec<_> = files.filter_map(|saved| saved.digest).chain(self.digests).collect();
+        let referred = referred.map(|referred| referred::with_parts(referred, &self.into.folder, &digests));
         let spec = Spec {
             tenant: String::new(),
             trace_parent: None,
@@ -195,8 +198,6 @@ impl Form {
             kept,
             referred,
         };
-        let files = [Some(&saved), self.seeds.as_ref(), self.weights.as_ref()].into_iter().flatten();
-        let digests = files.filter_map(|saved| saved.digest).chain(self.digests).collect();
         Ok(Upload { folder: self.into.folder, spec, digests, earlier, head: saved.head })
     }
 }

@@ -4,14 +4,16 @@ use std::sync::Arc;
 
 use futures_util::StreamExt as _;
 use object_store::GetRange;
+use sha2::{Digest as _, Sha256};
 
 use super::{Destination, KEPT, MAX_NAME, Saved, Upload, spec_of};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Format;
+use crate::service::blobs::Found;
 use crate::service::files::{Files, Incoming};
 use crate::service::intake::{Content, Rules};
 use crate::service::request::{MeshAt, Wanted};
-use crate::service::store::{Job, JobId, Queue, Referred};
+use crate::service::store::{Job, JobId, PartsOfRequest, Queue, Referred};
 
 /// A mesh in a bucket.
 pub(super) struct Mesh {
@@ -26,7 +28,7 @@ impl Mesh {
     /// Its format, which the request may say.
     pub fn format(&self, declared: Option<Format>) -> Result<Format> {
         match &self.earlier {
-            Some(job) => Ok(job.spec.format),
+            Some(job) => Ok(declared.unwrap_or(job.spec.format)),
             None => self.saved.format(declared, self.file_name.as_deref()),
         }
     }
@@ -54,28 +56,47 @@ pub(super) async fn find(
         }
         MeshAt::Url(url) => (files.incoming(), Some(url.clone())),
     };
-    let mesh = look(folder.id(), files, tenant, url, rules).await?;
-    if let Some(bytes) = reserved.filter(|bytes| *bytes != mesh.saved.bytes) {
-        return Err(Error::new(
-            Kind::Conflict,
-            format_args!(
-                "the upload was reserved for {bytes} bytes: PUT the whole mesh to its URL, or reserve another one; it \
-                 has bytes: {}",
-                mesh.saved.bytes
-            ),
-        ));
+    let found = files.find_referred(folder.id(), tenant, url.as_deref()).await?;
+    if let Some(bytes) = reserved.filter(|bytes| *bytes != found.bytes) {
+        return Err(wrong_size(folder.id(), files, bytes, found.bytes).await);
     }
+    let mesh = look(folder.id(), files, tenant, url, found, rules).await?;
     folder.refers_to(mesh.saved.bytes);
     Ok((folder, mesh))
 }
 
+/// The error of an upload by URL that has another number of bytes than reserved: no signature says how many its URL
+/// takes. One with more is removed.
+async fn wrong_size(id: JobId, files: &Files, reserved: u64, bytes: u64) -> Error {
+    if bytes < reserved {
+        return Error::new(
+            Kind::Conflict,
+            format_args!(
+                "the upload was reserved for {reserved} bytes: PUT the whole mesh to its URL, or reserve another one; \
+                 it has bytes: {bytes}"
+            ),
+        );
+    }
+    files.remove_upload(id).await;
+    Error::too_large(format_args!(
+        "the upload was reserved for {reserved} bytes, and what was stored at its URL is larger and was removed: PUT \
+         the mesh there that was reserved for, or reserve another upload; it had bytes: {bytes}"
+    ))
+}
+
 /// Reads the head of a mesh.
-async fn look(id: JobId, files: &Files, tenant: &str, url: Option<String>, rules: &Rules) -> Result<Mesh> {
-    let found = files.find_referred(id, tenant, url.as_deref()).await?;
+async fn look(
+    id: JobId,
+    files: &Files,
+    tenant: &str,
+    url: Option<String>,
+    found: Found,
+    rules: &Rules,
+) -> Result<Mesh> {
     if found.bytes > rules.limit {
         return Err(rules.too_large(found.bytes));
     }
-    let referred = Referred { url, tag: found.tag };
+    let referred = Referred { url, tag: found.tag, parts: None };
     let head = match found.bytes {
         0 => Vec::new(),
         bytes => {
@@ -92,12 +113,26 @@ async fn look(id: JobId, files: &Files, tenant: &str, url: Option<String>, rules
     })
 }
 
+/// Notes what came with the request for the job of an upload by URL, also where that is a job already.
+pub(super) fn with_parts(referred: Referred, folder: &Incoming, digests: &[[u8; 32]]) -> Referred {
+    let has_parts = referred.url.is_none() && !digests.is_empty();
+    let parts = has_parts.then(|| PartsOfRequest {
+        folder: folder.parts().unwrap_or_default().to_string(),
+        sha256: Sha256::digest(digests.concat()).iter().map(|byte| format!("{byte:02x}")).collect(),
+    });
+    Referred { parts, ..referred }
+}
+
 /// What a job's upload was.
 fn earlier(job: Job) -> Mesh {
     Mesh {
         saved: Saved { bytes: job.spec.bytes, head: Vec::new(), digest: None },
         file_name: job.spec.file_name.clone(),
-        referred: job.spec.referred.clone().unwrap_or(Referred { url: None, tag: None }),
+        referred: Referred {
+            url: None,
+            tag: job.spec.referred.as_ref().and_then(|known| known.tag.clone()),
+            parts: None,
+        },
         earlier: Some(job),
     }
 }

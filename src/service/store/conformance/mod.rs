@@ -17,6 +17,7 @@ use crate::service::kept::Kept;
 
 mod at_once;
 mod attempts;
+pub mod claims;
 mod fairness;
 mod life;
 mod lists;

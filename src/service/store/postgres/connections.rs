@@ -24,7 +24,7 @@ use super::address::Address;
 use crate::error::{Error, Kind, Result};
 
 /// Time for a piece of work, the wait for a connection included.
-const PATIENCE: Duration = Duration::from_secs(10);
+pub(super) const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Times that work is done again that the database broke off, though nothing is wrong with it.
 const AGAIN: usize = 5;
@@ -120,6 +120,17 @@ fn away(why: &dyn fmt::Display) -> Error {
     Error::new(Kind::Unavailable, "the store of jobs cannot be reached; try again later")
 }
 
+/// The error of a database that is opened, for the operator.
+pub(super) fn cannot_reach(error: Error) -> Error {
+    match error.kind {
+        Kind::Unavailable => Error::new(
+            error.kind,
+            "the database that --store names cannot be reached, or takes no connections; --log debug says why",
+        ),
+        _ => error,
+    }
+}
+
 /// The pool, and what was done with it.
 #[derive(Debug)]
 pub(super) struct Connections {
@@ -143,12 +154,20 @@ impl Connections {
         Ok(Self { pool, commits: AtomicU64::new(0), failures: AtomicU64::new(0), micros: AtomicU64::new(0) })
     }
 
-    /// A connection for work that is done once.
-    pub async fn get(&self) -> Result<Object, Failure> {
-        match tokio::time::timeout(PATIENCE, self.pool.get()).await {
-            Ok(client) => Ok(client?),
-            Err(_) => Err(away(&"no answer in time").into()),
+    /// Does a piece of work that must not be done twice. None when there was no answer in time: it may be done or not.
+    pub async fn once<T, E: From<Error>>(
+        &self,
+        work: impl AsyncFnOnce(Object) -> Result<T, E>,
+    ) -> Option<Result<T, E>> {
+        let attempt = async {
+            let client = self.pool.get().await.map_err(|error| Error::from(Failure::from(error)))?;
+            work(client).await
+        };
+        let outcome = tokio::time::timeout(PATIENCE, attempt).await.ok();
+        if outcome.is_none() {
+            self.pool.retain(|_, _| false);
         }
+        outcome
     }
 
     /// Does a piece of work on a connection.

@@ -47,3 +47,4 @@ mod workers;
 
 pub(in crate::service) use self::address::Address;
 pub(in crate::service) use self::replica::PostgresStore;
+pub(in crate::service) use self::tokens::read_only as read_tokens;

@@ -16,7 +16,7 @@ use super::super::cursor::Cursors;
 use super::super::url::StoreUrl;
 use super::super::{Rules, State, Ticket};
 use super::address::Address;
-use super::connections::{Connections, Failure, execute, one};
+use super::connections::{Connections, Failure, cannot_reach, execute, one};
 use super::hints::Hints;
 use super::live::Effects;
 use super::rows::column;
@@ -60,13 +60,7 @@ impl PostgresStore {
             let damaged = || Error::new(Kind::Internal, "the key of cursors in the store of jobs is damaged");
             Ok((Cursors::with_key(&key).ok_or_else(damaged)?, column::<String>(&row, "name")?))
         });
-        let (cursors, name) = opened.await.map_err(|error| match error.kind {
-            Kind::Unavailable => Error::new(
-                error.kind,
-                "the database that --store names cannot be reached, or takes no connections; --log debug says why",
-            ),
-            _ => error,
-        })?;
+        let (cursors, name) = opened.await.map_err(cannot_reach)?;
         let (me, stop) = (Uuid::new_v4(), CancellationToken::new());
         let hints = Arc::new(Hints::new(me));
         let tasks = hints.start(&connections, &address, &stop)?;

@@ -5,11 +5,14 @@ use deadpool_postgres::GenericClient;
 use serde_json::Value;
 use tokio_postgres::types::Json;
 
+use super::super::url::StoreUrl;
 use super::super::{TokenRows, TokenStore};
-use super::connections::{Failure, all, execute, one};
+use super::address::Address;
+use super::connections::{Connections, Failure, PATIENCE, all, cannot_reach, execute, one};
 use super::replica::PostgresStore;
 use super::rows::{column, count};
-use crate::error::{Error, Result};
+use super::schema;
+use crate::error::{Error, Kind, Result};
 
 async fn read(client: &impl GenericClient) -> Result<TokenRows, Failure> {
     let rows = all(client, "SELECT tenant, entry FROM access", &[]).await?;
@@ -24,22 +27,49 @@ impl PostgresStore {
         change: impl FnOnce(&mut TokenRows) -> Result<T, E>,
     ) -> Result<T, E> {
         let failed = |failure: Failure| E::from(Error::from(failure));
-        let mut client = self.connections.get().await.map_err(failed)?;
-        let transaction = client.transaction().await.map_err(|error| failed(error.into()))?;
-        execute(&transaction, "UPDATE access_version SET version = version + 1", &[]).await.map_err(failed)?;
-        let mut rows = read(&transaction).await.map_err(failed)?;
-        let done = change(&mut rows)?;
-        let (tenants, entries): (Vec<_>, Vec<_>) = rows.into_iter().map(|(name, entry)| (name, Json(entry))).unzip();
-        let written = async {
-            execute(&transaction, "DELETE FROM access WHERE NOT tenant = ANY ($1)", &[&tenants]).await?;
-            let sql = "INSERT INTO access SELECT * FROM unnest($1::text[], $2::json[]) \
-                       ON CONFLICT (tenant) DO UPDATE SET entry = excluded.entry";
-            execute(&transaction, sql, &[&tenants, &entries]).await
-        };
-        written.await.map_err(failed)?;
-        transaction.commit().await.map_err(|error| failed(error.into()))?;
-        Ok(done)
+        let changed = self.connections.once(async |mut client| {
+            let transaction = client.transaction().await.map_err(|error| failed(error.into()))?;
+            execute(&transaction, "UPDATE access_version SET version = version + 1", &[]).await.map_err(failed)?;
+            let mut rows = read(&transaction).await.map_err(failed)?;
+            let done = change(&mut rows)?;
+            let (tenants, entries): (Vec<_>, Vec<_>) =
+                rows.into_iter().map(|(name, entry)| (name, Json(entry))).unzip();
+            let written = async {
+                execute(&transaction, "DELETE FROM access WHERE NOT tenant = ANY ($1)", &[&tenants]).await?;
+                let sql = "INSERT INTO access SELECT * FROM unnest($1::text[], $2::json[]) \
+                           ON CONFLICT (tenant) DO UPDATE SET entry = excluded.entry";
+                execute(&transaction, sql, &[&tenants, &entries]).await
+            };
+            written.await.map_err(failed)?;
+            transaction.commit().await.map_err(|error| failed(error.into()))?;
+            Ok(done)
+        });
+        changed.await.unwrap_or_else(|| Err(E::from(unsure())))
     }
+}
+
+/// The error of a change without an answer.
+fn unsure() -> Error {
+    Error::new(
+        Kind::Unavailable,
+        format_args!(
+            "the database gave no answer within {} s, so the tokens may have changed or not; `tesserae token list` \
+             shows them once it does",
+            PATIENCE.as_secs()
+        ),
+    )
+}
+
+/// The rows of a database that is not opened as a store: nothing there changes.
+pub(in crate::service) async fn read_only(url: &StoreUrl) -> Result<TokenRows> {
+    let connections = Connections::new(&Address::parse(url)?, 1)?;
+    let found = connections.run(|client| async move {
+        schema::check_tokens(&client).await?;
+        read(&client).await
+    });
+    let found = found.await.map_err(cannot_reach);
+    connections.close();
+    found
 }
 
 #[async_trait]

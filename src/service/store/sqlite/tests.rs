@@ -11,7 +11,7 @@ use super::*;
 use crate::error::Error;
 use crate::service::faults::FaultPoint;
 use crate::service::store::JobStore;
-use crate::service::store::conformance::{self, Subject};
+use crate::service::store::conformance::{self, Subject, claims};
 use crate::service::store::tests::{RULES, new_job};
 
 /// Stores in folders of their own.
@@ -262,4 +262,16 @@ async fn a_crash_does_not_count_for_a_suspect_when_a_new_job_started_after_it() 
     assert!(!is_blamed(2, false).await, "the new job may be the cause");
     assert!(!is_blamed(1, true).await, "it is no old suspect");
     assert!(is_blamed(5, false).await, "it was in too many crashes");
+}
+
+/// `CLAIM_JOBS=5000`, with `-- --nocapture`, gives the figures in `docs/farm.md`.
+#[tokio::test(flavor = "multi_thread")]
+async fn claimers_of_many_jobs_take_each_once() {
+    let jobs = claims::jobs();
+    for limit in [1, 8] {
+        let (_folder, path) = in_a_folder();
+        let rules = Rules { max_queued: jobs, ..RULES };
+        let store = SqliteStore::open(&path, rules, Faults::default()).await.expect("it opens");
+        claims::claim_all(&vec![Arc::new(store) as Arc<dyn JobStore>; 16], limit, jobs).await;
+    }
 }

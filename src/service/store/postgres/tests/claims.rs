@@ -3,76 +3,26 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::super::super::tests::{RULES, new_job};
-use super::super::super::{Claiming, End, Queue as _, Rules, Spec};
+use super::super::super::conformance::claims;
+use super::super::super::tests::RULES;
+use super::super::super::{End, JobStore, Queue as _, Rules};
 use super::server::Server;
-use super::{LEASE, PostgresStore, create, open};
+use super::{LEASE, PostgresStore, create};
 
 /// `CLAIM_JOBS=5000`, with `-- --nocapture`, gives the figures in `docs/farm.md`.
 #[tokio::test(flavor = "multi_thread")]
 async fn claimers_of_many_services_take_each_job_once() {
     let Some(server) = Server::start() else { return };
-    let jobs = std::env::var("CLAIM_JOBS").map_or(1200, |jobs| jobs.parse().expect("a number"));
+    let jobs = claims::jobs();
     for limit in [1, 8] {
-        claim_all(&server, limit, jobs).await;
+        let url = server.database();
+        let mut services: Vec<Arc<dyn JobStore>> = Vec::new();
+        for _ in 0..16 {
+            let rules = Rules { max_queued: jobs, ..RULES };
+            services.push(Arc::new(PostgresStore::open(&url, 2, rules).await.expect("it opens")));
+        }
+        claims::claim_all(&services, limit, jobs).await;
     }
-}
-
-/// Claims empty jobs by 16 services, each of which ends those that it claimed before it claims again.
-async fn claim_all(server: &Server, limit: usize, jobs: usize) {
-    let url = server.database();
-    let rules = Rules { max_queued: jobs, ..RULES };
-    let first = Arc::new(open(&url, rules).await);
-    let creators: Vec<_> = (0..8)
-        .map(|creator| {
-            let store = Arc::clone(&first);
-            tokio::spawn(async move {
-                for number in 0..jobs / 8 {
-                    let mut job = new_job();
-                    job.spec = Spec { tenant: format!("tenant {}", (creator + number) % 5), ..job.spec };
-                    store.create(job).await.expect("created");
-                }
-            })
-        })
-        .collect();
-    for creator in creators {
-        creator.await.expect("no panic");
-    }
-    let mut claimers = Vec::new();
-    for number in 0..16 {
-        let store = PostgresStore::open(&url, 2, rules).await.expect("it opens");
-        claimers.push(async move {
-            let (mut claimed, mut claiming) = (Vec::new(), Duration::ZERO);
-            let worker = format!("worker {number}").into();
-            let request = Claiming { limit, newcomers: 0, lease: LEASE, worker, shares: Arc::default() };
-            loop {
-                let started = Instant::now();
-                let taken = store.claim_as(request.clone()).await.expect("claimable");
-                claiming += started.elapsed();
-                if taken.is_empty() {
-                    return (claimed, claiming);
-                }
-                for (ticket, _) in taken {
-                    claimed.push(ticket.job);
-                    store.finish(ticket, End::Cancelled).await.expect("ended");
-                }
-            }
-        });
-    }
-    let started = Instant::now();
-    let claimers: Vec<_> = claimers.into_iter().map(tokio::spawn).collect();
-    let (mut claimed, mut claiming) = (Vec::new(), Duration::ZERO);
-    for claimer in claimers {
-        let (jobs, time) = claimer.await.expect("no panic");
-        claimed.extend(jobs);
-        claiming += time;
-    }
-    let rate = jobs as f64 / started.elapsed().as_secs_f64();
-    println!("{limit} at a time: {rate:.0} jobs claimed and ended a second, {claiming:.1?} in claims of 16 services");
-    assert_eq!(claimed.len(), jobs);
-    claimed.sort();
-    claimed.dedup();
-    assert_eq!(claimed.len(), jobs, "none twice");
 }
 
 /// Workers on devices that take 50 ms for a job: four do nearly four times as much as one, as none waits for another.
