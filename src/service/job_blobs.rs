@@ -7,14 +7,20 @@ use super::files::{Files, Folder, MESH};
 use super::store::{Job, Queue};
 use crate::error::{Error, Kind, Result};
 
-/// A blob of the upload of a job.
-pub(super) async fn upload(files: &Files, store: &dyn Queue, job: &Job, name: &str) -> Result<Blob> {
+/// A blob of the upload of a job, or a range of it.
+pub(super) async fn upload(
+    files: &Files,
+    store: &dyn Queue,
+    job: &Job,
+    name: &str,
+    range: Option<GetRange>,
+) -> Result<Blob> {
     if let Some(referred) = job.spec.referred.as_ref().filter(|_| name == MESH) {
-        return files.read_referred(job.id, &job.spec.tenant, referred, None).await;
+        return files.read_referred(job.id, &job.spec.tenant, referred, range).await;
     }
     match job.spec.is_small {
-        true => small(files, store, job, name, None).await,
-        false => files.read(Folder::Upload(job.id), name, None).await,
+        true => small(files, store, job, name, range).await,
+        false => files.read(Folder::Upload(job.id), name, range).await,
     }
 }
 
