@@ -19,7 +19,7 @@ export interface Job {
   problem: Problem | null;
   result: { faces: number; clusters: number } | null;
   parameters: { algorithm: string; clusters?: number | null; quality?: string | null };
-  mesh: { file_name: string | null; format: string; bytes: number };
+  mesh: { file_name: string | null; format: string; bytes: number; buffers: string[] };
   created_at: string;
   started_at: string | null;
   ended_at: string | null;

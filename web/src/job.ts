@@ -18,7 +18,8 @@ import type { Curve } from "./curve";
 import { announce, count, digits, make, notice } from "./dom";
 import { type Scene, scene } from "./load";
 import { Result } from "./result";
-import type { View } from "./view";
+import { uploaded } from "./uploaded";
+import type { Triangles, View } from "./view";
 
 /** Time between looks at whether a job that failed is run again, in milliseconds. */
 const LOOK_EVERY = 2000;
@@ -88,7 +89,7 @@ export class JobPage {
   }
 
   private async followAttempt(): Promise<void> {
-    void this.showFile();
+    void this.showMesh();
     await this.followEvents();
     if (this.abort.signal.aborted) return;
     await this.whenThere(() => this.reload());
@@ -190,11 +191,11 @@ export class JobPage {
   }
 
   /** Shows the mesh itself while the service works on it, or says why not. */
-  private async showFile(): Promise<void> {
-    if (this.before || this.files.length === 0) return;
+  private async showMesh(): Promise<void> {
+    if (this.before) return;
     const figure = make("div", { class: "view", id: "preview" }, "Reading the mesh");
     this.shape.replaceChildren(figure);
-    const mesh = await this.scene.preview(this.files).catch((error: unknown) => {
+    const mesh = await this.readMesh().catch((error: unknown) => {
       const why = error instanceof Error ? error.message : String(error);
       figure.textContent = `The mesh is shown when it is clustered, not before: ${why}.`;
       return null;
@@ -203,6 +204,16 @@ export class JobPage {
     this.before = new this.scene.View(figure, mesh);
     this.before.canvas.setAttribute("role", "img");
     this.before.canvas.setAttribute("aria-label", "The mesh, not yet clustered");
+  }
+
+  private async readMesh(): Promise<Triangles> {
+    let { files } = this;
+    if (files.length === 0) {
+      await this.whenThere(async () => {
+        files = await uploaded(this.job, this.abort.signal);
+      });
+    }
+    return await this.scene.preview(files);
   }
 
   private show(): void {
