@@ -176,6 +176,7 @@ CALLS: list[tuple[str, tuple[Any, ...], Document]] = [
     ("boundaries", (2,), {}),
     ("table", (2,), {}),
     ("remesh_source", (2,), {"placement": "fit"}),
+    ("output", ("upload",), {"buffer": "mesh.bin"}),
     ("output", ("mesh.glb", 2), {"colours": "none", "ply_vertex_colours": True}),
     ("output", ("submeshes.zip", 2), {"force": True}),
     ("output", ("remesh.ply", 2), {"placement": "centroid"}),

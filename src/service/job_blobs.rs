@@ -7,16 +7,22 @@ use super::files::{Files, Folder, MESH};
 use super::store::{Job, Queue};
 use crate::error::{Error, Kind, Result};
 
-/// A blob of the upload of a job.
-pub(super) async fn upload(files: &Files, store: &dyn Queue, job: &Job, name: &str) -> Result<Blob> {
+/// A blob of the upload of a job, or a range of it.
+pub(super) async fn upload(
+    files: &Files,
+    store: &dyn Queue,
+    job: &Job,
+    name: &str,
+    range: Option<GetRange>,
+) -> Result<Blob> {
     if let Some(referred) = job.spec.referred.as_ref().filter(|_| name == MESH) {
-        return files.read_referred(job.id, &job.spec.tenant, referred, None).await;
+        return files.read_referred(job.id, &job.spec.tenant, referred, range).await;
     }
     if job.spec.is_small {
-        return small(files, store, job, name, None).await;
+        return small(files, store, job, name, range).await;
     }
     let folder = job.spec.parts().map_or(Folder::Upload(job.id), |request| Folder::Parts(job.id, request));
-    files.read(folder, name, None).await
+    files.read(folder, name, range).await
 }
 
 /// A blob of the result of a job, or a range of it. [`Kind::NotFound`] for a job without one.

@@ -18,7 +18,8 @@ use utoipa::{Modify, OpenApi, PartialSchema as _};
 
 use super::api::binary::Binary;
 use super::api::{
-    create, events, health, hierarchy, info, labels, list, metrics, remove, retry, show as job, uploads, workers,
+    create, events, health, hierarchy, info, labels, list, metrics, remove, retry, show as job, upload, uploads,
+    workers,
 };
 use super::problem::{Answer, Problematic};
 use super::store::PRIORITIES;
@@ -44,6 +45,7 @@ const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\
         job::show,
         remove::remove,
         retry::retry,
+        upload::upload,
         uploads::create,
         uploads::remove,
         events::stream,

@@ -18,8 +18,8 @@ use tower_http::cors::CorsLayer;
 use super::access::Caller;
 use super::access_log::{self, AccessLog};
 use super::api::{
-    create, derived, events, health, hierarchy, info, labels, list, metrics, output, remove, retry, show, uploads,
-    workers,
+    create, derived, events, health, hierarchy, info, labels, list, metrics, output, remove, retry, show, upload,
+    uploads, workers,
 };
 use super::metrics::Metrics;
 use super::state::Shared;
@@ -71,7 +71,7 @@ pub(super) fn router(shared: Arc<Shared>) -> Router {
             };
             routes.route(&urls::route(artifact), handler)
         });
-    let results = results.layer(from_fn(conditional::results));
+    let results = results.route("/v1/jobs/{id}/upload", get(upload::upload)).layer(from_fn(conditional::results));
     let routes = Router::new()
         .route("/v1/jobs", post(create::create).get(list::list))
         .route("/v1/jobs/{id}", get(show::show).delete(remove::remove))

@@ -24,6 +24,8 @@ pub(super) struct Urls {
     hierarchy: Option<String>,
     /// Its report, once it has succeeded.
     report: String,
+    /// Its mesh as it was uploaded; null when that is gone, as it is when the job has ended.
+    upload: Option<String>,
     /// What it can give of its mesh, by name, once it has succeeded: what was named, or all if it keeps the mesh. Of a
     /// whole hierarchy, with `?clusters=K`.
     #[serde(flatten)]
@@ -59,6 +61,7 @@ impl Urls {
             labels: format!("{path}/labels"),
             hierarchy: is_hierarchical.then(|| format!("{path}/hierarchy")),
             report: format!("{path}/report"),
+            upload: job.has_upload().then(|| format!("{path}/upload")),
             derived: given.map(|artifact| (artifact.name, format!("{path}/{}", artifact.name))).collect(),
             job: path,
         }

@@ -1,7 +1,7 @@
 //! `tesserae export`, and the outputs of `cluster` that are made of the mesh.
 
 use crate::common::command::Folder;
-use tesserae::artifacts::{self, Artifact, Need, npy_header};
+use tesserae::artifacts::{self, Artifact, Need, REPORT, npy_header};
 
 fn made_of_mesh() -> impl Iterator<Item = &'static Artifact> {
     artifacts::ALL.into_iter().filter(|artifact| artifact.needs.contains(&Need::Mesh))
@@ -41,6 +41,37 @@ fn exports_are_what_cluster_writes_for_any_number_of_threads() {
             assert!(folder.read(&file) == folder.read(&one), "{file} differs with {threads} threads");
         }
     }
+}
+
+/// The report is left out: it has times.
+#[test]
+fn every_output_of_cluster_has_the_same_bytes_for_any_number_of_threads() {
+    let folder = Folder::new();
+    folder.sample("quads", 1000, "q.obj");
+    let all = || artifacts::ALL.into_iter().filter(|artifact| artifact.name != REPORT.name);
+    let mut written = 0;
+    for (is_tree, parameters) in [(false, ["-k", "20", "--algorithm", "bb"]), (true, ["-k", "1", "--algorithm", "hr"])]
+    {
+        let files: Vec<_> = all()
+            .filter(|artifact| artifact.needs(Need::Hierarchy) == is_tree)
+            .flat_map(|artifact| artifact.flags.iter().map(move |flag| (flag, artifact)))
+            .flat_map(|(flag, artifact)| flag.forms(artifact).map(|form| (flag.name, form.file)))
+            .collect();
+        // a flag is given once, so that forms of one flag take a run each
+        for &(flag, file) in &files {
+            let with = |threads: &str| {
+                let mut command =
+                    folder.tesserae(&[&["cluster", "q.obj", "--device", "cpu", flag, file], &parameters[..]].concat());
+                let done = command.env("RAYON_NUM_THREADS", threads).output().expect("the binary runs");
+                assert!(done.status.success(), "{file}: {done:?}");
+                folder.read(file)
+            };
+            assert!(with("1") == with("4"), "{file} differs");
+        }
+        written += files.len();
+    }
+    let forms: usize = all().filter(|artifact| !artifact.flags.is_empty()).map(|artifact| artifact.forms.len()).sum();
+    assert_eq!(written, forms);
 }
 
 #[test]

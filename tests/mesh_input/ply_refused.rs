@@ -49,6 +49,8 @@ fn headers_are_refused_by_line() {
         ("element vertex 3\nproperty half x\n", ["line 4 ", "half"]),
         ("element vertex 3\nproperty float\n", ["line 4 ", "property TYPE NAME"]),
         ("element face 3\nproperty list uchar int\n", ["line 4 ", "property list TYPE"]),
+        ("element face 3\nproperty list list uchar int vertex_indices\n", ["line 4 ", "property list TYPE TYPE NAME"]),
+        ("element face 3\nproperty list uchar list uchar int a\n", ["line 4 ", "property list TYPE TYPE NAME"]),
         ("element face 3\nproperty list float int vertex_indices\n", ["line 4 ", "vertex_indices"]),
         ("element face 3\nproperty list uchar long vertex_indices\n", ["line 4 ", "long"]),
         ("elements vertex 3\n", ["line 3 ", "elements"]),

@@ -83,7 +83,7 @@ async fn two_tenants_prying_at_each_other_find_nothing() {
     let unknown = "/v1/jobs/6ed6e4e2-8a9c-44bf-a77e-f6c240b63f15";
     for job in [&flat, &tree] {
         let path = path(job);
-        for rest in ["", "/events", "/labels", "/labels?clusters=3", "/hierarchy", "/report"] {
+        for rest in ["", "/events", "/upload", "/labels", "/labels?clusters=3", "/hierarchy", "/report"] {
             for method in [Method::GET, Method::HEAD] {
                 let ask = |path: &str| {
                     service

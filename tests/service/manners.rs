@@ -4,6 +4,7 @@ use std::io::Read as _;
 
 use reqwest::Method;
 use serde_json::Value;
+use tesserae::artifacts::{self, Need};
 use tesserae::device::cpu::CpuDevice;
 
 use crate::support::*;
@@ -49,6 +50,75 @@ async fn a_result_that_the_client_has_is_not_sent_again() {
     }
     service.delete(path).send().await.expect("answered");
     refused(service.get(&format!("{path}/report")).header("if-none-match", "*"), 404, "not-found").await;
+}
+
+#[tokio::test]
+async fn every_output_in_every_form_has_a_tag_and_parts() {
+    let (service, job) = with_job("algorithm=hr&clusters=1&keep_mesh=true", 600).await;
+    for artifact in artifacts::ALL.into_iter().filter(|artifact| artifact.is_served) {
+        for form in artifact.forms {
+            let query = match (artifact.forms.len(), form.extension()) {
+                (1, _) if artifact.needs(Need::Report) => String::new(),
+                (_, extension) if artifact.needs(Need::Hierarchy) => format!("?format={extension}"),
+                (_, extension) => format!("?clusters=9&format={extension}"),
+            };
+            let url = format!("{}/{}{query}", path(&job), artifact.name);
+            let whole = service.get(&url).send().await.expect("answered");
+            assert_eq!(whole.status(), 200, "{url}: {:?}", whole.text().await);
+            assert_eq!(whole.headers()["content-type"], form.media_type, "{url}");
+            has_tag_and_parts(&service, &url, whole).await;
+        }
+    }
+}
+
+#[tokio::test]
+async fn an_upload_is_there_until_its_job_ends() {
+    let (device, gate) = Held::behind_gate();
+    let service = Service::with(|_| {}, device).await;
+    // small ones are kept in the store, others in files
+    let meshes = [sphere(300), sphere(20_000)];
+    let mut jobs = Vec::new();
+    for mesh in &meshes {
+        let job = service.submit("clusters=5", mesh.clone()).await;
+        let url = text(&job["urls"]["upload"]).to_owned();
+        assert_eq!(url, format!("{}/upload", path(&job)));
+        let whole = service.get(&url).send().await.expect("answered");
+        assert_eq!((whole.status().as_u16(), whole.content_length()), (200, Some(mesh.len() as u64)));
+        let disposition = whole.headers()["content-disposition"].to_str().expect("text");
+        assert!(disposition.starts_with("attachment; ") && disposition.ends_with("-upload.obj\""), "{disposition}");
+        assert_eq!(whole.headers()["content-type"], "application/octet-stream");
+        assert_eq!(&has_tag_and_parts(&service, &url, whole).await, mesh);
+        let detail = refused(service.get(&format!("{url}?buffer=a.bin")), 422, "invalid-parameter").await;
+        assert!(detail.contains("a.bin"), "{detail}");
+        jobs.push((job, url));
+    }
+    gate.open();
+    for (job, url) in jobs {
+        assert_eq!(service.ended(&job).await["urls"]["upload"], Value::Null);
+        let detail = refused(service.get(&url), 404, "not-found").await;
+        assert!(detail.contains("keep_mesh=true") && detail.ends_with("succeeded"), "{detail}");
+    }
+}
+
+/// Checks that a resource is not sent again to a client that has it, and in parts on request; gives its bytes.
+async fn has_tag_and_parts(service: &Service, url: &str, whole: reqwest::Response) -> Vec<u8> {
+    let tag = whole.headers()["etag"].clone();
+    assert_eq!(whole.headers()["accept-ranges"], "bytes");
+    let whole = whole.bytes().await.expect("bytes");
+    assert!(whole.len() > 20, "{url}");
+    let known = service.get(url).header("if-none-match", &tag).send().await.expect("answered");
+    assert_eq!((known.status().as_u16(), &known.headers()["etag"]), (304, &tag), "{url}");
+    for (tag, status, bytes) in [(tag.to_str().expect("text"), 206, &whole[10..20]), ("\"x\"", 200, &whole[..])] {
+        let part = service.get(url).header("range", "bytes=10-19").header("if-range", tag);
+        let part = part.send().await.expect("answered");
+        assert_eq!(part.status(), status, "{url}");
+        assert_eq!(part.bytes().await.expect("bytes"), bytes, "{url}");
+    }
+    let end = format!("bytes={}-", whole.len());
+    refused(service.get(url).header("range", end), 416, "range-not-satisfiable").await;
+    let head = service.client.head(service.url(url)).send().await.expect("answered");
+    assert_eq!(head.headers()["content-length"].to_str().expect("text"), whole.len().to_string(), "{url}");
+    whole.to_vec()
 }
 
 #[tokio::test]

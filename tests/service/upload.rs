@@ -167,6 +167,23 @@ async fn buffers_come_as_parts_and_from_nowhere_else() {
 }
 
 #[tokio::test]
+async fn a_buffer_of_a_waiting_job_is_read_by_its_name() {
+    let (device, _gate) = Held::behind_gate();
+    let service = Service::with(|_| {}, device).await;
+    let (document, buffer) = gltf("my%20buffer.bin");
+    let form = Form::new().part("mesh", file(document.clone(), "t.gltf"));
+    let form = form.part("buffer", file(buffer.clone(), "my buffer.bin"));
+    let job = json(service.post("/v1/jobs?clusters=2").multipart(form)).await;
+    let url = text(&job["urls"]["upload"]);
+    for (query, expected) in [("", document.into_bytes()), ("?buffer=my%20buffer.bin", buffer)] {
+        let response = service.get(&format!("{url}{query}")).send().await.expect("answered");
+        assert_eq!(response.bytes().await.expect("bytes"), expected, "{query}");
+    }
+    let detail = refused(service.get(&format!("{url}?buffer=buffer-0")), 422, "invalid-parameter").await;
+    assert!(detail.contains("my buffer.bin"), "{detail}");
+}
+
+#[tokio::test]
 async fn what_curl_sends_by_default_is_explained() {
     let service = Service::start().await;
     let request = service.post("/v1/jobs?clusters=2").header("content-type", "application/x-www-form-urlencoded");

@@ -19,7 +19,7 @@ export interface Job {
   problem: Problem | null;
   result: { faces: number; clusters: number } | null;
   parameters: { algorithm: string; clusters?: number | null; quality?: string | null };
-  mesh: { file_name: string | null; format: string; bytes: number };
+  mesh: { file_name: string | null; format: string; bytes: number; buffers: string[] };
   created_at: string;
   started_at: string | null;
   ended_at: string | null;
@@ -157,36 +157,42 @@ export async function length(path: string, signal: AbortSignal): Promise<number 
 }
 
 /**
- * Follows the events of a job to their end. A stream that breaks is resumed after the last event, until the service is
- * back. `onBreak` gets a text at every break, and an empty one when the stream goes on.
+ * Follows the events of a job, those after `last`, to their end; gives the number of the last one. A job that is run
+ * again has events after an `end`, so the end is where the stream closes. A stream that breaks is resumed after the last
+ * event, until the service is back. `onBreak` gets a text at every break, and an empty one when the stream goes on.
  */
 export async function follow(
   id: string,
+  last: string,
   signal: AbortSignal,
   onEvent: (event: JobEvent) => void,
   onBreak: (why: string) => void,
-): Promise<void> {
-  let last = "";
+): Promise<string> {
+  let isEnded = false;
   for (let wait = 250; !signal.aborted; wait = Math.min(2 * wait, 4000)) {
     try {
       const headers: Record<string, string> = { accept: "text/event-stream" };
       if (last !== "") headers["last-event-id"] = last;
       const response = await request(`/v1/jobs/${id}/events`, { signal, headers });
       onBreak("");
+      // it has ended, and there is no event that is not known
+      if (response.status === 204) return last;
       for await (const event of events(response)) {
         wait = 250;
         last = event.id;
+        isEnded = event.name === "end";
         onEvent(event as unknown as JobEvent);
-        if (event.name === "end") return;
       }
+      if (isEnded) return last;
     } catch (error) {
-      if (signal.aborted) return;
+      if (signal.aborted) return last;
       // what the service refuses does not become right by repetition
       if (error instanceof Refused && error.status < 500) throw error;
     }
     onBreak(GONE);
     await pause(wait);
   }
+  return last;
 }
 
 interface RawEvent {

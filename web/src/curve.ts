@@ -42,6 +42,7 @@ export class Curve {
     for (const series of this.y) series.length = 0;
     this.previous = null;
     this.box.setAttribute("aria-label", "No energies yet");
+    delete this.box.dataset["points"];
     this.reset();
   }
 

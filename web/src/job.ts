@@ -18,7 +18,11 @@ import type { Curve } from "./curve";
 import { announce, count, digits, make, notice } from "./dom";
 import { type Scene, scene } from "./load";
 import { Result } from "./result";
-import type { View } from "./view";
+import { uploaded } from "./uploaded";
+import type { Triangles, View } from "./view";
+
+/** Time between looks at whether a job that failed is run again, in milliseconds. */
+const LOOK_EVERY = 2000;
 
 export class JobPage {
   private readonly abort = new AbortController();
@@ -31,6 +35,8 @@ export class JobPage {
   private readonly curve: Curve;
   private result: Result | null = null;
   private before: View | null = null;
+  /** Number of the last event. */
+  private last = "";
 
   constructor(
     private readonly box: HTMLElement,
@@ -56,22 +62,21 @@ export class JobPage {
     this.show();
   }
 
-  /** Follows the job, then shows its result; that of a job that has ended does not wait for its events. */
+  /**
+   * Follows the job, then shows its result; that of a job that has ended does not wait for its events. A job that failed
+   * may be run again, and is followed then.
+   */
   async run(): Promise<void> {
+    const { signal } = this.abort;
     try {
       this.onChange();
-      if (isLive(this.job)) {
-        void this.showFile();
-        await this.followEvents();
-        if (this.abort.signal.aborted) return;
-        await this.whenThere(() => this.reload());
-        announce(`${nameOf(this.job)}: ${this.job.state}`);
-        await this.whenThere(() => this.showResult());
-      } else {
-        await Promise.all([this.whenThere(() => this.showResult()), this.followEvents()]);
+      if (!isLive(this.job)) await Promise.all([this.whenThere(() => this.showResult()), this.followEvents()]);
+      while (!signal.aborted) {
+        if (!isLive(this.job) && !(await this.isRunAgain())) return;
+        await this.followAttempt();
       }
     } catch (error) {
-      if (!this.abort.signal.aborted) notice(error instanceof Error ? error.message : String(error));
+      if (!signal.aborted) notice(error instanceof Error ? error.message : String(error));
     }
   }
 
@@ -83,10 +88,38 @@ export class JobPage {
     this.box.replaceChildren();
   }
 
+  private async followAttempt(): Promise<void> {
+    void this.showMesh();
+    await this.followEvents();
+    if (this.abort.signal.aborted) return;
+    await this.whenThere(() => this.reload());
+    if (isLive(this.job)) return;
+    announce(`${nameOf(this.job)}: ${this.job.state}`);
+    await this.whenThere(() => this.showResult());
+  }
+
+  /** Waits until a job that failed is run again; false for one that cannot be. */
+  private async isRunAgain(): Promise<boolean> {
+    const { signal } = this.abort;
+    const { ended_at: ended } = this.job;
+    while (this.job.state === "failed") {
+      await pause(LOOK_EVERY, signal);
+      if (document.hidden) continue;
+      await this.whenThere(async () => {
+        const job = await json<Job>(`/v1/jobs/${this.job.id}`, { signal });
+        // it may even have ended again
+        if (job.ended_at !== ended) this.update(job);
+      });
+      if (this.job.ended_at !== ended) return true;
+    }
+    return false;
+  }
+
   private async followEvents(): Promise<void> {
     const { signal } = this.abort;
-    await follow(
+    this.last = await follow(
       this.job.id,
+      this.last,
       signal,
       (event) => this.take(event),
       (why) => notice(why),
@@ -98,7 +131,9 @@ export class JobPage {
     const { progress } = this.job;
     if (event.name === "state") {
       // another attempt begins anew
-      if (event.data.state === "running") this.curve.clear();
+      this.curve.clear();
+      this.history.hidden = false;
+      Object.assign(progress, { iterations: 0, phase: null, clusters_left: null, energy: null });
       if (isLive(this.job)) this.enter(event.data.state);
     } else if (event.name === "iteration") {
       this.curve.iteration(event.data);
@@ -121,7 +156,11 @@ export class JobPage {
   }
 
   private async reload(): Promise<void> {
-    this.job = await json<Job>(`/v1/jobs/${this.job.id}`, { signal: this.abort.signal });
+    this.update(await json<Job>(`/v1/jobs/${this.job.id}`, { signal: this.abort.signal }));
+  }
+
+  private update(job: Job): void {
+    this.job = job;
     this.show();
     this.onChange();
   }
@@ -152,11 +191,11 @@ export class JobPage {
   }
 
   /** Shows the mesh itself while the service works on it, or says why not. */
-  private async showFile(): Promise<void> {
-    if (this.files.length === 0) return;
+  private async showMesh(): Promise<void> {
+    if (this.before) return;
     const figure = make("div", { class: "view", id: "preview" }, "Reading the mesh");
     this.shape.replaceChildren(figure);
-    const mesh = await this.scene.preview(this.files).catch((error: unknown) => {
+    const mesh = await this.readMesh().catch((error: unknown) => {
       const why = error instanceof Error ? error.message : String(error);
       figure.textContent = `The mesh is shown when it is clustered, not before: ${why}.`;
       return null;
@@ -165,6 +204,16 @@ export class JobPage {
     this.before = new this.scene.View(figure, mesh);
     this.before.canvas.setAttribute("role", "img");
     this.before.canvas.setAttribute("aria-label", "The mesh, not yet clustered");
+  }
+
+  private async readMesh(): Promise<Triangles> {
+    let { files } = this;
+    if (files.length === 0) {
+      await this.whenThere(async () => {
+        files = await uploaded(this.job, this.abort.signal);
+      });
+    }
+    return await this.scene.preview(files);
   }
 
   private show(): void {

@@ -1,10 +1,11 @@
 // Sending a mesh, and what is seen of it before it is clustered.
 import assert from "node:assert/strict";
 import { existsSync, readFileSync, writeFileSync } from "node:fs";
-import { join } from "node:path";
+import { basename, join } from "node:path";
+import { isDeepStrictEqual } from "node:util";
 import { look } from "./browser.mjs";
 import { Service, until } from "./service.mjs";
-import { binary, meshes, sample, succeeded, text } from "./steps.mjs";
+import { binary, drawn, meshes, sample, succeeded, text } from "./steps.mjs";
 
 const jobs = async (service) => (await (await fetch(`${service.url}/v1/jobs`)).json()).jobs;
 
@@ -26,6 +27,12 @@ function curious(service) {
   const path = join(service.folder, "curious.gltf");
   writeFileSync(path, JSON.stringify(document));
   return path;
+}
+
+/** Whether the middle of the preview is not its background. */
+async function drawsSomething(page) {
+  const background = await page.locator("#preview").evaluate((box) => getComputedStyle(box).backgroundColor);
+  return !isDeepStrictEqual((await look(page, "#preview")).centre, background.match(/\d+/g).map(Number));
 }
 
 export const sending = {
@@ -92,9 +99,7 @@ export const sending = {
         await page.click("#submit");
         await page.waitForSelector("#preview canvas[data-frames]");
         assert.match(await text(page, "#state"), /^waiting, number \d+ in the queue$/, paths[0]);
-        const background = await page.locator("#preview").evaluate((box) => getComputedStyle(box).backgroundColor);
-        const { centre } = await look(page, "#preview");
-        assert.notDeepEqual(centre, background.match(/\d+/g).map(Number), `${paths[0]} is in the middle`);
+        assert.ok(await drawsSomething(page), `${paths[0]} is in the middle`);
       }
       const compressed = meshes && join(meshes, "gltf/Duck-meshopt.glb");
       if (compressed && existsSync(compressed)) {
@@ -106,6 +111,42 @@ export const sending = {
         );
       }
       await fetch(`${service.url}/v1/jobs/${first.id}`, { method: "DELETE" });
+      await page.close();
+    } finally {
+      await service.stop();
+    }
+  },
+
+  async "a mesh that another client sent is seen while its job waits and runs"({ browser }) {
+    const service = await new Service(binary).start("--meshes-in-memory", "1");
+    try {
+      const send = async (query, [mesh, ...buffers]) => {
+        const form = new FormData();
+        const append = (part, path) => form.append(part, new Blob([readFileSync(path)]), basename(path));
+        append("mesh", mesh);
+        for (const buffer of buffers) append("buffer", buffer);
+        const answer = await fetch(`${service.url}/v1/jobs?keep_mesh=true&${query}`, { method: "POST", body: form });
+        assert.equal(answer.status, 202);
+        return (await answer.json()).id;
+      };
+      // the first one runs until it is deleted
+      const first = await send("quality=best&clusters=30000", [sample(service, "knot", 300_000)]);
+      const others = [["quads.glb", [sample(service, "quads", 3000, "glb")]]];
+      const duck = ["Duck.gltf", "Duck0.bin"].map((name) => join(meshes ?? "", "gltf/Duck", name));
+      if (meshes && duck.every(existsSync)) others.push(["Duck.gltf", duck]);
+      const opened = [["knot.obj", first, /^running/]];
+      for (const [name, paths] of others) opened.push([name, await send("clusters=5", paths), /^waiting, number \d/]);
+      const page = await browser.open(service.url);
+      for (const [name, id, state] of opened) {
+        await page.goto(`${service.url}/#/jobs/${id}`);
+        await until(`${name} is open`, async () => (await page.locator("#job-title").textContent()) === name);
+        await page.waitForSelector("#preview canvas[data-frames]");
+        await until(`${name} is in its state`, async () => state.test(await text(page, "#state")));
+        assert.ok(await drawsSomething(page), `${name} is in the middle`);
+      }
+      await fetch(`${service.url}/v1/jobs/${first}`, { method: "DELETE" });
+      await succeeded(page);
+      await drawn(page, 5);
       await page.close();
     } finally {
       await service.stop();

@@ -5,7 +5,7 @@ import { readFileSync, statfsSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { Service, until } from "./service.mjs";
-import { accessible, binary, drawn, sample, submit, succeeded, text } from "./steps.mjs";
+import { accessible, binary, drawn, idOf, recordStates, sample, statesOf, submit, succeeded, text } from "./steps.mjs";
 
 export const states = {
   async "names are text"({ service, browser }) {
@@ -92,20 +92,82 @@ export const states = {
     }
   },
 
-  async "a service that is killed and comes back loses nothing, and the page needs no reload"({ service, browser }) {
-    const page = await browser.open(service.url);
-    await page.evaluate(() => (window.marker = 1));
-    await submit(page, sample(service, "knot", 120_000), { name: "slow.obj", clusters: 3000, algorithm: "acvd" });
-    await until("it runs", async () => (await text(page, "#state")).startsWith("running"));
-    await page.waitForSelector("#preview canvas[data-frames]");
-    await service.kill();
-    await until("the page says so", async () => /does not answer/.test(await text(page, "#notice")));
-    await service.again();
-    await succeeded(page);
-    await drawn(page, 3000);
-    assert.equal(await text(page, "#notice"), "");
-    assert.equal(await page.evaluate(() => window.marker), 1);
-    await page.close();
+  async "a service that is killed and comes back loses nothing, and the page needs no reload"({ browser }) {
+    const service = await new Service(binary).start("--meshes-in-memory", "1");
+    try {
+      const open = async () => {
+        const page = await browser.open(service.url);
+        await page.evaluate(() => (window.marker = 1));
+        return page;
+      };
+      const [result, running, waiting] = [await open(), await open(), await open()];
+      await submit(result, sample(service, "sphere", 2000), { name: "tree.obj", algorithm: "pml" });
+      await succeeded(result);
+      await drawn(result, 100);
+      const slow = { name: "slow.obj", clusters: 3000, algorithm: "acvd" };
+      await submit(running, sample(service, "knot", 120_000), slow);
+      await until("it runs", async () => (await text(running, "#state")).startsWith("running"));
+      await running.waitForSelector("#preview canvas[data-frames]");
+      await submit(waiting, sample(service, "sphere", 500), { name: "next.obj", clusters: 5 });
+      assert.equal(await text(waiting, "#state"), "waiting, number 1 in the queue");
+      await service.kill();
+      for (const page of [result, running, waiting])
+        await until("the page says so", async () => /does not answer/.test(await text(page, "#notice")));
+      await service.again();
+      await succeeded(running);
+      await drawn(running, 3000);
+      await succeeded(waiting);
+      await drawn(waiting, 5);
+      await result.locator("#level").focus();
+      await result.keyboard.press("End");
+      const cut = await until("the slider cuts", () => Number(/clusters=(\d+)/.exec(result.url())?.[1]));
+      await drawn(result, cut);
+      for (const page of [result, running, waiting]) {
+        await until("nothing is wrong any more", () => page.isHidden("#notice"));
+        assert.equal(await page.locator("#jobs li").count(), 3);
+        assert.equal(await page.evaluate(() => window.marker), 1);
+        await page.close();
+      }
+    } finally {
+      await service.stop();
+    }
+  },
+
+  async "a job that was given up and is run again is followed without a reload"({ browser }) {
+    const service = await new Service(binary).start("--max-attempts", "1");
+    try {
+      const page = await browser.open(service.url);
+      const points = async (page) => Number(await page.getAttribute("#curve", "data-points"));
+      await submit(page, sample(service, "knot", 60_000), { name: "again.obj", clusters: 1000, algorithm: "acvd" });
+      await until("energies come", async () => (await points(page)) > 0);
+      await service.kill();
+      await service.again();
+      await until("it is given up", async () => (await text(page, "#state")).startsWith("failed: "));
+      const late = await browser.open(service.url, {}, undefined, `/${new URL(page.url()).hash}`);
+      await until("it is given up", async () => (await text(late, "#state")).startsWith("failed: "));
+      for (const one of [page, late]) await recordStates(one);
+      const answer = await fetch(`${service.url}/v1/jobs/${idOf(page)}/retry`, { method: "POST" });
+      assert.equal(answer.status, 202);
+      for (const one of [page, late]) {
+        await succeeded(one);
+        await drawn(one, 1000);
+        const seen = await statesOf(one);
+        for (const start of ["waiting", "running"])
+          assert.ok(
+            seen.some((state) => state.startsWith(start)),
+            start,
+          );
+      }
+      const reloaded = await browser.open(service.url, {}, undefined, `/${new URL(page.url()).hash}`);
+      await drawn(reloaded, 1000);
+      const { iterations } = await (await fetch(`${service.url}/v1/jobs/${idOf(page)}/report`)).json();
+      for (const one of [page, late, reloaded]) {
+        await until("the curve is of one attempt", async () => (await points(one)) === iterations.length);
+        await one.close();
+      }
+    } finally {
+      await service.stop();
+    }
   },
 
   async "a service that is killed while results are fetched shows them when it is back"({ service, browser }) {

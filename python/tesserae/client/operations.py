@@ -83,6 +83,7 @@ _ALL = [
     Operation("retryJob", "POST", "/v1/jobs/{id}/retry"),
     Operation("createUpload", "POST", "/v1/uploads", ("bytes",)),
     Operation("deleteUpload", "DELETE", "/v1/uploads/{id}"),
+    _of_job("getUpload", "upload", "buffer"),
     Operation("streamEvents", "GET", "/v1/jobs/{id}/events", (), ("Last-Event-ID",)),
     _of_job("getLabels", "labels", "clusters", "iteration", "format"),
     _of_job("getHierarchy", "hierarchy", "min_clusters", "max_clusters", "clusters", "format"),

@@ -314,12 +314,13 @@ class Job:
         Parameters
         ----------
         form : str
-            Output and format: ``"labels.npy"``, ``"mesh.glb"``, ``"submeshes.stl.zip"``, ``"remesh.ply"``, ...
+            Output and format: ``"labels.npy"``, ``"mesh.glb"``, ``"submeshes.stl.zip"``, ``"remesh.ply"``, ...; until
+            the job has ended also ``"upload"``, the mesh as it was uploaded.
         clusters : int, optional
             Cut a hierarchy at this number of clusters.
         **query
             Parameters of the output: ``placement`` of a remesh, ``colours`` and ``ply_vertex_colours`` of a mesh,
-            ``force`` of submeshes, ``iteration`` of labels.
+            ``force`` of submeshes, ``iteration`` of labels, ``buffer`` of an upload.
         """
         name, format = results.named(form)
         options = results.options(clusters, query)

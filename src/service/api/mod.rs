@@ -15,6 +15,7 @@ pub(super) mod output;
 pub(super) mod remove;
 pub(super) mod retry;
 pub(super) mod show;
+pub(super) mod upload;
 pub(super) mod uploads;
 mod view;
 pub(super) mod workers;

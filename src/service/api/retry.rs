@@ -39,7 +39,7 @@ pub(in crate::service) async fn retry(Extract(shared): App, caller: Caller, Path
     if !job.keeps_upload() {
         return Err(upload_is_gone().into());
     }
-    match job_blobs::upload(&shared.files, shared.store.as_ref(), &job, files::MESH).await {
+    match job_blobs::upload(&shared.files, shared.store.as_ref(), &job, files::MESH, None).await {
         Ok(_) => {}
         Err(error) if error.kind == Kind::NotFound => return Err(upload_is_gone().into()),
         Err(error) => return Err(error.into()),

@@ -92,7 +92,7 @@ impl Pipeline {
     async fn prepare(&self, ticket: Ticket, job: &Job, slot: Slot, broken_off: CancellationToken) -> Result<Prepared> {
         let spec = job.spec.clone();
         let upload = async |name: &str| {
-            job_blobs::upload(&self.files, self.store.as_ref(), job, name).await.map_err(upload_is_gone)
+            job_blobs::upload(&self.files, self.store.as_ref(), job, name, None).await.map_err(upload_is_gone)
         };
         let mut uploads = Vec::new();
         for name in iter::once(files::MESH.to_owned()).chain((0..spec.buffers.len()).map(files::buffer)) {

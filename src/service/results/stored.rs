@@ -1,4 +1,4 @@
-//! The stored blobs of a result as responses.
+//! The stored blobs of a result, and those of an upload, as responses.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -12,6 +12,7 @@ use object_store::GetRange;
 use super::body::streamed;
 use crate::artifacts::Need;
 use crate::error::{Error, Kind, Result};
+use crate::service::blobs::Blob;
 use crate::service::conditional::Parts;
 use crate::service::job_blobs;
 use crate::service::state::Shared;
@@ -67,14 +68,36 @@ pub(in crate::service) async fn stored(
     media_type: &'static str,
 ) -> Result<Response> {
     let (files, store) = (Arc::clone(&shared.files), Arc::clone(&shared.store));
-    let blob = job_blobs::result(&files, store.as_ref(), job, name, range).await?;
-    let (job, name, start) = (job.clone(), name.to_owned(), blob.start());
-    let part = move |range: Range<u64>| -> BoxFuture<'static, Result<Body>> {
+    let (job, name) = (job.clone(), name.to_owned());
+    let read = move |range| -> BoxFuture<'static, Result<Blob>> {
         let (files, store, job, name) = (Arc::clone(&files), Arc::clone(&store), job.clone(), name.clone());
-        let range = GetRange::Bounded(start + range.start..start + range.end);
-        Box::pin(
-            async move { Ok(job_blobs::result(&files, store.as_ref(), &job, &name, Some(range)).await?.into_body()) },
-        )
+        Box::pin(async move { job_blobs::result(&files, store.as_ref(), &job, &name, range).await })
+    };
+    in_parts(read, range, media_type).await
+}
+
+/// A file of an upload as a response that streams it.
+pub(in crate::service) async fn uploaded(shared: &Shared, job: &Job, name: &str) -> Result<Response> {
+    let (files, store) = (Arc::clone(&shared.files), Arc::clone(&shared.store));
+    let (job, name) = (job.clone(), name.to_owned());
+    let read = move |range| -> BoxFuture<'static, Result<Blob>> {
+        let (files, store, job, name) = (Arc::clone(&files), Arc::clone(&store), job.clone(), name.clone());
+        Box::pin(async move { job_blobs::upload(&files, store.as_ref(), &job, &name, range).await })
+    };
+    in_parts(read, None, "application/octet-stream").await
+}
+
+/// What `read` opens, as a response that can also give a part of it.
+async fn in_parts(
+    read: impl Fn(Option<GetRange>) -> BoxFuture<'static, Result<Blob>> + Send + Sync + 'static,
+    range: Option<GetRange>,
+    media_type: &'static str,
+) -> Result<Response> {
+    let blob = read(range).await?;
+    let start = blob.start();
+    let part = move |range: Range<u64>| -> BoxFuture<'static, Result<Body>> {
+        let blob = read(Some(GetRange::Bounded(start + range.start..start + range.end)));
+        Box::pin(async move { Ok(blob.await?.into_body()) })
     };
     let mut response = streamed(blob.length(), blob.into_body(), media_type);
     response.extensions_mut().insert(Parts(Arc::new(part)));

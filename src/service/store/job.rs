@@ -283,6 +283,11 @@ impl Job {
         }
     }
 
+    /// Whether its upload is there.
+    pub fn has_upload(&self) -> bool {
+        !self.state.is_ended() || self.keeps_upload()
+    }
+
     /// Whether its upload is kept after its end: that of a job that was given up, which may be run again.
     pub fn keeps_upload(&self) -> bool {
         self.problem.as_ref().is_some_and(|problem| problem.kind == Kind::Poison)

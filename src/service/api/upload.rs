@@ -1,0 +1,77 @@
+//! The mesh of a job as it was uploaded.
+
+#![allow(unused_qualifications, reason = "utoipa's macros write whole paths")]
+
+use axum::extract::{Path, State as Extract};
+use axum::http::Uri;
+use serde::Deserialize;
+use utoipa::IntoParams;
+
+use super::binary::Binary;
+use crate::error::{Error, Kind, Quoted};
+use crate::service::access::Caller;
+use crate::service::problem::{Answer, Problematic};
+use crate::service::results::stored::{attachment, uploaded};
+use crate::service::state::App;
+use crate::service::{files, query};
+
+/// The query of an upload.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::service) struct UploadQuery {
+    /// The buffer of this name, one of the job's `mesh.buffers`, in place of the mesh
+    buffer: Option<String>,
+}
+
+/// Get the upload
+///
+/// The mesh as it was uploaded, in the format that `mesh.format` of the job names, or one of its buffers. It is there
+/// while the job waits and runs, and of a job that was given up (`/problems/poison`); then 404.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/upload", tag = "jobs", operation_id = "getUpload",
+    params(UploadQuery),
+    responses(
+        (status = 200, description = "The bytes", body = Binary, content_type = "application/octet-stream"),
+        (status = 206, description = "The part of them that `Range` names", body = Binary,
+         content_type = "application/octet-stream"),
+        (status = 304, description = "The client has them already (`If-None-Match`)"),
+        (status = 416, response = Problematic),
+        (status = 422, response = Problematic),
+    ),
+)]
+pub(in crate::service) async fn upload(
+    Extract(shared): App,
+    caller: Caller,
+    Path(id): Path<String>,
+    uri: Uri,
+) -> Answer {
+    let job = shared.job(&caller, &id).await?;
+    let UploadQuery { buffer } = query::read(&uri)?;
+    let (blob, file) = match buffer {
+        None => (files::MESH.to_owned(), format!("upload.{}", job.spec.format.name())),
+        Some(name) => {
+            let index = job.spec.buffers.iter().position(|buffer| *buffer == name).ok_or_else(|| {
+                let known = job.spec.buffers.join(", ");
+                Error::parameter(format_args!("buffer must be one of the job's ({known}), not {}", Quoted(&name)))
+            })?;
+            (files::buffer(index), format!("buffer-{index}.bin"))
+        }
+    };
+    let found = match job.has_upload() {
+        true => uploaded(&shared, &job, &blob).await,
+        false => Err(Error::new(Kind::NotFound, "")),
+    };
+    let mut response = found.map_err(|error| match error.kind {
+        Kind::NotFound => Error::new(
+            Kind::NotFound,
+            format_args!(
+                "an upload is kept until its job ends; keep_mesh=true keeps the mesh with the result. The job is {}",
+                job.state.name()
+            ),
+        ),
+        _ => error,
+    })?;
+    attachment(&mut response, &job, &file);
+    Ok(response)
+}

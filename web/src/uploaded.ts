@@ -1,0 +1,17 @@
+// The mesh of a job that has not ended, as it was uploaded: for a page that did not send it.
+
+import { type Job, output, request } from "./api";
+
+/** Bytes above which a mesh is not fetched for its picture. */
+const MOST_BYTES = 1e9;
+
+/** The mesh first, then its buffers. */
+export async function uploaded(job: Job, signal: AbortSignal): Promise<File[]> {
+  const { format, bytes, buffers } = job.mesh;
+  if (bytes > MOST_BYTES) throw new Error("it is above 1 GB");
+  const get = async (name: string, buffer: string | null): Promise<File> => {
+    const response = await request(output(job, "upload", { buffer }), { signal });
+    return new File([await response.blob()], name);
+  };
+  return await Promise.all([get(`mesh.${format}`, null), ...buffers.map((name) => get(name, name))]);
+}
