@@ -344,7 +344,7 @@ mod tests {
         let job = create(&store, &first).await;
         first.folder.keep();
         let seeds = async || {
-            let blob = job_blobs::upload(&one, &store, &job, SEEDS).await?;
+            let blob = job_blobs::upload(&one, &store, &job, SEEDS, None).await?;
             Ok::<_, Error>(blob.bytes().await?.to_vec())
         };
         assert_eq!(seeds().await.expect("there"), b"[0, 1]");
