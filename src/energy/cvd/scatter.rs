@@ -81,7 +81,7 @@ mod tests {
         };
         for round in 0..2000 {
             let (near, far) = (1 + round % 20, round % 27);
-            let far: [i32; 3] = std::array::from_fn(|_| next(far as u32 + 1));
+            let far: [i32; 3] = std::array::from_fn(|_| next(far + 1));
             let mut part = |count: usize, at: [i32; 3]| -> Vec<Face> {
                 let mut point = || Face { centroid: at.map(|at| at + next(near)), weight: 1 + next(near) as u32 };
                 (0..count).map(|_| point()).collect()
