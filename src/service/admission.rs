@@ -84,8 +84,8 @@ impl Admission {
     }
 
     /// Reserves an upload by URL, if with the waiting jobs a tenant then has at most as many as jobs may wait. They are
-    /// counted again when it is reserved: a tenant never exceeds its limit, however many services reserve at once; near
-    /// the limit, some may be refused that would have fitted.
+    /// counted again when it is reserved: reserving takes no tenant above its limit, however many services reserve at
+    /// once; near the limit, some may be refused that would have fitted.
     pub async fn reserve(&self, files: &Files, tenant: &Tenant, bytes: u64) -> Result<(JobId, PutUrl), Failure> {
         self.check_quota(tenant, files.reserved(&tenant.name).await?).await?;
         let (id, url) = files.reserve(&tenant.name, bytes).await?;
@@ -94,7 +94,7 @@ impl Admission {
             Err(error) => Err(error.into()),
         };
         if let Err(refusal) = fits {
-            files.unreserve(&tenant.name, id).await;
+            files.forget(&tenant.name, id).await;
             return Err(refusal);
         }
         Ok((id, url))

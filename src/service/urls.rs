@@ -24,7 +24,7 @@ pub(super) struct Urls {
     hierarchy: Option<String>,
     /// Its report, once it has succeeded.
     report: String,
-    /// Its mesh as it was uploaded; null when that is gone, as it is when the job has ended.
+    /// Its mesh as it was uploaded, while the job waits and runs and of a job that was given up; null otherwise.
     upload: Option<String>,
     /// What it can give of its mesh, by name, once it has succeeded: what was named, or all if it keeps the mesh. Of a
     /// whole hierarchy, with `?clusters=K`.

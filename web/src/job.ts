@@ -98,11 +98,11 @@ export class JobPage {
     await this.whenThere(() => this.showResult());
   }
 
-  /** Waits until a job that failed is run again; false for one that cannot be. */
+  /** Waits until a job that was given up is run again; false for any other, whose upload is gone. */
   private async isRunAgain(): Promise<boolean> {
     const { signal } = this.abort;
     const { ended_at: ended } = this.job;
-    while (this.job.state === "failed") {
+    while (this.job.state === "failed" && this.job.urls.upload !== null) {
       await pause(LOOK_EVERY, signal);
       if (document.hidden) continue;
       await this.whenThere(async () => {

@@ -1,14 +1,16 @@
 // The mesh of a job that has not ended, as it was uploaded: for a page that did not send it.
 
-import { type Job, output, request } from "./api";
+import { type Job, length, output, request } from "./api";
 
 /** Bytes above which a mesh is not fetched for its picture. */
 const MOST_BYTES = 1e9;
 
 /** The mesh first, then its buffers. */
 export async function uploaded(job: Job, signal: AbortSignal): Promise<File[]> {
-  const { format, bytes, buffers } = job.mesh;
-  if (bytes > MOST_BYTES) throw new Error("it is above 1 GB");
+  const { format, buffers } = job.mesh;
+  const paths = [output(job, "upload", {}), ...buffers.map((buffer) => output(job, "upload", { buffer }))];
+  const lengths = await Promise.all(paths.map((path) => length(path, signal)));
+  if (lengths.reduce<number>((all, bytes) => all + (bytes ?? 0), 0) > MOST_BYTES) throw new Error("it is above 1 GB");
   const get = async (name: string, buffer: string | null): Promise<File> => {
     const response = await request(output(job, "upload", { buffer }), { signal });
     return new File([await response.blob()], name);

@@ -105,7 +105,7 @@ export const states = {
       await succeeded(result);
       await drawn(result, 100);
       const slow = { name: "slow.obj", clusters: 3000, algorithm: "acvd" };
-      await submit(running, sample(service, "knot", 120_000), slow);
+      await submit(running, sample(service, "knot", 300_000), slow);
       await until("it runs", async () => (await text(running, "#state")).startsWith("running"));
       await running.waitForSelector("#preview canvas[data-frames]");
       await submit(waiting, sample(service, "sphere", 500), { name: "next.obj", clusters: 5 });

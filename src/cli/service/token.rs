@@ -88,7 +88,7 @@ impl Place {
     fn read(&self) -> Result<TokenFile, Failure> {
         match &self.tokens {
             Some(path) => Ok(TokenFile::read(path)?),
-            None => in_store::read(self.store()?),
+            None => Ok(in_store::read(self.store()?)?),
         }
     }
 
@@ -109,29 +109,26 @@ impl Place {
 /// Tokens in a database.
 #[cfg(feature = "postgres")]
 mod in_store {
-    pub use crate::service::change_tokens as change;
-
-    use crate::cli::Failure;
-    use crate::service::{StoreUrl, TokenFile};
-
-    pub fn read(url: &StoreUrl) -> Result<TokenFile, Failure> {
-        Ok(crate::service::read_tokens(url)?)
-    }
+    pub use crate::service::{change_tokens as change, read_tokens as read};
 }
 
 /// Refuses a database: this build knows none.
 #[cfg(not(feature = "postgres"))]
 mod in_store {
     use crate::cli::Failure;
-    use crate::error::Error;
+    use crate::error::{Error, Result};
     use crate::service::{StoreUrl, TokenFile};
 
-    pub fn read(_: &StoreUrl) -> Result<TokenFile, Failure> {
-        Err(Error::parameter("this build has no --store: build tesserae with the cargo feature postgres").into())
+    pub fn read(_: &StoreUrl) -> Result<TokenFile> {
+        Err(refused())
     }
 
-    pub fn change<T>(url: &StoreUrl, change: impl FnOnce(&mut TokenFile) -> Result<T, Failure>) -> Result<T, Failure> {
-        change(&mut read(url)?)
+    pub fn change<T>(_: &StoreUrl, _: impl FnOnce(&mut TokenFile) -> Result<T, Failure>) -> Result<T, Failure> {
+        Err(refused().into())
+    }
+
+    fn refused() -> Error {
+        Error::parameter("this build has no --store: build tesserae with the cargo feature postgres")
     }
 }
 

@@ -35,7 +35,8 @@
 //! and breaths are compared with what there is, and discarded unless they are lower. Every step keeps the number of
 //! clusters, and each of them connected.
 //!
-//! Nothing depends on the device: the steps are exact integer arithmetic on the host. On even meshes a pass over the
+//! Nothing depends on the device: the steps are exact integer arithmetic on the host, and bounds in f64, in a fixed
+//! order, only leave out work. On even meshes a pass over the
 //! mesh shows that no swap pays ([`gate`]), and nothing else is done; `best` mixes in the results of cheaper jobs
 //! there, too.
 
@@ -128,7 +129,7 @@ impl<'a> Relocation<'a> {
         cheaper: Cheaper<'_>,
         on_change: OnChange<'_>,
     ) -> Result<Vec<u32>> {
-        if self.effort != Effort::All && self.is_even(&labels) {
+        if self.effort != Effort::All && self.no_swap_can_pay(&labels) {
             return Ok(labels);
         }
         let mut best = State::new(self.graph, labels);
@@ -155,7 +156,7 @@ impl<'a> Relocation<'a> {
 
     /// Makes the steps that begin with the clusters as they are: B, E and F.
     pub fn labels_from(&self, labels: Vec<u32>, on_change: OnChange<'_>) -> Result<Vec<u32>> {
-        if self.is_even(&labels) {
+        if self.no_swap_can_pay(&labels) {
             return Ok(labels);
         }
         let mut best = State::new(self.graph, labels);
@@ -167,8 +168,8 @@ impl<'a> Relocation<'a> {
         self.relax_and_breathe(best, on_change)
     }
 
-    /// Whether no swap pays and nothing else is worth it.
-    fn is_even(&self, labels: &[u32]) -> bool {
+    /// Whether bounds show that no swap pays, and nothing else is worth it.
+    fn no_swap_can_pay(&self, labels: &[u32]) -> bool {
         let clusters = labels.iter().max().map_or(0, |&last| last as usize + 1);
         !self.tries_more(clusters, false) && !gate::may_pay(self.graph, labels, clusters)
     }

@@ -23,7 +23,7 @@
 //!
 //! The other phases move single faces, and end where only a merge and a split at once would pay. They also leave each
 //! component the number of clusters that its area gave it, which is far from the best where faces are uneven. On even
-//! meshes no split might gain enough.
+//! meshes bounds rule out every split.
 
 use super::candidates::Candidates;
 use super::clusters::Clusters;

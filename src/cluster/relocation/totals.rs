@@ -6,7 +6,8 @@ use crate::surface::DualGraph;
 /// A proxy, and what it explains ([`Sums::fit`]).
 pub type Fit = (Proxy, i128);
 
-/// The totals of a cluster. Energies are in the unit of the finest component: numbers of its own are shifted left.
+/// The totals of a cluster. `constant` and `fit` are in the component's unit; the methods shift their results left by
+/// `shift`, to that of the finest component.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Totals {
     pub sums: ClusterSums,

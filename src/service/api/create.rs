@@ -190,7 +190,7 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
             }
             folder.keep();
             if wanted.is_some() {
-                // that service stored the same parts
+                // the other service's copy of the parts is the job's
                 if let Some(parts) = parts.filter(|_| job.spec.parts() != wanted.as_ref().and_then(Spec::parts)) {
                     shared.files.remove_parts(id, parts).await;
                 }

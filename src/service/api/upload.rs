@@ -27,7 +27,8 @@ pub(in crate::service) struct UploadQuery {
 /// Get the upload
 ///
 /// The mesh as it was uploaded, in the format that `mesh.format` of the job names, or one of its buffers. It is there
-/// while the job waits and runs, and of a job that was given up (`/problems/poison`); then 404.
+/// while the job waits and runs, and of a job that was given up (`/problems/poison`); 404 otherwise, and where the mesh
+/// was named by a `mesh_url`.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/upload", tag = "jobs", operation_id = "getUpload",
     params(UploadQuery),
@@ -58,20 +59,15 @@ pub(in crate::service) async fn upload(
             (files::buffer(index), format!("buffer-{index}.bin"))
         }
     };
-    let found = match job.has_upload() {
-        true => uploaded(&shared, &job, &blob).await,
-        false => Err(Error::new(Kind::NotFound, "")),
-    };
-    let mut response = found.map_err(|error| match error.kind {
-        Kind::NotFound => Error::new(
-            Kind::NotFound,
-            format_args!(
-                "an upload is kept until its job ends; keep_mesh=true keeps the mesh with the result. The job is {}",
-                job.state.name()
-            ),
-        ),
-        _ => error,
-    })?;
+    if !job.has_upload() {
+        let message = format_args!(
+            "an upload is kept until its job ends, and what a mesh_url names is read at its place; keep_mesh=true \
+             keeps the mesh with the result. The job is {}",
+            job.state.name()
+        );
+        return Err(Error::new(Kind::NotFound, message).into());
+    }
+    let mut response = uploaded(&shared, &job, &blob).await?;
     attachment(&mut response, &job, &file);
     Ok(response)
 }

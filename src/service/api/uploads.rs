@@ -8,8 +8,10 @@ use axum::Json;
 use axum::extract::{Path, State as Extract};
 use axum::http::{StatusCode, Uri};
 use serde::{Deserialize, Serialize};
+use tracing::Instrument as _;
 use utoipa::ToSchema;
 
+use crate::error::{Error, Kind};
 use crate::service::access::Caller;
 use crate::service::audit::{self, Action};
 use crate::service::blobs::PutUrl;
@@ -66,12 +68,16 @@ pub(in crate::service) async fn create(
     if shared.stop.is_cancelled() {
         return Err(Shared::stopping().into());
     }
-    let tenant = caller.tenant()?;
+    let tenant = caller.tenant()?.clone();
     let Wanted { bytes } = query::read(&uri)?;
     shared.files.check_urls()?;
     shared.settings.limits().check_bytes(bytes)?;
     let now = SystemTime::now();
-    let (id, PutUrl { url, valid }) = shared.admission.reserve(&shared.files, tenant, bytes).await?;
+    // on a task of its own, so that a client that hangs up now leaves no reservation that it does not know
+    let reserving = async move { shared.admission.reserve(&shared.files, &tenant, bytes).await };
+    let (id, PutUrl { url, valid }) = tokio::spawn(reserving.in_current_span())
+        .await
+        .map_err(|error| Error::new(Kind::Internal, format_args!("the upload was not reserved: {error}")))??;
     audit::record(Action::Reserved(bytes), &caller, id);
     let (url_expires_at, expires_at) = (rfc3339(now + valid), rfc3339(now + RESERVED_FOR));
     Ok((StatusCode::CREATED, Json(UploadView { id, url, url_expires_at, expires_at })))

@@ -56,7 +56,7 @@ pub(super) trait Blobs: Debug + Send + Sync {
     /// Opens a blob, or a range of it. [`Kind::NotFound`] if it is not there.
     async fn get(&self, path: &Path, range: Option<GetRange>) -> Result<Blob>;
 
-    /// The same of a blob that may be another's: [`Kind::Conflict`] if its [tag](Found::tag) is another one, and
+    /// The same of a blob outside the place of the service: [`Kind::Conflict`] if its [tag](Found::tag) is another one, and
     /// [`Kind::Forbidden`] if it may not be read.
     async fn get_tagged(&self, path: &Path, range: Option<GetRange>, tag: Option<&str>) -> Result<Blob>;
 
@@ -113,7 +113,7 @@ pub(super) trait UploadUrls: Debug + Send + Sync {
 pub(super) struct PutUrl {
     /// The URL.
     pub url: String,
-    /// For how long at least.
+    /// For how long at least, as far as is known of the key.
     pub valid: Duration,
 }
 
@@ -326,7 +326,7 @@ fn cannot_read(error: object_store::Error) -> Error {
     }
 }
 
-/// The error of a blob that cannot be read, and may be another's.
+/// The error of a blob that cannot be read, outside the place of the service.
 fn may_not_read(error: object_store::Error) -> Error {
     match error {
         object_store::Error::PermissionDenied { .. } | object_store::Error::Unauthenticated { .. } => {

@@ -131,7 +131,7 @@ fn are_small(blobs: &[BlobWriter]) -> bool {
 impl Drop for Incoming {
     fn drop(&mut self) {
         let (files, id, folder) = (Arc::clone(&self.files), self.id, self.folder);
-        // the promise of a job that is there already, whose number a request named, stays
+        // a request that names an existing job has promised nothing: that job's promise stays
         if self.has_promised && !self.kept {
             files.give_back(id);
         }

@@ -4,6 +4,7 @@
 //! DIR/lock                          held by the one process that works here
 //! DIR/jobs.sqlite3…                 the store of jobs
 //! DIR/uploads/{job}/…               from the request until the job ends
+//! DIR/uploads/{job}/{request}/…     what a request brought with an upload by URL
 //! DIR/results/{job}/{attempt}/…     from the attempt that succeeded until the job is deleted
 //! DIR/reserved/{tenant}/{job}/…     from the reservation of an upload by URL until a job is made of it
 //! DIR/urls/{job}/…                  from the reservation of an upload by URL on, as long as that could last

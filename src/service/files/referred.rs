@@ -68,7 +68,7 @@ impl Files {
             self.blobs.put(&given_url(id).join(MESH), Bytes::new()).await
         };
         if let Err(error) = self.noting(stored.await) {
-            self.unreserve(tenant, id).await;
+            self.forget(tenant, id).await;
             return Err(error);
         }
         Ok((id, url))
@@ -79,12 +79,18 @@ impl Files {
         self.remove_below(&reservation(tenant, id)).await;
     }
 
+    /// Takes an upload back whose URL no client got.
+    pub async fn forget(&self, tenant: &str, id: JobId) {
+        self.unreserve(tenant, id).await;
+        self.remove_below(&given_url(id)).await;
+    }
+
     /// Number of bytes that an upload is to have; [`Kind::NotFound`] unless the tenant reserved it, not long ago.
     pub async fn reserved_bytes(&self, tenant: &str, id: JobId) -> Result<u64> {
         self.url_maker()?;
         let path = reservation(tenant, id).join(MESH);
         let found = async {
-            let found = self.blobs.find(&path).await.map_err(own)?;
+            let found = self.blobs.find(&path).await.map_err(forbidden_as_unavailable)?;
             let bytes = self.blobs.get(&path, None).await?.bytes().await?;
             let bytes = str::from_utf8(&bytes).ok().and_then(|text| text.parse().ok());
             Ok((found, bytes.ok_or_else(|| Error::new(Kind::Internal, "a reservation of an upload is damaged"))?))
@@ -105,7 +111,7 @@ impl Files {
     /// What is known of a mesh that no request brings, without reading it.
     pub async fn find_referred(&self, id: JobId, tenant: &str, url: Option<&str>) -> Result<Found> {
         let (blobs, path) = self.place_of(id, tenant, url)?;
-        let found = self.readable(blobs.find(&path).await, url).await;
+        let found = self.explain_forbidden(blobs.find(&path).await, url).await;
         self.noting(found).map_err(|error| match (error.kind, url) {
             (Kind::NotFound, None) => Error::new(
                 Kind::Conflict,
@@ -125,8 +131,8 @@ impl Files {
         range: Option<GetRange>,
     ) -> Result<Blob> {
         let (blobs, path) = self.place_of(id, tenant, referred.url.as_deref())?;
-        let found = blobs.get_tagged(&path, range, referred.tag.as_deref()).await;
-        let found = self.readable(found, referred.url.as_deref()).await;
+        // it could be read when the job was accepted: a key that may not read it now may do so again
+        let found = blobs.get_tagged(&path, range, referred.tag.as_deref()).await.map_err(forbidden_as_unavailable);
         self.noting(found).map_err(|error| match (error.kind, &referred.url) {
             (Kind::Conflict, _) => Error::mesh("the mesh was replaced by another one after the job was accepted"),
             (Kind::NotFound, Some(url)) => no_object(url),
@@ -168,7 +174,7 @@ impl Files {
 
     /// Says what to do where a bucket does not let the service read a mesh. While it lets the service read nothing, its
     /// key is wrong, and nothing is wrong with the mesh.
-    pub(super) async fn readable<T>(&self, found: Result<T>, url: Option<&str>) -> Result<T> {
+    pub(super) async fn explain_forbidden<T>(&self, found: Result<T>, url: Option<&str>) -> Result<T> {
         match (found, url) {
             (Err(error), Some(url)) if error.kind == Kind::Forbidden => {
                 self.check_place().await?;
@@ -177,7 +183,7 @@ impl Files {
                      of the service s3:GetObject on it; {url:?}"
                 )))
             }
-            (found, _) => found.map_err(own),
+            (found, _) => found.map_err(forbidden_as_unavailable),
         }
     }
 
@@ -223,7 +229,7 @@ fn given_url(id: JobId) -> BlobPath {
 }
 
 /// The error of a file of the service's own, which it must be able to read.
-fn own(error: Error) -> Error {
+fn forbidden_as_unavailable(error: Error) -> Error {
     match error.kind {
         Kind::Forbidden => Error::new(Kind::Unavailable, error.message),
         _ => error,

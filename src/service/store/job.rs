@@ -283,9 +283,10 @@ impl Job {
         }
     }
 
-    /// Whether its upload is there.
+    /// Whether its upload is there to be read: not what a client named by a `mesh_url`.
     pub fn has_upload(&self) -> bool {
-        !self.state.is_ended() || self.keeps_upload()
+        let is_named = self.spec.referred.as_ref().is_some_and(|referred| referred.url.is_some());
+        !is_named && (!self.state.is_ended() || self.keeps_upload())
     }
 
     /// Whether its upload is kept after its end: that of a job that was given up, which may be run again.

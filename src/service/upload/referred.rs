@@ -58,7 +58,7 @@ pub(super) async fn find(
     };
     let found = files.find_referred(folder.id(), tenant, url.as_deref()).await?;
     if let Some(bytes) = reserved.filter(|bytes| *bytes != found.bytes) {
-        return Err(wrong_size(folder.id(), files, bytes, found.bytes).await);
+        return Err(wrong_size(folder.id(), files, store, bytes, found.bytes).await?);
     }
     let mesh = look(folder.id(), files, tenant, url, found, rules).await?;
     folder.refers_to(mesh.saved.bytes);
@@ -67,21 +67,24 @@ pub(super) async fn find(
 
 /// The error of an upload by URL that has another number of bytes than reserved: no signature says how many its URL
 /// takes. One with more is removed.
-async fn wrong_size(id: JobId, files: &Files, reserved: u64, bytes: u64) -> Error {
+async fn wrong_size(id: JobId, files: &Files, store: &dyn Queue, reserved: u64, bytes: u64) -> Result<Error> {
     if bytes < reserved {
-        return Error::new(
+        return Ok(Error::new(
             Kind::Conflict,
             format_args!(
                 "the upload was reserved for {reserved} bytes: PUT the whole mesh to its URL, or reserve another one; \
                  it has bytes: {bytes}"
             ),
-        );
+        ));
     }
-    files.remove_upload(id).await;
-    Error::too_large(format_args!(
+    // unless another service made a job of it in this moment
+    if store.get(id).await?.is_none() {
+        files.remove_upload(id).await;
+    }
+    Ok(Error::too_large(format_args!(
         "the upload was reserved for {reserved} bytes, and what was stored at its URL is larger and was removed: PUT \
          the mesh there that was reserved for, or reserve another upload; it had bytes: {bytes}"
-    ))
+    )))
 }
 
 /// Reads the head of a mesh.

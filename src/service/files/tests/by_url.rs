@@ -67,7 +67,7 @@ async fn a_mesh_that_the_bucket_does_not_show_is_refused_unless_it_shows_nothing
     let files = Files::with_urls(folder.path());
     let refused = async |url| {
         let forbidden = Error::new(Kind::Forbidden, "403");
-        files.readable(Err::<(), _>(forbidden), url).await.expect_err("forbidden")
+        files.explain_forbidden(Err::<(), _>(forbidden), url).await.expect_err("forbidden")
     };
     let url = "s3://bucket/meshes/x.glb";
     let error = refused(Some(url)).await;

@@ -10,7 +10,7 @@ ALTER TABLE workers ADD COLUMN drains boolean NOT NULL DEFAULT false;
 --
 -- Plans are generic, as planning would take longer than the claim, and by index, as the statistics of a queue are those
 -- of a moment that is over. A claim takes the same time however many jobs wait: a bitmap has no order, so its plan would
--- read all of them; the expression around the state keeps the update, too, from the index of waiting jobs.
+-- read all of them.
 CREATE FUNCTION claim_2(
     me uuid, me_name text, me_version text, ttl double precision, most integer, newcomers integer,
     alone double precision, alone_from integer,
@@ -116,6 +116,7 @@ BEGIN
             UPDATE jobs SET state = 'running', attempt = jobs.attempt + 1, started_at = t, lease_until = until,
                 worker = me_name, boot = me, begun = coalesce((spec ->> 'is_small')::boolean, false),
                 last_seq = last_seq + 1, reserved_by = NULL, reserved_until = NULL
+            -- by number: the expression around the state keeps the planner from the index of waiting jobs
             FROM chosen WHERE jobs.number = ANY (ARRAY(SELECT c.number FROM chosen AS c))
             AND jobs.number = chosen.number AND jobs.state || '' = 'queued'
             RETURNING jobs AS job, chosen.*
