@@ -36,9 +36,8 @@
 //! clusters, and each of them connected.
 //!
 //! Nothing depends on the device: the steps are exact integer arithmetic on the host, and bounds in f64, in a fixed
-//! order, only leave out work. On even meshes a pass over the
-//! mesh shows that no swap pays ([`gate`]), and nothing else is done; `best` mixes in the results of cheaper jobs
-//! there, too.
+//! order, only leave out work. On even meshes a pass over the mesh shows that no swap pays ([`gate`]), and nothing else
+//! is done; `best` mixes in the results of cheaper jobs there, too.
 
 mod breathe;
 mod candidates;

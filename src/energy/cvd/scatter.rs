@@ -54,8 +54,6 @@ impl Bounds for Scatter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::energy::Sums;
-    use crate::energy::cvd::ClusterSums;
 
     fn sums(faces: &[Face]) -> ClusterSums {
         let mut sums = ClusterSums::default();
