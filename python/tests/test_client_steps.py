@@ -107,7 +107,7 @@ def test_an_upload_by_reference_goes_to_the_bucket_and_is_given_up_when_refused(
         assert made.form is not None
         assert [name for name, *_ in made.form.parts] == ["parameters"]
     for file_name, format, expected in [("a.b/horse.STL", None, "stl"), ("horse.stl", "ply", "ply"), ("x", None, None)]:
-        named = {**options, "file_name": file_name, "format": format}
+        named: Any = {**options, "file_name": file_name, "format": format}
         _, requests, _ = play(steps.submit(OBJ, named, 60.0), [upload, done, job("queued")], clock)
         assert requests[-1].query.get("format") == expected
     given_up: list[tuple[str, str]] = []

@@ -56,8 +56,8 @@ pub(super) trait Blobs: Debug + Send + Sync {
     /// Opens a blob, or a range of it. [`Kind::NotFound`] if it is not there.
     async fn get(&self, path: &Path, range: Option<GetRange>) -> Result<Blob>;
 
-    /// The same of a blob outside the place of the service: [`Kind::Conflict`] if its [tag](Found::tag) is another one, and
-    /// [`Kind::Forbidden`] if it may not be read.
+    /// The same of a blob outside the place of the service: [`Kind::Conflict`] if its [tag](Found::tag) is another one,
+    /// and [`Kind::Forbidden`] if it may not be read.
     async fn get_tagged(&self, path: &Path, range: Option<GetRange>, tag: Option<&str>) -> Result<Blob>;
 
     /// What is known of a blob without opening it. [`Kind::NotFound`] if it is not there, [`Kind::Forbidden`] if it may

@@ -26,8 +26,8 @@ async fn claimers_of_many_services_take_each_job_once() {
 }
 
 /// Workers on devices that take 50 ms for a job: four do nearly four times as much as one, as none waits for another.
-/// Beside all other tests they do more than twice as much. `WORKER_JOBS=100`, with `-- --nocapture`, gives the figure in
-/// `docs/farm.md`.
+/// Beside all other tests they do more than twice as much. `WORKER_JOBS=100`, with `-- --nocapture`, gives the figure
+/// in `docs/farm.md`.
 #[tokio::test(flavor = "multi_thread")]
 async fn workers_add_up() {
     let Some(server) = Server::start() else { return };
