@@ -143,8 +143,11 @@ def flood(database, front, workers, kind, count):
                 status, body, _ = front.request(method, f"/v1/workers/{worker['id']}/drain")
                 assert status == 200 and json.loads(body)["draining"] == (method == "POST"), body
 
+    # those that were stopped before are listed for a while
+    now = database.ask("SELECT to_char(clock_timestamp() AT TIME ZONE 'UTC', 'YYYY-MM-DD\"T\"HH24:MI:SS.US')")
+
     def listed():
-        return {worker["name"] for worker in json.loads(front.get("/v1/workers"))["workers"]}
+        return {worker["name"] for worker in json.loads(front.get("/v1/workers"))["workers"] if worker["seen_at"] > now}
     wait_for(lambda: listed() >= {worker.name for worker in workers}, "all workers are listed")
     drained("POST")
     threads = [threading.Thread(target=lambda: [submitted(kind, front) for _ in range(count // 8)]) for _ in range(8)]
