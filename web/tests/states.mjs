@@ -104,8 +104,8 @@ export const states = {
       await submit(result, sample(service, "sphere", 2000), { name: "tree.obj", algorithm: "pml" });
       await succeeded(result);
       await drawn(result, 100);
-      const slow = { name: "slow.obj", clusters: 3000, algorithm: "acvd" };
-      await submit(running, sample(service, "knot", 300_000), slow);
+      const slow = { name: "slow.obj", clusters: 3000, quality: "best" };
+      await submit(running, sample(service, "knot", 150_000), slow);
       await until("it runs", async () => (await text(running, "#state")).startsWith("running"));
       await running.waitForSelector("#preview canvas[data-frames]");
       await submit(waiting, sample(service, "sphere", 500), { name: "next.obj", clusters: 5 });
@@ -138,7 +138,7 @@ export const states = {
     try {
       const page = await browser.open(service.url);
       const points = async (page) => Number(await page.getAttribute("#curve", "data-points"));
-      await submit(page, sample(service, "knot", 60_000), { name: "again.obj", clusters: 1000, algorithm: "acvd" });
+      await submit(page, sample(service, "knot", 150_000), { name: "again.obj", clusters: 1000, quality: "best" });
       await until("energies come", async () => (await points(page)) > 0);
       await service.kill();
       await service.again();
