@@ -114,6 +114,19 @@ fn swaps_take_clusters_from_one_component_to_another() {
 }
 
 #[test]
+fn bounds_show_that_no_swap_pays_on_an_even_sphere_and_do_not_where_one_pays() {
+    let even = Surface::build(&generate(Sample::Icosphere, 5120).expect("a mesh")).expect("a surface");
+    let labels = start(&even, 80);
+    let relocation = Relocation { graph: &even, effort: Effort::Swaps, cancel: &Cancel::default() };
+    let settled = relocation.labels(labels, &mut CpuDevice::new(), &mut std::iter::empty(), &mut |_, _, _, _| Ok(()));
+    assert!(!gate::may_pay(&even, &settled.expect("no cancellation"), 80));
+    let uneven = uneven(Sample::Parts, 3000);
+    let labels = start(&uneven, 60);
+    assert!(!relocated(&uneven, labels.clone(), Effort::Swaps, &mut CpuDevice::new()).1.is_empty(), "swaps pay");
+    assert!(gate::may_pay(&uneven, &labels, 60));
+}
+
+#[test]
 fn a_split_gains_what_it_says_and_leaves_two_connected_parts() {
     let surface = uneven(Sample::Parts, 500);
     let labels = start(&surface, 30);

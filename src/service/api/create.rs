@@ -177,7 +177,6 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
     if !is_known {
         folder.promise(&spec, &shared.settings.limits())?;
     }
-    let parts = folder.parts();
     let upload = folder.settle(|bytes| shared.store.takes(bytes)).await?;
     spec.is_small = !upload.is_empty();
     // of an upload by URL only: other jobs have new ids
@@ -189,9 +188,9 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
                 return repeated(&caller, job, wanted);
             }
             folder.keep();
-            if wanted.is_some() {
+            if let Some(wanted) = wanted {
                 // the other service's copy of the parts is the job's
-                if let Some(parts) = parts.filter(|_| job.spec.parts() != wanted.as_ref().and_then(Spec::parts)) {
+                if let Some(parts) = wanted.parts().filter(|&parts| job.spec.parts() != Some(parts)) {
                     shared.files.remove_parts(id, parts).await;
                 }
                 shared.files.unreserve(&tenant.name, id).await;

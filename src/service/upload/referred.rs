@@ -82,8 +82,8 @@ async fn wrong_size(id: JobId, files: &Files, store: &dyn Queue, reserved: u64, 
         files.remove_upload(id).await;
     }
     Ok(Error::too_large(format_args!(
-        "the upload was reserved for {reserved} bytes, and what was stored at its URL is larger and was removed: PUT \
-         the mesh there that was reserved for, or reserve another upload; it had bytes: {bytes}"
+        "the upload was reserved for {reserved} bytes, and what was stored at its URL is larger and is not kept: \
+         PUT the mesh there that was reserved for, or reserve another upload; it had bytes: {bytes}"
     )))
 }
 
