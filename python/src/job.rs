@@ -92,7 +92,11 @@ impl Job {
             seeds: self.seeds.as_deref(),
             weights: self.weights.as_deref(),
         });
-        Ok(Outcome::of(self.run(&prepared.map_err(|refusal| refusal.error)?, begin, cancel, reporter)?))
+        let prepared = prepared.map_err(|refusal| refusal.error)?;
+        let outcome = self.run(&prepared, begin, cancel, reporter)?;
+        // the caller need not wait for memory that is given back
+        rayon::spawn(move || drop(prepared));
+        Ok(Outcome::of(outcome))
     }
 
     /// Clusters the points of triangles: one label a point, -1 where no triangle uses it, and the number of clusters.

@@ -219,13 +219,20 @@ impl<'a> Edges<'a> {
 }
 
 /// Whether a number occurs twice.
-#[inline]
+#[inline(always)]
 fn has_repeated(numbers: &[u32]) -> bool {
     match *numbers {
         [] | [_] => false,
         [a, b] => a == b,
         [a, b, c] => (a == b) | (b == c) | (c == a),
-        _ if numbers.len() <= 8 => (1..numbers.len()).any(|at| numbers[..at].contains(&numbers[at])),
+        _ => has_many_repeated(numbers),
+    }
+}
+
+/// The same of more than three numbers, apart so that the rest is compiled into its callers.
+fn has_many_repeated(numbers: &[u32]) -> bool {
+    match numbers.len() {
+        ..=8 => (1..numbers.len()).any(|at| numbers[..at].contains(&numbers[at])),
         _ => {
             let mut sorted = numbers.to_vec();
             sorted.sort_unstable();

@@ -21,16 +21,16 @@ fn root(squared_distance: u64) -> f64 {
 ///
 /// Its gain stays negative while `√α·(d_a + x) ≤ √β·(d_b − y)`, where its own proxy drifts by x and another by y,
 /// `α = M_a/(M_a − w)` and `β = M_b/(M_b + w)`. Both factors are taken at the least weights that the clusters may have
-/// (`least_weight`), where they are worst. As √β ≤ 1 ≤ √α, the condition follows from
-/// `√α·(x + y) ≤ √β·d_b − √α·d_a`.
+/// (`least_weight`), where they are worst. As √β ≤ 1 ≤ √α, the condition follows from `x + y ≤ √(β/α)·d_b − d_a`.
 #[derive(Debug, Clone, Copy)]
 pub struct RefinementSlack {
     weight: f64,
-    /// √α.
-    root: f64,
-    /// √α·d_a.
-    own: f64,
-    slack: f64,
+    /// d_a².
+    own: u64,
+    /// 1/α; not above 0 where the cluster may become lighter than the face.
+    factor: f64,
+    /// The least β·d_b².
+    other: f64,
 }
 
 impl RefinementSlack {
@@ -38,27 +38,27 @@ impl RefinementSlack {
     pub fn new(weight: u32, squared_distance: u64, least_weight: u64) -> Self {
         let weight = f64::from(weight);
         let least = least_weight.cast_signed() as f64;
-        if least <= weight {
-            return Self { weight, root: 1.0, own: 0.0, slack: f64::NEG_INFINITY };
-        }
-        let root = (least / (least - weight)).sqrt();
-        Self { weight, root, own: root * self::root(squared_distance), slack: f64::INFINITY }
+        Self { weight, own: squared_distance, factor: (least - weight) / least, other: f64::INFINITY }
     }
 
     /// Takes another cluster into account.
     pub fn other(&mut self, squared_distance: u64, least_weight: u64) {
         let least = least_weight.cast_signed() as f64;
-        let other = (squared_distance.cast_signed() as f64 * (least / (least + self.weight))).sqrt();
-        self.slack = self.slack.min((other - self.own) / self.root);
+        self.other = self.other.min(squared_distance.cast_signed() as f64 * (least / (least + self.weight)));
     }
 
     /// The slack; 0 where the face may have a bid.
     pub fn get(self) -> u64 {
-        (self.slack - 1.0).max(0.0) as u64
+        (self.exact() - 1.0).max(0.0) as u64
     }
 
     /// Whether the face surely has no bid.
     pub fn is_clear(self) -> bool {
-        self.slack >= 1.0
+        self.exact() >= 1.0
+    }
+
+    /// The slack before it is rounded; not a number where there is none.
+    fn exact(self) -> f64 {
+        (self.factor * self.other).sqrt() - root(self.own)
     }
 }
