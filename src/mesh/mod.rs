@@ -227,6 +227,11 @@ pub fn claimed_faces(head: &[u8]) -> Option<u64> {
     if gltf::is_binary(head) || gltf::is_json(head) { gltf::claimed_faces(head) } else { None }
 }
 
+/// Bytes from the beginning of a file that [`claimed_faces`] reads, as far as its first [`HEAD_BYTES`] say.
+pub fn claiming_bytes(head: &[u8]) -> usize {
+    gltf::end_of_json(head)
+}
+
 /// Reads a mesh from its bytes.
 pub fn read(bytes: &[u8], format: Format, resources: &dyn Resources, limits: &Limits) -> Result<PolygonMesh> {
     let (mesh, _) = open(Source { bytes, format, resources, limits, attribute: None }, |opened| opened.read())??;

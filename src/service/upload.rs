@@ -33,8 +33,12 @@ pub(super) static ACCEPTED: LazyLock<String> = LazyLock::new(|| {
 /// The content codings of bodies that are read, for `Accept-Encoding` and for messages.
 pub(super) const ENCODINGS: &str = "gzip, zstd, identity";
 
-/// Bytes of a file that are kept in memory until the upload is whole: enough for the JSON of most glTF files.
+/// Bytes of a file's head that are kept in memory at most until the upload is whole: enough for the JSON of most glTF
+/// files.
 const KEPT: usize = 256 << 10;
+
+/// Bytes of a head that are looked at without another thread.
+const FEW: usize = 16 << 10;
 
 /// Longest file name that is kept, in characters.
 const MAX_NAME: usize = 255;
@@ -103,6 +107,7 @@ pub(super) async fn receive(
     let head = std::mem::take(&mut upload.head);
     upload.spec.claimed_faces = match &upload.earlier {
         Some(job) => job.spec.claimed_faces,
+        None if head.len() <= FEW => mesh::claimed_faces(&head),
         None => blocking(move || mesh::claimed_faces(&head)).await?,
     };
     Ok(upload)
@@ -219,13 +224,29 @@ pub(super) fn content_length(headers: &HeaderMap) -> Option<u64> {
 struct Saved {
     /// Its length.
     bytes: u64,
-    /// Its first bytes, [`KEPT`] at most.
+    /// Its first bytes: those that its format is recognised by, and the JSON of a glTF; [`KEPT`] at most.
     head: Vec<u8>,
     /// Its SHA-256, if that is wanted.
     digest: Option<[u8; 32]>,
 }
 
 impl Saved {
+    /// Keeps what belongs to the head of the next bytes.
+    fn keep(&mut self, mut bytes: &[u8]) {
+        loop {
+            let wanted = match self.head.len() {
+                ..HEAD_BYTES => HEAD_BYTES,
+                _ => mesh::claiming_bytes(&self.head).min(KEPT),
+            };
+            let (now, later) = bytes.split_at(bytes.len().min(wanted.saturating_sub(self.head.len())));
+            if now.is_empty() {
+                return;
+            }
+            self.head.extend_from_slice(now);
+            bytes = later;
+        }
+    }
+
     /// The bytes by which its format is recognised.
     fn head(&self) -> &[u8] {
         &self.head[..self.head.len().min(HEAD_BYTES)]
@@ -264,7 +285,7 @@ impl Destination {
             let chunk = chunk?;
             saved.bytes += chunk.len() as u64;
             let before = saved.head.len();
-            saved.head.extend_from_slice(&chunk[..chunk.len().min(KEPT - before)]);
+            saved.keep(&chunk);
             if before < HEAD_BYTES && saved.head.len() >= HEAD_BYTES {
                 early(saved.head())?;
             }
@@ -301,6 +322,23 @@ mod tests {
             assert_eq!(kind(content_type), Ok(expected), "{content_type}");
         }
         assert_eq!(body_kind(&HeaderMap::new()), Ok(BodyKind::Mesh(None)));
+    }
+
+    #[test]
+    fn a_head_has_the_json_of_a_gltf_and_little_of_other_formats() {
+        let json = format!("{{\"extras\":\"{}\"}}", "x".repeat(3 * HEAD_BYTES));
+        let length = (json.len() as u32).to_le_bytes();
+        let glb = [b"glTF".as_slice(), &[2, 0, 0, 0], &[0; 4], &length, b"JSON", json.as_bytes(), &[7; 9999]].concat();
+        let long_json = vec![b'{'; 2 * KEPT];
+        for (file, expected) in
+            [(&glb, 20 + json.len()), (&long_json, KEPT), (&vec![b's'; KEPT], HEAD_BYTES), (&vec![b's'; 9], 9)]
+        {
+            for step in [1, 1000, HEAD_BYTES, KEPT] {
+                let mut saved = Saved { bytes: 0, head: Vec::new(), digest: None };
+                file.chunks(step).for_each(|chunk| saved.keep(chunk));
+                assert_eq!(saved.head, file[..expected], "{step}");
+            }
+        }
     }
 
     #[test]

@@ -70,6 +70,15 @@ pub fn open_json(source: Source<'_>, then: &mut dyn FnMut(Opened<'_>)) -> Result
     open(source, source.bytes, None, then)
 }
 
+/// Where the JSON of a glTF file ends, as far as its first bytes say: 0 if they are of another format.
+pub fn end_of_json(head: &[u8]) -> usize {
+    match is_binary(head) {
+        true => container::end_of_first_chunk(head).unwrap_or(usize::MAX),
+        false if is_json(head) => usize::MAX,
+        false => 0,
+    }
+}
+
 /// Triangles that a glTF file of either kind claims to have in its first bytes: what [`Opened::faces`] will be if the
 /// accessors hold what they claim. None where the bytes do not hold the whole JSON, or it is wrong.
 pub fn claimed_faces(head: &[u8]) -> Option<u64> {
