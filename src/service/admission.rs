@@ -1,4 +1,5 @@
-//! Limits of waiting jobs: of one tenant here, of all tenants in the store.
+//! Limits of waiting jobs: of one tenant here, of all tenants in the store. An upload by URL that no job is made of yet
+//! counts as a waiting job of its tenant.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -10,20 +11,20 @@ use super::blobs::PutUrl;
 use super::files::Files;
 use super::metrics::Metrics;
 use super::problem::Failure;
-use super::store::{JobId, LOCAL_TENANT, Queue, State};
+use super::store::{JobId, LOCAL_TENANT, RESERVED_FOR, Reservation, Reservations, State};
 use crate::error::{Error, Kind};
 
 /// Admits jobs to the queue.
 #[derive(Debug)]
 pub(super) struct Admission {
-    store: Arc<dyn Queue>,
+    store: Arc<dyn Reservations>,
     metrics: Arc<Metrics>,
     /// Most waiting jobs of a tenant whose quotas have no number.
     most: u64,
     creating: Arc<Creating>,
 }
 
-/// Jobs that are being created, by tenant: they count as waiting jobs.
+/// Jobs and reservations that are being created, by tenant: they count as waiting jobs.
 #[derive(Debug, Default)]
 struct Creating(Mutex<HashMap<String, u64>>);
 
@@ -36,17 +37,18 @@ pub(super) struct Place {
 
 impl Admission {
     /// Allows `most` waiting jobs of a tenant whose quotas have no number.
-    pub fn new(store: Arc<dyn Queue>, metrics: Arc<Metrics>, most: u64) -> Self {
+    pub fn new(store: Arc<dyn Reservations>, metrics: Arc<Metrics>, most: u64) -> Self {
         Self { store, metrics, most, creating: Arc::default() }
     }
 
-    /// Refuses a job before its upload is read when there is no room for it now.
-    pub async fn check(&self, tenant: &Tenant) -> Result<(), Failure> {
+    /// Refuses a job before its upload is read when there is no room for it now. One of an upload by URL `is_reserved`:
+    /// it takes the place of that.
+    pub async fn check(&self, tenant: &Tenant, is_reserved: bool) -> Result<(), Failure> {
         let checked = self.store.check_room().await;
         if let Err(error) = checked {
             return Err(self.full(error).await);
         }
-        self.check_tenant(tenant, 0).await
+        if is_reserved { Ok(()) } else { self.check_tenant(tenant, 0).await }
     }
 
     /// Takes a place for a job that is about to be created. A tenant never exceeds its limit, however many of its jobs
@@ -59,7 +61,7 @@ impl Admission {
             *count += 1;
             *count - 1
         };
-        // waiting jobs are counted after `others`: a job that left `creating` meanwhile is counted as waiting
+        // those that wait are counted after `others`: one that left `creating` meanwhile is counted there
         self.check_tenant(tenant, others).await?;
         Ok(place)
     }
@@ -80,30 +82,38 @@ impl Admission {
         if tenant.name == LOCAL_TENANT && tenant.quotas.max_queued_jobs.is_none() {
             return Ok(());
         }
-        self.check_quota(tenant, creating).await
+        self.check_quota(tenant, creating + 1).await
     }
 
-    /// Reserves an upload by URL, if with the waiting jobs a tenant then has at most as many as jobs may wait. They are
-    /// counted again when it is reserved: reserving takes no tenant above its limit, however many services reserve at
-    /// once; near the limit, some may be refused that would have fitted.
-    pub async fn reserve(&self, files: &Files, tenant: &Tenant, bytes: u64) -> Result<(JobId, PutUrl), Failure> {
-        self.check_quota(tenant, files.reserved(&tenant.name).await?).await?;
-        let (id, url) = files.reserve(&tenant.name, bytes).await?;
-        let fits = match files.reserved(&tenant.name).await {
-            Ok(reserved) => self.check_quota(tenant, reserved.saturating_sub(1)).await,
+    /// Reserves an upload by URL. What waits is counted again afterwards: reserving takes no tenant above its limit,
+    /// however many services reserve at once; near the limit, some may be refused that would have fitted.
+    pub async fn reserve(
+        &self,
+        files: &Files,
+        tenant: &Tenant,
+        bytes: u64,
+        file_name: Option<String>,
+    ) -> Result<(JobId, PutUrl), Failure> {
+        let _place = self.place(tenant).await?;
+        let id = JobId::random();
+        let url = files.put_url(id, bytes).await?;
+        let reservation = Reservation { tenant: tenant.name.clone(), bytes, file_name, is_over: false };
+        let fits = match self.store.reserve(id, reservation, RESERVED_FOR).await {
+            Ok(()) => self.check_quota(tenant, 0).await,
             Err(error) => Err(error.into()),
         };
         if let Err(refusal) = fits {
-            files.forget(&tenant.name, id).await;
+            self.store.unreserve(id).await?;
             return Err(refusal);
         }
         Ok((id, url))
     }
 
+    /// Refuses when a tenant would have more than it may with `more` than now.
     async fn check_quota(&self, tenant: &Tenant, more: u64) -> Result<(), Failure> {
         let quota = tenant.quotas.max_queued_jobs.unwrap_or(self.most);
-        let depth = self.store.queued_of(&tenant.name).await?;
-        if depth + more < quota {
+        let depth = self.store.waiting_of(&tenant.name).await?;
+        if depth + more <= quota {
             return Ok(());
         }
         let message = format_args!("as many jobs and uploads of this tenant wait as may; try again later: {quota}");
@@ -130,27 +140,32 @@ mod tests {
     use crate::report::{DeviceInfo, DeviceKind};
     use crate::service::store::memory::MemoryStore;
     use crate::service::store::tests::{RULES, new_job};
+    use crate::service::store::{NewJob, Queue as _, Spec};
 
     #[tokio::test]
     async fn uploads_that_are_reserved_at_once_are_not_more_than_jobs_may_wait() {
         let folder = tempfile::tempdir().expect("a folder");
         let files = [(); 2].map(|()| Files::with_urls(folder.path()));
         let store = Arc::new(MemoryStore::new(RULES).expect("a store"));
-        store.create(new_job()).await.expect("created");
+        let spec = Spec { tenant: "acme".to_owned(), ..new_job().spec };
+        store.create(NewJob { spec, ..new_job() }).await.expect("created");
         let [name, backend, driver] = [(); 3].map(|()| "x".to_owned());
         let device = DeviceInfo { kind: DeviceKind::Cpu, name, backend, driver };
         let services = [(); 2].map(|()| Admission::new(store.clone(), Arc::new(Metrics::new(&device)), 4));
-        let tenant = Tenant { name: LOCAL_TENANT.to_owned(), quotas: Default::default(), metrics: false, admin: false };
-        let reserve = |number: usize| services[number % 2].reserve(&files[number % 2], &tenant, 1);
+        let tenant = Tenant { name: "acme".to_owned(), quotas: Default::default(), metrics: false, admin: false };
+        let reserve = |number: usize| services[number % 2].reserve(&files[number % 2], &tenant, 1, None);
         let at_once = futures_util::future::join_all((0..16).map(reserve)).await;
         let passed = at_once.iter().filter(|reserved| reserved.is_ok()).count() as u64;
         assert!(passed <= 3, "{passed} beside a job");
-        assert_eq!(files[0].reserved(LOCAL_TENANT).await, Ok(passed));
+        assert_eq!(store.waiting_of("acme").await, Ok(1 + passed));
         for _ in passed..3 {
             reserve(0).await.expect("it fits");
         }
+        let job = services[0].place(&tenant).await.expect_err("what is reserved counts for jobs, too");
+        services[0].check(&tenant, true).await.expect("the job of an upload takes the place of that");
         let full = reserve(1).await.expect_err("full");
+        assert_eq!(job.error.kind, full.error.kind);
         assert_eq!(full.error.kind, Kind::QueueFull);
-        assert_eq!(files[1].reserved(LOCAL_TENANT).await, Ok(3));
+        assert_eq!(store.waiting_of("acme").await, Ok(4));
     }
 }

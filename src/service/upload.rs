@@ -20,7 +20,7 @@ use super::blocking::blocking;
 use super::files::{self, Files, Incoming};
 use super::intake::{self, Content, Encoding, Rules};
 use super::request::{MeshAt, Wanted};
-use super::store::{Job, Queue, Spec};
+use super::store::{Job, JobId, RESERVED_FOR, Reservation, Reservations, Spec};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::{self, Format, HEAD_BYTES};
 
@@ -72,7 +72,7 @@ enum BodyKind {
 pub(super) async fn receive(
     request: Request,
     files: &Arc<Files>,
-    store: &dyn Queue,
+    store: &dyn Reservations,
     tenant: &str,
     with_digests: bool,
     rules: Rules,
@@ -111,6 +111,27 @@ pub(super) async fn receive(
         None => blocking(move || mesh::claimed_faces(&head)).await?,
     };
     Ok(upload)
+}
+
+/// A file name of a client's, as it is kept.
+pub(super) fn kept_name(name: &str) -> String {
+    name.chars().take(MAX_NAME).collect()
+}
+
+/// A reservation; [`Kind::NotFound`] unless it is the tenant's and not over.
+pub(super) async fn reservation(
+    id: JobId,
+    files: &Files,
+    store: &dyn Reservations,
+    tenant: &str,
+) -> Result<Reservation> {
+    files.check_urls()?;
+    let found = store.reservation(id).await?.filter(|found| found.tenant == tenant && !found.is_over);
+    found.ok_or_else(|| {
+        let hours = RESERVED_FOR.as_secs() / 3600;
+        let message = format_args!("there is no such upload, or no job was made of it within {hours} hours: {id}");
+        Error::new(Kind::NotFound, message)
+    })
 }
 
 /// How the body is compressed.

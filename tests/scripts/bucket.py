@@ -165,7 +165,7 @@ def by_reference(bucket, service, large):
     expected, body = labels_of(large), large.read_bytes()
 
     def reserve(bytes):
-        status, _, body = request(service, "POST", f"/v1/uploads?bytes={bytes}")
+        status, _, body = request(service, "POST", f"/v1/uploads?bytes={bytes}&file_name=a%20%22b%22/%C3%BC.obj")
         return status, json.loads(body)
 
     def put(url, body):
@@ -201,13 +201,13 @@ def by_reference(bucket, service, large):
     refused(f"{of_upload}&seeds=listed", 422, "seeds")
     status, job_ = job_of(of_upload)
     assert status == 202 and job_["id"] == id, job_
+    assert job_["mesh"]["file_name"] == 'a "b"/ü.obj', job_
     assert job_of(of_upload)[1]["id"] == id, "the same request gives the same job"
     refused(f"{of_upload}&seed=5", 409, "other parameters")
     succeeded(service, id)
     check_labels(service, id, expected)
     until("the upload is removed", lambda: not bucket.keys(f"farm/uploads/{id}"))
     assert job_of(of_upload)[1]["id"] == id, "also when the upload is gone"
-    assert not bucket.keys("farm/reserved/")
     assert request(service, "DELETE", f"/v1/uploads/{id}")[0] == 404
     assert request(service, "DELETE", f"/v1/jobs/{id}")[0] == 204
     refused(of_upload, 404, "no such upload")
@@ -217,7 +217,7 @@ def by_reference(bucket, service, large):
     put(upload["url"], body)
     assert bucket.keys(f"farm/uploads/{upload['id']}")
     assert request(service, "DELETE", f"/v1/uploads/{upload['id']}")[0] == 204
-    assert not bucket.keys("farm/uploads/") and not bucket.keys("farm/reserved/")
+    assert not bucket.keys("farm/uploads/")
     assert reserve((4 << 30) + 1)[0] == 413 and reserve("many")[0] == 422
     uploads = [reserve(9) for _ in range(6)]
     assert [status for status, _ in uploads] == 5 * [201] + [429], "--max-queued-jobs-per-tenant counts them"

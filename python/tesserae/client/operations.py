@@ -81,7 +81,7 @@ _ALL = [
     Operation("getJob", "GET", "/v1/jobs/{id}"),
     Operation("deleteJob", "DELETE", "/v1/jobs/{id}"),
     Operation("retryJob", "POST", "/v1/jobs/{id}/retry"),
-    Operation("createUpload", "POST", "/v1/uploads", ("bytes",)),
+    Operation("createUpload", "POST", "/v1/uploads", ("bytes", "file_name")),
     Operation("deleteUpload", "DELETE", "/v1/uploads/{id}"),
     _of_job("getUpload", "upload", "buffer"),
     Operation("streamEvents", "GET", "/v1/jobs/{id}/events", (), ("Last-Event-ID",)),

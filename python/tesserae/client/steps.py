@@ -29,7 +29,7 @@ from tesserae.client.exchange import (
     send,
 )
 from tesserae.client.operations import OPERATIONS
-from tesserae.client.upload import form_of, format_of, is_in_bucket
+from tesserae.client.upload import form_of, is_in_bucket
 
 if TYPE_CHECKING:
     from tesserae.client.documents import JobDocument, JobList, Upload
@@ -50,9 +50,8 @@ def submit(mesh: MeshSource, options: SubmitOptions, patience: float) -> Steps[J
             query["mesh_url"] = cast(str, mesh)
         elif options.get("by_reference"):
             (_, file_name, content, _), *rest = form.parts
-            upload = query["upload"] = yield from put(content, patience)
+            upload = query["upload"] = yield from put(content, file_name, patience)
             form = Form(rest)
-            query["format"] = query["format"] or format_of(file_name)
         request = OPERATIONS["createJob"].request(query=query, headers=headers)
         try:
             answer = yield from exchange(replace(request, form=form, extra_time=wait or 0.0), patience)
@@ -65,9 +64,9 @@ def submit(mesh: MeshSource, options: SubmitOptions, patience: float) -> Steps[J
     return (yield from show(answer.headers["location"].rsplit("/", 1)[-1], patience))
 
 
-def put(content: bytes | IO[bytes], patience: float) -> Steps[str]:
+def put(content: bytes | IO[bytes], file_name: str | None, patience: float) -> Steps[str]:
     """Stores a mesh in the bucket of the service; the id of the upload."""
-    request = OPERATIONS["createUpload"].request(query={"bytes": length_of(content)})
+    request = OPERATIONS["createUpload"].request(query={"bytes": length_of(content), "file_name": file_name})
     upload = cast("Upload", members((yield from exchange(request, patience))))
     try:
         yield from exchange(Request("PUT", "", content=content, url=upload["url"]), patience)

@@ -95,12 +95,6 @@ def is_in_bucket(mesh: object) -> bool:
     return isinstance(mesh, str) and mesh.startswith("s3://")
 
 
-def format_of(file_name: str | None) -> str | None:
-    """The format that a file name says, for a mesh that reaches the service without its name."""
-    suffix = pathlib.PurePath(file_name or "").suffix.lower().lstrip(".")
-    return suffix if suffix in ("glb", "gltf", "obj", "ply", "stl") else None
-
-
 def _is_content(mesh: object) -> bool:
     return isinstance(mesh, bytes) or hasattr(mesh, "read")
 

@@ -24,7 +24,7 @@ use crate::service::state::{App, Shared};
 use crate::service::store::{Created, Job, NewJob, Spec};
 use crate::service::trace::TraceParent;
 use crate::service::upload::{self, Upload};
-use crate::service::{idempotency, intake, prefer, urls};
+use crate::service::{idempotency, intake, prefer, query, urls};
 
 /// The form of an upload.
 #[derive(ToSchema)]
@@ -112,8 +112,9 @@ pub(in crate::service) async fn create(Extract(shared): App, caller: Caller, req
     let uploads = Arc::clone(&shared.traffic.uploads);
     let rules = Rules::new(shared.settings.max_upload_bytes, &shared.settings.traffic, uploads);
     if !is_known {
+        let is_reserved = query::take(request.uri().query().unwrap_or_default(), "upload").0.is_some();
         let bytes = upload::content_length(request.headers()).unwrap_or(0);
-        let room = match shared.admission.check(&tenant).await {
+        let room = match shared.admission.check(&tenant, is_reserved).await {
             // before the disk: an upload over the limit says nothing about the disk
             Ok(()) if bytes > rules.limit => Err(rules.too_large(bytes).into()),
             Ok(()) => shared.files.check_room(bytes).map_err(Failure::from),
@@ -168,7 +169,7 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
         Some(key) => shared.store.knows_key(&tenant.name, key).await?,
         None => false,
     };
-    let _place = match is_known {
+    let _place = match is_known || spec.is_of_upload_by_url() {
         true => None,
         false => Some(shared.admission.place(tenant).await?),
     };
@@ -193,7 +194,6 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
                 if let Some(parts) = wanted.parts().filter(|&parts| job.spec.parts() != Some(parts)) {
                     shared.files.remove_parts(id, parts).await;
                 }
-                shared.files.unreserve(&tenant.name, id).await;
             }
             audit::record(Action::Accepted(job.spec.bytes), &caller, id);
             shared.metrics.accepted(&job);
@@ -203,7 +203,7 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
             // a repeated request may have stored the mesh once more
             if wanted.is_some() && job.id != id {
                 shared.files.remove_upload(id).await;
-                shared.files.unreserve(&tenant.name, id).await;
+                shared.store.unreserve(id).await?;
             }
             audit::record(Action::Repeated, &caller, job.id);
             Ok(job)
@@ -269,7 +269,7 @@ mod tests {
     use crate::service::job_blobs;
     use crate::service::settings::TrafficSettings;
     use crate::service::store::memory::MemoryStore;
-    use crate::service::store::tests::RULES;
+    use crate::service::store::tests::{RULES, reserve};
     use crate::service::store::{JobId, LOCAL_TENANT, Queue as _};
 
     const MESH: &[u8] = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 1\nf 1 2 3\nf 2 3 4\n";
@@ -312,9 +312,10 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let (files, store) = (Files::with_urls(folder.path()), MemoryStore::new(RULES).expect("a store"));
         for first in ["[0, 1]", ""] {
-            let (id, _) = files.reserve(LOCAL_TENANT, MESH.len() as u64).await.expect("reserved");
+            let id = reserve(&store, MESH.len() as u64).await;
             files.put_by_url(id, MESH).await;
             let upload = receive(&files, &store, id, "", first).await;
+            assert_eq!(upload.spec.file_name.as_deref(), Some("horse.obj"));
             let job = create(&store, &upload).await;
             upload.folder.keep();
             for (more, seeds, expected) in [
@@ -335,7 +336,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let (one, other) = (Files::with_urls(folder.path()), Files::with_urls(folder.path()));
         let store = MemoryStore::new(RULES).expect("a store");
-        let (id, _) = one.reserve(LOCAL_TENANT, MESH.len() as u64).await.expect("reserved");
+        let id = reserve(&store, MESH.len() as u64).await;
         one.put_by_url(id, MESH).await;
         let first = receive(&one, &store, id, "", "[0, 1]").await;
         let second = receive(&other, &store, id, "", "[1, 0]").await;
@@ -360,7 +361,7 @@ mod tests {
     async fn an_upload_that_is_larger_than_reserved_is_refused_and_removed() {
         let folder = tempfile::tempdir().expect("a folder");
         let (files, store) = (Files::with_urls(folder.path()), MemoryStore::new(RULES).expect("a store"));
-        let (id, _) = files.reserve(LOCAL_TENANT, MESH.len() as u64).await.expect("reserved");
+        let id = reserve(&store, MESH.len() as u64).await;
         for (mesh, kind, is_kept) in [
             (&MESH[1..], Kind::Conflict, true),
             (&[MESH, b"\n"].concat(), Kind::TooLarge, false),
@@ -371,7 +372,7 @@ mod tests {
             let error = try_receive(&files, &store, id, "", "").await.expect_err("another size");
             assert_eq!(error.kind, kind);
             assert!(error.message.contains("was reserved for") && error.message.ends_with(&mesh.len().to_string()));
-            assert_eq!(folder.path().join(format!("uploads/{id}/mesh")).exists(), is_kept, "{error}");
+            assert_eq!(folder.path().join(format!("uploads/{id}/mesh-by-url")).exists(), is_kept, "{error}");
         }
         files.put_by_url(id, MESH).await;
         try_receive(&files, &store, id, "", "").await.expect("as reserved");

@@ -12,7 +12,7 @@ use crate::service::access::Caller;
 use crate::service::conditional::Content;
 use crate::service::problem::Answer;
 use crate::service::results::derived::{made, mesh_not_kept};
-use crate::service::results::stored::{attachment, check_clusters, stored, succeeded};
+use crate::service::results::stored::{Of, attachment, check_clusters, stored, succeeded};
 use crate::service::state::App;
 use crate::service::{negotiate, query};
 
@@ -69,7 +69,7 @@ pub(in crate::service) async fn derived(
     let kept = &job.spec.kept;
     let is_stored = clusters.is_none() && choices == Choices::default() && kept.has(form);
     let found = match is_stored {
-        true => stored(&shared, &job, form.file, None, form.media_type).await,
+        true => stored(&shared, &job, Of::Result, form.file, None, form.media_type).await,
         false => Err(mesh_not_kept(form)),
     };
     let mut response = match found {

@@ -14,7 +14,7 @@ use crate::hierarchy::json::Limits;
 use crate::service::access::Caller;
 use crate::service::problem::{Answer, Problematic};
 use crate::service::results::hierarchy::made;
-use crate::service::results::stored::{attachment, stored, succeeded};
+use crate::service::results::stored::{Of, attachment, stored, succeeded};
 use crate::service::state::App;
 use crate::service::{negotiate, query};
 
@@ -72,7 +72,7 @@ pub(in crate::service) async fn hierarchy(
         return Err(Error::parameter("clusters, min_clusters and max_clusters go with application/json only").into());
     }
     let mut response = match form.is_stored {
-        true => stored(&shared, &job, form.file, None, form.media_type).await?,
+        true => stored(&shared, &job, Of::Result, form.file, None, form.media_type).await?,
         false => made(&shared, &job, form, limits).await?,
     };
     attachment(&mut response, &job, form.file);

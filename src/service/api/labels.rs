@@ -14,7 +14,7 @@ use crate::error::{Error, Kind};
 use crate::service::access::Caller;
 use crate::service::conditional::Content;
 use crate::service::problem::{Answer, Problematic};
-use crate::service::results::stored::{attachment, check_clusters, stored, succeeded};
+use crate::service::results::stored::{Of, attachment, check_clusters, stored, succeeded};
 use crate::service::results::{hierarchy, snapshots};
 use crate::service::state::App;
 use crate::service::{job_blobs, negotiate, query};
@@ -85,9 +85,11 @@ pub(in crate::service) async fn labels(
     let mut response = match (clusters, iteration, form.file) {
         (Some(clusters), ..) => hierarchy::cut(&shared, &job, clusters, form).await?,
         (None, Some(iteration), _) => snapshots::labels(&shared, &job, &summary, iteration, form).await?,
-        (None, None, file) if file == LABELS_NPY.file => stored(&shared, &job, file, None, form.media_type).await?,
+        (None, None, file) if file == LABELS_NPY.file => {
+            stored(&shared, &job, Of::Result, file, None, form.media_type).await?
+        }
         (None, None, file) if file == LABELS_BIN.file => {
-            stored(&shared, &job, LABELS_NPY.file, numbers, form.media_type).await?
+            stored(&shared, &job, Of::Result, LABELS_NPY.file, numbers, form.media_type).await?
         }
         (None, None, _) => {
             let (files, store) = (&shared.files, shared.store.as_ref());

@@ -9,7 +9,7 @@ use crate::error::{Error, Kind};
 use crate::service::access::Caller;
 use crate::service::negotiate;
 use crate::service::problem::Answer;
-use crate::service::results::stored::{attachment, stored, succeeded};
+use crate::service::results::stored::{Of, attachment, stored, succeeded};
 use crate::service::state::App;
 
 /// Serves the stored forms of an output.
@@ -30,7 +30,7 @@ pub(in crate::service) async fn output(
         [form] => (form, true),
         _ => (negotiate::choose(&headers, artifact)?, false),
     };
-    let mut response = stored(&shared, &job, form.file, None, form.media_type).await?;
+    let mut response = stored(&shared, &job, Of::Result, form.file, None, form.media_type).await?;
     if !is_only {
         attachment(&mut response, &job, form.file);
     }

@@ -11,7 +11,7 @@ use super::binary::Binary;
 use crate::error::{Error, Kind, Quoted};
 use crate::service::access::Caller;
 use crate::service::problem::{Answer, Problematic};
-use crate::service::results::stored::{attachment, uploaded};
+use crate::service::results::stored::{Of, attachment, stored};
 use crate::service::state::App;
 use crate::service::{files, query};
 
@@ -67,7 +67,7 @@ pub(in crate::service) async fn upload(
         );
         return Err(Error::new(Kind::NotFound, message).into());
     }
-    let mut response = uploaded(&shared, &job, &blob).await?;
+    let mut response = stored(&shared, &job, Of::Upload, &blob, None, "application/octet-stream").await?;
     attachment(&mut response, &job, &file);
     Ok(response)
 }

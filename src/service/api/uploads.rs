@@ -15,18 +15,19 @@ use crate::error::{Error, Kind};
 use crate::service::access::Caller;
 use crate::service::audit::{self, Action};
 use crate::service::blobs::PutUrl;
-use crate::service::files::RESERVED_FOR;
 use crate::service::problem::{Answer, Problematic};
 use crate::service::query;
 use crate::service::state::{App, Shared};
-use crate::service::store::JobId;
+use crate::service::store::{JobId, RESERVED_FOR};
 use crate::service::timestamp::rfc3339;
+use crate::service::upload::{kept_name, reservation};
 
 /// What is to be uploaded.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Wanted {
     bytes: u64,
+    file_name: Option<String>,
 }
 
 /// An upload by URL.
@@ -52,7 +53,12 @@ pub(in crate::service) struct UploadView {
 /// wait. 501 where the files of jobs do not lie in a bucket.
 #[utoipa::path(
     post, path = "/v1/uploads", tag = "jobs", operation_id = "createUpload",
-    params(("bytes" = u64, Query, description = "Number of bytes of the mesh")),
+    params(
+        ("bytes" = u64, Query, description = "Number of bytes of the mesh"),
+        ("file_name" = Option<String>, Query, example = "horse.glb",
+         description = "Name of the mesh file, which the job has then: 255 characters are kept. Its extension says \
+                        the format where the request for the job does not"),
+    ),
     responses(
         (status = 201, description = "The upload is expected", body = UploadView),
         (status = 413, response = Problematic),
@@ -69,12 +75,13 @@ pub(in crate::service) async fn create(
         return Err(Shared::stopping().into());
     }
     let tenant = caller.tenant()?.clone();
-    let Wanted { bytes } = query::read(&uri)?;
+    let Wanted { bytes, file_name } = query::read(&uri)?;
+    let file_name = file_name.as_deref().map(kept_name);
     shared.files.check_urls()?;
     shared.settings.limits().check_bytes(bytes)?;
     let now = SystemTime::now();
     // on a task of its own, so that a client that hangs up now leaves no reservation that it does not know
-    let reserving = async move { shared.admission.reserve(&shared.files, &tenant, bytes).await };
+    let reserving = async move { shared.admission.reserve(&shared.files, &tenant, bytes, file_name).await };
     let (id, PutUrl { url, valid }) = tokio::spawn(reserving.in_current_span())
         .await
         .map_err(|error| Error::new(Kind::Internal, format_args!("the upload was not reserved: {error}")))??;
@@ -98,11 +105,11 @@ pub(in crate::service) async fn remove(
     let tenant = caller.tenant()?;
     let id: JobId = id.parse()?;
     let _taken = shared.files.incoming_reserved(id)?;
-    shared.files.reserved_bytes(&tenant.name, id).await?;
+    reservation(id, &shared.files, shared.store.as_ref(), &tenant.name).await?;
     if shared.store.get(id).await?.is_none() {
         shared.files.remove_upload(id).await;
     }
-    shared.files.unreserve(&tenant.name, id).await;
+    shared.store.unreserve(id).await?;
     audit::record(Action::Deleted, &caller, id);
     Ok(StatusCode::NO_CONTENT)
 }

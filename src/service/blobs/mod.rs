@@ -70,8 +70,13 @@ pub(super) trait Blobs: Debug + Send + Sync {
     /// Number of bytes of all blobs below a path.
     async fn size(&self, below: &Path) -> Result<u64>;
 
-    /// When the newest blob below a path was stored, by the clock of the place; none without blobs.
-    async fn newest(&self, below: &Path) -> Result<Option<SystemTime>>;
+    /// All blobs below a path, and when each was stored, by the clock of the place.
+    async fn times(&self, below: &Path) -> Result<Vec<(Path, SystemTime)>>;
+
+    /// When the newest blob below a path was stored; none without blobs.
+    async fn newest(&self, below: &Path) -> Result<Option<SystemTime>> {
+        Ok(self.times(below).await?.into_iter().map(|(_, time)| time).max())
+    }
 
     /// Moves all blobs below a path: they lie below another one then.
     async fn rename(&self, from: &Path, to: &Path) -> Result<()>;
@@ -97,8 +102,6 @@ pub(super) struct Found {
     pub bytes: u64,
     /// Changes with its content; none where the place has none.
     pub tag: Option<String>,
-    /// When it was stored.
-    pub stored_at: SystemTime,
 }
 
 /// Makes URLs by which clients store blobs.
@@ -148,8 +151,8 @@ impl<S: ObjectStore> Blobs for S {
     }
 
     async fn find(&self, path: &Path) -> Result<Found> {
-        let ObjectMeta { size, e_tag, last_modified, .. } = self.head(path).await.map_err(may_not_read)?;
-        Ok(Found { bytes: size, tag: e_tag, stored_at: last_modified.into() })
+        let ObjectMeta { size, e_tag, .. } = self.head(path).await.map_err(may_not_read)?;
+        Ok(Found { bytes: size, tag: e_tag })
     }
 
     async fn names(&self, below: &Path) -> Result<Vec<String>> {
@@ -163,9 +166,9 @@ impl<S: ObjectStore> Blobs for S {
         sizes.try_fold(0, |sum, size| future::ready(Ok(sum + size))).await.map_err(cannot_read)
     }
 
-    async fn newest(&self, below: &Path) -> Result<Option<SystemTime>> {
-        let times = self.list(Some(below)).map_ok(|blob| SystemTime::from(blob.last_modified));
-        times.try_fold(None, |newest, time| future::ready(Ok(newest.max(Some(time))))).await.map_err(cannot_read)
+    async fn times(&self, below: &Path) -> Result<Vec<(Path, SystemTime)>> {
+        let times = self.list(Some(below)).map_ok(|blob| (blob.location, blob.last_modified.into()));
+        times.try_collect().await.map_err(cannot_read)
     }
 
     async fn rename(&self, from: &Path, to: &Path) -> Result<()> {

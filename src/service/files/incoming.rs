@@ -19,8 +19,6 @@ pub(in crate::service) struct Incoming {
     id: JobId,
     /// Whole blobs, as long as all are small together.
     held: Vec<BlobWriter>,
-    /// Whether any was added.
-    has_blobs: bool,
     /// Whether they were not, and are files.
     has_files: bool,
     /// Bytes of all whole blobs.
@@ -39,7 +37,6 @@ impl Incoming {
             files,
             id,
             held: Vec::new(),
-            has_blobs: false,
             has_files: false,
             bytes: 0,
             kept: false,
@@ -74,7 +71,6 @@ impl Incoming {
 
     /// Makes a blob part of the upload.
     pub async fn add(&mut self, blob: BlobWriter) -> Result<()> {
-        self.has_blobs = true;
         self.bytes += blob.bytes();
         self.held.push(blob);
         if self.has_files || !are_small(&self.held) {
@@ -140,7 +136,7 @@ impl Drop for Incoming {
         if is_over {
             files.lock_incoming().remove(&id);
         }
-        if self.kept || is_over && !self.has_blobs {
+        if self.kept {
             return;
         }
         if let Ok(runtime) = tokio::runtime::Handle::try_current() {

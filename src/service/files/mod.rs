@@ -6,8 +6,6 @@
 //! DIR/uploads/{job}/…               from the request until the job ends
 //! DIR/uploads/{job}/{request}/…     what a request brought with an upload by URL
 //! DIR/results/{job}/{attempt}/…     from the attempt that succeeded until the job is deleted
-//! DIR/reserved/{tenant}/{job}/…     from the reservation of an upload by URL until a job is made of it
-//! DIR/urls/{job}/…                  from the reservation of an upload by URL on, as long as that could last
 //! DIR/scratch/…                     what an answer is made of while it is sent
 //! DIR/aside/{time}/…                what the store did not know when the service started, for a while
 //! DIR/clock                         the time by which jobs grow old
@@ -47,7 +45,6 @@ pub(super) use self::incoming::{Incoming, settle};
 pub(super) use self::names::{Folder, MESH, RESULTS, SEEDS, UPLOADS, WEIGHTS, buffer};
 pub(super) use self::needs::{of_faces, of_kept, of_result};
 pub(super) use self::references::check_prefixes;
-pub(super) use self::referred::RESERVED_FOR;
 pub(super) use self::root::BLOBS;
 
 #[cfg(test)]

@@ -11,17 +11,13 @@ pub(in crate::service) const UPLOADS: &str = "uploads";
 /// Name of the folder of all results.
 pub(in crate::service) const RESULTS: &str = "results";
 
-/// Name of the folder of uploads that clients may store by a URL.
-pub(super) const RESERVED: &str = "reserved";
-
-/// Name of the folder of the URLs that were given for uploads, whatever became of these.
-pub(super) const URLS: &str = "urls";
-
 /// Name of the folder of what was moved aside.
 pub(super) const ASIDE: &str = "aside";
 
 /// Name of the mesh among a job's uploads.
 pub(in crate::service) const MESH: &str = "mesh";
+/// Name of the mesh that a client stored by a URL, among a job's uploads.
+pub(super) const MESH_BY_URL: &str = "mesh-by-url";
 /// Name of the list of seeds among a job's uploads.
 pub(in crate::service) const SEEDS: &str = "seeds";
 /// Name of the weights among a job's uploads.

@@ -1,36 +1,28 @@
 //! Meshes that no request brings: a client stored one in the bucket by a URL, or it lies in a bucket already.
 //!
-//! A client reserves an upload and gets a URL that takes it: the place of the mesh of the job that the upload will be.
-//! The reservation is a blob with tenant and job in its path. It shows whose upload it is, counts for the tenant's
-//! quota, and goes when the job is made, or when it is [`RESERVED_FOR`] old. The upload itself goes as every upload
-//! without a job does.
-//!
-//! A URL takes uploads until it ends, also when the upload was given up, or its job deleted. So another blob tells that
-//! a URL was given for a job. A sweep removes at once what lies at such a URL without a job or a reservation.
+//! A client reserves an upload in the store of jobs and gets a URL that takes it: the place of the mesh of the job that
+//! the upload will be. A URL takes uploads until it ends, also when the upload was given up, or its job deleted. What
+//! lies at such a place has a name of its own, so that a sweep removes it at once when there is neither a job nor a
+//! reservation. An upload whose reservation is over goes as every upload without a job does.
 //!
 //! A mesh in a bucket is read only below the prefixes that the operator allows. What a client can replace later is
 //! read by its tag, so that every attempt at the job reads the same bytes.
 
-use std::collections::HashSet;
 use std::time::{Duration, SystemTime};
 
-use axum::body::Bytes;
 use object_store::GetRange;
 use object_store::path::Path as BlobPath;
 
 use super::folder::Files;
-use super::names::{Folder, MESH, RESERVED, URLS};
+use super::names::{Folder, MESH_BY_URL};
 use super::references::References;
 use crate::error::{Error, Kind, Result};
 use crate::service::blobs::place::BlobPlace;
 use crate::service::blobs::{Blob, Blobs, Found, PutUrl, UploadUrls};
-use crate::service::store::{JobId, Referred};
+use crate::service::store::{JobId, Referred, Reservations};
 
 /// Time for which a URL takes an upload.
 const URL_VALID: Duration = Duration::from_secs(3600);
-
-/// Time after which no job is made of an upload any more. It is far below that of a sweep, whatever the clocks say.
-pub(in crate::service) const RESERVED_FOR: Duration = Duration::from_secs(12 * 3600);
 
 /// Largest upload by one request, in bytes: a limit of S3.
 const MAX_PUT: u64 = 5 << 30;
@@ -47,65 +39,15 @@ impl Files {
         self.url_maker().map(drop)
     }
 
-    /// Uploads of a tenant that no job is made of yet.
-    pub async fn reserved(&self, tenant: &str) -> Result<u64> {
-        Ok(self.noting(self.names_in(&BlobPath::from_iter([RESERVED, tenant])).await)?.len() as u64)
-    }
-
-    /// Lets a tenant store an upload of so many bytes: the name of the job that it will be, and the URL that takes it.
-    pub async fn reserve(&self, tenant: &str, bytes: u64) -> Result<(JobId, PutUrl)> {
+    /// A URL that takes an upload of so many bytes, the mesh of a job.
+    pub async fn put_url(&self, id: JobId, bytes: u64) -> Result<PutUrl> {
         let urls = self.url_maker()?;
         if bytes > MAX_PUT {
             return Err(Error::too_large(format_args!(
                 "an upload by URL has at most {MAX_PUT} bytes; send the mesh as the body of POST /v1/jobs: {bytes}"
             )));
         }
-        let id = JobId::random();
-        let url = urls.put_url(&mesh_of(id), URL_VALID).await?;
-        let stored = async {
-            self.blobs.put(&reservation(tenant, id).join(MESH), Bytes::from(bytes.to_string())).await?;
-            // after the reservation: a sweep takes a URL without one for that of an upload that was given up
-            self.blobs.put(&given_url(id).join(MESH), Bytes::new()).await
-        };
-        if let Err(error) = self.noting(stored.await) {
-            self.forget(tenant, id).await;
-            return Err(error);
-        }
-        Ok((id, url))
-    }
-
-    /// Takes an upload back that no job is made of.
-    pub async fn unreserve(&self, tenant: &str, id: JobId) {
-        self.remove_below(&reservation(tenant, id)).await;
-    }
-
-    /// Takes an upload back whose URL no client got.
-    pub async fn forget(&self, tenant: &str, id: JobId) {
-        self.unreserve(tenant, id).await;
-        self.remove_below(&given_url(id)).await;
-    }
-
-    /// Number of bytes that an upload is to have; [`Kind::NotFound`] unless the tenant reserved it, not long ago.
-    pub async fn reserved_bytes(&self, tenant: &str, id: JobId) -> Result<u64> {
-        self.url_maker()?;
-        let path = reservation(tenant, id).join(MESH);
-        let found = async {
-            let found = self.blobs.find(&path).await.map_err(forbidden_as_unavailable)?;
-            let bytes = self.blobs.get(&path, None).await?.bytes().await?;
-            let bytes = str::from_utf8(&bytes).ok().and_then(|text| text.parse().ok());
-            Ok((found, bytes.ok_or_else(|| Error::new(Kind::Internal, "a reservation of an upload is damaged"))?))
-        };
-        match self.noting(found.await) {
-            Ok((found, bytes)) if found.stored_at + RESERVED_FOR > SystemTime::now() => Ok(bytes),
-            Err(error) if error.kind != Kind::NotFound => Err(error),
-            Ok(_) | Err(_) => Err(Error::new(
-                Kind::NotFound,
-                format_args!(
-                    "there is no such upload, or no job was made of it within {} hours: {id}",
-                    RESERVED_FOR.as_secs() / 3600
-                ),
-            )),
-        }
+        self.noting(urls.put_url(&mesh_of(id), URL_VALID).await)
     }
 
     /// What is known of a mesh that no request brings, without reading it.
@@ -140,36 +82,20 @@ impl Files {
         })
     }
 
-    /// Removes reservations that are over. Gives how many there were, and the uploads that have a URL, but no
-    /// reservation any more: each is a job, or was given up.
-    pub(super) async fn sweep_reservations(&self, now: SystemTime) -> Result<(usize, HashSet<JobId>)> {
-        let mut removed = 0;
-        let mut unreserved = HashSet::new();
-        // before the reservations, which are stored first
-        for name in self.names_in(&BlobPath::from(URLS)).await? {
-            let Ok(id) = name.parse() else { continue };
-            match self.is_over(&given_url(id), now).await? {
-                true => self.remove_below(&given_url(id)).await,
-                false => drop(unreserved.insert(id)),
-            }
-        }
-        for tenant in self.names_in(&BlobPath::from(RESERVED)).await? {
-            for name in self.names_in(&BlobPath::from_iter([RESERVED, &tenant])).await? {
-                let Ok(id) = name.parse() else { continue };
-                unreserved.remove(&id);
-                let path = reservation(&tenant, id);
-                if self.is_over(&path, now).await? {
-                    self.remove_below(&path).await;
-                    removed += 1;
-                }
-            }
-        }
-        Ok((removed, unreserved))
-    }
-
-    /// Whether a reservation is too old for a job to be made of it.
-    async fn is_over(&self, path: &BlobPath, now: SystemTime) -> Result<bool> {
-        Ok(self.blobs.newest(path).await?.is_some_and(|newest| newest + RESERVED_FOR < now))
+    /// Whether an upload without a job may become one: blobs of it were stored after a time, and those by URL have a
+    /// reservation.
+    pub(super) async fn is_expected(
+        &self,
+        id: JobId,
+        old: Option<SystemTime>,
+        store: &dyn Reservations,
+    ) -> Result<bool> {
+        let Some(old) = old else { return Ok(false) };
+        let stored = self.blobs.times(&Folder::Upload(id).path()).await?;
+        let is_by_url = stored.iter().any(|(path, _)| *path == mesh_of(id));
+        let is_young = stored.iter().any(|(_, time)| *time > old);
+        // a job takes the place of its reservation: it is there when that is not
+        Ok(is_young && (!is_by_url || store.reservation(id).await?.is_some() || store.get(id).await?.is_some()))
     }
 
     /// Says what to do where a bucket does not let the service read a mesh. While it lets the service read nothing, its
@@ -213,19 +139,9 @@ impl Files {
     }
 }
 
-/// Where the mesh of a job lies.
+/// Where a client stores the mesh of a job by URL.
 fn mesh_of(id: JobId) -> BlobPath {
-    Folder::Upload(id).path().join(MESH)
-}
-
-/// Where a reservation lies.
-fn reservation(tenant: &str, id: JobId) -> BlobPath {
-    BlobPath::from_iter([RESERVED, tenant, &id.to_string()])
-}
-
-/// Where the blob lies that tells that an upload has a URL.
-fn given_url(id: JobId) -> BlobPath {
-    BlobPath::from_iter([URLS, &id.to_string()])
+    Folder::Upload(id).path().join(MESH_BY_URL)
 }
 
 /// The error of a file of the service's own, which it must be able to read.

@@ -11,8 +11,8 @@ use super::Metrics;
 use crate::error::Result;
 use crate::service::store::{
     Claiming, Created, Deletion, Ending, Event, Events, Job, JobId, JobStore, ListQuery, Maintenance, NewJob, Notice,
-    Notices, Page, Presence, Progress, Pulse, Queue, Release, Retried, State, Statistics, Ticket, What, Worker,
-    WorkerId, Workers,
+    Notices, Page, Presence, Progress, Pulse, Queue, Release, Reservation, Reservations, Retried, State, Statistics,
+    Ticket, What, Worker, WorkerId, Workers,
 };
 
 /// Another store, timed.
@@ -71,7 +71,6 @@ timed!(Queue {
     "finish": end(ticket: Ticket, ending: Ending) -> ();
     "blob": blob(id: JobId, name: &str) -> Option<Bytes>;
     "cancel": cancel(id: JobId) -> Option<Job>;
-    "queued_of": queued_of(tenant: &str) -> u64;
     "counts": counts() -> [u64; State::ALL.len()];
     "oldest_queued": oldest_queued() -> Option<SystemTime>;
 } and {
@@ -87,6 +86,13 @@ timed!(Queue {
         self.store.arrivals()
     }
 });
+
+timed!(Reservations {
+    "reserve": reserve(id: JobId, reservation: Reservation, valid: Duration) -> ();
+    "reservation": reservation(id: JobId) -> Option<Reservation>;
+    "unreserve": unreserve(id: JobId) -> ();
+    "waiting_of": waiting_of(tenant: &str) -> u64;
+} and {});
 
 timed!(Events {
     "append": append(ticket: Ticket, events: Vec<What>, progress: Progress) -> ();

@@ -12,7 +12,6 @@ use object_store::GetRange;
 use super::body::streamed;
 use crate::artifacts::Need;
 use crate::error::{Error, Kind, Result};
-use crate::service::blobs::Blob;
 use crate::service::conditional::Parts;
 use crate::service::job_blobs;
 use crate::service::state::Shared;
@@ -59,40 +58,33 @@ pub(in crate::service) fn check_clusters(job: &Job, summary: &Summary, clusters:
     }
 }
 
-/// A result, or a range of it, as a response that streams it.
+/// Which blobs of a job.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::service) enum Of {
+    Upload,
+    Result,
+}
+
+/// A blob of a job, or a range of it, as a response that streams it and can also give a part of it.
 pub(in crate::service) async fn stored(
     shared: &Shared,
     job: &Job,
+    of: Of,
     name: &str,
     range: Option<GetRange>,
     media_type: &'static str,
 ) -> Result<Response> {
     let (files, store) = (Arc::clone(&shared.files), Arc::clone(&shared.store));
     let (job, name) = (job.clone(), name.to_owned());
-    let read = move |range| -> BoxFuture<'static, Result<Blob>> {
+    let read = move |range| {
         let (files, store, job, name) = (Arc::clone(&files), Arc::clone(&store), job.clone(), name.clone());
-        Box::pin(async move { job_blobs::result(&files, store.as_ref(), &job, &name, range).await })
+        async move {
+            match of {
+                Of::Upload => job_blobs::upload(&files, store.as_ref(), &job, &name, range).await,
+                Of::Result => job_blobs::result(&files, store.as_ref(), &job, &name, range).await,
+            }
+        }
     };
-    in_parts(read, range, media_type).await
-}
-
-/// A file of an upload as a response that streams it.
-pub(in crate::service) async fn uploaded(shared: &Shared, job: &Job, name: &str) -> Result<Response> {
-    let (files, store) = (Arc::clone(&shared.files), Arc::clone(&shared.store));
-    let (job, name) = (job.clone(), name.to_owned());
-    let read = move |range| -> BoxFuture<'static, Result<Blob>> {
-        let (files, store, job, name) = (Arc::clone(&files), Arc::clone(&store), job.clone(), name.clone());
-        Box::pin(async move { job_blobs::upload(&files, store.as_ref(), &job, &name, range).await })
-    };
-    in_parts(read, None, "application/octet-stream").await
-}
-
-/// What `read` opens, as a response that can also give a part of it.
-async fn in_parts(
-    read: impl Fn(Option<GetRange>) -> BoxFuture<'static, Result<Blob>> + Send + Sync + 'static,
-    range: Option<GetRange>,
-    media_type: &'static str,
-) -> Result<Response> {
     let blob = read(range).await?;
     let start = blob.start();
     let part = move |range: Range<u64>| -> BoxFuture<'static, Result<Body>> {

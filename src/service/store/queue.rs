@@ -270,9 +270,6 @@ pub(in crate::service) trait Queue: fmt::Debug + Send + Sync {
     /// the start.
     fn arrivals(&self) -> watch::Receiver<u64>;
 
-    /// Number of jobs of a tenant that wait.
-    async fn queued_of(&self, tenant: &str) -> Result<u64>;
-
     /// Number of jobs in each state, in the order of [`State::ALL`].
     async fn counts(&self) -> Result<[u64; State::ALL.len()]>;
 

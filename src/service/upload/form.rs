@@ -9,7 +9,7 @@ use axum::extract::{FromRequest, Request};
 use axum::http::request::Parts;
 use futures_util::{Stream, TryStreamExt};
 
-use super::{Destination, MAX_NAME, Saved, Upload, agreed, referred};
+use super::{Destination, Saved, Upload, agreed, kept_name, referred};
 use crate::error::{Error, Kind, Result};
 use crate::job;
 use crate::mesh::Format;
@@ -116,7 +116,7 @@ impl Form {
             ));
         }
         once("mesh", self.mesh.is_some())?;
-        let file_name = file_name(&field).map(|name| name.chars().take(MAX_NAME).collect());
+        let file_name = file_name(&field).map(|name| kept_name(&name));
         let by_type = field.content_type().and_then(Format::from_media_type);
         let format = agreed(by_type, self.wanted.format)?;
         let early = |head: &[u8]| match format {

@@ -6,14 +6,14 @@ use futures_util::StreamExt as _;
 use object_store::GetRange;
 use sha2::{Digest as _, Sha256};
 
-use super::{Destination, KEPT, MAX_NAME, Saved, Upload, spec_of};
+use super::{Destination, KEPT, Saved, Upload, kept_name, reservation, spec_of};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::Format;
 use crate::service::blobs::Found;
 use crate::service::files::{Files, Incoming};
 use crate::service::intake::{Content, Rules};
 use crate::service::request::{MeshAt, Wanted};
-use crate::service::store::{Job, JobId, PartsOfRequest, Queue, Referred};
+use crate::service::store::{Job, JobId, PartsOfRequest, Queue, Referred, Reservation, Reservations};
 
 /// A mesh in a bucket.
 pub(super) struct Mesh {
@@ -39,7 +39,7 @@ impl Mesh {
 pub(super) async fn find(
     at: &MeshAt,
     files: &Arc<Files>,
-    store: &dyn Queue,
+    store: &dyn Reservations,
     tenant: &str,
     rules: &Rules,
 ) -> Result<(Incoming, Mesh)> {
@@ -47,20 +47,26 @@ pub(super) async fn find(
     let (mut folder, url) = match at {
         MeshAt::Upload(id) => {
             let folder = files.incoming_reserved(*id)?;
+            // first: a job takes the place of its reservation
+            let found = reservation(*id, files, store, tenant).await;
             let is_its = |job: &Job| job.spec.tenant == tenant && job.spec.is_of_upload_by_url();
             if let Some(job) = store.get(*id).await?.filter(is_its) {
                 return Ok((files.incoming(), earlier(job)));
             }
-            reserved = Some(files.reserved_bytes(tenant, *id).await?);
+            reserved = Some(found?);
             (folder, None)
         }
         MeshAt::Url(url) => (files.incoming(), Some(url.clone())),
     };
     let found = files.find_referred(folder.id(), tenant, url.as_deref()).await?;
-    if let Some(bytes) = reserved.filter(|bytes| *bytes != found.bytes) {
-        return Err(wrong_size(folder.id(), files, store, bytes, found.bytes).await?);
+    if let Some(Reservation { bytes, .. }) = reserved.as_ref().filter(|reserved| reserved.bytes != found.bytes) {
+        return Err(wrong_size(folder.id(), files, store, *bytes, found.bytes).await?);
     }
-    let mesh = look(folder.id(), files, tenant, url, found, rules).await?;
+    let file_name = match &url {
+        Some(url) => url.rsplit('/').next().map(kept_name),
+        None => reserved.and_then(|reserved| reserved.file_name),
+    };
+    let mesh = look(folder.id(), files, tenant, url, file_name, found, rules).await?;
     folder.refers_to(mesh.saved.bytes);
     Ok((folder, mesh))
 }
@@ -93,6 +99,7 @@ async fn look(
     files: &Files,
     tenant: &str,
     url: Option<String>,
+    file_name: Option<String>,
     found: Found,
     rules: &Rules,
 ) -> Result<Mesh> {
@@ -107,13 +114,7 @@ async fn look(
             files.read_referred(id, tenant, &referred, Some(range)).await?.bytes().await?.into()
         }
     };
-    let file_name = referred.url.as_deref().and_then(|url| url.rsplit('/').next());
-    Ok(Mesh {
-        saved: Saved { bytes: found.bytes, head, digest: None },
-        file_name: file_name.map(|name| name.chars().take(MAX_NAME).collect()),
-        referred,
-        earlier: None,
-    })
+    Ok(Mesh { saved: Saved { bytes: found.bytes, head, digest: None }, file_name, referred, earlier: None })
 }
 
 /// Notes what came with the request for the job of an upload by URL, also where that is a job already.

@@ -3,6 +3,7 @@
 //! One lock around everything, held for look-ups only and never across an await.
 
 mod jobs;
+mod reservations;
 
 use std::time::{Duration, SystemTime};
 
@@ -86,6 +87,7 @@ impl Queue for MemoryStore {
             pulse: watch::Sender::default(),
         };
         jobs.by_id.insert(id, entry);
+        jobs.reservations.remove(&id);
         jobs.numbers.insert(number, id);
         if let Some(key) = key {
             jobs.keys.insert(key, id);
@@ -261,10 +263,6 @@ impl Queue for MemoryStore {
 
     fn arrivals(&self) -> watch::Receiver<u64> {
         self.jobs.lock().arrivals.subscribe()
-    }
-
-    async fn queued_of(&self, tenant: &str) -> Result<u64> {
-        Ok(self.jobs.lock().queues.get(tenant).map_or(0, |queue| queue.waiting.len() as u64))
     }
 
     async fn counts(&self) -> Result<[u64; State::ALL.len()]> {

@@ -38,6 +38,7 @@ mod maintenance;
 mod notices;
 mod queue;
 mod replica;
+mod reservations;
 mod rows;
 mod schema;
 #[cfg(test)]

@@ -29,6 +29,8 @@ const CREATE: &str = "WITH job AS (\
     ON CONFLICT DO NOTHING RETURNING *\
 ), told AS (\
     INSERT INTO events (job, seq, kind, data) SELECT number, 1, 'state', 'queued' FROM job\
+), reserved AS (\
+    DELETE FROM reservations USING job WHERE reservations.id = job.id\
 ), kept AS (\
     INSERT INTO blobs (job, of_result, name, bytes) \
     SELECT job.number, false, b.name, b.bytes FROM job, unnest($9::text[], $10::bytea[]) AS b(name, bytes)\
@@ -332,14 +334,6 @@ impl Queue for PostgresStore {
 
     fn arrivals(&self) -> watch::Receiver<u64> {
         self.hints.arrivals.subscribe()
-    }
-
-    async fn queued_of(&self, tenant: &str) -> Result<u64> {
-        let found = self.connections.run(|client| async move {
-            let sql = "SELECT count(*) AS jobs FROM jobs WHERE state = 'queued' AND tenant = $1";
-            Ok(count(&one(&client, sql, &[&tenant]).await?, "jobs")?)
-        });
-        found.await
     }
 
     /// As of a moment ago.

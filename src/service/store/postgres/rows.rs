@@ -38,7 +38,7 @@ fn optional_json<T: DeserializeOwned>(row: &Row, name: &'static str) -> Result<O
 }
 
 /// A JSON column.
-fn json<T: DeserializeOwned>(row: &Row, name: &'static str) -> Result<T> {
+pub(super) fn json<T: DeserializeOwned>(row: &Row, name: &'static str) -> Result<T> {
     optional_json(row, name)?.ok_or_else(|| unreadable(name, &"it is null"))
 }
 

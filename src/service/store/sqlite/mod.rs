@@ -15,6 +15,7 @@ mod commands;
 mod connections;
 mod live;
 mod opening;
+mod reservations;
 mod rows;
 mod schema;
 mod writer;
@@ -234,12 +235,6 @@ impl Queue for SqliteStore {
 
     fn arrivals(&self) -> watch::Receiver<u64> {
         self.listeners.arrivals.subscribe()
-    }
-
-    async fn queued_of(&self, tenant: &str) -> Result<u64> {
-        let sql = "SELECT queued FROM tenants WHERE name = ?1";
-        let found = self.readers.read(|reader| first(reader, sql, [tenant], |row| count(row, "queued")));
-        Ok(found.await?.unwrap_or(0))
     }
 
     async fn counts(&self) -> Result<[u64; State::ALL.len()]> {

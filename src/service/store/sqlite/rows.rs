@@ -33,7 +33,7 @@ pub(super) fn json<T: Serialize>(value: &T) -> Result<String> {
 }
 
 /// What a JSON column holds.
-fn from_json<T: DeserializeOwned>(column: &'static str, text: &str) -> Result<T> {
+pub(super) fn from_json<T: DeserializeOwned>(column: &'static str, text: &str) -> Result<T> {
     serde_json::from_str(text).map_err(|error| unreadable(column, &error))
 }
 
