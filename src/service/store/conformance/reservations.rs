@@ -1,5 +1,6 @@
 //! Uploads by URL that no job is made of yet.
 
+use super::super::Referred;
 use super::*;
 
 pub(super) async fn what_is_reserved_counts_until_it_is_a_job_or_over(store: &dyn JobStore) {
@@ -20,7 +21,8 @@ pub(super) async fn what_is_reserved_counts_until_it_is_a_job_or_over(store: &dy
     assert_eq!(store.reservation(taken).await, Ok(Some(new(&tenant, names[0]))));
     create(store).await;
     assert_eq!(waiting().await, 3);
-    add(store, taken, spec("x")).await;
+    let referred = Some(Referred { url: None, tag: None, parts: None });
+    add(store, taken, Spec { referred, ..spec("x") }).await;
     assert_eq!((store.reservation(taken).await, waiting().await), (Ok(None), 3));
     for _ in 0..2 {
         store.unreserve(given_up).await.expect("given up");

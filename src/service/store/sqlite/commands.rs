@@ -63,7 +63,9 @@ pub(super) fn create(batch: &mut Batch<'_>, new: &NewJob, rules: &Rules) -> Resu
         ],
     )?;
     let number = batch.connection.last_insert_rowid();
-    execute(batch.connection, "DELETE FROM reservations WHERE id = ?1", [id.to_string()])?;
+    if spec.is_of_upload_by_url() {
+        execute(batch.connection, "DELETE FROM reservations WHERE id = ?1", [id.to_string()])?;
+    }
     let sql = "SELECT count(*) AS jobs FROM jobs WHERE state = 'queued' AND tenant = ?1 \
                AND (urgency, number) <= (?2, ?3)";
     let place = one(batch.connection, sql, params![spec.tenant, urgency, number], |row| count(row, "jobs"))?;
