@@ -90,9 +90,8 @@ impl ActiveFaces {
         }
     }
 
-    /// Notes that a cluster lies beside a face that sees many. The clusters that its limit is the sum of have changed.
+    /// Notes that a cluster lies beside a face that sees many.
     fn arrived(&mut self, face: u32, cluster: u32) {
-        self.bounds[face as usize].drop_limit();
         self.arrivals.push((face, cluster));
         // a phase that is not used does not collect them
         if self.arrivals.len() > self.bounds.len() {
@@ -122,12 +121,9 @@ impl ActiveFaces {
         changed: &[u32],
         rival: impl Fn(&Partition<'_>, u32, u32) -> Rival + Sync,
     ) {
-        let arrivals = std::mem::take(&mut self.arrivals);
-        // clusters may have merged since, around faces that lie inside them now
-        arrivals.iter().for_each(|&(face, _)| _ = partition.labels.refresh(face));
         let view = &*partition;
         let rival = |face: u32, cluster: u32| rival(view, face, cluster);
-        for (face, cluster) in arrivals {
+        for (face, cluster) in std::mem::take(&mut self.arrivals) {
             if may_be_attracted(view, &self.bounds, rival, face, cluster) {
                 self.add(face);
             }
@@ -144,7 +140,13 @@ impl ActiveFaces {
             }
         } else {
             // faces in the queue are candidates, and their bounds are exceeded
-            (*queue, *candidate_count) = candidates.filter(bounds, |face, bound| is_exceeded(view, face, bound));
+            (*queue, *candidate_count) = candidates.filter(bounds, |face, bound| {
+                if bound.near().are_many() && bound.own_limit() > 0 {
+                    bound.is_queued() || may_be_attracted_by_any(view, bounds, rival, face, changed)
+                } else {
+                    is_exceeded(view, face, bound)
+                }
+            });
         }
         partition.labels.refresh_around(partition.graph, &self.queue);
     }
@@ -210,7 +212,8 @@ fn may_be_attracted(
     face: u32,
     cluster: u32,
 ) -> bool {
-    let (bound, own) = (&bounds[face as usize], labels.near_boundary(face));
+    // a face that lies inside its cluster now may have the label of one that has ended
+    let (bound, own) = (&bounds[face as usize], labels.of(face));
     let drift = clusters.cached(own).drift;
     if bound.near().own != slot(own) || bound.own_limit() < drift {
         return true;
@@ -222,6 +225,22 @@ fn may_be_attracted(
         }
     }
     false
+}
+
+/// The same for all clusters that have changed. The face has no bid and was not refused, so that an evaluation in vain
+/// changes nothing. A face with no more neighbours than changed clusters is evaluated at once.
+#[cold]
+fn may_be_attracted_by_any(
+    partition: &Partition<'_>,
+    bounds: &[StoredBound],
+    rival: impl Fn(u32, u32) -> Rival,
+    face: u32,
+    changed: &[u32],
+) -> bool {
+    let Partition { graph, labels, clusters, .. } = partition;
+    let living = changed.iter().copied().filter(|&cluster| clusters.sums(cluster).faces > 0);
+    graph.neighbours_of(face).len() <= changed.len()
+        || living.chain([labels.of(face)]).any(|cluster| may_be_attracted(partition, bounds, &rival, face, cluster))
 }
 
 /// The boundary faces of some clusters, and their neighbours in others, whose bound is exceeded; some several times.

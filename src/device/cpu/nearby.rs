@@ -11,7 +11,8 @@
 //! A face with thousands of neighbours, as the base of a cone is one, must not be evaluated whenever one of them moves.
 //! A cluster beside such a face that has changed is compared with the face's own alone ([`Rival`]), and the decision
 //! holds if the face still prefers its own, and has its own limit for the drift of its own proxy: the other clusters
-//! have not changed, so that their slacks hold.
+//! have not changed, so that their slacks hold. So all that have changed must be compared, also those that have drifted
+//! by less than the slack.
 
 use std::hint::select_unpredictable;
 

@@ -125,14 +125,13 @@ fn best_bid(partition: &Partition<'_>, face: u32) -> (Bid, Bound) {
 /// How a face without a bid sees a cluster among its neighbours'.
 fn rival(Partition { graph, labels, clusters, .. }: &Partition<'_>, face: u32, cluster: u32) -> Rival {
     let from = labels.near_boundary(face);
-    if clusters.sums(from).faces == 1 {
-        return Some(u64::MAX);
-    }
     let (point, weight) = (graph.points[face as usize], graph.weights[face as usize]);
     let [own, other] = [from, cluster].map(|cluster| clusters.cached(cluster));
     let mut slack = RefinementSlack::new(weight, own.cost(point), own.least_weight);
     slack.other(other.cost(point), other.least_weight);
     let [own, other] = [(from, own), (cluster, other)]
         .map(|(cluster, cached)| Side { cost: cached.cost(point), weight: clusters.sums(cluster).weight as u64 });
-    (slack.is_clear() || Energy::gain(weight, own, other) <= 0).then(|| slack.get())
+    // a face that is alone in its cluster does not bid, until its cluster grows
+    let is_alone = clusters.sums(from).faces == 1;
+    (slack.is_clear() || is_alone || Energy::gain(weight, own, other) <= 0).then(|| slack.get())
 }

@@ -39,11 +39,10 @@ impl StoredBound {
         std::mem::replace(self.limit.get_mut(), QUEUED) != QUEUED
     }
 
-    /// Makes the limit one of an active face; the list of those does not change.
+    /// Whether the face is in the list of active faces.
     #[inline]
-    pub fn drop_limit(&mut self) {
-        let limit = self.limit.get_mut();
-        *limit = (*limit).min(Bound::ACTIVE as u32);
+    pub fn is_queued(&self) -> bool {
+        self.limit.load(Relaxed) == QUEUED
     }
 
     /// Of a face that sees many clusters: how far its own proxy may drift if the others do not.
@@ -84,8 +83,8 @@ mod tests {
         for (limit, expected) in [(2, 2), (u32::MAX.into(), u32::MAX.into()), (1 << 32, u32::MAX.into())] {
             stored.store(Bound { near, limit });
             assert_eq!((stored.near(), stored.limit()), (near, expected));
-            assert!(stored.queue() && !stored.queue());
-            assert_eq!(stored.limit(), u64::from(QUEUED));
+            assert!(!stored.is_queued() && stored.queue() && !stored.queue());
+            assert!(stored.is_queued());
         }
     }
 }
