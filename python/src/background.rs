@@ -37,14 +37,22 @@ enum Said<T> {
 }
 
 /// Reports rows of running work; rows are lost where nothing listens.
-pub struct Reporter(Option<Box<dyn Fn(Row) + Send + Sync>>);
+pub struct Reporter {
+    send: Option<Box<dyn Fn(Row) + Send + Sync>>,
+    kept: Mutex<Option<Box<dyn Send>>>,
+}
 
 impl Reporter {
     /// Reports a row.
     pub fn row(&self, row: Row) {
-        if let Some(send) = &self.0 {
+        if let Some(send) = &self.send {
             send(row);
         }
+    }
+
+    /// Keeps a value until the caller has the result: it does not wait for memory that is given back.
+    pub fn keep(&self, value: impl Send + 'static) {
+        *self.kept.lock().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(value));
     }
 }
 
@@ -56,12 +64,13 @@ pub fn run<T: Send + 'static>(
 ) -> PyResult<T> {
     let (sender, mut receiver) = channel();
     let cancel = Cancel::default();
-    let reporter = Reporter(on_row.map(|_| reporting(sender.clone())));
+    let reporter = Reporter { send: on_row.map(|_| reporting(sender.clone())), kept: Mutex::default() };
     let flag = cancel.clone();
     raised(py, pool())?.spawn(move || {
         let done = catch_unwind(AssertUnwindSafe(|| work(&flag, &reporter)));
         // what listens may have given up
         let _ = sender.send(Said::Done(done.unwrap_or_else(|payload| Err(of_panic(&*payload)))));
+        drop(reporter);
     });
     loop {
         let ours = &mut receiver; // a receiver may be moved to another thread, but not shared with one

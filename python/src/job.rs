@@ -94,8 +94,7 @@ impl Job {
         });
         let prepared = prepared.map_err(|refusal| refusal.error)?;
         let outcome = self.run(&prepared, begin, cancel, reporter)?;
-        // the caller need not wait for memory that is given back
-        rayon::spawn(move || drop(prepared));
+        reporter.keep(prepared);
         Ok(Outcome::of(outcome))
     }
 
