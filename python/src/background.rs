@@ -70,6 +70,8 @@ pub fn run<T: Send + 'static>(
         let done = catch_unwind(AssertUnwindSafe(|| work(&flag, &reporter)));
         // what listens may have given up
         let _ = sender.send(Said::Done(done.unwrap_or_else(|payload| Err(of_panic(&*payload)))));
+        // the caller goes on first, maybe on this processor
+        std::thread::yield_now();
         drop(reporter);
     });
     loop {

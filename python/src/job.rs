@@ -83,10 +83,10 @@ impl Job {
         Ok(outcome)
     }
 
-    fn cluster(&self, points: &Points, faces: &Faces, cancel: &Cancel, reporter: &Reporter) -> Result<Outcome> {
+    fn cluster(&self, points: &Points, faces: Faces, cancel: &Cancel, reporter: &Reporter) -> Result<Outcome> {
         let begin = Instant::now();
         let prepared = job::prepare_in_memory(&InMemory {
-            mesh: MeshView::new(points.positions(), faces)?,
+            mesh: MeshView::new(points.positions(), &faces)?,
             limits: self.limits,
             parameters: &self.parameters,
             seeds: self.seeds.as_deref(),
@@ -94,7 +94,7 @@ impl Job {
         });
         let prepared = prepared.map_err(|refusal| refusal.error)?;
         let outcome = self.run(&prepared, begin, cancel, reporter)?;
-        reporter.keep(prepared);
+        reporter.keep((prepared, faces));
         Ok(Outcome::of(outcome))
     }
 
@@ -172,7 +172,7 @@ pub fn cluster(
 ) -> PyResult<Outcome> {
     let points = Points::of(points)?;
     let faces = arrays::faces(connectivity, offsets)?;
-    background::run(py, move |cancel, reporter| job.cluster(&points, &faces, cancel, reporter), on_row)
+    background::run(py, move |cancel, reporter| job.cluster(&points, faces, cancel, reporter), on_row)
 }
 
 /// Clusters the points of triangles: labels, and how many clusters there are.
