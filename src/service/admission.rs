@@ -41,8 +41,8 @@ impl Admission {
         Self { store, metrics, most, creating: Arc::default() }
     }
 
-    /// Refuses a job before its upload is read when there is no room for it now. One of an upload by URL `is_reserved`:
-    /// it takes the place of that.
+    /// Refuses a job before its upload is read when there is no room for it now. With
+    /// `is_reserved`, the job's reservation counts already, and the tenant's limit is not checked.
     pub async fn check(&self, tenant: &Tenant, is_reserved: bool) -> Result<(), Failure> {
         let checked = self.store.check_room().await;
         if let Err(error) = checked {
@@ -103,7 +103,9 @@ impl Admission {
             Err(error) => Err(error.into()),
         };
         if let Err(refusal) = fits {
-            self.store.unreserve(id).await?;
+            if let Err(error) = self.store.unreserve(id).await {
+                tracing::warn!(%id, %error, "a refused upload counts until its reservation is over");
+            }
             return Err(refusal);
         }
         Ok((id, url))

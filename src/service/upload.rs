@@ -37,7 +37,8 @@ pub(super) const ENCODINGS: &str = "gzip, zstd, identity";
 /// files.
 const KEPT: usize = 256 << 10;
 
-/// Bytes of a head that are looked at without another thread.
+/// Bytes of a head that are read on the thread of the request: one change of threads less for a small job
+/// (`benches/results/2026-11-23-two-cores/images.md`).
 const FEW: usize = 16 << 10;
 
 /// Longest file name that is kept, in characters.

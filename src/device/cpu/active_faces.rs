@@ -124,7 +124,8 @@ impl ActiveFaces {
         let view = &*partition;
         let rival = |face: u32, cluster: u32| rival(view, face, cluster);
         for (face, cluster) in std::mem::take(&mut self.arrivals) {
-            if may_be_attracted(view, &self.bounds, rival, face, cluster) {
+            // a face that was moved is in the queue, and its label may be that of a cluster that has ended
+            if !self.bounds[face as usize].is_queued() && may_be_attracted(view, &self.bounds, rival, face, cluster) {
                 self.add(face);
             }
         }

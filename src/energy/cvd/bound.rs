@@ -57,8 +57,46 @@ impl RefinementSlack {
         self.exact() >= 1.0
     }
 
-    /// The slack before it is rounded; not a number where there is none.
+    /// The slack before it is rounded; negative, or not a number, where there is none.
     fn exact(self) -> f64 {
         (self.factor * self.other).sqrt() - root(self.own)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_face_without_a_bid_has_none_while_proxies_drift_by_its_slack_and_may_have_one_beyond() {
+        let mut cleared = 0;
+        for (weight, least_own, least_other) in
+            [(1, 2, 1), (7, 8, 5), (1000, 1 << 20, 1 << 33), (u32::MAX, 1 << 33, 1 << 34)]
+        {
+            for (own, other) in [(0, 4), (100, 1 << 20), (1 << 40, 1 << 50), (1 << 56, 1 << 58), (1 << 57, 1 << 57)] {
+                let mut slack = RefinementSlack::new(weight, own, least_own);
+                slack.other(other, least_other);
+                let (weight, [least_own, least_other]) =
+                    (f64::from(weight), [least_own, least_other].map(|least: u64| least as f64));
+                let alpha = (least_own / (least_own - weight)).sqrt();
+                let beta = (least_other / (least_other + weight)).sqrt();
+                let may_gain = |x: f64, y: f64| alpha * (root(own) + x) > beta * (root(other) - y);
+                let drift = slack.get() as f64;
+                assert!(!slack.is_clear() || !may_gain(drift, 0.0) && !may_gain(0.0, drift), "{slack:?}");
+                assert!(may_gain(drift + 3.0, 0.0), "it is no lower than it has to be: {slack:?}");
+                cleared += usize::from(slack.is_clear());
+            }
+        }
+        assert!(cleared > 5);
+    }
+
+    #[test]
+    fn a_face_that_may_outweigh_its_cluster_has_no_slack() {
+        for least in [0, 3, 9] {
+            let mut slack = RefinementSlack::new(9, 1, least);
+            assert!(!slack.is_clear() && slack.get() == 0, "{least}");
+            slack.other(1 << 40, 1 << 30);
+            assert!(!slack.is_clear() && slack.get() == 0, "{least}");
+        }
     }
 }

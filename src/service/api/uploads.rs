@@ -106,10 +106,10 @@ pub(in crate::service) async fn remove(
     let id: JobId = id.parse()?;
     let _taken = shared.files.incoming_reserved(id)?;
     reservation(id, &shared.files, shared.store.as_ref(), &tenant.name).await?;
+    shared.store.unreserve(id).await?;
     if shared.store.get(id).await?.is_none() {
         shared.files.remove_upload(id).await;
     }
-    shared.store.unreserve(id).await?;
     audit::record(Action::Deleted, &caller, id);
     Ok(StatusCode::NO_CONTENT)
 }

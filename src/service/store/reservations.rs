@@ -30,8 +30,8 @@ pub(in crate::service) struct Reservation {
 /// in the same step.
 #[async_trait]
 pub(in crate::service) trait Reservations: Queue {
-    /// Adds a reservation, which is over after a while. It stays for as long again, and until the tenant reserves
-    /// another upload.
+    /// Adds a reservation with a new id. It is over when `valid` has passed, and is removed when the tenant reserves
+    /// another upload after `valid` has passed once more.
     async fn reserve(&self, id: JobId, reservation: Reservation, valid: Duration) -> Result<()>;
 
     /// A reservation; none after it was taken back or became a job.

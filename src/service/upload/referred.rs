@@ -47,7 +47,7 @@ pub(super) async fn find(
     let (mut folder, url) = match at {
         MeshAt::Upload(id) => {
             let folder = files.incoming_reserved(*id)?;
-            // first: a job takes the place of its reservation
+            // read before the job: the creation of that removes the reservation
             let found = reservation(*id, files, store, tenant).await;
             let is_its = |job: &Job| job.spec.tenant == tenant && job.spec.is_of_upload_by_url();
             if let Some(job) = store.get(*id).await?.filter(is_its) {
