@@ -98,7 +98,9 @@ export const sending = {
         await page.setInputFiles("#file", paths);
         await page.click("#submit");
         await page.waitForSelector("#preview canvas[data-frames]");
-        assert.match(await text(page, "#state"), /^waiting, number \d+ in the queue$/, paths[0]);
+        await until(`${paths[0]} waits`, async () =>
+          /^waiting, number \d+ in the queue$/.test(await text(page, "#state")),
+        );
         assert.ok(await drawsSomething(page), `${paths[0]} is in the middle`);
       }
       const compressed = meshes && join(meshes, "gltf/Duck-meshopt.glb");
