@@ -12,7 +12,7 @@ use serde_json::{Map, Value};
 
 use super::kept::{self, Kept};
 use super::query;
-use super::store::{JobId, PRIORITIES};
+use super::store::{JobId, PRIORITIES, no_such_upload};
 use crate::error::{Error, Kind, Result, wrong_json_at};
 use crate::mesh::Format;
 use crate::parameters::{Parameters, Seeds};
@@ -216,10 +216,6 @@ impl Wanted {
         self.kept().check(&self.parameters)?;
         Ok((self.parameters, self.webhook))
     }
-}
-
-fn no_such_upload(id: &str) -> Error {
-    Error::new(Kind::NotFound, format_args!("there is no such upload: {id}"))
 }
 
 /// Whether the mesh is kept, which was given as `text`.

@@ -20,7 +20,7 @@ use super::blocking::blocking;
 use super::files::{self, Files, Incoming};
 use super::intake::{self, Content, Encoding, Rules};
 use super::request::{MeshAt, Wanted};
-use super::store::{Job, JobId, RESERVED_FOR, Reservation, Reservations, Spec};
+use super::store::{Job, JobId, Reservation, Reservations, Spec, no_such_upload};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::{self, Format, HEAD_BYTES};
 
@@ -128,11 +128,7 @@ pub(super) async fn reservation(
 ) -> Result<Reservation> {
     files.check_urls()?;
     let found = store.reservation(id).await?.filter(|found| found.tenant == tenant && !found.is_over);
-    found.ok_or_else(|| {
-        let hours = RESERVED_FOR.as_secs() / 3600;
-        let message = format_args!("there is no such upload, or no job was made of it within {hours} hours: {id}");
-        Error::new(Kind::NotFound, message)
-    })
+    found.ok_or_else(|| no_such_upload(id))
 }
 
 /// How the body is compressed.

@@ -75,7 +75,7 @@ pub(super) use self::queue::{
     ALONE, Claiming, Created, End, Ending, Idempotency, ListQuery, NewJob, Page, Queue, Release, Retried, Rules,
 };
 use self::queue::{ALONE_FROM, given_up, guilty, lease_is_over, not_yours, reused_key};
-pub(super) use self::reservations::{RESERVED_FOR, Reservation, Reservations};
+pub(super) use self::reservations::{RESERVED_FOR, Reservation, Reservations, no_such_upload};
 pub(super) use self::token_rows::{TokenRows, TokenStore};
 pub use self::url::StoreUrl;
 pub(super) use self::workers::{Presence, Worker, WorkerId, Workers};

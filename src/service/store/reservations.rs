@@ -1,5 +1,6 @@
 //! Reservations: uploads by URL that no job is made of yet. For the quota of their tenant they count as waiting jobs.
 
+use std::fmt;
 use std::time::Duration;
 
 use async_trait::async_trait;
@@ -7,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::job::JobId;
 use super::queue::Queue;
-use crate::error::Result;
+use crate::error::{Error, Kind, Result};
 
 /// Time after which no job is made of an upload by URL any more.
 pub(in crate::service) const RESERVED_FOR: Duration = Duration::from_secs(12 * 3600);
@@ -26,12 +27,19 @@ pub(in crate::service) struct Reservation {
     pub is_over: bool,
 }
 
+/// The error for an upload by URL without a reservation.
+pub(in crate::service) fn no_such_upload(id: impl fmt::Display) -> Error {
+    let hours = RESERVED_FOR.as_secs() / 3600;
+    let message = format_args!("there is no such upload, or no job was made of it within {hours} hours: {id}");
+    Error::new(Kind::NotFound, message)
+}
+
 /// Keeps reservations, each under the name of the job that the upload will be. [`Queue::create`] of that job removes it
-/// in the same step.
+/// in the same step, and adds no job without it.
 #[async_trait]
 pub(in crate::service) trait Reservations: Queue {
-    /// Adds a reservation with a new id. It is over when `valid` has passed, and is removed when the tenant reserves
-    /// another upload after `valid` has passed once more.
+    /// Adds a reservation with a new id. It is over when `valid` has passed, and is removed when another upload is
+    /// reserved after `valid` has passed once more.
     async fn reserve(&self, id: JobId, reservation: Reservation, valid: Duration) -> Result<()>;
 
     /// A reservation; none after it was taken back or became a job.

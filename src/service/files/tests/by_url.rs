@@ -109,18 +109,22 @@ async fn what_is_stored_for_an_upload_that_was_given_up_goes_with_the_next_sweep
     let folder = tempfile::tempdir().expect("a folder");
     let (files, store) = (Files::with_urls(folder.path()), MemoryStore::new(RULES).expect("a store"));
     let mut ids = Vec::new();
-    for _ in 0..4 {
+    for _ in 0..3 {
         let id = reserve(&store, 1).await;
         files.put_by_url(id, b"x").await;
         ids.push(id);
     }
-    let [reserved, given_up, job, over] = ids[..] else { panic!("four") };
+    let [reserved, given_up, job] = ids[..] else { panic!("three") };
     store.unreserve(given_up).await.expect("given up");
-    store.create(NewJob { id: job, ..new_job() }).await.expect("created");
+    let referred = Some(Referred { url: None, tag: None, parts: None });
+    let spec = Spec { referred, ..new_job().spec };
+    store.create(NewJob { id: job, spec, ..new_job() }).await.expect("created");
     assert_eq!(store.reservation(job).await, Ok(None));
     // a request for its job, which came in time, may still be read
-    let reservation = store.reservation(over).await.expect("readable").expect("reserved");
-    store.reserve(over, reservation, Duration::from_millis(1)).await.expect("reserved");
+    let over = JobId::random();
+    let reservation = store.reservation(reserved).await.expect("readable").expect("reserved");
+    store.reserve(over, reservation, Duration::ZERO).await.expect("reserved");
+    files.put_by_url(over, b"x").await;
     // comes in at another service, which the store does not know yet
     let sent = JobId::random();
     files.blobs.put(&Folder::Upload(sent).path().join(MESH), b"x"[..].into()).await.expect("stored");

@@ -46,7 +46,7 @@ pub(super) async fn a_tenant_sees_only_its_own_jobs(store: &dyn JobStore) {
     let (_, running) = claim(store).await;
     assert_eq!(running.spec.tenant, "mine");
     assert_eq!(store.waiting_of("mine").await.expect("counted"), 2);
-    assert_eq!(store.waiting_of("nobody").await.expect("counted"), 0);
+    assert_eq!(store.waiting_of("unknown").await.expect("counted"), 0);
     let list = |state, cursor, limit| ListQuery { tenant: Some("mine".to_owned()), state, cursor, limit };
     let first = store.list(&list(None, None, 2)).await.expect("listed");
     let rest = store.list(&list(None, first.next, 2)).await.expect("listed");
@@ -54,8 +54,8 @@ pub(super) async fn a_tenant_sees_only_its_own_jobs(store: &dyn JobStore) {
     assert_eq!(rest.next, None, "what others have is no next page");
     let queued = store.list(&list(Some(State::Queued), None, 9)).await.expect("listed");
     assert_eq!(queued.jobs.iter().map(|job| job.id).collect::<Vec<_>>(), mine[..2]);
-    let nobody = ListQuery { tenant: Some("nobody".to_owned()), limit: 9, ..ListQuery::default() };
-    assert_eq!(store.list(&nobody).await.expect("listed"), Page::default());
+    let unknown = ListQuery { tenant: Some("unknown".to_owned()), limit: 9, ..ListQuery::default() };
+    assert_eq!(store.list(&unknown).await.expect("listed"), Page::default());
 }
 
 pub(super) async fn the_oldest_job_that_waits_is_known(store: &dyn JobStore) {
@@ -120,7 +120,7 @@ pub(super) async fn every_end_with_a_webhook_is_untold_until_settled(store: &dyn
     let (ticket, _) = claim(store).await;
     assert_eq!(ticket.job, silent);
     store.finish(ticket, End::Cancelled).await.expect("finished");
-    assert_eq!(store.untold().await.expect("readable"), ended, "without a webhook there is nobody to tell");
+    assert_eq!(store.untold().await.expect("readable"), ended, "without a webhook there is no notice");
     let ended_at = get(store, ended[1]).await.ended_at.expect("ended");
     store.settle_webhook(ended[1], ended_at - LEASE).await.expect("another end");
     assert_eq!(store.untold().await.expect("readable"), ended);

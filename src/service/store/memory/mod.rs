@@ -18,7 +18,7 @@ use super::workers::{OneProcess, OnlyWorker};
 use super::{
     Claiming, Created, Deletion, End, Ending, Event, Events, Job, JobId, ListQuery, Maintenance, NewJob, Notice,
     Notices, Page, Progress, Pulse, Queue, Release, Retried, Rules, SMALL_BLOBS, State, Statistics, Ticket, What,
-    lease_is_over, reused_key,
+    lease_is_over, no_such_upload, reused_key,
 };
 use crate::error::Result;
 
@@ -72,6 +72,9 @@ impl Queue for MemoryStore {
             };
         }
         jobs.rules.check_room(jobs.waiting())?;
+        if spec.is_of_upload_by_url() && jobs.reservations.remove(&id).is_none() {
+            return Err(no_such_upload(id));
+        }
         jobs.created += 1;
         let number = jobs.created;
         let created_at = SystemTime::now();
@@ -87,7 +90,6 @@ impl Queue for MemoryStore {
             pulse: watch::Sender::default(),
         };
         jobs.by_id.insert(id, entry);
-        jobs.reservations.remove(&id);
         jobs.numbers.insert(number, id);
         if let Some(key) = key {
             jobs.keys.insert(key, id);

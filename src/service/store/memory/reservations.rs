@@ -12,7 +12,7 @@ use crate::error::Result;
 impl Reservations for MemoryStore {
     async fn reserve(&self, id: JobId, reservation: Reservation, valid: Duration) -> Result<()> {
         let (reservations, now) = (&mut self.jobs.lock().reservations, SystemTime::now());
-        reservations.retain(|_, (other, until)| other.tenant != reservation.tenant || *until + valid > now);
+        reservations.retain(|_, (_, until)| *until + valid > now);
         reservations.insert(id, (reservation, now + valid));
         Ok(())
     }

@@ -12,7 +12,7 @@ use super::rows::{column, count, json};
 use crate::error::Result;
 
 const RESERVE: &str = "WITH over AS (\
-    DELETE FROM reservations WHERE tenant = $2 AND expires_at <= clock_timestamp() - make_interval(secs => $4)\
+    DELETE FROM reservations WHERE expires_at <= clock_timestamp() - make_interval(secs => $4)\
 ) INSERT INTO reservations (id, tenant, upload, expires_at) \
 VALUES ($1, $2, $3, clock_timestamp() + make_interval(secs => $4))";
 

@@ -7,7 +7,7 @@ use rusqlite::{Connection, params};
 
 use super::super::{
     ALONE_FROM, Created, Deletion, End, Ending, Job, JobId, NewJob, Progress, Release, Retried, Rules, State, Ticket,
-    What, reused_key,
+    What, no_such_upload, reused_key,
 };
 use super::connections::{Abort, all, execute, first, one};
 use super::live::Live;
@@ -45,6 +45,11 @@ pub(super) fn create(batch: &mut Batch<'_>, new: &NewJob, rules: &Rules) -> Resu
         }
     }
     check_room(batch.connection, rules)?;
+    if spec.is_of_upload_by_url()
+        && execute(batch.connection, "DELETE FROM reservations WHERE id = ?1", [id.to_string()])? == 0
+    {
+        return Err(no_such_upload(*id).into());
+    }
     let mut job = Job::queued(*id, spec.clone(), rows::now());
     let urgency = -i64::from(spec.priority);
     execute(
@@ -63,9 +68,6 @@ pub(super) fn create(batch: &mut Batch<'_>, new: &NewJob, rules: &Rules) -> Resu
         ],
     )?;
     let number = batch.connection.last_insert_rowid();
-    if spec.is_of_upload_by_url() {
-        execute(batch.connection, "DELETE FROM reservations WHERE id = ?1", [id.to_string()])?;
-    }
     let sql = "SELECT count(*) AS jobs FROM jobs WHERE state = 'queued' AND tenant = ?1 \
                AND (urgency, number) <= (?2, ?3)";
     let place = one(batch.connection, sql, params![spec.tenant, urgency, number], |row| count(row, "jobs"))?;

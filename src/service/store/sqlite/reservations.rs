@@ -16,8 +16,7 @@ impl Reservations for SqliteStore {
     async fn reserve(&self, id: JobId, reservation: Reservation, valid: Duration) -> Result<()> {
         let reserve = move |batch: &mut super::Batch<'_>| {
             let (now, tenant) = (rows::now(), &reservation.tenant);
-            let sql = "DELETE FROM reservations WHERE tenant = ?1 AND expires_at <= ?2";
-            execute(batch.connection, sql, params![tenant, micros(now - valid)])?;
+            execute(batch.connection, "DELETE FROM reservations WHERE expires_at <= ?1", [micros(now - valid)])?;
             let sql = "INSERT INTO reservations (id, tenant, upload, expires_at) VALUES (?1, ?2, ?3, ?4)";
             let row = params![id.to_string(), tenant, json(&reservation)?, micros(now + valid)];
             execute(batch.connection, sql, row).map(drop)

@@ -10,6 +10,7 @@ CREATE TABLE reservations (
     expires_at timestamptz NOT NULL
 );
 CREATE INDEX reservations_by_tenant ON reservations (tenant);
+CREATE INDEX reservations_by_end ON reservations (expires_at);
 
 -- Claims jobs for the worker `me` as claim_1 does, all of them by one statement.
 --

@@ -9,3 +9,4 @@ CREATE TABLE reservations (
     expires_at INTEGER NOT NULL
 ) STRICT;
 CREATE INDEX reservations_by_tenant ON reservations (tenant);
+CREATE INDEX reservations_by_end ON reservations (expires_at);
