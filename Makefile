@@ -165,8 +165,9 @@ crash: debug-binary  ## kill the service at random moments under load (KILLS=100
 	python3 tests/scripts/crash.py $(TARGET)/debug/tesserae $(or $(KILLS),100) $(or $(CRASH_SECONDS),60)
 
 .PHONY: farm
-farm: debug-binary  ## several services on one PostgreSQL, killed at random (FARM_JOBS=100 FARM_KILLS=8 FARM_STOPS=2), and count
-	python3 tests/scripts/farm.py $(TARGET)/debug/tesserae $(or $(FARM_JOBS),100) $(or $(FARM_KILLS),8) $(or $(FARM_STOPS),2)
+farm: debug-binary  ## several services on one PostgreSQL, killed at random (FARM_JOBS=100 FARM_KILLS=8 FARM_STOPS=2 FARM_STREAMS=1000), and count
+	python3 tests/scripts/farm.py $(TARGET)/debug/tesserae $(or $(FARM_JOBS),100) $(or $(FARM_KILLS),8) $(or $(FARM_STOPS),2) \
+		$(or $(FARM_STREAMS),1000)
 
 .PHONY: fuzz
 fuzz: debug-binary $(VENV)/ready  ## the service against its OpenAPI document

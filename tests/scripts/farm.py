@@ -1,13 +1,13 @@
 """Several services on one PostgreSQL and one folder of blobs: shared work, and failures on purpose.
 
-    python farm.py BINARY [JOBS [KILLS [STOPS]]]
+    python farm.py BINARY [JOBS [KILLS [STOPS [STREAMS]]]]
 
 A front end (`--work off`) and two workers run. First, single things are shown across services: jobs that one accepts
 and another does, events and results read elsewhere, cancellation, a request sent to two services at once, a worker that
 is killed, a database that is stopped. Then JOBS (100) jobs come in at all services while KILLS (8) times a service is
 ended by SIGKILL and started again, and STOPS (2) times the database is. In the end every job has ended once, with the
 labels that the command line gives, its events are numbered without a gap, and no result is missing. `farm_failures` has
-the checks that need a moment of their own. At the end all jobs expire, and the sweep leaves no file.
+the checks that need a moment of their own, `farm_streams` STREAMS (1000) event streams of one job. At the end all jobs expire, and the sweep leaves no file.
 
 With FARM_OLD=BINARY in the environment, the services begin as those of an older release, and are replaced one by one
 while jobs come in.
@@ -25,13 +25,14 @@ import time
 import uuid
 
 import farm_failures
+import farm_streams
 from database import Database
 from farm_replica import (
     BINARY, BLOBS, LEASE, MANY, SMALL, WORK, Kind, Replica, check, ended, submitted, wait_for
 )
 
-JOBS, KILLS, STOPS = (int(sys.argv[place]) if len(sys.argv) > place else number
-                      for place, number in [(2, 100), (3, 8), (4, 2)])
+JOBS, KILLS, STOPS, STREAMS = (int(sys.argv[place]) if len(sys.argv) > place else number
+                               for place, number in [(2, 100), (3, 8), (4, 2), (5, 1000)])
 SEED = int(os.environ.get("SEED", random.randrange(1 << 30)))
 CLIENTS = 8
 # binary of an older release
@@ -223,6 +224,7 @@ def main():
             farm_failures.stream_across_a_kill(front, workers, long)
             for worker in workers:
                 worker.stop()
+            farm_streams.follow_one_job(database, kinds[2], STREAMS)
             farm_failures.tokens_in_the_database(database)
             farm_failures.frozen_database(database, kinds, long)
             for worker in workers:

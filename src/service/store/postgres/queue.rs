@@ -21,8 +21,8 @@ use crate::error::Result;
 /// For how long counts of jobs are believed.
 const COUNTS: Duration = Duration::from_secs(2);
 
-/// A new job. `$8` is the limit of jobs that wait; `$11` says whether the job needs its reservation, whose lock keeps it
-/// from being taken back at the same time.
+/// A new job. `$8` is the limit of jobs that wait; `$11` says whether the job needs its reservation, which is locked so
+/// that it is not taken back at the same time.
 const CREATE: &str = "WITH reserved AS (\
     SELECT FROM reservations WHERE id = $1 FOR UPDATE\
 ), job AS (\
