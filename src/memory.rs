@@ -4,14 +4,19 @@
 //! kernel then clears every page again that is used a second time, at some microseconds a page; threads wait for each
 //! other while pages are mapped; and what one thread frees, others cannot use. A job allocates and frees as much as its
 //! mesh takes, many times. So there are fewer arenas here, and freed memory is kept: until the end of a process that
-//! does one job, and in a service until it is idle.
+//! does one job, and in a service until it is idle. A process that does one job also has large pages, which take a tenth
+//! or more of its processor time away (`benches/results/2026-11-23-two-cores/images.md`); a service uses the same memory
+//! again and gains nothing from them.
 //!
 //! Both functions must be called before there is a second thread. With another C library they do nothing.
 
-/// Keeps all memory until the process ends, in one arena for every four processors.
+/// Keeps all memory until the process ends, in one arena for every four processors, the first one in large pages.
 pub(crate) fn keep() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
-    glibc::set(glibc::processors().div_ceil(4), &[(libc::M_MMAP_MAX, 0), (libc::M_TRIM_THRESHOLD, -1)]);
+    {
+        glibc::set(glibc::processors().div_ceil(4), &[(libc::M_MMAP_MAX, 0), (libc::M_TRIM_THRESHOLD, -1)]);
+        glibc::use_large_pages();
+    }
 }
 
 /// Keeps blocks of up to 32 MiB for the next job. A thread of its own frees what is not in use when the process has
@@ -39,6 +44,9 @@ mod glibc {
     /// Least growth of an arena, in bytes: addresses, not memory in use.
     const GROWTH: c_int = 16 << 20;
 
+    /// Addresses of the arena that large pages back, in bytes.
+    const LARGE: usize = 1 << 30;
+
     /// A process is idle if it used less processor time than [`LITTLE`] in this time.
     const WHILE: Duration = Duration::from_secs(30);
 
@@ -58,6 +66,20 @@ mod glibc {
             // before there is one.
             unsafe { libc::mallopt(parameter, value) };
         }
+    }
+
+    /// Lets the first arena grow by [`LARGE`] bytes of addresses, which the kernel then backs with pages of 2 MiB: one
+    /// fault for each of them, in place of one for every 4 KiB. Without room for the addresses nothing changes.
+    pub fn use_large_pages() {
+        // SAFETY: as above.
+        unsafe { libc::mallopt(libc::M_TOP_PAD, LARGE as c_int) };
+        // more than is left of the arena, which grows behind it
+        let block = Vec::<u8>::with_capacity(1 << 20);
+        let start = std::hint::black_box(&block).as_ptr().addr().next_multiple_of(2 << 20);
+        // SAFETY: the advice changes no content, and the kernel refuses or skips addresses that are not mapped.
+        unsafe { libc::madvise(std::ptr::without_provenance_mut(start), LARGE, libc::MADV_HUGEPAGE) };
+        // SAFETY: as above.
+        unsafe { libc::mallopt(libc::M_TOP_PAD, GROWTH) };
     }
 
     /// Unmaps free memory once after each busy time.
