@@ -4,9 +4,9 @@
 //! kernel then clears every page again that is used a second time, at some microseconds a page; threads wait for each
 //! other while pages are mapped; and what one thread frees, others cannot use. A job allocates and frees as much as its
 //! mesh takes, many times. So there are fewer arenas here, and freed memory is kept: until the end of a process that
-//! does one job, and in a service until it is idle. A process that does one job also has large pages, which take a tenth
-//! or more of its processor time away (`benches/results/2026-11-23-two-cores/images.md`); a service uses the same memory
-//! again and gains nothing from them.
+//! does one job, and in a service until it is idle. A process that does one job has large pages, too, which take a
+//! tenth or more of its processor time away (`benches/results/2026-11-23-two-cores/images.md`); a service uses the same
+//! memory again and gains nothing from them.
 //!
 //! Both functions must be called before there is a second thread. With another C library they do nothing.
 
@@ -73,8 +73,8 @@ mod glibc {
     pub fn use_large_pages() {
         // SAFETY: as above.
         unsafe { libc::mallopt(libc::M_TOP_PAD, LARGE as c_int) };
-        // more than is left of the arena, which grows behind it
-        let block = Vec::<u8>::with_capacity(1 << 20);
+        // more than is left of the arena, which grows behind it, and than the alignment takes
+        let block = Vec::<u8>::with_capacity(4 << 20);
         let start = std::hint::black_box(&block).as_ptr().addr().next_multiple_of(2 << 20);
         // SAFETY: the advice changes no content, and the kernel refuses or skips addresses that are not mapped.
         unsafe { libc::madvise(std::ptr::without_provenance_mut(start), LARGE, libc::MADV_HUGEPAGE) };
