@@ -36,9 +36,11 @@ pub(crate) fn keep_between_jobs() {
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 #[expect(unsafe_code, reason = "the standard library has no way to the allocator's settings")]
 mod glibc {
+    use std::hint::black_box;
     use std::time::Duration;
 
     use libc::c_int;
+    use rustix::process::{Resource, getrlimit};
     use rustix::time::{ClockId, clock_gettime};
 
     /// Least growth of an arena, in bytes: addresses, not memory in use.
@@ -69,17 +71,23 @@ mod glibc {
     }
 
     /// Lets the first arena grow by [`LARGE`] bytes of addresses, which the kernel then backs with pages of 2 MiB: one
-    /// fault for each of them, in place of one for every 4 KiB. Without room for the addresses nothing changes.
+    /// fault for each of them, in place of one for every 4 KiB. Nothing changes where addresses are limited.
     pub fn use_large_pages() {
+        if [Resource::As, Resource::Data].iter().any(|&limited| getrlimit(limited).current.is_some()) {
+            return;
+        }
+        let mut block = Vec::<u8>::new();
         // SAFETY: as above.
         unsafe { libc::mallopt(libc::M_TOP_PAD, LARGE as c_int) };
         // more than is left of the arena, which grows behind it, and than the alignment takes
-        let block = Vec::<u8>::with_capacity(4 << 20);
-        let start = std::hint::black_box(&block).as_ptr().addr().next_multiple_of(2 << 20);
-        // SAFETY: the advice changes no content, and the kernel refuses or skips addresses that are not mapped.
-        unsafe { libc::madvise(std::ptr::without_provenance_mut(start), LARGE, libc::MADV_HUGEPAGE) };
+        let grown = block.try_reserve_exact(4 << 20);
         // SAFETY: as above.
         unsafe { libc::mallopt(libc::M_TOP_PAD, GROWTH) };
+        if grown.is_ok() {
+            let start = black_box(&block).as_ptr().addr().next_multiple_of(2 << 20);
+            // SAFETY: the advice changes no content, and the kernel skips addresses that are not mapped.
+            unsafe { libc::madvise(std::ptr::without_provenance_mut(start), LARGE, libc::MADV_HUGEPAGE) };
+        }
     }
 
     /// Unmaps free memory once after each busy time.

@@ -55,7 +55,7 @@ fn end(mut child: Child) -> Done {
 }
 
 /// Runs a command line of the shell, in which `$0` is the program.
-fn shell(folder: &Folder, line: &str) -> Done {
+pub fn shell(folder: &Folder, line: &str) -> Done {
     let program = folder.tesserae(&[]);
     let mut shell = Command::new("sh");
     shell.args(["-c", line]).arg(program.get_program()).current_dir(folder.root()).stdin(Stdio::null());
