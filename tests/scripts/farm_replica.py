@@ -47,7 +47,8 @@ class Replica:
             "serve", "--listen", "%s:%d" % self.address, "--store", database.url, "--blobs", BLOBS,
             *([] if "--tokens-in-store" in arguments else ["--tokens", TOKENS]),
             "--device", "cpu", "--worker-name", name, "--lease", str(LEASE), "--min-free-bytes", "0", "--log", "info",
-            "--max-request-rate", "1000000", "--max-queued-jobs", "100000", "--crash-pause", "0",
+            "--max-request-rate", "1000000", "--max-queued-jobs", "100000", "--max-queued-jobs-per-tenant", "100000",
+            "--crash-pause", "0",
             # kills are so many that a job may be alone at work in several
             "--max-attempts", "1000", *arguments]
         self.start()
