@@ -41,8 +41,8 @@ impl Admission {
         Self { store, metrics, most, creating: Arc::default() }
     }
 
-    /// Refuses a job before its upload is read when there is no room for it now. With `is_reserved`, the
-    /// job's reservation counts already, and the tenant's limit is not checked.
+    /// Refuses a job before its upload is read when there is no room for it now. With `is_reserved`, the job's
+    /// reservation counts already, and the tenant's limit is not checked.
     pub async fn check(&self, tenant: &Tenant, is_reserved: bool) -> Result<(), Failure> {
         let checked = self.store.check_room().await;
         if let Err(error) = checked {

@@ -7,7 +7,8 @@ and another does, events and results read elsewhere, cancellation, a request sen
 is killed, a database that is stopped. Then JOBS (100) jobs come in at all services while KILLS (8) times a service is
 ended by SIGKILL and started again, and STOPS (2) times the database is. In the end every job has ended once, with the
 labels that the command line gives, its events are numbered without a gap, and no result is missing. `farm_failures` has
-the checks that need a moment of their own, `farm_streams` STREAMS (1000) event streams of one job. At the end all jobs expire, and the sweep leaves no file.
+the checks that need a moment of their own, `farm_streams` STREAMS (1000) event streams of one job. At the end all jobs
+expire, and the sweep leaves no file.
 
 With FARM_OLD=BINARY in the environment, the services begin as those of an older release, and are replaced one by one
 while jobs come in.

@@ -6,12 +6,7 @@ import resource
 import time
 
 from farm_replica import BINARY, MANY, WORK, Replica, ended, submitted
-
-
-def memory(replica):
-    """KiB that a service has in memory."""
-    status = open(f"/proc/{replica.process.pid}/status").read()
-    return int(re.search(r"^VmRSS:\s+(\d+)", status, re.MULTILINE)[1])
+from service import resident
 
 
 async def open_stream(replica, path):
@@ -33,7 +28,7 @@ async def read_to_end(reader, writer, first):
 
 
 async def follow_all(fronts, worker, path, count):
-    """What every stream had, memory with all of them open, seconds to open them, and from the worker's start to the end."""
+    """What every stream had, memory with all of them open, seconds to open them, and those from the worker's start on."""
     started, at_once = time.monotonic(), asyncio.Semaphore(100)
 
     async def one(number):
@@ -41,7 +36,7 @@ async def follow_all(fronts, worker, path, count):
             return await open_stream(fronts[number % 2], path)
 
     streams = await asyncio.gather(*(one(number) for number in range(count)))
-    full = [memory(front) for front in fronts]
+    full = [resident(front.process) for front in fronts]
     opening, started = time.monotonic() - started, time.monotonic()
     worker.start()
     seen = await asyncio.wait_for(asyncio.gather(*(read_to_end(*stream) for stream in streams)), 300)
@@ -62,7 +57,7 @@ def follow_one_job(database, kind, count):
             replicas[-1].wait_until_ready()
         *fronts, worker = replicas
         worker.stop()
-        empty = [memory(front) for front in fronts]
+        empty = [resident(front.process) for front in fronts]
         id = submitted(kind, fronts[0])["id"]
         seen, full, opening, lasting = asyncio.run(follow_all(fronts, worker, f"/v1/jobs/{id}/events", count))
         numbers, events = seen[0]
@@ -71,7 +66,7 @@ def follow_one_job(database, kind, count):
         others = [index for index, other in enumerate(seen) if other != seen[0]]
         assert not others, f"streams differ from the first one: {others[:9]}"
         assert ended(fronts[1], id)["state"] == "succeeded"
-        each = (sum(full) - sum(empty)) / count
+        each = (sum(full) - sum(empty)) / count * 1024
         print(f"farm: {count} event streams over two front ends, open within {opening:.1f} s, {each:.0f} KiB of memory "
               f"each; all had the {len(numbers)} events of a job {lasting:.1f} s after its worker was started")
     finally:

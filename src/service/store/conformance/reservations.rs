@@ -21,15 +21,13 @@ pub(super) async fn what_is_reserved_counts_until_it_is_a_job_or_over(store: &dy
     assert_eq!(store.reservation(taken).await, Ok(Some(new(&tenant, names[0]))));
     create(store).await;
     assert_eq!(waiting().await, 3);
-    let referred = Some(Referred { url: None, tag: None, parts: None });
-    let by_url = Spec { referred, ..spec("x") };
-    add(store, taken, by_url.clone()).await;
+    add(store, taken, by_url()).await;
     assert_eq!((store.reservation(taken).await, waiting().await), (Ok(None), 3));
     for _ in 0..2 {
         store.unreserve(given_up).await.expect("given up");
     }
     assert_eq!((store.reservation(given_up).await, waiting().await), (Ok(None), 2));
-    let late = store.create(new_job(given_up, &by_url)).await;
+    let late = store.create(job_of(given_up)).await;
     assert_eq!(late.expect_err("no job without a reservation").kind, Kind::NotFound);
     assert_eq!((store.get(given_up).await, waiting().await), (Ok(None), 2));
     store.reserve(over, new(&tenant, "x"), Duration::ZERO).await.expect("reserved");
@@ -40,19 +38,23 @@ pub(super) async fn what_is_reserved_counts_until_it_is_a_job_or_over(store: &dy
     assert!(store.reservation(another).await.expect("readable").is_some());
 }
 
-fn new_job(id: JobId, spec: &Spec) -> NewJob {
-    NewJob { id, spec: spec.clone(), idempotency: None, upload: Vec::new() }
+/// What becomes of an upload by URL.
+fn by_url() -> Spec {
+    Spec { referred: Some(Referred { url: None, tag: None, parts: None }), ..spec("x") }
+}
+
+fn job_of(upload: JobId) -> NewJob {
+    NewJob { id: upload, spec: by_url(), idempotency: None, upload: Vec::new() }
 }
 
 pub(super) async fn a_reservation_that_is_taken_back_becomes_no_job(store: &dyn JobStore) {
-    let referred = Some(Referred { url: None, tag: None, parts: None });
-    let by_url = Spec { referred, ..spec("x") };
-    let reservation = Reservation { tenant: by_url.tenant.clone(), bytes: 1, file_name: None, is_over: false };
+    let tenant = by_url().tenant;
+    let reservation = Reservation { tenant: tenant.clone(), bytes: 1, file_name: None, is_over: false };
     let mut jobs = 0;
     for round in 0..20 {
         let id = JobId::random();
         store.reserve(id, reservation.clone(), LEASE).await.expect("reserved");
-        let (create, unreserve) = (store.create(new_job(id, &by_url)), store.unreserve(id));
+        let (create, unreserve) = (store.create(job_of(id)), store.unreserve(id));
         let created = match round % 2 {
             0 => futures_util::join!(create, unreserve).0,
             _ => futures_util::join!(unreserve, create).1,
@@ -62,6 +64,6 @@ pub(super) async fn a_reservation_that_is_taken_back_becomes_no_job(store: &dyn 
             Err(error) => assert_eq!(error.kind, Kind::NotFound, "{error}"),
         }
         assert_eq!(store.reservation(id).await, Ok(None));
-        assert_eq!(store.waiting_of(&by_url.tenant).await, Ok(jobs));
+        assert_eq!(store.waiting_of(&tenant).await, Ok(jobs));
     }
 }
