@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::job;
 use crate::mesh::{Resources, number};
 
+#[cfg(feature = "service")]
 pub use crate::service::fuzzing::{form, headers, request, tokens};
 
 /// Bytes before and after the first `separator`; all of them before it when there is none.
