@@ -3,8 +3,6 @@
 //!
 //! Only vertices that faces use are looked at. Sorting them takes 16 bytes each, numbering 8 for any vertex.
 
-use rayon::prelude::*;
-
 use super::order::sort_by_prefix;
 use crate::mesh::{MeshView, Positions};
 
@@ -48,7 +46,7 @@ pub fn first_vertices(mesh: MeshView<'_>) -> Vec<u32> {
     let positions = mesh.positions;
     let mut first = vec![UNUSED; positions.len()];
     mesh.faces.all_corners().iter().for_each(|&vertex| first[vertex as usize] = vertex);
-    let used = first.par_iter().filter(|&&vertex| vertex != UNUSED);
+    let used = first.iter().filter(|&&vertex| vertex != UNUSED);
     let mut sorted: Vec<u64> = used.map(|&vertex| hash(positions, vertex) << 32 | u64::from(vertex)).collect();
     sort_by_prefix(&mut sorted);
     let mut by_position = Vec::new();

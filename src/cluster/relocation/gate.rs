@@ -29,9 +29,10 @@ pub fn may_pay(graph: &DualGraph, labels: &[u32], clusters: usize) -> bool {
         let ((a, unit), (b, _)) = (&all[a as usize], &all[b as usize]);
         a.least_merge_cost(b) * unit < most
     };
-    (0..labels.len() as u32).into_par_iter().with_min_len(CHUNK).any(|face| {
-        let own = labels[face as usize];
-        let others = graph.neighbours_of(face).iter().map(|&near| labels[near as usize]);
-        others.filter(|&other| other < own).any(|other| is_cheap(own, other))
+    labels.par_chunks(CHUNK).enumerate().any(|(chunk, own)| {
+        (chunk as u32 * CHUNK as u32..).zip(own).any(|(face, &own)| {
+            let others = graph.neighbours_of(face).iter().map(|&near| labels[near as usize]);
+            others.filter(|&other| other < own).any(|other| is_cheap(own, other))
+        })
     })
 }

@@ -18,11 +18,14 @@ pub fn grow(graph: &DualGraph, labels: &mut Labels, mut front: Vec<u32>, cancel:
             let free = graph.neighbours_of(face).iter().filter(|&&near| labels.of(near) == FREE);
             offers.extend(free.map(|&near| (near, label)));
         }
-        // the smallest offer of each face
-        offers.sort_unstable();
-        offers.dedup_by_key(|&mut (face, _)| face);
-        offers.iter().for_each(|&(face, label)| labels.set(face, label));
-        front = offers.into_iter().map(|(face, _)| face).collect();
+        front = Vec::new();
+        for (face, label) in offers {
+            let smallest = labels.of(face);
+            if smallest == FREE {
+                front.push(face);
+            }
+            labels.set(face, smallest.min(label));
+        }
     }
     Ok(())
 }

@@ -74,6 +74,7 @@ pub(super) fn create(batch: &mut Batch<'_>, new: &NewJob, rules: &Rules) -> Resu
     job.queue_position = Some(place);
     let mut live = Live::new(*id, number);
     live.keep(batch, upload)?;
+    batch.effects.uploads.push((*id, upload.clone()));
     live.append(batch, &[What::State(State::Queued)])?;
     batch.effects.arrivals = true;
     Ok(Created::New(job))

@@ -18,6 +18,7 @@ mod opening;
 mod reservations;
 mod rows;
 mod schema;
+mod uploads;
 mod writer;
 
 use std::path::Path;
@@ -221,6 +222,9 @@ impl Queue for SqliteStore {
     }
 
     async fn blob(&self, id: JobId, name: &str) -> Result<Option<Bytes>> {
+        if let Some(bytes) = self.listeners.uploads.lock().take(id, name) {
+            return Ok(Some(bytes));
+        }
         let name = name.to_owned();
         let read = move |reader: &Connection| {
             let sql = "SELECT bytes FROM blobs WHERE job = (SELECT number FROM jobs WHERE id = ?1) AND name = ?2";
@@ -281,6 +285,10 @@ impl Events for SqliteStore {
 
     async fn watch(&self, id: JobId) -> Result<Option<watch::Receiver<Pulse>>> {
         let receiver = self.listeners.pulses.subscribe(id);
+        if receiver.borrow().last_seq > 0 {
+            // the last change of the job was published to another receiver
+            return Ok(Some(receiver));
+        }
         let sql = "SELECT last_seq, cancel_requested, state FROM jobs WHERE id = ?1";
         let read = |reader: &Connection| first(reader, sql, [id.to_string()], rows::pulse);
         let Some(pulse) = self.readers.read(read).await? else {

@@ -17,10 +17,11 @@ use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 
 use super::super::pulses::{Pulses, Signal};
-use super::super::{JobId, Pulse, Statistics};
+use super::super::{JobId, Pulse, SmallBlob, Statistics};
 use super::check::Damage;
 use super::claim_memory::ClaimMemory;
 use super::connections::{Abort, Place, closed};
+use super::uploads::Uploads;
 use crate::error::{Error, Kind, Result};
 use crate::service::faults::{FaultPoint, Faults};
 
@@ -38,6 +39,8 @@ pub(super) struct Batch<'c> {
 /// What is published once the transaction is committed.
 #[derive(Debug, Default)]
 pub(super) struct Effects {
+    /// Jobs that are new, with their small blobs.
+    pub uploads: Vec<(JobId, Vec<SmallBlob>)>,
     /// Jobs that changed.
     pub pulses: Vec<(JobId, Pulse)>,
     /// Jobs that are gone.
@@ -58,17 +61,22 @@ pub(super) struct Effects {
     pub given_up: u64,
 }
 
-/// Tasks that wait for changes, and what claims keep between them.
+/// Tasks that wait for changes, what claims keep between them, and uploads that they read soon.
 #[derive(Debug, Default)]
 pub(super) struct Listeners {
     pub pulses: Pulses,
     pub arrivals: Signal,
     pub endings: Signal,
     pub claims: Mutex<ClaimMemory>,
+    pub uploads: Mutex<Uploads>,
 }
 
 impl Listeners {
     fn publish(&self, effects: Effects) {
+        let mut uploads = self.uploads.lock();
+        effects.uploads.into_iter().for_each(|(id, blobs)| uploads.keep(id, blobs));
+        effects.pulses.iter().filter(|(_, pulse)| pulse.ended).for_each(|(id, _)| uploads.forget(*id));
+        drop(uploads);
         for (id, pulse) in effects.pulses {
             self.pulses.publish(id, pulse);
         }
