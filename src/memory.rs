@@ -4,13 +4,14 @@
 //! kernel then clears every page again that is used a second time, at some microseconds a page; threads wait for each
 //! other while pages are mapped; and what one thread frees, others cannot use. A job allocates and frees as much as its
 //! mesh takes, many times. So there are fewer arenas here, and freed memory is kept: until the end of a process that
-//! does one job, and in a service until it is idle. A process that does one job has large pages, too, which take a
-//! tenth or more of its processor time away (`benches/results/2026-11-23-two-cores/images.md`); a service uses the same
-//! memory again and gains nothing from them.
+//! does one job, and in a service until it is idle. A process that does one job uses large pages, too: a tenth or more
+//! less processor time (`benches/results/2026-11-23-two-cores/images.md`). A service uses the same memory again and gains
+//! nothing from them.
 //!
 //! Both functions must be called before there is a second thread. With another C library they do nothing.
 
-/// Keeps all memory until the process ends, in one arena for every four processors, the first one in large pages.
+/// Keeps all memory until the process ends, in one arena for every four processors, the first GiB of the first one in
+/// large pages.
 pub(crate) fn keep() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     {
@@ -71,9 +72,15 @@ mod glibc {
     }
 
     /// Lets the first arena grow by [`LARGE`] bytes of addresses, which the kernel then backs with pages of 2 MiB: one
-    /// fault for each of them, in place of one for every 4 KiB. Nothing changes where addresses are limited.
+    /// fault for each of them, in place of one for every 4 KiB. Nothing changes where addresses are limited or counted
+    /// as memory (`vm.overcommit_memory`), and where large pages have another size.
     pub fn use_large_pages() {
-        if [Resource::As, Resource::Data].iter().any(|&limited| getrlimit(limited).current.is_some()) {
+        let is_limited = [Resource::As, Resource::Data].iter().any(|&limited| getrlimit(limited).current.is_some());
+        let says = |path, value| std::fs::read_to_string(path).is_ok_and(|text: String| text.trim() == value);
+        if is_limited
+            || !says("/sys/kernel/mm/transparent_hugepage/hpage_pmd_size", "2097152")
+            || says("/proc/sys/vm/overcommit_memory", "2")
+        {
             return;
         }
         let mut block = Vec::<u8>::new();

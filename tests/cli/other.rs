@@ -1,7 +1,6 @@
 //! `tesserae sample`, `tesserae devices` and the help, from outside.
 
 use crate::common::command::Folder;
-use crate::streams::shell;
 
 #[test]
 fn samples_are_written_in_the_format_of_the_name_or_as_obj_to_standard_output() {
@@ -100,12 +99,4 @@ fn ply_and_stl_are_clustered_by_name_by_content_and_by_flag() {
     folder.run(&["cluster", "cloud.ply", "-k", "2"]).expect_failure(&["cloud.ply: ", "point cloud"]);
     folder.write("bad.stl", stl.replace("vertex 0 1 0\n", ""));
     folder.run(&["cluster", "bad.stl", "-k", "2"]).expect_failure(&["bad.stl: line 13: facet 1 "]);
-}
-
-#[test]
-fn a_command_works_where_addresses_are_limited() {
-    let folder = Folder::new();
-    // less than the heap takes for large pages elsewhere
-    shell(&folder, "ulimit -v 900000; \"$0\" sample knot --faces 20000 knot.obj").expect_success();
-    assert!(folder.path("knot.obj").exists());
 }

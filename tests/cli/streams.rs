@@ -55,7 +55,7 @@ fn end(mut child: Child) -> Done {
 }
 
 /// Runs a command line of the shell, in which `$0` is the program.
-pub fn shell(folder: &Folder, line: &str) -> Done {
+fn shell(folder: &Folder, line: &str) -> Done {
     let program = folder.tesserae(&[]);
     let mut shell = Command::new("sh");
     shell.args(["-c", line]).arg(program.get_program()).current_dir(folder.root()).stdin(Stdio::null());
@@ -358,4 +358,12 @@ fn two_links_to_one_file_that_is_not_there_are_one_output() {
     let done = folder.run(&[&CLUSTER[..], &["--labels", "l1.npy", "--report", "l2.json"]].concat());
     assert_eq!(done.status, Some(2), "{done:?}");
     assert!(!folder.path("z.npy").exists());
+}
+
+#[test]
+fn a_command_works_where_addresses_are_limited() {
+    let folder = Folder::new();
+    // less than a heap that tries large pages takes
+    shell(&folder, "ulimit -v 900000; \"$0\" sample knot --faces 20000 knot.obj").expect_success();
+    assert!(folder.path("knot.obj").exists());
 }

@@ -45,6 +45,8 @@ async def follow_all(fronts, worker, path, count):
 
 def follow_one_job(database, kind, count):
     """Each of `count` streams has all events of a job once, in their order, wherever it is open."""
+    if count == 0:
+        return
     resource.setrlimit(resource.RLIMIT_NOFILE, (resource.getrlimit(resource.RLIMIT_NOFILE)[1],) * 2)
     limits = [flag for name in ("streams", "streams-per-client", "connections-per-address")
               for flag in (f"--max-{name}", str(count))]
@@ -69,6 +71,10 @@ def follow_one_job(database, kind, count):
         each = (sum(full) - sum(empty)) / count * 1024
         print(f"farm: {count} event streams over two front ends, open within {opening:.1f} s, {each:.0f} KiB of memory "
               f"each; all had the {len(numbers)} events of a job {lasting:.1f} s after its worker was started")
+    except BaseException:
+        for replica in replicas:
+            print(f"--- {replica.name}\n{replica.tail()}")
+        raise
     finally:
         for replica in replicas:
             if replica.process.poll() is None:

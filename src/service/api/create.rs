@@ -203,8 +203,9 @@ async fn accept(shared: Arc<Shared>, caller: Caller, upload: Upload, key: Option
             // a repeated request may have stored the mesh once more
             if wanted.is_some() && job.id != id {
                 // a reservation that stays is over after some hours
-                let _ = shared.store.unreserve(id).await;
-                shared.files.remove_upload(id).await;
+                if shared.store.unreserve(id).await == Ok(true) {
+                    shared.files.remove_upload(id).await;
+                }
             }
             audit::record(Action::Repeated, &caller, job.id);
             Ok(job)

@@ -18,7 +18,7 @@ use crate::service::blobs::PutUrl;
 use crate::service::problem::{Answer, Problematic};
 use crate::service::query;
 use crate::service::state::{App, Shared};
-use crate::service::store::{JobId, RESERVED_FOR};
+use crate::service::store::{JobId, RESERVED_FOR, no_such_upload};
 use crate::service::timestamp::rfc3339;
 use crate::service::upload::{kept_name, reservation};
 
@@ -106,10 +106,10 @@ pub(in crate::service) async fn remove(
     let id: JobId = id.parse()?;
     let _taken = shared.files.incoming_reserved(id)?;
     reservation(id, &shared.files, shared.store.as_ref(), &tenant.name).await?;
-    shared.store.unreserve(id).await?;
-    if shared.store.get(id).await?.is_none() {
-        shared.files.remove_upload(id).await;
+    if !shared.store.unreserve(id).await? {
+        return Err(no_such_upload(id).into());
     }
+    shared.files.remove_upload(id).await;
     audit::record(Action::Deleted, &caller, id);
     Ok(StatusCode::NO_CONTENT)
 }

@@ -90,7 +90,7 @@ timed!(Queue {
 timed!(Reservations {
     "reserve": reserve(id: JobId, reservation: Reservation, valid: Duration) -> ();
     "reservation": reservation(id: JobId) -> Option<Reservation>;
-    "unreserve": unreserve(id: JobId) -> ();
+    "unreserve": unreserve(id: JobId) -> bool;
     "waiting_of": waiting_of(tenant: &str) -> u64;
 } and {});
 

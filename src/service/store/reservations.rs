@@ -45,8 +45,8 @@ pub(in crate::service) trait Reservations: Queue {
     /// A reservation; none after it was taken back or became a job.
     async fn reservation(&self, id: JobId) -> Result<Option<Reservation>>;
 
-    /// Takes a reservation back.
-    async fn unreserve(&self, id: JobId) -> Result<()>;
+    /// Takes a reservation back. False when there is none, as when it became a job.
+    async fn unreserve(&self, id: JobId) -> Result<bool>;
 
     /// Number of jobs of a tenant that wait, and of its reservations that are not over.
     async fn waiting_of(&self, tenant: &str) -> Result<u64>;

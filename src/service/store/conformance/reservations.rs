@@ -23,9 +23,7 @@ pub(super) async fn what_is_reserved_counts_until_it_is_a_job_or_over(store: &dy
     assert_eq!(waiting().await, 3);
     add(store, taken, by_url()).await;
     assert_eq!((store.reservation(taken).await, waiting().await), (Ok(None), 3));
-    for _ in 0..2 {
-        store.unreserve(given_up).await.expect("given up");
-    }
+    assert_eq!((store.unreserve(given_up).await, store.unreserve(given_up).await), (Ok(true), Ok(false)));
     assert_eq!((store.reservation(given_up).await, waiting().await), (Ok(None), 2));
     let late = store.create(job_of(given_up)).await;
     assert_eq!(late.expect_err("no job without a reservation").kind, Kind::NotFound);
@@ -38,7 +36,7 @@ pub(super) async fn what_is_reserved_counts_until_it_is_a_job_or_over(store: &dy
     assert!(store.reservation(another).await.expect("readable").is_some());
 }
 
-/// What becomes of an upload by URL.
+/// The spec of a job of an upload by URL.
 fn by_url() -> Spec {
     Spec { referred: Some(Referred { url: None, tag: None, parts: None }), ..spec("x") }
 }
@@ -54,11 +52,20 @@ pub(super) async fn a_reservation_that_is_taken_back_becomes_no_job(store: &dyn 
     for round in 0..20 {
         let id = JobId::random();
         store.reserve(id, reservation.clone(), LEASE).await.expect("reserved");
-        let (create, unreserve) = (store.create(job_of(id)), store.unreserve(id));
-        let created = match round % 2 {
-            0 => futures_util::join!(create, unreserve).0,
-            _ => futures_util::join!(unreserve, create).1,
+        let create = store.create(job_of(id));
+        let take_back = async {
+            let was_there = store.unreserve(id).await.expect("taken back");
+            (was_there, store.get(id).await.expect("readable").is_some())
         };
+        let (created, (was_taken_back, was_job)) = match round % 2 {
+            0 => futures_util::join!(create, take_back),
+            _ => {
+                let (taken_back, created) = futures_util::join!(take_back, create);
+                (created, taken_back)
+            }
+        };
+        assert_eq!(created.is_ok(), was_job, "what is no job when it is taken back becomes none");
+        assert_ne!(created.is_ok(), was_taken_back);
         match created {
             Ok(_) => jobs += 1,
             Err(error) => assert_eq!(error.kind, Kind::NotFound, "{error}"),

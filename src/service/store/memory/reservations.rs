@@ -22,9 +22,8 @@ impl Reservations for MemoryStore {
         Ok(found.map(|(reservation, until)| Reservation { is_over: until <= SystemTime::now(), ..reservation }))
     }
 
-    async fn unreserve(&self, id: JobId) -> Result<()> {
-        self.jobs.lock().reservations.remove(&id);
-        Ok(())
+    async fn unreserve(&self, id: JobId) -> Result<bool> {
+        Ok(self.jobs.lock().reservations.remove(&id).is_some())
     }
 
     async fn waiting_of(&self, tenant: &str) -> Result<u64> {

@@ -12,7 +12,8 @@ use super::rows::{column, count, json};
 use crate::error::Result;
 
 const RESERVE: &str = "WITH over AS (\
-    DELETE FROM reservations WHERE expires_at <= clock_timestamp() - make_interval(secs => $4)\
+    DELETE FROM reservations WHERE id IN (SELECT id FROM reservations \
+        WHERE expires_at <= clock_timestamp() - make_interval(secs => $4) FOR UPDATE SKIP LOCKED)\
 ) INSERT INTO reservations (id, tenant, upload, expires_at) \
 VALUES ($1, $2, $3, clock_timestamp() + make_interval(secs => $4))";
 
@@ -41,11 +42,11 @@ impl Reservations for PostgresStore {
         found.await
     }
 
-    async fn unreserve(&self, id: JobId) -> Result<()> {
+    async fn unreserve(&self, id: JobId) -> Result<bool> {
         let removed = self.connections.run(|client| async move {
             execute(&client, "DELETE FROM reservations WHERE id = $1", &[&id.uuid()]).await
         });
-        removed.await.map(drop)
+        Ok(removed.await? > 0)
     }
 
     async fn waiting_of(&self, tenant: &str) -> Result<u64> {

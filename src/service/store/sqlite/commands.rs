@@ -45,12 +45,13 @@ pub(super) fn create(batch: &mut Batch<'_>, new: &NewJob, rules: &Rules) -> Resu
         }
     }
     check_room(batch.connection, rules)?;
+    let mut job = Job::queued(*id, spec.clone(), rows::now());
+    let (spec_json, progress) = (json(spec)?, json(&job.progress)?);
     if spec.is_of_upload_by_url()
         && execute(batch.connection, "DELETE FROM reservations WHERE id = ?1", [id.to_string()])? == 0
     {
         return Err(no_such_upload(*id).into());
     }
-    let mut job = Job::queued(*id, spec.clone(), rows::now());
     let urgency = -i64::from(spec.priority);
     execute(
         batch.connection,
@@ -59,8 +60,8 @@ pub(super) fn create(batch: &mut Batch<'_>, new: &NewJob, rules: &Rules) -> Resu
         params![
             id.to_string(),
             spec.tenant,
-            json(spec)?,
-            json(&job.progress)?,
+            spec_json,
+            progress,
             idempotency.as_ref().map(|wanted| &wanted.key),
             idempotency.as_ref().map(|wanted| &wanted.request),
             micros(job.created_at),

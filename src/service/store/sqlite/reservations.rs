@@ -33,9 +33,9 @@ impl Reservations for SqliteStore {
         self.readers.read(|reader: &Connection| first(reader, sql, [id.to_string()], reservation)).await
     }
 
-    async fn unreserve(&self, id: JobId) -> Result<()> {
+    async fn unreserve(&self, id: JobId) -> Result<bool> {
         let sql = "DELETE FROM reservations WHERE id = ?1";
-        self.writer.carry_out(move |batch| execute(batch.connection, sql, [id.to_string()]).map(drop)).await
+        self.writer.carry_out(move |batch| Ok(execute(batch.connection, sql, [id.to_string()])? > 0)).await
     }
 
     async fn waiting_of(&self, tenant: &str) -> Result<u64> {
