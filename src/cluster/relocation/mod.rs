@@ -16,7 +16,7 @@
 //!
 //! C and D follow if swaps lowered F by a thousandth, E and F also where clusters have fewer than [`FEW_FACES`]
 //! *effective* faces: as many equal ones as would have the same Σ w² and the same Σ w, (Σ w)²/Σ w². The lowest of B,
-//! C and D goes on. Quality `fast` makes B; the default all, with [`TURNS`] rounds of E and breaths in turns; `best`
+//! C and D goes on. Quality `fast` makes B; the default all, with [`TURNS`] or [`MORE_TURNS`] rounds of E and breaths in turns; `best`
 //! goes on as long as F falls, and mixes in the results of cheaper jobs, so that its own is not above any of them.
 //! ([`super::coarse`] is step A.)
 //!
@@ -25,9 +25,12 @@
 //! [`FEW_CLUSTERS`], whatever the start is, another may end a per cent lower: there it mixes in the result of ACVD.
 //!
 //! Why in turns: trials move a cluster at a time, breaths many; what one of them has made of its clusters, the other
-//! lowers further. Two turns end 0.1 to 0.9 % below three rounds of trials and a breath on small smooth meshes.
+//! lowers further. Two turns end 0.1 to 0.9 % below three rounds of trials and a breath on small smooth meshes; small meshes
+//! get five, with which no case of 146 ends more than 0.5 % above any algorithm of the first version, and which take 1.3
+//! times as long (`benches/results/2026-11-24-two-cores/uneven.md`).
 //!
-//! Levels of hierarchies get B, E and F ([`Relocation::labels_from`]): another start would not be theirs.
+//! Levels of hierarchies get B, E and F ([`Relocation::labels_from`]). Where swaps pay, the other start of D is a flat one:
+//! merging from single faces is how the hierarchy came there.
 //!
 //! # F never rises, and it ends
 //!
@@ -92,6 +95,9 @@ pub const FEW_CLUSTERS: usize = 32;
 /// Turns of a round of trials and a breath, unless all are made.
 const TURNS: usize = 2;
 
+/// The same on small meshes.
+const MORE_TURNS: usize = 5;
+
 /// Rounds of trials before the results of cheaper jobs are mixed in, and the fewest where all are made.
 const TRIALS: usize = 3;
 
@@ -142,9 +148,7 @@ impl<'a> Relocation<'a> {
         self.settle_all(&mut best, on_change)?;
         if has_paid {
             let merged = merging::merged(self.graph, best.clusters.count(), device, self.cancel)?;
-            let mut other = State::new(self.graph, merged);
-            settle_and_swap(&mut other.clusters, &mut other.candidates, self.cancel)?;
-            self.mix_in(&mut best, other, on_change)?;
+            self.mix_in_start(&mut best, merged, on_change)?;
         }
         if self.effort == Effort::All {
             self.relax(&mut best, TRIALS, on_change)?;
@@ -153,8 +157,14 @@ impl<'a> Relocation<'a> {
         self.relax_and_breathe(best, on_change)
     }
 
-    /// Makes the steps that begin with the clusters as they are: B, E and F.
-    pub fn labels_from(&self, labels: Vec<u32>, on_change: OnChange<'_>) -> Result<Vec<u32>> {
+    /// Makes B, E and F from labels of a hierarchy, and D with those of a flat start, which `flat` computes where it is
+    /// worth it.
+    pub fn labels_from(
+        &self,
+        labels: Vec<u32>,
+        flat: impl FnOnce() -> Result<Vec<u32>>,
+        on_change: OnChange<'_>,
+    ) -> Result<Vec<u32>> {
         if self.no_swap_can_pay(&labels) {
             return Ok(labels);
         }
@@ -164,6 +174,9 @@ impl<'a> Relocation<'a> {
             return Ok(best.clusters.compacted());
         }
         self.settle_all(&mut best, on_change)?;
+        if has_paid {
+            self.mix_in_start(&mut best, flat()?, on_change)?;
+        }
         self.relax_and_breathe(best, on_change)
     }
 
@@ -175,7 +188,7 @@ impl<'a> Relocation<'a> {
 
     /// Whether E and what goes with it are worth it.
     fn tries_more(&self, clusters: usize, has_paid: bool) -> bool {
-        let is_small = self.graph.faces() <= SMALL;
+        let is_small = self.is_small();
         match self.effort {
             Effort::Swaps => false,
             Effort::Some if is_small && clusters <= FEW_CLUSTERS => true,
@@ -185,11 +198,15 @@ impl<'a> Relocation<'a> {
         }
     }
 
+    fn is_small(&self) -> bool {
+        self.graph.faces() <= SMALL
+    }
+
     /// E and F, in turns, or each as long as F falls.
     fn relax_and_breathe(&self, mut best: State<'a>, on_change: OnChange<'_>) -> Result<Vec<u32>> {
         let (turns, rounds, breaths) = match self.effort {
             Effort::All => (1, self.rounds(), self.rounds()),
-            Effort::Some | Effort::Swaps => (TURNS, 1, 1),
+            Effort::Some | Effort::Swaps => (if self.is_small() { MORE_TURNS } else { TURNS }, 1, 1),
         };
         let mut breath = Breath::default();
         for _ in 0..turns {
@@ -251,6 +268,13 @@ impl<'a> Relocation<'a> {
             report(Phase::Restart, &mut best.clusters, on_change)?;
         }
         Ok(())
+    }
+
+    /// D with another start, after its own swaps.
+    fn mix_in_start(&self, best: &mut State<'a>, labels: Vec<u32>, on_change: OnChange<'_>) -> Result<()> {
+        let mut other = State::new(self.graph, labels);
+        settle_and_swap(&mut other.clusters, &mut other.candidates, self.cancel)?;
+        self.mix_in(best, other, on_change)
     }
 
     /// D with the results of cheaper jobs.
