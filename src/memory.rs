@@ -5,8 +5,8 @@
 //! other while pages are mapped; and what one thread frees, others cannot use. A job allocates and frees as much as its
 //! mesh takes, many times. So there are fewer arenas here, and freed memory is kept: until the end of a process that
 //! does one job, and in a service until it is idle. A process that does one job uses large pages, too: a tenth or more
-//! less processor time (`benches/results/2026-11-23-two-cores/images.md`). A service uses the same memory again and gains
-//! nothing from them.
+//! less processor time (`benches/results/2026-11-23-two-cores/images.md`). A service uses the same memory again and
+//! gains nothing from them.
 //!
 //! Both functions must be called before there is a second thread. With another C library they do nothing.
 

@@ -16,21 +16,21 @@
 //!
 //! C and D follow if swaps lowered F by a thousandth, E and F also where clusters have fewer than [`FEW_FACES`]
 //! *effective* faces: as many equal ones as would have the same Σ w² and the same Σ w, (Σ w)²/Σ w². The lowest of B,
-//! C and D goes on. Quality `fast` makes B; the default all, with [`TURNS`] or [`MORE_TURNS`] rounds of E and breaths in turns; `best`
-//! goes on as long as F falls, and mixes in the results of cheaper jobs, so that its own is not above any of them.
-//! ([`super::coarse`] is step A.)
+//! C and D goes on. Quality `fast` makes B; the default all, with [`TURNS`] rounds of E and breaths in turns, on small
+//! meshes [`MORE_TURNS`]; `best` goes on as long as F falls, and mixes in the results of cheaper jobs, so that its own
+//! is not above any of them. ([`super::coarse`] is step A.)
 //!
 //! On small meshes the default makes E and F also where clusters have fewer than [`MANY_FACES`] effective faces. With
 //! more, they gain 0.1 % for half as much time again (sphere and knot of 5,000 faces, 100 clusters). Up to
 //! [`FEW_CLUSTERS`], whatever the start is, another may end a per cent lower: there it mixes in the result of ACVD.
 //!
 //! Why in turns: trials move a cluster at a time, breaths many; what one of them has made of its clusters, the other
-//! lowers further. Two turns end 0.1 to 0.9 % below three rounds of trials and a breath on small smooth meshes; small meshes
-//! get five, with which no case of 146 ends more than 0.5 % above any algorithm of the first version, and which take 1.3
-//! times as long (`benches/results/2026-11-24-two-cores/uneven.md`).
+//! lowers further. Two turns end 0.1 to 0.9 % below three rounds of trials and a breath on small smooth meshes. Five
+//! take 1.3 times as long as two, and none of 146 cases then ends more than 0.5 % above an algorithm of the first
+//! version (`benches/results/2026-11-24-two-cores/uneven.md`).
 //!
-//! Levels of hierarchies get B, E and F ([`Relocation::labels_from`]). Where swaps pay, the other start of D is a flat one:
-//! merging from single faces is how the hierarchy came there.
+//! Levels of hierarchies get B, E and F ([`Relocation::labels_from`]). Where swaps pay, the other start of D is a flat
+//! one: merging from single faces is how the hierarchy came there.
 //!
 //! # F never rises, and it ends
 //!

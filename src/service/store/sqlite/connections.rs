@@ -30,10 +30,6 @@ const READ_CACHE: i32 = 512;
 /// Size to which the write-ahead log is cut back after it grew larger.
 const LOG_BYTES: u32 = 64 << 20;
 
-/// Pages of the write-ahead log from which it is written into the file: pages of uploads are used again by the jobs that
-/// follow, and what was replaced in the log by then is not written twice.
-const LOG_PAGES: u32 = 4096;
-
 /// For how long a connection waits for another one's lock.
 const PATIENCE: Duration = Duration::from_secs(5);
 
@@ -150,7 +146,6 @@ impl Place {
         connection.pragma_update(None, "journal_mode", "WAL")?;
         connection.pragma_update(None, "synchronous", "FULL")?;
         connection.pragma_update(None, "journal_size_limit", LOG_BYTES)?;
-        connection.pragma_update(None, "wal_autocheckpoint", LOG_PAGES)?;
         Ok(connection)
     }
 
