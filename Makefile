@@ -101,9 +101,9 @@ python: debug-binary $(PYTHON_VENV)/ready  ## build the Python package, check it
 	$(PYTHON_VENV)/bin/maturin build --manifest-path python/Cargo.toml --release --locked --auditwheel repair \
 		--interpreter $(PYTHON_VENV)/bin/python --target-dir $(abspath $(TARGET)) --out $(WHEELS)
 	$(PYTHON_VENV)/bin/pip install --quiet --disable-pip-version-check --no-deps --force-reinstall $(WHEELS)/*.whl
-	$(PYTHON_VENV)/bin/vermin --quiet --no-tips --eval-annotations --target=3.9- --violations python/tesserae
-	cd python && $(PYTHON_VENV)/bin/mypy --cache-dir $(PYTHON_VENV)/mypy tesserae examples tests
-	cd python && $(PYTHON_VENV)/bin/pyright --pythonpath $(PYTHON_VENV)/bin/python tesserae examples
+	$(PYTHON_VENV)/bin/vermin --quiet --no-tips --eval-annotations --target=3.9- --violations python/tesserae_mesh
+	cd python && $(PYTHON_VENV)/bin/mypy --cache-dir $(PYTHON_VENV)/mypy tesserae_mesh examples tests
+	cd python && $(PYTHON_VENV)/bin/pyright --pythonpath $(PYTHON_VENV)/bin/python tesserae_mesh examples
 	TESSERAE_BINARY=$(abspath $(TARGET))/debug/tesserae TESSERAE_WHEEL=$$(echo $(WHEELS)/*.whl) \
 		$(PYTHON_VENV)/bin/pytest -q -p no:cacheprovider python/tests
 
@@ -113,7 +113,7 @@ python-install: $(PYTHON_VENV)/ready  ## install the Python package into a new e
 	$(PYTHON_VENV)/bin/maturin sdist --manifest-path python/Cargo.toml --out $(TARGET)/python-install
 	python3 -m venv $(TARGET)/python-install/venv
 	CARGO_TARGET_DIR=$(abspath $(TARGET)) $(TARGET)/python-install/venv/bin/pip install --quiet --disable-pip-version-check \
-		$(TARGET)/python-install/tesserae-*.tar.gz
+		$(TARGET)/python-install/tesserae_mesh-*.tar.gz
 	cd $(TARGET)/python-install && venv/bin/python $(CURDIR)/python/examples/cluster_arrays.py
 
 # The runtime is clang's; Rust's own is linked to programs only. LeakSanitizer finds what Python keeps to its end.
@@ -129,8 +129,8 @@ python-asan: $(PYTHON_VENV)/ready  ## 10,000 random inputs to the Python package
 		--config 'profile.dev.package."*".opt-level=1'
 	rm -rf $(ASAN)/package
 	mkdir $(ASAN)/package
-	cp -r python/tesserae $(ASAN)/package/
-	cp $(ASAN)/$(ASAN_HOST)/debug/lib_native.so $(ASAN)/package/tesserae/_native.abi3.so
+	cp -r python/tesserae_mesh $(ASAN)/package/
+	cp $(ASAN)/$(ASAN_HOST)/debug/lib_native.so $(ASAN)/package/tesserae_mesh/_native.abi3.so
 	LD_PRELOAD=$(ASAN_RUNTIME) ASAN_OPTIONS=detect_leaks=0:allocator_may_return_null=1 PYTHONMALLOC=malloc \
 		PYTHONPATH=$(ASAN)/package $(PYTHON_VENV)/bin/python -W ignore -X faulthandler python/tests/test_random_inputs.py 10000
 

@@ -35,13 +35,13 @@ import numpy as np
 import pyacvd
 import pyvista
 import score
-import tesserae as package
+import tesserae_mesh as package
 from linkage import dual_edges
 from points import points_scored
 from scipy.sparse import coo_matrix
 from service import Service
 from sklearn.cluster import AgglomerativeClustering
-from tesserae import pyacvd as drop_in
+from tesserae_mesh import pyacvd as drop_in
 
 BINARY = pathlib.Path(sys.argv[1]).resolve()
 OUT = pathlib.Path(sys.argv[2])

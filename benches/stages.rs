@@ -9,10 +9,10 @@ use std::hint::black_box;
 use std::path::Path;
 
 use criterion::{BenchmarkId, Criterion, Throughput};
-use tesserae::artifacts::{ALL, Content, Labels, Need};
-use tesserae::dev::sample::{self, Sample};
-use tesserae::mesh::{self, Format, Limits, NoResources, PolygonMesh};
-use tesserae::surface::Surface;
+use tesserae_mesh::artifacts::{ALL, Content, Labels, Need};
+use tesserae_mesh::dev::sample::{self, Sample};
+use tesserae_mesh::mesh::{self, Format, Limits, NoResources, PolygonMesh};
+use tesserae_mesh::surface::Surface;
 
 /// A mesh by name, and the files that hold it.
 struct Subject {

@@ -1,5 +1,5 @@
-//! The `tesserae` command: everything is in [`tesserae::cli`].
+//! The `tesserae` command: everything is in [`tesserae_mesh::cli`].
 
 fn main() -> std::process::ExitCode {
-    tesserae::cli::main()
+    tesserae_mesh::cli::main()
 }

@@ -4,9 +4,9 @@ use std::fmt::Write;
 use std::path::Path;
 
 use clap::CommandFactory;
-use tesserae::artifacts::Artifact;
-use tesserae::cli::Cli;
-use tesserae::cluster::quality::Quality;
+use tesserae_mesh::artifacts::Artifact;
+use tesserae_mesh::cli::Cli;
+use tesserae_mesh::cluster::quality::Quality;
 
 /// The settings of the service as a table, from the flags that the program has.
 fn settings() -> String {
@@ -53,7 +53,7 @@ fn the_guide_has_the_numbers_of_the_code() {
 /// The outputs as a table.
 fn outputs() -> String {
     let mut table = "| output | | flags | route | files |\n|---|---|---|---|---|\n".to_owned();
-    for artifact in tesserae::artifacts::ALL {
+    for artifact in tesserae_mesh::artifacts::ALL {
         let Artifact { name, about, .. } = artifact;
         let flags: Vec<String> = artifact.flags.iter().map(|flag| format!("`{} {}`", flag.name, flag.value)).collect();
         let route = if artifact.is_served { format!("`GET …/{name}`") } else { String::new() };

@@ -2,8 +2,8 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use tesserae::fuzzing;
-use tesserae::mesh::{self, Format, Limits};
+use tesserae_mesh::fuzzing;
+use tesserae_mesh::mesh::{self, Format, Limits};
 
 fuzz_target!(|bytes: &[u8]| {
     let limits = Limits { max_bytes: 1 << 20, max_faces: 10_000, ..Limits::default() };

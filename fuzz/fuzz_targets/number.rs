@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use tesserae::fuzzing;
+use tesserae_mesh::fuzzing;
 
 fuzz_target!(|bytes: &[u8]| {
     fuzzing::number(bytes);

@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use tesserae::hierarchy::stored::{self, Stored};
+use tesserae_mesh::hierarchy::stored::{self, Stored};
 
 fuzz_target!(|bytes: &[u8]| {
     if let Ok(tree) = Stored::read(bytes, bytes.len() as u64, 10_000) {

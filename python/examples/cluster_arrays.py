@@ -7,7 +7,7 @@ import sys
 import numpy as np
 from numpy.typing import NDArray
 
-import tesserae
+import tesserae_mesh
 
 
 def bent_grid(n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -23,21 +23,21 @@ def bent_grid(n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 def main() -> int:
     """Cluster, and print what came out."""
     points, faces = bent_grid(120)
-    clustering = tesserae.cluster(points, faces, clusters=200)
+    clustering = tesserae_mesh.cluster(points, faces, clusters=200)
     print(f"{clustering.clusters} clusters, energy {clustering.energy:.6e}, ratio {clustering.hexagon_ratio:.3f}")
     print(f"faces a cluster: {clustering.sizes.min()} to {clustering.sizes.max()}")
 
     remesh = clustering.remesh()
     print(f"remesh: {len(remesh.points)} points, {len(remesh.faces)} triangles")
 
-    hierarchy = tesserae.cluster(points, faces, algorithm="pml").hierarchy
+    hierarchy = tesserae_mesh.cluster(points, faces, algorithm="pml").hierarchy
     for clusters in (1000, 100, 10):
         cut = hierarchy.cut(clusters)
         print(f"cut at {cut.clusters}: energy {cut.energy:.6e}, {cut.kind}")
 
     try:
-        tesserae.cluster(points, faces, clusters=len(faces) + 1)
-    except tesserae.Error as error:
+        tesserae_mesh.cluster(points, faces, clusters=len(faces) + 1)
+    except tesserae_mesh.Error as error:
         print(f"{error.kind}: {error}")
     return 0
 

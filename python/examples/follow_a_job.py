@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import sys
 
-import tesserae
+import tesserae_mesh
 
 
 def main(url: str, mesh: str, clusters: int) -> None:
-    with tesserae.Client(url) as client:
+    with tesserae_mesh.Client(url) as client:
         job = client.submit(mesh, clusters=clusters, keep_mesh=True)
         for event in job.events():
             if event.kind == "iteration":

@@ -1,12 +1,12 @@
 //! Arrays of Python as slices and numbers.
 //!
-//! `tesserae/_mesh.py` brings arrays into the layouts that are read here; what has another layout is an error.
+//! `tesserae_mesh/_mesh.py` brings arrays into the layouts that are read here; what has another layout is an error.
 
 use numpy::ndarray::Axis;
 use numpy::{Element, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use tesserae::mesh::{Faces, Positions};
-use tesserae::{Error, Result};
+use tesserae_mesh::mesh::{Faces, Positions};
+use tesserae_mesh::{Error, Result};
 
 use crate::error::{exception, raised};
 

@@ -18,9 +18,9 @@ use std::time::{Duration, Instant};
 
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
-use tesserae::device::Cancel;
-use tesserae::report::Row;
-use tesserae::{Error, Kind, Result};
+use tesserae_mesh::device::Cancel;
+use tesserae_mesh::report::Row;
+use tesserae_mesh::{Error, Kind, Result};
 
 use crate::error::{exception, of_panic, raised};
 

@@ -1,16 +1,16 @@
-//! Errors and panics as `tesserae.Error`.
+//! Errors and panics as `tesserae_mesh.Error`.
 
 use std::any::Any;
 
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
-use tesserae::{Error, Kind};
+use tesserae_mesh::{Error, Kind};
 
 /// The exception of an error.
 pub fn exception(py: Python<'_>, error: &Error) -> PyErr {
     static CLASS: PyOnceLock<Py<PyType>> = PyOnceLock::new();
-    let class = CLASS.import(py, "tesserae._errors", "Error");
+    let class = CLASS.import(py, "tesserae_mesh._errors", "Error");
     match class.and_then(|class| class.call1((error.kind.slug(), error.message.as_str()))) {
         Ok(exception) => PyErr::from_value(exception),
         Err(failure) => failure,
@@ -18,7 +18,7 @@ pub fn exception(py: Python<'_>, error: &Error) -> PyErr {
 }
 
 /// The result of the library as one of Python.
-pub fn raised<T>(py: Python<'_>, result: tesserae::Result<T>) -> PyResult<T> {
+pub fn raised<T>(py: Python<'_>, result: tesserae_mesh::Result<T>) -> PyResult<T> {
     result.map_err(|error| exception(py, &error))
 }
 

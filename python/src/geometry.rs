@@ -6,16 +6,16 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde_json::Value;
-use tesserae::mesh::{Adjusted, Format, MeshView, PolygonMesh};
-use tesserae::remesh::{Placement, Remesh, remesh};
-use tesserae::{Error, Result};
+use tesserae_mesh::mesh::{Adjusted, Format, MeshView, PolygonMesh};
+use tesserae_mesh::remesh::{Placement, Remesh, remesh};
+use tesserae_mesh::{Error, Result};
 
 use crate::arrays::{self, Points};
 use crate::background::run_quietly;
 use crate::error::raised;
 
 /// A mesh.
-#[pyclass(frozen, from_py_object, module = "tesserae._native")]
+#[pyclass(frozen, from_py_object, module = "tesserae_mesh._native")]
 #[derive(Clone)]
 pub struct Geometry {
     /// The mesh.
@@ -102,5 +102,5 @@ fn table<T: numpy::Element>(py: Python<'_>, numbers: Vec<T>) -> PyResult<Bound<'
 /// A placement by its name.
 pub fn placement_named(name: &str) -> Result<Placement> {
     serde_json::from_value(Value::String(name.to_owned()))
-        .map_err(|error| Error::parameter(format_args!("placement {}", tesserae::error::wrong_json(&error))))
+        .map_err(|error| Error::parameter(format_args!("placement {}", tesserae_mesh::error::wrong_json(&error))))
 }

@@ -6,16 +6,16 @@ use std::time::Instant;
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use serde_json::{Map, Value};
-use tesserae::artifacts::{Artifact, MESH};
-use tesserae::device::Cancel;
-use tesserae::device::select::DeviceChoice;
-use tesserae::error::wrong_json;
-use tesserae::job::{self, DeviceFor, InMemory, Prepared, Request, milliseconds};
-use tesserae::mesh::{Beside, Faces, Format, Limits, MeshView};
-use tesserae::parameters::Parameters;
-use tesserae::surface::Wanted;
-use tesserae::surface::points::OfPoints;
-use tesserae::{Error, Result};
+use tesserae_mesh::artifacts::{Artifact, MESH};
+use tesserae_mesh::device::Cancel;
+use tesserae_mesh::device::select::DeviceChoice;
+use tesserae_mesh::error::wrong_json;
+use tesserae_mesh::job::{self, DeviceFor, InMemory, Prepared, Request, milliseconds};
+use tesserae_mesh::mesh::{Beside, Faces, Format, Limits, MeshView};
+use tesserae_mesh::parameters::Parameters;
+use tesserae_mesh::surface::Wanted;
+use tesserae_mesh::surface::points::OfPoints;
+use tesserae_mesh::{Error, Result};
 
 use crate::arrays::{self, Points};
 use crate::background::{self, Reporter};
@@ -23,7 +23,7 @@ use crate::error::raised;
 use crate::outcome::Outcome;
 
 /// What to do with a mesh.
-#[pyclass(frozen, from_py_object, module = "tesserae._native")]
+#[pyclass(frozen, from_py_object, module = "tesserae_mesh._native")]
 #[derive(Clone)]
 pub struct Job {
     parameters: Parameters,

@@ -1,6 +1,6 @@
-//! The extension module `tesserae._native`: the library, with NumPy's arrays for arguments and results.
+//! The extension module `tesserae_mesh._native`: the library, with NumPy's arrays for arguments and results.
 //!
-//! The Python package around it (`python/tesserae`) has the interface that users see: it brings arrays into the few
+//! The Python package around it (`python/tesserae_mesh`) has the interface that users see: it brings arrays into the few
 //! layouts that are read here, and turns JSON into objects. `_native.pyi` has the types.
 //!
 //! | file | what is there |
@@ -11,7 +11,7 @@
 //! | `outcome` | what a clustering gives |
 //! | `geometry` | a mesh for outputs that are made of one |
 //! | `tree` | hierarchies |
-//! | `error` | errors and panics as `tesserae.Error` |
+//! | `error` | errors and panics as `tesserae_mesh.Error` |
 
 mod arrays;
 mod background;
@@ -25,8 +25,8 @@ use std::ffi::OsString;
 use std::io::Write as _;
 
 use pyo3::prelude::*;
-use tesserae::artifacts;
-use tesserae::parameters::Parameters;
+use tesserae_mesh::artifacts;
+use tesserae_mesh::parameters::Parameters;
 
 /// The extension module.
 #[pymodule]
@@ -49,7 +49,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
 #[pyfunction]
 fn main(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
     py.detach(|| {
-        let status = tesserae::cli::main_of(arguments);
+        let status = tesserae_mesh::cli::main_of(arguments);
         // a buffer that is left is lost: the process is not ended by Rust. That the reader is gone is no failure now
         let _ = std::io::stdout().flush();
         status

@@ -5,11 +5,11 @@ use std::sync::Arc;
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use tesserae::artifacts::{ALL, Artifact, Choices, Content, Form, Labels, Need};
-use tesserae::cluster::record::Record;
-use tesserae::hierarchy::stored::Stored;
-use tesserae::report::Report;
-use tesserae::{Error, Kind, Result};
+use tesserae_mesh::artifacts::{ALL, Artifact, Choices, Content, Form, Labels, Need};
+use tesserae_mesh::cluster::record::Record;
+use tesserae_mesh::hierarchy::stored::Stored;
+use tesserae_mesh::report::Report;
+use tesserae_mesh::{Error, Kind, Result};
 
 use crate::arrays;
 use crate::background::run_quietly;
@@ -18,7 +18,7 @@ use crate::geometry::{Geometry, placement_named};
 use crate::tree::{Tree, written};
 
 /// What a clustering gave.
-#[pyclass(frozen, module = "tesserae._native")]
+#[pyclass(frozen, module = "tesserae_mesh._native")]
 pub struct Outcome {
     labels: Option<Arc<Vec<u32>>>,
     stored: Option<Arc<Stored>>,
@@ -29,7 +29,7 @@ pub struct Outcome {
 
 impl Outcome {
     /// The results of a job.
-    pub fn of(outcome: tesserae::job::Outcome) -> Self {
+    pub fn of(outcome: tesserae_mesh::job::Outcome) -> Self {
         Self {
             labels: outcome.labels.map(Arc::new),
             stored: outcome.hierarchy.map(Arc::new),

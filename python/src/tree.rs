@@ -6,15 +6,15 @@ use std::sync::Arc;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use tesserae::hierarchy::json::Limits;
-use tesserae::hierarchy::stored::Stored;
-use tesserae::{Error, Kind, mesh};
+use tesserae_mesh::hierarchy::json::Limits;
+use tesserae_mesh::hierarchy::stored::Stored;
+use tesserae_mesh::{Error, Kind, mesh};
 
 use crate::background::run_quietly;
 use crate::error::raised;
 
 /// A hierarchy.
-#[pyclass(frozen, module = "tesserae._native")]
+#[pyclass(frozen, module = "tesserae_mesh._native")]
 pub struct Tree {
     /// The hierarchy.
     pub stored: Arc<Stored>,
@@ -101,7 +101,7 @@ impl Tree {
 }
 
 /// What is written.
-pub fn written(write: impl FnOnce(&mut dyn std::io::Write) -> std::io::Result<()>) -> tesserae::Result<Vec<u8>> {
+pub fn written(write: impl FnOnce(&mut dyn std::io::Write) -> std::io::Result<()>) -> tesserae_mesh::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     write(&mut bytes).map_err(|error| Error::new(Kind::Internal, format_args!("cannot write an output: {error}")))?;
     Ok(bytes)

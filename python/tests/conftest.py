@@ -17,7 +17,7 @@ Labels = NDArray[np.uint32]
 
 def command(*arguments: str | os.PathLike[str]) -> subprocess.CompletedProcess[str]:
     """Run a command of the command line that the package has."""
-    words = [sys.executable, "-m", "tesserae", *(os.fspath(argument) for argument in arguments)]
+    words = [sys.executable, "-m", "tesserae_mesh", *(os.fspath(argument) for argument in arguments)]
     return subprocess.run(words, capture_output=True, text=True, check=False)
 
 

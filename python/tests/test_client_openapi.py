@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 import yaml
 
-from tesserae.client import AsyncClient, Client, documents, errors
-from tesserae.client.operations import OPERATIONS, PARAMETERS, PARTS
-from tesserae.client.options import Parameters
+from tesserae_mesh.client import AsyncClient, Client, documents, errors
+from tesserae_mesh.client.operations import OPERATIONS, PARAMETERS, PARTS
+from tesserae_mesh.client.options import Parameters
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 METHODS = ("get", "put", "post", "patch", "delete", "head", "options")
@@ -312,7 +312,7 @@ def test_a_call_that_is_not_made_is_missing() -> None:
 
 
 def test_both_clients_have_the_same_methods_and_parameters() -> None:
-    from tesserae.client import AsyncJob, Job
+    from tesserae_mesh.client import AsyncJob, Job
 
     for blocking, awaited in ((Client, AsyncClient), (Job, AsyncJob)):
         ours = {name for name in vars(blocking) if not name.startswith("_")}

@@ -13,8 +13,8 @@ import pytest
 from conftest import read_obj
 from services import BINARY, ROOT, Service, command_line, sample
 
-import tesserae
-from tesserae.client import (
+import tesserae_mesh
+from tesserae_mesh.client import (
     Conflict,
     InvalidRequest,
     Job,
@@ -34,8 +34,8 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 
 @pytest.fixture(scope="module")
-def client(service: Any) -> Iterator[tesserae.Client]:
-    with tesserae.Client(service.url) as connected:
+def client(service: Any) -> Iterator[tesserae_mesh.Client]:
+    with tesserae_mesh.Client(service.url) as connected:
         yield connected
 
 
@@ -44,7 +44,7 @@ def sphere(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
     return sample(tmp_path_factory.mktemp("meshes"), "sphere", 3_000, "obj")
 
 
-def test_labels_are_those_of_the_command_line(client: tesserae.Client, sphere: pathlib.Path) -> None:
+def test_labels_are_those_of_the_command_line(client: tesserae_mesh.Client, sphere: pathlib.Path) -> None:
     job = client.submit(sphere, clusters=40).wait()
     expected = command_line(sphere, "--clusters", "40")
     assert job.state == "succeeded"
@@ -56,19 +56,19 @@ def test_labels_are_those_of_the_command_line(client: tesserae.Client, sphere: p
     assert not np.array_equal(client.submit(sphere, clusters=40, seed=1, seeds="random").wait().labels(), expected)
 
 
-def test_a_mesh_in_memory_has_the_labels_of_its_file(client: tesserae.Client, tmp_path: pathlib.Path) -> None:
+def test_a_mesh_in_memory_has_the_labels_of_its_file(client: tesserae_mesh.Client, tmp_path: pathlib.Path) -> None:
     for name in ("quads", "sphere"):
         path = sample(tmp_path, name, 600, "obj")
         points, faces = read_obj(path)
         padded = np.concatenate([[len(face), *face] for face in faces])
         expected = command_line(path, "--clusters", "9")
-        for mesh in ((points, padded), tesserae.Mesh(points, padded), path.read_bytes(), path.open("rb")):
+        for mesh in ((points, padded), tesserae_mesh.Mesh(points, padded), path.read_bytes(), path.open("rb")):
             job = client.submit(mesh, clusters=9).wait()
             assert np.array_equal(job.labels(), expected), (name, type(mesh))
         assert client.submit(path, clusters=9).wait().report()["input"]["faces"] == len(faces)
 
 
-def test_seeds_and_weights_are_uploaded(client: tesserae.Client, sphere: pathlib.Path) -> None:
+def test_seeds_and_weights_are_uploaded(client: tesserae_mesh.Client, sphere: pathlib.Path) -> None:
     seeds = np.array([5, 100, 2000])
     labels = client.submit(sphere, seeds=seeds).wait().labels()
     assert labels.max() == 2
@@ -79,7 +79,7 @@ def test_seeds_and_weights_are_uploaded(client: tesserae.Client, sphere: pathlib
     assert len(set(job.labels()[above])) > 1.5 * len(set(job.labels()[~above]))
 
 
-def test_events_are_the_iterations_of_the_report(client: tesserae.Client, sphere: pathlib.Path) -> None:
+def test_events_are_the_iterations_of_the_report(client: tesserae_mesh.Client, sphere: pathlib.Path) -> None:
     job = client.submit(sphere, clusters=30, idempotency_key="events")
     events = list(job.events())
     assert [event.id for event in events] == list(range(1, len(events) + 1))
@@ -95,7 +95,7 @@ def test_events_are_the_iterations_of_the_report(client: tesserae.Client, sphere
     assert caught.value.kind == "key-reused"
 
 
-def test_hierarchies_are_cut_here_and_there(client: tesserae.Client, sphere: pathlib.Path) -> None:
+def test_hierarchies_are_cut_here_and_there(client: tesserae_mesh.Client, sphere: pathlib.Path) -> None:
     job = client.submit(sphere, algorithm="pml", optimize="none", levels=[50], keep_mesh=True).wait()
     for clusters in (50, 7):
         labels = job.labels(clusters)
@@ -108,12 +108,12 @@ def test_hierarchies_are_cut_here_and_there(client: tesserae.Client, sphere: pat
         job.labels()
 
 
-def test_trees_are_cut_without_the_service(client: tesserae.Client, sphere: pathlib.Path) -> None:
+def test_trees_are_cut_without_the_service(client: tesserae_mesh.Client, sphere: pathlib.Path) -> None:
     job = client.submit(sphere, algorithm="pml", levels=[50]).wait()
     assert np.array_equal(job.tree().cut(50).labels, job.labels(50))
 
 
-def test_every_output_is_there(client: tesserae.Client, sphere: pathlib.Path, tmp_path: pathlib.Path) -> None:
+def test_every_output_is_there(client: tesserae_mesh.Client, sphere: pathlib.Path, tmp_path: pathlib.Path) -> None:
     job = client.submit(sphere, clusters=25, keep_mesh=True, outputs=["mesh.glb"], snapshots=[0, 2]).wait()
     assert job.output("mesh.glb")[:4] == b"glTF"
     assert job.output("mesh.ply", ply_vertex_colours=True) != job.output("mesh.ply")
@@ -132,7 +132,7 @@ def test_every_output_is_there(client: tesserae.Client, sphere: pathlib.Path, tm
     assert sorted(path.name for path in tmp_path.iterdir()) == ["remesh.obj", "table"]
 
 
-def test_jobs_are_listed_cancelled_and_deleted(client: tesserae.Client, tmp_path: pathlib.Path) -> None:
+def test_jobs_are_listed_cancelled_and_deleted(client: tesserae_mesh.Client, tmp_path: pathlib.Path) -> None:
     mesh = sample(tmp_path, "sphere", 20_000, "glb")
     jobs = [client.submit(mesh, clusters=200) for _ in range(3)]
     listed = {job.id for job in client.jobs(page=1)}
@@ -150,7 +150,7 @@ def test_jobs_are_listed_cancelled_and_deleted(client: tesserae.Client, tmp_path
         jobs[0].delete()
 
 
-def test_mistakes_have_their_kinds(client: tesserae.Client, sphere: pathlib.Path) -> None:
+def test_mistakes_have_their_kinds(client: tesserae_mesh.Client, sphere: pathlib.Path) -> None:
     with pytest.raises(InvalidRequest, match="clusters"):
         client.submit(sphere, clusters=0)
     with pytest.raises(InvalidRequest):
@@ -160,12 +160,12 @@ def test_mistakes_have_their_kinds(client: tesserae.Client, sphere: pathlib.Path
     assert caught.value.kind == "invalid-parameter"
     with pytest.raises(Conflict):
         client.submit(sphere, clusters=10, wait=30).retry()
-    with pytest.raises(tesserae.Error) as address:
-        tesserae.Client("localhost:8080")
+    with pytest.raises(tesserae_mesh.Error) as address:
+        tesserae_mesh.Client("localhost:8080")
     assert address.value.kind == "invalid-parameter"
 
 
-def test_a_job_that_takes_longer_than_the_caller_waits_goes_on(client: tesserae.Client, tmp_path: pathlib.Path) -> None:
+def test_a_job_that_takes_longer_than_the_caller_waits_goes_on(client: tesserae_mesh.Client, tmp_path: pathlib.Path) -> None:
     job = client.submit(sample(tmp_path, "sphere", 20_000, "glb"), clusters=200)
     with pytest.raises(TimedOut):
         job.wait(timeout=0.0)
@@ -173,7 +173,7 @@ def test_a_job_that_takes_longer_than_the_caller_waits_goes_on(client: tesserae.
     job.delete()
 
 
-def test_the_service_says_what_it_is(client: tesserae.Client) -> None:
+def test_the_service_says_what_it_is(client: tesserae_mesh.Client) -> None:
     assert client.is_alive()
     assert client.is_ready()
     assert client.version()["name"] == "tesserae"
@@ -190,9 +190,9 @@ def test_tokens_are_sent(tmp_path: pathlib.Path, sphere: pathlib.Path) -> None:
         [BINARY, "token", "new", "acme", "--tokens", tokens], check=True, capture_output=True, text=True
     )
     with Service(BINARY, "--data-dir", str(tmp_path / "data"), "--device", "cpu", "--tokens", str(tokens)) as service:
-        with tesserae.Client(service.url, made.stdout.split()[-1]) as client:
+        with tesserae_mesh.Client(service.url, made.stdout.split()[-1]) as client:
             assert client.submit(sphere, clusters=5).wait().labels().max() == 4
-        with tesserae.Client(service.url, "wrong") as stranger, pytest.raises(Unauthorized):
+        with tesserae_mesh.Client(service.url, "wrong") as stranger, pytest.raises(Unauthorized):
             next(stranger.jobs())
 
 
@@ -212,7 +212,7 @@ def follow_across_a_crash(service: Any, job: Job) -> list[Any]:
 def test_events_go_on_after_the_service_was_killed(tmp_path: pathlib.Path) -> None:
     mesh = sample(tmp_path, "sphere", 300_000, "glb")
     with Service(BINARY, "--data-dir", str(tmp_path / "data"), "--device", "cpu") as service:
-        with tesserae.Client(service.url, patience=60) as client:
+        with tesserae_mesh.Client(service.url, patience=60) as client:
             job = client.submit(mesh, clusters=200)
             events = follow_across_a_crash(service, job)
             assert [event.id for event in events] == list(range(1, len(events) + 1))
@@ -228,7 +228,7 @@ def test_events_go_on_after_the_service_was_killed(tmp_path: pathlib.Path) -> No
 
 def test_calls_are_made_again_while_the_service_restarts(tmp_path: pathlib.Path, sphere: pathlib.Path) -> None:
     with Service(BINARY, "--data-dir", str(tmp_path / "data"), "--device", "cpu") as service:
-        with tesserae.Client(service.url, patience=60) as client, tesserae.Client(service.url, patience=0.0) as hasty:
+        with tesserae_mesh.Client(service.url, patience=60) as client, tesserae_mesh.Client(service.url, patience=0.0) as hasty:
             job = client.submit(sphere, clusters=10).wait()
             service.kill()
             with pytest.raises(Unreachable):
@@ -242,7 +242,7 @@ def test_calls_are_made_again_while_the_service_restarts(tmp_path: pathlib.Path,
 
 def test_awaited_calls_do_the_same(service: Any, sphere: pathlib.Path, tmp_path: pathlib.Path) -> None:
     async def use() -> None:
-        async with tesserae.AsyncClient(service.url) as client:
+        async with tesserae_mesh.AsyncClient(service.url) as client:
             jobs = await asyncio.gather(*(client.submit(sphere, clusters=k, keep_mesh=True) for k in (8, 9)))
             for clusters, job in zip((8, 9), jobs):
                 events = [event async for event in job.events()]

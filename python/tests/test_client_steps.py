@@ -9,8 +9,8 @@ from typing import Any, Callable
 import numpy as np
 import pytest
 
-from tesserae import Error, Mesh
-from tesserae.client import (
+from tesserae_mesh import Error, Mesh
+from tesserae_mesh.client import (
     Busy,
     Conflict,
     InvalidRequest,
@@ -26,9 +26,9 @@ from tesserae.client import (
     steps,
     upload,
 )
-from tesserae.client.events import Reader
-from tesserae.client.exchange import Answer, Broken, Pause, Request
-from tesserae.client.operations import OPERATIONS
+from tesserae_mesh.client.events import Reader
+from tesserae_mesh.client.exchange import Answer, Broken, Pause, Request
+from tesserae_mesh.client.operations import OPERATIONS
 
 ID = "00000000-0000-4000-8000-000000000000"
 LOST = Broken(ConnectionResetError("reset"))
@@ -50,8 +50,8 @@ class Clock:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = 0.0
-        monkeypatch.setattr("tesserae.client.exchange.time.monotonic", lambda: self.now)
-        monkeypatch.setattr("tesserae.client.exchange.random.uniform", lambda low, high: high)
+        monkeypatch.setattr("tesserae_mesh.client.exchange.time.monotonic", lambda: self.now)
+        monkeypatch.setattr("tesserae_mesh.client.exchange.random.uniform", lambda low, high: high)
 
 
 @pytest.fixture

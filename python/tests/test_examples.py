@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-import tesserae._cluster
+import tesserae_mesh._cluster
 
 PYTHON = Path(__file__).parents[1]
 GUIDE = PYTHON.parent / "docs" / "python.md"
@@ -32,4 +32,4 @@ def test_the_code_of_the_guide_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_the_documentation_of_cluster_is_right() -> None:
-    assert doctest.testmod(tesserae._cluster).failed == 0
+    assert doctest.testmod(tesserae_mesh._cluster).failed == 0

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from conftest import command, flat, read_obj, real_meshes
 
-import tesserae
+import tesserae_mesh
 
 Sample = Callable[[str, int], Path]
 
@@ -28,13 +28,13 @@ def test_arrays_and_files_have_the_labels_of_the_command_line(sample: Sample, tm
     path = sample(name, 3000)
     expected = by_command(path, tmp_path, "-k", "40")
     points, faces = read_obj(path)
-    clustering = tesserae.cluster(points, flat(faces), 40)
+    clustering = tesserae_mesh.cluster(points, flat(faces), 40)
     assert clustering.labels.dtype == np.uint32
     assert np.array_equal(clustering.labels, expected)
-    assert np.array_equal(tesserae.cluster(path, clusters=40).labels, expected)
-    assert np.array_equal(tesserae.cluster(os.fspath(path), clusters=40).labels, expected)
+    assert np.array_equal(tesserae_mesh.cluster(path, clusters=40).labels, expected)
+    assert np.array_equal(tesserae_mesh.cluster(os.fspath(path), clusters=40).labels, expected)
     assert clustering.report["input"]["format"] is None
-    assert tesserae.cluster(path, clusters=40).report["input"]["format"] == "obj"
+    assert tesserae_mesh.cluster(path, clusters=40).report["input"]["format"] == "obj"
 
 
 OPTIONS: list[tuple[list[str], dict[str, Any]]] = [
@@ -65,7 +65,7 @@ def test_every_way_to_cluster_is_that_of_the_command_line(
 ) -> None:
     path = sample("knot", 2000)
     points, faces = read_obj(path)
-    assert np.array_equal(tesserae.cluster(points, faces, **keywords).labels, by_command(path, tmp_path, *flags))
+    assert np.array_equal(tesserae_mesh.cluster(points, faces, **keywords).labels, by_command(path, tmp_path, *flags))
 
 
 def test_seeds_and_weights_are_arrays(sample: Sample, tmp_path: Path) -> None:
@@ -76,7 +76,7 @@ def test_seeds_and_weights_are_arrays(sample: Sample, tmp_path: Path) -> None:
     seeds = [17, 900, 3, 1500]
     (tmp_path / "seeds.json").write_text(str(seeds), encoding="utf-8")
     flags = ["--weights", os.fspath(tmp_path / "weights.npy"), "--seeds", f"file:{tmp_path / 'seeds.json'}"]
-    clustering = tesserae.cluster(points, faces, seeds=seeds, weights=weights)
+    clustering = tesserae_mesh.cluster(points, faces, seeds=seeds, weights=weights)
     assert np.array_equal(clustering.labels, by_command(path, tmp_path, *flags))
     assert clustering.clusters == 4 and clustering.report["parameters"]["seeds"] == "listed"
 
@@ -84,7 +84,7 @@ def test_seeds_and_weights_are_arrays(sample: Sample, tmp_path: Path) -> None:
 def test_layouts_types_and_orders_make_no_difference(sample: Sample) -> None:
     points, rows = read_obj(sample("knot", 2000))
     faces = np.array(rows)
-    expected = tesserae.cluster(points, faces, 30).labels
+    expected = tesserae_mesh.cluster(points, faces, 30).labels
     padded = np.insert(faces, 0, 3, axis=1)
     offsets = np.arange(0, 3 * len(faces) + 1, 3)
     layouts: list[Any] = [
@@ -98,15 +98,15 @@ def test_layouts_types_and_orders_make_no_difference(sample: Sample) -> None:
         rows,
     ]
     for given in layouts:
-        assert np.array_equal(tesserae.cluster(points, given, 30).labels, expected)
+        assert np.array_equal(tesserae_mesh.cluster(points, given, 30).labels, expected)
     for given in [np.asfortranarray(points), points.astype(">f8"), points.tolist(), np.repeat(points, 2, axis=0)[::2]]:
-        assert np.array_equal(tesserae.cluster(given, faces, 30).labels, expected)
+        assert np.array_equal(tesserae_mesh.cluster(given, faces, 30).labels, expected)
     frozen = points.copy()
     frozen.flags.writeable = False
-    assert np.array_equal(tesserae.cluster(frozen, faces, 30).labels, expected)
+    assert np.array_equal(tesserae_mesh.cluster(frozen, faces, 30).labels, expected)
     single = points.astype(np.float32)
-    expected = tesserae.cluster(single.astype(np.float64), faces, 30).labels
-    assert np.array_equal(tesserae.cluster(single, faces, 30).labels, expected)
+    expected = tesserae_mesh.cluster(single.astype(np.float64), faces, 30).labels
+    assert np.array_equal(tesserae_mesh.cluster(single, faces, 30).labels, expected)
 
 
 class Like:
@@ -119,7 +119,7 @@ class Like:
 def test_objects_of_other_libraries_are_recognised_by_their_attributes(sample: Sample) -> None:
     points, rows = read_obj(sample("knot", 2000))
     faces = np.array(rows)
-    expected = tesserae.cluster(points, faces, 30).labels
+    expected = tesserae_mesh.cluster(points, faces, 30).labels
     for mesh in [
         Like(points=points, faces=np.insert(faces, 0, 3, axis=1).reshape(-1), n_strips=0),
         Like(vertices=points, faces=faces, triangles=points[faces]),
@@ -129,13 +129,13 @@ def test_objects_of_other_libraries_are_recognised_by_their_attributes(sample: S
             points=points,
             cells=[Like(type="triangle", data=faces[:50]), Like(type="polygon", data=list(faces[50:]))],
         ),
-        tesserae.Mesh(points, faces),
+        tesserae_mesh.Mesh(points, faces),
     ]:
-        assert np.array_equal(tesserae.cluster(mesh, clusters=30).labels, expected)  # type: ignore[arg-type]
+        assert np.array_equal(tesserae_mesh.cluster(mesh, clusters=30).labels, expected)  # type: ignore[arg-type]
     tetrahedra = Like(points=points, cells=[Like(type="tetra", data=faces)])
     for wrong in [tetrahedra, Like(points=points, faces=faces, n_strips=2)]:
-        with pytest.raises(tesserae.Error) as caught:
-            tesserae.cluster(wrong, clusters=30)  # type: ignore[arg-type]
+        with pytest.raises(tesserae_mesh.Error) as caught:
+            tesserae_mesh.cluster(wrong, clusters=30)  # type: ignore[arg-type]
         assert caught.value.kind == "unsupported-mesh"
 
 
@@ -145,8 +145,8 @@ def test_real_meshes_have_the_labels_of_the_command_line(path: Path, tmp_path: P
     clusters = max(1, min(1000, len(faces) // 4))
     expected = by_command(path, tmp_path, "-k", str(clusters), "--quality", "fast", "--bridge-components")
     keywords: dict[str, Any] = {"clusters": clusters, "quality": "fast", "bridge_components": True}
-    assert np.array_equal(tesserae.cluster(points, flat(faces), **keywords).labels, expected)
-    assert np.array_equal(tesserae.cluster(path, **keywords).labels, expected)
+    assert np.array_equal(tesserae_mesh.cluster(points, flat(faces), **keywords).labels, expected)
+    assert np.array_equal(tesserae_mesh.cluster(path, **keywords).labels, expected)
 
 
 @pytest.mark.parametrize(
@@ -155,11 +155,11 @@ def test_real_meshes_have_the_labels_of_the_command_line(path: Path, tmp_path: P
 def test_real_files_have_the_labels_of_the_command_line(path: Path, tmp_path: Path) -> None:
     keywords: dict[str, Any] = {"quality": "fast", "bridge_components": True}
     try:
-        faces = tesserae.cluster(path, clusters=1, **keywords).report["input"]["faces"]
-    except tesserae.Error as error:
+        faces = tesserae_mesh.cluster(path, clusters=1, **keywords).report["input"]["faces"]
+    except tesserae_mesh.Error as error:
         done = command("cluster", path, "-k", "1")
         assert done.returncode == 1 and str(error) in done.stderr
         return
     clusters = max(1, min(1000, faces // 4))
     expected = by_command(path, tmp_path, "-k", str(clusters), "--quality", "fast", "--bridge-components")
-    assert np.array_equal(tesserae.cluster(path, clusters=clusters, **keywords).labels, expected)
+    assert np.array_equal(tesserae_mesh.cluster(path, clusters=clusters, **keywords).labels, expected)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from conftest import read_obj
 
-import tesserae
+import tesserae_mesh
 
 Sample = Callable[[str, int], Path]
 Make = Callable[[Any, Any], Any]
@@ -44,8 +44,8 @@ def test_triangles_of_an_object_have_the_labels_of_their_arrays(make: Make, samp
     points, rows = read_obj(sample("knot", 2000))
     faces = np.array(rows)
     mesh = make(points, faces)
-    clustering = tesserae.cluster(mesh, clusters=30)
-    assert np.array_equal(clustering.labels, tesserae.cluster(points, faces, 30).labels)
+    clustering = tesserae_mesh.cluster(mesh, clusters=30)
+    assert np.array_equal(clustering.labels, tesserae_mesh.cluster(points, faces, 30).labels)
     # outputs that are made of the mesh take the object's, too
     assert clustering.remesh("centroid").points.shape[1] == 3
 
@@ -56,14 +56,14 @@ def test_quads_of_an_object_have_the_labels_of_their_arrays(make: Make) -> None:
     points = np.stack([x, y, np.sin(x) * np.cos(y)], axis=-1).reshape(-1, 3)
     corner = (np.arange(19)[:, None] * 20 + np.arange(19)).reshape(-1)
     faces = np.stack([corner, corner + 1, corner + 21, corner + 20], axis=1)
-    labels = tesserae.cluster(make(points, faces), clusters=20).labels
-    assert np.array_equal(labels, tesserae.cluster(points, faces, 20).labels)
+    labels = tesserae_mesh.cluster(make(points, faces), clusters=20).labels
+    assert np.array_equal(labels, tesserae_mesh.cluster(points, faces, 20).labels)
 
 
 def test_triangles_of_pyvista_are_those_of_vtk_without_a_copy() -> None:
     pyvista = pytest.importorskip("pyvista")
     sphere = pyvista.Sphere()
-    mesh = tesserae.Mesh.of(sphere)
+    mesh = tesserae_mesh.Mesh.of(sphere)
     assert mesh.points.dtype == np.float32 and np.shares_memory(mesh.points, sphere.points)
     assert mesh.connectivity.shape == (sphere.n_cells, 3) and np.shares_memory(mesh.connectivity, sphere.regular_faces)
 
@@ -71,8 +71,8 @@ def test_triangles_of_pyvista_are_those_of_vtk_without_a_copy() -> None:
 def test_polygons_of_pyvista_are_mixed() -> None:
     pyvista = pytest.importorskip("pyvista")
     mesh = pyvista.PolyData(np.eye(5, 3), [3, 0, 1, 2, 4, 0, 1, 3, 4])
-    assert tesserae.Mesh.of(mesh).n_faces == 2
+    assert tesserae_mesh.Mesh.of(mesh).n_faces == 2
     strips = pyvista.Sphere().strip()
-    with pytest.raises(tesserae.Error) as caught:
-        tesserae.cluster(strips, clusters=5)
+    with pytest.raises(tesserae_mesh.Error) as caught:
+        tesserae_mesh.cluster(strips, clusters=5)
     assert caught.value.kind == "unsupported-mesh"

@@ -14,8 +14,8 @@ import pytest
 
 pyvista = pytest.importorskip("pyvista")
 
-import tesserae  # noqa: E402
-from tesserae import _plot  # noqa: E402
+import tesserae_mesh  # noqa: E402
+from tesserae_mesh import _plot  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 HAS_ACCESSORS = hasattr(pyvista, "register_dataset_accessor")
@@ -31,7 +31,7 @@ def test_colours_are_those_of_outputs(mesh: Any) -> None:
         hue, saturation, value = 0.61803398875 * cluster % 1, (0.75, 0.5, 0.9)[cluster % 3], 0.0
         value = (0.95, 0.75, 0.85, 0.65)[cluster % 4]
         assert np.allclose(colour, 255 * np.array(colorsys.hsv_to_rgb(hue, saturation, value)), atol=1)
-    clustering = tesserae.cluster(mesh, clusters=20)
+    clustering = tesserae_mesh.cluster(mesh, clusters=20)
     text = clustering.output("mesh.ply")
     rows = np.frombuffer(text[text.index(b"end_header\n") + 11 :][-mesh.n_cells * 20 :], np.uint8).reshape(-1, 20)
     colours = {tuple(row[13:16]) for row in rows}
@@ -39,7 +39,7 @@ def test_colours_are_those_of_outputs(mesh: Any) -> None:
 
 
 def test_a_picture_shows_every_cluster(mesh: Any, tmp_path: pathlib.Path) -> None:
-    clustering = tesserae.cluster(mesh, clusters=12)
+    clustering = tesserae_mesh.cluster(mesh, clusters=12)
     file = tmp_path / "clusters.png"
     clustering.plot(off_screen=True, screenshot=file, lighting=False, window_size=(300, 300), anti_aliasing=None)
     seen = np.unique(pyvista.read(file).active_scalars.reshape(-1, 3), axis=0)
@@ -49,7 +49,7 @@ def test_a_picture_shows_every_cluster(mesh: Any, tmp_path: pathlib.Path) -> Non
 
 @pytest.mark.skipif(not HAS_ACCESSORS, reason="pyvista is older than 0.48")
 def test_every_mesh_of_pyvista_has_the_accessor(mesh: Any) -> None:
-    assert np.array_equal(mesh.tesserae.cluster(30, seed=4).labels, tesserae.cluster(mesh, clusters=30, seed=4).labels)
+    assert np.array_equal(mesh.tesserae.cluster(30, seed=4).labels, tesserae_mesh.cluster(mesh, clusters=30, seed=4).labels)
     remesh = mesh.tesserae.remesh(100, placement="surface")
     assert remesh.is_manifold
     assert set(remesh.point_data["cluster"]) == set(range(100))
@@ -61,7 +61,7 @@ def test_every_mesh_of_pyvista_has_the_accessor(mesh: Any) -> None:
 def test_the_accessor_needs_no_import_and_costs_none() -> None:
     program = (
         "import sys, pyvista\n"
-        "assert 'tesserae' not in sys.modules\n"
+        "assert 'tesserae_mesh' not in sys.modules\n"
         "print(len(set(pyvista.Sphere().tesserae.cluster(7).labels)))\n"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)

@@ -18,21 +18,21 @@ import numpy as np
 import pytest
 from conftest import command, read_obj
 
-import tesserae
+import tesserae_mesh
 
 Sample = Callable[[str, int], Path]
 
 
 def labels_of(arrays: tuple[Any, Any]) -> bytes:
     """Cluster in another process."""
-    return tesserae.cluster(*arrays, 20).labels.tobytes()
+    return tesserae_mesh.cluster(*arrays, 20).labels.tobytes()
 
 
 def test_eight_threads_have_the_same_labels(sample: Sample) -> None:
     points, faces = read_obj(sample("knot", 3000))
-    expected = tesserae.cluster(points, faces, 20).labels
+    expected = tesserae_mesh.cluster(points, faces, 20).labels
     with ThreadPoolExecutor(8) as threads:
-        for clustering in threads.map(lambda _: tesserae.cluster(points, faces, 20), range(24)):
+        for clustering in threads.map(lambda _: tesserae_mesh.cluster(points, faces, 20), range(24)):
             assert np.array_equal(clustering.labels, expected)
 
 
@@ -51,7 +51,7 @@ def test_the_lock_of_the_interpreter_is_released(sample: Sample) -> None:
     steps = 0
 
     def work() -> None:
-        tesserae.cluster(points, faces, 300)
+        tesserae_mesh.cluster(points, faces, 300)
         done.set()
 
     thread = threading.Thread(target=work)
@@ -64,36 +64,36 @@ def test_the_lock_of_the_interpreter_is_released(sample: Sample) -> None:
 
 def test_rows_arrive_in_the_calling_thread_and_an_exception_cancels(sample: Sample) -> None:
     points, faces = read_obj(sample("knot", 3000))
-    rows: list[Union[tesserae.Iteration, tesserae.Level]] = []
+    rows: list[Union[tesserae_mesh.Iteration, tesserae_mesh.Level]] = []
     here = threading.get_ident()
 
-    def listen(row: Union[tesserae.Iteration, tesserae.Level]) -> None:
+    def listen(row: Union[tesserae_mesh.Iteration, tesserae_mesh.Level]) -> None:
         assert threading.get_ident() == here
         rows.append(row)
 
-    clustering = tesserae.cluster(points, faces, 50, progress=listen)
-    assert all(isinstance(row, tesserae.Iteration) for row in rows)
+    clustering = tesserae_mesh.cluster(points, faces, 50, progress=listen)
+    assert all(isinstance(row, tesserae_mesh.Iteration) for row in rows)
     assert [row.energy for row in rows] == clustering.iterations["energy"].tolist()
     rows.clear()
-    tesserae.cluster(points, faces, algorithm="pml", progress=listen)
-    assert any(isinstance(row, tesserae.Level) for row in rows)
+    tesserae_mesh.cluster(points, faces, algorithm="pml", progress=listen)
+    assert any(isinstance(row, tesserae_mesh.Level) for row in rows)
 
     def fail(_: object) -> None:
         raise LookupError("enough")
 
     with pytest.raises(LookupError, match="enough"):
-        tesserae.cluster(points, faces, 50, progress=fail)
+        tesserae_mesh.cluster(points, faces, 50, progress=fail)
 
 
 def test_a_bar_is_shown(sample: Sample, capfd: pytest.CaptureFixture[str]) -> None:
     points, faces = read_obj(sample("knot", 3000))
-    tesserae.cluster(points, faces, 50, progress=True)
+    tesserae_mesh.cluster(points, faces, 50, progress=True)
     assert "clustering" in capfd.readouterr().err
 
 
 INTERRUPTED = """
 import os, signal, sys, threading, time
-import numpy as np, tesserae
+import numpy as np, tesserae_mesh
 n = 1400
 x, y = np.meshgrid(np.arange(n), np.arange(n))
 points = np.stack([x, y, np.sin(x / 9) * np.cos(y / 7)], axis=-1).reshape(-1, 3).astype(float)
@@ -105,7 +105,7 @@ def interrupt():
     os.kill(os.getpid(), signal.SIGINT)
 threading.Timer(float(sys.argv[1]), interrupt).start()
 try:
-    tesserae.cluster(points, faces, 5000, quality="best")
+    tesserae_mesh.cluster(points, faces, 5000, quality="best")
 except KeyboardInterrupt:
     print(1e3 * (time.process_time() - sent[0]) / (os.cpu_count() or 1))
 """
@@ -121,15 +121,15 @@ def test_ctrl_c_cancels_soon_whatever_the_work_is(after: float) -> None:
 
 
 MEMORY = """
-import sys, numpy as np, tesserae
+import sys, numpy as np, tesserae_mesh
 kind, count = sys.argv[1], int(sys.argv[2])
 points = np.zeros((count, 3), dtype=kind)
 points[:4] = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
 points[4:] = 5
 peak = lambda: int(next(line for line in open("/proc/self/status") if line.startswith("VmHWM")).split()[1]) * 1024
-tesserae.cluster(points[:4], [[0, 1, 2], [0, 2, 3]], 2)
+tesserae_mesh.cluster(points[:4], [[0, 1, 2], [0, 2, 3]], 2)
 before = peak()
-tesserae.cluster(points, [[0, 1, 2], [0, 2, 3]], 2)
+tesserae_mesh.cluster(points, [[0, 1, 2], [0, 2, 3]], 2)
 print((peak() - before) / points.nbytes)
 """
 
@@ -147,11 +147,11 @@ def test_points_are_not_copied(kind: str, most: float) -> None:
 def test_an_import_imports_nothing_but_the_package_and_the_standard_library() -> None:
     """What makes an import fast, without a clock: it is a file, and what it imports was imported by Python itself."""
     code = (
-        "import __future__, importlib, sys, typing; before = set(sys.modules); import tesserae; "
+        "import __future__, importlib, sys, typing; before = set(sys.modules); import tesserae_mesh; "
         "print(*sorted(set(sys.modules) - before))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["tesserae"]
+    assert done.stdout.split() == ["tesserae_mesh"]
 
 
 def test_a_call_costs_less_than_a_millisecond_more_than_the_library(sample: Sample) -> None:
@@ -161,14 +161,14 @@ def test_a_call_costs_less_than_a_millisecond_more_than_the_library(sample: Samp
     costs = []
     for _ in range(20):
         start = time.thread_time()
-        clustering = tesserae.cluster(points, faces, 1000, quality="fast")
+        clustering = tesserae_mesh.cluster(points, faces, 1000, quality="fast")
         clustering.labels  # noqa: B018
         costs.append(1e3 * (time.thread_time() - start))
     assert min(costs) < float(os.environ.get("TESSERAE_TEST_CALL_MS", "1")), costs
 
 
 def test_the_command_line_comes_with_the_package(tmp_path: Path) -> None:
-    assert command("--version").stdout == f"tesserae {tesserae.__version__}\n"
+    assert command("--version").stdout == f"tesserae {tesserae_mesh.__version__}\n"
     assert command("cluster", "no-such-file.obj", "-k", "3").returncode == 1
     wrong = command("cluster", "x.obj")
     assert wrong.returncode == 2 and "--clusters is missing" in wrong.stderr
@@ -180,7 +180,7 @@ def test_the_command_line_comes_with_the_package(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not hasattr(signal, "SIGINT") or sys.platform == "win32", reason="signals of POSIX")
 def test_a_signal_stops_the_command_line_without_a_traceback(sample: Sample) -> None:
-    words = [sys.executable, "-m", "tesserae", "cluster", "-", "--format", "obj", "-k", "3"]
+    words = [sys.executable, "-m", "tesserae_mesh", "cluster", "-", "--format", "obj", "-k", "3"]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         started = time.perf_counter()
         while process.poll() is None and time.perf_counter() - started < 30:

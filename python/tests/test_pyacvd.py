@@ -11,10 +11,10 @@ import pytest
 
 pyvista = pytest.importorskip("pyvista")
 
-import tesserae  # noqa: E402
-from tesserae import pyacvd  # noqa: E402
-from tesserae._triangles import nearest_in_triangles, normals  # noqa: E402
-from tesserae.pyacvd import Clustering  # noqa: E402
+import tesserae_mesh  # noqa: E402
+from tesserae_mesh import pyacvd  # noqa: E402
+from tesserae_mesh._triangles import nearest_in_triangles, normals  # noqa: E402
+from tesserae_mesh.pyacvd import Clustering  # noqa: E402
 
 Array = np.ndarray[Any, Any]
 
@@ -104,7 +104,7 @@ def test_weights_that_are_none_are_refused(weight: float) -> None:
     mesh = uneven(12)
     weights = np.ones(mesh.n_points)
     weights[3] = weight
-    with pytest.raises(tesserae.Error, match="above 0") as caught:
+    with pytest.raises(tesserae_mesh.Error, match="above 0") as caught:
         Clustering(mesh, weights=weights).cluster(5)
     assert caught.value.kind == "invalid-parameter"
 
@@ -179,7 +179,7 @@ def test_more_clusters_than_points_and_fewer_than_components() -> None:
     assert clustering.nclus == mesh.n_points
     apart = mesh.merge(mesh.translate((9, 0, 0))).merge(mesh.translate((0, 9, 0))).extract_surface(algorithm=None)
     assert len(np.unique(Clustering(apart).cluster(2))) == 2
-    with pytest.raises(tesserae.Error) as caught:
+    with pytest.raises(tesserae_mesh.Error) as caught:
         Clustering(mesh).cluster(0)
     assert caught.value.kind == "invalid-parameter"
 
@@ -290,7 +290,7 @@ def cow() -> Any:
 
 
 def test_the_examples_of_the_readme_run(monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path) -> None:
-    """The two examples of pyacvd 0.4, with ``from tesserae import pyacvd`` for ``import pyacvd``."""
+    """The two examples of pyacvd 0.4, with ``from tesserae_mesh import pyacvd`` for ``import pyacvd``."""
     from pyvista import examples
 
     monkeypatch.setattr(examples, "download_cow", cow)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-import tesserae
+import tesserae_mesh
 
 
 def grid(random: Generator) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -114,12 +114,12 @@ def once(seed: int) -> bool:
     given_faces: Any = strange_faces(random, faces) if random.random() < 0.5 else faces
     options = strange_options(random, len(faces), len(points))
     try:
-        clustering = tesserae.cluster(given_points, given_faces, **options)
+        clustering = tesserae_mesh.cluster(given_points, given_faces, **options)
         labels = clustering.labels
-    except tesserae.Error as error:
+    except tesserae_mesh.Error as error:
         assert error.kind != "internal", (seed, error)
         return False
-    assert labels.dtype == np.uint32 and labels.shape == (tesserae.Mesh(given_points, given_faces).n_faces,), seed
+    assert labels.dtype == np.uint32 and labels.shape == (tesserae_mesh.Mesh(given_points, given_faces).n_faces,), seed
     assert np.array_equal(np.unique(labels), np.arange(clustering.clusters)), seed
     if seed % 10 == 0:
         clustering.remesh()

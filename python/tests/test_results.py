@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from conftest import command, read_obj
 
-import tesserae
-from tesserae import _native
+import tesserae_mesh
+from tesserae_mesh import _native
 
 Sample = Callable[[str, int], Path]
 TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
@@ -23,7 +23,7 @@ TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
 
 def test_numbers_add_up(sample: Sample) -> None:
     points, faces = read_obj(sample("terrain", 2000))
-    clustering = tesserae.cluster(points, faces, 25, snapshots=[0, 2])
+    clustering = tesserae_mesh.cluster(points, faces, 25, snapshots=[0, 2])
     labels = clustering.labels
     assert clustering.clusters == 25 and labels.shape == (len(faces),)
     assert clustering.sizes.sum() == len(faces) and clustering.sizes.min() > 0
@@ -45,14 +45,14 @@ def test_numbers_add_up(sample: Sample) -> None:
 
 def test_hierarchies_are_cut_saved_and_loaded(sample: Sample, tmp_path: Path) -> None:
     points, faces = read_obj(sample("knot", 2000))
-    whole = tesserae.cluster(points, faces, algorithm="pml")
+    whole = tesserae_mesh.cluster(points, faces, algorithm="pml")
     assert whole.hierarchy.roots == 1 and whole.hierarchy.faces == len(faces)
-    with pytest.raises(tesserae.Error) as caught:
+    with pytest.raises(tesserae_mesh.Error) as caught:
         whole.labels  # noqa: B018
     assert caught.value.kind == "conflict"
     whole.hierarchy.save(tmp_path / "knot.tsr")
-    loaded = tesserae.Hierarchy.load(tmp_path / "knot.tsr")
-    assert loaded.to_bytes() == tesserae.Hierarchy.load(whole.hierarchy.to_bytes()).to_bytes()
+    loaded = tesserae_mesh.Hierarchy.load(tmp_path / "knot.tsr")
+    assert loaded.to_bytes() == tesserae_mesh.Hierarchy.load(whole.hierarchy.to_bytes()).to_bytes()
     cut = loaded.cut(37)
     assert cut.clusters == 37 == len(np.unique(cut.labels)) and np.array_equal(cut.labels, whole.cut(37).labels)
     done = command("cut", tmp_path / "knot.tsr", "-k", "37", "--labels", tmp_path / "cut.npy")
@@ -65,24 +65,24 @@ def test_hierarchies_are_cut_saved_and_loaded(sample: Sample, tmp_path: Path) ->
     assert loaded.header["algorithm"] == "pml" and len(loaded.to_json(max_clusters=10)["nodes"]) == 10
     assert whole.cut(37).remesh("centroid").faces.shape[1] == 3
     for wrong in [0, len(faces) + 1, -1]:
-        with pytest.raises(tesserae.Error) as caught:
+        with pytest.raises(tesserae_mesh.Error) as caught:
             loaded.cut(wrong)
         assert caught.value.kind == "invalid-parameter"
 
 
 def test_linkage_needs_a_nested_tree(sample: Sample) -> None:
     points, faces = read_obj(sample("knot", 500))
-    linkage = tesserae.cluster(points, faces, algorithm="hr").hierarchy.linkage()
+    linkage = tesserae_mesh.cluster(points, faces, algorithm="hr").hierarchy.linkage()
     assert linkage.shape == (len(faces) - 1, 4) and linkage[-1, 3] == len(faces)
     assert (np.diff(linkage[:, 2]) >= 0).all()
-    with pytest.raises(tesserae.Error) as caught:
-        tesserae.cluster(points, faces, algorithm="pml").hierarchy.linkage()
+    with pytest.raises(tesserae_mesh.Error) as caught:
+        tesserae_mesh.cluster(points, faces, algorithm="pml").hierarchy.linkage()
     assert caught.value.kind == "conflict"
 
 
 def test_a_remesh_is_a_manifold_with_a_vertex_a_cluster(sample: Sample) -> None:
     points, faces = read_obj(sample("knot", 3000))
-    remesh = tesserae.cluster(points, faces, 300).remesh()
+    remesh = tesserae_mesh.cluster(points, faces, 300).remesh()
     assert remesh.summary["checked"] and remesh.summary["triangles"] == len(remesh.faces)
     edges = np.sort(remesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
@@ -95,7 +95,7 @@ def test_a_remesh_is_a_manifold_with_a_vertex_a_cluster(sample: Sample) -> None:
 def test_every_output_is_that_of_the_command_line(sample: Sample, tmp_path: Path) -> None:
     path = sample("knot", 800)
     points, faces = read_obj(path)
-    clustering = tesserae.cluster(points, faces, algorithm="hr", clusters=20)
+    clustering = tesserae_mesh.cluster(points, faces, algorithm="hr", clusters=20)
     flags = {"clusters": "--clusters-table", "linkage": "--linkage"}
     left_out = {"snapshots.npy", "snapshots.json", "report.json", "linkage.npy"}
     for form, about in _native.forms():
@@ -114,13 +114,13 @@ def test_every_output_is_that_of_the_command_line(sample: Sample, tmp_path: Path
             assert ours == theirs, form
     assert json.loads(clustering.output("report.json"))["clusters"] == 20
     for form, kind in [("mesh.xyz", "not-found"), ("linkage.npy", "conflict")]:
-        with pytest.raises(tesserae.Error) as caught:
+        with pytest.raises(tesserae_mesh.Error) as caught:
             clustering.output(form)
         assert caught.value.kind == kind
 
 
 def test_every_parameter_of_the_command_line_is_a_documented_keyword() -> None:
-    keywords = signature(tesserae.cluster).parameters
+    keywords = signature(tesserae_mesh.cluster).parameters
     help_of_command = command("cluster", "--help").stdout
     flags = {flag.replace("-", "_") for flag in re.findall(r"--([a-z][a-z-]+)", help_of_command)}
     outputs = {form.split(".")[0].replace("-", "_") for form, _ in _native.forms()}
@@ -131,7 +131,7 @@ def test_every_parameter_of_the_command_line_is_a_documented_keyword() -> None:
     assert not missing
     assert set(_native.parameters()) - of_files <= set(keywords)
     assert keywords["clusters"].default == 1000
-    described = tesserae.cluster.__doc__ or ""
+    described = tesserae_mesh.cluster.__doc__ or ""
     for name in keywords:
         assert re.search(rf"^    {name} : ", described, flags=re.MULTILINE), name
 
@@ -173,12 +173,12 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
 @pytest.mark.parametrize(("wrong", "kind"), REFUSED)
 def test_what_is_refused_says_so_with_its_kind(wrong: dict[str, Any], kind: str) -> None:
     given: dict[str, Any] = {"points": TRIANGLE, "faces": [[0, 1, 2]], "clusters": 1, **wrong}
-    with pytest.raises(tesserae.Error) as caught:
-        tesserae.cluster(**given)
+    with pytest.raises(tesserae_mesh.Error) as caught:
+        tesserae_mesh.cluster(**given)
     assert caught.value.kind == kind, caught.value
     assert "\n" not in str(caught.value)
 
 
 def test_errors_survive_pickling() -> None:
-    error = pickle.loads(pickle.dumps(tesserae.Error("io", "cannot read x")))
+    error = pickle.loads(pickle.dumps(tesserae_mesh.Error("io", "cannot read x")))
     assert (error.kind, str(error)) == ("io", "cannot read x")

@@ -32,7 +32,7 @@ def test_the_extension_uses_what_python_3_9_has() -> None:
 def test_types_are_in_the_wheel() -> None:
     with zipfile.ZipFile(WHEEL) as wheel:
         names = set(wheel.namelist())
-    assert {"tesserae/py.typed", "tesserae/_native.pyi", "tesserae/_native.abi3.so"} <= names
+    assert {"tesserae_mesh/py.typed", "tesserae_mesh/_native.pyi", "tesserae_mesh/_native.abi3.so"} <= names
     assert not any(name.startswith(("tests/", "src/", "examples/")) for name in names)
 
 

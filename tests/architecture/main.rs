@@ -1,7 +1,9 @@
-//! What a compiler does not check about the source: layers, circles of imports, lengths of files and lines, and words.
+//! What a compiler does not check about the source: layers, circles of imports, lengths of files and lines, words,
+//! and names of packages.
 
 mod energy_words;
 mod imports;
+mod names;
 mod style;
 
 use std::fs;

@@ -9,8 +9,8 @@ use crate::common::command::Folder;
 use reqwest::multipart::{Form, Part};
 use reqwest::{Client, RequestBuilder};
 use serde_json::Value;
-use tesserae::dev::sample::{self, Sample};
-use tesserae::service::TokenFile;
+use tesserae_mesh::dev::sample::{self, Sample};
+use tesserae_mesh::service::TokenFile;
 
 /// File name of the mesh that kills the process.
 const KILLER: &str = "killer.obj";

@@ -1,7 +1,7 @@
 //! `tesserae export`, and the outputs of `cluster` that are made of the mesh.
 
 use crate::common::command::Folder;
-use tesserae::artifacts::{self, Artifact, Need, REPORT, npy_header};
+use tesserae_mesh::artifacts::{self, Artifact, Need, REPORT, npy_header};
 
 fn made_of_mesh() -> impl Iterator<Item = &'static Artifact> {
     artifacts::ALL.into_iter().filter(|artifact| artifact.needs.contains(&Need::Mesh))

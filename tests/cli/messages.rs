@@ -1,7 +1,7 @@
 //! What messages of the command line name: the input that is wrong, and flags as they are typed.
 
 use crate::common::command::Folder;
-use tesserae::parameters::Name;
+use tesserae_mesh::parameters::Name;
 
 /// Exit status 1 and one line that begins with `begin`.
 #[track_caller]
@@ -201,7 +201,7 @@ fn instances_of_a_mesh_are_limited_by_faces_and_on_request_by_faces_a_byte() {
 
 /// An array of floats in NumPy's format.
 fn npy(numbers: &[f64]) -> Vec<u8> {
-    let mut bytes = tesserae::artifacts::npy_header("<f8", &format!("({},)", numbers.len()));
+    let mut bytes = tesserae_mesh::artifacts::npy_header("<f8", &format!("({},)", numbers.len()));
     bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
     bytes
 }

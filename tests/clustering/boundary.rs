@@ -1,16 +1,16 @@
 //! Boundary-based clustering against its definition, and the promises that every clustering keeps.
 
 use crate::common::zoo;
-use tesserae::cluster::flat::Options;
-use tesserae::cluster::record::Record;
-use tesserae::cluster::run::{MAX_REPAIRS, Row};
-use tesserae::cluster::{self, seeds::SeedFaces};
-use tesserae::dev::sample::hard::stacked_boxes;
-use tesserae::device::cpu::CpuDevice;
-use tesserae::device::{Cancel, Device, FLOOD_FROM, FREE, pieces, plain};
-use tesserae::parameters::Seeds;
-use tesserae::report::Phase;
-use tesserae::surface::Surface;
+use tesserae_mesh::cluster::flat::Options;
+use tesserae_mesh::cluster::record::Record;
+use tesserae_mesh::cluster::run::{MAX_REPAIRS, Row};
+use tesserae_mesh::cluster::{self, seeds::SeedFaces};
+use tesserae_mesh::dev::sample::hard::stacked_boxes;
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::{Cancel, Device, FLOOD_FROM, FREE, pieces, plain};
+use tesserae_mesh::parameters::Seeds;
+use tesserae_mesh::report::Phase;
+use tesserae_mesh::surface::Surface;
 
 /// Numbers of clusters worth trying on a surface.
 fn cluster_counts(surface: &Surface) -> Vec<u64> {
@@ -185,7 +185,7 @@ fn where_repairs_go_round_in_circles_the_last_word_lowers_the_energy_and_keeps_c
 
 #[test]
 fn a_changed_weight_shows_in_the_comparison_with_the_definition() {
-    let mesh = tesserae::dev::sample::generate(tesserae::dev::sample::Sample::Knot, 2500).expect("a sample");
+    let mesh = tesserae_mesh::dev::sample::generate(tesserae_mesh::dev::sample::Sample::Knot, 2500).expect("a sample");
     let surface = Surface::build(&mesh).expect("a surface");
     let seeds = seeds(&surface, 40, &Seeds::Morton, 1);
     let (clustering, rows) = run(&surface, &seeds, PLAIN);
@@ -230,7 +230,8 @@ fn energy_never_rises_within_a_phase_and_clusters_are_whole() {
 #[test]
 fn repair_is_needed_somewhere() {
     // otherwise the test above would pass without any repair
-    let mesh = tesserae::dev::sample::generate(tesserae::dev::sample::Sample::Knot, 20_000).expect("a sample");
+    let mesh =
+        tesserae_mesh::dev::sample::generate(tesserae_mesh::dev::sample::Sample::Knot, 20_000).expect("a sample");
     let surface = Surface::build(&mesh).expect("a surface");
     let (_, rows) = run(&surface, &seeds(&surface, 300, &Seeds::Random, 0), CONNECTED);
     assert!(rows.iter().any(|row| row.phase == Phase::Repair), "{}", rows.len());
@@ -238,7 +239,7 @@ fn repair_is_needed_somewhere() {
 
 #[test]
 fn a_limit_on_iterations_ends_with_whole_clusters_too() {
-    let mesh = tesserae::dev::sample::generate(tesserae::dev::sample::Sample::Knot, 2500).expect("a sample");
+    let mesh = tesserae_mesh::dev::sample::generate(tesserae_mesh::dev::sample::Sample::Knot, 2500).expect("a sample");
     let surface = Surface::build(&mesh).expect("a surface");
     let seeds = seeds(&surface, 100, &Seeds::Random, 3);
     for limit in [0, 1, 2, 5] {
@@ -251,7 +252,7 @@ fn a_limit_on_iterations_ends_with_whole_clusters_too() {
 
 #[test]
 fn a_cancelled_run_stops() {
-    let mesh = tesserae::dev::sample::generate(tesserae::dev::sample::Sample::Knot, 2500).expect("a sample");
+    let mesh = tesserae_mesh::dev::sample::generate(tesserae_mesh::dev::sample::Sample::Knot, 2500).expect("a sample");
     let surface = Surface::build(&mesh).expect("a surface");
     let seeds = seeds(&surface, 100, &Seeds::Random, 3);
     let mut device = CpuDevice::new();
@@ -267,6 +268,6 @@ fn a_cancelled_run_stops() {
     };
     let mut record = Record::default();
     let ended = cluster::flat::boundary_based(&start, CONNECTED, steps.as_mut(), &cancel, &mut on_row, &mut record);
-    assert_eq!(ended.map(|_| ()).map_err(|error| error.kind), Err(tesserae::Kind::Cancelled));
+    assert_eq!(ended.map(|_| ()).map_err(|error| error.kind), Err(tesserae_mesh::Kind::Cancelled));
     assert_eq!(rows, 3);
 }

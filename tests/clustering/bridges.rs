@@ -1,13 +1,13 @@
 //! `bridge_components`: one tree over separate parts, and fewer clusters than parts.
 
-use tesserae::dev::sample::{Sample, generate, write_obj};
-use tesserae::device::Cancel;
-use tesserae::device::cpu::CpuDevice;
-use tesserae::job::{self, Outcome, Request};
-use tesserae::mesh::Format;
-use tesserae::parameters::{Algorithm, Parameters};
+use tesserae_mesh::dev::sample::{Sample, generate, write_obj};
+use tesserae_mesh::device::Cancel;
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::job::{self, Outcome, Request};
+use tesserae_mesh::mesh::Format;
+use tesserae_mesh::parameters::{Algorithm, Parameters};
 
-fn run(parameters: &Parameters) -> tesserae::Result<Outcome> {
+fn run(parameters: &Parameters) -> tesserae_mesh::Result<Outcome> {
     let mut bytes = Vec::new();
     write_obj(&mut bytes, &generate(Sample::Parts, 2000)?).expect("a vector takes everything");
     let prepared = job::prepare(&Request::new(&bytes, Format::Obj, parameters))?;

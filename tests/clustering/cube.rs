@@ -1,12 +1,12 @@
 //! P§7: "for some models and specific number, e.g. a cube model with 8 clusters, the results are identical" to those of
 //! approximated centroidal Voronoi diagrams (ACVD, Valette & Chassery 2004).
 
-use tesserae::cluster::{self, flat::Options};
-use tesserae::dev::sample::{Sample, generate};
-use tesserae::device::cpu::CpuDevice;
-use tesserae::device::{Cancel, Device};
-use tesserae::parameters::Seeds;
-use tesserae::surface::Surface;
+use tesserae_mesh::cluster::{self, flat::Options};
+use tesserae_mesh::dev::sample::{Sample, generate};
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::{Cancel, Device};
+use tesserae_mesh::parameters::Seeds;
+use tesserae_mesh::surface::Surface;
 
 /// ACVD in its plainest form: sequentially, each face that lies on a boundary moves to the neighbouring cluster for
 /// which the energy with respect to exact means falls most, until no move lowers it.

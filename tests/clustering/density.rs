@@ -2,14 +2,14 @@
 
 use crate::common::command::Folder;
 use crate::common::zoo;
-use tesserae::Result;
-use tesserae::cluster::{self, flat::Options, seeds};
-use tesserae::dev::sample::{Sample, generate};
-use tesserae::device::cpu::CpuDevice;
-use tesserae::device::{Cancel, Device};
-use tesserae::mesh::PolygonMesh;
-use tesserae::parameters::Seeds;
-use tesserae::surface::{Surface, Wanted};
+use tesserae_mesh::Result;
+use tesserae_mesh::cluster::{self, flat::Options, seeds};
+use tesserae_mesh::dev::sample::{Sample, generate};
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::{Cancel, Device};
+use tesserae_mesh::mesh::PolygonMesh;
+use tesserae_mesh::parameters::Seeds;
+use tesserae_mesh::surface::{Surface, Wanted};
 
 fn build(mesh: &PolygonMesh, wanted: Wanted<'_>) -> Surface {
     Surface::build_with(mesh, false, wanted).expect("a surface")
@@ -131,7 +131,7 @@ fn weights_of_any_magnitude_are_clustered() {
         for curvature_exponent in [None, Some(10.0)] {
             let surface = build(&mesh, Wanted { weights: Some(&weights), curvature_exponent });
             let labels = labels(&surface, 30);
-            assert_eq!(tesserae::device::pieces::disconnected_clusters(&surface, 30, &labels), 0);
+            assert_eq!(tesserae_mesh::device::pieces::disconnected_clusters(&surface, 30, &labels), 0);
         }
     }
 }
@@ -141,7 +141,7 @@ fn the_command_line_takes_weights_attributes_and_curvature() {
     let folder = Folder::new();
     folder.sample("sphere", 500, "s.obj");
     let npy = |weights: &[f32]| {
-        let mut bytes = tesserae::artifacts::npy_header("<f4", &format!("({},)", weights.len()));
+        let mut bytes = tesserae_mesh::artifacts::npy_header("<f4", &format!("({},)", weights.len()));
         weights.iter().for_each(|weight| bytes.extend(weight.to_le_bytes()));
         bytes
     };

@@ -1,17 +1,17 @@
 //! Hierarchies against brute force, and the promises that every hierarchy keeps.
 
 use crate::common::{pml, zoo};
-use tesserae::cluster::hierarchy::{Hierarchy, Options, Pairs, RoundRow, hierarchical};
-use tesserae::cluster::relocation::Effort;
-use tesserae::dev::sample::{Sample, generate};
-use tesserae::device::Cancel;
-use tesserae::device::cpu::CpuDevice;
-use tesserae::device::dual_edge::{Rank, Ties};
-use tesserae::device::pieces::disconnected_clusters;
-use tesserae::device::plain;
-use tesserae::energy::{ClusterSums, End, Energy, Functional, Sums};
-use tesserae::hierarchy::Tree;
-use tesserae::surface::Surface;
+use tesserae_mesh::cluster::hierarchy::{Hierarchy, Options, Pairs, RoundRow, hierarchical};
+use tesserae_mesh::cluster::relocation::Effort;
+use tesserae_mesh::dev::sample::{Sample, generate};
+use tesserae_mesh::device::Cancel;
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::dual_edge::{Rank, Ties};
+use tesserae_mesh::device::pieces::disconnected_clusters;
+use tesserae_mesh::device::plain;
+use tesserae_mesh::energy::{ClusterSums, End, Energy, Functional, Sums};
+use tesserae_mesh::hierarchy::Tree;
+use tesserae_mesh::surface::Surface;
 
 /// Sequential rounds without optimisation: exact greedy Ward clustering.
 fn hr() -> Options {

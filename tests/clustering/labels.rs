@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use crate::common::command::Folder;
 use crate::common::zoo::shared_meshes;
-use tesserae::job::labels_sha256;
+use tesserae_mesh::job::labels_sha256;
 
 /// Numbers of clusters at which whole hierarchies are cut.
 const CUTS: [u64; 3] = [300, 100, 20];

@@ -1,22 +1,22 @@
 //! The cpu device against the plain one: whole clusterings, driven alike, give the same steps and labels.
 
 use crate::common::{floods, zoo};
-use tesserae::cluster::coarse::CoarseStart;
-use tesserae::cluster::flat::{self, Options};
-use tesserae::cluster::hierarchy::{self, Hierarchy, Pairs, RoundRow, hierarchical};
-use tesserae::cluster::quality::Quality;
-use tesserae::cluster::record::Record;
-use tesserae::cluster::relocation::Effort;
-use tesserae::cluster::run::{Phase, Row};
-use tesserae::cluster::seeds::{self, SeedFaces};
-use tesserae::cluster::snapshots::Snapshots;
-use tesserae::device::cpu::CpuDevice;
-use tesserae::device::dual_edge::Ties;
-use tesserae::device::plain::PlainDevice;
-use tesserae::device::{Cancel, Device, FLOOD_FROM};
-use tesserae::hierarchy::Tree;
-use tesserae::parameters::Seeds;
-use tesserae::surface::Surface;
+use tesserae_mesh::cluster::coarse::CoarseStart;
+use tesserae_mesh::cluster::flat::{self, Options};
+use tesserae_mesh::cluster::hierarchy::{self, Hierarchy, Pairs, RoundRow, hierarchical};
+use tesserae_mesh::cluster::quality::Quality;
+use tesserae_mesh::cluster::record::Record;
+use tesserae_mesh::cluster::relocation::Effort;
+use tesserae_mesh::cluster::run::{Phase, Row};
+use tesserae_mesh::cluster::seeds::{self, SeedFaces};
+use tesserae_mesh::cluster::snapshots::Snapshots;
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::dual_edge::Ties;
+use tesserae_mesh::device::plain::PlainDevice;
+use tesserae_mesh::device::{Cancel, Device, FLOOD_FROM};
+use tesserae_mesh::hierarchy::Tree;
+use tesserae_mesh::parameters::Seeds;
+use tesserae_mesh::surface::Surface;
 
 /// Meshes on which the plain device does not take long.
 fn small_surfaces(most_faces: usize) -> Vec<(String, Surface)> {

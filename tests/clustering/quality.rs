@@ -5,13 +5,13 @@ use std::collections::{HashMap, HashSet};
 
 use crate::common::command::Folder;
 use crate::common::zoo;
-use tesserae::cluster::quality::Quality;
-use tesserae::dev::sample::{Sample, generate, write_obj};
-use tesserae::device::Cancel;
-use tesserae::device::cpu::CpuDevice;
-use tesserae::job::{self, Outcome, Request};
-use tesserae::mesh::{Faces, Format, Part, PolygonMesh};
-use tesserae::parameters::{Algorithm, Parameters};
+use tesserae_mesh::cluster::quality::Quality;
+use tesserae_mesh::dev::sample::{Sample, generate, write_obj};
+use tesserae_mesh::device::Cancel;
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::job::{self, Outcome, Request};
+use tesserae_mesh::mesh::{Faces, Format, Part, PolygonMesh};
+use tesserae_mesh::parameters::{Algorithm, Parameters};
 
 fn run(mesh: &PolygonMesh, parameters: Parameters) -> Outcome {
     let mut obj = Vec::new();

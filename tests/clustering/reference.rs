@@ -1,24 +1,24 @@
 //! The references, ACVD and variational clustering, against brute force and against what their definitions say.
 
 use crate::common::zoo;
-use tesserae::cluster::flat::{Clustering, Options};
-use tesserae::cluster::record::Record;
-use tesserae::cluster::reference::acvd::acvd;
-use tesserae::cluster::reference::variational::variational;
-use tesserae::cluster::run::Row;
-use tesserae::cluster::{seeds, seeds::SeedFaces};
-use tesserae::dev::sample::hard::cone;
-use tesserae::dev::sample::{Sample, generate};
-use tesserae::device::cpu::CpuDevice;
-use tesserae::device::pieces;
-use tesserae::device::plain;
-use tesserae::device::{Cancel, Device, Ending, FLOOD_FROM, FREE, MergeSteps, Steps};
-use tesserae::job::{self, Request};
-use tesserae::mesh::Format;
-use tesserae::parameters::{Algorithm, Parameters, Seeds};
-use tesserae::report::{DeviceInfo, DeviceKind};
-use tesserae::surface::{Component, DualGraph, Surface};
-use tesserae::{Error, Kind};
+use tesserae_mesh::cluster::flat::{Clustering, Options};
+use tesserae_mesh::cluster::record::Record;
+use tesserae_mesh::cluster::reference::acvd::acvd;
+use tesserae_mesh::cluster::reference::variational::variational;
+use tesserae_mesh::cluster::run::Row;
+use tesserae_mesh::cluster::{seeds, seeds::SeedFaces};
+use tesserae_mesh::dev::sample::hard::cone;
+use tesserae_mesh::dev::sample::{Sample, generate};
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::pieces;
+use tesserae_mesh::device::plain;
+use tesserae_mesh::device::{Cancel, Device, Ending, FLOOD_FROM, FREE, MergeSteps, Steps};
+use tesserae_mesh::job::{self, Request};
+use tesserae_mesh::mesh::Format;
+use tesserae_mesh::parameters::{Algorithm, Parameters, Seeds};
+use tesserae_mesh::report::{DeviceInfo, DeviceKind};
+use tesserae_mesh::surface::{Component, DualGraph, Surface};
+use tesserae_mesh::{Error, Kind};
 
 const FREELY: Options = Options { max_iterations: None, refine: false, allow_disconnected: true };
 const CONNECTED: Options = Options { allow_disconnected: false, ..FREELY };
@@ -70,7 +70,7 @@ fn a_larger_cone_takes_acvd_no_more_passes() {
 fn check_rows(name: &str, surface: &Surface, seeds: &SeedFaces, clustering: &Clustering, rows: &[Row]) {
     for pair in rows.windows(2) {
         assert_eq!(pair[1].iteration, pair[0].iteration + 1, "{name}");
-        let is_repair = pair[1].phase == tesserae::report::Phase::Repair;
+        let is_repair = pair[1].phase == tesserae_mesh::report::Phase::Repair;
         assert!(is_repair || pair[1].energy > pair[0].energy, "{name}: F falls in {pair:?}");
     }
     let explained = plain::explained(surface, &seeds.component_of_cluster, &clustering.labels);
@@ -250,11 +250,15 @@ impl Device for Untouched {
         &self.0
     }
 
-    fn open<'a>(&'a mut self, _: &'a DualGraph, _: &'a [u32]) -> tesserae::Result<Box<dyn Steps + 'a>> {
+    fn open<'a>(&'a mut self, _: &'a DualGraph, _: &'a [u32]) -> tesserae_mesh::Result<Box<dyn Steps + 'a>> {
         Err(Error::new(Kind::Internal, "opened"))
     }
 
-    fn open_merging<'a>(&'a mut self, _: &'a DualGraph, _: &'a [u32]) -> tesserae::Result<Box<dyn MergeSteps + 'a>> {
+    fn open_merging<'a>(
+        &'a mut self,
+        _: &'a DualGraph,
+        _: &'a [u32],
+    ) -> tesserae_mesh::Result<Box<dyn MergeSteps + 'a>> {
         Err(Error::new(Kind::Internal, "opened"))
     }
 }

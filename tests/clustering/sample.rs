@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 
 use sha2::{Digest, Sha256};
-use tesserae::dev::sample::{MAX_FACES, Sample, generate, write_glb, write_obj};
-use tesserae::mesh::PolygonMesh;
+use tesserae_mesh::dev::sample::{MAX_FACES, Sample, generate, write_glb, write_obj};
+use tesserae_mesh::mesh::PolygonMesh;
 
 fn made(sample: Sample, faces: u64) -> PolygonMesh {
     generate(sample, faces).expect("an allowed number of faces")

@@ -3,17 +3,17 @@
 
 use crate::common::command::Folder;
 use crate::common::{gpu, zoo};
-use tesserae::cluster::flat::Options;
-use tesserae::dev::sample::{Sample, generate, write_obj};
-use tesserae::device::cpu::CpuDevice;
-use tesserae::device::plain;
-use tesserae::device::{Cancel, Device, Ending, Step};
-use tesserae::energy::LatticeEnergy;
-use tesserae::job::{self, Outcome, Prepared, Request};
-use tesserae::mesh::{Format, PolygonMesh};
-use tesserae::parameters::{Algorithm, Parameters, Seeds, Snapshots};
-use tesserae::report::Phase;
-use tesserae::surface::Surface;
+use tesserae_mesh::cluster::flat::Options;
+use tesserae_mesh::dev::sample::{Sample, generate, write_obj};
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::plain;
+use tesserae_mesh::device::{Cancel, Device, Ending, Step};
+use tesserae_mesh::energy::LatticeEnergy;
+use tesserae_mesh::job::{self, Outcome, Prepared, Request};
+use tesserae_mesh::mesh::{Format, PolygonMesh};
+use tesserae_mesh::parameters::{Algorithm, Parameters, Seeds, Snapshots};
+use tesserae_mesh::report::Phase;
+use tesserae_mesh::surface::Surface;
 
 fn prepare(mesh: &PolygonMesh, parameters: &Parameters) -> Prepared {
     let mut obj = Vec::new();
@@ -195,6 +195,6 @@ fn the_command_line_writes_them_beside_the_labels() {
     run(&["--snapshots", "5", "--labels", "-"]).expect_usage_error(&["--labels"]);
     run(&["--snapshots", "x", "--labels", "l.bin"]).expect_usage_error(&["0,6,46", "\"x\""]);
     run(&["--snapshots", "5", "--algorithm", "pml", "--labels", "l.bin"]).expect_usage_error(&["snapshots", "pml"]);
-    folder.write("w.iteration-0.npy", tesserae::artifacts::npy_header("<f4", "(0,)"));
+    folder.write("w.iteration-0.npy", tesserae_mesh::artifacts::npy_header("<f4", "(0,)"));
     run(&["--weights", "w.iteration-0.npy", "--snapshots", "0", "--labels", "w.npy"]).expect_failure(&["weight"]);
 }

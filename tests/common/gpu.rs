@@ -1,15 +1,15 @@
 //! What the tests of the gpu device share: an adapter, and runs of the driver.
 
-use tesserae::cluster::flat::{Clustering, Options};
-use tesserae::cluster::run::Row;
-use tesserae::cluster::{self, seeds::SeedFaces};
-use tesserae::dev::sample::{Sample, generate};
-use tesserae::device::gpu::adapter::{Found, enumerate};
-use tesserae::device::gpu::{GpuDevice, Overrides};
-use tesserae::device::{Cancel, Device};
-use tesserae::error::Result;
-use tesserae::parameters::Seeds;
-use tesserae::surface::Surface;
+use tesserae_mesh::cluster::flat::{Clustering, Options};
+use tesserae_mesh::cluster::run::Row;
+use tesserae_mesh::cluster::{self, seeds::SeedFaces};
+use tesserae_mesh::dev::sample::{Sample, generate};
+use tesserae_mesh::device::gpu::adapter::{Found, enumerate};
+use tesserae_mesh::device::gpu::{GpuDevice, Overrides};
+use tesserae_mesh::device::{Cancel, Device};
+use tesserae_mesh::error::Result;
+use tesserae_mesh::parameters::Seeds;
+use tesserae_mesh::surface::Surface;
 
 /// The paper's optimisation alone, whatever pieces that leaves.
 pub const PLAIN: Options = Options { max_iterations: None, refine: false, allow_disconnected: true };

@@ -6,14 +6,14 @@ pub mod gpu;
 pub mod running;
 pub mod zoo;
 
-use tesserae::cluster::hierarchy::{Options, Pairs};
-use tesserae::cluster::relocation::Effort;
-use tesserae::cluster::seeds::{self, SeedFaces};
-use tesserae::dev::sample::hard::{cone, stacked_boxes};
-use tesserae::dev::sample::{Sample, generate};
-use tesserae::device::dual_edge::Ties;
-use tesserae::parameters::Seeds;
-use tesserae::surface::Surface;
+use tesserae_mesh::cluster::hierarchy::{Options, Pairs};
+use tesserae_mesh::cluster::relocation::Effort;
+use tesserae_mesh::cluster::seeds::{self, SeedFaces};
+use tesserae_mesh::dev::sample::hard::{cone, stacked_boxes};
+use tesserae_mesh::dev::sample::{Sample, generate};
+use tesserae_mesh::device::dual_edge::Ties;
+use tesserae_mesh::parameters::Seeds;
+use tesserae_mesh::surface::Surface;
 
 /// Clusterings whose boundary phase floods: borders have hundreds of faces to go.
 pub fn floods() -> Vec<(&'static str, Surface, SeedFaces)> {

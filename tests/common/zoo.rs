@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use tesserae::dev::sample::hard::{cone, stacked_boxes};
-use tesserae::dev::sample::{Sample, generate};
-use tesserae::mesh::{Adjusted, Faces, Format, Part, PolygonMesh};
+use tesserae_mesh::dev::sample::hard::{cone, stacked_boxes};
+use tesserae_mesh::dev::sample::{Sample, generate};
+use tesserae_mesh::mesh::{Adjusted, Faces, Format, Part, PolygonMesh};
 
 /// A mesh from positions and faces.
 pub fn mesh(positions: &[[f64; 3]], faces: &[&[u32]]) -> PolygonMesh {

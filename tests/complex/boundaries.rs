@@ -2,10 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use tesserae::complex::{Boundaries, Graph};
-use tesserae::dev::sample::{Sample, generate};
-use tesserae::mesh::PolygonMesh;
-use tesserae::surface::Surface;
+use tesserae_mesh::complex::{Boundaries, Graph};
+use tesserae_mesh::dev::sample::{Sample, generate};
+use tesserae_mesh::mesh::PolygonMesh;
+use tesserae_mesh::surface::Surface;
 
 use super::checker::welded;
 use super::common::zoo;

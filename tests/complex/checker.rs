@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use tesserae::mesh::PolygonMesh;
+use tesserae_mesh::mesh::PolygonMesh;
 
 /// What triangles are after cutting edges that do not have exactly two triangles in opposite directions.
 #[derive(Debug, Clone, PartialEq, Eq)]

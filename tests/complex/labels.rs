@@ -1,7 +1,7 @@
 //! Labels at random, of several kinds.
 
 use proptest::prelude::*;
-use tesserae::mesh::PolygonMesh;
+use tesserae_mesh::mesh::PolygonMesh;
 
 /// How labels are made.
 #[derive(Debug, Clone, Copy)]

@@ -4,10 +4,10 @@ use std::collections::BTreeSet;
 use std::sync::LazyLock;
 
 use proptest::prelude::*;
-use tesserae::dev::sample::{Sample, generate};
-use tesserae::mesh::PolygonMesh;
-use tesserae::mesh::divide::divided;
-use tesserae::remesh::{Placement, Remesh, Summary, VertexKind, remesh};
+use tesserae_mesh::dev::sample::{Sample, generate};
+use tesserae_mesh::mesh::PolygonMesh;
+use tesserae_mesh::mesh::divide::divided;
+use tesserae_mesh::remesh::{Placement, Remesh, Summary, VertexKind, remesh};
 
 use super::checker::{look, oriented, welded};
 use super::common::zoo;

@@ -1,8 +1,8 @@
 //! Equal results for any number of threads.
 
-use tesserae::complex::{Boundaries, Graph};
-use tesserae::dev::sample::{Sample, generate};
-use tesserae::remesh::{Placement, remesh};
+use tesserae_mesh::complex::{Boundaries, Graph};
+use tesserae_mesh::dev::sample::{Sample, generate};
+use tesserae_mesh::remesh::{Placement, remesh};
 
 use super::labels::{Kind, Recipe};
 

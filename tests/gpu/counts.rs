@@ -3,17 +3,17 @@
 
 use crate::common::gpu::{ALL, device_with, surface};
 use crate::common::zoo;
-use tesserae::cluster::coarse::CoarseStart;
-use tesserae::cluster::flat::boundary_based;
-use tesserae::cluster::hierarchy::{Options, Pairs, hierarchical};
-use tesserae::cluster::quality::Quality;
-use tesserae::cluster::record::Record;
-use tesserae::dev::sample::Sample;
-use tesserae::device::dual_edge::Ties;
-use tesserae::device::gpu::{GpuDevice, Overrides, Tuning};
-use tesserae::device::{Cancel, Device};
-use tesserae::mesh::{self, Format, Limits, NoResources};
-use tesserae::surface::Surface;
+use tesserae_mesh::cluster::coarse::CoarseStart;
+use tesserae_mesh::cluster::flat::boundary_based;
+use tesserae_mesh::cluster::hierarchy::{Options, Pairs, hierarchical};
+use tesserae_mesh::cluster::quality::Quality;
+use tesserae_mesh::cluster::record::Record;
+use tesserae_mesh::dev::sample::Sample;
+use tesserae_mesh::device::dual_edge::Ties;
+use tesserae_mesh::device::gpu::{GpuDevice, Overrides, Tuning};
+use tesserae_mesh::device::{Cancel, Device};
+use tesserae_mesh::mesh::{self, Format, Limits, NoResources};
+use tesserae_mesh::surface::Surface;
 
 /// A device that counts, and whose batches do not depend on time.
 fn counting() -> GpuDevice {
@@ -62,7 +62,7 @@ fn of_hierarchy(surface: &Surface, optimise: bool) -> Option<((u64, u64), u64, u
     counts(&mut device);
     let (mut rounds, mut optimised) = (0, 0);
     {
-        let mut on_round = |row: tesserae::cluster::hierarchy::RoundRow| {
+        let mut on_round = |row: tesserae_mesh::cluster::hierarchy::RoundRow| {
             rounds += 1;
             optimised += u64::from(row.moves > 0);
         };

@@ -1,11 +1,11 @@
 //! Dual edges on the gpu, at the ends of the lattice, against their definition.
 
 use crate::common::gpu::{device, numbers, surface};
-use tesserae::dev::sample::Sample;
-use tesserae::device::dual_edge::{Rank, Ties};
-use tesserae::device::{Device, DualEdge};
-use tesserae::energy::{End, Energy, Functional, Sums};
-use tesserae::surface::{Component, Surface};
+use tesserae_mesh::dev::sample::Sample;
+use tesserae_mesh::device::dual_edge::{Rank, Ties};
+use tesserae_mesh::device::{Device, DualEdge};
+use tesserae_mesh::energy::{End, Energy, Functional, Sums};
+use tesserae_mesh::surface::{Component, Surface};
 
 /// Faces a cluster, so that weights reach 2³⁴.
 const FACES: usize = 4;

@@ -5,17 +5,17 @@ use std::time::{Duration, Instant};
 
 use crate::common::gpu::{ALL, PLAIN, cluster_counts, device, run, seeds};
 use crate::common::{floods, zoo};
-use tesserae::cluster::coarse::CoarseStart;
-use tesserae::cluster::flat::Options;
-use tesserae::cluster::quality::Quality;
-use tesserae::cluster::run::Row;
-use tesserae::dev::sample::{Sample, generate};
-use tesserae::device::cpu::CpuDevice;
-use tesserae::device::gpu::GpuDevice;
-use tesserae::device::{Cancel, Device, FLOOD_FROM};
-use tesserae::mesh::{self, Format, Limits, NoResources};
-use tesserae::parameters::Seeds;
-use tesserae::surface::{Surface, Wanted};
+use tesserae_mesh::cluster::coarse::CoarseStart;
+use tesserae_mesh::cluster::flat::Options;
+use tesserae_mesh::cluster::quality::Quality;
+use tesserae_mesh::cluster::run::Row;
+use tesserae_mesh::dev::sample::{Sample, generate};
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::gpu::GpuDevice;
+use tesserae_mesh::device::{Cancel, Device, FLOOD_FROM};
+use tesserae_mesh::mesh::{self, Format, Limits, NoResources};
+use tesserae_mesh::parameters::Seeds;
+use tesserae_mesh::surface::{Surface, Wanted};
 
 /// Compares a run on both devices.
 fn compare(

@@ -2,17 +2,17 @@
 //! the device works again afterwards.
 
 use crate::common::gpu::{ALL, adapter, device, device_with, run, seeds};
-use tesserae::Kind;
-use tesserae::cluster::seeds::SeedFaces;
-use tesserae::dev::sample::{Sample, generate};
-use tesserae::device::gpu::{self, Fault, FaultPoint, GpuDevice, Overrides, Tuning};
-use tesserae::device::select::{self, DeviceChoice, FACES_FOR_GPU};
-use tesserae::device::{Cancel, Device, FREE};
-use tesserae::job::{self, DeviceFor, InMemory};
-use tesserae::mesh::Limits;
-use tesserae::parameters::{Parameters, Seeds};
-use tesserae::report::DeviceKind;
-use tesserae::surface::Surface;
+use tesserae_mesh::Kind;
+use tesserae_mesh::cluster::seeds::SeedFaces;
+use tesserae_mesh::dev::sample::{Sample, generate};
+use tesserae_mesh::device::gpu::{self, Fault, FaultPoint, GpuDevice, Overrides, Tuning};
+use tesserae_mesh::device::select::{self, DeviceChoice, FACES_FOR_GPU};
+use tesserae_mesh::device::{Cancel, Device, FREE};
+use tesserae_mesh::job::{self, DeviceFor, InMemory};
+use tesserae_mesh::mesh::Limits;
+use tesserae_mesh::parameters::{Parameters, Seeds};
+use tesserae_mesh::report::DeviceKind;
+use tesserae_mesh::surface::Surface;
 
 fn example() -> (Surface, SeedFaces) {
     let mesh = generate(Sample::Knot, 5000).expect("a sample");

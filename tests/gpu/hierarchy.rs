@@ -4,20 +4,20 @@ use std::collections::BTreeSet;
 
 use crate::common::gpu::{ALL, adapter, device, device_with, numbers, run as run_flat, seeds, surface};
 use crate::common::{pml, zoo};
-use tesserae::Kind;
-use tesserae::cluster::hierarchy::{Hierarchy, Options, Pairs, RoundRow, hierarchical};
-use tesserae::cluster::run::Row;
-use tesserae::dev::sample::{Sample, generate};
-use tesserae::device::adapter::AdapterKind;
-use tesserae::device::cpu::CpuDevice;
-use tesserae::device::dual_edge::{Rank, Ties, mutual};
-use tesserae::device::gpu::{Fault, FaultPoint, GpuDevice, Overrides};
-use tesserae::device::{Cancel, Device, Ending, FREE};
-use tesserae::energy::cvd::ClusterSums;
-use tesserae::error::Result;
-use tesserae::hierarchy::Tree;
-use tesserae::parameters::Seeds;
-use tesserae::surface::Surface;
+use tesserae_mesh::Kind;
+use tesserae_mesh::cluster::hierarchy::{Hierarchy, Options, Pairs, RoundRow, hierarchical};
+use tesserae_mesh::cluster::run::Row;
+use tesserae_mesh::dev::sample::{Sample, generate};
+use tesserae_mesh::device::adapter::AdapterKind;
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::dual_edge::{Rank, Ties, mutual};
+use tesserae_mesh::device::gpu::{Fault, FaultPoint, GpuDevice, Overrides};
+use tesserae_mesh::device::{Cancel, Device, Ending, FREE};
+use tesserae_mesh::energy::cvd::ClusterSums;
+use tesserae_mesh::error::Result;
+use tesserae_mesh::hierarchy::Tree;
+use tesserae_mesh::parameters::Seeds;
+use tesserae_mesh::surface::Surface;
 
 /// Sequential rounds with optimisation.
 fn ml() -> Options {

@@ -2,13 +2,13 @@
 
 use crate::common::gpu::{cluster_counts, device, seeds};
 use crate::common::zoo;
-use tesserae::dev::sample::{Sample, generate};
-use tesserae::device::cpu::CpuDevice;
-use tesserae::device::pieces;
-use tesserae::device::plain;
-use tesserae::device::{Cancel, Device, Ending, FREE, Step};
-use tesserae::parameters::Seeds;
-use tesserae::surface::Surface;
+use tesserae_mesh::dev::sample::{Sample, generate};
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::pieces;
+use tesserae_mesh::device::plain;
+use tesserae_mesh::device::{Cancel, Device, Ending, FREE, Step};
+use tesserae_mesh::parameters::Seeds;
+use tesserae_mesh::surface::Surface;
 
 fn surface(sample: Sample, faces: u64) -> Surface {
     Surface::build(&generate(sample, faces).expect("a sample")).expect("a surface")

@@ -6,11 +6,11 @@ use std::path::Path;
 
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, StorageAccess, TypeInner};
-use tesserae::device::gpu::Tuning;
-use tesserae::device::gpu::kernels::{Binding, KERNELS, Kernel, PIECES, names};
-use tesserae::device::gpu::layout::{self, Iteration};
-use tesserae::energy::shared::Struct;
-use tesserae::energy::{Energy, Functional};
+use tesserae_mesh::device::gpu::Tuning;
+use tesserae_mesh::device::gpu::kernels::{Binding, KERNELS, Kernel, PIECES, names};
+use tesserae_mesh::device::gpu::layout::{self, Iteration};
+use tesserae_mesh::energy::shared::Struct;
+use tesserae_mesh::energy::{Energy, Functional};
 
 fn parse(kernel: &Kernel, source: &str) -> (Module, ModuleInfo) {
     let module = naga::front::wgsl::parse_str(source)

@@ -2,8 +2,8 @@
 
 use proptest::prelude::*;
 use serde_json::json;
-use tesserae::Kind;
-use tesserae::mesh::{self, Beside, Format, Limits, NoResources};
+use tesserae_mesh::Kind;
+use tesserae_mesh::mesh::{self, Beside, Format, Limits, NoResources};
 
 use crate::make::{check, data_uri, floats, glb, square};
 use crate::ply_make::{self, ENCODINGS};

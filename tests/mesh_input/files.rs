@@ -4,8 +4,8 @@ use std::cell::RefCell;
 use std::path::Path;
 
 use serde_json::{Value, json};
-use tesserae::mesh::{self, Beside, Format, Limits, NoResources, Resources, Source};
-use tesserae::{Kind, Result};
+use tesserae_mesh::mesh::{self, Beside, Format, Limits, NoResources, Resources, Source};
+use tesserae_mesh::{Kind, Result};
 
 use crate::make::{SQUARE, square};
 

@@ -1,8 +1,8 @@
 //! glTF: buffer views that are decompressed.
 
 use serde_json::{Value, json};
-use tesserae::Kind;
-use tesserae::mesh::{self, Format, Limits, NoResources};
+use tesserae_mesh::Kind;
+use tesserae_mesh::mesh::{self, Format, Limits, NoResources};
 
 use crate::make::{SQUARE, expect_document, faces, glb, gltf, square};
 

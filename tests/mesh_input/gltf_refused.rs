@@ -1,8 +1,8 @@
 //! glTF: files that contradict themselves are refused, naming what is wrong.
 
 use serde_json::json;
-use tesserae::Kind;
-use tesserae::mesh::{self, Format, Limits, NoResources};
+use tesserae_mesh::Kind;
+use tesserae_mesh::mesh::{self, Format, Limits, NoResources};
 
 use crate::make::{expect, expect_document, gltf, refused, square};
 

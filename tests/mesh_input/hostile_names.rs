@@ -1,8 +1,8 @@
 //! Names that hold control characters or a megabyte: no message, log line or problem repeats them raw or whole.
 
 use serde_json::{Value, json};
-use tesserae::mesh::{self, Format, Limits, NoResources, Source};
-use tesserae::{Error, Result};
+use tesserae_mesh::mesh::{self, Format, Limits, NoResources, Source};
+use tesserae_mesh::{Error, Result};
 
 use crate::make::{glb, obj, square};
 

@@ -1,8 +1,8 @@
 //! glTF: parts under different transforms whose borders meet are one surface.
 
 use serde_json::{Value, json};
-use tesserae::mesh::PolygonMesh;
-use tesserae::surface::Surface;
+use tesserae_mesh::mesh::PolygonMesh;
+use tesserae_mesh::surface::Surface;
 
 use crate::make::{check, floats, glb, read_glb};
 

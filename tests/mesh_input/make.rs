@@ -4,8 +4,8 @@ use std::time::{Duration, Instant};
 
 use base64::Engine;
 use serde_json::{Value, json};
-use tesserae::mesh::{self, Format, Limits, NoResources, PolygonMesh};
-use tesserae::{Error, Kind, Result};
+use tesserae_mesh::mesh::{self, Format, Limits, NoResources, PolygonMesh};
+use tesserae_mesh::{Error, Kind, Result};
 
 /// Reads an OBJ file.
 pub fn obj(text: impl AsRef<[u8]>) -> Result<PolygonMesh> {

@@ -3,7 +3,7 @@
 //! `UPDATE_MESSAGES=1 cargo test --test mesh_input messages` writes the file anew.
 
 use serde_json::{Value, json};
-use tesserae::mesh::{self, Format, Limits, NoResources};
+use tesserae_mesh::mesh::{self, Format, Limits, NoResources};
 
 use crate::make::{glb, square};
 

@@ -1,8 +1,8 @@
 //! OBJ: the forms that are read and the errors that name lines.
 
 use proptest::prelude::*;
-use tesserae::Kind;
-use tesserae::mesh::{self, Format, Limits, NoResources, Part};
+use tesserae_mesh::Kind;
+use tesserae_mesh::mesh::{self, Format, Limits, NoResources, Part};
 
 use crate::make::{check, faces, obj};
 

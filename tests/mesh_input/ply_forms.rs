@@ -1,8 +1,8 @@
 //! PLY: the forms that are read.
 
 use proptest::prelude::*;
-use tesserae::Kind;
-use tesserae::mesh::{self, Format, Limits, NoResources, Part, PolygonMesh};
+use tesserae_mesh::Kind;
+use tesserae_mesh::mesh::{self, Format, Limits, NoResources, Part, PolygonMesh};
 
 use crate::make::{SQUARE, check, faces, triangles};
 use crate::ply_make::{self as make, ENCODINGS, Element, Encoding, ply, properties, square, write};
@@ -141,7 +141,7 @@ fn faces_of_few_corners_keep_their_places() {
         let expected: [&[u32]; 6] = [&[0, 1, 2], &[0, 0, 0], &[3, 3, 3], &[1, 2, 2], &[0, 1, 2, 3], &[2, 2, 2]];
         assert_eq!(faces(&mesh), expected);
         assert_eq!(mesh.warnings, ["faces of fewer than 3 corners were kept as degenerate triangles: 3"]);
-        let counts = tesserae::surface::Surface::build(&mesh).expect("a surface").counts;
+        let counts = tesserae_mesh::surface::Surface::build(&mesh).expect("a surface").counts;
         assert_eq!(counts.degenerate_faces, 4);
     }
 }

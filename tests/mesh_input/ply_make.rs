@@ -1,7 +1,7 @@
 //! PLY files made on the spot, in any encoding and with any properties, and short ways to read them.
 
-use tesserae::Result;
-use tesserae::mesh::{self, Format, Limits, NoResources, PolygonMesh};
+use tesserae_mesh::Result;
+use tesserae_mesh::mesh::{self, Format, Limits, NoResources, PolygonMesh};
 
 /// How the rows of a file are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

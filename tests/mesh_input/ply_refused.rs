@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use tesserae::Kind;
+use tesserae_mesh::Kind;
 
 use crate::make::SQUARE;
 use crate::ply_make::{self as make, ENCODINGS, Encoding, ply, properties, square, write};

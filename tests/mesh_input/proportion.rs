@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use serde_json::{Value, json};
-use tesserae::Kind;
-use tesserae::mesh::{self, Format, Limits, NoResources};
+use tesserae_mesh::Kind;
+use tesserae_mesh::mesh::{self, Format, Limits, NoResources};
 
 use crate::make::{check, document, floats, glb, obj, read_glb, refused, shorts, square};
 

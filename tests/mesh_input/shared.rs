@@ -3,9 +3,9 @@
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
-use tesserae::Kind;
-use tesserae::mesh::{self, Beside, Format, Limits, PolygonMesh};
-use tesserae::surface::Surface;
+use tesserae_mesh::Kind;
+use tesserae_mesh::mesh::{self, Beside, Format, Limits, PolygonMesh};
+use tesserae_mesh::surface::Surface;
 
 use crate::make::check;
 use crate::ply_forms::compare;
@@ -21,7 +21,7 @@ fn folder() -> Option<PathBuf> {
     None
 }
 
-fn read(path: &Path) -> tesserae::Result<PolygonMesh> {
+fn read(path: &Path) -> tesserae_mesh::Result<PolygonMesh> {
     let bytes = std::fs::read(path).expect("a file");
     let name = path.file_name().and_then(|name| name.to_str());
     let format = Format::recognise(name, &bytes, Some(bytes.len() as u64))?;

@@ -1,10 +1,10 @@
 //! STL: the forms that are read, and files that are refused.
 
 use proptest::prelude::*;
-use tesserae::dev::sample::{self, Sample};
-use tesserae::mesh::{self, Format, Limits, NoResources, PolygonMesh};
-use tesserae::surface::Surface;
-use tesserae::{Kind, Result};
+use tesserae_mesh::dev::sample::{self, Sample};
+use tesserae_mesh::mesh::{self, Format, Limits, NoResources, PolygonMesh};
+use tesserae_mesh::surface::Surface;
+use tesserae_mesh::{Kind, Result};
 
 use crate::make::{check, faces, triangles};
 use crate::ply_make;

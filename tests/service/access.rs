@@ -5,8 +5,8 @@ use std::path::Path;
 use reqwest::{Method, RequestBuilder};
 use serde_json::Value;
 use tempfile::TempDir;
-use tesserae::device::cpu::CpuDevice;
-use tesserae::service::{Server, Settings, TokenFile};
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::service::{Server, Settings, TokenFile};
 
 use crate::support::*;
 
@@ -283,8 +283,8 @@ async fn quotas_of_the_file_hold_for_their_tenant_only() {
 #[tokio::test]
 async fn other_machines_are_not_listened_to_without_tokens() {
     let device = || Box::new(CpuDevice::new());
-    let description = tesserae::service::DeviceDescription {
-        info: tesserae::device::Device::info(&CpuDevice::new()).clone(),
+    let description = tesserae_mesh::service::DeviceDescription {
+        info: tesserae_mesh::device::Device::info(&CpuDevice::new()).clone(),
         chosen: String::new(),
         cpu_below_faces: None,
         adapters: Vec::new(),

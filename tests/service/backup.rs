@@ -4,8 +4,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use serde_json::Value;
-use tesserae::device::cpu::CpuDevice;
-use tesserae::service::{Backup, Extras, Settings, back_up};
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::service::{Backup, Extras, Settings, back_up};
 
 use crate::support::*;
 

@@ -1,9 +1,9 @@
 //! Outputs that are made of the mesh: named by the request for the job, or made of a mesh that was kept.
 
 use serde_json::Value;
-use tesserae::artifacts::{self, Artifact, Need};
-use tesserae::device::cpu::CpuDevice;
-use tesserae::service::TokenFile;
+use tesserae_mesh::artifacts::{self, Artifact, Need};
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::service::TokenFile;
 
 use crate::support::*;
 

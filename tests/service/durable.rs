@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use reqwest::RequestBuilder;
 use serde_json::Value;
-use tesserae::device::cpu::CpuDevice;
-use tesserae::service::{DeviceDescription, Server, Settings};
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::service::{DeviceDescription, Server, Settings};
 
 use crate::support::*;
 
@@ -148,7 +148,7 @@ async fn a_folder_in_use_is_refused() {
         ..Settings::default()
     };
     let device = CpuDevice::new();
-    let info = tesserae::device::Device::info(&device).clone();
+    let info = tesserae_mesh::device::Device::info(&device).clone();
     let description = DeviceDescription { info, chosen: String::new(), cpu_below_faces: None, adapters: Vec::new() };
     let error = Server::bind(settings, Box::new(device), description).await.expect_err("in use");
     assert!(error.message.contains("--data-dir"), "{error}");

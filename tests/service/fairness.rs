@@ -2,11 +2,11 @@
 
 use serde_json::Value;
 use tempfile::TempDir;
-use tesserae::device::cpu::CpuDevice;
-use tesserae::device::{Device, MergeSteps, Steps};
-use tesserae::report::DeviceInfo;
-use tesserae::service::{Settings, TokenFile};
-use tesserae::surface::DualGraph;
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::{Device, MergeSteps, Steps};
+use tesserae_mesh::report::DeviceInfo;
+use tesserae_mesh::service::{Settings, TokenFile};
+use tesserae_mesh::surface::DualGraph;
 
 use crate::support::*;
 
@@ -87,7 +87,11 @@ impl Device for Long {
         Some(Box::new(Self(CpuDevice::new(), self.1.clone())))
     }
 
-    fn open<'a>(&'a mut self, graph: &'a DualGraph, components: &'a [u32]) -> tesserae::Result<Box<dyn Steps + 'a>> {
+    fn open<'a>(
+        &'a mut self,
+        graph: &'a DualGraph,
+        components: &'a [u32],
+    ) -> tesserae_mesh::Result<Box<dyn Steps + 'a>> {
         self.pass(graph);
         self.0.open(graph, components)
     }
@@ -96,7 +100,7 @@ impl Device for Long {
         &'a mut self,
         graph: &'a DualGraph,
         components: &'a [u32],
-    ) -> tesserae::Result<Box<dyn MergeSteps + 'a>> {
+    ) -> tesserae_mesh::Result<Box<dyn MergeSteps + 'a>> {
         self.pass(graph);
         self.0.open_merging(graph, components)
     }

@@ -6,14 +6,14 @@ use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use serde_json::Value;
-use tesserae::device::cpu::CpuDevice;
-use tesserae::device::gpu::adapter::enumerate;
-use tesserae::device::gpu::{self, Fault, GpuDevice};
-use tesserae::device::{Device, MergeSteps, Steps};
-use tesserae::report::DeviceInfo;
-use tesserae::service::{Extras, FaultPoint, Faults, Reopen, Settings};
-use tesserae::surface::DualGraph;
-use tesserae::{Error, Kind};
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::gpu::adapter::enumerate;
+use tesserae_mesh::device::gpu::{self, Fault, GpuDevice};
+use tesserae_mesh::device::{Device, MergeSteps, Steps};
+use tesserae_mesh::report::DeviceInfo;
+use tesserae_mesh::service::{Extras, FaultPoint, Faults, Reopen, Settings};
+use tesserae_mesh::surface::DualGraph;
+use tesserae_mesh::{Error, Kind};
 
 use crate::support::*;
 
@@ -159,12 +159,12 @@ impl Faulty {
     fn boxed(lost: &Arc<AtomicUsize>, still: Option<Gate>) -> Box<dyn Device> {
         let cpu = CpuDevice::new();
         let mut info = cpu.info().clone();
-        info.kind = tesserae::report::DeviceKind::Gpu;
+        info.kind = tesserae_mesh::report::DeviceKind::Gpu;
         info.name = "faulty".to_owned();
         Box::new(Self { cpu, info, lost: Arc::clone(lost), still })
     }
 
-    fn fail(&self) -> tesserae::Result<()> {
+    fn fail(&self) -> tesserae_mesh::Result<()> {
         if let Some(gate) = &self.still {
             gate.pass();
         }
@@ -185,7 +185,11 @@ impl Device for Faulty {
         self.still.as_ref().map(|_| Box::new(CpuDevice::new()) as Box<dyn Device>)
     }
 
-    fn open<'a>(&'a mut self, graph: &'a DualGraph, components: &'a [u32]) -> tesserae::Result<Box<dyn Steps + 'a>> {
+    fn open<'a>(
+        &'a mut self,
+        graph: &'a DualGraph,
+        components: &'a [u32],
+    ) -> tesserae_mesh::Result<Box<dyn Steps + 'a>> {
         self.fail()?;
         self.cpu.open(graph, components)
     }
@@ -194,7 +198,7 @@ impl Device for Faulty {
         &'a mut self,
         graph: &'a DualGraph,
         components: &'a [u32],
-    ) -> tesserae::Result<Box<dyn MergeSteps + 'a>> {
+    ) -> tesserae_mesh::Result<Box<dyn MergeSteps + 'a>> {
         self.fail()?;
         self.cpu.open_merging(graph, components)
     }

@@ -9,9 +9,9 @@ use std::sync::Arc;
 
 use serde_json::Value;
 use tempfile::TempDir;
-use tesserae::device::Device;
-use tesserae::device::cpu::CpuDevice;
-use tesserae::service::{Extras, Settings};
+use tesserae_mesh::device::Device;
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::service::{Extras, Settings};
 
 use crate::support::*;
 

@@ -2,13 +2,13 @@
 
 use reqwest::Response;
 use serde_json::{Value, json};
-use tesserae::dev::sample::{self, Sample};
-use tesserae::device::cpu::CpuDevice;
-use tesserae::device::{Device, MergeSteps, Steps};
-use tesserae::error::{Error, Kind};
-use tesserae::hierarchy::stored::Stored;
-use tesserae::report::{DeviceInfo, DeviceKind};
-use tesserae::surface::DualGraph;
+use tesserae_mesh::dev::sample::{self, Sample};
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::{Device, MergeSteps, Steps};
+use tesserae_mesh::error::{Error, Kind};
+use tesserae_mesh::hierarchy::stored::Stored;
+use tesserae_mesh::report::{DeviceInfo, DeviceKind};
+use tesserae_mesh::surface::DualGraph;
 
 use crate::support::*;
 
@@ -217,11 +217,19 @@ impl Device for Limited {
         &self.1
     }
 
-    fn open<'a>(&'a mut self, graph: &'a DualGraph, components: &'a [u32]) -> tesserae::Result<Box<dyn Steps + 'a>> {
+    fn open<'a>(
+        &'a mut self,
+        graph: &'a DualGraph,
+        components: &'a [u32],
+    ) -> tesserae_mesh::Result<Box<dyn Steps + 'a>> {
         self.0.open(graph, components)
     }
 
-    fn open_merging<'a>(&'a mut self, _: &'a DualGraph, _: &'a [u32]) -> tesserae::Result<Box<dyn MergeSteps + 'a>> {
+    fn open_merging<'a>(
+        &'a mut self,
+        _: &'a DualGraph,
+        _: &'a [u32],
+    ) -> tesserae_mesh::Result<Box<dyn MergeSteps + 'a>> {
         Err(Error::new(Kind::DeviceUnsuitable, "this device makes no hierarchies"))
     }
 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 use futures_util::{StreamExt as _, stream};
 use reqwest::Body;
 use reqwest::multipart::{Form, Part};
-use tesserae::device::cpu::CpuDevice;
+use tesserae_mesh::device::cpu::CpuDevice;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 

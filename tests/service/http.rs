@@ -6,9 +6,9 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use serde_json::Value;
-use tesserae::device::Device;
-use tesserae::device::cpu::CpuDevice;
-use tesserae::service::{DeviceDescription, Server, Settings, TokenFile};
+use tesserae_mesh::device::Device;
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::service::{DeviceDescription, Server, Settings, TokenFile};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tracing_subscriber::fmt::MakeWriter;
 
@@ -238,7 +238,7 @@ async fn an_upload_that_says_it_is_too_long_logs_no_error() {
     for line in log.lines("tesserae::access") {
         assert_eq!(line["fields"]["received"], Value::Null, "nothing of it was read: {line}");
     }
-    let errors: Vec<Value> = log.lines("tesserae::service::problem");
+    let errors: Vec<Value> = log.lines("tesserae_mesh::service::problem");
     assert!(errors.is_empty(), "{errors:#?}");
 }
 

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use reqwest::multipart::{Form, Part};
 use serde_json::Value;
-use tesserae::dev::sample::{self, Sample};
+use tesserae_mesh::dev::sample::{self, Sample};
 
 use crate::support::*;
 

@@ -4,9 +4,9 @@ use std::io::Write;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-use tesserae::device::Device;
-use tesserae::device::cpu::CpuDevice;
-use tesserae::service::{DeviceDescription, Server, Settings};
+use tesserae_mesh::device::Device;
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::service::{DeviceDescription, Server, Settings};
 use tracing_subscriber::fmt::MakeWriter;
 
 use crate::support::*;

@@ -4,8 +4,8 @@ use std::io::Write as _;
 use std::time::{Duration, Instant};
 
 use reqwest::multipart::{Form, Part};
-use tesserae::device::cpu::CpuDevice;
-use tesserae::service::{Settings, TrafficSettings};
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::service::{Settings, TrafficSettings};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 

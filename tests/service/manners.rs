@@ -4,8 +4,8 @@ use std::io::Read as _;
 
 use reqwest::Method;
 use serde_json::Value;
-use tesserae::artifacts::{self, Need};
-use tesserae::device::cpu::CpuDevice;
+use tesserae_mesh::artifacts::{self, Need};
+use tesserae_mesh::device::cpu::CpuDevice;
 
 use crate::support::*;
 

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use tesserae::device::cpu::CpuDevice;
+use tesserae_mesh::device::cpu::CpuDevice;
 
 use crate::support::*;
 

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use clap::CommandFactory;
-use tesserae::artifacts::{self, Need};
-use tesserae::mesh::Format;
+use tesserae_mesh::artifacts::{self, Need};
+use tesserae_mesh::mesh::Format;
 
 use crate::support::Service;
 
@@ -14,7 +14,7 @@ const TETRAHEDRON: &[u8] = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 
 #[test]
 fn openapi_yaml_is_what_the_code_says() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("openapi.yaml");
-    let generated = tesserae::service::openapi_yaml().expect("a description");
+    let generated = tesserae_mesh::service::openapi_yaml().expect("a description");
     if std::env::var_os("UPDATE_OPENAPI").is_some() {
         std::fs::write(&path, &generated).expect("written");
     }
@@ -29,7 +29,7 @@ async fn the_service_serves_its_description_and_answers_at_every_path_of_it() {
     let response = service.get("/openapi.yaml").send().await.expect("answered");
     assert_eq!(response.headers()["content-type"], "application/yaml");
     let yaml = response.text().await.expect("text");
-    assert_eq!(yaml, tesserae::service::openapi_yaml().expect("a description"));
+    assert_eq!(yaml, tesserae_mesh::service::openapi_yaml().expect("a description"));
     for note in ["P§", "DESIGN", "Eq."] {
         assert!(!yaml.contains(note), "{note} says nothing to who reads this");
     }
@@ -60,7 +60,7 @@ async fn every_place_that_lists_mesh_formats_has_exactly_those_of_the_table() {
     let names = Format::ALL.map(Format::name);
     let types: Vec<&str> = Format::ALL.iter().flat_map(|format| format.media_types()).copied().collect();
 
-    let cli = tesserae::cli::Cli::command();
+    let cli = tesserae_mesh::cli::Cli::command();
     let cluster = cli.find_subcommand("cluster").expect("a command");
     let help = |id: &str| {
         let argument = cluster.get_arguments().find(|argument| argument.get_id() == id).expect("an argument");
@@ -87,7 +87,7 @@ async fn every_place_that_lists_mesh_formats_has_exactly_those_of_the_table() {
         Format::ALL.map(|format| serde_json::json!({"name": format.name(), "media_type": format.media_type()}));
     assert_eq!(formats["meshes"], serde_json::json!(expected));
 
-    let yaml = tesserae::service::openapi_yaml().expect("a description");
+    let yaml = tesserae_mesh::service::openapi_yaml().expect("a description");
     let body = yaml.split_once("requestBody:").and_then(|(_, rest)| rest.split_once("responses:")).expect("a body").0;
     let keys = body.lines().filter_map(|line| line.strip_prefix("          ")?.strip_suffix(':'));
     let is_type = |key: &&str| !key.starts_with(' ') && !containers.contains(key);
@@ -109,8 +109,8 @@ async fn every_output_of_the_table_has_its_flags_and_its_route_with_exactly_its_
     let job = service.submit("algorithm=hr&clusters=1&keep_mesh=true", TETRAHEDRON.to_vec()).await;
     let job = service.ended(&job).await;
     assert_eq!(job["state"], "succeeded");
-    let yaml = tesserae::service::openapi_yaml().expect("a description");
-    let cli = tesserae::cli::Cli::command();
+    let yaml = tesserae_mesh::service::openapi_yaml().expect("a description");
+    let cli = tesserae_mesh::cli::Cli::command();
     for artifact in artifacts::ALL {
         let name = artifact.name;
         for flag in artifact.flags {

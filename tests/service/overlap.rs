@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use tesserae::device::cpu::CpuDevice;
-use tesserae::device::{Device, MergeSteps, Steps};
-use tesserae::report::DeviceInfo;
-use tesserae::service::{Extras, FaultPoint, Faults, Settings};
-use tesserae::surface::DualGraph;
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::{Device, MergeSteps, Steps};
+use tesserae_mesh::report::DeviceInfo;
+use tesserae_mesh::service::{Extras, FaultPoint, Faults, Settings};
+use tesserae_mesh::surface::DualGraph;
 
 use crate::support::*;
 
@@ -118,7 +118,11 @@ impl Device for Plain {
         self.0.info()
     }
 
-    fn open<'a>(&'a mut self, graph: &'a DualGraph, components: &'a [u32]) -> tesserae::Result<Box<dyn Steps + 'a>> {
+    fn open<'a>(
+        &'a mut self,
+        graph: &'a DualGraph,
+        components: &'a [u32],
+    ) -> tesserae_mesh::Result<Box<dyn Steps + 'a>> {
         self.0.open(graph, components)
     }
 
@@ -126,7 +130,7 @@ impl Device for Plain {
         &'a mut self,
         graph: &'a DualGraph,
         components: &'a [u32],
-    ) -> tesserae::Result<Box<dyn MergeSteps + 'a>> {
+    ) -> tesserae_mesh::Result<Box<dyn MergeSteps + 'a>> {
         self.0.open_merging(graph, components)
     }
 }

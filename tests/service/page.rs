@@ -1,6 +1,6 @@
 //! The page at `/`: files of the binary with their headers, or an answer that says why there are none.
 
-use tesserae::device::cpu::CpuDevice;
+use tesserae_mesh::device::cpu::CpuDevice;
 
 use crate::support::*;
 
@@ -55,8 +55,8 @@ async fn a_service_can_be_without_its_page() {
 async fn the_page_needs_no_token_and_gives_no_data() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("tokens.json");
-    tesserae::service::TokenFile::change(&path, |file| Ok(file.add("mine")?.reveal())).expect("made");
-    let with_tokens = |settings: &mut tesserae::service::Settings| settings.access.tokens = Some(path);
+    tesserae_mesh::service::TokenFile::change(&path, |file| Ok(file.add("mine")?.reveal())).expect("made");
+    let with_tokens = |settings: &mut tesserae_mesh::service::Settings| settings.access.tokens = Some(path);
     let service = Service::with(with_tokens, Box::new(CpuDevice::new())).await;
     let expected = if HAS_PAGE { 200 } else { 404 };
     for (path, _) in FILES {

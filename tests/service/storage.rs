@@ -4,9 +4,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use tempfile::TempDir;
-use tesserae::device::Device;
-use tesserae::device::cpu::CpuDevice;
-use tesserae::service::{DeviceDescription, Extras, Server, Settings};
+use tesserae_mesh::device::Device;
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::service::{DeviceDescription, Extras, Server, Settings};
 
 use crate::support::*;
 

@@ -8,12 +8,12 @@ use std::time::{Duration, Instant};
 use reqwest::{Client, RequestBuilder, Response};
 use serde_json::Value;
 use tempfile::TempDir;
-use tesserae::dev::sample::{self, Sample};
-use tesserae::device::cpu::CpuDevice;
-use tesserae::device::{Device, MergeSteps, Steps};
-use tesserae::report::DeviceInfo;
-use tesserae::service::{DeviceDescription, Extras, Server, Settings};
-use tesserae::surface::DualGraph;
+use tesserae_mesh::dev::sample::{self, Sample};
+use tesserae_mesh::device::cpu::CpuDevice;
+use tesserae_mesh::device::{Device, MergeSteps, Steps};
+use tesserae_mesh::report::DeviceInfo;
+use tesserae_mesh::service::{DeviceDescription, Extras, Server, Settings};
+use tesserae_mesh::surface::DualGraph;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
@@ -26,7 +26,7 @@ pub struct Service {
     pub client: Client,
     data: Arc<TempDir>,
     stop: Option<oneshot::Sender<()>>,
-    running: Option<JoinHandle<tesserae::Result<()>>>,
+    running: Option<JoinHandle<tesserae_mesh::Result<()>>>,
 }
 
 impl Service {
@@ -306,7 +306,7 @@ impl Device for Held {
         &'a mut self,
         graph: &'a DualGraph,
         component_of_cluster: &'a [u32],
-    ) -> tesserae::Result<Box<dyn Steps + 'a>> {
+    ) -> tesserae_mesh::Result<Box<dyn Steps + 'a>> {
         self.gate.pass();
         assert!(graph.faces() != PANIC_FACES, "a defect on purpose");
         self.cpu.open(graph, component_of_cluster)
@@ -316,7 +316,7 @@ impl Device for Held {
         &'a mut self,
         graph: &'a DualGraph,
         component_of_cluster: &'a [u32],
-    ) -> tesserae::Result<Box<dyn MergeSteps + 'a>> {
+    ) -> tesserae_mesh::Result<Box<dyn MergeSteps + 'a>> {
         self.gate.pass();
         self.cpu.open_merging(graph, component_of_cluster)
     }

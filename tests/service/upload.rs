@@ -2,7 +2,7 @@
 
 use reqwest::multipart::{Form, Part};
 use serde_json::{Value, json};
-use tesserae::service::Settings;
+use tesserae_mesh::service::Settings;
 
 use crate::support::*;
 
@@ -259,7 +259,7 @@ async fn forms_are_refused_by_part() {
 
 /// A part with weights.
 fn weights(weights: &[f64]) -> Part {
-    let mut bytes = tesserae::artifacts::npy_header("<f8", &format!("({},)", weights.len()));
+    let mut bytes = tesserae_mesh::artifacts::npy_header("<f8", &format!("({},)", weights.len()));
     weights.iter().for_each(|weight| bytes.extend(weight.to_le_bytes()));
     file(bytes, "w.npy")
 }

@@ -73,5 +73,5 @@ pub(in crate::service) async fn formats() -> Json<Formats> {
     responses((status = 200, description = "The version", body = Version)),
 )]
 pub(in crate::service) async fn version() -> Json<Version> {
-    Json(Version { name: env!("CARGO_PKG_NAME"), version: env!("CARGO_PKG_VERSION") })
+    Json(Version { name: "tesserae", version: env!("CARGO_PKG_VERSION") })
 }

@@ -12,15 +12,15 @@ from typing import IO, TYPE_CHECKING, Any, Generator, Mapping, Union, cast
 
 import numpy as np
 
-from tesserae._errors import Error
-from tesserae.client.exchange import Request, Steps, error_in, exchange, members, send
-from tesserae.client.operations import OPERATIONS, Operation
+from tesserae_mesh._errors import Error
+from tesserae_mesh.client.exchange import Request, Steps, error_in, exchange, members, send
+from tesserae_mesh.client.operations import OPERATIONS, Operation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from tesserae._hierarchy import Hierarchy
-    from tesserae.client.documents import Boundaries, Cluster, ClusterTable, Graph, HierarchyDocument, Report
+    from tesserae_mesh._hierarchy import Hierarchy
+    from tesserae_mesh.client.documents import Boundaries, Cluster, ClusterTable, Graph, HierarchyDocument, Report
 
 Query = Mapping[str, Union[str, float, None]]
 
@@ -92,7 +92,7 @@ def hierarchy(job: str, query: Query, patience: float) -> Steps[HierarchyDocumen
 def tree(job: str, patience: float) -> Steps[Hierarchy]:
     """The hierarchy with its methods."""
     # It needs the library; nothing else of the client does.
-    from tesserae._hierarchy import Hierarchy
+    from tesserae_mesh._hierarchy import Hierarchy
 
     return Hierarchy.load((yield from content(job, "hierarchy", "tsr", {}, patience)))
 

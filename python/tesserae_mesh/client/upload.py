@@ -16,16 +16,16 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from tesserae._errors import Error
-from tesserae._mesh import Mesh
-from tesserae.client.exchange import Form
-from tesserae.client.operations import PARAMETERS
+from tesserae_mesh._errors import Error
+from tesserae_mesh._mesh import Mesh
+from tesserae_mesh.client.exchange import Form
+from tesserae_mesh.client.operations import PARAMETERS
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from tesserae._mesh import FacesLike, MeshLike
-    from tesserae.client.options import MeshSource, Source, SubmitOptions
+    from tesserae_mesh._mesh import FacesLike, MeshLike
+    from tesserae_mesh.client.options import MeshSource, Source, SubmitOptions
 
 BYTES = "application/octet-stream"
 
@@ -36,7 +36,7 @@ def form_of(mesh: MeshSource, options: SubmitOptions) -> Generator[Form, None, N
 
     Parameters
     ----------
-    mesh : file name, bytes, open binary file, URL ``s3://…``, or anything that `tesserae.cluster` takes
+    mesh : file name, bytes, open binary file, URL ``s3://…``, or anything that `tesserae_mesh.cluster` takes
         The mesh; points and faces as a pair of arrays. The form has no part for one in a bucket.
     options : SubmitOptions
         Keywords of `Client.submit`.

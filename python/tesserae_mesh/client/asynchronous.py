@@ -7,9 +7,9 @@ import pathlib
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, AsyncIterator
 
-from tesserae.client import results, steps
-from tesserae.client.connection import AsyncConnection, Service
-from tesserae.client.events import Event, Reader
+from tesserae_mesh.client import results, steps
+from tesserae_mesh.client.connection import AsyncConnection, Service
+from tesserae_mesh.client.events import Event, Reader
 
 if TYPE_CHECKING:
     import httpx
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from typing_extensions import Self, Unpack
 
-    from tesserae._hierarchy import Hierarchy
-    from tesserae.client.documents import (
+    from tesserae_mesh._hierarchy import Hierarchy
+    from tesserae_mesh.client.documents import (
         Boundaries,
         Cluster,
         DeviceDescription,
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
         Worker,
         WorkerList,
     )
-    from tesserae.client.exchange import Steps
-    from tesserae.client.options import MeshSource, SubmitOptions
+    from tesserae_mesh.client.exchange import Steps
+    from tesserae_mesh.client.options import MeshSource, SubmitOptions
 
 
 class AsyncClient:
@@ -193,7 +193,7 @@ class AsyncJob:
         return await self._connection.run(results.hierarchy(self.id, query, self._patience))
 
     async def tree(self) -> Hierarchy:
-        """The hierarchy as a `tesserae.Hierarchy`, which is cut without the service."""
+        """The hierarchy as a `tesserae_mesh.Hierarchy`, which is cut without the service."""
         return await self._connection.run(results.tree(self.id, self._patience))
 
     async def linkage(self) -> NDArray[np.float64]:

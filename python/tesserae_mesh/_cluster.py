@@ -1,4 +1,4 @@
-"""`tesserae.cluster`: one clustering, in this process."""
+"""`tesserae_mesh.cluster`: one clustering, in this process."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Any, Literal, Optional, Union, cast
 
 import numpy as np
 
-from tesserae import _native
-from tesserae._clustering import Clustering
-from tesserae._errors import Error, count_if_given
-from tesserae._mesh import Mesh
-from tesserae._progress import Rows
+from tesserae_mesh import _native
+from tesserae_mesh._clustering import Clustering
+from tesserae_mesh._errors import Error, count_if_given
+from tesserae_mesh._mesh import Mesh
+from tesserae_mesh._progress import Rows
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
-    from tesserae._mesh import FacesLike, MeshLike, PathLike
-    from tesserae._progress import Progress
+    from tesserae_mesh._mesh import FacesLike, MeshLike, PathLike
+    from tesserae_mesh._progress import Progress
 
 Algorithm = Literal["bb", "pml", "ml", "hr", "acvd", "vc"]
 Quality = Literal["fast", "default", "best"]
@@ -77,7 +77,7 @@ def cluster(
     points : array_like of shape (N, 3), mesh, or path
         Positions in any unit of length, float32 or float64; an array that is contiguous and aligned is not copied. Or
         with `faces` left out: a ``pyvista.PolyData``, ``trimesh.Trimesh``, ``open3d.geometry.TriangleMesh``,
-        ``meshio.Mesh`` or `tesserae.Mesh`, or the name of an OBJ, GLB, glTF, PLY or STL file.
+        ``meshio.Mesh`` or `tesserae_mesh.Mesh`, or the name of an OBJ, GLB, glTF, PLY or STL file.
     faces : array_like or tuple, optional
         Polygons: integers of shape (F, n), F faces of n corners; VTK's padded array of one dimension; or a tuple of
         offsets (F + 1) and corners.
@@ -142,8 +142,8 @@ def cluster(
     max_upload_bytes : int, optional
         Files: largest number of bytes, the mesh and its buffers together; 4 GiB when left out.
     progress : bool or callable
-        True shows a bar on standard error (by tqdm, if that is installed). A callable gets every `tesserae.Iteration`,
-        and of hierarchies every `tesserae.Level`, in the calling thread; an exception that it raises cancels.
+        True shows a bar on standard error (by tqdm, if that is installed). A callable gets every `tesserae_mesh.Iteration`,
+        and of hierarchies every `tesserae_mesh.Level`, in the calling thread; an exception that it raises cancels.
 
     Returns
     -------
@@ -152,7 +152,7 @@ def cluster(
 
     Raises
     ------
-    tesserae.Error
+    tesserae_mesh.Error
         A parameter is unknown or impossible (``kind`` is ``"invalid-parameter"``), the mesh cannot be clustered
         (``"invalid-mesh"``, ``"unsupported-mesh"``, ``"too-large"``), a file cannot be read (``"io"``), or the device
         does not exist or cannot take the mesh (``"device-unsuitable"``).
@@ -161,9 +161,9 @@ def cluster(
 
     Examples
     --------
-    >>> import numpy as np, tesserae
+    >>> import numpy as np, tesserae_mesh
     >>> points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
-    >>> clustering = tesserae.cluster(points, [[0, 1, 2], [0, 2, 3]], clusters=2)
+    >>> clustering = tesserae_mesh.cluster(points, [[0, 1, 2], [0, 2, 3]], clusters=2)
     >>> clustering.labels
     array([0, 1], dtype=uint32)
     """
@@ -215,7 +215,7 @@ def cluster(
 def cluster_points(
     mesh: Mesh, clusters: int, weights: Optional[NDArray[np.float64]], **parameters: Any
 ) -> tuple[NDArray[np.int32], int]:
-    """Cluster the points of triangles, for `tesserae.pyacvd`: one label a point, and the number of clusters.
+    """Cluster the points of triangles, for `tesserae_mesh.pyacvd`: one label a point, and the number of clusters.
 
     Points that no triangle uses have the label -1, those at one position the same. There are no more clusters than
     positions, and separate parts are joined where they are nearest if they are more than the clusters.

@@ -1,14 +1,14 @@
 """Clusters the faces of polygon meshes, fast and reproducibly.
 
->>> import tesserae
->>> clustering = tesserae.cluster(points, faces, clusters=1000)  # doctest: +SKIP
+>>> import tesserae_mesh
+>>> clustering = tesserae_mesh.cluster(points, faces, clusters=1000)  # doctest: +SKIP
 >>> clustering.labels                                            # doctest: +SKIP
 array([  0,   0, 731, ...], dtype=uint32)
 
 Labels depend on the mesh and the parameters only: not on threads, machine or device. They equal those of the command
-line (``python -m tesserae cluster``) for the same mesh and parameters.
+line (``python -m tesserae_mesh cluster``) for the same mesh and parameters.
 
-Nothing but the standard library is imported until a name of this module is first used, so that ``import tesserae`` and
+Nothing but the standard library is imported until a name of this module is first used, so that ``import tesserae_mesh`` and
 the command line start at once.
 """
 
@@ -18,19 +18,19 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tesserae._cluster import cluster as cluster
-    from tesserae._clustering import Clustering as Clustering
-    from tesserae._clustering import Remesh as Remesh
-    from tesserae._clustering import outputs as outputs
-    from tesserae._errors import Error as Error
-    from tesserae._hierarchy import Cut as Cut
-    from tesserae._hierarchy import Hierarchy as Hierarchy
-    from tesserae._mesh import Mesh as Mesh
-    from tesserae._native import __version__ as __version__
-    from tesserae._rows import Iteration as Iteration
-    from tesserae._rows import Level as Level
-    from tesserae.client import AsyncClient as AsyncClient
-    from tesserae.client import Client as Client
+    from tesserae_mesh._cluster import cluster as cluster
+    from tesserae_mesh._clustering import Clustering as Clustering
+    from tesserae_mesh._clustering import Remesh as Remesh
+    from tesserae_mesh._clustering import outputs as outputs
+    from tesserae_mesh._errors import Error as Error
+    from tesserae_mesh._hierarchy import Cut as Cut
+    from tesserae_mesh._hierarchy import Hierarchy as Hierarchy
+    from tesserae_mesh._mesh import Mesh as Mesh
+    from tesserae_mesh._native import __version__ as __version__
+    from tesserae_mesh._rows import Iteration as Iteration
+    from tesserae_mesh._rows import Level as Level
+    from tesserae_mesh.client import AsyncClient as AsyncClient
+    from tesserae_mesh.client import Client as Client
 
 _MODULES = {
     "AsyncClient": "client",

@@ -1,4 +1,4 @@
-"""Triangles of a mesh in arrays: subdivision, normals, nearest points. What `tesserae.pyacvd` is made of."""
+"""Triangles of a mesh in arrays: subdivision, normals, nearest points. What `tesserae_mesh.pyacvd` is made of."""
 
 from __future__ import annotations
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any, Mapping, NamedTuple
 
-from tesserae.client.errors import Unreachable
-from tesserae.client.exchange import Answer, Broken, Patience, Request, error_in
-from tesserae.client.operations import OPERATIONS
+from tesserae_mesh.client.errors import Unreachable
+from tesserae_mesh.client.exchange import Answer, Broken, Patience, Request, error_in
+from tesserae_mesh.client.operations import OPERATIONS
 
 if TYPE_CHECKING:
     from httpx_sse import ServerSentEvent

@@ -7,9 +7,9 @@ import pathlib
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Iterator
 
-from tesserae.client import results, steps
-from tesserae.client.connection import Connection, Service
-from tesserae.client.events import Event, Reader
+from tesserae_mesh.client import results, steps
+from tesserae_mesh.client.connection import Connection, Service
+from tesserae_mesh.client.events import Event, Reader
 
 if TYPE_CHECKING:
     import httpx
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from typing_extensions import Self, Unpack
 
-    from tesserae._hierarchy import Hierarchy
-    from tesserae.client.documents import (
+    from tesserae_mesh._hierarchy import Hierarchy
+    from tesserae_mesh.client.documents import (
         Boundaries,
         Cluster,
         DeviceDescription,
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
         Worker,
         WorkerList,
     )
-    from tesserae.client.exchange import Steps
-    from tesserae.client.options import MeshSource, SubmitOptions
+    from tesserae_mesh.client.exchange import Steps
+    from tesserae_mesh.client.options import MeshSource, SubmitOptions
 
 
 class Client:
@@ -56,7 +56,7 @@ class Client:
 
     Examples
     --------
-    >>> with tesserae.Client("http://127.0.0.1:8080") as client:       # doctest: +SKIP
+    >>> with tesserae_mesh.Client("http://127.0.0.1:8080") as client:       # doctest: +SKIP
     ...     job = client.submit("horse.obj", clusters=2000)
     ...     for event in job.events():
     ...         print(event.kind, event.data)
@@ -93,16 +93,16 @@ class Client:
         Parameters
         ----------
         mesh : file name, bytes, open binary file, pair of arrays, mesh, or URL
-            A file in a format that `formats` lists; points and faces as a tuple; a `tesserae.Mesh` or an object of
+            A file in a format that `formats` lists; points and faces as a tuple; a `tesserae_mesh.Mesh` or an object of
             pyvista, trimesh, open3d or meshio; the URL ``s3://…`` of an object that the service may read.
         **options
-            What to do, by the names of `tesserae.cluster`, and what `tesserae.client.SubmitOptions` adds: ``outputs``,
+            What to do, by the names of `tesserae_mesh.cluster`, and what `tesserae_mesh.client.SubmitOptions` adds: ``outputs``,
             ``keep_mesh``, ``priority``, ``webhook``, ``buffers``, ``format``, ``file_name``, ``wait``, ``by_reference``
             and ``idempotency_key``.
 
         Raises
         ------
-        tesserae.client.ServiceError
+        tesserae_mesh.client.ServiceError
             The service refused the mesh or a parameter.
 
         Notes
@@ -284,7 +284,7 @@ class Job:
         return self._connection.run(results.hierarchy(self.id, query, self._patience))
 
     def tree(self) -> Hierarchy:
-        """The hierarchy as a `tesserae.Hierarchy`, which is cut without the service."""
+        """The hierarchy as a `tesserae_mesh.Hierarchy`, which is cut without the service."""
         return self._connection.run(results.tree(self.id, self._patience))
 
     def linkage(self) -> NDArray[np.float64]:

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tesserae._errors import Error
+from tesserae_mesh._errors import Error
 
 if TYPE_CHECKING:
     import pyvista
     from numpy.typing import NDArray
 
-    from tesserae._clustering import Clustering
-    from tesserae._mesh import Mesh
+    from tesserae_mesh._clustering import Clustering
+    from tesserae_mesh._mesh import Mesh
 
 
 def plot(clustering: Clustering, **options: Any) -> Any:
@@ -32,7 +32,7 @@ def plot(clustering: Clustering, **options: Any) -> Any:
 
     Raises
     ------
-    tesserae.Error
+    tesserae_mesh.Error
         pyvista is not installed (``"unavailable"``).
     """
     mesh: Any = polydata(clustering.mesh)
@@ -44,7 +44,7 @@ def polydata(mesh: Mesh) -> pyvista.PolyData:
     try:
         import pyvista
     except ImportError as error:
-        raise Error("unavailable", "pictures need pyvista: pip install tesserae[plot]") from error
+        raise Error("unavailable", "pictures need pyvista: pip install tesserae-mesh[plot]") from error
     return pyvista.PolyData(mesh.points, mesh.padded())
 
 

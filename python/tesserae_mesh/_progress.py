@@ -6,7 +6,7 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Callable, Optional, Union
 
-from tesserae._rows import Iteration, Level
+from tesserae_mesh._rows import Iteration, Level
 
 if TYPE_CHECKING:
     Progress = Union[bool, Callable[[Union[Iteration, Level]], object]]

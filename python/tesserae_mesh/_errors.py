@@ -7,7 +7,7 @@ from typing import Optional, SupportsIndex, cast
 
 
 class Error(Exception):
-    """Something that `tesserae` refuses or could not do.
+    """Something that `tesserae_mesh` refuses or could not do.
 
     Parameters
     ----------

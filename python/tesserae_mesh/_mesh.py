@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any, Optional, Protocol, Union
 
 import numpy as np
 
-from tesserae import _native
-from tesserae._errors import Error
+from tesserae_mesh import _native
+from tesserae_mesh._errors import Error
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -87,7 +87,7 @@ class Mesh:
 
     Raises
     ------
-    tesserae.Error
+    tesserae_mesh.Error
         The arrays are of another shape or type (``"invalid-mesh"``). Whether corners are points, and points finite, is
         checked where the mesh is used.
     """
@@ -125,7 +125,7 @@ class Mesh:
 
         Raises
         ------
-        tesserae.Error
+        tesserae_mesh.Error
             The object is none of these, or has cells that are no faces (``"invalid-mesh"``, ``"unsupported-mesh"``).
         """
         if isinstance(mesh, Mesh):

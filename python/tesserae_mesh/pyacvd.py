@@ -1,4 +1,4 @@
-"""Stands in for pyacvd: ``from tesserae.pyacvd import Clustering``, or ``from tesserae import pyacvd``.
+"""Stands in for pyacvd: ``from tesserae_mesh.pyacvd import Clustering``, or ``from tesserae_mesh import pyacvd``.
 
 As in pyacvd, clusters are of the points of a triangle mesh, and the energy is the sum over points of area times squared
 distance to the mean of the cluster, which is weighted by area. The area of a point is a third of that of the triangles
@@ -26,14 +26,14 @@ from typing import TYPE_CHECKING, Any, Optional, cast
 import numpy as np
 import pyvista
 
-from tesserae._cluster import cluster_points
-from tesserae._mesh import Mesh
-from tesserae._triangles import nearest_in_triangles, normals, quartered
+from tesserae_mesh._cluster import cluster_points
+from tesserae_mesh._mesh import Mesh
+from tesserae_mesh._triangles import nearest_in_triangles, normals, quartered
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from tesserae._cluster import Quality
+    from tesserae_mesh._cluster import Quality
 
 __all__ = ["ACVDAccessor", "Clustering", "register_accessor"]
 
@@ -106,7 +106,7 @@ class Clustering:
             Stop after the initial growth.
         """
         if debug:
-            warnings.warn("debug means nothing to tesserae; progress is a parameter of tesserae.cluster", stacklevel=2)
+            warnings.warn("debug means nothing to tesserae; progress is a parameter of tesserae_mesh.cluster", stacklevel=2)
         if iso_try:
             warnings.warn("iso_try means nothing to tesserae, whose clusters are connected", stacklevel=2)
         return self._cluster(nclus, "default", 0 if init_only else maxiter, iso_try == 0)
@@ -176,7 +176,7 @@ class Clustering:
         """Make a mesh with a point a cluster, and a triangle for three clusters that meet in a triangle.
 
         Such a mesh has as many points as there are clusters and may have holes where a cluster is not a disk;
-        `tesserae.Clustering.remesh` is always a manifold and has a few more points.
+        `tesserae_mesh.Clustering.remesh` is always a manifold and has a few more points.
 
         Parameters
         ----------

@@ -13,11 +13,11 @@ from typing import IO, TYPE_CHECKING, AsyncIterator, Iterator, TypeVar, Union
 import httpx
 from httpx_sse import EventSource
 
-from tesserae._errors import Error
-from tesserae.client.exchange import Answer, Broken, Outcome, Pause, Request, Steps, length_of
+from tesserae_mesh._errors import Error
+from tesserae_mesh.client.exchange import Answer, Broken, Outcome, Pause, Request, Steps, length_of
 
 if TYPE_CHECKING:
-    from tesserae.client.events import Event, Reader
+    from tesserae_mesh.client.events import Event, Reader
 
 T = TypeVar("T")
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Mapping
 from urllib.parse import quote
 
-from tesserae.client.exchange import Request
+from tesserae_mesh.client.exchange import Request
 
 PARAMETERS = (
     "algorithm clusters quality seeds seed max_iterations refine allow_disconnected bridge_components snapshots "

@@ -1,4 +1,4 @@
-"""What `tesserae.cluster` returns."""
+"""What `tesserae_mesh.cluster` returns."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Optional
 
 import numpy as np
 
-from tesserae import _native
-from tesserae._errors import Error
-from tesserae._hierarchy import Cut, Hierarchy
-from tesserae._mesh import Mesh
+from tesserae_mesh import _native
+from tesserae_mesh._errors import Error
+from tesserae_mesh._hierarchy import Cut, Hierarchy
+from tesserae_mesh._mesh import Mesh
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -57,7 +57,7 @@ class Remesh(NamedTuple):
 class Clustering:
     """The clusters of a mesh.
 
-    Not made by hand: `tesserae.cluster` returns one.
+    Not made by hand: `tesserae_mesh.cluster` returns one.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class Clustering:
 
         Raises
         ------
-        tesserae.Error
+        tesserae_mesh.Error
             The clustering is a whole hierarchy, which has labels at every number of clusters: take `cut`
             (``"conflict"``).
         """
@@ -158,7 +158,7 @@ class Clustering:
 
         Raises
         ------
-        tesserae.Error
+        tesserae_mesh.Error
             The clustering is flat (``"conflict"``).
         """
         tree = self._outcome.tree()
@@ -171,7 +171,7 @@ class Clustering:
 
         Raises
         ------
-        tesserae.Error
+        tesserae_mesh.Error
             The clustering is flat (``"conflict"``), or its hierarchy has no such cut (``"invalid-parameter"``).
         """
         return Clustering(self._outcome, self._mesh, self.hierarchy.cut(clusters))
@@ -202,7 +202,7 @@ class Clustering:
         ----------
         form : str
             ``"labels.npy"``, ``"mesh.ply"``, ``"submeshes.zip"``, ``"graph.npz"``, ``"boundaries.json"``,
-            ``"remesh.obj"``, ...: `tesserae.outputs` lists them.
+            ``"remesh.obj"``, ...: `tesserae_mesh.outputs` lists them.
         placement : {"fit", "surface", "centroid"}
             Where the vertices of a remesh are placed.
         ply_vertex_colours : bool
@@ -212,7 +212,7 @@ class Clustering:
 
         Raises
         ------
-        tesserae.Error
+        tesserae_mesh.Error
             There is no such output, or not of this clustering (``"not-found"``, ``"conflict"``).
         """
         cut = None if self._cut is None else (self._cut.labels, self._cut.clusters)
@@ -228,8 +228,8 @@ class Clustering:
         return geometry
 
     def plot(self, **options: Any) -> Any:
-        """Show the clusters in colours, by pyvista; `tesserae._plot.plot` describes the options."""
-        from tesserae._plot import plot
+        """Show the clusters in colours, by pyvista; `tesserae_mesh._plot.plot` describes the options."""
+        from tesserae_mesh._plot import plot
 
         return plot(self, **options)
 

@@ -14,7 +14,7 @@ import time
 from dataclasses import dataclass, field
 from typing import IO, Any, Generator, Mapping, TypeVar, Union
 
-from tesserae.client.errors import Busy, ServiceError, Unreachable, error_of
+from tesserae_mesh.client.errors import Busy, ServiceError, Unreachable, error_of
 
 
 @dataclass(frozen=True)

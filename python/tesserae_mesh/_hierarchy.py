@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Optional, Union
 
 import numpy as np
 
-from tesserae import _native
-from tesserae._errors import Error, count, count_if_given
+from tesserae_mesh import _native
+from tesserae_mesh._errors import Error, count, count_if_given
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -62,7 +62,7 @@ class Hierarchy:
 
         Raises
         ------
-        tesserae.Error
+        tesserae_mesh.Error
             The file cannot be read (``"io"``), is no hierarchy (``"bad-request"``) or too large (``"too-large"``).
         """
         max_faces = count_if_given(max_faces, "max_faces")
@@ -79,7 +79,7 @@ class Hierarchy:
 
         Raises
         ------
-        tesserae.Error
+        tesserae_mesh.Error
             The file cannot be written (``"io"``).
         """
         try:
@@ -139,7 +139,7 @@ class Hierarchy:
 
         Raises
         ------
-        tesserae.Error
+        tesserae_mesh.Error
             There are fewer faces, or more roots, than that (``"invalid-parameter"``).
         """
         wanted = count(clusters, "clusters")
@@ -151,7 +151,7 @@ class Hierarchy:
 
         Raises
         ------
-        tesserae.Error
+        tesserae_mesh.Error
             The tree is not nested (``optimize="none"`` makes it so) or has several roots (``"conflict"``).
         """
         return self._tree.linkage()

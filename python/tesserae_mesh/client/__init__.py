@@ -1,13 +1,13 @@
 """The HTTP service from Python: `Client` with blocking calls, `AsyncClient` with awaited ones.
 
 Requests, retries and the reading of events are written once, without a network (`exchange`, `steps`, `events`), and
-carried out by `connection`, the only module that speaks to httpx. It needs ``pip install tesserae[client]``.
+carried out by `connection`, the only module that speaks to httpx. It needs ``pip install tesserae-mesh[client]``.
 """
 
 from __future__ import annotations
 
-from tesserae.client.asynchronous import AsyncClient, AsyncJob
-from tesserae.client.errors import (
+from tesserae_mesh.client.asynchronous import AsyncClient, AsyncJob
+from tesserae_mesh.client.errors import (
     Busy,
     Conflict,
     InvalidRequest,
@@ -19,9 +19,9 @@ from tesserae.client.errors import (
     Unauthorized,
     Unreachable,
 )
-from tesserae.client.events import Event
-from tesserae.client.options import SubmitOptions
-from tesserae.client.sync import Client, Job
+from tesserae_mesh.client.events import Event
+from tesserae_mesh.client.options import SubmitOptions
+from tesserae_mesh.client.sync import Client, Job
 
 __all__ = [
     "AsyncClient",

@@ -1,7 +1,7 @@
 """``mesh.tesserae`` on every ``pyvista.PolyData``.
 
 pyvista 0.48 and later finds it by the entry point of the package, without an import of ours; ``import
-tesserae._accessor`` registers it, too.
+tesserae_mesh._accessor`` registers it, too.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyvista
 
-from tesserae._cluster import cluster
+from tesserae_mesh._cluster import cluster
 
 if TYPE_CHECKING:
-    from tesserae._clustering import Clustering, Placement
+    from tesserae_mesh._clustering import Clustering, Placement
 
 
 class TesseraeAccessor:
@@ -37,7 +37,7 @@ class TesseraeAccessor:
         self._mesh = mesh
 
     def cluster(self, clusters: int = 1000, **parameters: Any) -> Clustering:
-        """Cluster the cells; `tesserae.cluster` describes the parameters."""
+        """Cluster the cells; `tesserae_mesh.cluster` describes the parameters."""
         return cluster(self._mesh, clusters=clusters, **parameters)
 
     def remesh(self, clusters: int = 1000, *, placement: Placement = "fit", **parameters: Any) -> pyvista.PolyData:
@@ -48,9 +48,9 @@ class TesseraeAccessor:
         clusters : int
             Number of clusters. There are a few more points where the topology and the boundary need them.
         placement : {"fit", "surface", "centroid"}
-            Where points are placed: see `tesserae.Clustering.remesh`.
+            Where points are placed: see `tesserae_mesh.Clustering.remesh`.
         **parameters
-            Of `tesserae.cluster`.
+            Of `tesserae_mesh.cluster`.
         """
         made = self.cluster(clusters, **parameters).remesh(placement)
         mesh = pyvista.PolyData(made.points, np.insert(made.faces.astype(np.int64), 0, 3, axis=1).ravel())

@@ -1,6 +1,6 @@
 """What can go wrong between a client and a service.
 
-Every error is a `tesserae.Error` with a ``kind``. That of an answer is the last part of its problem's ``type``
+Every error is a `tesserae_mesh.Error` with a ``kind``. That of an answer is the last part of its problem's ``type``
 (RFC 9457), such as ``"invalid-parameter"``. The class says what a caller can do about it.
 """
 
@@ -9,10 +9,10 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any, Mapping, cast
 
-from tesserae._errors import Error
+from tesserae_mesh._errors import Error
 
 if TYPE_CHECKING:
-    from tesserae.client.documents import Problem
+    from tesserae_mesh.client.documents import Problem
 
 
 class ServiceError(Error):

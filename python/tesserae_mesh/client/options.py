@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
-    from tesserae._mesh import FacesLike, MeshLike
-    from tesserae.client.documents import Algorithm, Format
+    from tesserae_mesh._mesh import FacesLike, MeshLike
+    from tesserae_mesh.client.documents import Algorithm, Format
 
 Source = Union[str, "os.PathLike[str]", bytes, IO[bytes]]
 """A file: its name, its bytes, or an open binary file that can be rewound."""

@@ -13,8 +13,8 @@ import uuid
 from dataclasses import replace
 from typing import IO, TYPE_CHECKING, Mapping, cast
 
-from tesserae.client.errors import Busy, Conflict, JobCancelled, JobFailed, NotFound, ServiceError, TimedOut
-from tesserae.client.exchange import (
+from tesserae_mesh.client.errors import Busy, Conflict, JobCancelled, JobFailed, NotFound, ServiceError, TimedOut
+from tesserae_mesh.client.exchange import (
     Answer,
     Broken,
     Form,
@@ -28,12 +28,12 @@ from tesserae.client.exchange import (
     members,
     send,
 )
-from tesserae.client.operations import OPERATIONS
-from tesserae.client.upload import form_of, is_in_bucket
+from tesserae_mesh.client.operations import OPERATIONS
+from tesserae_mesh.client.upload import form_of, is_in_bucket
 
 if TYPE_CHECKING:
-    from tesserae.client.documents import JobDocument, JobList, Upload
-    from tesserae.client.options import MeshSource, SubmitOptions
+    from tesserae_mesh.client.documents import JobDocument, JobList, Upload
+    from tesserae_mesh.client.options import MeshSource, SubmitOptions
 
 ENDED = ("succeeded", "failed", "cancelled")
 

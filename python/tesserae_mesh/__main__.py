@@ -1,4 +1,4 @@
-"""The command line: ``python -m tesserae`` and the script ``tesserae``."""
+"""The command line: ``python -m tesserae_mesh`` and the script ``tesserae``."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 
 def main() -> int:
     """Run the command that the arguments of this process name; return its exit status."""
-    from tesserae import _native
+    from tesserae_mesh import _native
 
     # The command handles signals as it does without Python, which would add a traceback.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
