@@ -57,7 +57,7 @@ pub struct Input {
     pub format: Option<Format>,
     /// Vertices stored in the upload, those that no face uses included (glTF: every placement counts).
     pub vertices: u64,
-    /// Faces, the items that get clustered.
+    /// Faces; each has a label.
     pub faces: u64,
     /// Triangles of the fans that the faces are cut into.
     pub triangles: u64,
@@ -66,7 +66,7 @@ pub struct Input {
     /// glTF: vertices that were moved to a vertex of another part, from which only rounding kept them apart: parts with
     /// different transforms meet there. 0 for other formats.
     pub joined_across_parts: u64,
-    /// Sets of faces connected across shared edges.
+    /// Sets of faces connected across shared edges, loose faces aside.
     pub components: u64,
     /// Edges of exactly one face. A face that runs along an edge several times counts once for an odd number of times
     /// and not at all for an even one: there and back, as at the slit of a polygon with a hole, it has itself on both
@@ -77,6 +77,9 @@ pub struct Input {
     /// Faces with two corners at one position. Others may have no area, too: where there are any, a warning says how
     /// many.
     pub degenerate_faces: u64,
+    /// Faces without area that share no edge with another. They take no cluster: each has the label of a face at one of
+    /// its vertices, else of one whose centroid is near.
+    pub loose_faces: u64,
     /// Faces whose set of corner positions an earlier face has; extra copies only.
     pub duplicate_faces: u64,
     /// Where runs of faces come from.

@@ -4,6 +4,7 @@
 //! before. So memory is in proportion to the faces that moved.
 
 use super::snapshots::Snapshots;
+use crate::surface::Loose;
 
 /// Labels that are kept at most, counted as if each snapshot were whole: 512 MiB as files.
 const MOST_LABELS: u64 = 1 << 27;
@@ -85,17 +86,32 @@ impl Record {
         Ok(())
     }
 
-    /// Puts the faces of all snapshots into another order, and gives their clusters other numbers.
-    pub fn renumber(&mut self, new_face: &[u32], new_label: &[u32]) {
-        let mut first = vec![0; self.first.len()];
+    /// Puts the faces of all snapshots into the order of the upload, and gives their clusters other numbers. Loose faces
+    /// have the labels of their hosts.
+    pub fn renumber(&mut self, new_face: &[u32], loose: &[Loose], new_label: &[u32]) {
+        if self.snapshots.is_empty() {
+            return;
+        }
+        let mut first = vec![0; new_face.len() + loose.len()];
         for (&label, &face) in self.first.iter().zip(new_face) {
             first[face as usize] = new_label[label as usize];
         }
+        let mut by_host = loose.to_vec();
+        by_host.sort_by_key(|loose| loose.host);
+        loose.iter().for_each(|loose| first[loose.face as usize] = first[loose.host as usize]);
         self.first = first;
         self.last = Vec::new();
-        for (face, label) in self.snapshots.iter_mut().flat_map(|(_, differences)| differences) {
-            *face = new_face[*face as usize];
-            *label = new_label[*label as usize];
+        for (_, differences) in &mut self.snapshots {
+            for (face, label) in differences.iter_mut() {
+                *face = new_face[*face as usize];
+                *label = new_label[*label as usize];
+            }
+            for at in 0..if by_host.is_empty() { 0 } else { differences.len() } {
+                let (host, label) = differences[at];
+                let begin = by_host.partition_point(|loose| loose.host < host);
+                let hosted = by_host[begin..].iter().take_while(|loose| loose.host == host);
+                differences.extend(hosted.map(|loose| (loose.face, label)));
+            }
         }
     }
 }

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use crate::device::FREE;
 use crate::error::names::{self, Name};
 use crate::error::{Error, Result};
-use crate::surface::{DualGraph, Surface};
+use crate::surface::{DualGraph, NO_FACE, Surface};
 
 /// Where clusters start.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -160,7 +160,11 @@ pub(super) fn check_number(surface: &Surface, name: Name, number: u64) -> Result
     }
     if number > faces {
         return Err(Error::parameter(format_args!(
-            "{name} must not be more than the mesh has faces, {faces}: {number}"
+            "{name} must not be more than the mesh has faces, {faces}{}: {number}",
+            match surface.loose.len() {
+                0 => String::new(),
+                loose => format!(" (without {loose} faces that have no area and share no edge)"),
+            }
         )));
     }
     if number < components {
@@ -275,6 +279,11 @@ fn from_list(surface: &Surface, listed: &[u32]) -> Result<SeedFaces> {
                 internal.len() - 1
             )));
         };
+        if face == NO_FACE {
+            return Err(Error::parameter(format_args!(
+                "seed {seed} is a face without area that shares no edge and takes no cluster: {upload}"
+            )));
+        }
         if let Some(earlier) = seed_of_face[face as usize].replace(seed) {
             return Err(Error::parameter(format_args!("seeds {earlier} and {seed} are the same face: {upload}")));
         }

@@ -35,7 +35,7 @@ pub fn finish(prepared: &Prepared, clustered: Clustered) -> Result<Outcome> {
     };
     let (labels, labels_sha256) = if plan.has_labels() {
         let Numbered { labels, number_of_cluster, sha256 } = results.labels?;
-        snapshots.renumber(&surface.upload_face, &number_of_cluster);
+        snapshots.renumber(&surface.upload_face, &surface.loose, &number_of_cluster);
         (Some(labels), Some(sha256))
     } else {
         (None, None)
@@ -129,10 +129,7 @@ impl Numbered {
     fn of(surface: &Surface, internal: &[u32], clusters: usize, keep_numbers: bool) -> Result<Self> {
         /// Of a cluster without faces.
         const NONE: u32 = u32::MAX;
-        let mut labels = vec![0; internal.len()];
-        for (&face, &label) in surface.upload_face.iter().zip(internal) {
-            labels[face as usize] = label;
-        }
+        let mut labels = surface.in_upload_order(internal);
         let mut number_of_cluster = vec![NONE; clusters];
         let mut seen = 0;
         for label in &mut labels {

@@ -146,9 +146,16 @@ impl Checked {
         if counts.degenerate_faces > 0 {
             warnings.push(format!("degenerate faces, with two corners at one position: {}", counts.degenerate_faces));
         }
-        if counts.zero_area_faces > 0 {
-            warnings
-                .push(format!("faces without area, which weigh as little as a face can: {}", counts.zero_area_faces));
+        let weighed = counts.zero_area_faces - counts.loose_faces;
+        if weighed > 0 {
+            warnings.push(format!("faces without area, which weigh as little as a face can: {weighed}"));
+        }
+        if counts.loose_faces > 0 {
+            warnings.push(format!(
+                "faces without area that share no edge, which take no cluster and have the label of a face beside \
+                 them: {}",
+                counts.loose_faces
+            ));
         }
         let timings = Timings {
             parse: milliseconds(parsed - started),
@@ -176,6 +183,7 @@ fn describe(mesh: MeshView<'_>, about: About, surface: &Surface) -> Input {
         boundary_edges: counts.boundary_edges,
         non_manifold_edges: counts.non_manifold_edges,
         degenerate_faces: counts.degenerate_faces,
+        loose_faces: counts.loose_faces,
         duplicate_faces: counts.duplicate_faces,
         parts,
     }

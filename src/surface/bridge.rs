@@ -8,7 +8,7 @@
 
 use glam::DVec3;
 
-use super::components::Components;
+use super::components::{Components, NO_COMPONENT};
 use super::lattice::FaceGeometry;
 use super::order::along_curve;
 use crate::union_find::join;
@@ -18,7 +18,7 @@ const SHIFTS: [f64; 3] = [0.0, 1.0 / 3.0, 2.0 / 3.0];
 /// Half of the lattice's width.
 const REACH: f64 = (1 << 27) as f64;
 
-/// Pairs of faces (upload numbers) that join all components into one.
+/// Pairs of faces (upload numbers) that join all components into one. Loose faces take no part.
 pub fn bridges(geometry: &[FaceGeometry], components: &Components) -> Vec<(u32, u32)> {
     let (component_of_face, components) = (&components.of_face, components.count);
     let proxies = proxies(geometry, component_of_face, components);
@@ -52,7 +52,9 @@ pub fn bridges(geometry: &[FaceGeometry], components: &Components) -> Vec<(u32, 
 fn proxies(geometry: &[FaceGeometry], component_of_face: &[u32], components: usize) -> Vec<DVec3> {
     // sums with the areas as weights, and with 1
     let mut sums = vec![[(DVec3::ZERO, 0.0); 2]; components];
-    for (face, &component) in geometry.iter().zip(component_of_face) {
+    for (face, &component) in
+        geometry.iter().zip(component_of_face).filter(|(_, component)| **component != NO_COMPONENT)
+    {
         for ((sum, total), weight) in sums[component as usize].iter_mut().zip([face.area, 1.0]) {
             *sum += weight * face.centroid;
             *total += weight;
@@ -65,7 +67,8 @@ fn proxies(geometry: &[FaceGeometry], component_of_face: &[u32], components: usi
 /// The face of each component that is nearest to its proxy, the smallest of equally near ones.
 fn representatives(geometry: &[FaceGeometry], component_of_face: &[u32], proxies: &[DVec3]) -> Vec<u32> {
     let mut nearest = vec![(f64::INFINITY, 0u32); proxies.len()];
-    for (face, (geometry, &component)) in geometry.iter().zip(component_of_face).enumerate() {
+    let all = geometry.iter().zip(component_of_face).enumerate();
+    for (face, (geometry, &component)) in all.filter(|(_, (_, component))| **component != NO_COMPONENT) {
         let distance = geometry.centroid.distance_squared(proxies[component as usize]);
         let best = &mut nearest[component as usize];
         if distance < best.0 {

@@ -4,6 +4,7 @@ use std::hint::select_unpredictable;
 use std::ops::Range;
 
 use super::adjacency::Links;
+use super::loose::Loose;
 use crate::union_find;
 
 /// A set of faces connected across shared edges.
@@ -29,11 +30,14 @@ impl Component {
 /// Which face is in which component.
 #[derive(Debug)]
 pub struct Components {
-    /// The component of each face, numbered in the order of their smallest face.
+    /// The component of each face, numbered in the order of their smallest face; [`NO_COMPONENT`] of a loose one.
     pub of_face: Vec<u32>,
     /// How many there are.
     pub count: usize,
 }
+
+/// Of a face that takes no part in the clustering.
+pub const NO_COMPONENT: u32 = u32::MAX;
 
 /// Finds the components.
 pub fn label(faces: usize, links: &Links<'_>) -> Components {
@@ -51,6 +55,26 @@ pub fn label(faces: usize, links: &Links<'_>) -> Components {
 }
 
 impl Components {
+    /// Takes loose faces out, each of which is a component.
+    pub fn leave_out(&mut self, loose: &[Loose]) {
+        let mut is_left_out = vec![false; self.count];
+        for &Loose { face, .. } in loose {
+            let component = std::mem::replace(&mut self.of_face[face as usize], NO_COMPONENT);
+            is_left_out[component as usize] = true;
+        }
+        let mut kept = 0;
+        let number: Vec<u32> = is_left_out
+            .iter()
+            .map(|&is_left_out| {
+                kept += u32::from(!is_left_out);
+                kept.wrapping_sub(1)
+            })
+            .collect();
+        let others = self.of_face.iter_mut().filter(|component| **component != NO_COMPONENT);
+        others.for_each(|component| *component = number[*component as usize]);
+        self.count = kept as usize;
+    }
+
     /// The run of internal faces that each component occupies.
     pub fn runs(&self, upload_face: &[u32]) -> Vec<Range<usize>> {
         if self.count == 1 {

@@ -3,7 +3,7 @@
 /// What is unusual about the connectivity.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Sets of faces connected across shared edges, without bridges.
+    /// Sets of faces connected across shared edges, without bridges; loose faces are none.
     pub components: u64,
     /// Distinct positions among the vertices that faces use.
     pub welded_vertices: u64,
@@ -15,6 +15,8 @@ pub struct Counts {
     pub degenerate_faces: u64,
     /// Faces without area, degenerate ones included.
     pub zero_area_faces: u64,
+    /// Faces without area that share no edge with another; they take no cluster.
+    pub loose_faces: u64,
     /// Extra copies of faces with the same set of corner positions.
     pub duplicate_faces: u64,
 }

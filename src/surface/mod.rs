@@ -3,7 +3,8 @@
 //! [`Surface::build`] takes a mesh through five steps, each a file here: positions that are exactly equal become one
 //! vertex (`weld`), faces that share an edge become neighbours (`adjacency`), connected sets of faces become components
 //! (`components`; `bridge` can join them), positions and areas become integers (`lattice`), and faces get an internal
-//! order that keeps neighbours close in memory (`order`). Where detail shall get smaller clusters, areas are first
+//! order that keeps neighbours close in memory (`order`). Faces without area that share no edge are left out (`loose`).
+//! Where detail shall get smaller clusters, areas are first
 //! multiplied by a `density`, which may come from the `curvature`. [`points`] makes a surface whose items are the
 //! points of a triangle mesh in place of its faces. Everything up to the lattice is scalar f64 with + − × ÷ √ (and one
 //! power, from the `libm` crate) in a fixed order, so the result is the same on every machine and for any number of
@@ -25,6 +26,7 @@ mod curvature;
 mod density;
 mod graph;
 mod lattice;
+mod loose;
 mod order;
 pub mod points;
 pub(crate) mod weld;
@@ -34,6 +36,8 @@ pub use components::Component;
 pub use counts::Counts;
 pub use density::Wanted;
 pub use graph::DualGraph;
+pub use loose::Loose;
+pub use order::NO_FACE;
 
 use std::ops::{Deref, Range};
 
@@ -43,6 +47,7 @@ use crate::energy::{ClusterSums, Energy, Functional, Item, LatticeEnergy, Merged
 use crate::error::{Error, Result};
 use crate::mesh::{Frame, MeshView, PolygonMesh};
 use adjacency::Links;
+use components::NO_COMPONENT;
 use density::Density;
 use lattice::{COORDINATE_BITS, FaceGeometry, Scales};
 use weld::UNUSED;
@@ -54,6 +59,8 @@ pub struct Surface {
     pub graph: DualGraph,
     /// The face of the upload that each internal face is.
     pub upload_face: Vec<u32>,
+    /// Faces of the upload that are no internal face, ascending.
+    pub loose: Vec<Loose>,
     /// What was counted on the way.
     pub counts: Counts,
     /// Centroids and areas in f64, internal order: for energies in source units, never for labels.
@@ -125,14 +132,24 @@ impl Surface {
                 sorted = along_curve(&frame);
             }
         }
-        let mut counts =
-            Counts { components: components.count as u64, welded_vertices: u64::from(weld.vertices), ..links.counts };
+        let loose = loose::find(mesh, &frame, &links, &components, &sorted);
+        if !loose.is_empty() {
+            components.leave_out(&loose);
+            sorted.retain(|&face| components.of_face[face as usize] != NO_COMPONENT);
+        }
+        let mut counts = Counts {
+            components: components.count as u64,
+            welded_vertices: u64::from(weld.vertices),
+            loose_faces: loose.len() as u64,
+            ..links.counts
+        };
         let density = Density::of(mesh, &weld, &frame, wanted)?;
         drop(weld);
         let density_of = |face: usize| density.as_ref().map(|density| density.of_face[face]);
         if bridge && components.count > 1 {
             links.bridge(bridge::bridges(&frame.faces(mesh, density_of), &components));
             components = components::label(faces, &links);
+            components.leave_out(&loose);
         }
 
         let upload_face = order::by_component(sorted, &components);
@@ -144,13 +161,14 @@ impl Surface {
             (gathered, scales)
         };
         let (rows, (gathered, scales)) =
-            rayon::join(|| links.compressed(&upload_face, &order::inverse(&upload_face)), gather);
-        counts.zero_area_faces = gathered.zero_area_faces;
+            rayon::join(|| links.compressed(&upload_face, &order::inverse(&upload_face, faces)), gather);
+        counts.zero_area_faces = gathered.zero_area_faces + counts.loose_faces;
         counts.duplicate_faces = links.duplicates(&rows.repeating);
         drop(links);
         let neighbours = (rows.offsets, rows.neighbours);
         let density_unit = density.map(|density| density.unit);
-        Ok(Self::of(gathered, (&runs, &scales), neighbours, upload_face, counts, frame, density_unit))
+        let surface = Self::of(gathered, (&runs, &scales), neighbours, upload_face, counts, frame, density_unit);
+        Ok(Self { loose, ..surface })
     }
 
     /// Weighs the items that were gathered.
@@ -168,6 +186,7 @@ impl Surface {
         Self {
             graph: DualGraph { points, weights, neighbour_offsets, neighbours, components },
             upload_face,
+            loose: Vec::new(),
             counts,
             geometry,
             frame,
@@ -177,9 +196,27 @@ impl Surface {
             density_unit,
         }
     }
-    /// The internal face that each face of the upload is: the inverse of `upload_face`.
+
+    /// Number of faces of the upload, loose ones included.
+    pub fn upload_faces(&self) -> usize {
+        self.upload_face.len() + self.loose.len()
+    }
+
+    /// The internal face that each face of the upload is: the inverse of `upload_face`. [`NO_FACE`] of a loose one.
     pub fn internal_faces(&self) -> Vec<u32> {
-        order::inverse(&self.upload_face)
+        order::inverse(&self.upload_face, self.upload_faces())
+    }
+
+    /// Labels of internal faces as labels of the upload's faces.
+    pub fn in_upload_order(&self, internal: &[u32]) -> Vec<u32> {
+        let mut labels = vec![0; self.upload_faces()];
+        for (&face, &label) in self.upload_face.iter().zip(internal) {
+            labels[face as usize] = label;
+        }
+        for loose in &self.loose {
+            labels[loose.face as usize] = labels[loose.host as usize];
+        }
+        labels
     }
 
     /// Log₂ of the longest side of the bounding box in source units, rounded up.

@@ -92,9 +92,13 @@ pub fn by_component(mut sorted: Vec<u32>, components: &Components) -> Vec<u32> {
     sorted
 }
 
-/// The internal face that each upload face is, from the upload face that each internal face is.
-pub fn inverse(upload_face: &[u32]) -> Vec<u32> {
-    let mut internal = vec![0; upload_face.len()];
+/// No internal face: of an upload face that takes no part in the clustering.
+pub const NO_FACE: u32 = u32::MAX;
+
+/// The internal face that each of `faces` upload faces is, or [`NO_FACE`], from the upload face that each internal face
+/// is.
+pub fn inverse(upload_face: &[u32], faces: usize) -> Vec<u32> {
+    let mut internal = vec![NO_FACE; faces];
     for (face, &upload) in upload_face.iter().enumerate() {
         internal[upload as usize] = face as u32;
     }

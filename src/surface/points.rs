@@ -83,7 +83,7 @@ impl OfPoints {
         }
         let upload_face = order::by_component(sorted, &components);
         let runs = components.runs(&upload_face);
-        let internal = order::inverse(&upload_face);
+        let internal = order::inverse(&upload_face, items);
         let gather = || {
             let geometry: Vec<FaceGeometry> = upload_face.iter().map(|&item| geometry[item as usize]).collect();
             let points = geometry.iter().map(|item| lattice::round_centroid(item.centroid)).collect();

@@ -9,6 +9,7 @@ mod cube;
 mod density;
 mod hierarchy;
 mod labels;
+mod loose;
 mod plain;
 mod quality;
 mod reference;

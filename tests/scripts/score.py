@@ -100,8 +100,11 @@ def fans(corners, first):
     return np.stack([corners[start], corners[start + nth + 1], corners[start + nth + 2]], 1), face
 
 
-def disconnected(vertices, corners, first, labels):
-    """Number of clusters that are in several pieces across shared edges, equal positions being one vertex."""
+def disconnected(vertices, corners, first, labels, area):
+    """Number of clusters that are in several pieces across shared edges, equal positions being one vertex.
+
+    Faces without area that share no edge belong to a cluster that they do not touch.
+    """
     _, weld = np.unique(vertices + 0.0, axis=0, return_inverse=True)
     corner = weld.ravel()[corners]
     face = np.repeat(np.arange(len(first) - 1), np.diff(first))
@@ -109,6 +112,10 @@ def disconnected(vertices, corners, first, labels):
     after[first[1:] - 1] = first[:-1]
     ends = np.sort(np.stack([corner, corner[after]], 1), axis=1)
     real = ends[:, 0] != ends[:, 1]
+    sides = np.unique(np.column_stack([ends[real], face[real]]), axis=0)
+    _, edge, count = np.unique(sides[:, :2], axis=0, return_inverse=True, return_counts=True)
+    counts = area > 0
+    counts[sides[count[edge.ravel()] > 1, 2]] = True
     # Faces at one edge with one label belong together: sorted by edge and label, they are neighbours.
     keys = np.column_stack([ends[real], labels[face[real]]])
     face = face[real]
@@ -126,7 +133,7 @@ def disconnected(vertices, corners, first, labels):
             root = root[root]
         if (root == before).all():
             break
-    pieces = np.bincount(labels[np.unique(root)])
+    pieces = np.bincount(labels[np.unique(root[counts])])
     return int((pieces > 1).sum())
 
 
@@ -162,7 +169,7 @@ def score(mesh, labels):
         "largest_label": int(labels.max()),
         "energy": energy,
         "hexagon_ratio": energy / rest if rest >= tiling / 2 else None,
-        "disconnected_clusters": disconnected(vertices, corners, first, labels),
+        "disconnected_clusters": disconnected(vertices, corners, first, labels, face_area),
     }
 
 

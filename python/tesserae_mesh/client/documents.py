@@ -130,6 +130,7 @@ class Input(TypedDict):
     boundary_edges: int
     non_manifold_edges: int
     degenerate_faces: int
+    loose_faces: int
     duplicate_faces: int
     parts: list[Part]
 

@@ -1,0 +1,101 @@
+//! Loose faces: faces without area that share no edge with another face. They are no items of the clustering, and each
+//! has the label of its *host*: the first face at one of its vertices, else the face with the nearest centroid among
+//! those near it along the curve.
+//!
+//! Such a face has no extent and would be a component, so that it would take a cluster of its own. Where a mesh has no
+//! other faces, none is loose.
+
+use super::adjacency::Links;
+use super::components::Components;
+use crate::mesh::{Frame, MeshView};
+
+/// A face that takes no cluster. Both are numbers of the upload.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Loose {
+    /// The face without area.
+    pub face: u32,
+    /// The face whose label it has, which is not loose.
+    pub host: u32,
+}
+
+/// Faces on each side along the curve whose centroids are compared, where no face is at a vertex. A bound, so that the
+/// work is in proportion to the faces.
+const NEAR: usize = 32;
+
+/// No face, at a position where a host is wanted.
+const WANTED: u32 = u32::MAX;
+/// No host is wanted at a position.
+const UNWANTED: u32 = u32::MAX - 1;
+
+/// The loose faces, ascending. `along_curve` has all faces, those that are close in space close to each other.
+pub fn find(
+    mesh: MeshView<'_>,
+    frame: &Frame,
+    links: &Links<'_>,
+    components: &Components,
+    along_curve: &[u32],
+) -> Vec<Loose> {
+    let mut loose = without_area_and_edges(mesh, frame, components);
+    if loose.is_empty() || loose.len() == mesh.faces.len() {
+        return Vec::new();
+    }
+    let mut is_loose = vec![false; mesh.faces.len()];
+    loose.iter().for_each(|&Loose { face, .. }| is_loose[face as usize] = true);
+    at_vertices(&mut loose, &is_loose, links);
+    if loose.iter().any(|loose| loose.host == WANTED) {
+        nearest(&mut loose, &is_loose, mesh, frame, along_curve);
+    }
+    loose
+}
+
+/// The faces that are components of their own without area; their hosts are not known.
+fn without_area_and_edges(mesh: MeshView<'_>, frame: &Frame, components: &Components) -> Vec<Loose> {
+    if components.count == 1 {
+        return Vec::new();
+    }
+    let mut faces_of = vec![0u32; components.count];
+    components.of_face.iter().for_each(|&component| faces_of[component as usize] += 1);
+    let alone = (0..).zip(&components.of_face).filter(|(_, component)| faces_of[**component as usize] == 1);
+    let without_area = alone.filter(|&(face, _)| frame.face(mesh, face as usize).0.area <= 0.0);
+    without_area.map(|(face, _)| Loose { face, host: WANTED }).collect()
+}
+
+/// Gives loose faces the first face at one of their vertices.
+fn at_vertices(loose: &mut [Loose], is_loose: &[bool], links: &Links<'_>) {
+    let mut host_at = vec![UNWANTED; links.vertices()];
+    for loose in loose.iter() {
+        links.positions_of(loose.face).iter().for_each(|&position| host_at[position as usize] = WANTED);
+    }
+    for face in (0..is_loose.len() as u32).filter(|&face| !is_loose[face as usize]) {
+        for &position in links.positions_of(face) {
+            let host = &mut host_at[position as usize];
+            *host = if *host == WANTED { face } else { *host };
+        }
+    }
+    for loose in loose {
+        let hosts = links.positions_of(loose.face).iter().map(|&position| host_at[position as usize]);
+        loose.host = hosts.min().unwrap_or(WANTED);
+    }
+}
+
+/// Gives loose faces without a host the face with the nearest centroid, the first of equally near ones, among the
+/// [`NEAR`] faces before and after them along the curve.
+fn nearest(loose: &mut [Loose], is_loose: &[bool], mesh: MeshView<'_>, frame: &Frame, along_curve: &[u32]) {
+    let others: Vec<u32> = along_curve.iter().copied().filter(|&face| !is_loose[face as usize]).collect();
+    let centroid = |face: u32| frame.face(mesh, face as usize).0.centroid;
+    let mut passed = 0usize;
+    for &face in along_curve {
+        if !is_loose[face as usize] {
+            passed += 1;
+            continue;
+        }
+        let Ok(at) = loose.binary_search_by_key(&face, |loose| loose.face) else { continue };
+        if loose[at].host != WANTED {
+            continue;
+        }
+        let near = &others[passed.saturating_sub(NEAR)..others.len().min(passed + NEAR)];
+        let distances = near.iter().map(|&other| (centroid(other).distance_squared(centroid(face)), other));
+        let first = distances.min_by(|one, other| one.0.total_cmp(&other.0).then(one.1.cmp(&other.1)));
+        loose[at].host = first.map_or(WANTED, |(_, other)| other);
+    }
+}
