@@ -39,19 +39,21 @@ use utoipa::ToSchema;
 
 use super::coarse::CoarseStart;
 use super::flat;
+use super::numbers;
 use super::quality::Quality;
 use super::record::Record;
-use super::relocation::{self, Relocation, numbers};
+use super::relocation::{self, Relocation};
 use super::run::{Row, Run};
 use super::seeds::check_number;
+use super::tree_builder::Builder;
 use crate::device::cpu::CpuDevice;
 use crate::device::dual_edge::{Rank, Ties, keep_cheaper_half};
 use crate::device::{Cancel, Device, MergeSteps};
-use crate::energy::{ClusterSums, LatticeEnergy, Merged, Sums};
+use crate::energy::LatticeEnergy;
 use crate::error::names::Name;
 use crate::error::{Error, Kind, Result};
-use crate::hierarchy::{FaceMove, Merge, Round, Tree};
-use crate::surface::{Loose, Surface};
+use crate::hierarchy::Tree;
+use crate::surface::Surface;
 
 /// Which of the pairs of clusters that chose each other merge in a parallel round.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize, ToSchema)]
@@ -328,119 +330,4 @@ fn optimise(run: &mut Run<'_>, options: &Options, is_level: bool, is_sequential:
         run.repair()?;
     }
     Ok(())
-}
-
-/// Merges that a thread records at a time.
-const MERGES_A_THREAD: usize = 256;
-
-/// Builds the tree of a run.
-struct Builder<'a> {
-    surface: &'a Surface,
-    tree: Tree,
-    /// Σ w·|g|² of each cluster, exactly.
-    moments: Vec<i128>,
-    /// The component that each cluster lies in, while it lives.
-    component_of_cluster: Vec<u32>,
-    /// Loose faces, by host.
-    loose: Vec<Loose>,
-    /// How many of them each cluster has; empty where there are none.
-    loose_in: Vec<u32>,
-}
-
-impl<'a> Builder<'a> {
-    /// A tree with room for `merges` merges. Loose faces go to their hosts first, at no cost, in a round of their own.
-    fn new(surface: &'a Surface, merges: usize) -> Self {
-        let faces = surface.faces() as u32;
-        let moments = (0..faces).map(|face| surface.moment_of(face)).collect();
-        let merges = Vec::with_capacity(merges + surface.loose.len());
-        let tree = Tree { faces: surface.upload_faces() as u32, merges, ..Tree::default() };
-        let component_of_cluster = surface.component_of_face();
-        let mut builder =
-            Self { surface, tree, moments, component_of_cluster, loose: Vec::new(), loose_in: Vec::new() };
-        if !surface.loose.is_empty() {
-            builder.add_loose();
-        }
-        builder
-    }
-
-    fn add_loose(&mut self) {
-        let surface = self.surface;
-        let internal = surface.internal_faces();
-        self.loose_in = vec![0; surface.faces()];
-        self.loose.clone_from(&surface.loose);
-        self.loose.sort_by_key(|loose| loose.host);
-        for &Loose { face, host } in &surface.loose {
-            let cluster = internal[host as usize];
-            let loose = &mut self.loose_in[cluster as usize];
-            *loose += 1;
-            let mut alone = ClusterSums::default();
-            alone.add_face(surface.face(cluster as usize), 1);
-            let component = self.component_of_cluster[cluster as usize];
-            let made = surface.merged(&alone, &ClusterSums::default(), self.moments[cluster as usize], component);
-            let made = Merged { faces: 1 + *loose, cost: 0.0, energy: 0.0, ..made };
-            self.tree.merges.push(Merge { into: host, from: face, made });
-        }
-        let (clusters, merges_end) = (surface.faces() as u32, self.tree.merges.len() as u32);
-        self.tree.rounds.push(Round { clusters, energy: 0.0, merges_end, moves_end: 0 });
-    }
-
-    /// Records merges (from, into), with the sums of both ends before, in either order.
-    fn merge(&mut self, pairs: &[(u32, u32)], sums: &[[ClusterSums; 2]]) {
-        for &(from, into) in pairs {
-            self.moments[into as usize] += std::mem::take(&mut self.moments[from as usize]);
-        }
-        if !self.loose_in.is_empty() {
-            for &(from, into) in pairs {
-                self.loose_in[into as usize] += std::mem::take(&mut self.loose_in[from as usize]);
-            }
-        }
-        let Self { surface, tree, moments, component_of_cluster, loose_in, .. } = self;
-        let records = pairs.par_iter().zip(sums).with_min_len(MERGES_A_THREAD).map(|(&(from, into), [a, b])| {
-            let mut made = surface.merged(a, b, moments[into as usize], component_of_cluster[into as usize]);
-            made.faces += loose_in.get(into as usize).copied().unwrap_or(0);
-            let [into, from] = [into, from].map(|cluster| surface.upload_face[cluster as usize]);
-            Merge { into, from, made }
-        });
-        tree.merges.par_extend(records);
-    }
-
-    /// Records moves: (face, from, to).
-    fn moves(&mut self, moves: &[(u32, u32, u32)]) {
-        let upload = &self.surface.upload_face;
-        for &(face, from, to) in moves {
-            let moment = self.surface.moment_of(face);
-            self.moments[from as usize] -= moment;
-            self.moments[to as usize] += moment;
-            self.tree.moves.push(FaceMove { face: upload[face as usize], to: upload[to as usize] });
-            if !self.loose_in.is_empty() {
-                self.move_loose(upload[face as usize], from, to);
-            }
-        }
-    }
-
-    /// Records that the loose faces of a host move with it.
-    fn move_loose(&mut self, host: u32, from: u32, to: u32) {
-        let first = self.loose.partition_point(|loose| loose.host < host);
-        for loose in self.loose[first..].iter().take_while(|loose| loose.host == host) {
-            self.loose_in[from as usize] -= 1;
-            self.loose_in[to as usize] += 1;
-            self.tree.moves.push(FaceMove { face: loose.face, to: self.surface.upload_face[to as usize] });
-        }
-    }
-
-    /// Follows clusters into other components.
-    fn relocated(&mut self, labels: &[u32]) {
-        for (number, component) in (0..).zip(&self.surface.components) {
-            component.range().for_each(|face| self.component_of_cluster[labels[face] as usize] = number);
-        }
-    }
-
-    fn end_round(&mut self, clusters: u64, energy: LatticeEnergy) {
-        self.tree.rounds.push(Round {
-            clusters: clusters as u32,
-            energy: self.surface.energy(energy),
-            merges_end: self.tree.merges.len() as u32,
-            moves_end: self.tree.moves.len() as u64,
-        });
-    }
 }

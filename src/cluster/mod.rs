@@ -12,6 +12,7 @@
 //! | moves of whole clusters after the phases, for uneven meshes | [`relocation`] |
 //! | sums, proxies, merge costs and gains in exact integers | [`crate::energy`] |
 //! | pieces of clusters | [`crate::device::pieces`] |
+//! | numbers of clusters from one clustering to the next | [`numbers`] |
 //! | the labels of chosen iterations | [`snapshots`], [`record`] |
 //! | the flat algorithms that the paper compares with: ACVD, variational clustering | [`mod@reference`] |
 //!
@@ -20,6 +21,7 @@
 pub mod coarse;
 pub mod flat;
 pub mod hierarchy;
+pub mod numbers;
 pub mod quality;
 pub mod record;
 pub mod reference;
@@ -29,3 +31,4 @@ pub mod run;
 pub mod seeds;
 pub mod snapshots;
 pub mod teleport;
+mod tree_builder;

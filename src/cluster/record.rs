@@ -3,6 +3,9 @@
 //! Only the first labels are kept whole; of every later snapshot, the faces whose labels differ from those of the one
 //! before. So memory is in proportion to the faces that moved.
 
+use std::convert::Infallible;
+
+use super::numbers;
 use super::snapshots::Snapshots;
 use crate::surface::Loose;
 
@@ -58,6 +61,19 @@ impl Record {
         Ok(())
     }
 
+    /// The same with labels whose clusters are numbered in another way, which take the numbers of the last ones.
+    pub fn offer_like_last(&mut self, iteration: u32, labels: impl FnOnce() -> Vec<u32>) {
+        if self.next() == Some(iteration) {
+            let labels = self.numbered_like_last(labels());
+            let Ok(()) = self.offer(iteration, || Ok::<_, Infallible>(labels));
+        }
+    }
+
+    /// Labels with the numbers of the last ones that were kept: of clusters with the most faces in common.
+    pub fn numbered_like_last(&self, labels: Vec<u32>) -> Vec<u32> {
+        if self.last.is_empty() { labels } else { numbers::kept(&self.last, &labels) }
+    }
+
     /// The iterations whose labels are here, ascending.
     pub fn iterations(&self) -> Vec<u32> {
         self.snapshots.iter().map(|&(iteration, _)| iteration).collect()
@@ -86,8 +102,8 @@ impl Record {
         Ok(())
     }
 
-    /// Puts the faces of all snapshots into the order of the upload, and gives their clusters other numbers. Loose faces
-    /// have the labels of their hosts.
+    /// Puts the faces of all snapshots into the order of the upload, and gives their clusters other numbers. Loose
+    /// faces have the labels of their hosts.
     pub fn renumber(&mut self, new_face: &[u32], loose: &[Loose], new_label: &[u32]) {
         if self.snapshots.is_empty() {
             return;
@@ -143,8 +159,8 @@ mod tests {
         }
         assert_eq!((calls, record.next(), record.beyond()), (2, Some(9), &[9][..]));
         assert_eq!(kept(&record), [(0, vec![0, 1, 1]), (2, vec![0, 0, 0])]);
-        record.renumber(&[2, 0, 1], &[7, 5]);
-        assert_eq!(kept(&record), [(0, vec![5, 5, 7]), (2, vec![7, 7, 7])]);
+        record.renumber(&[2, 0, 1], &[Loose { face: 3, host: 2 }], &[7, 5]);
+        assert_eq!(kept(&record), [(0, vec![5, 5, 7, 7]), (2, vec![7, 7, 7, 7])]);
     }
 
     #[test]

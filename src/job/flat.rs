@@ -7,6 +7,7 @@ use super::{Clustered, Coarse, CoarseSpec, Method, Prepared, finite};
 use crate::cluster::coarse::Start;
 use crate::cluster::flat::{self, Clustering, Options};
 use crate::cluster::hierarchy::hierarchical;
+use crate::cluster::numbers;
 use crate::cluster::quality::Quality;
 use crate::cluster::record::Record;
 use crate::cluster::reference::acvd::acvd;
@@ -44,6 +45,7 @@ pub(super) fn run_coarse(
         clustering.labels = relocation.labels(labels, device, cheaper, &mut |phase, energy, moves, labels| {
             run.add_row(phase, energy, moves, labels)
         })?;
+        clustering.labels = run.record.numbered_like_last(clustering.labels);
     }
     Ok(run.ended(device, clustering))
 }
@@ -191,7 +193,9 @@ impl<'a> Run<'a> {
         let row = iteration(row, finite(self.prepared.surface.energy(energy)), self.started);
         (self.on_row)(Row::Iteration(row.clone()));
         self.iterations.add(row);
-        self.record.offer(number, || Ok(labels.to_vec()))
+        // clusters that move as a whole leave gaps between the numbers
+        self.record.offer_like_last(number, || numbers::compact(labels));
+        Ok(())
     }
 
     fn ended(self, device: &dyn Device, clustering: Clustering) -> Clustered {

@@ -31,8 +31,6 @@ pub struct Links<'a> {
     bridges: Vec<(u32, u32)>,
     /// Faces of edges that have more than two, maybe several times.
     crowded: Vec<u32>,
-    /// Number of positions.
-    vertices: usize,
     /// Edges and degenerate faces; the other counts are 0.
     pub counts: Counts,
 }
@@ -93,17 +91,7 @@ impl<'a> Links<'a> {
             counts.non_manifold_edges += found.non_manifold_edges;
         }
         chained.sort_unstable();
-        Self { edges, linked, chained, bridges: Vec::new(), crowded, vertices, counts }
-    }
-
-    /// Number of positions that corners are at.
-    pub fn vertices(&self) -> usize {
-        self.vertices
-    }
-
-    /// The position of each corner of a face.
-    pub fn positions_of(&self, face: u32) -> &[u32] {
-        self.edges.corners(face as usize)
+        Self { edges, linked, chained, bridges: Vec::new(), crowded, counts }
     }
 
     /// Links further pairs of faces; they come last in the rows.

@@ -4,7 +4,6 @@ use std::hint::select_unpredictable;
 use std::ops::Range;
 
 use super::adjacency::Links;
-use super::loose::Loose;
 use crate::union_find;
 
 /// A set of faces connected across shared edges.
@@ -55,10 +54,10 @@ pub fn label(faces: usize, links: &Links<'_>) -> Components {
 }
 
 impl Components {
-    /// Takes loose faces out, each of which is a component.
-    pub fn leave_out(&mut self, loose: &[Loose]) {
+    /// Takes faces out, each of which is a component.
+    pub fn leave_out(&mut self, faces: impl Iterator<Item = u32>) {
         let mut is_left_out = vec![false; self.count];
-        for &Loose { face, .. } in loose {
+        for face in faces {
             let component = std::mem::replace(&mut self.of_face[face as usize], NO_COMPONENT);
             is_left_out[component as usize] = true;
         }

@@ -5,8 +5,8 @@
 //! Such a face has no extent and would be a component, so that it would take a cluster of its own. Where a mesh has no
 //! other faces, none is loose.
 
-use super::adjacency::Links;
 use super::components::Components;
+use super::weld::Weld;
 use crate::mesh::{Frame, MeshView};
 
 /// A face that takes no cluster. Both are numbers of the upload.
@@ -31,7 +31,7 @@ const UNWANTED: u32 = u32::MAX - 1;
 pub fn find(
     mesh: MeshView<'_>,
     frame: &Frame,
-    links: &Links<'_>,
+    weld: &Weld,
     components: &Components,
     along_curve: &[u32],
 ) -> Vec<Loose> {
@@ -41,7 +41,7 @@ pub fn find(
     }
     let mut is_loose = vec![false; mesh.faces.len()];
     loose.iter().for_each(|&Loose { face, .. }| is_loose[face as usize] = true);
-    at_vertices(&mut loose, &is_loose, links);
+    at_vertices(&mut loose, &is_loose, mesh, weld);
     if loose.iter().any(|loose| loose.host == WANTED) {
         nearest(&mut loose, &is_loose, mesh, frame, along_curve);
     }
@@ -61,19 +61,23 @@ fn without_area_and_edges(mesh: MeshView<'_>, frame: &Frame, components: &Compon
 }
 
 /// Gives loose faces the first face at one of their vertices.
-fn at_vertices(loose: &mut [Loose], is_loose: &[bool], links: &Links<'_>) {
-    let mut host_at = vec![UNWANTED; links.vertices()];
+fn at_vertices(loose: &mut [Loose], is_loose: &[bool], mesh: MeshView<'_>, weld: &Weld) {
+    let positions = |face: u32| {
+        let corners = mesh.faces.corners(face as usize);
+        corners.iter().map(|&vertex| weld.position_of_vertex[vertex as usize] as usize)
+    };
+    let mut host_at = vec![UNWANTED; weld.vertices as usize];
     for loose in loose.iter() {
-        links.positions_of(loose.face).iter().for_each(|&position| host_at[position as usize] = WANTED);
+        positions(loose.face).for_each(|position| host_at[position] = WANTED);
     }
     for face in (0..is_loose.len() as u32).filter(|&face| !is_loose[face as usize]) {
-        for &position in links.positions_of(face) {
-            let host = &mut host_at[position as usize];
+        for position in positions(face) {
+            let host = &mut host_at[position];
             *host = if *host == WANTED { face } else { *host };
         }
     }
     for loose in loose {
-        let hosts = links.positions_of(loose.face).iter().map(|&position| host_at[position as usize]);
+        let hosts = positions(loose.face).map(|position| host_at[position]);
         loose.host = hosts.min().unwrap_or(WANTED);
     }
 }

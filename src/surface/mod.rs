@@ -132,9 +132,9 @@ impl Surface {
                 sorted = along_curve(&frame);
             }
         }
-        let loose = loose::find(mesh, &frame, &links, &components, &sorted);
+        let loose = loose::find(mesh, &frame, &weld, &components, &sorted);
         if !loose.is_empty() {
-            components.leave_out(&loose);
+            components.leave_out(loose.iter().map(|loose| loose.face));
             sorted.retain(|&face| components.of_face[face as usize] != NO_COMPONENT);
         }
         let mut counts = Counts {
@@ -149,7 +149,7 @@ impl Surface {
         if bridge && components.count > 1 {
             links.bridge(bridge::bridges(&frame.faces(mesh, density_of), &components));
             components = components::label(faces, &links);
-            components.leave_out(&loose);
+            components.leave_out(loose.iter().map(|loose| loose.face));
         }
 
         let upload_face = order::by_component(sorted, &components);

@@ -49,7 +49,6 @@ mod connection;
 mod gate;
 mod merging;
 mod mix;
-pub mod numbers;
 mod resize;
 mod settle;
 mod split;
