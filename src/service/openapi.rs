@@ -188,7 +188,11 @@ fn operation_of(artifact: &Artifact) -> Operation {
              without `clusters`.",
             artifact.about
         )))
-        .parameter(choice("format", "The format; by `Accept` when left out", format))
+        .parameter(choice(
+            "format",
+            "The format; when left out, by `Accept`, of several those first that were made with the result",
+            format,
+        ))
         .parameter(choice(
             "clusters",
             "Cut a hierarchy at this number of clusters; 409 for a flat clustering",
