@@ -188,11 +188,7 @@ fn operation_of(artifact: &Artifact) -> Operation {
              without `clusters`.",
             artifact.about
         )))
-        .parameter(choice(
-            "format",
-            "The format; when left out, by `Accept`, of several those first that were made with the result",
-            format,
-        ))
+        .parameter(choice("format", "The format; by `Accept` when left out, one that was made first", format))
         .parameter(choice(
             "clusters",
             "Cut a hierarchy at this number of clusters; 409 for a flat clustering",

@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | a blob of up to [`HELD`] bytes | length, SHA-256 | before the answer |
 //! | a larger one that an answer is made of | length, SHA-256 | before the answer |
-//! | a larger one that is streamed | length; SHA-256 | before the answer; before the last bytes, which are then not sent |
+//! | a larger one that is streamed | length; SHA-256 | before the answer; before its last bytes, which are not sent |
 //! | a larger hierarchy | length; what is read of it, by checksums of its own | before the answer |
 //! | a part of another larger one | length | before the answer |
 

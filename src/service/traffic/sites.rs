@@ -1,12 +1,13 @@
 //! Web pages that reach a service without tokens through a browser on this machine.
 //!
-//! | page | how | refused by |
+//! | page | what it can do | refused by |
 //! |---|---|---|
-//! | of a name that resolves to this machine (DNS rebinding) | as the service's own page, so it reads answers | `Host`: addresses and `localhost` only, unless `--insecure-no-auth` accepts any name |
-//! | of another origin | form or `fetch` without a preflight; it reads no answer | `Sec-Fetch-Site` and `Origin` of requests that change something, unless `--cors-origins` lists it |
+//! | of a name that resolves to this machine (DNS rebinding) | all, as if it were the service's | `Host` |
+//! | of another origin | send requests without a preflight; read no answer | `Sec-Fetch-Site`, `Origin` |
 //!
-//! A browser sets these headers itself, no page can. Other clients send neither `Origin` nor `Sec-Fetch-Site`. With
-//! tokens nothing is checked: a page has none.
+//! `Host` must be an address or `localhost`, unless `--insecure-no-auth` accepts any name. The two others are checked
+//! where a request changes something, and an origin in `--cors-origins` passes. A browser sets these headers itself, no
+//! page can; other clients send neither `Origin` nor `Sec-Fetch-Site`. With tokens nothing is checked: a page has none.
 
 use std::net::{Ipv4Addr, Ipv6Addr};
 use std::sync::Arc;

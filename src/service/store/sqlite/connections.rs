@@ -111,8 +111,8 @@ pub(super) fn lacks_room(error: &rusqlite::Error) -> bool {
 /// opened: on a full disk nothing could be read. While the file is *private*, the index is in the memory of this
 /// process, and other processes (`tesserae backup`) find the file locked.
 ///
-/// The service locks the whole file for itself, by a lock that SQLite does not know: another service is refused whatever
-/// happened to the lock of the data folder.
+/// The service locks the whole file for itself, by a lock that SQLite does not know: another service is refused
+/// whatever happened to the lock of the data folder.
 #[derive(Debug)]
 pub(super) struct Place {
     pub path: PathBuf,
