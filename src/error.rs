@@ -45,6 +45,10 @@ pub enum Kind {
     Unauthorized,
     /// The credentials do not permit this.
     Forbidden,
+    /// A web page of another origin sent this.
+    ForeignOrigin,
+    /// The request names a host that this service does not answer for.
+    Misdirected,
     /// The request took too long to arrive.
     Timeout,
     /// The result has no such part.
@@ -79,6 +83,8 @@ pub enum Kind {
     DeviceWrong,
     /// A file could not be read or written.
     Io,
+    /// A stored result is not what was stored.
+    Damaged,
     /// A defect of this program.
     Internal,
 }
@@ -89,7 +95,7 @@ impl Kind {
         match self {
             Kind::BadRequest => 400,
             Kind::Unauthorized => 401,
-            Kind::Forbidden => 403,
+            Kind::Forbidden | Kind::ForeignOrigin => 403,
             Kind::NotFound | Kind::MeshNotKept => 404,
             Kind::MethodNotAllowed => 405,
             Kind::NotAcceptable => 406,
@@ -98,10 +104,11 @@ impl Kind {
             Kind::TooLarge => 413,
             Kind::UnsupportedMediaType => 415,
             Kind::RangeNotSatisfiable => 416,
+            Kind::Misdirected => 421,
             Kind::InvalidParameter | Kind::InvalidMesh | Kind::UnsupportedMesh | Kind::DeviceUnsuitable => 422,
             Kind::KeyReused | Kind::TimeLimit => 422,
             Kind::QueueFull | Kind::RateLimited => 429,
-            Kind::Io | Kind::Internal | Kind::Poison | Kind::DeviceWrong => 500,
+            Kind::Io | Kind::Damaged | Kind::Internal | Kind::Poison | Kind::DeviceWrong => 500,
             Kind::NotImplemented => 501,
             Kind::Unavailable | Kind::Overloaded | Kind::DeviceLost => 503,
             Kind::InsufficientStorage => 507,
@@ -120,6 +127,8 @@ impl Kind {
             Kind::NotImplemented => "not-implemented",
             Kind::Unauthorized => "unauthorized",
             Kind::Forbidden => "forbidden",
+            Kind::ForeignOrigin => "foreign-origin",
+            Kind::Misdirected => "misdirected",
             Kind::Timeout => "timeout",
             Kind::RangeNotSatisfiable => "range-not-satisfiable",
             Kind::RateLimited => "rate-limited",
@@ -140,6 +149,7 @@ impl Kind {
             Kind::DeviceLost => "device-lost",
             Kind::DeviceWrong => "device-wrong",
             Kind::Io => "io",
+            Kind::Damaged => "damaged",
             Kind::Internal => "internal",
         }
     }
@@ -156,6 +166,8 @@ impl Kind {
             Kind::NotImplemented => "The service does not have this feature",
             Kind::Unauthorized => "A token is needed",
             Kind::Forbidden => "This token may not do this",
+            Kind::ForeignOrigin => "A web page of another origin may not do this",
+            Kind::Misdirected => "The service does not answer for this host",
             Kind::Timeout => "The request took too long to arrive",
             Kind::RangeNotSatisfiable => "There is no such part of the result",
             Kind::RateLimited => "More is asked for than a client's share",
@@ -176,6 +188,7 @@ impl Kind {
             Kind::DeviceLost => "The device was lost",
             Kind::DeviceWrong => "The device computed wrongly",
             Kind::Io => "A file could not be read or written",
+            Kind::Damaged => "A stored result is damaged",
             Kind::Internal => "Internal error",
         }
     }
@@ -196,6 +209,8 @@ impl Kind {
             | Kind::NotImplemented
             | Kind::Unauthorized
             | Kind::Forbidden
+            | Kind::ForeignOrigin
+            | Kind::Misdirected
             | Kind::RangeNotSatisfiable
             | Kind::InvalidParameter
             | Kind::InvalidMesh
@@ -212,6 +227,7 @@ impl Kind {
             | Kind::Poison
             | Kind::Cancelled
             | Kind::DeviceUnsuitable
+            | Kind::Damaged
             | Kind::Internal => false,
         }
     }

@@ -20,6 +20,8 @@ pub enum FaultPoint {
     ReadBlob,
     /// Before the folder is looked at.
     ProbeFolder,
+    /// Before a request is looked at that is no probe, on a thread that answers requests.
+    Request,
     /// When the device is done with a job, before results are made of what it gave.
     Finish,
 }
@@ -78,7 +80,8 @@ impl Faults {
         self.armed.lock().push(armed);
     }
 
-    /// From now on, every thread that reaches `point` waits there. Not for points on the runtime's own threads.
+    /// From now on, every thread that reaches `point` waits there. [`FaultPoint::Request`] is on threads of
+    /// the runtime: to hold it, a test needs threads of its own.
     #[cfg(debug_assertions)]
     pub fn hold(&self, point: FaultPoint) {
         self.held.points.lock().push((point, 0));
@@ -110,6 +113,17 @@ impl Faults {
     #[cfg(not(debug_assertions))]
     #[inline]
     pub(super) fn abort_at(&self, _: Option<&str>) {}
+
+    /// Waits while this point is held.
+    #[cfg(debug_assertions)]
+    pub(super) fn pass(&self, point: FaultPoint) {
+        self.held.pass(point);
+    }
+
+    /// Nothing, in this build.
+    #[cfg(not(debug_assertions))]
+    #[inline]
+    pub(super) fn pass(&self, _: FaultPoint) {}
 
     /// An error when a fault is armed for this point; waits first when it is held.
     #[cfg(debug_assertions)]

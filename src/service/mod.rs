@@ -25,7 +25,8 @@
 //! | the list of workers | `presence`; draining is the store's |
 //! | tokens and tenants | `access` |
 //! | limits of traffic and of the queue | `traffic`, `admission` |
-//! | metrics | `metrics` |
+//! | which web pages reach a service without tokens | `traffic::sites` |
+//! | metrics | `metrics`, `lag` |
 //! | what is logged about requests | `access_log`, `audit` |
 //! | which trace a request belongs to | `trace` |
 //! | webhooks | `webhooks` |
@@ -60,6 +61,7 @@ mod intake;
 mod job_blobs;
 mod kept;
 mod kept_mesh;
+mod lag;
 mod logging;
 mod metrics;
 mod negotiate;

@@ -18,13 +18,22 @@ pub(super) fn form(headers: &HeaderMap, format: Option<&str>, artifact: &'static
 
 /// The form of an output that the client prefers; the earlier one if it likes several alike.
 pub(super) fn choose(headers: &HeaderMap, artifact: &'static Artifact) -> Result<&'static Form> {
+    choose_among(headers, artifact, artifact.forms.iter())
+}
+
+/// The same among some of its forms.
+pub(super) fn choose_among(
+    headers: &HeaderMap,
+    artifact: &'static Artifact,
+    forms: impl Iterator<Item = &'static Form>,
+) -> Result<&'static Form> {
     let accepted: Vec<&str> = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
     let accepted = match accepted.join(",") {
         nothing if nothing.trim().is_empty() => "*/*".to_owned(),
         accepted => accepted,
     };
     let mut best = None;
-    for form in artifact.forms {
+    for form in forms {
         let quality = quality(&accepted, form.media_type);
         if quality > 0 && best.is_none_or(|(_, other)| quality > other) {
             best = Some((form, quality));

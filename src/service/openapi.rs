@@ -188,7 +188,7 @@ fn operation_of(artifact: &Artifact) -> Operation {
              without `clusters`.",
             artifact.about
         )))
-        .parameter(choice("format", "The format; by `Accept` when left out", format))
+        .parameter(choice("format", "The format; by `Accept` when left out, one that was made first", format))
         .parameter(choice(
             "clusters",
             "Cut a hierarchy at this number of clusters; 409 for a flat clustering",

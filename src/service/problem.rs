@@ -145,6 +145,8 @@ pub(super) async fn render(State(metrics): State<Arc<Metrics>>, request: Request
         Kind::Unavailable | Kind::Overloaded | Kind::InsufficientStorage => {
             tracing::debug!(kind = failure.error.kind.slug(), "{}", failure.error)
         }
+        // logged with its job where it was found
+        Kind::Damaged => {}
         // the client's doing
         Kind::NotImplemented => {}
         kind if kind.status() >= 500 => tracing::error!(kind = kind.slug(), "{}", failure.error),

@@ -23,6 +23,7 @@ use super::api::{
 };
 use super::metrics::Metrics;
 use super::state::Shared;
+use super::traffic::sites::{self, Sites};
 use super::traffic::{self, heads};
 use super::{conditional, openapi, page, problem, urls};
 use crate::artifacts::{self, Need};
@@ -39,8 +40,9 @@ const COMPRESSED_FROM: u64 = 1024;
 /// 5. problem documents, of all that is refused further in;
 /// 6. a net for panics;
 /// 7. heads that are not valid HTTP/1.1;
-/// 8. access and traffic limits;
-/// 9. the routes; around those of results, ETag and Range.
+/// 8. web pages that may not use a service without tokens;
+/// 9. access and traffic limits;
+/// 10. the routes; around those of results, ETag and Range.
 pub(super) fn router(shared: Arc<Shared>) -> Router {
     let log = Arc::new(AccessLog::new(shared.settings.access_log_every, &shared.settings.traffic.trusted_proxies));
     let layers = ServiceBuilder::new()
@@ -56,6 +58,7 @@ pub(super) fn router(shared: Arc<Shared>) -> Router {
         .layer(from_fn_with_state(Arc::clone(&shared.metrics), problem::render))
         .layer(CatchPanicLayer::custom(problem::panicked))
         .layer(from_fn(heads::check))
+        .layer(from_fn_with_state(Arc::new(Sites::new(&shared.settings.access)), sites::check))
         .layer(from_fn_with_state(Arc::clone(&shared.traffic), traffic::admit))
         // uploads have a limit of their own, counted as they come
         .layer(DefaultBodyLimit::disable());

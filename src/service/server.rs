@@ -32,7 +32,7 @@ use super::store::sqlite::SqliteStore;
 use super::store::{JobStore, Presence, Rules, TokenStore};
 use super::traffic::{Traffic, connections};
 use super::webhooks::{Teller, Webhooks};
-use super::{Settings, Switch, presence, tls};
+use super::{Settings, Switch, lag, presence, tls};
 use crate::device::Device;
 use crate::error::{Error, Result};
 
@@ -159,7 +159,7 @@ impl Server {
                 device,
                 description.cpu_below_faces,
                 extras.reopen,
-                extras.faults,
+                extras.faults.clone(),
                 timeout,
                 Arc::clone(&health),
                 Arc::clone(&metrics),
@@ -185,7 +185,7 @@ impl Server {
             stop: CancellationToken::new(),
             encoding: Arc::new(Semaphore::new(ENCODED_AT_ONCE)),
             memory: pipeline.memory(),
-            traffic: Arc::new(Traffic::new(&settings.traffic, Arc::clone(&access))),
+            traffic: Arc::new(Traffic::new(&settings.traffic, Arc::clone(&access), extras.faults.clone())),
             access,
             admission,
             webhooks: Arc::new(Webhooks::new(&settings.webhooks)?),
@@ -228,13 +228,11 @@ impl Server {
             async move { storage.watch(until).await }
         });
         let forgetting = tokio::spawn(retention.run(stop.clone()));
-        let mut serving = tokio::spawn(connections::serve(
-            listener,
-            router(Arc::clone(&shared)),
-            shared.settings.traffic.clone(),
-            Arc::clone(&shared.metrics),
-            close.clone(),
-        ));
+        let (traffic, metrics) = (shared.settings.traffic.clone(), Arc::clone(&shared.metrics));
+        let _close = close.clone().drop_guard();
+        let mut serving = connections::serve(listener, router(Arc::clone(&shared)), traffic, metrics, close.clone())
+            .map_err(|error| Error::io("connections cannot be accepted", error))?;
+        let watching_lag = tokio::spawn(lag::watch(Arc::clone(&shared.metrics), close.clone()));
         let following = tokio::spawn({
             let (shared, stop) = (Arc::clone(&shared), stop.clone());
             async move { shared.access.follow(&shared.health, reload, stop).await }
@@ -254,7 +252,7 @@ impl Server {
         shared.health.fail(Part::Process, "the service is stopping");
         // jobs are still taken while load balancers notice
         let delay = shared.settings.drain_delay();
-        if !delay.is_zero() && !serving.is_finished() {
+        if !delay.is_zero() && !serving.is_terminated() {
             tokio::select! {
                 () = sleep(delay) => {}
                 () = end_drain_delay.notified() => tracing::info!("asked to stop again: the drain delay ends"),
@@ -272,10 +270,10 @@ impl Server {
             let _ = timeout(LAST_MOMENT, announcing).await;
         }
         close.cancel();
-        if !serving.is_finished() {
+        if !serving.is_terminated() {
             let _ = timeout(LAST_MOMENT, serving).await;
         }
-        let _ = timeout(LAST_MOMENT, async { tokio::join!(watching, forgetting) }).await;
+        let _ = timeout(LAST_MOMENT, async { tokio::join!(watching, forgetting, watching_lag) }).await;
         // Whatever still holds on to jobs and files, they are closed now.
         let _ = timeout(LAST_MOMENT, shared.store.close()).await;
         shared.files.close().await;

@@ -158,8 +158,7 @@ impl Settings {
 
     /// Checks what the settings say together.
     pub fn check(&self) -> Result<()> {
-        let has_tokens = self.access.tokens.is_some() || self.access.tokens_in_store;
-        let is_open = !has_tokens && !self.access.insecure_no_auth;
+        let is_open = !self.access.has_tokens() && !self.access.insecure_no_auth;
         if is_open && !self.listen.ip().to_canonical().is_loopback() {
             return Err(Error::parameter(format_args!(
                 "without tokens the service listens to this machine only, because any client that reaches it could \

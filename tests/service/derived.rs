@@ -96,6 +96,33 @@ async fn what_was_not_asked_for_in_time_says_how_to_ask() {
 }
 
 #[tokio::test]
+async fn what_was_made_is_given_to_clients_that_take_any_format() {
+    let service = Service::start().await;
+    for kept in ["", "&keep_mesh=true"] {
+        let job = done(&service, &format!("clusters=9&outputs=submeshes.zip,mesh.ply{kept}"), 500).await;
+        for (name, media_type) in [("submeshes", "application/zip"), ("mesh", "model/ply")] {
+            let url = text(&job["urls"][name]);
+            let any = [None, Some("*/*"), Some("text/html, */*;q=0.1"), Some("application/*, model/*")];
+            for accept in any {
+                let request = accept.iter().fold(service.get(url), |request, accept| request.header("accept", *accept));
+                let response = request.send().await.expect("answered");
+                assert_eq!(
+                    (response.status().as_u16(), &response.headers()["content-type"]),
+                    (200, &media_type.parse().expect("a value")),
+                    "{accept:?}"
+                );
+            }
+            let wanted =
+                service.get(url).header("accept", "model/gltf-binary, */*;q=0.1").send().await.expect("answered");
+            let expected = if kept.is_empty() { media_type } else { "model/gltf-binary" };
+            assert_eq!(wanted.headers()["content-type"], expected);
+            let only = service.get(url).header("accept", "model/gltf-binary").send().await.expect("answered");
+            assert_eq!(only.status(), if kept.is_empty() { 404 } else { 200 });
+        }
+    }
+}
+
+#[tokio::test]
 async fn wrong_requests_for_outputs_are_refused() {
     let service = Service::start().await;
     let job = done(&service, "clusters=9&keep_mesh=true", 500).await;

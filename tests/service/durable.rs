@@ -142,16 +142,25 @@ async fn the_same_key_at_once_gives_one_job() {
 #[tokio::test]
 async fn a_folder_in_use_is_refused() {
     let service = Service::start().await;
-    let settings = Settings {
-        listen: ([127, 0, 0, 1], 0).into(),
-        data_dir: Some(service.folder().path().to_owned()),
-        ..Settings::default()
+    let folder = service.folder();
+    let second = async || {
+        let settings = Settings {
+            listen: ([127, 0, 0, 1], 0).into(),
+            data_dir: Some(folder.path().to_owned()),
+            ..Settings::default()
+        };
+        let device = CpuDevice::new();
+        let info = tesserae_mesh::device::Device::info(&device).clone();
+        let description =
+            DeviceDescription { info, chosen: String::new(), cpu_below_faces: None, adapters: Vec::new() };
+        Server::bind(settings, Box::new(device), description).await
     };
-    let device = CpuDevice::new();
-    let info = tesserae_mesh::device::Device::info(&device).clone();
-    let description = DeviceDescription { info, chosen: String::new(), cpu_below_faces: None, adapters: Vec::new() };
-    let error = Server::bind(settings, Box::new(device), description).await.expect_err("in use");
+    let error = second().await.expect_err("in use");
     assert!(error.message.contains("--data-dir"), "{error}");
+    // the store of jobs has a lock of its own, as when somebody removed that of the folder
+    std::fs::remove_file(folder.path().join("lock")).expect("removed");
+    let error = second().await.expect_err("in use");
+    assert!(error.message.contains("--data-dir") && error.message.contains("store of jobs"), "{error}");
 }
 
 #[tokio::test]

@@ -54,7 +54,7 @@ async fn too_large_a_body_is_refused_from_its_declared_length_and_as_it_comes() 
 #[tokio::test]
 async fn a_client_that_waits_for_leave_is_refused_before_it_sends() {
     let service = small().await;
-    let request = "POST /v1/jobs?clusters=2 HTTP/1.1\r\nHost: x\r\nContent-Type: model/obj\r\n\
+    let request = "POST /v1/jobs?clusters=2 HTTP/1.1\r\nHost: localhost\r\nContent-Type: model/obj\r\n\
                    Content-Length: 5000000000\r\nExpect: 100-continue\r\n\r\n";
     let answer = raw(&service, request.as_bytes()).await;
     assert!(answer.starts_with("HTTP/1.1 413 "), "{answer}");
@@ -67,7 +67,7 @@ async fn a_client_that_hangs_up_leaves_nothing() {
     for content_type in ["model/obj", "multipart/form-data; boundary=b"] {
         let mut stream = TcpStream::connect(service.address).await.expect("connected");
         let head = format!(
-            "POST /v1/jobs?clusters=2 HTTP/1.1\r\nHost: x\r\nContent-Type: {content_type}\r\n\
+            "POST /v1/jobs?clusters=2 HTTP/1.1\r\nHost: localhost\r\nContent-Type: {content_type}\r\n\
              Content-Length: 10000000\r\n\r\n"
         );
         stream.write_all(head.as_bytes()).await.expect("sent");
@@ -90,8 +90,8 @@ async fn a_client_that_hangs_up_leaves_nothing() {
 async fn a_slow_upload_holds_nobody_up() {
     let service = Service::start().await;
     let mut slow = TcpStream::connect(service.address).await.expect("connected");
-    let head =
-        "POST /v1/jobs?clusters=2 HTTP/1.1\r\nHost: x\r\nContent-Type: model/obj\r\nContent-Length: 9000\r\n\r\nv 0";
+    let head = "POST /v1/jobs?clusters=2 HTTP/1.1\r\nHost: [::1]\r\nContent-Type: model/obj\r\n\
+         Content-Length: 9000\r\n\r\nv 0";
     slow.write_all(head.as_bytes()).await.expect("sent");
     let job = service.submit("clusters=2", sphere(300)).await;
     assert_eq!(service.ended(&job).await["state"], "succeeded");
@@ -101,7 +101,8 @@ async fn a_slow_upload_holds_nobody_up() {
 #[tokio::test]
 async fn contradictory_lengths_make_no_job() {
     let service = Service::start().await;
-    let head = "POST /v1/jobs?clusters=2 HTTP/1.1\r\nHost: x\r\nConnection: close\r\nContent-Type: model/obj\r\n";
+    let head =
+        "POST /v1/jobs?clusters=2 HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nContent-Type: model/obj\r\n";
     for (lengths, body) in [
         ("Content-Length: 10\r\nContent-Length: 20\r\n", "v 0 0 0\nv 1 0 0\nv 0 1\n"),
         ("Content-Length: ten\r\n", "v 0 0 0\n"),

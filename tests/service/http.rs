@@ -34,12 +34,15 @@ async fn heads_that_are_not_valid_or_not_supported_get_problem_documents() {
         ("GET /healthz HTTP/1.1\r\nHost: a b\r\n\r\n".to_owned(), "400 "),
         ("GET /healthz HTTP/1.1\r\nHost: u@a\r\n\r\n".to_owned(), "400 "),
         ("GET /healthz HTTP/1.1\r\nHost: u:p@a:80\r\n\r\n".to_owned(), "400 "),
-        ("POST /v1/jobs HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: gzip, chunked\r\n\r\n0\r\n\r\n".to_owned(), "501 "),
+        (
+            "POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: gzip, chunked\r\n\r\n0\r\n\r\n".to_owned(),
+            "501 ",
+        ),
         // without chunked at the end, nothing says where the body ends
-        ("POST /v1/jobs HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: gzip\r\n\r\n".to_owned(), "400 "),
+        ("POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: gzip\r\n\r\n".to_owned(), "400 "),
         ("GET / nonsense\r\n\r\n".to_owned(), "400 "),
-        (format!("GET /{long} HTTP/1.1\r\nHost: a\r\n\r\n"), "414 "),
-        (format!("GET / HTTP/1.1\r\nHost: a\r\n{many}\r\n"), "431 "),
+        (format!("GET /{long} HTTP/1.1\r\nHost: localhost\r\n\r\n"), "414 "),
+        (format!("GET / HTTP/1.1\r\nHost: localhost\r\n{many}\r\n"), "431 "),
     ] {
         let answer = raw(&service, &head).await;
         let start = &head[..head.len().min(60)];
@@ -49,7 +52,9 @@ async fn heads_that_are_not_valid_or_not_supported_get_problem_documents() {
         let problem: Value = serde_json::from_str(body).expect("JSON");
         assert_eq!(format!("{} ", problem["status"]), status, "{start}: {body}");
     }
-    for head in ["GET /healthz HTTP/1.0\r\n\r\n", "GET /healthz HTTP/1.1\r\nHost: a:80\r\nConnection: close\r\n\r\n"] {
+    for head in
+        ["GET /healthz HTTP/1.0\r\n\r\n", "GET /healthz HTTP/1.1\r\nHost: localhost:80\r\nConnection: close\r\n\r\n"]
+    {
         let answer = raw(&service, head).await;
         assert!(answer.contains(" 200 OK"), "{answer}");
     }
@@ -58,8 +63,8 @@ async fn heads_that_are_not_valid_or_not_supported_get_problem_documents() {
 #[tokio::test]
 async fn a_declared_length_over_the_limit_is_no_matter_of_the_disk() {
     let service = Service::start().await;
-    let head = "POST /v1/jobs?clusters=2 HTTP/1.1\r\nHost: x\r\nContent-Type: model/obj\r\nConnection: close\r\n\
-                Content-Length: 100000000000\r\nExpect: 100-continue\r\n\r\n";
+    let head = "POST /v1/jobs?clusters=2 HTTP/1.1\r\nHost: localhost\r\nContent-Type: model/obj\r\n\
+                Connection: close\r\nContent-Length: 100000000000\r\nExpect: 100-continue\r\n\r\n";
     let answer = raw(&service, head).await;
     assert!(answer.starts_with("HTTP/1.1 413 ") && answer.contains("--max-upload-bytes"), "{answer}");
 }

@@ -2,12 +2,14 @@
 
 mod access;
 mod backup;
+mod damaged;
 mod derived;
 mod durable;
 mod events;
 mod fairness;
 mod faults;
 mod full_disk;
+mod guards;
 mod hierarchy;
 mod hostile;
 mod http;

@@ -104,10 +104,11 @@ KINDS: Mapping[str, type[ServiceError]] = {
             "not-acceptable",
             "key-reused",
             "device-unsuitable",
+            "misdirected",
         ],
         InvalidRequest,
     ),
-    **dict.fromkeys(["unauthorized", "forbidden"], Unauthorized),
+    **dict.fromkeys(["unauthorized", "forbidden", "foreign-origin"], Unauthorized),
     **dict.fromkeys(["not-found", "mesh-not-kept"], NotFound),
     "conflict": Conflict,
     **dict.fromkeys(
@@ -124,7 +125,7 @@ KINDS: Mapping[str, type[ServiceError]] = {
         ],
         Busy,
     ),
-    **dict.fromkeys(["time-limit", "poison", "cancelled", "internal"], ServiceError),
+    **dict.fromkeys(["time-limit", "poison", "cancelled", "damaged", "internal"], ServiceError),
 }
 """The class for each kind that a service has."""
 

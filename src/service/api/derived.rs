@@ -5,11 +5,12 @@ use axum::http::{HeaderMap, Uri};
 use serde::Deserialize;
 
 use super::view::tell_expiry;
-use crate::artifacts::{Artifact, Choice, Choices};
-use crate::error::{Error, Kind};
+use crate::artifacts::{Artifact, Choice, Choices, Form};
+use crate::error::{Error, Kind, Result};
 use crate::remesh::Placement;
 use crate::service::access::Caller;
 use crate::service::conditional::Content;
+use crate::service::kept::Kept;
 use crate::service::problem::Answer;
 use crate::service::results::derived::{made, mesh_not_kept};
 use crate::service::results::stored::{Of, attachment, check_clusters, stored, succeeded};
@@ -63,13 +64,16 @@ pub(in crate::service) async fn derived(
         force: force.unwrap_or_default(),
         is_plain: colours == Some(Colours::None),
     };
-    let form = negotiate::form(&headers, format.as_deref(), artifact)?;
+    let kept = &job.spec.kept;
+    let form = match &format {
+        None => preferred(&headers, artifact, kept)?,
+        named => negotiate::form(&headers, named.as_deref(), artifact)?,
+    };
     let summary = succeeded(&job)?;
     check_clusters(&job, &summary, clusters)?;
-    let kept = &job.spec.kept;
     let is_stored = clusters.is_none() && choices == Choices::default() && kept.has(form);
     let found = match is_stored {
-        true => stored(&shared, &job, Of::Result, form.file, None, form.media_type).await,
+        true => stored(&shared, &job, Of::Result, form.file, 0, form.media_type).await,
         false => Err(mesh_not_kept(form)),
     };
     let mut response = match found {
@@ -89,4 +93,12 @@ pub(in crate::service) async fn derived(
     attachment(&mut response, &job, form.file);
     tell_expiry(&mut response, &shared, &job);
     Ok(response)
+}
+
+/// The form that the client prefers of those that the job can give, what was made before what a kept mesh would give.
+/// Where it can give none that the client takes: the form that it prefers of all.
+fn preferred(headers: &HeaderMap, artifact: &'static Artifact, kept: &Kept) -> Result<&'static Form> {
+    let made = artifact.forms.iter().filter(|form| kept.has(form));
+    let others = artifact.forms.iter().filter(|form| kept.mesh && !kept.has(form));
+    negotiate::choose_among(headers, artifact, made.chain(others)).or_else(|_| negotiate::choose(headers, artifact))
 }

@@ -33,7 +33,7 @@ pub(in crate::service) struct Readiness {
 
 /// Liveness
 ///
-/// Answers as long as the process can.
+/// Answers as long as the process can, on a thread of its own; the connection is closed then.
 #[utoipa::path(
     get, path = "/healthz", tag = "service", operation_id = "getHealth",
     responses((status = 200, description = "The process answers", body = HealthView)),

@@ -72,7 +72,7 @@ pub(in crate::service) async fn hierarchy(
         return Err(Error::parameter("clusters, min_clusters and max_clusters go with application/json only").into());
     }
     let mut response = match form.is_stored {
-        true => stored(&shared, &job, Of::Result, form.file, None, form.media_type).await?,
+        true => stored(&shared, &job, Of::Result, form.file, 0, form.media_type).await?,
         false => made(&shared, &job, form, limits).await?,
     };
     attachment(&mut response, &job, form.file);

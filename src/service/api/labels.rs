@@ -4,7 +4,6 @@
 
 use axum::extract::{Path, State as Extract};
 use axum::http::{HeaderMap, Uri};
-use object_store::GetRange;
 use serde::Deserialize;
 use utoipa::IntoParams;
 
@@ -15,9 +14,9 @@ use crate::service::access::Caller;
 use crate::service::conditional::Content;
 use crate::service::problem::{Answer, Problematic};
 use crate::service::results::stored::{Of, attachment, check_clusters, stored, succeeded};
-use crate::service::results::{hierarchy, snapshots};
+use crate::service::results::{hierarchy, labels, snapshots};
 use crate::service::state::App;
-use crate::service::{job_blobs, negotiate, query};
+use crate::service::{negotiate, query};
 
 /// The query of the labels.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -80,22 +79,19 @@ pub(in crate::service) async fn labels(
         return Err(Error::new(Kind::Conflict, message).into());
     }
     let form = negotiate::form(&headers, format.as_deref(), &LABELS)?;
-    // the raw numbers are what follows the header of the .npy file
-    let numbers = Some(GetRange::Suffix(4 * summary.faces));
     let mut response = match (clusters, iteration, form.file) {
         (Some(clusters), ..) => hierarchy::cut(&shared, &job, clusters, form).await?,
         (None, Some(iteration), _) => snapshots::labels(&shared, &job, &summary, iteration, form).await?,
         (None, None, file) if file == LABELS_NPY.file => {
-            stored(&shared, &job, Of::Result, file, None, form.media_type).await?
+            stored(&shared, &job, Of::Result, file, 0, form.media_type).await?
         }
         (None, None, file) if file == LABELS_BIN.file => {
-            stored(&shared, &job, Of::Result, LABELS_NPY.file, numbers, form.media_type).await?
+            // the raw numbers are what follows the header of the .npy file
+            let bytes = summary.blobs.get(LABELS_NPY.file).map_or(0, |contents| contents.bytes);
+            let head = bytes.saturating_sub(4 * summary.faces);
+            stored(&shared, &job, Of::Result, LABELS_NPY.file, head, form.media_type).await?
         }
-        (None, None, _) => {
-            let (files, store) = (&shared.files, shared.store.as_ref());
-            let numbers = job_blobs::result(files, store, &job, LABELS_NPY.file, numbers).await?;
-            snapshots::labels_of(&shared, numbers, &summary, form).await?
-        }
+        (None, None, _) => labels::of_job(&shared, &job, &summary, form).await?,
     };
     let name = iteration.map_or_else(|| "labels".to_owned(), |iteration| format!("labels.iteration-{iteration}"));
     if let Some(digest) = summary.labels_sha256.filter(|_| clusters.is_none() && iteration.is_none()) {

@@ -30,7 +30,7 @@ pub(in crate::service) async fn output(
         [form] => (form, true),
         _ => (negotiate::choose(&headers, artifact)?, false),
     };
-    let mut response = stored(&shared, &job, Of::Result, form.file, None, form.media_type).await?;
+    let mut response = stored(&shared, &job, Of::Result, form.file, 0, form.media_type).await?;
     if !is_only {
         attachment(&mut response, &job, form.file);
     }

@@ -67,7 +67,7 @@ pub(in crate::service) async fn upload(
         );
         return Err(Error::new(Kind::NotFound, message).into());
     }
-    let mut response = stored(&shared, &job, Of::Upload, &blob, None, "application/octet-stream").await?;
+    let mut response = stored(&shared, &job, Of::Upload, &blob, 0, "application/octet-stream").await?;
     attachment(&mut response, &job, &file);
     Ok(response)
 }

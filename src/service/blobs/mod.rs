@@ -234,7 +234,7 @@ pub(super) struct Blob(Source);
 #[derive(Debug)]
 enum Source {
     Found(Box<GetResult>),
-    Held { bytes: Bytes, start: u64 },
+    Held { bytes: Bytes, whole: u64 },
 }
 
 impl Blob {
@@ -242,8 +242,8 @@ impl Blob {
     pub fn held(bytes: &Bytes, range: Option<GetRange>) -> Result<Self> {
         let range = range.map_or(Ok(0..bytes.len() as u64), |range| range.as_range(bytes.len() as u64));
         let range = range.map_err(|error| Error::new(Kind::Io, format_args!("a file is too short: {error}")))?;
-        let bytes = bytes.slice(range.start as usize..range.end as usize);
-        Ok(Self(Source::Held { bytes, start: range.start }))
+        let (whole, bytes) = (bytes.len() as u64, bytes.slice(range.start as usize..range.end as usize));
+        Ok(Self(Source::Held { bytes, whole }))
     }
 
     /// Number of bytes that will be read.
@@ -254,11 +254,11 @@ impl Blob {
         }
     }
 
-    /// Where they begin in the whole blob.
-    pub fn start(&self) -> u64 {
+    /// Number of bytes of the whole blob.
+    pub fn whole_length(&self) -> u64 {
         match &self.0 {
-            Source::Found(found) => found.range.start,
-            Source::Held { start, .. } => *start,
+            Source::Found(found) => found.meta.size,
+            Source::Held { whole, .. } => *whole,
         }
     }
 

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use axum::body::Bytes;
 use object_store::GetRange;
 use object_store::path::Path as BlobPath;
+use sha2::{Digest, Sha256};
 use tokio::runtime::Handle;
 
 use super::failure::storage_error;
@@ -14,7 +15,7 @@ use super::names::Folder;
 use crate::error::{Error, Kind, Result};
 use crate::service::blobs::{Blob, Parts};
 use crate::service::faults::FaultPoint;
-use crate::service::store::{JobId, SmallBlob};
+use crate::service::store::{Contents, JobId, SmallBlob};
 
 /// Bytes of the buffer of a thread that may block.
 const CHUNK: usize = 1 << 16;
@@ -29,6 +30,8 @@ pub(in crate::service) struct BlobWriter {
     buffer: Vec<u8>,
     parts: Option<Parts>,
     written: u64,
+    /// Of all bytes so far; of a result only.
+    sha256: Sha256,
     /// Bytes that are held before they are written: a smaller blob is written at once.
     part: usize,
 }
@@ -36,12 +39,19 @@ pub(in crate::service) struct BlobWriter {
 impl BlobWriter {
     pub(super) fn new(files: Arc<Files>, folder: Folder, name: &str, is_upload: bool) -> Self {
         let part = files.blobs.part_bytes();
-        Self { files, folder, name: name.to_owned(), is_upload, buffer: Vec::new(), parts: None, written: 0, part }
+        let (name, buffer, sha256) = (name.to_owned(), Vec::new(), Sha256::new());
+        Self { files, folder, name, is_upload, buffer, parts: None, written: 0, sha256, part }
     }
 
     /// Bytes so far.
     pub(super) fn bytes(&self) -> u64 {
         self.written + self.buffer.len() as u64
+    }
+
+    /// What the blob of a result holds, by its name.
+    pub fn contents(&self) -> (String, Contents) {
+        let sha256 = self.sha256.clone().finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+        (self.name.clone(), Contents { bytes: self.bytes(), sha256 })
     }
 
     /// The blob, of which nothing was written to the disk yet, as one for the store.
@@ -60,6 +70,9 @@ impl BlobWriter {
     }
 
     async fn take(&mut self, bytes: &[u8]) -> Result<()> {
+        if !self.is_upload {
+            self.sha256.update(bytes);
+        }
         let mut rest = bytes;
         while self.buffer.len() + rest.len() >= self.part {
             let (now, later) = rest.split_at(self.part - self.buffer.len());

@@ -56,6 +56,7 @@ pub(in crate::service) struct Files {
     /// Uploads in progress; the store has no row for them.
     pub(super) incoming: Mutex<HashSet<JobId>>,
     pub(super) failures: AtomicU64,
+    pub(super) damages: AtomicU64,
     pub(super) faults: Faults,
 }
 
@@ -91,7 +92,7 @@ impl Files {
         let ballast = Ballast::new(root.path(), disk::total_bytes(root.path()), limits.max_bytes, root.is_kept());
         let disk = Disk::new(root.path().to_owned(), limits);
         let room = Room::default();
-        let (incoming, failures) = (Mutex::default(), AtomicU64::new(0));
+        let (incoming, failures, damages) = (Mutex::default(), AtomicU64::new(0), AtomicU64::new(0));
         let references = References::default();
         let (elsewhere, has_store) = (elsewhere.cloned(), root.is_kept());
         let files = Self {
@@ -106,6 +107,7 @@ impl Files {
             room,
             incoming,
             failures,
+            damages,
             faults,
         };
         // the store needs some room to be opened
@@ -292,6 +294,18 @@ impl Files {
     /// How often a blob could not be written or read for reasons of the disk.
     pub fn failures(&self) -> u64 {
         self.failures.load(Ordering::Relaxed)
+    }
+
+    /// How often a blob of a result was not what was stored.
+    pub fn damages(&self) -> u64 {
+        self.damages.load(Ordering::Relaxed)
+    }
+
+    /// Counts and logs a blob of a result that is not what was stored; the error of it.
+    pub fn damaged(&self, job: JobId, name: &str, why: impl std::fmt::Display) -> Error {
+        self.damages.fetch_add(1, Ordering::Relaxed);
+        tracing::error!(%job, "the stored {name} is damaged: {why}");
+        Error::new(Kind::Damaged, format_args!("the stored {name} is damaged, submit the mesh again: {why}"))
     }
 
     /// Bytes in the folder: uploads, results and the store of jobs.

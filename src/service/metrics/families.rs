@@ -132,6 +132,9 @@ metrics! {
         store_commands: Counter, "store_commands", "Changes in committed transactions";
         store_failed_commits: Counter, "store_failed_commits", "Transactions of the store that failed";
         file_errors: Counter, "file_errors", "Files that could not be written or read for reasons of their place";
+        results_damaged: Counter, "results_damaged", "Stored results that were not what was stored when they were read";
+        request_lag: Histogram = SHORT.new_metric(), "request_thread_lag" [Seconds],
+            "How late the threads that answer requests began what was due, looked at four times a second";
         store_commit_seconds: Seconds, "store_commit" [Seconds], "Time that the store spent in transactions";
         rejections: Family<ByReason, Counter>, "rejections", "Requests answered with an error, by kind of problem";
         connections: Gauge, "connections", "Open connections";

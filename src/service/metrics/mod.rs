@@ -65,6 +65,8 @@ pub(super) struct Snapshot {
     pub store: Statistics,
     /// Files of jobs that could not be written or read for reasons of their place.
     pub file_errors: u64,
+    /// Results that were not what was stored.
+    pub results_damaged: u64,
     /// Bytes in the data folder.
     pub disk_used: u64,
     /// What is left.
@@ -274,6 +276,11 @@ impl Metrics {
         self.families.connections_refused.inc();
     }
 
+    /// The threads that answer requests were so late.
+    pub fn lagged(&self, late: Duration) {
+        self.families.request_lag.observe(late.as_secs_f64());
+    }
+
     /// Estimated seconds until the last of `queued` jobs has begun.
     pub fn seconds_to_empty(&self, queued: u64) -> Option<u32> {
         let pace = (*self.pace.lock())?;
@@ -292,6 +299,7 @@ impl Metrics {
         families.store_commits.inner().store(now.store.commits, Ordering::Relaxed);
         families.store_commands.inner().store(now.store.commands, Ordering::Relaxed);
         families.store_failed_commits.inner().store(now.store.failures, Ordering::Relaxed);
+        families.results_damaged.inner().store(now.results_damaged, Ordering::Relaxed);
         families.file_errors.inner().store(now.file_errors, Ordering::Relaxed);
         families.store_commit_seconds.inner().store(now.store.commit_seconds.to_bits(), Ordering::Relaxed);
         // only the store ends attempts for this reason

@@ -272,12 +272,14 @@ fn write(
         let encoding = (form.encode)(&outcome.content())?;
         blobs.push(blob(form.file).fill(encoding)?);
     }
+    let contents = blobs.iter().map(BlobWriter::contents).collect();
     let report = outcome.report;
     let summary = Summary {
         faces: report.input.faces,
         clusters: report.clusters,
         labels_sha256: report.labels_sha256,
         is_small: false,
+        blobs: contents,
     };
     Ok((summary, blobs))
 }

@@ -1,18 +1,25 @@
 //! What is made of a kept mesh and labels on request.
 
-use std::io::{Read, Write};
+use std::io::Write;
+use std::sync::Arc;
 
 use axum::response::Response;
-use object_store::GetRange;
 
+use super::checked::{self, CheckedReader};
 use super::encoded::{self, encoded};
-use super::snapshots::read_labels;
+use super::labels;
 use crate::artifacts::{Choices, Content, Form, HIERARCHY_TSR, LABELS_NPY, Labels};
 use crate::error::{Error, Kind, Result};
-use crate::hierarchy::stored;
+use crate::hierarchy::stored::{self, Input};
+use crate::service::kept_mesh;
 use crate::service::state::Shared;
 use crate::service::store::{Job, Summary};
-use crate::service::{job_blobs, kept_mesh};
+
+/// What labels are read from, and their number of clusters.
+enum Source {
+    Labels(CheckedReader, u64),
+    Cut(Box<dyn Input + Send>, u64),
+}
 
 /// An output of a job whose mesh was kept, of its labels or of those at a number of clusters.
 pub(in crate::service) async fn made(
@@ -24,27 +31,34 @@ pub(in crate::service) async fn made(
     form: &'static Form,
 ) -> Result<Response> {
     let turn = encoded::turn(shared).await?;
-    let blob =
-        async |name: &str, range| job_blobs::result(&shared.files, shared.store.as_ref(), job, name, range).await;
-    let mesh = blob(kept_mesh::NAME, None).await?;
+    let mesh = checked::open(shared, job, kept_mesh::NAME).await?;
     let (faces, format) = (summary.faces, job.spec.format);
     // what is in memory meanwhile counts like the mesh of a job
     let memory = shared.memory.read(mesh.length()).await?.build(faces, false).await?;
-    let labels = match clusters {
-        Some(_) => blob(HIERARCHY_TSR.file, None).await?,
-        None => blob(LABELS_NPY.file, Some(GetRange::Suffix(4 * faces))).await?,
+    let source = match clusters {
+        Some(_) => HIERARCHY_TSR.file,
+        None => LABELS_NPY.file,
     };
-    let length = labels.length();
-    let (mesh, labels) = (mesh.into_reader(), labels.into_reader());
-    let of_job = summary.clusters;
+    let blob = checked::open(shared, job, source).await?;
+    let length = blob.length();
+    let from = match clusters {
+        Some(clusters) => Source::Cut(blob.into_hierarchy(), clusters),
+        None => Source::Labels(blob.into_reader(), summary.clusters),
+    };
+    let (mesh, files, job) = (mesh.into_reader(), Arc::clone(&shared.files), job.id);
     let write = move |out: &mut dyn Write| {
         let _memory = memory;
-        let mesh = kept_mesh::read(mesh as Box<dyn Read>, faces, format)?;
-        let (labels, clusters) = match clusters {
-            None => (read_labels(labels, faces)?, of_job),
-            Some(clusters) => {
-                let cut = stored::cut(labels, length, u64::MAX, clusters);
-                let (_, cut) = cut.map_err(super::hierarchy::of_cut)?;
+        let mesh = mesh.read(|mesh| kept_mesh::read(mesh, faces, format))?;
+        let (labels, clusters) = match from {
+            Source::Labels(blob, clusters) => {
+                let head = length.saturating_sub(4 * faces);
+                let numbers = blob.read(|rows| labels::read(rows, head, faces))?;
+                labels::check(&numbers, clusters, &files, job, source)?;
+                (numbers, clusters)
+            }
+            Source::Cut(hierarchy, clusters) => {
+                let cut = stored::cut(hierarchy, length, u64::MAX, clusters);
+                let (_, cut) = cut.map_err(|error| super::hierarchy::of_cut(&files, job, error))?;
                 (cut.labels, clusters)
             }
         };

@@ -17,7 +17,7 @@ use crate::service::blocking::blocking;
 use crate::service::state::Shared;
 
 /// Bytes of an answer that is held in memory.
-const HELD: usize = 1 << 18;
+pub(super) const HELD: usize = 1 << 18;
 
 /// The right to have a large result in memory.
 pub(in crate::service) async fn turn(shared: &Shared) -> Result<OwnedSemaphorePermit> {

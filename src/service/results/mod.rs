@@ -2,8 +2,10 @@
 //! round.
 
 mod body;
+mod checked;
 pub(super) mod derived;
 pub(super) mod encoded;
 pub(super) mod hierarchy;
+pub(super) mod labels;
 pub(super) mod snapshots;
 pub(super) mod stored;

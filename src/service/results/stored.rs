@@ -10,6 +10,7 @@ use futures_util::future::BoxFuture;
 use object_store::GetRange;
 
 use super::body::streamed;
+use super::checked;
 use crate::artifacts::Need;
 use crate::error::{Error, Kind, Result};
 use crate::service::conditional::Parts;
@@ -65,33 +66,38 @@ pub(in crate::service) enum Of {
     Result,
 }
 
-/// A blob of a job, or a range of it, as a response that streams it and can also give a part of it.
+/// A blob of a job from one of its bytes on, as a response that streams it and can also give a part of it.
 pub(in crate::service) async fn stored(
-    shared: &Shared,
+    shared: &Arc<Shared>,
     job: &Job,
     of: Of,
     name: &str,
-    range: Option<GetRange>,
+    from: u64,
     media_type: &'static str,
 ) -> Result<Response> {
-    let (files, store) = (Arc::clone(&shared.files), Arc::clone(&shared.store));
-    let (job, name) = (job.clone(), name.to_owned());
-    let read = move |range| {
-        let (files, store, job, name) = (Arc::clone(&files), Arc::clone(&store), job.clone(), name.clone());
-        async move {
-            match of {
-                Of::Upload => job_blobs::upload(&files, store.as_ref(), &job, &name, range).await,
-                Of::Result => job_blobs::result(&files, store.as_ref(), &job, &name, range).await,
-            }
+    let (length, body) = match of {
+        Of::Upload => {
+            let blob = job_blobs::upload(&shared.files, shared.store.as_ref(), job, name, None).await?;
+            (blob.length(), blob.into_body())
+        }
+        Of::Result => {
+            let blob = checked::open(shared, job, name).await?;
+            (blob.length(), blob.into_body(from))
         }
     };
-    let blob = read(range).await?;
-    let start = blob.start();
+    let (shared, job, name) = (Arc::clone(shared), job.clone(), name.to_owned());
     let part = move |range: Range<u64>| -> BoxFuture<'static, Result<Body>> {
-        let blob = read(Some(GetRange::Bounded(start + range.start..start + range.end)));
-        Box::pin(async move { Ok(blob.await?.into_body()) })
+        let (shared, job, name) = (Arc::clone(&shared), job.clone(), name.clone());
+        let range = GetRange::Bounded(from + range.start..from + range.end);
+        Box::pin(async move {
+            let blob = match of {
+                Of::Upload => job_blobs::upload(&shared.files, shared.store.as_ref(), &job, &name, Some(range)).await,
+                Of::Result => checked::part(&shared, &job, &name, range).await,
+            };
+            Ok(blob?.into_body())
+        })
     };
-    let mut response = streamed(blob.length(), blob.into_body(), media_type);
+    let mut response = streamed(length.saturating_sub(from), body, media_type);
     response.extensions_mut().insert(Parts(Arc::new(part)));
     Ok(response)
 }

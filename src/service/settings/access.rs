@@ -16,13 +16,21 @@ pub struct AccessSettings {
     #[arg(long, env = "TESSERAE_TOKENS_IN_STORE", conflicts_with = "tokens")]
     pub tokens_in_store: bool,
 
-    /// Listen to other machines without tokens: every client that reaches the service can read and delete every job
+    /// Listen to other machines without tokens, and answer for any name (Host): every client that reaches the service
+    /// can read and delete every job
     #[arg(long, env = "TESSERAE_INSECURE_NO_AUTH")]
     pub insecure_no_auth: bool,
 
     /// Origins whose web pages may use the service (CORS), such as https://a.example; none when left out
     #[arg(long, env = "TESSERAE_CORS_ORIGINS", value_name = "ORIGIN,…", value_delimiter = ',', value_parser = origin)]
     pub cors_origins: Vec<String>,
+}
+
+impl AccessSettings {
+    /// Whether requests need a token.
+    pub fn has_tokens(&self) -> bool {
+        self.tokens.is_some() || self.tokens_in_store
+    }
 }
 
 /// Checks an origin: scheme, host and port as browsers send them; any other text would never match.

@@ -1,5 +1,6 @@
 //! A job as a store keeps it.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::str::FromStr;
 use std::time::SystemTime;
@@ -218,6 +219,17 @@ pub(in crate::service) struct Summary {
     /// Whether the result is small blobs, which the store keeps.
     #[serde(default)]
     pub is_small: bool,
+    /// What its blobs held when they were stored, by their names.
+    pub blobs: BTreeMap<String, Contents>,
+}
+
+/// What a blob held when it was stored.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub(in crate::service) struct Contents {
+    /// Number of its bytes.
+    pub bytes: u64,
+    /// Their SHA-256 in hexadecimal digits.
+    pub sha256: String,
 }
 
 /// Bytes of all small blobs of an upload, or of a result, at the most.

@@ -1,8 +1,15 @@
 //! Accepts a limited number of connections, and serves each until it ends, hangs or the service closes.
+//!
+//! A thread of its own accepts connections and reads how each begins. It serves those that begin with `GET /healthz`
+//! itself, one request each, and hands all others to the threads that answer requests. So a probe for liveness is
+//! answered whatever those threads do. The route makes its answer of nothing, and no other request is served here: not
+//! the next one of the same connection, which is closed.
 
 use std::collections::HashMap;
+use std::io;
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
+use std::thread;
 use std::time::Duration;
 
 use axum::Router;
@@ -11,8 +18,11 @@ use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use parking_lot::Mutex;
+use tokio::io::AsyncReadExt as _;
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::Semaphore;
+use tokio::runtime::{Builder, Handle};
+use tokio::sync::{Semaphore, oneshot};
+use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tower::ServiceExt;
@@ -25,14 +35,47 @@ use crate::service::settings::TrafficSettings;
 /// For how long nothing is accepted after the system had no means to (too many open files).
 const BREATHER: Duration = Duration::from_millis(200);
 
-/// Serves `router` until `close`; then requests under way are answered first.
-pub(in crate::service) async fn serve(
+/// How a connection begins that the accepting thread serves.
+const LIVENESS: &[u8] = b"GET /healthz ";
+
+/// For how long the accepting thread waits for the beginning. A probe sends it at once.
+const BEGINNING: Duration = Duration::from_secs(1);
+
+/// Serves `router` until `close`; then requests under way are answered first. What this returns completes afterwards,
+/// or when the accepting thread ends by a defect.
+pub(in crate::service) fn serve(
     listener: TcpListener,
     router: Router,
     settings: TrafficSettings,
     metrics: Arc<Metrics>,
     close: CancellationToken,
+) -> io::Result<oneshot::Receiver<()>> {
+    let listener = listener.into_std()?;
+    let runtime = Builder::new_current_thread().enable_all().build()?;
+    let (ended, has_ended) = oneshot::channel();
+    let requests = Handle::current();
+    thread::Builder::new().name("accept".to_owned()).spawn(move || {
+        runtime.block_on(async {
+            match TcpListener::from_std(listener) {
+                Ok(listener) => accept(listener, router, settings, metrics, close, requests).await,
+                Err(error) => tracing::error!(%error, "connections cannot be accepted"),
+            }
+        });
+        let _ = ended.send(());
+    })?;
+    Ok(has_ended)
+}
+
+/// The accepting thread; `requests` is the runtime of the threads that answer requests.
+async fn accept(
+    listener: TcpListener,
+    router: Router,
+    settings: TrafficSettings,
+    metrics: Arc<Metrics>,
+    close: CancellationToken,
+    requests: Handle,
 ) {
+    let settings = Arc::new(settings);
     let tasks = TaskTracker::new();
     let places = Arc::new(Semaphore::new(settings.max_connections as usize));
     let by_address = Arc::new(ByAddress::default());
@@ -62,50 +105,80 @@ pub(in crate::service) async fn serve(
             continue;
         };
         let _ = stream.set_nodelay(true);
-        let connection = connection(stream, address, router.clone(), &settings, close.clone());
-        let metrics = Arc::clone(&metrics);
+        let (settings, metrics) = (Arc::clone(&settings), Arc::clone(&metrics));
+        let (router, requests, close) = (router.clone(), requests.clone(), close.clone());
+        let others = tasks.clone();
         tasks.spawn(async move {
-            metrics.connections(1);
-            connection.await;
-            metrics.connections(-1);
-            drop((place, counted));
+            let mut stream = stream;
+            let begun = begin(&mut stream, &close).await;
+            let is_probe = begun == LIVENESS;
+            let Ok(stream) = stream.into_std() else { return };
+            let serve = async move {
+                metrics.connections(1);
+                connection(stream, begun, address, router, &settings, is_probe, close).await;
+                metrics.connections(-1);
+                drop((place, counted));
+            };
+            match is_probe {
+                true => serve.await,
+                false => drop(others.spawn_on(serve, &requests)),
+            }
         });
     }
     tasks.close();
     tasks.wait().await;
 }
 
-/// Serves one connection.
-fn connection(
-    stream: TcpStream,
+/// The first bytes of a connection, as far as they are those of a probe, and the one that is not.
+async fn begin(stream: &mut TcpStream, close: &CancellationToken) -> Vec<u8> {
+    let mut begun = Vec::with_capacity(LIVENESS.len());
+    let read = async {
+        while begun.len() < LIVENESS.len() && LIVENESS.starts_with(&begun) {
+            let rest = (LIVENESS.len() - begun.len()) as u64;
+            // at the end, and after an error, the connection shows the same to whatever serves it
+            match (&mut *stream).take(rest).read_buf(&mut begun).await {
+                Ok(0) | Err(_) => return,
+                Ok(_) => {}
+            }
+        }
+    };
+    let _ = close.run_until_cancelled(timeout(BEGINNING, read)).await;
+    begun
+}
+
+/// Serves one connection, of which some bytes were read; a probe's for one request.
+async fn connection(
+    stream: std::net::TcpStream,
+    begun: Vec<u8>,
     address: SocketAddr,
     router: Router,
     settings: &TrafficSettings,
+    is_probe: bool,
     close: CancellationToken,
-) -> impl Future<Output = ()> + Send + use<> {
+) {
     let service = router.map_request(move |mut request: Request<hyper::body::Incoming>| {
         request.extensions_mut().insert(ConnectInfo(address));
         request.map(axum::body::Body::new)
     });
-    let socket = TokioIo::new(Socket::new(stream, settings.write_timeout()));
-    let header_timeout = settings.header_timeout();
-    async move {
-        let mut connection = std::pin::pin!(
-            http1::Builder::new()
-                .timer(TokioTimer::new())
-                .header_read_timeout(header_timeout)
-                .serve_connection(socket, TowerToHyperService::new(service))
-        );
-        let ended = tokio::select! {
-            ended = connection.as_mut() => ended,
-            () = close.cancelled() => {
-                connection.as_mut().graceful_shutdown();
-                connection.await
-            }
-        };
-        if let Err(error) = ended {
-            tracing::debug!(%error, "a connection ended early");
+    // from now on, the runtime of this task wakes it
+    let Ok(stream) = TcpStream::from_std(stream) else { return };
+    let socket = TokioIo::new(Socket::new(stream, begun, settings.write_timeout()));
+    let mut connection = std::pin::pin!(
+        http1::Builder::new()
+            .timer(TokioTimer::new())
+            .header_read_timeout(settings.header_timeout())
+            .keep_alive(!is_probe)
+            .serve_connection(socket, TowerToHyperService::new(service))
+    );
+    let ended = tokio::select! {
+        ended = connection.as_mut() => ended,
+        () = close.cancelled() => {
+            connection.as_mut().graceful_shutdown();
+            connection.await
         }
+    };
+    if let Err(error) = ended {
+        tracing::debug!(%error, "a connection ended early");
     }
 }
 

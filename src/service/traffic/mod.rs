@@ -4,6 +4,7 @@
 //! |---|---|---|
 //! | connections, and how long heads and answers may take | `connections`, `socket` | closed |
 //! | heads that are not valid or not supported | `heads`, `refusals` | answered with 400, 414, 431 or 501 |
+//! | web pages that may not use a service without tokens | `sites` | answered with 403 or 421 |
 //! | requests a second, requests and streams at a time | `clients` | answered with 429 |
 //! | all streams | [`admit`] | answered with 503 |
 //! | bytes of uploads that are coming in | `service::budget` | answered with 503 |
@@ -16,6 +17,7 @@ mod guarded;
 pub(super) mod heads;
 pub(super) mod origin;
 mod refusals;
+pub(super) mod sites;
 mod socket;
 
 use std::net::IpAddr;
@@ -32,6 +34,7 @@ use self::clients::{Allowance, Client, Clients, Permit};
 use self::guarded::Guarded;
 use super::access::{Access, Caller};
 use super::budget::Budget;
+use super::faults::{FaultPoint, Faults};
 use super::problem::Failure;
 use super::settings::TrafficSettings;
 use super::trace::Origin;
@@ -47,6 +50,7 @@ pub(super) struct Traffic {
     access: Arc<Access>,
     settings: TrafficSettings,
     clients: Arc<Clients>,
+    faults: Faults,
     streams: Arc<Semaphore>,
     /// Bytes of uploads that are coming in.
     pub uploads: Arc<Budget>,
@@ -54,11 +58,12 @@ pub(super) struct Traffic {
 
 impl Traffic {
     /// Nothing yet.
-    pub fn new(settings: &TrafficSettings, access: Arc<Access>) -> Self {
+    pub fn new(settings: &TrafficSettings, access: Arc<Access>, faults: Faults) -> Self {
         Self {
             access,
             settings: settings.clone(),
             clients: Arc::default(),
+            faults,
             streams: Arc::new(Semaphore::new(settings.max_streams as usize)),
             uploads: Arc::new(Budget::new(settings.max_bytes_in_flight)),
         }
@@ -86,6 +91,7 @@ pub(super) async fn admit(State(traffic): State<Arc<Traffic>>, mut request: Requ
         request.extensions_mut().insert(Caller::anybody());
         return next.run(request).await;
     }
+    traffic.faults.pass(FaultPoint::Request);
     match check(&traffic, &request) {
         Ok((mut caller, held)) => {
             caller.origin = request.extensions().get::<Origin>().cloned();

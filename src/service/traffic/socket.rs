@@ -15,6 +15,8 @@ use super::refusals;
 #[derive(Debug)]
 pub(super) struct Socket {
     stream: TcpStream,
+    /// Bytes that were read before, and are still to be given out.
+    begun: Vec<u8>,
     patience: Duration,
     /// Runs while the other end takes nothing.
     deadline: Pin<Box<Sleep>>,
@@ -24,9 +26,9 @@ pub(super) struct Socket {
 }
 
 impl Socket {
-    /// Wraps a connection.
-    pub fn new(stream: TcpStream, patience: Duration) -> Self {
-        Self { stream, patience, deadline: Box::pin(sleep(patience)), is_waiting: false, instead: None }
+    /// Wraps a connection, of which these bytes were read.
+    pub fn new(stream: TcpStream, begun: Vec<u8>, patience: Duration) -> Self {
+        Self { stream, begun, patience, deadline: Box::pin(sleep(patience)), is_waiting: false, instead: None }
     }
 
     /// Writes the whole document in place of `refusal`; none for anything else.
@@ -64,7 +66,13 @@ impl Socket {
 
 impl AsyncRead for Socket {
     fn poll_read(mut self: Pin<&mut Self>, context: &mut Context<'_>, into: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.stream).poll_read(context, into)
+        if self.begun.is_empty() {
+            return Pin::new(&mut self.stream).poll_read(context, into);
+        }
+        let count = self.begun.len().min(into.remaining());
+        into.put_slice(&self.begun[..count]);
+        self.begun.drain(..count);
+        Poll::Ready(Ok(()))
     }
 }
 

@@ -174,7 +174,8 @@ pub(super) async fn small_blobs_of_the_upload_stay_until_the_end_and_those_of_th
     let stale = Ticket { attempt: 1, ..ticket };
     let progress = Progress { iterations: 3, ..Progress::default() };
     let rest = Some((vec![What::Iteration("{}".to_owned())], progress));
-    let summary = Summary { is_small: true, ..SUMMARY };
+    let contents = Contents { bytes: 1 << 40, sha256: "ab".repeat(32) };
+    let summary = Summary { is_small: true, blobs: BTreeMap::from([("labels.npy".to_owned(), contents)]), ..SUMMARY };
     let ending = Ending { end: End::Succeeded(summary.clone()), rest, result: result.to_vec() };
     assert_eq!(store.end(stale, ending.clone()).await.expect_err("stale").kind, Kind::Conflict);
     keeps(succeeded, &upload).await;

@@ -1,14 +1,15 @@
 //! What every store must do: one suite, run on each.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use async_trait::async_trait;
 
 use super::{
-    Claiming, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob, Notice,
-    Page, Progress, Release, Reservation, Retried, Rules, SMALL_BLOBS, SmallBlob, Spec, State, Statistics, Summary,
-    Ticket, What,
+    Claiming, Contents, Created, Deletion, End, Ending, Event, Idempotency, Job, JobId, JobStore, ListQuery, NewJob,
+    Notice, Page, Progress, Release, Reservation, Retried, Rules, SMALL_BLOBS, SmallBlob, Spec, State, Statistics,
+    Summary, Ticket, What,
 };
 use crate::error::{Error, Kind};
 use crate::mesh::Format;
@@ -130,7 +131,8 @@ async fn events(store: &dyn JobStore, id: JobId, after: u64, limit: usize) -> Ve
     store.events(id, after, limit).await.expect("readable").expect("a job")
 }
 
-const SUMMARY: Summary = Summary { faces: 12, clusters: 7, labels_sha256: None, is_small: false };
+const SUMMARY: Summary =
+    Summary { faces: 12, clusters: 7, labels_sha256: None, is_small: false, blobs: BTreeMap::new() };
 
 fn with_key(tenant: &str, key: &str, request: &str) -> NewJob {
     NewJob {

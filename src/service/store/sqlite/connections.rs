@@ -3,6 +3,7 @@
 //! A prepared statement takes some microseconds, less than the way to another thread and back. So the writer's thread
 //! runs changes, and a task reads a few rows itself; long reads run on a thread for blocking work. Knows no table.
 
+use std::fs::{File, TryLockError};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -109,10 +110,15 @@ pub(super) fn lacks_room(error: &rusqlite::Error) -> bool {
 /// The index of the log is a file of 32 KiB, shared by processes, that SQLite writes when the first connection is
 /// opened: on a full disk nothing could be read. While the file is *private*, the index is in the memory of this
 /// process, and other processes (`tesserae backup`) find the file locked.
+///
+/// The service locks the whole file for itself, by a lock that SQLite does not know: another service is refused
+/// whatever happened to the lock of the data folder.
 #[derive(Debug)]
 pub(super) struct Place {
     pub path: PathBuf,
     is_private: AtomicBool,
+    /// Closed after all connections: closing a file that SQLite has locked ends SQLite's own locks (POSIX).
+    lock: Option<File>,
 }
 
 impl Place {
@@ -120,8 +126,40 @@ impl Place {
     const PRIVATE: &str = "unix-excl";
 
     /// The file at `path`, shared.
+    #[cfg(test)]
     pub fn shared(path: PathBuf) -> Self {
-        Self { path, is_private: AtomicBool::new(false) }
+        Self { path, is_private: AtomicBool::new(false), lock: None }
+    }
+
+    /// The file at `path`, shared, and locked for this service. [`Kind::Conflict`] when another one has it.
+    pub fn locked(path: PathBuf) -> Result<Self> {
+        let cannot = |error| Error::io(format_args!("the store of jobs cannot be opened: {}", path.display()), error);
+        let lock = private::options().open(&path).map_err(cannot)?;
+        // elsewhere, a lock would keep SQLite from reading
+        if cfg!(unix) {
+            match lock.try_lock() {
+                Ok(()) => {}
+                Err(TryLockError::WouldBlock) => {
+                    return Err(Error::new(
+                        Kind::Conflict,
+                        format_args!(
+                            "another process works with the store of jobs; stop it, or give this one another \
+                             --data-dir: {}",
+                            path.display()
+                        ),
+                    ));
+                }
+                Err(TryLockError::Error(error)) => return Err(cannot(error)),
+            }
+        }
+        Ok(Self { path, is_private: AtomicBool::new(false), lock: Some(lock) })
+    }
+
+    /// Lets another process work with the file, once all connections are closed.
+    pub fn release(&self) {
+        if let Some(Err(error)) = self.lock.as_ref().map(File::unlock) {
+            tracing::warn!(%error, "the store of jobs stays locked until the process ends");
+        }
     }
 
     /// Whether the file is private.

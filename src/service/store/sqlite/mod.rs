@@ -61,7 +61,7 @@ pub(in crate::service) struct SqliteStore {
 impl SqliteStore {
     /// Opens the store in the file at `path`, or makes it. No other process may have it open.
     pub async fn open(path: &Path, rules: Rules, faults: Faults) -> Result<Self> {
-        let place = Arc::new(Place::shared(path.to_owned()));
+        let place = Arc::new(Place::locked(path.to_owned())?);
         let file = Arc::clone(&place);
         let (connection, readers, cursors) = blocking(move || opening::open(&file)).await??;
         let listeners = Arc::<Listeners>::default();
@@ -364,6 +364,7 @@ impl Maintenance for SqliteStore {
         // readers first: the last connection to close empties the log
         self.readers.close().await;
         self.writer.close().await;
+        self.place.release();
     }
 }
 
