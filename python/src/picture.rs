@@ -203,9 +203,7 @@ impl Samples {
             false => Err(Error::new(Kind::TooLarge, "faces cover one another too often for a picture")),
         }
     }
-}
 
-impl Samples {
     /// Number of samples that show a face.
     fn covered(&self) -> usize {
         self.faces.iter().filter(|&&face| face != NONE).count()
@@ -238,8 +236,7 @@ impl Samples {
             // those after it have no hue yet
             let before = neighbours.iter().map_while(|&(_, other)| (other < own).then(|| hues[other as usize]));
             before.for_each(|hue| used[hue] += 1);
-            let order = |&hue: &usize| (used[hue], total[hue], (HUES.len() + hue - own as usize % HUES.len()) % 8);
-            let best = (0..HUES.len()).min_by_key(order).unwrap_or_default();
+            let best = (0..HUES.len()).min_by_key(|&hue| (used[hue], total[hue])).unwrap_or_default();
             hues[own as usize] = best;
             total[best] += 1;
         }
