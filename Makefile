@@ -93,8 +93,16 @@ aarch64: install-test bundle  ## the labels of samples and real meshes on a 64-b
 PYTHON_VENV := $(abspath $(TARGET))/python-venv
 WHEELS := $(abspath $(TARGET))/wheels
 
+# pyacvd's own tests, which its source distribution leaves out.
+PYACVD := $(abspath $(TARGET))/pyacvd-0.4.0
+
+.PHONY: pyacvd-tests
+pyacvd-tests:
+	@test -d $(PYACVD)/tests || GIT_TERMINAL_PROMPT=0 git -c advice.detachedHead=false clone --quiet --depth 1 \
+		--branch v0.4.0 https://github.com/pyvista/pyacvd $(PYACVD) || echo "skipped: pyacvd's own tests cannot be fetched"
+
 .PHONY: python
-python: debug-binary $(PYTHON_VENV)/ready  ## build the Python package, check its types, and run its tests
+python: debug-binary $(PYTHON_VENV)/ready pyacvd-tests  ## build the Python package, check its types, and run its tests
 	cargo fmt --check --manifest-path python/Cargo.toml
 	cargo clippy --locked --manifest-path python/Cargo.toml --release --target-dir $(abspath $(TARGET)) -- -D warnings
 	rm -rf $(WHEELS)
@@ -105,7 +113,7 @@ python: debug-binary $(PYTHON_VENV)/ready  ## build the Python package, check it
 	cd python && $(PYTHON_VENV)/bin/mypy --cache-dir $(PYTHON_VENV)/mypy tesserae_mesh examples tests
 	cd python && $(PYTHON_VENV)/bin/pyright --pythonpath $(PYTHON_VENV)/bin/python tesserae_mesh examples
 	TESSERAE_BINARY=$(abspath $(TARGET))/debug/tesserae TESSERAE_WHEEL=$$(echo $(WHEELS)/*.whl) \
-		$(PYTHON_VENV)/bin/pytest -q -p no:cacheprovider python/tests
+		PYACVD_TESTS=$(PYACVD)/tests $(PYTHON_VENV)/bin/pytest -q -p no:cacheprovider python/tests
 
 .PHONY: python-install
 python-install: $(PYTHON_VENV)/ready  ## install the Python package into a new environment, from its source distribution as pip does

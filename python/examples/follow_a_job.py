@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-import sys
+import argparse
 
 import tesserae_mesh
 
@@ -23,4 +23,8 @@ def main(url: str, mesh: str, clusters: int) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2], int(sys.argv[3]))
+    parser = argparse.ArgumentParser(description="Cluster a mesh at a service, and watch its energy fall.")
+    parser.add_argument("url", help="of the service, such as http://127.0.0.1:8080")
+    parser.add_argument("mesh", help="name of the file")
+    parser.add_argument("clusters", type=int, help="number of clusters")
+    main(**vars(parser.parse_args()))

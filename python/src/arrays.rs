@@ -79,7 +79,7 @@ pub fn faces(connectivity: &Bound<'_, PyAny>, offsets: Option<&Bound<'_, PyAny>>
         for (face, pair) in ranges {
             if pair[0] >= pair[1] || pair[1] as usize > numbers.values.len() {
                 return Err(Error::mesh(format_args!(
-                    "face {face} (from 0) has no corners, or more than there are: offsets {} and {}",
+                    "face {face} has no corners, or more than there are: offsets {} and {}",
                     pair[0], pair[1]
                 )));
             }
@@ -134,8 +134,8 @@ where
             let (row, value) = (at / width, view.iter().nth(at));
             let value = value.map_or(String::new(), T::to_string);
             Err(Error::mesh(match shape.len() {
-                2 => format!("face {row} (from 0) has a corner that is no point: {value}"),
-                _ => format!("number {at} (from 0) of the {what} is no number of a point or corner: {value}"),
+                2 => format!("face {row} has a corner that is no point: {value}"),
+                _ => format!("element {at} of the {what} is no number of a point or corner: {value}"),
             }))
         }
     }
@@ -170,7 +170,7 @@ fn unpadded(mut numbers: impl ExactSizeIterator<Item = i64>) -> Result<(Vec<i64>
         let count =
             usize::try_from(count).ok().filter(|count| (1..=numbers.len()).contains(count)).ok_or_else(|| {
                 Error::mesh(format_args!(
-                    "face {} (from 0) of the padded array has no corners, or more than are left: {count}",
+                    "face {} of the padded array has no corners, or more than are left: {count}",
                     offsets.len() - 1
                 ))
             })?;

@@ -50,7 +50,8 @@ impl Reporter {
         }
     }
 
-    /// Keeps one value, which is dropped after the result was sent: the caller does not wait for its memory to be freed.
+    /// Keeps one value, which is dropped after the result was sent: the caller does not wait for its memory to be
+    /// freed.
     pub fn keep(&self, value: impl Send + 'static) {
         *self.kept.lock().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(value));
     }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde_json::Value;
@@ -12,7 +12,8 @@ use tesserae_mesh::{Error, Result};
 
 use crate::arrays::{self, Points};
 use crate::background::run_quietly;
-use crate::error::raised;
+use crate::error::{exception, raised};
+use crate::picture::{Picture, draw};
 
 /// A mesh.
 #[pyclass(frozen, from_py_object, module = "tesserae_mesh._native")]
@@ -62,6 +63,24 @@ impl Geometry {
         let faces = &self.mesh.faces;
         let ends = (0..faces.len()).map(|face| faces.corner_range(face).end as u32);
         (!faces.are_triangles()).then(|| PyArray1::from_vec(py, std::iter::once(0).chain(ends).collect()))
+    }
+
+    /// A picture of the clusters, or of the faces: rows of pixels, each red, green, blue and opacity.
+    #[pyo3(signature = (labels))]
+    fn picture<'py>(
+        &self,
+        py: Python<'py>,
+        labels: Option<&Bound<'py, PyArray1<u32>>>,
+    ) -> PyResult<Bound<'py, PyArray3<u8>>> {
+        let (mesh, labels) = (Arc::clone(&self.mesh), labels.map(arrays::labels).transpose()?);
+        let faces = mesh.faces.len();
+        let are_wrong =
+            |labels: &Vec<u32>| labels.len() != faces || labels.iter().any(|&label| label as usize >= faces);
+        if labels.as_ref().is_some_and(are_wrong) {
+            return Err(exception(py, &Error::mesh(format_args!("labels must be {faces} numbers below {faces}"))));
+        }
+        let Picture { width, height, bytes } = run_quietly(py, move || draw(&mesh, labels.as_deref()))?;
+        PyArray1::from_vec(py, bytes).reshape([height, width, 4])
     }
 
     /// A triangle mesh with a vertex a cluster.

@@ -1,6 +1,7 @@
 //! A clustering of arrays or of a file.
 
-use std::path::PathBuf;
+use std::io;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use numpy::{PyArray1, PyReadonlyArray1};
@@ -19,7 +20,7 @@ use tesserae_mesh::{Error, Result};
 
 use crate::arrays::{self, Points};
 use crate::background::{self, Reporter};
-use crate::error::raised;
+use crate::error::{raised, unreadable};
 use crate::outcome::Outcome;
 
 /// What to do with a mesh.
@@ -127,19 +128,25 @@ impl Job {
         Ok((item_of_point.iter().map(label).collect(), clusters))
     }
 
+    /// Clusters the mesh of a file, or gives the error with which the system refuses to read it.
     fn cluster_file(
         &self,
-        path: &PathBuf,
+        path: &Path,
         format: Option<Format>,
         cancel: &Cancel,
         reporter: &Reporter,
-    ) -> Result<Outcome> {
+    ) -> Result<io::Result<Outcome>> {
         let begin = Instant::now();
-        let name = path.to_string_lossy();
-        let unreadable = |error| Error::io(format_args!("cannot read {name}"), error);
-        self.limits.check_bytes(std::fs::metadata(path).map_err(unreadable)?.len())?;
-        let bytes = std::fs::read(path).map_err(unreadable)?;
-        let recognised = || Format::recognise(Some(&name), &bytes, Some(bytes.len() as u64));
+        let length = match std::fs::metadata(path) {
+            Ok(metadata) => metadata.len(),
+            Err(error) => return Ok(Err(error)),
+        };
+        self.limits.check_bytes(length)?;
+        let bytes = match std::fs::read(path) {
+            Ok(bytes) => bytes,
+            Err(error) => return Ok(Err(error)),
+        };
+        let recognised = || Format::recognise(Some(&path.to_string_lossy()), &bytes, Some(bytes.len() as u64));
         let format = format.map_or_else(recognised, Ok)?;
         let read = milliseconds(begin.elapsed());
         let kept: [&Artifact; 1] = [&MESH];
@@ -155,7 +162,7 @@ impl Job {
         })?;
         prepared.timings.read = read;
         drop(bytes);
-        Ok(Outcome::of(self.run(&prepared, begin, cancel, reporter)?))
+        Ok(Ok(Outcome::of(self.run(&prepared, begin, cancel, reporter)?)))
     }
 }
 
@@ -207,5 +214,7 @@ pub fn cluster_file(
     on_row: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Outcome> {
     let format = raised(py, format.map(Format::from_name).transpose())?;
-    background::run(py, move |cancel, reporter| job.cluster_file(&path, format, cancel, reporter), on_row)
+    let file = path.clone();
+    let work = move |cancel: &Cancel, reporter: &Reporter| job.cluster_file(&file, format, cancel, reporter);
+    background::run(py, work, on_row)?.map_err(|error| unreadable(py, &path, error))
 }

@@ -1,7 +1,7 @@
 //! The extension module `tesserae_mesh._native`: the library, with NumPy's arrays for arguments and results.
 //!
-//! The Python package around it (`python/tesserae_mesh`) has the interface that users see: it brings arrays into the few
-//! layouts that are read here, and turns JSON into objects. `_native.pyi` has the types.
+//! The Python package around it (`python/tesserae_mesh`) has the interface that users see: it brings arrays into the
+//! few layouts that are read here, and turns JSON into objects. `_native.pyi` has the types.
 //!
 //! | file | what is there |
 //! |---|---|
@@ -10,6 +10,7 @@
 //! | `job` | parameters; a clustering of arrays or of a file |
 //! | `outcome` | what a clustering gives |
 //! | `geometry` | a mesh for outputs that are made of one |
+//! | `picture` | a picture of a mesh, for notebooks |
 //! | `tree` | hierarchies |
 //! | `error` | errors and panics as `tesserae_mesh.Error` |
 
@@ -19,13 +20,16 @@ mod error;
 mod geometry;
 mod job;
 mod outcome;
+mod picture;
 mod tree;
 
 use std::ffi::OsString;
 use std::io::Write as _;
 
+use numpy::{PyArray1, PyArray2, PyArrayMethods as _};
 use pyo3::prelude::*;
 use tesserae_mesh::artifacts;
+use tesserae_mesh::export::colour;
 use tesserae_mesh::parameters::Parameters;
 
 /// The extension module.
@@ -42,6 +46,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(arrays::unpad, module)?)?;
     module.add_function(wrap_pyfunction!(main, module)?)?;
     module.add_function(wrap_pyfunction!(forms, module)?)?;
+    module.add_function(wrap_pyfunction!(colours, module)?)?;
     module.add_function(wrap_pyfunction!(parameters, module)?)
 }
 
@@ -60,6 +65,13 @@ fn main(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
 #[pyfunction]
 fn forms() -> Vec<(&'static str, &'static str)> {
     artifacts::ALL.iter().flat_map(|artifact| artifact.forms.iter().map(|form| (form.file, artifact.about))).collect()
+}
+
+/// The colours of clusters in outputs: red, green, blue.
+#[pyfunction]
+fn colours(py: Python<'_>, clusters: u32) -> PyResult<Bound<'_, PyArray2<u8>>> {
+    let bytes = (0..clusters).flat_map(colour::of_cluster).collect();
+    PyArray1::from_vec(py, bytes).reshape([clusters as usize, 3])
 }
 
 /// Every parameter of a job.

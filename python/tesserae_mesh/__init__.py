@@ -2,14 +2,14 @@
 
 >>> import tesserae_mesh
 >>> clustering = tesserae_mesh.cluster(points, faces, clusters=1000)  # doctest: +SKIP
->>> clustering.labels                                            # doctest: +SKIP
+>>> clustering.labels                                                 # doctest: +SKIP
 array([  0,   0, 731, ...], dtype=uint32)
 
 Labels depend on the mesh and the parameters only: not on threads, machine or device. They equal those of the command
 line (``python -m tesserae_mesh cluster``) for the same mesh and parameters.
 
-Nothing but the standard library is imported until a name of this module is first used, so that ``import tesserae_mesh`` and
-the command line start at once.
+Nothing but the standard library is imported until a name of this module is first used, so that ``import
+tesserae_mesh`` and the command line start at once.
 """
 
 from __future__ import annotations
@@ -75,4 +75,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pyvista
 
 from tesserae_mesh._cluster import cluster
@@ -52,10 +51,7 @@ class TesseraeAccessor:
         **parameters
             Of `tesserae_mesh.cluster`.
         """
-        made = self.cluster(clusters, **parameters).remesh(placement)
-        mesh = pyvista.PolyData(made.points, np.insert(made.faces.astype(np.int64), 0, 3, axis=1).ravel())
-        mesh.point_data["cluster"] = made.clusters
-        return mesh
+        return self.cluster(clusters, **parameters).remesh(placement).to_pyvista()
 
     def plot(self, clusters: int = 1000, **options: Any) -> Any:
         """Cluster the cells and show the clusters; options of `pyvista.plot`."""

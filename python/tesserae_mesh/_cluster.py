@@ -11,7 +11,7 @@ import numpy as np
 
 from tesserae_mesh import _native
 from tesserae_mesh._clustering import Clustering
-from tesserae_mesh._errors import Error, count_if_given
+from tesserae_mesh._errors import Error, count, count_if_given
 from tesserae_mesh._mesh import Mesh
 from tesserae_mesh._progress import Rows
 
@@ -37,7 +37,7 @@ _CLUSTERS = _Default(1000)
 
 def cluster(
     points: Union[ArrayLike, MeshLike, PathLike],
-    faces: Optional[FacesLike] = None,
+    faces: Union[FacesLike, int, None] = None,
     clusters: Optional[int] = _CLUSTERS,
     *,
     algorithm: Algorithm = "bb",
@@ -76,14 +76,15 @@ def cluster(
     ----------
     points : array_like of shape (N, 3), mesh, or path
         Positions in any unit of length, float32 or float64; an array that is contiguous and aligned is not copied. Or
-        with `faces` left out: a ``pyvista.PolyData``, ``trimesh.Trimesh``, ``open3d.geometry.TriangleMesh``,
-        ``meshio.Mesh`` or `tesserae_mesh.Mesh`, or the name of an OBJ, GLB, glTF, PLY or STL file.
+        with `faces` left out: a ``pyvista.PolyData``, ``trimesh.Trimesh``, ``trimesh.Scene`` (its meshes in the order
+        of ``to_mesh()``, each at its place), ``open3d.geometry.TriangleMesh``, ``meshio.Mesh`` or `tesserae_mesh.Mesh`,
+        or the name of an OBJ, GLB, glTF, PLY or STL file.
     faces : array_like or tuple, optional
         Polygons: integers of shape (F, n), F faces of n corners; VTK's padded array of one dimension; or a tuple of
-        offsets (F + 1) and corners.
+        offsets (F + 1) and corners. A single integer after a mesh or path is `clusters`.
     clusters : int or None
-        Number of clusters. When left out: 1,000 for flat clusterings, the number of seeds if they are listed, and
-        all the way to the top for hierarchies.
+        Number of clusters; ``cluster(mesh, 100)`` is ``cluster(mesh, clusters=100)``. When left out: 1,000 for flat
+        clusterings, the number of seeds if they are listed, and all the way to the top for hierarchies.
     algorithm : {"bb", "pml", "ml", "hr", "acvd", "vc"}
         ``"bb"``, boundary-based clustering (Parallel Mesh Clustering, section 3), makes flat clusters; ``"pml"``
         (parallel multilevel) and ``"ml"`` (multilevel; section 4) and ``"hr"`` (hierarchical, Garland et al. 2001)
@@ -142,8 +143,9 @@ def cluster(
     max_upload_bytes : int, optional
         Files: largest number of bytes, the mesh and its buffers together; 4 GiB when left out.
     progress : bool or callable
-        True shows a bar on standard error (by tqdm, if that is installed). A callable gets every `tesserae_mesh.Iteration`,
-        and of hierarchies every `tesserae_mesh.Level`, in the calling thread; an exception that it raises cancels.
+        True shows a bar on standard error (by tqdm, if that is installed). A callable gets every
+        `tesserae_mesh.Iteration`, and of hierarchies every `tesserae_mesh.Level`, in the calling thread; an exception
+        that it raises cancels.
 
     Returns
     -------
@@ -154,8 +156,8 @@ def cluster(
     ------
     tesserae_mesh.Error
         A parameter is unknown or impossible (``kind`` is ``"invalid-parameter"``), the mesh cannot be clustered
-        (``"invalid-mesh"``, ``"unsupported-mesh"``, ``"too-large"``), a file cannot be read (``"io"``), or the device
-        does not exist or cannot take the mesh (``"device-unsuitable"``).
+        (``"invalid-mesh"``, ``"unsupported-mesh"``, ``"too-large"``), a file cannot be read (``"io"``; the error is an
+        `OSError`, too), or the device does not exist or cannot take the mesh (``"device-unsuitable"``).
     KeyboardInterrupt
         Ctrl-C was pressed.
 
@@ -167,6 +169,11 @@ def cluster(
     >>> clustering.labels
     array([0, 1], dtype=uint32)
     """
+    if _is_number(faces):
+        number = count(faces, "clusters")
+        if clusters is not _CLUSTERS:
+            raise Error("invalid-parameter", f"the number of clusters is given twice: {number} and {clusters}")
+        clusters, faces = number, None
     file = os.fspath(points) if faces is None and isinstance(points, (str, os.PathLike)) else None
     listed = None if isinstance(seeds, str) else _npy(seeds, "seeds", "iu")
     if clusters is _CLUSTERS and (algorithm in ("pml", "ml", "hr") or listed is not None):
@@ -222,6 +229,10 @@ def cluster_points(
     """
     job = _native.Job(_json(clusters=clusters, **parameters), None, None, "cpu", None, None, None, None)
     return _native.cluster_points(mesh.points, mesh.connectivity, weights, job)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
 
 
 def _json(**parameters: Any) -> str:

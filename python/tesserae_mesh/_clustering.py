@@ -12,9 +12,12 @@ from tesserae_mesh import _native
 from tesserae_mesh._errors import Error
 from tesserae_mesh._hierarchy import Cut, Hierarchy
 from tesserae_mesh._mesh import Mesh
+from tesserae_mesh._picture import with_picture
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    import pyvista
+    import trimesh
+    from numpy.typing import ArrayLike, NDArray
 
 Placement = Literal["fit", "surface", "centroid"]
 
@@ -29,6 +32,10 @@ ITERATION = np.dtype(
     ]
 )
 """A row of `Clustering.iterations`."""
+
+
+SHOWN_OF_A_HIERARCHY = 100
+"""Clusters in the picture of a whole hierarchy, where it has no fewer faces and no more roots."""
 
 
 def outputs() -> dict[str, str]:
@@ -52,6 +59,42 @@ class Remesh(NamedTuple):
     ``(barycentric[:, :, None] * attribute[vertices]).sum(axis=1)``."""
     summary: dict[str, Any]
     """What was checked: numbers of vertices and triangles, Euler number, boundary loops, components."""
+
+    def to_trimesh(self) -> trimesh.Trimesh:
+        """Return a ``trimesh.Trimesh``, whose ``vertex_attributes["cluster"]`` are `clusters`.
+
+        Raises
+        ------
+        tesserae_mesh.Error
+            trimesh is not installed (``"unavailable"``).
+        """
+        try:
+            import trimesh
+        except ImportError as error:
+            raise Error("unavailable", "to_trimesh() needs trimesh: pip install trimesh") from error
+        attributes: dict[str, ArrayLike] = {"cluster": self.clusters}
+        return trimesh.Trimesh(self.points, self.faces.astype(np.int64), vertex_attributes=attributes, process=False)
+
+    def to_pyvista(self) -> pyvista.PolyData:
+        """Return a ``pyvista.PolyData``, whose point data ``cluster`` are `clusters`.
+
+        Raises
+        ------
+        tesserae_mesh.Error
+            pyvista is not installed (``"unavailable"``).
+        """
+        from tesserae_mesh._plot import polydata
+
+        mesh = polydata(Mesh(self.points, self.faces))
+        mesh.point_data["cluster"] = self.clusters
+        return mesh
+
+    def __repr__(self) -> str:
+        clusters = self.summary["vertices"]["clusters"]
+        return f"Remesh({self.points.shape[0]} points, {self.faces.shape[0]} triangles, {clusters} clusters)"
+
+    def _repr_html_(self) -> str:
+        return with_picture(repr(self), _native.Geometry(self.points, self.faces, None), None)
 
 
 class Clustering:
@@ -83,6 +126,10 @@ class Clustering:
         self.hexagon_ratio: Optional[float] = outcome.hexagon_ratio if cut is None else None
 
     @cached_property
+    def _labels(self) -> Optional[NDArray[np.uint32]]:
+        return self._outcome.labels() if self._cut is None else self._cut.labels
+
+    @property
     def labels(self) -> NDArray[np.uint32]:
         """The cluster of each face.
 
@@ -92,10 +139,9 @@ class Clustering:
             The clustering is a whole hierarchy, which has labels at every number of clusters: take `cut`
             (``"conflict"``).
         """
-        labels = self._outcome.labels() if self._cut is None else self._cut.labels
-        if labels is None:
+        if self._labels is None:
             raise Error("conflict", "a whole hierarchy has labels at every number of clusters: take them with cut(k)")
-        return labels
+        return self._labels
 
     @cached_property
     def mesh(self) -> Mesh:
@@ -235,3 +281,9 @@ class Clustering:
 
     def __repr__(self) -> str:
         return f"Clustering({self._outcome.faces} faces, {self.clusters} clusters, energy {self.energy:.6g})"
+
+    def _repr_html_(self) -> str:
+        if self._labels is not None:
+            return with_picture(repr(self), self._geometry, self._labels)
+        cut = self.hierarchy.cut(max(self.clusters, min(SHOWN_OF_A_HIERARCHY, self._outcome.faces)))
+        return with_picture(f"{self!r}, cut at {cut.clusters}", self._geometry, cut.labels)

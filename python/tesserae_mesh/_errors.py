@@ -1,19 +1,21 @@
-"""The one exception of the package."""
+"""The exceptions of the package."""
 
 from __future__ import annotations
 
 import operator
-from typing import Optional, SupportsIndex, cast
+import os
+from typing import Optional, SupportsIndex, Union, cast
 
 
-class Error(Exception):
+class Error(ValueError):
     """Something that `tesserae_mesh` refuses or could not do.
 
     Parameters
     ----------
     kind : str
         What went wrong, for programs: the last segment of the problem types of the HTTP service, such as
-        ``"invalid-parameter"``, ``"invalid-mesh"``, ``"too-large"``, ``"conflict"`` or ``"io"``.
+        ``"invalid-parameter"``, ``"invalid-mesh"``, ``"too-large"``, ``"conflict"`` or ``"io"``. The errors of files
+        are `OSError`, too, with ``errno`` and ``filename``.
     message : str
         What went wrong, for people: what, where in the input, what to do.
     """
@@ -28,6 +30,38 @@ class Error(Exception):
 
     def __str__(self) -> str:
         return self.message
+
+
+class FileError(Error, OSError):
+    """A file that cannot be read or written.
+
+    Parameters
+    ----------
+    message : str
+        Which file, and why.
+    number : int, optional
+        `OSError.errno`.
+    path : str or path, optional
+        `OSError.filename`.
+    """
+
+    def __init__(
+        self, message: str, number: Optional[int] = None, path: Union[str, os.PathLike[str], None] = None
+    ) -> None:
+        super().__init__("io", message)
+        self.errno = number
+        self.strerror = None if number is None else os.strerror(number)
+        self.filename = None if path is None else os.fspath(path)
+
+    def __reduce__(self) -> tuple[type[FileError], tuple[object, ...]]:
+        return type(self), (self.message, self.errno, self.filename)
+
+
+def file_error(what: str, path: Union[str, os.PathLike[str]], cause: Exception) -> FileError:
+    """Return the error of a file that the system refuses: `what` is ``"read"`` or ``"write"``."""
+    number = cause.errno if isinstance(cause, OSError) else None
+    reason = cause if number is None else os.strerror(number)
+    return FileError(f"cannot {what} {os.fspath(path)}: {reason}", number, path)
 
 
 def count(value: object, name: str) -> int:

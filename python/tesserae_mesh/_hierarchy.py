@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Optional, Union
 import numpy as np
 
 from tesserae_mesh import _native
-from tesserae_mesh._errors import Error, count, count_if_given
+from tesserae_mesh._errors import count, count_if_given, file_error
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -34,6 +34,9 @@ class Cut(NamedTuple):
     """Rounds replayed as a whole."""
     merges_on_top: int
     """Merges of the next round on top, the cheapest ones; 0 of an exact cut."""
+
+    def __repr__(self) -> str:
+        return f"Cut({self.labels.shape[0]} faces, {self.clusters} clusters, {self.kind}, energy {self.energy:.6g})"
 
 
 class Hierarchy:
@@ -71,7 +74,7 @@ class Hierarchy:
         try:
             content = Path(source).read_bytes()
         except (OSError, ValueError) as error:
-            raise Error("io", f"cannot read {os.fspath(source)}: {error}") from error
+            raise file_error("read", source, error) from error
         return cls(_native.Tree.read(content, max_faces))
 
     def save(self, path: Union[str, os.PathLike[str]]) -> None:
@@ -82,10 +85,11 @@ class Hierarchy:
         tesserae_mesh.Error
             The file cannot be written (``"io"``).
         """
+        content = self._tree.write()
         try:
-            Path(path).write_bytes(self._tree.write())
+            Path(path).write_bytes(content)
         except (OSError, ValueError) as error:
-            raise Error("io", f"cannot write {os.fspath(path)}: {error}") from error
+            raise file_error("write", path, error) from error
 
     def to_bytes(self) -> bytes:
         """Return what `save` writes."""

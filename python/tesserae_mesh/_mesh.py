@@ -6,6 +6,7 @@ Nothing is imported but NumPy: objects of other libraries are recognised by thei
 |---|---|
 | ``pyvista.PolyData`` | ``points``, ``faces`` (VTK's padded array) |
 | ``trimesh.Trimesh`` | ``vertices``, ``faces`` |
+| ``trimesh.Scene`` | ``geometry``, ``graph`` |
 | ``open3d.geometry.TriangleMesh`` | ``vertices``, ``triangles`` |
 | ``meshio.Mesh`` | ``points``, ``cells`` |
 
@@ -47,6 +48,15 @@ class TrimeshLike(Protocol):
     def faces(self) -> Any: ...
 
 
+class SceneLike(Protocol):
+    """An object like ``trimesh.Scene``."""
+
+    @property
+    def geometry(self) -> Any: ...
+    @property
+    def graph(self) -> Any: ...
+
+
 class TriangleMeshLike(Protocol):
     """An object like ``open3d.geometry.TriangleMesh``."""
 
@@ -74,7 +84,8 @@ class Mesh:
         Positions, in any unit of length; finite.
     faces : array_like or tuple
         Polygons: an integer array of shape (F, n), F polygons of n corners; VTK's padded array of one dimension,
-        ``[n, i, j, ..., n, ...]``; or a tuple of two arrays, offsets of shape (F + 1,) and corners, as VTK's cell arrays have them.
+        ``[n, i, j, ..., n, ...]``; or a tuple of two arrays, offsets of shape (F + 1,) and corners, as VTK's cell
+        arrays have them.
 
     Attributes
     ----------
@@ -130,6 +141,8 @@ class Mesh:
         """
         if isinstance(mesh, Mesh):
             return mesh
+        if hasattr(mesh, "geometry") and hasattr(mesh, "graph"):
+            return _of_scene(mesh)
         points: Any = getattr(mesh, "points", None)
         vertices: Any = getattr(mesh, "vertices", None)
         if getattr(mesh, "n_strips", 0):
@@ -186,7 +199,7 @@ class Mesh:
         return f"Mesh({self.n_points} points, {self.n_faces} faces)"
 
 
-MeshLike = Union[Mesh, PolyDataLike, TrimeshLike, TriangleMeshLike, MeshioLike]
+MeshLike = Union[Mesh, PolyDataLike, TrimeshLike, SceneLike, TriangleMeshLike, MeshioLike]
 PathLike = Union[str, "os.PathLike[str]"]
 
 
@@ -238,6 +251,27 @@ def _unpadded(padded: Numbers) -> tuple[Numbers, Optional[Numbers]]:
 def _is_list(value: object) -> bool:
     """Whether it is a list, of whatever."""
     return isinstance(value, list)
+
+
+def _of_scene(scene: Any) -> Mesh:
+    """The meshes of a trimesh scene, each at its place; paths and point clouds have no area and are left out."""
+    points: list[NDArray[np.float64]] = []
+    faces: list[NDArray[np.int64]] = []
+    count = 0
+    for node in scene.graph.nodes_geometry:
+        transform, name = scene.graph[node]
+        part: Any = scene.geometry[name]
+        if not hasattr(part, "faces"):
+            continue
+        corners = np.asarray(part.faces, dtype=np.int64)
+        if np.linalg.det(transform[:3, :3]) < 0:  # a mirror turns faces over
+            corners = corners[:, ::-1]
+        points.append(np.asarray(part.vertices) @ transform[:3, :3].T + transform[:3, 3])
+        faces.append(corners + count)
+        count += len(points[-1])
+    if not faces:
+        raise Error("invalid-mesh", "the scene has no meshes")
+    return Mesh(np.concatenate(points), np.concatenate(faces))
 
 
 def _of_blocks(points: Any, blocks: list[Any]) -> Mesh:

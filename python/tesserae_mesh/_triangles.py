@@ -38,12 +38,18 @@ def nearest_in_triangles(points: NDArray[np.float64], corners: NDArray[np.float6
 
 
 def quartered(triangles: NDArray[np.int64], points: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The ends of each edge, and four triangles for each; the middle of edge i is point ``points + i``."""
-    sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    keys, middle = np.unique(sides[:, 0] * points + sides[:, 1], return_inverse=True)
-    ends = np.stack(np.divmod(keys, points), axis=1)
-    (a, b, c), (ab, bc, ca) = triangles.T, points + middle.reshape(-1, 3).T
-    return ends, np.stack([a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca], axis=1).reshape(-1, 3)
+    """The ends of each edge, and four triangles for each; the middle of edge i is point ``points + i``.
+
+    Points and triangles have the order of VTK's linear subdivision, which is pyvista's ``subdivide``.
+    """
+    sides = np.sort(triangles[:, [[2, 0], [0, 1], [1, 2]]].reshape(-1, 2), axis=1)
+    keys, first, edge = np.unique(sides[:, 0] * points + sides[:, 1], return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    middle = np.empty_like(order)
+    middle[order] = points + np.arange(len(order))
+    ends = np.stack(np.divmod(keys[order], points), axis=1)
+    (a, b, c), (ca, ab, bc) = triangles.T, middle[edge].reshape(-1, 3).T
+    return ends, np.stack([a, ab, ca, ab, b, bc, bc, c, ca, ab, bc, ca], axis=1).reshape(-1, 3)
 
 
 def normals(points: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.float64]:

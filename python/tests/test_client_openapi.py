@@ -1,4 +1,4 @@
-"""The client against ``openapi.yaml``: every path, parameter and document; and the kinds of errors against the library."""
+"""The client against ``openapi.yaml``: every path, parameter, document; the kinds of errors against the library."""
 
 from __future__ import annotations
 

@@ -165,7 +165,9 @@ def test_mistakes_have_their_kinds(client: tesserae_mesh.Client, sphere: pathlib
     assert address.value.kind == "invalid-parameter"
 
 
-def test_a_job_that_takes_longer_than_the_caller_waits_goes_on(client: tesserae_mesh.Client, tmp_path: pathlib.Path) -> None:
+def test_a_job_that_takes_longer_than_the_caller_waits_goes_on(
+    client: tesserae_mesh.Client, tmp_path: pathlib.Path
+) -> None:
     job = client.submit(sample(tmp_path, "sphere", 20_000, "glb"), clusters=200)
     with pytest.raises(TimedOut):
         job.wait(timeout=0.0)
@@ -228,7 +230,8 @@ def test_events_go_on_after_the_service_was_killed(tmp_path: pathlib.Path) -> No
 
 def test_calls_are_made_again_while_the_service_restarts(tmp_path: pathlib.Path, sphere: pathlib.Path) -> None:
     with Service(BINARY, "--data-dir", str(tmp_path / "data"), "--device", "cpu") as service:
-        with tesserae_mesh.Client(service.url, patience=60) as client, tesserae_mesh.Client(service.url, patience=0.0) as hasty:
+        patient = tesserae_mesh.Client(service.url, patience=60)
+        with patient as client, tesserae_mesh.Client(service.url, patience=0.0) as hasty:
             job = client.submit(sphere, clusters=10).wait()
             service.kill()
             with pytest.raises(Unreachable):

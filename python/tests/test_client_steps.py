@@ -307,12 +307,14 @@ def test_a_gltf_brings_the_buffers_beside_it_and_no_other_files(tmp_path: Any) -
     uris = ["a%20b.bin", "../secret.bin", str(tmp_path / "secret.bin"), "data:;base64,AAAA", "absent.bin"]
     (folder / "m.gltf").write_text(json.dumps({"buffers": [{"uri": uri} for uri in uris]}))
     with upload.form_of(folder / "m.gltf", {}) as form:
-        buffers = [(name, content.read()) for part, name, content, _ in form.parts if part == "buffer"]  # type: ignore[union-attr]
+        parts = [(name, content) for part, name, content, _ in form.parts if part == "buffer"]
+        buffers = [(name, content.read()) for name, content in parts]  # type: ignore[union-attr]
     assert buffers == [("a b.bin", b"inside")]
 
 
 def test_numbers_of_numpy_are_parameters() -> None:
-    with upload.form_of(OBJ, {"clusters": np.int64(3), "levels": np.array([5, 4]), "seeds": np.array([0])}) as form:  # type: ignore[typeddict-item]
+    options: Any = {"clusters": np.int64(3), "levels": np.array([5, 4]), "seeds": np.array([0])}
+    with upload.form_of(OBJ, options) as form:
         parts = {part: content for part, _, content, _ in form.parts}
     assert json.loads(parts["parameters"]) == {"clusters": 3, "levels": [5, 4]}  # type: ignore[arg-type]
     assert json.loads(parts["seeds"]) == [0]  # type: ignore[arg-type]

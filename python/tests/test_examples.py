@@ -22,6 +22,13 @@ def test_the_example_prints_what_the_guide_shows() -> None:
     assert f"```text\n{done.stdout}```" in GUIDE.read_text(encoding="utf-8"), done.stdout
 
 
+def test_an_example_without_its_arguments_shows_its_usage() -> None:
+    example = PYTHON / "examples" / "follow_a_job.py"
+    done = subprocess.run([sys.executable, example], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("usage: follow_a_job.py") and "url mesh clusters" in done.stderr
+
+
 def test_the_code_of_the_guide_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", GUIDE.read_text(encoding="utf-8"), flags=re.DOTALL)

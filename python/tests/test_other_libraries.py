@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from conftest import read_obj
+from conftest import read_obj, real_meshes
 
 import tesserae_mesh
 
@@ -66,6 +67,71 @@ def test_triangles_of_pyvista_are_those_of_vtk_without_a_copy() -> None:
     mesh = tesserae_mesh.Mesh.of(sphere)
     assert mesh.points.dtype == np.float32 and np.shares_memory(mesh.points, sphere.points)
     assert mesh.connectivity.shape == (sphere.n_cells, 3) and np.shares_memory(mesh.connectivity, sphere.regular_faces)
+
+
+def scene_of_parts() -> Any:
+    """A tree of nodes: a box twice, once mirrored, below a node that turns, a path, and a ball."""
+    trimesh = pytest.importorskip("trimesh")
+    scene = trimesh.Scene()
+    turned = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3], [0.2, 0, 0])
+    scene.graph.update(frame_to="turned", matrix=turned)
+    scene.add_geometry(trimesh.creation.box(), geom_name="box", node_name="a", parent_node_name="turned")
+    mirror = np.diag([-1.0, 2, 1, 1])
+    mirror[:3, 3] = [4, 0, 1]
+    scene.graph.update(frame_to="b", frame_from="turned", matrix=mirror, geometry="box")
+    scene.add_geometry(trimesh.load_path(np.array([[0.0, 0, 0], [9, 9, 9]])))
+    scene.add_geometry(trimesh.creation.icosphere(subdivisions=3), transform=np.diag([0.5, 0.5, 0.5, 1]))
+    return scene
+
+
+def test_a_scene_is_one_mesh_with_everything_at_its_place() -> None:
+    scene = scene_of_parts()
+    joined = scene.to_mesh()
+    mesh = tesserae_mesh.Mesh.of(scene)
+    assert np.allclose(mesh.points, joined.vertices) and np.array_equal(mesh.connectivity, joined.faces)
+    assert not np.allclose(mesh.points, np.concatenate([part.vertices for part in scene.dump()[:2]] * 2)[0])
+    clustering = tesserae_mesh.cluster(scene, 30)
+    assert np.array_equal(clustering.labels, tesserae_mesh.cluster(mesh.points, mesh.connectivity, 30).labels)
+    with pytest.raises(tesserae_mesh.Error, match="the scene has no meshes"):
+        tesserae_mesh.cluster(type(scene)(), 3)
+
+
+@pytest.mark.parametrize("path", list(real_meshes(".glb", ".gltf")), ids=lambda path: str(path.name))
+def test_scenes_of_real_files_are_what_trimesh_joins(path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    try:
+        scene = trimesh.load_scene(path)
+    except Exception as error:  # of any kind: what trimesh does not read is no input of ours
+        pytest.skip(f"trimesh does not read it: {error!r:.80}")
+    if not any(hasattr(part, "faces") for part in scene.geometry.values()):
+        pytest.skip("no meshes")
+    joined = scene.to_mesh()
+    mesh = tesserae_mesh.Mesh.of(scene)
+    assert np.array_equal(mesh.connectivity, joined.faces)
+    assert np.allclose(mesh.points, joined.vertices, atol=1e-9 * np.abs(joined.vertices).max())
+
+
+def test_a_remesh_becomes_an_object_of_trimesh_and_pyvista(sample: Sample) -> None:
+    pytest.importorskip("trimesh")
+    pytest.importorskip("pyvista")
+    remesh = tesserae_mesh.cluster(sample("knot", 3000), 300).remesh()
+    mesh = remesh.to_trimesh()
+    assert mesh.is_watertight and mesh.volume > 0
+    assert np.array_equal(mesh.vertices, remesh.points) and np.array_equal(mesh.faces, remesh.faces)
+    assert np.array_equal(mesh.vertex_attributes["cluster"], remesh.clusters)
+    data = remesh.to_pyvista()
+    assert data.is_manifold and np.array_equal(data.points, remesh.points)
+    assert np.array_equal(data.regular_faces, remesh.faces)
+    assert np.array_equal(data.point_data["cluster"], remesh.clusters)
+
+
+@pytest.mark.parametrize("name", ["trimesh", "pyvista"])
+def test_a_library_that_is_not_installed_is_named(sample: Sample, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    remesh = tesserae_mesh.cluster(sample("knot", 500), 50).remesh()
+    monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(tesserae_mesh.Error, match=f"needs {name}: pip install") as caught:
+        getattr(remesh, f"to_{name}")()
+    assert caught.value.kind == "unavailable"
 
 
 def test_polygons_of_pyvista_are_mixed() -> None:

@@ -15,7 +15,7 @@ import pytest
 pyvista = pytest.importorskip("pyvista")
 
 import tesserae_mesh  # noqa: E402
-from tesserae_mesh import _plot  # noqa: E402
+from tesserae_mesh import _native  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 HAS_ACCESSORS = hasattr(pyvista, "register_dataset_accessor")
@@ -27,7 +27,7 @@ def mesh() -> Any:
 
 
 def test_colours_are_those_of_outputs(mesh: Any) -> None:
-    for cluster, colour in enumerate(_plot.colours(40)):
+    for cluster, colour in enumerate(_native.colours(40)):
         hue, saturation, value = 0.61803398875 * cluster % 1, (0.75, 0.5, 0.9)[cluster % 3], 0.0
         value = (0.95, 0.75, 0.85, 0.65)[cluster % 4]
         assert np.allclose(colour, 255 * np.array(colorsys.hsv_to_rgb(hue, saturation, value)), atol=1)
@@ -35,7 +35,7 @@ def test_colours_are_those_of_outputs(mesh: Any) -> None:
     text = clustering.output("mesh.ply")
     rows = np.frombuffer(text[text.index(b"end_header\n") + 11 :][-mesh.n_cells * 20 :], np.uint8).reshape(-1, 20)
     colours = {tuple(row[13:16]) for row in rows}
-    assert colours == {tuple(colour) for colour in _plot.colours(20)}
+    assert colours == {tuple(colour) for colour in _native.colours(20)}
 
 
 def test_a_picture_shows_every_cluster(mesh: Any, tmp_path: pathlib.Path) -> None:
@@ -43,13 +43,14 @@ def test_a_picture_shows_every_cluster(mesh: Any, tmp_path: pathlib.Path) -> Non
     file = tmp_path / "clusters.png"
     clustering.plot(off_screen=True, screenshot=file, lighting=False, window_size=(300, 300), anti_aliasing=None)
     seen = np.unique(pyvista.read(file).active_scalars.reshape(-1, 3), axis=0)
-    shown = {tuple(colour) for colour in _plot.colours(12)} & {tuple(colour) for colour in seen}
+    shown = {tuple(colour) for colour in _native.colours(12)} & {tuple(colour) for colour in seen}
     assert len(shown) >= 5, "a camera sees half of a sphere"
 
 
 @pytest.mark.skipif(not HAS_ACCESSORS, reason="pyvista is older than 0.48")
 def test_every_mesh_of_pyvista_has_the_accessor(mesh: Any) -> None:
-    assert np.array_equal(mesh.tesserae.cluster(30, seed=4).labels, tesserae_mesh.cluster(mesh, clusters=30, seed=4).labels)
+    expected = tesserae_mesh.cluster(mesh, clusters=30, seed=4).labels
+    assert np.array_equal(mesh.tesserae.cluster(30, seed=4).labels, expected)
     remesh = mesh.tesserae.remesh(100, placement="surface")
     assert remesh.is_manifold
     assert set(remesh.point_data["cluster"]) == set(range(100))
@@ -79,3 +80,5 @@ def test_the_notebook_runs(tmp_path: pathlib.Path) -> None:
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     assert not [output for output in outputs if output.output_type == "error"]
     assert sum("image/png" in output.get("data", {}) for output in outputs) == 3
+    html = [output.get("data", {}).get("text/html", "") for output in outputs]
+    assert sum("Clustering(" in text and "<img " in text for text in html) == 1

@@ -212,6 +212,50 @@ def test_subdivision_cuts_triangles_in_four_in_place() -> None:
     assert (quads.n_cells, clustering.mesh.n_cells) == (6, 48)
 
 
+def test_subdivided_points_are_those_of_pyvista_in_their_order() -> None:
+    mesh = uneven(12)
+    finer, theirs = Clustering(mesh.copy()), mesh.subdivide(2)
+    finer.subdivide(2)
+    assert np.allclose(finer.mesh.points, theirs.points, atol=1e-6)
+    # a cylinder has points at one position, of which pyvista merges none
+    mesh = pyvista.Cylinder().triangulate()
+    finer, theirs = Clustering(mesh.copy()), mesh.subdivide(2)
+    finer.subdivide(2)
+    assert finer.mesh.n_points < theirs.n_points
+    apart = np.linalg.norm(finer.mesh.points[:, None] - theirs.points, axis=2)
+    assert apart.min(axis=0).max() < 1e-6 and apart.min(axis=1).max() < 1e-6
+
+
+@pytest.mark.skipif(not hasattr(pyvista, "register_dataset_accessor"), reason="pyvista is older than 0.48")
+@pytest.mark.parametrize("mesh", [pyvista.Cylinder().triangulate(), uneven(20)], ids=["seam", "no seam"])
+def test_weights_may_be_those_of_the_subdivided_points(mesh: Any) -> None:
+    pyacvd.register_accessor()
+
+    def weights(points: Any) -> Array:
+        # of three coordinates, so that no other order of points has the same
+        return np.asarray(1 + np.exp(np.asarray(points, dtype=float) @ [3.0, 2.0, 1.0]))
+
+    def labels(given: Any) -> Array:
+        return np.asarray(mesh.acvd.cluster_ids(60, subdivide=2, weights=given))
+
+    finer, theirs = mesh.acvd.subdivide(2), mesh.subdivide(2)
+    for given in (weights(finer.points), weights(theirs.points)):
+        made = mesh.acvd.clustering(given, subdivide=2)
+        assert np.allclose(made._weights, weights(made.mesh.points), rtol=1e-5)
+        made = mesh.acvd.clustering(given[::-1], subdivide=2)
+        assert not np.allclose(made._weights, weights(made.mesh.points), rtol=0.5), "another order is seen"
+    expected = labels(weights(finer.points))
+    heavy = weights(finer.points) > np.median(weights(finer.points))
+    assert len(np.unique(expected[heavy])) > 1.3 * len(np.unique(expected[~heavy]))
+    coarse = mesh.acvd.clustering(weights(mesh.points), subdivide=2)._weights
+    assert coarse is not None and coarse.shape == (finer.n_points,)
+    assert np.isclose(coarse.min(), weights(mesh.points).min()) and np.isclose(coarse.max(), weights(mesh.points).max())
+    assert mesh.acvd.remesh(60, subdivide=2, weights=np.ones(theirs.n_points)).n_points == 60
+    numbers = rf"{mesh.n_points} points, or for each of the {finer.n_points} after the subdivision: \(7,\)"
+    with pytest.raises(ValueError, match=numbers):
+        labels(np.ones(7))
+
+
 def test_meshes_have_the_topology_of_the_clusters() -> None:
     mesh = uneven()
     clustering = Clustering(mesh)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import pickle
 import re
@@ -16,6 +17,7 @@ from conftest import command, read_obj
 
 import tesserae_mesh
 from tesserae_mesh import _native
+from tesserae_mesh._errors import FileError
 
 Sample = Callable[[str, int], Path]
 TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
@@ -40,7 +42,6 @@ def test_numbers_add_up(sample: Sample) -> None:
     assert list(clustering.snapshots) == [0, 2]
     assert clustering.report["clusters"] == 25 and clustering.report["energy"]["final"] == clustering.energy
     assert clustering.hexagon_ratio == clustering.report["energy"]["hexagon_ratio"]
-    assert "25 clusters" in repr(clustering)
 
 
 def test_hierarchies_are_cut_saved_and_loaded(sample: Sample, tmp_path: Path) -> None:
@@ -176,9 +177,66 @@ def test_what_is_refused_says_so_with_its_kind(wrong: dict[str, Any], kind: str)
     with pytest.raises(tesserae_mesh.Error) as caught:
         tesserae_mesh.cluster(**given)
     assert caught.value.kind == kind, caught.value
-    assert "\n" not in str(caught.value)
+    assert isinstance(caught.value, ValueError)
+    assert isinstance(caught.value, OSError) == (kind == "io")
+    assert "\n" not in str(caught.value) and "(from 0)" not in str(caught.value)
 
 
 def test_errors_survive_pickling() -> None:
-    error = pickle.loads(pickle.dumps(tesserae_mesh.Error("io", "cannot read x")))
+    error = pickle.loads(pickle.dumps(tesserae_mesh.Error("conflict", "there is no x")))
+    assert (error.kind, str(error)) == ("conflict", "there is no x")
+    error = pickle.loads(pickle.dumps(FileError("cannot read x", errno.EACCES, "x")))
     assert (error.kind, str(error)) == ("io", "cannot read x")
+    assert (error.errno, error.strerror, error.filename) == (errno.EACCES, "Permission denied", "x")
+
+
+def test_errors_of_files_have_the_number_and_the_name_of_the_system(tmp_path: Path, sample: Sample) -> None:
+    hierarchy = tesserae_mesh.cluster(sample("knot", 500), algorithm="hr").hierarchy
+    missing, folder = tmp_path / "missing.obj", tmp_path / "folder.obj"
+    folder.mkdir()
+    attempts: list[tuple[Callable[[], object], Path, int]] = [
+        (lambda: tesserae_mesh.cluster(missing, 3), missing, errno.ENOENT),
+        (lambda: tesserae_mesh.cluster(folder, 3), folder, errno.EISDIR),
+        (lambda: tesserae_mesh.Hierarchy.load(missing), missing, errno.ENOENT),
+        (lambda: hierarchy.save(folder), folder, errno.EISDIR),
+        (lambda: hierarchy.save(missing / "x"), missing / "x", errno.ENOENT),
+    ]
+    for attempt, path, number in attempts:
+        with pytest.raises(OSError) as caught:
+            attempt()
+        error = caught.value
+        assert isinstance(error, tesserae_mesh.Error) and error.kind == "io"
+        assert (error.errno, error.filename) == (number, str(path))
+        assert str(error).startswith("cannot ") and str(path) in str(error)
+
+
+def test_a_number_after_a_mesh_is_that_of_clusters(sample: Sample) -> None:
+    path = sample("knot", 2000)
+    mesh = tesserae_mesh.Mesh(*read_obj(path))
+    expected = tesserae_mesh.cluster(mesh, clusters=30)
+    assert expected.clusters == 30
+    for given in (mesh, path, str(path)):
+        for number in (30, np.int64(30), np.uint8(30)):
+            assert np.array_equal(tesserae_mesh.cluster(given, number).labels, expected.labels)
+    with pytest.raises(tesserae_mesh.Error, match="given twice: 30 and 40"):
+        tesserae_mesh.cluster(mesh, 30, 40)
+    with pytest.raises(tesserae_mesh.Error, match="a mesh is points and faces, .*, not ndarray"):
+        tesserae_mesh.cluster(mesh.points, 30)
+    with pytest.raises(tesserae_mesh.Error, match="must not be more than the mesh has faces"):
+        tesserae_mesh.cluster(mesh, 3000)
+
+
+def test_every_result_is_one_short_line(sample: Sample) -> None:
+    whole = tesserae_mesh.cluster(sample("knot", 2000), algorithm="pml")
+    cut = whole.cut(25)
+    lines = [whole, whole.hierarchy, whole.hierarchy.cut(25), cut, cut.remesh(), cut.mesh]
+    for line in map(repr, lines):
+        assert len(line) < 100 and "\n" not in line and "array" not in line
+    assert re.fullmatch(r"Clustering\(2002 faces, 25 clusters, energy [0-9.e+-]+\)", repr(cut))
+    assert re.fullmatch(r"Cut\(2002 faces, 25 clusters, (exact|merged), energy [0-9.e+-]+\)", repr(lines[2]))
+    assert re.fullmatch(r"Remesh\([0-9]+ points, [0-9]+ triangles, 25 clusters\)", repr(cut.remesh()))
+
+
+def test_the_module_lists_its_names_only() -> None:
+    names = [name for name in dir(tesserae_mesh) if not name.startswith("__")]
+    assert names == sorted(name for name in tesserae_mesh.__all__ if not name.startswith("__"))

@@ -81,17 +81,14 @@ impl<'a> MeshView<'a> {
         }
         if let Some(at) = faces.all_corners().iter().position(|&corner| corner as usize >= positions.len()) {
             return Err(Error::mesh(format_args!(
-                "face {} (from 0) has a corner that is none of the {} points: {}",
+                "face {} has a corner that is none of the {} points: {}",
                 faces.face_of_corner(at),
                 positions.len(),
                 faces.all_corners()[at]
             )));
         }
         if let Some(at) = positions.iter().position(|position| position.iter().any(|x| !x.is_finite())) {
-            return Err(Error::mesh(format_args!(
-                "point {at} (from 0): a coordinate is not finite: {:?}",
-                positions.at(at)
-            )));
+            return Err(Error::mesh(format_args!("point {at}: a coordinate is not finite: {:?}", positions.at(at))));
         }
         Ok(Self { positions, faces })
     }
@@ -116,9 +113,9 @@ mod tests {
         let double = Positions::Double(&square);
         let none = Faces::default();
         assert!(refusal(double, &none).contains("no faces"));
-        assert!(refusal(double, &faces).starts_with("face 1 (from 0) has a corner that is none of the 4 points: 4"));
+        assert!(refusal(double, &faces).starts_with("face 1 has a corner that is none of the 4 points: 4"));
         let faces = Faces::from_triangles(vec![0, 1, 2]);
-        assert!(refusal(double, &faces).starts_with("point 3 (from 0)"));
+        assert!(refusal(double, &faces).starts_with("point 3: "));
         let single = square.map(|position| position.map(|x| x as f32));
         assert!(refusal(Positions::Single(&single), &faces).contains("NaN"));
         assert!(MeshView::new(Positions::Single(&single[..3]), &faces).is_ok());

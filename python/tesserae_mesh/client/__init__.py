@@ -1,7 +1,7 @@
 """The HTTP service from Python: `Client` with blocking calls, `AsyncClient` with awaited ones.
 
 Requests, retries and the reading of events are written once, without a network (`exchange`, `steps`, `events`), and
-carried out by `connection`, the only module that speaks to httpx. It needs ``pip install tesserae-mesh[client]``.
+carried out by `connection`, the only module that speaks to httpx. It needs httpx and httpx-sse, the extra ``client``.
 """
 
 from __future__ import annotations

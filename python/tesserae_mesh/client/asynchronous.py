@@ -188,7 +188,7 @@ class AsyncJob:
     async def hierarchy(
         self, min_clusters: int | None = None, max_clusters: int | None = None, clusters: int | None = None
     ) -> HierarchyDocument:
-        """The rounds and merges of a hierarchy, between these numbers of clusters; with the nodes of a cut, if named."""
+        """The rounds and merges of a hierarchy, between these numbers of clusters; with the nodes of a named cut."""
         query = {"min_clusters": min_clusters, "max_clusters": max_clusters, "clusters": clusters}
         return await self._connection.run(results.hierarchy(self.id, query, self._patience))
 

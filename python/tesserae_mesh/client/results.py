@@ -12,7 +12,7 @@ from typing import IO, TYPE_CHECKING, Any, Generator, Mapping, Union, cast
 
 import numpy as np
 
-from tesserae_mesh._errors import Error
+from tesserae_mesh._errors import Error, file_error
 from tesserae_mesh.client.exchange import Request, Steps, error_in, exchange, members, send
 from tesserae_mesh.client.operations import OPERATIONS, Operation
 
@@ -59,7 +59,7 @@ def replacing(target: pathlib.Path) -> Generator[IO[bytes], None, None]:
     try:
         file = open(beside, "xb")
     except OSError as error:
-        raise Error("io", f"cannot write {target}: {error.strerror}") from error
+        raise file_error("write", target, error) from error
     try:
         with file:
             yield file

@@ -96,7 +96,7 @@ class Client:
             A file in a format that `formats` lists; points and faces as a tuple; a `tesserae_mesh.Mesh` or an object of
             pyvista, trimesh, open3d or meshio; the URL ``s3://…`` of an object that the service may read.
         **options
-            What to do, by the names of `tesserae_mesh.cluster`, and what `tesserae_mesh.client.SubmitOptions` adds: ``outputs``,
+            What to do, by the names of `tesserae_mesh.cluster`, and what `SubmitOptions` adds: ``outputs``,
             ``keep_mesh``, ``priority``, ``webhook``, ``buffers``, ``format``, ``file_name``, ``wait``, ``by_reference``
             and ``idempotency_key``.
 
@@ -279,7 +279,7 @@ class Job:
     def hierarchy(
         self, min_clusters: int | None = None, max_clusters: int | None = None, clusters: int | None = None
     ) -> HierarchyDocument:
-        """The rounds and merges of a hierarchy, between these numbers of clusters; with the nodes of a cut, if named."""
+        """The rounds and merges of a hierarchy, between these numbers of clusters; with the nodes of a named cut."""
         query = {"min_clusters": min_clusters, "max_clusters": max_clusters, "clusters": clusters}
         return self._connection.run(results.hierarchy(self.id, query, self._patience))
 

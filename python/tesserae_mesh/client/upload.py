@@ -16,7 +16,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from tesserae_mesh._errors import Error
+from tesserae_mesh._errors import Error, file_error
 from tesserae_mesh._mesh import Mesh
 from tesserae_mesh.client.exchange import Form
 from tesserae_mesh.client.operations import PARAMETERS
@@ -103,7 +103,7 @@ def _open(path: str | os.PathLike[str]) -> IO[bytes]:
     try:
         return open(path, "rb")
     except OSError as error:
-        raise Error("io", f"cannot read {os.fspath(path)}: {error.strerror}") from error
+        raise file_error("read", path, error) from error
 
 
 def _beside(path: pathlib.Path) -> dict[str, pathlib.Path]:

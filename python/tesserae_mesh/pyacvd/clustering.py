@@ -1,22 +1,4 @@
-"""Stands in for pyacvd: ``from tesserae_mesh.pyacvd import Clustering``, or ``from tesserae_mesh import pyacvd``.
-
-As in pyacvd, clusters are of the points of a triangle mesh, and the energy is the sum over points of area times squared
-distance to the mean of the cluster, which is weighted by area. The area of a point is a third of that of the triangles
-around it: pyacvd's weight up to the factor. Points are neighbours where they share an edge. One thing is not as there:
-points at one position are one point with one label, so a seam of a texture is no boundary.
-
-Where pyacvd differs:
-
-| pyacvd | here |
-|---|---|
-| clusters may be in pieces, some may be lost | exactly ``nclus`` clusters, each connected |
-| ``maxiter=100`` | no limit; a number limits the iterations, as there |
-| ``iso_try`` counts attempts to connect clusters | clusters are connected; 0 leaves them as they are |
-| ``weights`` multiply points, not their areas | they multiply areas: clusters are smaller where they are larger |
-| only triangles | other polygons are cut into triangles, in a copy |
-| points without a triangle end the process | they have the label -1 |
-| as many clusters as the seed of a random generator gives | a function of mesh and parameters |
-"""
+"""Clusters of the points of a triangle mesh, and the mesh that is made of them."""
 
 from __future__ import annotations
 
@@ -35,7 +17,7 @@ if TYPE_CHECKING:
 
     from tesserae_mesh._cluster import Quality
 
-__all__ = ["ACVDAccessor", "Clustering", "register_accessor"]
+__all__ = ["Clustering"]
 
 
 class Clustering:
@@ -63,7 +45,7 @@ class Clustering:
     remesh: pyvista.PolyData
 
     def __init__(self, mesh: pyvista.PolyData, weights: Optional[ArrayLike] = None) -> None:
-        self.mesh = mesh if mesh.is_all_triangles else _triangulated(mesh)
+        self.mesh = mesh if mesh.is_all_triangles else triangulated(mesh)
         self._weights = None if weights is None else np.asarray(weights, dtype=np.float64)
         if self._weights is not None and self._weights.shape != (self.mesh.n_points,):
             raise ValueError(f"weights must be one for each of the {self.mesh.n_points} points: {self._weights.shape}")
@@ -97,7 +79,8 @@ class Clustering:
         nclus : int
             Number of clusters; one for each position of points, where there are fewer.
         maxiter : int, optional
-            At most this many iterations, and no moves of whole clusters. When left out, until no move lowers the energy.
+            At most this many iterations, and no moves of whole clusters. When left out, until no move lowers the
+            energy.
         debug : bool
             Means nothing here.
         iso_try : int, optional
@@ -106,9 +89,9 @@ class Clustering:
             Stop after the initial growth.
         """
         if debug:
-            warnings.warn("debug means nothing to tesserae; progress is a parameter of tesserae_mesh.cluster", stacklevel=2)
+            warnings.warn("debug means nothing here; progress is a parameter of tesserae_mesh.cluster", stacklevel=2)
         if iso_try:
-            warnings.warn("iso_try means nothing to tesserae, whose clusters are connected", stacklevel=2)
+            warnings.warn("iso_try means nothing here: clusters are connected", stacklevel=2)
         return self._cluster(nclus, "default", 0 if init_only else maxiter, iso_try == 0)
 
     def fast_cluster(self, nclus: int) -> NDArray[np.int32]:
@@ -130,21 +113,44 @@ class Clustering:
         )
         return self.clusters
 
-    def subdivide(self, nsub: int) -> None:
-        """Cut every triangle into four, `nsub` times, and merge points at one position. Changes `mesh` in place."""
+    def subdivide(self, nsub: int, weights: Optional[ArrayLike] = None) -> None:
+        """Cut every triangle into four, `nsub` times, and merge points at one position. Changes `mesh` in place.
+
+        Parameters
+        ----------
+        nsub : int
+            Number of times.
+        weights : array_like, optional
+            A number above 0 for each point of the finer mesh, or for each that ``mesh.subdivide(nsub)`` of pyvista has,
+            which merges none; both are in the same order. When left out, those of the coarser mesh are interpolated.
+        """
         points, triangles = _points(self.mesh), _triangles(self.mesh)
-        weights = self._weights
+        finer_weights = self._weights
         for _ in range(nsub):
             ends, triangles = quartered(triangles, len(points))
-            points = np.concatenate([points, (points[ends[:, 0]] + points[ends[:, 1]]) / 2])
-            if weights is not None:
-                weights = np.concatenate([weights, (weights[ends[:, 0]] + weights[ends[:, 1]]) / 2])
+            points = np.concatenate([points, points[ends].mean(axis=1)])
+            if finer_weights is not None:
+                finer_weights = np.concatenate([finer_weights, finer_weights[ends].mean(axis=1)])
         finer = _polydata(points, triangles)
+        finer.point_data["number"] = np.arange(len(points))
+        merged: Any = finer.clean()  # pyright: ignore[reportUnknownMemberType]
+        # its points are in the order in which triangles use them
+        numbers = np.asarray(merged.point_data["number"])
+        order = np.argsort(numbers)
+        place = np.empty_like(order)
+        place[order] = np.arange(len(order))
+        numbers = numbers[order]
         if weights is not None:
-            finer.point_data["weights"] = weights
-        cleaned: Any = finer.clean()  # pyright: ignore[reportUnknownMemberType]
-        self._weights = None if weights is None else np.asarray(cleaned.point_data["weights"], dtype=np.float64)
-        self.mesh.copy_from(cleaned)
+            finer_weights = np.asarray(weights, dtype=np.float64)
+            if finer_weights.shape == numbers.shape:
+                numbers = np.arange(len(numbers))
+            elif finer_weights.shape != (len(points),):
+                raise ValueError(
+                    f"weights must be one for each of the {self.mesh.n_points} points, or for each of the "
+                    f"{len(numbers)} after the subdivision: {finer_weights.shape}"
+                )
+        self._weights = None if finer_weights is None else finer_weights[numbers]
+        self.mesh.copy_from(_polydata(_points(merged)[order], place[_triangles(merged)]))
         self.clusters = self.nclus = None
 
     def plot(self, random_color: bool = True, **kwargs: Any) -> Any:
@@ -252,7 +258,8 @@ class Clustering:
         return moved
 
 
-def _triangulated(mesh: pyvista.PolyData) -> pyvista.PolyData:
+def triangulated(mesh: pyvista.PolyData) -> pyvista.PolyData:
+    """A copy whose faces are triangles."""
     return cast("pyvista.PolyData", mesh.triangulate())
 
 
@@ -280,77 +287,3 @@ def _of_length_1(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _polydata(points: NDArray[np.float64], triangles: NDArray[np.int64]) -> pyvista.PolyData:
     return pyvista.PolyData(points, np.insert(triangles, 0, 3, axis=1).ravel())
-
-
-class ACVDAccessor:
-    """``mesh.acvd`` as pyacvd registers it, by this module's `Clustering`. The mesh is not changed.
-
-    Parameters
-    ----------
-    mesh : pyvista.PolyData
-        The mesh.
-    """
-
-    def __init__(self, mesh: pyvista.PolyData) -> None:
-        self._mesh = mesh
-
-    def clustering(self, weights: Optional[ArrayLike] = None, *, subdivide: int = 0) -> Clustering:
-        """A `Clustering` of a copy of the mesh, whose triangles were cut into four `subdivide` times."""
-        made = Clustering(_triangulated(self._mesh), weights)
-        if subdivide:
-            made.subdivide(subdivide)
-        return made
-
-    def cluster_ids(
-        self,
-        n_clusters: int,
-        *,
-        subdivide: int = 0,
-        weights: Optional[ArrayLike] = None,
-        maxiter: Optional[int] = None,
-        iso_try: Optional[int] = None,
-        fast: bool = False,
-    ) -> NDArray[np.int32]:
-        """The cluster of each point; parameters as of `Clustering.cluster` and `clustering`."""
-        made = self.clustering(weights, subdivide=subdivide)
-        return made.fast_cluster(n_clusters) if fast else made.cluster(n_clusters, maxiter=maxiter, iso_try=iso_try)
-
-    def remesh(
-        self,
-        n_clusters: int,
-        *,
-        subdivide: int = 0,
-        weights: Optional[ArrayLike] = None,
-        maxiter: Optional[int] = None,
-        iso_try: Optional[int] = None,
-        fast: bool = False,
-        moveclus: bool = True,
-        flipnorm: bool = True,
-        clean: bool = True,
-    ) -> pyvista.PolyData:
-        """A mesh with a point a cluster; parameters as of `cluster_ids` and `Clustering.create_mesh`."""
-        made = self.clustering(weights, subdivide=subdivide)
-        if fast:
-            made.fast_cluster(n_clusters)
-        else:
-            made.cluster(n_clusters, maxiter=maxiter, iso_try=iso_try)
-        return made.create_mesh(moveclus=moveclus, flipnorm=flipnorm, clean=clean)
-
-    def subdivide(self, nsub: int) -> pyvista.PolyData:
-        """The mesh with every triangle in four, `nsub` times."""
-        return self.clustering(subdivide=nsub).mesh
-
-
-def register_accessor() -> None:
-    """Make ``mesh.acvd`` an `ACVDAccessor`.
-
-    The import of this module does so. A later import of pyacvd makes it pyacvd's.
-    """
-    if hasattr(pyvista, "register_dataset_accessor"):
-        with warnings.catch_warnings():
-            # that it takes the place of pyacvd's
-            warnings.simplefilter("ignore", UserWarning)
-            pyvista.register_dataset_accessor("acvd", pyvista.PolyData)(ACVDAccessor)
-
-
-register_accessor()
