@@ -33,6 +33,14 @@ const BETWEEN_PARTS: u64 = 4 << 20;
 /// Most chunks between the contents of two parts: the multipart reader searches all that it gathered at each one.
 const CHUNKS_BETWEEN_PARTS: u64 = 512;
 
+/// Chunks that may come however small they are,
+const ANY_CHUNKS: u64 = 4096;
+/// and bytes that all chunks must have on average after that: a line of most OBJ files has more. A chunk costs some 2 µs.
+const BYTES_PER_CHUNK: u64 = 16;
+
+/// Bytes after which a stream gives way to other tasks.
+const TURN: usize = 1 << 16;
+
 /// Bytes that a compressed upload may become before its inflation counts: small meshes may be very regular.
 const ANY_INFLATION: u64 = 1 << 20;
 
@@ -176,34 +184,37 @@ impl Stream for Content {
     type Item = Result<Bytes>;
 
     fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
-        // The multipart reader polls until nothing is ready and keeps everything; one chunk at a time bounds that.
+        // The multipart reader polls until nothing is ready and keeps everything; turns bound that.
         self.bytes.poll_next_unpin(context).map(|item| Some(item?.and_then(|data| self.check(&data).map(|()| data))))
     }
 }
 
-/// A stream that gives way to other tasks after each item.
+/// A stream that gives way to other tasks after each [`TURN`].
 struct Paced<S> {
     stream: S,
-    /// Whether the last poll gave an item.
-    gave: bool,
+    /// Bytes that it gave since it gave way.
+    given: usize,
 }
 
 impl<S> Paced<S> {
     fn new(stream: S) -> Self {
-        Self { stream, gave: false }
+        Self { stream, given: 0 }
     }
 }
 
-impl<S: Stream + Unpin> Stream for Paced<S> {
-    type Item = S::Item;
+impl<S: Stream<Item = Result<Bytes>> + Unpin> Stream for Paced<S> {
+    type Item = Result<Bytes>;
 
     fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
-        if std::mem::take(&mut self.gave) {
+        if self.given >= TURN {
+            self.given = 0;
             context.waker().wake_by_ref();
             return Poll::Pending;
         }
         let polled = self.stream.poll_next_unpin(context);
-        self.gave = matches!(polled, Poll::Ready(Some(_)));
+        if let Poll::Ready(Some(Ok(data))) = &polled {
+            self.given += data.len();
+        }
         polled
     }
 }
@@ -213,6 +224,7 @@ struct Intake {
     body: Option<BodyDataStream>,
     rules: Rules,
     received: Arc<AtomicU64>,
+    chunks: u64,
     began: Instant,
     /// Ends when nothing came for too long.
     quiet: Pin<Box<Sleep>>,
@@ -227,6 +239,7 @@ impl Intake {
             quiet: Box::pin(tokio::time::sleep(rules.patience)),
             rules,
             received: Arc::default(),
+            chunks: 0,
             began: Instant::now(),
             drain: !headers.contains_key(header::EXPECT),
         }
@@ -238,6 +251,17 @@ impl Intake {
         let received = self.received.fetch_add(bytes, Ordering::Relaxed) + bytes;
         if received > self.rules.limit {
             return Err(self.rules.too_large(received));
+        }
+        self.chunks += 1;
+        if self.chunks > ANY_CHUNKS && received < self.chunks * BYTES_PER_CHUNK {
+            return Err(Error::new(
+                Kind::BadRequest,
+                format_args!(
+                    "the body comes in chunks of fewer than {BYTES_PER_CHUNK} bytes on average: send larger chunks; \
+                     chunks: {}, bytes: {received}",
+                    self.chunks
+                ),
+            ));
         }
         let now = tokio::time::Instant::now();
         self.quiet.as_mut().reset(now + self.rules.patience);

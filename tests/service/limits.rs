@@ -15,13 +15,13 @@ async fn with(change: impl FnOnce(&mut TrafficSettings)) -> Service {
     Service::with(|settings| change(&mut settings.traffic), Box::new(CpuDevice::new())).await
 }
 
-fn gzipped(bytes: &[u8]) -> Vec<u8> {
+pub fn gzipped(bytes: &[u8]) -> Vec<u8> {
     let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
     encoder.write_all(bytes).expect("written");
     encoder.finish().expect("ended")
 }
 
-fn zstandard(bytes: &[u8]) -> Vec<u8> {
+pub fn zstandard(bytes: &[u8]) -> Vec<u8> {
     zstd::encode_all(bytes, 19).expect("compressed")
 }
 
@@ -55,34 +55,6 @@ async fn compressed_uploads_are_the_same_uploads() {
     let request = service.post("/v1/jobs?clusters=5").header("content-type", "multipart/form-data; boundary=b");
     let job = json(request.header("content-encoding", "gzip").body(gzipped(&form))).await;
     assert_eq!(labels(job).await, expected);
-}
-
-#[tokio::test]
-async fn uploads_have_one_gzip_member_and_at_most_64_zstd_frames() {
-    let service = Service::start().await;
-    let mesh = sphere(300);
-    let send = |encoding: &str, body: Vec<u8>| {
-        let request = service.post("/v1/jobs?clusters=5").header("content-type", "model/obj");
-        request.header("content-encoding", encoding).body(body)
-    };
-    let whole = gzipped(&mesh);
-    let (first, second) = mesh.split_at(1000);
-    for body in [
-        [gzipped(first), gzipped(second)].concat(),
-        [gzipped(b"").repeat(200_000), whole.clone()].concat(),
-        [&whole[..], b"\0"].concat(),
-        [&whole[..], &mesh].concat(),
-    ] {
-        let detail = refused(send("gzip", body), 400, "bad-request").await;
-        assert!(detail.contains("more than one member") && detail.contains("as a whole"), "{detail}");
-    }
-    let frames = |count: usize| [zstandard(b"").repeat(count - 1), zstandard(&mesh)].concat();
-    let job = json(send("zstd", frames(64))).await;
-    assert_eq!(job["mesh"]["bytes"], mesh.len(), "{job}");
-    for body in [frames(65), frames(400_000)] {
-        let detail = refused(send("zstd", body), 400, "bad-request").await;
-        assert!(detail.contains("limit of 64"), "{detail}");
-    }
 }
 
 #[tokio::test]

@@ -24,3 +24,4 @@ mod storage;
 mod support;
 mod upload;
 mod webhooks;
+mod work;

@@ -1,11 +1,13 @@
 //! Decompression of bodies: in bounded steps, of a bounded number of frames.
 
 use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use async_compression::tokio::bufread::{GzipDecoder, ZstdDecoder};
 use async_compression::zstd::DParameter;
 use axum::body::Bytes;
-use futures_util::{Stream, TryStreamExt, stream};
+use futures_util::{Stream, StreamExt as _, TryStreamExt as _, stream};
 use tokio::io::{AsyncBufRead, AsyncBufReadExt as _, AsyncReadExt as _};
 use tokio_util::io::StreamReader;
 
@@ -13,6 +15,12 @@ use crate::error::{Error, Kind, Result};
 
 /// Bytes that are decompressed at once.
 const CHUNK: usize = 1 << 16;
+
+/// Bytes that a body may have before it must have content,
+const ANY_SENT: u64 = 1 << 16;
+/// and how many times as many as its content it may have beyond that. No compressor makes content much larger; empty
+/// blocks, each with tables of its own, take time and give nothing.
+const SENT_PER_BYTE: u64 = 2;
 
 /// Most frames of a zstd body: compressors of several threads write one for each piece of a file.
 const MAX_FRAMES: u32 = 64;
@@ -30,13 +38,36 @@ pub(in crate::service) enum Coding {
     Zstd,
 }
 
-/// Decompresses a body. A poll reads one item of the body or gives one chunk, if the body gives way after each item.
+/// Decompresses a body, which must give way to other tasks while it is read.
 pub(super) fn inflate(
     body: impl Stream<Item = Result<Bytes>> + Send + Unpin,
     coding: Coding,
 ) -> impl Stream<Item = Result<Bytes>> + Send {
-    let decoder = Decoder::new(StreamReader::new(body.map_err(io::Error::other)), coding);
-    stream::try_unfold((decoder, 1), move |(decoder, frames)| next(decoder, frames, coding)).map_err(unreadable)
+    let content = Arc::<AtomicU64>::default();
+    let (so_far, mut sent) = (Arc::clone(&content), 0);
+    let body = body.map(move |item| {
+        let data = item.map_err(io::Error::other)?;
+        // what was sent before was decompressed before more is read
+        check_work(sent, so_far.load(Ordering::Relaxed))?;
+        sent += data.len() as u64;
+        io::Result::Ok(data)
+    });
+    let decoder = Decoder::new(StreamReader::new(body), coding);
+    stream::try_unfold((decoder, 1), move |(decoder, frames)| next(decoder, frames, coding))
+        .map_err(unreadable)
+        .inspect_ok(move |data| _ = content.fetch_add(data.len() as u64, Ordering::Relaxed))
+}
+
+/// Refuses a body that is read and gives too little.
+fn check_work(sent: u64, content: u64) -> io::Result<()> {
+    if sent <= ANY_SENT.saturating_add(content.saturating_mul(SENT_PER_BYTE)) {
+        return Ok(());
+    }
+    let message = format!(
+        "the compressed body is more than {SENT_PER_BYTE} times as large as its content; send it without compression; \
+         {content} bytes of content after {sent}"
+    );
+    Err(io::Error::other(Error::new(Kind::BadRequest, message)))
 }
 
 /// The next chunk, and what the one after it is read with; none at the end of the body.
