@@ -51,6 +51,10 @@ lint: install-test bundle  ## formatting, clippy, documentation and choices of c
 unit: install-test bundle  ## the tests of the crate
 	cargo test --locked $(FEATURES) --no-fail-fast
 
+.PHONY: costs
+costs: debug-binary  ## processor time of hostile inputs, with the optimisation of the debug binary; `make unit` has a wider bound
+	CARGO_PROFILE_DEV_OPT_LEVEL=1 cargo test --locked $(FEATURES) --test costs
+
 .PHONY: end-to-end
 end-to-end: debug-binary $(VENV)/ready  ## service and command line from outside, results scored independently
 	$(VENV)/bin/python tests/scripts/end_to_end.py $(TARGET)/debug/tesserae $(TESSERAE_TEST_MESHES)

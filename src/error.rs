@@ -33,6 +33,8 @@ pub enum Kind {
     UnsupportedMediaType,
     /// More bytes or faces than the limits allow.
     TooLarge,
+    /// The query string has more bytes than are read.
+    UriTooLong,
     /// There is no such thing.
     NotFound,
     /// The output is made of a mesh that the job did not keep.
@@ -102,6 +104,7 @@ impl Kind {
             Kind::Timeout => 408,
             Kind::Conflict | Kind::Cancelled => 409,
             Kind::TooLarge => 413,
+            Kind::UriTooLong => 414,
             Kind::UnsupportedMediaType => 415,
             Kind::RangeNotSatisfiable => 416,
             Kind::Misdirected => 421,
@@ -124,6 +127,7 @@ impl Kind {
             Kind::UnsupportedMesh => "unsupported-mesh",
             Kind::UnsupportedMediaType => "unsupported-media-type",
             Kind::TooLarge => "too-large",
+            Kind::UriTooLong => "uri-too-long",
             Kind::NotImplemented => "not-implemented",
             Kind::Unauthorized => "unauthorized",
             Kind::Forbidden => "forbidden",
@@ -163,6 +167,7 @@ impl Kind {
             Kind::UnsupportedMesh => "The mesh uses an unsupported feature",
             Kind::UnsupportedMediaType => "The media type is not supported",
             Kind::TooLarge => "The upload is larger than allowed",
+            Kind::UriTooLong => "The URI is too long",
             Kind::NotImplemented => "The service does not have this feature",
             Kind::Unauthorized => "A token is needed",
             Kind::Forbidden => "This token may not do this",
@@ -217,6 +222,7 @@ impl Kind {
             | Kind::UnsupportedMesh
             | Kind::UnsupportedMediaType
             | Kind::TooLarge
+            | Kind::UriTooLong
             | Kind::NotFound
             | Kind::MeshNotKept
             | Kind::MethodNotAllowed

@@ -1,25 +1,24 @@
 //! The body of a request on its way in: timed, counted, decompressed, limited, and never held.
 //!
 //! ```text
-//! body ─ Intake: bytes as sent, their number and pace ─ gzip, zstd ─ Content: bytes as meant, their number
+//! body ─ Intake: bytes as sent, their number and pace ─ inflate: gzip, zstd ─ Content: bytes as meant, their number
 //! ```
 
-use std::io;
+mod inflate;
+
 use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
 
-use async_compression::tokio::bufread::{GzipDecoder, ZstdDecoder};
-use async_compression::zstd::DParameter;
 use axum::body::{Body, BodyDataStream, Bytes};
 use axum::extract::Request;
 use axum::http::{HeaderMap, header};
-use futures_util::{Stream, StreamExt, TryStreamExt};
+use futures_util::{Stream, StreamExt};
 use tokio::time::Sleep;
-use tokio_util::io::{ReaderStream, StreamReader};
 
+pub(super) use self::inflate::Coding;
 use super::budget::{Budget, Held};
 use super::settings::TrafficSettings;
 use crate::error::{Error, Kind, Result};
@@ -31,26 +30,19 @@ const LINGER: Duration = Duration::from_secs(2);
 /// Largest number of bytes between the contents of two parts: their headers, and what one read brings along.
 const BETWEEN_PARTS: u64 = 4 << 20;
 
+/// Most chunks between the contents of two parts: the multipart reader searches all that it gathered at each one.
+const CHUNKS_BETWEEN_PARTS: u64 = 512;
+
+/// Chunks that may come however small they are,
+const ANY_CHUNKS: u64 = 4096;
+/// and bytes that all chunks must have on average after that: a line of most OBJ files has more. A chunk costs some 2 µs.
+const BYTES_PER_CHUNK: u64 = 16;
+
+/// Bytes after which a stream gives way to other tasks.
+const TURN: usize = 1 << 16;
+
 /// Bytes that a compressed upload may become before its inflation counts: small meshes may be very regular.
 const ANY_INFLATION: u64 = 1 << 20;
-
-/// Bytes that are decompressed at once.
-const CHUNK: usize = 1 << 16;
-
-/// Binary logarithm of the largest window of zstd, in bytes: 8 MiB, which every decoder must have (RFC 8878
-/// §3.1.1.1.2).
-const ZSTD_WINDOW_LOG: u32 = 23;
-
-/// How a body is compressed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Encoding {
-    /// Not at all.
-    Identity,
-    /// RFC 1952.
-    Gzip,
-    /// RFC 8878.
-    Zstd,
-}
 
 /// What a body may be like.
 #[derive(Debug, Clone)]
@@ -90,7 +82,7 @@ impl Rules {
 
 /// The content of a body, decompressed: a stream that ends with an error when something about it is not as it must be.
 pub(super) struct Content {
-    bytes: Pin<Box<dyn Stream<Item = Result<Bytes>> + Send>>,
+    bytes: Paced<Pin<Box<dyn Stream<Item = Result<Bytes>> + Send>>>,
     rules: Rules,
     /// Bytes as sent, when they are compressed.
     sent: Option<Arc<AtomicU64>>,
@@ -98,8 +90,6 @@ pub(super) struct Content {
     received: u64,
     held: Held,
     allowance: Allowance,
-    /// Whether the last poll gave data: the next one gives way first.
-    gave: bool,
 }
 
 /// Bytes that may still come before the next part of a form begins.
@@ -119,22 +109,23 @@ impl Allowance {
         self.0.store(u64::MAX, Ordering::Relaxed);
     }
 
-    /// Whether `bytes` more are within it.
+    /// Whether a chunk of `bytes` bytes is within it.
     fn spend(&self, bytes: u64) -> bool {
         let left = self.0.load(Ordering::Relaxed);
         if left == u64::MAX {
             return true;
         }
+        let bytes = bytes.max(BETWEEN_PARTS / CHUNKS_BETWEEN_PARTS);
         self.0.store(left.saturating_sub(bytes), Ordering::Relaxed);
         left >= bytes
     }
 }
 
-/// Takes over a body, of `length` bytes where that is declared.
+/// Takes over a body, of `length` bytes where that is declared, compressed by `coding` if at all.
 pub(super) fn open(
     body: Body,
     headers: &HeaderMap,
-    encoding: Encoding,
+    coding: Option<Coding>,
     length: Option<u64>,
     rules: Rules,
 ) -> Result<Content> {
@@ -143,32 +134,13 @@ pub(super) fn open(
         return Err(rules.too_large(length));
     }
     let held = rules.uploads.begin(length)?;
-    let sent = (encoding != Encoding::Identity).then(|| Arc::clone(&intake.received));
-    let as_read = |intake: Intake| StreamReader::new(intake.map_err(io::Error::other));
-    let bytes: Pin<Box<dyn Stream<Item = Result<Bytes>> + Send>> = match encoding {
-        Encoding::Identity => Box::pin(intake),
-        Encoding::Gzip => {
-            let mut decoder = GzipDecoder::new(as_read(intake));
-            decoder.multiple_members(true);
-            Box::pin(ReaderStream::with_capacity(decoder, CHUNK).map_err(unreadable))
-        }
-        Encoding::Zstd => {
-            let parameters = [DParameter::window_log_max(ZSTD_WINDOW_LOG)];
-            let mut decoder = ZstdDecoder::with_params(as_read(intake), &parameters);
-            decoder.multiple_members(true);
-            Box::pin(ReaderStream::with_capacity(decoder, CHUNK).map_err(unreadable))
-        }
+    let sent = coding.map(|_| Arc::clone(&intake.received));
+    let bytes: Pin<Box<dyn Stream<Item = Result<Bytes>> + Send>> = match coding {
+        None => Box::pin(intake),
+        Some(coding) => Box::pin(inflate::inflate(Paced::new(intake), coding)),
     };
     let allowance = Allowance(Arc::new(AtomicU64::new(u64::MAX)));
-    Ok(Content { bytes, rules, sent, received: 0, held, allowance, gave: false })
-}
-
-/// The error of a compressed body: what [`Intake`] refused, or what is wrong with the compression.
-fn unreadable(error: io::Error) -> Error {
-    let ours = error.get_ref().and_then(|cause| cause.downcast_ref::<Error>()).cloned();
-    ours.unwrap_or_else(|| {
-        Error::new(Kind::BadRequest, format_args!("the body is not as its Content-Encoding says: {error}"))
-    })
+    Ok(Content { bytes: Paced::new(bytes), rules, sent, received: 0, held, allowance })
 }
 
 impl Content {
@@ -199,7 +171,8 @@ impl Content {
             return Err(Error::new(
                 Kind::BadRequest,
                 format_args!(
-                    "the headers of a part, or what stands before the first one, take more than {BETWEEN_PARTS} bytes"
+                    "the headers of a part, or what stands before the first one, take more than {BETWEEN_PARTS} bytes or \
+                     come in more than {CHUNKS_BETWEEN_PARTS} chunks; send larger chunks"
                 ),
             ));
         }
@@ -211,19 +184,38 @@ impl Stream for Content {
     type Item = Result<Bytes>;
 
     fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
-        // The multipart reader polls until nothing is ready and keeps everything; one chunk at a time bounds that.
-        if std::mem::take(&mut self.gave) {
+        // The multipart reader polls until nothing is ready and keeps everything; turns bound that.
+        self.bytes.poll_next_unpin(context).map(|item| Some(item?.and_then(|data| self.check(&data).map(|()| data))))
+    }
+}
+
+/// A stream that gives way to other tasks after each [`TURN`].
+struct Paced<S> {
+    stream: S,
+    /// Bytes that it gave since it gave way.
+    given: usize,
+}
+
+impl<S> Paced<S> {
+    fn new(stream: S) -> Self {
+        Self { stream, given: 0 }
+    }
+}
+
+impl<S: Stream<Item = Result<Bytes>> + Unpin> Stream for Paced<S> {
+    type Item = Result<Bytes>;
+
+    fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
+        if self.given >= TURN {
+            self.given = 0;
             context.waker().wake_by_ref();
             return Poll::Pending;
         }
-        self.bytes.as_mut().poll_next(context).map(|item| {
-            let data = match item? {
-                Ok(data) => data,
-                Err(error) => return Some(Err(error)),
-            };
-            self.gave = true;
-            Some(self.check(&data).map(|()| data))
-        })
+        let polled = self.stream.poll_next_unpin(context);
+        if let Poll::Ready(Some(Ok(data))) = &polled {
+            self.given += data.len();
+        }
+        polled
     }
 }
 
@@ -232,6 +224,7 @@ struct Intake {
     body: Option<BodyDataStream>,
     rules: Rules,
     received: Arc<AtomicU64>,
+    chunks: u64,
     began: Instant,
     /// Ends when nothing came for too long.
     quiet: Pin<Box<Sleep>>,
@@ -246,6 +239,7 @@ impl Intake {
             quiet: Box::pin(tokio::time::sleep(rules.patience)),
             rules,
             received: Arc::default(),
+            chunks: 0,
             began: Instant::now(),
             drain: !headers.contains_key(header::EXPECT),
         }
@@ -257,6 +251,17 @@ impl Intake {
         let received = self.received.fetch_add(bytes, Ordering::Relaxed) + bytes;
         if received > self.rules.limit {
             return Err(self.rules.too_large(received));
+        }
+        self.chunks += 1;
+        if self.chunks > ANY_CHUNKS && received < self.chunks * BYTES_PER_CHUNK {
+            return Err(Error::new(
+                Kind::BadRequest,
+                format_args!(
+                    "the body comes in chunks of fewer than {BYTES_PER_CHUNK} bytes on average: send larger chunks; \
+                     chunks: {}, bytes: {received}",
+                    self.chunks
+                ),
+            ));
         }
         let now = tokio::time::Instant::now();
         self.quiet.as_mut().reset(now + self.rules.patience);

@@ -5,6 +5,9 @@ use axum::http::{HeaderMap, header};
 use crate::artifacts::{Artifact, Form};
 use crate::error::{Error, Kind, Result};
 
+/// Most media ranges of a request that are read; browsers send a dozen.
+const MAX_RANGES: usize = 64;
+
 /// The form of an output that the query names, or else the one that the client prefers.
 pub(super) fn form(headers: &HeaderMap, format: Option<&str>, artifact: &'static Artifact) -> Result<&'static Form> {
     match format {
@@ -53,6 +56,7 @@ fn quality(accepted: &str, media_type: &str) -> u32 {
     let main_type = media_type.split('/').next().unwrap_or_default();
     accepted
         .split(',')
+        .take(MAX_RANGES)
         .filter_map(|range| {
             let mut fields = range.split(';').map(str::trim);
             let range = fields.next()?;
@@ -99,9 +103,11 @@ mod tests {
             ("application/json;q=0", None),
             ("nonsense", None),
             ("", Some(json)),
+            (&format!("{}application/x-npy", "a/b,".repeat(63)), Some(npy)),
+            (&format!("{}application/x-npy", "a/b,".repeat(64)), None),
         ] {
             let mut headers = HeaderMap::new();
-            headers.insert(header::ACCEPT, HeaderValue::from_static(accept));
+            headers.insert(header::ACCEPT, HeaderValue::from_str(accept).expect("a value"));
             let chosen = choose(&headers, &LABELS).ok();
             assert_eq!(chosen.map(|form| form.file), expected.map(|form| form.file), "{accept}");
         }

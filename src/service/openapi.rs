@@ -269,6 +269,10 @@ fn add_common_answers(path: &str, answers: &mut BTreeMap<String, RefOr<Response>
     let mut add = |status: &str, answer: RefOr<Response>| {
         answers.entry(status.to_owned()).or_insert(answer);
     };
+    // of the query string
+    for status in ["414", "422"] {
+        add(status, problem());
+    }
     if ["/healthz", "/readyz"].contains(&path) {
         return;
     }
@@ -294,9 +298,6 @@ fn add_common_answers(path: &str, answers: &mut BTreeMap<String, RefOr<Response>
     if let Some(artifact) = artifacts::ALL.iter().find(is_its) {
         if artifact.forms.len() > 1 {
             add("406", problem());
-        }
-        if artifact.needs(Need::Mesh) {
-            add("422", problem());
         }
         add("409", problem());
         let unchanged = ResponseBuilder::new().description("The client has it already (`If-None-Match`)");

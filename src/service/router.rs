@@ -25,7 +25,7 @@ use super::metrics::Metrics;
 use super::state::Shared;
 use super::traffic::sites::{self, Sites};
 use super::traffic::{self, heads};
-use super::{conditional, openapi, page, problem, urls};
+use super::{conditional, openapi, page, problem, query, urls};
 use crate::artifacts::{self, Need};
 
 /// Bytes from which on an answer is compressed if the client can read that.
@@ -39,7 +39,7 @@ const COMPRESSED_FROM: u64 = 1024;
 /// 4. compression, of all but event streams, and tags that differ with it;
 /// 5. problem documents, of all that is refused further in;
 /// 6. a net for panics;
-/// 7. heads that are not valid HTTP/1.1;
+/// 7. heads that are not valid HTTP/1.1, and query strings that are too long;
 /// 8. web pages that may not use a service without tokens;
 /// 9. access and traffic limits;
 /// 10. the routes; around those of results, ETag and Range.
@@ -58,6 +58,7 @@ pub(super) fn router(shared: Arc<Shared>) -> Router {
         .layer(from_fn_with_state(Arc::clone(&shared.metrics), problem::render))
         .layer(CatchPanicLayer::custom(problem::panicked))
         .layer(from_fn(heads::check))
+        .layer(from_fn(query::limit))
         .layer(from_fn_with_state(Arc::new(Sites::new(&shared.settings.access)), sites::check))
         .layer(from_fn_with_state(Arc::clone(&shared.traffic), traffic::admit))
         // uploads have a limit of their own, counted as they come

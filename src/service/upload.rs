@@ -18,7 +18,7 @@ use sha2::{Digest, Sha256};
 
 use super::blocking::blocking;
 use super::files::{self, Files, Incoming};
-use super::intake::{self, Content, Encoding, Rules};
+use super::intake::{self, Coding, Content, Rules};
 use super::request::{MeshAt, Wanted};
 use super::store::{Job, JobId, Reservation, Reservations, Spec, no_such_upload};
 use crate::error::{Error, Kind, Result};
@@ -80,15 +80,14 @@ pub(super) async fn receive(
 ) -> Result<Upload> {
     let (parts, body) = request.into_parts();
     let wanted = Wanted::from_query(&parts.uri);
-    let encoding = encoding(&parts.headers);
+    let coding = coding(&parts.headers);
     let length = content_length(&parts.headers);
     // opened whatever is wrong, so that the answer reaches a client that is still sending
-    let coding = encoding.clone().unwrap_or(Encoding::Identity);
-    let content = intake::open(body, &parts.headers, coding, length, rules.clone());
-    let (wanted, encoding) = (wanted?, encoding?);
+    let content = intake::open(body, &parts.headers, coding.clone().unwrap_or(None), length, rules.clone());
+    let (wanted, coding) = (wanted?, coding?);
     let kind = body_kind(&parts.headers)?;
     wanted.check_early(kind == BodyKind::Form)?;
-    let (content, length) = (content?, length.filter(|_| encoding == Encoding::Identity));
+    let (content, length) = (content?, length.filter(|_| coding.is_none()));
     let (folder, referred) = match &wanted.mesh_at {
         None => (files.incoming(), None),
         Some(at) => {
@@ -131,15 +130,15 @@ pub(super) async fn reservation(
     found.ok_or_else(|| no_such_upload(id))
 }
 
-/// How the body is compressed.
-fn encoding(headers: &HeaderMap) -> Result<Encoding> {
+/// How the body is compressed, if it is.
+fn coding(headers: &HeaderMap) -> Result<Option<Coding>> {
     let Some(encoding) = headers.get(header::CONTENT_ENCODING) else {
-        return Ok(Encoding::Identity);
+        return Ok(None);
     };
     match encoding.to_str().unwrap_or_default().trim().to_ascii_lowercase().as_str() {
-        "identity" | "" => Ok(Encoding::Identity),
-        "gzip" | "x-gzip" => Ok(Encoding::Gzip),
-        "zstd" => Ok(Encoding::Zstd),
+        "identity" | "" => Ok(None),
+        "gzip" | "x-gzip" => Ok(Some(Coding::Gzip)),
+        "zstd" => Ok(Some(Coding::Zstd)),
         _ => Err(Error::new(
             Kind::UnsupportedMediaType,
             format_args!("Content-Encoding must be one of {ENCODINGS}, once, not {encoding:?}"),

@@ -86,6 +86,20 @@ fn elements_without_what_is_read_are_refused() {
 }
 
 #[test]
+fn headers_have_at_most_64_elements_and_256_properties() {
+    for (line, room, value, limit) in [("element e 0\n", 62, "", "64"), ("property int a\n", 252, " 0", "256")] {
+        let with = |lines: usize| {
+            let rows = format!("0 0 0\n0 0 0\n3 0 1 1{}\n", value.repeat(lines));
+            text(&format!("{HEADER}{}", line.repeat(lines)), &rows)
+        };
+        assert_eq!(ply(with(room)).expect("a mesh").faces.len(), 1);
+        for more in [room + 1, 60_000] {
+            expect(with(more), &[&format!("line {} ", 9 + room), &format!("limit of {limit}")]);
+        }
+    }
+}
+
+#[test]
 fn point_clouds_are_refused_as_such() {
     for encoding in ENCODINGS {
         for elements in [vec![make::vertices(&SQUARE)], vec![make::vertices(&SQUARE), make::faces(&[])]] {
@@ -216,7 +230,7 @@ fn counts_of_four_thousand_million_take_no_memory() {
         }
     }
     // rows without values take no time
-    let nothing = "element nothing 18446744073709551615\n".repeat(1000);
+    let nothing = "element nothing 18446744073709551615\n".repeat(62);
     let mut bytes = write(Encoding::Little, &square(), "\n");
     let at = bytes.windows(8).position(|window| window == b"element ").expect("an element");
     bytes.splice(at..at, nothing.into_bytes());

@@ -2,6 +2,7 @@
 
 use reqwest::Response;
 use serde_json::Value;
+use tesserae_mesh::service::Settings;
 
 use crate::support::*;
 
@@ -129,15 +130,39 @@ async fn resuming_after_the_end_tells_the_client_to_stay_away() {
     service.ended(&job).await;
     let events = Stream::open(&service, &job, None).await.rest().await;
     let url = text(&job["urls"]["events"]);
-    for last in [events.len(), events.len() + 100] {
-        let response = service.get(url).header("last-event-id", last.to_string()).send().await.expect("answered");
-        assert_eq!(response.status(), 204);
-    }
+    let response = service.get(url).header("last-event-id", events.len().to_string()).send().await.expect("answered");
+    assert_eq!(response.status(), 204);
     let tail = Stream::open(&service, &job, Some(events.len() as u64 - 1)).await.rest().await;
     assert_eq!(tail, events[events.len() - 1..]);
     for bad in ["", "x", "-1", "1.5", "99999999999999999999999"] {
         let detail = refused(service.get(url).header("last-event-id", bad), 400, "bad-request").await;
         assert!(detail.contains("Last-Event-ID"), "{detail}");
+    }
+}
+
+#[tokio::test]
+async fn a_stream_resumed_beyond_the_log_still_has_the_end() {
+    for keeps_jobs in [true, false] {
+        let (device, gate) = Held::behind_gate();
+        let change = |settings: &mut Settings| settings.data_dir = settings.data_dir.take().filter(|_| keeps_jobs);
+        let service = Service::with(change, device).await;
+        let job = service.submit("clusters=5", sphere(300)).await;
+        service.reaches(&job, "running").await;
+        let far = [1000, i64::MAX as u64];
+        let mut waiting = Vec::new();
+        for last in far {
+            waiting.push(Stream::open(&service, &job, Some(last)).await);
+        }
+        gate.open();
+        service.ended(&job).await;
+        for stream in &mut waiting {
+            let events = tokio::time::timeout(PATIENCE, stream.rest()).await.expect("it ends");
+            assert_eq!(events.last().expect("an event").name, "end");
+        }
+        let end = Stream::open(&service, &job, None).await.rest().await.pop().expect("an event");
+        for last in far {
+            assert_eq!(Stream::open(&service, &job, Some(last)).await.rest().await, std::slice::from_ref(&end));
+        }
     }
 }
 

@@ -61,6 +61,26 @@ async fn heads_that_are_not_valid_or_not_supported_get_problem_documents() {
 }
 
 #[tokio::test]
+async fn long_queries_are_refused_at_every_path_and_short_ones_are_read() {
+    let service = Service::start().await;
+    let query = |parameters: usize| (0..parameters).map(|at| format!("a{at}=1")).collect::<Vec<_>>().join("&");
+    for path in ["/v1/jobs", "/v1/formats", "/healthz", "/no"] {
+        let many = service.get(&format!("{path}?{}", query(65)));
+        let detail = refused(many, 422, "invalid-parameter").await;
+        assert!(detail.contains("limit of 64") && detail.ends_with(": 65"), "{detail}");
+        let long = service.post(&format!("{path}?a={}", "x".repeat(8191))).body(sphere(300));
+        let detail = refused(long, 414, "uri-too-long").await;
+        assert!(detail.contains("limit of 8192") && detail.contains("form") && detail.ends_with(": 8193"), "{detail}");
+    }
+    let read = |query: String| service.get(&format!("/v1/jobs?{query}"));
+    let detail = refused(read(query(64)), 422, "invalid-parameter").await;
+    assert!(detail.contains("unknown field") && detail.contains("a0"), "{detail}");
+    let detail = refused(read(format!("cursor={}", "x".repeat(8185))), 422, "invalid-parameter").await;
+    assert!(detail.contains("cursor"), "{detail}");
+    assert_eq!(read("&".repeat(8192)).send().await.expect("answered").status(), 200);
+}
+
+#[tokio::test]
 async fn a_declared_length_over_the_limit_is_no_matter_of_the_disk() {
     let service = Service::start().await;
     let head = "POST /v1/jobs?clusters=2 HTTP/1.1\r\nHost: localhost\r\nContent-Type: model/obj\r\n\

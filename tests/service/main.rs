@@ -26,3 +26,4 @@ mod storage;
 mod support;
 mod upload;
 mod webhooks;
+mod work;

@@ -98,6 +98,7 @@ KINDS: Mapping[str, type[ServiceError]] = {
             "unsupported-mesh",
             "unsupported-media-type",
             "too-large",
+            "uri-too-long",
             "method-not-allowed",
             "not-implemented",
             "range-not-satisfiable",

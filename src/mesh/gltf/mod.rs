@@ -103,7 +103,7 @@ fn open(source: Source<'_>, json: &[u8], binary: Option<&[u8]>, then: &mut dyn F
     let buffers = Buffers::new(document, binary, resources, limits, bytes.len() as u64);
     let accessors = &Accessors::new(&buffers);
     let mut skipped = Skipped::default();
-    let mut meshes: BTreeMap<usize, Vec<Primitive<'_>>> = BTreeMap::new();
+    let mut meshes: BTreeMap<usize, (u64, Vec<Primitive<'_>>)> = BTreeMap::new();
     let mut places = Vec::new();
     let (mut triangles, mut parts) = (0u64, 0u64);
     let (placements, hidden) = scene::placements(document)?;
@@ -111,11 +111,12 @@ fn open(source: Source<'_>, json: &[u8], binary: Option<&[u8]>, then: &mut dyn F
     let placed = placements.len();
     for placement in placements {
         let node = &document.nodes[placement.node];
-        let primitives = match meshes.entry(placement.mesh) {
+        let (once, primitives) = match meshes.entry(placement.mesh) {
             Entry::Occupied(entry) => entry.into_mut(),
             Entry::Vacant(entry) => {
                 let whence = format!("node {}", placement.node);
-                entry.insert(primitive::open(accessors, placement.mesh, &whence, attribute, &mut skipped)?)
+                let primitives = primitive::open(accessors, placement.mesh, &whence, attribute, &mut skipped)?;
+                entry.insert((primitives.iter().map(|p| p.triangles as u64).sum(), primitives))
             }
         };
         if primitives.is_empty() {
@@ -129,7 +130,6 @@ fn open(source: Source<'_>, json: &[u8], binary: Option<&[u8]>, then: &mut dyn F
         if instances.count == 0 {
             continue;
         }
-        let once: u64 = primitives.iter().map(|p| p.triangles as u64).sum();
         triangles = triangles.saturating_add(once.saturating_mul(instances.count as u64));
         limits.check_faces(triangles)?;
         parts = parts.saturating_add((primitives.len() as u64).saturating_mul(instances.count as u64));
@@ -156,7 +156,8 @@ fn open(source: Source<'_>, json: &[u8], binary: Option<&[u8]>, then: &mut dyn F
 /// The placements of a document and the primitives that they place, all of them opened.
 struct Placed<'b> {
     document: &'b Document,
-    meshes: BTreeMap<usize, Vec<Primitive<'b>>>,
+    /// Of each mesh its triangles and primitives.
+    meshes: BTreeMap<usize, (u64, Vec<Primitive<'b>>)>,
     places: Vec<(Placement, Instances<'b>)>,
     triangles: u64,
     parts: u64,
@@ -170,7 +171,7 @@ impl Placed<'_> {
         let Self { document, meshes, places, triangles, parts, allowance, skipped } = self;
         let mut builder = Builder::new(document, triangles, parts, allowance, has_numbers);
         for (placement, instances) in &places {
-            let primitives = meshes.get(&placement.mesh).map_or(&[][..], Vec::as_slice);
+            let primitives = meshes.get(&placement.mesh).map_or(&[][..], |(_, primitives)| primitives);
             builder.place(placement, instances, primitives)?;
         }
         let mut warnings = skipped.warnings();

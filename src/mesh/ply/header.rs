@@ -21,6 +21,12 @@ use crate::mesh::text::is_space;
 /// Longest header that is read, in bytes.
 const LONGEST: usize = 1 << 20;
 
+/// Most elements of a file.
+const MAX_ELEMENTS: usize = 64;
+
+/// Most properties of all elements of a file.
+const MAX_PROPERTIES: usize = 256;
+
 /// What a header says.
 #[derive(Debug)]
 pub struct Header<'a> {
@@ -107,6 +113,7 @@ pub fn parse(bytes: &[u8]) -> Result<Header<'_>> {
     let end = line_end(head);
     let mut encoding = None;
     let mut elements = Vec::new();
+    let mut properties = 0;
     let (mut at, mut lines) = (0, 0);
     while at < head.len() {
         let length = match memchr::memchr(end, &head[at..]) {
@@ -117,7 +124,7 @@ pub fn parse(bytes: &[u8]) -> Result<Header<'_>> {
         let line = &head[at..at + length];
         at = head.len().min(at + length + 1);
         lines += 1;
-        if add_line(line, lines, &mut encoding, &mut elements)? {
+        if add_line(line, lines, &mut encoding, &mut elements, &mut properties)? {
             let encoding = encoding.ok_or_else(|| {
                 Error::mesh("the PLY header has no format line, such as: format binary_little_endian 1.0")
             })?;
@@ -145,6 +152,7 @@ fn add_line<'a>(
     number: u64,
     encoding: &mut Option<Encoding>,
     elements: &mut Vec<Element<'a>>,
+    properties: &mut usize,
 ) -> Result<bool> {
     let fault = |what: &str, word: &[u8]| {
         let word = String::from_utf8_lossy(word);
@@ -179,12 +187,20 @@ fn add_line<'a>(
             let Some(rows) = digits.and_then(|rows| rows.parse().ok()) else {
                 return Err(fault("the number of rows of an element is an integer from 0 to 2^64 - 1", rows));
             };
+            if elements.len() == MAX_ELEMENTS {
+                return Err(fault(&format!("there are more elements than the limit of {MAX_ELEMENTS}"), name));
+            }
             elements.push(Element { name, rows, properties: Vec::new() });
         }
         [b"property", ..] => {
             let Some(element) = elements.last_mut() else {
                 return Err(fault("a property comes before the first element", line.trim_ascii()));
             };
+            *properties += 1;
+            if *properties > MAX_PROPERTIES {
+                let what = format!("there are more properties than the limit of {MAX_PROPERTIES}");
+                return Err(fault(&what, line.trim_ascii()));
+            }
             element.properties.push(match words {
                 [_, b"list", count, value, name, b""] if !name.is_empty() => {
                     let count = type_of(count)?;

@@ -1,5 +1,7 @@
 //! What is read of each element: positions, polygons, strips, or nothing.
 
+use std::collections::HashSet;
+
 use super::header::{Element, Header, shown};
 use crate::error::{Error, Result};
 
@@ -22,9 +24,9 @@ const CORNERS: [&[u8]; 2] = [b"vertex_indices", b"vertex_index"];
 /// The role of each element of a file that has vertices and faces, and the number of vertices.
 pub fn roles(header: &Header<'_>) -> Result<(Vec<Role>, u64)> {
     let roles: Vec<Role> = header.elements.iter().map(role).collect::<Result<_>>()?;
-    for (at, element) in header.elements.iter().enumerate() {
-        let is_repeated = header.elements[..at].iter().any(|before| before.name == element.name);
-        if is_repeated && roles[at] != Role::Skipped {
+    let mut names = HashSet::new();
+    for (element, role) in header.elements.iter().zip(&roles) {
+        if !names.insert(element.name) && *role != Role::Skipped {
             return Err(Error::mesh(format_args!("an element is declared twice: {}", shown(element.name))));
         }
     }

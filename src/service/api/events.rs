@@ -77,8 +77,9 @@ pub(in crate::service) struct StreamEvent {
 /// `round` (a row of its `levels`) and `end` ({state, problem}), after which the stream closes unless the job was run
 /// again; comments keep a quiet stream open. An attempt that was broken off is made again from the beginning: `state`
 /// tells the number of the attempt that the following iterations and rounds are of, and their numbers begin again. The
-/// id of an event is its number, from 1 without gaps. With `Last-Event-ID` the stream begins after that event; when
-/// there is nothing after it and the job has ended, the answer is 204, which tells an EventSource not to come back.
+/// id of an event is its number, from 1 without gaps. With `Last-Event-ID` the stream begins after that event; when it
+/// is the last one of an ended job, the answer is 204, which tells an EventSource not to come back. A number beyond the
+/// last event counts as that event, and the stream of an ended job has its `end` then.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/events", tag = "jobs", operation_id = "streamEvents",
     params(
@@ -87,7 +88,7 @@ pub(in crate::service) struct StreamEvent {
     ),
     responses(
         (status = 200, description = "The events", body = StreamEvent, content_type = "text/event-stream"),
-        (status = 204, description = "The job has ended and there is no event after that one"),
+        (status = 204, description = "The job has ended with that event"),
         (status = 400, response = Problematic),
     ),
 )]
@@ -98,9 +99,12 @@ pub(in crate::service) async fn stream(
     headers: HeaderMap,
 ) -> Answer {
     let id = shared.job(&caller, &id).await?.id;
-    let after = last_event_id(&headers)?;
+    let mut after = last_event_id(&headers)?;
     let mut pulses = shared.store.watch(id).await?.ok_or_else(|| no_such_job(id))?;
     let pulse = *pulses.borrow_and_update();
+    if after > pulse.last_seq && is_beyond(&shared, id, after).await? {
+        after = pulse.last_seq.saturating_sub(u64::from(pulse.ended));
+    }
     if pulse.ended && after >= pulse.last_seq {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
@@ -116,6 +120,12 @@ pub(in crate::service) async fn stream(
         closing: false,
     };
     Ok(reader.into_response())
+}
+
+/// Whether the log has no event of that number: a pulse may be older than an event that a client has read.
+async fn is_beyond(shared: &Shared, id: JobId, number: u64) -> Result<bool> {
+    let page = shared.store.events(id, number.saturating_sub(1), 1).await?;
+    Ok(page.is_none_or(|page| page.is_empty()))
 }
 
 /// One reader of a job's log.

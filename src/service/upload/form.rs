@@ -1,6 +1,7 @@
 //! Uploads as `multipart/form-data`: parts `mesh`, `parameters`, `buffer` (any number, told apart by file name),
 //! `seeds` and `weights`, in any order.
 
+use std::collections::HashSet;
 use std::error::Error as StdError;
 
 use axum::body::Body;
@@ -41,6 +42,7 @@ pub(super) async fn receive(
         mesh: None,
         referred,
         buffers: Vec::new(),
+        names: HashSet::new(),
         digests: Vec::new(),
         seeds: None,
         weights: None,
@@ -62,6 +64,8 @@ struct Form {
     /// The mesh, if it lies in a bucket.
     referred: Option<referred::Mesh>,
     buffers: Vec<String>,
+    /// Of the buffers.
+    names: HashSet<String>,
     /// Of the buffers.
     digests: Vec<[u8; 32]>,
     seeds: Option<Saved>,
@@ -133,7 +137,7 @@ impl Form {
         if name.is_empty() {
             return Err(Error::parameter("a part buffer needs a file name: the URI that the mesh refers to it by"));
         }
-        if self.buffers.contains(&name) {
+        if !self.names.insert(name.clone()) {
             return Err(Error::parameter(format_args!("two parts buffer have the same file name: {name:?}")));
         }
         if self.buffers.len() == MAX_BUFFERS {
