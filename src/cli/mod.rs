@@ -85,7 +85,7 @@ const EXAMPLES: &str = examples!();
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Cluster the faces of a mesh file
+    /// Cluster the faces of mesh files
     Cluster(Box<cluster::Arguments>),
     /// Take labels at any number of clusters from a hierarchy that `cluster` wrote
     Cut(Box<cut::Arguments>),

@@ -143,7 +143,7 @@ async fn a_part_without_a_mesh_type_is_recognised_by_name_then_content() {
         let job = json(service.post("/v1/jobs?clusters=2").multipart(form)).await;
         assert_eq!(job["mesh"]["format"], format);
     }
-    let form = Form::new().part("mesh", file("#VRML V2.0 utf8", "a.wrl"));
+    let form = Form::new().part("mesh", file("Kaydara FBX Binary", "a.fbx"));
     refused(service.post("/v1/jobs?clusters=2").multipart(form), 415, "unsupported-media-type").await;
     let form = Form::new().part("mesh", file(sphere(300), "a.glb"));
     let detail = refused(service.post("/v1/jobs?clusters=2").multipart(form), 422, "invalid-mesh").await;
